@@ -11,8 +11,7 @@ OTHER_ROUNDING := MKL_CBWR=COMPATIBLE ATEN_CPU_CAPABILITY=default OMP_NUM_THREAD
 demo: .venv/demo.done
 	$(BIN)/python -m torchbeam demo --out out/demo
 
-test: .venv/dev.done
-	$(BIN)/ruff check .
+test: lint
 	$(BIN)/$(PYTEST)
 
 # What `make test` leaves out: the tests marked "long".
@@ -42,6 +41,7 @@ test-lowest: .venv-lowest/done
 
 lint: .venv/dev.done
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
 
 # One stamp per extra: made again only when pyproject.toml changes, so a second call starts in seconds.
 .venv/%.done: pyproject.toml

@@ -1,5 +1,6 @@
-"""Put the tables that commands wrote into README.md and the pages of docs/: whatever stands between `<!-- FILE.md -->`, a path
-from the root of the repository, and `<!-- end -->`. The text around them is written by hand.
+"""Put the tables that commands wrote into README.md and the pages of docs/: whatever stands between
+`<!-- FILE.md -->`, a path from the root of the repository, and `<!-- end -->`. The text around them
+is written by hand.
 
 python docs/tables.py
 """
@@ -16,6 +17,7 @@ def pages() -> list[Path]:
 
 def filled(text: str) -> str:
     """`text` with every marked table replaced by its file."""
+
     def table(match: re.Match) -> str:
         return f"<!-- {match[1]} -->\n{(ROOT / match[1]).read_text().strip()}\n<!-- end -->"
 

@@ -1,11 +1,14 @@
-"""torchbeam_envs: Gymnasium environments over torchbeam. Importing it registers them under "torchbeam/".
+"""torchbeam_envs: Gymnasium environments over torchbeam. Importing it registers them under
+"torchbeam/".
 
-    gymnasium.make("torchbeam/TipReach-v0")      gymnasium.make_vec("torchbeam/TipReach-v0", num_envs=256)
+    gymnasium.make("torchbeam/TipReach-v0")
+    gymnasium.make_vec("torchbeam/TipReach-v0", num_envs=256)
     TipReachVectorEnv(256, output="torch")       tensors, differentiable end to end
 
-What an environment of one's own is made of: `Task`, `BeamEnvConfig`, `Actuator`, `TipForce`, `Observed`, `Parameter`, behind
-`BeamVectorEnv` and `SingleEnv` (docs/own_environment.md). `functional`: episodes as values, begun and stepped by functions.
-`Sb3VecEnv` puts a vector env into stable-baselines3 (extra `rl`).
+What an environment of one's own is made of: `Task`, `BeamEnvConfig`, `Actuator`, `TipForce`,
+`Observed`, `Parameter`, behind `BeamVectorEnv` and `SingleEnv` (docs/own_environment.md).
+`functional`: episodes as values, begun and stepped by functions. `Sb3VecEnv` puts a vector env into
+stable-baselines3 (extra `rl`).
 """
 
 from importlib import import_module
@@ -35,12 +38,17 @@ from .tip_track import TipTrackEnv, TipTrackVectorEnv
 if TYPE_CHECKING:
     from .sb3 import Sb3VecEnv
 
+# fmt: off
 __all__ = [
-    "Actuator", "BeamEnvConfig", "BeamVectorEnv", "Episodes", "FlutterHoldEnv", "FlutterHoldVectorEnv", "Observed", "Parameter",
-    "PayloadEnv", "PayloadVectorEnv", "Sb3VecEnv", "SingleEnv", "SlewEnv", "SlewVectorEnv", "Task", "TipForce", "TipReachEnv",
-    "TipReachVectorEnv", "TipTrackEnv", "TipTrackVectorEnv", "aluminium_strip", "functional", "holding_action",
+    "Actuator", "BeamEnvConfig", "BeamVectorEnv", "Episodes", "FlutterHoldEnv",
+    "FlutterHoldVectorEnv", "Observed", "Parameter",
+    "PayloadEnv", "PayloadVectorEnv", "Sb3VecEnv", "SingleEnv", "SlewEnv", "SlewVectorEnv", "Task",
+    "TipForce", "TipReachEnv",
+    "TipReachVectorEnv", "TipTrackEnv", "TipTrackVectorEnv", "aluminium_strip", "functional",
+    "holding_action",
     "silicone_rod",
 ]
+# fmt: on
 LAZY = {"Sb3VecEnv": "sb3"}  # what wants an extra, by module
 entry_points(globals(), __all__)
 
@@ -53,20 +61,38 @@ def __getattr__(name: str) -> Any:
 
 def _register(task: str, steps: int, module: str, name: str, **arguments: Any) -> None:
     gymnasium.register(
-        id=f"torchbeam/{task}-v0", entry_point=f"torchbeam_envs.{module}:{name}Env",
-        vector_entry_point=f"torchbeam_envs.{module}:{name}VectorEnv", max_episode_steps=steps, kwargs=arguments,
+        id=f"torchbeam/{task}-v0",
+        entry_point=f"torchbeam_envs.{module}:{name}Env",
+        vector_entry_point=f"torchbeam_envs.{module}:{name}VectorEnv",
+        max_episode_steps=steps,
+        kwargs=arguments,
     )
 
 
 for _task, _module, _steps in (
-    ("TipReach", "tip_reach", 50), ("TipTrack", "tip_track", 100), ("FlutterHold", "flutter_hold", 100),
-    ("Payload", "payload", 100), ("Slew", "slew", 100),
+    ("TipReach", "tip_reach", 50),
+    ("TipTrack", "tip_track", 100),
+    ("FlutterHold", "flutter_hold", 100),
+    ("Payload", "payload", 100),
+    ("Slew", "slew", 100),
 ):
     _register(_task, _steps, _module, _task)
     _register(f"{_task}Planar", _steps, _module, _task, planar=True)
 
 _register(
-    "TipReachBlockRate", 50, "tip_reach", "TipReach",
-    section="silicone rod", length=0.3, elements=2, force=(0.08, 0.08), gravity=None, damping=None, form="block_rate",
-    method="rk4", solver={"options": {"step_size": 5e-4}}, substeps=1, delay=0,
+    "TipReachBlockRate",
+    50,
+    "tip_reach",
+    "TipReach",
+    section="silicone rod",
+    length=0.3,
+    elements=2,
+    force=(0.08, 0.08),
+    gravity=None,
+    damping=None,
+    form="block_rate",
+    method="rk4",
+    solver={"options": {"step_size": 5e-4}},
+    substeps=1,
+    delay=0,
 )

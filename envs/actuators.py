@@ -1,4 +1,6 @@
-"""Actuators: from actions to effects on the beam. Each drives one `torchbeam.Input` of the scene."""
+"""Actuators: from actions to effects on the beam. Each drives one `torchbeam.Input` of the
+scene.
+"""
 
 from __future__ import annotations
 
@@ -17,10 +19,13 @@ from .episodes import Episodes
 
 @dataclass(frozen=True)
 class Actuator:
-    """An effect with one `torchbeam.Input`, whose value is linear in some of the actions: value = action @ gain.
+    """An effect with one `torchbeam.Input`, whose value is linear in some of the actions:
+    value = action @ gain.
 
-        Actuator(tb.Actuation(curvature=tb.Input("tendons", 3)), [[0, 5.0, 0], [0, 0, 5.0]])     two pairs of tendons
-        Actuator(tb.PointLoad(0, moment=tb.Input("torque", 3)), [[0, 0, 1.0]])                   a motor at the root, 1 N m
+        Actuator(tb.Actuation(curvature=tb.Input("tendons", 3)), [[0, 5.0, 0], [0, 0, 5.0]])
+        two pairs of tendons
+        Actuator(tb.PointLoad(0, moment=tb.Input("torque", 3)), [[0, 0, 1.0]])
+        a motor at the root, 1 N m
 
     effect  any effect of `torchbeam` that takes an `Input`
     gain    (actions, size of the input): the input's value at an action of 1, in its own units
@@ -34,11 +39,21 @@ class Actuator:
     def __post_init__(self) -> None:
         inputs = inputs_of(self.effect) if isinstance(self.effect, Tree) else []
         if len(inputs) != 1:
-            raise ValueError(f"an effect with {len(inputs)} inputs was given to an Actuator; one `torchbeam.Input` is wanted")
+            raise ValueError(
+                f"an effect with {len(inputs)} inputs was given to an Actuator; one "
+                "`torchbeam.Input` is wanted"
+            )
         gain = torch.as_tensor(self.gain)
-        if gain.ndim != 2 or gain.shape[1] != inputs[0].size or not len(gain) or not torch.isfinite(gain).all():
-            raise ValueError(f"a gain of shape {tuple(gain.shape)} was given for the input {inputs[0].name!r}; finite "
-                             f"(actions, {inputs[0].size}) is wanted")
+        if (
+            gain.ndim != 2
+            or gain.shape[1] != inputs[0].size
+            or not len(gain)
+            or not torch.isfinite(gain).all()
+        ):
+            raise ValueError(
+                f"a gain of shape {tuple(gain.shape)} was given for the input {inputs[0].name!r}; "
+                f"finite (actions, {inputs[0].size}) is wanted"
+            )
         object.__setattr__(self, "gain", gain)
         object.__setattr__(self, "input", inputs[0].name)
 
@@ -56,11 +71,15 @@ class Actuator:
         return replace(self, gain=share * self.gain)
 
     def effects(self, varying: Collection[str] = ()) -> tuple[Any, ...]:
-        """Effects that it adds to a scene in which the parameters named in `varying` change with the episode."""
+        """Effects that it adds to a scene in which the parameters named in `varying` change with
+        the episode.
+        """
         return (self.effect,)
 
     def inputs(self, action: Tensor, now: Episodes | None = None) -> dict[str, Tensor]:
-        """name -> (..., size) for actions (..., actions); `now`: where the episodes stand, None in statics."""
+        """name -> (..., size) for actions (..., actions); `now`: where the episodes stand, None in
+        statics.
+        """
         return {self.input: action @ self.gain}
 
     def tip_force(self, action: Tensor, now: Episodes) -> Tensor | None:
@@ -70,8 +89,9 @@ class Actuator:
 
 @dataclass(frozen=True)
 class TipForce(Actuator):
-    """A force on the tip, along the rows of gain (actions, 3) N: of fixed direction, in frame a; or, `follower`, turning with
-    the tip, in its section axes. A fixed force acts at a point `offset` (a parameter, m) beyond the last node, along the beam.
+    """A force on the tip, along the rows of gain (actions, 3) N: of fixed direction, in frame a;
+    or, `follower`, turning with the tip, in its section axes. A fixed force acts at a point
+    `offset` (a parameter, m) beyond the last node, along the beam.
     """
 
     effect: Any = None
@@ -80,17 +100,24 @@ class TipForce(Actuator):
 
     def __post_init__(self) -> None:
         if self.effect is None:
-            object.__setattr__(self, "effect", tb.TipLoad(force=tb.Input("force", 3), follower=self.follower))
+            object.__setattr__(
+                self, "effect", tb.TipLoad(force=tb.Input("force", 3), follower=self.follower)
+            )
         super().__post_init__()
 
     def effects(self, varying: Collection[str] = ()) -> tuple[Any, ...]:
-        return (replace(self.effect, moment=tb.Input("moment", 3)),) if "offset" in varying else (self.effect,)
+        return (
+            (replace(self.effect, moment=tb.Input("moment", 3)),)
+            if "offset" in varying
+            else (self.effect,)
+        )
 
     def inputs(self, action: Tensor, now: Episodes | None = None) -> dict[str, Tensor]:
         given = super().inputs(action)
         if now is None or "moment" not in now.plant.scene.inputs:
             return given
-        along = now.beam.tip.rotation[..., 0] * now.plant.params["offset"][:, None]  # held over the interval, like the force
+        # held over the interval, like the force
+        along = now.beam.tip.rotation[..., 0] * now.plant.params["offset"][:, None]
         return {**given, "moment": torch.linalg.cross(along, given[self.input])}
 
     def tip_force(self, action: Tensor, now: Episodes) -> Tensor:
@@ -98,9 +125,17 @@ class TipForce(Actuator):
         return (now.beam.tip.rotation @ force[..., None])[..., 0] if self.follower else force
 
 
-def driven(actuators: Sequence[Actuator], action: Tensor, now: Episodes | None = None) -> dict[str, Tensor]:
-    """name -> (..., size): the inputs of all actuators under actions (..., a), which they share out in their order."""
+def driven(
+    actuators: Sequence[Actuator], action: Tensor, now: Episodes | None = None
+) -> dict[str, Tensor]:
+    """name -> (..., size): the inputs of all actuators under actions (..., a), which they share out
+    in their order.
+    """
     if len(actuators) == 1:
         return actuators[0].inputs(action, now)
     parts = action.split([each.actions for each in actuators], -1)
-    return {name: value for each, part in zip(actuators, parts, strict=True) for name, value in each.inputs(part, now).items()}
+    return {
+        name: value
+        for each, part in zip(actuators, parts, strict=True)
+        for name, value in each.inputs(part, now).items()
+    }

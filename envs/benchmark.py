@@ -1,4 +1,6 @@
-"""Benchmark of a task: steps a second, share of the simulation in that time, error of mesh and step."""
+"""Benchmark of a task: steps a second, share of the simulation in that time, error of mesh and
+step.
+"""
 
 from __future__ import annotations
 
@@ -46,8 +48,14 @@ class Row(NamedTuple):
     error: float | None  # RMS of the tip's error over one episode, over the RMS of its motion
 
 
-FIELDS = ("task", "batch", "env steps a second", "simulated s per s", "stepping and observing, over simulation",
-          "error of the tip")
+FIELDS = (
+    "task",
+    "batch",
+    "env steps a second",
+    "simulated s per s",
+    "stepping and observing, over simulation",
+    "error of the tip",
+)
 
 
 @contextmanager
@@ -70,7 +78,9 @@ def clocked() -> Iterator[Callable[[], float]]:
 
 
 def overhead(id: str, batch: int, **arguments: Any) -> float:
-    """Time of step() beside the simulation over that of the simulation, median over steps with actions drawn beforehand."""
+    """Time of step() beside the simulation over that of the simulation, median over steps with
+    actions drawn beforehand.
+    """
     env = gymnasium.make_vec(id, num_envs=batch, **arguments)
     env.action_space.seed(0)
     actions = [env.action_space.sample() for _ in range(STEPS + 2)]
@@ -87,15 +97,21 @@ def overhead(id: str, batch: int, **arguments: Any) -> float:
 
 
 def error(id: str, **arguments: Any) -> float | None:
-    """RMS over an episode of the distance between the tip and that of the same task on 16 elements with 8 steps an interval,
-    over the RMS of its way; under actions held for 10 intervals each. None where an episode ends before its time.
+    """RMS over an episode of the distance between the tip and that of the same task on 16 elements
+    with 8 steps an interval, over the RMS of its way; under actions held for 10 intervals each.
+    None where an episode ends before its time.
     """
+
     def tips(**finer: Any) -> torch.Tensor | None:
-        env = gymnasium.make_vec(id, num_envs=SWINGS, autoreset_mode="Disabled", **{**arguments, **finer})
+        env = gymnasium.make_vec(
+            id, num_envs=SWINGS, autoreset_mode="Disabled", **{**arguments, **finer}
+        )
         env.reset(seed=0)
         positions = [env.state.beam.position[:, -1]]
         steps = range(env.max_episode_steps)
-        actions = np.random.default_rng(0).uniform(-0.5, 0.5, (len(steps) // HELD + 1, *env.action_space.shape))
+        actions = np.random.default_rng(0).uniform(
+            -0.5, 0.5, (len(steps) // HELD + 1, *env.action_space.shape)
+        )
         for k in steps:
             env.step(actions[k // HELD])
             positions.append(env.state.beam.position[:, -1])
@@ -104,28 +120,49 @@ def error(id: str, **arguments: Any) -> float | None:
     coarse, fine = tips(), tips(**FINER)
     if coarse is None or fine is None:
         return None
-    return ((coarse - fine).square().sum(-1).mean() / (fine - fine[0]).square().sum(-1).mean()).sqrt().item()
+    return (
+        ((coarse - fine).square().sum(-1).mean() / (fine - fine[0]).square().sum(-1).mean())
+        .sqrt()
+        .item()
+    )
 
 
 def measure(id: str, batches: Sequence[int], seconds: float, **arguments: Any) -> list[Row]:
     try:
         from gymnasium.utils.performance import benchmark_vector_step
     except ImportError:
-        raise RuntimeError(f"gymnasium {gymnasium.__version__} was given; 1.4 is wanted, the first that can measure") from None
+        raise RuntimeError(
+            f"gymnasium {gymnasium.__version__} was given; 1.4 is wanted, the first that can "
+            "measure"
+        ) from None
 
     rows, off = [], error(id, **arguments)
     for batch in batches:
         env = gymnasium.make_vec(id, num_envs=batch, **arguments)
         rate = benchmark_vector_step(env, seconds, seed=0)
-        rows.append(Row(id, batch, rate, rate * env.config.control_interval, overhead(id, batch, **arguments), off))
+        rows.append(
+            Row(
+                id,
+                batch,
+                rate,
+                rate * env.config.control_interval,
+                overhead(id, batch, **arguments),
+                off,
+            )
+        )
         print(f"{id}, batch {batch}: {rate:.0f} env steps a second", file=sys.stderr)
         env.close()
     return rows
 
 
 def rows(quick: bool) -> Iterator[measurement.Measured]:
-    """Steps a second for `python -m torchbeam bench`: one env in space through `gymnasium.make`, and a batch in the plane."""
-    for id, batch in (("torchbeam/TipReach-v0", 1), ("torchbeam/TipReachPlanar-v0", 64 if quick else 1024)):
+    """Steps a second for `python -m torchbeam bench`: one env in space through `gymnasium.make`,
+    and a batch in the plane.
+    """
+    for id, batch in (
+        ("torchbeam/TipReach-v0", 1),
+        ("torchbeam/TipReachPlanar-v0", 64 if quick else 1024),
+    ):
         env = gymnasium.make(id) if batch == 1 else gymnasium.make_vec(id, num_envs=batch)
         env.action_space.seed(0)
         env.reset(seed=0)
@@ -138,25 +175,51 @@ def rows(quick: bool) -> Iterator[measurement.Measured]:
                     env.reset()
 
         (times,) = measurement.timed([run], 2 if quick else 5)
-        yield (row := times.row("environments", id, unit="env steps a second", per=batch * len(actions), batch=batch))
-        yield measurement.Measured.of("environments", f"{id}: stepping and observing, over simulation", overhead(id, batch), "",
-                                 batch=batch)
+        yield (
+            row := times.row(
+                "environments", id, unit="env steps a second", per=batch * len(actions), batch=batch
+            )
+        )
+        yield measurement.Measured.of(
+            "environments",
+            f"{id}: stepping and observing, over simulation",
+            overhead(id, batch),
+            "",
+            batch=batch,
+        )
         measurement.progress(f"{id}, batch {batch}: {row.best:.0f} env steps a second")
         env.close()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Env steps a second of a task by batch, in space and in a plane, with their accuracy."""
-    parser = argparse.ArgumentParser(prog="python -m torchbeam envs", description=(
-        "Env steps a second by gymnasium's benchmark_vector_step, in space and in the plane; beside them the time that is not "
-        "simulation and the error of the task's mesh and step. Writes envs.csv, envs.md and envs.json (with machine and "
-        "versions)."))
+    parser = argparse.ArgumentParser(
+        prog="python -m torchbeam envs",
+        description=(
+            "Env steps a second by gymnasium's benchmark_vector_step, in space and in the plane; "
+            "beside them the time that is not simulation and the error of the task's mesh and "
+            "step. Writes envs.csv, envs.md and envs.json (with machine and versions)."
+        ),
+    )
     parser.add_argument("--task", choices=TASKS, default=TASKS[0], help="default: %(default)s")
-    parser.add_argument("--batches", type=int, nargs="+", default=BATCHES, metavar="N",
-                        help=f"sub-envs (default: {' '.join(map(str, BATCHES))})")
-    parser.add_argument("--seconds", type=float, default=2.0, help="for each measurement (default: %(default)s)")
+    parser.add_argument(
+        "--batches",
+        type=int,
+        nargs="+",
+        default=BATCHES,
+        metavar="N",
+        help=f"sub-envs (default: {' '.join(map(str, BATCHES))})",
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=2.0, help="for each measurement (default: %(default)s)"
+    )
     parser.add_argument("--threads", type=int, default=1, help="of torch (default: %(default)s)")
-    parser.add_argument("--out", type=Path, default=Path("out/envs"), help="folder for the results (default: %(default)s)")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/envs"),
+        help="folder for the results (default: %(default)s)",
+    )
     given = parser.parse_args(argv)
     for name, least in (("batches", min(given.batches)), ("threads", given.threads)):
         if least < 1:
@@ -165,17 +228,36 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error(f"--seconds {given.seconds:g} was given; a positive number is wanted")
     out = results_folder(parser, given.out)
     with threads(given.threads):
-        rows = [row for plane in ("", "Planar")
-                for row in measure(f"torchbeam/{given.task}{plane}-v0", given.batches, given.seconds)]
+        rows = [
+            row
+            for plane in ("", "Planar")
+            for row in measure(f"torchbeam/{given.task}{plane}-v0", given.batches, given.seconds)
+        ]
         heading = measured_on()
     heading["versions"] |= versions("llvmlite")
     text = f"{markdown(rows)}\n\n{sentence(heading)}"
     print(text)
-    write_results(out, "envs", text, {**heading, "reference": FINER, "rows": [row._asdict() for row in rows]}, FIELDS, rows)
+    write_results(
+        out,
+        "envs",
+        text,
+        {**heading, "reference": FINER, "rows": [row._asdict() for row in rows]},
+        FIELDS,
+        rows,
+    )
     return 0
 
 
 def markdown(rows: Sequence[Row]) -> str:
-    lines = [(r.id, f"{r.batch}", f"{r.rate:.0f}", f"{r.realtime:.1f}", f"{100 * r.overhead:.0f} %",
-              "" if r.error is None else f"{100 * r.error:.1f} %") for r in rows]
+    lines = [
+        (
+            r.id,
+            f"{r.batch}",
+            f"{r.rate:.0f}",
+            f"{r.realtime:.1f}",
+            f"{100 * r.overhead:.0f} %",
+            "" if r.error is None else f"{100 * r.error:.1f} %",
+        )
+        for r in rows
+    ]
     return table(FIELDS, lines, words=1)

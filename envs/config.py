@@ -20,35 +20,44 @@ from .sensors import Observed, check_names
 
 @dataclass(frozen=True, kw_only=True)
 class BeamEnvConfig:
-    """The keywords that every task takes (defaults are those of `torchbeam/TipReach-v0`); tasks add their own.
+    """The keywords that every task takes (defaults are those of `torchbeam/TipReach-v0`); tasks add
+    their own.
 
     The beam
     length, elements   of a straight beam from the origin: m; at least 2
-    section            `torchbeam.Section`, or "aluminium strip" or "silicone rod" (see `envs/plant.py`). Its dtype and device
-                       are those of the simulation; batch axes (num_envs,) give every sub-env its own
-    direction, up      of the beam, frame a, and what its section's z axis is made of; up = None: z, for a beam along z x
+    section            `torchbeam.Section`, or "aluminium strip" or "silicone rod"
+                       (see `envs/plant.py`). Its dtype and device are those of the simulation;
+                       batch axes (num_envs,) give every sub-env its own
+    direction, up      of the beam, frame a, and what its section's z axis is made of; up = None: z,
+                       for a beam along z x
     beam               in place of all these: a `torchbeam.Beam` of any shape; batch axes likewise
     supports           `torchbeam.Support`s, None = as the task has it: clamped at node 0
     damping            s, or None; tau in [F; M] = S^-1 (strain + tau strain rate)
     gravity            (3,) m/s^2 in frame a, or None
-    planar             motion, actions and observation in the plane of the task alone; gravity across it is left out
+    planar             motion, actions and observation in the plane of the task alone; gravity
+                       across it is left out
 
     Actions
-    force              N at an action of 1, along the tip section's y and z axes (in a plane: the one of them in it)
+    force              N at an action of 1, along the tip section's y and z axes (in a plane: the
+                       one of them in it)
     actuators          in place of the task's own, for instance that force: one or more `Actuator`s
     delay              control intervals from an action to its effect
     control_interval   s;  substeps: calls of the stepper in one
 
     Simulation
-    form, method       "nodal" and "midpoint" (implicit); or, for a soft section, a form and a method of torchdiffeq as in
-                       `torchbeam.ExplicitStepper`
+    form, method       "nodal" and "midpoint" (implicit); or, for a soft section, a form and a
+                       method of torchdiffeq as in `torchbeam.ExplicitStepper`
     solver             more arguments for the stepper, by name
-    engine             of the implicit methods: "auto", "eager" or "compiled" (native code), see `torchbeam.Stepper`
+    engine             of the implicit methods: "auto", "eager" or "compiled" (native code), see
+                       `torchbeam.Stepper`
 
     Observation, reward, episode
-    sensors            one or more of "tip", "middle", "gauges", "full" (see `envs/sensors.py`), and `Observed` sensors
-    noise              standard deviation, in units of the observation, of white noise on each entry of the sensors
-    randomize          what is drawn uniformly at each reset, from the sub-env's generator: name -> (low, high); True = every
+    sensors            one or more of "tip", "middle", "gauges", "full" (see `envs/sensors.py`), and
+                       `Observed` sensors
+    noise              standard deviation, in units of the observation, of white noise on each entry
+                       of the sensors
+    randomize          what is drawn uniformly at each reset, from the sub-env's generator:
+                       name -> (low, high); True = every
                        parameter, from its documented range; None
     control_cost       per interval and |action|^2
     failure_reward     of the interval in which the solver fails, or the task does
@@ -93,66 +102,122 @@ class BeamEnvConfig:
             self.check_numbers("damping", least=0.0)
         gravity = np.zeros(3) if self.gravity is None else numbers("gravity", self.gravity)
         if gravity.shape != (3,) or not np.isfinite(gravity).all():
-            raise ValueError(f"gravity = {self.gravity!r} was given; three finite numbers (m/s^2) are wanted, or None")
+            raise ValueError(
+                f"gravity = {self.gravity!r} was given; three finite numbers (m/s^2) are wanted, "
+                "or None"
+            )
         if not isinstance(self.planar, (bool, np.bool_)):
             raise ValueError(f"planar = {self.planar!r} was given; True or False is wanted")
         force = numbers("force", self.force)
-        if force.ndim != 1 or len(force) not in (1, 2) or not ((force > 0) & np.isfinite(force)).all():
-            raise ValueError(f"force = {self.force!r} was given; two positive finite numbers (N, along y and z) are wanted")
+        if (
+            force.ndim != 1
+            or len(force) not in (1, 2)
+            or not ((force > 0) & np.isfinite(force)).all()
+        ):
+            raise ValueError(
+                f"force = {self.force!r} was given; two positive finite numbers (N, along y and "
+                "z) are wanted"
+            )
         self._check_beam()
         self._check_method()
         if not (self.randomize is None or isinstance(self.randomize, (bool, Mapping))):
-            raise ValueError(f"randomize = {self.randomize!r} was given; True, None or a dictionary of (low, high) is wanted")
+            raise ValueError(
+                f"randomize = {self.randomize!r} was given; True, None or a dictionary of (low, "
+                "high) is wanted"
+            )
         check_names(self.sensors, self.form)
         if self.actuators is not None:
             given = (self.actuators,) if isinstance(self.actuators, Actuator) else self.actuators
-            if not isinstance(given, Sequence) or not given or not all(isinstance(a, Actuator) for a in given):
-                raise ValueError(f"actuators = {self.actuators!r} was given; one or more torchbeam_envs.Actuator are wanted")
+            if (
+                not isinstance(given, Sequence)
+                or not given
+                or not all(isinstance(a, Actuator) for a in given)
+            ):
+                raise ValueError(
+                    f"actuators = {self.actuators!r} was given; one or more "
+                    "torchbeam_envs.Actuator are wanted"
+                )
             object.__setattr__(self, "actuators", tuple(given))
 
     def _check_beam(self) -> None:
         section_named(self.section)
         for name in ("direction", "up"):
-            vector = np.ones(3) if getattr(self, name) is None else numbers(name, getattr(self, name))
+            vector = (
+                np.ones(3) if getattr(self, name) is None else numbers(name, getattr(self, name))
+            )
             if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
-                raise ValueError(f"{name} = {getattr(self, name)!r} was given; three finite numbers, not all zero, are wanted")
+                raise ValueError(
+                    f"{name} = {getattr(self, name)!r} was given; three finite numbers, not all "
+                    "zero, are wanted"
+                )
         if self.beam is None:
             return
         if not isinstance(self.beam, tb.Beam):
-            raise ValueError(f"beam = {type(self.beam).__name__} was given; a torchbeam.Beam is wanted")
+            raise ValueError(
+                f"beam = {type(self.beam).__name__} was given; a torchbeam.Beam is wanted"
+            )
         if self.beam.station_count < 2:
             raise ValueError("a beam of one element was given; at least 2 are wanted")
-        beside = [f.name for f in fields(self)
-                  if f.name in ("length", "section", "elements", "direction", "up") and getattr(self, f.name) is not f.default
-                  and getattr(self, f.name) != f.default]
+        beside = [
+            f.name
+            for f in fields(self)
+            if f.name in ("length", "section", "elements", "direction", "up")
+            and getattr(self, f.name) is not f.default
+            and getattr(self, f.name) != f.default
+        ]
         if beside:
             raise ValueError(f"beam and {' and '.join(beside)} were given; the beam has its own")
 
     def _check_method(self) -> None:
         if self.form not in FORMS:
-            raise ValueError(f"form = {self.form!r} was given; {', '.join(map(repr, FORMS))} are there")
+            raise ValueError(
+                f"form = {self.form!r} was given; {', '.join(map(repr, FORMS))} are there"
+            )
         methods = (*(METHODS if self.form == "nodal" else ()), *ODE_METHODS)
         if self.method not in methods:
-            raise ValueError(f"method = {self.method!r} with form = {self.form!r} was given; there are {', '.join(methods)}")
+            raise ValueError(
+                f"method = {self.method!r} with form = {self.form!r} was given; there are "
+                f"{', '.join(methods)}"
+            )
         if self.form != "nodal" and self.gravity is not None:
-            raise ValueError(f"gravity with form = {self.form!r} was given; it starts undeformed: gravity=None is wanted")
+            raise ValueError(
+                f"gravity with form = {self.form!r} was given; it starts undeformed: "
+                "gravity=None is wanted"
+            )
         choice("engine", self.engine, ENGINES)
         if self.engine == "compiled" and self.method not in METHODS:
-            raise ValueError(f"engine = 'compiled' with method = {self.method!r} was given; 'midpoint' takes it")
+            raise ValueError(
+                f"engine = 'compiled' with method = {self.method!r} was given; 'midpoint' takes it"
+            )
         if self.solver is not None:
             check_solver(self.form, self.method, self.solver)
 
-    def check_numbers(self, *names: str, least: float = -math.inf, above: float = -math.inf, most: float = math.inf) -> None:
+    def check_numbers(
+        self,
+        *names: str,
+        least: float = -math.inf,
+        above: float = -math.inf,
+        most: float = math.inf,
+    ) -> None:
         """ValueError unless each of these is one finite real number within the bounds."""
         for name in names:
             value = getattr(self, name)
             if not is_number(value) or not (least <= value <= most and value > above):
-                wanted = "a finite number" if least == above == -math.inf else (
-                    "a finite non-negative number" if least == 0 else "a positive finite number")
+                wanted = (
+                    "a finite number"
+                    if least == above == -math.inf
+                    else (
+                        "a finite non-negative number" if least == 0 else "a positive finite number"
+                    )
+                )
                 wanted += "" if most == math.inf else f" up to {most:g}"
                 raise ValueError(f"{name} = {value!r} was given; {wanted} is wanted")
 
 
 def is_number(value: Any) -> bool:
     """Whether it is one finite real number."""
-    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool) and math.isfinite(value)
+    return (
+        isinstance(value, (int, float, np.integer, np.floating))
+        and not isinstance(value, bool)
+        and math.isfinite(value)
+    )

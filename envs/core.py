@@ -33,59 +33,93 @@ OPTIONS = ("reset_mask", "params", "goal")
 
 
 class BeamVectorEnv(VectorEnv):
-    """n episodes of a task, stepped as one batch: a `Task`, the `Simulation` of its beams and a `Renderer`, behind Gymnasium's
-    vector interface. A derived class names its task; its docstring is the task's specification.
+    """n episodes of a task, stepped as one batch: a `Task`, the `Simulation` of its beams and a
+    `Renderer`, behind Gymnasium's vector interface. A derived class names its task; its docstring
+    is the task's specification.
 
     num_envs        sub-envs
-    config          the task's configuration, a frozen dataclass (`BeamEnvConfig` or what the task derives from it); its fields
-                    may be given as keywords instead, or beside it in place of its own
-    autoreset_mode  "NextStep": the step after an episode's last one resets it; its action is ignored and its reward 0.
-                    "SameStep". "Disabled": an episode that is over stands still, reward 0 and flags kept, until
-                    reset(options={"reset_mask": (num_envs,) bool})
-    output          "numpy": float32 observations, float64 rewards, no gradient. "torch": tensors in the section's dtype, with
-                    gradient from actions (and parameters) to observations and rewards, over as many steps as `detach()` is
-                    not called
+    config          the task's configuration, a frozen dataclass (`BeamEnvConfig` or what the task
+                    derives from it); its fields may be given as keywords instead, or beside it in
+                    place of its own
+    autoreset_mode  "NextStep": the step after an episode's last one resets it; its action is
+                    ignored and its reward 0. "SameStep". "Disabled": an episode that is over stands
+                    still, reward 0 and flags kept, until reset(options={"reset_mask": (num_envs,)
+                    bool})
+    output          "numpy": float32 observations, float64 rewards, no gradient. "torch": tensors in
+                    the section's dtype, with gradient from actions (and parameters) to observations
+                    and rewards, over as many steps as `detach()` is not called
     render_mode     "rgb_array", "human" or None
 
-    `task`, `config`, `simulation` are what it is made of. `scene` is what is simulated; `state` where the episodes stand;
-    `sensors` the `torchbeam.sensors` of the observation, to be called with any state: env.sensors(env.state.beam) / env.scale
-    is the part of the observation that is seen of the beam, without noise.
+    `task`, `config`, `simulation` are what it is made of. `scene` is what is simulated; `state`
+    where the episodes stand; `sensors` the `torchbeam.sensors` of the observation, to be called
+    with any state: env.sensors(env.state.beam) / env.scale is the part of the observation that is
+    seen of the beam, without noise.
 
-    Raises ValueError for a value of the wrong kind or out of bounds, TypeError for a keyword that does not exist.
+    Raises ValueError for a value of the wrong kind or out of bounds, TypeError for a keyword that
+    does not exist.
     """
 
     task_type: ClassVar[type[Task]] = Task
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES)}  # noqa: RUF012
-    renderer: Renderer | None = None  # also of an env that was refused: gymnasium up to 1.3 closes what it deletes
+    # also of an env that was refused: gymnasium up to 1.3 closes what it deletes
+    renderer: Renderer | None = None
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         """help() and editors show the fields of the configuration as keywords."""
         super().__init_subclass__(**kwargs)
         own = inspect.signature(BeamVectorEnv.__init__)
-        named = [p for p in list(own.parameters.values())[1:] if p.kind is not inspect.Parameter.VAR_KEYWORD]
-        named += [p.replace(kind=p.KEYWORD_ONLY) for p in inspect.signature(cls.task_type.Config).parameters.values()]
+        named = [
+            p
+            for p in list(own.parameters.values())[1:]
+            if p.kind is not inspect.Parameter.VAR_KEYWORD
+        ]
+        named += [
+            p.replace(kind=p.KEYWORD_ONLY)
+            for p in inspect.signature(cls.task_type.Config).parameters.values()
+        ]
         cls.__signature__ = own.replace(parameters=named)
 
-    def __init__(self, num_envs: int = 1, *, config: BeamEnvConfig | None = None,
-                 autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP, output: str = "numpy",
-                 render_mode: str | None = None, **keywords: Any) -> None:
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        config: BeamEnvConfig | None = None,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        output: str = "numpy",
+        render_mode: str | None = None,
+        **keywords: Any,
+    ) -> None:
         count("num_envs", num_envs, 1)
-        for name, value, wanted in (("output", output, OUTPUTS), ("render_mode", render_mode, (None, *RENDER_MODES))):
+        for name, value, wanted in (
+            ("output", output, OUTPUTS),
+            ("render_mode", render_mode, (None, *RENDER_MODES)),
+        ):
             if value not in wanted:
-                raise ValueError(f"{name} = {value!r} was given; {' or '.join(map(repr, wanted))} is wanted")
+                raise ValueError(
+                    f"{name} = {value!r} was given; {' or '.join(map(repr, wanted))} is wanted"
+                )
         modes = {mode.value: mode for mode in AutoresetMode}
         if autoreset_mode not in (*modes, *AutoresetMode):
-            raise ValueError(f"autoreset_mode = {autoreset_mode!r} was given; {', '.join(map(repr, modes))} are there")
+            raise ValueError(
+                f"autoreset_mode = {autoreset_mode!r} was given; {', '.join(map(repr, modes))} "
+                "are there"
+            )
         self.num_envs, self.output, self.render_mode = num_envs, output, render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.config = self._configuration(config, keywords)
         self.task = self.task_type(self.config)
         self.simulation = Simulation(self.task, num_envs)
         self.dtype, self.device, self.high = self.task.dtype, self.task.device, self.simulation.high
-        self.metadata = {**self.metadata, "render_fps": round(1 / self.config.control_interval),
-                         "autoreset_mode": self.autoreset_mode}
+        self.metadata = {
+            **self.metadata,
+            "render_fps": round(1 / self.config.control_interval),
+            "autoreset_mode": self.autoreset_mode,
+        }
         high = self.high.cpu().numpy().astype(np.float32)
-        self.single_observation_space, self.single_action_space = Box(-high, high), Box(-1, 1, (self.task.actions,))
+        self.single_observation_space, self.single_action_space = (
+            Box(-high, high),
+            Box(-1, 1, (self.task.actions,)),
+        )
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.streams = Streams(num_envs)
@@ -93,50 +127,78 @@ class BeamVectorEnv(VectorEnv):
         self._going: Episodes | None = None  # where of the last ones it is known that none is over
 
     @classmethod
-    def _configuration(cls, config: BeamEnvConfig | None, keywords: dict[str, Any]) -> BeamEnvConfig:
+    def _configuration(
+        cls, config: BeamEnvConfig | None, keywords: dict[str, Any]
+    ) -> BeamEnvConfig:
         kind = cls.task_type.Config
         names = [f.name for f in fields(kind) if f.init]
         for name in keywords:
             if name not in names:
-                raise TypeError(f"the keyword {name!r} was given to {cls.__name__}; there are {', '.join(names)}")
+                raise TypeError(
+                    f"the keyword {name!r} was given to {cls.__name__}; there are "
+                    f"{', '.join(names)}"
+                )
         if config is None:
             return kind(**keywords)
         if not isinstance(config, kind):
-            raise ValueError(f"config = {type(config).__name__} was given; a {kind.__name__} is wanted")
+            raise ValueError(
+                f"config = {type(config).__name__} was given; a {kind.__name__} is wanted"
+            )
         return replace(config, **keywords)
 
     # The Gymnasium interface
 
-    def reset(self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
-              ) -> tuple[Any, dict]:
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Any, dict]:
         """Fresh episodes for all, or for those in options["reset_mask"], (n,) bool.
 
-        seed     s gives sub-env i the stream s + i; a list gives one each; None goes on with the streams there are
-        options  beside the mask: "params": name -> number or (n,), parameters of these episodes; "goal": (g,) or (n, g),
-                 instead of the one that is drawn. What is drawn at random is drawn all the same: the rest does not change
+        seed     s gives sub-env i the stream s + i; a list gives one each; None goes on with the
+                 streams there are
+        options  beside the mask: "params": name -> number or (n,), parameters of these episodes;
+                 "goal": (g,) or (n, g), instead of the one that is drawn. What is drawn at random
+                 is drawn all the same: the rest does not change
         """
         self._open()
         if not (options is None or isinstance(options, Mapping)):
             names = ", ".join(map(repr, OPTIONS))
-            raise ValueError(f"options = {options!r} was given; a dictionary of {names}, or None, is wanted")
+            raise ValueError(
+                f"options = {options!r} was given; a dictionary of {names}, or None, is wanted"
+            )
         options = dict(options or {})
         mask = self._mask(options)
         options = self.simulation.options(options)
         self.streams.seed(seed, mask)
         with self._gradient():
             self.episodes = self._renew(self.episodes, mask, **options)
-            info, masks = self._info(self.episodes, self.episodes.failed, torch.zeros_like(mask), mask, mask)
+            info, masks = self._info(
+                self.episodes, self.episodes.failed, torch.zeros_like(mask), mask, mask
+            )
         self._shown(mask)
         return self._out(self.episodes.observation), self._out({**info, **masks})
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict]:
-        """One control interval. Actions (n, a) are clipped to [-1, 1]; a row that is not finite counts as zeros."""
+        """One control interval. Actions (n, a) are clipped to [-1, 1]; a row that is not finite
+        counts as zeros.
+        """
         observation, reward, terminated, truncated, info, masks = self.stepped(actions)
-        return (self._out(observation), self._out(reward, np.float64), self._out(terminated), self._out(truncated),
-                self._out({**info, **masks}))
+        return (
+            self._out(observation),
+            self._out(reward, np.float64),
+            self._out(terminated),
+            self._out(truncated),
+            self._out({**info, **masks}),
+        )
 
-    def stepped(self, actions: Any) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any], dict[str, Any]]:
-        """The same, before it becomes an output: tensors, the masks of the information by themselves."""
+    def stepped(
+        self, actions: Any
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any], dict[str, Any]]:
+        """The same, before it becomes an output: tensors, the masks of the information by
+        themselves.
+        """
         self._open()
         before = self._running()
         action, invalid = self._action(actions)
@@ -148,14 +210,24 @@ class BeamVectorEnv(VectorEnv):
             elif over:
                 fresh = torch.zeros_like(done)
             active = ~done
-            after, reward, failed = self.simulation.advance(before, action, active if over else None)
+            after, reward, failed = self.simulation.advance(
+                before, action, active if over else None
+            )
             going = not over and failed is None and self.config.max_episode_steps is None
             failed = done if failed is None else failed  # which is False throughout
             invalid = done if invalid is None else invalid & active
-            info, masks = self._info(after, failed, invalid, active, active | fresh if over else active)
-            observation, terminated, truncated = after.observation, after.terminated, after.truncated
+            info, masks = self._info(
+                after, failed, invalid, active, active | fresh if over else active
+            )
+            observation, terminated = after.observation, after.terminated
+            truncated = after.truncated
             if self.autoreset_mode is AutoresetMode.SAME_STEP and (done := after.done).any():
-                final = dict(final_obs=observation, _final_obs=done, final_info={**info, **masks}, _final_info=done)
+                final = dict(
+                    final_obs=observation,
+                    _final_obs=done,
+                    final_info={**info, **masks},
+                    _final_info=done,
+                )
                 fresh, after = done, self._renew(after, done)
                 observation, failed = after.observation, torch.where(fresh, after.failed, failed)
                 info, masks = self._info(after, failed, invalid & ~fresh, active & ~fresh, active)
@@ -165,18 +237,30 @@ class BeamVectorEnv(VectorEnv):
         return observation, reward, terminated, truncated, info, masks
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """By "rgb_array" a picture of each sub-env, (height, width, 3) uint8; by "human" a window shows `tiled`, and None."""
+        """By "rgb_array" a picture of each sub-env, (height, width, 3) uint8; by "human" a window
+        shows `tiled`, and None.
+        """
         now = self._running()
         if self.render_mode is None:
-            gymnasium.logger.warn("render() was called without a render_mode; give render_mode='rgb_array'")
+            gymnasium.logger.warn(
+                "render() was called without a render_mode; give render_mode='rgb_array'"
+            )
             return None
-        return self.renderer.frames(now, self.num_envs) if self.render_mode == "rgb_array" else self.renderer.show(now)
+        return (
+            self.renderer.frames(now, self.num_envs)
+            if self.render_mode == "rgb_array"
+            else self.renderer.show(now)
+        )
 
     def tiled(self) -> np.ndarray:
-        """The first 16 sub-envs in one picture, (height, width, 3) uint8; ValueError without a render_mode."""
+        """The first 16 sub-envs in one picture, (height, width, 3) uint8; ValueError without a
+        render_mode.
+        """
         now = self._running()
         if self.renderer is None:
-            raise ValueError("tiled() was called without a render_mode; render_mode='rgb_array' is wanted")
+            raise ValueError(
+                "tiled() was called without a render_mode; render_mode='rgb_array' is wanted"
+            )
         return self.renderer.tiled(now)
 
     def close_extras(self, **kwargs: Any) -> None:
@@ -206,7 +290,9 @@ class BeamVectorEnv(VectorEnv):
 
     @property
     def scene(self) -> tb.Scene:
-        """Current scene, with the inputs of the actuators; before the first reset, at the usual parameters."""
+        """Current scene, with the inputs of the actuators; before the first reset, at the usual
+        parameters.
+        """
         return (self.plant if self.episodes is None else self.episodes.plant).scene
 
     @property
@@ -232,9 +318,14 @@ class BeamVectorEnv(VectorEnv):
         return self._running()
 
     def set_state(self, state: Episodes) -> Any:
-        """Go on from a state got earlier; returns its observation. The streams of random numbers stay where they are."""
+        """Go on from a state got earlier; returns its observation. The streams of random numbers
+        stay where they are.
+        """
         if not isinstance(state, Episodes) or len(state.steps) != self.num_envs:
-            raise ValueError(f"a state of {type(state).__name__} was given; Episodes of {self.num_envs} sub-envs are wanted")
+            raise ValueError(
+                f"a state of {type(state).__name__} was given; Episodes of {self.num_envs} "
+                "sub-envs are wanted"
+            )
         self.episodes = state
         return self._out(state.observation)
 
@@ -255,7 +346,10 @@ class BeamVectorEnv(VectorEnv):
     def _mask(self, options: dict[str, Any]) -> Tensor:
         for name in options:
             if name not in OPTIONS:
-                raise ValueError(f"the reset option {name!r} was given; there are {', '.join(map(repr, OPTIONS))}")
+                raise ValueError(
+                    f"the reset option {name!r} was given; there are "
+                    f"{', '.join(map(repr, OPTIONS))}"
+                )
         given = options.get("reset_mask")
         if given is None:
             return torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
@@ -264,7 +358,10 @@ class BeamVectorEnv(VectorEnv):
         except (TypeError, ValueError, RuntimeError):
             mask = torch.zeros(())
         if mask.dtype != torch.bool or mask.shape != (self.num_envs,) or not mask.any():
-            raise ValueError(f"reset_mask = {given!r} was given; {self.num_envs} bools, not all False, are wanted")
+            raise ValueError(
+                f"reset_mask = {given!r} was given; {self.num_envs} bools, not all False, are "
+                "wanted"
+            )
         if not mask.all():
             self._running()
         return mask
@@ -274,38 +371,55 @@ class BeamVectorEnv(VectorEnv):
         try:
             action = torch.as_tensor(actions, dtype=self.dtype, device=self.device)
         except (TypeError, ValueError, RuntimeError):
-            raise ValueError(f"actions = {shown(actions)} were given; numbers {self.action_space.shape} are wanted") from None
+            raise ValueError(
+                f"actions = {shown(actions)} were given; numbers {self.action_space.shape} are "
+                "wanted"
+            ) from None
         if action.shape != self.action_space.shape:
-            raise ValueError(f"actions of shape {tuple(action.shape)} were given; {self.action_space.shape} is wanted")
+            raise ValueError(
+                f"actions of shape {tuple(action.shape)} were given; {self.action_space.shape} "
+                "is wanted"
+            )
         clipped = action.clamp(-1, 1)
         if torch.equal(clipped, action):  # within the bounds, and numbers
             return clipped, None
         invalid = ~(action.abs() < torch.inf).all(-1)
         return torch.where(invalid[:, None], 0.0, clipped), invalid
 
-    def _info(self, now: Episodes, failed: Tensor, invalid: Tensor, moved: Tensor, begun: Tensor
-              ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Values and their masks: where the sub-env moved, and for parameters also where it began."""
+    def _info(
+        self, now: Episodes, failed: Tensor, invalid: Tensor, moved: Tensor, begun: Tensor
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Values and their masks: where the sub-env moved, and for parameters also where it
+        began.
+        """
         info = {**now.measures, "solver_failed": failed, "action_invalid": invalid}
         masks = {f"_{name}": moved for name in info}
         params = self.simulation.parameters_of(now)
-        return ({**info, "params": params}, {**masks, "_params": begun}) if params else (info, masks)
+        return (
+            ({**info, "params": params}, {**masks, "_params": begun}) if params else (info, masks)
+        )
 
     def _running(self) -> Episodes:
         if self.episodes is None:
-            raise gymnasium.error.ResetNeeded("step or state was asked for before reset(); call reset() first")
+            raise gymnasium.error.ResetNeeded(
+                "step or state was asked for before reset(); call reset() first"
+            )
         return self.episodes
 
     def _open(self) -> None:
         if self.closed:
-            raise gymnasium.error.ClosedEnvironmentError("reset or step was asked for after close(); make a new env")
+            raise gymnasium.error.ClosedEnvironmentError(
+                "reset or step was asked for after close(); make a new env"
+            )
 
     def _shown(self, fresh: Tensor) -> None:
         """Let the renderer follow what it draws a trace of."""
         if self.render_mode is None:
             return
         if self.renderer is None:
-            self.renderer = Renderer(self.task, self.simulation.rest[0].position[0], self.num_envs, type(self).__name__)
+            self.renderer = Renderer(
+                self.task, self.simulation.rest[0].position[0], self.num_envs, type(self).__name__
+            )
         self.renderer.follow(self.episodes, fresh)
         if self.render_mode == "human":
             self.render()

@@ -27,8 +27,8 @@ class Episodes(Tree):
     steps        (n,) long, steps since reset
     terminated, truncated  (n,) bool, once an episode is over and until it is reset
     observation  (n, o) the last one; finite
-    target       (n, preview + 1, 3) m: where the tip is to be now and at the ends of the next intervals; None where the task
-                 has no target
+    target       (n, preview + 1, 3) m: where the tip is to be now and at the ends of the next
+                 intervals; None where the task has no target
     measures     name -> (n,), what the task says of where the episodes stand: it goes into `info`
     """
 
@@ -61,6 +61,8 @@ class Episodes(Tree):
         return replace(detached(self), plant=self.plant)
 
     def merge(self, few: BatchSubset, part: Episodes, plants: bool) -> Episodes:
-        """With the sub-envs `few` those of `part`; with `plants`, their plants too, else all have that of these."""
+        """With the sub-envs `few` those of `part`; with `plants`, their plants too, else all have
+        that of these.
+        """
         merged = few.merge(replace(self, plant=None), replace(part, plant=None))
         return replace(merged, plant=self.plant.merge(few, part.plant) if plants else self.plant)

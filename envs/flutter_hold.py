@@ -21,12 +21,15 @@ from .reach import distance, rounded
 from .single import SingleEnv
 from .task import Task
 
-BECK = 20.05  # P L^2 / EI at which the undamped cantilever flutters under a follower force (Beck 1952)
+# P L^2 / EI at which the undamped cantilever flutters under a follower force (Beck 1952)
+BECK = 20.05
 
 
 @dataclass(frozen=True, kw_only=True)
 class FlutterHoldConfig(BeamEnvConfig):
-    """thrust (over Beck's load), kick (m/s): see `FlutterHoldVectorEnv`; the rest as in `BeamEnvConfig`."""
+    """thrust (over Beck's load), kick (m/s): see `FlutterHoldVectorEnv`; the rest as in
+    `BeamEnvConfig`.
+    """
 
     thrust: float = 1.2
     kick: float = 0.2
@@ -40,7 +43,9 @@ class FlutterHoldConfig(BeamEnvConfig):
 
 
 class FlutterHold(Task):
-    """Hold a strip straight under a follower thrust beyond Beck's load: `FlutterHoldVectorEnv` has the specification."""
+    """Hold a strip straight under a follower thrust beyond Beck's load: `FlutterHoldVectorEnv` has
+    the specification.
+    """
 
     Config = FlutterHoldConfig
     VIEW = (-0.12, 1.3, 0.5)
@@ -55,7 +60,11 @@ class FlutterHold(Task):
 
     def effects(self, params: dict[str, Tensor]) -> tuple:
         none = torch.zeros_like(params["thrust"])
-        return (tb.TipLoad(force=torch.stack((-self.beck * params["thrust"], none, none), -1), follower=True),)
+        return (
+            tb.TipLoad(
+                force=torch.stack((-self.beck * params["thrust"], none, none), -1), follower=True
+            ),
+        )
 
     def sample_goal(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
         """(k, directions) m/s: the kicks."""
@@ -64,7 +73,10 @@ class FlutterHold(Task):
         return torch.as_tensor(drawn, dtype=self.dtype, device=self.device)
 
     def initial_state(self, beam: tb.State, goal: Tensor) -> tb.State:
-        along = torch.linalg.vector_norm(beam.position - beam.position[..., :1, :], dim=-1)[..., None] / self.length
+        along = (
+            torch.linalg.vector_norm(beam.position - beam.position[..., :1, :], dim=-1)[..., None]
+            / self.length
+        )
         return replace(beam, velocity=beam.velocity + along**2 * (goal @ self.lateral)[:, None])
 
     def cost(self, now: Episodes) -> Tensor:
@@ -85,23 +97,26 @@ class FlutterHoldVectorEnv(BeamVectorEnv):
     """`num_envs` cantilevers that flutter unless they are held, stepped as one batch.
 
     ## Description
-    A strip of aluminium, 1.5 m of 3 mm x 10 mm flat bar, is clamped at one end; a thrust presses on its free end against its
-    axis and turns with it. Beyond
+    A strip of aluminium, 1.5 m of 3 mm x 10 mm flat bar, is clamped at one end; a thrust presses on
+    its free end against its axis and turns with it. Beyond
 
         P = 20.05 EI / L^2,  EI the softer bending stiffness    (13.8 N; Beck 1952)
 
-    the straight strip is unstable: two modes join and grow into flutter. Internal damping, as always here, makes that happen
-    earlier; a coarse mesh holds out longer: without damping six elements flutter from 1.11 times that load, eight from 1.06,
-    twelve from 1.03. A small force across the tip is to hold it straight. The thrust is 1.2 times Beck's, at which motion in
-    the soft direction grows by a factor of e in 0.2 s at 3.5 Hz; up and down the strip is eleven times stiffer and stable. No
-    gravity.
+    the straight strip is unstable: two modes join and grow into flutter. Internal damping, as
+    always here, makes that happen earlier; a coarse mesh holds out longer: without damping six
+    elements flutter from 1.11 times that load, eight from 1.06, twelve from 1.03. A small force
+    across the tip is to hold it straight. The thrust is 1.2 times Beck's, at which motion in the
+    soft direction grows by a factor of e in 0.2 s at 3.5 Hz; up and down the strip is eleven times
+    stiffer and stable. No gravity.
 
     ## Action space
-    `Box(-1, 1, (2,), float32)`: force across the tip along y and z, of fixed direction, 0.5 N each at 1; held over an interval,
-    `delay` intervals later. Values outside are clipped; a row that is not finite counts as zeros.
+    `Box(-1, 1, (2,), float32)`: force across the tip along y and z, of fixed direction, 0.5 N each
+    at 1; held over an interval, `delay` intervals later. Values outside are clipped; a row that is
+    not finite counts as zeros.
 
     ## Observation space
-    `Box(-high, high, (12 + 2 delay,), float32)`: the `sensors`, and actions that are still to act, as in TipReach.
+    `Box(-high, high, (12 + 2 delay,), float32)`: the `sensors`, and actions that are still to act,
+    as in TipReach.
 
     | index | observation | high |
     |---|---|---|
@@ -116,25 +131,29 @@ class FlutterHoldVectorEnv(BeamVectorEnv):
     In the interval in which the strip is lost, or the solver fails, failure_reward instead.
 
     ## Starting state
-    Straight, kicked: velocities kick (x/L)^2 along y and z, each uniform in [-kick, kick], from the sub-env's own generator.
+    Straight, kicked: velocities kick (x/L)^2 along y and z, each uniform in [-kick, kick], from the
+    sub-env's own generator.
 
     ## Episode end
-    Termination where the tip is more than L/4 off: the strip is lost (`info["lost"]`); or where the solver fails. Truncation
-    after 100 steps (2 s).
+    Termination where the tip is more than L/4 off: the strip is lost (`info["lost"]`); or where the
+    solver fails. Truncation after 100 steps (2 s).
 
     ## Information
-    `distance` (m) of the tip from its place, `lost`, `solver_failed`, `action_invalid`, masks as in TipReach.
+    `distance` (m) of the tip from its place, `lost`, `solver_failed`, `action_invalid`, masks as in
+    TipReach.
 
     ## Arguments
-    Those of `BeamEnvConfig` (see `envs/config.py`), with its defaults but gravity = None, force = (0.5, 0.5) and
-    max_episode_steps = 100, and
+    Those of `BeamEnvConfig` (see `envs/config.py`), with its defaults but gravity = None,
+    force = (0.5, 0.5) and max_episode_steps = 100, and
     thrust  1.2, in units of Beck's load of the section at its usual stiffness
     kick    m/s, 0.2: of the tip at the start, at most, in each direction
 
-    "torchbeam/FlutterHoldPlanar-v0" is this with planar=True: the horizontal plane, the soft direction.
+    "torchbeam/FlutterHoldPlanar-v0" is this with planar=True: the horizontal plane, the soft
+    direction.
 
     ## Parameters
-    thrust (1.15 to 1.35), and those of TipReach. The goal, for options={"goal": ...}, is the kick (m/s) along y and z.
+    thrust (1.15 to 1.35), and those of TipReach. The goal, for options={"goal": ...}, is the kick
+    (m/s) along y and z.
 
     ## Version history
     v0: first version.
@@ -144,9 +163,11 @@ class FlutterHoldVectorEnv(BeamVectorEnv):
 
 
 class FlutterHoldEnv(SingleEnv):
-    """One cantilever to keep from fluttering: `FlutterHoldVectorEnv` with one member, see there for everything.
+    """One cantilever to keep from fluttering: `FlutterHoldVectorEnv` with one member, see there for
+    everything.
 
-    `gymnasium.make` ends the episode after 100 steps (`max_episode_steps` there); made directly, it ends only when it is lost.
+    `gymnasium.make` ends the episode after 100 steps (`max_episode_steps` there); made directly, it
+    ends only when it is lost.
     """
 
     vector = FlutterHoldVectorEnv

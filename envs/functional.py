@@ -1,11 +1,13 @@
-"""Environments as functions: episodes in, episodes out, differentiable, nothing kept and nothing written in place.
+"""Environments as functions: episodes in, episodes out, differentiable, nothing kept and nothing
+written in place.
 
     sim = functional.simulation(torchbeam_envs.TipReachVectorEnv, 16)
     now = functional.reset(sim, seed=0)
-    now, reward = functional.step(sim, now, action)       # now.observation, now.terminated, now.truncated
+    now, reward = functional.step(sim, now, action)
+    # now.observation, now.terminated, now.truncated
 
-The same `now` may be stepped any number of times, with other actions: planning, trees, checkpoints of
-one's own. `BeamVectorEnv` is these functions behind Gymnasium's interface, with autoreset and
+The same `now` may be stepped any number of times, with other actions: planning, trees, checkpoints
+of one's own. `BeamVectorEnv` is these functions behind Gymnasium's interface, with autoreset and
 information; `env.simulation` and `env.state` are what they take.
 """
 
@@ -36,7 +38,8 @@ class Transition(NamedTuple):
 
 
 def simulation(of: type[BeamVectorEnv] | type[Task], num_envs: int, **keywords: Any) -> Simulation:
-    """What begins and advances `num_envs` episodes of a task; keywords are those of its configuration.
+    """What begins and advances `num_envs` episodes of a task; keywords are those of its
+    configuration.
 
     Raises ValueError for what is neither a vector environment's class nor a task's, TypeError for a
     keyword that does not exist.
@@ -44,11 +47,15 @@ def simulation(of: type[BeamVectorEnv] | type[Task], num_envs: int, **keywords: 
     count("num_envs", num_envs, 1)
     task = of.task_type if isinstance(of, type) and issubclass(of, BeamVectorEnv) else of
     if not isinstance(task, type) or not issubclass(task, Task):
-        raise ValueError(f"{of!r} was given; a class derived from BeamVectorEnv or from Task is wanted")
+        raise ValueError(
+            f"{of!r} was given; a class derived from BeamVectorEnv or from Task is wanted"
+        )
     return Simulation(task(task.Config(**keywords)), num_envs)
 
 
-def reset(sim: Simulation, seed: Any = 0, params: Mapping[str, Any] | None = None, goal: Any = None) -> Episodes:
+def reset(
+    sim: Simulation, seed: Any = 0, params: Mapping[str, Any] | None = None, goal: Any = None
+) -> Episodes:
     """Fresh episodes, the same for the same arguments: what an env's `reset` of this seed begins.
 
     seed    s gives sub-env i the stream s + i; a sequence gives one each
@@ -63,18 +70,27 @@ def reset(sim: Simulation, seed: Any = 0, params: Mapping[str, Any] | None = Non
 
 
 def step(sim: Simulation, episodes: Episodes, action: Tensor) -> Transition:
-    """One control interval with actions (n, a) in [-1, 1], those beyond clipped; episodes that are over stand still, reward 0.
+    """One control interval with actions (n, a) in [-1, 1], those beyond clipped; episodes that are
+    over stand still, reward 0.
 
     Raises ValueError for actions of another shape or that are no numbers.
     """
     shape = (len(episodes.steps), sim.task.actions)
     if not isinstance(action, Tensor) or action.shape != shape:
-        given = f"of shape {tuple(action.shape)}" if isinstance(action, Tensor) else f"{type(action).__name__}"
+        given = (
+            f"of shape {tuple(action.shape)}"
+            if isinstance(action, Tensor)
+            else f"{type(action).__name__}"
+        )
         raise ValueError(f"actions {given} were given; a tensor {shape} is wanted")
     if not bool(torch.isfinite(action.detach()).all()):
-        raise ValueError("actions that are no finite numbers were given; numbers in [-1, 1] are wanted")
+        raise ValueError(
+            "actions that are no finite numbers were given; numbers in [-1, 1] are wanted"
+        )
     over = episodes.done
-    after, reward, _ = sim.advance(episodes, action.clamp(-1, 1), ~over if bool(over.any()) else None)
+    after, reward, _ = sim.advance(
+        episodes, action.clamp(-1, 1), ~over if bool(over.any()) else None
+    )
     return Transition(after, reward)
 
 

@@ -1,18 +1,23 @@
-"""Noise: normal numbers as a function of (key, step), so that they depend on no neighbour and need no loop over sub-envs."""
+"""Noise: normal numbers as a function of (key, step), so that they depend on no neighbour and need
+no loop over sub-envs.
+"""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
 
-GOLDEN = 0x9E3779B97F4A7C15 - 2**64  # SplitMix64 (Steele, Lea and Flood 2014): increment and multipliers, as signed numbers
+# SplitMix64 (Steele, Lea and Flood 2014): increment and multipliers, as signed numbers
+GOLDEN = 0x9E3779B97F4A7C15 - 2**64
 FIRST, SECOND = 0xBF58476D1CE4E5B9 - 2**64, 0x94D049BB133111EB - 2**64
 
 
 def normal(key: Tensor, step: Tensor, size: int, dtype: torch.dtype) -> Tensor:
-    """(n, size) standard normal numbers of the episodes with the keys (n,) at their steps (n,), both int64.
+    """(n, size) standard normal numbers of the episodes with the keys (n,) at their steps (n,),
+    both int64.
 
-    Number j of a step is the hash of key + (2 size step + j) increments: the same key and step give the same numbers.
+    Number j of a step is the hash of key + (2 size step + j) increments: the same key and step give
+    the same numbers.
     """
     j = torch.arange(2 * size, device=key.device)
     x = key[:, None] + (2 * size * step[:, None] + j + 1) * GOLDEN

@@ -9,8 +9,8 @@ from torch import Tensor
 
 
 def converted(value: Tensor | dict[str, Any], output: str, dtype: Any = np.float32) -> Any:
-    """Tensors, or dictionaries of them, as they are for `output` "torch"; for "numpy" as copies without gradient, those of
-    floating numbers in `dtype`.
+    """Tensors, or dictionaries of them, as they are for `output` "torch"; for "numpy" as copies
+    without gradient, those of floating numbers in `dtype`.
     """
     if output == "torch":
         return value

@@ -1,4 +1,6 @@
-"""Parameters of the beam that may change with the episode: ranges, random draws, checks of given values."""
+"""Parameters of the beam that may change with the episode: ranges, random draws, checks of given
+values.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ class Parameter:
     def check(self, name: str, value: Any) -> None:
         """ValueError where one of the values is no number, out of bounds, infinite or NaN."""
         values = numbers(name, value)
-        if not (np.isfinite(values) & ((values > self.least) if self.above else (values >= self.least))).all():
+        if not (
+            np.isfinite(values) & ((values > self.least) if self.above else (values >= self.least))
+        ).all():
             raise ValueError(f"{name} = {values.tolist()} was given; {self._wanted} is wanted")
 
     @property
@@ -41,7 +45,9 @@ class Parameter:
 
 
 class Parameters(dict[str, Parameter]):
-    """Parameters that may change with the episode, by name; ValueError for another name or a value out of range."""
+    """Parameters that may change with the episode, by name; ValueError for another name or a value
+    out of range.
+    """
 
     def named(self, name: Any) -> Parameter:
         if name not in self:
@@ -49,25 +55,35 @@ class Parameters(dict[str, Parameter]):
             raise ValueError(f"the parameter {name!r} was given; {wanted}")
         return self[name]
 
-    def ranges(self, randomize: bool | Mapping[str, Sequence[float]] | None) -> dict[str, tuple[float, float]]:
+    def ranges(
+        self, randomize: bool | Mapping[str, Sequence[float]] | None
+    ) -> dict[str, tuple[float, float]]:
         """name -> (low, high) of what is drawn at each reset, in the order of the names here."""
         if randomize is True:
             if not self:
-                raise ValueError("randomize was given; this form of the beam has no parameters to vary")
+                raise ValueError(
+                    "randomize was given; this form of the beam has no parameters to vary"
+                )
             return {name: (p.low, p.high) for name, p in self.items()}
         randomize = randomize or {}
         for name, bounds in randomize.items():
             self.named(name).check(name, bounds)
             if np.shape(bounds) != (2,) or bounds[0] > bounds[1]:
-                raise ValueError(f"randomize = {{{name!r}: {bounds!r}}} was given; (low, high) is wanted")
+                raise ValueError(
+                    f"randomize = {{{name!r}: {bounds!r}}} was given; (low, high) is wanted"
+                )
         return {name: tuple(map(float, randomize[name])) for name in self if name in randomize}
 
     def given(self, params: Any, count: int, like: Tensor) -> dict[str, Tensor]:
-        """name -> (count,), from a mapping of names to one number or one for each sub-env; tensors keep their gradient."""
+        """name -> (count,), from a mapping of names to one number or one for each sub-env; tensors
+        keep their gradient.
+        """
         if params is None:
             return {}
         if not isinstance(params, Mapping):
-            raise ValueError(f"params = {params!r} was given; a dictionary of parameters by name is wanted")
+            raise ValueError(
+                f"params = {params!r} was given; a dictionary of parameters by name is wanted"
+            )
         return {name: self._given(name, value, count, like) for name, value in params.items()}
 
     def _given(self, name: Any, value: Any, count: int, like: Tensor) -> Tensor:
@@ -76,7 +92,9 @@ class Parameters(dict[str, Parameter]):
             value = numbers(name, value)
         value = torch.as_tensor(value, dtype=like.dtype, device=like.device)
         if value.shape not in ((), (count,)):
-            raise ValueError(f"{name} of shape {tuple(value.shape)} was given; one number or {count} are wanted")
+            raise ValueError(
+                f"{name} of shape {tuple(value.shape)} was given; one number or {count} are wanted"
+            )
         parameter.check(name, value)
         return value.expand(count)
 

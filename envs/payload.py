@@ -19,8 +19,8 @@ from .tip_reach import TipReach, TipReachConfig
 
 @dataclass(frozen=True, kw_only=True)
 class PayloadConfig(TipReachConfig):
-    """payload  kg, the usual mass; randomize=None draws it from half to one and a half times that. The rest as in
-    `TipReachConfig`.
+    """payload  kg, the usual mass; randomize=None draws it from half to one and a half times that.
+    The rest as in `TipReachConfig`.
     """
 
     payload: float = 0.1
@@ -32,11 +32,15 @@ class PayloadConfig(TipReachConfig):
         super().__post_init__()
         self.check_numbers("payload", least=0.0)
         if self.randomize is None:
-            object.__setattr__(self, "randomize", {"payload": (self.payload / 2, 1.5 * self.payload)})
+            object.__setattr__(
+                self, "randomize", {"payload": (self.payload / 2, 1.5 * self.payload)}
+            )
 
 
 class Payload(TipReach):
-    """TipReach with a mass on the tip that is not told: `PayloadVectorEnv` has the specification."""
+    """TipReach with a mass on the tip that is not told: `PayloadVectorEnv` has the
+    specification.
+    """
 
     Config = PayloadConfig
     PLANE = "xz"
@@ -57,22 +61,25 @@ class PayloadVectorEnv(BeamVectorEnv):
     """`num_envs` flexible cantilevers that carry a mass on their tips, stepped as one batch.
 
     ## Description
-    The strip of `TipReachVectorEnv` (1.5 m of aluminium flat bar of 0.12 kg, clamped, under gravity) with a point mass on its
-    tip, of 0.05 to 0.15 kg, drawn with the episode and not observed. A force on the tip is to bring it to a target and to
-    hold it there. How far the strip sags, how slowly it swings (0.5 Hz sideways with 0.1 kg) and which force holds the target
-    depend on the mass, which has to be found out by moving.
+    The strip of `TipReachVectorEnv` (1.5 m of aluminium flat bar of 0.12 kg, clamped, under
+    gravity) with a point mass on its tip, of 0.05 to 0.15 kg, drawn with the episode and not
+    observed. A force on the tip is to bring it to a target and to hold it there. How far the strip
+    sags, how slowly it swings (0.5 Hz sideways with 0.1 kg) and which force holds the target depend
+    on the mass, which has to be found out by moving.
 
     ## Action space, observation space, reward, episode end, information
-    Those of TipReach, but for 100 steps (2 s). Displacements count from the tip as it hangs at rest, so that they do not give
-    the mass away. `info["params"]["payload"]` (kg) does.
+    Those of TipReach, but for 100 steps (2 s). Displacements count from the tip as it hangs at
+    rest, so that they do not give the mass away. `info["params"]["payload"]` (kg) does.
 
     ## Starting state
-    At rest under gravity with the mass of the episode, without tip force. The target is the static tip position of the
-    strip with the usual mass under a force drawn uniformly from the ellipse with the half axes reach * force: holding it with
-    another mass takes up to 0.5 N more or less of the 2 N there are.
+    At rest under gravity with the mass of the episode, without tip force. The target is the static
+    tip position of the strip with the usual mass under a force drawn uniformly from the ellipse
+    with the half axes reach * force: holding it with another mass takes up to 0.5 N more or less of
+    the 2 N there are.
 
     ## Arguments
-    Those of TipReach with its defaults but reach = 0.5, max_episode_steps = 100, randomize = {"payload": (0.05, 0.15)}, and
+    Those of TipReach with its defaults but reach = 0.5, max_episode_steps = 100,
+    randomize = {"payload": (0.05, 0.15)}, and
     payload  kg, 0.1: the usual mass
 
     "torchbeam/PayloadPlanar-v0" is this with planar=True: the vertical plane x-z.
@@ -88,9 +95,11 @@ class PayloadVectorEnv(BeamVectorEnv):
 
 
 class PayloadEnv(SingleEnv):
-    """One flexible cantilever with a mass on its tip: `PayloadVectorEnv` with one member, see there for everything.
+    """One flexible cantilever with a mass on its tip: `PayloadVectorEnv` with one member, see there
+    for everything.
 
-    `gymnasium.make` ends the episode after 100 steps (`max_episode_steps` there); made directly, it does not end by itself.
+    `gymnasium.make` ends the episode after 100 steps (`max_episode_steps` there); made directly, it
+    does not end by itself.
     """
 
     vector = PayloadVectorEnv

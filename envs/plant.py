@@ -13,13 +13,18 @@ from torch import Tensor
 from torchbeam import Beam, ExplicitStepper, Scene, Section, State, Stepper
 from torchbeam.extend import METHODS, BatchSubset, Tree, leaf, own_leaves
 
-HALVINGS = 2  # a failed step is made again in 2 and 4 parts; more would cost the whole batch more than the episode is worth
-EXPLICIT = ("rtol", "atol", "options", "adjoint", "project", "solver")  # what torchdiffeq's methods and the mixed forms take
+# a failed step is made again in 2 and 4 parts; more would cost the whole batch more than the
+# episode is worth
+HALVINGS = 2
+# what torchdiffeq's methods and the mixed forms take
+EXPLICIT = ("rtol", "atol", "options", "adjoint", "project", "solver")
 
 
 @dataclass(frozen=True)
 class Plant(Tree):
-    """params: name -> () or, where it varies, (n,);  stepper: what advances the beam that they give."""
+    """params: name -> () or, where it varies, (n,);  stepper: what advances the beam that they
+    give.
+    """
 
     params: dict[str, Tensor] = leaf(0)
     stepper: Stepper | ExplicitStepper
@@ -28,8 +33,12 @@ class Plant(Tree):
     def scene(self) -> Scene:
         return self.stepper.scene
 
-    def advance(self, beam: State, steps: int, active: Tensor | None, inputs: dict[str, Tensor]) -> State:
-        """The beam after so many steps with the inputs held, where it is active (n,); None = everywhere."""
+    def advance(
+        self, beam: State, steps: int, active: Tensor | None, inputs: dict[str, Tensor]
+    ) -> State:
+        """The beam after so many steps with the inputs held, where it is active (n,);
+        None = everywhere.
+        """
         if isinstance(self.stepper, Stepper):
             return self.stepper.repeat(beam, steps, inputs, active)
         for _ in range(steps):
@@ -42,14 +51,17 @@ class Plant(Tree):
 
 
 def aluminium_strip(dtype: torch.dtype = torch.float64) -> Section:
-    """6061-T6 flat bar, 3 mm (along y) by 10 mm (along z): E = 68.9 GPa, nu = 0.33, density 2700 kg/m^3, yield 276 MPa."""
+    """6061-T6 flat bar, 3 mm (along y) by 10 mm (along z): E = 68.9 GPa, nu = 0.33, density 2700
+    kg/m^3, yield 276 MPa.
+    """
     values = (torch.tensor(v, dtype=dtype) for v in (3e-3, 10e-3, 68.9e9, 0.33, 2700.0))
     return Section.rectangle(*values)
 
 
 def silicone_rod(dtype: torch.dtype = torch.float64) -> Section:
-    """Round rod of silicone rubber, radius 10 mm: E = 1 MPa, nu = 0.45, density 1100 kg/m^3. Waves are slow enough in it for
-    an explicit method: a fixed step of 0.5 ms is stable with two elements in 0.3 m.
+    """Round rod of silicone rubber, radius 10 mm: E = 1 MPa, nu = 0.45, density 1100 kg/m^3. Waves
+    are slow enough in it for an explicit method: a fixed step of 0.5 ms is stable with two elements
+    in 0.3 m.
     """
     values = (torch.tensor(v, dtype=dtype) for v in (0.01, 1e6, 0.45, 1100.0))
     return Section.circle(*values)
@@ -63,27 +75,43 @@ def section_named(section: Section | str) -> Section:
     if isinstance(section, Section):
         return section
     if not isinstance(section, str) or section not in SECTIONS:
-        raise ValueError(f"section = {section!r} was given; a Section is wanted, or one of {', '.join(SECTIONS)}")
+        raise ValueError(
+            f"section = {section!r} was given; a Section is wanted, or one of {', '.join(SECTIONS)}"
+        )
     return SECTIONS[section]()
 
 
-def straight(length: float, elements: int, section: Section, direction: Sequence[float], up: Sequence[float] | None) -> Beam:
+def straight(
+    length: float,
+    elements: int,
+    section: Section,
+    direction: Sequence[float],
+    up: Sequence[float] | None,
+) -> Beam:
     """A straight beam, in the section's dtype; up = None: z, or for a beam along z, x."""
-    up = ((1.0, 0.0, 0.0) if direction[0] == direction[1] == 0 else (0.0, 0.0, 1.0)) if up is None else up
+    up = (
+        ((1.0, 0.0, 0.0) if direction[0] == direction[1] == 0 else (0.0, 0.0, 1.0))
+        if up is None
+        else up
+    )
     like = section.compliance
-    values = (torch.as_tensor(v, dtype=like.dtype, device=like.device) for v in (length, direction, up))
+    values = (
+        torch.as_tensor(v, dtype=like.dtype, device=like.device) for v in (length, direction, up)
+    )
     length, direction, up = values
     return Beam.straight(length, elements, section, direction, up)
 
 
 def varied(beam: Beam, params: Mapping[str, Tensor], rows: Tensor) -> Beam:
-    """The beam of the sub-envs `rows`: rows of whatever it has a batch axis (num_envs,) of, its stiffness and its mass
-    multiplied by params["stiffness"] and params["mass"].
+    """The beam of the sub-envs `rows`: rows of whatever it has a batch axis (num_envs,) of, its
+    stiffness and its mass multiplied by params["stiffness"] and params["mass"].
     """
     own = {leaf.name: leaf.value[rows] for leaf in own_leaves(beam) if leaf.batch_shape}
     stiffness, mass = params["stiffness"], params["mass"]
     if stiffness.ndim or mass.ndim:
-        own["compliance"] = own.get("compliance", beam.compliance) / stiffness[..., None, None, None]
+        own["compliance"] = (
+            own.get("compliance", beam.compliance) / stiffness[..., None, None, None]
+        )
         own["mass"] = own.get("mass", beam.mass) * mass[..., None, None, None]
     return replace(beam, **own) if own else beam
 
@@ -93,24 +121,32 @@ def check_solver(form: str, method: str, solver: Any) -> None:
     implicit = form == "nodal" and method in METHODS
     names = list(inspect.signature(Stepper).parameters)[3:] if implicit else EXPLICIT
     if not isinstance(solver, Mapping):
-        raise ValueError(f"solver = {solver!r} was given; a dictionary of arguments of the stepper is wanted")
+        raise ValueError(
+            f"solver = {solver!r} was given; a dictionary of arguments of the stepper is wanted"
+        )
     for name in solver:
         if name not in names:
-            raise ValueError(f"solver = {dict(solver)!r} was given; the stepper of form = {form!r}, method = {method!r} has "
-                             f"{', '.join(names)}")
+            raise ValueError(
+                f"solver = {dict(solver)!r} was given; the stepper of form = {form!r}, method = "
+                f"{method!r} has {', '.join(names)}"
+            )
 
 
-def stepper(scene: Scene, dt: float, form: str, method: str, solver: Mapping[str, Any], engine: str = "auto"
-            ) -> Stepper | ExplicitStepper:
-    """Stepper that advances the beam by dt (s): the implicit step (form "nodal", method "midpoint"), or torchdiffeq."""
+def stepper(
+    scene: Scene, dt: float, form: str, method: str, solver: Mapping[str, Any], engine: str = "auto"
+) -> Stepper | ExplicitStepper:
+    """Stepper that advances the beam by dt (s): the implicit step (form "nodal", method
+    "midpoint"), or torchdiffeq.
+    """
     if form == "nodal" and method in METHODS:
         return Stepper(scene, dt, method, **{"halvings": HALVINGS, "engine": engine, **solver})
     return ExplicitStepper(scene, dt, method, form, **solver)
 
 
 def first_frequency(beam: Beam, length: float) -> Tensor:
-    """rad/s, (...): 1.8751^2 sqrt(EI / (m L^4)), the first of a uniform cantilever of that length (m) with the beam's softest
-    bending stiffness and its mean mass. A scale for what is observed; exact where that is what the beam is.
+    """rad/s, (...): 1.8751^2 sqrt(EI / (m L^4)), the first of a uniform cantilever of that length
+    (m) with the beam's softest bending stiffness and its mean mass. A scale for what is observed;
+    exact where that is what the beam is.
     """
     return 1.875104**2 / (softest(beam) * beam.mass[..., 0, 0].mean(-1) * length**4).sqrt()
 

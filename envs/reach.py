@@ -1,4 +1,6 @@
-"""Reach: static tip position as a polynomial of constant actions, its inverse, and smoothed distances."""
+"""Reach: static tip position as a polynomial of constant actions, its inverse, and smoothed
+distances.
+"""
 
 from __future__ import annotations
 
@@ -23,13 +25,14 @@ SPARE = 2  # points a term there
 
 @dataclass(frozen=True)
 class Reach:
-    """Static tip position as a polynomial of the actions in [-1, 1]^a, found from one batch of equilibria at construction:
-    drawing targets costs no solve.
+    """Static tip position as a polynomial of the actions in [-1, 1]^a, found from one batch of
+    equilibria at construction: drawing targets costs no solve.
 
-    Of one or two actions it interpolates at Chebyshev points, DEGREE in each: for the default strip and reach it is within 3e-6
-    of the length of the equilibrium anywhere in the square. Of more it has all products of Chebyshev polynomials up to the
-    total degree that TERMS allow (12 of three actions, 8 of four, 5 of six), by least squares over SPARE as many points, drawn
-    with the density of Chebyshev points (Cohen and Migliorati 2017): within 5e-4 of the length of three
+    Of one or two actions it interpolates at Chebyshev points, DEGREE in each: for the default strip
+    and reach it is within 3e-6 of the length of the equilibrium anywhere in the square. Of more it
+    has all products of Chebyshev polynomials up to the total degree that TERMS allow (12 of three
+    actions, 8 of four, 5 of six), by least squares over SPARE as many points, drawn with the
+    density of Chebyshev points (Cohen and Migliorati 2017): within 5e-4 of the length of three
     actions, 1.5e-2 of four, 3e-2 of six (a strip bent by its tip's force and by curvatures).
 
     degrees       (terms, a) of the Chebyshev polynomials whose product a term is
@@ -40,8 +43,13 @@ class Reach:
     coefficients: Tensor
 
     @classmethod
-    def of(cls, scene: tb.Scene, actions: int, inputs: Callable[[Tensor], dict[str, Tensor]],
-           read: Callable[[tb.State], Tensor] | None = None) -> Reach:
+    def of(
+        cls,
+        scene: tb.Scene,
+        actions: int,
+        inputs: Callable[[Tensor], dict[str, Tensor]],
+        read: Callable[[tb.State], Tensor] | None = None,
+    ) -> Reach:
         """The scene under inputs(action (..., actions)) -> name -> (..., size), as `Task.inputs`.
 
         read  what to interpolate instead of the tip's position: state -> (..., c)
@@ -49,14 +57,22 @@ class Reach:
         degrees = _degrees(actions)
         if actions > 2:
             random = torch.Generator().manual_seed(0)
-            angle = torch.rand(SPARE * len(degrees), actions, generator=random, dtype=torch.float64) * torch.pi
+            angle = (
+                torch.rand(SPARE * len(degrees), actions, generator=random, dtype=torch.float64)
+                * torch.pi
+            )
         else:
             angle = (degrees + 0.5) * (torch.pi / (DEGREE + 1))
         points = torch.cos(angle).to(scene.dtype).to(scene.device)
         degrees = degrees.to(scene.device)
-        state = tb.equilibrium(scene, inputs=inputs(points.reshape(-1, *[1] * len(scene.batch_shape), actions)))
+        state = tb.equilibrium(
+            scene, inputs=inputs(points.reshape(-1, *[1] * len(scene.batch_shape), actions))
+        )
         value = state.tip.position if read is None else read(state)
-        return cls(degrees, torch.einsum("tp,p...c->...tc", torch.linalg.pinv(_products(points, degrees)), value))
+        return cls(
+            degrees,
+            torch.einsum("tp,p...c->...tc", torch.linalg.pinv(_products(points, degrees)), value),
+        )
 
     @property
     def actions(self) -> int:
@@ -68,7 +84,9 @@ class Reach:
 
     def slopes(self, share: Tensor, rows: Tensor | slice = slice(None)) -> Tensor:
         """(k, 3, a): derivatives of `tip` by the actions."""
-        return torch.stack([self._sum(_products(share, self.degrees, i), rows) for i in range(self.actions)], -1)
+        return torch.stack(
+            [self._sum(_products(share, self.degrees, i), rows) for i in range(self.actions)], -1
+        )
 
     def _sum(self, products: Tensor, rows: Tensor | slice) -> Tensor:
         c = self.coefficients[rows] if self.coefficients.ndim > 2 else self.coefficients
@@ -79,21 +97,32 @@ def _degrees(actions: int) -> Tensor:
     """(terms, actions), see `Reach`."""
     if actions <= 2:
         return torch.cartesian_prod(*[torch.arange(DEGREE + 1)] * actions).reshape(-1, actions)
-    total = next(n for n in range(DEGREE, -1, -1) if math.comb(n + actions, actions) <= max(TERMS, 1 + actions))
-    chosen = itertools.chain.from_iterable(itertools.combinations_with_replacement(range(actions), n) for n in range(total + 1))
-    return torch.stack([torch.bincount(torch.tensor(term, dtype=torch.long), minlength=actions) for term in chosen])
+    total = next(
+        n
+        for n in range(DEGREE, -1, -1)
+        if math.comb(n + actions, actions) <= max(TERMS, 1 + actions)
+    )
+    chosen = itertools.chain.from_iterable(
+        itertools.combinations_with_replacement(range(actions), n) for n in range(total + 1)
+    )
+    return torch.stack(
+        [torch.bincount(torch.tensor(term, dtype=torch.long), minlength=actions) for term in chosen]
+    )
 
 
 def share_in_ball(unit: np.ndarray, axes: int) -> np.ndarray:
-    """Uniform numbers of [0, 1), `uniform_numbers(axes)` each (k, ...) -> points (k, axes) uniform in the unit ball: [-1, 1],
-    a disc, or one of more axes, whose direction is that of normal numbers.
+    """Uniform numbers of [0, 1), `uniform_numbers(axes)` each (k, ...) -> points (k, axes) uniform
+    in the unit ball: [-1, 1], a disc, or one of more axes, whose direction is that of normal
+    numbers.
     """
     if axes == 1:
         return 2 * unit[:, :1] - 1
     if axes == 2:
         radius, turn = unit.T
         return (np.sqrt(radius) * np.array([np.cos(2 * np.pi * turn), np.sin(2 * np.pi * turn)])).T
-    direction = torch.special.ndtri(torch.from_numpy(unit[:, 1:]).clamp(min=torch.finfo(torch.float64).tiny)).numpy()
+    direction = torch.special.ndtri(
+        torch.from_numpy(unit[:, 1:]).clamp(min=torch.finfo(torch.float64).tiny)
+    ).numpy()
     return unit[:, :1] ** (1 / axes) * direction / np.linalg.norm(direction, axis=1, keepdims=True)
 
 
@@ -108,18 +137,24 @@ def distance(a: Tensor, b: Tensor) -> Tensor:
 
 
 def rounded(d: Tensor, length: float) -> Tensor:
-    """(n,): (sqrt(d^2 + s^2) - s) / (0.1 L) of distances d (n,) m: smooth at 0, about 1 at L / 10."""
+    """(n,): (sqrt(d^2 + s^2) - s) / (0.1 L) of distances d (n,) m: smooth at 0, about 1 at
+    L / 10.
+    """
     soft = SOFT * length
     return ((d.square() + soft**2).sqrt() - soft) / (0.1 * length)
 
 
-Tip = Callable[[Tensor], tuple[Tensor, Tensor]]  # actions (n, a) -> tips (n, 3) m and their derivatives (n, 3, a)
+# actions (n, a) -> tips (n, 3) m and their derivatives (n, 3, a)
+Tip = Callable[[Tensor], tuple[Tensor, Tensor]]
 
 
-def nearest_action(tip: Tip, target: Tensor, action: Tensor, iterations: int, damping: float = 1e-3) -> Tensor:
-    """The action (n, a) within [-1, 1] whose tip is nearest the target (n, 3) m, from one near it: Levenberg's and Marquardt's
-    method, each sample by itself. A step that leads away is not taken but damped more; actions at a bound that would go
-    beyond it stay there. Where several actions do the same, it goes the short way.
+def nearest_action(
+    tip: Tip, target: Tensor, action: Tensor, iterations: int, damping: float = 1e-3
+) -> Tensor:
+    """The action (n, a) within [-1, 1] whose tip is nearest the target (n, 3) m, from one near it:
+    Levenberg's and Marquardt's method, each sample by itself. A step that leads away is not taken
+    but damped more; actions at a bound that would go beyond it stay there. Where several actions do
+    the same, it goes the short way.
     """
     eye = torch.eye(action.shape[-1]).to(action)
     damping = torch.full_like(action[:, :1], damping)
@@ -131,33 +166,51 @@ def nearest_action(tip: Tip, target: Tensor, action: Tensor, iterations: int, da
         own = J * free[:, None]
         H = own.mT @ own
         size = H.diagonal(dim1=-2, dim2=-1).sum(-1, keepdim=True) + torch.finfo(H.dtype).tiny
-        step = torch.linalg.solve(H / size[..., None] + damping[..., None] * eye, pull * free / size)
+        step = torch.linalg.solve(
+            H / size[..., None] + damping[..., None] * eye, pull * free / size
+        )
         trial = (action + step).clamp(-1, 1)
         at_trial, J_trial = tip(trial)
         nearer = distance(at_trial, target) < distance(at, target)
-        action, at = (torch.where(nearer[:, None], new, old) for new, old in ((trial, action), (at_trial, at)))
+        action, at = (
+            torch.where(nearer[:, None], new, old) for new, old in ((trial, action), (at_trial, at))
+        )
         J = torch.where(nearer[:, None, None], J_trial, J)
         damping = damping * torch.where(nearer[:, None], 0.1, 10.0)
     return action
 
 
-def holding_action(scene: tb.Scene, target: Tensor, actions: int, inputs: Callable[[Tensor], dict[str, Tensor]],
-                   iterations: int = 12) -> Tensor:
-    """The action (n, actions) whose equilibrium has its tip nearest the target (n, 3) m: `nearest_action` by `tb.equilibrium`
-    of the scene under inputs(action), as `Task.inputs`.
+def holding_action(
+    scene: tb.Scene,
+    target: Tensor,
+    actions: int,
+    inputs: Callable[[Tensor], dict[str, Tensor]],
+    iterations: int = 12,
+) -> Tensor:
+    """The action (n, actions) whose equilibrium has its tip nearest the target (n, 3) m:
+    `nearest_action` by `tb.equilibrium` of the scene under inputs(action), as `Task.inputs`.
     """
+
     @torch.enable_grad()
     def tip(action: Tensor) -> tuple[Tensor, Tensor]:
         a = action.detach().requires_grad_()
         at = tb.equilibrium(scene, inputs=inputs(a)).tip.position
-        return at.detach(), torch.stack([torch.autograd.grad(at[:, i].sum(), a, retain_graph=True)[0] for i in range(3)], -2)
+        return at.detach(), torch.stack(
+            [torch.autograd.grad(at[:, i].sum(), a, retain_graph=True)[0] for i in range(3)], -2
+        )
 
-    return nearest_action(tip, target, torch.zeros(len(target), actions, dtype=scene.dtype, device=scene.device), iterations)
+    return nearest_action(
+        tip,
+        target,
+        torch.zeros(len(target), actions, dtype=scene.dtype, device=scene.device),
+        iterations,
+    )
 
 
 def _products(x: Tensor, degrees: Tensor, slope: int | None = None) -> Tensor:
-    """Terms (..., terms) at x (..., a) in [-1, 1]^a: products of T_n(x_i), n = degrees (terms, a); or their slopes along one
-    axis: T_{n+1} = 2 x T_n - T_{n-1}, T'_{n+1} = 2 T_n + 2 x T'_n - T'_{n-1}.
+    """Terms (..., terms) at x (..., a) in [-1, 1]^a: products of T_n(x_i), n = degrees (terms, a);
+    or their slopes along one axis: T_{n+1} = 2 x T_n - T_{n-1}, T'_{n+1} = 2 T_n + 2 x
+    T'_n - T'_{n-1}.
     """
     T, rate = [torch.ones_like(x), x], [torch.zeros_like(x), torch.ones_like(x)]
     for _ in range(int(degrees.max()) - 1):

@@ -30,15 +30,19 @@ TIP, PATH = (160, 190, 225), (165, 215, 180)
 
 
 class Renderer:
-    """Draws `count` sub-envs of a task whose usual beam starts with its nodes at `start` (N+1, 3) m: each in two views that
-    hold the beam's main direction (of a beam along x: from above, x-y, and from the side, x-z), or in the one view of a motion
-    in a plane; small enough for 16 of them to be tiled.
+    """Draws `count` sub-envs of a task whose usual beam starts with its nodes at `start` (N+1, 3)
+    m: each in two views that hold the beam's main direction (of a beam along x: from above, x-y,
+    and from the side, x-z), or in the one view of a motion in a plane; small enough for 16 of them
+    to be tiled.
 
-    Shown are the supports, the beam, the way of its tip, the force on it, and what the task's `render_data(now)` names:
-        target  (n, 3) m;  path (n, points, 3) m, on which the target moves;  payload (n,), over the usual one
+    Shown are the supports, the beam, the way of its tip, the force on it, and what the task's
+    `render_data(now)` names:
+        target  (n, 3) m;  path (n, points, 3) m, on which the target moves;  payload (n,), over the
+                usual one
         thrust  (n,), a follower force against the beam's end
-    In the heading: the time, and what the task measures. A beam whose solve failed is red. The part of space that is seen is
-    the task's VIEW, or where it is None the box around the beam unloaded and at the start, and a third of its length more.
+    In the heading: the time, and what the task measures. A beam whose solve failed is red. The part
+    of space that is seen is the task's VIEW, or where it is None the box around the beam unloaded
+    and at the start, and a third of its length more.
 
     Raises ImportError where pygame is not installed.
     """
@@ -54,30 +58,47 @@ class Renderer:
         self.rest = _array(usual.nodes.reshape(-1, *usual.nodes.shape[-2:])[0])
         low, high = _box(np.concatenate((self.rest, _array(start))), task.VIEW, task.length)
         main = int(np.ptp(self.rest, axis=0).argmax())
-        planes = [(0, 1), (0, 2)] if main == 0 else [(0, 2), (1, 2)] if main == 2 else [(0, 1), (2, 1)]
-        self.views = planes if task.plane is None else [tuple("xyz".index(axis) for axis in task.plane)]
+        planes = (
+            [(0, 1), (0, 2)] if main == 0 else [(0, 2), (1, 2)] if main == 2 else [(0, 1), (2, 1)]
+        )
+        self.views = (
+            planes if task.plane is None else [tuple("xyz".index(axis) for axis in task.plane)]
+        )
         wide, tall = (max((high - low)[view[k]] for view in self.views) for k in (0, 1))  # m
         aspect, best = tall / wide, 0.0
         self.tiles = min(count, TILES)
         for columns in range(1, self.tiles + 1):  # the largest views that fit
-            width = min(VIEW, WIDTH / (columns * len(self.views)), HEIGHT / math.ceil(self.tiles / columns) / (aspect + 0.1))
+            width = min(
+                VIEW,
+                WIDTH / (columns * len(self.views)),
+                HEIGHT / math.ceil(self.tiles / columns) / (aspect + 0.1),
+            )
             if width > best:
                 best, self.columns = width, columns
         self.width, self.height = 2 * int(best / 2), 2 * int(best * aspect / 2)
         self.head = 2 * int(max(18, 0.08 * self.width) / 2)
         self.size = (len(self.views) * self.width, self.height + self.head)
         self.scale = FINE * self.width / wide  # px/m
-        self.middle, self.centre = (low + high) / 2, np.array([FINE * self.width / 2, FINE * self.height / 2])
+        self.middle, self.centre = (
+            (low + high) / 2,
+            np.array([FINE * self.width / 2, FINE * self.height / 2]),
+        )
         self.font = pygame.font.Font(None, int(FINE * max(13, 0.75 * self.head)))
-        strongest = [drive.gain.abs().max().item() for drive in task.drives if isinstance(drive, TipForce)]
+        strongest = [
+            drive.gain.abs().max().item() for drive in task.drives if isinstance(drive, TipForce)
+        ]
         self.full = max(strongest, default=1.0)  # N, of the longest arrow
         self.supports = [(s.node, s.rotation != "xyz") for s in task.usual_supports()]
         self.traces: list[list[np.ndarray]] = [[] for _ in range(count)]
         self.window = None
 
     def follow(self, now: Episodes, fresh: Tensor) -> None:
-        """Note where the tips are; the traces of episodes that have just begun, (n,) bool, begin here."""
-        for trace, tip, new in zip(self.traces, _array(now.beam.position[:, -1]), fresh.tolist(), strict=True):
+        """Note where the tips are; the traces of episodes that have just begun, (n,) bool, begin
+        here.
+        """
+        for trace, tip, new in zip(
+            self.traces, _array(now.beam.position[:, -1]), fresh.tolist(), strict=True
+        ):
             if new:
                 trace.clear()
             trace.append(tip)
@@ -85,18 +106,25 @@ class Renderer:
 
     def frames(self, now: Episodes, count: int) -> tuple[np.ndarray, ...]:
         """A picture of each of the first sub-envs: (height, width, 3) uint8."""
-        curves, failed, headings = _array(curve(now.beam, count)), now.failed.tolist(), self._headings(now, count)
+        curves, failed = _array(curve(now.beam, count)), now.failed.tolist()
+        headings = self._headings(now, count)
         force = self.task.tip_force(now)
         data = {**({} if force is None else {"force": force}), **self.task.render_data(now)}
         data = {name: _array(value[:count]) for name, value in data.items()}
         shown = ({name: value[i] for name, value in data.items()} for i in range(count))
-        return tuple(self._frame(*one) for one in zip(curves, self.traces, failed, headings, shown, strict=False))
+        return tuple(
+            self._frame(*one)
+            for one in zip(curves, self.traces, failed, headings, shown, strict=False)
+        )
 
     def tiled(self, now: Episodes) -> np.ndarray:
         """The first 16 in one picture, (height, width, 3) uint8."""
         frames = list(self.frames(now, self.tiles))
         frames += [np.full_like(frames[0], 255)] * (-len(frames) % self.columns)
-        rows = [np.concatenate(frames[k : k + self.columns], 1) for k in range(0, len(frames), self.columns)]
+        rows = [
+            np.concatenate(frames[k : k + self.columns], 1)
+            for k in range(0, len(frames), self.columns)
+        ]
         return np.concatenate(rows, 0)
 
     def show(self, now: Episodes) -> None:
@@ -104,7 +132,10 @@ class Renderer:
         pygame, picture = self.pygame, np.transpose(self.tiled(now), (1, 0, 2))
         if self.window is None:
             pygame.display.init()
-            self.window, self.clock = pygame.display.set_mode(picture.shape[:2]), pygame.time.Clock()
+            self.window, self.clock = (
+                pygame.display.set_mode(picture.shape[:2]),
+                pygame.time.Clock(),
+            )
             pygame.display.set_caption(self.title)
         pygame.event.pump()
         pygame.surfarray.blit_array(self.window, picture)
@@ -118,23 +149,36 @@ class Renderer:
 
     def _headings(self, now: Episodes, count: int) -> list[str]:
         """Time and measures of each sub-env; of as many as there is room for."""
-        texts = [f"{t:.2f} s" for t in (now.steps[:count] * self.task.config.control_interval).tolist()]
+        texts = [
+            f"{t:.2f} s" for t in (now.steps[:count] * self.task.config.control_interval).tolist()
+        ]
         for name, values in now.measures.items():
             if not values.is_floating_point():
                 continue
             unit = self.task.UNITS.get(name, "")
-            longer = [f"{text}   {name} {v:.3f} {unit}" for text, v in zip(texts, values[:count].tolist(), strict=True)]
+            longer = [
+                f"{text}   {name} {v:.3f} {unit}"
+                for text, v in zip(texts, values[:count].tolist(), strict=True)
+            ]
             if all(self.font.size(text)[0] < FINE * (self.size[0] - 10) for text in longer):
                 texts = longer
         return texts
 
-    def _frame(self, line: np.ndarray, trace: list[np.ndarray], failed: bool, heading: str,
-               shown: dict[str, Any]) -> np.ndarray:
+    def _frame(
+        self,
+        line: np.ndarray,
+        trace: list[np.ndarray],
+        failed: bool,
+        heading: str,
+        shown: dict[str, Any],
+    ) -> np.ndarray:
         pygame = self.pygame
         canvas = pygame.Surface([FINE * x for x in self.size])
         canvas.fill(BACK)
         for k, view in enumerate(self.views):
-            area = pygame.Rect(FINE * k * self.width, FINE * self.head, FINE * self.width, FINE * self.height)
+            area = pygame.Rect(
+                FINE * k * self.width, FINE * self.head, FINE * self.width, FINE * self.height
+            )
             self._view(canvas.subsurface(area), list(view), line, trace, failed, shown)
             label = self.font.render("xyz"[view[0]] + "-" + "xyz"[view[1]], True, PALE)
             canvas.blit(label, (area.left + 5 * FINE, area.top + 3 * FINE))
@@ -144,15 +188,27 @@ class Renderer:
         picture = pygame.surfarray.array3d(pygame.transform.smoothscale(canvas, self.size))
         return np.ascontiguousarray(np.transpose(picture, (1, 0, 2)))
 
-    def _view(self, surface: Any, axes: list[int], line: np.ndarray, trace: list[np.ndarray], failed: bool,
-              shown: dict[str, Any]) -> None:
+    def _view(
+        self,
+        surface: Any,
+        axes: list[int],
+        line: np.ndarray,
+        trace: list[np.ndarray],
+        failed: bool,
+        shown: dict[str, Any],
+    ) -> None:
         pygame, unit = self.pygame, FINE * self.width / 240  # px
 
         def at(points: Any) -> np.ndarray:
-            return self.centre + (np.asarray(points) - self.middle)[..., axes] * (self.scale, -self.scale)
+            return self.centre + (np.asarray(points) - self.middle)[..., axes] * (
+                self.scale,
+                -self.scale,
+            )
 
         tip, parts = at(line[-1]), (len(line) - 1) // (len(self.rest) - 1)
-        for a, b in pairwise(at(self.rest[:: len(self.rest) - 1] if self.task.straight else self.rest)):
+        for a, b in pairwise(
+            at(self.rest[:: len(self.rest) - 1] if self.task.straight else self.rest)
+        ):
             self._dashes(surface, a, b)
         if "path" in shown:
             self._stroke(surface, PATH, at(shown["path"]), 0.8 * unit)
@@ -168,16 +224,26 @@ class Renderer:
             along = along / max(np.hypot(*along), 1e-9) * ARROW * self.scale * self.task.length
             self._arrow(surface, INK, tip - along, tip, unit)
         if "payload" in shown:
-            pygame.draw.circle(surface, INK, tip, (2 + 4 * min(1.0, shown["payload"] ** (1 / 3))) * unit)
+            pygame.draw.circle(
+                surface, INK, tip, (2 + 4 * min(1.0, shown["payload"] ** (1 / 3))) * unit
+            )
         if "force" in shown:
-            push = shown["force"][axes] / self.full * (self.scale, -self.scale) * ARROW * self.task.length
+            push = (
+                shown["force"][axes]
+                / self.full
+                * (self.scale, -self.scale)
+                * ARROW
+                * self.task.length
+            )
             self._arrow(surface, FORCE, tip, tip + push, unit)
         if "target" in shown:
             target = at(shown["target"])
             pygame.draw.circle(surface, TARGET, target, 5 * unit, max(1, round(unit)))
             pygame.draw.circle(surface, TARGET, target, 1.2 * unit)
 
-    def _support(self, surface: Any, at: np.ndarray, along: np.ndarray, unit: float, hinge: bool) -> None:
+    def _support(
+        self, surface: Any, at: np.ndarray, along: np.ndarray, unit: float, hinge: bool
+    ) -> None:
         """A wall across the beam, which goes along (2,) px there, or a hinge."""
         pygame = self.pygame
         if hinge:
@@ -189,7 +255,9 @@ class Renderer:
         across = np.array([-along[1], along[0]])
         for k in range(-3, 4):
             start = at + 4 * k * unit * across
-            pygame.draw.line(surface, PALE, start, start + (5 * across - 6 * along) * unit, max(1, round(unit)))
+            pygame.draw.line(
+                surface, PALE, start, start + (5 * across - 6 * along) * unit, max(1, round(unit))
+            )
         half = 14 * unit * across
         pygame.draw.line(surface, INK, at - half, at + half, max(2, round(2 * unit)))
 
@@ -200,7 +268,9 @@ class Renderer:
         for point in points:
             self.pygame.draw.circle(surface, color, point, width / 2)
 
-    def _arrow(self, surface: Any, color: tuple, start: np.ndarray, end: np.ndarray, unit: float) -> None:
+    def _arrow(
+        self, surface: Any, color: tuple, start: np.ndarray, end: np.ndarray, unit: float
+    ) -> None:
         along = end - start
         size = np.hypot(*along)
         if size < 2 * unit:
@@ -209,31 +279,44 @@ class Renderer:
         head, across = min(6 * unit, size), np.array([-along[1], along[0]])
         neck = end - head * along
         self.pygame.draw.line(surface, color, start, neck, max(1, round(1.5 * unit)))
-        self.pygame.draw.polygon(surface, color, [end, neck + head / 2 * across, neck - head / 2 * across])
+        self.pygame.draw.polygon(
+            surface, color, [end, neck + head / 2 * across, neck - head / 2 * across]
+        )
 
     def _dashes(self, surface: Any, start: np.ndarray, end: np.ndarray) -> None:
         for a in np.arange(0, 1, 0.04):
-            self.pygame.draw.line(surface, FRAME, start + a * (end - start), start + (a + 0.02) * (end - start), FINE)
+            self.pygame.draw.line(
+                surface, FRAME, start + a * (end - start), start + (a + 0.02) * (end - start), FINE
+            )
 
 
 def curve(beam: Any, count: int) -> Tensor:
-    """(count, points, 3) m: the axis of the first beams, by Hermite's cubics between the nodes and their tangents."""
+    """(count, points, 3) m: the axis of the first beams, by Hermite's cubics between the nodes and
+    their tangents.
+    """
     p = beam.position[:count].detach()
     R = beam.rotation[:count].detach()
     tangent = (quat.matrix(R) if R.shape[-1] == 4 and R.ndim == 3 else R)[..., 0]
     chord = torch.linalg.vector_norm(p.diff(dim=1), dim=-1)[..., None, None]
     s = torch.linspace(0, 1, PARTS + 1, dtype=p.dtype, device=p.device)[:-1, None]
     a, b, m, n = (x[:, :, None] for x in (p[:, :-1], p[:, 1:], tangent[:, :-1], tangent[:, 1:]))
-    inner = ((1 + 2 * s) * (1 - s) ** 2 * a + s**2 * (3 - 2 * s) * b
-             + chord * (s * (1 - s) ** 2 * m - s**2 * (1 - s) * n))
+    inner = (
+        (1 + 2 * s) * (1 - s) ** 2 * a
+        + s**2 * (3 - 2 * s) * b
+        + chord * (s * (1 - s) ** 2 * m - s**2 * (1 - s) * n)
+    )
     return torch.cat((inner.flatten(1, 2), p[:, -1:]), 1)
 
 
-def _box(nodes: np.ndarray, view: tuple[float, float, float] | None, length: float) -> tuple[np.ndarray, np.ndarray]:
+def _box(
+    nodes: np.ndarray, view: tuple[float, float, float] | None, length: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest corner (3,) m of what is seen."""
     if view is not None:
         left, right, across = view
-        return np.array([left, -across, -across]) * length, np.array([right, across, across]) * length
+        return np.array([left, -across, -across]) * length, np.array(
+            [right, across, across]
+        ) * length
     return nodes.min(0) - length / 3, nodes.max(0) + length / 3
 
 

@@ -1,7 +1,7 @@
 """Sb3VecEnv: the vector environments behind stable-baselines3's interface (extra `rl`).
 
-    env = Sb3VecEnv(gymnasium.make_vec("torchbeam/TipReach-v0", 64, autoreset_mode="SameStep"))
-    stable_baselines3.PPO("MlpPolicy", env).learn(100_000)
+env = Sb3VecEnv(gymnasium.make_vec("torchbeam/TipReach-v0", 64, autoreset_mode="SameStep"))
+stable_baselines3.PPO("MlpPolicy", env).learn(100_000)
 """
 
 from __future__ import annotations
@@ -20,20 +20,29 @@ except ImportError:
 class Sb3VecEnv(VecEnv):
     """A Gymnasium vector env as a stable-baselines3 `VecEnv`: its steps stay one batch.
 
-    The env must reset in the step that ends an episode (autoreset_mode="SameStep") and give numpy. `infos[i]` of such a step
-    holds "terminal_observation" and "TimeLimit.truncated", the others hold what the env says of sub-env i.
+    The env must reset in the step that ends an episode (autoreset_mode="SameStep") and give numpy.
+    `infos[i]` of such a step holds "terminal_observation" and "TimeLimit.truncated", the others
+    hold what the env says of sub-env i.
     """
 
     def __init__(self, env: VectorEnv) -> None:
-        if env.metadata["autoreset_mode"] is not AutoresetMode.SAME_STEP or getattr(env, "output", "numpy") != "numpy":
-            raise ValueError("an env with another autoreset mode or output was given; 'SameStep' and numpy are wanted")
+        if (
+            env.metadata["autoreset_mode"] is not AutoresetMode.SAME_STEP
+            or getattr(env, "output", "numpy") != "numpy"
+        ):
+            raise ValueError(
+                "an env with another autoreset mode or output was given; 'SameStep' and numpy "
+                "are wanted"
+            )
         self.env = env
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
     def reset(self) -> np.ndarray:
         if any(self._options):
-            raise ValueError("options were set for the next reset, which this adapter does not hand on; they go to that of the "
-                             "vector env, env.env.reset(options=...)")
+            raise ValueError(
+                "options were set for the next reset, which this adapter does not hand on; they "
+                "go to that of the vector env, env.env.reset(options=...)"
+            )
         given = any(seed is not None for seed in self._seeds)
         observation, info = self.env.reset(seed=list(self._seeds) if given else None)
         self.reset_infos = self._each(info)
@@ -65,13 +74,20 @@ class Sb3VecEnv(VecEnv):
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         setattr(self.env, attr_name, value)
 
-    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        return [getattr(self.env, method_name)(*args, **kwargs)] * len(list(self._get_indices(indices)))
+    def env_method(
+        self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any
+    ) -> list[Any]:
+        return [getattr(self.env, method_name)(*args, **kwargs)] * len(
+            list(self._get_indices(indices))
+        )
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
         return [False] * len(list(self._get_indices(indices)))
 
 
 def _one(info: dict[str, Any], i: int) -> dict[str, Any]:
-    return {name: _one(value, i) if isinstance(value, dict) else value[i] for name, value in info.items()
-            if not name.startswith("_")}
+    return {
+        name: _one(value, i) if isinstance(value, dict) else value[i]
+        for name, value in info.items()
+        if not name.startswith("_")
+    }

@@ -1,4 +1,6 @@
-"""Sensors of an environment: `torchbeam.sensors` objects with the scales and bounds by which their readings are observed."""
+"""Sensors of an environment: `torchbeam.sensors` objects with the scales and bounds by which their
+readings are observed.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ NORMAL = {"xy": 2, "xz": 1}
 
 
 def turns(rotation: Tensor, plane: str | None) -> tuple[slice, slice]:
-    """Components of rotations and of bending, in section axes rotation (..., N+1, 4): in a plane those about its normal."""
+    """Components of rotations and of bending, in section axes rotation (..., N+1, 4): in a plane
+    those about its normal.
+    """
     if plane is None:
         return slice(0, 3), slice(1, 3)
     axes = quat.matrix(rotation.detach().reshape(-1, *rotation.shape[-2:])[0, -1])
@@ -50,8 +54,9 @@ class SinceStart(Sensor):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class NodeMotions(Sensor):
-    """Of every node but node 0, node by node: displacement (m) since `start`, velocity (m/s), rotation vector (rad) since then
-    and spin (rad/s), both in section axes: (..., 12 N); or the components of them that change in a plane.
+    """Of every node but node 0, node by node: displacement (m) since `start`, velocity (m/s),
+    rotation vector (rad) since then and spin (rad/s), both in section axes: (..., 12 N); or the
+    components of them that change in a plane.
     """
 
     start: tb.State
@@ -63,16 +68,25 @@ class NodeMotions(Sensor):
     def labels(self) -> tuple[str, ...]:
         vector, (turn, _) = PLANES[self.plane], turns(self.start.rotation, self.plane)
         parts = (("displacement", vector), ("velocity", vector), ("rotation", turn), ("spin", turn))
-        return tuple(f"node {i} {what} {axis}" for i in range(1, self.start.position.shape[-2])
-                     for what, part in parts for axis in "xyz"[part])
+        return tuple(
+            f"node {i} {what} {axis}"
+            for i in range(1, self.start.position.shape[-2])
+            for what, part in parts
+            for axis in "xyz"[part]
+        )
 
     def read(self, state: Any) -> Tensor:
         start = self.start
         vector, (turn, _) = PLANES[self.plane], turns(start.rotation, self.plane)
         moved = (state.position - start.position)[..., 1:, vector]
-        turned = quat.logarithm(quat.multiply(quat.conjugate(start.rotation[..., 1:, :]), state.rotation[..., 1:, :]))
+        turned = quat.logarithm(
+            quat.multiply(quat.conjugate(start.rotation[..., 1:, :]), state.rotation[..., 1:, :])
+        )
         turned = turned[..., turn]
-        rates = state.velocity[..., 1:, vector].expand_as(moved), state.spin[..., 1:, turn].expand_as(turned)
+        rates = (
+            state.velocity[..., 1:, vector].expand_as(moved),
+            state.spin[..., 1:, turn].expand_as(turned),
+        )
         return torch.cat((moved, rates[0], turned, rates[1]), -1).flatten(-2)
 
 
@@ -80,9 +94,10 @@ class NodeMotions(Sensor):
 class Observed:
     """A sensor in an observation: reading / scale, clipped to [-high, high].
 
-    sensor  a `torchbeam.sensors` object, or a function of the state that episodes start in that gives one (for what is
-            counted from there)
-    scale   of one unit of the observation, in the sensor's unit: a number, or one for each number of the reading
+    sensor  a `torchbeam.sensors` object, or a function of the state that episodes start in that
+            gives one (for what is counted from there)
+    scale   of one unit of the observation, in the sensor's unit: a number, or one for each number
+            of the reading
     high    bound, likewise
     """
 
@@ -95,12 +110,14 @@ class Observed:
 
 
 class Observer:
-    """Observation of the beam: the readings of `Observed` sensors, in the order given, over their scales.
+    """Observation of the beam: the readings of `Observed` sensors, in the order given, over their
+    scales.
 
     parts  `Observed`, or (`Observed`, kind of each number) with scales that depend on the sub-env
     start  a state that episodes start in, for the sizes
 
-    high   (o,) bounds;  scale (o,), or (num_envs, o) where beams differ;  tip  slice of the tip's displacement since the start
+    high   (o,) bounds;  scale (o,), or (num_envs, o) where beams differ;  tip  slice of the tip's
+           displacement since the start
     within, None where it is not observed
     """
 
@@ -113,12 +130,22 @@ class Observer:
             lead.append(scale.expand(*scale.shape[:-1], size) if scale.ndim else scale.expand(size))
         shape = broadcast_shapes(*(x.shape[:-1] for x in lead))
         self.scale = torch.cat([x.expand(*shape, x.shape[-1]) for x in lead], -1)
-        self.high = np.concatenate([np.broadcast_to(part.high, size) for part, size in zip(self.parts, sizes, strict=True)])
-        if not (np.isfinite(self.high) & (self.high > 0)).all() or not (torch.isfinite(self.scale) & (self.scale > 0)).all():
-            raise ValueError("a scale or a bound of an Observed sensor that is not positive and finite was given")
+        self.high = np.concatenate(
+            [np.broadcast_to(part.high, size) for part, size in zip(self.parts, sizes, strict=True)]
+        )
+        if (
+            not (np.isfinite(self.high) & (self.high > 0)).all()
+            or not (torch.isfinite(self.scale) & (self.scale > 0)).all()
+        ):
+            raise ValueError(
+                "a scale or a bound of an Observed sensor that is not positive and finite was given"
+            )
         self.high = self.high.astype(np.float32)
         places = np.cumsum([0, *sizes]).tolist()
-        self.tip = next((slice(places[i], places[i + 1]) for i, (_, kind) in enumerate(parts) if kind == "tip"), None)
+        self.tip = next(
+            (slice(places[i], places[i + 1]) for i, (_, kind) in enumerate(parts) if kind == "tip"),
+            None,
+        )
         full = next((i for i, (_, kind) in enumerate(parts) if kind == "full"), None)
         if self.tip is None and full is not None:
             nodes = start.position.shape[-2] - 1
@@ -128,27 +155,37 @@ class Observer:
         self._bound: tuple[tb.State | None, bool, Stack | None] = None, False, None
 
     def sensors(self, start: tb.State) -> Stack:
-        """The sensors of episodes that start there: called with a state they give readings (..., o) in their own units."""
+        """The sensors of episodes that start there: called with a state they give readings (..., o)
+        in their own units.
+        """
         graph = torch.is_grad_enabled()
-        if self._bound[0] is not start or (graph and not self._bound[1]):  # what was bound without a graph has none
+        # what was bound without a graph has none
+        if self._bound[0] is not start or (graph and not self._bound[1]):
             self._bound = start, graph, Stack([part.at(start) for part in self.parts])
         return self._bound[2]
 
     def read(self, beam: tb.State, start: tb.State, scale: Tensor | None = None) -> Tensor:
-        """(n, o): beam and start with the batch (n,); scale: the rows of `self.scale` that belong to them."""
+        """(n, o): beam and start with the batch (n,); scale: the rows of `self.scale` that belong
+        to them.
+        """
         return self.sensors(start)(beam) / (self.scale if scale is None else scale)
 
 
-def observed_parts(names: Sequence[str | Observed], beam: tb.Beam, plane: str | None, length: float, omega: Tensor
-                   ) -> list[tuple[Observed, str]]:
-    """`Observed` sensors, and their kinds, of the names that a configuration gives; d = 3 components, or the 2 of `plane`.
+def observed_parts(
+    names: Sequence[str | Observed], beam: tb.Beam, plane: str | None, length: float, omega: Tensor
+) -> list[tuple[Observed, str]]:
+    """`Observed` sensors, and their kinds, of the names that a configuration gives; d = 3
+    components, or the 2 of `plane`.
 
-    tip     displacement of the tip since the start (d), over the length L; its velocity (d), over L omega
+    tip     displacement of the tip since the start (d), over the length L; its velocity (d), over L
+            omega
     middle  the same of node elements // 2
-    gauges  bending curvature (about y and z; in a plane about its normal) of the first element and of element
-            elements // 2, since the start, times L: a strain gauge's reading is that over L, times its distance from the axis
-    full    of every node but the clamped one, node by node: displacement (d) and velocity (d) as above, rotation vector since
-            the start in section axes (3, or 1 in a plane), spin (likewise) over omega
+    gauges  bending curvature (about y and z; in a plane about its normal) of the first element and
+            of element elements // 2, since the start, times L: a strain gauge's reading is that
+            over L, times its distance from the axis
+    full    of every node but the clamped one, node by node: displacement (d) and velocity (d) as
+            above, rotation vector since the start in section axes (3, or 1 in a plane), spin
+            (likewise) over omega
 
     beam, length (m), omega (rad/s; (1,) or (num_envs, 1)): of the usual beam.
     """
@@ -159,8 +196,18 @@ def observed_parts(names: Sequence[str | Observed], beam: tb.Beam, plane: str | 
     def point(node: int, kind: str) -> list[tuple[Observed, str]]:
         def displacement(start: tb.State) -> Sensor:
             return _part(NodePosition(node, reference=start), vector)
-        return [(Observed(displacement, length, HIGH["displacement"]), kind),
-                (Observed(_part(NodeVelocity(node), vector), speed.expand(*speed.shape[:-1], d), HIGH["velocity"]), "")]
+
+        return [
+            (Observed(displacement, length, HIGH["displacement"]), kind),
+            (
+                Observed(
+                    _part(NodeVelocity(node), vector),
+                    speed.expand(*speed.shape[:-1], d),
+                    HIGH["velocity"],
+                ),
+                "",
+            ),
+        ]
 
     def gauge(element: int) -> tuple[Observed, str]:
         sensor = Curvature(beam=beam, element=element)[bending]
@@ -176,8 +223,12 @@ def observed_parts(names: Sequence[str | Observed], beam: tb.Beam, plane: str | 
             parts += [gauge(0), gauge(beam.station_count // 2)]
         else:
             each = [*d * ["displacement"], *d * ["velocity"], *r * ["rotation"], *r * ["spin"]]
-            units = {"displacement": torch.full_like(omega, length), "velocity": speed, "rotation": torch.ones_like(omega),
-                     "spin": omega}
+            units = {
+                "displacement": torch.full_like(omega, length),
+                "velocity": speed,
+                "rotation": torch.ones_like(omega),
+                "spin": omega,
+            }
             scale = torch.cat(beam.station_count * [units[kind] for kind in each], -1)
             high = beam.station_count * [HIGH[kind] for kind in each]
             parts.append((Observed(lambda start: NodeMotions(start, plane), scale, high), "full"))
@@ -185,17 +236,22 @@ def observed_parts(names: Sequence[str | Observed], beam: tb.Beam, plane: str | 
 
 
 def check_names(sensors: Any, form: str) -> tuple[str | Observed, ...]:
-    """The sensors of a configuration as a tuple. ValueError for an unknown name, or for gauges and full with a form other than
-    "nodal".
+    """The sensors of a configuration as a tuple. ValueError for an unknown name, or for gauges and
+    full with a form other than "nodal".
     """
     given = (sensors,) if isinstance(sensors, (str, Observed)) else sensors
     names = tuple(given) if isinstance(given, Sequence) else ()
     words = [s for s in names if not isinstance(s, Observed)]
     if not names or any(s not in NAMES for s in words) or len(set(words)) < len(words):
-        raise ValueError(f"sensors = {sensors!r} was given; one or more of {', '.join(map(repr, NAMES))} or Observed sensors "
-                         "are wanted")
+        raise ValueError(
+            f"sensors = {sensors!r} was given; one or more of {', '.join(map(repr, NAMES))} or "
+            "Observed sensors are wanted"
+        )
     if form != "nodal" and set(words) & {"gauges", "full"}:
-        raise ValueError(f"sensors = {sensors!r} with form = {form!r} was given; that form has 'tip' and 'middle'")
+        raise ValueError(
+            f"sensors = {sensors!r} with form = {form!r} was given; that form has 'tip' and "
+            "'middle'"
+        )
     return names
 
 

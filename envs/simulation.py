@@ -1,4 +1,6 @@
-"""Simulation: episodes of a task begun and advanced as one batch. Tensors in, tensors out; nothing is written in place."""
+"""Simulation: episodes of a task begun and advanced as one batch. Tensors in, tensors out; nothing
+is written in place.
+"""
 
 from __future__ import annotations
 
@@ -24,19 +26,24 @@ from .task import Task
 class Simulation:
     """`count` episodes of a task.
 
-    plant     of the usual parameters;  rest  the states that its episodes start from: in equilibrium, and the same with what
-              the method remembers of a step without action
-    observer  what is seen of the beam;  high (o,) bounds of whole observations: target, sensors, actions still to act
-    known     the parameters that there are;  ranges  name -> (low, high) of those drawn at each reset
-    varying   names of the parameters that have a value for each sub-env; grows when a reset is given values for others
+    plant     of the usual parameters;  rest  the states that its episodes start from: in
+              equilibrium, and the same with what the method remembers of a step without action
+    observer  what is seen of the beam;  high (o,) bounds of whole observations: target, sensors,
+              actions still to act
+    known     the parameters that there are;  ranges  name -> (low, high) of those drawn at each
+              reset
+    varying   names of the parameters that have a value for each sub-env; grows when a reset is
+              given values for others
     """
 
     def __init__(self, task: Task, count: int) -> None:
         self.task, self.count = task, count
         c = self.config = task.config
         if task.usual.batch_shape not in ((), (count,)):
-            raise ValueError(f"a beam or section with the batch axes {tuple(task.usual.batch_shape)} was given for {count} "
-                             "sub-envs; none, or one of that many, are wanted")
+            raise ValueError(
+                f"a beam or section with the batch axes {tuple(task.usual.batch_shape)} was given "
+                f"for {count} sub-envs; none, or one of that many, are wanted"
+            )
         self.varying: set[str] = set()
         self.known = Parameters(task.parameters() if c.form == "nodal" else {})
         self.members = torch.arange(count, device=task.device)
@@ -46,13 +53,17 @@ class Simulation:
         self.varying |= set(self.ranges)
         task.prepare(self.plant)
         self.observer = Observer(task.observed(), self.rest[0])
-        high = np.concatenate((task.target_high(), self.observer.high, np.ones(c.delay * task.actions)))
+        high = np.concatenate(
+            (task.target_high(), self.observer.high, np.ones(c.delay * task.actions))
+        )
         self.high = torch.as_tensor(high.astype(np.float32), dtype=task.dtype, device=task.device)
         self.low = -self.high
 
-    def advance(self, before: Episodes, action: Tensor, active: Tensor | None) -> tuple[Episodes, Tensor, Tensor | None]:
-        """The active (n,) episodes (None = all, of which none is over) one control interval later: (episodes, reward (n,),
-        failed (n,) bool, None = none has).
+    def advance(
+        self, before: Episodes, action: Tensor, active: Tensor | None
+    ) -> tuple[Episodes, Tensor, Tensor | None]:
+        """The active (n,) episodes (None = all, of which none is over) one control interval later:
+        (episodes, reward (n,), failed (n,) bool, None = none has).
         """
         beam, acting, pending, everyone = before.beam, before.acting, before.pending, active is None
         if everyone or active.any():
@@ -60,19 +71,26 @@ class Simulation:
             if self.config.delay:
                 queue = torch.cat((pending, action[:, None]), 1)
                 now, waiting = queue[:, 0], queue[:, 1:]
-            beam = before.plant.advance(beam, self.config.substeps, active, self.task.inputs(now, before))
+            beam = before.plant.advance(
+                beam, self.config.substeps, active, self.task.inputs(now, before)
+            )
             if everyone:
                 acting, pending = now, waiting
             else:
                 acting = torch.where(active[:, None], now, acting)
                 pending = torch.where(active[:, None, None], waiting, pending)
         steps = before.steps + (1 if everyone else active)
-        after = self._told(with_values(before, beam=beam, acting=acting, pending=pending, steps=steps))
+        after = self._told(
+            with_values(before, beam=beam, acting=acting, pending=pending, steps=steps)
+        )
         observation = self._observation(after)
-        reward = -torch.add(self.task.cost(after), action.square().sum(-1), alpha=self.config.control_cost)
+        reward = -torch.add(
+            self.task.cost(after), action.square().sum(-1), alpha=self.config.control_cost
+        )
         over, limit = self.task.task_failed(after), self.config.max_episode_steps
         late = None if limit is None else steps >= limit
-        well = not (after.beam.status.any() or isnan(observation.sum().item()))  # what is infinite has been clipped
+        # what is infinite has been clipped
+        well = not (after.beam.status.any() or isnan(observation.sum().item()))
         if everyone and well and (over is None or not over.any()):
             truncated = before.truncated if late is None else late
             return with_values(after, observation=observation, truncated=truncated), reward, None
@@ -85,31 +103,65 @@ class Simulation:
         terminated, truncated = before.terminated | ended, before.truncated
         if late is not None:
             truncated = truncated | (good & late & ~terminated)
-        return with_values(after, observation=observation, terminated=terminated, truncated=truncated), reward, failed
+        return (
+            with_values(after, observation=observation, terminated=terminated, truncated=truncated),
+            reward,
+            failed,
+        )
 
-    def renew(self, episodes: Episodes | None, mask: Tensor, streams: list[np.random.Generator],
-              params: dict[str, Tensor] | None = None, goal: Tensor | None = None) -> Episodes:
-        """The episodes with those in the mask (n,) started afresh: built and solved for these alone, then put in their rows.
+    def renew(
+        self,
+        episodes: Episodes | None,
+        mask: Tensor,
+        streams: list[np.random.Generator],
+        params: dict[str, Tensor] | None = None,
+        goal: Tensor | None = None,
+    ) -> Episodes:
+        """The episodes with those in the mask (n,) started afresh: built and solved for these
+        alone, then put in their rows.
 
-        streams  a generator for each sub-env;  params  name -> (n,);  goal (n, g), instead of the one that is drawn
+        streams  a generator for each sub-env;  params  name -> (n,);  goal (n, g), instead of the
+                 one that is drawn
         """
         episodes = self._with_room(episodes, set(params or {}))
         rows = mask.nonzero()[:, 0]
         own = [streams[i] for i in rows.tolist()]
-        drawn = self.task.sample_goal(own, rows)  # first: neither parameters nor noise change the goals
+        # first: neither parameters nor noise change the goals
+        drawn = self.task.sample_goal(own, rows)
         goal = drawn if goal is None else goal[rows]
-        values = {name: [stream.uniform(*self.ranges[name]) for stream in own] for name in self.ranges}
-        values = {name: torch.tensor(each, dtype=self.task.dtype, device=self.task.device) for name, each in values.items()}
+        values = {
+            name: [stream.uniform(*self.ranges[name]) for stream in own] for name in self.ranges
+        }
+        values = {
+            name: torch.tensor(each, dtype=self.task.dtype, device=self.task.device)
+            for name, each in values.items()
+        }
         values |= {name: given[rows] for name, given in (params or {}).items()}
         plant = self._plant(values, rows) if self.varying else self.plant
         start, first = self._at_rest(plant, rows)
         beam = self.task.initial_state(start, goal)
         beam = first if beam is start else self._begun(plant, beam)
-        key = torch.tensor([int(s.integers(2**63)) for s in own] if self.config.noise else [0] * len(rows), device=rows.device)
+        key = torch.tensor(
+            [int(s.integers(2**63)) for s in own] if self.config.noise else [0] * len(rows),
+            device=rows.device,
+        )
         zero = torch.zeros(len(rows), dtype=torch.long, device=rows.device)
         idle = self.high.new_zeros(len(rows), self.task.actions)
-        now = Episodes(plant, rows, start, beam, goal, key, idle, idle[:, None].expand(-1, self.config.delay, -1),
-                       zero, zero.bool(), zero.bool(), idle, measures={})
+        now = Episodes(
+            plant,
+            rows,
+            start,
+            beam,
+            goal,
+            key,
+            idle,
+            idle[:, None].expand(-1, self.config.delay, -1),
+            zero,
+            zero.bool(),
+            zero.bool(),
+            idle,
+            measures={},
+        )
         now = self._told(now)
         now = replace(now, observation=self._observation(now))
         if len(rows) == self.count:
@@ -130,20 +182,32 @@ class Simulation:
     def _observation(self, now: Episodes) -> Tensor:
         seen = self.observer.read(now.beam, now.start, self.task.of(now, self.observer.scale))
         if self.config.noise:
-            seen = seen + self.config.noise * normal(now.key, now.steps, seen.shape[-1], self.task.dtype)
+            seen = seen + self.config.noise * normal(
+                now.key, now.steps, seen.shape[-1], self.task.dtype
+            )
         tip = None if self.observer.tip is None else seen[:, self.observer.tip]
         parts = self.task.target_observation(now, tip), seen
         whole = torch.cat((*parts, now.pending.flatten(1)) if self.config.delay else parts, -1)
         return whole.clamp(self.low, self.high)
 
     def _plant(self, values: dict[str, Tensor], rows: Tensor) -> Plant:
-        """Of the sub-envs rows (k,), with values (k,) of parameters; those that vary and are not given have their usual one."""
+        """Of the sub-envs rows (k,), with values (k,) of parameters; those that vary and are not
+        given have their usual one.
+        """
         c, task = self.config, self.task
-        params = {name: torch.tensor(p.value, dtype=task.dtype, device=task.device) for name, p in task.parameters().items()}
+        params = {
+            name: torch.tensor(p.value, dtype=task.dtype, device=task.device)
+            for name, p in task.parameters().items()
+        }
         params |= {name: params[name].expand(len(rows)) for name in self.varying}
         params |= values
         scene = task.scene(params, rows, self.varying)
-        return Plant(params, stepper(scene, c.control_interval / c.substeps, c.form, c.method, c.solver or {}, c.engine))
+        return Plant(
+            params,
+            stepper(
+                scene, c.control_interval / c.substeps, c.form, c.method, c.solver or {}, c.engine
+            ),
+        )
 
     def _at_rest(self, plant: Plant, rows: Tensor) -> tuple[tb.State, tb.State]:
         if plant is not self.plant:
@@ -151,7 +215,9 @@ class Simulation:
         return self.rest if len(rows) == self.count else tuple(state[rows] for state in self.rest)
 
     def _settled(self, plant: Plant, count: int) -> tuple[tb.State, tb.State]:
-        """The beam in equilibrium without action, and the same with what the method remembers of a step without action."""
+        """The beam in equilibrium without action, and the same with what the method remembers of a
+        step without action.
+        """
         idle = self._idle(plant, count)
         if not self.task.settles:
             start = plant.stepper.rest((count,))
@@ -166,8 +232,10 @@ class Simulation:
 
     def _idle(self, plant: Plant, count: int) -> dict[str, Tensor]:
         """The scene's inputs without action."""
-        return {name: torch.zeros(count, size, dtype=self.task.dtype, device=self.task.device)
-                for name, size in plant.scene.inputs.items()}
+        return {
+            name: torch.zeros(count, size, dtype=self.task.dtype, device=self.task.device)
+            for name, size in plant.scene.inputs.items()
+        }
 
     def _with_room(self, episodes: Episodes | None, names: set[str]) -> Episodes | None:
         """The episodes with room for values of these parameters in their plants."""
@@ -185,12 +253,19 @@ class Simulation:
             try:
                 goal = torch.as_tensor(goal, dtype=self.task.dtype, device=self.task.device)
             except (TypeError, ValueError, RuntimeError):
-                raise ValueError(f"goal = {goal!r} was given; numbers of shape {shape} or {shape[1:]} are wanted") from None
+                raise ValueError(
+                    f"goal = {goal!r} was given; numbers of shape {shape} or {shape[1:]} are wanted"
+                ) from None
             if goal.shape not in (shape[1:], shape) or not torch.isfinite(goal).all():
-                raise ValueError(f"a goal of shape {tuple(goal.shape)} was given; finite {shape} or {shape[1:]} is wanted")
+                raise ValueError(
+                    f"a goal of shape {tuple(goal.shape)} was given; finite {shape} or "
+                    f"{shape[1:]} is wanted"
+                )
             goal = goal.expand(shape)
         return {"params": params, "goal": goal}
 
     def parameters_of(self, now: Episodes) -> dict[str, Tensor]:
         """name -> (n,), of those that vary."""
-        return {name: now.plant.params[name].expand(len(now.steps)) for name in sorted(self.varying)}
+        return {
+            name: now.plant.params[name].expand(len(now.steps)) for name in sorted(self.varying)
+        }

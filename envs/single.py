@@ -16,7 +16,9 @@ MANY = ("num_envs", "autoreset_mode", "output")  # arguments of a vector env alo
 
 
 class SingleEnv(gymnasium.Env):
-    """One member of the class attribute `vector`; takes its arguments, but num_envs, autoreset_mode and output."""
+    """One member of the class attribute `vector`; takes its arguments, but num_envs, autoreset_mode
+    and output.
+    """
 
     vector: ClassVar[type[BeamVectorEnv]]
     metadata = BeamVectorEnv.metadata
@@ -25,25 +27,54 @@ class SingleEnv(gymnasium.Env):
         """help() and editors show the keywords of `vector`."""
         super().__init_subclass__(**kwargs)
         theirs = inspect.signature(cls.vector)
-        cls.__signature__ = theirs.replace(parameters=[p for name, p in theirs.parameters.items() if name not in MANY])
+        cls.__signature__ = theirs.replace(
+            parameters=[p for name, p in theirs.parameters.items() if name not in MANY]
+        )
 
-    def __init__(self, *, render_mode: str | None = None, max_episode_steps: int | None = None, **arguments: Any) -> None:
+    def __init__(
+        self,
+        *,
+        render_mode: str | None = None,
+        max_episode_steps: int | None = None,
+        **arguments: Any,
+    ) -> None:
         for name in MANY:
             if name in arguments:
-                raise ValueError(f"{name} was given; a single env has none, {self.vector.__name__} does")
-        self.one = self.vector(1, max_episode_steps=max_episode_steps, render_mode=render_mode,
-                               autoreset_mode=AutoresetMode.DISABLED, **arguments)
+                raise ValueError(
+                    f"{name} was given; a single env has none, {self.vector.__name__} does"
+                )
+        self.one = self.vector(
+            1,
+            max_episode_steps=max_episode_steps,
+            render_mode=render_mode,
+            autoreset_mode=AutoresetMode.DISABLED,
+            **arguments,
+        )
         self.render_mode, self.metadata = render_mode, self.one.metadata
-        self.observation_space, self.action_space = self.one.single_observation_space, self.one.single_action_space
+        self.observation_space, self.action_space = (
+            self.one.single_observation_space,
+            self.one.single_action_space,
+        )
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
-        observation, info = self.one.reset(seed=seed, options=options)  # says so where the seed is none
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict]:
+        # says so where the seed is none
+        observation, info = self.one.reset(seed=seed, options=options)
         super().reset(seed=seed)
         return observation[0], _first(info)
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict]:
-        observation, reward, terminated, truncated, info, _ = self.one.stepped(np.asarray(action)[None])
-        return converted(observation[0], "numpy"), reward.item(), terminated.item(), truncated.item(), _first(info)
+        observation, reward, terminated, truncated, info, _ = self.one.stepped(
+            np.asarray(action)[None]
+        )
+        return (
+            converted(observation[0], "numpy"),
+            reward.item(),
+            terminated.item(),
+            truncated.item(),
+            _first(info),
+        )
 
     def render(self) -> np.ndarray | None:
         frames = self.one.render()
@@ -67,4 +98,7 @@ class SingleEnv(gymnasium.Env):
 
 def _first(info: dict) -> dict:
     values = {name: value for name, value in info.items() if not name.startswith("_")}
-    return {name: _first(value) if isinstance(value, dict) else value.item() for name, value in values.items()}
+    return {
+        name: _first(value) if isinstance(value, dict) else value.item()
+        for name, value in values.items()
+    }

@@ -26,7 +26,9 @@ from .task import Task
 
 @dataclass(frozen=True, kw_only=True)
 class SlewConfig(BeamEnvConfig):
-    """angle (rad), torque (N m), inertia (kg m^2) of the hub: see `SlewVectorEnv`; the rest as in `BeamEnvConfig`."""
+    """angle (rad), torque (N m), inertia (kg m^2) of the hub: see `SlewVectorEnv`; the rest as in
+    `BeamEnvConfig`.
+    """
 
     angle: float = math.pi / 2
     torque: float = 1.0
@@ -40,7 +42,9 @@ class SlewConfig(BeamEnvConfig):
         self.check_numbers("angle", above=0.0, most=math.pi / 2)
         self.check_numbers("torque", "inertia", above=0.0)
         if self.gravity is not None or self.form != "nodal":
-            raise ValueError("gravity or another form was given; Slew is without gravity and in the form 'nodal'")
+            raise ValueError(
+                "gravity or another form was given; Slew is without gravity and in the form 'nodal'"
+            )
 
 
 class Slew(Task):
@@ -57,18 +61,26 @@ class Slew(Task):
         return {"inertia": Parameter(inertia, inertia / 2, 1.5 * inertia), **super().parameters()}
 
     def supports(self) -> Any:
-        return (tb.Support(0, position="xyz", rotation="xy"),) if self.config.supports is None else self.config.supports
+        return (
+            (tb.Support(0, position="xyz", rotation="xy"),)
+            if self.config.supports is None
+            else self.config.supports
+        )
 
     def actuators(self) -> tuple[Actuator, ...]:
-        hub = Actuator(tb.PointLoad(0, moment=tb.Input("torque", 3)), [[0.0, 0.0, self.config.torque]])
+        hub = Actuator(
+            tb.PointLoad(0, moment=tb.Input("torque", 3)), [[0.0, 0.0, self.config.torque]]
+        )
         across = torch.eye(3, dtype=self.dtype, device=self.device)[self.axes]
         return (hub, TipForce(gain=self.force[:, None] * across, follower=True))
 
     def effects(self, params: dict[str, Tensor]) -> tuple:
         none, frames = torch.zeros_like(params["inertia"]), self.usual.frames
-        flat = torch.stack((params["inertia"] / 2, params["inertia"] / 2, params["inertia"]), -1)  # a disc, turned about z
+        # a disc, turned about z
+        flat = torch.stack((params["inertia"] / 2, params["inertia"] / 2, params["inertia"]), -1)
         R = quat.matrix(frames.reshape(-1, *frames.shape[-2:])[0, 0])
-        return (tb.PointMass(none, inertia=R.mT @ torch.diag_embed(flat) @ R, node=0),)  # in section axes
+        # in section axes
+        return (tb.PointMass(none, inertia=R.mT @ torch.diag_embed(flat) @ R, node=0),)
 
     def sample_goal(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
         """(k, 1) rad: the angles."""
@@ -95,7 +107,8 @@ class Slew(Task):
         return rounded(now.measures["distance"], self.length)
 
     def measures(self, now: Episodes) -> dict[str, Tensor]:
-        turned = quat.multiply(now.beam.rotation[:, 0], quat.conjugate(now.start.rotation[:, 0]))  # in frame a
+        # in frame a
+        turned = quat.multiply(now.beam.rotation[:, 0], quat.conjugate(now.start.rotation[:, 0]))
         angle = now.goal[:, 0] - quat.logarithm(turned)[:, 2]  # to go, in (-3 pi / 2, 3 pi / 2]
         return {"distance": distance(now.target[:, 0], now.beam.position[:, -1]), "angle": angle}
 
@@ -110,14 +123,15 @@ class SlewVectorEnv(BeamVectorEnv):
     """`num_envs` flexible arms on hubs that turn, stepped as one batch.
 
     ## Description
-    A strip of aluminium (1.5 m of 3 mm x 10 mm flat bar) is held at one end by a hub that turns freely about the vertical z
-    axis and has inertia: J d(spin)/dt = torque + root moment of the strip. A torque on the hub and a small force across
-    the tip, which turns with it, are to turn the arm by an angle, with its tip at rest at the end: the strip's first frequency
-    on a held hub is 1.1 Hz, and an episode lasts 2 s. No gravity (it acts along the axis).
+    A strip of aluminium (1.5 m of 3 mm x 10 mm flat bar) is held at one end by a hub that turns
+    freely about the vertical z axis and has inertia: J d(spin)/dt = torque + root moment of the
+    strip. A torque on the hub and a small force across the tip, which turns with it, are to turn
+    the arm by an angle, with its tip at rest at the end: the strip's first frequency on a held hub
+    is 1.1 Hz, and an episode lasts 2 s. No gravity (it acts along the axis).
 
     ## Action space
-    `Box(-1, 1, (3,), float32)`, held over an interval, `delay` intervals later. Values outside are clipped; a row that is not
-    finite counts as zeros.
+    `Box(-1, 1, (3,), float32)`, held over an interval, `delay` intervals later. Values outside are
+    clipped; a row that is not finite counts as zeros.
 
     | index | action | at 1 |
     |---|---|---|
@@ -126,8 +140,8 @@ class SlewVectorEnv(BeamVectorEnv):
     | 2 | tip force along the section's z | force[1] = 0.3 N |
 
     ## Observation space
-    `Box(-high, high, (17 + 3 delay,), float32)`: lengths over the length L, rates over the first frequency omega of the strip
-    on a held hub.
+    `Box(-high, high, (17 + 3 delay,), float32)`: lengths over the length L, rates over the first
+    frequency omega of the strip on a held hub.
 
     | index | observation | high |
     |---|---|---|
@@ -138,21 +152,24 @@ class SlewVectorEnv(BeamVectorEnv):
     | then 3 delay | actions that are still to act, the next one first | 1 |
 
     ## Reward
-    Per control interval, with d the distance from the tip to where the straight arm at the target angle has it:
+    Per control interval, with d the distance from the tip to where the straight arm at the target
+    angle has it:
         - (sqrt(d^2 + s^2) - s) / (0.1 L) - control_cost |a|^2,   s = L / 1000
 
     ## Starting state
-    Straight along x, at rest. The angle is drawn uniformly from [-angle, angle], from the sub-env's own generator.
+    Straight along x, at rest. The angle is drawn uniformly from [-angle, angle], from the sub-env's
+    own generator.
 
     ## Episode end
     As in TipReach, after 100 steps.
 
     ## Information
-    `distance` (m) of the tip from its target, `angle` (rad) to go, `solver_failed`, `action_invalid`; masks as in TipReach.
+    `distance` (m) of the tip from its target, `angle` (rad) to go, `solver_failed`,
+    `action_invalid`; masks as in TipReach.
 
     ## Arguments
-    Those of `BeamEnvConfig` (see `envs/config.py`), with its defaults but no gravity, force = (0.3, 0.3) and
-    max_episode_steps = 100, and
+    Those of `BeamEnvConfig` (see `envs/config.py`), with its defaults but no gravity,
+    force = (0.3, 0.3) and max_episode_steps = 100, and
     angle    rad, pi / 2: of the largest turn, up to pi / 2
     torque   N m, 1
     inertia  kg m^2, 0.05: of the hub about z (the strip's own about the hub is 0.091)
@@ -160,8 +177,8 @@ class SlewVectorEnv(BeamVectorEnv):
     "torchbeam/SlewPlanar-v0" is this with planar=True: the horizontal plane, two actions.
 
     ## Parameters
-    inertia (half to one and a half times the usual, kg m^2), and those of TipReach but offset. The goal, for
-    options={"goal": ...}, is the angle (rad).
+    inertia (half to one and a half times the usual, kg m^2), and those of TipReach but offset. The
+    goal, for options={"goal": ...}, is the angle (rad).
 
     ## Version history
     v0: first version.
@@ -173,7 +190,8 @@ class SlewVectorEnv(BeamVectorEnv):
 class SlewEnv(SingleEnv):
     """One flexible arm to turn: `SlewVectorEnv` with one member, see there for everything.
 
-    `gymnasium.make` ends the episode after 100 steps (`max_episode_steps` there); made directly, it does not end by itself.
+    `gymnasium.make` ends the episode after 100 steps (`max_episode_steps` there); made directly, it
+    does not end by itself.
     """
 
     vector = SlewVectorEnv

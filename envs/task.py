@@ -1,4 +1,6 @@
-"""Task: beam, actuators, goals, observations, rewards and ends of episodes. Derive from it: docs/own_environment.md."""
+"""Task: beam, actuators, goals, observations, rewards and ends of episodes. Derive from it:
+docs/own_environment.md.
+"""
 
 from __future__ import annotations
 
@@ -25,26 +27,34 @@ ALIGNED = 1e-6  # sine of the angle within which an axis counts as lying in a pl
 
 
 class Task:
-    """A beam and what is wanted of it: how it is held and actuated, where episodes start, what is seen and what it costs.
+    """A beam and what is wanted of it: how it is held and actuated, where episodes start, what is
+    seen and what it costs.
 
-    A task knows nothing of Gymnasium, of random streams' bookkeeping or of pictures: `BeamVectorEnv` puts it together with
-    these. It is made of its configuration alone and keeps no episodes; `now` is an `Episodes`, n its sub-envs.
+    A task knows nothing of Gymnasium, of random streams' bookkeeping or of pictures:
+    `BeamVectorEnv` puts it together with these. It is made of its configuration alone and keeps no
+    episodes; `now` is an `Episodes`, n its sub-envs.
 
     To be defined, or left as it is here
         Config                      dataclass of its keywords, derived from `BeamEnvConfig`
         GOAL, PREVIEW               numbers in a goal; intervals by which the target is known ahead
         parameters()                name -> `Parameter`, what may change with the episode
         beam(), supports()          by default those of the configuration
-        actuators()                 what the actions drive; their number is the size of the action space
-        effects(params)             loads of the scene, beside damping, gravity and those of the actuators
+        actuators()                 what the actions drive; their number is the size of the action
+                                    space
+        effects(params)             loads of the scene, beside damping, gravity and those of the
+                                    actuators
         prepare(plant)              called once, with the plant of the usual parameters
-        sample_goal(streams, rows)  (k, GOAL): of fresh episodes of the sub-envs rows (k,), each from its own generator
+        sample_goal(streams, rows)  (k, GOAL): of fresh episodes of the sub-envs rows (k,), each
+                                    from its own generator
         initial_state(beam, goal)   the state that episodes start in, of the beam at rest
-        target(now, ahead)          (n, ahead + 1, 3) m: where the tip is to be, now and at the ends of the next intervals; None
+        target(now, ahead)          (n, ahead + 1, 3) m: where the tip is to be, now and at the ends
+                                    of the next intervals; None
         target_high()               bounds of `target_observation`
-        target_observation(now, tip)  what is seen beside the sensors, (n, its size); tip: its displacement as it is observed
+        target_observation(now, tip)  what is seen beside the sensors, (n, its size); tip: its
+                                      displacement as it is observed
         cost(now)                   (n,), of an interval, at its end
-        task_failed(now)            (n,) bool, or None: whether nothing is left to do; it costs what a failed solve does
+        task_failed(now)            (n,) bool, or None: whether nothing is left to do; it costs what
+                                    a failed solve does
         measures(now)               what goes into `info`, name -> (n,)
         tracking_error(now)         what proportional and derivative feedback acts on
         render_data(now)            what a picture shows beside the beam: see `envs/rendering.py`
@@ -53,9 +63,10 @@ class Task:
         config, dtype, device
         plane            "xy", "xz" or None;  vector  the components of a vector that change in it
         usual            the `torchbeam.Beam` at its usual parameters, of elements and length (m)
-        axes, lateral    of the tip section, those across it that motion is along: 1 for y, 2 for z; and unit vectors along them
-                         at rest (1 or 2, 3), frame a
-        omega, speed     rad/s, and length * omega (m/s), by which rates are scaled: (1,) or (num_envs, 1)
+        axes, lateral    of the tip section, those across it that motion is along: 1 for y, 2 for z;
+                         and unit vectors along them at rest (1 or 2, 3), frame a
+        omega, speed     rad/s, and length * omega (m/s), by which rates are scaled: (1,) or
+                         (num_envs, 1)
         drives, actions  the actuators, and how many actions they take
     """
 
@@ -64,7 +75,8 @@ class Task:
     GOAL: ClassVar[int] = 0
     PREVIEW: ClassVar[int] = 0
     HOLDS: ClassVar[bool] = True  # whether a constant action holds a target
-    VIEW: ClassVar[tuple[float, float, float] | None] = None  # of a picture, in lengths: x from, to; half its height
+    # of a picture, in lengths: x from, to; half its height
+    VIEW: ClassVar[tuple[float, float, float] | None] = None
     UNITS: ClassVar[dict[str, str]] = {"distance": "m"}  # of what is measured
 
     def __init__(self, config: BeamEnvConfig) -> None:
@@ -75,7 +87,9 @@ class Task:
         self.dtype, self.device = self.usual.nodes.dtype, self.usual.nodes.device
         self.elements = self.usual.station_count
         ends = self.usual.nodes[..., -1, :] - self.usual.nodes[..., 0, :]
-        along = torch.linalg.vector_norm(ends, dim=-1) if self.straight else self.usual.length.sum(-1)
+        along = (
+            torch.linalg.vector_norm(ends, dim=-1) if self.straight else self.usual.length.sum(-1)
+        )
         self.length = along.detach().max().item()
         self.omega = first_frequency(self.usual, self.length)[..., None]
         self.speed = self.length * self.omega
@@ -91,7 +105,11 @@ class Task:
     def beam(self) -> tb.Beam:
         """At the usual parameters, unloaded."""
         c = self.config
-        return straight(c.length, c.elements, section_named(c.section), c.direction, c.up) if c.beam is None else c.beam
+        return (
+            straight(c.length, c.elements, section_named(c.section), c.direction, c.up)
+            if c.beam is None
+            else c.beam
+        )
 
     def supports(self) -> Any:
         return self.config.supports
@@ -99,7 +117,13 @@ class Task:
     def usual_supports(self) -> tuple[tb.Support, ...]:
         """As a scene has them: a clamp at node 0 where `supports` is None."""
         given = self.supports()
-        return (tb.Support(0),) if given is None else (given,) if isinstance(given, tb.Support) else tuple(given)
+        return (
+            (tb.Support(0),)
+            if given is None
+            else (given,)
+            if isinstance(given, tb.Support)
+            else tuple(given)
+        )
 
     @property
     def straight(self) -> bool:
@@ -108,7 +132,10 @@ class Task:
 
     def parameters(self) -> dict[str, Parameter]:
         tau, far = self.config.damping, 0.02 * self.length
-        own = {"stiffness": Parameter(1.0, 0.8, 1.2, above=True), "mass": Parameter(1.0, 0.8, 1.2, above=True)}
+        own = {
+            "stiffness": Parameter(1.0, 0.8, 1.2, above=True),
+            "mass": Parameter(1.0, 0.8, 1.2, above=True),
+        }
         if any(isinstance(drive, TipForce) and not drive.follower for drive in self.drives):
             own["offset"] = Parameter(0.0, -far, far, least=-math.inf)
         return own if tau is None else {**own, "damping": Parameter(tau, tau / 2, 2 * tau)}
@@ -120,31 +147,45 @@ class Task:
         return ()
 
     def scene(self, params: dict[str, Tensor], rows: Tensor, varying: set[str]) -> tb.Scene:
-        """Scene of the sub-envs rows (k,), with parameters () or (k,); `varying`: names of those that change."""
+        """Scene of the sub-envs rows (k,), with parameters () or (k,); `varying`: names of those
+        that change.
+        """
         effects = [effect for drive in self.drives for effect in drive.effects(varying)]
         effects += self.effects(params)
         effects += [tb.Damping(params["damping"], six=False)] if "damping" in params else []
         effects += [] if self.gravity is None else [tb.Gravity(self.gravity)]
-        return tb.Scene(varied(self.usual, params, rows), effects, plane=self.plane, supports=self.supports())
+        return tb.Scene(
+            varied(self.usual, params, rows), effects, plane=self.plane, supports=self.supports()
+        )
 
     def prepare(self, plant: Plant) -> None:
         pass
 
     @property
     def settles(self) -> bool:
-        """Whether episodes start in the equilibrium without action; else undeformed, which is the same without loads."""
+        """Whether episodes start in the equilibrium without action; else undeformed, which is the
+        same without loads.
+        """
         return self.config.form == "nodal" and self.gravity is not None
 
     # Actions
 
     def inputs(self, action: Tensor, now: Episodes | None = None) -> dict[str, Tensor]:
-        """Inputs of the scene over one control interval: name -> (..., size), from actions (..., a) within [-1, 1]."""
+        """Inputs of the scene over one control interval: name -> (..., size), from actions (..., a)
+        within [-1, 1].
+        """
         return driven(self.drives, action, now)
 
     def tip_force(self, now: Episodes) -> Tensor | None:
-        """(n, 3) N, frame a: the tip force of the actions that act, to be drawn; None where no actuator is one."""
+        """(n, 3) N, frame a: the tip force of the actions that act, to be drawn; None where no
+        actuator is one.
+        """
         parts = now.acting.split([drive.actions for drive in self.drives], -1)
-        forces = [f for drive, part in zip(self.drives, parts, strict=True) if (f := drive.tip_force(part, now)) is not None]
+        forces = [
+            f
+            for drive, part in zip(self.drives, parts, strict=True)
+            if (f := drive.tip_force(part, now)) is not None
+        ]
         return sum(forces) if forces else None
 
     # Episodes
@@ -176,9 +217,10 @@ class Task:
     # For baselines and pictures
 
     def tracking_error(self, now: Episodes) -> tuple[Tensor, Tensor]:
-        """(error, rate), both (n, k): what the first k actions are to bring to zero, and how fast it falls. Here the gap from
-        the tip to the target (where there is none: to its place at the start) across the beam, over the length, and the rate
-        of the tip less that of the target over `speed`.
+        """(error, rate), both (n, k): what the first k actions are to bring to zero, and how fast
+        it falls. Here the gap from the tip to the target (where there is none: to its place at the
+        start) across the beam, over the length, and the rate of the tip less that of the target
+        over `speed`.
         """
         target = self.target(now, 1)
         target = now.start.position[:, -1:].expand(-1, 2, -1) if target is None else target
@@ -192,16 +234,24 @@ class Task:
     # Helpers of tasks
 
     def of(self, now: Episodes, value: Tensor) -> Tensor:
-        """Rows of a constant (num_envs, c) that belong to these episodes; one of shape (c,) is everybody's."""
+        """Rows of a constant (num_envs, c) that belong to these episodes; one of shape (c,) is
+        everybody's.
+        """
         return value[now.member] if value.ndim > 1 else value
 
     def gap(self, now: Episodes, target: Tensor, tip: Tensor | None) -> Tensor:
-        """(n, d): from the tip, or where no sensor sees it from its start, to the target (n, 3) m, over the length."""
+        """(n, d): from the tip, or where no sensor sees it from its start, to the target (n, 3) m,
+        over the length.
+        """
         far = ((target - now.start.position[:, -1]) / self.length)[:, self.vector]
         return far if tip is None else far - tip
 
-    def within_reach(self, plant: Plant, share: float = 1.0, read: Callable[[tb.State], Tensor] | None = None) -> Reach:
-        """Static tip positions under constant actions up to a share of their range (or values of `read` there)."""
+    def within_reach(
+        self, plant: Plant, share: float = 1.0, read: Callable[[tb.State], Tensor] | None = None
+    ) -> Reach:
+        """Static tip positions under constant actions up to a share of their range (or values of
+        `read` there).
+        """
         weaker = [drive.scaled(share) for drive in self.drives]
         return Reach.of(plant.scene, self.actions, lambda action: driven(weaker, action), read)
 
@@ -219,20 +269,38 @@ class Task:
         """(3,) without its component across the plane; None where nothing is left."""
         if vector is None or self.plane is None:
             return None if vector is None else tuple(vector)
-        in_plane = tuple(v if axis in self.plane else 0.0 for axis, v in zip("xyz", vector, strict=True))
+        in_plane = tuple(
+            v if axis in self.plane else 0.0 for axis, v in zip("xyz", vector, strict=True)
+        )
         return in_plane if any(in_plane) else None
 
     def _across(self, force: Any) -> tuple[list[int], Tensor, Tensor]:
-        """Axes of the tip section across the beam that lie in the motion, 1 for y and 2 for z; unit vectors (k, 3) along them
-        at rest; and the force (k,) N.
+        """Axes of the tip section across the beam that lie in the motion, 1 for y and 2 for z; unit
+        vectors (k, 3) along them at rest; and the force (k,) N.
         """
-        frame = quat.matrix(self.usual.frames.reshape(-1, *self.usual.frames.shape[-2:])[0, -1].detach())
-        normal = None if self.plane is None else ({0, 1, 2} - {"xyz".index(axis) for axis in self.plane}).pop()
+        frame = quat.matrix(
+            self.usual.frames.reshape(-1, *self.usual.frames.shape[-2:])[0, -1].detach()
+        )
+        normal = (
+            None
+            if self.plane is None
+            else ({0, 1, 2} - {"xyz".index(axis) for axis in self.plane}).pop()
+        )
         axes_across = [i for i in (1, 2) if normal is None or abs(frame[normal, i]) < ALIGNED]
         if normal is not None and len(axes_across) != 1:
-            raise ValueError(f"planar = True was given for a beam whose tip has not one axis in the plane {self.plane!r}")
+            raise ValueError(
+                "planar = True was given for a beam whose tip has not one axis in the plane "
+                f"{self.plane!r}"
+            )
         if len(force) == 2:
             force = [force[i - 1] for i in axes_across]
         if len(force) != len(axes_across):
-            raise ValueError(f"force = {tuple(force)} was given; two positive finite numbers (N, along y and z) are wanted")
-        return axes_across, frame[:, axes_across].mT.contiguous(), torch.tensor(force, dtype=self.dtype, device=self.device)
+            raise ValueError(
+                f"force = {tuple(force)} was given; two positive finite numbers (N, along y and "
+                "z) are wanted"
+            )
+        return (
+            axes_across,
+            frame[:, axes_across].mT.contiguous(),
+            torch.tensor(force, dtype=self.dtype, device=self.device),
+        )

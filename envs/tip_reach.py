@@ -19,8 +19,8 @@ from .task import Task
 
 @dataclass(frozen=True, kw_only=True)
 class TipReachConfig(BeamEnvConfig):
-    """reach  share of the actions' range that targets need at most on the usual beam, above 0 and up to 1; the rest as in
-    `BeamEnvConfig`.
+    """reach  share of the actions' range that targets need at most on the usual beam, above 0 and
+    up to 1; the rest as in `BeamEnvConfig`.
     """
 
     reach: float = 0.8
@@ -66,32 +66,36 @@ class TipReachVectorEnv(BeamVectorEnv):
     """`num_envs` flexible cantilevers, stepped as one batch.
 
     ## Description
-    An aluminium strip is clamped at one end and reaches out along x; gravity pulls along -z. A bounded force on the
-    free end, across the undeformed strip, is to bring the tip to a target and to hold it there. The target changes with
-    the episode and is a point that a static force within the bounds holds.
+    An aluminium strip is clamped at one end and reaches out along x; gravity pulls along -z. A
+    bounded force on the free end, across the undeformed strip, is to bring the tip to a target and
+    to hold it there. The target changes with the episode and is a point that a static force within
+    the bounds holds.
 
-    By default the strip is 1.5 m of 6061-T6 flat bar, 3 mm x 10 mm: soft sideways (y: first frequency 1.1 Hz, a static
-    force of 1.2 N moves the tip by 0.67 m) and eleven times stiffer up and down (z: 3.6 Hz), with the two directions
-    coupled through bending and torsion at these deflections. It stays elastic: statically the bounds stress it to about
-    160 of 276 MPa. An episode is 1 s, little more than one period. The strip is geometrically exact (torchbeam's nodal
-    form), with implicit steps of control_interval / substeps, unless `form` and `method` say otherwise.
+    By default the strip is 1.5 m of 6061-T6 flat bar, 3 mm x 10 mm: soft sideways (y: first
+    frequency 1.1 Hz, a static force of 1.2 N moves the tip by 0.67 m) and eleven times stiffer up
+    and down (z: 3.6 Hz), with the two directions coupled through bending and torsion at these
+    deflections. It stays elastic: statically the bounds stress it to about 160 of 276 MPa. An
+    episode is 1 s, little more than one period. The strip is geometrically exact
+    (torchbeam's nodal form), with implicit steps of control_interval / substeps, unless `form` and
+    `method` say otherwise.
 
     ## Action space
-    `Box(-1, 1, (2,), float32)`: the tip force, held over one control interval; it keeps its direction in space. It acts
-    `delay` intervals later: sensing, computing and actuating take time. Until then no force acts.
+    `Box(-1, 1, (2,), float32)`: the tip force, held over one control interval; it keeps its
+    direction in space. It acts `delay` intervals later: sensing, computing and actuating take time.
+    Until then no force acts.
 
     | index | action | at 1 |
     |---|---|---|
     | 0 | tip force along y | force[0] = 1.2 N |
     | 1 | tip force along z | force[1] = 2 N |
 
-    Values outside are clipped. An action that holds NaN or infinity counts as (0, 0) for that sub-env alone, and
-    `info["action_invalid"]` says so.
+    Values outside are clipped. An action that holds NaN or infinity counts as (0, 0) for that
+    sub-env alone, and `info["action_invalid"]` says so.
 
     ## Observation space
-    `Box(-high, high, (15 + 2 delay,), float32)`: lengths over the strip's length L, velocities over L omega with omega
-    its first natural frequency (L omega = 10.3 m/s by default), clipped to the bounds, which motion within reach does
-    not touch.
+    `Box(-high, high, (15 + 2 delay,), float32)`: lengths over the strip's length L, velocities over
+    L omega with omega its first natural frequency (L omega = 10.3 m/s by default), clipped to the
+    bounds, which motion within reach does not touch.
 
     | index | observation | high |
     |---|---|---|
@@ -108,31 +112,36 @@ class TipReachVectorEnv(BeamVectorEnv):
     so 15 cm from the target cost 1 a step. A failed solve gives failure_reward instead.
 
     ## Starting state
-    Always the same: at rest under gravity, without tip force. The target is the static tip position under a force drawn
-    uniformly from the ellipse with the half axes reach * force, from the sub-env's own generator (see `envs/reach.py`).
+    Always the same: at rest under gravity, without tip force. The target is the static tip position
+    under a force drawn uniformly from the ellipse with the half axes reach * force, from the
+    sub-env's own generator (see `envs/reach.py`).
 
     ## Episode end
-    Truncation after `max_episode_steps` intervals. Termination only where the solver fails (`info["solver_failed"]`):
-    the observation is then the last finite one, and the other sub-envs do not notice.
+    Truncation after `max_episode_steps` intervals. Termination only where the solver fails
+    (`info["solver_failed"]`): the observation is then the last finite one, and the other sub-envs
+    do not notice.
 
     ## Information
-    `distance` (m) from tip to target, `solver_failed`, `action_invalid`; each (num_envs,) with a mask `_name`, False for
-    sub-envs that did not move. SAME_STEP adds `final_obs` (num_envs, 17) and `final_info` with their masks; where an episode
-    has ended the others are then of the one that begins, `params` too.
+    `distance` (m) from tip to target, `solver_failed`, `action_invalid`; each (num_envs,) with a
+    mask `_name`, False for sub-envs that did not move. SAME_STEP adds `final_obs` (num_envs, 17)
+    and `final_info` with their masks; where an episode has ended the others are then of the one
+    that begins, `params` too.
 
     ## Arguments
     Those of `BeamEnvConfig`, with its defaults (see `envs/config.py`), and
-    reach  0.8: share of the force bounds that targets need at most on the usual strip, above 0 and up to 1
+    reach  0.8: share of the force bounds that targets need at most on the usual strip, above 0 and
+           up to 1
 
-    "torchbeam/TipReachPlanar-v0" is this with planar=True: the horizontal plane, one action, 9 + delay observations.
-    "torchbeam/TipReachBlockRate-v0" is the silicone rod, 0.3 m, in two elements of the index-reduced block rate form, by rk4,
-    without gravity and damping.
+    "torchbeam/TipReachPlanar-v0" is this with planar=True: the horizontal plane, one action,
+    9 + delay observations. "torchbeam/TipReachBlockRate-v0" is the silicone rod, 0.3 m, in two
+    elements of the index-reduced block rate form, by rk4, without gravity and damping.
 
     ## Parameters
-    For `randomize` and reset(options={"params": ...}): stiffness (0.8 to 1.2) and mass (0.8 to 1.2), factors; damping (half to
-    twice the usual, s); offset (-0.03 to 0.03 m). They do not move the target, so a stiffer strip takes a larger share of the
-    force to hold it: up to reach * stiffness. The goal, for options={"goal": ...}, is the target (3,) m in frame a; one out of
-    reach is taken as it is, and its distance stays positive.
+    For `randomize` and reset(options={"params": ...}): stiffness (0.8 to 1.2) and mass
+    (0.8 to 1.2), factors; damping (half to twice the usual, s); offset (-0.03 to 0.03 m). They do
+    not move the target, so a stiffer strip takes a larger share of the force to hold it: up to
+    reach * stiffness. The goal, for options={"goal": ...}, is the target (3,) m in frame a; one out
+    of reach is taken as it is, and its distance stays positive.
 
     ## Version history
     v0: first version.
@@ -142,9 +151,11 @@ class TipReachVectorEnv(BeamVectorEnv):
 
 
 class TipReachEnv(SingleEnv):
-    """One flexible cantilever whose tip is to reach a point: `TipReachVectorEnv` with one member, see there for everything.
+    """One flexible cantilever whose tip is to reach a point: `TipReachVectorEnv` with one member,
+    see there for everything.
 
-    `gymnasium.make` ends the episode after 50 steps (`max_episode_steps` there); made directly, it does not end by itself.
+    `gymnasium.make` ends the episode after 50 steps (`max_episode_steps` there); made directly, it
+    does not end by itself.
     """
 
     vector = TipReachVectorEnv

@@ -27,7 +27,9 @@ DRAWN = 96  # points of a path in a picture, and instants at which a random one 
 
 @dataclass(frozen=True, kw_only=True)
 class TipTrackConfig(BeamEnvConfig):
-    """path, period (s), reach and preview (intervals): see `TipTrackVectorEnv`; the rest as in `BeamEnvConfig`."""
+    """path, period (s), reach and preview (intervals): see `TipTrackVectorEnv`; the rest as in
+    `BeamEnvConfig`.
+    """
 
     path: str = "any"
     period: float = 2.0
@@ -38,7 +40,9 @@ class TipTrackConfig(BeamEnvConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.path not in (*PATHS, "any"):
-            raise ValueError(f"path = {self.path!r} was given; {', '.join(map(repr, PATHS))} or 'any' is wanted")
+            raise ValueError(
+                f"path = {self.path!r} was given; {', '.join(map(repr, PATHS))} or 'any' is wanted"
+            )
         self.check_numbers("reach", above=0.0, most=1.0)
         self.check_numbers("period", above=0.0)
         count("preview", self.preview, 1)
@@ -61,24 +65,36 @@ class TipTrack(Task):
 
     def sample_goal(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
         """(k, 2 HARMONICS actions): coefficients a_k, b_k of the paths."""
-        return torch.as_tensor(np.stack([self._draw(stream) for stream in streams]), dtype=self.dtype, device=self.device)
+        return torch.as_tensor(
+            np.stack([self._draw(stream) for stream in streams]),
+            dtype=self.dtype,
+            device=self.device,
+        )
 
     def _draw(self, stream: np.random.Generator) -> np.ndarray:
         path = PATHS[stream.integers(len(PATHS))] if self.config.path == "any" else self.config.path
-        size, phase, sense = stream.uniform(0.5, 1), stream.uniform(0, 2 * np.pi), stream.choice([-1, 1])
+        size, phase = stream.uniform(0.5, 1), stream.uniform(0, 2 * np.pi)
+        sense = stream.choice([-1, 1])
         axes = max(2, self.actions)
         c = np.zeros((HARMONICS, 2, axes))  # harmonic, cosine and sine, axis
         if path == "random":
             c = stream.normal(size=c.shape) / np.arange(1, HARMONICS + 1)[:, None, None]
-            largest = np.linalg.norm((_waves(2 * np.pi * np.arange(DRAWN) / DRAWN) @ c.reshape(-1, axes)), axis=1).max()
+            largest = np.linalg.norm(
+                (_waves(2 * np.pi * np.arange(DRAWN) / DRAWN) @ c.reshape(-1, axes)), axis=1
+            ).max()
             return (c * size / largest)[..., : self.actions].ravel()
         c[0, :, 0] = size * np.cos(phase), -size * np.sin(phase)  # cos(phi + phase)
         k, second = (1, size * sense) if path == "circle" else (2, size * sense / 2)
-        c[k - 1, :, 1] = second * np.sin(k * phase), second * np.cos(k * phase)  # sin(k (phi + phase))
+        # sin(k (phi + phase))
+        c[k - 1, :, 1] = second * np.sin(k * phase), second * np.cos(k * phase)
         return c[..., : self.actions].ravel()
 
     def target(self, now: Episodes, ahead: int = 0) -> Tensor:
-        k = self.ahead if ahead == self.preview else torch.arange(ahead + 1, dtype=self.dtype, device=self.device)
+        k = (
+            self.ahead
+            if ahead == self.preview
+            else torch.arange(ahead + 1, dtype=self.dtype, device=self.device)
+        )
         return self.target_at(now, (now.steps[:, None] + k) * self.config.control_interval)
 
     def target_at(self, now: Episodes, t: Tensor) -> Tensor:
@@ -87,16 +103,22 @@ class TipTrack(Task):
         waves = torch.stack((torch.cos(phi), torch.sin(phi)), -1).flatten(-2)
         s = (t / (RAMP * self.config.period)).clamp(0, 1)[..., None]
         share = s**2 * (3 - 2 * s) * (waves @ now.goal.unflatten(-1, (2 * HARMONICS, -1)))
-        return self.reach.tip(share.flatten(0, 1), now.member.repeat_interleave(t.shape[1])).unflatten(0, t.shape)
+        return self.reach.tip(
+            share.flatten(0, 1), now.member.repeat_interleave(t.shape[1])
+        ).unflatten(0, t.shape)
 
     def target_high(self) -> np.ndarray:
         return np.repeat((4.0, 20.0, *[2.0] * self.preview), self.directions)
 
     def target_observation(self, now: Episodes, tip: Tensor | None) -> Tensor:
         target, d = now.target, self.vector
-        velocity = (target[:, 1] - target[:, 0]) / self.config.control_interval / self.of(now, self.speed)
+        velocity = (
+            (target[:, 1] - target[:, 0]) / self.config.control_interval / self.of(now, self.speed)
+        )
         ahead = (target[:, 1:] - now.start.position[:, None, -1]) / self.length
-        return torch.cat((self.gap(now, target[:, 0], tip), velocity[:, d], ahead[..., d].flatten(1)), -1)
+        return torch.cat(
+            (self.gap(now, target[:, 0], tip), velocity[:, d], ahead[..., d].flatten(1)), -1
+        )
 
     def cost(self, now: Episodes) -> Tensor:
         return rounded(now.measures["distance"], self.length)
@@ -105,28 +127,36 @@ class TipTrack(Task):
         return {"distance": distance(now.target[:, 0], now.beam.position[:, -1])}
 
     def render_data(self, now: Episodes) -> dict[str, Any]:
-        once = torch.linspace(1, 2, DRAWN, dtype=self.dtype, device=self.device) * self.config.period
-        return {**super().render_data(now), "path": self.target_at(now, once.expand(len(now.goal), DRAWN))}
+        once = (
+            torch.linspace(1, 2, DRAWN, dtype=self.dtype, device=self.device) * self.config.period
+        )
+        return {
+            **super().render_data(now),
+            "path": self.target_at(now, once.expand(len(now.goal), DRAWN)),
+        }
 
 
 class TipTrackVectorEnv(BeamVectorEnv):
     """`num_envs` flexible cantilevers whose tips follow targets, stepped as one batch.
 
     ## Description
-    The strip of `TipReachVectorEnv` (1.5 m of aluminium flat bar, clamped, under gravity) is to follow a target that moves
-    along a closed path with the tip, by a force on the tip. The path is that of a static tip under the force
+    The strip of `TipReachVectorEnv` (1.5 m of aluminium flat bar, clamped, under gravity) is to
+    follow a target that moves along a closed path with the tip, by a force on the tip. The path is
+    that of a static tip under the force
 
-        f(t) = reach * force * ramp(t) * sum_k [a_k cos(k phi) + b_k sin(k phi)],  phi = 2 pi t / period,  k = 1, 2, 3
+        f(t) = reach * force * ramp(t) * sum_k [a_k cos(k phi) + b_k sin(k phi)],
+            phi = 2 pi t / period,  k = 1, 2, 3
 
-    with ramp rising smoothly from 0 to 1 in a quarter of a period: the target starts at the tip at rest, every point of it
-    could be held, and following it takes what inertia asks for beside that. By default one period takes 2 s, two of the first
-    mode's; an episode is one period.
+    with ramp rising smoothly from 0 to 1 in a quarter of a period: the target starts at the tip at
+    rest, every point of it could be held, and following it takes what inertia asks for beside that.
+    By default one period takes 2 s, two of the first mode's; an episode is one period.
 
     ## Action space
     `Box(-1, 1, (2,), float32)`: the tip force, as in TipReach.
 
     ## Observation space
-    `Box(-high, high, (18 + 3 preview + 2 delay,), float32)`: the target first, the rest as in TipReach.
+    `Box(-high, high, (18 + 3 preview + 2 delay,), float32)`: the target first, the rest as in
+    TipReach.
 
     | index | observation | high |
     |---|---|---|
@@ -140,9 +170,10 @@ class TipTrackVectorEnv(BeamVectorEnv):
     As in TipReach, with the distance to where the target is at the end of the interval.
 
     ## Starting state
-    At rest under gravity. From the sub-env's own generator: the phase and the sense of a circle (an ellipse in space) or a
-    lemniscate (Gerono's, a figure of eight), and its size, 0.5 to 1; or for a random path all a_k and b_k, normal, falling off
-    like 1/k, scaled so that the largest |f| is of size 0.5 to 1.
+    At rest under gravity. From the sub-env's own generator: the phase and the sense of a circle
+    (an ellipse in space) or a lemniscate (Gerono's, a figure of eight), and its size, 0.5 to 1; or
+    for a random path all a_k and b_k, normal, falling off like 1/k, scaled so that the largest |f|
+    is of size 0.5 to 1.
 
     ## Episode end
     As in TipReach, after 100 steps.
@@ -151,17 +182,21 @@ class TipTrackVectorEnv(BeamVectorEnv):
     `distance` (m) from tip to target, `solver_failed`, `action_invalid`, as in TipReach.
 
     ## Arguments
-    Those of `BeamEnvConfig`, with its defaults (see `envs/config.py`) but max_episode_steps = 100, and
-    path     "circle", "lemniscate" or "random";  "any" (default): one of them, drawn with the episode
+    Those of `BeamEnvConfig`, with its defaults (see `envs/config.py`) but max_episode_steps = 100,
+    and
+    path     "circle", "lemniscate" or "random";  "any" (default): one of them, drawn with the
+             episode
     period   s, 2
-    reach    0.5: share of the force bounds that the static force takes at most on the usual strip, above 0 and up to 1
+    reach    0.5: share of the force bounds that the static force takes at most on the usual strip,
+             above 0 and up to 1
     preview  3: intervals by which the target is known ahead
 
-    "torchbeam/TipTrackPlanar-v0" is this with planar=True: the horizontal plane, where circle and lemniscate are one swing.
+    "torchbeam/TipTrackPlanar-v0" is this with planar=True: the horizontal plane, where circle and
+    lemniscate are one swing.
 
     ## Parameters
-    As in TipReach; they do not move the target. The goal, for options={"goal": ...}, is a_1 b_1 a_2 b_2 a_3 b_3, each along y
-    and z: (12,), or (6,) in a plane.
+    As in TipReach; they do not move the target. The goal, for options={"goal": ...}, is
+    a_1 b_1 a_2 b_2 a_3 b_3, each along y and z: (12,), or (6,) in a plane.
 
     ## Version history
     v0: first version.
@@ -171,9 +206,11 @@ class TipTrackVectorEnv(BeamVectorEnv):
 
 
 class TipTrackEnv(SingleEnv):
-    """One flexible cantilever that follows a target: `TipTrackVectorEnv` with one member, see there for everything.
+    """One flexible cantilever that follows a target: `TipTrackVectorEnv` with one member, see there
+    for everything.
 
-    `gymnasium.make` ends the episode after 100 steps (`max_episode_steps` there); made directly, it does not end by itself.
+    `gymnasium.make` ends the episode after 100 steps (`max_episode_steps` there); made directly, it
+    does not end by itself.
     """
 
     vector = TipTrackVectorEnv

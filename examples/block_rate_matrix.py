@@ -1,9 +1,10 @@
-"""The block rate matrix of one cantilevered element: as the draft of the derivation prints it, and as it is right.
+"""The block rate matrix of one cantilevered element: as the draft of the derivation prints it, and
+as it is right.
 
-At a random state of a moving element (root and frame in motion, a tip load that changes) the rates x' are solved from the
-corrected rows, which hold in forward mode the time derivative of the undifferentiated equations. Put into the printed
-rows, they leave the residuals that are printed here. Run as a script, it also draws the two patterns to
-out/block_rate_matrix.png.
+At a random state of a moving element (root and frame in motion, a tip load that changes) the rates
+x' are solved from the corrected rows, which hold in forward mode the time derivative of the
+undifferentiated equations. Put into the printed rows, they leave the residuals that are printed
+here. Run as a script, it also draws the two patterns to out/block_rate_matrix.png.
 """
 
 from pathlib import Path
@@ -22,7 +23,9 @@ def spd():
 
 
 def mass():
-    """With all couplings, and a rotary inertia that a body can have: no principal moment above the sum of the others."""
+    """With all couplings, and a rotary inertia that a body can have: no principal moment above the
+    sum of the others.
+    """
     M = spd()
     return M + torch.diag(torch.tensor([0.0, 0, 0, 1, 1, 1])) * M.diagonal()[3:].sum()
 
@@ -31,19 +34,31 @@ def moving_element() -> tb.BlockRate:
     beam = tb.Beam.from_nodes([[0.0, 0, 0], [0.9, 0.3, -0.2]], tb.Section(spd(), mass()))
     scene = tb.Scene(
         beam,
-        [tb.TipLoad(force=lambda t: torch.stack((t, t * t, 1 - t)), moment=lambda t: torch.stack((1 + t, t, -t)))],
+        [
+            tb.TipLoad(
+                force=lambda t: torch.stack((t, t * t, 1 - t)),
+                moment=lambda t: torch.stack((1 + t, t, -t)),
+            )
+        ],
         frame=tb.Frame(velocity=(0.3, 0.1, 0.2), angular_velocity=(0.2, -0.4, 0.3)),
-        root=tb.RootMotion(displacement=lambda t: torch.stack((t, -t, t * t)),
-                        rotation=lambda t: torch.stack((t, t * t, -t)) / 2),
+        root=tb.RootMotion(
+            displacement=lambda t: torch.stack((t, -t, t * t)),
+            rotation=lambda t: torch.stack((t, t * t, -t)) / 2,
+        ),
     )
     return tb.block_rate(scene, torch.randn(36) / 2, t=0.7)
 
 
-def as_printed(system: tb.BlockRate, root_load_rate: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """A and b of the draft's last display. Rows 1, 2 and 9 to 12 are right; what differs in the others:
+def as_printed(
+    system: tb.BlockRate, root_load_rate: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """A and b of the draft's last display. Rows 1, 2 and 9 to 12 are right; what differs in the
+    others:
 
-    3     + hR S11, + hR S12 instead of -; no u'; no u^1' on the right      4     no theta'; - u^1' on the right
-    5, 6  the root's load rates on the right, not the tip's                 7, 8  no u', theta'; - instead of + u^2'
+    3     + hR S11, + hR S12 instead of -; no u'; no u^1' on the right      4     no theta'; - u^1'
+    on the right
+    5, 6  the root's load rates on the right, not the tip's                 7, 8  no u', theta'; -
+          instead of + u^2'
     """
     row = {number: slice(3 * number - 3, 3 * number) for number in range(1, 13)}
     u, theta, F, M, u_tip, theta_tip = (row[i] for i in (1, 2, 3, 4, 11, 12))
@@ -70,7 +85,8 @@ printed = as_printed(system, x_dot[24:30])
 corrected_error = row_errors(system.A, system.b, x_dot)
 printed_error = row_errors(*printed, x_dot)
 WRONG_ROWS = [i + 1 for i in range(12) if printed_error[i] > 1e-6]  # the check: 3, 4, 5, 6, 7, 8
-RANKS = [int(torch.linalg.matrix_rank(A)) for A in (printed[0], system.A)]  # 36 and 36: a solver notices nothing
+# 36 and 36: a solver notices nothing
+RANKS = [int(torch.linalg.matrix_rank(A)) for A in (printed[0], system.A)]
 CHECK, EXPECTED, TOLERANCE = float(len(WRONG_ROWS)), 6.0, 0.0
 
 print("row   as printed   corrected")
@@ -83,8 +99,12 @@ def draw(path: Path = Path("out/block_rate_matrix.png")) -> None:
     names = ("u", "theta", "F", "M", "V", "Omega", "V'", "Omega'", "F*1", "M*1", "u^2", "theta^2")
     assert 3 * len(names) == len(system.A)
     axes = tb.plot.grid(1, 2, (13, 6.5))
-    for axis, A, title in zip(axes, (printed[0], system.A), ("as printed", "corrected"), strict=True):
-        axis.imshow(torch.sign(A).masked_fill(A == 0, torch.nan), cmap="coolwarm", vmin=-1.6, vmax=1.6)
+    for axis, A, title in zip(
+        axes, (printed[0], system.A), ("as printed", "corrected"), strict=True
+    ):
+        axis.imshow(
+            torch.sign(A).masked_fill(A == 0, torch.nan), cmap="coolwarm", vmin=-1.6, vmax=1.6
+        )
         axis.set(title=f"{title}  (rank {torch.linalg.matrix_rank(A)})")
         axis.set_xticks(range(1, 36, 3), [f"{n}'" for n in names], rotation=90)
         axis.set_yticks(range(1, 36, 3), range(1, 13))

@@ -1,10 +1,11 @@
 """Stiffness and mass of a cantilever found from its motion, and what that motion does not tell.
 
-The data are not ours: the tip of the common dynamic case (EI = 1 N m^2, 0.2 kg/m, a dead transverse tip load of 1 N applied
-suddenly), on which two independent codes agree, every 10 ms over the first 0.8 s: one period. From a start that is half as
-stiff and half again as heavy, `tb.identify` searches the logarithms of EI and m, by differences on the compiled engine. Then it
-is asked for the rotary inertia and the shear stiffness too. These have less say in this motion than the error of the mesh, and
-are named as not told. Run as a script, it also draws out/identify.png.
+The data are not ours: the tip of the common dynamic case (EI = 1 N m^2, 0.2 kg/m, a dead transverse
+tip load of 1 N applied suddenly), on which two independent codes agree, every 10 ms over the first
+0.8 s: one period. From a start that is half as stiff and half again as heavy, `tb.identify`
+searches the logarithms of EI and m, by differences on the compiled engine. Then it is asked for the
+rotary inertia and the shear stiffness too. These have less say in this motion than the error of the
+mesh, and are named as not told. Run as a script, it also draws out/identify.png.
 """
 
 import json
@@ -25,14 +26,23 @@ TRUE, START = {"EI": 1.0, "m": 0.2}, {"EI": 0.5, "m": 0.3}
 
 def tip(theta: dict[str, torch.Tensor]) -> torch.Tensor:
     """Tip (batch, time, 3) for EI, m (batch,); what else the section has is given with the data."""
-    section = tb.Section.from_stiffness(EA=4e4, GA=theta.get("GA", 1.4835e4), GJ=0.769, EI=theta["EI"], mass=theta["m"],
-                                        inertia=theta.get("inertia", 5e-6))
-    scene = tb.Scene(tb.Beam.straight(1.0, N, section).linked(), [tb.TipLoad(force=(0, 1.0, 0))], plane="xy")
+    section = tb.Section.from_stiffness(
+        EA=4e4,
+        GA=theta.get("GA", 1.4835e4),
+        GJ=0.769,
+        EI=theta["EI"],
+        mass=theta["m"],
+        inertia=theta.get("inertia", 5e-6),
+    )
+    scene = tb.Scene(
+        tb.Beam.straight(1.0, N, section).linked(), [tb.TipLoad(force=(0, 1.0, 0))], plane="xy"
+    )
     return tb.simulate(scene, T, step=0.0025).tip.position.movedim(0, 1)
 
 
 fit = tb.identify(tip, TIP, START, log=True)
-CHECK = max(abs(math.log(fit[name] / true)) for name, true in TRUE.items())  # larger relative error of the two
+# larger relative error of the two
+CHECK = max(abs(math.log(fit[name] / true)) for name, true in TRUE.items())
 EXPECTED, TOLERANCE = 0.0, 0.001
 
 print("     EI       m")

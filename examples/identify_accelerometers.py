@@ -1,13 +1,17 @@
-"""Stiffness, damping, clamp and tip mass of a strip from two accelerometers and its sag, from twenty starts.
+"""Stiffness, damping, clamp and tip mass of a strip from two accelerometers and its sag, from
+twenty starts.
 
-A strip of 0.5 m with a mass at its tip sags under its weight, in a clamp that gives way, and is struck at the tip (a pulse of
-30 ms, known from the hammer). Two accelerometers, at 3/8 and at the tip, are read every 3 ms or so, at irregular times and with
-two gaps, with 3 % noise and offsets of their own; a ruler gives the sag to 0.2 mm. The readings come from 32 elements and steps
-of 0.25 ms, the model has 8 elements and steps of 0.5 ms. EI, the damping time, the clamp's stiffness and the tip mass are
-searched from 20 starts within a factor of 5 of a first guess, as one batch, on the compiled engine.
+A strip of 0.5 m with a mass at its tip sags under its weight, in a clamp that gives way, and is
+struck at the tip (a pulse of 30 ms, known from the hammer). Two accelerometers, at 3/8 and at the
+tip, are read every 3 ms or so, at irregular times and with two gaps, with 3 % noise and offsets of
+their own; a ruler gives the sag to 0.2 mm. The readings come from 32 elements and steps of 0.25 ms,
+the model has 8 elements and steps of 0.5 ms. EI, the damping time, the clamp's stiffness and the
+tip mass are searched from 20 starts within a factor of 5 of a first guess, as one batch, on the
+compiled engine.
 
-Wherever a start says that it converged, all four are within three standard deviations of the truth. Run as a script, it also
-draws the fit, the correlations and the profile of the clamp's stiffness into out/.
+Wherever a start says that it converged, all four are within three standard deviations of the truth.
+Run as a script, it also draws the fit, the correlations and the profile of the clamp's stiffness
+into out/.
 """
 
 import time
@@ -25,12 +29,23 @@ GUESS = {"EI": 0.7, "tau": 3e-3, "clamp": 60.0, "tip": 0.03}
 
 def scene(theta: dict[str, torch.Tensor], elements: int, pulse: bool) -> tb.Scene:
     """The strip, in the plane of its motion, for parameters (n,)."""
-    section = tb.Section.from_stiffness(EA=2e6, GA=4e5, GJ=1.0, EI=theta["EI"], mass=MASS, inertia=5e-6)
+    section = tb.Section.from_stiffness(
+        EA=2e6, GA=4e5, GJ=1.0, EI=theta["EI"], mass=MASS, inertia=5e-6
+    )
     stiff = torch.full_like(theta["clamp"], 1e6)
     clamp = tb.RootSpring(torch.stack((stiff, stiff, stiff, stiff, theta["clamp"], stiff), -1))
-    effects = [tb.Gravity((0, 0, -9.81)), tb.Damping(theta["tau"]), tb.PointMass(theta["tip"]), clamp]
+    effects = [
+        tb.Gravity((0, 0, -9.81)),
+        tb.Damping(theta["tau"]),
+        tb.PointMass(theta["tip"]),
+        clamp,
+    ]
     if pulse:
-        effects.append(tb.TipLoad(force=lambda t: (0, 0, 4 * torch.sin(torch.pi * t.clamp(0, 0.03) / 0.03) ** 2)))
+        effects.append(
+            tb.TipLoad(
+                force=lambda t: (0, 0, 4 * torch.sin(torch.pi * t.clamp(0, 0.03) / 0.03) ** 2)
+            )
+        )
     return tb.Scene(tb.Beam.straight(LENGTH, elements, section).linked(), effects, plane="xz")
 
 
@@ -48,7 +63,9 @@ def sag(theta: dict[str, torch.Tensor], elements: int = 8) -> tuple[torch.Tensor
 
 
 def accelerometers(elements: int) -> tb.sensors.Stack:
-    return tb.sensors.Stack([tb.sensors.NodeVelocity(k)["z"] for k in (3 * elements // 8, elements)])
+    return tb.sensors.Stack(
+        [tb.sensors.NodeVelocity(k)["z"] for k in (3 * elements // 8, elements)]
+    )
 
 
 def measured(seed: int = 0) -> dict[str, tb.Measurement]:
@@ -62,8 +79,12 @@ def measured(seed: int = 0) -> dict[str, tb.Measurement]:
     values[60:80, 0] = torch.nan
     values[120:150, 1] = torch.nan
     deflection = sag(truth, 32)[0][0] + 2e-4 * torch.randn((), generator=random)
-    return {"strike": tb.Measurement(values, sigma, times, accelerometers(8), rate=True, offset=True, name="acceleration"),
-            "sag": tb.Measurement(deflection, 2e-4, name="sag")}
+    return {
+        "strike": tb.Measurement(
+            values, sigma, times, accelerometers(8), rate=True, offset=True, name="acceleration"
+        ),
+        "sag": tb.Measurement(deflection, 2e-4, name="sag"),
+    }
 
 
 DATA = measured()
@@ -75,13 +96,21 @@ CHECK = ((RIGHT - torch.tensor(list(TRUE.values()))).abs() / fit.deviation[:4]).
 EXPECTED, TOLERANCE = 0.0, 3.0  # standard deviations
 
 print(fit.summary())
-print(f"{len(RIGHT)} starts converged, within {CHECK:.1f} standard deviations of the truth; {SECONDS:.1f} s of one core")
+print(
+    f"{len(RIGHT)} starts converged, within {CHECK:.1f} standard deviations of the truth; "
+    f"{SECONDS:.1f} s of one core"
+)
 
 
 def draw(path: Path = Path("out/identify_accelerometers.png")) -> None:
-    print("wrote", tb.plot.save(tb.plot.fit(fit)[0], path), tb.plot.save(
-        tb.plot.correlation(fit), path.with_stem(path.stem + "_correlation")), tb.plot.save(
-        tb.plot.profile(fit.profile("clamp")[0]), path.with_stem(path.stem + "_profile")))
+    print(
+        "wrote",
+        tb.plot.save(tb.plot.fit(fit)[0], path),
+        tb.plot.save(tb.plot.correlation(fit), path.with_stem(path.stem + "_correlation")),
+        tb.plot.save(
+            tb.plot.profile(fit.profile("clamp")[0]), path.with_stem(path.stem + "_profile")
+        ),
+    )
 
 
 if __name__ == "__main__":

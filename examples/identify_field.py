@@ -1,18 +1,22 @@
-"""Fields that no few numbers describe, each with a smoothness prior whose weight the data choose (`tb.identify_fields`).
+"""Fields that no few numbers describe, each with a smoothness prior whose weight the data choose
+(`tb.identify_fields`).
 
 A strip of 0.5 m, of which one after the other is found:
 
-- EI of each of 16 elements, tapered, with a dent that takes 30 % of the sixth: from what a camera sees of four static
-  deflections, to 0.01 mm. Student's prior of differences lets two of them be large, where a normal one would smear the dent
-- mass per length, straight lines between seven places, with that EI as if it were exact: from five frequencies and mode
-  shapes
-- the force on the tip by milliseconds, a hammer's blow of 20 ms and 3 N that nobody measured: from two displacements
-- the velocity of each node at the first instant, where the record begins in the middle of a motion: from the same two
+- EI of each of 16 elements, tapered, with a dent that takes 30 % of the sixth: from what a camera
+  sees of four static deflections, to 0.01 mm. Student's prior of differences lets two of them be
+  large, where a normal one would smear the dent
+- mass per length, straight lines between seven places, with that EI as if it were exact: from five
+  frequencies and mode shapes
+- the force on the tip by milliseconds, a hammer's blow of 20 ms and 3 N that nobody measured: from
+  two displacements
+- the velocity of each node at the first instant, where the record begins in the middle of a motion:
+  from the same two
 
-All readings are synthetic, from finer meshes and steps than the model's, with noise. Where more numbers are asked for than
-the data tell, the evidence says how smooth to be, and `effective` how many numbers the data do tell. Deviations are those of
-the posterior: of a field they count on it being smooth in the sense of its prior. Run as a script, it also draws
-out/identify_field.png.
+All readings are synthetic, from finer meshes and steps than the model's, with noise. Where more
+numbers are asked for than the data tell, the evidence says how smooth to be, and `effective` how
+many numbers the data do tell. Deviations are those of the posterior: of a field they count on it
+being smooth in the sense of its prior. Run as a script, it also draws out/identify_field.png.
 """
 
 from pathlib import Path
@@ -33,15 +37,20 @@ def noise(like: torch.Tensor, sigma: float) -> torch.Tensor:
 def sections(EI: torch.Tensor, mass: torch.Tensor | float = 0.25) -> list[tb.Section]:
     """One for each element, of EI and mass (..., elements)."""
     mass = torch.as_tensor(mass).expand_as(EI)
-    return [tb.Section.from_stiffness(EA=1e6, GA=1e6, GJ=1.0, EI=e, mass=m) for e, m in zip(EI.unbind(-1), mass.unbind(-1),
-                                                                                           strict=True)]
+    return [
+        tb.Section.from_stiffness(EA=1e6, GA=1e6, GJ=1.0, EI=e, mass=m)
+        for e, m in zip(EI.unbind(-1), mass.unbind(-1), strict=True)
+    ]
 
 
 def strip(EI: torch.Tensor, mass: torch.Tensor | float, effects: list) -> tb.Scene:
-    return tb.Scene(tb.Beam.straight(LENGTH, EI.shape[-1], sections(EI, mass)).linked(), effects, plane="xz")
+    return tb.Scene(
+        tb.Beam.straight(LENGTH, EI.shape[-1], sections(EI, mass)).linked(), effects, plane="xz"
+    )
 
 
-# EI by element ------------------------------------------------------------------------------------------------------------
+# EI by element
+# --------------------------------------------------------------------------------------------------
 LOADS = torch.tensor([-4.0, -2.0, 2.0, 4.0])  # N, at the tip
 
 
@@ -61,15 +70,22 @@ def deflections(theta: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Ten
 
 
 seen = deflections({"EI": stiffness(4 * N)[None]})[0][0]
-dent = tb.identify_fields(deflections, tb.Measurement(seen + noise(seen, 1e-5), 1e-5, name="height"),
-                          {"EI": tb.Parameter(torch.full((N,), 0.7), "log")}, {"EI": tb.Smoothness(sharp=True)})
+dent = tb.identify_fields(
+    deflections,
+    tb.Measurement(seen + noise(seen, 1e-5), 1e-5, name="height"),
+    {"EI": tb.Parameter(torch.full((N,), 0.7), "log")},
+    {"EI": tb.Smoothness(sharp=True)},
+)
 EI = dent["EI"]
 DENT = (EI / stiffness(N) - 1).abs().max().item()
 WHERE = int((EI[1:-1] / (EI[2:] * EI[:-2]).sqrt()).argmin()) + 1
-print(f"EI: {dent}\n    largest error {100 * DENT:.1f} %; the dent is in element {WHERE + 1}, "
-      f"{100 * (1 - EI[WHERE] / (EI[WHERE + 1] * EI[WHERE - 1]).sqrt()):.0f} % deep")
+print(
+    f"EI: {dent}\n    largest error {100 * DENT:.1f} %; the dent is in element {WHERE + 1}, "
+    f"{100 * (1 - EI[WHERE] / (EI[WHERE + 1] * EI[WHERE - 1]).sqrt()):.0f} % deep"
+)
 
-# mass by place ------------------------------------------------------------------------------------------------------------
+# mass by place
+# --------------------------------------------------------------------------------------------------
 PLACES = torch.linspace(0, LENGTH, 7)
 
 
@@ -103,13 +119,21 @@ def paired(theta: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
     return found.frequency, found.shape
 
 
-weight = tb.identify_fields(paired, [tb.Measurement(FREQUENCY, 5e-4 * FREQUENCY), tb.Measurement(SHAPES, 0.01)],
-                            {"mass": tb.Parameter(torch.full((7,), 0.2), "log")}, {"mass": tb.Smoothness(2)})
+weight = tb.identify_fields(
+    paired,
+    [tb.Measurement(FREQUENCY, 5e-4 * FREQUENCY), tb.Measurement(SHAPES, 0.01)],
+    {"mass": tb.Parameter(torch.full((7,), 0.2), "log")},
+    {"mass": tb.Smoothness(2)},
+)
 MASS = ((weight["mass"] - lines(PLACES)) / weight.deviation("mass")).abs().max().item()
 worst = (weight["mass"] / lines(PLACES) - 1).abs().max().item()
-print(f"mass: {weight}\n    largest error {100 * worst:.0f} %, {MASS:.1f} deviations, next to the clamp, where mass has no say")
+print(
+    f"mass: {weight}\n    largest error {100 * worst:.0f} %, {MASS:.1f} deviations, next to the "
+    "clamp, where mass has no say"
+)
 
-# force by interval --------------------------------------------------------------------------------------------------------
+# force by interval
+# --------------------------------------------------------------------------------------------------
 T = torch.linspace(0, 0.08, 81)
 
 
@@ -124,30 +148,45 @@ def readings(solution: tb.Solution, elements: int) -> torch.Tensor:
 
 def struck(theta: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
     force = theta["force"][..., None] * torch.tensor([0.0, 0.0, 1.0])
-    scene = strip(torch.ones(len(force), 8), 0.25, [tb.TipLoad(force=tb.Input("force", 3)), tb.Damping(1e-3)])
+    scene = strip(
+        torch.ones(len(force), 8), 0.25, [tb.TipLoad(force=tb.Input("force", 3)), tb.Damping(1e-3)]
+    )
     solution = tb.simulate(scene, T, step=1e-3, inputs={"force": tb.PerInterval(force)})
     return readings(solution, 8), solution.status
 
 
 def motion(effects: list, velocity: torch.Tensor | None = None, elements: int = 32) -> torch.Tensor:
     scene = strip(torch.ones(1, elements), 0.25, [tb.Damping(1e-3), *effects])
-    initial = None if velocity is None else tb.State.from_nodes(scene, scene.beam.nodes, velocity=velocity)
+    initial = (
+        None
+        if velocity is None
+        else tb.State.from_nodes(scene, scene.beam.nodes, velocity=velocity)
+    )
     return readings(tb.simulate(scene, T, step=2.5e-4, initial=initial), elements)[0]
 
 
 clean = motion([tb.TipLoad(force=lambda t: (0, 0, blow(t)))])
-force = tb.identify_fields(struck, tb.Measurement(clean + noise(clean, 1e-4), 1e-4, T),
-                           {"force": tb.Parameter(torch.zeros(80), scale=1.0)}, {"force": tb.Smoothness(2)})
+force = tb.identify_fields(
+    struck,
+    tb.Measurement(clean + noise(clean, 1e-4), 1e-4, T),
+    {"force": tb.Parameter(torch.zeros(80), scale=1.0)},
+    {"force": tb.Smoothness(2)},
+)
 PULSE = (force["force"] - blow((T[1:] + T[:-1]) / 2)).square().mean().sqrt().item()
 print(f"force: {force}\n    RMS error {PULSE:.3f} N")
 
-# first velocity by node ---------------------------------------------------------------------------------------------------
+# first velocity by node
+# --------------------------------------------------------------------------------------------------
 
 
 def swinging(theta: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
-    v = torch.nn.functional.pad(theta["velocity"], (1, 0))[..., None] * torch.tensor([0.0, 0.0, 1.0])
+    v = torch.nn.functional.pad(theta["velocity"], (1, 0))[..., None] * torch.tensor(
+        [0.0, 0.0, 1.0]
+    )
     scene = strip(torch.ones(len(v), 8), 0.25, [tb.Damping(1e-3)])
-    solution = tb.simulate(scene, T, step=1e-3, initial=tb.State.from_nodes(scene, scene.beam.nodes, velocity=v))
+    solution = tb.simulate(
+        scene, T, step=1e-3, initial=tb.State.from_nodes(scene, scene.beam.nodes, velocity=v)
+    )
     return readings(solution, 8), solution.status
 
 
@@ -156,28 +195,39 @@ def first(s: torch.Tensor) -> torch.Tensor:
 
 
 clean = motion([], first(torch.linspace(0, LENGTH, 33))[:, None] * torch.tensor([0.0, 0.0, 1.0]))
-start = tb.identify_fields(swinging, tb.Measurement(clean + noise(clean, 1e-4), 1e-4, T),
-                           {"velocity": tb.Parameter(torch.zeros(8), scale=1.0)}, {"velocity": tb.Smoothness(2)})
+start = tb.identify_fields(
+    swinging,
+    tb.Measurement(clean + noise(clean, 1e-4), 1e-4, T),
+    {"velocity": tb.Parameter(torch.zeros(8), scale=1.0)},
+    {"velocity": tb.Smoothness(2)},
+)
 off = start["velocity"] - first(torch.linspace(0, LENGTH, 9)[1:])
 VELOCITY = (off / start.deviation("velocity")).abs().max().item()
 print(f"velocity: {start}\n    largest error {off.abs().max():.2f} m/s, {VELOCITY:.1f} deviations")
 
 CHECK = max(DENT / 0.1, MASS / 3.5, PULSE / 0.15, VELOCITY / 3.5) if WHERE == 5 else float("inf")
-EXPECTED, TOLERANCE = 0.0, 1.0  # of 10 % of EI, 3.5 deviations of mass and velocity, 5 % of the blow
+# of 10 % of EI, 3.5 deviations of mass and velocity, 5 % of the blow
+EXPECTED, TOLERANCE = 0.0, 1.0
 
 
 def draw(path: Path = Path("out/identify_field.png")) -> None:
     places = tb.plot.grid(2, 2, (9.6, 6.4))
-    s, middle, nodes = torch.linspace(0, LENGTH, 161), (T[1:] + T[:-1]) / 2, torch.linspace(0, LENGTH, 9)[1:]
+    s, middle = torch.linspace(0, LENGTH, 161), (T[1:] + T[:-1]) / 2
+    nodes = torch.linspace(0, LENGTH, 9)[1:]
     ends = torch.linspace(0, LENGTH, N + 1)
-    shown = ((dent, "EI", torch.stack((ends[:-1], ends[1:])).mT.flatten(), centres(1600), stiffness(1600), "s / m",
+    # fmt: off
+    shown = ((dent, "EI", torch.stack((ends[:-1], ends[1:])).mT.flatten(), centres(1600),
+              stiffness(1600), "s / m",
               "EI / N m$^2$"),
              (weight, "mass", PLACES, s, lines(s), "s / m", "mass / (kg/m)"),
              (force, "force", middle, middle, blow(middle), "time / s", "force on the tip / N"),
              (start, "velocity", nodes, s, first(s), "s / m", "first velocity / (m/s)"))
+    # fmt: on
     for axis, (fit, name, at, along, true, below, beside) in zip(places, shown, strict=True):
         each = len(at) // len(fit[name])  # two places of a number that holds from one to the other
-        value, low, high = (x.repeat_interleave(each) for x in (fit[name], *fit.interval(name).unbind(-1)))
+        value, low, high = (
+            x.repeat_interleave(each) for x in (fit[name], *fit.interval(name).unbind(-1))
+        )
         axis.fill_between(at, low, high, color="C0", alpha=0.2, lw=0)
         axis.plot(along, true, "k", lw=1, label="true")
         axis.plot(at, value, "C0" if each > 1 else "C0.-", ms=4, label="found, 95 %")

@@ -1,8 +1,10 @@
-"""Lee's frame: two beams at a right angle, pinned at both feet, that snap through under a load beside the corner.
+"""Lee's frame: two beams at a right angle, pinned at both feet, that snap through under a load
+beside the corner.
 
-`tb.path` follows the balance over both limit points. The check is the first limit load, P L^2/EI, against that of two elasticas
-(no extension, no shear), solved by shooting with scipy; Lee, Manuel and Rossow (1968, J. Eng. Mech. Div. ASCE 94, 521) give
-18.552. Run as a script, it also draws out/lees_frame.png.
+`tb.path` follows the balance over both limit points. The check is the first limit load, P L^2/EI,
+against that of two elasticas (no extension, no shear), solved by shooting with scipy; Lee, Manuel
+and Rossow (1968, J. Eng. Mech. Div. ASCE 94, 521) give 18.552. Run as a script, it also draws
+out/lees_frame.png.
 """
 
 import math
@@ -15,15 +17,19 @@ from scipy.optimize import fsolve, minimize_scalar
 import torchbeam as tb
 
 torch.set_default_dtype(torch.float64)
-N = 5  # elements of order 2 in each leg; the load is at the end of the first one of the beam, a fifth of its length
+# elements of order 2 in each leg; the load is at the end of the first one of the beam, a fifth of
+# its length
+N = 5
 
 section = tb.Section.from_stiffness(EA=math.inf, GA=math.inf, GJ=1.0, EI=1.0, mass=1.0)
 column = tb.Beam.straight(1.0, N, section, direction=(0, 1, 0), up=(0, 0, 1), order=2)
 beam = tb.Beam.straight(1.0, N, section, root=(0, 1, 0), order=2)
 scene = tb.Scene(
-    {"column": column, "beam": beam}, [tb.PointLoad(("beam", 2), force=tb.Input("P", 3))],
+    {"column": column, "beam": beam},
+    [tb.PointLoad(("beam", 2), force=tb.Input("P", 3))],
     joints=[tb.Weld(("column", -1), ("beam", 0))],
-    supports=[tb.Support(("column", 0), rotation=""), tb.Support(("beam", -1), rotation="")], plane="xy",
+    supports=[tb.Support(("column", 0), rotation=""), tb.Support(("beam", -1), rotation="")],
+    plane="xy",
 )
 loads = {"P": torch.tensor([0.0, -1.0, 0.0])}
 LOAD = scene.beam.row(("beam", 2))
@@ -35,15 +41,24 @@ def sunk(state: tb.State) -> torch.Tensor:
 
 
 def elastica() -> tuple[float, float]:
-    """(how far the loaded point has sunk, P L^2/EI) at the first limit of beams that only bend, by loads that bring it down by
-    so much.
+    """(how far the loaded point has sunk, P L^2/EI) at the first limit of beams that only bend, by
+    loads that bring it down by so much.
     """
 
     def along(end: list[float], force: tuple[float, float], length: float) -> list[float]:
         def rates(_s: float, y: list[float]) -> list[float]:
-            return [math.cos(y[2]), math.sin(y[2]), y[3], force[0] * math.sin(y[2]) - force[1] * math.cos(y[2])]
+            return [
+                math.cos(y[2]),
+                math.sin(y[2]),
+                y[3],
+                force[0] * math.sin(y[2]) - force[1] * math.cos(y[2]),
+            ]
 
-        return solve_ivp(rates, (0, length), end, rtol=1e-10, atol=1e-10, method="DOP853").y[:, -1].tolist()
+        return (
+            solve_ivp(rates, (0, length), end, rtol=1e-10, atol=1e-10, method="DOP853")
+            .y[:, -1]
+            .tolist()
+        )
 
     def misses(z: list[float], down: float) -> list[float]:
         across, up, load, turn = z
@@ -56,15 +71,21 @@ def elastica() -> tuple[float, float]:
     guess = [-1.0, -1.5, 1.5, 0.02]
     for k in range(1, 21):
         guess = fsolve(misses, guess, args=(0.02 * k,))
-    limit = minimize_scalar(lambda down: -fsolve(misses, guess, args=(down,))[2], bounds=(0.38, 0.43), method="bounded")
+    limit = minimize_scalar(
+        lambda down: -fsolve(misses, guess, args=(down,))[2], bounds=(0.38, 0.43), method="bounded"
+    )
     return limit.x, -limit.fun
 
 
 DOWN, EXPECTED = elastica()
 path = tb.path(scene, 24.0, step=0.5, control=sunk, target=torch.tensor(DOWN), inputs=loads)
-CHECK, TOLERANCE = path.factor[-1].item(), 0.04  # 0.03 are the elements'; the load hardly changes with the place there
+# 0.03 are the elements'; the load hardly changes with the place there
+CHECK, TOLERANCE = path.factor[-1].item(), 0.04
 
-print(f"limit load {CHECK:.3f} EI/L^2 where the point has sunk by {DOWN:.3f} L; of two elasticas {EXPECTED:.3f}")
+print(
+    f"limit load {CHECK:.3f} EI/L^2 where the point has sunk by {DOWN:.3f} L; of two elasticas "
+    f"{EXPECTED:.3f}"
+)
 
 
 def draw(file: Path = Path("out/lees_frame.png")) -> None:

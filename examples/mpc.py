@@ -1,12 +1,14 @@
 """Model predictive control in real time: gradients of a nonlinear beam, 50 times a second.
 
-A flexible arm (1 m, EI = 2 N m^2, 0.2 kg/m) on a hub turns in its plane by 60 degrees, by a torque of at most 0.3 N m. The
-controller knows a beam of four elements with a payload of 0.1 kg; every 20 ms it improves the torques of the next half second,
-25 of them, by five gradient steps (Adam, started from the plan before, shifted by one), and applies the first. A gradient is
-that of a rollout of the whole nonlinear model: one call of native code forwards, one backwards. The plant has eight elements
-and 0.15 kg. LQR turns the same plant beside it: the gain of `linearize` about the goal, read from the full state, its torque
-clipped at the same limit. Both read the plant's state at the nodes that they know. CHECK is the RMS distance of the tip from
-its goal over the last half second of three, in m; `python examples/mpc.py` also draws out/mpc.png.
+A flexible arm (1 m, EI = 2 N m^2, 0.2 kg/m) on a hub turns in its plane by 60 degrees, by a torque
+of at most 0.3 N m. The controller knows a beam of four elements with a payload of 0.1 kg; every 20
+ms it improves the torques of the next half second, 25 of them, by five gradient steps (Adam,
+started from the plan before, shifted by one), and applies the first. A gradient is that of a
+rollout of the whole nonlinear model: one call of native code forwards, one backwards. The plant has
+eight elements and 0.15 kg. LQR turns the same plant beside it: the gain of `linearize` about the
+goal, read from the full state, its torque clipped at the same limit. Both read the plant's state at
+the nodes that they know. CHECK is the RMS distance of the tip from its goal over the last half
+second of three, in m; `python examples/mpc.py` also draws out/mpc.png.
 """
 
 import math
@@ -22,14 +24,19 @@ from torchbeam.extend import quaternions
 torch.set_default_dtype(torch.float64)
 DT, HORIZON, DESCENTS, STEPS, LAST, LIMIT, ANGLE = 0.02, 25, 5, 150, 25, 0.3, math.radians(60)
 Z = torch.tensor([0.0, 0.0, 1.0])
-FAR, FAST = torch.ones(HORIZON), torch.full((HORIZON,), 0.02)  # weights of the tip's distance and speed, squared, at each step
+# weights of the tip's distance and speed, squared, at each step
+FAR, FAST = torch.ones(HORIZON), torch.full((HORIZON,), 0.02)
 FAR[-1], FAST[-1] = 11.0, 2.02  # and at the last
 
 
 def arm(elements: int, payload: float) -> tb.Scene:
     section = tb.Section.from_stiffness(EA=4e3, GA=1.4e3, GJ=0.8, EI=2.0, mass=0.2, inertia=1e-3)
-    effects = [tb.PointLoad(0, moment=tb.Input("torque", 3)), tb.PointMass(0.0, inertia=(0.01, 0.01, 0.02), node=0),
-               tb.PointMass(payload), tb.Damping(1e-3)]
+    effects = [
+        tb.PointLoad(0, moment=tb.Input("torque", 3)),
+        tb.PointMass(0.0, inertia=(0.01, 0.01, 0.02), node=0),
+        tb.PointMass(payload),
+        tb.Damping(1e-3),
+    ]
     hub = tb.Support(0, position="xyz", rotation="xy")
     return tb.Scene(tb.Beam.straight(1.0, elements, section), effects, supports=hub, plane="xy")
 
@@ -37,14 +44,22 @@ def arm(elements: int, payload: float) -> tb.Scene:
 def turned(state: tb.State, angle: float) -> tb.State:
     """The whole arm turned about the hub."""
     turn = quaternions.exponential(angle * Z)
-    return replace(state, position=quaternions.rotate(turn, state.position),
-                   rotation=quaternions.multiply(turn.expand_as(state.rotation), state.rotation))
+    return replace(
+        state,
+        position=quaternions.rotate(turn, state.position),
+        rotation=quaternions.multiply(turn.expand_as(state.rotation), state.rotation),
+    )
 
 
 def known(state: tb.State) -> tb.State:
     """The plant's state at every other node, those of the model; stresses as means."""
-    nodes = {name: getattr(state, name)[..., ::2, :] for name in ("position", "rotation", "velocity", "spin")}
-    return replace(state, **nodes, stress=(state.stress[..., ::2, :] + state.stress[..., 1::2, :]) / 2)
+    nodes = {
+        name: getattr(state, name)[..., ::2, :]
+        for name in ("position", "rotation", "velocity", "spin")
+    }
+    return replace(
+        state, **nodes, stress=(state.stress[..., ::2, :] + state.stress[..., 1::2, :]) / 2
+    )
 
 
 model, plant = arm(4, 0.1), arm(8, 0.15)
@@ -52,13 +67,16 @@ goal = tb.rest(model)
 
 
 class Lqr:
-    """u = -K z with the state z of the linear model about the goal. The weights are the best of six for this turn: heavier
-    ones on the tip's place run into the limit and overshoot.
+    """u = -K z with the state z of the linear model about the goal. The weights are the best of six
+    for this turn: heavier ones on the tip's place run into the limit and overshoot.
     """
 
     def __init__(self) -> None:
         self.linear = tb.linearize(
-            model, goal, (lambda s: s.tip.position, lambda s: s.tip.velocity), inputs={"torque": torch.zeros(3)}
+            model,
+            goal,
+            (lambda s: s.tip.position, lambda s: s.tip.velocity),
+            inputs={"torque": torch.zeros(3)},
         )
         self.linear = self.linear.discrete(DT)
         A, B, C = self.linear.A, self.linear.B[:, 2:], self.linear.C[1::3]
@@ -84,14 +102,18 @@ class Mpc:
     def cost(self, states: tb.State, torques: torch.Tensor) -> torch.Tensor:
         far, fast = states.position[:, -1] - goal.position[-1], states.velocity[:, -1]
         effort = 0.02 * torch.dot(torques, torques)
-        return torch.dot(FAR, far.square().sum(-1)) + torch.dot(FAST, fast.square().sum(-1)) + effort
+        return (
+            torch.dot(FAR, far.square().sum(-1)) + torch.dot(FAST, fast.square().sum(-1)) + effort
+        )
 
     def __call__(self, state: tb.State) -> float:
         begin = time.perf_counter()
         torques = torch.cat((self.plan[1:], self.plan[-1:])).requires_grad_()
         descent = torch.optim.Adam([torques], lr=0.1 * LIMIT)
         for _ in range(DESCENTS):
-            states = tb.rollout(self.stepper, state, HORIZON, torque=tb.PerInterval(torques[:, None] * Z))
+            states = tb.rollout(
+                self.stepper, state, HORIZON, torque=tb.PerInterval(torques[:, None] * Z)
+            )
             (torques.grad,) = torch.autograd.grad(self.cost(states, torques), torques)
             descent.step()
             with torch.no_grad():
@@ -129,11 +151,16 @@ def settled(errors: torch.Tensor, within: float = 0.02) -> float:
 
 print(f"{'':<14}{'settled to 20 mm':>18}{'RMS of the last 0.5 s':>24}{'largest torque':>17}")
 for name, (errors, torques) in found.items():
-    print(f"{name:<14}{settled(errors):>16.2f} s{1e3 * errors[-LAST:].square().mean().sqrt():>21.2f} mm"
-          f"{torques.abs().max():>13.2f} N m")
+    print(
+        f"{name:<14}{settled(errors):>16.2f} s{1e3 * errors[-LAST:].square().mean().sqrt():>21.2f} "
+        f"mm{torques.abs().max():>13.2f} N m"
+    )
 seconds = torch.tensor(mpc.seconds)
-print(f"a plan ({DESCENTS} gradients of {HORIZON} steps) took {1e3 * seconds.median():.1f} ms, "
-      f"{1e3 * seconds.quantile(0.95):.1f} ms at most in 95 of 100; one is due every {1e3 * DT:.0f} ms")
+print(
+    f"a plan ({DESCENTS} gradients of {HORIZON} steps) took {1e3 * seconds.median():.1f} ms, "
+    f"{1e3 * seconds.quantile(0.95):.1f} ms at most in 95 of 100; one is due every {1e3 * DT:.0f} "
+    "ms"
+)
 
 
 def draw(path: Path = Path("out/mpc.png")) -> None:

@@ -1,8 +1,9 @@
 """What scattered stiffness and load do to the deflection of strips, each answer with its interval.
 
-EI and P are lognormal and correlated, the load small: w = k P/EI is lognormal, so that mean, quantiles and probabilities
-are known but for k, which one equilibrium tells. Run as a script, it draws histogram, convergence, and the bands of histories
-under a sudden load: out/uncertainty_histogram.png, uncertainty_convergence.png and uncertainty_bands.png.
+EI and P are lognormal and correlated, the load small: w = k P/EI is lognormal, so that mean,
+quantiles and probabilities are known but for k, which one equilibrium tells. Run as a script, it
+draws histogram, convergence, and the bands of histories under a sudden load:
+out/uncertainty_histogram.png, uncertainty_convergence.png and uncertainty_bands.png.
 """
 
 import math
@@ -45,17 +46,32 @@ def scaled(theta: torch.Tensor) -> torch.Tensor:
 
 K = deflection(torch.ones(1), torch.full((1,), 1e-3))[0].item() / 1e-3
 mu = math.log(K) + LAWS["P"].mu - LAWS["EI"].mu
-sigma = math.sqrt(LAWS["P"].sigma ** 2 + LAWS["EI"].sigma ** 2 - 2 * RHO * LAWS["P"].sigma * LAWS["EI"].sigma)
-exact = {"mean": math.exp(mu + sigma**2 / 2), "95 % quantile": math.exp(mu + 1.6448536 * sigma),
-         "P(w > 0.5 mm)": 0.5 * math.erfc((math.log(5e-4) - mu) / sigma / 2**0.5)}
+sigma = math.sqrt(
+    LAWS["P"].sigma ** 2 + LAWS["EI"].sigma ** 2 - 2 * RHO * LAWS["P"].sigma * LAWS["EI"].sigma
+)
+exact = {
+    "mean": math.exp(mu + sigma**2 / 2),
+    "95 % quantile": math.exp(mu + 1.6448536 * sigma),
+    "P(w > 0.5 mm)": 0.5 * math.erfc((math.log(5e-4) - mu) / sigma / 2**0.5),
+}
 
-samples = tb.monte_carlo(deflection, LAWS, 1024, correlation={("EI", "P"): RHO}, replicates=16, by_name=True)
-found = {"mean": samples.mean_interval(), "95 % quantile": samples.quantile(0.95, interval=0.95),
-         "P(w > 0.5 mm)": samples.exceedance(5e-4)}
+samples = tb.monte_carlo(
+    deflection, LAWS, 1024, correlation={("EI", "P"): RHO}, replicates=16, by_name=True
+)
+found = {
+    "mean": samples.mean_interval(),
+    "95 % quantile": samples.quantile(0.95, interval=0.95),
+    "P(w > 0.5 mm)": samples.exceedance(5e-4),
+}
 print(samples)
 for name, estimate in found.items():
-    print(f"{name:14} {estimate.estimate:.4e}  {estimate.low:.4e} to {estimate.high:.4e}  exact {exact[name]:.4e}")
-rough = tb.monte_carlo(deflection, LAWS, 4096, correlation={("EI", "P"): RHO}, by_name=True, until=0.005, chunk=512)
+    print(
+        f"{name:14} {estimate.estimate:.4e}  {estimate.low:.4e} to {estimate.high:.4e}  exact "
+        f"{exact[name]:.4e}"
+    )
+rough = tb.monte_carlo(
+    deflection, LAWS, 4096, correlation={("EI", "P"): RHO}, by_name=True, until=0.005, chunk=512
+)
 print(f"{len(rough)} strips for half a per cent of the mean")
 
 CHECK = (found["mean"].estimate / exact["mean"] - 1).item()
@@ -64,12 +80,38 @@ EXPECTED, TOLERANCE = 0.0, 1e-3  # three times the standard error of 1024 points
 
 def draw(folder: Path = Path("out")) -> None:
     options = dict(correlation={("EI", "P"): RHO}, replicates=16, by_name=True)
-    print("wrote", tb.plot.save(tb.plot.histogram(samples, name="tip deflection / m"), folder / "uncertainty_histogram.png"))
-    runs = {f"{design}": tb.monte_carlo(scaled, LAWS, 2**18, design=design, correlation=options["correlation"], replicates=16,
-                                        chunk=2**14) for design in ("plain", "sobol")}
-    print("wrote", tb.plot.save(tb.plot.convergence(runs, exact["mean"]), folder / "uncertainty_convergence.png"))
+    print(
+        "wrote",
+        tb.plot.save(
+            tb.plot.histogram(samples, name="tip deflection / m"),
+            folder / "uncertainty_histogram.png",
+        ),
+    )
+    runs = {
+        f"{design}": tb.monte_carlo(
+            scaled,
+            LAWS,
+            2**18,
+            design=design,
+            correlation=options["correlation"],
+            replicates=16,
+            chunk=2**14,
+        )
+        for design in ("plain", "sobol")
+    }
+    print(
+        "wrote",
+        tb.plot.save(
+            tb.plot.convergence(runs, exact["mean"]), folder / "uncertainty_convergence.png"
+        ),
+    )
     motion = tb.monte_carlo(history, LAWS, 512, **options)
-    print("wrote", tb.plot.save(tb.plot.bands(T, motion, name="tip deflection / m"), folder / "uncertainty_bands.png"))
+    print(
+        "wrote",
+        tb.plot.save(
+            tb.plot.bands(T, motion, name="tip deflection / m"), folder / "uncertainty_bands.png"
+        ),
+    )
 
 
 if __name__ == "__main__":

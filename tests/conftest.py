@@ -22,8 +22,9 @@ UNIT, ENGINE = Path(__file__).parent / "unit", "TORCHBEAM_ENGINE"
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item):
-    """Tests run by the engine that users have. Unit tests, hundreds of scenes that make a step or two each, do so eagerly, as
-    compiling a structure takes a second, unless they are marked "steps" or the environment says otherwise.
+    """Tests run by the engine that users have. Unit tests, hundreds of scenes that make a step or
+    two each, do so eagerly, as compiling a structure takes a second, unless they are marked "steps"
+    or the environment says otherwise.
     """
     with pytest.MonkeyPatch.context() as patch:
         if UNIT in item.path.parents and not item.get_closest_marker("steps"):
@@ -33,7 +34,9 @@ def pytest_runtest_protocol(item):
 
 @pytest.fixture(autouse=True)
 def double_precision_on_given_threads():
-    """A test that changes the default dtype or the number of threads, or steps eagerly, does not reach the next."""
+    """A test that changes the default dtype or the number of threads, or steps eagerly, does not
+    reach the next.
+    """
     engine_use._of_short_runs.clear()
     torch.set_default_dtype(torch.float64)
     torch.set_num_threads(THREADS)
@@ -43,5 +46,9 @@ def double_precision_on_given_threads():
 
 @pytest.fixture(scope="session")
 def reference():
-    """reference("heavy_elastica") -> torchbeam/data/heavy_elastica.json, the file that the package's own studies read"""
-    return lambda name: json.loads(resources.files("torchbeam").joinpath(f"data/{name}.json").read_text())
+    """reference("heavy_elastica") -> torchbeam/data/heavy_elastica.json, the file that the
+    package's own studies read
+    """
+    return lambda name: json.loads(
+        resources.files("torchbeam").joinpath(f"data/{name}.json").read_text()
+    )

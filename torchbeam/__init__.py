@@ -70,21 +70,47 @@ from .state.state import State, rest
 from .statics.equilibrium import equilibrium
 from .statics.path import Path, path
 
+# fmt: off
 __all__ = [
-    "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body", "Critical", "Cylindrical",
-    "Damping", "Description", "Distance", "Drag", "Energy", "Estimate", "ExplicitStepper", "FieldFit", "Fit", "Frame",
-    "Gravity", "Hinge", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping", "Measurement", "MixedState",
-    "Modes", "MomentDerivatives", "PairedModes", "Parameter", "Path", "PerElement", "PerInterval", "PointLoad", "PointMass",
-    "RareEvent", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "Slider", "SlowPathWarning", "Smoothness",
-    "SobolIndices", "Solution", "Spring", "State", "Stations", "Stats", "Stepper", "Stream", "Support", "Table", "TipLoad",
-    "Tornado", "Universal", "Weld", "advise", "block_rate", "consistent_state", "critical_load", "describe", "equilibrium",
-    "identify", "identify_fields", "laws", "linearize", "modal_assurance", "modes", "moment_derivatives", "monte_carlo",
-    "monte_carlo_stream", "observe", "pair_modes", "path", "plot", "rare_event", "rayleigh", "rest", "rollout", "sensors",
+    "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body", "Critical",
+    "Cylindrical",
+    "Damping", "Description", "Distance", "Drag", "Energy", "Estimate", "ExplicitStepper",
+    "FieldFit", "Fit", "Frame",
+    "Gravity", "Hinge", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping",
+    "Measurement", "MixedState",
+    "Modes", "MomentDerivatives", "PairedModes", "Parameter", "Path", "PerElement", "PerInterval",
+    "PointLoad", "PointMass",
+    "RareEvent", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "Slider",
+    "SlowPathWarning", "Smoothness",
+    "SobolIndices", "Solution", "Spring", "State", "Stations", "Stats", "Stepper", "Stream",
+    "Support", "Table", "TipLoad",
+    "Tornado", "Universal", "Weld", "advise", "block_rate", "consistent_state", "critical_load",
+    "describe", "equilibrium",
+    "identify", "identify_fields", "laws", "linearize", "modal_assurance", "modes",
+    "moment_derivatives", "monte_carlo",
+    "monte_carlo_stream", "observe", "pair_modes", "path", "plot", "rare_event", "rayleigh", "rest",
+    "rollout", "sensors",
     "simulate", "sobol_indices", "tornado",
 ]
+# fmt: on
 
 # results that hold tensors and plain values alone: torch.load(weights_only=True) takes them
-torch.serialization.add_safe_globals([Advice, Critical, Description, Estimate, Modes, MomentDerivatives, PairedModes, Path,
-                                      Prediction, RareEvent, SobolIndices, Tornado, slice])
+torch.serialization.add_safe_globals(
+    [
+        Advice,
+        Critical,
+        Description,
+        Estimate,
+        Modes,
+        MomentDerivatives,
+        PairedModes,
+        Path,
+        Prediction,
+        RareEvent,
+        SobolIndices,
+        Tornado,
+        slice,
+    ]
+)
 
 entry_points(globals(), __all__)

@@ -1,7 +1,7 @@
 """python -m torchbeam: commands found by entry point.
 
-A command is a function that takes the rest of the command line as a list and returns an exit status or None; the first line of
-its docstring describes it. A package adds one in its pyproject.toml:
+A command is a function that takes the rest of the command line as a list and returns an exit status
+or None; the first line of its docstring describes it. A package adds one in its pyproject.toml:
 
     [project.entry-points."torchbeam.commands"]
     demo = "torchbeam_envs.demo:main"
@@ -40,12 +40,17 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f"python -m torchbeam {argv[0]}: error: {error}", file=sys.stderr)
             return 2
     parser = argparse.ArgumentParser(
-        prog="python -m torchbeam", formatter_class=argparse.RawDescriptionHelpFormatter,
+        prog="python -m torchbeam",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Batched, differentiable, geometrically exact beam dynamics.",
         epilog=_listing(available) if set(argv) & {"-h", "--help"} or not argv else None,
     )
-    parser.add_argument("--version", action="version", version=f"torchbeam {versions('torchbeam')['torchbeam']}")
-    parser.add_argument("command", choices=sorted(available), help="what to do; `COMMAND --help` says more")
+    parser.add_argument(
+        "--version", action="version", version=f"torchbeam {versions('torchbeam')['torchbeam']}"
+    )
+    parser.add_argument(
+        "command", choices=sorted(available), help="what to do; `COMMAND --help` says more"
+    )
     if not argv:
         parser.print_help()
         return 0
@@ -54,22 +59,33 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def commands() -> dict[str, EntryPoint]:
-    """Every installed command, by name; `info` is there even where torchbeam runs without being installed."""
+    """Every installed command, by name; `info` is there even where torchbeam runs without being
+    installed.
+    """
     here = {"info": EntryPoint("info", "torchbeam.cli:info", GROUP)}
     return {**here, **{found.name: found for found in entry_points(group=GROUP)}}
 
 
 def info(argv: Sequence[str]) -> None:
-    """Versions, precision and threads: what a bug report should say; or what a scene has and needs."""
+    """Versions, precision and threads: what a bug report should say; or what a scene has and
+    needs.
+    """
     parser = argparse.ArgumentParser(prog="python -m torchbeam info", description=info.__doc__)
-    parser.add_argument("scene", nargs="?", metavar="SCENE.py",
-                        help="a Python file: its `scene` is described, or else each Scene in it")
+    parser.add_argument(
+        "scene",
+        nargs="?",
+        metavar="SCENE.py",
+        help="a Python file: its `scene` is described, or else each Scene in it",
+    )
     given = parser.parse_args(argv).scene
     if given is not None:
         return _described(given, parser)
     facts = measured_on(dtype=None)
-    facts |= {**facts.pop("versions"), "default dtype": torch.get_default_dtype(),
-              "cuda": torch.cuda.get_device_name() if torch.cuda.is_available() else "none"}
+    facts |= {
+        **facts.pop("versions"),
+        "default dtype": torch.get_default_dtype(),
+        "cuda": torch.cuda.get_device_name() if torch.cuda.is_available() else "none",
+    }
     width = max(map(len, facts))
     for name, value in facts.items():
         print(f"{name:<{width}}  {value}")
@@ -81,9 +97,14 @@ def _described(path: str, parser: argparse.ArgumentParser) -> None:
 
     if not Path(path).is_file():
         parser.error(f"{path} was given; a Python file with a torchbeam.Scene in it is wanted")
-    scenes = {name: value for name, value in runpy.run_path(path).items() if isinstance(value, Scene)}
+    scenes = {
+        name: value for name, value in runpy.run_path(path).items() if isinstance(value, Scene)
+    }
     if not scenes:
-        parser.error(f"{path} without a torchbeam.Scene was given; one called `scene` is wanted, or some of other names")
+        parser.error(
+            f"{path} without a torchbeam.Scene was given; one called `scene` is wanted, or some "
+            "of other names"
+        )
     if "scene" in scenes:
         scenes = {"scene": scenes["scene"]}
     for name, scene in scenes.items():
@@ -93,9 +114,12 @@ def _described(path: str, parser: argparse.ArgumentParser) -> None:
             parser.error(f"{name}: {error}")
 
 
-def results_folder(parser: argparse.ArgumentParser, path: str | Path, option: str = "--out") -> Path:
-    """The folder for a command's results, made with those it lies in; called before any work is begun, it ends the command with
-    a sentence, which names the option, and the status 2 where nothing can be written there.
+def results_folder(
+    parser: argparse.ArgumentParser, path: str | Path, option: str = "--out"
+) -> Path:
+    """The folder for a command's results, made with those it lies in; called before any work is
+    begun, it ends the command with a sentence, which names the option, and the status 2 where
+    nothing can be written there.
     """
     try:
         return folder(path, parents=True)
@@ -103,15 +127,31 @@ def results_folder(parser: argparse.ArgumentParser, path: str | Path, option: st
         parser.error(f"{option}: {error}")
 
 
-def study(argv: Sequence[str] | None, name: str, description: str, quick: str,
-          more: Callable[[argparse.ArgumentParser], Any] | None = None, instead: str | None = None
-          ) -> tuple[argparse.Namespace, Path]:
-    """Options of a command that writes NAME.csv, NAME.md and NAME.json, --out, --quick and those that `more` adds, and the
-    folder for its results; where the option `instead` is given, a file that is written in place of these, the folder of that.
+def study(
+    argv: Sequence[str] | None,
+    name: str,
+    description: str,
+    quick: str,
+    more: Callable[[argparse.ArgumentParser], Any] | None = None,
+    instead: str | None = None,
+) -> tuple[argparse.Namespace, Path]:
+    """Options of a command that writes NAME.csv, NAME.md and NAME.json, --out, --quick and those
+    that `more` adds, and the folder for its results; where the option `instead` is given, a file
+    that is written in place of these, the folder of that.
     """
-    parser = argparse.ArgumentParser(prog=f"python -m torchbeam {name}", description=(
-        f"{description} Writes {name}.csv, {name}.md and {name}.json (with machine and versions)."))
-    parser.add_argument("--out", type=Path, default=Path("out") / name, help="folder for the results (default: %(default)s)")
+    parser = argparse.ArgumentParser(
+        prog=f"python -m torchbeam {name}",
+        description=(
+            f"{description} Writes {name}.csv, {name}.md and {name}.json (with machine and "
+            "versions)."
+        ),
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out") / name,
+        help="folder for the results (default: %(default)s)",
+    )
     parser.add_argument("--quick", action="store_true", help=quick)
     if more is not None:
         more(parser)

@@ -1,1 +1,3 @@
-"""Learners for the environments, one file an algorithm; run from the top of the repository: `python -m training.ppo --help`."""
+"""Learners for the environments, one file an algorithm; run from the top of the repository:
+`python -m training.ppo --help`.
+"""

@@ -1,4 +1,6 @@
-"""The package's baselines, tuned for a task on training episodes: never on those that scores come from."""
+"""The package's baselines, tuned for a task on training episodes: never on those that scores come
+from.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,8 @@ from .tuned import TRAINING, Task
 
 EPISODES = 16  # that tuning looks at
 SETS = 24  # of gains in a round of the search
-EFFORTS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)  # weights of the action that LQR and LQG choose from
+# weights of the action that LQR and LQG choose from
+EFFORTS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 
 
 def pd(task: Task) -> Controller:
@@ -55,6 +58,7 @@ def regulated(kind: type[LQR]) -> Callable[[Task], Controller]:
         best = max(range(len(found)), key=scores.__getitem__)
         found[best].settings = {"effort": EFFORTS[best]}
         return found[best]
+
     return made
 
 
@@ -66,6 +70,10 @@ def optimum(task: Task) -> Controller:
 
 
 BASELINES: dict[str, Callable[[Task], Controller]] = {
-    "zero": lambda task: Zero(), "static": lambda task: Static(make(task, 1)), "pd": pd, "lqr": regulated(LQR),
-    "lqg": regulated(LQG), "optimum": optimum,
+    "zero": lambda task: Zero(),
+    "static": lambda task: Static(make(task, 1)),
+    "pd": pd,
+    "lqr": regulated(LQR),
+    "lqg": regulated(LQG),
+    "optimum": optimum,
 }

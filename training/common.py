@@ -1,4 +1,6 @@
-"""What the learners share: the loop around `Learner.iteration` with its log, checkpoints and scores, and the command line."""
+"""What the learners share: the loop around `Learner.iteration` with its log, checkpoints and
+scores, and the command line.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,9 @@ class Learner(Protocol):
     """environment steps that one iteration takes"""
 
     def iteration(self, done: float) -> dict[str, float]:
-        """Collect, learn, and say how it went; `done` is the share of the budget that is used up (for schedules)."""
+        """Collect, learn, and say how it went; `done` is the share of the budget that is used up
+        (for schedules).
+        """
 
     def state_dict(self) -> dict[str, Any]: ...
 
@@ -43,27 +47,46 @@ class Learner(Protocol):
 
 @dataclass(frozen=True)
 class Budget:
-    """When a run ends: at so many environment steps, or minutes of training, whichever comes first (None: no such limit)."""
+    """When a run ends: at so many environment steps, or minutes of training, whichever comes first
+    (None: no such limit).
+    """
 
     steps: int | None = 1_000_000
     minutes: float | None = None
 
     def done(self, steps: int, seconds: float) -> float:
-        """The share that is used up, 0 to 1. With `minutes` it depends on the machine, and so do schedules and results."""
+        """The share that is used up, 0 to 1. With `minutes` it depends on the machine, and so do
+        schedules and results.
+        """
         by_steps = 0.0 if self.steps is None else steps / self.steps
-        return min(1.0, max(by_steps, 0.0 if self.minutes is None else seconds / (60 * self.minutes)))
+        return min(
+            1.0, max(by_steps, 0.0 if self.minutes is None else seconds / (60 * self.minutes))
+        )
 
 
-def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, name: str = "run", every: int = 20_000,
-          episodes: int = 64, final: int = EPISODES, progress: bool = True) -> dict[str, Any]:
-    """Iterate until the budget is used up; writes NAME.csv (log), NAME.pt (policy) and, meanwhile, NAME.checkpoint.
+def train(
+    learner: Learner,
+    task: Task,
+    folder: str | Path,
+    budget: Budget,
+    *,
+    name: str = "run",
+    every: int = 20_000,
+    episodes: int = 64,
+    final: int = EPISODES,
+    progress: bool = True,
+) -> dict[str, Any]:
+    """Iterate until the budget is used up; writes NAME.csv (log), NAME.pt (policy) and, meanwhile,
+    NAME.checkpoint.
 
-    A run whose checkpoint is there goes on from it. With a budget of steps alone, it then ends in the same bits as a run that
-    was never stopped. About every `every` steps, and more often at first, the policy is scored on `episodes` held-out episodes
-    and a checkpoint is written; the time that takes is not in `seconds`.
+    A run whose checkpoint is there goes on from it. With a budget of steps alone, it then ends in
+    the same bits as a run that was never stopped. About every `every` steps, and more often at
+    first, the policy is scored on `episodes` held-out episodes and a checkpoint is written; the
+    time that takes is not in `seconds`.
 
-    Raises ValueError for a folder that cannot be written, and for a checkpoint that is damaged, of another release or learner,
-    or holds more than tensors and plain data: nothing in it is ever run.
+    Raises ValueError for a folder that cannot be written, and for a checkpoint that is damaged, of
+    another release or learner, or holds more than tensors and plain data: nothing in it is ever
+    run.
     """
     folder, each = writable_folder(folder, parents=True), max(1, round(every / learner.batch))
     checkpoint, log = folder / f"{name}.checkpoint", Log(folder / f"{name}.csv")
@@ -72,14 +95,19 @@ def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, n
         state = read(checkpoint, "checkpoint", ("learner", "iteration", "steps", "seconds", "rows"))
         try:
             learner.load_state_dict(state["learner"])
-            iteration, steps, seconds = int(state["iteration"]), int(state["steps"]), float(state["seconds"])
+            iteration, steps = int(state["iteration"]), int(state["steps"])
+            seconds = float(state["seconds"])
             log.rewind(int(state["rows"]))
         except (KeyError, TypeError, ValueError, AttributeError, RuntimeError, IndexError):
-            raise ValueError(f"the checkpoint {str(checkpoint)!r} was given, which does not fit this learner; the run starts "
-                             "anew where it is removed") from None
+            raise ValueError(
+                f"the checkpoint {str(checkpoint)!r} was given, which does not fit this learner; "
+                "the run starts anew where it is removed"
+            ) from None
     else:
         log.rewind(0)
-        log.write({"iteration": 0, "steps": 0, "seconds": 0.0, **held_out(task, learner.policy, judge)})
+        log.write(
+            {"iteration": 0, "steps": 0, "seconds": 0.0, **held_out(task, learner.policy, judge)}
+        )
     with Bar(name, progress) as bar:
         while (done := budget.done(steps, seconds)) < 1:
             start = time.perf_counter()
@@ -89,13 +117,41 @@ def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, n
             over = budget.done(steps, seconds)
             if iteration % max(1, min(each, iteration // 8)) == 0 or over >= 1:
                 scores = held_out(task, learner.policy, judge)
-                log.write({"iteration": iteration, "steps": steps, "seconds": seconds, **scores, **figures})
-                save_file(checkpoint, {"learner": learner.state_dict(), "iteration": iteration, "steps": steps,
-                                        "seconds": seconds, "rows": log.rows})
+                log.write(
+                    {
+                        "iteration": iteration,
+                        "steps": steps,
+                        "seconds": seconds,
+                        **scores,
+                        **figures,
+                    }
+                )
+                save_file(
+                    checkpoint,
+                    {
+                        "learner": learner.state_dict(),
+                        "iteration": iteration,
+                        "steps": steps,
+                        "seconds": seconds,
+                        "rows": log.rows,
+                    },
+                )
                 bar.say(f"return {scores['held_out_return']:.1f}")
             bar.to(over)
-    result = {"steps": steps, "seconds": seconds, "iterations": iteration, **evaluate(task, learner.policy, final)}
-    save(learner.policy, folder / f"{name}.pt", task=task.name, env=task.env, arguments=task.arguments, scores=result)
+    result = {
+        "steps": steps,
+        "seconds": seconds,
+        "iterations": iteration,
+        **evaluate(task, learner.policy, final),
+    }
+    save(
+        learner.policy,
+        folder / f"{name}.pt",
+        task=task.name,
+        env=task.env,
+        arguments=task.arguments,
+        scores=result,
+    )
     checkpoint.unlink(missing_ok=True)
     return result
 
@@ -107,13 +163,17 @@ def held_out(task: Task, controller: Controller, env: VectorEnv) -> dict[str, fl
 
 
 class Log:
-    """A CSV file, a row at a time; columns are those of the first full row, missing values stay empty."""
+    """A CSV file, a row at a time; columns are those of the first full row, missing values stay
+    empty.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path, self.rows = path, 0
 
     def rewind(self, rows: int) -> None:
-        """Keep the first `rows` rows: what a run that was stopped has logged after its checkpoint is made again."""
+        """Keep the first `rows` rows: what a run that was stopped has logged after its checkpoint
+        is made again.
+        """
         kept = self._read()[:rows] if rows else []
         self._write(kept)
 
@@ -128,7 +188,9 @@ class Log:
 
     def _write(self, rows: list[dict[str, Any]]) -> None:
         names = list(dict.fromkeys(name for row in rows for name in row))
-        write(self.path, csv_text([names, *([row.get(name, "") for name in names] for row in rows)]))
+        write(
+            self.path, csv_text([names, *([row.get(name, "") for name in names] for row in rows)])
+        )
         self.rows = len(rows)
 
 
@@ -142,7 +204,11 @@ class Bar:
                 from tqdm import tqdm
             except ImportError:
                 return
-            self.bar = tqdm(total=100.0, desc=name, bar_format="{desc}: {percentage:3.0f} %|{bar}| {elapsed} {postfix}")
+            self.bar = tqdm(
+                total=100.0,
+                desc=name,
+                bar_format="{desc}: {percentage:3.0f} %|{bar}| {elapsed} {postfix}",
+            )
 
     def __enter__(self) -> Bar:
         return self
@@ -161,11 +227,22 @@ class Bar:
 
 
 def environment_state(env: VectorEnv) -> dict[str, Any]:
-    """Where the episodes of a `BeamVectorEnv` and its streams of random numbers stand, as tensors and plain data."""
+    """Where the episodes of a `BeamVectorEnv` and its streams of random numbers stand, as tensors
+    and plain data.
+    """
     env.detach()
-    now = {name: vars(value) if is_dataclass(value) else value for name, value in vars(env.state).items()}
-    params = {name: value.detach() for name, value in now.pop("plant")["params"].items() if value.ndim}
-    return {"episodes": now, "params": params, "streams": [stream.bit_generator.state for stream in env.np_random]}
+    now = {
+        name: vars(value) if is_dataclass(value) else value
+        for name, value in vars(env.state).items()
+    }
+    params = {
+        name: value.detach() for name, value in now.pop("plant")["params"].items() if value.ndim
+    }
+    return {
+        "episodes": now,
+        "params": params,
+        "streams": [stream.bit_generator.state for stream in env.np_random],
+    }
 
 
 def restore_environment(env: VectorEnv, state: dict[str, Any]) -> Any:
@@ -173,8 +250,10 @@ def restore_environment(env: VectorEnv, state: dict[str, Any]) -> Any:
     env.reset(seed=0, options={"params": state["params"]} if state["params"] else None)
     for stream, at in zip(env.np_random, state["streams"], strict=True):
         stream.bit_generator.state = at
-    now = {name: replace(own, **value) if is_dataclass(own := getattr(env.state, name)) else value
-           for name, value in state["episodes"].items()}
+    now = {
+        name: replace(own, **value) if is_dataclass(own := getattr(env.state, name)) else value
+        for name, value in state["episodes"].items()
+    }
     return env.set_state(replace(env.state, **now))
 
 
@@ -183,18 +262,37 @@ def training_seed(seed: int) -> int:
     return TRAINING + 10_000 * seed
 
 
-def main(argv: Sequence[str] | None, arguments: type, learner: Any, tuned: dict[str, dict[str, Any]]) -> int:
-    """Train one policy from the command line: an option for each field of the dataclass `arguments`, and those of the run."""
-    parser = argparse.ArgumentParser(prog=f"python -m training.{learner.NAME}",
-                                     description=inspect.getdoc(learner), formatter_class=argparse.RawDescriptionHelpFormatter)
+def main(
+    argv: Sequence[str] | None, arguments: type, learner: Any, tuned: dict[str, dict[str, Any]]
+) -> int:
+    """Train one policy from the command line: an option for each field of the dataclass
+    `arguments`, and those of the run.
+    """
+    parser = argparse.ArgumentParser(
+        prog=f"python -m training.{learner.NAME}",
+        description=inspect.getdoc(learner),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--task", choices=TASKS, default="reach", help="default: %(default)s")
-    parser.add_argument("--budget", type=int, default=1_000_000, help="environment steps (default: %(default)s)")
-    parser.add_argument("--minutes", type=float, help="end after so many minutes of training at the latest")
-    parser.add_argument("--out", default="out/training", help="folder for log, policy and checkpoint (default: %(default)s)")
+    parser.add_argument(
+        "--budget", type=int, default=1_000_000, help="environment steps (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--minutes", type=float, help="end after so many minutes of training at the latest"
+    )
+    parser.add_argument(
+        "--out",
+        default="out/training",
+        help="folder for log, policy and checkpoint (default: %(default)s)",
+    )
     texts, types = documented(arguments), get_type_hints(arguments)
     for one in fields(arguments):
         kind = types[one.name] if types[one.name] in (int, float, str) else ast.literal_eval
-        parser.add_argument(f"--{one.name.replace('_', '-')}", type=kind, help=f"{texts.get(one.name, '')} ({one.default})")
+        parser.add_argument(
+            f"--{one.name.replace('_', '-')}",
+            type=kind,
+            help=f"{texts.get(one.name, '')} ({one.default})",
+        )
     given = vars(parser.parse_args(argv))
     task = TASKS[given["task"]]
     own = {one.name: given[one.name] for one in fields(arguments) if given[one.name] is not None}
@@ -202,7 +300,9 @@ def main(argv: Sequence[str] | None, arguments: type, learner: Any, tuned: dict[
     settings = arguments(**{**tuned.get(task.name, {}), **own})
     name = f"{task.name}-{learner.NAME}-{settings.seed}"
     folder = results_folder(parser, given["out"])
-    result = train(learner(task, settings), task, folder, Budget(given["budget"], given["minutes"]), name=name)
+    result = train(
+        learner(task, settings), task, folder, Budget(given["budget"], given["minutes"]), name=name
+    )
     print("  ".join(f"{key} {value:.4g}" for key, value in result.items()))
     return 0
 
@@ -210,5 +310,10 @@ def main(argv: Sequence[str] | None, arguments: type, learner: Any, tuned: dict[
 def documented(arguments: type) -> dict[str, str]:
     """The docstring under each field of a dataclass, by field."""
     body = ast.parse(textwrap.dedent(inspect.getsource(arguments))).body[0].body
-    return {a.target.id: " ".join(b.value.value.split()) for a, b in pairwise(body)
-            if isinstance(a, ast.AnnAssign) and isinstance(b, ast.Expr) and isinstance(b.value, ast.Constant)}
+    return {
+        a.target.id: " ".join(b.value.value.split())
+        for a, b in pairwise(body)
+        if isinstance(a, ast.AnnAssign)
+        and isinstance(b, ast.Expr)
+        and isinstance(b.value, ast.Constant)
+    }

@@ -1,6 +1,6 @@
 """Scores of a controller on fixed held-out episodes; the same for every learner and baseline.
 
-    python -m training.evaluate training/policies/reach-shac.pt
+python -m training.evaluate training/policies/reach-shac.pt
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from .tuned import HELD_OUT, TASKS, Task
 
 EPISODES = 256
 Controller = Callable[[torch.Tensor], torch.Tensor]
-"""observation (n, o) -> action (n, a); a method `begin(env)`, if it has one, is called after the reset of the n episodes"""
+"""observation (n, o) -> action (n, a); a method `begin(env)`, if it has one, is called after the
+reset of the n episodes
+"""
 
 
 def make(task: Task, episodes: int) -> VectorEnv:
@@ -27,14 +29,22 @@ def make(task: Task, episodes: int) -> VectorEnv:
 
 
 @torch.no_grad()
-def evaluate(task: Task, controller: Controller, episodes: int = EPISODES, first: int = HELD_OUT,
-             env: VectorEnv | None = None) -> dict[str, float]:
-    """One episode each on the seeds first, first + 1, ...; env: one from `make` with as many, to be used again.
+def evaluate(
+    task: Task,
+    controller: Controller,
+    episodes: int = EPISODES,
+    first: int = HELD_OUT,
+    env: VectorEnv | None = None,
+) -> dict[str, float]:
+    """One episode each on the seeds first, first + 1, ...; env: one from `make` with as many, to be
+    used again.
 
     return           mean of the sum of rewards, and return_deviation over the episodes
-    success          share of the episodes whose error stays within the task's tolerance over its last `hold` steps
+    success          share of the episodes whose error stays within the task's tolerance over its
+                     last `hold` steps
     final_error      mean error over these steps (m), and final_error_median over the episodes
-    ended            episodes that ended before their time: they are no success, and their error is the last one
+    ended            episodes that ended before their time: they are no success, and their error is
+                     the last one
     solver_failures  those of them in which a solve failed
     """
     env = make(task, episodes) if env is None else env
@@ -48,23 +58,34 @@ def evaluate(task: Task, controller: Controller, episodes: int = EPISODES, first
         total, over = total + reward, terminated | truncated
         errors.append(info[task.error])
         failures += int(info["solver_failed"].sum())
-    last = torch.stack(errors[-task.hold:])
+    last = torch.stack(errors[-task.hold :])
     final = last.mean(0)
     success = (last <= task.tolerance).all(0) & ~terminated
-    return {"return": total.mean().item(), "return_deviation": total.std().item(), "success": success.double().mean().item(),
-            "final_error": final.mean().item(), "final_error_median": final.median().item(),
-            "ended": int(terminated.sum()), "solver_failures": failures, "episodes": episodes}
+    return {
+        "return": total.mean().item(),
+        "return_deviation": total.std().item(),
+        "success": success.double().mean().item(),
+        "final_error": final.mean().item(),
+        "final_error_median": final.median().item(),
+        "ended": int(terminated.sum()),
+        "solver_failures": failures,
+        "episodes": episodes,
+    }
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Score saved policies on the held-out episodes of the task they were trained for."""
     parser = argparse.ArgumentParser(prog="python -m training.evaluate", description=main.__doc__)
     parser.add_argument("policy", nargs="+", help="files that a learner has written")
-    parser.add_argument("--episodes", type=int, default=EPISODES, help="held-out episodes (default: %(default)s)")
+    parser.add_argument(
+        "--episodes", type=int, default=EPISODES, help="held-out episodes (default: %(default)s)"
+    )
     options = parser.parse_args(argv)
     torch.set_num_threads(1)
     try:
-        loaded = [(path, policy := load(path), _task(path, policy.about)) for path in options.policy]
+        loaded = [
+            (path, policy := load(path), _task(path, policy.about)) for path in options.policy
+        ]
     except ValueError as error:
         parser.error(str(error))
     for path, policy, task in loaded:
@@ -77,8 +98,10 @@ def _task(path: str, about: Any) -> Task:
     try:
         return TASKS[about["task"]].varied(**about["arguments"])
     except (KeyError, TypeError):
-        raise ValueError(f"the policy {path!r} was given, which names no task of this release; there are "
-                         f"{', '.join(TASKS)}") from None
+        raise ValueError(
+            f"the policy {path!r} was given, which names no task of this release; there are "
+            f"{', '.join(TASKS)}"
+        ) from None
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
-"""Policies and value functions: small networks behind a running normalisation of what they see, and their files.
+"""Policies and value functions: small networks behind a running normalisation of what they see, and
+their files.
 
-    from training.policies import load
-    policy = load("training/policies/reach-shac.pt")
-    action = policy(observation)                      # numpy or torch, (..., o) -> (..., a)
+from training.policies import load
+policy = load("training/policies/reach-shac.pt")
+action = policy(observation)                      # numpy or torch, (..., o) -> (..., a)
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ LIMIT = 10.0  # standard deviations; normalised observations are clipped there
 
 
 class Statistics(nn.Module):
-    """Mean and variance of everything seen so far, feature by feature (Chan, Golub and LeVeque 1983); float64 buffers."""
+    """Mean and variance of everything seen so far, feature by feature (Chan, Golub and LeVeque
+    1983); float64 buffers.
+    """
 
     def __init__(self, size: int) -> None:
         super().__init__()
@@ -39,8 +42,16 @@ class Statistics(nn.Module):
         n = len(x)
         total = self.count + n
         apart = x.mean(0) - self.mean
-        spread = self.variance * self.count + x.var(0, correction=0) * n + apart**2 * (self.count * n / total)
-        self.mean, self.variance, self.count = self.mean + apart * (n / total), spread / total, total
+        spread = (
+            self.variance * self.count
+            + x.var(0, correction=0) * n
+            + apart**2 * (self.count * n / total)
+        )
+        self.mean, self.variance, self.count = (
+            self.mean + apart * (n / total),
+            spread / total,
+            total,
+        )
 
     def forward(self, x: Tensor) -> Tensor:
         """x (..., size) with mean 0 and variance 1, clipped at 10."""
@@ -48,31 +59,45 @@ class Statistics(nn.Module):
 
 
 class Policy(nn.Module):
-    """A normal distribution of actions: its mean from a network of the normalised observation, one deviation an action.
+    """A normal distribution of actions: its mean from a network of the normalised observation, one
+    deviation an action.
 
     sizes       (o, hidden ..., a)
-    squash      True: actions are tanh of the normal ones (smooth at the bounds: for gradients through the environment).
-                False: they are clipped by the environment (the density stays that of the normal: for likelihood ratios)
+    squash      True: actions are tanh of the normal ones (smooth at the bounds: for gradients
+                through the environment). False: they are clipped by the environment (the density
+                stays that of the normal: for likelihood ratios)
     deviation   of the normal at the start
 
-    Calling it gives the most likely action, numpy for numpy and torch for torch, without noise, within [-1, 1].
+    Calling it gives the most likely action, numpy for numpy and torch for torch, without noise,
+    within [-1, 1].
     """
 
-    def __init__(self, sizes: Sequence[int], *, squash: bool, activation: str = "tanh", deviation: float = 0.5,
-                 dtype: torch.dtype = torch.float32) -> None:
+    def __init__(
+        self,
+        sizes: Sequence[int],
+        *,
+        squash: bool,
+        activation: str = "tanh",
+        deviation: float = 0.5,
+        dtype: torch.dtype = torch.float32,
+    ) -> None:
         super().__init__()
         self.shape = dict(sizes=list(sizes), squash=squash, activation=activation)
         self.squash = squash
         self.statistics = Statistics(sizes[0])
         self.network = network(sizes, activation, last=0.01).to(dtype)
-        self.log_deviation = nn.Parameter(torch.full((sizes[-1],), float(np.log(deviation)), dtype=dtype))
+        self.log_deviation = nn.Parameter(
+            torch.full((sizes[-1],), float(np.log(deviation)), dtype=dtype)
+        )
 
     def mean(self, observation: Tensor) -> Tensor:
         """(..., a), before squashing."""
         return self.network(self.statistics(observation).to(self.log_deviation.dtype))
 
     def distribution(self, observation: Tensor) -> torch.distributions.Normal:
-        return torch.distributions.Normal(self.mean(observation), self.log_deviation.exp(), validate_args=False)
+        return torch.distributions.Normal(
+            self.mean(observation), self.log_deviation.exp(), validate_args=False
+        )
 
     def act(self, observation: Tensor, noise: Tensor | None = None) -> Tensor:
         """(..., a) in the observation's dtype, differentiable; noise (..., a) standard normal."""
@@ -90,7 +115,9 @@ class Policy(nn.Module):
 class Value(nn.Module):
     """The return that follows from a normalised observation (..., o): (...)."""
 
-    def __init__(self, sizes: Sequence[int], *, activation: str = "tanh", dtype: torch.dtype = torch.float32) -> None:
+    def __init__(
+        self, sizes: Sequence[int], *, activation: str = "tanh", dtype: torch.dtype = torch.float32
+    ) -> None:
         super().__init__()
         self.network = network((*sizes, 1), activation).to(dtype)
 
@@ -99,7 +126,9 @@ class Value(nn.Module):
 
 
 def network(sizes: Sequence[int], activation: str, last: float = 1.0) -> nn.Sequential:
-    """Dense layers with orthogonal weights, gain sqrt(2), and `last` in the last; no activation after that."""
+    """Dense layers with orthogonal weights, gain sqrt(2), and `last` in the last; no activation
+    after that.
+    """
     layers: list[nn.Module] = []
     for i, (a, b) in enumerate(pairwise(sizes)):
         layer = nn.Linear(a, b)
@@ -110,7 +139,9 @@ def network(sizes: Sequence[int], activation: str, last: float = 1.0) -> nn.Sequ
 
 
 def save(policy: Policy, path: str | Path, **about: Any) -> None:
-    """Write the policy and what is to be known about it: plain numbers, texts, lists and dicts of them."""
+    """Write the policy and what is to be known about it: plain numbers, texts, lists and dicts of
+    them.
+    """
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     save_file(path, {"shape": policy.shape, "weights": policy.state_dict(), "about": about})
 
@@ -122,25 +153,39 @@ def load(path: str | Path) -> Policy:
         policy = Policy(**content["shape"], dtype=content["weights"]["log_deviation"].dtype)
         policy.load_state_dict(content["weights"])
     except (KeyError, TypeError, AttributeError, RuntimeError, ValueError, IndexError):
-        raise ValueError(f"the file {str(path)!r} was given, whose weights fit no policy of this release; another is "
-                         "wanted") from None
+        raise ValueError(
+            f"the file {str(path)!r} was given, whose weights fit no policy of this release; "
+            "another is wanted"
+        ) from None
     policy.about = content["about"]
     return policy
 
 
 def read(path: str | Path, what: str, keys: Sequence[str]) -> dict[str, Any]:
-    """A file of tensors, numbers, texts, lists and dicts, with these keys at its top. Nothing in it is ever run.
+    """A file of tensors, numbers, texts, lists and dicts, with these keys at its top. Nothing in it
+    is ever run.
 
     Raises ValueError for any other file, an old, damaged or malicious one among them.
     """
     try:
         content = torch.load(path, weights_only=True)
     except FileNotFoundError:
-        raise ValueError(f"the file {str(path)!r} was given for a {what}, and is not there") from None
+        raise ValueError(
+            f"the file {str(path)!r} was given for a {what}, and is not there"
+        ) from None
     except Exception as error:  # of a file of something else torch.load may raise anything
-        why = "holds more than tensors and plain data" if isinstance(error, pickle.UnpicklingError) else "cannot be read"
-        raise ValueError(f"the file {str(path)!r} was given for a {what}, and {why}: it is damaged, of another release or none "
-                         "of this package's") from None
+        why = (
+            "holds more than tensors and plain data"
+            if isinstance(error, pickle.UnpicklingError)
+            else "cannot be read"
+        )
+        raise ValueError(
+            f"the file {str(path)!r} was given for a {what}, and {why}: it is damaged, of another "
+            "release or none of this package's"
+        ) from None
     if not isinstance(content, dict) or not set(keys) <= content.keys():
-        raise ValueError(f"the file {str(path)!r} was given for a {what}, and has no {', '.join(keys)}; another is wanted")
+        raise ValueError(
+            f"the file {str(path)!r} was given for a {what}, and has no {', '.join(keys)}; "
+            "another is wanted"
+        )
     return content

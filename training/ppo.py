@@ -1,6 +1,7 @@
-"""Proximal policy optimisation in one file, torch only (Schulman et al. 2017, with the details of Huang et al. 2022).
+"""Proximal policy optimisation in one file, torch only (Schulman et al. 2017, with the details of
+Huang et al. 2022).
 
-    python -m training.ppo --task reach --budget 500000
+python -m training.ppo --task reach --budget 500000
 """
 
 from __future__ import annotations
@@ -50,14 +51,18 @@ class Arguments:
     deviation: float = 0.5
     """standard deviation of the actions at the start"""
     output: str = "numpy"
-    """what the environment gives, "numpy" or "torch": the numbers are the same but for rounding to float32"""
+    """what the environment gives, "numpy" or "torch": the numbers are the same but for rounding to
+    float32
+    """
 
 
 class PPO:
-    """Clipped surrogate, generalised advantages, observations and rewards normalised by running statistics.
+    """Clipped surrogate, generalised advantages, observations and rewards normalised by running
+    statistics.
 
-    The end of an episode by the time limit is not an end of the task: its last value is bootstrapped from the observation
-    before the reset. Actions outside [-1, 1] are clipped by the environment.
+    The end of an episode by the time limit is not an end of the task: its last value is
+    bootstrapped from the observation before the reset. Actions outside [-1, 1] are clipped by the
+    environment.
     """
 
     NAME = "ppo"
@@ -66,7 +71,8 @@ class PPO:
         self.arguments = a = arguments
         self.env = task.make(a.num_envs, output=a.output)
         self.batch = a.num_envs * a.horizon
-        inputs, actions = self.env.single_observation_space.shape[0], self.env.single_action_space.shape[0]
+        inputs = self.env.single_observation_space.shape[0]
+        actions = self.env.single_action_space.shape[0]
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(a.seed)
             self.policy = Policy((inputs, *a.hidden, actions), squash=False, deviation=a.deviation)
@@ -74,13 +80,16 @@ class PPO:
         self.parameters = [*self.policy.parameters(), *self.value.parameters()]
         self.optimizer = torch.optim.Adam(self.parameters, a.rate, eps=1e-5)
         self.generator = torch.Generator().manual_seed(a.seed)
-        self.returns = Statistics(1)  # of the discounted sums of rewards: their deviation scales the rewards
+        # of the discounted sums of rewards: their deviation scales the rewards
+        self.returns = Statistics(1)
         self.running = torch.zeros(a.num_envs, dtype=torch.float64)
         self.observation = torch.as_tensor(self.env.reset(seed=training_seed(a.seed))[0])
 
     @torch.no_grad()
     def collect(self) -> dict[str, Tensor]:
-        """One horizon of data, each (horizon, n, ...); `next` is the observation before any reset."""
+        """One horizon of data, each (horizon, n, ...); `next` is the observation before any
+        reset.
+        """
         policy, rows = self.policy, []
         for _ in range(self.arguments.horizon):
             noise = torch.randn(self.env.action_space.shape, generator=self.generator)
@@ -88,14 +97,29 @@ class PPO:
             action = distribution.mean + distribution.stddev * noise
             given = action if self.arguments.output == "torch" else action.numpy()
             after, reward, terminated, truncated, info = self.env.step(given)
-            after, reward, terminated, truncated = map(torch.as_tensor, (after, reward, terminated, truncated))
+            after, reward, terminated, truncated = map(
+                torch.as_tensor, (after, reward, terminated, truncated)
+            )
             over = terminated | truncated
-            last = torch.where(over[:, None], torch.as_tensor(info["final_obs"]), after) if over.any() else after
+            last = (
+                torch.where(over[:, None], torch.as_tensor(info["final_obs"]), after)
+                if over.any()
+                else after
+            )
             self.running = self.running * self.arguments.discount + reward
             self.returns.update(self.running)
             self.running = torch.where(over, 0.0, self.running)
-            rows.append(dict(observation=self.observation, action=action, reward=reward, next=last, terminated=terminated,
-                             over=over, likelihood=distribution.log_prob(action).sum(-1)))
+            rows.append(
+                dict(
+                    observation=self.observation,
+                    action=action,
+                    reward=reward,
+                    next=last,
+                    terminated=terminated,
+                    over=over,
+                    likelihood=distribution.log_prob(action).sum(-1),
+                )
+            )
             self.observation = after
         return {name: torch.stack([row[name] for row in rows]) for name in rows[0]}
 
@@ -108,7 +132,9 @@ class PPO:
         surprise = reward + a.discount * torch.where(data["terminated"], 0.0, after) - value
         advantage, rows = torch.zeros_like(surprise[0]), []
         for k in reversed(range(a.horizon)):
-            advantage = surprise[k] + a.discount * a.trace * torch.where(data["over"][k], 0.0, advantage)
+            advantage = surprise[k] + a.discount * a.trace * torch.where(
+                data["over"][k], 0.0, advantage
+            )
             rows.append(advantage)
         advantage = torch.stack(rows[::-1])
         return advantage, advantage + value
@@ -125,13 +151,23 @@ class PPO:
         for _ in range(a.epochs):
             for rows in torch.randperm(self.batch, generator=self.generator).chunk(a.minibatches):
                 mean = self.policy.network(seen[rows])
-                distribution = torch.distributions.Normal(mean, self.policy.log_deviation.exp(), validate_args=False)
-                change = distribution.log_prob(data["action"][rows]).sum(-1) - data["likelihood"][rows]
+                distribution = torch.distributions.Normal(
+                    mean, self.policy.log_deviation.exp(), validate_args=False
+                )
+                change = (
+                    distribution.log_prob(data["action"][rows]).sum(-1) - data["likelihood"][rows]
+                )
                 ratio, gain = change.exp(), advantage[rows]
                 gain = (gain - gain.mean()) / (gain.std() + 1e-8)
-                better = torch.minimum(ratio * gain, ratio.clamp(1 - a.clip, 1 + a.clip) * gain).mean()
+                better = torch.minimum(
+                    ratio * gain, ratio.clamp(1 - a.clip, 1 + a.clip) * gain
+                ).mean()
                 error = (self.value(seen[rows]) - target[rows]).square().mean()
-                loss = -better + a.value_weight * error - a.entropy * distribution.entropy().sum(-1).mean()
+                loss = (
+                    -better
+                    + a.value_weight * error
+                    - a.entropy * distribution.entropy().sum(-1).mean()
+                )
                 self.optimizer.zero_grad()
                 loss.backward()
                 nn.utils.clip_grad_norm_(self.parameters, a.gradient_norm)
@@ -141,13 +177,23 @@ class PPO:
             if gone > a.divergence:
                 break
         self.policy.statistics.update(data["observation"])
-        return {"value_error": error.item(), "divergence": gone, "passes": passes,
-                "deviation": self.policy.log_deviation.exp().mean().item()}
+        return {
+            "value_error": error.item(),
+            "divergence": gone,
+            "passes": passes,
+            "deviation": self.policy.log_deviation.exp().mean().item(),
+        }
 
     def state_dict(self) -> dict[str, Any]:
-        return {"policy": self.policy.state_dict(), "value": self.value.state_dict(), "optimizer": self.optimizer.state_dict(),
-                "generator": self.generator.get_state(), "returns": self.returns.state_dict(), "running": self.running,
-                "environment": environment_state(self.env)}
+        return {
+            "policy": self.policy.state_dict(),
+            "value": self.value.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "generator": self.generator.get_state(),
+            "returns": self.returns.state_dict(),
+            "running": self.running,
+            "environment": environment_state(self.env),
+        }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         for name in ("policy", "value", "optimizer", "returns"):

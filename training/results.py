@@ -1,10 +1,12 @@
-"""One command for the table: tasks x (baselines, learners) x seeds, scored on the same held-out episodes.
+"""One command for the table: tasks x (baselines, learners) x seeds, scored on the same held-out
+episodes.
 
     python -m training.results --out out/results                       # under an hour on two cores
     python -m training.results --out out/results --jobs 16 --minutes 3 # eight minutes on sixteen
 
-Each run writes its own file when it is complete; called again, the command makes what is missing, goes on with what was
-interrupted, and writes results.json, .csv, .md, curves.png and policies/ from all there is.
+Each run writes its own file when it is complete; called again, the command makes what is missing,
+goes on with what was interrupted, and writes results.json, .csv, .md, curves.png and policies/ from
+all there is.
 """
 
 from __future__ import annotations
@@ -30,13 +32,18 @@ from .common import Bar, Budget, train
 from .evaluate import EPISODES, evaluate
 from .report import report
 
-LEARNERS = {"ppo": (ppo.PPO, ppo.Arguments, tuned.PPO), "shac": (shac.SHAC, shac.Arguments, tuned.SHAC)}
+LEARNERS = {
+    "ppo": (ppo.PPO, ppo.Arguments, tuned.PPO),
+    "shac": (shac.SHAC, shac.Arguments, tuned.SHAC),
+}
 SB3 = ("sb3-ppo", "sb3-sac")
 ALGORITHMS = (*BASELINES, *LEARNERS, *SB3)
 FAILED = ".failed"
 
 
-def run(task_name: str, algorithm: str, seed: int | None, folder: Path, budget: Budget, episodes: int) -> dict[str, Any]:
+def run(
+    task_name: str, algorithm: str, seed: int | None, folder: Path, budget: Budget, episodes: int
+) -> dict[str, Any]:
     """One run, in its own files; returns what goes into its JSON."""
     torch.set_num_threads(1)
     task, name = tuned.TASKS[task_name], run_name(task_name, algorithm, seed)
@@ -44,26 +51,54 @@ def run(task_name: str, algorithm: str, seed: int | None, folder: Path, budget: 
     if algorithm in BASELINES:
         controller = BASELINES[algorithm](task)
         episodes = min(episodes, getattr(controller, "episodes", episodes))
-        result = {**evaluate(task, controller, episodes), "steps": 0, "seconds": None,
-                  "settings": getattr(controller, "settings", {})}
+        result = {
+            **evaluate(task, controller, episodes),
+            "steps": 0,
+            "seconds": None,
+            "settings": getattr(controller, "settings", {}),
+        }
     elif algorithm in LEARNERS:
         learner, arguments, settings = LEARNERS[algorithm]
         settings = {**settings.get(task_name, {}), "seed": seed}
-        result = train(learner(task, arguments(**settings)), task, folder, budget, name=name, progress=False, final=episodes)
+        result = train(
+            learner(task, arguments(**settings)),
+            task,
+            folder,
+            budget,
+            name=name,
+            progress=False,
+            final=episodes,
+        )
     else:
         from . import sb3
 
-        result = sb3.train(task, algorithm.removeprefix("sb3-"), folder, budget, seed=seed, name=name, progress=False,
-                           final=episodes)
-    result = {"task": task_name, "algorithm": algorithm, "seed": seed, "minutes_all": (time.perf_counter() - start) / 60,
-              "budget": vars(budget), **result}
+        result = sb3.train(
+            task,
+            algorithm.removeprefix("sb3-"),
+            folder,
+            budget,
+            seed=seed,
+            name=name,
+            progress=False,
+            final=episodes,
+        )
+    result = {
+        "task": task_name,
+        "algorithm": algorithm,
+        "seed": seed,
+        "minutes_all": (time.perf_counter() - start) / 60,
+        "budget": vars(budget),
+        **result,
+    }
     write(folder / f"{name}.json", json.dumps(result, indent=2) + "\n")
     (folder / f"{name}{FAILED}").unlink(missing_ok=True)
     return result
 
 
 def attempt(*arguments: Any) -> str:
-    """A run in a process of its own: "" or, where it failed, the last line of why; the rest is in NAME.failed."""
+    """A run in a process of its own: "" or, where it failed, the last line of why; the rest is in
+    NAME.failed.
+    """
     try:
         run(*arguments)
     except Exception:
@@ -78,17 +113,50 @@ def run_name(task: str, algorithm: str, seed: int | None) -> str:
 
 
 def parse(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m training.results", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="python -m training.results",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     plain = [name for name in ALGORITHMS if name not in SB3]
-    parser.add_argument("--tasks", nargs="+", choices=tuned.TASKS, default=tuned.DEFAULT, help="default: %(default)s")
-    parser.add_argument("--algorithms", nargs="+", choices=ALGORITHMS, default=plain, help="default: %(default)s")
-    parser.add_argument("--seeds", type=int, default=3, help="runs of each learner (default: %(default)s)")
-    parser.add_argument("--budget", type=int, default=2_000_000, help="environment steps of a run (default: %(default)s)")
-    parser.add_argument("--minutes", type=float, default=4.0,
-                        help="of training in a run, at most (default: %(default)s); results then depend on the machine")
-    parser.add_argument("--episodes", type=int, default=EPISODES, help="held-out, final scores (default: %(default)s)")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes of one torch thread (default: %(default)s)")
+    parser.add_argument(
+        "--tasks",
+        nargs="+",
+        choices=tuned.TASKS,
+        default=tuned.DEFAULT,
+        help="default: %(default)s",
+    )
+    parser.add_argument(
+        "--algorithms", nargs="+", choices=ALGORITHMS, default=plain, help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--seeds", type=int, default=3, help="runs of each learner (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--budget",
+        type=int,
+        default=2_000_000,
+        help="environment steps of a run (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--minutes",
+        type=float,
+        default=4.0,
+        help="of training in a run, at most (default: %(default)s); results then depend on the "
+        "machine",
+    )
+    parser.add_argument(
+        "--episodes",
+        type=int,
+        default=EPISODES,
+        help="held-out, final scores (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=os.cpu_count(),
+        help="processes of one torch thread (default: %(default)s)",
+    )
     parser.add_argument("--out", default="out/results", help="default: %(default)s")
     options = parser.parse_args(argv)
     for name in ("seeds", "budget", "episodes", "jobs"):
@@ -106,15 +174,30 @@ def main(argv: Sequence[str] | None = None) -> int:
     out = options.out
     folder = out / "runs"
     folder.mkdir(exist_ok=True)
-    wanted = [(task, algorithm, seed) for seed in range(options.seeds) for algorithm in options.algorithms
-              for task in options.tasks if algorithm not in BASELINES]
-    wanted += [(task, algorithm, None) for task in options.tasks for algorithm in options.algorithms if algorithm in BASELINES]
+    wanted = [
+        (task, algorithm, seed)
+        for seed in range(options.seeds)
+        for algorithm in options.algorithms
+        for task in options.tasks
+        if algorithm not in BASELINES
+    ]
+    wanted += [
+        (task, algorithm, None)
+        for task in options.tasks
+        for algorithm in options.algorithms
+        if algorithm in BASELINES
+    ]
     missing = [one for one in wanted if not (folder / f"{run_name(*one)}.json").exists()]
     budget = Budget(options.budget, options.minutes)
-    print(f"{len(wanted)} runs, {len(wanted) - len(missing)} of them done; {options.jobs} processes", flush=True)
+    print(
+        f"{len(wanted)} runs, {len(wanted) - len(missing)} of them done; {options.jobs} processes",
+        flush=True,
+    )
     failures = {}
     with Bar("runs", True) as bar:
-        for count, (one, why) in enumerate(outcomes(missing, (folder, budget, options.episodes), options.jobs), 1):
+        for count, (one, why) in enumerate(
+            outcomes(missing, (folder, budget, options.episodes), options.jobs), 1
+        ):
             failures.update({run_name(*one): why} if why else {})
             bar.say(run_name(*one))
             bar.to(count / len(missing))

@@ -1,6 +1,6 @@
 """stable-baselines3's PPO and SAC on the vector environments (extra `rl`).
 
-    python -m training.sb3 --task reach --algorithm sac --budget 100000
+python -m training.sb3 --task reach --algorithm sac --budget 100000
 """
 
 from __future__ import annotations
@@ -30,9 +30,23 @@ from .tuned import TASKS, Task
 
 ALGORITHMS = {"ppo": PPO, "sac": SAC}
 DEFAULTS = {  # of all tasks, over those of stable-baselines3
-    "ppo": dict(num_envs=64, n_steps=32, batch_size=512, n_epochs=8, learning_rate=1e-3, policy_kwargs={"log_std_init": -0.7}),
-    "sac": dict(num_envs=32, learning_rate=1e-3, gradient_steps=8, learning_starts=1600, buffer_size=500_000, batch_size=256,
-                policy_kwargs={"net_arch": [64, 64]}),
+    "ppo": dict(
+        num_envs=64,
+        n_steps=32,
+        batch_size=512,
+        n_epochs=8,
+        learning_rate=1e-3,
+        policy_kwargs={"log_std_init": -0.7},
+    ),
+    "sac": dict(
+        num_envs=32,
+        learning_rate=1e-3,
+        gradient_steps=8,
+        learning_starts=1600,
+        buffer_size=500_000,
+        batch_size=256,
+        policy_kwargs={"net_arch": [64, 64]},
+    ),
 }
 
 
@@ -47,35 +61,68 @@ class Greedy:
         return torch.as_tensor(self.model.predict(seen, deterministic=True)[0]).clamp(-1, 1)
 
 
-def make(task: Task, algorithm: str, seed: int, **settings: Any) -> tuple[BaseAlgorithm, VecNormalize]:
+def make(
+    task: Task, algorithm: str, seed: int, **settings: Any
+) -> tuple[BaseAlgorithm, VecNormalize]:
     """The model, and the normalisation of observations and rewards around its env."""
     settings = {**DEFAULTS[algorithm], **TUNED.get(task.name, {}).get(algorithm, {}), **settings}
     env = Sb3VecEnv(task.make(settings.pop("num_envs")))
     normal = VecNormalize(env, gamma=settings.get("gamma", 0.99))
     model = ALGORITHMS[algorithm]("MlpPolicy", normal, device="cpu", **copy.deepcopy(settings))
-    model.set_random_seed(seed)  # of numpy and torch too: stable-baselines3 has no generator of its own
+    # of numpy and torch too: stable-baselines3 has no generator of its own
+    model.set_random_seed(seed)
     normal.seed(training_seed(seed))
     return model, normal
 
 
-def train(task: Task, algorithm: str, folder: str | Path, budget: Budget, *, seed: int = 0, name: str = "run",
-          every: float = 15.0, episodes: int = 64, final: int = EPISODES, progress: bool = True,
-          **settings: Any) -> dict[str, Any]:
-    """As `training.common.train`, but without checkpoints: writes NAME.csv and the model, NAME.zip and NAME.normal."""
+def train(
+    task: Task,
+    algorithm: str,
+    folder: str | Path,
+    budget: Budget,
+    *,
+    seed: int = 0,
+    name: str = "run",
+    every: float = 15.0,
+    episodes: int = 64,
+    final: int = EPISODES,
+    progress: bool = True,
+    **settings: Any,
+) -> dict[str, Any]:
+    """As `training.common.train`, but without checkpoints: writes NAME.csv and the model, NAME.zip
+    and NAME.normal.
+    """
     model, normal = make(task, algorithm, seed, **settings)
     folder = Path(folder)
     with Bar(name, progress) as bar:
-        watch = Watch(task, Greedy(model, normal), Log(folder / f"{name}.csv"), budget, bar, every, episodes)
+        watch = Watch(
+            task, Greedy(model, normal), Log(folder / f"{name}.csv"), budget, bar, every, episodes
+        )
         model.learn(budget.steps or 10**12, callback=watch)
     model.save(folder / f"{name}.zip")
     normal.save(str(folder / f"{name}.normal"))
-    return {"steps": watch.num_timesteps, "seconds": watch.seconds, **evaluate(task, Greedy(model, normal), final)}
+    return {
+        "steps": watch.num_timesteps,
+        "seconds": watch.seconds,
+        **evaluate(task, Greedy(model, normal), final),
+    }
 
 
 class Watch(BaseCallback):
-    """Scores the policy every so many seconds of training, which do not hold that time, and ends with the budget."""
+    """Scores the policy every so many seconds of training, which do not hold that time, and ends
+    with the budget.
+    """
 
-    def __init__(self, task: Task, controller: Greedy, log: Log, budget: Budget, bar: Bar, every: float, episodes: int) -> None:
+    def __init__(
+        self,
+        task: Task,
+        controller: Greedy,
+        log: Log,
+        budget: Budget,
+        bar: Bar,
+        every: float,
+        episodes: int,
+    ) -> None:
         super().__init__()
         self.task, self.controller, self.log, self.budget = task, controller, log, budget
         self.bar, self.every, self.judge = bar, every, judge(task, episodes)
@@ -107,17 +154,31 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Train one policy with stable-baselines3."""
     parser = argparse.ArgumentParser(prog="python -m training.sb3", description=main.__doc__)
     parser.add_argument("--task", choices=TASKS, default="reach", help="default: %(default)s")
-    parser.add_argument("--algorithm", choices=ALGORITHMS, default="ppo", help="default: %(default)s")
+    parser.add_argument(
+        "--algorithm", choices=ALGORITHMS, default="ppo", help="default: %(default)s"
+    )
     parser.add_argument("--seed", type=int, default=0, help="default: %(default)s")
-    parser.add_argument("--budget", type=int, default=300_000, help="environment steps (default: %(default)s)")
-    parser.add_argument("--minutes", type=float, help="end after so many minutes of training at the latest")
-    parser.add_argument("--out", default="out/training", help="folder for log and model (default: %(default)s)")
+    parser.add_argument(
+        "--budget", type=int, default=300_000, help="environment steps (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--minutes", type=float, help="end after so many minutes of training at the latest"
+    )
+    parser.add_argument(
+        "--out", default="out/training", help="folder for log and model (default: %(default)s)"
+    )
     options = parser.parse_args(argv)
     torch.set_num_threads(1)
     folder = results_folder(parser, options.out)
     name = f"{options.task}-sb3-{options.algorithm}-{options.seed}"
-    result = train(TASKS[options.task], options.algorithm, folder, Budget(options.budget, options.minutes),
-                   seed=options.seed, name=name)
+    result = train(
+        TASKS[options.task],
+        options.algorithm,
+        folder,
+        Budget(options.budget, options.minutes),
+        seed=options.seed,
+        name=name,
+    )
     print("  ".join(f"{key} {value:.4g}" for key, value in result.items()))
     return 0
 

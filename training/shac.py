@@ -1,5 +1,5 @@
-"""Short-horizon actor-critic: the policy's gradient through the simulation (Xu et al. 2022, "Accelerated policy learning with
-parallel differentiable simulation"), in one file.
+"""Short-horizon actor-critic: the policy's gradient through the simulation (Xu et al. 2022,
+"Accelerated policy learning with parallel differentiable simulation"), in one file.
 
     python -m training.shac --task reach --budget 200000
 """
@@ -52,11 +52,12 @@ class Arguments:
 
 
 class SHAC:
-    """Ascends the return of a window, differentiated through every step of the simulation, plus the critic's value of what
-    comes after it.
+    """Ascends the return of a window, differentiated through every step of the simulation, plus the
+    critic's value of what comes after it.
 
-    The value at the end of the window, and of an episode that ends within it by the time limit, is that of the observation
-    before the reset; after a failed solve it is none. Gradients that are not finite are left out and counted.
+    The value at the end of the window, and of an episode that ends within it by the time limit, is
+    that of the observation before the reset; after a failed solve it is none. Gradients that are
+    not finite are left out and counted.
     """
 
     NAME = "shac"
@@ -65,20 +66,27 @@ class SHAC:
         self.arguments = a = arguments
         self.env = task.make(a.num_envs, output="torch")
         self.batch = a.num_envs * a.horizon
-        inputs, actions = self.env.single_observation_space.shape[0], self.env.single_action_space.shape[0]
+        inputs = self.env.single_observation_space.shape[0]
+        actions = self.env.single_action_space.shape[0]
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(a.seed)
-            self.policy = Policy((inputs, *a.hidden, actions), squash=True, activation="elu", deviation=a.deviation)
+            self.policy = Policy(
+                (inputs, *a.hidden, actions), squash=True, activation="elu", deviation=a.deviation
+            )
             self.critic = Value((inputs, *a.hidden), activation="elu")
         self.target = copy.deepcopy(self.critic)
         self.optimizer = torch.optim.Adam(self.policy.parameters(), a.rate, betas=(0.7, 0.95))
-        self.critic_optimizer = torch.optim.Adam(self.critic.parameters(), a.critic_rate, betas=(0.7, 0.95))
+        self.critic_optimizer = torch.optim.Adam(
+            self.critic.parameters(), a.critic_rate, betas=(0.7, 0.95)
+        )
         self.generator = torch.Generator().manual_seed(a.seed)
         self.left_out = 0
         self.env.reset(seed=training_seed(a.seed))
 
     def window(self) -> tuple[Tensor, dict[str, Tensor]]:
-        """(objective (n,) in the graph, data (horizon, n, ...) without): one window with the policy as it is."""
+        """(objective (n,) in the graph, data (horizon, n, ...) without): one window with the policy
+        as it is.
+        """
         a, see = self.arguments, self.policy.statistics
         observation = self.env.initialize_trajectory()
         objective = observation.new_zeros(a.num_envs)
@@ -86,7 +94,9 @@ class SHAC:
         rows = []
         for k in range(a.horizon):
             noise = torch.randn(self.env.action_space.shape, generator=self.generator)
-            after, reward, terminated, truncated, info = self.env.step(self.policy.act(observation, noise))
+            after, reward, terminated, truncated, info = self.env.step(
+                self.policy.act(observation, noise)
+            )
             reward, over, last = a.reward_scale * reward, terminated | truncated, after
             if over.any():
                 last = torch.where(over[:, None], info["final_obs"], after)
@@ -96,19 +106,32 @@ class SHAC:
                 rest = torch.where(end & ~terminated, self.target(see(last)).to(reward.dtype), 0.0)
                 objective = objective + weight * a.discount * rest
             weight = torch.where(over, 1.0, a.discount * weight)
-            rows.append(dict(observation=observation.detach(), reward=reward.detach(), next=last.detach(),
-                             terminated=terminated, over=over))
+            rows.append(
+                dict(
+                    observation=observation.detach(),
+                    reward=reward.detach(),
+                    next=last.detach(),
+                    terminated=terminated,
+                    over=over,
+                )
+            )
             observation = after
-        return objective / a.horizon, {name: torch.stack([row[name] for row in rows]) for name in rows[0]}
+        return objective / a.horizon, {
+            name: torch.stack([row[name] for row in rows]) for name in rows[0]
+        }
 
     @torch.no_grad()
     def targets(self, data: dict[str, Tensor]) -> Tensor:
         """(horizon, n): lambda returns from the target critic."""
         a = self.arguments
-        after = torch.where(data["terminated"], 0.0, self.target(self.policy.statistics(data["next"])))
+        after = torch.where(
+            data["terminated"], 0.0, self.target(self.policy.statistics(data["next"]))
+        )
         target, rows = after[-1], []
         for k in reversed(range(a.horizon)):
-            target = torch.where(data["over"][k], after[k], (1 - a.trace) * after[k] + a.trace * target)
+            target = torch.where(
+                data["over"][k], after[k], (1 - a.trace) * after[k] + a.trace * target
+            )
             target = data["reward"][k].to(after.dtype) + a.discount * target
             rows.append(target)
         return torch.stack(rows[::-1])
@@ -128,15 +151,24 @@ class SHAC:
             self.left_out += 1
         error = self.learn_values(data)
         self.policy.statistics.update(data["observation"])
-        return {"gradient_norm": norm.item(), "left_out": self.left_out, "value_error": error,
-                "deviation": self.policy.log_deviation.exp().mean().item()}
+        return {
+            "gradient_norm": norm.item(),
+            "left_out": self.left_out,
+            "value_error": error,
+            "deviation": self.policy.log_deviation.exp().mean().item(),
+        }
 
     def learn_values(self, data: dict[str, Tensor]) -> float:
-        """Fit the critic to the window's targets; returns the mean squared error of the last minibatch."""
+        """Fit the critic to the window's targets; returns the mean squared error of the last
+        minibatch.
+        """
         a = self.arguments
-        target, seen = self.targets(data).flatten(), self.policy.statistics(data["observation"]).flatten(0, 1).float()
+        target = self.targets(data).flatten()
+        seen = self.policy.statistics(data["observation"]).flatten(0, 1).float()
         for _ in range(a.critic_epochs):
-            for rows in torch.randperm(self.batch, generator=self.generator).chunk(a.critic_minibatches):
+            for rows in torch.randperm(self.batch, generator=self.generator).chunk(
+                a.critic_minibatches
+            ):
                 error = (self.critic(seen[rows]) - target[rows]).square().mean()
                 self.critic_optimizer.zero_grad()
                 error.backward()
@@ -148,8 +180,12 @@ class SHAC:
         return error.item()
 
     def state_dict(self) -> dict[str, Any]:
-        return {**{name: getattr(self, name).state_dict() for name in self._PARTS}, "left_out": self.left_out,
-                "generator": self.generator.get_state(), "environment": environment_state(self.env)}
+        return {
+            **{name: getattr(self, name).state_dict() for name in self._PARTS},
+            "left_out": self.left_out,
+            "generator": self.generator.get_state(),
+            "environment": environment_state(self.env),
+        }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         for name in self._PARTS:

@@ -1,7 +1,8 @@
 """Baselines: controllers without learning, to compare learned ones with.
 
-A controller gets the reset by `begin(env)` and is then called with each observation (n, o), numpy or torch; it answers with
-actions (n, a) of the same kind. All of them know the beam of the task exactly, at its usual parameters.
+A controller gets the reset by `begin(env)` and is then called with each observation (n, o), numpy
+or torch; it answers with actions (n, a) of the same kind. All of them know the beam of the task
+exactly, at its usual parameters.
 
     env = torchbeam_envs.TipReachVectorEnv(16)
     controller = LQR(env)

@@ -1,4 +1,6 @@
-"""Zero, Static, PD: no action, the action that holds the target in equilibrium, and feedback of the tip around it."""
+"""Zero, Static, PD: no action, the action that holds the target in equilibrium, and feedback of the
+tip around it.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ CLOSE = 1e-9  # damping there
 
 
 class Controller:
-    """A derived class defines `act(observation) -> (n, a)`; `self.env` is the env that is controlled."""
+    """A derived class defines `act(observation) -> (n, a)`; `self.env` is the env that is
+    controlled.
+    """
 
     def begin(self, env: BeamVectorEnv) -> None:
         """The env has been reset: all of its episodes start here."""
@@ -47,9 +51,11 @@ class Zero(Controller):
 
 @dataclass(frozen=True)
 class Holding:
-    """Static tip positions and whatever else is wanted of the equilibria under the actions of [-1, 1]^a, interpolated.
+    """Static tip positions and whatever else is wanted of the equilibria under the actions of
+    [-1, 1]^a, interpolated.
 
-    The way back, from a target to the action whose equilibrium has its tip nearest, is `nearest_action` on the polynomial.
+    The way back, from a target to the action whose equilibrium has its tip nearest, is
+    `nearest_action` on the polynomial.
     """
 
     reach: Reach
@@ -57,15 +63,19 @@ class Holding:
     @classmethod
     def of(cls, env: BeamVectorEnv, read: Callable[[State], Tensor] | None = None) -> Holding:
         """read: state -> (..., c), beside the tip. The env's beam at its usual parameters."""
+
         def both(state: State) -> Tensor:
             tip = state.tip.position
             return tip if read is None else torch.cat((tip, read(state)), -1)
+
         return cls(env.task.within_reach(env.plant, read=both))
 
     def action(self, target: Tensor, guess: Tensor | None = None) -> Tensor:
         """(n, a) for targets (n, 3) m; from a guess (n, a) near it two iterations do."""
         if guess is None:
-            return nearest_action(self._slopes, target, target.new_zeros(len(target), self.reach.actions), ITERATIONS)
+            return nearest_action(
+                self._slopes, target, target.new_zeros(len(target), self.reach.actions), ITERATIONS
+            )
         return nearest_action(self._slopes, target, guess, 2, CLOSE)
 
     def at(self, action: Tensor) -> Tensor:
@@ -79,7 +89,8 @@ class Holding:
 class FeedForward:
     """Along the targets of an env's episodes, the actions that hold them in static equilibrium.
 
-    model  an env of the task: its beam at the usual parameters is what is known;  read: as in `Holding.of`
+    model  an env of the task: its beam at the usual parameters is what is known;  read: as in
+           `Holding.of`
     """
 
     def __init__(self, model: BeamVectorEnv, read: Callable[[State], Tensor] | None = None) -> None:
@@ -94,8 +105,9 @@ class FeedForward:
         self.held: Tensor | None = None  # the holding actions, flat, once there is a target
 
     def actions(self) -> Tensor:
-        """(n, delay + 2, a): the actions that hold the target now, and at the ends of the next intervals until an action that
-        is given now has acted; zeros where the task has no target, or where none holds it.
+        """(n, delay + 2, a): the actions that hold the target now, and at the ends of the next
+        intervals until an action that is given now has acted; zeros where the task has no target,
+        or where none holds it.
         """
         env, ahead = self.env, self.env.config.delay + 1
         target = env.task.target(env.state, ahead) if env.task.HOLDS else None
@@ -106,8 +118,8 @@ class FeedForward:
 
 
 class Static(Controller):
-    """The action that holds the target in static equilibrium, where the target is when the action acts; none where the task
-    has no target, or no constant action holds it.
+    """The action that holds the target in static equilibrium, where the target is when the action
+    acts; none where the task has no target, or no constant action holds it.
     """
 
     def __init__(self, env: BeamVectorEnv) -> None:
@@ -122,16 +134,17 @@ class Static(Controller):
 
 
 def pd(gains: Tensor, gap: Tensor, velocity: Tensor, hold: Tensor) -> Tensor:
-    """hold + p gap - d velocity along each of k axes, all (n, k), within [-1, 1]; gains (n or 1, 2k): p, d of one axis after
-    the other.
+    """hold + p gap - d velocity along each of k axes, all (n, k), within [-1, 1]; gains
+    (n or 1, 2k): p, d of one axis after the other.
     """
     return (hold + gains[:, 0::2] * gap - gains[:, 1::2] * velocity).clamp(-1, 1)
 
 
 class PD(Static):
-    """`pd` of the task's `tracking_error`, around the holding action: of the gap between tip and target (where there is none,
-    the tip's place at the start) and the rate at which it changes; where a hub turns, of its angle and rate. Actions that the
-    error does not tell of are the holding ones.
+    """`pd` of the task's `tracking_error`, around the holding action: of the gap between tip and
+    target (where there is none, the tip's place at the start) and the rate at which it changes;
+    where a hub turns, of its angle and rate. Actions that the error does not tell of are the
+    holding ones.
 
     gains  (2k,) for an error of k numbers, or (n, 2k), each sub-env's own
     """
@@ -146,10 +159,16 @@ class PD(Static):
         return torch.cat((pd(self.gains, error, rate, hold[:, :k]), hold[:, k:]), -1)
 
 
-def search(score: Callable[[Tensor], Tensor], first: Sequence[float], *, sets: int, seed: int,
-           widths: Sequence[float] = (1.5, 0.7, 0.35)) -> tuple[Tensor, float]:
-    """Positive numbers (k,) of least score, and that score: for each width `sets` log-normal draws around the best so far,
-    the first being the best itself.
+def search(
+    score: Callable[[Tensor], Tensor],
+    first: Sequence[float],
+    *,
+    sets: int,
+    seed: int,
+    widths: Sequence[float] = (1.5, 0.7, 0.35),
+) -> tuple[Tensor, float]:
+    """Positive numbers (k,) of least score, and that score: for each width `sets` log-normal draws
+    around the best so far, the first being the best itself.
 
     score  (sets, k) -> (sets,)
     """

@@ -1,4 +1,6 @@
-"""LQR, LQG: optimal feedback of the beam's linear model about its start, around the action that holds the target."""
+"""LQR, LQG: optimal feedback of the beam's linear model about its start, around the action that
+holds the target.
+"""
 
 from __future__ import annotations
 
@@ -12,18 +14,21 @@ from ..core import BeamVectorEnv
 from .holding import Controller, FeedForward
 
 DOUBLINGS = 60  # of the horizon of a Riccati recursion, at most
-SENSOR, ACTION = 1e-3, 0.1  # standard deviations that the filter reckons with: of readings without noise; of the action
+# standard deviations that the filter reckons with: of readings without noise; of the action
+SENSOR, ACTION = 1e-3, 0.1
 
 
 class LQR(Controller):
     """u = hold - K [z - z_hold; pending actions - hold], with K from the discrete Riccati equation.
 
-    z is the whole state of the beam (displacements, turns and rates of all nodes), read off the simulation. The model is
-    `tb.linearize` about the equilibrium without action, at the usual parameters, exact over control intervals with the action
-    held, and with the delay in it; z_hold and hold are those of the nonlinear equilibria along the target's path, with the
-    rates at which they follow each other. The cost is
+    z is the whole state of the beam (displacements, turns and rates of all nodes), read off the
+    simulation. The model is `tb.linearize` about the equilibrium without action, at the usual
+    parameters, exact over control intervals with the action held, and with the delay in it; z_hold
+    and hold are those of the nonlinear equilibria along the target's path, with the rates at which
+    they follow each other. The cost is
 
-        sum  |tip - target|^2 / (0.1 L)^2 + speed_weight |tip velocity|^2 / (L omega)^2 + effort |u - hold|^2
+        sum  |tip - target|^2 / (0.1 L)^2 + speed_weight |tip velocity|^2 / (L omega)^2 + effort
+             |u - hold|^2
 
     effort, speed_weight  of the cost
 
@@ -32,15 +37,22 @@ class LQR(Controller):
 
     def __init__(self, env: BeamVectorEnv, effort: float = 0.01, speed_weight: float = 0.1) -> None:
         if not env.task.HOLDS:
-            raise ValueError("a task whose targets no constant action holds was given (a hub turns); LQR wants one that does")
+            raise ValueError(
+                "a task whose targets no constant action holds was given (a hub turns); LQR "
+                "wants one that does"
+            )
         still = {name: env.high.new_zeros(1, size) for name, size in env.plant.scene.inputs.items()}
         self.rest = tb.equilibrium(env.plant.scene, inputs=still)
-        self.sizes = (12 * env.task.elements, env.sensors.size)  # of the whole state, of the readings
-        self.forward = FeedForward(env, lambda state: torch.cat((self.whole(state), self.readings(env, state)), -1))
+        # of the whole state, of the readings
+        self.sizes = (12 * env.task.elements, env.sensors.size)
+        self.forward = FeedForward(
+            env, lambda state: torch.cat((self.whole(state), self.readings(env, state)), -1)
+        )
         self.A, self.B, whole, self.C = self._model(env, still)
         self.decode = torch.linalg.pinv(whole)  # whole state -> z
         actions, delay = self.B.shape[-1], env.config.delay
-        tip = whole.unflatten(0, (4, env.task.elements, 3))[:, -1]  # displacement, turn, velocity, spin of the tip
+        # displacement, turn, velocity, spin of the tip
+        tip = whole.unflatten(0, (4, env.task.elements, 3))[:, -1]
         scale = 0.1 * env.task.length, env.task.speed[0].item() / speed_weight**0.5
         near = torch.cat((tip[0] / scale[0], tip[2] / scale[1]))
         n = len(self.A)
@@ -48,8 +60,8 @@ class LQR(Controller):
         B = A.new_zeros(len(A), actions)
         A[:n, :n] = self.A
         if delay:
-            A[:n, n:n + actions] = self.B
-            A[n:-actions, n + actions:] = torch.eye(actions * (delay - 1), dtype=A.dtype)
+            A[:n, n : n + actions] = self.B
+            A[n:-actions, n + actions :] = torch.eye(actions * (delay - 1), dtype=A.dtype)
             B[-actions:] = torch.eye(actions, dtype=A.dtype)
         else:
             B[:n] = self.B
@@ -57,20 +69,28 @@ class LQR(Controller):
         Q[:n, :n] = near.mT @ near
         self.K = gain(A, B, Q, effort * torch.eye(actions, dtype=A.dtype))
 
-    def _model(self, env: BeamVectorEnv, still: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    def _model(
+        self, env: BeamVectorEnv, still: dict[str, Tensor]
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """A, B of a control interval, from actions; C of the whole state and of the readings."""
         sensors = [self.whole, lambda state: self.readings(env, state)]
-        model = tb.linearize(env.plant.scene, self.rest, sensors, inputs=still).discrete(env.config.control_interval)
+        model = tb.linearize(env.plant.scene, self.rest, sensors, inputs=still).discrete(
+            env.config.control_interval
+        )
         A, B, C = (x[0] if x.ndim > 2 else x for x in (model.A, model.B, model.C))
-        B = torch.cat([B[:, model.inputs[drive.input]] @ drive.gain.mT for drive in env.task.drives], -1)
-        return A, B, C[:self.sizes[0]], C[self.sizes[0]:]
+        B = torch.cat(
+            [B[:, model.inputs[drive.input]] @ drive.gain.mT for drive in env.task.drives], -1
+        )
+        return A, B, C[: self.sizes[0]], C[self.sizes[0] :]
 
     def begin(self, env: BeamVectorEnv) -> None:
         super().begin(env)
         self.forward.begin(env)
 
     def whole(self, state: tb.State) -> Tensor:
-        """(..., 12 elements): displacement, turn, velocity and spin of every node but the clamped one, since the start."""
+        """(..., 12 elements): displacement, turn, velocity and spin of every node but the clamped
+        one, since the start.
+        """
         rest = self.rest
         turn = quat.logarithm(quat.multiply(quat.conjugate(rest.rotation), state.rotation))
         parts = (state.position - rest.position, turn, state.velocity, state.spin)
@@ -78,11 +98,13 @@ class LQR(Controller):
 
     def readings(self, env: BeamVectorEnv, state: tb.State) -> Tensor:
         """(..., sensors): readings of the env's sensors, without noise."""
-        return env.simulation.observer.read(state, self.rest, env.scale if env.scale.ndim == 1 else env.scale[:1])
+        return env.simulation.observer.read(
+            state, self.rest, env.scale if env.scale.ndim == 1 else env.scale[:1]
+        )
 
     def reference(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Along the targets: hold (n, delay + 2, a); now: z at rest there (n, z), its rates (n, z) and, with them, the
-        readings (n, s).
+        """Along the targets: hold (n, delay + 2, a); now: z at rest there (n, z), its rates (n, z)
+        and, with them, the readings (n, s).
         """
         hold = self.forward.actions()
         if self.forward.held is None:
@@ -90,7 +112,7 @@ class LQR(Controller):
             return hold, none, none, hold.new_zeros(len(hold), self.sizes[1])
         whole, readings = self.forward.holding.at(hold[:, 0]).split(self.sizes, -1)
         after = self.forward.holding.at(hold[:, 1]).split(self.sizes, -1)[0]
-        moved = (after - whole)[:, :self.sizes[0] // 2] / self.env.config.control_interval
+        moved = (after - whole)[:, : self.sizes[0] // 2] / self.env.config.control_interval
         rates = torch.cat((torch.zeros_like(moved), moved), -1) @ self.decode.mT
         return hold, whole @ self.decode.mT, rates, readings + rates @ self.C.mT
 
@@ -105,17 +127,21 @@ class LQR(Controller):
 
 
 class LQG(LQR):
-    """LQR on the estimate of a steady Kalman filter, which sees the observation alone: z of the same linear model, from the
-    env's sensors and the actions that it gave. It starts at the true state: at rest, undeflected.
+    """LQR on the estimate of a steady Kalman filter, which sees the observation alone: z of the
+    same linear model, from the env's sensors and the actions that it gave. It starts at the true
+    state: at rest, undeflected.
 
-    The filter reckons with white noise of the env's `noise` (at least 1e-3) on each reading and of 0.1 on each action.
+    The filter reckons with white noise of the env's `noise` (at least 1e-3) on each reading and of
+    0.1 on each action.
     """
 
     def __init__(self, env: BeamVectorEnv, effort: float = 0.01, speed_weight: float = 0.1) -> None:
         super().__init__(env, effort, speed_weight)
         noise = max(env.config.noise, SENSOR) ** 2 * torch.eye(len(self.C), dtype=self.C.dtype)
-        P = riccati(self.A.mT, self.C.mT, ACTION**2 * self.B @ self.B.mT, noise)  # covariance of the prediction
-        self.M = torch.linalg.solve(self.C @ P @ self.C.mT + noise, self.C @ P).mT  # what a reading says of z
+        # covariance of the prediction
+        P = riccati(self.A.mT, self.C.mT, ACTION**2 * self.B @ self.B.mT, noise)
+        # what a reading says of z
+        self.M = torch.linalg.solve(self.C @ P @ self.C.mT + noise, self.C @ P).mT
 
     def begin(self, env: BeamVectorEnv) -> None:
         super().begin(env)
@@ -127,11 +153,12 @@ class LQG(LQR):
         start = self.whole(env.state.start) @ self.decode.mT if self.z is None else self.z
         z = start - still - rates
         first = observation.shape[-1] - env.state.pending[0].numel() - len(self.C)
-        error = observation[:, first:first + len(self.C)] - readings - z @ self.C.mT
+        error = observation[:, first : first + len(self.C)] - readings - z @ self.C.mT
         z = z + error @ self.M.mT
         action = self.feedback(hold, z).clamp(-1, 1)
         queue = torch.cat((env.state.pending, action[:, None]), 1)
-        # the equilibrium stays where it is under its own action: still = A still + B hold, whatever the amplitude
+        # the equilibrium stays where it is under its own action: still = A still + B hold, whatever
+        # the amplitude
         self.z = still + (z + rates) @ self.A.mT + (queue[:, 0] - hold[:, 0]) @ self.B.mT
         return action
 
@@ -145,8 +172,9 @@ def gain(A: Tensor, B: Tensor, Q: Tensor, R: Tensor) -> Tensor:
 def riccati(A: Tensor, B: Tensor, Q: Tensor, R: Tensor) -> Tensor:
     """P (n, n): x'Px is the least sum of x'Qx + u'Ru from x on.
 
-    Solution of the discrete algebraic Riccati equation by structure-preserving doubling (Chu, Fan, Lin and Wang 2004): each
-    round doubles the horizon. Raises ValueError where it does not converge: the model cannot be stabilised.
+    Solution of the discrete algebraic Riccati equation by structure-preserving doubling (Chu, Fan,
+    Lin and Wang 2004): each round doubles the horizon. Raises ValueError where it does not
+    converge: the model cannot be stabilised.
     """
     X, G, H = A, B @ torch.linalg.solve(R, B.mT), Q
     eye = torch.eye(len(A), dtype=A.dtype, device=A.device)
@@ -160,5 +188,7 @@ def riccati(A: Tensor, B: Tensor, Q: Tensor, R: Tensor) -> Tensor:
             break
         if more.abs().amax() <= 1e-12 * H.abs().amax():
             return H
-    raise ValueError(f"a model of {len(A)} states was given for which Riccati's equation has no solution; one that the actions "
-                     "can stabilise is wanted")
+    raise ValueError(
+        f"a model of {len(A)} states was given for which Riccati's equation has no solution; one "
+        "that the actions can stabilise is wanted"
+    )

@@ -1,5 +1,5 @@
-"""Controllers of TipReach: (observation (n, 17), hold (n, 2)) -> action (n, 2). `hold` is the action that holds the target in
-static equilibrium; every controller but `nothing` is given it.
+"""Controllers of TipReach: (observation (n, 17), hold (n, 2)) -> action (n, 2). `hold` is the
+action that holds the target in static equilibrium; every controller but `nothing` is given it.
 """
 
 from __future__ import annotations
@@ -13,9 +13,11 @@ from ..baselines.holding import pd
 
 GAP, VELOCITY = [1, 2], [7, 8]  # y and z in the observation: target - tip, tip velocity
 MIDDLE = [13, 14]  # mid-span velocity
-START = [-0.4, -0.1]  # the network's gains on the (scaled) tip velocity before learning: light damping
+# the network's gains on the (scaled) tip velocity before learning: light damping
+START = [-0.4, -0.1]
 PENDING = [15, 16]  # the action that is still to act
-SCALE = [4.0, 4.0, 10.0, 4.0, 4.0, 10.0, 2.0, 2.0, 5.0, 8.0, 8.0, 20.0, 4.0, 4.0, 10.0, 1.0, 1.0]  # observations to about one
+# observations to about one
+SCALE = [4.0, 4.0, 10.0, 4.0, 4.0, 10.0, 2.0, 2.0, 5.0, 8.0, 8.0, 20.0, 4.0, 4.0, 10.0, 1.0, 1.0]
 
 
 def nothing(observation: Tensor, hold: Tensor) -> Tensor:
@@ -30,7 +32,9 @@ def static(observation: Tensor, hold: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class PD:
-    """hold + p * (target - tip) - d * tip velocity, each along y and z; gains (n or 1, 4): p_y, d_y, p_z, d_z."""
+    """hold + p * (target - tip) - d * tip velocity, each along y and z; gains (n or 1, 4): p_y,
+    d_y, p_z, d_z.
+    """
 
     gains: Tensor
 
@@ -39,15 +43,20 @@ class PD:
 
 
 class Policy(nn.Module):
-    """tanh(atanh(hold) + G e): feedback on e = (target - tip, tip velocity, mid-span velocity, pending action - hold) along y
-    and z, whose gains G (2, 8) a small network reads off the observation and `hold`. At rest on the target it gives `hold`,
-    whatever was learned; before learning it is `hold` with light damping.
+    """tanh(atanh(hold) + G e): feedback on e = (target - tip, tip velocity, mid-span velocity,
+    pending action - hold) along y and z, whose gains G (2, 8) a small network reads off the
+    observation and `hold`. At rest on the target it gives `hold`, whatever was learned; before
+    learning it is `hold` with light damping.
     """
 
     def __init__(self, hidden: int = 64) -> None:
         super().__init__()
         self.gains = nn.Sequential(
-            nn.Linear(19, hidden), nn.Tanh(), nn.Linear(hidden, hidden), nn.Tanh(), nn.Linear(hidden, 16)
+            nn.Linear(19, hidden),
+            nn.Tanh(),
+            nn.Linear(hidden, hidden),
+            nn.Tanh(),
+            nn.Linear(hidden, 16),
         )
         self.register_buffer("scale", torch.tensor(SCALE))
         self.double()

@@ -1,4 +1,6 @@
-"""Episodes: targets with their holding actions, whole episodes under a controller, and what is measured on them."""
+"""Episodes: targets with their holding actions, whole episodes under a controller, and what is
+measured on them.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ CLOSE = 0.02  # of the length: "on the target"
 
 @dataclass(frozen=True)
 class Targets:
-    """Seeds of n episodes and the actions hold (n, 2) that hold their targets: found from the targets, not from the seeds."""
+    """Seeds of n episodes and the actions hold (n, 2) that hold their targets: found from the
+    targets, not from the seeds.
+    """
 
     seeds: list[int]
     hold: Tensor
@@ -32,7 +36,9 @@ class Targets:
         holds = []
         for k in range(rounds):
             env.reset(seed=first + k * env.num_envs)
-            holds.append(holding_action(env.scene, env.state.goal, env.task.actions, env.task.inputs))
+            holds.append(
+                holding_action(env.scene, env.state.goal, env.task.actions, env.task.inputs)
+            )
         return cls([first + i for i in range(env.num_envs * rounds)], torch.cat(holds))
 
     def pick(self, rows: Tensor) -> Targets:
@@ -41,8 +47,8 @@ class Targets:
 
 @dataclass(frozen=True)
 class Record:
-    """distance (time, n) m after each control interval; force (time, n, 2) N; reward (time, n); nodes (time + 1, n, N+1, 3) m;
-    failed (n,) bool; target (n, 3) m; interval s; length m.
+    """distance (time, n) m after each control interval; force (time, n, 2) N; reward (time, n);
+    nodes (time + 1, n, N+1, 3) m; failed (n,) bool; target (n, 3) m; interval s; length m.
     """
 
     distance: Tensor
@@ -61,11 +67,13 @@ class Record:
 
     @property
     def _last(self) -> Tensor:
-        return self.distance[-max(1, round(WINDOW / self.interval)):]
+        return self.distance[-max(1, round(WINDOW / self.interval)) :]
 
     @property
     def settling(self) -> Tensor:
-        """(n,) s, after which the tip stays within 2 % of the length to the end; the whole episode if it does not."""
+        """(n,) s, after which the tip stays within 2 % of the length to the end; the whole episode
+        if it does not.
+        """
         away = (self.distance > CLOSE * self.length).double()
         last_away = (away * torch.arange(1, len(away) + 1, dtype=away.dtype)[:, None]).amax(0)
         return last_away * self.interval
@@ -76,7 +84,11 @@ class Record:
             "final_distance_m": self.final.mean().item(),
             "final_distance_median_m": self.final.median().item(),
             "final_distance_largest_m": self.final.max().item(),
-            "share_within_2_percent": (self._last <= CLOSE * self.length).all(0).double().mean().item(),
+            "share_within_2_percent": (self._last <= CLOSE * self.length)
+            .all(0)
+            .double()
+            .mean()
+            .item(),
             "effort_N": self.force.square().sum(-1).mean(0).sqrt().mean().item(),
             "settling_time_s": self.settling.mean().item(),
             "return": self.reward.sum(0).mean().item(),
@@ -85,7 +97,9 @@ class Record:
 
 
 def varied(count: int, spread: float) -> Section:
-    """`count` strips whose stiffness goes evenly from 1 - spread to 1 + spread times the default one's."""
+    """`count` strips whose stiffness goes evenly from 1 - spread to 1 + spread times the default
+    one's.
+    """
     strip = aluminium_strip()
     factor = torch.linspace(1 - spread, 1 + spread, count, dtype=strip.mass.dtype)[:, None, None]
     return strip.like(strip.compliance / factor, strip.mass)
@@ -106,8 +120,13 @@ def rollout(env: TipReachVectorEnv, controller: Controller, targets: Targets) ->
         force.append(action.detach() * env.task.force)
         reward.append(gain)
         nodes.append(env.state.beam.nodes.detach())
-    return Record(*map(torch.stack, (distance, force, reward, nodes)), env.state.terminated, env.state.goal,
-                  env.config.control_interval, env.task.length)
+    return Record(
+        *map(torch.stack, (distance, force, reward, nodes)),
+        env.state.terminated,
+        env.state.goal,
+        env.config.control_interval,
+        env.task.length,
+    )
 
 
 @torch.no_grad()

@@ -15,17 +15,33 @@ from matplotlib.animation import FuncAnimation, PillowWriter
 
 from .episodes import CLOSE, WINDOW, Record
 
-COLORS = {"nothing": "#b8b8b8", "static force": "#7f7f7f", "PD + static force": "#e08214", "learned": "#1b6ca8"}
-STYLE = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.titlesize": 10,
-         "axes.titlelocation": "left", "legend.frameon": False}
+COLORS = {
+    "nothing": "#b8b8b8",
+    "static force": "#7f7f7f",
+    "PD + static force": "#e08214",
+    "learned": "#1b6ca8",
+}
+STYLE = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": 10,
+    "axes.titlelocation": "left",
+    "legend.frameon": False,
+}
 
 
 def picture(records: dict[str, Record], result: dict, path: Path) -> None:
-    """Learning curve, distances, one episode's tip paths and forces, the strip's shapes, and the spread over the targets."""
+    """Learning curve, distances, one episode's tip paths and forces, the strip's shapes, and the
+    spread over the targets.
+    """
     with plt.rc_context(STYLE):
         figure, axes = plt.subplot_mosaic(
-            [["learning", "distances", "spread"], ["shapes", "paths", "forces"]], figsize=(14, 7.2), height_ratios=(1.1, 1),
-            width_ratios=(1.15, 1, 1), layout="constrained",
+            [["learning", "distances", "spread"], ["shapes", "paths", "forces"]],
+            figsize=(14, 7.2),
+            height_ratios=(1.1, 1),
+            width_ratios=(1.15, 1, 1),
+            layout="constrained",
         )
         one = example(records["learned"])
         _learning(axes["learning"], result)
@@ -51,14 +67,29 @@ def _time(record: Record, start: int = 1) -> torch.Tensor:
 
 def _learning(ax: plt.Axes, result: dict) -> None:
     updates = [entry["update"] + 1 for entry in result["learning"]]
-    ax.semilogy(updates, [1e3 * entry["final_distance_m"] for entry in result["learning"]], color=COLORS["learned"])
+    ax.semilogy(
+        updates,
+        [1e3 * entry["final_distance_m"] for entry in result["learning"]],
+        color=COLORS["learned"],
+    )
     for name in ("static force", "PD + static force"):
         level = 1e3 * result["scores"][name]["final_distance_m"]
         ax.axhline(level, color=COLORS[name], ls="--", lw=1)
-        ax.annotate(f"{name}, unseen targets", (updates[0], level), xytext=(0, 2), textcoords="offset points", ha="left",
-                    va="bottom", color=COLORS[name], fontsize=8)
-    ax.set(title=f"Learning: mean over {result['settings']['batch']} training episodes, varied strips", xlabel="update",
-           ylabel=f"final distance, mean of last {WINDOW} s (mm)")
+        ax.annotate(
+            f"{name}, unseen targets",
+            (updates[0], level),
+            xytext=(0, 2),
+            textcoords="offset points",
+            ha="left",
+            va="bottom",
+            color=COLORS[name],
+            fontsize=8,
+        )
+    ax.set(
+        title=f"Learning: mean over {result['settings']['batch']} training episodes, varied strips",
+        xlabel="update",
+        ylabel=f"final distance, mean of last {WINDOW} s (mm)",
+    )
 
 
 def _distances(ax: plt.Axes, records: dict[str, Record]) -> None:
@@ -68,8 +99,14 @@ def _distances(ax: plt.Axes, records: dict[str, Record]) -> None:
         low, high = torch.quantile(d, torch.tensor([0.1, 0.9], dtype=d.dtype), dim=1)
         ax.fill_between(t, low, high, color=COLORS[name], alpha=0.15, lw=0)
     ax.axhline(1e3 * CLOSE * record.length, color="k", lw=0.6, ls=":")
-    ax.annotate("2 % of length", (t[-1], 1e3 * CLOSE * record.length), ha="right", va="bottom", fontsize=8)
-    ax.set(title=f"{d.shape[1]} unseen targets: median, 10 to 90 %", xlabel="time (s)", ylabel="tip to target (mm)")
+    ax.annotate(
+        "2 % of length", (t[-1], 1e3 * CLOSE * record.length), ha="right", va="bottom", fontsize=8
+    )
+    ax.set(
+        title=f"{d.shape[1]} unseen targets: median, 10 to 90 %",
+        xlabel="time (s)",
+        ylabel="tip to target (mm)",
+    )
     ax.set_ylim(bottom=1e-2)
     ax.legend(loc="lower left", fontsize=8)
 
@@ -77,8 +114,15 @@ def _distances(ax: plt.Axes, records: dict[str, Record]) -> None:
 def _spread(ax: plt.Axes, records: dict[str, Record]) -> None:
     for name, record in records.items():
         final = (1e3 * record.final).sort().values
-        ax.semilogx(final, torch.arange(1, len(final) + 1) / len(final), color=COLORS[name], label=name)
-    ax.set(title="Share of unseen targets reached", xlabel="final distance (mm)", ylabel="share at or below", ylim=(0, 1.02))
+        ax.semilogx(
+            final, torch.arange(1, len(final) + 1) / len(final), color=COLORS[name], label=name
+        )
+    ax.set(
+        title="Share of unseen targets reached",
+        xlabel="final distance (mm)",
+        ylabel="share at or below",
+        ylim=(0, 1.02),
+    )
 
 
 def _shapes(ax: plt.Axes, record: Record, one: int) -> None:
@@ -89,9 +133,20 @@ def _shapes(ax: plt.Axes, record: Record, one: int) -> None:
     ax.plot(*record.target[one, :2], "x", color="crimson", ms=9, mew=2, zorder=5)
     ax.plot(0, 0, "s", color="k", ms=7)
     scale = plt.Normalize(0, last * record.interval)
-    plt.colorbar(plt.cm.ScalarMappable(scale, "viridis"), ax=ax, orientation="horizontal", shrink=0.7, aspect=40,
-                 label="time (s)")
-    ax.set(title="Learned: the strip from above (true proportions)", xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    plt.colorbar(
+        plt.cm.ScalarMappable(scale, "viridis"),
+        ax=ax,
+        orientation="horizontal",
+        shrink=0.7,
+        aspect=40,
+        label="time (s)",
+    )
+    ax.set(
+        title="Learned: the strip from above (true proportions)",
+        xlabel="x (m)",
+        ylabel="y (m)",
+        aspect="equal",
+    )
 
 
 def _paths(ax: plt.Axes, records: dict[str, Record], one: int) -> None:
@@ -108,14 +163,22 @@ def _forces(ax: plt.Axes, records: dict[str, Record], one: int) -> None:
     for name in ("PD + static force", "learned"):
         force = records[name].force[:, one]
         for i, (axis, style) in enumerate((("y", "-"), ("z", "--"))):
-            ax.step(_time(records[name], 1) - records[name].interval, force[:, i], style, where="post", color=COLORS[name],
-                    label=f"{name}, {axis}")
+            ax.step(
+                _time(records[name], 1) - records[name].interval,
+                force[:, i],
+                style,
+                where="post",
+                color=COLORS[name],
+                label=f"{name}, {axis}",
+            )
     ax.set(title="The same target: tip force", xlabel="time (s)", ylabel="N")
     ax.legend(fontsize=8)
 
 
 def smooth(nodes: torch.Tensor, points: int = 8) -> torch.Tensor:
-    """(..., N+1, 3) -> (..., points * N + 1, 3): cubics through the nodes, clamped along x at the root; for the eye only."""
+    """(..., N+1, 3) -> (..., points * N + 1, 3): cubics through the nodes, clamped along x at the
+    root; for the eye only.
+    """
     inner = (nodes[..., 2:, :] - nodes[..., :-2, :]) / 2
     chord = nodes.diff(dim=-2)
     root = torch.zeros_like(chord[..., :1, :])
@@ -123,7 +186,10 @@ def smooth(nodes: torch.Tensor, points: int = 8) -> torch.Tensor:
     tip = (3 * chord[..., -1:, :] - (inner if nodes.shape[-2] > 2 else root)[..., -1:, :]) / 2
     slope = torch.cat((root, inner, tip), -2)
     s = torch.arange(points, dtype=nodes.dtype)[:, None] / points
-    a, b, m, n = (x[..., None, :] for x in (nodes[..., :-1, :], nodes[..., 1:, :], slope[..., :-1, :], slope[..., 1:, :]))
+    a, b, m, n = (
+        x[..., None, :]
+        for x in (nodes[..., :-1, :], nodes[..., 1:, :], slope[..., :-1, :], slope[..., 1:, :])
+    )
     curve = a + s * m + s**2 * (3 * (b - a) - 2 * m - n) + s**3 * (m + n - 2 * (b - a))
     return torch.cat((curve.flatten(-3, -2), nodes[..., -1:, :]), -2)
 
@@ -133,17 +199,34 @@ def animation(records: dict[str, Record], path: Path, stride: int = 1) -> None:
     with plt.rc_context(STYLE):
         one = example(records["learned"])
         shown = [name for name in records if name != "nothing"]
-        figure, (top, side) = plt.subplots(2, 1, figsize=(6.4, 5.2), height_ratios=(3, 1.3), layout="constrained")
+        figure, (top, side) = plt.subplots(
+            2, 1, figsize=(6.4, 5.2), height_ratios=(3, 1.3), layout="constrained"
+        )
         everything = torch.cat([records[name].nodes[:, one] for name in shown])
         low, high = everything.amin((0, 1)) - 0.05, everything.amax((0, 1)) + 0.05
         record, lines, trails = records["learned"], {}, {}
         shapes = {name: smooth(records[name].nodes[:, one]) for name in shown}
         for ax, axis, label in ((top, 1, "y (m), from above"), (side, 2, "z (m), from the side")):
-            ax.set(xlim=(-0.03, high[0].item()), ylim=(low[axis].item(), high[axis].item()), aspect="equal", ylabel=label)
-            ax.plot(record.target[one, 0], record.target[one, axis], "x", color="crimson", ms=9, mew=2, zorder=5)
+            ax.set(
+                xlim=(-0.03, high[0].item()),
+                ylim=(low[axis].item(), high[axis].item()),
+                aspect="equal",
+                ylabel=label,
+            )
+            ax.plot(
+                record.target[one, 0],
+                record.target[one, axis],
+                "x",
+                color="crimson",
+                ms=9,
+                mew=2,
+                zorder=5,
+            )
             ax.plot(0, 0, "s", color="k", ms=7)
             for name in shown:
-                lines[ax, name] = ax.plot([], [], color=COLORS[name], lw=2.2 if name == "learned" else 1.5, label=name)[0]
+                lines[ax, name] = ax.plot(
+                    [], [], color=COLORS[name], lw=2.2 if name == "learned" else 1.5, label=name
+                )[0]
                 trails[ax, name] = ax.plot([], [], color=COLORS[name], lw=0.6, alpha=0.7)[0]
         top.legend(loc="upper left", fontsize=8)
         side.set_xlabel("x (m)")

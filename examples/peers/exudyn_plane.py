@@ -1,7 +1,8 @@
-"""Exudyn's geometrically exact planar beam, quadratic elements, in the common dynamic case; generalised alpha, undamped.
+"""Exudyn's geometrically exact planar beam, quadratic elements, in the common dynamic case;
+generalised alpha, undamped.
 
-With --samples: the cost of random samples, each a system of its own that Python builds. 4 elements have the nodes of 8 linear
-ones.
+With --samples: the cost of random samples, each a system of its own that Python builds. 4 elements
+have the nodes of 8 linear ones.
 """
 
 import sys
@@ -19,21 +20,43 @@ from exudyn.utilities import (
     SensorNode,
 )
 
-SETTINGS = ((3, 5e-3), (2, 1e-2), (4, 2.5e-3), (6, 1e-3), (8, 1e-3), (12, 5e-4), (16, 2.5e-4))  # elements, step s
+# elements, step s
+SETTINGS = ((3, 5e-3), (2, 1e-2), (4, 2.5e-3), (6, 1e-3), (8, 1e-3), (12, 5e-4), (16, 2.5e-4))
 
 
 SAMPLED, TAU = 4, 0.01  # elements; s of damping by strain rates
 
 
-def build(container: exu.SystemContainer, elements: int, bending: float = EI, load: float = 1.0, tau: float = 0.0) -> tuple:
-    """System with bending stiffness, N m^2, transverse tip load, N, and damping by strain rates, s; node of the tip."""
+def build(
+    container: exu.SystemContainer,
+    elements: int,
+    bending: float = EI,
+    load: float = 1.0,
+    tau: float = 0.0,
+) -> tuple:
+    """System with bending stiffness, N m^2, transverse tip load, N, and damping by strain rates, s;
+    node of the tip.
+    """
     system = container.AddSystem()
-    nodes = [system.AddNode(NodeRigidBody2D(referenceCoordinates=[k / (2 * elements), 0, 0])) for k in range(2 * elements + 1)]
+    nodes = [
+        system.AddNode(NodeRigidBody2D(referenceCoordinates=[k / (2 * elements), 0, 0]))
+        for k in range(2 * elements + 1)
+    ]
     for k in range(elements):
-        system.AddObject(ObjectBeamGeometricallyExact2D(
-            nodeNumbers=nodes[2 * k:2 * k + 3], length=1 / elements, massPerLength=MASS, crossSectionInertia=INERTIA,
-            bendingStiffness=bending, axialStiffness=EA, shearStiffness=GA, bendingDamping=tau * bending,
-            axialDamping=tau * EA, shearDamping=tau * GA))
+        system.AddObject(
+            ObjectBeamGeometricallyExact2D(
+                nodeNumbers=nodes[2 * k : 2 * k + 3],
+                length=1 / elements,
+                massPerLength=MASS,
+                crossSectionInertia=INERTIA,
+                bendingStiffness=bending,
+                axialStiffness=EA,
+                shearStiffness=GA,
+                bendingDamping=tau * bending,
+                axialDamping=tau * EA,
+                shearDamping=tau * GA,
+            )
+        )
 
     def coordinate(node: int, k: int) -> int:
         return system.AddMarker(MarkerNodeCoordinate(nodeNumber=node, coordinate=k))
@@ -45,13 +68,21 @@ def build(container: exu.SystemContainer, elements: int, bending: float = EI, lo
     return system, nodes[-1]
 
 
-def motion(system: exu.MainSystem, tip: int, step: float, duration: float, every: float) -> tuple[np.ndarray, float]:
+def motion(
+    system: exu.MainSystem, tip: int, step: float, duration: float, every: float
+) -> tuple[np.ndarray, float]:
     """Positions (time, 3) m of the tip, and CPU seconds."""
-    sensor = system.AddSensor(SensorNode(nodeNumber=tip, storeInternal=True,
-                                         outputVariableType=exu.OutputVariableType.Position))
+    sensor = system.AddSensor(
+        SensorNode(
+            nodeNumber=tip, storeInternal=True, outputVariableType=exu.OutputVariableType.Position
+        )
+    )
     system.Assemble()
     settings = exu.SimulationSettings()
-    settings.timeIntegration.numberOfSteps, settings.timeIntegration.endTime = round(duration / step), duration
+    settings.timeIntegration.numberOfSteps, settings.timeIntegration.endTime = (
+        round(duration / step),
+        duration,
+    )
     settings.timeIntegration.generalizedAlpha.spectralRadius = 1.0
     settings.timeIntegration.newton.useModifiedNewton = True
     settings.timeIntegration.verboseMode = 0

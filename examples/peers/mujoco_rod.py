@@ -1,8 +1,9 @@
-"""MuJoCo's flex rod (a discrete elastic rod, from 4.0 on) in the common dynamic case: explicit, inextensible edges.
+"""MuJoCo's flex rod (a discrete elastic rod, from 4.0 on) in the common dynamic case: explicit,
+inextensible edges.
 
-MuJoCo holds the first edge rigid, which is a clamp of first order. So the rod begins half an edge before the clamp: the
-edge's middle, where the bending of the first free vertex ends, is where the beam is held. Each vertex carries the mass of its
-part of the beam.
+MuJoCo holds the first edge rigid, which is a clamp of first order. So the rod begins half an edge
+before the clamp: the edge's middle, where the bending of the first free vertex ends, is where the
+beam is held. Each vertex carries the mass of its part of the beam.
 """
 
 import math
@@ -26,7 +27,8 @@ def model(edges: int, step: float) -> mujoco.MjModel:
             <edge equality="true" solref="{2 * step} 1" solimp="0.999 0.999 0.001"/>
           </flexcomp></worldbody></mujoco>""")
     made.body_mass[made.body(f"rod_{edges}").id] /= 2
-    for k in range(made.njnt):  # the motion is plane: torsion rests, and its fast waves need no smaller step
+    # the motion is plane: torsion rests, and its fast waves need no smaller step
+    for k in range(made.njnt):
         if "twist" in made.joint(k).name:
             made.dof_armature[made.jnt_dofadr[k]] = 1.0
     mujoco.mj_setConst(made, mujoco.MjData(made))

@@ -1,4 +1,6 @@
-"""torchbeam's local functions of one element and one node, as the compiled engine traces them, with inputs to try them on."""
+"""torchbeam's local functions of one element and one node, as the compiled engine traces them, with
+inputs to try them on.
+"""
 
 import ctypes
 from math import prod
@@ -24,7 +26,11 @@ torch.set_default_dtype(torch.float64)
 
 
 def space_of(kind):
-    return Spatial() if kind == "space" else Planar("xy", torch.eye(3), torch.eye(3), torch.tensor(0.0))
+    return (
+        Spatial()
+        if kind == "space"
+        else Planar("xy", torch.eye(3), torch.eye(3), torch.tensor(0.0))
+    )
 
 
 def rotations(space, *lead, turn=0.4):
@@ -34,53 +40,127 @@ def rotations(space, *lead, turn=0.4):
 
 def element_of(space):
     """A midpoint element: forces, gap, and its tangent."""
-    def element(r_i, r_j, q_i, q_j, qe_i, qe_j, qs_i, qs_j, stress, length, h, reference, S, tau, half_i, half_j):
+
+    def element(
+        r_i,
+        r_j,
+        q_i,
+        q_j,
+        qe_i,
+        qe_j,
+        qs_i,
+        qs_j,
+        stress,
+        length,
+        h,
+        reference,
+        S,
+        tau,
+        half_i,
+        half_j,
+    ):
         law, start = ViscoelasticLaw(S, S, False, tau), Ends(-r_i, -r_j, qs_i, qs_j)
         local = MidpointElement(space, law, length, reference, 0.0, h, start)
         found = local.balance(stress, Ends(r_i, r_j, q_i, q_j), Ends(2 * r_i, 2 * r_j, qe_i, qe_j))
-        return dict(forces=found.forces, gap=found.constitutive_residual, tangent=local.tangent(found, stress, lambda: (half_i, half_j)))
+        return dict(
+            forces=found.forces,
+            gap=found.constitutive_residual,
+            tangent=local.tangent(found, stress, lambda: (half_i, half_j)),
+        )
+
     return element
 
 
 def element_inputs(space, *lead):
     p, s, k = space.dims.position, space.dims.spin, space.dims.strain
-    q = {name: rotations(space, *lead, 1) for name in ("q_i", "q_j", "qe_i", "qe_j", "qs_i", "qs_j")}
-    one = {"r_i": (p,), "r_j": (p,), "stress": (k,), "reference": (k,), "S": (k, k), "half_i": (s, s), "half_j": (s, s)}
+    q = {
+        name: rotations(space, *lead, 1) for name in ("q_i", "q_j", "qe_i", "qe_j", "qs_i", "qs_j")
+    }
+    one = {
+        "r_i": (p,),
+        "r_j": (p,),
+        "stress": (k,),
+        "reference": (k,),
+        "S": (k, k),
+        "half_i": (s, s),
+        "half_j": (s, s),
+    }
     others = {name: torch.randn(*lead, 1, *shape) for name, shape in one.items()}
-    return {**q, **others, "length": 0.5 + torch.rand(*lead, 1, 1), "h": 0.1 + torch.rand(*lead, 1, 1),
-            "tau": torch.rand(*lead, 1, 1, 1)}
+    return {
+        **q,
+        **others,
+        "length": 0.5 + torch.rand(*lead, 1, 1),
+        "h": 0.1 + torch.rand(*lead, 1, 1),
+        "tau": torch.rand(*lead, 1, 1, 1),
+    }
 
 
 def node_of(space):
-    """A node of one midpoint step with an eccentric mass, in a frame that turns: its balance and tangent."""
+    """A node of one midpoint step with an eccentric mass, in a frame that turns: its balance and
+    tangent.
+    """
+
     def node(mass, inertia, offset, position, rotation, velocity, spin, v, omega, h, u, m):
         state = State(position, rotation, velocity, spin, position, position, h, h, h, h)
         frame = TurningFrame(space, TranslatingFrame(space, v), omega)
-        local = Inertia(space, LumpedMass(Chain(1, 0), mass), RotaryInertia(space, inertia), MassOffset(space, offset))
+        local = Inertia(
+            space,
+            LumpedMass(Chain(1, 0), mass),
+            RotaryInertia(space, inertia),
+            MassOffset(space, offset),
+        )
         motion = MidpointMotion(local, state, h, frame, ())
         way = motion.kinematics(u, m)
         forces = motion.balance(way)
-        return forces.wrench, MidpointTangent(motion, way).inertia(forces).diagonal, way.velocity_end
+        return (
+            forces.wrench,
+            MidpointTangent(motion, way).inertia(forces).diagonal,
+            way.velocity_end,
+        )
+
     return node
 
 
 def node_inputs(space, *lead):
     p, s = space.dims.position, space.dims.spin
-    one = {"inertia": (s, s), "offset": (p,), "position": (p,), "velocity": (p,), "spin": (s,), "v": (p,), "omega": (s,),
-           "u": (p,)}
-    return {**{name: torch.randn(*lead, 1, *shape) for name, shape in one.items()}, "mass": torch.rand(*lead, 1, 1),
-            "h": 0.1 + torch.rand(*lead, 1, 1), "rotation": rotations(space, *lead, 1), "m": rotations(space, *lead, 1)}
+    one = {
+        "inertia": (s, s),
+        "offset": (p,),
+        "position": (p,),
+        "velocity": (p,),
+        "spin": (s,),
+        "v": (p,),
+        "omega": (s,),
+        "u": (p,),
+    }
+    return {
+        **{name: torch.randn(*lead, 1, *shape) for name, shape in one.items()},
+        "mass": torch.rand(*lead, 1, 1),
+        "h": 0.1 + torch.rand(*lead, 1, 1),
+        "rotation": rotations(space, *lead, 1),
+        "m": rotations(space, *lead, 1),
+    }
 
 
 def cases():
     """Name -> (function, inputs of one sample or of a batch, by its leading axes)."""
-    return {f"{what} in a {kind}": (of(space_of(kind)), lambda *lead, kind=kind, given=given: given(space_of(kind), *lead))
-            for what, of, given in (("element", element_of, element_inputs), ("node", node_of, node_inputs))
-            for kind in ("space", "plane")}
+    return {
+        f"{what} in a {kind}": (
+            of(space_of(kind)),
+            lambda *lead, kind=kind, given=given: given(space_of(kind), *lead),
+        )
+        for what, of, given in (
+            ("element", element_of, element_inputs),
+            ("node", node_of, node_inputs),
+        )
+        for kind in ("space", "plane")
+    }
 
 
 def native(function, inputs, dtype=torch.float64, cache=None, loaded=None):
-    """A compiled function of (lanes, *shape) inputs. loaded: a dictionary that remembers the library."""
+    """A compiled function of (lanes, *shape) inputs. loaded: a dictionary that remembers the
+    library.
+    """
     lanes, loaded = next(iter(inputs.values())).shape[0], {} if loaded is None else loaded
     if not loaded:
         module = Module(lanes, dtype)
@@ -89,9 +169,12 @@ def native(function, inputs, dtype=torch.float64, cache=None, loaded=None):
     library = loaded["library"]
     assert loaded["lanes"] == lanes  # it writes as many, whatever room there is
     records = [inputs[name].to(dtype).reshape(lanes, -1).T.contiguous() for name in function.inputs]
-    found = {name: torch.full((len(out.nodes), lanes), torch.nan, dtype=dtype) for name, out in function.outputs.items()}
+    found = {
+        name: torch.full((len(out.nodes), lanes), torch.nan, dtype=dtype)
+        for name, out in function.outputs.items()
+    }
     sizes = [prod(record.shape[:1]) for record in (*records, *found.values())]
-    assert [prod(shape) for shape in function.inputs.values()] == sizes[:len(records)]
+    assert [prod(shape) for shape in function.inputs.values()] == sizes[: len(records)]
     call = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * len(sizes))(library.address("traced"))
     call(*(record.data_ptr() for record in (*records, *found.values())))
     return {name: x.T.reshape(lanes, *function.outputs[name].shape) for name, x in found.items()}

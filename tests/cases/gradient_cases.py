@@ -1,5 +1,5 @@
-"""Cases of the gradient fuzz: a random scene, how it is solved, and the derivatives of what comes of it by every tensor in it,
-by reverse mode, by forward mode and by differences.
+"""Cases of the gradient fuzz: a random scene, how it is solved, and the derivatives of what comes
+of it by every tensor in it, by reverse mode, by forward mode and by differences.
 """
 
 import traceback
@@ -25,14 +25,27 @@ EXACT = dict(tolerance=1e-12)
 SMALL = 1e-3  # size of an output (m, N, J) below which it is not scaled up: its rounding would be
 UNSTABLE = 1e3  # m/s: an explicit method's step was too long
 STEPS = (0.02, 0.01, 0.005)  # of central differences, of a tensor's size
-FINER = (1 / 16, 1 / 256)  # of these, where they disagree: across a kink (|v| v of a drag) they do not know their own error
-RELATIVE = 1e-5  # of a derivative, by which two ways to it may differ beside the noise of the differences
+# of these, where they disagree: across a kink (|v| v of a drag) they do not know their own error
+FINER = (1 / 16, 1 / 256)
+# of a derivative, by which two ways to it may differ beside the noise of the differences
+RELATIVE = 1e-5
 RESOLVED = 1e-3  # of a derivative: noise above which differences say nothing about it
-ROUNDING = 1e-11  # of the outputs: what a tolerance of 1e-12 leaves, and accelerations (differences over dt^2) make of it
-NONE = 1e-6  # of the outputs, each of size one: no influence; accelerations of a stiff direction round at 1e-7
+# of the outputs: what a tolerance of 1e-12 leaves, and accelerations (differences over dt^2) make
+# of it
+ROUNDING = 1e-11
+# of the outputs, each of size one: no influence; accelerations of a stiff direction round at 1e-7
+NONE = 1e-6
 
-IMPLICIT = ("midpoint", "generalized_alpha", "midpoint checkpoint", "generalized_alpha checkpoint", "midpoint conserve",
-            "midpoint lumped", "stepper midpoint", "stepper generalized_alpha")
+IMPLICIT = (
+    "midpoint",
+    "generalized_alpha",
+    "midpoint checkpoint",
+    "generalized_alpha checkpoint",
+    "midpoint conserve",
+    "midpoint lumped",
+    "stepper midpoint",
+    "stepper generalized_alpha",
+)
 EXPLICIT = ("nodal rk4", "explicit stepper", "minimal", "block_rate")
 WAYS = ("equilibrium", *IMPLICIT, *EXPLICIT)
 SPACES = ("3D", "xy", "xz", "auto", "small")
@@ -45,8 +58,9 @@ class Unsolved(Exception):
 
 @dataclass(frozen=True)
 class Spec:
-    """A case, from which all of it follows: seed, how it is solved, in which space, ingredients by kind, elements, start;
-    `short`: explicit forms make one step instead of two; the order of the elements.
+    """A case, from which all of it follows: seed, how it is solved, in which space, ingredients by
+    kind, elements, start; `short`: explicit forms make one step instead of two; the order of the
+    elements.
     """
 
     seed: int
@@ -60,7 +74,9 @@ class Spec:
 
 
 class Row(NamedTuple):
-    """Derivatives of one case by one tensor in one direction; noise: of `difference`, told by the differences themselves."""
+    """Derivatives of one case by one tensor in one direction; noise: of `difference`, told by the
+    differences themselves.
+    """
 
     name: str
     reverse: float
@@ -71,7 +87,10 @@ class Row(NamedTuple):
     def __str__(self) -> str:
         forward = "refused" if self.forward is None else f"{self.forward:.9g}"
         difference = f"{self.difference:.9g} +- {self.noise:.1g}"
-        return f"by {self.name}: reverse {self.reverse:.9g}, forward {forward}, differences {difference}"
+        return (
+            f"by {self.name}: reverse {self.reverse:.9g}, forward {forward}, differences "
+            f"{difference}"
+        )
 
     @property
     def size(self) -> float:
@@ -85,7 +104,9 @@ class Row(NamedTuple):
 
     @property
     def passed(self) -> bool:
-        return self.forward is not None and (self.size <= NONE or self.error <= RELATIVE * self.size + 3 * self.noise)
+        return self.forward is not None and (
+            self.size <= NONE or self.error <= RELATIVE * self.size + 3 * self.noise
+        )
 
     @property
     def resolved(self) -> bool:
@@ -121,7 +142,12 @@ class Case:
         else:
             fast = s.way in EXPLICIT
             times = torch.tensor([0.17, 0.1725, 0.1755] if fast else [0.17, 0.224, 0.277])
-            self.t = d.tensor("times", times[:2] if fast and s.short else times, alone=True, size=0.006 if fast else 0.1)
+            self.t = d.tensor(
+                "times",
+                times[:2] if fast and s.short else times,
+                alone=True,
+                size=0.006 if fast else 0.1,
+            )
         self.moving = {}
         if d.inputs and "stepper" not in s.way and s.way != "equilibrium" and d.pick(False, True):
             rate = d.number("input rate", 2.0, 5.0)
@@ -129,17 +155,31 @@ class Case:
         sizes = dict(velocity=0.3, spin=0.5, position=0.02, rotation=0.1)
         self.disturbed = None
         if s.initial in sizes:
-            self.disturbed = d.vector(f"initial {s.initial}", sizes[s.initial], s.initial in ("spin", "rotation"),
-                                      s.count if s.way in ("minimal", "block_rate") else nodes)
+            self.disturbed = d.vector(
+                f"initial {s.initial}",
+                sizes[s.initial],
+                s.initial in ("spin", "rotation"),
+                s.count if s.way in ("minimal", "block_rate") else nodes,
+            )
 
     def parts(self, x: Tensors) -> dict:
         """What the scene is made of, by the names of `Scene`'s arguments."""
-        made = {kind: [make(x) for make in readers] for kind, readers in self.kinds.items() if kind not in ("beam", "section")}
-        effects = [e for some in made["effect"] for e in (some if isinstance(some, tuple) else (some,))]
+        made = {
+            kind: [make(x) for make in readers]
+            for kind, readers in self.kinds.items()
+            if kind not in ("beam", "section")
+        }
+        effects = [
+            e for some in made["effect"] for e in (some if isinstance(some, tuple) else (some,))
+        ]
         plane = self.spec.space if self.spec.space in ("xy", "xz", "auto") else None
-        return dict(beam=self.kinds["beam"][0](x, self.kinds["section"][0](x)), effects=tuple(effects),
-                    **{name: next(iter(made[name]), None) for name in ("frame", "root", "supports")},
-                    small=self.spec.space == "small", plane=plane)
+        return dict(
+            beam=self.kinds["beam"][0](x, self.kinds["section"][0](x)),
+            effects=tuple(effects),
+            **{name: next(iter(made[name]), None) for name in ("frame", "root", "supports")},
+            small=self.spec.space == "small",
+            plane=plane,
+        )
 
     def scene(self, x: Tensors) -> tb.Scene:
         return tb.Scene(**self.parts(x))
@@ -147,8 +187,12 @@ class Case:
     def inputs(self, x: Tensors) -> dict:
         found = {name: read(x) for name, read in self.draw.inputs.items()}
         rates = {name: read(x) for name, read in self.moving.items()}
-        return {name: v if name not in rates else lambda t, v=v, name=name: v * torch.cos(rates[name] * t)[..., None]
-                for name, v in found.items()}
+        return {
+            name: v
+            if name not in rates
+            else lambda t, v=v, name=name: v * torch.cos(rates[name] * t)[..., None]
+            for name, v in found.items()
+        }
 
     def start(self, scene: tb.Scene, x: Tensors, t: Tensor, inputs: dict) -> tb.State | None:
         """The initial state: what no support holds of it disturbed."""
@@ -162,7 +206,9 @@ class Case:
         free[[s.node for s in scene.supports]] = 0
         move = free * self.disturbed(x)
         if kind == "rotation":
-            return replace(state, rotation=quat.multiply(quat.exponential(move), state.rotation)).broadcast()
+            return replace(
+                state, rotation=quat.multiply(quat.exponential(move), state.rotation)
+            ).broadcast()
         return replace(state, **{kind: getattr(state, kind) + move}).broadcast()
 
     def mixed_start(self, scene: tb.Scene, x: Tensors, inputs: dict) -> tb.MixedState | None:
@@ -170,8 +216,12 @@ class Case:
         if kind == "rest":
             return None
         held = {name: v(at) if callable(v) else v for name, v in inputs.items()}
-        name = dict(velocity="V", spin="Omega", position="u", rotation="theta", equilibrium="u")[kind]
-        move = torch.full((self.spec.count, 3), 0.01) if kind == "equilibrium" else self.disturbed(x)
+        name = dict(velocity="V", spin="Omega", position="u", rotation="theta", equilibrium="u")[
+            kind
+        ]
+        move = (
+            torch.full((self.spec.count, 3), 0.01) if kind == "equilibrium" else self.disturbed(x)
+        )
         return tb.consistent_state(scene, form=form, t=at, inputs=held, **{name: move})
 
     def blocks(self, x: Tensors) -> dict[str, Tensor]:
@@ -193,20 +243,45 @@ class Case:
             state = self.start(scene, x, at, inputs)
             state = tb.rest(scene, t=at) if state is None else state
             lead = torch.broadcast_shapes(t.shape, state.t.shape)
-            state = replace(state, t=t.expand(lead), work=state.work.expand(lead), status=state.status.expand(lead)).broadcast()
+            state = replace(
+                state,
+                t=t.expand(lead),
+                work=state.work.expand(lead),
+                status=state.status.expand(lead),
+            ).broadcast()
             for _ in range(2):
                 state = stepper(state, dt=self.dt(x), inputs=inputs)
             return self._read("", state)
         if way in EXPLICIT:
             form = way.split()[0]
-            initial = self.start(scene, x, at, inputs) if form == "nodal" else self.mixed_start(scene, x, inputs)
+            initial = (
+                self.start(scene, x, at, inputs)
+                if form == "nodal"
+                else self.mixed_start(scene, x, inputs)
+            )
             solution = tb.simulate(scene, self.t(x), initial, "rk4", form=form, inputs=inputs)
         else:
             method, *more = way.split()
-            solution = tb.simulate(scene, self.t(x), self.start(scene, x, at, inputs), method, inputs=inputs, step=0.06,
-                                   **dict.fromkeys(more, True), **EXACT)
-        energy = {f"energy {n}": e[-1][..., None] for n, e in solution.energy._asdict().items() if e is not None}
-        return self._read("first ", solution.state[1]) | self._read("last ", solution.state[-1]) | energy
+            solution = tb.simulate(
+                scene,
+                self.t(x),
+                self.start(scene, x, at, inputs),
+                method,
+                inputs=inputs,
+                step=0.06,
+                **dict.fromkeys(more, True),
+                **EXACT,
+            )
+        energy = {
+            f"energy {n}": e[-1][..., None]
+            for n, e in solution.energy._asdict().items()
+            if e is not None
+        }
+        return (
+            self._read("first ", solution.state[1])
+            | self._read("last ", solution.state[-1])
+            | energy
+        )
 
     def _read(self, when: str, state) -> dict[str, Tensor]:
         if state.status.any() or not state.velocity.abs().amax() < UNSTABLE:
@@ -214,17 +289,25 @@ class Case:
         found = {}
         for _, name, value, own in own_leaves(state):
             if name not in ("status", "defect") and value is not None:
-                found[when + name] = value[..., None] if own == 0 else value if own == 1 else value.flatten(-own)
+                found[when + name] = (
+                    value[..., None] if own == 0 else value if own == 1 else value.flatten(-own)
+                )
         return found
 
     def __call__(self, x: Tensors) -> Tensor:
-        """One number (...) of all that comes of the tensors: blocks of size one at most, in random proportions."""
+        """One number (...) of all that comes of the tensors: blocks of size one at most, in random
+        proportions.
+        """
         blocks = self.blocks(x)
         if self.weights is None:
             self.weights = {}
             for name, value in blocks.items():
                 size = value.detach().square().mean().sqrt()
-                w = torch.randn(value.shape[-1], generator=self.draw.random) if value.numel() else torch.zeros(0)
+                w = (
+                    torch.randn(value.shape[-1], generator=self.draw.random)
+                    if value.numel()
+                    else torch.zeros(0)
+                )
                 self.weights[name] = w / size.clamp(min=SMALL)
         total = torch.zeros(())
         for name, value in blocks.items():
@@ -232,32 +315,50 @@ class Case:
         return total
 
     def rows(self, one_by_one: bool = False, unbatched: bool = True) -> list[Row]:
-        """Derivatives by every tensor, each in a direction of its own; those that take a batch as one batch, the others
-        (`unbatched`) together. Or `one_by_one`, without any batch: by all together, so scaled that each has a share in it.
+        """Derivatives by every tensor, each in a direction of its own; those that take a batch as
+        one batch, the others (`unbatched`) together. Or `one_by_one`, without any batch: by all
+        together, so scaled that each has a share in it.
         """
         x, d = self.draw.tensors, self.draw
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            along = {n: d.size[n] * (torch.rand(v.shape, generator=d.random) + 0.3) * (
-                torch.rand(v.shape, generator=d.random) - 0.5).sign() for n, v in x.items()}
+            along = {
+                n: d.size[n]
+                * (torch.rand(v.shape, generator=d.random) + 0.3)
+                * (torch.rand(v.shape, generator=d.random) - 0.5).sign()
+                for n, v in x.items()
+            }
             leaves = {n: v.clone().requires_grad_() for n, v in x.items()}
             y = self(leaves)
             if y.requires_grad:
                 slopes = torch.autograd.grad(y, list(leaves.values()), allow_unused=True)
             else:
                 slopes = [None] * len(x)
-            reverse = {n: 0.0 if g is None else (g * along[n]).sum().item() for n, g in zip(x, slopes, strict=True)}
+            reverse = {
+                n: 0.0 if g is None else (g * along[n]).sum().item()
+                for n, g in zip(x, slopes, strict=True)
+            }
             if one_by_one:
-                scaled = {n: v * min(1.0, 1.0 / max(abs(reverse[n]), 1e-3)) for n, v in along.items()}
+                scaled = {
+                    n: v * min(1.0, 1.0 / max(abs(reverse[n]), 1e-3)) for n, v in along.items()
+                }
                 shares = [reverse[n] * min(1.0, 1.0 / max(abs(reverse[n]), 1e-3)) for n in x]
                 forward = self._jvp(x, scaled)
                 forward = None if forward is None else forward.item()
-                return [self._refined(Row("all", sum(shares), forward, *self._one_by_one(x, scaled)), x, scaled)]
+                return [
+                    self._refined(
+                        Row("all", sum(shares), forward, *self._one_by_one(x, scaled)), x, scaled
+                    )
+                ]
             names = [n for n in x if n not in d.alone]
             alone = {n: along[n] for n in x if n in d.alone}
             forward = self._forward(x, along, names)
-            rows = [Row(n, reverse[n], f, *difference) for n, f, difference in
-                    zip(names, forward, self._differences(x, along, names), strict=False)]
+            rows = [
+                Row(n, reverse[n], f, *difference)
+                for n, f, difference in zip(
+                    names, forward, self._differences(x, along, names), strict=False
+                )
+            ]
             for part in FINER:
                 if unsettled := [row for row in rows if not row.passed and row.forward is not None]:
                     differences = self._differences(x, along, [row.name for row in unsettled], part)
@@ -265,11 +366,20 @@ class Case:
                     rows = [Row(*row[:3], *finer[row]) if row in finer else row for row in rows]
             if alone and unbatched:
                 total = sum(reverse[n] for n in alone)
-                rows.append(self._refined(Row(" and ".join(alone), total, forward[-1], *self._one_by_one(x, alone)), x, alone))
+                rows.append(
+                    self._refined(
+                        Row(" and ".join(alone), total, forward[-1], *self._one_by_one(x, alone)),
+                        x,
+                        alone,
+                    )
+                )
         return rows
 
     def _rows_of(self, x: Tensors, count: int) -> Tensors:
-        return {m: v if m in self.draw.alone else v.expand(count, *v.shape).clone() for m, v in x.items()}
+        return {
+            m: v if m in self.draw.alone else v.expand(count, *v.shape).clone()
+            for m, v in x.items()
+        }
 
     @staticmethod
     def _one_hot(index: int, count: int, steps: Tensor, along: Tensor) -> Tensor:
@@ -279,31 +389,48 @@ class Case:
         return hot.flatten()[(...,) + (None,) * along.ndim] * along
 
     def _forward(self, x: Tensors, along: Tensors, names: list[str]) -> list[float | None]:
-        """Forward mode: a sample for each name, whose tensor alone moves there; the last for those that take no batch, which
-        move in all.
+        """Forward mode: a sample for each name, whose tensor alone moves there; the last for those
+        that take no batch, which move in all.
         """
         n = len(names) + 1
-        tangents = {m: along[m] if m not in names else self._one_hot(names.index(m), n, torch.ones(1), along[m]) for m in x}
+        tangents = {
+            m: along[m]
+            if m not in names
+            else self._one_hot(names.index(m), n, torch.ones(1), along[m])
+            for m in x
+        }
         found = self._jvp(self._rows_of(x, n), tangents)
         if found is None:
             return [None] * n
         found = found.expand(n)
         return [*(found[:-1] - found[-1]).tolist(), found[-1].item()]
 
-    def _differences(self, x: Tensors, along: Tensors, names: list[str], part: float = 1.0) -> list[tuple[float, float]]:
+    def _differences(
+        self, x: Tensors, along: Tensors, names: list[str], part: float = 1.0
+    ) -> list[tuple[float, float]]:
         """By each name, with a part of the `STEPS`; six samples for each in one batch."""
         n, h = len(names), torch.tensor([part * s * h for h in STEPS for s in (1, -1)])
         with torch.no_grad():
-            moved = {m: v + self._one_hot(names.index(m), n, h, along[m]) if m in names else v
-                     for m, v in self._rows_of(x, 6 * n).items()}
+            moved = {
+                m: v + self._one_hot(names.index(m), n, h, along[m]) if m in names else v
+                for m, v in self._rows_of(x, 6 * n).items()
+            }
             values = self(moved).expand(6 * n).reshape(n, 6)
         return [extrapolated(v, part) for v in values]
 
     def _one_by_one(self, x: Tensors, along: Tensors, part: float = 1.0) -> tuple[float, float]:
         """By all that move, one sample at a time, with a part of the `STEPS`."""
         with torch.no_grad():
-            return extrapolated(torch.stack([self({**x, **{m: x[m] + part * step * v for m, v in along.items()}})
-                                             for h in STEPS for step in (h, -h)]), part)
+            return extrapolated(
+                torch.stack(
+                    [
+                        self({**x, **{m: x[m] + part * step * v for m, v in along.items()}})
+                        for h in STEPS
+                        for step in (h, -h)
+                    ]
+                ),
+                part,
+            )
 
     def _refined(self, row: Row, x: Tensors, along: Tensors) -> Row:
         """The row, with finer differences as long as it does not pass."""
@@ -315,12 +442,16 @@ class Case:
         return row
 
     def _jvp(self, x: Tensors, tangents: Tensors) -> Tensor | None:
-        """By dual numbers, and sometimes by torch.func.jvp, three times as slow. None where that is refused."""
+        """By dual numbers, and sometimes by torch.func.jvp, three times as slow. None where that is
+        refused.
+        """
         try:
             if self.spec.seed % 8 == 4:
                 return torch.func.jvp(self, (x,), (tangents,))[1]
             with forward_ad.dual_level():
-                y = forward_ad.unpack_dual(self({n: forward_ad.make_dual(v, tangents[n]) for n, v in x.items()}))
+                y = forward_ad.unpack_dual(
+                    self({n: forward_ad.make_dual(v, tangents[n]) for n, v in x.items()})
+                )
                 return torch.zeros_like(y.primal) if y.tangent is None else y.tangent
         except ValueError as error:
             if not is_refusal(error):
@@ -331,14 +462,20 @@ class Case:
 def is_refusal(error: Exception) -> bool:
     """Whether an error is a sentence of torchbeam's about what was given."""
     last = traceback.extract_tb(error.__traceback__)[-1]
-    return isinstance(error, ValueError) and "torchbeam" in last.filename and (last.line or "").startswith("raise ")
+    return (
+        isinstance(error, ValueError)
+        and "torchbeam" in last.filename
+        and (last.line or "").startswith("raise ")
+    )
 
 
 def extrapolated(values: Tensor, part: float = 1.0) -> tuple[float, float]:
-    """Derivative and its noise from values at +h, -h of the three `STEPS`, or a part of each: Romberg's table, and the
-    distance of its last two columns with the rounding of the values.
+    """Derivative and its noise from values at +h, -h of the three `STEPS`, or a part of each:
+    Romberg's table, and the distance of its last two columns with the rounding of the values.
     """
-    first, second, third = ((values[2 * i] - values[2 * i + 1]) / (2 * h * part) for i, h in enumerate(STEPS))
+    first, second, third = (
+        (values[2 * i] - values[2 * i + 1]) / (2 * h * part) for i, h in enumerate(STEPS)
+    )
     better, best = (4 * second - first) / 3, (4 * third - second) / 3
     found = best + (best - better) / 15
     rounding = ROUNDING * values.abs().max() / (STEPS[-1] * part)

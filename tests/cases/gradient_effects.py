@@ -14,7 +14,11 @@ def along(d, name, size, form, axial=False):
         return d.value(name, size, form, axial)
     if form == "Along":
         v, rate = d.vector(name, size, axial), d.number(f"{name} rate", 2.0, 5.0)
-        return lambda x: tb.Along(lambda s, t: v(x)[..., None, :] * (torch.cos(s) * (1 + t * rate(x)[..., None]))[..., None])
+        return lambda x: tb.Along(
+            lambda s, t: (
+                v(x)[..., None, :] * (torch.cos(s) * (1 + t * rate(x)[..., None]))[..., None]
+            )
+        )
     v = d.vector(name, size, axial, d.count)
     if form == "PerElement":
         return lambda x: tb.PerElement(v(x))
@@ -86,13 +90,18 @@ def mass_damping(d):
 
 @ingredient("effect", "rayleigh")
 def rayleigh(d):
-    w, z = d.tensor("rayleigh frequency", torch.tensor([4.0, 20.0])), d.tensor("rayleigh ratio", torch.tensor([0.1, 0.12]))
+    w = d.tensor("rayleigh frequency", torch.tensor([4.0, 20.0]))
+    z = d.tensor("rayleigh ratio", torch.tensor([0.1, 0.12]))
     return lambda x: tb.rayleigh(w(x), z(x))
 
 
 def _drag(d):
-    return {n: d.number(f"Drag {n}", *r) for n, r in dict(density=(1.0, 2.0), diameter=(0.2, 0.3), normal=(1.0, 1.3),
-                                                          tangential=(0.1, 0.3)).items()}
+    return {
+        n: d.number(f"Drag {n}", *r)
+        for n, r in dict(
+            density=(1.0, 2.0), diameter=(0.2, 0.3), normal=(1.0, 1.3), tangential=(0.1, 0.3)
+        ).items()
+    }
 
 
 @ingredient("effect", "Drag flow", ("none", "value", "list", "function", "tuple"))
@@ -107,9 +116,13 @@ def drag(d, form):
 
     def flow(x):
         def function(position, t):
-            found = v(x)[..., None, :] * (1 + torch.sin(rate(x) * t)[..., None, None] + 0.3 * position.square().sum(-1, True))
+            found = v(x)[..., None, :] * (
+                1 + torch.sin(rate(x) * t)[..., None, None] + 0.3 * position.square().sum(-1, True)
+            )
             return found if form == "function" else tuple(found.unbind(-1))
+
         return function
+
     return lambda x: tb.Drag(**{n: r(x) for n, r in read.items()}, flow=flow(x))
 
 
@@ -117,7 +130,9 @@ def drag(d, form):
 def added_mass(d, form=""):
     read, added = _drag(d), d.number("Drag added_mass", 0.8, 1.2)
     flow = d.value("Drag flow", 1.0, "value") if form else lambda x: None
-    return lambda x: tb.Drag(**{n: r(x) for n, r in read.items()}, added_mass=added(x), flow=flow(x))
+    return lambda x: tb.Drag(
+        **{n: r(x) for n, r in read.items()}, added_mass=added(x), flow=flow(x)
+    )
 
 
 def _node(d):
@@ -140,6 +155,7 @@ def point_inertia(d, form):
         B = a @ a.mT
         J = B.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None] * torch.eye(3) - B
         return J if form == "matrix" else J.diagonal(dim1=-2, dim2=-1)
+
     return lambda x: tb.PointMass(m(x), inertia(x), node=node)
 
 
@@ -158,8 +174,12 @@ def point_offset(d, form):
         a, b, c = e(x).unbind(-1)
         tilde = torch.stack((zero, -c, b, c, zero, -a, -b, a, zero), -1).unflatten(-1, (3, 3))
         mass = m(x)[..., None, None]
-        rows = (torch.cat((mass * torch.eye(3), -mass * tilde), -1), torch.cat((mass * tilde, J - mass * tilde @ tilde), -1))
+        rows = (
+            torch.cat((mass * torch.eye(3), -mass * tilde), -1),
+            torch.cat((mass * tilde, J - mass * tilde @ tilde), -1),
+        )
         return tb.PointMass(torch.cat(rows, -2), node=node)
+
     return body
 
 
@@ -178,7 +198,8 @@ def actuation_strain(d, form):
 
 @ingredient("effect", "Actuation both")
 def actuation_both(d):
-    k, e = d.value("Actuation curvature", 0.4, "function", axial=True), d.value("Actuation strain", 0.05, "tuple")
+    k = d.value("Actuation curvature", 0.4, "function", axial=True)
+    e = d.value("Actuation strain", 0.05, "tuple")
     return lambda x: tb.Actuation(curvature=k(x), strain=e(x))
 
 
@@ -197,9 +218,13 @@ def spring_length(d, form):
 
 @ingredient("effect", "Spring damping", ("linear", "length"))
 def spring_damping(d, form):
-    k, to, node = d.number("Spring stiffness", 0.5, 1.5), d.value("Spring to", 0.8, "value"), _node(d)
-    c, length = d.number("Spring damping", 0.3, 0.6), d.number("Spring length", 0.2, 0.4) if form == "length" else None
-    return lambda x: tb.Spring(node, k(x), to(x), damping=c(x), **({} if length is None else {"length": length(x)}))
+    k, to = d.number("Spring stiffness", 0.5, 1.5), d.value("Spring to", 0.8, "value")
+    node = _node(d)
+    c = d.number("Spring damping", 0.3, 0.6)
+    length = d.number("Spring length", 0.2, 0.4) if form == "length" else None
+    return lambda x: tb.Spring(
+        node, k(x), to(x), damping=c(x), **({} if length is None else {"length": length(x)})
+    )
 
 
 @ingredient("effect", "RootSpring stiffness", ("six", "pair"))
@@ -214,7 +239,8 @@ def _six(k, form):
 
 @ingredient("effect", "RootSpring damping", ("six", "pair"))
 def root_damping(d, form):
-    k, c = d.tensor("RootSpring stiffness", 3 + 5 * d.uniform(6)), d.tensor("RootSpring damping", 0.1 + 0.2 * d.uniform(6))
+    k = d.tensor("RootSpring stiffness", 3 + 5 * d.uniform(6))
+    c = d.tensor("RootSpring damping", 0.1 + 0.2 * d.uniform(6))
     return lambda x: tb.RootSpring(_six(k(x), form), _six(c(x), form))
 
 
@@ -227,18 +253,27 @@ def _inside(d, force, moment):
 
 
 def _load(d, sites):
-    a = {n: d.tensor(f"Load {n}", 0.2 + 0.3 * d.uniform(3)) for n in ("position", "rotation", "velocity", "spin", "time")}
+    a = {
+        n: d.tensor(f"Load {n}", 0.2 + 0.3 * d.uniform(3))
+        for n in ("position", "rotation", "velocity", "spin", "time")
+    }
 
     def made(x):
         k = {n: r(x)[..., None, :] if sites else r(x) for n, r in a.items()}
 
         def function(position, rotation, velocity, spin, t, **more):
-            force = -k["position"] * torch.sin(position) - k["velocity"] * velocity + k["time"] * torch.sin(3 * t)
+            force = (
+                -k["position"] * torch.sin(position)
+                - k["velocity"] * velocity
+                + k["time"] * torch.sin(3 * t)
+            )
             moment = 0.3 * (rotation @ k["rotation"][..., None])[..., 0] - 0.1 * k["spin"] * spin
             for v in more.values():
                 force = force + v * k["time"] * position
             return _inside(d, force, moment)
+
         return function
+
     return made
 
 
@@ -258,19 +293,30 @@ def user_load_along(d):
 def user_load_inputs(d, form):
     function = _load(d, form == "along")
     d.inputs["load_input"] = d.vector("load input", 0.5)
-    return lambda x: tb.Load(function(x), node=-1 if form == "node" else None, inputs={"load_input": 3})
+    return lambda x: tb.Load(
+        function(x), node=-1 if form == "node" else None, inputs={"load_input": 3}
+    )
 
 
 @ingredient("effect", "Load of")
 def user_load_of(d):
-    k, c = d.tensor("Load stiffness", 0.5 + 0.5 * d.uniform(3)), d.tensor("Load rate", 0.5 + d.uniform(3))
+    k = d.tensor("Load stiffness", 0.5 + 0.5 * d.uniform(3))
+    c = d.tensor("Load rate", 0.5 + d.uniform(3))
     of = d.pick(("position",), ("velocity",), ())
 
     def made(x):
         def function(position, rotation, velocity, spin, t):
-            looked = position if position is not None else velocity if velocity is not None else torch.ones(3)
+            looked = (
+                position
+                if position is not None
+                else velocity
+                if velocity is not None
+                else torch.ones(3)
+            )
             return _inside(d, -k(x) * torch.cos(looked * (1 + c(x) * t)), torch.zeros(3))[0], None
+
         return function
+
     return lambda x: tb.Load(made(x), of=of)
 
 
@@ -281,9 +327,16 @@ def user_load_internal(d):
 
     def made(x):
         def function(position, rotation, velocity, spin, t, z):
-            return _inside(d, gain(x) * (z.sum(-1, keepdim=True) + 0.2 * velocity), torch.zeros(3))[0], None
+            return _inside(d, gain(x) * (z.sum(-1, keepdim=True) + 0.2 * velocity), torch.zeros(3))[
+                0
+            ], None
 
         def rate(z, position, rotation, velocity, spin, t):
-            return lag(x)[..., None] * (demand(x) * torch.cos(2 * t) - z * (1 + 0.1 * z)) + position[..., :2]
+            return (
+                lag(x)[..., None] * (demand(x) * torch.cos(2 * t) - z * (1 + 0.1 * z))
+                + position[..., :2]
+            )
+
         return tb.Load(function, internal=2, rate=rate)
+
     return made

@@ -12,27 +12,45 @@ from tests.cases.gradient_ingredients import POLAR, ingredient
 
 @ingredient("section", "rectangle")
 def rectangle(d):
-    read = {n: d.number(f"rectangle {n}", *r) for n, r in dict(
-        width=(0.2, 0.25), height=(0.1, 0.15), E=(6e3, 8e3), nu=(0.2, 0.3), rho=(10, 20)).items()}
+    read = {
+        n: d.number(f"rectangle {n}", *r)
+        for n, r in dict(
+            width=(0.2, 0.25), height=(0.1, 0.15), E=(6e3, 8e3), nu=(0.2, 0.3), rho=(10, 20)
+        ).items()
+    }
     return lambda x: tb.Section.rectangle(**{n: r(x) for n, r in read.items()})
 
 
 @ingredient("section", "circle")
 def circle(d):
-    read = {n: d.number(f"circle {n}", *r) for n, r in dict(
-        radius=(0.1, 0.12), E=(1e4, 2e4), nu=(0.2, 0.3), rho=(10, 20)).items()}
+    read = {
+        n: d.number(f"circle {n}", *r)
+        for n, r in dict(radius=(0.1, 0.12), E=(1e4, 2e4), nu=(0.2, 0.3), rho=(10, 20)).items()
+    }
     return lambda x: tb.Section.circle(**{n: r(x) for n, r in read.items()})
 
 
 def _stiffness(d, label, **fixed):
-    ranges = dict(EA=(20, 30), GAy=(12, 15), GAz=(16, 20), GJ=(0.7, 0.9), EIy=(0.8, 1.2), EIz=(1.5, 2.0), mass=(0.4, 0.6),
-                  Iy=(0.02, 0.03), Iz=(0.03, 0.04))
+    ranges = dict(
+        EA=(20, 30),
+        GAy=(12, 15),
+        GAz=(16, 20),
+        GJ=(0.7, 0.9),
+        EIy=(0.8, 1.2),
+        EIz=(1.5, 2.0),
+        mass=(0.4, 0.6),
+        Iy=(0.02, 0.03),
+        Iz=(0.03, 0.04),
+    )
     read = {n: d.number(f"{label} {n}", *r) for n, r in ranges.items() if n not in fixed}
 
     def section(x):
         k = {**{n: r(x) for n, r in read.items()}, **fixed}
         pair = {n: (k[f"{n}y"], k[f"{n}z"]) for n in ("GA", "EI", "I")}
-        return tb.Section.from_stiffness(k["EA"], pair["GA"], k["GJ"], pair["EI"], k["mass"], pair["I"])
+        return tb.Section.from_stiffness(
+            k["EA"], pair["GA"], k["GJ"], pair["EI"], k["mass"], pair["I"]
+        )
+
     return section
 
 
@@ -60,13 +78,18 @@ def rotated(d):
 
 @ingredient("section", "shifted")
 def shifted(d):
-    base, y, z = _stiffness(d, "shifted section"), d.number("section y", 0.03, 0.06), d.number("section z", 0.03, 0.06)
-    return lambda x: base(x).shifted(y(x) if d.plane != "xz" else 0.0, z(x) if d.plane != "xy" else 0.0)
+    base, y = _stiffness(d, "shifted section"), d.number("section y", 0.03, 0.06)
+    z = d.number("section z", 0.03, 0.06)
+    return lambda x: base(x).shifted(
+        y(x) if d.plane != "xz" else 0.0, z(x) if d.plane != "xy" else 0.0
+    )
 
 
 @ingredient("section", "6x6")
 def full(d):
-    """Compliance A A^T, every strain with every other (in a plane, those in it); the mass of a rigid body off its axis."""
+    """Compliance A A^T, every strain with every other (in a plane, those in it); the mass of a
+    rigid body off its axis.
+    """
     inside = torch.ones(6, 6)
     if d.plane is not None:
         polar = [i in POLAR[d.plane] for i in range(3)]
@@ -75,7 +98,8 @@ def full(d):
     root = torch.tensor([20.0, 15, 15, 0.8, 1, 1.5]).rsqrt()
     mixed = 0.15 * (d.uniform(6, 6) - 0.5) * (root[:, None] * root).sqrt() * inside
     A = d.tensor("compliance root", root.diag() + mixed)
-    mass, polar = d.number("section mass", 0.4, 0.6), d.tensor("section inertia", 0.02 + 0.02 * d.uniform(2))
+    mass = d.number("section mass", 0.4, 0.6)
+    polar = d.tensor("section inertia", 0.02 + 0.02 * d.uniform(2))
     offset = d.tensor("section offset", 0.03 + 0.03 * d.uniform(2))
 
     def section(x):
@@ -84,11 +108,15 @@ def full(d):
         y, z = (y if d.plane != "xz" else zero), (z if d.plane != "xy" else zero)
         eye = torch.eye(3)
         tilde = torch.stack((zero, -z, y, z, zero, zero, -y, zero, zero), -1).unflatten(-1, (3, 3))
-        J = torch.diag_embed(torch.stack((iy + iz, iy, iz), -1)) - m[..., None, None] * tilde @ tilde
+        J = (
+            torch.diag_embed(torch.stack((iy + iz, iy, iz), -1))
+            - m[..., None, None] * tilde @ tilde
+        )
         mt = m[..., None, None] * tilde
         mI = (m[..., None, None] * eye).expand_as(mt)
         M = torch.cat((torch.cat((mI, -mt), -1), torch.cat((mt, J), -1)), -2)
         return tb.Section(a @ a.mT, (M + M.mT) / 2)
+
     return section
 
 
@@ -107,11 +135,19 @@ def stations(d):
 
 @ingredient("section", "function of s")
 def tapered(d):
-    EI, taper, mass = d.number("taper EI", 1.0, 1.5), d.number("taper", 0.2, 0.4), d.number("taper mass", 0.4, 0.6)
+    EI, taper = d.number("taper EI", 1.0, 1.5), d.number("taper", 0.2, 0.4)
+    mass = d.number("taper mass", 0.4, 0.6)
 
     def section(x):
-        return lambda s: tb.Section.from_stiffness(30.0, 15.0, 0.8, EI(x)[..., None] * (1 - taper(x)[..., None] * s) ** 3,
-                                                   mass(x)[..., None] * (1 - taper(x)[..., None] * s), 0.03)
+        return lambda s: tb.Section.from_stiffness(
+            30.0,
+            15.0,
+            0.8,
+            EI(x)[..., None] * (1 - taper(x)[..., None] * s) ** 3,
+            mass(x)[..., None] * (1 - taper(x)[..., None] * s),
+            0.03,
+        )
+
     return section
 
 
@@ -119,10 +155,13 @@ def tapered(d):
 
 
 def _placing(d):
-    """direction, up, root: any in space; in a plane, direction in it and a section axis along its normal."""
+    """direction, up, root: any in space; in a plane, direction in it and a section axis along its
+    normal.
+    """
     root = d.vector("root", 0.3)
     if d.plane is None:
-        direction, up = d.vector("direction", 0.6, about=(1.0, 0.0, 0.0)), d.vector("up", 0.4, about=(0.0, 0.2, 1.0))
+        direction = d.vector("direction", 0.6, about=(1.0, 0.0, 0.0))
+        up = d.vector("up", 0.4, about=(0.0, 0.2, 1.0))
     else:
         direction = d.vector("direction", 0.3, about=(1.0, 0.0, 0.0))
         up = lambda x: torch.tensor([0.0, 0.0, 1.0])  # noqa: E731
@@ -132,7 +171,9 @@ def _placing(d):
 @ingredient("beam", "straight")
 def straight(d):
     length, placing = d.number("length", 0.9, 1.2), _placing(d)
-    return lambda x, section: tb.Beam.straight(length(x), d.count, section, order=d.order, **placing(x))
+    return lambda x, section: tb.Beam.straight(
+        length(x), d.count, section, order=d.order, **placing(x)
+    )
 
 
 @ingredient("beam", "plain")
@@ -153,31 +194,45 @@ def linked(d):
 @ingredient("beam", "twisted")
 def twisted(d):
     length, twist, placing = d.number("length", 0.9, 1.2), d.number("twist", 0.4, 0.8), _placing(d)
-    return lambda x, section: tb.Beam.straight(length(x), d.count, section, twist=twist(x), order=d.order, **placing(x))
+    return lambda x, section: tb.Beam.straight(
+        length(x), d.count, section, twist=twist(x), order=d.order, **placing(x)
+    )
 
 
 @ingredient("beam", "twisted by a Table")
 def twisted_by_table(d):
     length, placing = d.number("length", 0.9, 1.2), _placing(d)
-    s, twist = d.tensor("table s", torch.tensor([-0.2, 0.7, 1.5]), size=0.1), d.tensor("table twist", d.uniform(3))
-    return lambda x, section: tb.Beam.straight(length(x), d.count, section, twist=tb.Table(s(x), twist(x)), order=d.order,
-                                               **placing(x))
+    s = d.tensor("table s", torch.tensor([-0.2, 0.7, 1.5]), size=0.1)
+    twist = d.tensor("table twist", d.uniform(3))
+    return lambda x, section: tb.Beam.straight(
+        length(x), d.count, section, twist=tb.Table(s(x), twist(x)), order=d.order, **placing(x)
+    )
 
 
 @ingredient("beam", "arc")
 def arc(d):
     radius, angle = d.number("radius", 0.8, 1.0), d.number("angle", 0.8, 1.4)
     placing = _placing(d) if d.plane != "xz" else lambda x: {}
-    return lambda x, section: tb.Beam.arc(radius(x), angle(x), d.count, section, order=d.order, **placing(x))
+    return lambda x, section: tb.Beam.arc(
+        radius(x), angle(x), d.count, section, order=d.order, **placing(x)
+    )
 
 
 @ingredient("beam", "curve", ("number", "function"))
 def curve(d, form):
     length, k, placing = d.number("length", 0.9, 1.2), d.vector("curvature", 0.8, True), _placing(d)
     if form == "number":
-        return lambda x, section: tb.Beam.curve(length(x), d.count, section, k(x), order=d.order, **placing(x))
-    return lambda x, section: tb.Beam.curve(length(x), d.count, section,
-                                            lambda s: k(x)[..., None, :] * (1 + s[..., None]), order=d.order, **placing(x))
+        return lambda x, section: tb.Beam.curve(
+            length(x), d.count, section, k(x), order=d.order, **placing(x)
+        )
+    return lambda x, section: tb.Beam.curve(
+        length(x),
+        d.count,
+        section,
+        lambda s: k(x)[..., None, :] * (1 + s[..., None]),
+        order=d.order,
+        **placing(x),
+    )
 
 
 def _nodes(d):
@@ -198,15 +253,19 @@ def _nodes(d):
 def from_nodes(d, form):
     nodes = _nodes(d)
     return lambda x, section: tb.Beam.from_nodes(
-        nodes(x) if form == "tensor" else list(nodes(x).unbind(-2)), section, order=d.order)
+        nodes(x) if form == "tensor" else list(nodes(x).unbind(-2)), section, order=d.order
+    )
 
 
 @ingredient("beam", "from_nodes frames")
 def from_nodes_frames(d):
     """Frames of the elements; of order 2 of the nodes, about along the line."""
     nodes, count = _nodes(d), d.count if d.order == 1 else 2 * d.count + 1
-    up = d.tensor("frames up", torch.tensor([0.1, 0.3, 1.0]) + 0.1 * d.uniform(count, 3)) if d.plane is None else (
-        lambda x: torch.tensor([0.0, 0, 1]).expand(count, 3))
+    up = (
+        d.tensor("frames up", torch.tensor([0.1, 0.3, 1.0]) + 0.1 * d.uniform(count, 3))
+        if d.plane is None
+        else (lambda x: torch.tensor([0.0, 0, 1]).expand(count, 3))
+    )
 
     def beam(x, section):
         e = nodes(x).diff(dim=-2)
@@ -215,5 +274,8 @@ def from_nodes_frames(d):
         e = e / torch.linalg.vector_norm(e, dim=-1, keepdim=True)
         z = up(x) - (up(x) * e).sum(-1, keepdim=True) * e
         z = z / torch.linalg.vector_norm(z, dim=-1, keepdim=True)
-        return tb.Beam.from_nodes(nodes(x), section, torch.stack((e, torch.linalg.cross(z, e), z), -1), order=d.order)
+        return tb.Beam.from_nodes(
+            nodes(x), section, torch.stack((e, torch.linalg.cross(z, e), z), -1), order=d.order
+        )
+
     return beam

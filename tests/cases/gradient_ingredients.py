@@ -1,8 +1,10 @@
-"""Ingredients of random scenes for the gradient fuzz, each a function of named tensors: sections and beams are in
-`gradient_geometry`, supports and motions in `gradient_motions`, effects in `gradient_effects`.
+"""Ingredients of random scenes for the gradient fuzz, each a function of named tensors: sections
+and beams are in `gradient_geometry`, supports and motions in `gradient_motions`, effects in
+`gradient_effects`.
 
-An ingredient is a function of a `Draw`, which registers the tensors that it reads; it returns a reader, which makes the object
-from a dictionary of those tensors. A tensor may have leading batch axes, but for those that are `alone`.
+An ingredient is a function of a `Draw`, which registers the tensors that it reads; it returns a
+reader, which makes the object from a dictionary of those tensors. A tensor may have leading batch
+axes, but for those that are `alone`.
 """
 
 from collections.abc import Callable
@@ -16,14 +18,18 @@ Tensors = dict[str, Tensor]
 Reader = Callable[[Tensors], object]
 POLAR = {"xy": (0, 1), "xz": (0, 2)}  # axes in the plane
 FORMS = ("value", "list", "function", "tuple", "Input")
-TABLE: dict[str, dict[str, Callable]] = {name: {} for name in ("section", "beam", "supports", "frame", "root", "effect")}
-VARIANTS: dict[tuple[str, str], list[tuple[str, str]]] = {}  # what an argument is -> ingredients that give it in one form each
+TABLE: dict[str, dict[str, Callable]] = {
+    name: {} for name in ("section", "beam", "supports", "frame", "root", "effect")
+}
+# what an argument is -> ingredients that give it in one form each
+VARIANTS: dict[tuple[str, str], list[tuple[str, str]]] = {}
 
 
 class Draw:
     """Random numbers of one case and the tensors made of them.
 
-    tensors  by name; `size` of each: the length of a change that counts; `alone`: those without batch axes
+    tensors  by name; `size` of each: the length of a change that counts; `alone`: those without
+             batch axes
     inputs   of the scene: reader of what is given by name
     """
 
@@ -41,7 +47,9 @@ class Draw:
     def pick(self, *options):
         return options[int(torch.randint(len(options), (), generator=self.random))]
 
-    def tensor(self, name: str, value: Tensor, size: float | None = None, alone: bool = False) -> Reader:
+    def tensor(
+        self, name: str, value: Tensor, size: float | None = None, alone: bool = False
+    ) -> Reader:
         while name in self.tensors:
             name += "'"
         self.tensors[name] = value
@@ -85,17 +93,25 @@ class Draw:
         if form == "function":
             return lambda x: lambda t: read(x) * (1 + torch.sin(rate(x) * t))[..., None]
         if form == "tuple":
-            return lambda x: lambda t: (*(read(x) * torch.cos(rate(x) * t)[..., None])[..., :2].unbind(-1),
-                                        (1 + t) * read(x)[..., 2])
+            return lambda x: (
+                lambda t: (
+                    *(read(x) * torch.cos(rate(x) * t)[..., None])[..., :2].unbind(-1),
+                    (1 + t) * read(x)[..., 2],
+                )
+            )
         raise KeyError(form)
 
 
 def ingredient(kind: str, name: str, forms: tuple[str, ...] = ("",)):
     """Into the table, once for each form."""
+
     def enter(function):
         for form in forms:
             label = f"{name} {form}".strip()
-            TABLE[kind][label] = (lambda draw, form=form: function(draw, form)) if form else function
+            TABLE[kind][label] = (
+                (lambda draw, form=form: function(draw, form)) if form else function
+            )
             VARIANTS.setdefault((kind, name), []).append((kind, label))
         return function
+
     return enter

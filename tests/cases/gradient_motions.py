@@ -26,7 +26,10 @@ def tip_held(d, rotation):
 @ingredient("supports", "root held", HELD[:4])
 def root_held(d, rotation):
     rotation = rotation.replace("nothing", "")
-    return lambda x: (tb.Support(0, "xyz", rotation), tb.Support(-1, "xyz" if rotation == "" else "yz", "yz"))
+    return lambda x: (
+        tb.Support(0, "xyz", rotation),
+        tb.Support(-1, "xyz" if rotation == "" else "yz", "yz"),
+    )
 
 
 @ingredient("supports", "inner node held", HELD)
@@ -40,7 +43,8 @@ MOTIONS = ("value", "list", "function", "tuple")
 
 @ingredient("supports", "tip displaced", MOTIONS)
 def tip_displaced(d, form):
-    u, position, rotation = d.value("tip displacement", 0.03, form), _position(d), d.pick("", "xy", "xz", "yz", "xyz")
+    u, position = d.value("tip displacement", 0.03, form), _position(d)
+    rotation = d.pick("", "xy", "xz", "yz", "xyz")
     return lambda x: (tb.Support(0), tb.Support(-1, position, rotation, displacement=u(x)))
 
 
@@ -53,18 +57,23 @@ def tip_turned(d, form):
 @ingredient("supports", "hinge displaced", MOTIONS)
 def hinge_displaced(d, form):
     u, rotation = d.value("hinge displacement", 0.03, form), d.pick("", "xy", "xz", "yz")
-    return lambda x: (tb.Support(0, "xyz", rotation, displacement=u(x)), tb.Support(-1, "xyz", "yz"))
+    return lambda x: (
+        tb.Support(0, "xyz", rotation, displacement=u(x)),
+        tb.Support(-1, "xyz", "yz"),
+    )
 
 
 @ingredient("supports", "inner node displaced and turned", MOTIONS)
 def inner_moved(d, form):
-    u, turn = d.value("inner displacement", 0.03, form), d.value("inner turn", 0.1, form, axial=True)
+    u = d.value("inner displacement", 0.03, form)
+    turn = d.value("inner turn", 0.1, form, axial=True)
     return lambda x: (tb.Support(0), tb.Support(1, "xyz", "xyz", displacement=u(x), turn=turn(x)))
 
 
 @ingredient("supports", "clamp displaced and turned", MOTIONS)
 def clamp_moved(d, form):
-    u, turn = d.value("clamp displacement", 0.03, form), d.value("clamp turn", 0.1, form, axial=True)
+    u = d.value("clamp displacement", 0.03, form)
+    turn = d.value("clamp turn", 0.1, form, axial=True)
     return lambda x: (tb.Support(0, displacement=u(x), turn=turn(x)),)
 
 
@@ -90,7 +99,8 @@ def frame_turns(d, form):
 
 @ingredient("frame", "Frame both", MOTIONS)
 def frame_both(d, form):
-    v, omega = d.value("frame velocity", 0.5, form), d.value("frame angular_velocity", 0.8, form, axial=True)
+    v = d.value("frame velocity", 0.5, form)
+    omega = d.value("frame angular_velocity", 0.8, form, axial=True)
     return lambda x: tb.Frame(velocity=v(x), angular_velocity=omega(x))
 
 
@@ -108,12 +118,15 @@ def root_turned(d, form):
 
 @ingredient("root", "RootMotion both", MOTIONS)
 def root_both(d, form):
-    u, turn = d.value("root displacement", 0.05, form), d.value("root rotation", 0.2, form, axial=True)
+    u = d.value("root displacement", 0.05, form)
+    turn = d.value("root rotation", 0.2, form, axial=True)
     return lambda x: tb.RootMotion(displacement=u(x), rotation=turn(x))
 
 
 @ingredient("root", "Accelerogram")
 def accelerogram(d):
-    t = d.tensor("accelerogram t", torch.tensor([-0.3, 0.11, 0.245, 0.375, 2.0]), size=0.05, alone=True)
+    t = d.tensor(
+        "accelerogram t", torch.tensor([-0.3, 0.11, 0.245, 0.375, 2.0]), size=0.05, alone=True
+    )
     a = d.vector("accelerogram acceleration", 2.0, False, 5)
     return lambda x: tb.RootMotion(displacement=tb.Accelerogram(t(x), a(x)))

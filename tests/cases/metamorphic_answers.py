@@ -1,4 +1,6 @@
-"""What is asked of a random scene: a `FitProblem`, and answers to it, each number with its `Quantity`."""
+"""What is asked of a random scene: a `FitProblem`, and answers to it, each number with its
+`Quantity`.
+"""
 
 from __future__ import annotations
 
@@ -33,8 +35,8 @@ Found = dict[str, tuple[Quantity, Tensor]]
 
 @dataclass(frozen=True)
 class Problem:
-    """parts of a scene by name; instants t (time,) of a motion, or () of what stands; inputs by name; where it starts (None =
-    at rest); the longest step and what is a second here, s.
+    """parts of a scene by name; instants t (time,) of a motion, or () of what stands; inputs by
+    name; where it starts (None = at rest); the longest step and what is a second here, s.
     """
 
     parts: dict[str, Any]
@@ -48,7 +50,11 @@ class Problem:
     def of(cls, case: Case, x: dict[str, Tensor]) -> Problem:
         parts, t, inputs = case.parts(x), case.t(x), case.inputs(x)
         first = t if t.ndim == 0 else t[0]
-        start = None if case.spec.way in ("equilibrium", *EXPLICIT[2:]) else case.start(tb.Scene(**parts), x, first, inputs)
+        start = (
+            None
+            if case.spec.way in ("equilibrium", *EXPLICIT[2:])
+            else case.start(tb.Scene(**parts), x, first, inputs)
+        )
         return cls(parts, t, inputs, start)
 
     @cached_property
@@ -58,53 +64,91 @@ class Problem:
     def turned(self, s: Similarity) -> Problem:
         """The same, told there."""
         parts, moving = self.parts, input_quantities(self.parts["effects"])
-        one = {name: None if parts[name] is None else s(parts[name]) for name in ("beam", "frame", "root")}
+        one = {
+            name: None if parts[name] is None else s(parts[name])
+            for name in ("beam", "frame", "root")
+        }
         supports = None if parts["supports"] is None else tuple(map(s, parts["supports"]))
         inputs = {name: s.given(moving[name], value) for name, value in self.inputs.items()}
-        return Problem({**parts, **one, "supports": supports, "effects": tuple(map(s, parts["effects"]))},
-                       s.value(INSTANT, self.t), inputs, None if self.start is None else s(self.start),
-                       self.step * s.time, self.second * s.time)
+        return Problem(
+            {**parts, **one, "supports": supports, "effects": tuple(map(s, parts["effects"]))},
+            s.value(INSTANT, self.t),
+            inputs,
+            None if self.start is None else s(self.start),
+            self.step * s.time,
+            self.second * s.time,
+        )
 
 
 def solved(of: tb.State | tb.Solution, velocity: Tensor) -> None:
     """Raises Unsolved where a sample has failed or flies apart; under vmap nobody can know."""
-    if not is_batchedtensor(of.status) and (of.status.any() or not velocity.abs().amax() < 1e6 * UNSTABLE):
+    if not is_batchedtensor(of.status) and (
+        of.status.any() or not velocity.abs().amax() < 1e6 * UNSTABLE
+    ):
         raise Unsolved
 
 
 def states(label: str, state: tb.State) -> Found:
     solved(state, state.velocity)
     kinds = quantities(state)
-    return {f"{label} {name}": (kinds[name], value) for name in READ if (value := getattr(state, name)) is not None}
+    return {
+        f"{label} {name}": (kinds[name], value)
+        for name in READ
+        if (value := getattr(state, name)) is not None
+    }
 
 
 def energies(solution: tb.Solution) -> Found:
-    return {f"energy {name}": (ENERGY, e) for name, e in solution.energy._asdict().items() if e is not None}
+    return {
+        f"energy {name}": (ENERGY, e)
+        for name, e in solution.energy._asdict().items()
+        if e is not None
+    }
 
 
 def motion(p: Problem, method: str, form: str = "nodal", **options: Any) -> Found:
     with_step = {} if "rtol" in options or method == "rk4" else dict(step=p.step)
     tolerance = {} if method == "rk4" else EXACT
-    solution = tb.simulate(p.scene, p.t, p.start, method, form=form, inputs=p.inputs, **with_step, **tolerance, **options)
+    solution = tb.simulate(
+        p.scene,
+        p.t,
+        p.start,
+        method,
+        form=form,
+        inputs=p.inputs,
+        **with_step,
+        **tolerance,
+        **options,
+    )
     if form != "nodal":
         solved(solution, solution.tip.velocity)
-        found = {"nodes": (PLACE, solution.nodes[1:]), "tip velocity": (VELOCITY, solution.tip.velocity[1:])}
+        found = {
+            "nodes": (PLACE, solution.nodes[1:]),
+            "tip velocity": (VELOCITY, solution.tip.velocity[1:]),
+        }
         return found | energies(solution)
     return states("motion", solution.state[1:]) | energies(solution)
 
 
 def sensors(p: Problem, method: str = "midpoint") -> Found:
     """Readings at the instants and between them."""
-    s, solution = tb.sensors, tb.simulate(p.scene, p.t, p.start, method, inputs=p.inputs, step=p.step, **EXACT)
+    s = tb.sensors
+    solution = tb.simulate(p.scene, p.t, p.start, method, inputs=p.inputs, step=p.step, **EXACT)
     solved(solution, solution.tip.velocity)
     strain = Quantity(kind="own polar")
     every = [(s.RootReaction(), Quantity(kind="wrench"))] if p.scene.supports else []
-    every += [(s.TipPosition(), PLACE), (s.NodeVelocity(1), VELOCITY), (s.Spin(-1), Quantity(0, 0, -1, "own axial"))]
+    every += [
+        (s.TipPosition(), PLACE),
+        (s.NodeVelocity(1), VELOCITY),
+        (s.Spin(-1), Quantity(0, 0, -1, "own axial")),
+    ]
     if p.scene.beam.order == 1:
         beam = p.scene
-        every += [(s.Strain(element=0, beam=beam), strain),
-                  (s.Curvature(element=-1, beam=beam), Quantity(0, -1, 0, "own axial")),
-                  (s.Stress(0.4 * p.scene.beam.length.sum(-1), beam=beam), Quantity(kind="own wrench"))]
+        every += [
+            (s.Strain(element=0, beam=beam), strain),
+            (s.Curvature(element=-1, beam=beam), Quantity(0, -1, 0, "own axial")),
+            (s.Stress(0.4 * p.scene.beam.length.sum(-1), beam=beam), Quantity(kind="own wrench")),
+        ]
     t = p.t.detach()
     times = torch.stack((t[1], 0.3 * t[0] + 0.7 * t[1], t[-1]))
     found = {}
@@ -163,22 +207,31 @@ def modes(p: Problem) -> Found:
 
 
 def linearize(p: Problem) -> Found:
-    """The answer of the tip at s = 1 per second to what the inputs are, and the resolvent's trace."""
+    """The answer of the tip at s = 1 per second to what the inputs are, and the resolvent's
+    trace.
+    """
     held = _held(p)
     model = tb.linearize(p.scene, None, tb.sensors.TipPosition(), t=float(p.t), inputs=held)
     A = p.second * model.A
     eye = torch.eye(A.shape[-1])
     resolvent = torch.linalg.inv(eye - A)
-    found = {"trace": (ONE, resolvent.diagonal(dim1=-2, dim2=-1).sum(-1)), "reading": (PLACE, model.output)}
+    found = {
+        "trace": (ONE, resolvent.diagonal(dim1=-2, dim2=-1).sum(-1)),
+        "reading": (PLACE, model.output),
+    }
     if held:
-        u = torch.cat(torch.broadcast_tensors(*(held[name] for name in model.inputs)), -1)[..., None]
+        u = torch.cat(torch.broadcast_tensors(*(held[name] for name in model.inputs)), -1)[
+            ..., None
+        ]
         gain = p.second * model.C @ resolvent @ model.B @ u + model.D @ u
         found["gain"] = Quantity(0, 1, 0, "polar"), gain[..., 0]
     return found
 
 
 class Answer(NamedTuple):
-    """The way of `Case` by whose times and starts it goes; problem -> found; whether it takes batches, and has gradients."""
+    """The way of `Case` by whose times and starts it goes; problem -> found; whether it takes
+    batches, and has gradients.
+    """
 
     way: str
     function: Callable[[Problem], Found]
@@ -190,16 +243,22 @@ ANSWERS = {
     "midpoint": Answer("midpoint", partial(motion, method="midpoint")),
     "midpoint checkpoint": Answer("midpoint", partial(motion, method="midpoint", checkpoint=True)),
     "midpoint lumped": Answer("midpoint", partial(motion, method="midpoint", lumped=True)),
-    "midpoint conserve": Answer("midpoint conserve", partial(motion, method="midpoint", conserve=True)),
+    "midpoint conserve": Answer(
+        "midpoint conserve", partial(motion, method="midpoint", conserve=True)
+    ),
     "midpoint4": Answer("midpoint", partial(motion, method="midpoint4")),
     "generalized_alpha": Answer("generalized_alpha", partial(motion, method="generalized_alpha")),
-    "generalized_alpha rho": Answer("generalized_alpha", partial(motion, method="generalized_alpha", rho_inf=0.3)),
+    "generalized_alpha rho": Answer(
+        "generalized_alpha", partial(motion, method="generalized_alpha", rho_inf=0.3)
+    ),
     "rtol": Answer("midpoint", partial(motion, method="midpoint", rtol=1e-4)),
     "rtol midpoint4": Answer("midpoint", partial(motion, method="midpoint4", rtol=1e-4)),
     "sensors": Answer("midpoint", sensors),
     "stepper midpoint": Answer("midpoint", partial(stepper, method="midpoint")),
     "stepper midpoint4": Answer("midpoint", partial(stepper, method="midpoint4")),
-    "stepper generalized_alpha": Answer("generalized_alpha", partial(stepper, method="generalized_alpha")),
+    "stepper generalized_alpha": Answer(
+        "generalized_alpha", partial(stepper, method="generalized_alpha")
+    ),
     "rollout": Answer("midpoint", rollout),
     "nodal rk4": Answer("nodal rk4", partial(motion, method="rk4")),
     "explicit stepper": Answer("explicit stepper", explicit_stepper),
@@ -215,4 +274,7 @@ ANSWERS = {
 def told(found: Found, by: Similarity | None = None) -> dict[str, Tensor]:
     """Numbers as they are told by a similarity; rotations as matrices, of which each has one."""
     values = {name: (q, x if by is None else by.value(q, x)) for name, (q, x) in found.items()}
-    return {name: quat.matrix(x) if q.kind in ("rotation", "frame") else x for name, (q, x) in values.items()}
+    return {
+        name: quat.matrix(x) if q.kind in ("rotation", "frame") else x
+        for name, (q, x) in values.items()
+    }

@@ -20,8 +20,10 @@ from tests.cases.metamorphic_parts import NotHere
 from tests.cases.metamorphic_relations import RELATIONS, VALUES_ONLY
 from tests.cases.metamorphic_said import Said, engine
 
-VALUE, GRADIENT = 1e-8, 1e-6  # of the largest: both solve to 1e-12 of the forces, of which stiff scenes make more
-CONTROLLED = 1e-6  # of values with adaptive steps, whose lengths are found to the precision of their errors
+# of the largest: both solve to 1e-12 of the forces, of which stiff scenes make more
+VALUE, GRADIENT = 1e-8, 1e-6
+# of values with adaptive steps, whose lengths are found to the precision of their errors
+CONTROLLED = 1e-6
 SMALL = 1e-6  # of an output (m, rad, N, J): what is smaller is rounding of what is larger
 
 
@@ -37,7 +39,9 @@ class Row(NamedTuple):
     def worse(self, name: str, apart: float, where: str) -> Row:
         """With the larger of two distances; NaN is the largest."""
         apart = apart if apart == apart else float("inf")
-        return self if apart <= getattr(self, name) else self._replace(**{name: apart, "where": where})
+        return (
+            self if apart <= getattr(self, name) else self._replace(**{name: apart, "where": where})
+        )
 
     @property
     def passed(self) -> bool:
@@ -48,31 +52,49 @@ class Row(NamedTuple):
 def said(spec: Spec, answer: str, gradient: bool = True) -> Said:
     case = Case(spec)
     gradient = gradient and ANSWERS[answer].gradient
-    return Said(spec, answer, {n: v.clone().requires_grad_(gradient) for n, v in case.draw.tensors.items()}, case)
+    return Said(
+        spec,
+        answer,
+        {n: v.clone().requires_grad_(gradient) for n, v in case.draw.tensors.items()},
+        case,
+    )
 
 
 def compare(of: Said, relation: str, by: str = "eager") -> Row:
-    """One relation on one scene. Raises NotHere where it says nothing, Unsolved where the scene has no answer, ValueError where
-    it is refused.
+    """One relation on one scene. Raises NotHere where it says nothing, Unsolved where the scene has
+    no answer, ValueError where it is refused.
     """
     with_gradient = any(v.requires_grad for v in of.x.values()) and relation not in VALUES_ONLY
-    with warnings.catch_warnings(), engine(by), torch.set_grad_enabled(with_gradient or relation == "dual"):
+    with (
+        warnings.catch_warnings(),
+        engine(by),
+        torch.set_grad_enabled(with_gradient or relation == "dual"),
+    ):
         warnings.simplefilter("ignore")
         a, b = RELATIONS[relation](of)
         row = Row(of.spec, of.answer, relation, by, 0.0, 0.0)
         for name in a:
             if a[name].shape != b[name].shape:
-                return row._replace(value=float("inf"), where=f"{name}: {tuple(a[name].shape)} and {tuple(b[name].shape)}")
+                return row._replace(
+                    value=float("inf"),
+                    where=f"{name}: {tuple(a[name].shape)} and {tuple(b[name].shape)}",
+                )
             if a[name].numel():
                 size = a[name].detach().abs().amax().clamp(min=SMALL)
-                row = row.worse("value", ((a[name] - b[name]).detach().abs().max() / size).item(), name)
+                row = row.worse(
+                    "value", ((a[name] - b[name]).detach().abs().max() / size).item(), name
+                )
         if not with_gradient or not row.passed:
             return row
         first, second = (_slopes(blocks, a, of.x) for blocks in (a, b))
         sizes = of.case.draw.size
         size = max(1e-3, *((s.abs().max() * sizes[n]).item() for n, s in first.items()))
         for n, v in first.items():
-            row = row.worse("gradient", ((v - second[n]).abs().max() * sizes[n]).item() / size, f"gradient by {n}")
+            row = row.worse(
+                "gradient",
+                ((v - second[n]).abs().max() * sizes[n]).item() / size,
+                f"gradient by {n}",
+            )
         return row
 
 
@@ -82,18 +104,29 @@ def _slopes(blocks: dict, like: dict, x: dict) -> dict:
     for name in sorted(like):
         if like[name].numel():
             w = torch.randn(like[name].shape, generator=draw)
-            total = total + (w * blocks[name]).sum() / like[name].detach().square().mean().sqrt().clamp(min=1e-3)
+            total = total + (w * blocks[name]).sum() / like[
+                name
+            ].detach().square().mean().sqrt().clamp(min=1e-3)
     found = [None] * len(x)
     if total.requires_grad:
         found = torch.autograd.grad(total, list(x.values()), allow_unused=True, retain_graph=True)
-    return {n: torch.zeros_like(v) if g is None else g for (n, v), g in zip(x.items(), found, strict=True)}
+    return {
+        n: torch.zeros_like(v) if g is None else g
+        for (n, v), g in zip(x.items(), found, strict=True)
+    }
 
 
 class Metamorphic:
-    """A run: rows, failures (what, how), refused by sentence, and how often each relation, answer, ingredient was compared."""
+    """A run: rows, failures (what, how), refused by sentence, and how often each relation, answer,
+    ingredient was compared.
+    """
 
-    def __init__(self, seed: int, relations: tuple[str, ...] = tuple(RELATIONS),
-                 engines: tuple[str, ...] = ("eager",)) -> None:
+    def __init__(
+        self,
+        seed: int,
+        relations: tuple[str, ...] = tuple(RELATIONS),
+        engines: tuple[str, ...] = ("eager",),
+    ) -> None:
         self.source, self.seed = Fuzz(seed), seed
         self.relations, self.engines = relations, engines
         self.rows: list[Row] = []
@@ -106,14 +139,20 @@ class Metamorphic:
         self.tried[answer] += 1
         spec = self.source._spec(ANSWERS[answer].way)
         draw = torch.Generator().manual_seed(spec.seed)
-        if torch.rand((), generator=draw) < 0.4 and not answer.startswith(("minimal", "block_rate", "explicit")):
+        if torch.rand((), generator=draw) < 0.4 and not answer.startswith(
+            ("minimal", "block_rate", "explicit")
+        ):
             spec = replace(spec, order=2, count=max(1, spec.count - 1))
         if answer in ("minimal", "block_rate", "explicit stepper"):
             spec = replace(spec, initial="rest")
-        relations = sorted(self.relations, key=lambda r: (self.pairs[answer, r] + self.covered[r] / 4))
+        relations = sorted(
+            self.relations, key=lambda r: self.pairs[answer, r] + self.covered[r] / 4
+        )
         return spec, answer, relations
 
-    def run(self, cases: int, each: int = 3, seconds: float = float("inf"), report: bool = False) -> None:
+    def run(
+        self, cases: int, each: int = 3, seconds: float = float("inf"), report: bool = False
+    ) -> None:
         """So many scenes, some relations of each; of every third the derivatives."""
         begin, done = time.process_time(), 0
         while done < cases and time.process_time() - begin < seconds:
@@ -122,9 +161,13 @@ class Metamorphic:
             held, done = 0, done + 1
             if self._tried(lambda of=of: of.plain, (spec, answer, "plain", by), by) is None:
                 continue
-            for relation in relations[:4 * each]:
+            for relation in relations[: 4 * each]:
                 self.pairs[answer, relation] += 1
-                row = self._tried(lambda of=of, r=relation, by=by: compare(of, r, by), (spec, answer, relation, by), by)
+                row = self._tried(
+                    lambda of=of, r=relation, by=by: compare(of, r, by),
+                    (spec, answer, relation, by),
+                    by,
+                )
                 if row is not None:
                     self._take(row, report)
                     held += 1
@@ -132,7 +175,9 @@ class Metamorphic:
                     break
 
     def _tried(self, function, label: tuple, by: str):
-        """What a function gives; None where that is refused, has no solution or fails, which is noted."""
+        """What a function gives; None where that is refused, has no solution or fails, which is
+        noted.
+        """
         try:
             with warnings.catch_warnings(), engine(by):
                 warnings.simplefilter("ignore")
@@ -142,10 +187,15 @@ class Metamorphic:
         except Exception as error:
             if is_refusal(error):
                 self.refused[str(error)] += 1
-            elif isinstance(error, Unsolved) or any(sentence in str(error) for sentence in NO_SOLUTION):
+            elif isinstance(error, Unsolved) or any(
+                sentence in str(error) for sentence in NO_SOLUTION
+            ):
                 self.refused["(no solution)"] += 1
             else:
-                places = [f"{Path(f.filename).name}:{f.lineno}" for f in traceback.extract_tb(error.__traceback__)]
+                places = [
+                    f"{Path(f.filename).name}:{f.lineno}"
+                    for f in traceback.extract_tb(error.__traceback__)
+                ]
                 self._failed(label, f"{type(error).__name__} at {places[-3:]}: {str(error)[:300]}")
             return None
 
@@ -155,7 +205,11 @@ class Metamorphic:
         self.source.covered.update([*row.spec.names, row.spec.space, row.spec.initial])
         self.source.queue = [entry for entry in self.source.queue if entry not in row.spec.names]
         if report:
-            print(f"{row.value:.1e} {row.gradient:.1e} {row.answer} / {row.relation} [{row.engine}] {row.where}", flush=True)
+            print(
+                f"{row.value:.1e} {row.gradient:.1e} {row.answer} / {row.relation} "
+                f"[{row.engine}] {row.where}",
+                flush=True,
+            )
         if not row.passed:
             self._failed(row, f"{row.value:.2e} {row.gradient:.2e} {row.where}")
 
@@ -167,5 +221,7 @@ class Metamorphic:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("w", newline="") as file:
             table = csv.writer(file)
-            table.writerow(("seed", "answer", "relation", "engine", "values", "gradients", "where", "passed"))
+            table.writerow(
+                ("seed", "answer", "relation", "engine", "values", "gradients", "where", "passed")
+            )
             table.writerows((r.spec.seed, *r[1:], r.passed) for r in self.rows)

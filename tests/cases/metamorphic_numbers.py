@@ -31,6 +31,7 @@ class _Factor:
 def _with_default(f: Callable, k: float) -> Callable:
     def function(*a: Any, k: float = k, **named: Any) -> Any:
         return times(k, f(*a, **named))
+
     return function
 
 
@@ -40,6 +41,7 @@ def _nested(f: Callable, k: float) -> Callable:
 
     def outer(*a: Any, **named: Any) -> Any:
         return inner(*a, **named)
+
     return outer
 
 
@@ -67,15 +69,24 @@ def _in_dict(f: Callable, k: float) -> Callable:
 
 def _in_tensor(f: Callable, k: float) -> Callable:
     held = torch.tensor(k)
-    return lambda *a, **named: times(1.0, [None if w is None else held * w for w in listed(f(*a, **named))]
-                                     if isinstance(f(*a, **named), tuple) else held * tensor(f(*a, **named)))
+    return lambda *a, **named: times(
+        1.0,
+        [None if w is None else held * w for w in listed(f(*a, **named))]
+        if isinstance(f(*a, **named), tuple)
+        else held * tensor(f(*a, **named)),
+    )
 
 
-HOLDERS: dict[str, Callable[[Callable, float], Callable]] = {  # where the number of a user's function may be
-    "closure": lambda f, k: lambda *a, **named: times(k, f(*a, **named)), "default": _with_default, "partial": _partial,
-    "method": lambda f, k: _Factor(f, k).method, "object": _Factor, "nested": _nested, "list": _in_list, "dict": _in_dict,
+# fmt: off
+# where the number of a user's function may be
+HOLDERS: dict[str, Callable[[Callable, float], Callable]] = {
+    "closure": lambda f, k: lambda *a, **named: times(k, f(*a, **named)), "default": _with_default,
+    "partial": _partial,
+    "method": lambda f, k: _Factor(f, k).method, "object": _Factor, "nested": _nested,
+    "list": _in_list, "dict": _in_dict,
     "module": _on_shelf, "tensor": _in_tensor,
 }
+# fmt: on
 
 
 def numbered(parts: Parts, holder: str, k: float) -> Parts:
@@ -84,7 +95,11 @@ def numbered(parts: Parts, holder: str, k: float) -> Parts:
 
     def changed(of: Any) -> Any:
         if isinstance(of, tb.Load):
-            return replace(of, function=hold(of.function, k), **({} if of.rate is None else {"rate": hold(of.rate, k)}))
+            return replace(
+                of,
+                function=hold(of.function, k),
+                **({} if of.rate is None else {"rate": hold(of.rate, k)}),
+            )
         new = {}
         for name in quantities(of):
             value = getattr(of, name)
@@ -96,4 +111,5 @@ def numbered(parts: Parts, holder: str, k: float) -> Parts:
             elif callable(value) and name != "moving":
                 new[name] = hold(value, k)
         return replace(of, **new) if new else of
+
     return each(changed)(parts)

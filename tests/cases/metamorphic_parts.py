@@ -34,12 +34,22 @@ def times(k: float, value: Any) -> Any:
 
 def each(change: Callable[[Any], Any]) -> Callable[[Parts], Parts]:
     """`change(part)` of every effect, support, frame and root: something else, or the same."""
+
     def changed(parts: Parts) -> Parts:
-        new = {name: tuple(map(change, parts[name])) if isinstance(parts[name], tuple) else parts[name] and change(parts[name])
-               for name in ("effects", "supports", "frame", "root")}
-        if all(a is b for name in new for a, b in zip(listed(new[name]), listed(parts[name]), strict=True)):
+        new = {
+            name: tuple(map(change, parts[name]))
+            if isinstance(parts[name], tuple)
+            else parts[name] and change(parts[name])
+            for name in ("effects", "supports", "frame", "root")
+        }
+        if all(
+            a is b
+            for name in new
+            for a, b in zip(listed(new[name]), listed(parts[name]), strict=True)
+        ):
             raise NotHere
         return {**parts, **new}
+
     return changed
 
 

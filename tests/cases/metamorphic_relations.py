@@ -1,4 +1,6 @@
-"""Relations: two ways to say one thing, each a function of a `Said` that gives what comes of both."""
+"""Relations: two ways to say one thing, each a function of a `Said` that gives what comes of
+both.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +29,8 @@ def _words(change: Callable, said: Said) -> Pair:
 
 
 def _turn(said: Said, mirror: bool = False) -> Tensor:
-    """A random rotation that the scene can take: of axes to axes where supports hold some of these, in its plane where it has
-    one.
+    """A random rotation that the scene can take: of axes to axes where supports hold some of these,
+    in its plane where it has one.
     """
     p, draw = said.problem, said.random
     supports = p.parts["supports"] or ()
@@ -45,7 +47,9 @@ def _turn(said: Said, mirror: bool = False) -> Tensor:
             Q = Q * torch.where(torch.arange(3) == draw.choice((0, 1, 2)), -1.0, 1.0)
         return Q
     if partial_:
-        Q = torch.eye(3)[draw.sample(range(3), 3)] * torch.tensor([draw.choice((-1.0, 1.0)) for _ in range(3)])
+        Q = torch.eye(3)[draw.sample(range(3), 3)] * torch.tensor(
+            [draw.choice((-1.0, 1.0)) for _ in range(3)]
+        )
     else:
         Q = quat.matrix(quat.normalize(torch.tensor([draw.gauss(0, 1) for _ in range(4)])))
     return Q if (torch.linalg.det(Q) < 0) == mirror else -Q
@@ -59,7 +63,11 @@ def _similar(make: Callable[[Said], Similarity], said: Said) -> Pair:
 def _moved(said: Said) -> Similarity:
     if said.problem.parts["frame"] is not None:
         raise NotHere  # its own motion is told about its origin
-    inside = torch.tensor([1.0, 1, 1] if said.case.plane is None else [float(i in POLAR[said.case.plane]) for i in range(3)])
+    inside = torch.tensor(
+        [1.0, 1, 1]
+        if said.case.plane is None
+        else [float(i in POLAR[said.case.plane]) for i in range(3)]
+    )
     return Similarity(origin=inside * torch.tensor([said.random.uniform(-2, 2) for _ in range(3)]))
 
 
@@ -86,13 +94,17 @@ def again(said: Said) -> Pair:
 
 
 def _numbers(holder: str, said: Said) -> Pair:
-    """After a scene whose functions have another number, which stands where users have their numbers."""
+    """After a scene whose functions have another number, which stands where users have their
+    numbers.
+    """
     p = said.problem
     a = told(said.ask(replace(p, parts=numbered(p.parts, holder, 1.0))))
     with engine("auto"):
         told(said.ask(replace(p, parts=numbered(p.parts, holder, 1.1))))
         b = told(said.ask(replace(p, parts=numbered(p.parts, holder, 1.0))))
-    return a | {f"{n} plain": v for n, v in said.plain.items()}, b | {f"{n} plain": v for n, v in b.items()}
+    return a | {f"{n} plain": v for n, v in said.plain.items()}, b | {
+        f"{n} plain": v for n, v in b.items()
+    }
 
 
 RELATIONS: dict[str, Callable[[Said], Pair]] = {
@@ -106,4 +118,5 @@ RELATIONS: dict[str, Callable[[Said], Pair]] = {
     **{f"numbers: {holder}": partial(_numbers, holder) for holder in HOLDERS},
     **RUNS,
 }
-VALUES_ONLY = {"t as a list", "restart from a file", "dual", "vmap"}  # relations that lose derivatives, or are about them
+# relations that lose derivatives, or are about them
+VALUES_ONLY = {"t as a list", "restart from a file", "dual", "vmap"}

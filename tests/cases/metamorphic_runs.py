@@ -1,4 +1,6 @@
-"""Relations of runs: batches and singles, restarts, outputs, ways to give times and inputs, steps one by one, both modes."""
+"""Relations of runs: batches and singles, restarts, outputs, ways to give times and inputs, steps
+one by one, both modes.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +16,13 @@ import torchbeam as tb
 from tests.cases.metamorphic_answers import ANSWERS, EXACT, Found, energies, states, told
 from tests.cases.metamorphic_said import Blocks, Pair, Said, engine, wants
 
-MOTIONS = ("midpoint", "midpoint lumped", "midpoint conserve", "midpoint4", "generalized_alpha")  # by `simulate` in steps
-BY_STEPS = {"midpoint": "stepper midpoint", "midpoint4": "stepper midpoint4", "generalized_alpha": "stepper generalized_alpha"}
+# by `simulate` in steps
+MOTIONS = ("midpoint", "midpoint lumped", "midpoint conserve", "midpoint4", "generalized_alpha")
+BY_STEPS = {
+    "midpoint": "stepper midpoint",
+    "midpoint4": "stepper midpoint4",
+    "generalized_alpha": "stepper generalized_alpha",
+}
 
 
 def batch(said: Said) -> Pair:
@@ -24,7 +31,8 @@ def batch(said: Said) -> Pair:
     together, alone = said.several()
     whole, each = said.of(together), [said.of(x) for x in alone]
     if said.answer == "path":  # each sample goes at its own pace
-        whole, each = {n: v[-1] for n, v in whole.items()}, [{n: v[-1] for n, v in x.items()} for x in each]
+        whole = {n: v[-1] for n, v in whole.items()}
+        each = [{n: v[-1] for n, v in x.items()} for x in each]
     return whole, _stacked(each, whole)
 
 
@@ -33,8 +41,16 @@ def _stacked(few: list[Blocks], like: Blocks) -> Blocks:
     found = {}
     for name, value in like.items():
         one = few[0][name]
-        axis = next((i for i in range(value.ndim) if value.shape[:i] == one.shape[:i] and value.shape[i] == len(few)
-                     and value.shape[i + 1:] == one.shape[i:]), None)
+        axis = next(
+            (
+                i
+                for i in range(value.ndim)
+                if value.shape[:i] == one.shape[:i]
+                and value.shape[i] == len(few)
+                and value.shape[i + 1 :] == one.shape[i:]
+            ),
+            None,
+        )
         found[name] = value if axis is None else torch.stack([x[name] for x in few], axis)
         if axis is None:  # nothing in it differs from sample to sample
             found[name] = one.expand_as(value)
@@ -64,7 +80,8 @@ def vmapped(said: Said) -> Pair:
         found = torch.func.vmap(said.of, (dims,))(together)
         plain = said.of(together)
     return {n: v.movedim(0, -1) for n, v in found.items()}, {
-        n: plain[n].movedim(_axis(plain[n], found[n]), -1) for n in plain}
+        n: plain[n].movedim(_axis(plain[n], found[n]), -1) for n in plain
+    }
 
 
 def _axis(value: Tensor, like: Tensor) -> int:
@@ -84,7 +101,13 @@ def restart(said: Said, through: Callable = lambda state: state) -> Pair:
     if said.answer == "nodal rk4":
         options = dict(method="rk4", inputs=p.inputs)
     else:
-        options = dict(method=method, inputs=p.inputs, step=p.step, **dict.fromkeys(said.answer.split()[1:], True), **EXACT)
+        options = dict(
+            method=method,
+            inputs=p.inputs,
+            step=p.step,
+            **dict.fromkeys(said.answer.split()[1:], True),
+            **EXACT,
+        )
     whole = tb.simulate(p.scene, p.t, p.start, **options)
     first = tb.simulate(p.scene, p.t[:2], p.start, **options)
     last = tb.simulate(p.scene, p.t[1:], through(first.state[-1]), **options)
@@ -102,7 +125,17 @@ def _saved(state: tb.State) -> tb.State:
 def _solved(said: Said, t=None, **changed) -> Found:
     p, answer = said.problem, said.answer
     method, *more = answer.split()
-    options = dict(initial=p.start, method=method, inputs=p.inputs, step=p.step, **dict.fromkeys(more, True), **EXACT) | changed
+    options = (
+        dict(
+            initial=p.start,
+            method=method,
+            inputs=p.inputs,
+            step=p.step,
+            **dict.fromkeys(more, True),
+            **EXACT,
+        )
+        | changed
+    )
     solution = tb.simulate(p.scene, p.t if t is None else t, **options)
     return states("motion", solution.state[1:]) | energies(solution)
 
@@ -121,7 +154,9 @@ def with_checkpoint(said: Said) -> dict:
 
 
 def by_keyword(said: Said) -> dict:
-    wants(said, bool(said.problem.inputs) and all(name.isidentifier() for name in said.problem.inputs))
+    wants(
+        said, bool(said.problem.inputs) and all(name.isidentifier() for name in said.problem.inputs)
+    )
     return dict(inputs=None, **said.problem.inputs)
 
 
@@ -134,7 +169,12 @@ def by_functions(said: Said) -> dict:
 def by_intervals(said: Said) -> dict:
     inputs, K = said.problem.inputs, len(said.problem.t) - 1
     wants(said, bool(inputs) and not any(map(callable, inputs.values())))
-    return dict(inputs={n: tb.PerInterval(v[..., None, :].expand(*v.shape[:-1], K, v.shape[-1])) for n, v in inputs.items()})
+    return dict(
+        inputs={
+            n: tb.PerInterval(v[..., None, :].expand(*v.shape[:-1], K, v.shape[-1]))
+            for n, v in inputs.items()
+        }
+    )
 
 
 def finer(said: Said) -> Pair:
@@ -145,9 +185,11 @@ def finer(said: Said) -> Pair:
     fine = torch.stack((t[0], (t[0] + t[1]) / 2, t[1]))
     step = float((t[1] - t[0]) / 2)
     a, b = _solved(said, t=t[:2], step=step), _solved(said, t=fine, step=step)
-    return told(a), {n: v[-1:] if n.startswith("motion") else v for n, v in told(
-        {n: (q, v) for n, (q, v) in b.items()}).items() if n.startswith("motion")} | {
-        n: v[[0, -1]] for n, v in told(b).items() if not n.startswith("motion")}
+    return told(a), {
+        n: v[-1:] if n.startswith("motion") else v
+        for n, v in told({n: (q, v) for n, (q, v) in b.items()}).items()
+        if n.startswith("motion")
+    } | {n: v[[0, -1]] for n, v in told(b).items() if not n.startswith("motion")}
 
 
 def threads(said: Said) -> Pair:
@@ -177,43 +219,65 @@ def by_rollout(said: Said) -> Pair:
     for _ in range(3):
         found.append(step(state := found[-1] if found else state, inputs=p.inputs))
     each = [told(states("rollout", s)) for s in found]
-    return said.plain, {n: torch.stack([e[n].expand(said.plain[n].shape[1:]) for e in each]) for n in said.plain}
+    return said.plain, {
+        n: torch.stack([e[n].expand(said.plain[n].shape[1:]) for e in each]) for n in said.plain
+    }
 
 
 def dual(said: Said) -> Pair:
     """<v, J u> = <J^T v, u>"""
     wants(said, ANSWERS[said.answer].gradient and any(v.requires_grad for v in said.x.values()))
     draw = torch.Generator().manual_seed(said.spec.seed)
-    u = {n: 0.1 * said.case.draw.size[n] * torch.randn(v.shape, generator=draw) for n, v in said.x.items()}
+    u = {
+        n: 0.1 * said.case.draw.size[n] * torch.randn(v.shape, generator=draw)
+        for n, v in said.x.items()
+    }
     v = None
 
     def of(x: Blocks) -> Tensor:
         nonlocal v
         blocks = said.of(x)
         if v is None:
-            v = {n: torch.randn(b.shape, generator=draw) / b.detach().abs().max().clamp(min=1e-3) if b.numel() else b.detach()
-                 for n, b in blocks.items()}
+            v = {
+                n: torch.randn(b.shape, generator=draw) / b.detach().abs().max().clamp(min=1e-3)
+                if b.numel()
+                else b.detach()
+                for n, b in blocks.items()
+            }
         return sum((v[n] * b).sum() for n, b in blocks.items())
+
     y = of(said.x)
     slopes = torch.autograd.grad(y, list(said.x.values()), allow_unused=True)
-    back = sum((g * u[n]).sum() for (n, _), g in zip(said.x.items(), slopes, strict=True) if g is not None)
+    back = sum(
+        (g * u[n]).sum() for (n, _), g in zip(said.x.items(), slopes, strict=True) if g is not None
+    )
     forward = _jvp(of, said.x, u)
-    size = sum((g * u[n]).abs().sum() for (n, _), g in zip(said.x.items(), slopes, strict=True) if g is not None)
+    size = sum(
+        (g * u[n]).abs().sum()
+        for (n, _), g in zip(said.x.items(), slopes, strict=True)
+        if g is not None
+    )
     return {"product": (back / size).detach()[None]}, {"product": (forward / size)[None]}
 
 
 def _jvp(of: Callable, x: Blocks, u: Blocks) -> Tensor:
     with forward_ad.dual_level():
-        y = forward_ad.unpack_dual(of({n: forward_ad.make_dual(v.detach(), u[n]) for n, v in x.items()}))
+        y = forward_ad.unpack_dual(
+            of({n: forward_ad.make_dual(v.detach(), u[n]) for n, v in x.items()})
+        )
         return torch.zeros_like(y.primal) if y.tangent is None else y.tangent
 
 
+# fmt: off
 RUNS: dict[str, Callable[[Said], Pair]] = {
-    "batch": batch, "axes": axes, "vmap": vmapped, "engines": engines, "threads": threads, "dual": dual,
+    "batch": batch, "axes": axes, "vmap": vmapped, "engines": engines, "threads": threads,
+    "dual": dual,
     "restart": restart, "restart from a file": partial(restart, through=_saved),
     "restart from a clone": partial(restart, through=lambda state: state.clone()),
     "t as a list": partial(_way, make=by_list), "checkpoint": partial(_way, make=with_checkpoint),
-    "inputs by keyword": partial(_way, make=by_keyword), "inputs as functions": partial(_way, make=by_functions),
+    "inputs by keyword": partial(_way, make=by_keyword),
+    "inputs as functions": partial(_way, make=by_functions),
     "inputs per interval": partial(_way, make=by_intervals),
     "finer outputs": finer, "by steps": by_steps, "by rollout": by_rollout,
 }
+# fmt: on

@@ -33,7 +33,9 @@ def engine(name: str) -> Iterator[None]:
 
 @dataclass
 class Said:
-    """A random scene and what is asked of it; x: the tensors that it is made of; seed: of what a relation draws."""
+    """A random scene and what is asked of it; x: the tensors that it is made of; seed: of what a
+    relation draws.
+    """
 
     spec: Spec
     answer: str
@@ -62,8 +64,13 @@ class Said:
     def several(self, samples: int = SAMPLES) -> tuple[Blocks, list[Blocks]]:
         """Tensors of several scenes in one batch, but for those that take none; and one by one."""
         scale = 1 + 0.01 * torch.arange(samples)
-        batch = {n: v if n in self.case.draw.alone else v * scale[(...,) + (None,) * v.ndim] for n, v in self.x.items()}
-        return batch, [{n: v if n in self.case.draw.alone else v * k for n, v in self.x.items()} for k in scale]
+        batch = {
+            n: v if n in self.case.draw.alone else v * scale[(...,) + (None,) * v.ndim]
+            for n, v in self.x.items()
+        }
+        return batch, [
+            {n: v if n in self.case.draw.alone else v * k for n, v in self.x.items()} for k in scale
+        ]
 
 
 def wants(said: Said, holds: bool) -> None:

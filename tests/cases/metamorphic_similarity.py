@@ -1,7 +1,8 @@
 """The same physics in other words: turned, mirrored, moved, in other units, at another time.
 
-A `Similarity` goes by what each number of a scene is (`Quantity`: its dimension and how it turns). `FIELDS` says that of every
-field of every effect, motion, support, beam and state; nothing else here knows them.
+A `Similarity` goes by what each number of a scene is (`Quantity`: its dimension and how it turns).
+`FIELDS` says that of every field of every effect, motion, support, beam and state; nothing else
+here knows them.
 """
 
 from __future__ import annotations
@@ -19,15 +20,17 @@ from torchbeam.extend import own_leaves
 from torchbeam.extend import quaternions as quat
 
 EYE, ZERO = torch.eye(3, dtype=torch.float64), torch.zeros(3, dtype=torch.float64)
-FLIP = torch.diag(torch.tensor([1.0, -1.0, 1.0], dtype=torch.float64))  # a mirrored section counts its y axis backwards
+# a mirrored section counts its y axis backwards
+FLIP = torch.diag(torch.tensor([1.0, -1.0, 1.0], dtype=torch.float64))
 
 
 class Quantity(NamedTuple):
     """Powers of mass, length and time, and how it turns.
 
-    "number"; "polar" or "axial" vector in frame a; "place" (a point there); "rotation" (a quaternion to frame a); in section
-    axes "own polar", "own axial", "own tensor" (3, 3); of six entries "wrench" (force, moment), "own wrench", "springs" (along
-    and about three axes); "compliance" and "mass" (6, 6); "frame": quaternion from frame a to inertial axes; "instant".
+    "number"; "polar" or "axial" vector in frame a; "place" (a point there); "rotation"
+    (a quaternion to frame a); in section axes "own polar", "own axial", "own tensor" (3, 3); of six
+    entries "wrench" (force, moment), "own wrench", "springs" (along and about three axes);
+    "compliance" and "mass" (6, 6); "frame": quaternion from frame a to inertial axes; "instant".
     """
 
     mass: int = 0
@@ -37,17 +40,23 @@ class Quantity(NamedTuple):
 
 
 ONE, FORCE, MOMENT = Quantity(), Quantity(1, 1, -2, "polar"), Quantity(1, 2, -2, "axial")
-PLACE, VELOCITY, INSTANT = Quantity(0, 1, 0, "place"), Quantity(0, 1, -1, "polar"), Quantity(0, 0, 1, "instant")
+PLACE, VELOCITY = Quantity(0, 1, 0, "place"), Quantity(0, 1, -1, "polar")
+INSTANT = Quantity(0, 0, 1, "instant")
 ENERGY, MOVE, TURN = Quantity(1, 2, -2), Quantity(0, 1, 0, "polar"), Quantity(0, 0, 0, "axial")
 
 
 def _load(lengths: int) -> Callable[[Any], dict[str, Quantity]]:
     def fields(load: Any) -> dict[str, Quantity]:
         own = "own " if load.follower else ""
-        return dict(force=Quantity(1, 1 - lengths, -2, own + "polar"), moment=Quantity(1, 2 - lengths, -2, own + "axial"))
+        return dict(
+            force=Quantity(1, 1 - lengths, -2, own + "polar"),
+            moment=Quantity(1, 2 - lengths, -2, own + "axial"),
+        )
+
     return fields
 
 
+# fmt: off
 FIELDS: dict[type, Callable[[Any], dict[str, Quantity]]] = {
     tb.Gravity: lambda e: dict(g=Quantity(0, 1, -2, "polar")),
     tb.TipLoad: _load(0),
@@ -55,26 +64,35 @@ FIELDS: dict[type, Callable[[Any], dict[str, Quantity]]] = {
     tb.LineLoad: _load(1),
     tb.Damping: lambda e: dict(tau=Quantity(time=1)),
     tb.MassDamping: lambda e: dict(alpha=Quantity(time=-1)),
-    tb.Drag: lambda e: dict(density=Quantity(1, -3), diameter=Quantity(0, 1), normal=ONE, tangential=ONE, flow=VELOCITY,
+    tb.Drag: lambda e: dict(density=Quantity(1, -3), diameter=Quantity(0, 1), normal=ONE,
+                            tangential=ONE, flow=VELOCITY,
                             added_mass=ONE),
     tb.PointMass: lambda e: dict(mass=Quantity(1), inertia=Quantity(1, 2, 0, "own tensor"),
                                  offset=Quantity(0, 1, 0, "own polar")),
-    tb.Actuation: lambda e: dict(curvature=Quantity(0, -1, 0, "own axial"), strain=Quantity(0, 0, 0, "own polar")),
-    tb.Spring: lambda e: dict(stiffness=Quantity(1, 0, -2), to=PLACE, length=Quantity(0, 1), damping=Quantity(1, 0, -1),
+    tb.Actuation: lambda e: dict(curvature=Quantity(0, -1, 0, "own axial"),
+                                 strain=Quantity(0, 0, 0, "own polar")),
+    tb.Spring: lambda e: dict(stiffness=Quantity(1, 0, -2), to=PLACE, length=Quantity(0, 1),
+                              damping=Quantity(1, 0, -1),
                               moving=ONE),
-    tb.RootSpring: lambda e: dict(stiffness=Quantity(1, 0, -2, "springs"), damping=Quantity(1, 0, -1, "springs")),
+    tb.RootSpring: lambda e: dict(stiffness=Quantity(1, 0, -2, "springs"),
+                                  damping=Quantity(1, 0, -1, "springs")),
     tb.Load: lambda e: dict(function=ONE, rate=ONE, values=ONE),  # see `Similarity._load`
     tb.Frame: lambda e: dict(velocity=VELOCITY, angular_velocity=Quantity(0, 0, -1, "axial")),
     tb.RootMotion: lambda e: dict(displacement=MOVE, rotation=TURN),
     tb.Support: lambda e: dict(displacement=MOVE, turn=TURN),
-    tb.Beam: lambda e: dict(nodes=PLACE, frames=Quantity(kind="rotation"), elements=Quantity(kind="rotation"),
-                            length=Quantity(0, 1), compliance=Quantity(kind="compliance"), mass=Quantity(kind="mass")),
+    tb.Beam: lambda e: dict(nodes=PLACE, frames=Quantity(kind="rotation"),
+                            elements=Quantity(kind="rotation"),
+                            length=Quantity(0, 1), compliance=Quantity(kind="compliance"),
+                            mass=Quantity(kind="mass")),
     tb.State: lambda e: dict(position=PLACE, rotation=Quantity(kind="rotation"), velocity=VELOCITY,
-                             spin=Quantity(0, 0, -1, "own axial"), stress=Quantity(kind="own wrench"),
+                             spin=Quantity(0, 0, -1, "own axial"),
+                             stress=Quantity(kind="own wrench"),
                              reaction=Quantity(kind="wrench"),
-                             work=ENERGY, defect=ENERGY, t=INSTANT, status=ONE, frame=Quantity(kind="frame"), internal=ONE,
+                             work=ENERGY, defect=ENERGY, t=INSTANT, status=ONE,
+                             frame=Quantity(kind="frame"), internal=ONE,
                              acceleration=ONE, straining=ONE, joints=ONE),
 }
+# fmt: on
 
 
 def quantities(of: Any) -> dict[str, Quantity]:
@@ -85,7 +103,9 @@ def quantities(of: Any) -> dict[str, Quantity]:
 
 @dataclass(frozen=True)
 class Similarity:
-    """x -> length (turn x + origin) and so on, t -> time (t + shift); `turn` (3, 3) may be a reflection."""
+    """x -> length (turn x + origin) and so on, t -> time (t + shift); `turn` (3, 3) may be a
+    reflection.
+    """
 
     turn: Tensor = EYE
     origin: Tensor = ZERO
@@ -97,8 +117,14 @@ class Similarity:
     @property
     def inverse(self) -> Similarity:
         back = self.turn.mT
-        return Similarity(back, -(back @ self.origin) * self.length, 1 / self.mass, 1 / self.length, 1 / self.time,
-                          -self.shift * self.time)
+        return Similarity(
+            back,
+            -(back @ self.origin) * self.length,
+            1 / self.mass,
+            1 / self.length,
+            1 / self.time,
+            -self.shift * self.time,
+        )
 
     @property
     def mirrors(self) -> bool:
@@ -115,13 +141,21 @@ class Similarity:
     def matrix(self, kind: str) -> Tensor | None:
         """(3, 3) by which a vector of that kind turns; None = it is none."""
         sign = -1.0 if self.mirrors else 1.0
-        return {"polar": self.turn, "place": self.turn, "axial": sign * self.turn,
-                "own polar": self.own, "own axial": sign * self.own}.get(kind)
+        return {
+            "polar": self.turn,
+            "place": self.turn,
+            "axial": sign * self.turn,
+            "own polar": self.own,
+            "own axial": sign * self.own,
+        }.get(kind)
 
     def wrench(self, own: str = "") -> Tensor:
         """(6, 6) of force and moment."""
         force, moment = Quantity(1, 1, -2), Quantity(1, 2, -2)
-        return torch.block_diag(self.size(force) * self.matrix(f"{own}polar"), self.size(moment) * self.matrix(f"{own}axial"))
+        return torch.block_diag(
+            self.size(force) * self.matrix(f"{own}polar"),
+            self.size(moment) * self.matrix(f"{own}axial"),
+        )
 
     def value(self, q: Quantity, x: Any) -> Any:
         """A tensor as it is told there; plain numbers stay plain numbers."""
@@ -139,7 +173,11 @@ class Similarity:
         if q.kind in ("wrench", "own wrench"):
             return x @ self.wrench(q.kind.removesuffix("wrench")).mT
         if q.kind == "springs":
-            return self.size(q) * x * torch.tensor([1.0] * 3 + [self.length**2] * 3, dtype=torch.float64)
+            return (
+                self.size(q)
+                * x
+                * torch.tensor([1.0] * 3 + [self.length**2] * 3, dtype=torch.float64)
+            )
         if q.kind == "own tensor":
             A = self.matrix("own polar")
             return self.size(q) * (A @ x @ A.mT)
@@ -147,7 +185,10 @@ class Similarity:
             P = torch.linalg.inv(self.wrench("own "))
             return self.size(Quantity(1, 1, -2)) * (P.mT @ x @ P)  # energy per length = F.S.F / 2
         if q.kind == "mass":
-            P = torch.block_diag(self.size(Quantity(0, -1, 1)) * self.matrix("own polar"), self.time * self.matrix("own axial"))
+            P = torch.block_diag(
+                self.size(Quantity(0, -1, 1)) * self.matrix("own polar"),
+                self.time * self.matrix("own axial"),
+            )
             return self.size(Quantity(1, 1, -2)) * (P.mT @ x @ P)
         moved = x @ self.matrix(q.kind).mT
         return self.size(q) * (moved + self.origin if q.kind == "place" else moved)
@@ -169,16 +210,24 @@ class Similarity:
         if isinstance(value, tb.PerInterval):
             return tb.PerInterval(self.given(q, value.value))
         if isinstance(value, tb.Along):
-            return tb.Along(lambda s, t: self.value(q, tensor(value.function(s / self.length, self.instant(t)))))
+            return tb.Along(
+                lambda s, t: self.value(q, tensor(value.function(s / self.length, self.instant(t))))
+            )
         return self.function(q, value) if callable(value) else self.value(q, value)
 
     def __call__(self, of: Any) -> Any:
         """An object as it is told there."""
         if isinstance(of, tb.Load):
             return self._load(of)
-        found = {name: self.given(q, getattr(of, name)) for name, q in quantities(of).items() if name != "moving"}
+        found = {
+            name: self.given(q, getattr(of, name))
+            for name, q in quantities(of).items()
+            if name != "moving"
+        }
         if isinstance(of, tb.Drag) and callable(of.flow):
-            found["flow"] = lambda x, t: self.value(VELOCITY, tensor(of.flow(self.inverse.value(PLACE, x), self.instant(t))))
+            found["flow"] = lambda x, t: self.value(
+                VELOCITY, tensor(of.flow(self.inverse.value(PLACE, x), self.instant(t)))
+            )
         if isinstance(of, tb.Support):
             found |= dict(position=self._letters(of.position), rotation=self._letters(of.rotation))
         return replace(of, **found)
@@ -194,20 +243,29 @@ class Similarity:
         """What it reads is told here, what it answers there; internal states have no dimension."""
         back, along = self.inverse, load.node is None
         reads = (PLACE, None, VELOCITY, Quantity(0, 0, -1, "axial"))
-        named = dict(acceleration=Quantity(0, 1, -2, "polar"), angular_acceleration=Quantity(0, 0, -2, "axial"),
-                     s=Quantity(0, 1))
+        named = dict(
+            acceleration=Quantity(0, 1, -2, "polar"),
+            angular_acceleration=Quantity(0, 0, -2, "axial"),
+            s=Quantity(0, 1),
+        )
 
         def arguments(motion: tuple, t: Tensor, more: dict) -> tuple[list, dict]:
-            here = [x if x is None else back.turn @ x @ self.own if q is None else back.value(q, x)
-                    for q, x in zip(reads, motion, strict=True)]
-            return [*here, self.instant(t)], {n: back.value(named[n], v) if n in named else v for n, v in more.items()}
+            here = [
+                x if x is None else back.turn @ x @ self.own if q is None else back.value(q, x)
+                for q, x in zip(reads, motion, strict=True)
+            ]
+            return [*here, self.instant(t)], {
+                n: back.value(named[n], v) if n in named else v for n, v in more.items()
+            }
 
         def function(*motion: Any, **more: Any) -> tuple:
             here, more = arguments(motion[:4], motion[4], more)
             force, moment = load.function(*here, **more)
             lengths = 1 if along else 0
-            return (self.value(Quantity(1, 1 - lengths, -2, "polar"), tensor(force)),
-                    self.value(Quantity(1, 2 - lengths, -2, "axial"), tensor(moment)))
+            return (
+                self.value(Quantity(1, 1 - lengths, -2, "polar"), tensor(force)),
+                self.value(Quantity(1, 2 - lengths, -2, "axial"), tensor(moment)),
+            )
 
         def rate(z: Tensor, *motion: Any, **more: Any) -> Tensor:
             here, more = arguments(motion[:4], motion[4], more)
@@ -220,7 +278,9 @@ def tensor(value: Any) -> Tensor | None:
     """What a user's function returned: a tensor, or a sequence of components."""
     if value is None or isinstance(value, Tensor):
         return value
-    return torch.stack(torch.broadcast_tensors(*(torch.as_tensor(v, dtype=torch.float64) for v in value)), -1)
+    return torch.stack(
+        torch.broadcast_tensors(*(torch.as_tensor(v, dtype=torch.float64) for v in value)), -1
+    )
 
 
 def input_quantities(effects: Any) -> dict[str, Quantity]:
@@ -229,5 +289,7 @@ def input_quantities(effects: Any) -> dict[str, Quantity]:
     for effect in effects:
         values = ((getattr(effect, name), q) for name, q in quantities(effect).items())
         found |= {value.name: q for value, q in values if isinstance(value, tb.Input)}
-        found |= {given.name: ONE for given in (effect.inputs if isinstance(effect, tb.Load) else ())}
+        found |= {
+            given.name: ONE for given in (effect.inputs if isinstance(effect, tb.Load) else ())
+        }
     return found

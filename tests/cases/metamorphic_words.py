@@ -1,4 +1,5 @@
-"""The same scene in other words: each function here takes the parts of a scene and gives those of one that is to do the same.
+"""The same scene in other words: each function here takes the parts of a scene and gives those of
+one that is to do the same.
 
 `SHARES` and `ZEROS` have a row for every effect: how it is split, and what none of it is.
 """
@@ -17,12 +18,18 @@ from tests.cases.metamorphic_similarity import quantities, tensor
 from tests.cases.metamorphic_users import as_user, nodal_loads
 from torchbeam.extend import quaternions as quat
 
-SHARES: dict[type, tuple[str, ...]] = {  # what of an effect is halved for half of it; (): it cannot be split
-    tb.TipLoad: ("force", "moment"), tb.PointLoad: ("force", "moment"), tb.LineLoad: ("force", "moment"), tb.Gravity: ("g",),
-    tb.Damping: (), tb.MassDamping: ("alpha",), tb.Drag: ("density",), tb.PointMass: ("mass", "inertia"),
-    tb.Actuation: ("curvature", "strain"), tb.Spring: ("stiffness", "damping"), tb.RootSpring: ("stiffness", "damping"),
+# fmt: off
+# what of an effect is halved for half of it; (): it cannot be split
+SHARES: dict[type, tuple[str, ...]] = {
+    tb.TipLoad: ("force", "moment"), tb.PointLoad: ("force", "moment"),
+    tb.LineLoad: ("force", "moment"), tb.Gravity: ("g",),
+    tb.Damping: (), tb.MassDamping: ("alpha",), tb.Drag: ("density",),
+    tb.PointMass: ("mass", "inertia"),
+    tb.Actuation: ("curvature", "strain"), tb.Spring: ("stiffness", "damping"),
+    tb.RootSpring: ("stiffness", "damping"),
     tb.Load: ("function",),
 }
+# fmt: on
 
 
 def share(effect: Any, k: float) -> Any:
@@ -46,7 +53,9 @@ def halved(parts: Parts) -> Parts:
     return {**parts, "effects": tuple(found)}
 
 
-ZEROS: dict[type, Callable[[Any], Any]] = {  # of what zero is: a number, or a tensor, which may carry gradient
+ZEROS: dict[
+    type, Callable[[Any], Any]
+] = {  # of what zero is: a number, or a tensor, which may carry gradient
     tb.TipLoad: lambda o: tb.TipLoad(force=(o, o, o), moment=(o, o, o)),
     tb.PointLoad: lambda o: tb.PointLoad(1, force=(o, o, o), follower=True),
     tb.LineLoad: lambda o: tb.LineLoad(force=(o, o, o), moment=(o, o, o)),
@@ -66,22 +75,43 @@ def with_zero(kind: type, tensor: bool) -> Callable[[Parts], Parts]:
     def added(parts: Parts) -> Parts:
         if kind is tb.Damping and any(isinstance(e, tb.Damping) for e in parts["effects"]):
             raise NotHere
-        return {**parts, "effects": (*parts["effects"], ZEROS[kind](torch.zeros(()) if tensor else 0.0))}
+        return {
+            **parts,
+            "effects": (*parts["effects"], ZEROS[kind](torch.zeros(()) if tensor else 0.0)),
+        }
+
     return added
 
 
 def reversed_effects(parts: Parts) -> Parts:
-    if len(parts["effects"]) < 2 or sum(getattr(e, "internal", 0) > 0 for e in parts["effects"]) > 1:
+    if (
+        len(parts["effects"]) < 2
+        or sum(getattr(e, "internal", 0) > 0 for e in parts["effects"]) > 1
+    ):
         raise NotHere
     return {**parts, "effects": parts["effects"][::-1]}
 
 
-MAY_BE_FUNCTIONS = ("force", "moment", "g", "curvature", "strain", "displacement", "rotation", "turn", "velocity",
-                    "angular_velocity", "to")
+MAY_BE_FUNCTIONS = (
+    "force",
+    "moment",
+    "g",
+    "curvature",
+    "strain",
+    "displacement",
+    "rotation",
+    "turn",
+    "velocity",
+    "angular_velocity",
+    "to",
+)
 
 
-def _valued(change: Callable[[Any], Any], only: tuple[str, ...] = MAY_BE_FUNCTIONS) -> Callable[[Any], Any]:
+def _valued(
+    change: Callable[[Any], Any], only: tuple[str, ...] = MAY_BE_FUNCTIONS
+) -> Callable[[Any], Any]:
     """Of an object, the values that may be functions of t changed."""
+
     def changed(of: Any) -> Any:
         new = {}
         for name in quantities(of):
@@ -89,6 +119,7 @@ def _valued(change: Callable[[Any], Any], only: tuple[str, ...] = MAY_BE_FUNCTIO
             if name in only and value is not None and (other := change(value)) is not value:
                 new[name] = other
         return replace(of, **new) if new else of
+
     return changed
 
 
@@ -125,6 +156,7 @@ def _along(of: Any) -> Any:
             return value
         held = torch.as_tensor(value)
         return tb.Along(lambda s, t: held[..., None, :] + 0 * s[..., None])
+
     return _valued(along)(of)
 
 
@@ -134,10 +166,15 @@ def _per_element(parts: Parts) -> Parts:
             return value
         N = parts["beam"].element_count
         if callable(value):
-            return tb.PerElement(lambda t: tensor(value(t))[..., None, :].expand(*tensor(value(t)).shape[:-1], N, 3))
+            return tb.PerElement(
+                lambda t: tensor(value(t))[..., None, :].expand(*tensor(value(t)).shape[:-1], N, 3)
+            )
         held = torch.as_tensor(value)
         return tb.PerElement(held[..., None, :].expand(*held.shape[:-1], N, 3))
-    return each(lambda e: _valued(of_each)(e) if isinstance(e, tb.LineLoad | tb.Actuation) else e)(parts)
+
+    return each(lambda e: _valued(of_each)(e) if isinstance(e, tb.LineLoad | tb.Actuation) else e)(
+        parts
+    )
 
 
 def _tip_as_point(parts: Parts) -> Parts:
@@ -145,22 +182,36 @@ def _tip_as_point(parts: Parts) -> Parts:
 
     def point(e: Any) -> Any:
         same = isinstance(e, tb.TipLoad)
-        return tb.PointLoad(node=last, force=e.force, moment=e.moment, follower=e.follower) if same else e
+        return (
+            tb.PointLoad(node=last, force=e.force, moment=e.moment, follower=e.follower)
+            if same
+            else e
+        )
+
     return each(point)(parts)
 
 
 def supports_said(parts: Parts) -> Parts:
-    """The clamp that is there by default, and its motion, as a support, counted from the other end."""
+    """The clamp that is there by default, and its motion, as a support, counted from the other
+    end.
+    """
     if parts["supports"] is not None:
         if not parts["supports"]:
             raise NotHere
         count = parts["beam"].station_count + 1
-        turned = [replace(s, node=s.node + count if s.node < 0 else s.node - count) for s in parts["supports"]]
+        turned = [
+            replace(s, node=s.node + count if s.node < 0 else s.node - count)
+            for s in parts["supports"]
+        ]
         return {**parts, "supports": tuple(turned[::-1])}
     if any(isinstance(e, tb.RootSpring) for e in parts["effects"]):
         raise NotHere
     root = parts["root"]
-    clamp = tb.Support(0) if root is None else tb.Support(0, displacement=root.displacement, turn=root.rotation)
+    clamp = (
+        tb.Support(0)
+        if root is None
+        else tb.Support(0, displacement=root.displacement, turn=root.rotation)
+    )
     return {**parts, "supports": (clamp,), "root": None}
 
 
@@ -175,16 +226,31 @@ def beam_again(parts: Parts) -> Parts:
     """The beam from its nodes and element axes, where they have all of it."""
     beam = parts["beam"]
     chord = beam.nodes.diff(dim=-2)
-    along = (torch.linalg.vector_norm(chord, dim=-1) - beam.length).abs().max() < 1e-12 * beam.length.max()
+    along = (
+        torch.linalg.vector_norm(chord, dim=-1) - beam.length
+    ).abs().max() < 1e-12 * beam.length.max()
     axes = quat.matrix(beam.elements)
-    if beam.order != 1 or not along or not (axes[..., :, 0] * beam.length[..., None] - chord).abs().max() < 1e-12:
+    if (
+        beam.order != 1
+        or not along
+        or not (axes[..., :, 0] * beam.length[..., None] - chord).abs().max() < 1e-12
+    ):
         raise NotHere
     S, mass = beam.compliance, beam.mass
     one = S.shape[-3] == 1
-    section = (tb.Section(S[..., 0, :, :], mass[..., 0, :, :]) if one else
-               [tb.Section(S[..., i, :, :], mass[..., min(i, mass.shape[-3] - 1), :, :]) for i in range(beam.station_count)])
+    section = (
+        tb.Section(S[..., 0, :, :], mass[..., 0, :, :])
+        if one
+        else [
+            tb.Section(S[..., i, :, :], mass[..., min(i, mass.shape[-3] - 1), :, :])
+            for i in range(beam.station_count)
+        ]
+    )
     made = tb.Beam.from_nodes(beam.nodes, section, axes)
-    if beam.curved and not (quat.matrix(made.frames) - quat.matrix(beam.frames)).abs().max() < 1e-12:
+    if (
+        beam.curved
+        and not (quat.matrix(made.frames) - quat.matrix(beam.frames)).abs().max() < 1e-12
+    ):
         raise NotHere
     return {**parts, "beam": made.linked() if beam.linked_interpolation else made}
 
@@ -195,12 +261,20 @@ def sections_again(parts: Parts) -> Parts:
     if beam.compliance.shape[-3] != 1 or beam.mass.shape[-3] != 1:
         raise NotHere
     N = beam.station_count
-    return {**parts, "beam": replace(beam, compliance=beam.compliance.expand(*beam.compliance.shape[:-3], N, 6, 6).clone(),
-                                     mass=beam.mass.expand(*beam.mass.shape[:-3], N, 6, 6).clone())}
+    return {
+        **parts,
+        "beam": replace(
+            beam,
+            compliance=beam.compliance.expand(*beam.compliance.shape[:-3], N, 6, 6).clone(),
+            mass=beam.mass.expand(*beam.mass.shape[:-3], N, 6, 6).clone(),
+        ),
+    }
 
 
 def replaced(parts: Parts) -> Parts:
-    """The scene, its beam and its effects by `dataclasses.replace` of nothing, after they were bound to tensors."""
+    """The scene, its beam and its effects by `dataclasses.replace` of nothing, after they were
+    bound to tensors.
+    """
     scene = tb.Scene(**parts)
     scene = replace(scene, beam=replace(scene.beam), effects=tuple(map(replace, scene.effects)))
     return {f.name: getattr(scene, f.name) for f in fields(tb.Scene)}
@@ -222,6 +296,10 @@ WORDS: dict[str, Callable[[Parts], Parts]] = {
     "beam from nodes": beam_again,
     "sections of elements": sections_again,
     "by replace": replaced,
-    **{f"no {kind.__name__} as a {'tensor' if tensor else 'number'}": with_zero(kind, tensor)
-       for kind, make in ZEROS.items() if make for tensor in (False, True)},
+    **{
+        f"no {kind.__name__} as a {'tensor' if tensor else 'number'}": with_zero(kind, tensor)
+        for kind, make in ZEROS.items()
+        if make
+        for tensor in (False, True)
+    },
 }

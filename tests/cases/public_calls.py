@@ -1,4 +1,6 @@
-"""One good call of each public function and class: name -> (what is called, its arguments by name)."""
+"""One good call of each public function and class: name -> (what is called, its arguments by
+name).
+"""
 
 import torch
 
@@ -12,7 +14,13 @@ DRIVEN = tb.Scene(BEAM, [tb.TipLoad(force=tb.Input("u", 3))])
 OTHER = tb.Scene(tb.Beam.straight(1.0, 3, SECTION))
 START = tb.rest(SCENE)
 HUB = tb.Body(0.2, 0.1, position=(1.0, 0, 0))
-HINGED = tb.rest(tb.Scene({"arm": BEAM, "hub": HUB}, joints=[tb.Hinge(("arm", -1), "hub")], supports=[tb.Support(("arm", 0))]))
+HINGED = tb.rest(
+    tb.Scene(
+        {"arm": BEAM, "hub": HUB},
+        joints=[tb.Hinge(("arm", -1), "hub")],
+        supports=[tb.Support(("arm", 0))],
+    )
+)
 SOLUTION = tb.simulate(SCENE, [0.0, 0.1, 0.2], step=0.1)
 EQUILIBRIUM = tb.equilibrium(SCENE)
 MODES = tb.modes(SCENE)
@@ -30,7 +38,10 @@ DATA = model({"f": torch.tensor(1.0)})
 PRESSED = tb.Scene(BEAM, [tb.TipLoad(force=(-1.0, 0, 0))])
 SHAKEN = tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, 1.0)), tb.Damping(0.01)])
 CALLS = {
-    "from_stiffness": (tb.Section.from_stiffness, dict(EA=10.0, GA=4.0, GJ=0.5, EI=1.0, mass=0.3, inertia=0.01)),
+    "from_stiffness": (
+        tb.Section.from_stiffness,
+        dict(EA=10.0, GA=4.0, GJ=0.5, EI=1.0, mass=0.3, inertia=0.01),
+    ),
     "rectangle": (tb.Section.rectangle, dict(width=0.1, height=0.1, E=1.0, nu=0.3, rho=1.0)),
     "circle": (tb.Section.circle, dict(radius=0.1, E=1.0, nu=0.3, rho=1.0)),
     "Section": (tb.Section, dict(compliance=torch.eye(6), mass=torch.eye(6))),
@@ -39,13 +50,27 @@ CALLS = {
     "straight": (
         tb.Beam.straight,
         dict(
-            length=1.0, elements=2, section=SECTION, direction=(1.0, 0, 0), up=(0, 0, 1.0), root=(0.0, 0, 0), twist=0.1, order=1
+            length=1.0,
+            elements=2,
+            section=SECTION,
+            direction=(1.0, 0, 0),
+            up=(0, 0, 1.0),
+            root=(0.0, 0, 0),
+            twist=0.1,
+            order=1,
         ),
     ),
     "arc": (
         tb.Beam.arc,
         dict(
-            radius=1.0, angle=1.0, elements=2, section=SECTION, direction=(1.0, 0, 0), up=(0, 0, 1.0), root=(0.0, 0, 0), order=1
+            radius=1.0,
+            angle=1.0,
+            elements=2,
+            section=SECTION,
+            direction=(1.0, 0, 0),
+            up=(0, 0, 1.0),
+            root=(0.0, 0, 0),
+            order=1,
         ),
     ),
     "curve": (
@@ -77,7 +102,15 @@ CALLS = {
             small=False,
         ),
     ),
-    "Scene2": (tb.Scene, dict(beam=BEAM, effects=[tb.Damping(0.1)], root=tb.RootMotion(displacement=(0.0, 0, 0)), plane="xz")),
+    "Scene2": (
+        tb.Scene,
+        dict(
+            beam=BEAM,
+            effects=[tb.Damping(0.1)],
+            root=tb.RootMotion(displacement=(0.0, 0, 0)),
+            plane="xz",
+        ),
+    ),
     "TipLoad": (tb.TipLoad, dict(force=FORCE, moment=FORCE, follower=False)),
     "PointLoad": (tb.PointLoad, dict(node=1, force=FORCE, moment=FORCE, follower=False)),
     "LineLoad": (tb.LineLoad, dict(force=FORCE, moment=FORCE, follower=False)),
@@ -85,23 +118,49 @@ CALLS = {
     "Damping": (tb.Damping, dict(tau=0.1, six=False)),
     "MassDamping": (tb.MassDamping, dict(alpha=0.1)),
     "rayleigh": (tb.rayleigh, dict(frequency=(1.0, 2.0), ratio=(0.1, 0.1))),
-    "Drag": (tb.Drag, dict(density=1.0, diameter=1.0, normal=1.0, tangential=0.1, flow=(0.0, 0, 1.0), added_mass=0.0)),
+    "Drag": (
+        tb.Drag,
+        dict(
+            density=1.0,
+            diameter=1.0,
+            normal=1.0,
+            tangential=0.1,
+            flow=(0.0, 0, 1.0),
+            added_mass=0.0,
+        ),
+    ),
     "Drag2": (tb.Drag, dict(density=1.0, diameter=1.0, added_mass=0.1)),
-    "PointMass": (tb.PointMass, dict(mass=1.0, inertia=(1.0, 1.0, 1.0), offset=(0.0, 0, 0.1), node=1)),
+    "PointMass": (
+        tb.PointMass,
+        dict(mass=1.0, inertia=(1.0, 1.0, 1.0), offset=(0.0, 0, 0.1), node=1),
+    ),
     "Spring": (tb.Spring, dict(node=-1, stiffness=1.0, to=FORCE, length=0.1, damping=0.1)),
     "RootSpring": (tb.RootSpring, dict(stiffness=torch.ones(6), damping=torch.ones(6))),
     "Actuation": (tb.Actuation, dict(curvature=FORCE, strain=FORCE, elements=[0])),
     "Load": (
         tb.Load,
-        dict(function=lambda r, R, v, w, t: (-v, None), node=-1, of=("position", "rotation", "velocity", "spin")),
+        dict(
+            function=lambda r, R, v, w, t: (-v, None),
+            node=-1,
+            of=("position", "rotation", "velocity", "spin"),
+        ),
     ),
     "Load2": (
         tb.Load,
-        dict(function=lambda *x, **k: (None, None), internal=2, rate=lambda *x, **k: x[0], inputs={"u": 1}, values={"c": 1.0}),
+        dict(
+            function=lambda *x, **k: (None, None),
+            internal=2,
+            rate=lambda *x, **k: x[0],
+            inputs={"u": 1},
+            values={"c": 1.0},
+        ),
     ),
     "Input": (tb.Input, dict(name="u", size=3)),
     "History": (tb.History, dict(t=[0.0, 1.0], values=[[0.0, 0, 0], [0, 0, 1.0]])),
-    "Accelerogram": (tb.Accelerogram, dict(t=[0.0, 1.0, 2.0], acceleration=[[0.0, 0, 0], [0, 0, 1.0], [0, 0, 0]])),
+    "Accelerogram": (
+        tb.Accelerogram,
+        dict(t=[0.0, 1.0, 2.0], acceleration=[[0.0, 0, 0], [0, 0, 1.0], [0, 0, 0]]),
+    ),
     "Along": (tb.Along, dict(function=lambda s, t: s)),
     "PerElement": (tb.PerElement, dict(value=torch.ones(2, 3))),
     "PerInterval": (tb.PerInterval, dict(value=torch.ones(2, 3))),
@@ -114,21 +173,50 @@ CALLS = {
     "Ball": (tb.Ball, dict(a=("arm", -1), b="hub", at=FORCE)),
     "Hinge": (
         tb.Hinge,
-        dict(a=("arm", -1), b="hub", axis=FORCE, stiffness=1.0, damping=0.1, friction=0.1, slip_speed=0.1, limits=(-1.0, 1.0),
-             limit_stiffness=1.0, torque=1.0),
+        dict(
+            a=("arm", -1),
+            b="hub",
+            axis=FORCE,
+            stiffness=1.0,
+            damping=0.1,
+            friction=0.1,
+            slip_speed=0.1,
+            limits=(-1.0, 1.0),
+            limit_stiffness=1.0,
+            torque=1.0,
+        ),
     ),
     "Slider": (
         tb.Slider,
-        dict(a=("arm", -1), b=("hub", FORCE), axis=FORCE, stiffness=1.0, damping=0.1, friction=0.1, slip_speed=0.1,
-             limits=(-1.0, 1.0), limit_stiffness=1.0, force=1.0),
+        dict(
+            a=("arm", -1),
+            b=("hub", FORCE),
+            axis=FORCE,
+            stiffness=1.0,
+            damping=0.1,
+            friction=0.1,
+            slip_speed=0.1,
+            limits=(-1.0, 1.0),
+            limit_stiffness=1.0,
+            force=1.0,
+        ),
     ),
     "Hinge2": (tb.Hinge, dict(a=("arm", -1), b=None, at=FORCE, angle=0.1)),
     "Slider2": (tb.Slider, dict(a=None, b="hub", travel=0.1)),
     "Cylindrical": (tb.Cylindrical, dict(a=("arm", -1), b="hub", axis=FORCE, at=FORCE)),
-    "Universal": (tb.Universal, dict(a=("arm", -1), b="hub", axis=FORCE, second=(1.0, 0, 0), at=FORCE)),
+    "Universal": (
+        tb.Universal,
+        dict(a=("arm", -1), b="hub", axis=FORCE, second=(1.0, 0, 0), at=FORCE),
+    ),
     "Distance": (tb.Distance, dict(a=None, b="hub", at=FORCE)),
-    "Scene of parts": (tb.Scene, dict(beam={"arm": BEAM, "hub": HUB}, joints=[tb.Weld(("arm", -1), "hub")], supports=[])),
-    "Support": (tb.Support, dict(node=0, position="xyz", rotation="xyz", displacement=FORCE, turn=FORCE)),
+    "Scene of parts": (
+        tb.Scene,
+        dict(beam={"arm": BEAM, "hub": HUB}, joints=[tb.Weld(("arm", -1), "hub")], supports=[]),
+    ),
+    "Support": (
+        tb.Support,
+        dict(node=0, position="xyz", rotation="xyz", displacement=FORCE, turn=FORCE),
+    ),
     "rest": (tb.rest, dict(scene=SCENE, batch_shape=(2,), t=0.0)),
     "consistent_state": (
         tb.consistent_state,
@@ -143,7 +231,10 @@ CALLS = {
             inputs={},
         ),
     ),
-    "block_rate": (tb.block_rate, dict(scene=tb.Scene(BEAM), state=tb.consistent_state(tb.Scene(BEAM)), t=0.0, inputs={})),
+    "block_rate": (
+        tb.block_rate,
+        dict(scene=tb.Scene(BEAM), state=tb.consistent_state(tb.Scene(BEAM)), t=0.0, inputs={}),
+    ),
     "simulate": (
         tb.simulate,
         dict(
@@ -165,7 +256,10 @@ CALLS = {
             progress=lambda a, b: None,
         ),
     ),
-    "simulate_alpha": (tb.simulate, dict(scene=SCENE, t=[0.0, 0.1], method="generalized_alpha", rho_inf=0.8, step=0.1)),
+    "simulate_alpha": (
+        tb.simulate,
+        dict(scene=SCENE, t=[0.0, 0.1], method="generalized_alpha", rho_inf=0.8, step=0.1),
+    ),
     "simulate_rtol": (
         tb.simulate,
         dict(
@@ -195,10 +289,22 @@ CALLS = {
     ),
     "simulate_minimal": (
         tb.simulate,
-        dict(scene=tb.Scene(BEAM), t=[0.0, 0.01], form="minimal", initial=tb.consistent_state(tb.Scene(BEAM)), rtol=1e-3),
+        dict(
+            scene=tb.Scene(BEAM),
+            t=[0.0, 0.01],
+            form="minimal",
+            initial=tb.consistent_state(tb.Scene(BEAM)),
+            rtol=1e-3,
+        ),
     ),
-    "simulate_block": (tb.simulate, dict(scene=tb.Scene(BEAM), t=[0.0, 0.01], form="block_rate", project=True, solver="sweep")),
-    "rollout": (tb.rollout, dict(stepper=STEPPER, state=tb.rest(DRIVEN), steps=2, inputs={"u": torch.zeros(3)})),
+    "simulate_block": (
+        tb.simulate,
+        dict(scene=tb.Scene(BEAM), t=[0.0, 0.01], form="block_rate", project=True, solver="sweep"),
+    ),
+    "rollout": (
+        tb.rollout,
+        dict(stepper=STEPPER, state=tb.rest(DRIVEN), steps=2, inputs={"u": torch.zeros(3)}),
+    ),
     "Stepper": (
         tb.Stepper,
         dict(
@@ -216,7 +322,10 @@ CALLS = {
     "step": (STEPPER, dict(state=tb.rest(DRIVEN), u=FORCE, active=torch.tensor(True), dt=0.1)),
     "stepper.rest": (STEPPER.rest, dict(batch_shape=(2,))),
     "stepper.begin": (STEPPER.begin, dict(state=tb.rest(DRIVEN), dt=0.1, u=FORCE)),
-    "ExplicitStepper": (tb.ExplicitStepper, dict(scene=SCENE, dt=0.001, method="rk4", form="minimal")),
+    "ExplicitStepper": (
+        tb.ExplicitStepper,
+        dict(scene=SCENE, dt=0.001, method="rk4", form="minimal"),
+    ),
     "equilibrium": (
         tb.equilibrium,
         dict(
@@ -246,23 +355,53 @@ CALLS = {
             tolerance=1e-8,
         ),
     ),
-    "path2": (tb.path, dict(scene=SCENE, control=lambda s: s.tip.position[..., 2], target=0.1, steps=5)),
+    "path2": (
+        tb.path,
+        dict(scene=SCENE, control=lambda s: s.tip.position[..., 2], target=0.1, steps=5),
+    ),
     "critical_load": (
         tb.critical_load,
-        dict(scene=DRIVEN, highest=5.0, lowest=0.0, points=5, count=3, tolerance=1e-3, t=0.0, lumped=False,
-             inputs={"u": (-1.0, 0, 0)}),
+        dict(
+            scene=DRIVEN,
+            highest=5.0,
+            lowest=0.0,
+            points=5,
+            count=3,
+            tolerance=1e-3,
+            t=0.0,
+            lumped=False,
+            inputs={"u": (-1.0, 0, 0)},
+        ),
     ),
     "modes": (
         tb.modes,
-        dict(scene=DRIVEN, state=tb.rest(DRIVEN), count=3, normalize="largest", t=0.0, lumped=False, inputs={"u": (0.0, 0, 0)}),
+        dict(
+            scene=DRIVEN,
+            state=tb.rest(DRIVEN),
+            count=3,
+            normalize="largest",
+            t=0.0,
+            lumped=False,
+            inputs={"u": (0.0, 0, 0)},
+        ),
     ),
     "linearize": (
         tb.linearize,
-        dict(scene=DRIVEN, state=tb.rest(DRIVEN), outputs=[S.TipPosition()], t=0.0, lumped=False, inputs={"u": (0.0, 0, 0)}),
+        dict(
+            scene=DRIVEN,
+            state=tb.rest(DRIVEN),
+            outputs=[S.TipPosition()],
+            t=0.0,
+            lumped=False,
+            inputs={"u": (0.0, 0, 0)},
+        ),
     ),
     "response": (LINEAR.response, dict(omega=1.0)),
     "departure": (LINEAR.departure, dict(state=tb.rest(DRIVEN))),
-    "observe": (tb.observe, dict(solution=SOLUTION, sensor=S.TipPosition(), times=[0.05], delay=0.0, rate=False)),
+    "observe": (
+        tb.observe,
+        dict(solution=SOLUTION, sensor=S.TipPosition(), times=[0.05], delay=0.0, rate=False),
+    ),
     "advise": (
         tb.advise,
         dict(
@@ -279,7 +418,10 @@ CALLS = {
         ),
     ),
     "describe": (tb.describe, dict(scene=SCENE)),
-    "Parameter": (tb.Parameter, dict(start=1.0, transform="log", bounds=(0.1, 2.0), prior=None, scale=1.0, own=False)),
+    "Parameter": (
+        tb.Parameter,
+        dict(start=1.0, transform="log", bounds=(0.1, 2.0), prior=None, scale=1.0, own=False),
+    ),
     "Measurement": (
         tb.Measurement,
         dict(
@@ -299,15 +441,38 @@ CALLS = {
     "Smoothness": (tb.Smoothness, dict(order=1, at=[0.0, 1.0], sharp=False)),
     "identify": (
         tb.identify,
-        dict(model=model, data=DATA, start={"f": 0.5}, bounds=None, sigma=0.1, starts=1, seed=0, noise="common"),
+        dict(
+            model=model,
+            data=DATA,
+            start={"f": 0.5},
+            bounds=None,
+            sigma=0.1,
+            starts=1,
+            seed=0,
+            noise="common",
+        ),
     ),
     "monte_carlo": (
         tb.monte_carlo,
-        dict(function=lambda x: x, laws={"f": tb.laws.Normal(1.0, 0.1)}, n=4, design="sobol", seed=0, chunk=2),
+        dict(
+            function=lambda x: x,
+            laws={"f": tb.laws.Normal(1.0, 0.1)},
+            n=4,
+            design="sobol",
+            seed=0,
+            chunk=2,
+        ),
     ),
     "monte_carlo2": (
         tb.monte_carlo,
-        dict(function=lambda x: x, laws={"f": tb.laws.Normal(1.0, 0.1)}, n=4, until=None, replicates=2, correlation=None),
+        dict(
+            function=lambda x: x,
+            laws={"f": tb.laws.Normal(1.0, 0.1)},
+            n=4,
+            until=None,
+            replicates=2,
+            correlation=None,
+        ),
     ),
     "monte_carlo_stream": (
         tb.monte_carlo_stream,
@@ -315,24 +480,51 @@ CALLS = {
     ),
     "sobol_indices": (
         tb.sobol_indices,
-        dict(function=lambda x: x.sum(-1), laws={"f": tb.laws.Normal(1.0, 0.1), "g": tb.laws.Normal(1.0, 0.1)}, n=64),
+        dict(
+            function=lambda x: x.sum(-1),
+            laws={"f": tb.laws.Normal(1.0, 0.1), "g": tb.laws.Normal(1.0, 0.1)},
+            n=64,
+        ),
     ),
-    "tornado": (tb.tornado, dict(function=lambda x: x[..., 0], laws={"f": tb.laws.Normal(1.0, 0.1)})),
+    "tornado": (
+        tb.tornado,
+        dict(function=lambda x: x[..., 0], laws={"f": tb.laws.Normal(1.0, 0.1)}),
+    ),
     "rare_event": (
         tb.rare_event,
-        dict(function=lambda x: x[..., 0], laws={"f": tb.laws.Normal(1.0, 0.1)}, threshold=1.2, n=1000),
+        dict(
+            function=lambda x: x[..., 0],
+            laws={"f": tb.laws.Normal(1.0, 0.1)},
+            threshold=1.2,
+            n=1000,
+        ),
     ),
     "moment_derivatives": (
         tb.moment_derivatives,
-        dict(function=lambda x: x[..., 0], laws=lambda q: {"f": tb.laws.Normal(q[0], 0.1)}, q=[1.0], n=64),
+        dict(
+            function=lambda x: x[..., 0],
+            laws=lambda q: {"f": tb.laws.Normal(q[0], 0.1)},
+            q=[1.0],
+            n=64,
+        ),
     ),
-    "pair_modes": (tb.pair_modes, dict(modes=MODES, shapes=torch.ones(3, 2), read=lambda s: s[..., -1, :2])),
+    "pair_modes": (
+        tb.pair_modes,
+        dict(modes=MODES, shapes=torch.ones(3, 2), read=lambda s: s[..., -1, :2]),
+    ),
     "modal_assurance": (tb.modal_assurance, dict(a=torch.ones(3, 2), b=torch.ones(3, 2))),
     "state.node": (START.node, dict(index=0)),
     "state[]": (lambda index: SOLUTION.state[index], dict(index=0)),
     "State.from_nodes": (
         tb.State.from_nodes,
-        dict(scene=SCENE, nodes=BEAM.nodes, frames=None, velocity=torch.zeros(3, 3), spin=torch.zeros(3, 3), t=0.0),
+        dict(
+            scene=SCENE,
+            nodes=BEAM.nodes,
+            frames=None,
+            velocity=torch.zeros(3, 3),
+            spin=torch.zeros(3, 3),
+            t=0.0,
+        ),
     ),
     "S.Angles": (S.Angles, dict(node=0, reference=torch.eye(3), kind="tait-bryan")),
     "S.Component": (S.Component, dict(of=S.TipPosition(), which=0)),
@@ -340,12 +532,18 @@ CALLS = {
     "S.Gauge": (S.Gauge, dict(station=0.5, beam=BEAM, y=0.1, z=0.1)),
     "S.Strain": (S.Strain, dict(station=0.5, beam=BEAM)),
     "S.Stress": (S.Stress, dict(element=0, beam=BEAM)),
-    "S.NodeAcceleration": (S.NodeAcceleration, dict(node=1, scene=SHAKEN, inputs={}, body=False, proper=None, lumped=False)),
+    "S.NodeAcceleration": (
+        S.NodeAcceleration,
+        dict(node=1, scene=SHAKEN, inputs={}, body=False, proper=None, lumped=False),
+    ),
     "S.NodePosition": (S.NodePosition, dict(node=0, reference=START)),
     "S.NodeRotation": (S.NodeRotation, dict(node=0, reference=START)),
     "S.NodeVelocity": (S.NodeVelocity, dict(node=0)),
     "S.Reaction": (S.Reaction, dict(support=0)),
-    "S.RootSpringLoad": (S.RootSpringLoad, dict(scene=tb.Scene(BEAM, [tb.RootSpring((1e3, 20.0))]))),
+    "S.RootSpringLoad": (
+        S.RootSpringLoad,
+        dict(scene=tb.Scene(BEAM, [tb.RootSpring((1e3, 20.0))])),
+    ),
     "S.JointCoordinate": (S.JointCoordinate, dict(joint=0)),
     "S.JointLoad": (S.JointLoad, dict(joint=0)),
     "S.JointRate": (S.JointRate, dict(joint=0)),
@@ -355,6 +553,9 @@ CALLS = {
     "S.TipPosition": (S.TipPosition, dict(reference=START)),
     "S()": (S.TipPosition(), dict(state=START)),
     "S.read.NodePosition": (lambda node: S.NodePosition(node)(START), dict(node=1)),
-    "S.read.Strain": (lambda station, beam: S.Strain(station, BEAM)(START), dict(station=0.5, beam=BEAM)),
+    "S.read.Strain": (
+        lambda station, beam: S.Strain(station, BEAM)(START),
+        dict(station=0.5, beam=BEAM),
+    ),
     "S.read.Reaction": (lambda support: S.Reaction(support)(EQUILIBRIUM), dict(support=0)),
 }

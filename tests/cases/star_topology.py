@@ -1,6 +1,8 @@
-"""A topology that the library does not have: chains that meet in one node, each eliminated from its far end towards it.
+"""A topology that the library does not have: chains that meet in one node, each eliminated from its
+far end towards it.
 
-It is written against `topology.protocols` alone; whatever runs with it knows of who touches whom by that.
+It is written against `topology.protocols` alone; whatever runs with it knows of who touches whom by
+that.
 """
 
 from dataclasses import dataclass
@@ -12,8 +14,8 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class Star:
-    """legs: each one's nodes, from its foot to the joint, which is the last of all; ends: the two nodes of each element, in
-    the beam's direction; s (nodes,) m their arclength.
+    """legs: each one's nodes, from its foot to the joint, which is the last of all; ends: the two
+    nodes of each element, in the beam's direction; s (nodes,) m their arclength.
     """
 
     legs: tuple[tuple[int, ...], ...]
@@ -29,14 +31,20 @@ class Star:
         return len(self.ends)
 
     def gather(self, x, axes=1):
-        return tuple(x.index_select(-1 - axes, torch.tensor(side)) for side in zip(*self.ends, strict=True))
+        return tuple(
+            x.index_select(-1 - axes, torch.tensor(side)) for side in zip(*self.ends, strict=True)
+        )
 
     def scatter(self, parts, axes=1):
         shape = list(torch.broadcast_shapes(*(part.shape for part in parts)))
         shape[-1 - axes] = self.node_count
         found = parts[0].new_zeros(shape)
         for side, part in zip(zip(*self.ends, strict=True), parts, strict=True):
-            found = found.index_add(-1 - axes, torch.tensor(side), part.expand(*shape[:-1 - axes], *part.shape[-1 - axes:]))
+            found = found.index_add(
+                -1 - axes,
+                torch.tensor(side),
+                part.expand(*shape[: -1 - axes], *part.shape[-1 - axes :]),
+            )
         return found
 
     def arclength(self, length):
@@ -76,7 +84,11 @@ class Matrix:
 
     def __add__(self, other):
         both = self.couplings and other.couplings
-        couplings = tuple(map(torch.add, self.couplings, other.couplings)) if both else self.couplings or other.couplings
+        couplings = (
+            tuple(map(torch.add, self.couplings, other.couplings))
+            if both
+            else self.couplings or other.couplings
+        )
         return Matrix(self.star, self.diagonal + other.diagonal, couplings)
 
     def plus(self, blocks):
@@ -89,12 +101,23 @@ class Matrix:
         return Matrix(self.star, function(self.diagonal), tuple(map(function, self.couplings)))
 
     def between(self, function, rows, columns):
-        i, j = (self.star.gather(rows, 2), self.star.gather(columns, 2)[::-1]) if self.couplings else ((), ())
-        return Matrix(self.star, function(self.diagonal, rows, columns), tuple(map(function, self.couplings, i, j)))
+        i, j = (
+            (self.star.gather(rows, 2), self.star.gather(columns, 2)[::-1])
+            if self.couplings
+            else ((), ())
+        )
+        return Matrix(
+            self.star,
+            function(self.diagonal, rows, columns),
+            tuple(map(function, self.couplings, i, j)),
+        )
 
     def times(self, x):
         found = (self.diagonal @ x[..., None])[..., 0]
-        parts = tuple((A @ v[..., None])[..., 0] for A, v in zip(self.couplings, self.star.gather(x)[::-1], strict=False))
+        parts = tuple(
+            (A @ v[..., None])[..., 0]
+            for A, v in zip(self.couplings, self.star.gather(x)[::-1], strict=False)
+        )
         return found + self.star.scatter(parts) if parts else found
 
     def dense(self):
@@ -138,19 +161,31 @@ class System:
         return System(self.matrix.detach(), self.unknowns)
 
     def _towards_the_joint(self, b):
-        """Pivots, what leads back, and right-hand sides, of all nodes; steps (node, next one) in the order of elimination."""
+        """Pivots, what leads back, and right-hand sides, of all nodes; steps (node, next one) in
+        the order of elimination.
+        """
         star = self.matrix.star
         between = {}
         for e, (i, j) in enumerate(star.ends):
-            between |= {pair: A[..., e, :, :] for pair, A in zip(((i, j), (j, i)), self.matrix.couplings, strict=True)}
+            between |= {
+                pair: A[..., e, :, :]
+                for pair, A in zip(((i, j), (j, i)), self.matrix.couplings, strict=True)
+            }
         pivot, right = list(self.matrix.diagonal.unbind(-3)), list(b[..., None].unbind(-3))
         back, steps = {}, [(k, to) for leg in star.legs for k, to in pairwise(leg)]
         for k, to in steps:
-            shape = torch.broadcast_shapes(*(x.shape[:-2] for x in (pivot[k], between[k, to], right[k])))
-            both = torch.cat([x.expand(*shape, *x.shape[-2:]) for x in (between[k, to], right[k])], -1)
+            shape = torch.broadcast_shapes(
+                *(x.shape[:-2] for x in (pivot[k], between[k, to], right[k]))
+            )
+            both = torch.cat(
+                [x.expand(*shape, *x.shape[-2:]) for x in (between[k, to], right[k])], -1
+            )
             solved = torch.linalg.solve(pivot[k].expand(*shape, *pivot[k].shape[-2:]), both)
             back[k], right[k] = solved[..., :-1], solved[..., -1:]
-            pivot[to], right[to] = pivot[to] - between[to, k] @ back[k], right[to] - between[to, k] @ right[k]
+            pivot[to], right[to] = (
+                pivot[to] - between[to, k] @ back[k],
+                right[to] - between[to, k] @ right[k],
+            )
         return pivot, back, right, steps
 
     def solve(self, b, constant=True):

@@ -31,10 +31,26 @@ def lag(position, rotation, velocity, spin, t, s, z):
 def of_all(by_name):
     """Effects on every beam; by_name: whether each of them has a name."""
     every = (dict(on=name) for name in by_name) if by_name else ({},)
-    loads = [load for on in every for load in (
-        tb.LineLoad(force=tb.Along(along), **on), tb.Drag(1.0, 0.1, **on), tb.MassDamping(0.3, **on), tb.Gravity(G, **on),
-        tb.Load(lag, node=None, internal=1, of=("velocity", "s"), **on,
-                rate=lambda z, position, rotation, velocity, spin, t, s: 5 * (velocity[..., 1:2] - z)))]
+    loads = [
+        load
+        for on in every
+        for load in (
+            tb.LineLoad(force=tb.Along(along), **on),
+            tb.Drag(1.0, 0.1, **on),
+            tb.MassDamping(0.3, **on),
+            tb.Gravity(G, **on),
+            tb.Load(
+                lag,
+                node=None,
+                internal=1,
+                of=("velocity", "s"),
+                **on,
+                rate=lambda z, position, rotation, velocity, spin, t, s: (
+                    5 * (velocity[..., 1:2] - z)
+                ),
+            ),
+        )
+    ]
     return [*loads, tb.Damping(0.01)]
 
 
@@ -47,7 +63,11 @@ def own(name):
 
 
 def named(effect, name):
-    return replace(effect, on=name) if effect.node is None else replace(effect, node=(name, effect.node))
+    return (
+        replace(effect, on=name)
+        if effect.node is None
+        else replace(effect, node=(name, effect.node))
+    )
 
 
 CASES = {"order 1": {}, "order 2": dict(order=2), "linked": dict(linked=True)}
@@ -61,16 +81,34 @@ def alone_and_together(of, by_name=(), **options):
     else:
         effects = {name: own(name) for name in parts}
     held = {"arm": 0, "bow": -1}
-    alone = {name: tb.Scene(beam, [*of_all(()), *effects[name]], supports=[tb.Support(held[name])], **options)
-             for name, beam in parts.items()}
-    both = tb.Scene(parts, [*of_all(by_name), *(named(e, name) for name in parts for e in effects[name])],
-                    supports=[tb.Support((name, node)) for name, node in held.items()], **options)
+    alone = {
+        name: tb.Scene(
+            beam, [*of_all(()), *effects[name]], supports=[tb.Support(held[name])], **options
+        )
+        for name, beam in parts.items()
+    }
+    both = tb.Scene(
+        parts,
+        [*of_all(by_name), *(named(e, name) for name in parts for e in effects[name])],
+        supports=[tb.Support((name, node)) for name, node in held.items()],
+        **options,
+    )
     return alone, both
 
 
 def structure(**options):
-    parts = {**beams(), "hub": tb.Body(0.3, 1e-3, position=torch.tensor([[1.0, 0, 0], [1.1, 0, 0]]))}
-    effects = [tb.PointLoad(("bow", 2), force=(0, 0, 1.0)), tb.PointMass(0.1, node=("arm", -2)),
-               tb.LineLoad(force=(0, 1.0, 0), on="bow")]
-    given = {"joints": [tb.Weld(("arm", -1), "hub")], "supports": [tb.Support(("arm", 0))], **options}
+    parts = {
+        **beams(),
+        "hub": tb.Body(0.3, 1e-3, position=torch.tensor([[1.0, 0, 0], [1.1, 0, 0]])),
+    }
+    effects = [
+        tb.PointLoad(("bow", 2), force=(0, 0, 1.0)),
+        tb.PointMass(0.1, node=("arm", -2)),
+        tb.LineLoad(force=(0, 1.0, 0), on="bow"),
+    ]
+    given = {
+        "joints": [tb.Weld(("arm", -1), "hub")],
+        "supports": [tb.Support(("arm", 0))],
+        **options,
+    }
     return tb.Scene(parts, effects, **given)

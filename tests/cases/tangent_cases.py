@@ -7,9 +7,10 @@ from torch.testing import assert_close
 
 
 def assert_newton_inverts(problem, x, nodes, strain):
-    """The condensed solve gives (move, d stress, reaction) such that jvp(residual; move, d stress) = -residual of what is free,
-    and the reaction is what the supports' balances are left with: one statement for the tangent, the condensation and the
-    sweep. nodes, strain: absolute tolerances.
+    """The condensed solve gives (move, d stress, reaction) such that
+    jvp(residual; move, d stress) = -residual of what is free, and the reaction is what the
+    supports' balances are left with: one statement for the tangent, the condensation and the sweep.
+    nodes, strain: absolute tolerances.
     """
     residual, *about = problem.residual(x)
     move, dstress, reaction = problem.linearise(x, *about).solve(residual.nodes, residual.strain)

@@ -1,6 +1,8 @@
-"""Loads as users write them: contact, friction, fluids, magnets, tables, networks, by functions and objects of every kind.
+"""Loads as users write them: contact, friction, fluids, magnets, tables, networks, by functions and
+objects of every kind.
 
-`LOADS` are for the tip of a beam of 1 m, or for all of it; `REFUSED` have no native code, each with what the reason says.
+`LOADS` are for the tip of a beam of 1 m, or for all of it; `REFUSED` have no native code, each with
+what the reason says.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ def tanh_friction(x, R, v, w, t):
 
 
 def relu_wall(x, R, v, w, t):
-    return along_z(4e2 * torch.relu(-0.001 - x[..., 2])**2), None
+    return along_z(4e2 * torch.relu(-0.001 - x[..., 2]) ** 2), None
 
 
 def soft_wall(x, R, v, w, t):
@@ -63,16 +65,18 @@ def corner(x, R, v, w, t):
 
 
 def hertz(x, R, v, w, t):
-    return along_z(20.0 * F.relu(0.05 - x[..., 2])**1.5), None
+    return along_z(20.0 * F.relu(0.05 - x[..., 2]) ** 1.5), None
 
 
 def lugre(x, R, v, w, t, z):
-    return along_z(-(40.0 * z[..., 0] + 0.3 * lugre_rate(z, x, R, v, w, t)[..., 0] + 0.1 * v[..., 2])), None
+    return along_z(
+        -(40.0 * z[..., 0] + 0.3 * lugre_rate(z, x, R, v, w, t)[..., 0] + 0.1 * v[..., 2])
+    ), None
 
 
 def lugre_rate(z, x, R, v, w, t):
     slip = v[..., 2:3]
-    level = (0.2 + 0.1 * torch.exp(-(slip / 0.05)**2)) / 40.0
+    level = (0.2 + 0.1 * torch.exp(-((slip / 0.05) ** 2))) / 40.0
     return slip - slip.abs() / level * z
 
 
@@ -86,7 +90,11 @@ def bouc_wen_rate(z, x, R, v, w, t):
 
 
 def wagner(x, R, v, w, t, z):
-    lift = -2 * math.pi * (0.5 * v[..., 2] / 10.0 + 0.0455 * 0.165 * z[..., 0] + 0.3 * 0.335 * z[..., 1])
+    lift = (
+        -2
+        * math.pi
+        * (0.5 * v[..., 2] / 10.0 + 0.0455 * 0.165 * z[..., 0] + 0.3 * 0.335 * z[..., 1])
+    )
     return along_z(0.4 * lift), None
 
 
@@ -97,7 +105,9 @@ def wagner_rate(z, x, R, v, w, t):
 def stalling(x, R, v, w, t):
     wind = torch.tensor([8.0, 0.0, 0.0]) - v
     angle = torch.atan2(-wind[..., 2], wind[..., 0]) + torch.asin(R[..., 2, 0].clamp(-0.999, 0.999))
-    lift = torch.where(angle.abs() < 0.25, 2 * torch.pi * angle, 1.6 * torch.sign(angle) * torch.cos(angle))
+    lift = torch.where(
+        angle.abs() < 0.25, 2 * torch.pi * angle, 1.6 * torch.sign(angle) * torch.cos(angle)
+    )
     return along_z(0.01 * wind.square().sum(-1) * lift), along_z(0 * lift)
 
 
@@ -108,7 +118,7 @@ def dipole(x, R, v, w, t):
 
 def dipoles(x, R, v, w, t):
     gap = x[..., None, :] - POLES
-    near = gap / (gap.square().sum(-1, keepdim=True) + 0.01)**1.5
+    near = gap / (gap.square().sum(-1, keepdim=True) + 0.01) ** 1.5
     return torch.einsum("...kc,k->...c", near, torch.tensor([0.02, -0.03, 0.01])), None
 
 
@@ -121,7 +131,11 @@ def table(x, R, v, w, t):
 
 def buckets(x, R, v, w, t):
     k = torch.bucketize(v[..., 2], EDGES).clamp(1, 4)
-    return along_z(-torch.lerp(HEIGHTS[k - 1], HEIGHTS[k], (v[..., 2] - EDGES[k - 1]) / (EDGES[k] - EDGES[k - 1]))), None
+    return along_z(
+        -torch.lerp(
+            HEIGHTS[k - 1], HEIGHTS[k], (v[..., 2] - EDGES[k - 1]) / (EDGES[k] - EDGES[k - 1])
+        )
+    ), None
 
 
 def even_table(x, R, v, w, t):
@@ -136,11 +150,16 @@ def spline(x, R, v, w, t, s):
     k = place.floor().long()
     u = place - k
     a, b, c, d = (SINES[(k + i).clamp(0, 8)] for i in (-1, 0, 1, 2))
-    return along_z(b + 0.5 * u * (c - a + u * (2 * a - 5 * b + 4 * c - d + u * (3 * (b - c) + d - a)))) * v[..., 2:3], None
+    return along_z(
+        b + 0.5 * u * (c - a + u * (2 * a - 5 * b + 4 * c - d + u * (3 * (b - c) + d - a)))
+    ) * v[..., 2:3], None
 
 
 def ramp(x, R, v, w, t):
-    return along_z(0.5 * torch.erf((x[..., 2] - 0.01) / 0.02) + torch.special.expit(20 * (t - 0.02)) * v[..., 0]), None
+    return along_z(
+        0.5 * torch.erf((x[..., 2] - 0.01) / 0.02)
+        + torch.special.expit(20 * (t - 0.02)) * v[..., 0]
+    ), None
 
 
 def scheduled(x, R, v, w, t):
@@ -150,7 +169,9 @@ def scheduled(x, R, v, w, t):
 
 def of_matrix(x, R, v, w, t):
     gap = x - torch.tensor([1.0, 0, 0])
-    return -torch.einsum("ij,...j->...i", STIFFNESS, gap), -(R @ STIFFNESS @ R.mT @ w[..., None])[..., 0]
+    return -torch.einsum("ij,...j->...i", STIFFNESS, gap), -(R @ STIFFNESS @ R.mT @ w[..., None])[
+        ..., 0
+    ]
 
 
 def implicit_drag(x, R, v, w, t):
@@ -174,13 +195,14 @@ def writing_its_own(x, R, v, w, t):
 
 
 def radial_basis(x, R, v, w, t):
-    near = torch.exp(-((x[..., None, :] - POLES).norm(dim=-1) / 0.4)**2)
+    near = torch.exp(-(((x[..., None, :] - POLES).norm(dim=-1) / 0.4) ** 2))
     return near @ torch.tensor([[0.1, 0.0, 0.3], [0.2, 0.0, -0.5], [0.0, 0.1, 0.2]]), None
 
 
 def closure(k, c):
     def spring(x, R, v, w, t):
         return -k * (x - EDGE) - c * v, None
+
     return spring
 
 
@@ -203,7 +225,7 @@ class Contact:
 
     def force(self, x, R, v, w, t):
         depth = ((x * self.normal).sum(-1, keepdim=True) - self.settings["gap"][1]).clamp(min=0)
-        return -self.stiffness * self.normal * depth**self.settings["law"].power, None
+        return -self.stiffness * self.normal * depth ** self.settings["law"].power, None
 
     def __call__(self, x, R, v, w, t):
         return self.force(x, R, v, w, t)
@@ -263,63 +285,101 @@ class Single(nn.Module):
 def neural(*layers, train=False):
     """A load by a network of position and velocity; layers between the first and the last."""
     torch.manual_seed(0)
-    whole = nn.Sequential(nn.Linear(6, 6), *(layer() for layer in layers), nn.Linear(6, 3)).double().train(train)
+    whole = (
+        nn.Sequential(nn.Linear(6, 6), *(layer() for layer in layers), nn.Linear(6, 3))
+        .double()
+        .train(train)
+    )
     return network(whole)
 
 
 def network(module):
-    return tb.Load(lambda x, R, v, w, t: (0.3 * module(torch.cat((x, v), -1)), None), of=("position", "velocity"))
+    return tb.Load(
+        lambda x, R, v, w, t: (0.3 * module(torch.cat((x, v), -1)), None),
+        of=("position", "velocity"),
+    )
 
 
 def shear(x, t):
-    return torch.stack((2.0 * (x[..., 2].abs() + 0.1)**(1 / 7), 0 * x[..., 1], 0.1 * torch.sin(5 * t) + 0 * x[..., 2]), -1)
+    return torch.stack(
+        (
+            2.0 * (x[..., 2].abs() + 0.1) ** (1 / 7),
+            0 * x[..., 1],
+            0.1 * torch.sin(5 * t) + 0 * x[..., 2],
+        ),
+        -1,
+    )
 
 
 def vortex(x, t):
     gap = x - torch.tensor([0.5, 0.0, -0.3])
-    return torch.linalg.cross(torch.tensor([0.0, 1.0, 0.0]).expand(gap.shape), gap) * 0.5 / (gap.square().sum(-1, True) + 0.05)
+    return (
+        torch.linalg.cross(torch.tensor([0.0, 1.0, 0.0]).expand(gap.shape), gap)
+        * 0.5
+        / (gap.square().sum(-1, True) + 0.05)
+    )
 
 
 def tip(function, **more):
     return lambda: tb.Load(function, **more)
 
 
+# fmt: off
 LOADS = {
-    "tanh friction": tip(tanh_friction, of="velocity"), "relu wall": tip(relu_wall, of="position"), "soft wall": tip(soft_wall),
-    "cylinder": tip(cylinder), "sphere": tip(sphere), "corner": tip(corner), "Hertz contact": tip(hertz),
-    "LuGre": tip(lugre, internal=1, rate=lugre_rate), "Bouc-Wen": tip(bouc_wen, internal=1, rate=bouc_wen_rate),
-    "Wagner's lags": tip(wagner, internal=2, rate=wagner_rate), "stalling wing": tip(stalling, node=None),
-    "magnetic dipole": tip(dipole), "three magnets": tip(dipoles), "table": tip(table), "buckets": tip(buckets),
-    "even table": tip(even_table), "spline in s": tip(spline, node=None, of=("velocity", "s")), "ramp by erf": tip(ramp),
+    "tanh friction": tip(tanh_friction, of="velocity"), "relu wall": tip(relu_wall, of="position"),
+    "soft wall": tip(soft_wall),
+    "cylinder": tip(cylinder), "sphere": tip(sphere), "corner": tip(corner),
+    "Hertz contact": tip(hertz),
+    "LuGre": tip(lugre, internal=1, rate=lugre_rate),
+    "Bouc-Wen": tip(bouc_wen, internal=1, rate=bouc_wen_rate),
+    "Wagner's lags": tip(wagner, internal=2, rate=wagner_rate),
+    "stalling wing": tip(stalling, node=None),
+    "magnetic dipole": tip(dipole), "three magnets": tip(dipoles), "table": tip(table),
+    "buckets": tip(buckets),
+    "even table": tip(even_table), "spline in s": tip(spline, node=None, of=("velocity", "s")),
+    "ramp by erf": tip(ramp),
     "gain by time": tip(scheduled), "matrix": tip(of_matrix), "linear solve": tip(implicit_drag),
     "gradient of a potential": tip(conservative), "writes into its own": tip(writing_its_own),
     "radial basis": tip(radial_basis),
     "closure": lambda: tb.Load(closure(3.0, torch.tensor([0.1, 0.2, 0.3]))),
     "partial": lambda: tb.Load(functools.partial(scaled, 0.4, torch.tensor([1.0, 0.0, 0.1]))),
-    "method of a dataclass": lambda: tb.Load(Contact().force), "callable object": lambda: tb.Load(Contact(stiffness=20.0)),
-    "method of an object": lambda: tb.Load(Motor([0.8, 0.2]).torque), "class of one's own": lambda: Brake(0.3),
-    "shear flow": lambda: tb.Drag(100.0, 0.02, flow=shear), "vortex": lambda: tb.Drag(100.0, 0.02, flow=vortex),
+    "method of a dataclass": lambda: tb.Load(Contact().force),
+    "callable object": lambda: tb.Load(Contact(stiffness=20.0)),
+    "method of an object": lambda: tb.Load(Motor([0.8, 0.2]).torque),
+    "class of one's own": lambda: Brake(0.3),
+    "shear flow": lambda: tb.Drag(100.0, 0.02, flow=shear),
+    "vortex": lambda: tb.Drag(100.0, 0.02, flow=vortex),
     "network, tanh": lambda: neural(nn.Tanh), "network, ReLU": lambda: neural(nn.ReLU),
     "network, GELU": lambda: neural(nn.GELU),
-    "network, SiLU": lambda: neural(nn.SiLU), "network, ELU": lambda: neural(nn.ELU), "network, Mish": lambda: neural(nn.Mish),
-    "network, softplus": lambda: neural(nn.Softplus), "network, leaky": lambda: neural(nn.LeakyReLU),
-    "network, sigmoid": lambda: neural(nn.Sigmoid), "network, Hardtanh": lambda: neural(nn.Hardtanh),
+    "network, SiLU": lambda: neural(nn.SiLU), "network, ELU": lambda: neural(nn.ELU),
+    "network, Mish": lambda: neural(nn.Mish),
+    "network, softplus": lambda: neural(nn.Softplus),
+    "network, leaky": lambda: neural(nn.LeakyReLU),
+    "network, sigmoid": lambda: neural(nn.Sigmoid),
+    "network, Hardtanh": lambda: neural(nn.Hardtanh),
     "network, layer norm": lambda: neural(lambda: nn.LayerNorm(6), nn.Tanh),
-    "network, dropout of eval": lambda: neural(nn.Dropout, nn.Tanh), "network, residual": lambda: network(Residual().double()),
+    "network, dropout of eval": lambda: neural(nn.Dropout, nn.Tanh),
+    "network, residual": lambda: network(Residual().double()),
     "network, float32": lambda: network(Single()),
 }
+# fmt: on
 
 THREE = torch.tensor([[3.0], [1.0], [2.0]])
 
 
 def springs(k):
-    """Of three beams, k (3, 1), beside numbers that all have in common: as many as there are beams."""
+    """Of three beams, k (3, 1), beside numbers that all have in common: as many as there are
+    beams.
+    """
     return lambda x, R, v, w, t: (-k * (x - EDGE) - 0.1 * v, None)
 
 
 def picking(k):
     """k (3): the same row of it by a place, and by its shape."""
-    return lambda x, R, v, w, t: (-k[:, None] * v, k.reshape(k.shape[0], 1) * torch.sin(w) * STIFFNESS[0])
+    return lambda x, R, v, w, t: (
+        -k[:, None] * v,
+        k.reshape(k.shape[0], 1) * torch.sin(w) * STIFFNESS[0],
+    )
 
 
 def lagging(k):
@@ -328,6 +388,7 @@ def lagging(k):
 
     def rate(z, x, R, v, w, t):
         return 20.0 * k * (x[..., 2:3] - z)
+
     return tb.Load(pull, internal=1, rate=rate)
 
 
@@ -337,10 +398,16 @@ def mixing(k):
 
 
 BATCHES = {  # of a tensor (3, 1), in loads that close over it
-    "closed-over batch": lambda k: tb.Load(springs(k)), "batch by places": lambda k: tb.Load(picking(k[:, 0])),
-    "batch of a partial": lambda k: tb.Load(functools.partial(scaled, k, torch.tensor([1.0, 0.0, 0.1]))),
-    "batch of an object": lambda k: tb.Load(Motor([k, 0.2]).torque), "batch of lags": lagging,
-    "batch along the beam": lambda k: tb.Load(lambda x, R, v, w, t: (-k[:, None] * v, None), node=None),
+    "closed-over batch": lambda k: tb.Load(springs(k)),
+    "batch by places": lambda k: tb.Load(picking(k[:, 0])),
+    "batch of a partial": lambda k: tb.Load(
+        functools.partial(scaled, k, torch.tensor([1.0, 0.0, 0.1]))
+    ),
+    "batch of an object": lambda k: tb.Load(Motor([k, 0.2]).torque),
+    "batch of lags": lagging,
+    "batch along the beam": lambda k: tb.Load(
+        lambda x, R, v, w, t: (-k[:, None] * v, None), node=None
+    ),
     "batch of a flow": lambda k: tb.Drag(100.0, 0.02, flow=lambda x, t: k[..., None] * shear(x, t)),
 }
 
@@ -350,7 +417,9 @@ def branching(x, R, v, w, t):
 
 
 def by_numpy(x, R, v, w, t):
-    return along_z(torch.as_tensor(np.interp(x[..., 2].detach().numpy(), EDGES.numpy(), HEIGHTS.numpy()))), None
+    return along_z(
+        torch.as_tensor(np.interp(x[..., 2].detach().numpy(), EDGES.numpy(), HEIGHTS.numpy()))
+    ), None
 
 
 def noisy(x, R, v, w, t):
@@ -373,8 +442,10 @@ class Remembering:
 
 
 REFUSED = {
-    "branch": (tip(branching), "control flow by values cannot be traced"), "NumPy": (tip(by_numpy), "numpy of a traced tensor"),
-    "noise": (tip(noisy), "random numbers were drawn"), "sorted": (tip(ordered), "torch.maximum and torch.minimum are wanted"),
+    "branch": (tip(branching), "control flow by values cannot be traced"),
+    "NumPy": (tip(by_numpy), "numpy of a traced tensor"),
+    "noise": (tip(noisy), "random numbers were drawn"),
+    "sorted": (tip(ordered), "torch.maximum and torch.minimum are wanted"),
     "memory": (lambda: tb.Load(Remembering().force), "the value of a traced tensor was asked for"),
     "dropout of train": (lambda: neural(nn.Dropout, train=True), "random numbers were drawn"),
 }

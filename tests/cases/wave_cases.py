@@ -1,4 +1,6 @@
-"""A decaying signal, by parameters by name: a model of identification whose derivatives are known by hand."""
+"""A decaying signal, by parameters by name: a model of identification whose derivatives are known
+by hand.
+"""
 
 import torch
 

@@ -1,6 +1,8 @@
-"""Cases of the zero net: every number that a user can give, where it is 0 and a gradient is asked for.
+"""Cases of the zero net: every number that a user can give, where it is 0 and a gradient is asked
+for.
 
-A case makes a scene of numbers x (..., n) that are all 0 where it is asked; its name says which argument takes them.
+A case makes a scene of numbers x (..., n) that are all 0 where it is asked; its name says which
+argument takes them.
 """
 
 from collections.abc import Callable
@@ -23,8 +25,9 @@ ALL, DYNAMIC = STATIC + LINEAR + MOVING, MOVING + LINEAR + STATIC
 
 @dataclass(frozen=True)
 class Case:
-    """made: x (..., n) -> a scene, or a dictionary of it, `initial` and `inputs`; ways: how it is solved, the first in short
-    runs; scale: of a number's change; least: whether it may not be negative.
+    """made: x (..., n) -> a scene, or a dictionary of it, `initial` and `inputs`; ways: how it is
+    solved, the first in short runs; scale: of a number's change; least: whether it may not be
+    negative.
     """
 
     made: Callable[[Tensor], object]
@@ -59,7 +62,13 @@ ENDS = ("arm", -1), "hub"
 
 def acting(kind, name, least=True, **beside) -> Case:
     """One number of what acts in a joint, with others beside it."""
-    return Case(lambda x: joined(kind(*ENDS, **beside, **{name: x[..., 0]})), 1, ("eager",), scale=1e-4, least=least)
+    return Case(
+        lambda x: joined(kind(*ENDS, **beside, **{name: x[..., 0]})),
+        1,
+        ("eager",),
+        scale=1e-4,
+        least=least,
+    )
 
 
 def effect(make, n=3, ways=ALL, **options) -> Case:
@@ -82,11 +91,18 @@ def off_axis(x: Tensor, m: float) -> Tensor:
 
 
 def moved(**given) -> Callable[[Tensor], dict]:
-    """A case that starts as `tb.rest` but for some fields, each a function of x and of that field at rest."""
+    """A case that starts as `tb.rest` but for some fields, each a function of x and of that field
+    at rest.
+    """
+
     def made(x: Tensor) -> dict:
         still = scene()
         rest = tb.rest(still, x.shape[:-1])
-        return dict(scene=still, initial=replace(rest, **{name: f(x, getattr(rest, name)) for name, f in given.items()}))
+        return dict(
+            scene=still,
+            initial=replace(rest, **{name: f(x, getattr(rest, name)) for name, f in given.items()}),
+        )
+
     return made
 
 
@@ -117,6 +133,7 @@ def lag(z, position, rotation, velocity, spin, t, c):
 
 
 DIAGONAL = section()
+# fmt: off
 CASES = {
     "Section.compliance": Case(lambda x: scene(of=tb.Section(
         DIAGONAL.compliance + bent(x, (0, 3), (1, 3), (4, 5)), DIAGONAL.mass)), 3, scale=2e-5),
@@ -126,53 +143,72 @@ CASES = {
     "Section.mass": Case(lambda x: scene(tb.Gravity((1.0, 2.0, -3.0)), of=tb.Section(
         DIAGONAL.compliance, DIAGONAL.mass + off_axis(x, 0.3))), 3),
     "Section.mass rotary": Case(lambda x: scene(of=tb.Section(
-        DIAGONAL.compliance, section(inertia=0.0).mass + bent(x[..., :1] + x[..., 1:], (3, 3)) + bent(x, (4, 4), (5, 5)))),
+        DIAGONAL.compliance,
+        section(inertia=0.0).mass + bent(x[..., :1] + x[..., 1:], (3, 3)) + bent(x, (4, 4),
+                                                                                 (5, 5)))),
         2, MOVING, scale=1e-6, least=True),
-    "Section.from_stiffness inertia": Case(lambda x: scene(of=section(inertia=(x[..., 0], x[..., 1]))), 2,
+    "Section.from_stiffness inertia": Case(lambda x: scene(of=section(inertia=(x[..., 0],
+                                                                               x[..., 1]))), 2,
                                            (*MOVING, "modes"), scale=1e-6, least=True),
     "Section.rotated angle": Case(lambda x: scene(of=section().rotated(x[..., 0])), scale=1e-2),
-    "Section.rotated stiffness": Case(lambda x: scene(of=section(EI=(1.0, 1.0 + x[..., 0])).rotated(0.5)),
+    "Section.rotated stiffness": Case(lambda x: scene(of=section(EI=(1.0,
+        1.0 + x[..., 0])).rotated(0.5)),
                                       ways=(*STATIC, "linearize", *MOVING), scale=1e-2),
     "Section.shifted y": Case(lambda x: scene(of=section().shifted(y=x[..., 0])), scale=1e-2),
     "Section.shifted z": Case(lambda x: scene(of=section().shifted(z=x[..., 0])), scale=1e-2),
-    "Section.rotated and shifted": Case(lambda x: scene(of=section().shifted(y=x[..., 0]).rotated(x[..., 1])), 2, scale=1e-2),
-    "Section.circle nu": Case(lambda x: scene(of=tb.Section.circle(0.05, 2e5, x[..., 0], 40.0)), ways=STATIC + MOVING),
-    "Section.rectangle nu": Case(lambda x: scene(of=tb.Section.rectangle(0.05, 0.08, 2e5, x[..., 0], 40.0))),
+    "Section.rotated and shifted": Case(lambda x: scene(of=section().shifted(y=x[...,
+        0]).rotated(x[..., 1])), 2, scale=1e-2),
+    "Section.circle nu": Case(lambda x: scene(of=tb.Section.circle(0.05, 2e5, x[..., 0], 40.0)),
+                              ways=STATIC + MOVING),
+    "Section.rectangle nu": Case(lambda x: scene(of=tb.Section.rectangle(0.05, 0.08, 2e5, x[..., 0],
+                                                                         40.0))),
     "Stations sections": Case(lambda x: scene(of=tb.Stations((0.0, 0.3, 0.6), [
         section(), section().rotated(x[..., 0]), section().shifted(y=x[..., 0])]))),
-    "sections, one an element": Case(lambda x: scene(beam=tb.Beam.straight(0.6, 2, [section(), section().rotated(x[..., 0])])),
+    "sections, one an element": Case(lambda x: scene(beam=tb.Beam.straight(0.6, 2,
+        [section(), section().rotated(x[..., 0])])),
                                      scale=1e-2),
     "Beam.straight direction": Case(lambda x: scene(beam=tb.Beam.straight(
-        0.6, N, section(), direction=torch.stack((1 + 0 * x[..., 0], x[..., 0], x[..., 1]), -1))), 2, scale=1e-2),
+        0.6, N, section(), direction=torch.stack((1 + 0 * x[..., 0], x[..., 0], x[..., 1]), -1))),
+                                    2, scale=1e-2),
     "Beam.straight up": Case(lambda x: scene(beam=tb.Beam.straight(
-        0.6, N, section(), up=torch.stack((x[..., 0], x[..., 1], 1 + 0 * x[..., 0]), -1))), 2, scale=1e-2),
-    "Beam.straight root": Case(lambda x: scene(tb.Spring(-1, 3.0, to=(0.6, 0.1, 0.0)), beam=tb.Beam.straight(
+        0.6, N, section(), up=torch.stack((x[..., 0], x[..., 1], 1 + 0 * x[..., 0]), -1))), 2,
+                             scale=1e-2),
+    "Beam.straight root": Case(lambda x: scene(tb.Spring(-1, 3.0, to=(0.6, 0.1, 0.0)),
+                                               beam=tb.Beam.straight(
         0.6, N, section(), root=x)), 3, scale=1e-2),
-    "Beam.straight twist": Case(lambda x: scene(beam=tb.Beam.straight(0.6, N, section(), twist=x[..., 0])), scale=1e-2),
-    "Beam.straight twist, order 2": Case(lambda x: scene(beam=tb.Beam.straight(0.6, 2, section(), twist=x[..., 0], order=2)),
+    "Beam.straight twist": Case(lambda x: scene(beam=tb.Beam.straight(0.6, N, section(),
+        twist=x[..., 0])), scale=1e-2),
+    "Beam.straight twist, order 2": Case(lambda x: scene(beam=tb.Beam.straight(0.6, 2, section(),
+        twist=x[..., 0], order=2)),
                                          scale=1e-2),
     "Beam.straight section, order 2": Case(lambda x: scene(beam=tb.Beam.straight(
         0.6, 2, section().shifted(y=x[..., 0]).rotated(x[..., 1]), order=2)), 2, scale=1e-2),
     "Beam.linked section": Case(lambda x: scene(beam=tb.Beam.straight(
         0.6, N, section().shifted(y=x[..., 0]).rotated(x[..., 1])).linked()), 2, scale=1e-2),
-    "Scene.small section": Case(lambda x: scene(of=section().shifted(y=x[..., 0]).rotated(x[..., 1]), small=True), 2,
+    "Scene.small section": Case(lambda x: scene(of=section().shifted(y=x[..., 0]).rotated(x[...,
+        1]), small=True), 2,
                                 scale=1e-2),
-    "Beam.curve curvature": Case(lambda x: scene(beam=tb.Beam.curve(0.6, N, section(), x)), 3, scale=1e-2),
+    "Beam.curve curvature": Case(lambda x: scene(beam=tb.Beam.curve(0.6, N, section(), x)), 3,
+                                 scale=1e-2),
     "Beam.curve curvature, order 2": Case(lambda x: scene(beam=tb.Beam.curve(
         0.6, 2, section(), lambda s: x[..., None, :] + 0 * s[..., None], order=2)), 3, scale=1e-2),
     "Beam.curve direction": Case(lambda x: scene(beam=tb.Beam.curve(
-        0.6, N, section(), (0.0, 0.0, 0.3), direction=torch.stack((1 + 0 * x[..., 0], x[..., 0], x[..., 1]), -1))), 2,
+        0.6, N, section(), (0.0, 0.0, 0.3),
+        direction=torch.stack((1 + 0 * x[..., 0], x[..., 0], x[..., 1]), -1))), 2,
         scale=1e-2),
     "Beam.from_nodes nodes": Case(lambda x: scene(beam=tb.Beam.from_nodes(
-        torch.tensor([[0.0, 0, 0], [0.3, 0, 0], [0.6, 0, 0]]) + free_nodes(x), section())), 3, scale=1e-2),
+        torch.tensor([[0.0, 0, 0], [0.3, 0, 0], [0.6, 0, 0]]) + free_nodes(x), section())), 3,
+                                  scale=1e-2),
     "Beam.from_nodes up": Case(lambda x: scene(beam=tb.Beam.from_nodes(
         torch.tensor([[0.0, 0, 0], [0.3, 0, 0], [0.6, 0, 0]]), section(),
         up=torch.stack((x[..., 0], x[..., 1], 1 + 0 * x[..., 0]), -1))), 2, scale=1e-2),
     "Beam.from_nodes nodes, order 2": Case(lambda x: scene(beam=tb.Beam.from_nodes(
-        torch.linspace(0, 0.6, 5)[:, None] * torch.eye(3)[0] + x[..., None, :] * torch.linspace(0, 1, 5)[:, None] ** 2,
+        torch.linspace(0, 0.6, 5)[:, None] * torch.eye(3)[0] + x[..., None, :] * torch.linspace(0,
+            1, 5)[:, None] ** 2,
         section(), order=2)), 3, scale=2e-3),
     "Beam.arc direction": Case(lambda x: scene(beam=tb.Beam.arc(
-        0.5, 1.0, N, section(), direction=torch.stack((1 + 0 * x[..., 0], x[..., 0], x[..., 1]), -1))), 2, scale=1e-2),
+        0.5, 1.0, N, section(),
+        direction=torch.stack((1 + 0 * x[..., 0], x[..., 0], x[..., 1]), -1))), 2, scale=1e-2),
     "TipLoad.force": effect(lambda x: tb.TipLoad(force=x)),
     "TipLoad.moment": effect(lambda x: tb.TipLoad(moment=x)),
     "TipLoad.force follower": effect(lambda x: tb.TipLoad(force=x, follower=True)),
@@ -185,36 +221,49 @@ CASES = {
     "Along.function": effect(lambda x: tb.LineLoad(force=along(x))),
     "PerElement.value": effect(lambda x: tb.LineLoad(force=tb.PerElement(
         x[..., None, :] * torch.tensor([1.0, -1.0])[:, None]))),
-    "History.values": effect(lambda x: tb.TipLoad(force=tb.History((0.0, 0.05, 0.1), torch.stack((x, 2 * x, 0 * x), -2)))),
+    "History.values": effect(lambda x: tb.TipLoad(force=tb.History((0.0, 0.05, 0.1),
+        torch.stack((x, 2 * x, 0 * x), -2)))),
     "Gravity.g": effect(lambda x: tb.Gravity(x)),
     "Damping.tau": effect(lambda x: tb.Damping(x), 1, DYNAMIC, least=True, scale=1e-4),
-    "Damping.tau six": Case(lambda x: scene(tb.Damping([x[..., 0], 0.01, 0.02, 0.01, 0.02, 0.01])), ways=DYNAMIC, least=True,
+    "Damping.tau six": Case(lambda x: scene(tb.Damping([x[..., 0], 0.01, 0.02, 0.01, 0.02, 0.01])),
+                            ways=DYNAMIC, least=True,
                             scale=1e-4),
-    "Damping.tau without rotary inertia": Case(lambda x: scene(tb.Damping(x[..., 0]), of=section(inertia=0.0)), least=True,
+    "Damping.tau without rotary inertia": Case(lambda x: scene(tb.Damping(x[..., 0]),
+                                                               of=section(inertia=0.0)), least=True,
                                                scale=1e-5, ways=MOVING),
     "MassDamping.alpha": effect(lambda x: tb.MassDamping(x), 1, DYNAMIC, least=True, scale=1e-2),
     "Drag.density": effect(lambda x: tb.Drag(x, 0.05, tangential=0.1), 1, least=True, ways=MOVING),
     "Drag.diameter": effect(lambda x: tb.Drag(10.0, x, tangential=0.1), 1, least=True, ways=MOVING),
     "Drag.normal": effect(lambda x: tb.Drag(10.0, 0.05, normal=x), 1, least=True, ways=MOVING),
-    "Drag.tangential": effect(lambda x: tb.Drag(10.0, 0.05, tangential=x), 1, least=True, ways=MOVING),
-    "Drag.added_mass": effect(lambda x: tb.Drag(10.0, 0.05, added_mass=x), 1, DYNAMIC, least=True, scale=1e-2),
+    "Drag.tangential": effect(lambda x: tb.Drag(10.0, 0.05, tangential=x), 1, least=True,
+                              ways=MOVING),
+    "Drag.added_mass": effect(lambda x: tb.Drag(10.0, 0.05, added_mass=x), 1, DYNAMIC, least=True,
+                              scale=1e-2),
     "Drag.flow": Case(lambda x: scene(tb.Drag(10.0, 0.05, flow=x)), 3, ways=MOVING, scale=1e-5),
     "PointMass.mass": effect(lambda x: tb.PointMass(x), 1, DYNAMIC, least=True, scale=1e-4),
-    "PointMass.mass with offset": effect(lambda x: tb.PointMass(x, offset=(0.02, 0.05, 0.03)), 1, DYNAMIC, least=True,
+    "PointMass.mass with offset": effect(lambda x: tb.PointMass(x, offset=(0.02, 0.05, 0.03)), 1,
+                                         DYNAMIC, least=True,
                                          scale=1e-4),
-    "PointMass.inertia": effect(lambda x: tb.PointMass(0.1, inertia=torch.stack((x, x, x), -1)[..., None] * torch.eye(3)), 1,
+    "PointMass.inertia": effect(lambda x: tb.PointMass(0.1,
+        inertia=torch.stack((x, x, x), -1)[..., None] * torch.eye(3)), 1,
                                 DYNAMIC, least=True, scale=1e-6),
     "PointMass.offset": effect(lambda x: tb.PointMass(0.1, offset=x), 3, DYNAMIC),
-    "Spring.stiffness": effect(lambda x: tb.Spring(-1, x, to=(0.6, 0.1, 0.0)), 1, least=True, scale=1e-2),
+    "Spring.stiffness": effect(lambda x: tb.Spring(-1, x, to=(0.6, 0.1, 0.0)), 1, least=True,
+                               scale=1e-2),
     "Spring.to": effect(lambda x: tb.Spring(-1, 3.0, to=x), 3, scale=1e-2),
-    "Spring.length": effect(lambda x: tb.Spring(-1, 3.0, to=(0.6, 0.1, 0.2), length=x), 1, least=True, scale=1e-2),
-    "Spring.damping": effect(lambda x: tb.Spring(-1, 3.0, to=(0.6, 0.1, 0.2), damping=x), 1, DYNAMIC, least=True, scale=1e-2),
-    "Spring.to function": effect(lambda x: tb.Spring(-1, 3.0, to=by_time(x), damping=0.1), 3, MOVING, scale=1e-2),
+    "Spring.length": effect(lambda x: tb.Spring(-1, 3.0, to=(0.6, 0.1, 0.2), length=x), 1,
+                            least=True, scale=1e-2),
+    "Spring.damping": effect(lambda x: tb.Spring(-1, 3.0, to=(0.6, 0.1, 0.2), damping=x), 1,
+                             DYNAMIC, least=True, scale=1e-2),
+    "Spring.to function": effect(lambda x: tb.Spring(-1, 3.0, to=by_time(x), damping=0.1), 3,
+                                 MOVING, scale=1e-2),
     "RootSpring.damping": Case(lambda x: scene(
-        tb.RootSpring((50.0, 8.0), damping=x[..., :1].expand(*x.shape[:-1], 6)), supports=()), 1, DYNAMIC, least=True,
+        tb.RootSpring((50.0, 8.0), damping=x[..., :1].expand(*x.shape[:-1], 6)), supports=()), 1,
+                               DYNAMIC, least=True,
         scale=1e-3),
     "RootSpring.stiffness": Case(lambda x: scene(tb.Spring(0, 40.0, to=(0.0, 0, 0)), tb.RootSpring(
-        torch.cat((x[..., :1], x[..., :1], x[..., :1], x[..., :1] + 4, x[..., :1] + 4, x[..., :1] + 4), -1)), supports=()),
+        torch.cat((x[..., :1], x[..., :1], x[..., :1], x[..., :1] + 4, x[..., :1] + 4,
+                   x[..., :1] + 4), -1)), supports=()),
         1, least=True, scale=1e-2),
     "Actuation.curvature": effect(lambda x: tb.Actuation(curvature=x), scale=1e-2),
     "Actuation.strain": effect(lambda x: tb.Actuation(strain=x)),
@@ -224,64 +273,94 @@ CASES = {
     "Load.function": Case(lambda x: scene(tb.Load(lambda position, rotation, velocity, spin, t: (
         x[..., 0, None] * (1.0 + velocity), None)))),
     "Load.rate": Case(lambda x: scene(tb.Load(
-        lambda position, rotation, velocity, spin, t, z, c: (z, None), internal=3, rate=lag, values={"c": x[..., 0]})),
+        lambda position, rotation, velocity, spin, t, z, c: (z, None), internal=3, rate=lag,
+        values={"c": x[..., 0]})),
         ways=STATIC + MOVING),
-    "Input.value": Case(lambda x: dict(scene=scene(tb.TipLoad(force=tb.Input("u", 3))), inputs={"u": x}), 3),
-    "PerInterval.value": Case(lambda x: dict(scene=scene(tb.TipLoad(force=tb.Input("u", 3))), inputs={
+    "Input.value": Case(lambda x: dict(scene=scene(tb.TipLoad(force=tb.Input("u", 3))),
+                                       inputs={"u": x}), 3),
+    "PerInterval.value": Case(lambda x: dict(scene=scene(tb.TipLoad(force=tb.Input("u", 3))),
+                                             inputs={
         "u": tb.PerInterval(torch.stack((x, 2 * x), -2))}), 3, MOVING),
-    "Frame.velocity": Case(lambda x: scene(frame=tb.Frame(velocity=x)), 3, ("eager", "native"), scale=1e-2),
-    "Frame.angular_velocity": Case(lambda x: scene(frame=tb.Frame(angular_velocity=x)), 3, STATIC + MOVING, scale=1e-2),
+    "Frame.velocity": Case(lambda x: scene(frame=tb.Frame(velocity=x)), 3, ("eager", "native"),
+                           scale=1e-2),
+    "Frame.angular_velocity": Case(lambda x: scene(frame=tb.Frame(angular_velocity=x)), 3,
+                                   STATIC + MOVING, scale=1e-2),
     "Frame.angular_velocity, off the axis": Case(lambda x: scene(
-        of=section().shifted(y=x[..., 0]), frame=tb.Frame(angular_velocity=(0.0, 3.0, 4.0))), 1, STATIC + MOVING, scale=1e-2),
-    "RootMotion.displacement": Case(lambda x: scene(root=tb.RootMotion(displacement=shape(x))), 3, MOVING, scale=1e-2),
-    "RootMotion.rotation": Case(lambda x: scene(root=tb.RootMotion(rotation=shape(x))), 3, MOVING, scale=1e-2),
-    "RootMotion.displacement value": Case(lambda x: scene(tb.Spring(-1, 3.0, to=(0.6, 0.1, 0)), root=tb.RootMotion(
+        of=section().shifted(y=x[..., 0]), frame=tb.Frame(angular_velocity=(0.0, 3.0, 4.0))), 1,
+                                                 STATIC + MOVING, scale=1e-2),
+    "RootMotion.displacement": Case(lambda x: scene(root=tb.RootMotion(displacement=shape(x))), 3,
+                                    MOVING, scale=1e-2),
+    "RootMotion.rotation": Case(lambda x: scene(root=tb.RootMotion(rotation=shape(x))), 3, MOVING,
+                                scale=1e-2),
+    "RootMotion.displacement value": Case(lambda x: scene(tb.Spring(-1, 3.0, to=(0.6, 0.1, 0)),
+                                                          root=tb.RootMotion(
         displacement=x)), 3, STATIC + MOVING, scale=1e-2),
-    "RootMotion.rotation value": Case(lambda x: scene(root=tb.RootMotion(rotation=x)), 3, STATIC + MOVING, scale=1e-2),
-    "Support.displacement": Case(lambda x: scene(supports=[tb.Support(0), tb.Support(-1, "yz", "", displacement=x)]), 3,
+    "RootMotion.rotation value": Case(lambda x: scene(root=tb.RootMotion(rotation=x)), 3,
+                                      STATIC + MOVING, scale=1e-2),
+    "Support.displacement": Case(lambda x: scene(supports=[tb.Support(0),
+        tb.Support(-1, "yz", "", displacement=x)]), 3,
                                  STATIC, scale=1e-2),
-    "Support.turn": Case(lambda x: scene(supports=[tb.Support(0), tb.Support(-1, "yz", "xyz", turn=x)]), 3, STATIC, scale=1e-2),
-    "Accelerogram.acceleration": Case(lambda x: scene(root=tb.RootMotion(displacement=tb.Accelerogram(
+    "Support.turn": Case(lambda x: scene(supports=[tb.Support(0),
+        tb.Support(-1, "yz", "xyz", turn=x)]), 3, STATIC, scale=1e-2),
+    "Accelerogram.acceleration":
+    Case(lambda x: scene(root=tb.RootMotion(displacement=tb.Accelerogram(
         (0.0, 0.03, 0.1), torch.stack((x, -x, x), -2)))), 3, MOVING, scale=1e-2),
-    "Body.position": Case(lambda x: joined(tb.Weld(*ENDS), hub(position=torch.tensor((0.6, 0.0, 0.0)) + x)), 3,
+    "Body.position": Case(lambda x: joined(tb.Weld(*ENDS),
+                                           hub(position=torch.tensor((0.6, 0.0, 0.0)) + x)), 3,
                           ("eager", "equilibrium")),
-    **{f"{kind.__name__}.at": Case(lambda x, kind=kind: joined(kind(*ENDS, at=torch.tensor((0.6, 0, 0)) + x)), 3, ("eager",))
+    **{f"{kind.__name__}.at": Case(lambda x,
+                                   kind=kind: joined(kind(*ENDS, at=torch.tensor((0.6, 0, 0)) + x)),
+                                   3, ("eager",))
        for kind in (tb.Weld, tb.Ball, tb.Hinge, tb.Slider, tb.Cylindrical, tb.Universal)},
     "Distance.at": Case(lambda x: tb.Scene({"hub": hub()}, [tb.Gravity((0, 0, -9.81))], joints=[
         tb.Distance(None, "hub", at=x)], supports=[tb.Support("hub", "", "xyz")]), 3, ("eager",)),
     **{f"{kind.__name__}.{name}": acting(kind, name, least, **beside)
-       for kind, effort, coordinate in ((tb.Hinge, "torque", "angle"), (tb.Slider, "force", "travel"))
+       for kind, effort,
+       coordinate in ((tb.Hinge, "torque", "angle"), (tb.Slider, "force", "travel"))
        for name, least, beside in (
            ("stiffness", True, {}), ("damping", True, {}), ("friction", True, dict(slip_speed=0.1)),
-           ("limit_stiffness", True, dict(limits=(-1e-4, 1e-4))), (effort, False, {}), (coordinate, False, {}))},
+           ("limit_stiffness", True, dict(limits=(-1e-4, 1e-4))), (effort, False, {}),
+           (coordinate, False, {}))},
     "State.velocity": Case(moved(velocity=lambda x, v: v + free_nodes(x)), 3, MOVING, scale=1e-2),
     "State.spin": Case(moved(spin=lambda x, v: v + free_nodes(x)), 3, MOVING, scale=1e-2),
     "State.position": Case(moved(position=lambda x, v: v + free_nodes(x)), 3, MOVING),
-    "State.rotation": Case(moved(rotation=lambda x, q: quat.multiply(q, quat.exponential(free_nodes(x)))), 3, MOVING),
-    "rayleigh ratio": Case(lambda x: scene(*tb.rayleigh((20.0, 60.0), torch.stack((x[..., 0], x[..., 0]), -1))), ways=DYNAMIC,
+    "State.rotation": Case(moved(rotation=lambda x,
+                                 q: quat.multiply(q, quat.exponential(free_nodes(x)))), 3, MOVING),
+    "rayleigh ratio": Case(lambda x: scene(*tb.rayleigh((20.0, 60.0),
+        torch.stack((x[..., 0], x[..., 0]), -1))), ways=DYNAMIC,
                            least=True),
     "Table.values": Case(lambda x: scene(beam=tb.Beam.straight(0.6, N, section(), twist=tb.Table(
         (0.0, 0.6), torch.stack((0 * x[..., 0], x[..., 0]), -1)))), scale=1e-2),
 }
+# fmt: on
 
 POSITIVE, ORDERED = "is positive", "increases"
+# fmt: off
 NEVER_ZERO = {  # or not only; why there is no case
-    "Section.from_stiffness EA": POSITIVE, "Section.from_stiffness GA": POSITIVE, "Section.from_stiffness GJ": POSITIVE,
+    "Section.from_stiffness EA": POSITIVE, "Section.from_stiffness GA": POSITIVE,
+    "Section.from_stiffness GJ": POSITIVE,
     "Section.from_stiffness EI": POSITIVE, "Section.from_stiffness mass": POSITIVE,
     "Section.circle radius": POSITIVE, "Section.circle E": POSITIVE, "Section.circle rho": POSITIVE,
-    "Section.rectangle width": POSITIVE, "Section.rectangle height": POSITIVE, "Section.rectangle E": POSITIVE,
+    "Section.rectangle width": POSITIVE, "Section.rectangle height": POSITIVE,
+    "Section.rectangle E": POSITIVE,
     "Section.rectangle rho": POSITIVE,
     "Section.like compliance": "as Section.compliance", "Section.like mass": "as Section.mass",
-    "Beam.straight length": POSITIVE, "Beam.curve length": POSITIVE, "Beam.arc radius": POSITIVE, "Beam.arc angle": POSITIVE,
+    "Beam.straight length": POSITIVE, "Beam.curve length": POSITIVE, "Beam.arc radius": POSITIVE,
+    "Beam.arc angle": POSITIVE,
     "Beam.from_nodes frames": "are rotations, as Beam.straight up",
     "Beam.curve up": "as Beam.straight", "Beam.curve root": "as Beam.straight",
     "Beam.arc up": "as Beam.straight", "Beam.arc root": "as Beam.straight",
     "Stations.s": ORDERED, "Table.s": ORDERED, "History.t": ORDERED, "Accelerogram.t": ORDERED,
     "Body.mass": POSITIVE, "Body.inertia": "as PointMass.inertia", "Body.rotation": "is a rotation",
-    **{f"{kind}.axis": "is a direction" for kind in ("Hinge", "Slider", "Cylindrical", "Universal")},
-    "Universal.second": "is a direction", "Hinge.slip_speed": POSITIVE, "Slider.slip_speed": POSITIVE,
-    "Hinge.limits": ORDERED, "Slider.limits": ORDERED, "State.joints": "turns and readings alone start from it",
+    **{f"{kind}.axis": "is a direction" for kind in ("Hinge", "Slider", "Cylindrical",
+                                                     "Universal")},
+    "Universal.second": "is a direction", "Hinge.slip_speed": POSITIVE,
+    "Slider.slip_speed": POSITIVE,
+    "Hinge.limits": ORDERED, "Slider.limits": ORDERED,
+    "State.joints": "turns and readings alone start from it",
     "State.stress": "a guess for the first solve", "State.reaction": "nothing starts from it",
     "State.work": "energies alone start from it", "State.defect": "energies alone start from it",
-    "State.t": "an instant", "State.status": "whole numbers", "State.frame": "a rotation", "State.internal": "as Load.rate",
+    "State.t": "an instant", "State.status": "whole numbers", "State.frame": "a rotation",
+    "State.internal": "as Load.rate",
 }
+# fmt: on

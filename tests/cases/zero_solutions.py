@@ -12,6 +12,7 @@ from tests.cases.zero_cases import Case, T
 
 def solved(case: Case, way: str) -> Callable[[Tensor], Tensor]:
     """x (..., n) -> (..., outputs)."""
+
     def answer(x: Tensor) -> Tensor:
         made = case.made(x)
         made = made if isinstance(made, dict) else dict(scene=made)
@@ -23,29 +24,51 @@ def solved(case: Case, way: str) -> Callable[[Tensor], Tensor]:
         if way == "linearize":
             linear = tb.linearize(scene, outputs=tb.sensors.TipPosition(), inputs=inputs)
             eye = torch.eye(linear.A.shape[-1])
-            pushed = torch.linalg.solve(7.0 * eye - linear.A, torch.linspace(1, 2, linear.A.shape[-1])[:, None])
+            pushed = torch.linalg.solve(
+                7.0 * eye - linear.A, torch.linspace(1, 2, linear.A.shape[-1])[:, None]
+            )
             return (linear.C @ pushed)[..., 0]
         engine = {"eager": "eager", "native": "compiled"}[way]
-        solution = tb.simulate(scene, torch.tensor(T), made.get("initial"), step=T[1], inputs=inputs, engine=engine,
-                               tolerance=1e-12)
+        solution = tb.simulate(
+            scene,
+            torch.tensor(T),
+            made.get("initial"),
+            step=T[1],
+            inputs=inputs,
+            engine=engine,
+            tolerance=1e-12,
+        )
         return _state(solution.state[-1])
+
     return answer
 
 
 def _state(state: tb.State) -> Tensor:
     """Numbers of a state that are all of about one size."""
-    parts = (state.position[..., 1:, :], state.rotation[..., 1:, :], state.stress, 0.1 * state.velocity)
+    parts = (
+        state.position[..., 1:, :],
+        state.rotation[..., 1:, :],
+        state.stress,
+        0.1 * state.velocity,
+    )
     lead = torch.broadcast_shapes(*(p.shape[:-2] for p in parts))
     return torch.cat([p.flatten(-2).expand(*lead, -1) for p in parts], -1)
 
 
-def differences(f: Callable[[Tensor], Tensor], n: int, h: float, one_sided: bool) -> tuple[Tensor, Tensor]:
+def differences(
+    f: Callable[[Tensor], Tensor], n: int, h: float, one_sided: bool
+) -> tuple[Tensor, Tensor]:
     """f(0) and its Jacobian (outputs, n) there, of fourth order, all samples in one batch."""
-    steps, weights = (((0, 1, 2, 3, 4), (-25 / 12, 4, -3, 4 / 3, -1 / 4)) if one_sided else
-                      ((-2, -1, 1, 2), (1 / 12, -2 / 3, 2 / 3, -1 / 12)))
+    steps, weights = (
+        ((0, 1, 2, 3, 4), (-25 / 12, 4, -3, 4 / 3, -1 / 4))
+        if one_sided
+        else ((-2, -1, 1, 2), (1 / 12, -2 / 3, 2 / 3, -1 / 12))
+    )
     x = torch.tensor(steps)[:, None, None] * h * torch.eye(n)
     y = f(torch.cat((torch.zeros(1, n), x.flatten(0, 1))))
-    return y[0], torch.einsum("s,sno->on", torch.tensor(weights), y[1:].unflatten(0, (len(steps), n))) / h
+    return y[0], torch.einsum(
+        "s,sno->on", torch.tensor(weights), y[1:].unflatten(0, (len(steps), n))
+    ) / h
 
 
 def reverse(f: Callable[[Tensor], Tensor], n: int, w: Tensor) -> Tensor:

@@ -1,4 +1,6 @@
-"""docs/compiled_engine.md: the folders, modules, variables and refusals that it names are there, and nothing is left out."""
+"""docs/compiled_engine.md: the folders, modules, variables and refusals that it names are there,
+and nothing is left out.
+"""
 
 import re
 from dataclasses import replace
@@ -26,7 +28,10 @@ def scene(**options):
 def test_folders_files_and_modules_exist():
     for path in re.findall(r"`((?:torchbeam|tests|docs)/[\w/.]+)`", PAGE):
         assert (ROOT / path).exists(), path
-    folders = {str(path.parent.relative_to(ROOT)) + "/" for path in (ROOT / "torchbeam/engine").glob("*/__init__.py")}
+    folders = {
+        str(path.parent.relative_to(ROOT)) + "/"
+        for path in (ROOT / "torchbeam/engine").glob("*/__init__.py")
+    }
     assert folders == {name for name in re.findall(r"`(torchbeam/engine/\w+/)`", PAGE)}
 
 

@@ -1,4 +1,6 @@
-"""Every example, imported as a user would run it: its check number is what it says (see examples/README.md)."""
+"""Every example, imported as a user would run it: its check number is what it says
+(see examples/README.md).
+"""
 
 import importlib.util
 import sys
@@ -10,16 +12,28 @@ from torchbeam.engine import engine_use
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
 EXTRA = {"identify_nuts": "pyro", "identify_scipy": "scipy"}  # packages that an example is about
-LONG = {"identify_accelerometers", "identify_field", "identify_nuts", "mpc", "uncertainty_controller"}
+LONG = {
+    "identify_accelerometers",
+    "identify_field",
+    "identify_nuts",
+    "mpc",
+    "uncertainty_controller",
+}
 
 
-@pytest.mark.parametrize("path", [pytest.param(p, id=p.stem, marks=[pytest.mark.long] * (p.stem in LONG)) for p in EXAMPLES])
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(p, id=p.stem, marks=[pytest.mark.long] * (p.stem in LONG)) for p in EXAMPLES],
+)
 def test_example(path, tmp_path, monkeypatch):
-    """CHECK within TOLERANCE of EXPECTED; importing draws nothing, writes nothing and needs no matplotlib."""
+    """CHECK within TOLERANCE of EXPECTED; importing draws nothing, writes nothing and needs no
+    matplotlib.
+    """
     if path.stem in EXTRA:
         pytest.importorskip(EXTRA[path.stem])
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(engine_use, "SOLVES", 1)  # one eager step of what "auto" does not take is a warning, and an error
+    # one eager step of what "auto" does not take is a warning, and an error
+    monkeypatch.setattr(engine_use, "SOLVES", 1)
     monkeypatch.setitem(sys.modules, "matplotlib", None)  # importing it would raise
     spec = importlib.util.spec_from_file_location(f"example_{path.stem}", path)
     example = importlib.util.module_from_spec(spec)

@@ -1,4 +1,6 @@
-"""docs/own_environment.md: its code blocks as they stand, Gymnasium's checker on their env, and what the page says of it."""
+"""docs/own_environment.md: its code blocks as they stand, Gymnasium's checker on their env, and
+what the page says of it.
+"""
 
 import importlib
 import json
@@ -46,12 +48,19 @@ def test_the_env_keeps_the_contract(arm):
     observation, _ = env.reset(seed=1)
     for k in range(4):
         observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
-        assert observation in env.observation_space and np.isfinite(reward) and not terminated and truncated == (k == 3)
+        assert (
+            observation in env.observation_space
+            and np.isfinite(reward)
+            and not terminated
+            and truncated == (k == 3)
+        )
     assert info["distance"] > 0
 
 
 def test_the_arm_hangs_and_carries(arm):
-    """At rest the tip is below the root by the length and the stretch under payload and weight, (P + W/2) L / EA."""
+    """At rest the tip is below the root by the length and the stretch under payload and weight,
+    (P + W/2) L / EA.
+    """
     env = arm.ArmVectorEnv(2)
     env.reset(seed=0, options={"params": {"payload": [0.0, 0.05]}})
     tip = env.state.beam.tip.position
@@ -61,8 +70,9 @@ def test_the_arm_hangs_and_carries(arm):
 
 
 def test_tendons_reach_the_targets(arm):
-    """Baselines work through `target` and `Actuator`, whatever the actuator: LQR about the hanging arm, around the holding
-    action, brings the tip to rest on its targets; without action it stays where it hangs.
+    """Baselines work through `target` and `Actuator`, whatever the actuator: LQR about the hanging
+    arm, around the holding action, brings the tip to rest on its targets; without action it stays
+    where it hangs.
     """
     env = arm.ArmVectorEnv(3, output="torch", autoreset_mode="Disabled", elements=2, substeps=1)
     ends = {}
@@ -76,7 +86,9 @@ def test_tendons_reach_the_targets(arm):
 
 
 def test_the_blocks_run(arm):
-    """All but stable-baselines3's, in their order, in PyTorch's own default dtype; readings are what the observation shows."""
+    """All but stable-baselines3's, in their order, in PyTorch's own default dtype; readings are
+    what the observation shows.
+    """
     torch.set_default_dtype(torch.float32)
     names = dict(vars(arm))
     for block in BLOCKS[1:]:
@@ -93,7 +105,9 @@ def test_the_blocks_run(arm):
 
 
 def test_the_gradient_is_that_of_differences(arm):
-    """Of the return of four steps by constant actions; central differences, float64: their error is about 1e-10 / h = 1e-5."""
+    """Of the return of four steps by constant actions; central differences, float64: their error is
+    about 1e-10 / h = 1e-5.
+    """
     env = arm.ArmVectorEnv(1, output="torch", elements=3)
 
     def total(action):
@@ -105,7 +119,9 @@ def test_the_gradient_is_that_of_differences(arm):
     for i in range(2):
         h = 1e-5 * torch.eye(2, dtype=torch.float64)[i]
         with torch.no_grad():
-            assert gradient[0, i].item() == pytest.approx((total(action + h) - total(action - h)).item() / 2e-5, rel=1e-4)
+            assert gradient[0, i].item() == pytest.approx(
+                (total(action + h) - total(action - h)).item() / 2e-5, rel=1e-4
+            )
 
 
 def test_pictures(arm):
@@ -126,12 +142,16 @@ def test_stable_baselines3_in_three_lines(arm):
 
 
 def test_another_support_and_actuator(arm):
-    """A beam pinned at its root and held at its tip along x and y, driven by a torque at the root: it turns about z alone at
-    node 0 and the actions are what the configuration says."""
+    """A beam pinned at its root and held at its tip along x and y, driven by a torque at the root:
+    it turns about z alone at node 0 and the actions are what the configuration says.
+    """
     import torchbeam_envs
 
-    motor = torchbeam_envs.Actuator(tb.PointLoad(0, moment=tb.Input("torque", 3)), [[0.0, 0.0, 0.01]])
+    motor = torchbeam_envs.Actuator(
+        tb.PointLoad(0, moment=tb.Input("torque", 3)), [[0.0, 0.0, 0.01]]
+    )
     held = (tb.Support(0, rotation="xy"), tb.Support(-1, position="yz", rotation=""))
+
     class Hold(torchbeam_envs.Task):
         def cost(self, now):
             return now.beam.position[:, -1].square().sum(-1)

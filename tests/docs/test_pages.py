@@ -1,4 +1,6 @@
-"""README.md and the pages of docs/: their Python runs, their tables are those of the files, their pictures and links exist."""
+"""README.md and the pages of docs/: their Python runs, their tables are those of the files, their
+pictures and links exist.
+"""
 
 import importlib.util
 import re
@@ -27,10 +29,13 @@ def blocks(page: Path) -> list[str]:
 
 
 def run(page: Path, monkeypatch) -> dict:
-    """Every block of a page, top to bottom, as a newcomer types them in the root of the repository."""
+    """Every block of a page, top to bottom, as a newcomer types them in the root of the
+    repository.
+    """
     monkeypatch.chdir(ROOT)
     monkeypatch.syspath_prepend(str(ROOT))
-    monkeypatch.setattr(engine_use, "SOLVES", 1)  # one eager step of what "auto" does not take is enough for a warning
+    # one eager step of what "auto" does not take is enough for a warning
+    monkeypatch.setattr(engine_use, "SOLVES", 1)
     names: dict = {}
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # a page that warns says so by itself
@@ -41,7 +46,9 @@ def run(page: Path, monkeypatch) -> dict:
 
 
 def test_a_page_whose_load_steps_eagerly_does_not_run(monkeypatch, tmp_path):
-    """One step is enough: every load that a page writes has native code, or says engine="eager" and why."""
+    """One step is enough: every load that a page writes has native code, or says engine="eager" and
+    why.
+    """
     page = tmp_path / "page.md"
     page.write_text("""```python
 import torch, torchbeam as tb
@@ -62,17 +69,24 @@ def test_readme_runs(dtype, capsys, monkeypatch):
     assert "tensor" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if p != README and p.name not in ELSEWHERE and blocks(p)],
-                         ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page",
+    [p for p in PAGES if p != README and p.name not in ELSEWHERE and blocks(p)],
+    ids=lambda page: page.stem,
+)
 def test_page_runs(page, monkeypatch):
-    """In PyTorch's own default dtype, unless the page sets another. A load that native code does not take is an error."""
+    """In PyTorch's own default dtype, unless the page sets another. A load that native code does
+    not take is an error.
+    """
     torch.set_default_dtype(torch.float32)
     run(page, monkeypatch)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_page(page):
-    """Tables are those of the files; links, anchors and pictures exist; the page is short, but for tables."""
+    """Tables are those of the files; links, anchors and pictures exist; the page is short, but for
+    tables.
+    """
     text = page.read_text()
     assert tables.filled(text) == text, "python docs/tables.py makes the tables again"
     for target in re.findall(r"\]\(([^)]+)\)", text):

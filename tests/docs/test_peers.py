@@ -1,4 +1,6 @@
-"""examples/peers: other programs in the common dynamic case, where they are installed; each has the error that is stated."""
+"""examples/peers: other programs in the common dynamic case, where they are installed; each has the
+error that is stated.
+"""
 
 import json
 import os
@@ -16,12 +18,19 @@ PEERS = Path(__file__).parents[2] / "examples" / "peers"
 
 def printed(script, *options):
     """The rows of a quick run."""
-    done = subprocess.run([sys.executable, str(PEERS / f"{script}.py"), "--json", "--quick", *options], capture_output=True,
-                          text=True, env={**os.environ, "OMP_NUM_THREADS": "1"}, timeout=120)
+    done = subprocess.run(
+        [sys.executable, str(PEERS / f"{script}.py"), "--json", "--quick", *options],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+        timeout=120,
+    )
     return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
 
 
-@pytest.mark.parametrize("script, package, error", [("mujoco_rod", "mujoco", 0.0083), ("exudyn_plane", "exudyn", 0.0067)])
+@pytest.mark.parametrize(
+    "script, package, error", [("mujoco_rod", "mujoco", 0.0083), ("exudyn_plane", "exudyn", 0.0067)]
+)
 def test_peer(script, package, error):
     """The error to a tenth: it hangs on the program's version a little."""
     pytest.importorskip(package)
@@ -30,12 +39,16 @@ def test_peer(script, package, error):
 
 
 def test_samples():
-    """With --samples: exudyn's strip bends and swings as that of `python -m torchbeam scale` does at the means, to 1 %."""
+    """With --samples: exudyn's strip bends and swings as that of `python -m torchbeam scale` does
+    at the means, to 1 %.
+    """
     pytest.importorskip("exudyn")
     rows = {row["what"]: row for row in printed("exudyn_plane", "--samples")}
     one = torch.ones(1, dtype=torch.float64)
     for what, function in FUNCTIONS.items():
-        assert rows[what]["failed"] == 0 and rows[what]["at_means"] == pytest.approx(function(one, one)[0].item(), rel=0.01)
+        assert rows[what]["failed"] == 0 and rows[what]["at_means"] == pytest.approx(
+            function(one, one)[0].item(), rel=0.01
+        )
 
 
 def test_readme_lists_every_script():

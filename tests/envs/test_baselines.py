@@ -1,4 +1,6 @@
-"""torchbeam_envs.baselines: the gain against closed forms, the model against the simulation, each controller on TipReach."""
+"""torchbeam_envs.baselines: the gain against closed forms, the model against the simulation, each
+controller on TipReach.
+"""
 
 import math
 
@@ -43,7 +45,9 @@ def play(env, controller, seed=0):
 
 
 def test_gain_of_a_scalar_is_the_closed_form():
-    """x+ = a x + u, cost x^2 + r u^2: P^2 + (r - r a^2 - 1) P - r = 0, K = a P / (r + P); also for an unstable a."""
+    """x+ = a x + u, cost x^2 + r u^2: P^2 + (r - r a^2 - 1) P - r = 0, K = a P / (r + P); also for
+    an unstable a.
+    """
     for a, r in ((0.9, 2.0), (1.0, 0.1), (1.7, 5.0)):
         b = r - r * a * a - 1
         P = (-b + math.sqrt(b * b + 4 * r)) / 2
@@ -58,7 +62,9 @@ def test_gain_refuses_what_cannot_be_stabilised():
 
 
 def test_gain_is_optimal():
-    """No nearby gain costs less on a random system: the cost of 400 steps from random starts is least at K, to second order."""
+    """No nearby gain costs less on a random system: the cost of 400 steps from random starts is
+    least at K, to second order.
+    """
     g = torch.Generator().manual_seed(0)
     A, B = (torch.randn(4, k, generator=g, dtype=torch.float64) / 2 for k in (4, 2))
     Q, R = torch.eye(4, dtype=torch.float64), 0.5 * torch.eye(2, dtype=torch.float64)
@@ -73,7 +79,9 @@ def test_gain_is_optimal():
 
 @pytest.mark.parametrize("planar", [False, True])
 def test_holding_agrees_with_the_equilibria(planar):
-    """The way back on the polynomial against Gauss-Newton on equilibria: 1e-4 of an action moves the tip by 1e-4 L."""
+    """The way back on the polynomial against Gauss-Newton on equilibria: 1e-4 of an action moves
+    the tip by 1e-4 L.
+    """
     env = make(16, planar=planar)
     env.reset(seed=0)
     target = env.state.goal
@@ -87,8 +95,8 @@ def test_holding_agrees_with_the_equilibria(planar):
 
 
 def test_model_is_the_simulation_for_small_actions():
-    """Ten control intervals under actions of 1e-4: the linear model's readings are the env's to a hundredth of the largest.
-    The step of 2 ms keeps the integrator's own phase error out of it.
+    """Ten control intervals under actions of 1e-4: the linear model's readings are the env's to a
+    hundredth of the largest. The step of 2 ms keeps the integrator's own phase error out of it.
     """
     env = make(1, substeps=10, gravity=None)
     model = LQR(env)
@@ -101,13 +109,17 @@ def test_model_is_the_simulation_for_small_actions():
         env.step(action)
         z, pending = model.A @ z + model.B @ pending, action.mT
         seen, expected = model.readings(env, env.state.beam)[0], (model.C @ z)[:, 0]
-        largest, off = max(largest, seen.abs().max().item()), max(off, (seen - expected).abs().max().item())
+        largest = max(largest, seen.abs().max().item())
+        off = max(off, (seen - expected).abs().max().item())
     assert 0 < off < 0.01 * largest
 
 
 def test_feedback_beats_feedforward_beats_nothing():
     env = make(4, planar=True, max_episode_steps=40)
-    found = [play(env, one) for one in (Zero(env), Static(env), PD(env, [1.0, 3.0]), LQR(env, effort=0.1))]
+    found = [
+        play(env, one)
+        for one in (Zero(env), Static(env), PD(env, [1.0, 3.0]), LQR(env, effort=0.1))
+    ]
     returns = [one[0] for one in found]
     assert returns == sorted(returns)
     assert all(distance < 0.02 * env.task.length for _, distance in found[2:])
@@ -120,26 +132,39 @@ def test_in_space():
 
 
 def test_reference_moves_with_the_target():
-    """A path sampled along its way: the target's own equilibria with their rates leave the tip within 1 % of the length."""
+    """A path sampled along its way: the target's own equilibria with their rates leave the tip
+    within 1 % of the length.
+    """
     env = TipTrackVectorEnv(2, **{**SMALL, "planar": True, "max_episode_steps": 50})
     assert play(env, LQG(env, effort=0.1))[1] < 0.01 * env.task.length
     assert play(env, Static(env))[1] > 0.05 * env.task.length
 
 
 def test_filter_holds_what_is_unstable():
-    """Beyond Beck's load, from velocities that the filter does not know: from 0.1 m/s at the tip to less than 1 mm off."""
-    env = FlutterHoldVectorEnv(3, **{**SMALL, "planar": True, "elements": 6, "substeps": 2, "max_episode_steps": 50})
+    """Beyond Beck's load, from velocities that the filter does not know: from 0.1 m/s at the tip to
+    less than 1 mm off.
+    """
+    env = FlutterHoldVectorEnv(
+        3, **{**SMALL, "planar": True, "elements": 6, "substeps": 2, "max_episode_steps": 50}
+    )
     assert torch.linalg.eigvals(LQG(env).A).abs().max() > 1.05
     assert play(env, LQG(env, effort=0.1))[1] < 1e-3
 
 
 @pytest.mark.parametrize("delay", [pytest.param(0, marks=pytest.mark.long), 2])
 def test_delay_is_in_the_model(delay):
-    assert play(make(4, planar=True, delay=delay), LQR(make(1, planar=True, delay=delay), effort=0.3))[1] < 0.02 * 1.5
+    assert (
+        play(make(4, planar=True, delay=delay), LQR(make(1, planar=True, delay=delay), effort=0.3))[
+            1
+        ]
+        < 0.02 * 1.5
+    )
 
 
 def test_optimum_beats_its_guess():
-    """Six iterations from the holding actions; the plan is replayed exactly, so its return is what the optimiser saw."""
+    """Six iterations from the holding actions; the plan is replayed exactly, so its return is what
+    the optimiser saw.
+    """
     env = make(2, planar=True, max_episode_steps=20)
     optimum = Optimum(env, iterations=6)
     assert play(env, optimum)[0] > play(env, Static(env))[0] + 1
@@ -159,12 +184,19 @@ def test_numpy_in_numpy_out():
 
 
 def test_search_finds_the_bowl():
-    best, least = search(lambda x: (x.log() - torch.tensor([1.0, -1.0])).square().sum(-1), [1.0, 1.0], sets=200, seed=0)
+    best, least = search(
+        lambda x: (x.log() - torch.tensor([1.0, -1.0])).square().sum(-1),
+        [1.0, 1.0],
+        sets=200,
+        seed=0,
+    )
     assert least < 0.05 and best.log().tolist() == pytest.approx([1, -1], abs=0.25)
 
 
 def test_pd_turns_a_hub():
-    """By its angle alone, with the gains that the search finds for the whole task; the linear model has no hub."""
+    """By its angle alone, with the gains that the search finds for the whole task; the linear model
+    has no hub.
+    """
     env = SlewVectorEnv(8, planar=True, **SMALL)
     (rest, far), (turned, near) = play(env, Zero()), play(env, PD(env, [7.0, 22.5]))
     assert near < 0.1 * far and turned > 0.4 * rest
@@ -174,19 +206,25 @@ def test_pd_turns_a_hub():
 
 def driven_by(actions):
     """A strip with a tip force along y and z, and curvatures that do much of the same."""
-    bend = Actuator(tb.Actuation(curvature=tb.Input("bend", 3)), [[0, 0.6, 0], [0, 0, 0.6]][:actions - 2])
+    bend = Actuator(
+        tb.Actuation(curvature=tb.Input("bend", 3)), [[0, 0.6, 0], [0, 0, 0.6]][: actions - 2]
+    )
     return dict(actuators=[TipForce(gain=[[0, 1.2, 0], [0, 0, 2.0]]), bend], max_episode_steps=10)
 
 
 @pytest.mark.parametrize("actions, error", [(3, 2e-3), (4, 3e-2)])
 def test_baselines_take_more_actions_than_the_tip_has_directions(actions, error):
-    """The polynomial of three and four actions against equilibria (largest found: 5e-4, 1.5e-2 of the length, where all act
-    fully), its slopes against differences, and the action that holds a target, of many that do. (Three were refused; plain
-    Gauss-Newton ended up to a length away where actions do the same.)
+    """The polynomial of three and four actions against equilibria (largest found: 5e-4, 1.5e-2 of
+    the length, where all act fully), its slopes against differences, and the action that holds a
+    target, of many that do. (Three were refused; plain Gauss-Newton ended up to a length away where
+    actions do the same.)
     """
     env = make(8, **driven_by(actions))
     reach = env.task.reach
-    share = 2 * torch.rand(100, actions, generator=torch.Generator().manual_seed(0), dtype=env.dtype) - 1
+    share = (
+        2 * torch.rand(100, actions, generator=torch.Generator().manual_seed(0), dtype=env.dtype)
+        - 1
+    )
     exact = tb.equilibrium(env.plant.scene, inputs=env.task.inputs(0.8 * share)).tip.position
     assert (reach.tip(share) - exact).norm(dim=-1).max() < error * env.task.length
     way = torch.eye(actions, dtype=env.dtype)[-1] * 1e-6
@@ -194,7 +232,10 @@ def test_baselines_take_more_actions_than_the_tip_has_directions(actions, error)
     torch.testing.assert_close(reach.slopes(0.9 * share)[..., -1], slope, atol=1e-7, rtol=0)
     env.reset(seed=0)
     target = env.state.goal
-    for action in (Holding.of(env).action(target), holding_action(env.scene, target, actions, env.task.inputs)):
+    for action in (
+        Holding.of(env).action(target),
+        holding_action(env.scene, target, actions, env.task.inputs),
+    ):
         tip = tb.equilibrium(env.scene, inputs=env.task.inputs(action)).tip.position
         assert (tip - target).norm(dim=-1).max() < error * env.task.length
 
@@ -202,12 +243,17 @@ def test_baselines_take_more_actions_than_the_tip_has_directions(actions, error)
 def test_controllers_of_three_actions():
     """Feedback brings the tip nearer to targets close by than no action does."""
     env = make(4, **driven_by(3), reach=0.1)
-    far = [play(env, controller)[1] for controller in (Zero(env), Static(env), PD(env, [0.3, 0.1] * 2), LQR(env), LQG(env))]
+    far = [
+        play(env, controller)[1]
+        for controller in (Zero(env), Static(env), PD(env, [0.3, 0.1] * 2), LQR(env), LQG(env))
+    ]
     assert far[3] < 0.5 * far[0] and far[4] < 0.9 * far[0] and all(map(math.isfinite, far))
 
 
 def test_targets_of_three_actions_fill_the_ball():
-    """Uniform in the ball: radius^3 and the cosine to an axis are uniform (means 1/2 and 0; 4 deviations of 20,000 draws)."""
+    """Uniform in the ball: radius^3 and the cosine to an axis are uniform (means 1/2 and 0; 4
+    deviations of 20,000 draws).
+    """
     points = torch.from_numpy(share_in_ball(np.random.default_rng(0).random((20_000, 4)), 3))
     radius = points.norm(dim=-1)
     assert radius.max() <= 1 and abs((radius**3).mean() - 0.5) < 4 * (1 / 12 / 20_000) ** 0.5

@@ -1,4 +1,6 @@
-"""torchbeam_envs: Gymnasium's contract, independence of sub-envs, failures, and gradients through the environment."""
+"""torchbeam_envs: Gymnasium's contract, independence of sub-envs, failures, and gradients through
+the environment.
+"""
 
 import json
 from dataclasses import replace
@@ -58,7 +60,9 @@ def test_registration():
 
 
 def test_vector_env_is_n_single_envs():
-    """Step by step, over the end of an episode; batched matrix products may round differently, so not bit for bit."""
+    """Step by step, over the end of an episode; batched matrix products may round differently, so
+    not bit for bit.
+    """
     n, limit = 3, 6
     many = TipReachVectorEnv(n, max_episode_steps=limit, autoreset_mode="Disabled", **SMALL)
     each = [gymnasium.make(ID, max_episode_steps=limit, **SMALL) for _ in range(n)]
@@ -70,7 +74,10 @@ def test_vector_env_is_n_single_envs():
         for i, one in enumerate(each):
             o, r, te, tr, f = one.step(action[i])
             np.testing.assert_allclose(o, observation[i], atol=1e-6)
-            assert r == pytest.approx(reward[i], rel=1e-6) and (te, tr) == (terminated[i], truncated[i])
+            assert r == pytest.approx(reward[i], rel=1e-6) and (te, tr) == (
+                terminated[i],
+                truncated[i],
+            )
             assert f["distance"] == pytest.approx(info["distance"][i], rel=1e-5)
     assert truncated.all()
 
@@ -88,7 +95,9 @@ def test_seeds_do_not_depend_on_the_number_of_envs():
 
 
 def test_targets_can_be_held():
-    """The polynomial agrees with the equilibrium to 1e-5 of the length, and the way back finds actions within the share."""
+    """The polynomial agrees with the equilibrium to 1e-5 of the length, and the way back finds
+    actions within the share.
+    """
     env = TipReachVectorEnv(32, output="torch", **SMALL)
     env.reset(seed=0)
     target = env.state.goal
@@ -100,8 +109,8 @@ def test_targets_can_be_held():
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
 def test_autoreset(mode):
-    """Two episodes of three steps; the first of the second comes from the same stream in every mode, and what is said of it
-    goes with it: in SameStep that of the step is in `final_info`.
+    """Two episodes of three steps; the first of the second comes from the same stream in every
+    mode, and what is said of it goes with it: in SameStep that of the step is in `final_info`.
     """
     varied = {"randomize": {"mass": (0.8, 1.2)}, **SMALL}
     env = TipReachVectorEnv(2, max_episode_steps=3, autoreset_mode=mode, **varied)
@@ -114,16 +123,30 @@ def test_autoreset(mode):
     assert truncated.all() and not terminated.any() and (reward < 0).all()
     if mode == "SameStep":
         np.testing.assert_array_equal(observation, second)
-        assert info["final_obs"].shape == (2, 17) and info["final_obs"].dtype == np.float32 and info["_final_obs"].all()
-        assert (np.abs(info["final_obs"][:, 3:15]).max(1) > 0).all() and info["final_info"]["_distance"].all()
+        assert (
+            info["final_obs"].shape == (2, 17)
+            and info["final_obs"].dtype == np.float32
+            and info["_final_obs"].all()
+        )
+        assert (np.abs(info["final_obs"][:, 3:15]).max(1) > 0).all() and info["final_info"][
+            "_distance"
+        ].all()
         np.testing.assert_array_equal(info["params"]["mass"], new["params"]["mass"])
         np.testing.assert_array_equal(info["final_info"]["params"]["mass"], old["params"]["mass"])
         np.testing.assert_array_equal(info["distance"], new["distance"])
-        assert info["_params"].all() and not info["_distance"].any() and not info["_action_invalid"].any()
+        assert (
+            info["_params"].all()
+            and not info["_distance"].any()
+            and not info["_action_invalid"].any()
+        )
     if mode == "NextStep":
         observation, reward, terminated, truncated, info = env.step(push)
         np.testing.assert_array_equal(observation, second)
-        assert (reward == 0).all() and not (terminated | truncated).any() and not info["_distance"].any()
+        assert (
+            (reward == 0).all()
+            and not (terminated | truncated).any()
+            and not info["_distance"].any()
+        )
     if mode == "Disabled":
         stood = env.step(push)
         np.testing.assert_array_equal(stood[0], observation)
@@ -139,7 +162,9 @@ def test_autoreset(mode):
 
 @pytest.mark.parametrize("velocity", [float("nan"), 1e20])
 def test_failed_solve_ends_its_own_episode_only(velocity):
-    """One of eight starts a step with an impossible velocity: its neighbours do not change by a bit."""
+    """One of eight starts a step with an impossible velocity: its neighbours do not change by a
+    bit.
+    """
     push, bad = actions(3, 8), 3
     well, ill = (TipReachVectorEnv(8, autoreset_mode="NextStep", **SMALL) for _ in range(2))
     others = np.arange(8) != bad
@@ -150,7 +175,12 @@ def test_failed_solve_ends_its_own_episode_only(velocity):
     a, b = well.step(push[1]), ill.step(push[1])
     for one, other in zip(a[:4], b[:4], strict=True):
         np.testing.assert_array_equal(one[others], other[others])
-    assert b[2][bad] and not b[3][bad] and b[1][bad] == -100 and b[4]["solver_failed"].tolist() == (~others).tolist()
+    assert (
+        b[2][bad]
+        and not b[3][bad]
+        and b[1][bad] == -100
+        and b[4]["solver_failed"].tolist() == (~others).tolist()
+    )
     np.testing.assert_array_equal(b[0][bad], before[bad])
     a, b = well.step(push[2]), ill.step(push[2])
     np.testing.assert_array_equal(a[0][others], b[0][others])
@@ -164,11 +194,14 @@ def test_actions_that_are_not_finite_count_as_zero():
     observation, *_, info = env.step(np.array([[0.5, 0.5], [np.nan, 1.0]]))
     np.testing.assert_array_equal(observation, calm.step(np.array([[0.5, 0.5], [0.0, 0.0]]))[0])
     assert info["action_invalid"].tolist() == [False, True]
-    np.testing.assert_array_equal(env.step(np.full((2, 2), 9.0))[0], calm.step(np.ones((2, 2)))[0])  # clipped
+    # clipped
+    np.testing.assert_array_equal(env.step(np.full((2, 2), 9.0))[0], calm.step(np.ones((2, 2)))[0])
 
 
 def test_gradient_of_a_return():
-    """16 steps by a constant action of each member; central differences of the same return, float64."""
+    """16 steps by a constant action of each member; central differences of the same return,
+    float64.
+    """
     env = TipReachVectorEnv(2, output="torch", **SMALL)
 
     def total(action):
@@ -204,9 +237,15 @@ def test_windows_and_states():
 
 def test_sections_by_sub_env():
     """A section with batch axes gives every sub-env its own strip; each is as if it were alone."""
-    sections = [tb.Section.rectangle(*(torch.tensor(v, dtype=torch.float64) for v in (w, 10e-3, 68.9e9, 0.33, 2700.0)))
-                for w in (3e-3, 4e-3)]
-    both = tb.Section(*(torch.stack([getattr(s, name) for s in sections]) for name in ("compliance", "mass")))
+    sections = [
+        tb.Section.rectangle(
+            *(torch.tensor(v, dtype=torch.float64) for v in (w, 10e-3, 68.9e9, 0.33, 2700.0))
+        )
+        for w in (3e-3, 4e-3)
+    ]
+    both = tb.Section(
+        *(torch.stack([getattr(s, name) for s in sections]) for name in ("compliance", "mass"))
+    )
     many = TipReachVectorEnv(2, section=both, **SMALL)
     observation = many.reset(seed=0)[0], many.step(np.full((2, 2), 0.7))[0]
     for i, section in enumerate(sections):
@@ -215,22 +254,36 @@ def test_sections_by_sub_env():
         np.testing.assert_allclose(one.step(np.full(2, 0.7))[0], observation[1][i], atol=1e-6)
 
 
-@pytest.mark.parametrize(("arguments", "message"), [
-    (dict(num_envs=0), "num_envs = 0"), (dict(elements=1), "elements = 1"), (dict(reach=0), "reach = 0"),
-    (dict(force=(1.0, -1.0)), "force"), (dict(output="jax"), "output = 'jax'"), (dict(substeps=0), "substeps = 0"),
-    (dict(delay=-1), "delay = -1"), (dict(control_interval=0.0), "control_interval = 0.0"),
-    (dict(max_episode_steps=0), "max_episode_steps"), (dict(failure_reward=-np.inf), "failure_reward"),
-    (dict(section=3), "section = 3 was given; a Section is wanted"), (dict(section="steel"), "section = .steel. was given"),
-])
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (dict(num_envs=0), "num_envs = 0"),
+        (dict(elements=1), "elements = 1"),
+        (dict(reach=0), "reach = 0"),
+        (dict(force=(1.0, -1.0)), "force"),
+        (dict(output="jax"), "output = 'jax'"),
+        (dict(substeps=0), "substeps = 0"),
+        (dict(delay=-1), "delay = -1"),
+        (dict(control_interval=0.0), "control_interval = 0.0"),
+        (dict(max_episode_steps=0), "max_episode_steps"),
+        (dict(failure_reward=-np.inf), "failure_reward"),
+        (dict(section=3), "section = 3 was given; a Section is wanted"),
+        (dict(section="steel"), "section = .steel. was given"),
+    ],
+)
 def test_bad_arguments_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         TipReachVectorEnv(**arguments)
 
 
 def test_a_generator_that_was_given_is_used_and_gives_way_to_a_seed():
-    """Gymnasium's `np_random` may be set before the first reset; the seed that is told is that of the generator."""
+    """Gymnasium's `np_random` may be set before the first reset; the seed that is told is that of
+    the generator.
+    """
     env = TipReachEnv(**SMALL)
-    assert env.np_random.random() == gymnasium.utils.seeding.np_random(env.np_random_seed)[0].random()
+    assert (
+        env.np_random.random() == gymnasium.utils.seeding.np_random(env.np_random_seed)[0].random()
+    )
     env = TipReachEnv(**SMALL)
     env.np_random = np.random.default_rng(5)
     given = env.reset()[0]
@@ -262,11 +315,13 @@ def test_bad_calls_are_refused():
 
 @pytest.mark.parametrize("method", ["midpoint", "generalized_alpha"])
 def test_a_reset_does_not_touch_the_others(method):
-    """Member 0 starts afresh after two steps, member 1 goes on: bit for bit as without that. And member 0 then does what it
-    did at first, whatever its last action before the reset was.
+    """Member 0 starts afresh after two steps, member 1 goes on: bit for bit as without that. And
+    member 0 then does what it did at first, whatever its last action before the reset was.
     """
     push = np.array([[1.0, 0.5], [0.3, -0.4]])
-    alone, mixed = (TipReachVectorEnv(2, method=method, autoreset_mode="Disabled", **SMALL) for _ in range(2))
+    alone, mixed = (
+        TipReachVectorEnv(2, method=method, autoreset_mode="Disabled", **SMALL) for _ in range(2)
+    )
     for env in (alone, mixed):
         env.reset(seed=0)
     first = [alone.step(push)[0] for _ in range(4)]
@@ -275,4 +330,5 @@ def test_a_reset_does_not_touch_the_others(method):
     mixed.reset(options={"reset_mask": np.array([True, False])})
     second = [mixed.step(push)[0] for _ in range(2)]
     np.testing.assert_array_equal(second[-1][1], first[-1][1])
-    np.testing.assert_array_equal(second[-1][0, 3:], first[1][0, 3:])  # 0-2 hold the target, which is another
+    # 0-2 hold the target, which is another
+    np.testing.assert_array_equal(second[-1][0, 3:], first[1][0, 3:])

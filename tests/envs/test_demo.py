@@ -16,8 +16,13 @@ from torchbeam.extend.commands import main
 
 
 def run(*arguments):
-    return subprocess.run([sys.executable, "-m", "torchbeam", *arguments], capture_output=True, text=True, timeout=300,
-                          env={**os.environ, "OMP_NUM_THREADS": "1", "TORCHBEAM_ENGINE": "auto"})
+    return subprocess.run(
+        [sys.executable, "-m", "torchbeam", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env={**os.environ, "OMP_NUM_THREADS": "1", "TORCHBEAM_ENGINE": "auto"},
+    )
 
 
 @pytest.fixture(scope="module")
@@ -30,15 +35,38 @@ def test_quick_demo_runs(quick):
     out, done = quick
     assert done.returncode == 0, done.stderr
     assert "learning" in done.stderr  # the progress bar
-    for word in ("nothing", "static force", "PD + static force", "learned", "final distance", "settling time"):
+    for word in (
+        "nothing",
+        "static force",
+        "PD + static force",
+        "learned",
+        "final distance",
+        "settling time",
+    ):
         assert word in done.stdout
-    assert {path.name for path in out.iterdir()} == {"demo.md", "demo.png", "demo.gif", "demo.json", "policy.pt"}
-    assert (out / "demo.png").read_bytes()[:4] == b"\x89PNG" and (out / "demo.gif").read_bytes()[:6] == b"GIF89a"
+    assert {path.name for path in out.iterdir()} == {
+        "demo.md",
+        "demo.png",
+        "demo.gif",
+        "demo.json",
+        "policy.pt",
+    }
+    assert (out / "demo.png").read_bytes()[:4] == b"\x89PNG" and (out / "demo.gif").read_bytes()[
+        :6
+    ] == b"GIF89a"
 
 
 def test_every_number_is_there_and_finite(quick):
     result = json.loads((quick[0] / "demo.json").read_text())
-    assert {"scores", "scores_on_finer_model", "learning", "pd_search", "settings", "versions", "seconds"} <= set(result)
+    assert {
+        "scores",
+        "scores_on_finer_model",
+        "learning",
+        "pd_search",
+        "settings",
+        "versions",
+        "seconds",
+    } <= set(result)
     numbers = [x for x in _leaves(result) if isinstance(x, float)]
     assert len(numbers) > 40 and all(map(math.isfinite, numbers))
     scores = result["scores"]
@@ -55,12 +83,22 @@ def test_policy_is_read_back_in_three_lines(quick):
 
 
 def test_scores_by_hand():
-    """Two episodes of 0.6 s on a strip of 1 m: one comes within 20 mm after 0.3 s and stays, one leaves at the very end."""
+    """Two episodes of 0.6 s on a strip of 1 m: one comes within 20 mm after 0.3 s and stays, one
+    leaves at the very end.
+    """
     distance = torch.full((30, 2), 0.1, dtype=torch.float64)
     distance[15:] = 0.01
     distance[-1, 1] = 0.04
-    record = Record(distance, torch.ones(30, 2, 2), distance, torch.zeros(31, 2, 3, 3), torch.zeros(2, dtype=torch.bool),
-                    torch.zeros(2, 3), 0.02, 1.0)
+    record = Record(
+        distance,
+        torch.ones(30, 2, 2),
+        distance,
+        torch.zeros(31, 2, 3, 3),
+        torch.zeros(2, dtype=torch.bool),
+        torch.zeros(2, 3),
+        0.02,
+        1.0,
+    )
     assert record.settling.tolist() == pytest.approx([0.3, 0.6])
     assert record.final.tolist() == pytest.approx([0.01, 0.013])
     assert record.scores()["share_within_2_percent"] == 0.5
@@ -83,7 +121,10 @@ def test_commands_are_listed_and_explained(capsys):
 
 @pytest.mark.long  # unit/test_layers.py reads the imports
 def test_the_library_does_not_import_what_is_built_on_it():
-    code = "import sys, torchbeam, torchbeam.cli; assert not {'torchbeam_envs', 'gymnasium'} & set(sys.modules)"
+    code = (
+        "import sys, torchbeam, torchbeam.cli; assert not {'torchbeam_envs', 'gymnasium'} & "
+        "set(sys.modules)"
+    )
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
 
 

@@ -1,4 +1,6 @@
-"""Environments by native code beside eager ones: what is seen, rewarded and differentiated is the same."""
+"""Environments by native code beside eager ones: what is seen, rewarded and differentiated is the
+same.
+"""
 
 import numpy as np
 import pytest
@@ -9,16 +11,25 @@ pytest.importorskip("llvmlite")
 
 
 def pair(**keywords):
-    return [torchbeam_envs.TipReachVectorEnv(5, engine=engine, elements=2, **keywords) for engine in ("compiled", "eager")]
+    return [
+        torchbeam_envs.TipReachVectorEnv(5, engine=engine, elements=2, **keywords)
+        for engine in ("compiled", "eager")
+    ]
 
 
-@pytest.mark.parametrize("keywords", [dict(planar=True, randomize=True), dict(planar=False, delay=2, substeps=3)])
+@pytest.mark.parametrize(
+    "keywords", [dict(planar=True, randomize=True), dict(planar=False, delay=2, substeps=3)]
+)
 def test_episodes_are_the_eager_ones(keywords):
-    """Eight steps with resets in between, the substeps of an interval in one native call: to the rounding of float32."""
+    """Eight steps with resets in between, the substeps of an interval in one native call: to the
+    rounding of float32.
+    """
     envs = pair(max_episode_steps=3, **keywords)
     first = [env.reset(seed=4)[0] for env in envs]
     np.testing.assert_allclose(*first, atol=1e-6)
-    actions = np.random.default_rng(1).uniform(-1, 1, (8, *envs[0].action_space.shape)).astype(np.float32)
+    actions = (
+        np.random.default_rng(1).uniform(-1, 1, (8, *envs[0].action_space.shape)).astype(np.float32)
+    )
     actions[4, 1] = np.nan
     for action in actions:
         found, wanted = (env.step(action) for env in envs)
@@ -27,7 +38,10 @@ def test_episodes_are_the_eager_ones(keywords):
         for a, b in zip(found[2:4], wanted[2:4], strict=True):
             np.testing.assert_array_equal(a, b)
         np.testing.assert_allclose(found[4]["distance"], wanted[4]["distance"], atol=1e-6)
-    assert envs[0].state.plant.stepper.compiled is not None and envs[1].state.plant.stepper.compiled is None
+    assert (
+        envs[0].state.plant.stepper.compiled is not None
+        and envs[1].state.plant.stepper.compiled is None
+    )
 
 
 def test_gradients_are_the_eager_ones():

@@ -13,7 +13,9 @@ def actions(n=3, steps=3):
 
 
 def test_it_is_the_environment():
-    """Observations, rewards and ends of an env whose episodes stand still once they are over: the same operations."""
+    """Observations, rewards and ends of an env whose episodes stand still once they are over: the
+    same operations.
+    """
     env = TipReachVectorEnv(3, output="torch", autoreset_mode="Disabled", **SMALL)
     sim = functional.simulation(TipReachVectorEnv, 3, **SMALL)
     now = functional.reset(sim, seed=7)
@@ -21,7 +23,12 @@ def test_it_is_the_environment():
     for action in actions():
         now, reward = functional.step(sim, now, action)
         observation, gained, terminated, truncated, _ = env.step(action)
-        pairs = (now.observation, observation), (reward, gained), (now.terminated, terminated), (now.truncated, truncated)
+        pairs = (
+            (now.observation, observation),
+            (reward, gained),
+            (now.terminated, terminated),
+            (now.truncated, truncated),
+        )
         for a, b in pairs:
             assert_close(a, b, rtol=0, atol=0)
     assert now.truncated.all() and (reward == 0).all()
@@ -39,7 +46,8 @@ def test_the_same_episodes_can_be_stepped_again_and_differentiated():
     h, inside = 1e-6, action.detach().clamp(-1 + 1e-5, 1 - 1e-5).requires_grad_()
     (slope,) = torch.autograd.grad(functional.step(sim, start, inside).reward.sum(), inside)
     up, down = (functional.step(sim, start, inside.detach() + s).reward for s in (h, -h))
-    assert_close(slope[:, 0], (up - down) / (2 * h), rtol=1e-5, atol=1e-7)  # rounding of a difference over 2e-6
+    # rounding of a difference over 2e-6
+    assert_close(slope[:, 0], (up - down) / (2 * h), rtol=1e-5, atol=1e-7)
 
 
 def test_refusals():

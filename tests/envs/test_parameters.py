@@ -1,4 +1,6 @@
-"""What changes with the episode (parameters, goals), what is seen of the beam (sensors, noise), and motion in a plane."""
+"""What changes with the episode (parameters, goals), what is seen of the beam (sensors, noise), and
+motion in a plane.
+"""
 
 from dataclasses import replace
 
@@ -17,20 +19,26 @@ VARIED = dict(randomize=True, noise=0.01, **SMALL)
 
 def rollout(env, steps, seed=3):
     """Observations of `steps` steps under actions that depend on the sub-env's number alone."""
-    push = np.stack([np.random.default_rng(i).uniform(-1, 1, (steps, 2)) for i in range(env.num_envs)], 1)
+    push = np.stack(
+        [np.random.default_rng(i).uniform(-1, 1, (steps, 2)) for i in range(env.num_envs)], 1
+    )
     seen = [env.reset(seed=seed)[0]]
     return np.stack(seen + [env.step(action)[0] for action in push])
 
 
 def test_numbers_do_not_depend_on_the_number_of_envs_or_on_autoreset():
-    """Parameters, targets and noise of two episodes of three steps; NextStep resets in a step of its own. To 1e-6, for batched
-    products may round differently."""
-    few, many, same = (TipReachVectorEnv(n, max_episode_steps=3, autoreset_mode=mode, **VARIED)
-                       for n, mode in ((2, "NextStep"), (5, "NextStep"), (2, "SameStep")))
+    """Parameters, targets and noise of two episodes of three steps; NextStep resets in a step of
+    its own. To 1e-6, for batched products may round differently.
+    """
+    few, many, same = (
+        TipReachVectorEnv(n, max_episode_steps=3, autoreset_mode=mode, **VARIED)
+        for n, mode in ((2, "NextStep"), (5, "NextStep"), (2, "SameStep"))
+    )
     a, b, c = rollout(few, 6), rollout(many, 6), rollout(same, 5)
     np.testing.assert_allclose(a, b[:, :2], atol=1e-6)
     np.testing.assert_allclose(a[:3], c[:3], atol=1e-6)
-    np.testing.assert_allclose(a[4, :, :-2], c[3, :, :-2], atol=1e-6)  # the first observation of the second episode
+    # the first observation of the second episode
+    np.testing.assert_allclose(a[4, :, :-2], c[3, :, :-2], atol=1e-6)
     for name, values in few.state.plant.params.items():
         if values.ndim:
             torch.testing.assert_close(values, many.state.plant.params[name][:2])
@@ -38,9 +46,13 @@ def test_numbers_do_not_depend_on_the_number_of_envs_or_on_autoreset():
 
 
 def test_parameters_given_at_reset_are_those_of_the_beam():
-    """As if the env had been made with that section and that damping; its neighbour does not change by a bit."""
+    """As if the env had been made with that section and that damping; its neighbour does not change
+    by a bit.
+    """
     strip = aluminium_strip()
-    made = TipReachEnv(section=tb.Section(strip.compliance / 1.3, strip.mass * 0.8), damping=2e-3, **SMALL)
+    made = TipReachEnv(
+        section=tb.Section(strip.compliance / 1.3, strip.mass * 0.8), damping=2e-3, **SMALL
+    )
     given, plain = (TipReachVectorEnv(2, **SMALL) for _ in range(2))
     params = {"stiffness": [1.3, 1.0], "mass": [0.8, 1.0], "damping": [2e-3, 1e-3]}
     goal = [1.4, 0.2, -0.1]
@@ -50,14 +62,17 @@ def test_parameters_given_at_reset_are_those_of_the_beam():
     plain.reset(seed=0, options={"goal": goal})
     push = np.array([0.7, -0.4])
     for _ in range(4):
-        a, b, c = made.step(push), given.step(np.stack([push, push])), plain.step(np.stack([push, push]))
+        a, b = made.step(push), given.step(np.stack([push, push]))
+        c = plain.step(np.stack([push, push]))
         assert a[4]["distance"] == pytest.approx(b[4]["distance"][0], rel=1e-6)
         assert b[4]["distance"][1] == pytest.approx(c[4]["distance"][1], rel=1e-6)
     assert a[4]["distance"] != pytest.approx(c[4]["distance"][0], rel=1e-2)
 
 
 def test_reset_of_one_member_with_other_parameters():
-    """Member 1 gets another beam in the middle of the others' episodes, and set_state brings the old one back."""
+    """Member 1 gets another beam in the middle of the others' episodes, and set_state brings the
+    old one back.
+    """
     made = dict(autoreset_mode="Disabled", randomize={"stiffness": (0.8, 1.2)}, **SMALL)
     env, calm = (TipReachVectorEnv(3, **made) for _ in range(2))
     push = np.full((3, 2), 0.6)
@@ -65,9 +80,18 @@ def test_reset_of_one_member_with_other_parameters():
         e.reset(seed=0)
         e.step(push)
     kept, beam = env.state, env.state.beam
-    env.reset(options={"reset_mask": np.array([False, True, False]), "params": {"stiffness": 2.0, "offset": 0.05}})
-    assert env.state.plant.params["stiffness"].tolist()[1] == 2.0 and env.state.plant.params["offset"].tolist() == [0, 0.05, 0]
-    assert (env.state.beam.position[[0, 2]] == beam.position[[0, 2]]).all() and env.state.steps.tolist() == [1, 0, 1]
+    env.reset(
+        options={
+            "reset_mask": np.array([False, True, False]),
+            "params": {"stiffness": 2.0, "offset": 0.05},
+        }
+    )
+    assert env.state.plant.params["stiffness"].tolist()[1] == 2.0 and env.state.plant.params[
+        "offset"
+    ].tolist() == [0, 0.05, 0]
+    assert (
+        env.state.beam.position[[0, 2]] == beam.position[[0, 2]]
+    ).all() and env.state.steps.tolist() == [1, 0, 1]
     a, b = env.step(push)[0], calm.step(push)[0]
     np.testing.assert_allclose(a[[0, 2]], b[[0, 2]], atol=1e-6)
     env.set_state(kept)
@@ -75,7 +99,9 @@ def test_reset_of_one_member_with_other_parameters():
 
 
 def test_gradient_by_a_parameter():
-    """Of the distance after eight steps, by the stiffness of each beam; central differences in float64."""
+    """Of the distance after eight steps, by the stiffness of each beam; central differences in
+    float64.
+    """
     env = TipReachVectorEnv(2, output="torch", **SMALL)
 
     def far(stiffness):
@@ -92,7 +118,9 @@ def test_gradient_by_a_parameter():
 
 
 def test_parameters_that_cannot_be_solved_end_their_own_episode():
-    """One of 256 beams is far too soft for its weight: its observation is finite, it fails at once, and nobody else notices."""
+    """One of 256 beams is far too soft for its weight: its observation is finite, it fails at once,
+    and nobody else notices.
+    """
     stiffness = np.ones(256)
     stiffness[17] = 1e-30
     well, ill = (TipReachVectorEnv(256, autoreset_mode="Disabled", **SMALL) for _ in range(2))
@@ -103,7 +131,12 @@ def test_parameters_that_cannot_be_solved_end_their_own_episode():
     a, b = well.step(push), ill.step(push)
     others = np.arange(256) != 17
     np.testing.assert_allclose(a[0][others], b[0][others], atol=1e-6)
-    assert b[2].nonzero()[0].tolist() == [17] and b[1][17] == -100 and np.isfinite(b[0]).all() and np.isfinite(b[1]).all()
+    assert (
+        b[2].nonzero()[0].tolist() == [17]
+        and b[1][17] == -100
+        and np.isfinite(b[0]).all()
+        and np.isfinite(b[1]).all()
+    )
     ill.reset(options={"reset_mask": ~others, "params": {"stiffness": 1.0}})
     assert not ill.step(push)[2].any()
 
@@ -129,14 +162,22 @@ def test_a_target_out_of_reach():
     observation, _ = env.reset(options={"goal": [0.0, 100.0, 0.0]})
     assert observation in env.observation_space
     observation, reward, *_, info = env.step([0.0, 0.0])
-    assert observation in env.observation_space and info["distance"] == pytest.approx(100, rel=0.02) and reward < -600
+    assert (
+        observation in env.observation_space
+        and info["distance"] == pytest.approx(100, rel=0.02)
+        and reward < -600
+    )
 
 
 @pytest.mark.parametrize("planar", [False, True])
-@pytest.mark.parametrize("sensors, sizes", [("tip", (6, 4)), ("gauges", (4, 2)), ("full", (24, 12)),
-                                            (("gauges", "tip"), (10, 6))])
+@pytest.mark.parametrize(
+    "sensors, sizes",
+    [("tip", (6, 4)), ("gauges", (4, 2)), ("full", (24, 12)), (("gauges", "tip"), (10, 6))],
+)
 def test_sensors(planar, sensors, sizes):
-    """Sizes; within bounds; what the tip is seen to do, it does; a gauge reads the curvature of bending to a circle."""
+    """Sizes; within bounds; what the tip is seen to do, it does; a gauge reads the curvature of
+    bending to a circle.
+    """
     env = TipReachVectorEnv(2, sensors=sensors, planar=planar, delay=0, gravity=None, **SMALL)
     env.reset(seed=0)
     for _ in range(5):
@@ -156,18 +197,23 @@ def test_sensors(planar, sensors, sizes):
 
 
 def test_noise():
-    """White, of the given size, on the sensors and through them on the gap, not on pending actions; zero noise is no noise."""
+    """White, of the given size, on the sensors and through them on the gap, not on pending actions;
+    zero noise is no noise.
+    """
     quiet, loud = (TipReachVectorEnv(400, noise=noise, **SMALL) for noise in (0.0, 0.05))
     a, b = quiet.reset(seed=0)[0], loud.reset(seed=0)[0]
     e = b[:, 3:15] - a[:, 3:15]
-    assert e.std() == pytest.approx(0.05, rel=0.03) and abs(e.mean()) < 0.05 * 3 / 70  # 4800 numbers: 3 sigma
+    # 4800 numbers: 3 sigma
+    assert e.std() == pytest.approx(0.05, rel=0.03) and abs(e.mean()) < 0.05 * 3 / 70
     assert abs(np.corrcoef(e.T) - np.eye(12)).max() < 0.2  # 4 sigma of a correlation of 400 pairs
     np.testing.assert_allclose((b - a)[:, :3] + e[:, :3], 0, atol=1e-6)
     assert (b[:, 15:] == 0).all()
 
 
 def test_noise_is_normal():
-    """Moments of 200,000 numbers of 1000 keys, to 4 sigma; successive steps and neighbouring keys have nothing in common."""
+    """Moments of 200,000 numbers of 1000 keys, to 4 sigma; successive steps and neighbouring keys
+    have nothing in common.
+    """
     key, step = torch.arange(1000), torch.zeros(1000, dtype=torch.long)
     x = torch.cat([normal(key, step + k, 4, torch.float64) for k in range(50)], 1)
     for power, moment, spread in ((1, 0, 1), (2, 1, 2), (3, 0, 15), (4, 3, 96)):
@@ -186,25 +232,40 @@ def test_motion_in_a_plane_stays_there():
     space.reset(seed=0)
     for _ in range(5):
         space.step(np.array([[1.0, 0.0]] * 2))
-    torch.testing.assert_close(env.state.beam.position, space.state.beam.position, rtol=0, atol=1e-9)
+    torch.testing.assert_close(
+        env.state.beam.position, space.state.beam.position, rtol=0, atol=1e-9
+    )
 
 
-@pytest.mark.parametrize(("arguments", "message"), [
-    (dict(randomize={"colour": (0, 1)}), "the parameter 'colour'"), (dict(randomize={"mass": (0, 1)}), "mass"),
-    (dict(randomize={"mass": (1.2, 1.0)}), "low, high"), (dict(randomize={"stiffness": (1, np.nan)}), "stiffness"),
-    (dict(noise=-1.0), "noise = -1.0"), (dict(sensors="eyes"), "sensors"), (dict(render_mode="ansi"), "render_mode = 'ansi'"),
-    (dict(planar=True, force=()), "force"),
-])
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (dict(randomize={"colour": (0, 1)}), "the parameter 'colour'"),
+        (dict(randomize={"mass": (0, 1)}), "mass"),
+        (dict(randomize={"mass": (1.2, 1.0)}), "low, high"),
+        (dict(randomize={"stiffness": (1, np.nan)}), "stiffness"),
+        (dict(noise=-1.0), "noise = -1.0"),
+        (dict(sensors="eyes"), "sensors"),
+        (dict(render_mode="ansi"), "render_mode = 'ansi'"),
+        (dict(planar=True, force=()), "force"),
+    ],
+)
 def test_bad_arguments_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         TipReachVectorEnv(**arguments)
 
 
-@pytest.mark.parametrize(("options", "message"), [
-    ({"params": {"payload": 1}}, "the parameter 'payload'"), ({"params": {"mass": -1}}, "mass = -1"),
-    ({"params": {"mass": [1, 1, 1]}}, r"mass of shape \(3,\)"), ({"goal": [0, 0]}, "a goal of shape"),
-    ({"goal": [np.nan, 0, 0]}, "a goal of shape"), ({"seeds": 1}, "the reset option 'seeds'"),
-])
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"params": {"payload": 1}}, "the parameter 'payload'"),
+        ({"params": {"mass": -1}}, "mass = -1"),
+        ({"params": {"mass": [1, 1, 1]}}, r"mass of shape \(3,\)"),
+        ({"goal": [0, 0]}, "a goal of shape"),
+        ({"goal": [np.nan, 0, 0]}, "a goal of shape"),
+        ({"seeds": 1}, "the reset option 'seeds'"),
+    ],
+)
 def test_bad_options_are_refused(options, message):
     with pytest.raises(ValueError, match=message):
         TipReachVectorEnv(2, **SMALL).reset(options=options)
@@ -222,17 +283,32 @@ def test_closed_env():
 
 
 def test_an_env_that_was_refused_can_be_closed():
-    """Gymnasium up to 1.3 closes a vector env when it is deleted, also one whose constructor raised."""
+    """Gymnasium up to 1.3 closes a vector env when it is deleted, also one whose constructor
+    raised.
+    """
     env = object.__new__(TipReachVectorEnv)
     env.close()
     assert env.closed
 
 
-@pytest.mark.parametrize(("dtype", "method"), [(torch.float32, "midpoint"), (torch.float64, "generalized_alpha")])
+@pytest.mark.parametrize(
+    ("dtype", "method"), [(torch.float32, "midpoint"), (torch.float64, "generalized_alpha")]
+)
 def test_other_precision_and_method(dtype, method):
-    """Members that vary, begin at different times and fail nowhere; what float32 does is what float64 does to 1e-3."""
-    made = dict(randomize=True, noise=0.0, autoreset_mode="SameStep", max_episode_steps=5, method=method, **SMALL)
-    env, same = (TipReachVectorEnv(3, section=aluminium_strip(d), **made) for d in (dtype, torch.float64))
+    """Members that vary, begin at different times and fail nowhere; what float32 does is what
+    float64 does to 1e-3.
+    """
+    made = dict(
+        randomize=True,
+        noise=0.0,
+        autoreset_mode="SameStep",
+        max_episode_steps=5,
+        method=method,
+        **SMALL,
+    )
+    env, same = (
+        TipReachVectorEnv(3, section=aluminium_strip(d), **made) for d in (dtype, torch.float64)
+    )
     for e in (env, same):
         e.reset(seed=0)
         e.step(np.full((3, 2), 0.5))
@@ -246,16 +322,28 @@ def test_other_precision_and_method(dtype, method):
 
 
 def test_an_episode_that_failed_is_reset_alone():
-    """Where parameters vary: the stepper of all remembers a failure, that of the fresh episode has none."""
-    env = TipReachVectorEnv(3, autoreset_mode="Disabled", output="torch", randomize={"mass": (0.8, 1.2)}, **SMALL)
+    """Where parameters vary: the stepper of all remembers a failure, that of the fresh episode has
+    none.
+    """
+    env = TipReachVectorEnv(
+        3, autoreset_mode="Disabled", output="torch", randomize={"mass": (0.8, 1.2)}, **SMALL
+    )
     env.reset(seed=0)
     now, masses = env.state, env.state.plant.params["mass"]
     far = now.beam.velocity.index_fill(0, torch.tensor([1]), 1e20)
     env.set_state(replace(now, beam=replace(now.beam, velocity=far)))
     info = env.step(torch.zeros(3, 2))[4]
-    assert info["solver_failed"].tolist() == [False, True, False] and env.state.plant.stepper.failures
+    assert (
+        info["solver_failed"].tolist() == [False, True, False] and env.state.plant.stepper.failures
+    )
     env.reset(options={"reset_mask": [False, True, False]})
     fresh = env.state.plant
-    assert not fresh.stepper.failures and (fresh.params["mass"] != masses).tolist() == [False, True, False]
-    torch.testing.assert_close(fresh.scene.beam.mass[:, 0, 0, 0], env.task.usual.mass[0, 0, 0] * fresh.params["mass"])
+    assert not fresh.stepper.failures and (fresh.params["mass"] != masses).tolist() == [
+        False,
+        True,
+        False,
+    ]
+    torch.testing.assert_close(
+        fresh.scene.beam.mass[:, 0, 0, 0], env.task.usual.mass[0, 0, 0] * fresh.params["mass"]
+    )
     assert not env.step(torch.zeros(3, 2))[4]["solver_failed"].any()

@@ -1,4 +1,6 @@
-"""Pictures: their shape, what moves in them, the window, videos. (Whether they are good was looked at.)"""
+"""Pictures: their shape, what moves in them, the window, videos. (Whether they are good was looked
+at.)
+"""
 
 import gymnasium
 import numpy as np
@@ -15,7 +17,9 @@ def colored(picture, color, tolerance=40):
 
 
 def test_a_single_env_draws_its_beam_its_target_and_its_force():
-    """From above the beam reaches over 80 % of its view's width; the arrow starts at the tip and points to +y: upwards."""
+    """From above the beam reaches over 80 % of its view's width; the arrow starts at the tip and
+    points to +y: upwards.
+    """
     from torchbeam_envs.rendering import BEAM, FORCE, TARGET
 
     env = gymnasium.make("torchbeam/TipReach-v0", render_mode="rgb_array", **SMALL)
@@ -28,9 +32,16 @@ def test_a_single_env_draws_its_beam_its_target_and_its_force():
     picture = env.render()[:, : start.shape[1] // 2]
     beam, arrow, target = (colored(picture, color) for color in (BEAM, FORCE, TARGET))
     assert 0.78 < np.ptp(beam[:, 1]) / picture.shape[1] < 0.85 and len(target) > 20
-    assert not len(colored(start, FORCE)) and arrow[:, 0].max() <= beam[:, 0].max() and np.ptp(arrow[:, 0]) > 30
+    assert (
+        not len(colored(start, FORCE))
+        and arrow[:, 0].max() <= beam[:, 0].max()
+        and np.ptp(arrow[:, 0]) > 30
+    )
     assert abs(arrow[:, 1].mean() - beam[:, 1].max()) < 5
-    assert env.metadata["render_fps"] == 50 and set(env.metadata["render_modes"]) == {"rgb_array", "human"}
+    assert env.metadata["render_fps"] == 50 and set(env.metadata["render_modes"]) == {
+        "rgb_array",
+        "human",
+    }
 
 
 def test_many_are_tiled():
@@ -41,12 +52,17 @@ def test_many_are_tiled():
     frames, tiled = env.render(), env.tiled()
     assert len(frames) == 20 and tiled.shape[0] <= 1000 and tiled.shape[1] <= 1280
     tiles = [tile for row in np.array_split(tiled, 4) for tile in np.array_split(row, 4, axis=1)]
-    assert all((tile == frame).all() for tile, frame in zip(tiles, frames, strict=False)) and len(tiles) == 16
+    assert (
+        all((tile == frame).all() for tile, frame in zip(tiles, frames, strict=False))
+        and len(tiles) == 16
+    )
     assert len({tile.tobytes() for tile in tiles}) == 16  # sixteen targets
 
 
 def test_traces_begin_with_their_episodes():
-    env = TipReachVectorEnv(2, render_mode="rgb_array", max_episode_steps=3, autoreset_mode="NextStep", **SMALL)
+    env = TipReachVectorEnv(
+        2, render_mode="rgb_array", max_episode_steps=3, autoreset_mode="NextStep", **SMALL
+    )
     env.reset(seed=0)
     for k in range(6):
         assert [len(t) for t in env.renderer.traces] == 2 * [k % 4 + 1]
@@ -80,7 +96,9 @@ def test_record_video(tmp_path, vector):
     made = dict(render_mode="rgb_array", max_episode_steps=3, **SMALL)
     if vector:
         env = gymnasium.make_vec("torchbeam/TipReachPlanar-v0", num_envs=2, **made)
-        env = gymnasium.wrappers.vector.RecordVideo(env, str(tmp_path), episode_trigger=lambda k: k == 0, video_length=3)
+        env = gymnasium.wrappers.vector.RecordVideo(
+            env, str(tmp_path), episode_trigger=lambda k: k == 0, video_length=3
+        )
     else:
         env = gymnasium.make("torchbeam/TipReach-v0", **made)
         env = gymnasium.wrappers.RecordVideo(env, str(tmp_path))

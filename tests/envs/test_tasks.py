@@ -24,7 +24,9 @@ def vector(id, n, **changes):
 
 @pytest.mark.parametrize("id", IDS)
 def test_contract(id):
-    """Gymnasium's own checker; a spec that goes through JSON; observations within their bounds under wild actions; an end."""
+    """Gymnasium's own checker; a spec that goes through JSON; observations within their bounds
+    under wild actions; an end.
+    """
     env = gymnasium.make(id, max_episode_steps=4, **SMALL)
     check_env(env.unwrapped, skip_render_check=True)
     spec = gymnasium.envs.registration.EnvSpec.from_json(gymnasium.spec(id).to_json())
@@ -34,12 +36,19 @@ def test_contract(id):
     for k in range(4):
         assert observation in env.observation_space
         observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
-        assert np.isfinite(reward) and not info["solver_failed"] and not terminated and truncated == (k == 3)
+        assert (
+            np.isfinite(reward)
+            and not info["solver_failed"]
+            and not terminated
+            and truncated == (k == 3)
+        )
 
 
 @pytest.mark.parametrize("id", IDS)
 def test_vector_is_single_and_everything_may_vary(id):
-    """Two members with parameters drawn at random, noise and every sensor, against two single envs; to rounding."""
+    """Two members with parameters drawn at random, noise and every sensor, against two single envs;
+    to rounding.
+    """
     made = dict(randomize=True, noise=0.01, sensors=("tip", "gauges", "full"))
     many, each = vector(id, 2, **made), [gymnasium.make(id, **SMALL, **made) for _ in range(2)]
     observation, info = many.reset(seed=4)
@@ -57,7 +66,9 @@ def test_vector_is_single_and_everything_may_vary(id):
 
 @pytest.mark.parametrize("id", IDS)
 def test_invalid_actions_and_failures_keep_to_themselves(id):
-    """Member 1 of 3 acts NaN, then gets an impossible velocity: it fails, its neighbours do not change by a bit."""
+    """Member 1 of 3 acts NaN, then gets an impossible velocity: it fails, its neighbours do not
+    change by a bit.
+    """
     from dataclasses import replace
 
     well, ill = (vector(id, 3, autoreset_mode="Disabled") for _ in range(2))
@@ -79,8 +90,9 @@ def test_invalid_actions_and_failures_keep_to_themselves(id):
 
 @pytest.mark.parametrize("task", TASKS)
 def test_gradient_of_a_return_by_policy_weights(task):
-    """16 steps of a linear policy in the plane; directional derivative against central differences with h = 1e-5, whose
-    truncation and rounding are below 1e-5 of it."""
+    """16 steps of a linear policy in the plane; directional derivative against central differences
+    with h = 1e-5, whose truncation and rounding are below 1e-5 of it.
+    """
     env = vector(f"torchbeam/{task}Planar-v0", 2, output="torch")
     torch.manual_seed(0)
     policy = torch.nn.Linear(*env.single_observation_space.shape, *env.single_action_space.shape)
@@ -95,7 +107,10 @@ def test_gradient_of_a_return_by_policy_weights(task):
             rewards = rewards + reward.sum()
         return rewards
 
-    slope = sum((g * d).sum() for g, d in zip(torch.autograd.grad(total(), weights), directions, strict=True)).item()
+    slope = sum(
+        (g * d).sum()
+        for g, d in zip(torch.autograd.grad(total(), weights), directions, strict=True)
+    ).item()
 
     @torch.no_grad()
     def moved(h):
@@ -111,49 +126,72 @@ def test_gradient_of_a_return_by_policy_weights(task):
 
 # TipTrack
 
+
 @pytest.mark.parametrize("planar", [False, True])
 @pytest.mark.parametrize("path", ["circle", "lemniscate", "random"])
 def test_target_of_tip_track(path, planar):
-    """It starts at the tip, stays within the share of the force, closes after a period, and is where the preview said."""
-    env = torchbeam_envs.TipTrackVectorEnv(8, path=path, planar=planar, period=0.4, delay=0, **SMALL)
+    """It starts at the tip, stays within the share of the force, closes after a period, and is
+    where the preview said.
+    """
+    env = torchbeam_envs.TipTrackVectorEnv(
+        8, path=path, planar=planar, period=0.4, delay=0, **SMALL
+    )
     observation, _ = env.reset(seed=0)
     d = 2 if planar else 3
     np.testing.assert_allclose(observation[:, :d], 0, atol=1e-5)  # the polynomial's error
     t = torch.linspace(0.1, 0.5, 81, dtype=torch.float64).expand(8, -1)  # after the ramp
     target = env.task.target_at(env.state, t)
     torch.testing.assert_close(target[:, 0], target[:, -1])
-    force = torchbeam_envs.reach.holding_action(env.scene, target[0, ::20], env.task.actions, env.task.inputs)
+    force = torchbeam_envs.reach.holding_action(
+        env.scene, target[0, ::20], env.task.actions, env.task.inputs
+    )
     assert torch.linalg.vector_norm(force, dim=-1).max() < 0.5 + 1e-3
     if path == "circle" and not planar:
-        torch.testing.assert_close(*(torch.linalg.vector_norm(f, dim=-1) for f in (force[1:], force[:-1])), rtol=1e-3, atol=0)
+        torch.testing.assert_close(
+            *(torch.linalg.vector_norm(f, dim=-1) for f in (force[1:], force[:-1])),
+            rtol=1e-3,
+            atol=0,
+        )
     for _ in range(6):
-        ahead = observation[:, 2 * d:3 * d] * env.task.length
-        velocity = observation[:, d:2 * d] * env.task.speed.item()
+        ahead = observation[:, 2 * d : 3 * d] * env.task.length
+        velocity = observation[:, d : 2 * d] * env.task.speed.item()
         before = env.task.target(env.state)[:, 0, env.task.vector].numpy()
         observation = env.step(np.zeros(env.action_space.shape))[0]
         target = env.task.target(env.state)[:, 0]
-        np.testing.assert_allclose(ahead, (target - env.start.position[:, -1])[:, env.task.vector], atol=1e-5)
-        np.testing.assert_allclose(velocity * 0.02, target[:, env.task.vector].numpy() - before, atol=1e-5)
+        np.testing.assert_allclose(
+            ahead, (target - env.start.position[:, -1])[:, env.task.vector], atol=1e-5
+        )
+        np.testing.assert_allclose(
+            velocity * 0.02, target[:, env.task.vector].numpy() - before, atol=1e-5
+        )
 
 
 # FlutterHold
 
+
 def test_thrust_is_becks():
-    """Undamped, the strip is stable at 0.95 and flutters at 1.05 times Beck's load; 12 elements are within 2 % of 20.05."""
+    """Undamped, the strip is stable at 0.95 and flutters at 1.05 times Beck's load; 12 elements are
+    within 2 % of 20.05.
+    """
     growth = []
     for thrust in (0.95, 1.05):
         env = torchbeam_envs.FlutterHoldVectorEnv(1, thrust=thrust, damping=None, elements=12)
-        push = tb.Scene(env.scene.beam, [e for e in env.scene.effects if getattr(e, "follower", False)])
+        push = tb.Scene(
+            env.scene.beam, [e for e in env.scene.effects if getattr(e, "follower", False)]
+        )
         growth.append(tb.modes(push, tb.equilibrium(push), count=2).eigenvalue.real.max().item())
     assert abs(growth[0]) < 1e-3 and growth[1] > 1
 
 
 def test_flutter_grows_unless_it_is_held():
-    """Without action two strips are lost within 2 s; linear feedback of tip and mid span, within the bounds of the force, keeps
-    two others. The gains come from a random search."""
+    """Without action two strips are lost within 2 s; linear feedback of tip and mid span, within
+    the bounds of the force, keeps two others. The gains come from a random search.
+    """
     gains = np.array([5.9, -5.8, -137.0, -6.7, -0.4])
     held = np.array([0.0, 1.0, 0.0, 1.0])
-    env = vector("torchbeam/FlutterHoldPlanar-v0", 4, elements=6, substeps=2, autoreset_mode="Disabled")
+    env = vector(
+        "torchbeam/FlutterHoldPlanar-v0", 4, elements=6, substeps=2, autoreset_mode="Disabled"
+    )
     observation, _ = env.reset(options={"goal": [[0.2], [0.2], [-0.1], [-0.1]]})
     for _ in range(100):
         action = held * np.clip(observation[:, [1, 3, 5, 7, 8]] @ gains, -1, 1)
@@ -164,11 +202,16 @@ def test_flutter_grows_unless_it_is_held():
 
 
 def test_a_kicked_strip_remembers_how_it_starts_to_move():
-    """What generalized alpha remembers of the start is that of the kicked strip, which damping brakes, not of one at rest."""
+    """What generalized alpha remembers of the start is that of the kicked strip, which damping
+    brakes, not of one at rest.
+    """
     env = torchbeam_envs.FlutterHoldVectorEnv(2, method="generalized_alpha", **SMALL)
     env.reset(seed=0)
     beam, plant = env.state.beam, env.state.plant
-    idle = {name: torch.zeros(2, size, dtype=beam.velocity.dtype) for name, size in plant.scene.inputs.items()}
+    idle = {
+        name: torch.zeros(2, size, dtype=beam.velocity.dtype)
+        for name, size in plant.scene.inputs.items()
+    }
     wanted = plant.stepper.begin(beam.plain(), **idle)
     assert wanted.straining.abs().max() > 0.01
     for name in ("acceleration", "straining"):
@@ -177,29 +220,37 @@ def test_a_kicked_strip_remembers_how_it_starts_to_move():
 
 # Slew
 
+
 @pytest.mark.parametrize("up", [None, (0.0, 1.0, 0.0)])
 def test_hub_and_arm_are_turned_by_the_torque(up):
-    """A stiff arm (10,000 times) under full torque for five intervals: angle = torque t^2 / 2 / (hub + arm). On N = 2 elements,
-    mass half lumped and half consistent, the arm's inertia is m L^2 / 3 (1 + 1 / (4 N^2)). What is left is its bending. The hub
-    turns about z, whichever way the section's axes are."""
+    """A stiff arm (10,000 times) under full torque for five intervals: angle = torque
+    t^2 / 2 / (hub + arm). On N = 2 elements, mass half lumped and half consistent, the arm's
+    inertia is m L^2 / 3 (1 + 1 / (4 N^2)). What is left is its bending. The hub turns about z,
+    whichever way the section's axes are.
+    """
     env = torchbeam_envs.SlewVectorEnv(2, delay=0, up=up, **SMALL)
     env.reset(seed=0, options={"params": {"stiffness": 1e4, "inertia": [0.05, 0.1]}, "goal": [0.0]})
     for _ in range(5):
         *_, info = env.step(np.array([[1.0, 0.0, 0.0]] * 2))
     arm = env.task.usual.mass[0, 0, 0].item() * 1.5**3 / 3 * (1 + 1 / 16)
-    np.testing.assert_allclose(-info["angle"], 0.1**2 / 2 / (np.array([0.05, 0.1]) + arm), rtol=2e-3)
+    np.testing.assert_allclose(
+        -info["angle"], 0.1**2 / 2 / (np.array([0.05, 0.1]) + arm), rtol=2e-3
+    )
     assert (env.state.beam.position[..., 2].abs() < 1e-9).all()
 
 
 def test_slew_can_be_done():
-    """Feedback of the hub and of the tip's lag behind it brings two arms to rest at their angles, to 2 mm of 1.5 m. The gains
-    come from a random search."""
+    """Feedback of the hub and of the tip's lag behind it brings two arms to rest at their angles,
+    to 2 mm of 1.5 m. The gains come from a random search.
+    """
     env = vector("torchbeam/SlewPlanar-v0", 2, elements=6, substeps=1, autoreset_mode="Disabled")
     observation, _ = env.reset(options={"goal": [[1.2], [-0.6]]})
     for _ in range(100):
         to_go, rate, *tip = observation[:, 2:8].T
         hub = env.state.goal[:, 0].numpy() - to_go
-        lag, speed = (np.cos(hub) * y - np.sin(hub) * x for x, y in ((1 + tip[0], tip[1]), (tip[2], tip[3])))
+        lag, speed = (
+            np.cos(hub) * y - np.sin(hub) * x for x, y in ((1 + tip[0], tip[1]), (tip[2], tip[3]))
+        )
         torque = 1.9 * to_go - 2.7 * rate - 3.75 * lag - 1.85 * speed
         action = np.clip(np.stack((torque, -9.6 * (speed - rate)), 1), -1, 1)
         observation, *_, info = env.step(action)
@@ -208,15 +259,19 @@ def test_slew_can_be_done():
 
 # Payload
 
+
 def test_payload_hangs_and_swings():
-    """At rest the tip is where a dead weight on it has it; a heavier one falls behind under the same force; targets do not
-    depend on it."""
+    """At rest the tip is where a dead weight on it has it; a heavier one falls behind under the
+    same force; targets do not depend on it.
+    """
     env = torchbeam_envs.PayloadVectorEnv(3, autoreset_mode="Disabled", **SMALL)
     _, info = env.reset(seed=0, options={"params": {"payload": [0.0, 0.05, 0.2]}})
     np.testing.assert_allclose(info["params"]["payload"], [0, 0.05, 0.2])
     weight = torch.tensor([[0, 0, -9.81 * m] for m in (0, 0.05, 0.2)])
     strip = tb.Scene(env.scene.beam, [tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=weight)])
-    torch.testing.assert_close(env.state.beam.tip.position, tb.equilibrium(strip).tip.position, rtol=0, atol=1e-7)
+    torch.testing.assert_close(
+        env.state.beam.tip.position, tb.equilibrium(strip).tip.position, rtol=0, atol=1e-7
+    )
     goal = env.state.goal
     for _ in range(6):
         env.step(np.array([[1.0, 0.0]] * 3))
@@ -227,13 +282,20 @@ def test_payload_hangs_and_swings():
     assert env.state.plant.params["payload"].unique().numel() == 3
 
 
-@pytest.mark.parametrize(("task", "arguments", "message"), [
-    ("TipTrack", dict(path="square"), "path = 'square'"), ("TipTrack", dict(reach=1.5), "reach = 1.5"),
-    ("TipTrack", dict(period=0.0), "period = 0.0"), ("TipTrack", dict(preview=0), "preview = 0"),
-    ("Slew", dict(angle=4.0), "angle = 4.0"), ("Slew", dict(gravity=(0, 0, -9.81)), "gravity"),
-    ("Payload", dict(payload=-0.1), "payload = -0.1"), ("FlutterHold", dict(thrust=-1.0), "thrust = -1.0"),
-    ("FlutterHold", dict(kick=np.inf), "kick = inf"),
-])
+@pytest.mark.parametrize(
+    ("task", "arguments", "message"),
+    [
+        ("TipTrack", dict(path="square"), "path = 'square'"),
+        ("TipTrack", dict(reach=1.5), "reach = 1.5"),
+        ("TipTrack", dict(period=0.0), "period = 0.0"),
+        ("TipTrack", dict(preview=0), "preview = 0"),
+        ("Slew", dict(angle=4.0), "angle = 4.0"),
+        ("Slew", dict(gravity=(0, 0, -9.81)), "gravity"),
+        ("Payload", dict(payload=-0.1), "payload = -0.1"),
+        ("FlutterHold", dict(thrust=-1.0), "thrust = -1.0"),
+        ("FlutterHold", dict(kick=np.inf), "kick = inf"),
+    ],
+)
 def test_bad_arguments_are_refused(task, arguments, message):
     with pytest.raises(ValueError, match=message):
         getattr(torchbeam_envs, f"{task}VectorEnv")(**arguments)
@@ -241,8 +303,9 @@ def test_bad_arguments_are_refused(task, arguments, message):
 
 @pytest.mark.parametrize("id", sorted(EPISODES))
 def test_a_version_keeps_its_numbers(id):
-    """Four intervals of three sub-envs under actions drawn with seed 7, as v0 has always had them: a change of these is a new
-    version of the environment. Rewards to 1e-5 of their size, float32 observations to 1e-5: solver's tolerance and rounding.
+    """Four intervals of three sub-envs under actions drawn with seed 7, as v0 has always had them:
+    a change of these is a new version of the environment. Rewards to 1e-5 of their size, float32
+    observations to 1e-5: solver's tolerance and rounding.
     """
     env = gymnasium.make_vec(id, num_envs=3)
     actions = np.random.default_rng(7)
@@ -259,15 +322,29 @@ def test_every_environment_has_its_numbers():
 
 @pytest.mark.parametrize("up", [(0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)])
 def test_gauges_and_turns_of_a_plane_are_about_its_normal(up):
-    """However the section lies in it: the tip's turn that "full" reads last but one is that of its tangent in the plane, up to
-    the sign of the section's own axis, and the gauges' curvatures of the two elements (over 1/L) add up to it. To rounding."""
-    env = torchbeam_envs.TipReachVectorEnv(1, planar=True, up=up, sensors=("gauges", "full"), gravity=None, delay=0,
-                                           output="torch", force=(0.3,), reach=0.3, engine="eager", **SMALL)
+    """However the section lies in it: the tip's turn that "full" reads last but one is that of its
+    tangent in the plane, up to the sign of the section's own axis, and the gauges' curvatures of
+    the two elements (over 1/L) add up to it. To rounding.
+    """
+    env = torchbeam_envs.TipReachVectorEnv(
+        1,
+        planar=True,
+        up=up,
+        sensors=("gauges", "full"),
+        gravity=None,
+        delay=0,
+        output="torch",
+        force=(0.3,),
+        reach=0.3,
+        engine="eager",
+        **SMALL,
+    )
     env.reset(seed=0)
     for _ in range(3):
         observation = env.step(np.ones((1, 1)))[0][0]
     along = env.state.beam.tip.rotation[0, :, 0]
     angle = torch.atan2(along[1], along[0]).abs()
     assert angle > 1e-3
-    read = torch.stack((observation[-2], (observation[2] + observation[3]) / 2)).abs()  # behind where the target is
+    # behind where the target is
+    read = torch.stack((observation[-2], (observation[2] + observation[3]) / 2)).abs()
     torch.testing.assert_close(read, angle.expand(2), rtol=0, atol=1e-9)

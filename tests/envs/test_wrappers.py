@@ -1,4 +1,6 @@
-"""Wrappers that are known to work: each is what `docs` may promise. And the command that measures the envs."""
+"""Wrappers that are known to work: each is what `docs` may promise. And the command that measures
+the envs.
+"""
 
 import json
 
@@ -30,12 +32,23 @@ def run(env, steps=10):
     return results
 
 
-@pytest.mark.parametrize("wrapper", [
-    lambda env: single.TimeLimit(env, 3), single.RecordEpisodeStatistics, single.NormalizeObservation, single.NormalizeReward,
-    single.ClipAction, lambda env: single.RescaleAction(env, -2.0, 2.0), single.FlattenObservation, single.TimeAwareObservation,
-    lambda env: single.FrameStackObservation(env, 3), lambda env: single.TransformReward(env, lambda r: r / 10),
-    single.Autoreset, lambda env: single.DelayObservation(env, 1),
-])
+@pytest.mark.parametrize(
+    "wrapper",
+    [
+        lambda env: single.TimeLimit(env, 3),
+        single.RecordEpisodeStatistics,
+        single.NormalizeObservation,
+        single.NormalizeReward,
+        single.ClipAction,
+        lambda env: single.RescaleAction(env, -2.0, 2.0),
+        single.FlattenObservation,
+        single.TimeAwareObservation,
+        lambda env: single.FrameStackObservation(env, 3),
+        lambda env: single.TransformReward(env, lambda r: r / 10),
+        single.Autoreset,
+        lambda env: single.DelayObservation(env, 1),
+    ],
+)
 def test_single(wrapper):
     env = wrapper(gymnasium.make(ID, **SMALL))
     observation, reward, *_ = run(env, 3)
@@ -43,22 +56,36 @@ def test_single(wrapper):
 
 
 @pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("wrapper", [
-    many.RecordEpisodeStatistics, many.NormalizeReward, many.ClipAction,
-    lambda env: many.ClipReward(env, -1.0, 0.0), lambda env: many.RescaleAction(env, -2.0, 2.0),
-    lambda env: many.TransformReward(env, lambda r: r / 10),
-    many.DictInfoToList,
-])
+@pytest.mark.parametrize(
+    "wrapper",
+    [
+        many.RecordEpisodeStatistics,
+        many.NormalizeReward,
+        many.ClipAction,
+        lambda env: many.ClipReward(env, -1.0, 0.0),
+        lambda env: many.RescaleAction(env, -2.0, 2.0),
+        lambda env: many.TransformReward(env, lambda r: r / 10),
+        many.DictInfoToList,
+    ],
+)
 def test_vector(wrapper, mode):
     env = make_vec(autoreset_mode=mode, randomize=True)
     observation, reward, *_ = run(wrapper(env))
     assert np.isfinite(np.asarray(observation)).all() and np.isfinite(np.asarray(reward)).all()
 
 
-@pytest.mark.parametrize("wrapper", [many.NormalizeObservation, many.FlattenObservation,
-                                     lambda env: many.RescaleObservation(env, -1.0, 1.0)])
+@pytest.mark.parametrize(
+    "wrapper",
+    [
+        many.NormalizeObservation,
+        many.FlattenObservation,
+        lambda env: many.RescaleObservation(env, -1.0, 1.0),
+    ],
+)
 def test_vector_observations(wrapper):
-    """Gymnasium's observation wrappers do not take SameStep; by NextStep they work, and a failure leaves no NaN in them."""
+    """Gymnasium's observation wrappers do not take SameStep; by NextStep they work, and a failure
+    leaves no NaN in them.
+    """
     env = wrapper(make_vec(randomize={"stiffness": (0.9, 1.1)}))
     assert np.isfinite(run(env)[0]).all()
     env.reset(options={"params": {"stiffness": [1.0, 1.0, 1e-30]}})
@@ -82,7 +109,11 @@ def test_dense_final_observations_as_tensors():
     pytest.importorskip("array_api_compat")
     env = many.NumpyToTorch(make_vec(autoreset_mode="SameStep"))
     *_, truncated, info = run(env, 4)
-    assert truncated.all() and isinstance(info["final_obs"], torch.Tensor) and info["final_obs"].shape == (3, 11)
+    assert (
+        truncated.all()
+        and isinstance(info["final_obs"], torch.Tensor)
+        and info["final_obs"].shape == (3, 11)
+    )
 
 
 def test_sync_and_gymnasium_vector_envs():
@@ -99,19 +130,27 @@ def test_sync_and_gymnasium_vector_envs():
 
 
 def test_error_of_the_mesh(monkeypatch):
-    """Two elements in a plane, in steps of 20 ms, against sixteen in steps of 2.5 ms, for four intervals; none of a strip that
-    is lost at once.
+    """Two elements in a plane, in steps of 20 ms, against sixteen in steps of 2.5 ms, for four
+    intervals; none of a strip that is lost at once.
     """
     assert 1e-3 < benchmark.error(ID, **SMALL) < 0.5
     monkeypatch.setattr(benchmark, "FINER", {})
-    lost = benchmark.error("torchbeam/FlutterHoldPlanar-v0", elements=2, kick=30.0, max_episode_steps=3, engine="eager")
-    assert lost is None and "%" not in benchmark.markdown([benchmark.Row(ID, 1, 1.0, 1.0, 0.1, None)]).split("|")[-2]
+    lost = benchmark.error(
+        "torchbeam/FlutterHoldPlanar-v0", elements=2, kick=30.0, max_episode_steps=3, engine="eager"
+    )
+    assert (
+        lost is None
+        and "%"
+        not in benchmark.markdown([benchmark.Row(ID, 1, 1.0, 1.0, 0.1, None)]).split("|")[-2]
+    )
 
 
 def test_overhead_is_beside_the_simulation_as_it_is_made(monkeypatch):
     """By the call that makes all substeps of an interval at once, which the env steps by."""
     made, repeat = [], tb.Stepper.repeat
-    monkeypatch.setattr(tb.Stepper, "repeat", lambda self, *args: made.append(1) or repeat(self, *args))
+    monkeypatch.setattr(
+        tb.Stepper, "repeat", lambda self, *args: made.append(1) or repeat(self, *args)
+    )
     assert benchmark.overhead(ID, 2, **{**SMALL, "max_episode_steps": 50}) > 0
     assert len(made) == benchmark.STEPS + 2
 
@@ -119,19 +158,31 @@ def test_overhead_is_beside_the_simulation_as_it_is_made(monkeypatch):
 def test_the_command_that_measures(tmp_path, capsys, monkeypatch):
     """Two rows in all three files."""
     pytest.importorskip("gymnasium", minversion="1.4")  # benchmark_vector_step
-    monkeypatch.setattr(benchmark, "error", lambda id, **arguments: 0.01)  # tested above; slow on the mesh it compares with
+    # tested above; slow on the mesh it compares with
+    monkeypatch.setattr(benchmark, "error", lambda id, **arguments: 0.01)
     rows = benchmark.measure(ID, [2], 0.1, **SMALL)
     assert len(rows) == 1 and rows[0].rate > 1 and rows[0].overhead > 0
-    assert benchmark.main(["--task", "TipReach", "--batches", "1", "--seconds", "0.05", "--out", str(tmp_path)]) == 0
+    assert (
+        benchmark.main(
+            ["--task", "TipReach", "--batches", "1", "--seconds", "0.05", "--out", str(tmp_path)]
+        )
+        == 0
+    )
     written = json.loads((tmp_path / "envs.json").read_text())
     assert [row["id"] for row in written["rows"]] == ["torchbeam/TipReach-v0", ID]
     assert (tmp_path / "envs.md").read_text().strip() in capsys.readouterr().out
     assert len((tmp_path / "envs.csv").read_text().splitlines()) == 3
 
 
-@pytest.mark.parametrize(("given", "said"), [
-    (["--task", "TipReachBlockRate"], "invalid choice"), (["--batches", "4", "0"], "--batches 0 was given"),
-    (["--seconds", "0"], "--seconds 0 was given"), (["--threads", "0"], "--threads 0 was given")])
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["--task", "TipReachBlockRate"], "invalid choice"),
+        (["--batches", "4", "0"], "--batches 0 was given"),
+        (["--seconds", "0"], "--seconds 0 was given"),
+        (["--threads", "0"], "--threads 0 was given"),
+    ],
+)
 def test_the_command_refuses_first(given, said, capsys):
     with pytest.raises(SystemExit):
         benchmark.main(given)
@@ -139,11 +190,15 @@ def test_the_command_refuses_first(given, said, capsys):
 
 
 def test_rows_for_the_benchmark_of_the_engine(monkeypatch):
-    """One env in space, a batch in the plane, by the entry point that `python -m torchbeam bench` asks."""
+    """One env in space, a batch in the plane, by the entry point that `python -m torchbeam bench`
+    asks.
+    """
     monkeypatch.setattr(benchmark, "STEPS", 2)
     monkeypatch.setattr(benchmark, "overhead", lambda id, batch: 0.1)
     rows = list(benchmark.rows(quick=True))
     assert [(row.what.split(":")[0], row.batch) for row in rows[::2]] == [
-        ("torchbeam/TipReach-v0", 1), ("torchbeam/TipReachPlanar-v0", 64)]
+        ("torchbeam/TipReach-v0", 1),
+        ("torchbeam/TipReachPlanar-v0", 64),
+    ]
     assert all(row.part == "environments" and row.best >= row.median > 0 for row in rows)
     assert rows[2].best > rows[0].best

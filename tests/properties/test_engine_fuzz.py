@@ -18,41 +18,71 @@ import torch
 from tests.cases.gradient_cases import Case, Spec, Unsolved, is_refusal
 from tests.cases.gradient_fuzz import Fuzz
 
-WAYS = ("midpoint", "midpoint checkpoint", "midpoint lumped", "midpoint conserve", "stepper midpoint", "generalized_alpha",
-        "generalized_alpha checkpoint", "stepper generalized_alpha", "equilibrium")
-VALUE, GRADIENT = 1e-9, 1e-7  # of the largest: both engines solve to 1e-12 of the forces, of which stiff scenes make more
+WAYS = (
+    "midpoint",
+    "midpoint checkpoint",
+    "midpoint lumped",
+    "midpoint conserve",
+    "stepper midpoint",
+    "generalized_alpha",
+    "generalized_alpha checkpoint",
+    "stepper generalized_alpha",
+    "equilibrium",
+)
+# of the largest: both engines solve to 1e-12 of the forces, of which stiff scenes make more
+VALUE, GRADIENT = 1e-9, 1e-7
 SAMPLES = 3
 
 
 def found(spec: Spec, engine: str) -> tuple[dict[str, torch.Tensor], dict[str, torch.Tensor]]:
-    """What comes of a scene, and the derivatives of all of it by its tensors: of one sample, and values of several."""
+    """What comes of a scene, and the derivatives of all of it by its tensors: of one sample, and
+    values of several.
+    """
     os.environ["TORCHBEAM_ENGINE"] = engine
     case = Case(spec)
     x = {name: v.clone().requires_grad_() for name, v in case.draw.tensors.items()}
     total = case(x)
-    slopes = torch.autograd.grad(total, list(x.values()), allow_unused=True) if total.requires_grad else [None] * len(x)
-    slopes = {name: torch.zeros_like(v) if g is None else g for (name, v), g in zip(x.items(), slopes, strict=True)}
+    slopes = (
+        torch.autograd.grad(total, list(x.values()), allow_unused=True)
+        if total.requires_grad
+        else [None] * len(x)
+    )
+    slopes = {
+        name: torch.zeros_like(v) if g is None else g
+        for (name, v), g in zip(x.items(), slopes, strict=True)
+    }
     with torch.no_grad():
         values = case.blocks(case.draw.tensors)
         scale = 1 + 0.01 * torch.arange(SAMPLES)
-        several = {name: v if name in case.draw.alone else v * scale[(...,) + (None,) * v.ndim]
-                   for name, v in case.draw.tensors.items()}
+        several = {
+            name: v if name in case.draw.alone else v * scale[(...,) + (None,) * v.ndim]
+            for name, v in case.draw.tensors.items()
+        }
         values |= {f"{name} of several": v for name, v in case.blocks(several).items()}
     return values, slopes
 
 
 def distance(spec: Spec) -> tuple[float, float]:
-    """The largest distances of values and of gradients, each of the largest in its tensor (gradients: of all)."""
-    (values, slopes), (native, by_native) = (found(spec, engine) for engine in ("eager", "compiled"))
-    apart = max(((a - native[name]).abs().max() / a.abs().max().clamp(min=1e-3)).item()
-                for name, a in values.items() if a.numel())
+    """The largest distances of values and of gradients, each of the largest in its tensor
+    (gradients: of all).
+    """
+    (values, slopes), (native, by_native) = (
+        found(spec, engine) for engine in ("eager", "compiled")
+    )
+    apart = max(
+        ((a - native[name]).abs().max() / a.abs().max().clamp(min=1e-3)).item()
+        for name, a in values.items()
+        if a.numel()
+    )
     most = max(x.abs().max().item() for x in slopes.values())
-    return apart, max((x - by_native[name]).abs().max().item() for name, x in slopes.items()) / max(most, 1e-3)
+    return apart, max((x - by_native[name]).abs().max().item() for name, x in slopes.items()) / max(
+        most, 1e-3
+    )
 
 
 class EngineFuzz:
-    """Random scenes that native code is to take, of elements of either order: rows (Spec, distance of values, of gradients),
-    refused by sentence.
+    """Random scenes that native code is to take, of elements of either order: rows (Spec, distance
+    of values, of gradients), refused by sentence.
     """
 
     def __init__(self, seed: int) -> None:
@@ -91,18 +121,22 @@ class EngineFuzz:
 
 @pytest.mark.parametrize("cases", [1, pytest.param(100, marks=pytest.mark.long)])
 def test_native_code_on_random_scenes(cases, monkeypatch):
-    """The scenes of the gradient fuzz, in motion and at rest, alone and several in a batch with tensors of their own: engines
-    agree. What native code refuses it refuses in a sentence.
+    """The scenes of the gradient fuzz, in motion and at rest, alone and several in a batch with
+    tensors of their own: engines agree. What native code refuses it refuses in a sentence.
     """
     monkeypatch.setenv("TORCHBEAM_ENGINE", "eager")
     fuzz = EngineFuzz(seed=3)
     fuzz.run(cases)
     assert len(fuzz.rows) == cases and not fuzz.failures()
-    assert all("engine = 'compiled'" in sentence or "was given" in sentence for sentence in fuzz.refused)
+    assert all(
+        "engine = 'compiled'" in sentence or "was given" in sentence for sentence in fuzz.refused
+    )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--cases", type=int, default=100)
     parser.add_argument("--seed", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=float("inf"), help="of CPU, at most")
@@ -115,8 +149,10 @@ def main() -> None:
         print(f"refused {often}: {sentence}")
     for row in fuzz.failures():
         print("FAILED", *row)
-    print(f"{len(fuzz.rows)} scenes, largest distance of values {max(r[1] for r in fuzz.rows):.1e}, of gradients "
-          f"{max(r[2] for r in fuzz.rows):.1e}; {len(fuzz.failures())} failures")
+    print(
+        f"{len(fuzz.rows)} scenes, largest distance of values {max(r[1] for r in fuzz.rows):.1e}, "
+        f"of gradients {max(r[2] for r in fuzz.rows):.1e}; {len(fuzz.failures())} failures"
+    )
     sys.exit(bool(fuzz.failures()))
 
 

@@ -1,4 +1,6 @@
-"""Gradients of equilibria and motions: against central differences, forward against reverse, through failed samples."""
+"""Gradients of equilibria and motions: against central differences, forward against reverse,
+through failed samples.
+"""
 
 import math
 from dataclasses import replace
@@ -10,7 +12,8 @@ from torch.testing import assert_close
 import torchbeam as tb
 
 N, STEPS, DT = 4, 10, 0.01
-EXACT = dict(tolerance=1e-12)  # of Newton's method: differences of positions good to 1e-12 are good to 1e-9 here
+# of Newton's method: differences of positions good to 1e-12 are good to 1e-9 here
+EXACT = dict(tolerance=1e-12)
 
 
 def scene(EI=1.0, mass=0.2, load=1.0):
@@ -25,7 +28,9 @@ def still(**numbers):
 
 
 def moved(speed=0.0, steps=STEPS, **numbers):
-    """Tip after 10 steps of 10 ms, from a tip that starts with the given speed along z, damped a little."""
+    """Tip after 10 steps of 10 ms, from a tip that starts with the given speed along z, damped a
+    little.
+    """
     stepper = tb.Stepper(scene(**numbers), DT, **EXACT)
     state = stepper.rest()
     tip = torch.zeros(N + 1, 3)
@@ -38,21 +43,31 @@ def moved(speed=0.0, steps=STEPS, **numbers):
 
 
 def difference(function, at, h):
-    """Central difference of fourth order, its four points as one batch: error h^4, rounding 1e-13/h."""
+    """Central difference of fourth order, its four points as one batch: error h^4, rounding
+    1e-13/h.
+    """
     with torch.no_grad():
         far_left, left, right, far_right = function(at + h * torch.tensor([-2.0, -1, 1, 2]))
     return (8 * (right - left) - (far_right - far_left)) / (12 * h)
 
 
-CASES = {"equilibrium by EI": (lambda x: still(EI=x), 1.0), "equilibrium by load": (lambda x: still(load=x), 1.0),
-         "motion by EI": (lambda x: moved(EI=x), 1.0), "motion by mass": (lambda x: moved(mass=x), 0.2),
-         "motion by load": (lambda x: moved(load=x), 1.0), "motion by initial velocity": (lambda x: moved(speed=x), 0.5)}
+CASES = {
+    "equilibrium by EI": (lambda x: still(EI=x), 1.0),
+    "equilibrium by load": (lambda x: still(load=x), 1.0),
+    "motion by EI": (lambda x: moved(EI=x), 1.0),
+    "motion by mass": (lambda x: moved(mass=x), 0.2),
+    "motion by load": (lambda x: moved(load=x), 1.0),
+    "motion by initial velocity": (lambda x: moved(speed=x), 0.5),
+}
 
 
-@pytest.mark.parametrize("case", [pytest.param(c, marks=[pytest.mark.long] * (c == "motion by mass")) for c in CASES])
+@pytest.mark.parametrize(
+    "case", [pytest.param(c, marks=[pytest.mark.long] * (c == "motion by mass")) for c in CASES]
+)
 def test_against_differences_and_forward_against_reverse(case):
-    """d(tip)/d(number): forward mode = fourth-order central differences to 1e-6 of the largest component, and reverse mode
-    of a mix of the components = that of forward mode to 1e-9 (the same sums in another order, through 10 steps).
+    """d(tip)/d(number): forward mode = fourth-order central differences to 1e-6 of the largest
+    component, and reverse mode of a mix of the components = that of forward mode to 1e-9 (the same
+    sums in another order, through 10 steps).
     """
     function, at = CASES[case]
     at, mix = torch.tensor(at, requires_grad=True), torch.tensor([0.3, 1.0, 0.7])
@@ -76,12 +91,17 @@ def test_gradient_of_every_sample_is_its_own():
 @pytest.mark.parametrize("follower", [False, True])
 @pytest.mark.parametrize("bad", [math.nan, math.inf, 1e30])
 def test_failed_sample_has_no_gradient_and_harms_none(bad, follower):
-    """A load that is not a number, infinite or absurd in sample 1: its gradient after the failure is zero (it stands still),
-    everything is finite, and the others have exactly the gradient of a batch without it.
+    """A load that is not a number, infinite or absurd in sample 1: its gradient after the failure
+    is zero (it stands still), everything is finite, and the others have exactly the gradient of a
+    batch without it.
     """
+
     def gradients(loads):
-        load, EI = torch.tensor(loads, requires_grad=True), torch.full((3,), 1.0, requires_grad=True)
-        stepper = tb.Stepper(tb.Scene(scene(EI=EI).beam, [tb.TipLoad(force=tb.Input("u", 3), follower=follower)]), DT)
+        load = torch.tensor(loads, requires_grad=True)
+        EI = torch.full((3,), 1.0, requires_grad=True)
+        stepper = tb.Stepper(
+            tb.Scene(scene(EI=EI).beam, [tb.TipLoad(force=tb.Input("u", 3), follower=follower)]), DT
+        )
         state = stepper.rest((3,))
         for _ in range(5):
             state = stepper(state, u=load[:, None] * torch.tensor([0, 1.0, 0.5]))
@@ -97,11 +117,16 @@ def test_failed_sample_has_no_gradient_and_harms_none(bad, follower):
 
 @pytest.mark.parametrize("bad", [100.0, math.nan])
 def test_failed_equilibrium_has_no_gradient_and_harms_none(bad):
-    """The same for statics: an end moment of 25 rad an element has no equilibrium, nor has one that is not a number."""
+    """The same for statics: an end moment of 25 rad an element has no equilibrium, nor has one that
+    is not a number.
+    """
+
     def gradient(moments):
         M = torch.tensor(moments, requires_grad=True)
         driven = tb.Scene(scene().beam, [tb.TipLoad(moment=tb.Input("M", 3))])
-        state = tb.equilibrium(driven, throw=False, inputs={"M": torch.stack((0 * M, 0 * M, M), -1)})
+        state = tb.equilibrium(
+            driven, throw=False, inputs={"M": torch.stack((0 * M, 0 * M, M), -1)}
+        )
         return state.status, torch.autograd.grad(state.tip.position[:, 0].sum(), M)[0]
 
     status, with_bad = gradient([1.0, bad, 2.0])
@@ -118,31 +143,53 @@ def with_ramp(rate, solve):
     return solve(tb.Scene(tb.Beam.straight(1.0, 3, section), [ramp]))
 
 
-WAYS = {"equilibrium": lambda s: tb.equilibrium(s, t=0.5, **EXACT).tip.position,
-        "midpoint": lambda s: tb.simulate(s, [0.0, 0.1, 0.2], step=0.02, **EXACT).tip.position[-1],
-        "dopri5": lambda s: tb.simulate(s, [0.0, 0.02], method="dopri5", rtol=1e-8, atol=1e-10).tip.position[-1]}
+WAYS = {
+    "equilibrium": lambda s: tb.equilibrium(s, t=0.5, **EXACT).tip.position,
+    "midpoint": lambda s: tb.simulate(s, [0.0, 0.1, 0.2], step=0.02, **EXACT).tip.position[-1],
+    "dopri5": lambda s: tb.simulate(
+        s, [0.0, 0.02], method="dopri5", rtol=1e-8, atol=1e-10
+    ).tip.position[-1],
+}
 
 
-@pytest.mark.parametrize("way", [  # unit/core/test_functions_of_time.py has the others' too
-    pytest.param(way, marks=[pytest.mark.long] * (way != "equilibrium")) for way in WAYS])
+@pytest.mark.parametrize(
+    "way",
+    [  # unit/core/test_functions_of_time.py has the others' too
+        pytest.param(way, marks=[pytest.mark.long] * (way != "equilibrium")) for way in WAYS
+    ],
+)
 def test_load_functions_carry_gradient(way):
-    """A tensor that only the load's function knows gets its gradient: reverse against differences, and forward mode."""
+    """A tensor that only the load's function knows gets its gradient: reverse against differences,
+    and forward mode.
+    """
     rate = torch.tensor(2.0)
     function = lambda rate: with_ramp(rate, WAYS[way])  # noqa: E731
     reverse = torch.autograd.functional.jacobian(function, rate)
     exact = difference(function, rate, 1e-3 * rate)
     assert_close(reverse, exact, rtol=0, atol=1e-6 * exact.abs().max().item())
     if way != "dopri5":
-        assert_close(torch.func.jvp(function, (rate,), (torch.ones(()),))[1], reverse, rtol=1e-9, atol=1e-12)
+        assert_close(
+            torch.func.jvp(function, (rate,), (torch.ones(()),))[1], reverse, rtol=1e-9, atol=1e-12
+        )
 
 
-@pytest.mark.parametrize("method, end, options", [("midpoint", 0.1, dict(step=0.02)), ("dopri5", 0.03, dict(rtol=1e-5))])
+@pytest.mark.parametrize(
+    "method, end, options", [("midpoint", 0.1, dict(step=0.02)), ("dopri5", 0.03, dict(rtol=1e-5))]
+)
 def test_gradient_by_an_input(method, end, options):
     """d(tip)/d(u) of a held input is the derivative by the load itself."""
     beam = scene().beam
     u = torch.tensor([0.1, 1.0, 0.5], requires_grad=True)
-    tips = [tb.simulate(tb.Scene(beam, [tb.TipLoad(force=f)]), [0.0, end], method=method, inputs=given, **options)
-            .tip.position[-1] for f, given in ((u, {}), (tb.Input("u", 3), {"u": u}))]
+    tips = [
+        tb.simulate(
+            tb.Scene(beam, [tb.TipLoad(force=f)]),
+            [0.0, end],
+            method=method,
+            inputs=given,
+            **options,
+        ).tip.position[-1]
+        for f, given in ((u, {}), (tb.Input("u", 3), {"u": u}))
+    ]
     one, other = (torch.autograd.grad(tip.sum(), u)[0] for tip in tips)
     assert (one != 0).all()
     assert_close(one, other, rtol=1e-12, atol=0)
@@ -150,25 +197,41 @@ def test_gradient_by_an_input(method, end, options):
 
 @pytest.mark.long  # unit/scene/test_supports.py, and the gradient fuzz
 def test_gradient_by_geometry():
-    """Length and direction of the beam, at rest and after a few steps, against differences and in forward mode."""
-    section = tb.Section.from_stiffness(EA=100.0, GA=50.0, GJ=0.8, EI=(1.0, 2.0), mass=0.2, inertia=1e-3)
+    """Length and direction of the beam, at rest and after a few steps, against differences and in
+    forward mode.
+    """
+    section = tb.Section.from_stiffness(
+        EA=100.0, GA=50.0, GJ=0.8, EI=(1.0, 2.0), mass=0.2, inertia=1e-3
+    )
 
     def tips(length, direction):
-        of = tb.Scene(tb.Beam.straight(length, 3, section, direction=direction), [tb.TipLoad(force=(0, 1.0, 0.5))])
+        of = tb.Scene(
+            tb.Beam.straight(length, 3, section, direction=direction),
+            [tb.TipLoad(force=(0, 1.0, 0.5))],
+        )
         stepper = tb.Stepper(of, 0.05, **EXACT)
-        return tb.equilibrium(of, **EXACT).tip.position, stepper(stepper(stepper.rest())).tip.position
+        return tb.equilibrium(of, **EXACT).tip.position, stepper(
+            stepper(stepper.rest())
+        ).tip.position
 
     at = torch.tensor(1.0, requires_grad=True), torch.tensor([1.0, 0.1, 0.2], requires_grad=True)
-    assert torch.autograd.gradcheck(tips, at, eps=1e-5, atol=1e-6, rtol=1e-5, check_forward_ad=True, fast_mode=True)
+    assert torch.autograd.gradcheck(
+        tips, at, eps=1e-5, atol=1e-6, rtol=1e-5, check_forward_ad=True, fast_mode=True
+    )
 
 
-@pytest.mark.parametrize("solve", [still, lambda **numbers: moved(steps=2, **numbers)], ids=["equilibrium", "motion"])
+@pytest.mark.parametrize(
+    "solve", [still, lambda **numbers: moved(steps=2, **numbers)], ids=["equilibrium", "motion"]
+)
 def test_jacobians_by_vmap_and_no_second_derivative(solve):
-    """jacfwd, jacrev: the same by either mode, to the rounding of test_against_differences. A second derivative would lack
-    the tangent's own derivative (by EI it came out as 0.57 where 0.25 is right): refused, however it is asked for.
+    """jacfwd, jacrev: the same by either mode, to the rounding of test_against_differences. A
+    second derivative would lack the tangent's own derivative (by EI it came out as 0.57 where 0.25
+    is right): refused, however it is asked for.
     """
+
     def function(EI):
         return solve(EI=EI)[..., 1]
+
     EI = torch.tensor(1.0, requires_grad=True)
     (slope,) = torch.autograd.grad(function(EI), EI, create_graph=True)
     for jacobian in (torch.func.jacfwd, torch.func.jacrev):
@@ -187,20 +250,29 @@ def run(**numbers):
 @pytest.mark.parametrize("solve", [still, run])
 @pytest.mark.parametrize("name, values", [("EI", [1.0, 0.5]), ("load", [1.0, 10.0])])
 def test_vmap_over_scenes(solve, name, values):
-    """vmap over what a scene is built from, and over its derivatives, is what the samples are one by one: the same sums, in
-    another layout (1e-12; Newton's last residual is 1e-12 too).
+    """vmap over what a scene is built from, and over its derivatives, is what the samples are one
+    by one: the same sums, in another layout (1e-12; Newton's last residual is 1e-12 too).
     """
+
     def function(x):
         return solve(**{name: x})
+
     values = torch.tensor(values)
     for f in (function, torch.func.jacrev(function), torch.func.jacfwd(function)):
-        assert_close(torch.func.vmap(f)(values), torch.stack([f(v) for v in values]), rtol=1e-9, atol=1e-12)
+        assert_close(
+            torch.func.vmap(f)(values), torch.stack([f(v) for v in values]), rtol=1e-9, atol=1e-12
+        )
 
 
 def test_vmap_keeps_failures_apart():
-    """Inside vmap too a sample fails by itself, sub-steps are made, and refusals say what was given."""
+    """Inside vmap too a sample fails by itself, sub-steps are made, and refusals say what was
+    given.
+    """
+
     def moved(load):
-        stepper = tb.Stepper(tb.Scene(scene().beam, [tb.TipLoad(force=tb.Input("u", 3))]), 0.1, halvings=3)
+        stepper = tb.Stepper(
+            tb.Scene(scene().beam, [tb.TipLoad(force=tb.Input("u", 3))]), 0.1, halvings=3
+        )
         state = stepper(stepper.rest(), u=load * torch.tensor([0.2, 1.0, 0.5]))
         return state.status, state.tip.position, stepper.iterations
 
@@ -212,57 +284,87 @@ def test_vmap_keeps_failures_apart():
     with pytest.raises(ValueError, match="EI = -1 was given"):
         torch.func.vmap(lambda EI: still(EI=EI))(torch.tensor([1.0, -1.0]))
     with pytest.raises(RuntimeError, match="sample 1 of"):
-        torch.func.vmap(lambda M: tb.equilibrium(tb.Scene(scene().beam, [tb.TipLoad(moment=M * torch.eye(3)[2])])).t)(
-            torch.tensor([1.0, 100.0]))
+        torch.func.vmap(
+            lambda M: (
+                tb.equilibrium(tb.Scene(scene().beam, [tb.TipLoad(moment=M * torch.eye(3)[2])])).t
+            )
+        )(torch.tensor([1.0, 100.0]))
 
 
 def bent(EI, elements=2):
-    section = tb.Section.from_stiffness(EA=100.0, GA=50.0, GJ=0.8, EI=torch.stack((EI, 2 * EI), -1), mass=0.2, inertia=1e-3)
+    section = tb.Section.from_stiffness(
+        EA=100.0, GA=50.0, GJ=0.8, EI=torch.stack((EI, 2 * EI), -1), mass=0.2, inertia=1e-3
+    )
     return tb.Scene(tb.Beam.straight(1.0, elements, section), [tb.TipLoad(force=(0.0, 0.1, -0.2))])
 
 
 @pytest.mark.parametrize("elements", [2, 18])
 def test_vmap_over_modes(elements):
-    """Two frequencies, of a chain long enough for subspace iteration too, and their derivatives by EI are those of the samples
-    one by one: 1e-9, where sweeps end with the last sample's.
+    """Two frequencies, of a chain long enough for subspace iteration too, and their derivatives by
+    EI are those of the samples one by one: 1e-9, where sweeps end with the last sample's.
     """
+
     def frequency(x):
         return tb.modes(bent(x, elements), count=2).frequency
 
     EI = torch.tensor([1.0, 1.5])
-    for f in (frequency, torch.func.jacrev(frequency), torch.func.jacfwd(frequency))[:1 if elements > 2 else 3]:
+    for f in (frequency, torch.func.jacrev(frequency), torch.func.jacfwd(frequency))[
+        : 1 if elements > 2 else 3
+    ]:
         assert_close(torch.func.vmap(f)(EI), torch.stack([f(x) for x in EI]), rtol=1e-9, atol=0)
 
 
 REFUSED_UNDER_VMAP = {
     "linearize": lambda x: tb.linearize(bent(x)).A,
     "path": lambda x: tb.path(bent(x)).factor[-1],
-    "critical_load": lambda x: tb.critical_load(lambda factor: tb.Scene(bent(x).beam, [tb.TipLoad(
-        force=factor[..., None] * torch.tensor([-1.0, 0, 0]))]), 1.0, points=2, count=2).factor,
+    "critical_load": lambda x: (
+        tb.critical_load(
+            lambda factor: tb.Scene(
+                bent(x).beam, [tb.TipLoad(force=factor[..., None] * torch.tensor([-1.0, 0, 0]))]
+            ),
+            1.0,
+            points=2,
+            count=2,
+        ).factor
+    ),
 }
 
 
 @pytest.mark.parametrize("what", REFUSED_UNDER_VMAP)
 def test_what_decides_by_numbers_refuses_vmap(what):
     """In a sentence; a batch of scenes is taken."""
-    with pytest.raises(ValueError, match=r"within torch\.func\.vmap was given, where samples cannot go ways of their own"):
+    with pytest.raises(
+        ValueError,
+        match=r"within torch\.func\.vmap was given, where samples cannot go ways of their own",
+    ):
         torch.func.vmap(REFUSED_UNDER_VMAP[what])(torch.tensor([1.0, 1.5]))
 
 
-SECTION = tb.Section.from_stiffness(EA=100.0, GA=50.0, GJ=0.8, EI=(1.0, 3.0), mass=0.2, inertia=1e-3)
+SECTION = tb.Section.from_stiffness(
+    EA=100.0, GA=50.0, GJ=0.8, EI=(1.0, 3.0), mass=0.2, inertia=1e-3
+)
 ALONE = {
     "the motion of an elastic clamp": lambda a: tb.Scene(
-        tb.Beam.straight(1.0, 3, SECTION), [tb.RootSpring(stiffness=[50.0] * 6)],
-        root=tb.RootMotion(displacement=lambda t: a[..., None] * torch.sin(20 * t) * torch.tensor([0, 1.0, 0]))),
+        tb.Beam.straight(1.0, 3, SECTION),
+        [tb.RootSpring(stiffness=[50.0] * 6)],
+        root=tb.RootMotion(
+            displacement=lambda t: a[..., None] * torch.sin(20 * t) * torch.tensor([0, 1.0, 0])
+        ),
+    ),
     "the roll of a beam of small rotations": lambda a: tb.Scene(
         tb.Beam.straight(1.0, 3, SECTION, up=torch.stack((0 * a, torch.sin(a), torch.cos(a)), -1)),
-        [tb.TipLoad(force=(0, 1.0, 0))], small=True),
+        [tb.TipLoad(force=(0, 1.0, 0))],
+        small=True,
+    ),
 }
 
 
 @pytest.mark.parametrize("what", ALONE)
 def test_what_a_scene_knows_in_one_place_alone_carries_gradient(what):
-    """Three steps from a state without gradient, so that nothing but the scene brings it: against differences."""
+    """Three steps from a state without gradient, so that nothing but the scene brings it: against
+    differences.
+    """
+
     def tip(a):
         stepper = tb.Stepper(ALONE[what](a), DT, **EXACT)
         state = stepper.rest().detach()
@@ -278,10 +380,13 @@ def test_what_a_scene_knows_in_one_place_alone_carries_gradient(what):
 
 
 CHECKPOINTED = {
-    "Load": lambda p: tb.Load(lambda r, R, v, w, t: (-p * v * v.norm(dim=-1, keepdim=True), -p * w)),
+    "Load": lambda p: tb.Load(
+        lambda r, R, v, w, t: (-p * v * v.norm(dim=-1, keepdim=True), -p * w)
+    ),
     "Load along the beam": lambda p: tb.Load(lambda r, R, v, w, t: (-p * v, None), node=None),
-    "Load with internal states": lambda p: tb.Load(lambda r, R, v, w, t, z: (z, None), internal=3,
-                                                   rate=lambda z, r, R, v, w, t: -p * (z + v)),
+    "Load with internal states": lambda p: tb.Load(
+        lambda r, R, v, w, t, z: (z, None), internal=3, rate=lambda z, r, R, v, w, t: -p * (z + v)
+    ),
     "Spring": lambda p: tb.Spring(-1, 10 * p, (1.0, 1.0, 0.5), length=0.3, damping=p),
     "Drag": lambda p: tb.Drag(10.0, 0.1, flow=lambda x, t: p * torch.sin(x.flip(-1) + t)),
 }
@@ -289,31 +394,47 @@ CHECKPOINTED = {
 
 @pytest.mark.parametrize("name", CHECKPOINTED)
 def test_loads_by_functions_can_be_checkpointed(name):
-    """The gradient by a number in a load whose tangent is taken by automatic differentiation, with the graph kept and with it
-    computed again: to rounding.
+    """The gradient by a number in a load whose tangent is taken by automatic differentiation, with
+    the graph kept and with it computed again: to rounding.
     """
     section = tb.Section.from_stiffness(EA=100.0, GA=40.0, GJ=0.5, EI=1.0, mass=0.3, inertia=0.01)
     found = []
     for checkpoint in (False, True):
         p = torch.tensor(0.7, requires_grad=True)
-        scene = tb.Scene(tb.Beam.straight(1.0, 2, section), [tb.TipLoad(force=(0, 0.3, 1.0)), CHECKPOINTED[name](p)])
-        end = tb.simulate(scene, [0.0, 0.04], step=0.01, checkpoint=checkpoint).tip.position[-1].square().sum()
+        scene = tb.Scene(
+            tb.Beam.straight(1.0, 2, section),
+            [tb.TipLoad(force=(0, 0.3, 1.0)), CHECKPOINTED[name](p)],
+        )
+        end = (
+            tb.simulate(scene, [0.0, 0.04], step=0.01, checkpoint=checkpoint)
+            .tip.position[-1]
+            .square()
+            .sum()
+        )
         found.append(torch.autograd.grad(end, p)[0])
     assert found[0] != 0
     torch.testing.assert_close(*found, rtol=1e-9, atol=0)
 
 
 def test_gradient_of_what_cannot_stretch_is_exact():
-    """An inextensible, shear-stiff, bent beam with strain of its own, three steps: forward mode against extrapolated central
-    differences, of velocity, reaction and stress, to 1e-9 (the small flexibility of the tangent alone leaves 7e-7).
+    """An inextensible, shear-stiff, bent beam with strain of its own, three steps: forward mode
+    against extrapolated central differences, of velocity, reaction and stress, to 1e-9 (the small
+    flexibility of the tangent alone leaves 7e-7).
     """
     nodes = torch.tensor([[0.0, 0, 0], [0.4, 0.1, 0.05], [0.7, 0.05, 0.2], [1.0, 0.2, 0.1]])
 
     def end(mass):
-        section = tb.Section.from_stiffness(EA=math.inf, GA=math.inf, GJ=0.8, EI=(1.0, 1.7), mass=mass, inertia=0.03)
-        of = tb.Scene(tb.Beam.from_nodes(nodes, section), [
-            tb.TipLoad(force=(0.3, 1.0, 0.5)), tb.Actuation(strain=(0.03, 0.02, 0.04)),
-            tb.PointMass(0.2, inertia=(0.02, 0.03, 0.04), node=1)])
+        section = tb.Section.from_stiffness(
+            EA=math.inf, GA=math.inf, GJ=0.8, EI=(1.0, 1.7), mass=mass, inertia=0.03
+        )
+        of = tb.Scene(
+            tb.Beam.from_nodes(nodes, section),
+            [
+                tb.TipLoad(force=(0.3, 1.0, 0.5)),
+                tb.Actuation(strain=(0.03, 0.02, 0.04)),
+                tb.PointMass(0.2, inertia=(0.02, 0.03, 0.04), node=1),
+            ],
+        )
         stepper = tb.Stepper(of, 0.06, **EXACT)
         state = stepper.rest(mass.shape)
         for _ in range(3):

@@ -1,6 +1,8 @@
-"""Every argument of every public call is given what it cannot be: it is refused in one sentence, or it is one of its values.
+"""Every argument of every public call is given what it cannot be: it is refused in one sentence, or
+it is one of its values.
 
-A call that is not in the table `public_calls`, or an argument that the table does not give, fails the last test.
+A call that is not in the table `public_calls`, or an argument that the table does not give, fails
+the last test.
 """
 
 import inspect
@@ -14,25 +16,44 @@ import torchbeam as tb
 from tests.cases.public_calls import BEAM, CALLS, OTHER, SCENE, SECTION, START
 
 WRONG = {
-    "an object": object(), "a text": "x", "None in a list": [None], "a namespace": SimpleNamespace(t=1.0),
-    "a function of nothing": lambda: None, "complex numbers": torch.ones(3) * 1j, "rows of two lengths": [[1.0], [1.0, 2.0]],
+    "an object": object(),
+    "a text": "x",
+    "None in a list": [None],
+    "a namespace": SimpleNamespace(t=1.0),
+    "a function of nothing": lambda: None,
+    "complex numbers": torch.ones(3) * 1j,
+    "rows of two lengths": [[1.0], [1.0, 2.0]],
 }
+# fmt: off
 MORE = {
-    "None": None, "True": True, "nan": math.nan, "inf": math.inf, "-1": -1, "0": 0, "1.5": 1.5, "1e-300": 1e-300,
-    "a billion": 10**9, "nothing": [], "no entries": (), "no names": {}, "single precision": torch.ones(3, dtype=torch.float32),
-    "five": torch.ones(5), "booleans": torch.tensor([True, False, True]), "nan in a tensor": torch.full((3,), math.nan),
-    "a number as a tensor": torch.tensor(1.0), "a section": SECTION, "a beam": BEAM, "a scene": SCENE, "a state": START,
-    "a state of another beam": tb.rest(OTHER), "a function of anything": lambda *a, **k: None, "a function that gives a text":
+    "None": None, "True": True, "nan": math.nan, "inf": math.inf, "-1": -1, "0": 0, "1.5": 1.5,
+    "1e-300": 1e-300,
+    "a billion": 10**9, "nothing": [], "no entries": (), "no names": {},
+    "single precision": torch.ones(3, dtype=torch.float32),
+    "five": torch.ones(5), "booleans": torch.tensor([True, False, True]),
+    "nan in a tensor": torch.full((3,), math.nan),
+    "a number as a tensor": torch.tensor(1.0), "a section": SECTION, "a beam": BEAM,
+    "a scene": SCENE, "a state": START,
+    "a state of another beam": tb.rest(OTHER), "a function of anything": lambda *a, **k: None,
+    "a function that gives a text":
     lambda *a: "x",
-    "a state of nan": START.map(lambda x: torch.full_like(x, math.nan) if x.is_floating_point() else x),
+    "a state of nan": START.map(lambda x: torch.full_like(x,
+        math.nan) if x.is_floating_point() else x),
 }
-SENTENCE = "no equilibrium", "failed"  # of RuntimeErrors that a call's docstring names: what it asks for is not there
+# fmt: on
+# of RuntimeErrors that a call's docstring names: what it asks for is not there
+SENTENCE = "no equilibrium", "failed"
 
 
 def arguments(function, given):
     """Names that it takes, beside those of the scene's inputs."""
     kinds = inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY
-    return dict.fromkeys([*given, *(p.name for p in inspect.signature(function).parameters.values() if p.kind in kinds)])
+    return dict.fromkeys(
+        [
+            *given,
+            *(p.name for p in inspect.signature(function).parameters.values() if p.kind in kinds),
+        ]
+    )
 
 
 def answers(call, wrong):
@@ -47,8 +68,14 @@ def answers(call, wrong):
                 if "\n" in sentence or len(sentence) > 400:
                     yield f"{name} = {what}: {sentence!r} is no sentence"
             except Exception as error:
-                if not (isinstance(error, RuntimeError) and any(words in str(error) for words in SENTENCE)):
-                    yield f"{name} = {what}: {type(error).__name__}: {str(error).splitlines()[0][:100]}"
+                if not (
+                    isinstance(error, RuntimeError)
+                    and any(words in str(error) for words in SENTENCE)
+                ):
+                    yield (
+                        f"{name} = {what}: {type(error).__name__}: "
+                        f"{str(error).splitlines()[0][:100]}"
+                    )
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -68,10 +95,12 @@ def test_what_an_argument_may_not_be_is_refused(call, tmp_path, monkeypatch):
     assert not (found := [*answers(call, MORE)]), "\n".join(found)
 
 
+# made by calls
 RESULTS = """Advice BlockRate Critical Description Energy Estimate FieldFit Fit Linear MixedState
 Modes MomentDerivatives PairedModes Path RareEvent Samples Sensor SlowPathWarning SobolIndices
-Solution State Stats Stream Tornado"""  # made by calls
-ELSEWHERE = {"Beam", "RootForce", "RootMoment", "RootReaction", "TipVelocity", "identify_fields"}  # or without arguments
+Solution State Stats Stream Tornado"""
+# or without arguments
+ELSEWHERE = {"Beam", "RootForce", "RootMoment", "RootReaction", "TipVelocity", "identify_fields"}
 
 
 def test_every_public_call_is_in_the_table():

@@ -1,7 +1,8 @@
-"""The same physics said twice agrees: random scenes turned, mirrored, moved, in other units, later, in other words, in batches,
-restarted, by other engines.
+"""The same physics said twice agrees: random scenes turned, mirrored, moved, in other units, later,
+in other words, in batches, restarted, by other engines.
 
-Long, with a CSV of all comparisons:  python -m tests.properties.test_metamorphic --seed 5 --cases 1000 --engines eager,auto
+Long, with a CSV of all comparisons:  python -m tests.properties.test_metamorphic --seed 5 --cases
+                                      1000 --engines eager,auto
 """
 
 import argparse
@@ -24,27 +25,58 @@ from tests.cases.metamorphic_users import USERS
 from tests.cases.metamorphic_words import SHARES, ZEROS
 from torchbeam.extend import METHODS, Tree, own_leaves
 
-EFFECTS = [kind for name in tb.__all__ if inspect.isclass(kind := getattr(tb, name)) and hasattr(kind, "kind")]
+EFFECTS = [
+    kind
+    for name in tb.__all__
+    if inspect.isclass(kind := getattr(tb, name)) and hasattr(kind, "kind")
+]
 CONSTRUCTORS = {  # -> ingredient of random scenes that calls it
-    "Section": {"": "6x6", "rectangle": "rectangle", "circle": "circle", "from_stiffness": "from_stiffness"},
-    "Beam": {"straight": "straight", "arc": "arc", "curve": "curve number", "from_nodes": "from_nodes tensor"},
+    "Section": {
+        "": "6x6",
+        "rectangle": "rectangle",
+        "circle": "circle",
+        "from_stiffness": "from_stiffness",
+    },
+    "Beam": {
+        "straight": "straight",
+        "arc": "arc",
+        "curve": "curve number",
+        "from_nodes": "from_nodes tensor",
+    },
 }
 SEEDED = 7
 
 
 @pytest.mark.parametrize("kind", EFFECTS, ids=lambda kind: kind.__name__)
 def test_every_effect_has_its_rows(kind):
-    """What its numbers are, how it is split, what none of it is, a user's load that does the same; and a random ingredient."""
+    """What its numbers are, how it is split, what none of it is, a user's load that does the same;
+    and a random ingredient.
+    """
     for table in (FIELDS, SHARES, ZEROS, USERS):
         assert kind in table, f"{kind.__name__} has no row"
     assert any(name.startswith(kind.called) for name in TABLE["effect"])
 
 
-@pytest.mark.parametrize("of", [
-    tb.Gravity((0, 0, 1.0)), tb.TipLoad(force=(0, 0, 1.0)), tb.LineLoad(force=(0, 0, 1.0)), tb.Damping(0.1),
-    tb.MassDamping(0.1), tb.Drag(1.0, 1.0), tb.PointMass(1.0), tb.Actuation(curvature=(0, 0, 1.0)),
-    tb.Spring(0, 1.0, (0, 0, 0.0)), tb.RootSpring((1.0, 1.0)), tb.Load(lambda *a: None), tb.Support(0),
-    tb.Frame(velocity=(0, 0, 1.0)), tb.RootMotion(displacement=(0, 0, 1.0))], ids=lambda x: type(x).__name__)
+@pytest.mark.parametrize(
+    "of",
+    [
+        tb.Gravity((0, 0, 1.0)),
+        tb.TipLoad(force=(0, 0, 1.0)),
+        tb.LineLoad(force=(0, 0, 1.0)),
+        tb.Damping(0.1),
+        tb.MassDamping(0.1),
+        tb.Drag(1.0, 1.0),
+        tb.PointMass(1.0),
+        tb.Actuation(curvature=(0, 0, 1.0)),
+        tb.Spring(0, 1.0, (0, 0, 0.0)),
+        tb.RootSpring((1.0, 1.0)),
+        tb.Load(lambda *a: None),
+        tb.Support(0),
+        tb.Frame(velocity=(0, 0, 1.0)),
+        tb.RootMotion(displacement=(0, 0, 1.0)),
+    ],
+    ids=lambda x: type(x).__name__,
+)
 def test_every_tensor_of_a_scene_has_its_quantity(of):
     assert set(quantities(of)) == {one.name for one in own_leaves(of)}
 
@@ -53,7 +85,9 @@ def test_every_constructor_method_and_support_is_drawn():
     """Of sections and beams; methods of `Stepper`; which components supports hold."""
     for name, rows in CONSTRUCTORS.items():
         kind = getattr(tb, name)
-        public = {n for n, f in vars(kind).items() if isinstance(f, classmethod) and not n.startswith("_")}
+        public = {
+            n for n, f in vars(kind).items() if isinstance(f, classmethod) and not n.startswith("_")
+        }
         assert public == set(rows) - {""}
         assert set(rows.values()) <= set(TABLE[name.lower()])
     assert {answer.split()[0] for answer in ANSWERS} >= set(METHODS)
@@ -71,26 +105,44 @@ def scene(number: int, space: str, start: str, *names: tuple[str, str]) -> Spec:
     return Spec(SEEDED + number, "midpoint", space, names, start)
 
 
+# fmt: off
 SCENES = {  # what random scenes draw seldom: one of each, by hand
-    "loads": scene(0, "3D", "rest", ("section", "of each element"), ("beam", "arc"), ("effect", "TipLoad force function"),
+    "loads": scene(0, "3D", "rest", ("section", "of each element"), ("beam", "arc"),
+                   ("effect", "TipLoad force function"),
                    ("effect", "LineLoad force value"), ("effect", "Gravity value")),
-    "plane": scene(1, "xz", "velocity", *PLAIN, ("effect", "TipLoad force Input"), ("effect", "LineLoad moment value"),
+    "plane": scene(1, "xz", "velocity", *PLAIN, ("effect", "TipLoad force Input"),
+                   ("effect", "LineLoad moment value"),
                    ("effect", "Damping one")),
-    "user": scene(2, "3D", "spin", *PLAIN, ("effect", "Load along"), ("effect", "Drag flow function"), TIP),
+    "user": scene(2, "3D", "spin", *PLAIN, ("effect", "Load along"),
+                  ("effect", "Drag flow function"), TIP),
     "free": scene(3, "3D", "velocity", *PLAIN, *FREE, ("effect", "Spring damping linear"),
                   ("effect", "PointMass offset inertia"), TIP),
-    "linked": scene(4, "3D", "rest", ("section", "rotated"), ("beam", "linked"), ("effect", "Gravity value"), TIP),
+    "linked": scene(4, "3D", "rest", ("section", "rotated"), ("beam", "linked"),
+                    ("effect", "Gravity value"), TIP),
 }
-HERE = tuple(r for r in RELATIONS if r not in ("engines", "again", "threads", "vmap", "dual") and not r.startswith("numbers"))
+# fmt: on
+HERE = tuple(
+    r
+    for r in RELATIONS
+    if r not in ("engines", "again", "threads", "vmap", "dual") and not r.startswith("numbers")
+)
 
 
-@pytest.mark.parametrize("name", [*list(SCENES)[:4], pytest.param("linked", marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "name", [*list(SCENES)[:4], pytest.param("linked", marks=pytest.mark.long)]
+)
 def test_scenes_said_twice(name):
-    """Each relation that says something about a scene; derivatives, and effects of zero, of the first."""
+    """Each relation that says something about a scene; derivatives, and effects of zero, of the
+    first.
+    """
     fuzz, first = Metamorphic(SEEDED), name == "loads"
     of = said(SCENES[name], "midpoint", gradient=first)
     for relation in HERE if first else [r for r in HERE if not r.startswith("words: no ")]:
-        row = fuzz._tried(lambda r=relation: compare(of, r), (SCENES[name], "midpoint", relation, "eager"), "eager")
+        row = fuzz._tried(
+            lambda r=relation: compare(of, r),
+            (SCENES[name], "midpoint", relation, "eager"),
+            "eager",
+        )
         if row is not None:
             fuzz._take(row, report=False)
     assert not fuzz.failures
@@ -100,11 +152,20 @@ def test_scenes_said_twice(name):
 SHORT = ("numbers: closure", "numbers: default", "numbers: object", "numbers: module")
 
 
-@pytest.mark.parametrize("holder", [*SHORT, *(pytest.param(r, marks=pytest.mark.long) for r in RELATIONS
-                                              if r.startswith("numbers") and r not in SHORT)])
+@pytest.mark.parametrize(
+    "holder",
+    [
+        *SHORT,
+        *(
+            pytest.param(r, marks=pytest.mark.long)
+            for r in RELATIONS
+            if r.startswith("numbers") and r not in SHORT
+        ),
+    ],
+)
 def test_a_second_scene_of_the_same_code_has_its_own_numbers(holder):
-    """Native code made for functions with one number serves those with another, wherever users keep it: in a closure, a
-    default, a partial, an object, a list, a module.
+    """Native code made for functions with one number serves those with another, wherever users keep
+    it: in a closure, a default, a partial, an object, a list, a module.
     """
     row = compare(said(SCENES["user"], "midpoint", gradient=False), holder, "eager")
     assert row.passed, row
@@ -113,7 +174,9 @@ def test_a_second_scene_of_the_same_code_has_its_own_numbers(holder):
 @pytest.mark.long
 @pytest.mark.parametrize("seconds", [400])
 def test_random_scenes_said_twice(seconds):
-    """Every answer (methods, forms, statics, linear models) in turn with the relations that were compared least."""
+    """Every answer (methods, forms, statics, linear models) in turn with the relations that were
+    compared least.
+    """
     fuzz = Metamorphic(SEEDED)
     fuzz.run(cases=10_000, each=2, seconds=seconds)
     assert not fuzz.failures
@@ -121,26 +184,35 @@ def test_random_scenes_said_twice(seconds):
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--cases", type=int, default=1000, help="scenes")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--seconds", type=float, default=float("inf"), help="of CPU, at most")
     parser.add_argument("--engines", default="eager,auto", help="in turn")
     parser.add_argument("--relations", default="", help="those whose names have this in them")
-    parser.add_argument("--out", type=Path, default=Path("out/metamorphic.csv"), help="CSV of all comparisons")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/metamorphic.csv"), help="CSV of all comparisons"
+    )
     arguments = parser.parse_args()
     torch.set_default_dtype(torch.float64)
     torch.set_num_threads(1)
     relations = tuple(r for r in RELATIONS if arguments.relations in r)
-    begin, fuzz = time.process_time(), Metamorphic(arguments.seed, relations, tuple(arguments.engines.split(",")))
+    begin = time.process_time()
+    fuzz = Metamorphic(arguments.seed, relations, tuple(arguments.engines.split(",")))
     fuzz.run(arguments.cases, seconds=arguments.seconds, report=True)
     fuzz.save(arguments.out)
     for sentence, often in fuzz.refused.most_common():
         print(f"refused {often}: {sentence}")
     print("never compared:", sorted(r for r in relations if not fuzz.covered[r]) or "nothing")
-    value, gradient = (max((getattr(r, name) for r in fuzz.rows), default=0.0) for name in ("value", "gradient"))
-    print(f"{len(fuzz.rows)} comparisons, {len(fuzz.failures)} failures; largest distance of values {value:.1e}, of gradients "
-          f"{gradient:.1e}; {time.process_time() - begin:.0f} s of one core")
+    value, gradient = (
+        max((getattr(r, name) for r in fuzz.rows), default=0.0) for name in ("value", "gradient")
+    )
+    print(
+        f"{len(fuzz.rows)} comparisons, {len(fuzz.failures)} failures; largest distance of values "
+        f"{value:.1e}, of gradients {gradient:.1e}; {time.process_time() - begin:.0f} s of one core"
+    )
     sys.exit(bool(fuzz.failures))
 
 

@@ -1,5 +1,5 @@
-"""A new effect is one class: batches, compaction, gradients, planes, save and load follow from its declaration. This one is
-written here, and no list anywhere knows it.
+"""A new effect is one class: batches, compaction, gradients, planes, save and load follow from its
+declaration. This one is written here, and no list anywhere knows it.
 """
 
 import copy
@@ -13,7 +13,17 @@ from torch import Tensor
 from torch.testing import assert_close
 
 import torchbeam as tb
-from torchbeam.extend import POSITION, VELOCITY, BatchSubset, LoadEffect, Value, detached, leaf, leaves, map_leaves
+from torchbeam.extend import (
+    POSITION,
+    VELOCITY,
+    BatchSubset,
+    LoadEffect,
+    Value,
+    detached,
+    leaf,
+    leaves,
+    map_leaves,
+)
 
 SOFT = dict(EA=4e3, GA=2e3, GJ=0.8, EI=1.0, mass=0.2, inertia=1e-3)
 B = 6
@@ -21,8 +31,8 @@ B = 6
 
 @dataclass(frozen=True)
 class Magnet(LoadEffect):
-    """A node drawn to a point by a force that falls off with distance, s d/(a^2 + |d|^2)^2, with some friction; its tangent
-    comes by automatic differentiation.
+    """A node drawn to a point by a force that falls off with distance, s d/(a^2 + |d|^2)^2, with
+    some friction; its tangent comes by automatic differentiation.
     """
 
     strength: Value = leaf(0)  # N m^3
@@ -36,7 +46,9 @@ class Magnet(LoadEffect):
     def wrench(self, point, t, inputs):
         d = self.at - point.position
         size = self.width[..., None] ** 2 + d.square().sum(-1, keepdim=True)
-        return self.strength[..., None] * d / size**2 - self.friction[..., None] * point.velocity, None
+        return self.strength[..., None] * d / size**2 - self.friction[
+            ..., None
+        ] * point.velocity, None
 
 
 def number(*shape):
@@ -51,7 +63,9 @@ def magnet(B=B, at=(0.8, 0.0, 0.4), **more):
 
 
 def scene(effect, **options):
-    return tb.Scene(tb.Beam.straight(1.0, 2, tb.Section.from_stiffness(**SOFT)), [effect], **options)
+    return tb.Scene(
+        tb.Beam.straight(1.0, 2, tb.Section.from_stiffness(**SOFT)), [effect], **options
+    )
 
 
 def tip(effect, steps=3, engine="auto", **options):
@@ -65,28 +79,40 @@ def tip(effect, steps=3, engine="auto", **options):
 
 def test_numbers_become_the_beams_and_axes_the_batchs():
     made = scene(Magnet(number(), number(3), width=0.4))
-    assert made.batch_shape == (B,) and all(one.value.dtype == made.dtype for one in leaves(made.effects[0]))
+    assert made.batch_shape == (B,) and all(
+        one.value.dtype == made.dtype for one in leaves(made.effects[0])
+    )
     assert isinstance(made.effects[0].width, Tensor)
-    with pytest.raises(ValueError, match=r"Magnet of dtype torch\.float32 meets a beam of torch\.float64"):
+    with pytest.raises(
+        ValueError, match=r"Magnet of dtype torch\.float32 meets a beam of torch\.float64"
+    ):
         scene(Magnet(number().float(), (1.0, 0, 0)))
     with pytest.raises(ValueError):
         scene(Magnet(number(), torch.zeros(B + 1, 3)))
 
 
 def test_a_sample_in_a_batch_is_the_sample_alone(monkeypatch):
-    """Steps of a batch so large that it is taken apart as its samples converge, and of some of its samples."""
+    """Steps of a batch so large that it is taken apart as its samples converge, and of some of its
+    samples.
+    """
     many, gathered, gather = 80, [], BatchSubset.gather
     effect = magnet(many, at=(0.8, 0.1, 0.4))
-    monkeypatch.setattr(BatchSubset, "gather", lambda few, tree: gathered.append(few) or gather(few, tree))
+    monkeypatch.setattr(
+        BatchSubset, "gather", lambda few, tree: gathered.append(few) or gather(few, tree)
+    )
     together = tip(effect, engine="eager")
     assert gathered
     assert_close(tip(effect), together, rtol=0, atol=1e-11)
     for k in (0, many // 2, many - 1):
-        assert_close(together[k], tip(replace(effect, strength=effect.strength[k])), rtol=0, atol=1e-11)
+        assert_close(
+            together[k], tip(replace(effect, strength=effect.strength[k])), rtol=0, atol=1e-11
+        )
 
 
 def test_gradients_by_its_tensors():
-    """Backward and forward against central differences, whose truncation and rounding are below 1e-7 of values of size one."""
+    """Backward and forward against central differences, whose truncation and rounding are below
+    1e-7 of values of size one.
+    """
     effect = scene(magnet()).effects[0]
     names = [one.name for one in leaves(effect)]
     assert names == ["strength", "at", "width", "friction"]
@@ -119,7 +145,11 @@ def test_saved_and_loaded_it_acts_alike():
     torch.save(made, file)
     file.seek(0)
     want = tip(magnet())
-    for again in (torch.load(file, weights_only=False), pickle.loads(pickle.dumps(made)), copy.deepcopy(made)):
+    for again in (
+        torch.load(file, weights_only=False),
+        pickle.loads(pickle.dumps(made)),
+        copy.deepcopy(made),
+    ):
         assert type(again.effects[0]) is Magnet
         assert_close(tip(again.effects[0]), want, rtol=0, atol=0)
 
@@ -128,14 +158,19 @@ def test_it_is_detached_and_mapped_as_a_whole():
     effect = magnet(strength=number().requires_grad_())
     made = scene(effect)
     assert made.effects[0].strength.requires_grad
-    assert not any(one.value.requires_grad for one in leaves(detached(made)) if isinstance(one.value, Tensor))
-    single = map_leaves(lambda value, axes: value.float() if isinstance(value, Tensor) else value, made)
+    assert not any(
+        one.value.requires_grad for one in leaves(detached(made)) if isinstance(one.value, Tensor)
+    )
+    single = map_leaves(
+        lambda value, axes: value.float() if isinstance(value, Tensor) else value, made
+    )
     assert single.effects[0].at.dtype == single.beam.nodes.dtype == torch.float32
     assert single.effects[0].node == -1
 
 
 def test_a_tensor_that_it_does_not_declare_is_refused_where_the_class_is_written():
     with pytest.raises(TypeError, match=r"Forgetful\.strength can hold a tensor.*leaf\(axes\)"):
+
         @dataclass(frozen=True)
         class Forgetful(LoadEffect):
             strength: Tensor
@@ -143,7 +178,9 @@ def test_a_tensor_that_it_does_not_declare_is_refused_where_the_class_is_written
 
 @dataclass(frozen=True)
 class Tie(LoadEffect):
-    """A spring to a point without a length of its own, as `Spring` is one; it answers what is asked of a stiffness."""
+    """A spring to a point without a length of its own, as `Spring` is one; it answers what is asked
+    of a stiffness.
+    """
 
     stiffness: Value = leaf(0)
     anchor: Value = leaf(1)
@@ -160,13 +197,19 @@ class Tie(LoadEffect):
 
 
 def test_what_is_asked_of_a_stiffness_it_answers_itself():
-    """Frequencies with it are those with a `Spring`, it holds a free beam, and its point may not leave the plane."""
+    """Frequencies with it are those with a `Spring`, it holds a free beam, and its point may not
+    leave the plane.
+    """
     for options in (dict(), dict(supports=())):
         both = (Tie(3.0, (1.0, 0, 0)), tb.Spring(-1, 3.0, (1.0, 0, 0)))
         lines = [tb.describe(scene(e, **options)).lines["frequencies"] for e in both]
         without = tb.describe(scene(tb.Gravity((0.0, 0, 0)), **options)).lines["frequencies"]
         assert lines[0] == lines[1] != without
-    for made, name in ((Tie(0.0, (1.0, 0.1, 0)), "Tie"), (tb.Spring(-1, 0.0, (1.0, 0.1, 0)), "Spring")):  # slack: no wrench
+    # slack: no wrench
+    for made, name in (
+        (Tie(0.0, (1.0, 0.1, 0)), "Tie"),
+        (tb.Spring(-1, 0.0, (1.0, 0.1, 0)), "Spring"),
+    ):
         with pytest.raises(ValueError, match=f"a {name} to a point out of the plane 'xz'"):
             tb.Stepper(scene(made, plane="xz"), 0.05)
 
@@ -177,6 +220,7 @@ def test_an_effect_acts_along_the_beam_unless_it_says_at_which_node():
     with pytest.raises(ValueError, match="which is not an effect"):
         scene(type("Alien", (), {"kind": "load"})())
     with pytest.raises(TypeError, match=r"Unsaid\.node is a field without a value"):
+
         @dataclass(frozen=True)
         class Unsaid(LoadEffect):
             node: int

@@ -1,5 +1,5 @@
-"""Tensors that are written to in place after something was made of them: everything is that of the old values, or of the new,
-never some of each.
+"""Tensors that are written to in place after something was made of them: everything is that of the
+old values, or of the new, never some of each.
 """
 
 import pytest
@@ -9,11 +9,16 @@ import torchbeam as tb
 
 FORCE = torch.tensor([0.1, 0.3, 0.2])
 OLD, NEW = "old", "new"
-COMPLIANCE, MASS = (torch.diag(torch.tensor(x)) for x in ([0.01, 0.02, 0.02, 1.0, 1.0, 0.5], [0.2, 0.2, 0.2, 1e-3, 1e-3, 1e-3]))
+COMPLIANCE, MASS = (
+    torch.diag(torch.tensor(x))
+    for x in ([0.01, 0.02, 0.02, 1.0, 1.0, 0.5], [0.2, 0.2, 0.2, 1e-3, 1e-3, 1e-3])
+)
 
 
 def section(**numbers):
-    return tb.Section.from_stiffness(**{**dict(EA=100.0, GA=50.0, GJ=0.8, EI=(1.0, 2.0), mass=0.2, inertia=1e-3), **numbers})
+    return tb.Section.from_stiffness(
+        **{**dict(EA=100.0, GA=50.0, GJ=0.8, EI=(1.0, 2.0), mass=0.2, inertia=1e-3), **numbers}
+    )
 
 
 def straight(**place):
@@ -24,28 +29,40 @@ def loaded(*effects, beam=None, **parts):
     return tb.Scene(beam or straight(), [tb.TipLoad(force=FORCE), *effects], **parts)
 
 
-# a scene of one tensor, that tensor, and whose values hold after it was written to: those of a beam, its section, a point
-# mass and a record are looked at once, and kept; those of other effects, supports and frames are read where they are needed
+# a scene of one tensor, that tensor, and whose values hold after it was written to: those of a
+# beam, its section, a point mass and a record are looked at once, and kept; those of other effects,
+# supports and frames are read where they are needed
+# fmt: off
 SCENES = {
-    "nodes": (lambda x: loaded(beam=tb.Beam.from_nodes(x, section())), [[0.0, 0, 0], [0.5, 0, 0], [1, 0.1, 0]], OLD),
+    "nodes": (lambda x: loaded(beam=tb.Beam.from_nodes(x, section())),
+              [[0.0, 0, 0], [0.5, 0, 0], [1, 0.1, 0]], OLD),
     "nodes of order 2": (lambda x: loaded(beam=tb.Beam.from_nodes(x, section(), order=2)),
                          [[0.0, 0, 0], [0.5, 0.06, 0], [1, 0.1, 0]], OLD),
-    "root": (lambda x: loaded(beam=straight(root=x), frame=tb.Frame(angular_velocity=(0, 0, 2.0))), [0.1, 0.2, 0.3], OLD),
+    "root": (lambda x: loaded(beam=straight(root=x), frame=tb.Frame(angular_velocity=(0, 0, 2.0))),
+             [0.1, 0.2, 0.3], OLD),
     "length": (lambda x: loaded(beam=straight(length=x)), 1.0, OLD),
-    "bending stiffness": (lambda x: loaded(tb.Damping(1e-2), beam=straight(section=section(EI=x))), [1.0, 2.0], OLD),
-    "compliance": (lambda x: loaded(tb.Damping(1e-2), beam=straight(section=tb.Section(x, MASS))), COMPLIANCE, OLD),
-    "mass": (lambda x: loaded(tb.Gravity((0, 0, -9.81)), beam=straight(section=tb.Section(COMPLIANCE, x))), MASS, OLD),
-    "accelerogram": (lambda x: loaded(root=tb.RootMotion(displacement=tb.Accelerogram([0.0, 1.0], x))), [[1.0, 2, 3]] * 2, OLD),
-    "instants of an accelerogram": (lambda x: loaded(root=tb.RootMotion(displacement=tb.Accelerogram(x, torch.ones(2, 3)))),
+    "bending stiffness": (lambda x: loaded(tb.Damping(1e-2), beam=straight(section=section(EI=x))),
+                          [1.0, 2.0], OLD),
+    "compliance": (lambda x: loaded(tb.Damping(1e-2), beam=straight(section=tb.Section(x, MASS))),
+                   COMPLIANCE, OLD),
+    "mass": (lambda x: loaded(tb.Gravity((0, 0, -9.81)),
+                              beam=straight(section=tb.Section(COMPLIANCE, x))), MASS, OLD),
+    "accelerogram": (lambda x: loaded(root=tb.RootMotion(displacement=tb.Accelerogram([0.0, 1.0],
+        x))), [[1.0, 2, 3]] * 2, OLD),
+    "instants of an accelerogram":
+    (lambda x: loaded(root=tb.RootMotion(displacement=tb.Accelerogram(x, torch.ones(2, 3)))),
                                     [0.01, 1.0], OLD),
-    "history": (lambda x: loaded(tb.PointLoad(1, force=tb.History([0.0, 1.0], x))), [[1.0, 2, 3]] * 2, NEW),
+    "history": (lambda x: loaded(tb.PointLoad(1, force=tb.History([0.0, 1.0], x))),
+                [[1.0, 2, 3]] * 2, NEW),
     "force": (lambda x: loaded(tb.TipLoad(force=x)), [0.1, 0.3, 0.2], NEW),
-    "following moment": (lambda x: loaded(tb.TipLoad(moment=x, follower=True)), [0.1, 0.3, 0.2], NEW),
+    "following moment": (lambda x: loaded(tb.TipLoad(moment=x, follower=True)), [0.1, 0.3, 0.2],
+                         NEW),
     "line load": (lambda x: loaded(tb.LineLoad(force=x)), [0.1, 0.3, 0.2], NEW),
     "function": (lambda x: loaded(tb.TipLoad(force=lambda t: x * (1 + t))), [0.1, 0.3, 0.2], NEW),
     "gravity": (lambda x: loaded(tb.Gravity(x), tb.PointMass(0.1)), [0.0, 5.0, -5.0], NEW),
     "point mass": (lambda x: loaded(tb.PointMass(x), tb.Gravity((0, 0, -9.81))), 0.2, OLD),
-    "inertia of a point mass": (lambda x: loaded(tb.PointMass(0.2, inertia=x)), torch.eye(3) / 50, OLD),
+    "inertia of a point mass": (lambda x: loaded(tb.PointMass(0.2, inertia=x)), torch.eye(3) / 50,
+                                OLD),
     "damping": (lambda x: loaded(tb.Damping(x)), 0.02, NEW),
     "mass damping": (lambda x: loaded(tb.MassDamping(x)), 2.0, NEW),
     "drag": (lambda x: loaded(tb.Drag(1000.0, x)), 0.1, NEW),
@@ -54,9 +71,21 @@ SCENES = {
     "anchor": (lambda x: loaded(tb.Spring(node=2, to=x, stiffness=5.0)), [1.0, 0.5, 0], NEW),
     "actuation": (lambda x: loaded(tb.Actuation(curvature=x)), [0.1, 0.3, 0.2], NEW),
     "turning frame": (lambda x: loaded(frame=tb.Frame(angular_velocity=x)), [1.0, 3.0, 2.0], NEW),
-    "support": (lambda x: loaded(supports=[tb.Support(0), tb.Support(2, displacement=x)]), [0.0, 0.01, 0.02], NEW),
+    "support": (lambda x: loaded(supports=[tb.Support(0), tb.Support(2, displacement=x)]),
+                [0.0, 0.01, 0.02], NEW),
 }
-COMPILED = ("nodes", "mass", "accelerogram", "history", "point mass", "damping", "spring", "turning frame")  # others: long
+# fmt: on
+# others: long
+COMPILED = (
+    "nodes",
+    "mass",
+    "accelerogram",
+    "history",
+    "point mass",
+    "damping",
+    "spring",
+    "turning frame",
+)
 
 
 def after(stepper):
@@ -68,12 +97,20 @@ def stepper_of(scene, engine):
     return tb.Stepper(scene, 0.05, engine=engine, tolerance=1e-12)
 
 
-@pytest.mark.parametrize("engine, what", [
-    pytest.param(engine, what, marks=[pytest.mark.long] * (engine == "compiled" and what not in COMPILED))
-    for engine in ("eager", "compiled") for what in SCENES])
+@pytest.mark.parametrize(
+    "engine, what",
+    [
+        pytest.param(
+            engine, what, marks=[pytest.mark.long] * (engine == "compiled" and what not in COMPILED)
+        )
+        for engine in ("eager", "compiled")
+        for what in SCENES
+    ],
+)
 def test_a_scene_takes_all_values_or_none(engine, what):
-    """Two steps of a stepper that is kept, and of one that is made afterwards, are both those of a scene of the values that the
-    rule names, to 1e-8 of the difference between the two (Newton's last residual is 1e-12).
+    """Two steps of a stepper that is kept, and of one that is made afterwards, are both those of a
+    scene of the values that the rule names, to 1e-8 of the difference between the two (Newton's
+    last residual is 1e-12).
     """
     if engine == "compiled":
         pytest.importorskip("llvmlite")
@@ -93,10 +130,13 @@ def test_a_scene_takes_all_values_or_none(engine, what):
         assert (after(given) - wanted).abs().max() < 1e-8 * size
 
 
+# fmt: off
 KEPT = {
     "nodes": (lambda x: tb.Beam.from_nodes(x, section()), [[0.0, 0, 0], [0.5, 0, 0], [1, 0.1, 0]]),
-    "nodes of order 2": (lambda x: tb.Beam.from_nodes(x, section(), order=2), [[0.0, 0, 0], [0.5, 0.06, 0], [1, 0.1, 0]]),
-    "frames": (lambda x: tb.Beam.from_nodes([[0.0, 0, 0], [1.0, 0, 0]], section(), frames=x), torch.eye(3)[None]),
+    "nodes of order 2": (lambda x: tb.Beam.from_nodes(x, section(), order=2),
+                         [[0.0, 0, 0], [0.5, 0.06, 0], [1, 0.1, 0]]),
+    "frames": (lambda x: tb.Beam.from_nodes([[0.0, 0, 0], [1.0, 0, 0]], section(), frames=x),
+               torch.eye(3)[None]),
     "radius": (lambda x: tb.Beam.arc(x, 1.0, 2, section()), 1.0),
     "direction": (lambda x: straight(direction=x), [1.0, 0.2, 0]),
     "twist": (lambda x: straight(twist=x), 0.3),
@@ -104,11 +144,15 @@ KEPT = {
     "mass": (lambda x: tb.Section(COMPLIANCE, x), MASS),
     "EI": (lambda x: section(EI=x), [1.0, 2.0]),
     "width": (lambda x: tb.Section.rectangle(width=x, height=0.01, E=1e9, nu=0.3, rho=1e3), 0.03),
-    "stations": (lambda x: tb.Stations([0.0, 1.0], [section(mass=x), section(mass=0.5)])(torch.tensor([0.2])), 0.2),
+    "stations": (lambda x: tb.Stations([0.0, 1.0],
+                                       [section(mass=x), section(mass=0.5)])(torch.tensor([0.2])),
+                 0.2),
     "accelerogram": (lambda x: tb.Accelerogram([0.0, 1.0], x), [[1.0, 2, 3]] * 2),
     "instants": (lambda x: tb.Accelerogram(x, torch.ones(2, 3)), [0.01, 1.0]),
-    "record with a gradient": (lambda x: tb.Accelerogram(x, torch.ones(2, 3, requires_grad=True)), [0.01, 1.0]),
+    "record with a gradient": (lambda x: tb.Accelerogram(x, torch.ones(2, 3, requires_grad=True)),
+                               [0.01, 1.0]),
 }
+# fmt: on
 
 
 @pytest.mark.parametrize("what", KEPT)
@@ -117,7 +161,11 @@ def test_what_derives_numbers_keeps_its_own(what):
     make, value = KEPT[what]
     x = torch.as_tensor(value).clone()
     made = make(x)
-    before = {name: value.detach().clone() for name, value in vars(made).items() if isinstance(value, torch.Tensor)}
+    before = {
+        name: value.detach().clone()
+        for name, value in vars(made).items()
+        if isinstance(value, torch.Tensor)
+    }
     assert before
     x.mul_(1.1).add_(0.01)
     for name, value in before.items():

@@ -1,4 +1,6 @@
-"""training/results.py and report.py: a run has its own file, what is there is kept, the table says what the files say."""
+"""training/results.py and report.py: a run has its own file, what is there is kept, the table says
+what the files say.
+"""
 
 import csv
 import json
@@ -12,22 +14,52 @@ from training.policies import load
 from training.tuned import TASKS, Task
 
 torch.set_num_threads(1)
-TINY = Task("tiny", "torchbeam/TipReachPlanar-v0", dict(elements=2, substeps=1, max_episode_steps=6))
+TINY = Task(
+    "tiny", "torchbeam/TipReachPlanar-v0", dict(elements=2, substeps=1, max_episode_steps=6)
+)
 
 
 def test_one_command(tmp_path, monkeypatch, capsys):
-    """Two learners and two baselines; called again, nothing is made again; a run that fails is named and the others go on."""
+    """Two learners and two baselines; called again, nothing is made again; a run that fails is
+    named and the others go on.
+    """
     monkeypatch.setitem(TASKS, "tiny", TINY)
     monkeypatch.setattr(results.tuned, "PPO", {"tiny": dict(num_envs=4, horizon=4, hidden=(8,))})
     for name in ("ppo", "shac"):
         learner, arguments, _ = results.LEARNERS[name]
-        monkeypatch.setitem(results.LEARNERS, name, (learner, arguments, {"tiny": dict(num_envs=4, horizon=4, hidden=(8,))}))
+        monkeypatch.setitem(
+            results.LEARNERS,
+            name,
+            (learner, arguments, {"tiny": dict(num_envs=4, horizon=4, hidden=(8,))}),
+        )
     monkeypatch.setitem(results.BASELINES, "pd", lambda task: 1 / 0)
-    options = ["--tasks", "tiny", "--seeds", "2", "--budget", "32", "--episodes", "4", "--jobs", "1", "--out", str(tmp_path),
-               "--algorithms", "zero", "static", "pd", "ppo", "shac"]
+    options = [
+        "--tasks",
+        "tiny",
+        "--seeds",
+        "2",
+        "--budget",
+        "32",
+        "--episodes",
+        "4",
+        "--jobs",
+        "1",
+        "--out",
+        str(tmp_path),
+        "--algorithms",
+        "zero",
+        "static",
+        "pd",
+        "ppo",
+        "shac",
+    ]
     assert results.main(options) == 1
     said = capsys.readouterr().out
-    assert "7 runs, 0 of them done" in said and "tiny-pd failed: ZeroDivisionError" in said and "| tiny | SHAC |" in said
+    assert (
+        "7 runs, 0 of them done" in said
+        and "tiny-pd failed: ZeroDivisionError" in said
+        and "| tiny | SHAC |" in said
+    )
     runs = {path.stem: json.loads(path.read_text()) for path in (tmp_path / "runs").glob("*.json")}
     learned = [f"tiny-{name}-{k}" for name in ("ppo", "shac") for k in (0, 1)]
     assert sorted(runs) == sorted(["tiny-zero", "tiny-static", *learned])
@@ -35,31 +67,62 @@ def test_one_command(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(results.BASELINES, "pd", results.BASELINES["zero"])
     assert results.main(options) == 0
     assert "7 runs, 6 of them done" in capsys.readouterr().out
-    assert before == {path: path.stat().st_mtime_ns for path in before} and not list((tmp_path / "runs").glob("*.failed"))
+    assert before == {path: path.stat().st_mtime_ns for path in before} and not list(
+        (tmp_path / "runs").glob("*.failed")
+    )
     rows = list(csv.DictReader(open(tmp_path / "results.csv")))
     assert [row["algorithm"] for row in rows] == ["zero", "static", "pd", "ppo", "shac"]
     mean = np.mean([runs[f"tiny-shac-{k}"]["return"] for k in (0, 1)])
-    assert float(rows[-1]["return"]) == pytest.approx(mean) and float(rows[-1]["common_steps"]) == 32
+    assert (
+        float(rows[-1]["return"]) == pytest.approx(mean) and float(rows[-1]["common_steps"]) == 32
+    )
     policy = load(tmp_path / "policies/tiny-shac.pt")
-    assert policy.about["scores"]["return"] == json.loads((tmp_path / "policies/scores.json").read_text())[
-        "tiny-shac.pt"]["return"]
-    assert (tmp_path / "policies/tiny-shac.pt").stat().st_size < 200_000 and (tmp_path / "curves.png").exists()
+    assert (
+        policy.about["scores"]["return"]
+        == json.loads((tmp_path / "policies/scores.json").read_text())["tiny-shac.pt"]["return"]
+    )
+    assert (tmp_path / "policies/tiny-shac.pt").stat().st_size < 200_000 and (
+        tmp_path / "curves.png"
+    ).exists()
 
 
 def test_table_compares_at_what_all_have_had():
-    """Two seeds of one learner with 100 steps in 10 s, one of another with 50 in 20 s; returns grow by one a step."""
+    """Two seeds of one learner with 100 steps in 10 s, one of another with 50 in 20 s; returns grow
+    by one a step.
+    """
+
     def run(algorithm, seed, steps, seconds):
-        return {"task": "t", "algorithm": algorithm, "seed": seed, "return": float(steps), "success": 1.0, "final_error": 0.0,
-                "steps": steps, "seconds": seconds, "ended": 0, "solver_failures": 0}
+        return {
+            "task": "t",
+            "algorithm": algorithm,
+            "seed": seed,
+            "return": float(steps),
+            "success": 1.0,
+            "final_error": 0.0,
+            "steps": steps,
+            "seconds": seconds,
+            "ended": 0,
+            "solver_failures": 0,
+        }
 
     def curve(run):
         share = np.linspace(0, 1, 11)
-        return {"steps": share * run["steps"], "seconds": share * run["seconds"], "held_out_return": share * run["steps"]}
+        return {
+            "steps": share * run["steps"],
+            "seconds": share * run["seconds"],
+            "held_out_return": share * run["steps"],
+        }
 
-    rows = report.table([run("ppo", 0, 100, 10.0), run("ppo", 1, 100, 10.0), run("shac", 0, 50, 20.0)], curve)
+    rows = report.table(
+        [run("ppo", 0, 100, 10.0), run("ppo", 1, 100, 10.0), run("shac", 0, 50, 20.0)], curve
+    )
     by = {row["algorithm"]: row for row in rows}
-    assert by["ppo"]["return_at_steps"] == pytest.approx(50) and by["shac"]["return_at_steps"] == pytest.approx(50)
-    assert by["ppo"]["return_at_seconds"] == pytest.approx(100) and by["shac"]["return_at_seconds"] == pytest.approx(25)
+    assert by["ppo"]["return_at_steps"] == pytest.approx(50) and by["shac"][
+        "return_at_steps"
+    ] == pytest.approx(50)
+    assert by["ppo"]["return_at_seconds"] == pytest.approx(100) and by["shac"][
+        "return_at_seconds"
+    ] == pytest.approx(25)
     assert by["ppo"]["return_deviation"] == 0 and by["shac"]["return_deviation"] is None
 
 
@@ -68,8 +131,12 @@ def test_baselines_are_tuned_on_training_episodes(monkeypatch):
     seen = []
     monkeypatch.setattr(baselines, "EFFORTS", (0.1, 100.0))
     scored = baselines.evaluate
-    monkeypatch.setattr(baselines, "evaluate", lambda *given: seen.append(given[3]) or scored(*given))
-    controller = baselines.BASELINES["lqr"](Task("tiny", "torchbeam/TipReachPlanar-v0", dict(elements=2, substeps=1)))
+    monkeypatch.setattr(
+        baselines, "evaluate", lambda *given: seen.append(given[3]) or scored(*given)
+    )
+    controller = baselines.BASELINES["lqr"](
+        Task("tiny", "torchbeam/TipReachPlanar-v0", dict(elements=2, substeps=1))
+    )
     assert controller.settings == {"effort": 0.1} and set(seen) == {baselines.TRAINING}
 
 

@@ -1,5 +1,6 @@
-"""The adapter to stable-baselines3 keeps what the vector env says, and stable-baselines3 trains through it."""
-
+"""The adapter to stable-baselines3 keeps what the vector env says, and stable-baselines3 trains
+through it.
+"""
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ from training.common import Budget
 from training.tuned import Task
 
 torch.set_num_threads(1)
-TINY = Task("tiny", "torchbeam/TipReachPlanar-v0", dict(elements=2, substeps=1, max_episode_steps=4))
+TINY = Task(
+    "tiny", "torchbeam/TipReachPlanar-v0", dict(elements=2, substeps=1, max_episode_steps=4)
+)
 
 
 @pytest.fixture(autouse=True)
@@ -26,7 +29,9 @@ def single_precision():
 
 
 def test_adapter_is_the_vector_env():
-    """Two episodes of four steps, beside the env itself: observations, rewards, ends, and the observation before the reset."""
+    """Two episodes of four steps, beside the env itself: observations, rewards, ends, and the
+    observation before the reset.
+    """
     env, plain = torchbeam_envs.Sb3VecEnv(TINY.make(3)), TINY.make(3)
     env.seed(5)
     np.testing.assert_array_equal(env.reset(), plain.reset(seed=5)[0])
@@ -38,9 +43,15 @@ def test_adapter_is_the_vector_env():
         np.testing.assert_allclose(reward, expected[1], rtol=1e-6)
         assert done.all() == (k % 4 == 3) and reward.dtype == np.float32
         for i, info in enumerate(infos):
-            assert ("terminal_observation" in info) == done[i] == info.get("TimeLimit.truncated", False)
+            assert (
+                ("terminal_observation" in info)
+                == done[i]
+                == info.get("TimeLimit.truncated", False)
+            )
             if done[i]:
-                np.testing.assert_array_equal(info["terminal_observation"], expected[4]["final_obs"][i])
+                np.testing.assert_array_equal(
+                    info["terminal_observation"], expected[4]["final_obs"][i]
+                )
                 assert info["distance"] == expected[4]["final_info"]["distance"][i]
             else:
                 assert info["distance"] == expected[4]["distance"][i]
@@ -60,15 +71,32 @@ def test_adapter_refuses_other_envs():
             torchbeam_envs.Sb3VecEnv(TINY.make(2, **arguments))
 
 
-SMALL = {"ppo": dict(n_steps=8, batch_size=16, n_epochs=1), "sac": dict(learning_starts=8, gradient_steps=1, batch_size=8)}
+SMALL = {
+    "ppo": dict(n_steps=8, batch_size=16, n_epochs=1),
+    "sac": dict(learning_starts=8, gradient_steps=1, batch_size=8),
+}
 
 
 @pytest.mark.parametrize("algorithm", SMALL)
 def test_trains_a_few_steps(algorithm, tmp_path):
     budget = Budget(steps=32)
-    result = sb3.train(TINY, algorithm, tmp_path, budget, name="run", episodes=2, final=2, progress=False, num_envs=4,
-                       **SMALL[algorithm])
+    result = sb3.train(
+        TINY,
+        algorithm,
+        tmp_path,
+        budget,
+        name="run",
+        episodes=2,
+        final=2,
+        progress=False,
+        num_envs=4,
+        **SMALL[algorithm],
+    )
     assert result["steps"] == 32 and np.isfinite(result["return"]) and result["episodes"] == 2
     assert {path.name for path in tmp_path.iterdir()} == {"run.csv", "run.zip", "run.normal"}
     rows = (tmp_path / "run.csv").read_text().splitlines()
-    assert rows[0].startswith("steps,seconds,held_out_return") and rows[1].startswith("0,") and rows[-1].startswith("32,")
+    assert (
+        rows[0].startswith("steps,seconds,held_out_return")
+        and rows[1].startswith("0,")
+        and rows[-1].startswith("32,")
+    )

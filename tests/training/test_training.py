@@ -1,4 +1,6 @@
-"""training/: gradients of a window, runs that resume in the same bits, learners that learn, files that load."""
+"""training/: gradients of a window, runs that resume in the same bits, learners that learn, files
+that load.
+"""
 
 import csv
 from pathlib import Path
@@ -14,7 +16,11 @@ from training.policies import Policy, Statistics, load, save
 from training.tuned import TASKS, Task
 
 torch.set_num_threads(1)
-TINY = Task("tiny", "torchbeam/TipReachPlanar-v0", dict(elements=2, substeps=1, max_episode_steps=12, control_interval=0.05))
+TINY = Task(
+    "tiny",
+    "torchbeam/TipReachPlanar-v0",
+    dict(elements=2, substeps=1, max_episode_steps=12, control_interval=0.05),
+)
 LEARNERS = {"ppo": (ppo.PPO, ppo.Arguments), "shac": (shac.SHAC, shac.Arguments)}
 
 
@@ -24,8 +30,9 @@ def learner(name, task=TINY, **settings):
 
 
 def test_gradient_of_a_window_is_that_of_differences():
-    """32 steps, episode ends within them, critic's values in the objective: central differences in two directions of the
-    policy's weights, in float64. 1e-6 is what differences of step 1e-5 are worth; the steps' Newton solves stop at 1e-8.
+    """32 steps, episode ends within them, critic's values in the objective: central differences in
+    two directions of the policy's weights, in float64. 1e-6 is what differences of step 1e-5 are
+    worth; the steps' Newton solves stop at 1e-8.
     """
     one = learner("shac", horizon=32, num_envs=3)
     for part in (one.policy, one.target):
@@ -55,17 +62,22 @@ def test_gradient_of_a_window_is_that_of_differences():
         assert abs(slope) > 1e-3
 
 
-@pytest.mark.parametrize("name, task", [("ppo", TINY), ("shac", TINY.varied(randomize=True, noise=0.01))])
+@pytest.mark.parametrize(
+    "name, task", [("ppo", TINY), ("shac", TINY.varied(randomize=True, noise=0.01))]
+)
 def test_resume_is_bit_exact(name, task, tmp_path):
-    """A run that is stopped between two checkpoints and goes on ends with the bits of one that never was; also where beams
-    change with the episode and sensors are noisy.
+    """A run that is stopped between two checkpoints and goes on ends with the bits of one that
+    never was; also where beams change with the episode and sensors are noisy.
     """
     budget = common.Budget(steps=4 * 32)
     options = dict(episodes=2, final=2, progress=False, name="run")
     whole = common.train(learner(name, task), task, tmp_path / "whole", budget, **options)
     part = learner(name, task)
     steps, stop = part.iteration, iter(range(2))
-    part.iteration = lambda done: (steps(done), pytest.fail("stopped") if next(stop, None) is None else None)[0]
+    part.iteration = lambda done: (
+        steps(done),
+        pytest.fail("stopped") if next(stop, None) is None else None,
+    )[0]
     with pytest.raises(pytest.fail.Exception):
         common.train(part, task, tmp_path / "part", budget, **options)
     assert (tmp_path / "part/run.checkpoint").exists()
@@ -75,11 +87,15 @@ def test_resume_is_bit_exact(name, task, tmp_path):
     assert all(torch.equal(a[key], b[key]) for key in a)
     assert {**whole, "seconds": 0} == {**resumed, "seconds": 0}
     logs = [list(csv.DictReader(open(tmp_path / where / "run.csv"))) for where in ("whole", "part")]
-    assert [row["held_out_return"] for row in logs[0]] == [row["held_out_return"] for row in logs[1]]
+    assert [row["held_out_return"] for row in logs[0]] == [
+        row["held_out_return"] for row in logs[1]
+    ]
     assert [int(row["iteration"]) for row in logs[1]] == [*range(5)]
 
 
-@pytest.mark.parametrize("name, settings", [("ppo", dict(num_envs=16, rate=5e-3)), ("shac", dict(num_envs=8, rate=1e-2))])
+@pytest.mark.parametrize(
+    "name, settings", [("ppo", dict(num_envs=16, rate=5e-3)), ("shac", dict(num_envs=8, rate=1e-2))]
+)
 def test_learns(name, settings):
     """Ten updates on a coarse strip cut what held-out episodes cost by more than a tenth."""
     one = learner(name, horizon=12, **settings)
@@ -96,27 +112,39 @@ def test_numpy_and_torch_output_teach_the_same():
         one.data = one.collect()
     assert b.data["observation"].dtype == torch.float64
     for name in ("observation", "reward", "next", "likelihood"):
-        torch.testing.assert_close(a.data[name].double(), b.data[name].double(), atol=1e-5, rtol=1e-5)
+        torch.testing.assert_close(
+            a.data[name].double(), b.data[name].double(), atol=1e-5, rtol=1e-5
+        )
     assert torch.equal(a.data["over"], b.data["over"])
 
 
 def test_the_value_of_a_time_limit_is_that_before_the_reset():
-    """`next` of an episode's last step is its last observation, not the first of the one that follows."""
+    """`next` of an episode's last step is its last observation, not the first of the one that
+    follows.
+    """
     for name in LEARNERS:
         one = learner(name, horizon=12)
         data = one.collect() if name == "ppo" else one.window()[1]
-        assert data["over"][-1].all() and not data["over"][:-1].any() and not data["terminated"].any()
-        moved = data["next"][-1, :, 2:4].abs().amax(-1)  # displacement since the start of the episode
+        assert (
+            data["over"][-1].all() and not data["over"][:-1].any() and not data["terminated"].any()
+        )
+        # displacement since the start of the episode
+        moved = data["next"][-1, :, 2:4].abs().amax(-1)
         assert (moved > 0).all()
         torch.testing.assert_close(data["next"][:-1], data["observation"][1:])
 
 
 def test_statistics_are_those_of_all_data():
-    x = torch.randn(100, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64) * torch.tensor([1.0, 5.0, 0.1]) + 2
+    x = (
+        torch.randn(100, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+        * torch.tensor([1.0, 5.0, 0.1])
+        + 2
+    )
     seen = Statistics(3)
     for part in x.split((10, 60, 30)):
         seen.update(part)
-    torch.testing.assert_close(seen.mean, x.mean(0), rtol=1e-4, atol=1e-4)  # the prior counts 1e-4 samples
+    # the prior counts 1e-4 samples
+    torch.testing.assert_close(seen.mean, x.mean(0), rtol=1e-4, atol=1e-4)
     torch.testing.assert_close(seen.variance, x.var(0, correction=0), rtol=1e-3, atol=1e-4)
 
 
@@ -128,7 +156,9 @@ def test_policy_from_its_file(tmp_path):
     observation = np.random.default_rng(0).normal(size=(5, 17)).astype(np.float32)
     action = loaded(observation)
     assert action.shape == (5, 2) and isinstance(action, np.ndarray) and (np.abs(action) <= 1).all()
-    assert np.array_equal(action, policy(observation)) and np.array_equal(action, loaded(torch.as_tensor(observation)).numpy())
+    assert np.array_equal(action, policy(observation)) and np.array_equal(
+        action, loaded(torch.as_tensor(observation)).numpy()
+    )
     assert loaded.about == {"task": "reach", "scores": {"return": -1.0}}
 
 
@@ -143,20 +173,36 @@ class Evil:
 
 
 def test_files_are_data_and_nothing_else(tmp_path):
-    """What a learner writes holds tensors and plain data alone; a malicious, damaged, foreign or missing file is refused in a
-    sentence, as policy and as checkpoint, and nothing in it is run.
+    """What a learner writes holds tensors and plain data alone; a malicious, damaged, foreign or
+    missing file is refused in a sentence, as policy and as checkpoint, and nothing in it is run.
     """
     for name in LEARNERS:
         torch.save(learner(name).state_dict(), tmp_path / "state")
         torch.load(tmp_path / "state", weights_only=True)
     trap, good = tmp_path / "trap", (tmp_path / "state").read_bytes()
-    for content, sentence in ((Evil(trap), "holds more than tensors"), ({"learner": Evil(trap)}, "holds more than tensors"),
-                              (b"not a file of torch", "was given for a"), (b"", "was given for a"),
-                              (good[:500], "cannot be read"), ({"weights": 1}, "has no"), ([1], "has no")):
+    for content, sentence in (
+        (Evil(trap), "holds more than tensors"),
+        ({"learner": Evil(trap)}, "holds more than tensors"),
+        (b"not a file of torch", "was given for a"),
+        (b"", "was given for a"),
+        (good[:500], "cannot be read"),
+        ({"weights": 1}, "has no"),
+        ([1], "has no"),
+    ):
         for path in (tmp_path / "run.checkpoint", tmp_path / "policy.pt"):
             path.write_bytes(content) if isinstance(content, bytes) else torch.save(content, path)
-        with pytest.raises(ValueError, match=r"run.checkpoint' was given for a checkpoint, and ") as said:
-            common.train(learner("shac"), TINY, tmp_path, common.Budget(steps=32), episodes=2, final=2, progress=False)
+        with pytest.raises(
+            ValueError, match=r"run.checkpoint' was given for a checkpoint, and "
+        ) as said:
+            common.train(
+                learner("shac"),
+                TINY,
+                tmp_path,
+                common.Budget(steps=32),
+                episodes=2,
+                final=2,
+                progress=False,
+            )
         assert sentence in str(said.value)
         with pytest.raises(ValueError, match=sentence):
             load(tmp_path / "policy.pt")
@@ -166,12 +212,24 @@ def test_files_are_data_and_nothing_else(tmp_path):
 
 
 def test_what_does_not_fit_is_refused(tmp_path):
-    """A checkpoint of another learner, of other sizes, of more environments; a policy with other weights."""
+    """A checkpoint of another learner, of other sizes, of more environments; a policy with other
+    weights.
+    """
     rest = {"iteration": 1, "steps": 32, "seconds": 1.0, "rows": 1}
     for other in (learner("ppo"), learner("shac", hidden=(8,)), learner("shac", num_envs=3)):
         torch.save({"learner": other.state_dict(), **rest}, tmp_path / "run.checkpoint")
-        with pytest.raises(ValueError, match=r"run.checkpoint' was given, which does not fit this learner"):
-            common.train(learner("shac"), TINY, tmp_path, common.Budget(steps=32), episodes=2, final=2, progress=False)
+        with pytest.raises(
+            ValueError, match=r"run.checkpoint' was given, which does not fit this learner"
+        ):
+            common.train(
+                learner("shac"),
+                TINY,
+                tmp_path,
+                common.Budget(steps=32),
+                episodes=2,
+                final=2,
+                progress=False,
+            )
     policy = Policy((17, 16, 2), squash=True)
     for weights in ({}, {**policy.state_dict(), "log_deviation": torch.zeros(3)}):
         torch.save({"shape": policy.shape, "weights": weights, "about": {}}, tmp_path / "policy.pt")
@@ -180,14 +238,21 @@ def test_what_does_not_fit_is_refused(tmp_path):
 
 
 def test_commands_refuse_first(tmp_path, capsys):
-    """A folder below a file, a policy that is none, one of an unknown task: a sentence and the status 2."""
+    """A folder below a file, a policy that is none, one of an unknown task: a sentence and the
+    status 2.
+    """
     file = tmp_path / "file"
     file.write_text("")
     save(Policy((17, 16, 2), squash=True), tmp_path / "policy.pt", task="nonsense", arguments={})
-    for call, sentence in ((lambda: common.main(["--out", f"{file}/x"], shac.Arguments, shac.SHAC, {}), "cannot be written"),
-                           (lambda: results.main(["--out", f"{file}/x"]), "cannot be written"),
-                           (lambda: evaluation([str(file)]), "was given for a policy"),
-                           (lambda: evaluation([str(tmp_path / "policy.pt")]), "names no task of this release")):
+    for call, sentence in (
+        (
+            lambda: common.main(["--out", f"{file}/x"], shac.Arguments, shac.SHAC, {}),
+            "cannot be written",
+        ),
+        (lambda: results.main(["--out", f"{file}/x"]), "cannot be written"),
+        (lambda: evaluation([str(file)]), "was given for a policy"),
+        (lambda: evaluation([str(tmp_path / "policy.pt")]), "names no task of this release"),
+    ):
         with pytest.raises(SystemExit) as end:
             call()
         assert end.value.code == 2 and sentence in capsys.readouterr().err
@@ -201,8 +266,31 @@ def test_arguments_are_documented():
 
 def test_command_line(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(TASKS, "reach", TINY)
-    monkeypatch.setattr(common, "evaluate", lambda *given, **more: {
-        "return": 0.0, "success": 0.0, "final_error": 0.0})
-    common.main(["--budget", "32", "--num-envs", "4", "--horizon", "8", "--hidden", "(8,)", "--seed", "3",
-                 "--out", str(tmp_path)], shac.Arguments, shac.SHAC, {})
-    assert load(tmp_path / "tiny-shac-3.pt").shape["sizes"] == [11, 8, 1] and "steps 32" in capsys.readouterr().out
+    monkeypatch.setattr(
+        common,
+        "evaluate",
+        lambda *given, **more: {"return": 0.0, "success": 0.0, "final_error": 0.0},
+    )
+    common.main(
+        [
+            "--budget",
+            "32",
+            "--num-envs",
+            "4",
+            "--horizon",
+            "8",
+            "--hidden",
+            "(8,)",
+            "--seed",
+            "3",
+            "--out",
+            str(tmp_path),
+        ],
+        shac.Arguments,
+        shac.SHAC,
+        {},
+    )
+    assert (
+        load(tmp_path / "tiny-shac-3.pt").shape["sizes"] == [11, 8, 1]
+        and "steps 32" in capsys.readouterr().out
+    )

@@ -1,4 +1,6 @@
-"""The house: a folder imports only from those above it, and no two files import each other, not even for a type."""
+"""The house: a folder imports only from those above it, and no two files import each other, not
+even for a type.
+"""
 
 import ast
 import importlib
@@ -12,10 +14,32 @@ import torchbeam_envs
 import torchbeam
 
 # From what knows nothing to what knows all:
-LAYERS = ("math", "core", "topology", "scene", "state", "nodal", "mixed", "solvers", "equations", "engine", "dynamics",
-          "statics", "linear", "sensors", "plot", "analysis", "cli", "studies", "extend")
+LAYERS = (
+    "math",
+    "core",
+    "topology",
+    "scene",
+    "state",
+    "nodal",
+    "mixed",
+    "solvers",
+    "equations",
+    "engine",
+    "dynamics",
+    "statics",
+    "linear",
+    "sensors",
+    "plot",
+    "analysis",
+    "cli",
+    "studies",
+    "extend",
+)
 HERE = Path(__file__).parents[2]
-ROOTS = {"torchbeam": Path(torchbeam.__file__).parent, "torchbeam_envs": Path(torchbeam_envs.__file__).parent}
+ROOTS = {
+    "torchbeam": Path(torchbeam.__file__).parent,
+    "torchbeam_envs": Path(torchbeam_envs.__file__).parent,
+}
 
 
 def modules(package):
@@ -38,7 +62,9 @@ def imports(name, path, known):
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     for node in ast.walk(parsed(path)):
         if isinstance(node, ast.ImportFrom):
-            above = package.split(".")[:len(package.split(".")) - node.level + 1] if node.level else []
+            above = (
+                package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
+            )
             base = ".".join([*above, *([node.module] if node.module else [])])
             for alias in node.names:
                 full = f"{base}.{alias.name}"
@@ -63,7 +89,13 @@ def circles(arrows):
                 if other not in reach[name]:
                     reach[name].add(other)
                     todo.append(other)
-    return sorted({tuple(sorted(x for x in reach[name] if name in reach[x])) for name in arrows if name in reach[name]})
+    return sorted(
+        {
+            tuple(sorted(x for x in reach[name] if name in reach[x]))
+            for name in arrows
+            if name in reach[name]
+        }
+    )
 
 
 def test_no_two_files_import_each_other():
@@ -75,19 +107,39 @@ def test_folders_import_from_those_above_alone():
     def floor(name):  # the whole of it is what studies see
         return LAYERS.index(name.split(".")[1] if "." in name else "studies")
 
-    wrong = [f"{name} -> {other}" for name, others in graph("torchbeam").items() for other in sorted(others)
-             if name.count(".") and "__main__" not in name and floor(other) > floor(name)]
+    wrong = [
+        f"{name} -> {other}"
+        for name, others in graph("torchbeam").items()
+        for other in sorted(others)
+        if name.count(".") and "__main__" not in name and floor(other) > floor(name)
+    ]
     assert wrong == []
 
 
-PHYSICS = ("nodal.assembly", "nodal.balance", "nodal.frame", "nodal.mass_offset", "nodal.loads", "nodal.mass", "nodal.rotary",
-           "nodal.rows", "equations.alpha_kinematics", "equations.energy_projection", "equations.step_element",
-           "equations.step_kinematics", "equations.support_motion", "equations.steady_motion")
+PHYSICS = (
+    "nodal.assembly",
+    "nodal.balance",
+    "nodal.frame",
+    "nodal.mass_offset",
+    "nodal.loads",
+    "nodal.mass",
+    "nodal.rotary",
+    "nodal.rows",
+    "equations.alpha_kinematics",
+    "equations.energy_projection",
+    "equations.step_element",
+    "equations.step_kinematics",
+    "equations.support_motion",
+    "equations.steady_motion",
+)
 
 
 def test_physics_reads_rows_and_no_scene():
-    """What is said of nodes and elements by themselves imports neither a scene nor the model of one."""
-    arrows, wholes = graph("torchbeam"), {"torchbeam.scene.scene", "torchbeam.nodal.model", "torchbeam.scene.beam"}
+    """What is said of nodes and elements by themselves imports neither a scene nor the model of
+    one.
+    """
+    arrows = graph("torchbeam")
+    wholes = {"torchbeam.scene.scene", "torchbeam.nodal.model", "torchbeam.scene.beam"}
     for name in PHYSICS:
         assert not arrows[f"torchbeam.{name}"] & wholes, name
 
@@ -95,16 +147,37 @@ def test_physics_reads_rows_and_no_scene():
 def test_torchbeam_knows_neither_environments_nor_gymnasium():
     for path in modules("torchbeam").values():
         for node in ast.walk(parsed(path)):
-            names = [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else (
-                [alias.name for alias in node.names] if isinstance(node, ast.Import) else [])
-            assert not any(name.split(".")[0] in ("torchbeam_envs", "gymnasium", "training") for name in names), path
+            names = (
+                [node.module or ""]
+                if isinstance(node, ast.ImportFrom) and not node.level
+                else ([alias.name for alias in node.names] if isinstance(node, ast.Import) else [])
+            )
+            assert not any(
+                name.split(".")[0] in ("torchbeam_envs", "gymnasium", "training") for name in names
+            ), path
 
 
-PUBLIC = ("torchbeam", "torchbeam.extend", "torchbeam.extend.commands", "torchbeam.plot", "torchbeam.sensors", "torchbeam_envs",
-          "torchbeam_envs.baselines", "torchbeam_envs.functional")
-STUDIES = ("torchbeam.studies.", "torchbeam_envs.demo")  # what commands run, for those who run parts of it
-OUTSIDE = {"envs": "torchbeam", "training": "", "examples": "", "tests/properties": "", "tests/verification": "",
-           "tests/envs": "torchbeam"}  # folder -> the package alone that the rule is about there; "" = both
+PUBLIC = (
+    "torchbeam",
+    "torchbeam.extend",
+    "torchbeam.extend.commands",
+    "torchbeam.plot",
+    "torchbeam.sensors",
+    "torchbeam_envs",
+    "torchbeam_envs.baselines",
+    "torchbeam_envs.functional",
+)
+# what commands run, for those who run parts of it
+STUDIES = ("torchbeam.studies.", "torchbeam_envs.demo")
+# folder -> the package alone that the rule is about there; "" = both
+OUTSIDE = {
+    "envs": "torchbeam",
+    "training": "",
+    "examples": "",
+    "tests/properties": "",
+    "tests/verification": "",
+    "tests/envs": "torchbeam",
+}
 
 
 @pytest.mark.parametrize("folder", OUTSIDE)
@@ -112,12 +185,21 @@ def test_outside_the_library_only_public_names_are_used(folder):
     wrong = []
     for path in sorted((HERE / folder).rglob("*.py")):
         for node in ast.walk(parsed(path)):
-            names = ([node.module] if isinstance(node, ast.ImportFrom) and not node.level else
-                     [alias.name for alias in node.names] if isinstance(node, ast.Import) else [])
-            wrong += [f"{path.relative_to(HERE)}: {name}" for name in names
-                      if name.split(".")[0] in ("torchbeam", "torchbeam_envs")
-                      and (not OUTSIDE[folder] or name.split(".")[0] == OUTSIDE[folder])
-                      and name not in PUBLIC and not name.startswith(STUDIES)]
+            names = (
+                [node.module]
+                if isinstance(node, ast.ImportFrom) and not node.level
+                else [alias.name for alias in node.names]
+                if isinstance(node, ast.Import)
+                else []
+            )
+            wrong += [
+                f"{path.relative_to(HERE)}: {name}"
+                for name in names
+                if name.split(".")[0] in ("torchbeam", "torchbeam_envs")
+                and (not OUTSIDE[folder] or name.split(".")[0] == OUTSIDE[folder])
+                and name not in PUBLIC
+                and not name.startswith(STUDIES)
+            ]
     assert wrong == []
 
 
@@ -131,8 +213,20 @@ def test_a_circle_is_found():
     assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [("a", "b", "c")]
 
 
-@pytest.mark.parametrize("name", ["simulate", "equilibrium", "path", "modes", "linearize", "critical_load", "identify",
-                                  "identify_fields", "ExplicitStepper"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "simulate",
+        "equilibrium",
+        "path",
+        "modes",
+        "linearize",
+        "critical_load",
+        "identify",
+        "identify_fields",
+        "ExplicitStepper",
+    ],
+)
 def test_signatures_say_every_option(name):
     """What an editor completes is all there is: no **options."""
     parameters = inspect.signature(getattr(torchbeam, name)).parameters.values()

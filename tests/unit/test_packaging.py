@@ -1,4 +1,6 @@
-"""What a wheel holds: every package of the repository, under the name that it is imported by, and nothing that is not there."""
+"""What a wheel holds: every package of the repository, under the name that it is imported by, and
+nothing that is not there.
+"""
 
 from pathlib import Path
 
@@ -12,8 +14,11 @@ FOLDERS = {"torchbeam": "torchbeam", "torchbeam_envs": "envs"}
 
 def packages():
     """Dotted name -> folder, of each folder with an __init__.py."""
-    return {".".join((name, *path.parent.relative_to(ROOT / folder).parts)): path.parent
-            for name, folder in FOLDERS.items() for path in (ROOT / folder).rglob("__init__.py")}
+    return {
+        ".".join((name, *path.parent.relative_to(ROOT / folder).parts)): path.parent
+        for name, folder in FOLDERS.items()
+        for path in (ROOT / folder).rglob("__init__.py")
+    }
 
 
 def test_every_package_is_in_the_wheel():
@@ -40,6 +45,14 @@ def test_every_package_comes_from_its_folder():
 
 
 def test_every_file_of_data_is_in_the_wheel():
-    found = {path for pattern in SETUPTOOLS["package-data"]["torchbeam"] for path in (ROOT / "torchbeam").glob(pattern)}
-    other = {path for path in (ROOT / "torchbeam").rglob("*") if path.is_file() and path.suffix not in (".py", ".pyc")}
+    found = {
+        path
+        for pattern in SETUPTOOLS["package-data"]["torchbeam"]
+        for path in (ROOT / "torchbeam").glob(pattern)
+    }
+    other = {
+        path
+        for path in (ROOT / "torchbeam").rglob("*")
+        if path.is_file() and path.suffix not in (".py", ".pyc")
+    }
     assert other == found

@@ -32,14 +32,23 @@ LONG = {  # what holds them in the suite otherwise, to the same reference
 }
 
 
-@pytest.mark.parametrize("case", [pytest.param(c, marks=[pytest.mark.long] * (c.name in LONG)) for c in CASES],
-                         ids=lambda case: f"{case.name}: {case.quantity}")
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(c, marks=[pytest.mark.long] * (c.name in LONG)) for c in CASES],
+    ids=lambda case: f"{case.name}: {case.quantity}",
+)
 def test_case(case):
-    """The bound and its reason stand with the case; it is not a tenth wider than need be where it is the mesh's own error."""
+    """The bound and its reason stand with the case; it is not a tenth wider than need be where it
+    is the mesh's own error.
+    """
     result = run(case)
-    assert result.error <= case.bound, f"{result.ours} where {result.reference} is wanted: {case.why}"
+    assert result.error <= case.bound, (
+        f"{result.ours} where {result.reference} is wanted: {case.why}"
+    )
     if case.why.startswith("elements are of second order"):
-        assert result.error >= 0.7 * case.bound, f"{result.error:.2e}: the bound {case.bound:.1e} is too wide"
+        assert result.error >= 0.7 * case.bound, (
+            f"{result.error:.2e}: the bound {case.bound:.1e} is too wide"
+        )
 
 
 def test_what_is_left_out_is_a_case():
@@ -49,10 +58,16 @@ def test_what_is_left_out_is_a_case():
 def test_every_reference_file_is_used():
     """By a study, an example (which have tests of their own), or another test."""
     package, root = Path(torchbeam.__file__).parent, Path(__file__).parents[2]
-    readers = [*(package / "studies").rglob("*.py"), *(root / "examples").rglob("*.py"), *(root / "tests").rglob("test_*.py")]
+    readers = [
+        *(package / "studies").rglob("*.py"),
+        *(root / "examples").rglob("*.py"),
+        *(root / "tests").rglob("test_*.py"),
+    ]
     read = "".join(path.read_text() for path in readers)
     names = {path.stem for path in (package / "data").iterdir() if path.suffix == ".json"}
-    assert names and {name for name in names if not re.search(rf'\b{name}(\.json)?"', read)} == set()
+    assert (
+        names and {name for name in names if not re.search(rf'\b{name}(\.json)?"', read)} == set()
+    )
 
 
 def test_command(tmp_path, capsys):
@@ -61,4 +76,7 @@ def test_command(tmp_path, capsys):
     assert row["ok"] and row["reference"] == 7.8373
     assert len(list(csv.reader((tmp_path / "verify.csv").open()))) == 2
     table = (tmp_path / "verify.md").read_text()
-    assert "| column under its own weight | Greenhill 1881" in table and table in capsys.readouterr().out
+    assert (
+        "| column under its own weight | Greenhill 1881" in table
+        and table in capsys.readouterr().out
+    )

@@ -1,4 +1,5 @@
-"""Modes about an equilibrium: cantilever frequencies, flutter, damping, and what they say about motion.
+"""Modes about an equilibrium: cantilever frequencies, flutter, damping, and what they say about
+motion.
 
 Buckling and flutter loads: unit/linear/test_critical.py.
 """
@@ -19,39 +20,52 @@ INF = math.inf
 
 def planar(N, *effects, GA=INF, EI=1.0, inertia=0.0, mass=1.0):
     """A cantilever that bends in the x-z plane alone: everything else is rigid."""
-    section = tb.Section.from_stiffness(EA=INF, GA=(INF, GA), GJ=INF, EI=(EI, INF), mass=mass, inertia=(inertia, 0.0))
+    section = tb.Section.from_stiffness(
+        EA=INF, GA=(INF, GA), GJ=INF, EI=(EI, INF), mass=mass, inertia=(inertia, 0.0)
+    )
     return tb.Scene(tb.Beam.straight(1.0, N, section), effects)
 
 
 @pytest.mark.parametrize("case", range(4))
 def test_first_three_frequencies(reference, case):
-    """Euler-Bernoulli (no rotary inertia, rigid in shear: a singular mass and zero compliance) and three Timoshenko beams,
-    reference 1e-9. Second order in N (from N = 16: at 8 the third mode of the stockiest is not there yet, order 1.84);
-    relative errors at N = 16: 2.8e-4, 4.3e-3, 1.5e-2 of modes 1 to 3 for the slender one (measured), less for the others;
-    bounds are these plus a tenth.
+    """Euler-Bernoulli (no rotary inertia, rigid in shear: a singular mass and zero compliance) and
+    three Timoshenko beams, reference 1e-9. Second order in N (from N = 16: at 8 the third mode of
+    the stockiest is not there yet, order 1.84); relative errors at N = 16: 2.8e-4, 4.3e-3, 1.5e-2
+    of modes 1 to 3 for the slender one (measured), less for the others; bounds are these plus a
+    tenth.
     """
     case = reference("cantilever_frequencies")["values"][case]
     GA = 1 / case["s2"] if case["s2"] else INF
     want = torch.tensor(case["omega"][:3])
-    errors = torch.stack([tb.modes(planar(N, GA=GA, inertia=case["r2"]), count=3).frequency / want - 1 for N in (16, 32, 64)])
+    errors = torch.stack(
+        [
+            tb.modes(planar(N, GA=GA, inertia=case["r2"]), count=3).frequency / want - 1
+            for N in (16, 32, 64)
+        ]
+    )
     assert (errors[0].abs() < 1.1 * torch.tensor([2.82e-4, 4.33e-3, 1.51e-2])).all()
     assert_close(orders(errors.abs()), torch.full((2, 3), 2.0), rtol=0, atol=0.1)
 
 
 def test_frequencies_do_not_know_directions():
-    """A circular section turned at random: bending frequencies come in pairs, the same whatever the direction."""
+    """A circular section turned at random: bending frequencies come in pairs, the same whatever the
+    direction.
+    """
     torch.manual_seed(0)
     section = tb.Section.from_stiffness(EA=1e3, GA=5e2, GJ=0.8, EI=1.0, mass=0.2, inertia=1e-3)
     R = quat.matrix(quat.normalize(torch.randn(4)))
-    of = [tb.Scene(tb.Beam.straight(1.0, 6, section, direction=Q[:, 0], up=Q[:, 2])) for Q in (torch.eye(3), R)]
+    of = [
+        tb.Scene(tb.Beam.straight(1.0, 6, section, direction=Q[:, 0], up=Q[:, 2]))
+        for Q in (torch.eye(3), R)
+    ]
     one, other = (tb.modes(scene, count=6).frequency for scene in of)
     assert_close(one, other, rtol=1e-9, atol=0)
     assert_close(one[0], one[1], rtol=1e-9, atol=0)
 
 
 def test_torsion():
-    """omega = (pi/2 L) sqrt(GJ/i): the lumped one-point chain has omega_h = (2 c/h) sin(k h/2), so (k h)^2/24 below: 4.0e-4
-    at N = 16, which is met to its next term.
+    """omega = (pi/2 L) sqrt(GJ/i): the lumped one-point chain has omega_h = (2 c/h) sin(k h/2), so
+    (k h)^2/24 below: 4.0e-4 at N = 16, which is met to its next term.
     """
     section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=0.8, EI=INF, mass=0.2, inertia=1e-3)
     modes = tb.modes(tb.Scene(tb.Beam.straight(1.0, 16, section)), count=1)
@@ -60,7 +74,9 @@ def test_torsion():
 
 
 def test_beck_column_flutters():
-    """Tangential load on a uniform column, P = 20.05 EI/L^2 at flutter: above it the motion grows, below it does not."""
+    """Tangential load on a uniform column, P = 20.05 EI/L^2 at flutter: above it the motion grows,
+    below it does not.
+    """
     P = torch.tensor([19.9, 20.3])
     tangential = tb.TipLoad(force=torch.stack((-P, 0 * P, 0 * P), -1), follower=True)
     growth = tb.modes(planar(32, tangential), count=2).eigenvalue.real.amax(-1)
@@ -69,7 +85,9 @@ def test_beck_column_flutters():
 
 @pytest.mark.parametrize("six", [False, True])
 def test_damping_ratio(six):
-    """Stiffness-proportional damping: zeta = tau omega/2 with the undamped omega, |eigenvalue| = omega, exactly."""
+    """Stiffness-proportional damping: zeta = tau omega/2 with the undamped omega,
+    |eigenvalue| = omega, exactly.
+    """
     tau = (0.01,) * 6 if six else 0.01
     damped = tb.modes(tb.Scene(tb.Beam.straight(1.0, 8, finite()), [tb.Damping(tau)]), count=3)
     free = tb.modes(tb.Scene(tb.Beam.straight(1.0, 8, finite())), count=3)
@@ -89,29 +107,41 @@ def test_overdamped_modes_do_not_oscillate():
 
 
 def test_shape_moves_as_it_says():
-    """Released from the bent equilibrium plus a small second mode shape, the beam oscillates about it at that frequency: the
-    tip is back after one period. (Midpoint at period/200: phase error 8e-5 of a turn; amplitude 1e-4 m: squares 1e-4.)
+    """Released from the bent equilibrium plus a small second mode shape, the beam oscillates about
+    it at that frequency: the tip is back after one period. (Midpoint at period/200: phase error
+    8e-5 of a turn; amplitude 1e-4 m: squares 1e-4.)
     """
-    scene = tb.Scene(tb.Beam.straight(1.0, 6, finite()), [tb.TipLoad(force=(0, 0.5, 1.0)), tb.Gravity((0, 0, -2.0))])
+    scene = tb.Scene(
+        tb.Beam.straight(1.0, 6, finite()),
+        [tb.TipLoad(force=(0, 0.5, 1.0)), tb.Gravity((0, 0, -2.0))],
+    )
     bent = tb.equilibrium(scene, tolerance=1e-12)
     modes = tb.modes(scene, bent, count=2)
     move, omega = 1e-4 * modes.shape[1].real, modes.frequency[1].item()
-    start = replace(bent, position=bent.position + move[:, :3],
-                    rotation=quat.multiply(quat.exponential(move[:, 3:]), bent.rotation))
+    start = replace(
+        bent,
+        position=bent.position + move[:, :3],
+        rotation=quat.multiply(quat.exponential(move[:, 3:]), bent.rotation),
+    )
     period = 2 * math.pi / omega
-    sol = tb.simulate(scene, [0.0, period / 2, period], initial=start, step=period / 200, tolerance=1e-11)
+    sol = tb.simulate(
+        scene, [0.0, period / 2, period], initial=start, step=period / 200, tolerance=1e-11
+    )
     away = sol.nodes - bent.nodes
     assert_close(away[1], -away[0], rtol=0, atol=2e-7)
     assert_close(away[2], away[0], rtol=0, atol=2e-7)
 
 
 def test_batches_and_gradients():
-    """Frequencies of a batch of EI, each as alone; d(omega)/d(EI) = omega/(2 EI) where bending alone gives, by backward."""
+    """Frequencies of a batch of EI, each as alone; d(omega)/d(EI) = omega/(2 EI) where bending
+    alone gives, by backward.
+    """
     EI = torch.tensor([0.5, 1.0, 2.0], requires_grad=True)
     frequency = tb.modes(planar(6, EI=EI), count=2).frequency
     assert_close(frequency[2], tb.modes(planar(6, EI=2.0), count=2).frequency, rtol=1e-9, atol=0)
     (by_EI,) = torch.autograd.grad(frequency[:, 0].sum(), EI)
-    assert_close(by_EI, (frequency[:, 0] / (2 * EI)).detach(), rtol=1e-5, atol=0)  # rigid strains count 1e-7
+    # rigid strains count 1e-7
+    assert_close(by_EI, (frequency[:, 0] / (2 * EI)).detach(), rtol=1e-5, atol=0)
 
 
 def test_too_many_modes_are_refused():
@@ -121,11 +151,14 @@ def test_too_many_modes_are_refused():
 
 @pytest.mark.parametrize("batch", [2, 3])
 def test_a_batch_of_loads_is_each_alone(batch):
-    """Elements of unlike mass under an input of 2 or 3 loads (3 is also the number of inner elements): each load's
-    frequencies are those that it has alone, to rounding (1e-9: the equilibria are found to 1e-8 of their scaled residual,
-    in batch and alone alike).
+    """Elements of unlike mass under an input of 2 or 3 loads (3 is also the number of inner
+    elements): each load's frequencies are those that it has alone, to rounding (1e-9: the
+    equilibria are found to 1e-8 of their scaled residual, in batch and alone alike).
     """
-    sections = [tb.Section.from_stiffness(EA=4e4, GA=1e4, GJ=0.8, EI=1.0, mass=m, inertia=5e-6) for m in (0.1, 0.2, 0.4, 0.8)]
+    sections = [
+        tb.Section.from_stiffness(EA=4e4, GA=1e4, GJ=0.8, EI=1.0, mass=m, inertia=5e-6)
+        for m in (0.1, 0.2, 0.4, 0.8)
+    ]
     scene = tb.Scene(tb.Beam.straight(1.0, 4, sections), [tb.TipLoad(force=tb.Input("u", 3))])
     loads = torch.tensor([[0.0, 0.0, 0.5], [0.0, 1.0, 0.0], [0.3, 0.0, 2.0]])[:batch]
     together = tb.modes(scene, count=3, inputs={"u": loads}).frequency

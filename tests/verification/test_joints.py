@@ -1,4 +1,6 @@
-"""Structures against equations of motion of few coordinates, closed forms and differences of energy."""
+"""Structures against equations of motion of few coordinates, closed forms and differences of
+energy.
+"""
 
 import math
 
@@ -23,14 +25,23 @@ def last(scene, t, steps, **more):
 
 
 def double_pendulum(**scene):
-    """Two bodies that fall from the horizontal: 1 kg, 0.1 kg m^2, 0.5 m from their hinges, which are 1 m apart."""
-    parts = {"upper": tb.Body(1.0, 0.1, position=(0.5, 0, 0)), "lower": tb.Body(1.0, 0.1, position=(1.5, 0, 0))}
-    joints = [tb.Hinge(None, "upper", at=(0, 0, 0), axis=(0, 1, 0)), tb.Hinge("upper", "lower", at=(1, 0, 0), axis=(0, 1, 0))]
+    """Two bodies that fall from the horizontal: 1 kg, 0.1 kg m^2, 0.5 m from their hinges, which
+    are 1 m apart.
+    """
+    parts = {
+        "upper": tb.Body(1.0, 0.1, position=(0.5, 0, 0)),
+        "lower": tb.Body(1.0, 0.1, position=(1.5, 0, 0)),
+    }
+    joints = [
+        tb.Hinge(None, "upper", at=(0, 0, 0), axis=(0, 1, 0)),
+        tb.Hinge("upper", "lower", at=(1, 0, 0), axis=(0, 1, 0)),
+    ]
     return tb.Scene(parts, [WEIGHT], joints=joints, **scene)
 
 
 def double_pendulum_angles(t):
     """From the vertical, by the equations of Lagrange."""
+
     def rates(_, y):
         a, b, u, v = y
         c, s = 0.5 * math.cos(a - b), 0.5 * math.sin(a - b)
@@ -38,7 +49,9 @@ def double_pendulum_angles(t):
         f = np.array([-s * v**2 - 1.5 * 9.81 * math.sin(a), s * u**2 - 0.5 * 9.81 * math.sin(b)])
         return [u, v, *np.linalg.solve(M, f)]
 
-    return solve_ivp(rates, (0, t), [math.pi / 2, math.pi / 2, 0, 0], rtol=1e-11, atol=1e-11).y[:2, -1]
+    return solve_ivp(rates, (0, t), [math.pi / 2, math.pi / 2, 0, 0], rtol=1e-11, atol=1e-11).y[
+        :2, -1
+    ]
 
 
 @pytest.mark.parametrize(("method", "plane"), [("midpoint", None), ("generalized_alpha", "xz")])
@@ -53,16 +66,28 @@ def test_rigid_double_pendulum(method, plane):
 
 
 def test_slider_crank():
-    """A crank of 0.3 m driven by 2 N m turns a slider by a rod of 1 m: one coordinate, mass by its square's factor."""
+    """A crank of 0.3 m driven by 2 N m turns a slider by a rod of 1 m: one coordinate, mass by its
+    square's factor.
+    """
     start, r, l = 1.0, 0.3, 1.0
     x = math.sqrt(l**2 - (r * math.sin(start)) ** 2)
     pin, end = (r * math.cos(start), 0, r * math.sin(start)), (r * math.cos(start) + x, 0, 0)
     middle = tuple((p + q) / 2 for p, q in zip(pin, end, strict=True))
-    parts = {"crank": tb.Body(0.5, 0.02), "rod": tb.Body(0.4, 0.03, position=middle),
-             "slider": tb.Body(0.7, 0.01, position=end)}
-    scene = tb.Scene(parts, plane="xz", joints=[
-        tb.Hinge(None, "crank", at=(0, 0, 0), axis=(0, -1, 0), torque=2.0), tb.Hinge("crank", "rod", at=pin, axis=(0, 1, 0)),
-        tb.Hinge("rod", "slider", at=end, axis=(0, 1, 0)), tb.Slider(None, "slider", axis=(1, 0, 0))])
+    parts = {
+        "crank": tb.Body(0.5, 0.02),
+        "rod": tb.Body(0.4, 0.03, position=middle),
+        "slider": tb.Body(0.7, 0.01, position=end),
+    }
+    scene = tb.Scene(
+        parts,
+        plane="xz",
+        joints=[
+            tb.Hinge(None, "crank", at=(0, 0, 0), axis=(0, -1, 0), torque=2.0),
+            tb.Hinge("crank", "rod", at=pin, axis=(0, 1, 0)),
+            tb.Hinge("rod", "slider", at=end, axis=(0, 1, 0)),
+            tb.Slider(None, "slider", axis=(1, 0, 0)),
+        ],
+    )
 
     def inertia(angle):
         tilt = math.asin(r * math.sin(angle) / l)
@@ -85,58 +110,95 @@ def test_slider_crank():
 
 def bent_frame(joint, force=(0.0, 0.3, -0.5)):
     """A beam along x with another along z on its end."""
-    parts = {"foot": tb.Beam.straight(1.0, 3, SECTION),
-             "post": tb.Beam.straight(0.6, 2, SECTION, root=(1.0, 0, 0), direction=(0, 0, 1))}
-    return tb.Scene(parts, [tb.PointLoad(("post", -1), force=force)], joints=[joint], supports=[tb.Support(("foot", 0))])
+    parts = {
+        "foot": tb.Beam.straight(1.0, 3, SECTION),
+        "post": tb.Beam.straight(0.6, 2, SECTION, root=(1.0, 0, 0), direction=(0, 0, 1)),
+    }
+    return tb.Scene(
+        parts,
+        [tb.PointLoad(("post", -1), force=force)],
+        joints=[joint],
+        supports=[tb.Support(("foot", 0))],
+    )
 
 
 def test_stiff_hinge_tends_to_a_weld():
     """At the rate 1/k."""
     ends = ("foot", -1), ("post", 0)
     weld = tb.equilibrium(bent_frame(tb.Weld(*ends)))
-    off = [torch.linalg.vector_norm(tb.equilibrium(bent_frame(tb.Hinge(*ends, axis=(0, 1, 0), stiffness=k))).nodes - weld.nodes)
-           for k in (1e3, 1e5)]
+    off = [
+        torch.linalg.vector_norm(
+            tb.equilibrium(bent_frame(tb.Hinge(*ends, axis=(0, 1, 0), stiffness=k))).nodes
+            - weld.nodes
+        )
+        for k in (1e3, 1e5)
+    ]
     assert off[1] < 1e-4 and 99 < off[0] / off[1] < 101
 
 
 def test_gradients_by_joints():
-    """By stiffness, place, axis and prescribed angle of a hinge, of a tip in equilibrium, against differences."""
+    """By stiffness, place, axis and prescribed angle of a hinge, of a tip in equilibrium, against
+    differences.
+    """
     ends = ("foot", -1), ("post", 0)
-    given = dict(stiffness=torch.tensor(2.0), at=torch.tensor([1.0, 0.05, 0.1]), axis=torch.tensor([0.1, 1.0, 0.2]))
+    given = dict(
+        stiffness=torch.tensor(2.0),
+        at=torch.tensor([1.0, 0.05, 0.1]),
+        axis=torch.tensor([0.1, 1.0, 0.2]),
+    )
 
     def tip(**more):
         return tb.equilibrium(bent_frame(tb.Hinge(*ends, **given | more)))["post"].tip.position[2]
 
     for name, value in given.items():
         x = value.clone().requires_grad_()
-        slope, = torch.autograd.grad(tip(**{name: x}), x)
+        (slope,) = torch.autograd.grad(tip(**{name: x}), x)
         way = torch.ones_like(value) * 1e-5
         difference = (tip(**{name: value + way}) - tip(**{name: value - way})) / 2e-5
         torch.testing.assert_close(slope.sum(), difference, rtol=1e-6, atol=1e-8)
 
 
 def ring(force, elements):
-    """Of radius 1 from four arcs, pulled by two forces along x, held at one node half way, which carries nothing."""
+    """Of radius 1 from four arcs, pulled by two forces along x, held at one node half way, which
+    carries nothing.
+    """
     parts, joints = {}, []
     for k in range(4):
         s = torch.linspace(k * math.pi / 2, (k + 1) * math.pi / 2, elements + 1)
-        parts[f"arc {k}"] = tb.Beam.from_nodes(torch.stack((torch.cos(s), torch.sin(s), 0 * s), -1), SECTION)
+        parts[f"arc {k}"] = tb.Beam.from_nodes(
+            torch.stack((torch.cos(s), torch.sin(s), 0 * s), -1), SECTION
+        )
         joints.append(tb.Weld((f"arc {k}", -1), (f"arc {(k + 1) % 4}", 0)))
-    loads = [tb.PointLoad(("arc 0", 0), force=(force, 0, 0)), tb.PointLoad(("arc 2", 0), force=(-force, 0, 0))]
+    loads = [
+        tb.PointLoad(("arc 0", 0), force=(force, 0, 0)),
+        tb.PointLoad(("arc 2", 0), force=(-force, 0, 0)),
+    ]
     return tb.Scene(parts, loads, joints=joints, plane="xy", supports=[tb.Support(("arc 1", 0))])
 
 
 def test_ring_of_four_arcs():
-    """Pulled at two points it lengthens by F R^3/EI (pi/4 - 2/pi) and narrows by F R^3/EI (2/pi - 1/2) (Timoshenko 1930); half
-    way between it carries F/2 and F R (1/2 - 1/pi). Of second order in the elements' size: extrapolated from 4 and 8 an arc, to
-    1 in 1000 with what it stretches and shears.
+    """Pulled at two points it lengthens by F R^3/EI (pi/4 - 2/pi) and narrows by F R^3/EI
+    (2/pi - 1/2) (Timoshenko 1930); half way between it carries F/2 and F R (1/2 - 1/pi). Of second
+    order in the elements' size: extrapolated from 4 and 8 an arc, to 1 in 1000 with what it
+    stretches and shears.
     """
     force, found = 1e-3, []
     for elements in (4, 8):
         state = tb.equilibrium(ring(force, elements))
         right, top, left, bottom = (state[f"arc {k}"].nodes[0] for k in range(4))
         joint = state.joint[0]
-        assert abs(joint.force[0] - force / 2) < 1e-9 * force and state.reaction.abs().max() < 1e-12 * force
-        found.append(torch.stack(((right - left)[0] - 2, (top - bottom)[1] - 2, joint.moment[2])) / force)
-    wanted = torch.tensor([math.pi / 4 - 2 / math.pi + math.pi / 4 * (1 / 1e4 + 1 / 4e3), 0.5 - 2 / math.pi, 0.5 - 1 / math.pi])
+        assert (
+            abs(joint.force[0] - force / 2) < 1e-9 * force
+            and state.reaction.abs().max() < 1e-12 * force
+        )
+        found.append(
+            torch.stack(((right - left)[0] - 2, (top - bottom)[1] - 2, joint.moment[2])) / force
+        )
+    wanted = torch.tensor(
+        [
+            math.pi / 4 - 2 / math.pi + math.pi / 4 * (1 / 1e4 + 1 / 4e3),
+            0.5 - 2 / math.pi,
+            0.5 - 1 / math.pi,
+        ]
+    )
     torch.testing.assert_close((4 * found[1] - found[0]) / 3, wanted, rtol=1e-3, atol=0)

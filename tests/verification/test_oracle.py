@@ -1,6 +1,8 @@
-"""Random rods by the library and by a dense reference that shares no line with it (`python -m torchbeam oracle` takes more).
+"""Random rods by the library and by a dense reference that shares no line with it
+(`python -m torchbeam oracle` takes more).
 
-Errors are those of what three meshes tend to; accepted is what the last refinement changed that by, see `comparison`.
+Errors are those of what three meshes tend to; accepted is what the last refinement changed that by,
+see `comparison`.
 """
 
 import numpy as np
@@ -14,7 +16,11 @@ LONG = 40
 
 def check(rows, some=True):
     assert rows or not some
-    wrong = [f"{name}: {error:.1e}, {accepted:.1e} is accepted" for name, error, accepted, _ in rows if not error <= accepted]
+    wrong = [
+        f"{name}: {error:.1e}, {accepted:.1e} is accepted"
+        for name, error, accepted, _ in rows
+        if not error <= accepted
+    ]
     assert not wrong
 
 
@@ -30,21 +36,29 @@ def test_statics(number):
 
 
 @pytest.mark.filterwarnings("ignore:.*unstable equilibrium:RuntimeWarning")
-@pytest.mark.parametrize("number", (0, 5, *(pytest.param(k, marks=pytest.mark.long) for k in (3, 6))))
+@pytest.mark.parametrize(
+    "number", (0, 5, *(pytest.param(k, marks=pytest.mark.long) for k in (3, 6)))
+)
 def test_vibrations(number):
     check(comparison.vibrations(case("vibrations", number)))
 
 
 @pytest.mark.parametrize("number", (pytest.param(6, marks=pytest.mark.long), 7))
 def test_motion(number):
-    """Momentum, angular momentum, energy, and the power of what acts; frames that turn, a clamp that moves."""
+    """Momentum, angular momentum, energy, and the power of what acts; frames that turn, a clamp
+    that moves.
+    """
     check(comparison.motion(case("motion", number), meshes=(4, 8, 16), steps=8, span=0.12))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("net", comparison.NETS)
 def test_all_effects_at_once(net):
-    check(comparison.NETS[net](draws.case(np.random.default_rng(SEED), moving=net == "motion", every=True)))
+    check(
+        comparison.NETS[net](
+            draws.case(np.random.default_rng(SEED), moving=net == "motion", every=True)
+        )
+    )
 
 
 @pytest.mark.long

@@ -24,17 +24,21 @@ from ..state.state import State
 from .trials import change, seconds
 
 Change = Callable[[Scene], Scene]
-STRAINS = {"extension": (0,), "shear": (1, 2)}  # unknowns of [gamma; kappa] that a beam can do without
+# unknowns of [gamma; kappa] that a beam can do without
+STRAINS = {"extension": (0,), "shear": (1, 2)}
 
 
 @dataclass(frozen=True)
 class Trial:
     """One thing changed about the scene.
 
-    what     in words: "without Gravity", "no shear", "small displacements", "in the plane xy", "with Drag"
-    change   of the quantity: RMS of the difference over the RMS of its motion; nan where the trial did not run
+    what     in words: "without Gravity", "no shear", "small displacements", "in the plane xy",
+             "with Drag"
+    change   of the quantity: RMS of the difference over the RMS of its motion; nan where the trial
+             did not run
     time     of the trial over that of the scene as given, both in one run
-    matters  whether the change exceeds the tolerance (a trial that did not run: True, it cannot be left out)
+    matters  whether the change exceeds the tolerance (a trial that did not run: True, it cannot be
+             left out)
     note     why it did not run
     """
 
@@ -47,8 +51,9 @@ class Trial:
 
 @dataclass(frozen=True)
 class Advice:
-    """Result of `advise`. `seconds`: CPU time of the scene as given; `together`: everything that does not matter changed at
-    once, None where that is nothing or one thing. Printed, it is a table.
+    """Result of `advise`. `seconds`: CPU time of the scene as given; `together`: everything that
+    does not matter changed at once, None where that is nothing or one thing. Printed, it is a
+    table.
     """
 
     tolerance: float
@@ -64,38 +69,68 @@ class Advice:
     def __str__(self) -> str:
         head = ("trial", "changes the answer by", "time", f"matters at {self.tolerance:g}")
         trials = self.trials if self.together is None else (*self.trials, self.together)
-        rows = [(t.what, t.note or f"{t.change:.1e}", "" if t.note else f"{t.time:.2f}", "yes" if t.matters else "no")
-                for t in trials]
+        rows = [
+            (
+                t.what,
+                t.note or f"{t.change:.1e}",
+                "" if t.note else f"{t.time:.2f}",
+                "yes" if t.matters else "no",
+            )
+            for t in trials
+        ]
         width = [max(len(row[k]) for row in (head, *rows)) for k in range(4)]
-        lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, width, strict=True)).rstrip() for row in (head, *rows)]
-        return "\n".join([*lines, f"as given: {self.seconds:.3g} s of CPU time; times are shares of it"])
+        lines = [
+            "  ".join(cell.ljust(w) for cell, w in zip(row, width, strict=True)).rstrip()
+            for row in (head, *rows)
+        ]
+        return "\n".join(
+            [*lines, f"as given: {self.seconds:.3g} s of CPU time; times are shares of it"]
+        )
 
 
-def advise(scene: Scene, t: Any, quantity: Callable[[State], Tensor], tolerance: float = 0.01, *,
-           consider: Iterable[Effect] = (), initial: State | None = None, step: float | None = None, repeats: int = 2,
-           show: bool = True, inputs: dict[str, Any] | None = None) -> Advice:
-    """Run short trials of the scene, each with one thing changed, and say what matters for the quantity.
+def advise(
+    scene: Scene,
+    t: Any,
+    quantity: Callable[[State], Tensor],
+    tolerance: float = 0.01,
+    *,
+    consider: Iterable[Effect] = (),
+    initial: State | None = None,
+    step: float | None = None,
+    repeats: int = 2,
+    show: bool = True,
+    inputs: dict[str, Any] | None = None,
+) -> Advice:
+    """Run short trials of the scene, each with one thing changed, and say what matters for the
+    quantity.
 
-    t          (time,) s, output times of a trial: long enough to show what the quantity does, short enough to run ten times
-    quantity   of a trajectory (`solution.state`, time first) -> tensor, time first: a sensor, or a function
+    t          (time,) s, output times of a trial: long enough to show what the quantity does, short
+               enough to run ten times
+    quantity   of a trajectory (`solution.state`, time first) -> tensor, time first: a sensor, or a
+               function
     tolerance  relative change of the quantity that matters
     consider   effects that the scene lacks, to be tried one by one
-    initial, step, inputs  as in `simulate`;  repeats: each trial is timed so often, the least counts
+    initial, step, inputs  as in `simulate`;  repeats: each trial is timed so often, the least
+                           counts
     show       print the table
 
-    Tried are: without each effect, without frame or root motion; no extension, no shear (infinite stiffness), no rotary
-    inertia; small displacements (geometric nonlinearity left out); each plane (out-of-plane motion left out). All of them on
-    the given mesh and step, whose own errors they do not tell. Changes of single trials need not add up, so what does not
-    matter is tried once more together. Nothing is switched: the advice is data, see `Advice`.
+    Tried are: without each effect, without frame or root motion; no extension, no shear
+    (infinite stiffness), no rotary inertia; small displacements (geometric nonlinearity left out);
+    each plane (out-of-plane motion left out). All of them on the given mesh and step, whose own
+    errors they do not tell. Changes of single trials need not add up, so what does not matter is
+    tried once more together. Nothing is switched: the advice is data, see `Advice`.
 
-    Raises ValueError for a tolerance that is not positive, RuntimeError where the scene itself does not run.
+    Raises ValueError for a tolerance that is not positive, RuntimeError where the scene itself does
+    not run.
     """
     instance("a scene", scene, Scene)
     check_function("quantity", quantity, "trajectory")
     check_tolerance("tolerance", tolerance)
     check_count("repeats", repeats)
     boolean("show", show)
-    considered = tuple(instance("an effect to consider", effect, Effect) for effect in listed(consider))
+    considered = tuple(
+        instance("an effect to consider", effect, Effect) for effect in listed(consider)
+    )
 
     def run(which: Scene) -> Solution:
         with torch.no_grad(), warnings.catch_warnings():
@@ -106,11 +141,16 @@ def advise(scene: Scene, t: Any, quantity: Callable[[State], Tensor], tolerance:
     changes = dict(_changes(scene, considered))
     first = {what: _try(scene, alter, run, quantity, reference) for what, alter in changes.items()}
     ran = {what: outcome for what, outcome in first.items() if isinstance(outcome, tuple)}
-    base, *taken = seconds([lambda s=s: run(s) for s in (scene, *(s for s, _ in ran.values()))], repeats)
+    base, *taken = seconds(
+        [lambda s=s: run(s) for s in (scene, *(s for s, _ in ran.values()))], repeats
+    )
     share = dict(zip(ran, taken, strict=True))
     trials = tuple(
-        Trial(what, outcome[1], share[what] / base, not outcome[1] <= tolerance) if what in ran
-        else Trial(what, math.nan, math.nan, True, outcome) for what, outcome in first.items())
+        Trial(what, outcome[1], share[what] / base, not outcome[1] <= tolerance)
+        if what in ran
+        else Trial(what, math.nan, math.nan, True, outcome)
+        for what, outcome in first.items()
+    )
     together = _together(scene, changes, trials, run, quantity, reference, tolerance, repeats)
     advice = Advice(float(tolerance), base, trials, together)
     if show:
@@ -118,8 +158,12 @@ def advise(scene: Scene, t: Any, quantity: Callable[[State], Tensor], tolerance:
     return advice
 
 
-def _try(scene: Scene, alter: Change, run: Any, quantity: Any, reference: Tensor) -> tuple[Scene, float] | str:
-    """(the changed scene, how much it changes), or the sentence with which it was refused or failed."""
+def _try(
+    scene: Scene, alter: Change, run: Any, quantity: Any, reference: Tensor
+) -> tuple[Scene, float] | str:
+    """(the changed scene, how much it changes), or the sentence with which it was refused or
+    failed.
+    """
     try:
         changed = alter(scene)
         return changed, change(quantity(run(changed).state), reference)
@@ -127,9 +171,19 @@ def _try(scene: Scene, alter: Change, run: Any, quantity: Any, reference: Tensor
         return str(refusal).splitlines()[0]
 
 
-def _together(scene: Scene, changes: dict[str, Change], trials: tuple[Trial, ...], run: Any, quantity: Any,
-              reference: Tensor, tolerance: float, repeats: int) -> Trial | None:
-    """Everything that does not matter, at once; of two planes the one that changes less; what was only considered stays out."""
+def _together(
+    scene: Scene,
+    changes: dict[str, Change],
+    trials: tuple[Trial, ...],
+    run: Any,
+    quantity: Any,
+    reference: Tensor,
+    tolerance: float,
+    repeats: int,
+) -> Trial | None:
+    """Everything that does not matter, at once; of two planes the one that changes less; what was
+    only considered stays out.
+    """
     free = [t for t in trials if not t.matters and not t.what.startswith("with ")]
     planes = sorted((t for t in free if t.what.startswith("in the plane")), key=lambda t: t.change)
     free = [t for t in free if t not in planes[1:]]
@@ -145,13 +199,21 @@ def _together(scene: Scene, changes: dict[str, Change], trials: tuple[Trial, ...
     if isinstance(outcome_of_all, str):
         return Trial("all that does not matter", math.nan, math.nan, True, outcome_of_all)
     base, taken = seconds([lambda: run(scene), lambda: run(outcome_of_all[0])], repeats)
-    return Trial("all that does not matter", outcome_of_all[1], taken / base, not outcome_of_all[1] <= tolerance)
+    return Trial(
+        "all that does not matter",
+        outcome_of_all[1],
+        taken / base,
+        not outcome_of_all[1] <= tolerance,
+    )
 
 
 def _changes(scene: Scene, consider: tuple[Effect, ...]) -> Iterator[tuple[str, Change]]:
     """Possible changes of this scene: (words, function from the scene to the changed one)."""
     for effect, name in zip(scene.effects, _names(scene.effects), strict=True):
-        yield f"without {name}", lambda s, gone=effect: replace(s, effects=tuple(e for e in s.effects if e is not gone))
+        yield (
+            f"without {name}",
+            lambda s, gone=effect: replace(s, effects=tuple(e for e in s.effects if e is not gone)),
+        )
     for name in ("frame", "root"):
         if getattr(scene, name) is not None:
             yield f"without the {name}'s motion", lambda s, name=name: replace(s, **{name: None})
@@ -172,13 +234,20 @@ def _changes(scene: Scene, consider: tuple[Effect, ...]) -> Iterator[tuple[str, 
 def _names(effects: tuple[Effect, ...]) -> list[str]:
     """Names of the effects' classes; numbered where one occurs again."""
     kinds = [e.called for e in effects]
-    return [kind if kinds.count(kind) == 1 else f"{kind} {kinds[:k + 1].count(kind)}" for k, kind in enumerate(kinds)]
+    return [
+        kind if kinds.count(kind) == 1 else f"{kind} {kinds[: k + 1].count(kind)}"
+        for k, kind in enumerate(kinds)
+    ]
 
 
 def _rigid(beam: Beam, rows: tuple[int, ...]) -> Beam:
     """The beam with these strains made impossible."""
     keep = torch.ones(6, dtype=beam.compliance.dtype, device=beam.compliance.device)
-    keep = torch.where(torch.tensor([k in rows for k in range(6)], device=keep.device), torch.zeros_like(keep), keep)
+    keep = torch.where(
+        torch.tensor([k in rows for k in range(6)], device=keep.device),
+        torch.zeros_like(keep),
+        keep,
+    )
     rigid = tuple(was or k in rows for k, was in enumerate(beam.rigid))
     return replace(beam, compliance=keep[:, None] * beam.compliance * keep, rigid=rigid)
 
@@ -186,6 +255,8 @@ def _rigid(beam: Beam, rows: tuple[int, ...]) -> Beam:
 def _without_rotary(beam: Beam) -> Beam:
     """The beam with its mass on the axis alone."""
     if beam.offset:
-        raise ValueError("a section with an offset centre of mass has rotary inertia by that offset alone")
+        raise ValueError(
+            "a section with an offset centre of mass has rotary inertia by that offset alone"
+        )
     keep = (torch.arange(6, device=beam.mass.device) < 3).to(beam.mass)
     return replace(beam, mass=keep[:, None] * beam.mass * keep, rotary=False)

@@ -40,7 +40,8 @@ class Description:
 
     lines      heading -> what is said under it
     plane      "xy" or "xz": the nodal form solves the scene there; None = in space
-    planes     planes in which the whole scene lies: the answer there is that in space, with half the unknowns
+    planes     planes in which the whole scene lies: the answer there is that in space, with half
+               the unknowns
     unknowns   of an implicit step and of an equilibrium: the moves of the nodes that are free
     states     form or method -> numbers in a state of it; None where it does not take the scene
     refusals   form or method -> why it does not
@@ -55,14 +56,18 @@ class Description:
 
     def __str__(self) -> str:
         width = max(map(len, self.lines))
-        return "\n".join(f"{heading if not k else '':<{width}}  {line}"
-                         for heading, lines in self.lines.items() for k, line in enumerate(lines or ("none",)))
+        return "\n".join(
+            f"{heading if not k else '':<{width}}  {line}"
+            for heading, lines in self.lines.items()
+            for k, line in enumerate(lines or ("none",))
+        )
 
 
 @torch.no_grad()
 def describe(scene: Scene) -> Description:
-    """Description of a scene: effects, supports, planes that it lies in, unknowns of a step, first frequencies, mechanisms, and
-    which forms and methods take it. Raises ValueError for a scene that the nodal form does not take.
+    """Description of a scene: effects, supports, planes that it lies in, unknowns of a step, first
+    frequencies, mechanisms, and which forms and methods take it. Raises ValueError for a scene that
+    the nodal form does not take.
     """
     model = discretise(scene)
     space = model.space
@@ -72,20 +77,30 @@ def describe(scene: Scene) -> Description:
     held = model.joints.held_count
     states, refusals = _forms(scene, free - held)
     nodes = scene.beam.node_count
-    unknowns = f"{free}: {space.unknowns} a node of {nodes} nodes, less {nodes * space.unknowns - free} that supports hold"
+    unknowns = (
+        f"{free}: {space.unknowns} a node of {nodes} nodes, less "
+        f"{nodes * space.unknowns - free} that supports hold"
+    )
     unknowns += f"; {held} forces of joints" * bool(held)
     lines = {
         "beam": tuple(_beam(scene)),
-        "batch": (f"axes {tuple(scene.batch_shape)}; {str(scene.dtype).removeprefix('torch.')} on {scene.device}",),
+        "batch": (
+            f"axes {tuple(scene.batch_shape)}; {str(scene.dtype).removeprefix('torch.')} on "
+            f"{scene.device}",
+        ),
         "effects": tuple(_effect(effect, scene) for effect in scene.effects),
         "inputs": tuple(f"{name} ({size})" for name, size in scene.inputs.items()),
         "supports": tuple(_supports(scene)),
         **({"joints": tuple(_joints(scene))} if scene.beam.parts else {}),
         "frame": _frame(scene),
         "moves in": (_space(scene, plane, planes),),
-        "unknowns": (f"{unknowns}; {space.dims.strain * scene.beam.order} stresses an element are condensed",),
-        "forms": tuple(f"{name}: " + (f"no, {refusals[name]}" if count is None else f"{count} states")
-                       for name, count in states.items()),
+        "unknowns": (
+            f"{unknowns}; {space.dims.strain * scene.beam.order} stresses an element are condensed",
+        ),
+        "forms": tuple(
+            f"{name}: " + (f"no, {refusals[name]}" if count is None else f"{count} states")
+            for name, count in states.items()
+        ),
         "engine": _engine(model),
         "frequencies": _frequencies(scene),
     }
@@ -100,13 +115,19 @@ def _fits(scene: Scene, plane: str) -> bool:
 
 
 def _forms(scene: Scene, free: int) -> tuple[dict[str, int | None], dict[str, str]]:
-    """Size of the state of each form that takes the scene, and for each other form its own reason why not."""
+    """Size of the state of each form that takes the scene, and for each other form its own reason
+    why not.
+    """
     inputs = {name: torch.zeros(size) for name, size in scene.inputs.items()}
     tries: dict[str, Callable[[], int]] = {
-        f"nodal, {method!r}": lambda method=method: Stepper(scene, 1.0, method) and 2 * free for method in METHODS}
+        f"nodal, {method!r}": lambda method=method: Stepper(scene, 1.0, method) and 2 * free
+        for method in METHODS
+    }
     tries["nodal, explicit"] = lambda: Rates.of(scene, {}).pack(rest(scene)).shape[-1]
     for form, (each, more) in MIXED.items():
-        tries[form] = lambda form=form, each=each, more=more: each * MixedModel(scene, form, inputs).count + more
+        tries[form] = lambda form=form, each=each, more=more: (
+            each * MixedModel(scene, form, inputs).count + more
+        )
     states, refusals = {}, {}
     for name, attempt in tries.items():
         try:
@@ -142,8 +163,11 @@ def _effect(effect: Effect, scene: Scene) -> str:
     at = "" if effect.kind in ("strain", "eigenstrain") else f" along {whole}"
     at = at if effect.on is None else f" on {effect.on!r}"
     at = at if node is None else f" at node {node if beam.parts else node % beam.node_count}"
-    said = [f"{f.name} = {_value(v)}" if v is not True else f.name for f in fields(effect)
-            if f.name not in ("node", "on") and _named(v := getattr(effect, f.name), f.default)]
+    said = [
+        f"{f.name} = {_value(v)}" if v is not True else f.name
+        for f in fields(effect)
+        if f.name not in ("node", "on") and _named(v := getattr(effect, f.name), f.default)
+    ]
     return f"{effect.called}{at}" + (f": {', '.join(said)}" if said else "")
 
 
@@ -151,8 +175,12 @@ def _named(value: Any, default: Any) -> bool:
     """Whether there is something to say."""
     if isinstance(value, Tensor):
         return True
-    return value is not None and value is not False and not (hasattr(value, "any") and not value.any()) and (
-        hasattr(value, "any") or callable(value) or value != default)
+    return (
+        value is not None
+        and value is not False
+        and not (hasattr(value, "any") and not value.any())
+        and (hasattr(value, "any") or callable(value) or value != default)
+    )
 
 
 def _value(value: Any) -> str:
@@ -160,15 +188,29 @@ def _value(value: Any) -> str:
         return f"input {value.name!r}"
     if isinstance(value, (Along, PerElement)):
         held = getattr(value, "value", value)
-        named = _value(held) if isinstance(held, Input) else "a function" if callable(held) else "values"
+        named = (
+            _value(held)
+            if isinstance(held, Input)
+            else "a function"
+            if callable(held)
+            else "values"
+        )
         return f"{type(value).__name__}({named})"
     if callable(value):
         return "a function"
     if hasattr(value, "shape"):
-        few = value.ndim < 2 and value.size if not isinstance(value, Tensor) else value.ndim < 2 and value.numel()
+        few = (
+            value.ndim < 2 and value.size
+            if not isinstance(value, Tensor)
+            else value.ndim < 2 and value.numel()
+        )
         if few is False or few > NUMBERS:
             return f"of shape {tuple(value.shape)}"
-        return f"{value.tolist():g}" if value.ndim == 0 else "(" + ", ".join(f"{x:g}" for x in value.tolist()) + ")"
+        return (
+            f"{value.tolist():g}"
+            if value.ndim == 0
+            else "(" + ", ".join(f"{x:g}" for x in value.tolist()) + ")"
+        )
     return repr(value)
 
 
@@ -187,10 +229,16 @@ def _support(support: Support) -> str:
         held = f"{position}, {turns.get(len(support.rotation), f'hinged about {about}')}"
     given = {name: getattr(support, name) for name in ("displacement", "turn")}
     moved = [name for name, value in given.items() if callable(value)]
-    still = [word for word, value in zip(("displaced", "turned"), given.values(), strict=True)
-             if value is not None and not callable(value)]
-    return f"node {support.node}: {held}" + (f", moved by its {' and '.join(moved)}" if moved else "") + (
-        f", {' and '.join(still)}" if still else "")
+    still = [
+        word
+        for word, value in zip(("displaced", "turned"), given.values(), strict=True)
+        if value is not None and not callable(value)
+    ]
+    return (
+        f"node {support.node}: {held}"
+        + (f", moved by its {' and '.join(moved)}" if moved else "")
+        + (f", {' and '.join(still)}" if still else "")
+    )
 
 
 def _supports(scene: Scene) -> Iterator[str]:
@@ -203,13 +251,20 @@ def _joints(scene: Scene) -> Iterator[str]:
     """Each joint, and how many constraints and loops they make."""
     for joint in scene.joints:
         yield f"{joint}: holds {counted(joint.holds, 'component')}"
-    yield f"{counted(scene.beam.loops(tuple(s.node for s in scene.supports)), 'closed loop')}, of parts and of the ground"
+    yield (
+        f"{counted(scene.beam.loops(tuple(s.node for s in scene.supports)), 'closed loop')}, "
+        "of parts and of the ground"
+    )
 
 
 def _frame(scene: Scene) -> tuple[str, ...]:
     if scene.frame is None:
         return ("inertial",)
-    return tuple(f"{name.replace('_', ' ')} {_value(value)}" for name, value in vars(scene.frame).items() if value is not None)
+    return tuple(
+        f"{name.replace('_', ' ')} {_value(value)}"
+        for name, value in vars(scene.frame).items()
+        if value is not None
+    )
 
 
 def _space(scene: Scene, plane: str | None, planes: tuple[str, ...]) -> str:
@@ -221,32 +276,63 @@ def _space(scene: Scene, plane: str | None, planes: tuple[str, ...]) -> str:
         return "space"
     choice = " or ".join(f"plane={name!r}" for name in planes)
     if only_numbers(scene):
-        return f"space, but everything lies in a plane: {choice} gives the same answer with half the unknowns"
-    return f"space; {choice} halves the unknowns, if what its functions and inputs do lies in it as well"
+        return (
+            f"space, but everything lies in a plane: {choice} gives the same answer with half "
+            "the unknowns"
+        )
+    return (
+        f"space; {choice} halves the unknowns, if what its functions and inputs do lies in it "
+        "as well"
+    )
 
 
 def _frequencies(scene: Scene) -> tuple[str, ...]:
-    """Of the beam with its masses, springs and added mass, without loads, at rest; in double precision, whatever it has."""
-    in_vibration = [e for e in (load.in_free_vibration() for load in scene.loads) if e is not None and constant(e)]
+    """Of the beam with its masses, springs and added mass, without loads, at rest; in double
+    precision, whatever it has.
+    """
+    in_vibration = [
+        e
+        for e in (load.in_free_vibration() for load in scene.loads)
+        if e is not None and constant(e)
+    ]
     springs = [e for e in in_vibration if POSITION in e.depends]
     if not (scene.supports or springs):
         return ("free: none of a rigid motion",)
-    held = None if any(e.frees_root for e in in_vibration) else tuple(
-        replace(s, displacement=None, turn=None) for s in scene.supports)
-    bare = _double(replace(scene, effects=(*scene.bodies, *in_vibration), frame=None, root=None, supports=held))
+    held = (
+        None
+        if any(e.frees_root for e in in_vibration)
+        else tuple(replace(s, displacement=None, turn=None) for s in scene.supports)
+    )
+    bare = _double(
+        replace(scene, effects=(*scene.bodies, *in_vibration), frame=None, root=None, supports=held)
+    )
     try:
         model = discretise(bare)
-        count, loose = unheld(model, bare.beam.nodes.new_zeros(()), {}, (0,) * len(bare.batch_shape))
+        count, loose = unheld(
+            model, bare.beam.nodes.new_zeros(()), {}, (0,) * len(bare.batch_shape)
+        )
         if loose and springs:
             return (f"a mechanism: nothing holds {loose}",)
         at = equilibrium(bare) if springs else rest(bare)
-        frequencies = modes(bare, at, count=min(3 + count, model.constraints.count)).frequency[..., count:]
+        frequencies = modes(bare, at, count=min(3 + count, model.constraints.count)).frequency[
+            ..., count:
+        ]
     except (ValueError, RuntimeError) as error:
         return (f"not found: {error}",)
-    numbers = ", ".join(map(_number, frequencies.flatten(0, -2).unbind(-1) if frequencies.ndim > 1 else frequencies)) + " rad/s, without loads"
+    numbers = (
+        ", ".join(
+            map(
+                _number,
+                frequencies.flatten(0, -2).unbind(-1) if frequencies.ndim > 1 else frequencies,
+            )
+        )
+        + " rad/s, without loads"
+    )
     return (f"a mechanism: nothing holds {loose}; beside that {numbers}" if loose else numbers,)
 
 
 def _double(of: Any) -> Any:
     """A scene with its tensors in double precision."""
-    return map_leaves(lambda value, axes: value.double() if isinstance(value, Tensor) else value, of)
+    return map_leaves(
+        lambda value, axes: value.double() if isinstance(value, Tensor) else value, of
+    )

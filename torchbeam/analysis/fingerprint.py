@@ -1,4 +1,6 @@
-"""Fingerprints: digests of functions and values, equal where code, constants and all that a function finds around it are."""
+"""Fingerprints: digests of functions and values, equal where code, constants and all that a
+function finds around it are.
+"""
 
 from __future__ import annotations
 
@@ -21,13 +23,45 @@ from torch import Tensor
 from ..core.surroundings import codes
 from .installed import package, version_of
 
-BY_WORDS = {"getattr", "vars", "__dict__", "attrgetter"}  # which attribute of a module they read, code does not say
+# which attribute of a module they read, code does not say
+BY_WORDS = {"getattr", "vars", "__dict__", "attrgetter"}
 ABSENT = object()
-PLAIN = (type(None), type(Ellipsis), type(NotImplemented), bool, int, float, complex, str, bytes, bytearray, range, slice,
-         torch.dtype, torch.device, torch.memory_format, torch.layout)
-NOT_OF_A_CLASS = {"__module__", "__doc__", "__dict__", "__weakref__", "__slotnames__", "__firstlineno__", "_abc_impl",
-                  "__static_attributes__", "__annotations__", "__annotate__", "__annotate_func__", "__annotations_cache__",
-                  "__abstractmethods__", "__dataclass_fields__", "__dataclass_params__", "__match_args__"}
+PLAIN = (
+    type(None),
+    type(Ellipsis),
+    type(NotImplemented),
+    bool,
+    int,
+    float,
+    complex,
+    str,
+    bytes,
+    bytearray,
+    range,
+    slice,
+    torch.dtype,
+    torch.device,
+    torch.memory_format,
+    torch.layout,
+)
+NOT_OF_A_CLASS = {
+    "__module__",
+    "__doc__",
+    "__dict__",
+    "__weakref__",
+    "__slotnames__",
+    "__firstlineno__",
+    "_abc_impl",
+    "__static_attributes__",
+    "__annotations__",
+    "__annotate__",
+    "__annotate_func__",
+    "__annotations_cache__",
+    "__abstractmethods__",
+    "__dataclass_fields__",
+    "__dataclass_params__",
+    "__match_args__",
+}
 
 
 class NoFingerprint(ValueError):
@@ -35,16 +69,18 @@ class NoFingerprint(ValueError):
 
 
 def fingerprint(value: Any) -> tuple[dict[str, str], dict[str, str]]:
-    """Fingerprint of a value: its parts, name -> digest (SHA-256, hexadecimal), and versions of the packages it uses, name ->
-    version.
+    """Fingerprint of a value: its parts, name -> digest (SHA-256, hexadecimal), and versions of the
+    packages it uses, name -> version.
 
-    Of a function the parts are its code with its defaults, its attributes, each variable that it closes over, and each global
-    that it names, of modules what it names in them; functions among these have parts of their own. Of anything else there is
-    one part, "": its type and content, attributes included.
+    Of a function the parts are its code with its defaults, its attributes, each variable that it
+    closes over, and each global that it names, of modules what it names in them; functions among
+    these have parts of their own. Of anything else there is one part, "": its type and content,
+    attributes included.
 
-    What is installed (torch, NumPy, ...) counts by its version, and what is not by its code. Comments, the text of docstrings,
-    names of files and line numbers do not count. Raises NoFingerprint for what has neither code nor content to be read: open
-    files, locks, compiled functions that belong to no package.
+    What is installed (torch, NumPy, ...) counts by its version, and what is not by its code.
+    Comments, the text of docstrings, names of files and line numbers do not count. Raises
+    NoFingerprint for what has neither code nor content to be read: open files, locks, compiled
+    functions that belong to no package.
     """
     walk = _Walk()
     parts: dict[str, str] = {}
@@ -60,7 +96,10 @@ def fingerprint(value: Any) -> tuple[dict[str, str], dict[str, str]]:
         else:
             met[id(code)] = name
             parts[name] = walk.digest_of_code(code)
-            waiting += [(f"{name}.{key}" if name else key, part) for key, part in (*_about(whole), *walk.around(code))]
+            waiting += [
+                (f"{name}.{key}" if name else key, part)
+                for key, part in (*_about(whole), *walk.around(code))
+            ]
         if code is not one:
             waiting.append((f"{name}.self" if name else "self", one.__self__))
     return parts, dict(sorted(walk.versions.items()))
@@ -71,8 +110,10 @@ class _Walk:
 
     def __init__(self) -> None:
         self.versions: dict[str, str] = {}
-        self.open: dict[int, int] = {}  # values that are being looked at, by depth: circles end here
-        self.known: dict[int, tuple[str, Any]] = {}  # digests by id, with the value so that no id is used again
+        # values that are being looked at, by depth: circles end here
+        self.open: dict[int, int] = {}
+        # digests by id, with the value so that no id is used again
+        self.known: dict[int, tuple[str, Any]] = {}
 
     def digest(self, value: Any) -> str:
         """Digest of a value's type and content. Raises NoFingerprint."""
@@ -99,7 +140,8 @@ class _Walk:
                 yield from (name, self.digest(part))
             return
         yield type(value).__qualname__
-        if isinstance(value, (*PLAIN, Tensor, list, tuple, set, frozenset, dict)):  # and classes derived from these
+        # and classes derived from these
+        if isinstance(value, (*PLAIN, Tensor, list, tuple, set, frozenset, dict)):
             if self.package(type(value)) is None:
                 yield self.digest(type(value))
             for name, part in sorted(getattr(value, "__dict__", {}).items()):
@@ -148,11 +190,15 @@ class _Walk:
             yield from self.state(value)
 
     def state(self, value: Any) -> Iterator[str | bytes]:
-        """Content of an object: the fields of a dataclass; else what it has, less what it keeps for a second use; else what
-        pickle would keep. Raises NoFingerprint.
+        """Content of an object: the fields of a dataclass; else what it has, less what it keeps for
+        a second use; else what pickle would keep. Raises NoFingerprint.
         """
         if is_dataclass(value):
-            held = {name: one for name, one in getattr(value, "__dict__", {}).items() if not _kept_for_later(type(value), name)}
+            held = {
+                name: one
+                for name, one in getattr(value, "__dict__", {}).items()
+                if not _kept_for_later(type(value), name)
+            }
             has = held | {field.name: getattr(value, field.name, None) for field in fields(value)}
         elif isinstance(value, enum.Enum):
             has = {"name": value.name, "value": value.value}
@@ -162,17 +208,39 @@ class _Walk:
             has = {"name": value.__name__}
         else:
             try:
-                reduced = copyreg.dispatch_table.get(type(value))  # as pickle does: patterns, some releases' ufuncs
+                # as pickle does: patterns, some releases' ufuncs
+                reduced = copyreg.dispatch_table.get(type(value))
                 reduction = value.__reduce_ex__(2) if reduced is None else reduced(value)
             except Exception:
-                raise NoFingerprint(f"a {type(value).__module__}.{type(value).__qualname__}") from None
-            own = type(value).__reduce_ex__ is object.__reduce_ex__ and type(value).__reduce__ is object.__reduce__
+                raise NoFingerprint(
+                    f"a {type(value).__module__}.{type(value).__qualname__}"
+                ) from None
+            own = (
+                type(value).__reduce_ex__ is object.__reduce_ex__
+                and type(value).__reduce__ is object.__reduce__
+            )
             if own and hasattr(value, "__dict__"):
-                has = {name: var for name, var in vars(value).items() if not _kept_for_later(type(value), name)}
-                slots = {name for kind in type(value).__mro__ for name in _names(vars(kind).get("__slots__", ()))}
-                has |= {name: getattr(value, name) for name in slots - {"__dict__", "__weakref__"} if hasattr(value, name)}
+                has = {
+                    name: var
+                    for name, var in vars(value).items()
+                    if not _kept_for_later(type(value), name)
+                }
+                slots = {
+                    name
+                    for kind in type(value).__mro__
+                    for name in _names(vars(kind).get("__slots__", ()))
+                }
+                has |= {
+                    name: getattr(value, name)
+                    for name in slots - {"__dict__", "__weakref__"}
+                    if hasattr(value, name)
+                }
             else:
-                has = {"kept": reduction if isinstance(reduction, str) else [list(x) if isinstance(x, Iterator) else x for x in reduction]}
+                has = {
+                    "kept": reduction
+                    if isinstance(reduction, str)
+                    else [list(x) if isinstance(x, Iterator) else x for x in reduction]
+                }
         for name in sorted(has):
             yield from (name, self.digest(has[name]))
 
@@ -182,38 +250,62 @@ class _Walk:
         return self.digest([function.__code__, function.__defaults__, function.__kwdefaults__])
 
     def code(self, code: types.CodeType) -> Iterator[str | bytes]:
-        """Text and bytes that say what compiled code does; no docstring, names of files or line numbers."""
+        """Text and bytes that say what compiled code does; no docstring, names of files or line
+        numbers.
+        """
         yield code.co_code
-        yield repr((code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars, code.co_argcount,
-                    code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags))
-        first = 1 if isinstance(next(iter(code.co_consts), None), str) and 0 not in _loaded(code) else 0  # a docstring
+        yield repr(
+            (
+                code.co_names,
+                code.co_varnames,
+                code.co_freevars,
+                code.co_cellvars,
+                code.co_argcount,
+                code.co_posonlyargcount,
+                code.co_kwonlyargcount,
+                code.co_flags,
+            )
+        )
+        # a docstring
+        first = (
+            1 if isinstance(next(iter(code.co_consts), None), str) and 0 not in _loaded(code) else 0
+        )
         yield from map(self.digest, code.co_consts[first:])
 
     def around(self, function: types.FunctionType) -> Iterator[tuple[str, Any]]:
-        """Attributes of a function, variables closed over and globals that its code, and code within it, reads, by name."""
+        """Attributes of a function, variables closed over and globals that its code, and code
+        within it, reads, by name.
+        """
         yield from _given(function)
         every = list(codes(function.__code__))
         names = sorted({name for code in every for name in code.co_names})
-        for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+        for name, cell in zip(
+            function.__code__.co_freevars, function.__closure__ or (), strict=True
+        ):
             try:
                 yield from self.named(name, cell.cell_contents, names)
             except ValueError:  # not set yet
                 yield name, None
         steps = [step for code in every for step in dis.get_instructions(code)]
-        for name in sorted({step.argval for step in steps if step.opname in ("LOAD_GLOBAL", "LOAD_NAME")}):
+        for name in sorted(
+            {step.argval for step in steps if step.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
+        ):
             if name in function.__globals__:
                 yield from self.named(name, function.__globals__[name], names)
         for name in sorted({step.argval for step in steps if step.opname == "IMPORT_NAME"}):
-            for full in (name, f"{function.__globals__.get('__package__')}.{name}"):  # as it is, or relative
+            # as it is, or relative
+            for full in (name, f"{function.__globals__.get('__package__')}.{name}"):
                 try:
                     yield from self.named(full, importlib.import_module(full), names)
                     break
                 except ImportError:
                     pass
 
-    def named(self, name: str, value: Any, names: list[str], above: tuple[int, ...] = ()) -> Iterator[tuple[str, Any]]:
-        """Name and value; of a module those of what the code names in it. Of one that is installed this is what was put there
-        since: its own functions count by its version.
+    def named(
+        self, name: str, value: Any, names: list[str], above: tuple[int, ...] = ()
+    ) -> Iterator[tuple[str, Any]]:
+        """Name and value; of a module those of what the code names in it. Of one that is installed
+        this is what was put there since: its own functions count by its version.
         """
         if not isinstance(value, types.ModuleType) or BY_WORDS & {*names}:
             yield name, value
@@ -245,7 +337,9 @@ class _Walk:
 
 
 def _unwrapped(value: Any) -> Any:
-    """Function in a cache, a static or class method, or object of a weak reference; any other value as it is."""
+    """Function in a cache, a static or class method, or object of a weak reference; any other value
+    as it is.
+    """
     while True:
         if isinstance(value, functools._lru_cache_wrapper):
             value = value.__wrapped__
@@ -263,7 +357,9 @@ def _about(value: Any) -> Iterator[tuple[str, Any]]:
     """Attributes that were given to the cache or method about a function."""
     while isinstance(value, (functools._lru_cache_wrapper, staticmethod, classmethod)):
         yield from _given(value)
-        value = value.__wrapped__ if isinstance(value, functools._lru_cache_wrapper) else value.__func__
+        value = (
+            value.__wrapped__ if isinstance(value, functools._lru_cache_wrapper) else value.__func__
+        )
 
 
 def _given(value: Any) -> Iterator[tuple[str, Any]]:
@@ -279,10 +375,16 @@ def _loaded(code: types.CodeType) -> set[int]:
 
 
 def _kept_for_later(kind: type, name: str) -> bool:
-    """Whether an attribute is what a lazy property of the class has found (functools.cached_property and its likes)."""
+    """Whether an attribute is what a lazy property of the class has found
+    (functools.cached_property and its likes).
+    """
     name = name.partition(" ")[0]  # of `torchbeam.core.derivatives.cached`, after the name its mode
     member = next((vars(k)[name] for k in kind.__mro__ if name in vars(k)), None)
-    return hasattr(member, "__get__") and not hasattr(member, "__set__") and not isinstance(member, types.FunctionType)
+    return (
+        hasattr(member, "__get__")
+        and not hasattr(member, "__set__")
+        and not isinstance(member, types.FunctionType)
+    )
 
 
 def _names(slots: Any) -> tuple[str, ...]:

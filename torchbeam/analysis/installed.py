@@ -1,4 +1,6 @@
-"""Installed packages: which of them a function, class or module belongs to, and in what version it is there."""
+"""Installed packages: which of them a function, class or module belongs to, and in what version it
+is there.
+"""
 
 from __future__ import annotations
 
@@ -17,15 +19,29 @@ HEAP_TYPE = 1 << 9  # of a class's flags: made while Python ran (Include/object.
 
 
 def package(value: Any) -> str | None:
-    """Name of the installed package that a module, class or function belongs to, "python" for Python's own; None where it
-    belongs to none: its code may change while versions stay.
+    """Name of the installed package that a module, class or function belongs to, "python" for
+    Python's own; None where it belongs to none: its code may change while versions stay.
     """
-    name = value.__name__ if isinstance(value, types.ModuleType) else getattr(value, "__module__", None)
-    if name in (None, builtins.__name__) and (isinstance(value, types.FunctionType) or (
-            isinstance(value, type) and value.__flags__ & HEAP_TYPE)):  # written by a user, in a namespace without a name
+    name = (
+        value.__name__
+        if isinstance(value, types.ModuleType)
+        else getattr(value, "__module__", None)
+    )
+    # written by a user, in a namespace without a name
+    if name in (None, builtins.__name__) and (
+        isinstance(value, types.FunctionType)
+        or (isinstance(value, type) and value.__flags__ & HEAP_TYPE)
+    ):
         return None
     if not isinstance(name, str):  # of what is built in: that of its type
-        owner = next((o for o in (getattr(value, a, None) for a in ("__self__", "__objclass__")) if o is not None), value)
+        owner = next(
+            (
+                o
+                for o in (getattr(value, a, None) for a in ("__self__", "__objclass__"))
+                if o is not None
+            ),
+            value,
+        )
         named = owner if isinstance(owner, (type, types.ModuleType)) else type(owner)
         name = str(named.__name__ if isinstance(named, types.ModuleType) else named.__module__)
     top = name.split(".")[0]

@@ -18,7 +18,9 @@ class Counter(TorchDispatchMode):
         super().__init__()
         self.count = 0
 
-    def __torch_dispatch__(self, function: Any, types: Any, args: tuple = (), kwargs: dict | None = None) -> Any:
+    def __torch_dispatch__(
+        self, function: Any, types: Any, args: tuple = (), kwargs: dict | None = None
+    ) -> Any:
         self.count += 1
         return function(*args, **(kwargs or {}))
 
@@ -31,7 +33,9 @@ def operations(run: Callable[[], Any]) -> int:
 
 
 def seconds(runs: Sequence[Callable[[], Any]], repeats: int) -> list[float]:
-    """CPU seconds of each run, the least of `repeats`, in turns: what else the machine does falls on all alike."""
+    """CPU seconds of each run, the least of `repeats`, in turns: what else the machine does falls
+    on all alike.
+    """
     best = [float("inf")] * len(runs)
     for _ in range(repeats):
         for k, run in enumerate(runs):
@@ -47,8 +51,8 @@ def repeated(state: Any, batch: int) -> Any:
 
 
 def change(answer: Tensor, reference: Tensor) -> float:
-    """RMS of the difference over the RMS of what the reference has moved from its first instant (or of itself, where it did
-    not move); time is the first axis.
+    """RMS of the difference over the RMS of what the reference has moved from its first instant (or
+    of itself, where it did not move); time is the first axis.
     """
     moved = (reference - reference[:1]).square().mean()
     size = torch.where(moved > 0, moved, reference.square().mean())

@@ -1,1 +1,3 @@
-"""Basics without physics: declared tensors, validation of input, functions of time, files, results."""
+"""Basics without physics: declared tensors, validation of input, functions of time, files,
+results.
+"""

@@ -1,4 +1,6 @@
-"""Arguments that are no tensors: switches, counts, names, functions, times, masks; errors of one sentence."""
+"""Arguments that are no tensors: switches, counts, names, functions, times, masks; errors of one
+sentence.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,12 @@ from .validation import BOOLEANS, as_tensor, broadcast, finite, positive, real, 
 @cache
 def keywords(*takers: Any) -> list[str]:
     """Keywords of the functions that are nothing but keywords."""
-    return [p.name for f in takers for p in inspect.signature(f).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    return [
+        p.name
+        for f in takers
+        for p in inspect.signature(f).parameters.values()
+        if p.kind is p.KEYWORD_ONLY
+    ]
 
 
 @cache
@@ -29,8 +36,12 @@ def _defaults(taker: Any) -> dict[str, Any]:
 def chosen(taker: Any, values: dict[str, Any]) -> dict[str, Any]:
     """Those of the arguments of a function that have another value than by default."""
     plain, defaults = (bool, int, float, str), _defaults(taker)
-    return {name: value for name, value in values.items()
-            if value is not defaults[name] and not (isinstance(value, plain) and value == defaults[name])}
+    return {
+        name: value
+        for name, value in values.items()
+        if value is not defaults[name]
+        and not (isinstance(value, plain) and value == defaults[name])
+    }
 
 
 def options(name: str, given: dict[str, Any], known: list[str]) -> None:
@@ -48,17 +59,24 @@ def whole(name: str, value: int) -> int:
 
 
 def place(name: str, value: int, count: int, there: str) -> int:
-    """`value` if it is the place of one of `count` things, from either end; ValueError, with what there is, otherwise."""
+    """`value` if it is the place of one of `count` things, from either end; ValueError, with what
+    there is, otherwise.
+    """
     if not -count <= whole(name, value) < count:
-        raise ValueError(f"{name} = {value} was given; {there} 0 to {count - 1}" if count else
-                         f"{name} = {value} was given; there is none")
+        raise ValueError(
+            f"{name} = {value} was given; {there} 0 to {count - 1}"
+            if count
+            else f"{name} = {value} was given; there is none"
+        )
     return int(value)
 
 
 def count(name: str, value: int, least: int = 1) -> int:
     """`value` if it is a whole number of at least `least`; ValueError otherwise."""
     if isinstance(value, BOOLEANS) or not isinstance(value, (int, np.integer)) or value < least:
-        raise ValueError(f"{name} = {shown(value)} was given; a whole number of at least {least} is wanted")
+        raise ValueError(
+            f"{name} = {shown(value)} was given; a whole number of at least {least} is wanted"
+        )
     return int(value)
 
 
@@ -70,22 +88,32 @@ def boolean(name: str, value: bool) -> bool:
 
 
 def choice(name: str, value: Any, known: Iterable[Any]) -> Any:
-    """`value` if it is one of the `known` strings (or None, where that is one); ValueError otherwise."""
+    """`value` if it is one of the `known` strings (or None, where that is one); ValueError
+    otherwise.
+    """
     if not isinstance(value, (str, type(None))) or value not in known:
-        raise ValueError(f"{name} = {shown(value)} was given; {', '.join(map(repr, known))} are there")
+        raise ValueError(
+            f"{name} = {shown(value)} was given; {', '.join(map(repr, known))} are there"
+        )
     return value
 
 
 def function(name: str, value: Any, *arguments: str, named: Iterable[str] = ()) -> Any:
-    """`value` if it can be called, with arguments by place and others by name, where they are said; ValueError otherwise."""
+    """`value` if it can be called, with arguments by place and others by name, where they are said;
+    ValueError otherwise.
+    """
     if not callable(value):
-        raise ValueError(f"{name} = {shown(value)} was given; a function{_of(arguments, named)} is wanted")
+        raise ValueError(
+            f"{name} = {shown(value)} was given; a function{_of(arguments, named)} is wanted"
+        )
     if arguments or named:
         try:
             inspect.signature(value).bind(*arguments, **dict.fromkeys(named))
         except TypeError as error:
-            raise ValueError(f"{name} = {shown(value)} was given ({error}); a function{_of(arguments, named)} is wanted"
-                             ) from None
+            raise ValueError(
+                f"{name} = {shown(value)} was given ({error}); a function{_of(arguments, named)} "
+                "is wanted"
+            ) from None
         except ValueError:  # one of C's, that does not say what it takes
             pass
     return value
@@ -98,7 +126,9 @@ def _of(arguments: Iterable[str], named: Iterable[str]) -> str:
 
 def listed(value: Any) -> tuple[Any, ...]:
     """A sequence's members, or one thing by itself."""
-    several = isinstance(value, Iterable) and not isinstance(value, str) and getattr(value, "ndim", 1) > 0
+    several = (
+        isinstance(value, Iterable) and not isinstance(value, str) and getattr(value, "ndim", 1) > 0
+    )
     return tuple(value) if several else (value,)
 
 
@@ -110,17 +140,27 @@ def batch(name: str, value: Any) -> torch.Size:
 
 
 def instance(name: str, value: Any, wanted: type) -> Any:
-    """`value` if it is an object of the class `wanted`, one of torchbeam's; ValueError otherwise."""
+    """`value` if it is an object of the class `wanted`, one of torchbeam's; ValueError
+    otherwise.
+    """
     if not isinstance(value, wanted):
-        raise ValueError(f"{name} of type {type(value).__name__} was given; a torchbeam.{wanted.__name__} is wanted")
+        raise ValueError(
+            f"{name} of type {type(value).__name__} was given; a torchbeam.{wanted.__name__} is "
+            "wanted"
+        )
     return value
 
 
 def number(name: str, value: Any, *, infinite: bool = False) -> float:
-    """One real number, of Python, NumPy or a tensor, as Python's; ValueError otherwise, and for one that is not finite."""
+    """One real number, of Python, NumPy or a tensor, as Python's; ValueError otherwise, and for one
+    that is not finite.
+    """
     one = as_tensor(value, torch.float64) if value is not None else torch.empty(0)
     if one.ndim or not (torch.isfinite(one) or (infinite and torch.isinf(one))):
-        raise ValueError(f"{name} = {shown(value)} was given; one {'' if infinite else 'finite '}number is wanted")
+        raise ValueError(
+            f"{name} = {shown(value)} was given; one {'' if infinite else 'finite '}number is "
+            "wanted"
+        )
     return one.item()
 
 
@@ -133,7 +173,9 @@ def level_of(name: str, value: Any) -> float:
 
 
 def instants(name: str, value: Any, like: Tensor) -> Tensor:
-    """Times (...) s, one or one of each sample, in the dtype and on the device of `like`; ValueError for what is none."""
+    """Times (...) s, one or one of each sample, in the dtype and on the device of `like`;
+    ValueError for what is none.
+    """
     return finite(name, as_tensor(value, like.dtype, like.device))
 
 
@@ -147,23 +189,34 @@ def instant(name: str, value: Any, like: Tensor) -> Tensor:
 
 def mask(name: str, value: Any, like: Tensor) -> Tensor:
     """Booleans (...) that broadcast with `like`, on its device; ValueError otherwise."""
-    if not isinstance(value, Tensor) and all(isinstance(leaf, BOOLEANS) or getattr(leaf, "dtype", None) == np.bool_
-                                             for leaf in scalars(value)):
+    if not isinstance(value, Tensor) and all(
+        isinstance(leaf, BOOLEANS) or getattr(leaf, "dtype", None) == np.bool_
+        for leaf in scalars(value)
+    ):
         value = torch.as_tensor(np.array(value), device=like.device)
     if not isinstance(value, Tensor) or value.dtype != torch.bool:
         given = f"of {value.dtype}" if isinstance(value, Tensor) else f"= {shown(value)}"
         raise ValueError(f"{name} {given} was given; booleans, one a sample, are wanted")
-    if value.ndim > like.ndim or broadcast(f"{name} and samples", value.shape, like.shape) != like.shape:
-        raise ValueError(f"{name} of shape {tuple(value.shape)} was given for samples of shape {tuple(like.shape)}; one a "
-                         "sample is wanted")
+    if (
+        value.ndim > like.ndim
+        or broadcast(f"{name} and samples", value.shape, like.shape) != like.shape
+    ):
+        raise ValueError(
+            f"{name} of shape {tuple(value.shape)} was given for samples of shape "
+            f"{tuple(like.shape)}; one a sample is wanted"
+        )
     return value.to(like.device)
 
 
 def tolerance(name: str, value: Any, *, zero: bool = False, each: bool = False) -> Any:
-    """`value` if it is a positive finite number (or zero, where allowed), `each`: a tensor of such; ValueError otherwise."""
+    """`value` if it is a positive finite number (or zero, where allowed), `each`: a tensor of such;
+    ValueError otherwise.
+    """
     if isinstance(value, Tensor):
         if value.ndim and not each:
-            raise ValueError(f"{name} of shape {tuple(value.shape)} was given; one number is wanted")
+            raise ValueError(
+                f"{name} of shape {tuple(value.shape)} was given; one number is wanted"
+            )
         return positive(name, real(value), zero=zero)
     if not _real(value) or not (0 < value < math.inf or (zero and value == 0)):
         wanted = "a non-negative" if zero else "a positive"
@@ -174,19 +227,28 @@ def tolerance(name: str, value: Any, *, zero: bool = False, each: bool = False) 
 def step_size(name: str, value: float) -> float:
     """`value` if it is a positive finite Python number; ValueError otherwise."""
     if not _real(value) or not (0 < value < math.inf):
-        raise ValueError(f"{name} = {shown(value)} was given; a positive finite number of seconds is wanted")
+        raise ValueError(
+            f"{name} = {shown(value)} was given; a positive finite number of seconds is wanted"
+        )
     return float(value)
 
 
 def _real(value: Any) -> bool:
     """Whether this is a real number of Python or NumPy."""
-    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, BOOLEANS)
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(
+        value, BOOLEANS
+    )
 
 
 def duration(name: str, value: float | Tensor, dtype: torch.dtype, device: torch.device) -> Tensor:
-    """`value` as a 0-dim tensor if it is a positive finite number or such a tensor; ValueError otherwise."""
+    """`value` as a 0-dim tensor if it is a positive finite number or such a tensor; ValueError
+    otherwise.
+    """
     if not isinstance(value, Tensor):
         return torch.as_tensor(step_size(name, value), dtype=dtype, device=device)
     if value.ndim or value.is_complex() or value.dtype == torch.bool:
-        raise ValueError(f"{name} of shape {tuple(value.shape)} and {value.dtype} was given; one number of seconds is wanted")
+        raise ValueError(
+            f"{name} of shape {tuple(value.shape)} and {value.dtype} was given; one number of "
+            "seconds is wanted"
+        )
     return positive(name, value.to(dtype=dtype, device=device))

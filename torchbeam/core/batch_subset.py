@@ -15,13 +15,16 @@ from .functions_of_time import taken
 from .leaves import map_leaves
 from .validation import concrete
 
-LEAST = 64  # samples in a batch from which on a smaller one is faster (measured: even at 32, N = 8, one core)
+# samples in a batch from which on a smaller one is faster (measured: even at 32, N = 8, one core)
+LEAST = 64
 SHARE = 0.8  # of them: where more are left, nobody is left out
 PLAIN = (bool, int, float, complex, str)  # what is compared by its value
 
 
 class NotSeparable(Exception):
-    """Error: the batch cannot be split into samples; something holds a function of the motion, of unknown batch axes."""
+    """Error: the batch cannot be split into samples; something holds a function of the motion, of
+    unknown batch axes.
+    """
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,9 @@ class BatchSubset:
 
     @classmethod
     def worthwhile(cls, going: Tensor) -> BatchSubset | None:
-        """Subset of the samples that are `going` (...), where solving these alone is faster; else None."""
+        """Subset of the samples that are `going` (...), where solving these alone is faster; else
+        None.
+        """
         if going.ndim != 1 or len(going) < LEAST or going is not concrete(going):
             return None
         if not 0 < int(going.sum()) <= SHARE * len(going):
@@ -41,18 +46,21 @@ class BatchSubset:
         return cls(going.nonzero()[:, 0], len(going))
 
     def gather(self, tree: Any) -> Any:
-        """Tree (see `leaves`) of these samples alone. What has no batch axis, or one of size 1, stays; of a function the
-        values are taken. Differentiable. Raises `NotSeparable`.
+        """Tree (see `leaves`) of these samples alone. What has no batch axis, or one of size 1,
+        stays; of a function the values are taken. Differentiable. Raises `NotSeparable`.
         """
         return map_leaves(self._taken, tree)
 
     def scatter(self, tree: Any, part: Any) -> Any:
-        """The tree with these samples replaced by those of `part`. Out of place; gradients of both survive."""
+        """The tree with these samples replaced by those of `part`. Out of place; gradients of both
+        survive.
+        """
         return map_leaves(self._replaced, tree, part)
 
     def merge(self, tree: Any, part: Any) -> Any:
-        """`scatter`, where `part` was made for these samples by itself: what has no batch axis in either is everybody's and
-        stays the tree's. Raises ValueError for a function that is not the same in both, for its values are unknown.
+        """`scatter`, where `part` was made for these samples by itself: what has no batch axis in
+        either is everybody's and stays the tree's. Raises ValueError for a function that is not the
+        same in both, for its values are unknown.
         """
         return map_leaves(self._merged, tree, part)
 
@@ -65,8 +73,10 @@ class BatchSubset:
 
     def put(self, x: Tensor, part: Tensor, axes: int) -> Tensor:
         """`scatter` of one tensor with `axes` axes of its own."""
-        own = x.shape[x.ndim - axes:]
-        return x.expand(self.count, *own).index_copy(0, self.index, part.expand(len(self.index), *own))
+        own = x.shape[x.ndim - axes :]
+        return x.expand(self.count, *own).index_copy(
+            0, self.index, part.expand(len(self.index), *own)
+        )
 
     def _taken(self, value: Any, axes: int | None) -> Any:
         if isinstance(value, Tensor) and axes is not None:
@@ -89,13 +99,17 @@ class BatchSubset:
         if isinstance(value, Tensor):
             return value if max(value.ndim, part.ndim) <= axes else self.put(value, part, axes)
         if callable(value) and not _same(value, part):
-            raise ValueError("a function that holds other things for some samples than for the rest of a batch was given; "
-                             "declared values are wanted (a load's `values`, a history)")
+            raise ValueError(
+                "a function that holds other things for some samples than for the rest of a batch "
+                "was given; declared values are wanted (a load's `values`, a history)"
+            )
         return value
 
 
 def _same(a: Any, b: Any, met: frozenset[tuple[int, int]] = frozenset()) -> bool:
-    """Whether two functions, or things that they hold, are one, or are made alike; pairs that hold themselves were `met`."""
+    """Whether two functions, or things that they hold, are one, or are made alike; pairs that hold
+    themselves were `met`.
+    """
     if a is b or type(a) is not type(b):
         return a is b
     if isinstance(a, Tensor):
@@ -110,7 +124,15 @@ def _same(a: Any, b: Any, met: frozenset[tuple[int, int]] = frozenset()) -> bool
 
 
 def _held(function: FunctionType) -> dict[Any, Any]:
-    """Defaults of a function by place and by name, and the variables that it closes over, those that have a value."""
+    """Defaults of a function by place and by name, and the variables that it closes over, those
+    that have a value.
+    """
     cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
-    filled = {f"closed over {name}": cell.cell_contents for name, cell in cells if cell != CellType()}
-    return {**dict(enumerate(function.__defaults__ or ())), **(function.__kwdefaults__ or {}), **filled}
+    filled = {
+        f"closed over {name}": cell.cell_contents for name, cell in cells if cell != CellType()
+    }
+    return {
+        **dict(enumerate(function.__defaults__ or ())),
+        **(function.__kwdefaults__ or {}),
+        **filled,
+    }

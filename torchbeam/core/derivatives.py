@@ -1,4 +1,6 @@
-"""Derivatives switched off, and cached properties that keep what was computed so apart from the rest."""
+"""Derivatives switched off, and cached properties that keep what was computed so apart from the
+rest.
+"""
 
 from __future__ import annotations
 
@@ -20,16 +22,22 @@ def no_derivatives() -> Iterator[None]:
 
 
 def untracked(tensors: Iterable[torch.Tensor]) -> bool:
-    """Whether no derivative of these is recorded, backward or forward, and no function of torch.func runs."""
+    """Whether no derivative of these is recorded, backward or forward, and no function of
+    torch.func runs.
+    """
     if forward_ad._current_level >= 0 or functorch.peek_interpreter_stack() is not None:
         return False
     recorded = torch.is_grad_enabled()
-    return not any((recorded and x.requires_grad) or functorch.is_functorch_wrapped_tensor(x) for x in tensors)
+    return not any(
+        (recorded and x.requires_grad) or functorch.is_functorch_wrapped_tensor(x) for x in tensors
+    )
 
 
 @contextmanager
 def lasting() -> Iterator[None]:
-    """For values that are kept: in inference mode too they become tensors that can be used in a graph later."""
+    """For values that are kept: in inference mode too they become tensors that can be used in a
+    graph later.
+    """
     if not torch.is_inference_mode_enabled():
         yield
         return
@@ -38,19 +46,25 @@ def lasting() -> Iterator[None]:
 
 
 class cached(cached_property):
-    """A cached property of one value for each mode of recording derivatives: what Newton's method has computed without them
-    is never taken for what the implicit function theorem differentiates, so that a problem may be asked for both, in any
-    order, without a copy. What was computed with all of them recorded serves without them as well.
+    """A cached property of one value for each mode of recording derivatives: what Newton's method
+    has computed without them is never taken for what the implicit function theorem differentiates,
+    so that a problem may be asked for both, in any order, without a copy. What was computed with
+    all of them recorded serves without them as well.
     """
 
     def __set_name__(self, owner: type, name: str) -> None:
         super().__set_name__(owner, name)
-        self.keys = {(grad, forward): f"{name} {grad:d}{forward:d}" for grad in (False, True) for forward in (False, True)}
+        self.keys = {
+            (grad, forward): f"{name} {grad:d}{forward:d}"
+            for grad in (False, True)
+            for forward in (False, True)
+        }
 
     def __get__(self, owner: Any, kind: type | None = None) -> Any:
         if owner is None:
             return self
-        held, key = owner.__dict__, self.keys[torch.is_grad_enabled(), torch._C._is_fwd_grad_enabled()]
+        held = owner.__dict__
+        key = self.keys[torch.is_grad_enabled(), torch._C._is_fwd_grad_enabled()]
         value = held.get(key, ABSENT)
         if value is ABSENT:
             value = held.get(self.keys[True, True], ABSENT)
@@ -64,11 +78,15 @@ ABSENT = object()
 
 
 def cache_of(owner: Any, name: str) -> bool:
-    """Whether an object's attribute of that name is a cached value: no field has a space in its name."""
+    """Whether an object's attribute of that name is a cached value: no field has a space in its
+    name.
+    """
     return " " in name or name in caches_of(type(owner))
 
 
 @cache
 def caches_of(kind: type) -> frozenset[str]:
     """Names of the cached properties of a class."""
-    return frozenset(name for name in dir(kind) if isinstance(getattr(kind, name, None), cached_property))
+    return frozenset(
+        name for name in dir(kind) if isinstance(getattr(kind, name, None), cached_property)
+    )

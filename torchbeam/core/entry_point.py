@@ -1,9 +1,11 @@
-"""Entry points: what users call. Within them torch.autocast is off, and torch.compile leaves them alone.
+"""Entry points: what users call. Within them torch.autocast is off, and torch.compile leaves them
+alone.
 
-Autocast would compute matrix products of float32 in half precision, in which no step converges; a function of the user's that
-is called from inside, a load or a network, runs without it too. torch.compile would trace Python that is no tensor program:
-native code, Newton's iterations, what is kept from call to call. It breaks its graph here instead, and compiles what the user
-has around it. Who uses neither pays under a microsecond a call.
+Autocast would compute matrix products of float32 in half precision, in which no step converges; a
+function of the user's that is called from inside, a load or a network, runs without it too.
+torch.compile would trace Python that is no tensor program: native code, Newton's iterations, what
+is kept from call to call. It breaks its graph here instead, and compiles what the user has around
+it. Who uses neither pays under a microsecond a call.
 """
 
 from __future__ import annotations
@@ -21,14 +23,24 @@ from .derivatives import cached
 T = TypeVar("T")
 DEVICES = "cpu", "cuda"
 # beside the public names of a class: what Python calls for its user
-SPECIAL = {"__init__", "__call__", "__getitem__", "__iter__", "__repr__", "__str__", "__add__", "__mul__"}
-# by which torch.compile knows what not to trace; `torch.compiler.disable` sets it too, but imports all of torch's compiler
+SPECIAL = {
+    "__init__",
+    "__call__",
+    "__getitem__",
+    "__iter__",
+    "__repr__",
+    "__str__",
+    "__add__",
+    "__mul__",
+}
+# by which torch.compile knows what not to trace; `torch.compiler.disable` sets it too, but imports
+# all of torch's compiler
 MARK = "_torchdynamo_disable"
 
 
 def entry_point(of: T) -> T:
-    """A function as an entry point; or a class, of which every public method and property becomes one, with those that it has
-    from other classes of its package.
+    """A function as an entry point; or a class, of which every public method and property becomes
+    one, with those that it has from other classes of its package.
     """
     if not isinstance(of, type):
         return _function(of)
@@ -36,14 +48,17 @@ def entry_point(of: T) -> T:
     for kind in of.__mro__:
         if kind.__module__.partition(".")[0] == package:
             for name, value in list(vars(kind).items()):
-                if (name in SPECIAL or not name.startswith("_")) and (made := _member(value)) is not value:
+                if (name in SPECIAL or not name.startswith("_")) and (
+                    made := _member(value)
+                ) is not value:
                     setattr(kind, name, made)
     return of
 
 
 def entry_points(module: dict[str, Any], names: Iterable[str]) -> None:
-    """The functions and classes of these names in a module's dictionary as entry points: a function is one under the module's
-    name alone, so that those who import it from where it is written do without.
+    """The functions and classes of these names in a module's dictionary as entry points: a function
+    is one under the module's name alone, so that those who import it from where it is written do
+    without.
     """
     for name in names:
         value = module.get(name)
@@ -66,15 +81,21 @@ def _function(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _left_alone(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function that torch.compile does not trace, nor what it calls: as `torch.compiler.disable`, without importing torch's
-    compiler where torch has the names for it.
+    """A function that torch.compile does not trace, nor what it calls: as `torch.compiler.disable`,
+    without importing torch's compiler where torch has the names for it.
     """
     try:
-        from torch._C._dynamo.eval_frame import _FrameAction, _FrameExecStrategy, set_code_exec_strategy
+        from torch._C._dynamo.eval_frame import (
+            _FrameAction,
+            _FrameExecStrategy,
+            set_code_exec_strategy,
+        )
     except ImportError:
         return torch.compiler.disable(function)
     setattr(function, MARK, True)
-    set_code_exec_strategy(function.__code__, _FrameExecStrategy(_FrameAction.SKIP, _FrameAction.SKIP))
+    set_code_exec_strategy(
+        function.__code__, _FrameExecStrategy(_FrameAction.SKIP, _FrameAction.SKIP)
+    )
     return function
 
 

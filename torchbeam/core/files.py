@@ -22,7 +22,11 @@ class NotWritten(OSError):
 
 def path_of(name: str, given: Any) -> Path:
     """A path; ValueError for what is none."""
-    if not isinstance(given, (str, os.PathLike)) or not isinstance(text := os.fspath(given), str) or not text:
+    if (
+        not isinstance(given, (str, os.PathLike))
+        or not isinstance(text := os.fspath(given), str)
+        or not text
+    ):
         raise ValueError(f"{name} = {shown(given)} was given; a path is wanted")
     return Path(text)
 
@@ -30,8 +34,8 @@ def path_of(name: str, given: Any) -> Path:
 def folder(path: str | Path, *, parents: bool = False) -> Path:
     """The folder `path`, made where it is missing, in which a file can be written.
 
-    parents  also make the folders that it lies in. Commands do; a function refuses them, since a path with two folders
-             missing is more often a wrong one
+    parents  also make the folders that it lies in. Commands do; a function refuses them, since a
+             path with two folders missing is more often a wrong one
 
     Raises ValueError where there is no such folder to be had, or nothing can be written into it.
     """
@@ -39,8 +43,10 @@ def folder(path: str | Path, *, parents: bool = False) -> Path:
     wanted = "another folder is wanted"
     try:
         if not parents and not path.absolute().parent.is_dir() and not path.is_dir():
-            raise ValueError(f"the folder {str(path)!r} was given, and {str(path.parent)!r} is no folder; one in a folder that "
-                             "is there is wanted")
+            raise ValueError(
+                f"the folder {str(path)!r} was given, and {str(path.parent)!r} is no folder; one "
+                "in a folder that is there is wanted"
+            )
         path.mkdir(parents=parents, exist_ok=True)
         probe = _part(path / "probe")
         try:
@@ -50,12 +56,16 @@ def folder(path: str | Path, *, parents: bool = False) -> Path:
     except OSError as error:
         if path.exists() and not path.is_dir():
             raise ValueError(f"the file {str(path)!r} was given for a folder; {wanted}") from None
-        raise ValueError(f"the folder {str(path)!r}, which cannot be written ({reason(error)}), was given; {wanted}") from None
+        raise ValueError(
+            f"the folder {str(path)!r}, which cannot be written ({reason(error)}), was given; "
+            f"{wanted}"
+        ) from None
     return path
 
 
 def write(path: str | Path, content: str | bytes) -> None:
-    """The file with this content, whole or not at all: under another name first, on the disk before it is renamed.
+    """The file with this content, whole or not at all: under another name first, on the disk before
+    it is renamed.
 
     Raises NotWritten; what was there before is then there still.
     """
@@ -80,7 +90,9 @@ def csv_text(rows: Iterable[Iterable[Any]]) -> str:
 
 @contextmanager
 def written(path: str | Path, ending: str = "") -> Iterator[Path]:
-    """Another name, with this ending, for the file to be written under: renamed to `path` then, or removed after an error."""
+    """Another name, with this ending, for the file to be written under: renamed to `path` then, or
+    removed after an error.
+    """
     path = Path(path)
     part = _part(path, ending)
     try:
@@ -92,7 +104,9 @@ def written(path: str | Path, ending: str = "") -> Iterator[Path]:
         try:
             part.unlink(missing_ok=True)
         except OSError:
-            pass  # where the path leads through a file, or the disk is gone: the first error is the one to tell
+            # where the path leads through a file, or the disk is gone: the first error is the one
+            # to tell
+            pass
         if isinstance(error, OSError):
             raise NotWritten(f"{str(path)!r} could not be written: {reason(error)}") from error
         raise

@@ -1,7 +1,9 @@
-"""Functions of time that a user gives: taking what they return, at each sample's own instant, and their rates.
+"""Functions of time that a user gives: taking what they return, at each sample's own instant, and
+their rates.
 
-A function gets a 0-dimensional t. Where the samples of a batch stand at different instants it is asked for each of these, by
-torch.func.vmap, or in a loop where it cannot be mapped (`if t > 1`, math.sin(t), NumPy); each sample keeps its own answer.
+A function gets a 0-dimensional t. Where the samples of a batch stand at different instants it is
+asked for each of these, by torch.func.vmap, or in a loop where it cannot be mapped (`if t > 1`,
+math.sin(t), NumPy); each sample keeps its own answer.
 """
 
 from __future__ import annotations
@@ -20,19 +22,25 @@ from .validation import as_tensor, axis_last, concrete
 
 MANY = 256  # instants that are asked for at once, whatever the size of the answer
 ROOM = 2**20  # numbers in the answers to more of them
-HOOKED = ("dual numbers of torch.autograd.forward_ad were given beside hooks on saved tensors (torch.utils.checkpoint), where "
-          "torch has no derivative inside of them; torch.func.jvp has, and so has forward_ad without the hooks")
+HOOKED = (
+    "dual numbers of torch.autograd.forward_ad were given beside hooks on saved tensors "
+    "(torch.utils.checkpoint), where torch has no derivative inside of them; torch.func.jvp has, "
+    "and so has forward_ad without the hooks"
+)
 
 
 def taken(what: str, value: Any, like: Tensor, size: int | None = None) -> Tensor:
-    """Value that a user's function returned, a tensor, numbers, or a (nested) sequence of both, stacked (see
-    `validation.as_tensor`), as a tensor of dtype and device of `like`. Gradients survive.
+    """Value that a user's function returned, a tensor, numbers, or a (nested) sequence of both,
+    stacked (see `validation.as_tensor`), as a tensor of dtype and device of `like`. Gradients
+    survive.
 
     Raises ValueError for what is no real number, or where the last axis has not `size` entries.
     """
     if not isinstance(value, Tensor):
         if value is None:
-            raise ValueError(f"{what} is None; {'numbers' if size is None else f'(..., {size})'} are wanted")
+            raise ValueError(
+                f"{what} is None; {'numbers' if size is None else f'(..., {size})'} are wanted"
+            )
         try:
             value = as_tensor(value, like.dtype, like.device)
         except (TypeError, ValueError, RuntimeError):
@@ -45,8 +53,8 @@ def taken(what: str, value: Any, like: Tensor, size: int | None = None) -> Tenso
 
 
 def shared(t: Tensor, moving: Tensor | None = None) -> Tensor:
-    """The one instant (0-dim) of all samples that are `moving` (...), where they have one; else t (...) as it is, and where a
-    derivative is recorded, which may tell them apart.
+    """The one instant (0-dim) of all samples that are `moving` (...), where they have one; else t
+    (...) as it is, and where a derivative is recorded, which may tell them apart.
     """
     if t.ndim == 0 or _differentiated(t):
         return t
@@ -55,12 +63,14 @@ def shared(t: Tensor, moving: Tensor | None = None) -> Tensor:
     numbers = concrete(t) if moving is None else concrete(t)[concrete(moving.expand(t.shape))]
     if numbers.numel() == 0 or (numbers == numbers.flatten()[0]).all():
         return (t if numbers.numel() == 0 else numbers).flatten()[0]
-    return t if moving is None else torch.where(moving, t, numbers.flatten()[0])  # who rests adds no instant
+    # who rests adds no instant
+    return t if moving is None else torch.where(moving, t, numbers.flatten()[0])
 
 
 def at_time(function: Callable[[Tensor], Any], t: Tensor, own: int = 1) -> Any:
-    """function(t) for t (...): a tensor of the leading axes of t and of what the function returns, then its `own` axes; or a
-    tuple of such and None, as it returns. The function gets a 0-dimensional t.
+    """function(t) for t (...): a tensor of the leading axes of t and of what the function returns,
+    then its `own` axes; or a tuple of such and None, as it returns. The function gets a
+    0-dimensional t.
     """
     if t.ndim == 0:
         return function(t)
@@ -78,12 +88,14 @@ def at_time(function: Callable[[Tensor], Any], t: Tensor, own: int = 1) -> Any:
     count, picked, first = len(instants), None, 0
     size = count if count <= MANY else 1  # the first tells how large an answer is
     while first < count:
-        values = _each(present, instants[first:first + size])
+        values = _each(present, instants[first : first + size])
         picked = _picked(values, picked, first, place, t.shape, own)
         first += size
         size = max(1, ROOM // max(1, *(v[0].numel() for v in values)))
     rest = iter(picked)
-    return next(rest) if form[0] is None else tuple(next(rest) if there else None for there in form[0])
+    return (
+        next(rest) if form[0] is None else tuple(next(rest) if there else None for there in form[0])
+    )
 
 
 def _each(function: Callable[[Tensor], tuple[Tensor, ...]], instants: Tensor) -> tuple[Tensor, ...]:
@@ -95,10 +107,17 @@ def _each(function: Callable[[Tensor], tuple[Tensor, ...]], instants: Tensor) ->
         return tuple(torch.stack(torch.broadcast_tensors(*x)) for x in zip(*answers, strict=True))
 
 
-def _picked(values: tuple[Tensor, ...], chosen: list[Tensor] | None, first: int, place: Tensor | None, shape: torch.Size,
-            own: int) -> list[Tensor]:
-    """Each sample's own entry of values (instants, ..., own axes), those of the instants from `first` on; the others' as
-    `found`. `place` (...): numbers of the samples' instants; None = they stand in order.
+def _picked(
+    values: tuple[Tensor, ...],
+    chosen: list[Tensor] | None,
+    first: int,
+    place: Tensor | None,
+    shape: torch.Size,
+    own: int,
+) -> list[Tensor]:
+    """Each sample's own entry of values (instants, ..., own axes), those of the instants from
+    `first` on; the others' as `found`. `place` (...): numbers of the samples' instants; None = they
+    stand in order.
     """
     if place is None:
         place = torch.arange(shape.numel(), device=values[0].device).view(shape)
@@ -106,40 +125,57 @@ def _picked(values: tuple[Tensor, ...], chosen: list[Tensor] | None, first: int,
     inside = (here >= 0) & (here < len(values[0]))
     picked = []
     for k, value in enumerate(values):
-        lead, last = value.shape[1:value.ndim - own], value.shape[value.ndim - own:]
+        lead, last = value.shape[1 : value.ndim - own], value.shape[value.ndim - own :]
         full = broadcast_shapes(shape, lead)
-        value = value.reshape(len(value), *(1,) * (len(full) - len(lead)), *lead, *last).expand(-1, *full, *last)
+        value = value.reshape(len(value), *(1,) * (len(full) - len(lead)), *lead, *last).expand(
+            -1, *full, *last
+        )
         at = here.clamp(0, len(value) - 1).expand(full)[(None, ..., *(None,) * own)]
         one = value.gather(0, at.expand(1, *full, *last))[0]
-        picked.append(one if chosen is None else torch.where(inside[(..., *(None,) * own)], one, chosen[k]))
+        picked.append(
+            one if chosen is None else torch.where(inside[(..., *(None,) * own)], one, chosen[k])
+        )
     return picked
 
 
 def with_rate(function: Callable[[Tensor], Tensor], t: Tensor) -> tuple[Tensor, Tensor]:
-    """function(t) and its derivative by t (0-dim, or one for each sample), exact, see `rate_along`. Differentiable itself."""
-    value, rate = rate_along(function, (t,), (torch.ones_like(t),))
-    return value, rate.to(value.dtype)  # forward mode may promote: 0.1 * t of a 0-dim float32 has a float64 rate
-
-
-def rate_along(function: Callable[..., Any], at: tuple[Tensor, ...], rates: tuple[Tensor, ...]) -> tuple[Any, Any]:
-    """function(*at), a tensor or a tuple of tensors, and its derivative along `rates`: by forward mode, or by reverse mode
-    twice inside of `torch.autograd.forward_ad`, whose dual numbers do not nest. Differentiable itself. Raises ValueError for
-    such dual numbers beside hooks on saved tensors, where neither works.
+    """function(t) and its derivative by t (0-dim, or one for each sample), exact, see `rate_along`.
+    Differentiable itself.
     """
-    at, rates = (tuple(x.contiguous() for x in values) for values in (at, rates))  # dual numbers refuse expanded axes
+    value, rate = rate_along(function, (t,), (torch.ones_like(t),))
+    # forward mode may promote: 0.1 * t of a 0-dim float32 has a float64 rate
+    return value, rate.to(value.dtype)
+
+
+def rate_along(
+    function: Callable[..., Any], at: tuple[Tensor, ...], rates: tuple[Tensor, ...]
+) -> tuple[Any, Any]:
+    """function(*at), a tensor or a tuple of tensors, and its derivative along `rates`: by forward
+    mode, or by reverse mode twice inside of `torch.autograd.forward_ad`, whose dual numbers do not
+    nest. Differentiable itself. Raises ValueError for such dual numbers beside hooks on saved
+    tensors, where neither works.
+    """
+    # dual numbers refuse expanded axes
+    at, rates = (tuple(x.contiguous() for x in values) for values in (at, rates))
     if not within_dual_numbers():
         return torch.func.jvp(function, at, rates)
     if saves_by_hooks():
         raise ValueError(HOOKED)
     value, _ = torch.func.vjp(function, *at)
-    zero = tuple(map(torch.zeros_like, value)) if isinstance(value, tuple) else torch.zeros_like(value)
+    zero = (
+        tuple(map(torch.zeros_like, value)) if isinstance(value, tuple) else torch.zeros_like(value)
+    )
     return value, torch.func.vjp(lambda v: torch.func.vjp(function, *at)[1](v), zero)[1](rates)[0]
 
 
 def within_dual_numbers() -> bool:
-    """Whether plain dual numbers (`torch.autograd.forward_ad`) are in use, not those of torch.func.jvp, which nest."""
+    """Whether plain dual numbers (`torch.autograd.forward_ad`) are in use, not those of
+    torch.func.jvp, which nest.
+    """
     levels = torch._C._functorch.get_interpreter_stack() or ()
-    return forward_ad._current_level >= 0 and not any(x.key() == torch._C._functorch.TransformType.Jvp for x in levels)
+    return forward_ad._current_level >= 0 and not any(
+        x.key() == torch._C._functorch.TransformType.Jvp for x in levels
+    )
 
 
 def saves_by_hooks() -> bool:
@@ -152,8 +188,9 @@ def saves_by_hooks() -> bool:
 
 
 def beside_hooks(function: Callable[[], Any]) -> Any:
-    """function(), where tensors that a graph saves go through no hooks: in a thread of its own where they do, as torch has its
-    hooks by thread. For what is no part of the graph; grad mode and other modes of torch in the function are a new thread's.
+    """function(), where tensors that a graph saves go through no hooks: in a thread of its own
+    where they do, as torch has its hooks by thread. For what is no part of the graph; grad mode and
+    other modes of torch in the function are a new thread's.
     """
     if not saves_by_hooks():
         return function()
@@ -163,53 +200,75 @@ def beside_hooks(function: Callable[[], Any]) -> Any:
 
 @contextmanager
 def past_hooks() -> Iterator[None]:
-    """Within it, tensors that a graph saves are kept as they are, where else they would go through hooks: for values that are
-    kept for longer than a part of torch.utils.checkpoint, which would not save them again when it is made again.
+    """Within it, tensors that a graph saves are kept as they are, where else they would go through
+    hooks: for values that are kept for longer than a part of torch.utils.checkpoint, which would
+    not save them again when it is made again.
     """
     if not saves_by_hooks():
         yield
         return
-    with torch.autograd.graph.saved_tensors_hooks(lambda x: x, lambda x: x):  # the last ones alone are asked
+    # the last ones alone are asked
+    with torch.autograd.graph.saved_tensors_hooks(lambda x: x, lambda x: x):
         yield
 
 
 def user_rate(what: str, function: Callable[[Tensor], Any], t: Tensor) -> tuple[Any, Any]:
-    """`rate_along` of a user's function of t (0-dim). Raises ValueError where it cannot be followed: it left torch on the way,
-    as numpy.sin(t) does.
+    """`rate_along` of a user's function of t (0-dim). Raises ValueError where it cannot be
+    followed: it left torch on the way, as numpy.sin(t) does.
     """
     try:
         return rate_along(function, (t,), (torch.ones_like(t),))
     except (RuntimeError, TypeError, NotImplementedError) as error:
         function(t)  # what fails without a derivative, too, says so itself
-        raise ValueError(f"{what} has no rate in torch ({str(error).splitlines()[0]}); write its function of t with torch "
-                         "operations on t (torch.sin(t), not numpy.sin(t))") from error
+        raise ValueError(
+            f"{what} has no rate in torch ({str(error).splitlines()[0]}); write its function of t "
+            "with torch operations on t (torch.sin(t), not numpy.sin(t))"
+        ) from error
 
 
-def with_user_rate(what: str, function: Callable[[Tensor], Tensor], t: Tensor) -> tuple[Tensor, Tensor]:
+def with_user_rate(
+    what: str, function: Callable[[Tensor], Tensor], t: Tensor
+) -> tuple[Tensor, Tensor]:
     """The same, also where it changes in time without a rate, as math.sin(t) does."""
     value, rate = user_rate(what, function, t)
     rate = rate.to(value.dtype)
     still = rate == 0
-    if concrete(still & ((value != 0) | still.all())).any():  # at rest, or out of torch: odd about t more than even
+    # at rest, or out of torch: odd about t more than even
+    if concrete(still & ((value != 0) | still.all())).any():
         eps = torch.finfo(t.dtype).eps
         with torch.no_grad():
-            (odd, even), (far, _) = (_about(function, value, t, eps**power * (1 + t.abs())) for power in (0.5, 0.25))
+            (odd, even), (far, _) = (
+                _about(function, value, t, eps**power * (1 + t.abs())) for power in (0.5, 0.25)
+            )
             # a rate that is there, but zero, rises with the distance: t^3, t - sin(t)
-            lost = still & (odd > 8 * even) & (odd > 64 * eps * value.abs()) & (far <= 2 * odd * eps**-0.25)
+            lost = (
+                still
+                & (odd > 8 * even)
+                & (odd > 64 * eps * value.abs())
+                & (far <= 2 * odd * eps**-0.25)
+            )
         if concrete(lost).any():
-            raise ValueError(f"{what} changes in time but has no rate in torch; write its function of t with torch operations "
-                             "on t (torch.sin(t), not math.sin(t)), without jumps")
+            raise ValueError(
+                f"{what} changes in time but has no rate in torch; write its function of t with "
+                "torch operations on t (torch.sin(t), not math.sin(t)), without jumps"
+            )
     return value, rate
 
 
-def _about(function: Callable[[Tensor], Tensor], value: Tensor, t: Tensor, gap: Tensor) -> tuple[Tensor, Tensor]:
+def _about(
+    function: Callable[[Tensor], Tensor], value: Tensor, t: Tensor, gap: Tensor
+) -> tuple[Tensor, Tensor]:
     """The odd and the even part of what the function changes by from t - gap to t + gap."""
     before, after = function(t - gap), function(t + gap)
     return (after - before).abs(), (after - 2 * value + before).abs()
 
 
 def _differentiated(t: Tensor) -> bool:
-    """Whether a derivative by t may be recorded, or it stands for more samples than it shows. (In torch.func a dual number does
-    not show its tangent.)
+    """Whether a derivative by t may be recorded, or it stands for more samples than it shows. (In
+    torch.func a dual number does not show its tangent.)
     """
-    return t is not concrete(t) or (t.requires_grad and torch.is_grad_enabled()) or forward_ad._current_level >= 0
+    return (
+        t is not concrete(t)
+        or (t.requires_grad and torch.is_grad_enabled())
+        or forward_ad._current_level >= 0
+    )

@@ -6,11 +6,12 @@
         stiffness: Value = leaf(0)      # (...)
         anchor: Value = leaf(1)         # (..., 3)
 
-A leaf has a number of axes of its own, which come last; whatever stands before them is the batch's. It holds a tensor, plain
-numbers (one, a sequence, an array: of no dtype of their own), None, or what stands for a tensor until it is asked: a function
-or an `Input`. Fields that hold trees, alone or in a tuple, are branches. Everything else is static. From the declaration follow
-the batch shape, dtype and device, inputs, whether a gradient is wanted, samples taken from a batch and put back, detach and
-`to`.
+A leaf has a number of axes of its own, which come last; whatever stands before them is the batch's.
+It holds a tensor, plain numbers (one, a sequence, an array: of no dtype of their own), None, or
+what stands for a tensor until it is asked: a function or an `Input`. Fields that hold trees, alone
+or in a tuple, are branches. Everything else is static. From the declaration follow the batch shape,
+dtype and device, inputs, whether a gradient is wanted, samples taken from a batch and put back,
+detach and `to`.
 
 (Trees of declared arrays: jax's pytrees; brax, `brax/base.py`.)
 """
@@ -31,27 +32,29 @@ from .derivatives import cache_of, cached, caches_of
 from .validation import as_tensor
 
 AXES = "axes"  # key of a field's metadata
-TENSOR = re.compile(r"\b(Tensor|Value|Motion|LoadValue|Inputs)\b")  # in an annotation: the field can hold a tensor
+# in an annotation: the field can hold a tensor
+TENSOR = re.compile(r"\b(Tensor|Value|Motion|LoadValue|Inputs)\b")
 FUNCTION = re.compile(r"\b(Callable|ClassVar)\[.*\]")  # what a function takes and gives is not held
 
 Axes = int | Callable[[Any], int] | None
 
 
 def leaf(axes: Axes, *, default: Any = MISSING, init: bool = True, kw_only: Any = MISSING) -> Any:
-    """A dataclass field that holds a tensor with `axes` axes of its own behind the batch's, or a dictionary or named tuple of
-    such. `axes` may be a function of the object, that counts them. None: what the field holds cannot be taken apart by samples
-    (a function of the motion, that a user wrote).
+    """A dataclass field that holds a tensor with `axes` axes of its own behind the batch's, or a
+    dictionary or named tuple of such. `axes` may be a function of the object, that counts them.
+    None: what the field holds cannot be taken apart by samples (a function of the motion, that a
+    user wrote).
     """
     return field(default=default, init=init, kw_only=kw_only, metadata={AXES: axes})
 
 
 class Tree:
-    """A dataclass whose tensors are declared as leaves. Raises TypeError, when the class is defined, for a field that is
-    annotated as a tensor and not declared, and for a cached property that would mix up what is computed with derivatives and
-    without (`cached` keeps them apart).
+    """A dataclass whose tensors are declared as leaves. Raises TypeError, when the class is
+    defined, for a field that is annotated as a tensor and not declared, and for a cached property
+    that would mix up what is computed with derivatives and without (`cached` keeps them apart).
 
-    Two trees are equal where they are one object: whether tensors are alike is for torch to say (`torch.equal`, of shape and
-    dtype as well).
+    Two trees are equal where they are one object: whether tensors are alike is for torch to say
+    (`torch.equal`, of shape and dtype as well).
 
     called  what sentences call the class: its name, unless it says another
     """
@@ -59,29 +62,41 @@ class Tree:
     called: ClassVar[str]
 
     def __getstate__(self) -> dict[str, Any]:
-        """Copies and pickles go without what is this object's alone, whose name begins with a space."""
+        """Copies and pickles go without what is this object's alone, whose name begins with a
+        space.
+        """
         return {name: value for name, value in vars(self).items() if not name.startswith(" ")}
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         if cls.__module__.startswith("torchbeam."):
-            torch.serialization.add_safe_globals([cls])  # fields alone: torch.load(weights_only=True) takes them
+            # fields alone: torch.load(weights_only=True) takes them
+            torch.serialization.add_safe_globals([cls])
         cls.called = vars(cls).get("called", cls.__name__)
         if "__eq__" not in vars(cls):  # else a dataclass compares tensors, whose answer is a tensor
             cls.__eq__, cls.__hash__ = object.__eq__, object.__hash__
         for name, value in vars(cls).items():
             if isinstance(value, cached_property) and not isinstance(value, cached):
-                raise TypeError(f"{cls.__name__}.{name} is a functools.cached_property; torchbeam.core.derivatives.cached is "
-                                "wanted, which keeps values with derivatives and without apart")
+                raise TypeError(
+                    f"{cls.__name__}.{name} is a functools.cached_property; "
+                    "torchbeam.core.derivatives.cached is wanted, which keeps values with "
+                    "derivatives and without apart"
+                )
         for name, kind in vars(cls).get("__annotations__", {}).items():
             declared = vars(cls).get(name)
-            if TENSOR.search(FUNCTION.sub("", str(kind))) and not (isinstance(declared, Field) and AXES in declared.metadata):
-                raise TypeError(f"{cls.__name__}.{name} can hold a tensor; {name}: {kind} = leaf(axes) is wanted, with its "
-                                "number of axes behind the batch's")
+            if TENSOR.search(FUNCTION.sub("", str(kind))) and not (
+                isinstance(declared, Field) and AXES in declared.metadata
+            ):
+                raise TypeError(
+                    f"{cls.__name__}.{name} can hold a tensor; {name}: {kind} = leaf(axes) is "
+                    "wanted, with its number of axes behind the batch's"
+                )
 
 
 class FunctionOfTime(Tree):
-    """A tree that is a function of t: it may stand in the place of a leaf, and declares the tensors that it holds."""
+    """A tree that is a function of t: it may stand in the place of a leaf, and declares the tensors
+    that it holds.
+    """
 
 
 class Placeholder:
@@ -89,7 +104,9 @@ class Placeholder:
 
 
 class Leaf(NamedTuple):
-    """One leaf: the object that holds it, its name there, its value, its number of own axes (None: not separable)."""
+    """One leaf: the object that holds it, its name there, its value, its number of own axes
+    (None: not separable).
+    """
 
     owner: Any
     name: str
@@ -101,21 +118,31 @@ class Leaf(NamedTuple):
         """Its leading axes; None where it is not a tensor (or an array)."""
         if not isinstance(self.value, (Tensor, np.ndarray)) or self.axes is None:
             return None
-        return torch.Size(self.value.shape[:max(self.value.ndim - self.axes, 0)])
+        return torch.Size(self.value.shape[: max(self.value.ndim - self.axes, 0)])
 
 
 def own_leaves(tree: Tree) -> Iterator[Leaf]:
-    """The leaves that a tree declares itself, None among them; a tree in the place of a leaf as it is."""
+    """The leaves that a tree declares itself, None among them; a tree in the place of a leaf as it
+    is.
+    """
     declared = _declared(type(tree))
     for name, value in vars(tree).items():
         if (axes := declared.get(name, BRANCH)) is not BRANCH:
             axes = axes(tree) if callable(axes) else axes
-            parts = value.values() if isinstance(value, dict) else value if hasattr(value, "_fields") else (value,)
+            parts = (
+                value.values()
+                if isinstance(value, dict)
+                else value
+                if hasattr(value, "_fields")
+                else (value,)
+            )
             yield from (Leaf(tree, name, part, axes) for part in parts)
 
 
 def leaves(tree: Any) -> Iterator[Leaf]:
-    """All leaves of a tree, of trees in tuples, lists and dictionaries, but for None; what stands in two places comes twice."""
+    """All leaves of a tree, of trees in tuples, lists and dictionaries, but for None; what stands
+    in two places comes twice.
+    """
     if isinstance(tree, Tree):
         for leaf in own_leaves(tree):
             if isinstance(leaf.value, Tree):
@@ -132,7 +159,9 @@ def leaves(tree: Any) -> Iterator[Leaf]:
 
 
 def leaves_in_order(tree: Any, seen: set[int] | None = None) -> Iterator[tuple[Any, int | None]]:
-    """Values and own axes of all leaves that `map_leaves` meets, in that order: an object in several places once."""
+    """Values and own axes of all leaves that `map_leaves` meets, in that order: an object in
+    several places once.
+    """
     seen = set() if seen is None else seen
     if isinstance(tree, Tree):
         if id(tree) in seen:
@@ -147,25 +176,38 @@ def leaves_in_order(tree: Any, seen: set[int] | None = None) -> Iterator[tuple[A
                 yield from leaves_in_order(value, seen)
             elif value is not None:
                 axes = axes(tree) if callable(axes) else axes
-                parts = value.values() if isinstance(value, dict) else value if hasattr(value, "_fields") else (value,)
+                parts = (
+                    value.values()
+                    if isinstance(value, dict)
+                    else value
+                    if hasattr(value, "_fields")
+                    else (value,)
+                )
                 yield from ((part, axes) for part in parts)
     elif isinstance(tree, (tuple, list, dict)):
         for part in tree.values() if isinstance(tree, dict) else tree:
             yield from leaves_in_order(part, seen)
 
 
-def map_leaves(function: Callable[..., Any], tree: Any, *others: Any, results: dict[int, Any] | None = None) -> Any:
-    """The tree with `function(value, axes, *values of the others)` in place of each leaf that is not None; trees in tuples,
-    lists and dictionaries likewise. Objects are copied without checking them again and without what they had cached, and not
-    at all where nothing in them changes; one that stands in several places is made once. Static fields are the first tree's.
+def map_leaves(
+    function: Callable[..., Any], tree: Any, *others: Any, results: dict[int, Any] | None = None
+) -> Any:
+    """The tree with `function(value, axes, *values of the others)` in place of each leaf that is
+    not None; trees in tuples, lists and dictionaries likewise. Objects are copied without checking
+    them again and without what they had cached, and not at all where nothing in them changes; one
+    that stands in several places is made once. Static fields are the first tree's.
     """
     results = {} if results is None else results
     if isinstance(tree, Tree):
         if id(tree) not in results:
-            results[id(tree)] = tree, _mapped(function, tree, others, results)  # held, so that its id stays its own
+            # held, so that its id stays its own
+            results[id(tree)] = tree, _mapped(function, tree, others, results)
         return results[id(tree)][1]
     if isinstance(tree, (tuple, list)):
-        parts = [map_leaves(function, part, *(o[i] for o in others), results=results) for i, part in enumerate(tree)]
+        parts = [
+            map_leaves(function, part, *(o[i] for o in others), results=results)
+            for i, part in enumerate(tree)
+        ]
         if all(a is b for a, b in zip(parts, tree, strict=True)):
             return tree
         new = type(tree)(*parts) if hasattr(tree, "_fields") else type(tree)(parts)
@@ -173,11 +215,16 @@ def map_leaves(function: Callable[..., Any], tree: Any, *others: Any, results: d
             vars(new).update(vars(tree))
         return new
     if isinstance(tree, dict):
-        return {name: map_leaves(function, part, *(o[name] for o in others), results=results) for name, part in tree.items()}
+        return {
+            name: map_leaves(function, part, *(o[name] for o in others), results=results)
+            for name, part in tree.items()
+        }
     return tree
 
 
-def _mapped(function: Callable[..., Any], tree: Tree, others: tuple, results: dict[int, Any]) -> Any:
+def _mapped(
+    function: Callable[..., Any], tree: Tree, others: tuple, results: dict[int, Any]
+) -> Any:
     mapped, same, declared = {}, True, _declared(type(tree))
     for name, value in vars(tree).items():
         if name not in declared:
@@ -189,10 +236,18 @@ def _mapped(function: Callable[..., Any], tree: Tree, others: tuple, results: di
         if axes is BRANCH or isinstance(value, Tree):
             mapped[name] = map_leaves(function, value, *theirs, results=results)
         elif isinstance(value, dict):
-            mapped[name] = {key: function(part, axes, *(t[key] for t in theirs)) for key, part in value.items()}
-            mapped[name] = value if all(mapped[name][key] is part for key, part in value.items()) else mapped[name]
+            mapped[name] = {
+                key: function(part, axes, *(t[key] for t in theirs)) for key, part in value.items()
+            }
+            mapped[name] = (
+                value
+                if all(mapped[name][key] is part for key, part in value.items())
+                else mapped[name]
+            )
         elif hasattr(value, "_fields"):
-            mapped[name] = type(value)(*(function(part, axes, *(t[i] for t in theirs)) for i, part in enumerate(value)))
+            mapped[name] = type(value)(
+                *(function(part, axes, *(t[i] for t in theirs)) for i, part in enumerate(value))
+            )
         else:
             mapped[name] = None if value is None else function(value, axes, *theirs)
         same = same and mapped[name] is value
@@ -204,11 +259,15 @@ def _mapped(function: Callable[..., Any], tree: Tree, others: tuple, results: di
 
 
 def with_values(tree: Any, **values: Any) -> Any:
-    """A copy of a tree with these values of fields, which are not checked again, and nothing that it had cached."""
+    """A copy of a tree with these values of fields, which are not checked again, and nothing that
+    it had cached.
+    """
     new, caches = object.__new__(type(tree)), caches_of(type(tree))
     held = vars(tree)
     if caches:
-        held = {name: value for name, value in held.items() if " " not in name and name not in caches}
+        held = {
+            name: value for name, value in held.items() if " " not in name and name not in caches
+        }
     vars(new).update(held, **values)
     return new
 
@@ -219,7 +278,10 @@ BRANCH = object()  # a field that is no leaf: what it holds may be trees
 @cache
 def _declared(kind: type) -> dict[str, Any]:
     """Fields of a class by name: a leaf's own axes, or `BRANCH`."""
-    return {name: one.metadata.get(AXES, BRANCH) for name, one in getattr(kind, "__dataclass_fields__", {}).items()}
+    return {
+        name: one.metadata.get(AXES, BRANCH)
+        for name, one in getattr(kind, "__dataclass_fields__", {}).items()
+    }
 
 
 def batch_shapes(tree: Any) -> list[torch.Size]:
@@ -230,22 +292,31 @@ def batch_shapes(tree: Any) -> list[torch.Size]:
 def constant(tree: Any) -> bool:
     """Whether every leaf is a tensor or numbers: none a function, none given later."""
     if isinstance(tree, Tree):
-        return not isinstance(tree, FunctionOfTime) and all(constant(leaf.value) for leaf in own_leaves(tree))
+        return not isinstance(tree, FunctionOfTime) and all(
+            constant(leaf.value) for leaf in own_leaves(tree)
+        )
     return isinstance(tree, Tensor) or not (callable(tree) or isinstance(tree, Placeholder))
 
 
 def functions(tree: Any) -> list[Leaf]:
     """Leaves that are functions; tensors that these close over are unknown."""
-    return [leaf for leaf in leaves(tree) if callable(leaf.value) and not isinstance(leaf.value, Tensor)]
+    return [
+        leaf for leaf in leaves(tree) if callable(leaf.value) and not isinstance(leaf.value, Tensor)
+    ]
 
 
 def detached(tree: Any) -> Any:
     """The tree without gradient."""
-    return map_leaves(lambda value, axes: value.detach() if isinstance(value, Tensor) else value, tree)
+    return map_leaves(
+        lambda value, axes: value.detach() if isinstance(value, Tensor) else value, tree
+    )
 
 
 def sent(tree: Any, *args: Any, **kwargs: Any) -> Any:
-    """The tree with all tensors on another device, or the floating ones in another dtype: arguments of `Tensor.to`."""
+    """The tree with all tensors on another device, or the floating ones in another dtype: arguments
+    of `Tensor.to`.
+    """
+
     def to(value: Any, axes: int | None) -> Any:
         if not isinstance(value, Tensor):
             return value
@@ -256,9 +327,10 @@ def sent(tree: Any, *args: Any, **kwargs: Any) -> Any:
 
 
 def bound(tree: Any, dtype: torch.dtype, device: torch.device) -> Any:
-    """The tree with plain numbers as tensors of the dtype and on the device. Raises ValueError for a tensor of another
-    floating dtype, unless it is a single number.
+    """The tree with plain numbers as tensors of the dtype and on the device. Raises ValueError for
+    a tensor of another floating dtype, unless it is a single number.
     """
+
     def bind(value: Any, axes: int | None) -> Any:
         if isinstance(value, (np.ndarray, list, tuple, int, float)) and axes is not None:
             return as_tensor(value, dtype, device)
@@ -266,16 +338,28 @@ def bound(tree: Any, dtype: torch.dtype, device: torch.device) -> Any:
             return value
         if value.is_floating_point() and value.dtype != dtype and value.ndim:
             raise ValueError(f"dtype {value.dtype} meets a beam of {dtype}; one dtype is wanted")
-        return value.to(device, dtype) if value.is_floating_point() or not value.is_complex() else value
+        return (
+            value.to(device, dtype)
+            if value.is_floating_point() or not value.is_complex()
+            else value
+        )
 
     return map_leaves(bind, tree)
 
 
 def wants_gradient(*trees: Any) -> bool:
-    """Whether a derivative, backward or forward, is being recorded for a tensor among these, or in one of the trees."""
-    tensors = (part for tree in trees for part in ((tree,) if isinstance(tree, Tensor) else (x.value for x in leaves(tree))))
+    """Whether a derivative, backward or forward, is being recorded for a tensor among these, or in
+    one of the trees.
+    """
+    tensors = (
+        part
+        for tree in trees
+        for part in ((tree,) if isinstance(tree, Tensor) else (x.value for x in leaves(tree)))
+    )
     return any(_recorded(x) for x in tensors if isinstance(x, Tensor))
 
 
 def _recorded(x: Tensor) -> bool:
-    return (x.requires_grad and torch.is_grad_enabled()) or torch.autograd.forward_ad.unpack_dual(x).tangent is not None
+    return (x.requires_grad and torch.is_grad_enabled()) or torch.autograd.forward_ad.unpack_dual(
+        x
+    ).tangent is not None

@@ -1,4 +1,6 @@
-"""Memory of this machine: what is asked for is compared with what is there before it is used, and what a run takes is told."""
+"""Memory of this machine: what is asked for is compared with what is there before it is used, and
+what a run takes is told.
+"""
 
 from __future__ import annotations
 
@@ -37,12 +39,15 @@ def check_memory(what: str, wanted: float, advice: str) -> None:
     """Raises MemoryError where more bytes are wanted than there are."""
     free = available() if wanted > SMALL else None
     if free is not None and wanted > free:
-        raise MemoryError(f"{what} would take {wanted / 1e9:.3g} GB, and {free / 1e9:.3g} GB are free; {advice}")
+        raise MemoryError(
+            f"{what} would take {wanted / 1e9:.3g} GB, and {free / 1e9:.3g} GB are free; {advice}"
+        )
 
 
 def peak_memory() -> Callable[[], float]:
-    """A function for the most MB that this process has held since now, beside what it held; nan where the system does not tell.
-    Where the system cannot begin to count anew (no /proc), beside the most that it had held.
+    """A function for the most MB that this process has held since now, beside what it held; nan
+    where the system does not tell. Where the system cannot begin to count anew (no /proc), beside
+    the most that it had held.
     """
     try:
         Path("/proc/self/clear_refs").write_text("5")
@@ -58,7 +63,9 @@ def most_held() -> int:
         import resource
     except ImportError:  # Windows
         return 0
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (
+        1 if sys.platform == "darwin" else 1024
+    )
 
 
 def _most_since() -> int:
@@ -67,6 +74,8 @@ def _most_since() -> int:
 
 
 def _told(path: str, name: str) -> int:
-    """Bytes that a file of /proc tells by this name. Raises OSError, ValueError or KeyError where it does not."""
+    """Bytes that a file of /proc tells by this name. Raises OSError, ValueError or KeyError where
+    it does not.
+    """
     lines = dict(line.split(":", 1) for line in Path(path).read_text().splitlines())
     return 1024 * int(lines[name].split()[0])

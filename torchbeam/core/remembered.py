@@ -1,4 +1,6 @@
-"""Remembered: what pure functions of tensors have given, for the last few arguments that they were asked for."""
+"""Remembered: what pure functions of tensors have given, for the last few arguments that they were
+asked for.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +22,12 @@ _VALUES: dict[Hashable, tuple[tuple[list[Tensor], Any], ...]] = {}  # no result 
 
 
 def remembered(function: Callable[..., T], *given: Any) -> T:
-    """function(*given), of trees, tensors and what is static, computed of copies of these; or what it gave for the same before:
-    of the same structure, and with the same numbers to the bit. Values are shared, and not to be written to.
+    """function(*given), of trees, tensors and what is static, computed of copies of these; or what
+    it gave for the same before: of the same structure, and with the same numbers to the bit. Values
+    are shared, and not to be written to.
 
-    Computed as it is where a derivative may be recorded, off the CPU, in torch.func, and for many numbers.
+    Computed as it is where a derivative may be recorded, off the CPU, in torch.func, and for many
+    numbers.
     """
     tensors: list[Tensor] = []
     key = function, *(structure_of(x, tensors) for x in given)
@@ -33,16 +37,19 @@ def remembered(function: Callable[..., T], *given: Any) -> T:
         recent = _VALUES.pop(key, ())  # other threads may ask too: at worst two of them compute it
     except TypeError:  # a part has no hash
         return function(*given)
-    at = next((k for k, (known, _) in enumerate(recent) if all(map(torch.equal, known, tensors))), None)
+    at = next(
+        (k for k, (known, _) in enumerate(recent) if all(map(torch.equal, known, tensors))), None
+    )
     if at is not None:
-        recent = recent[at], *recent[:at], *recent[at + 1:]  # the last one asked for is looked at first
+        # the last one asked for is looked at first
+        recent = recent[at], *recent[:at], *recent[at + 1 :]
     else:
         with lasting():
             copies, known = tuple(_copied(x) for x in given), []
             for x in copies:
                 structure_of(x, known)
-            recent = (known, function(*copies)), *recent[:RECENT - 1]
-        for oldest in [*_VALUES][:max(0, len(_VALUES) + 1 - STRUCTURES)]:
+            recent = (known, function(*copies)), *recent[: RECENT - 1]
+        for oldest in [*_VALUES][: max(0, len(_VALUES) + 1 - STRUCTURES)]:
             _VALUES.pop(oldest, None)
     _VALUES[key] = recent
     return recent[0][1]
@@ -54,7 +61,9 @@ def structure_of(x: Any, tensors: list[Tensor]) -> Hashable:
         tensors.append(x)
         return x.shape, x.dtype
     if isinstance(x, Tree):
-        return type(x), *(structure_of(value, tensors) for name, value in vars(x).items() if not cache_of(x, name))
+        return type(x), *(
+            structure_of(value, tensors) for name, value in vars(x).items() if not cache_of(x, name)
+        )
     if isinstance(x, (tuple, list)):
         return type(x), *(structure_of(value, tensors) for value in x)
     return x
@@ -69,5 +78,8 @@ def _copied(x: Any) -> Any:
 
 def _plain(tensors: list[Tensor]) -> bool:
     """Whether these are few numbers on the CPU, of which no derivative is recorded."""
-    return (untracked(tensors) and all(type(x) is Tensor and x.device.type == "cpu" for x in tensors)
-            and sum(x.numel() for x in tensors) <= LARGE)
+    return (
+        untracked(tensors)
+        and all(type(x) is Tensor and x.device.type == "cpu" for x in tensors)
+        and sum(x.numel() for x in tensors) <= LARGE
+    )

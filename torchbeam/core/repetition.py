@@ -1,4 +1,6 @@
-"""Repetition of a call: how many like it a run makes, by which what is prepared for them all, as native code, is weighed."""
+"""Repetition of a call: how many like it a run makes, by which what is prepared for them all, as
+native code, is weighed.
+"""
 
 from __future__ import annotations
 

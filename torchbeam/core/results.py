@@ -18,46 +18,73 @@ PACKAGES = ("torchbeam", "torch", "torchdiffeq", "gymnasium", "numpy")
 
 
 def measured_on(dtype: str | None = "float64", threads: int | None = None) -> dict[str, Any]:
-    """Heading of a result file: machine, cores, threads of torch (None = those of now), dtype (None = several), versions."""
-    heading = {"machine": ", ".join(filter(None, (f"{platform.system()} {platform.machine()}", _processor()))),
-               "cores": os.cpu_count(), "threads": torch.get_num_threads() if threads is None else threads, "dtype": dtype,
-               "python": platform.python_version(), "versions": versions(*PACKAGES)}
+    """Heading of a result file: machine, cores, threads of torch (None = those of now), dtype
+    (None = several), versions.
+    """
+    heading = {
+        "machine": ", ".join(
+            filter(None, (f"{platform.system()} {platform.machine()}", _processor()))
+        ),
+        "cores": os.cpu_count(),
+        "threads": torch.get_num_threads() if threads is None else threads,
+        "dtype": dtype,
+        "python": platform.python_version(),
+        "versions": versions(*PACKAGES),
+    }
     return {name: value for name, value in heading.items() if value is not None}
 
 
 def sentence(heading: Mapping[str, Any]) -> str:
-    """A heading as a line under a table; `heading` may hold less, or more, than `measured_on` gives."""
+    """A heading as a line under a table; `heading` may hold less, or more, than `measured_on`
+    gives.
+    """
+
     def number(name: str, noun: str) -> list[str]:
         count = heading.get(name)
         return [] if count is None else [f"{count} {noun}" + ("" if count == 1 else "s")]
 
     software = {"Python": heading.get("python"), **heading.get("versions", {})}
-    said = [*filter(None, [heading.get("machine")]), *number("cores", "core"), *number("threads", "thread"),
-            *filter(None, [heading.get("dtype")]), *(f"{name} {v}" for name, v in software.items() if v)]
+    said = [
+        *filter(None, [heading.get("machine")]),
+        *number("cores", "core"),
+        *number("threads", "thread"),
+        *filter(None, [heading.get("dtype")]),
+        *(f"{name} {v}" for name, v in software.items() if v),
+    ]
     return f"Measured on: {', '.join(said)}."
 
 
 def versions(*packages: str) -> dict[str, str]:
     """Installed versions by package; "not installed" where there is none."""
+
     def one(package: str) -> str:
         try:
             return version(package)
         except PackageNotFoundError:
             return "not installed"
+
     return {package: one(package) for package in packages}
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], words: int | None = None) -> str:
-    """A Markdown table; the first `words` columns (None = all) stand left, the others, numbers, right."""
+    """A Markdown table; the first `words` columns (None = all) stand left, the others, numbers,
+    right.
+    """
     words = len(head) if words is None else words
     rule = "|" + "---|" * words + "---:|" * (len(head) - words)
     return "\n".join([f"| {' | '.join(head)} |", rule, *(f"| {' | '.join(row)} |" for row in rows)])
 
 
-def write(folder: Path, name: str, text: str, data: Mapping[str, Any], columns: Sequence[str] = (),
-          rows: Iterable[Sequence[Any]] = ()) -> None:
-    """name.md with the text, name.json with the data and, where there are columns, name.csv; files.NotWritten where the disk is
-    full.
+def write(
+    folder: Path,
+    name: str,
+    text: str,
+    data: Mapping[str, Any],
+    columns: Sequence[str] = (),
+    rows: Iterable[Sequence[Any]] = (),
+) -> None:
+    """name.md with the text, name.json with the data and, where there are columns, name.csv;
+    files.NotWritten where the disk is full.
     """
     folder.mkdir(parents=True, exist_ok=True)
     files.write(folder / f"{name}.md", text.strip() + "\n")
@@ -70,7 +97,11 @@ def _processor() -> str:
     """The processor's name, where the system tells it."""
     info = Path("/proc/cpuinfo")
     if info.is_file():
-        names = [line.partition(":")[2].strip() for line in info.read_text().splitlines() if line.startswith("model name")]
+        names = [
+            line.partition(":")[2].strip()
+            for line in info.read_text().splitlines()
+            if line.startswith("model name")
+        ]
         if names:
             return names[0]
     return platform.processor() if platform.processor() != platform.machine() else ""

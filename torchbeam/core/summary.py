@@ -1,4 +1,6 @@
-"""Summaries of tensors in words, for the `__repr__` of public objects: ranges and sizes, never the numbers one by one."""
+"""Summaries of tensors in words, for the `__repr__` of public objects: ranges and sizes, never the
+numbers one by one.
+"""
 
 from __future__ import annotations
 
@@ -42,11 +44,15 @@ def statuses(status: Tensor) -> str:
     codes, numbers = torch.unique(concrete(status.detach()), return_counts=True)
     if codes.numel() == 1:
         return f"status {codes.item()}"
-    return "status " + ", ".join(f"{c} in {n}" for c, n in zip(codes.tolist(), numbers.tolist(), strict=True))
+    return "status " + ", ".join(
+        f"{c} in {n}" for c, n in zip(codes.tolist(), numbers.tolist(), strict=True)
+    )
 
 
 def lines(name: str, *parts: str) -> str:
-    """name(first; second; ...), in lines of at most about WIDTH characters that break between parts."""
+    """name(first; second; ...), in lines of at most about WIDTH characters that break between
+    parts.
+    """
     margin = "\n" + " " * (len(name) + 1)
     text, room = name + "(", WIDTH - len(name) - 1
     for k, part in enumerate(parts):

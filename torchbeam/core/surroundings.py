@@ -18,28 +18,72 @@ import numpy as np
 import torch
 from torch import Tensor
 
-STEADY = (type(None), type(Ellipsis), bool, int, float, complex, str, bytes, torch.dtype, torch.device, torch.layout, enum.Enum,
-          np.generic)
+STEADY = (
+    type(None),
+    type(Ellipsis),
+    bool,
+    int,
+    float,
+    complex,
+    str,
+    bytes,
+    torch.dtype,
+    torch.device,
+    torch.layout,
+    enum.Enum,
+    np.generic,
+)
 PACKAGES = {  # of functions without memory
-    "torch", "math", "cmath", "operator", "functools", "typing", "itertools", "collections", "dataclasses", "enum", "abc",
-    __name__.split(".")[0]}
+    "torch",
+    "math",
+    "cmath",
+    "operator",
+    "functools",
+    "typing",
+    "itertools",
+    "collections",
+    "dataclasses",
+    "enum",
+    "abc",
+    __name__.split(".")[0],
+}
+# fmt: off
 PURE = {  # of Python's own
-    "abs", "all", "any", "bool", "complex", "dict", "divmod", "enumerate", "filter", "float", "frozenset", "getattr",
-    "hasattr", "int", "isinstance", "issubclass", "len", "list", "map", "max", "min", "pow", "range", "repr", "reversed",
+    "abs", "all", "any", "bool", "complex", "dict", "divmod", "enumerate", "filter", "float",
+    "frozenset", "getattr",
+    "hasattr", "int", "isinstance", "issubclass", "len", "list", "map", "max", "min", "pow",
+    "range", "repr", "reversed",
     "round", "set", "slice", "sorted", "str", "sum", "super", "tuple", "type", "zip",
 }
-WRITTEN = {"STORE_GLOBAL", "DELETE_GLOBAL", "STORE_ATTR", "DELETE_ATTR"}  # tensors count by their versions
+# fmt: on
+# tensors count by their versions
+WRITTEN = {"STORE_GLOBAL", "DELETE_GLOBAL", "STORE_ATTR", "DELETE_ATTR"}
 READ = {"LOAD_ATTR", "LOAD_METHOD", "LOAD_SUPER_ATTR"}  # an attribute, by its name
-BY_WORDS = {"getattr", "hasattr", "vars", "__dict__", "attrgetter"}  # which attribute they read, code does not say
-OF_MODULES = {"_parameters", "_buffers", "_modules", "training", "_forward_hooks", "_forward_pre_hooks"}  # of torch.nn
+# which attribute they read, code does not say
+BY_WORDS = {"getattr", "hasattr", "vars", "__dict__", "attrgetter"}
+# of torch.nn
+OF_MODULES = {
+    "_parameters",
+    "_buffers",
+    "_modules",
+    "training",
+    "_forward_hooks",
+    "_forward_pre_hooks",
+}
 FILES = {"load", "fromfile", "loadtxt", "genfromtxt", "memmap"}
 PUT = (bool, int, float, complex, str, tuple, list, dict, Tensor)  # on modules
 ABSENT = object()
 SMALL = 64  # numbers of a tensor by which it is known
 LARGE = 4096  # numbers of an array of NumPy, that are looked at each time
 # what Python gives classes, and what only makes their objects
-MADE = {"__post_init__", "__setattr__", "__new__", "__init_subclass__",
-        *vars(make_dataclass("Empty", (), frozen=True, order=True)), *vars(namedtuple("Empty", ()))}
+MADE = {
+    "__post_init__",
+    "__setattr__",
+    "__new__",
+    "__init_subclass__",
+    *vars(make_dataclass("Empty", (), frozen=True, order=True)),
+    *vars(namedtuple("Empty", ())),
+}
 
 Read = tuple[str, Callable[[], Any]]  # a name, and what gives what it stands for
 
@@ -49,7 +93,9 @@ class Unsteady(ValueError):
 
 
 class Variable(NamedTuple):
-    """What `read` gave, and of a tensor how often it had been written to, and whether it carried gradient."""
+    """What `read` gave, and of a tensor how often it had been written to, and whether it carried
+    gradient.
+    """
 
     read: Callable[[], Any]
     value: Any
@@ -63,14 +109,16 @@ class Variable(NamedTuple):
 
 
 class Surroundings:
-    """Variables that functions, and those that they call, close over and find in their modules: numbers, words, tensors,
-    functions, lists, dictionaries and tuples, objects by those of their attributes that the functions name, and modules of
-    torch.nn. Raises Unsteady, with what it is, for all else that may change unnoticed, for functions that write to what is
-    around them, and for packages other than `PACKAGES`.
+    """Variables that functions, and those that they call, close over and find in their modules:
+    numbers, words, tensors, functions, lists, dictionaries and tuples, objects by those of their
+    attributes that the functions name, and modules of torch.nn. Raises Unsteady, with what it is,
+    for all else that may change unnoticed, for functions that write to what is around them, and for
+    packages other than `PACKAGES`.
 
-    inputs  tensors that a program takes as inputs, whatever their numbers: parameters and buffers of modules, and what carries
-            gradient
-    batched  by id, of those of them that hold a row for each sample: how many of their axes are the batch's
+    inputs  tensors that a program takes as inputs, whatever their numbers: parameters and buffers
+            of modules, and what carries gradient
+    batched  by id, of those of them that hold a row for each sample: how many of their axes are the
+             batch's
     """
 
     def __init__(self, reads: Iterable[Read] = ()) -> None:
@@ -80,7 +128,8 @@ class Surroundings:
         self.batched: dict[int, int] = {}
         self._met: dict[int, tuple[int, Any]] = {}  # by id: what was looked at, and as which
         self._named: set[str] = set()  # attributes, by code
-        self._holders: list[tuple[str, Any, set[str]]] = []  # objects and modules, with what of theirs was looked at
+        # objects and modules, with what of theirs was looked at
+        self._holders: list[tuple[str, Any, set[str]]] = []
         self._buffers: set[int] = set()
         for name, read in reads:
             self._hold(name, read)
@@ -93,21 +142,30 @@ class Surroundings:
     @property
     def tensors(self) -> list[Tensor]:
         """Floating ones on the CPU."""
-        return [x for _, x in self._met.values()
-                if isinstance(x, Tensor) and x.is_floating_point() and x.device.type == "cpu"]
+        return [
+            x
+            for _, x in self._met.values()
+            if isinstance(x, Tensor) and x.is_floating_point() and x.device.type == "cpu"
+        ]
 
     def by_sample(self, tensors: list[Tensor], axes: int) -> Surroundings:
-        """The same with these of its tensors as inputs, whose first `axes` axes are those of a batch."""
+        """The same with these of its tensors as inputs, whose first `axes` axes are those of a
+        batch.
+        """
         other = copy(self)
         other.batched = {id(x): axes for x in tensors}
         other.inputs = [*self.inputs, *(x for x in tensors if all(x is not y for y in self.inputs))]
-        other.variables = [variable._replace(version=None) if id(variable.value) in other.batched else variable for variable in self.variables]
+        other.variables = [
+            variable._replace(version=None) if id(variable.value) in other.batched else variable
+            for variable in self.variables
+        ]
         return other
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """Equal for equal surroundings, as long as these exist: users' functions count by their code, tuples, objects and
-        dataclasses by their kind, with all that is in them, small tensors by their numbers, `inputs` by their shape.
+        """Equal for equal surroundings, as long as these exist: users' functions count by their
+        code, tuples, objects and dataclasses by their kind, with all that is in them, small tensors
+        by their numbers, `inputs` by their shape.
         """
         return tuple(map(self._word, self.variables))
 
@@ -118,7 +176,12 @@ class Surroundings:
         if any(value is x for x in self.inputs):
             axes = self.batched.get(id(value), 0)
             return value.dtype, value.shape[axes:], axes, self._met[id(value)][0]
-        if type(value) is Tensor and value.numel() <= SMALL and value.device.type == "cpu" and not value.requires_grad:
+        if (
+            type(value) is Tensor
+            and value.numel() <= SMALL
+            and value.device.type == "cpu"
+            and not value.requires_grad
+        ):
             return value.dtype, value.shape, value.contiguous().numpy().tobytes()
         what = None
         if isinstance(value, types.FunctionType) and not _of_package(value):
@@ -126,7 +189,8 @@ class Surroundings:
         elif isinstance(value, (tuple, list, dict, set)):
             what = type(value), len(value)
         elif isinstance(value, (np.ndarray, functools.partial, types.MethodType)) or (
-                _followed(value) and not isinstance(value, types.ModuleType)):
+            _followed(value) and not isinstance(value, types.ModuleType)
+        ):
             what = type(value)
         # by which it is of those that were met, as the same one may stand in two places
         return (id(value), variable.version) if what is None else (what, self._met[id(value)][0])
@@ -157,7 +221,8 @@ class Surroundings:
             self._part(name, value.args)
             self._contents(name, value.keywords)
         elif isinstance(value, types.FunctionType) and not (
-                _of_package(value) or str(value.__module__).split(".")[0] == "numpy"):
+            _of_package(value) or str(value.__module__).split(".")[0] == "numpy"
+        ):
             self._function(value.__name__, value)
         elif isinstance(value, types.MethodType):
             self._part(name, value.__self__)
@@ -177,10 +242,17 @@ class Surroundings:
 
     def _tensor(self, name: str, value: Tensor) -> tuple[int, bool] | None:
         if value.is_inference():
-            raise Unsteady(f"{name!r}, a tensor of inference mode, which does not tell whether it was written to")
+            raise Unsteady(
+                f"{name!r}, a tensor of inference mode, which does not tell whether it was "
+                "written to"
+            )
         if id(value) not in self._met:
             self._met[id(value)] = len(self._met), value
-            own = value.requires_grad or isinstance(value, torch.nn.Parameter) or id(value) in self._buffers
+            own = (
+                value.requires_grad
+                or isinstance(value, torch.nn.Parameter)
+                or id(value) in self._buffers
+            )
             if own and value.is_floating_point() and value.device.type == "cpu":
                 self.inputs.append(value)
         return None if any(value is x for x in self.inputs) else _version(value)
@@ -202,24 +274,36 @@ class Surroundings:
         self._hold(f"numbers of {name}", lambda: (value.dtype.str, value.shape, value.tobytes()))
 
     def _class(self, kind: type) -> None:
-        """What a user's class gives its objects: what is done to them without a name, and what functions name."""
+        """What a user's class gives its objects: what is done to them without a name, and what
+        functions name.
+        """
         if any(not _of_package(parent) for parent in kind.__mro__):
             self._holders.append((kind.__name__, kind, set()))
 
     def _look(self) -> bool:
-        """At what functions name of objects, classes and modules; whether there was anything new."""
+        """At what functions name of objects, classes and modules; whether there was anything
+        new.
+        """
         before = len(self.variables)
         for name, value, seen in self._holders:
             if isinstance(value, type):
                 own = {one: read for one, read in of_class(value)}
                 wanted = {one for one in own if one in self._named or one.startswith("__")}
             else:
-                own = {one: lambda value=value, one=one: _attribute(value, one) for one in (
-                    _put_on(value, self._named) if isinstance(value, types.ModuleType) and _of_package(value)
-                    else _attributes(value))}
+                own = {
+                    one: lambda value=value, one=one: _attribute(value, one)
+                    for one in (
+                        _put_on(value, self._named)
+                        if isinstance(value, types.ModuleType) and _of_package(value)
+                        else _attributes(value)
+                    )
+                }
                 whole = not isinstance(value, types.ModuleType) and (
-                    BY_WORDS & self._named or _of_package(type(value)) or _frozen(value))
-                wanted = {one for one in own if whole or one in self._named} | (OF_MODULES & own.keys())
+                    BY_WORDS & self._named or _of_package(type(value)) or _frozen(value)
+                )
+                wanted = {one for one in own if whole or one in self._named} | (
+                    OF_MODULES & own.keys()
+                )
             for one in sorted(wanted - seen):
                 seen.add(one)
                 self._hold(f"{name}.{one}", own[one])
@@ -234,7 +318,9 @@ class Surroundings:
             self._part(f"a default of {name}", part)
         for own in vars(function):
             self._hold(f"{name}.{own}", lambda own=own: vars(function).get(own, ABSENT))
-        for variable, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+        for variable, cell in zip(
+            function.__code__.co_freevars, function.__closure__ or (), strict=True
+        ):
             self._hold(variable, lambda cell=cell: cell.cell_contents)
         for code in codes(function.__code__):
             for step in dis.get_instructions(code):
@@ -243,7 +329,9 @@ class Surroundings:
     def _step(self, name: str, function: types.FunctionType, step: dis.Instruction) -> None:
         """One of a function's code."""
         said = step.argval
-        if step.opname in WRITTEN or (step.opname == "STORE_DEREF" and said in function.__code__.co_freevars):
+        if step.opname in WRITTEN or (
+            step.opname == "STORE_DEREF" and said in function.__code__.co_freevars
+        ):
             raise Unsteady(f"{said!r}, which {name} writes to")
         if step.opname == "IMPORT_NAME":
             raise Unsteady(f"{said!r}, which {name} imports")
@@ -261,18 +349,30 @@ class Surroundings:
 
 
 def of_class(kind: type) -> Iterator[Read]:
-    """What the classes that a user wrote give their objects beside fields: methods, functions of properties, values."""
+    """What the classes that a user wrote give their objects beside fields: methods, functions of
+    properties, values.
+    """
     own = {*getattr(kind, "__dataclass_fields__", ()), *getattr(kind, "_fields", ())} | MADE
     for parent in kind.__mro__:
         for name, value in () if _of_package(parent) else vars(parent).items():
-            if name not in own and (not name.startswith("__") or isinstance(value, types.FunctionType)):
-                yield name, lambda parent=parent, name=name: _function_of(vars(parent).get(name, ABSENT))
+            if name not in own and (
+                not name.startswith("__") or isinstance(value, types.FunctionType)
+            ):
+                yield (
+                    name,
+                    lambda parent=parent, name=name: _function_of(vars(parent).get(name, ABSENT)),
+                )
 
 
 def _function_of(value: Any) -> Any:
     """The function that a property, or a method of the class, is made from; all else as it is."""
-    return value.fget if isinstance(value, property) else value.__func__ if isinstance(
-        value, (staticmethod, classmethod)) else value
+    return (
+        value.fget
+        if isinstance(value, property)
+        else value.__func__
+        if isinstance(value, (staticmethod, classmethod))
+        else value
+    )
 
 
 def _steady(value: Any) -> bool:
@@ -289,7 +389,9 @@ def _frozen(value: Any) -> bool:
 
 
 def _followed(value: Any) -> bool:
-    """Whether it is a module of torch.nn, a user's Python module, or an object of a user's class, or of a frozen one."""
+    """Whether it is a module of torch.nn, a user's Python module, or an object of a user's class,
+    or of a frozen one.
+    """
     if isinstance(value, types.ModuleType):
         name = value.__name__.split(".")[0]
         return name == "numpy" or name not in PACKAGES | sys.stdlib_module_names | {"__main__"}
@@ -302,26 +404,43 @@ def _followed(value: Any) -> bool:
 
 
 def _put_on(module: types.ModuleType, names: set[str]) -> list[str]:
-    """Of what code names in a module of `PACKAGES` numbers, tensors and users' functions, which may be put there by anyone; and
-    modules in it, where the same may be so.
+    """Of what code names in a module of `PACKAGES` numbers, tensors and users' functions, which may
+    be put there by anyone; and modules in it, where the same may be so.
     """
     held = {one: vars(module)[one] for one in names & vars(module).keys()}
-    return [one for one, value in held.items() if isinstance(value, PUT) or (
-        isinstance(value, (types.FunctionType, types.ModuleType))
-        and _of_package(value) == isinstance(value, types.ModuleType))]
+    return [
+        one
+        for one, value in held.items()
+        if isinstance(value, PUT)
+        or (
+            isinstance(value, (types.FunctionType, types.ModuleType))
+            and _of_package(value) == isinstance(value, types.ModuleType)
+        )
+    ]
 
 
 def _attributes(value: Any) -> list[str]:
-    """Names of what an object holds: of a frozen dataclass its fields, else what it was given, also in slots."""
+    """Names of what an object holds: of a frozen dataclass its fields, else what it was given, also
+    in slots.
+    """
     if _frozen(value):
         return [field.name for field in fields(value)]
     slots = (parent.__dict__.get("__slots__", ()) for parent in type(value).__mro__)
-    return [*getattr(value, "__dict__", ()), *(name for some in slots for name in ((some,) if isinstance(some, str) else some))]
+    return [
+        *getattr(value, "__dict__", ()),
+        *(name for some in slots for name in ((some,) if isinstance(some, str) else some)),
+    ]
 
 
 def _attribute(value: Any, name: str) -> Any:
     held = getattr(value, "__dict__", {})
-    return held[name] if name in held else getattr(value, name, ABSENT) if hasattr(type(value), name) else ABSENT
+    return (
+        held[name]
+        if name in held
+        else getattr(value, name, ABSENT)
+        if hasattr(type(value), name)
+        else ABSENT
+    )
 
 
 def _of_numpy(value: Any) -> bool:
@@ -329,12 +448,18 @@ def _of_numpy(value: Any) -> bool:
     if isinstance(value, (types.ModuleType, np.ufunc)):
         return isinstance(value, np.ufunc)
     module = str(getattr(value, "__module__", ""))
-    return callable(value) and hasattr(value, "__name__") and module.split(".")[0] == "numpy" and not (
-        module.startswith("numpy.random") or value.__name__ in FILES)
+    return (
+        callable(value)
+        and hasattr(value, "__name__")
+        and module.split(".")[0] == "numpy"
+        and not (module.startswith("numpy.random") or value.__name__ in FILES)
+    )
 
 
 def _of_package(value: Any) -> bool:
-    """Whether a module, class, function or operation is of one of `PACKAGES`, or of Python's own that are pure."""
+    """Whether a module, class, function or operation is of one of `PACKAGES`, or of Python's own
+    that are pure.
+    """
     if isinstance(value, types.ModuleType):
         name = value.__name__
     elif callable(value) and hasattr(value, "__name__"):
@@ -344,7 +469,8 @@ def _of_package(value: Any) -> bool:
                 return False  # a method of an object that it holds
             if name == builtins.__name__:
                 return value.__name__ in PURE
-        elif name is None and not isinstance(value, types.FunctionType):  # one that is made by exec has none either
+        elif name is None and not isinstance(value, types.FunctionType):
+            # one that is made by exec has none either
             name = type(value).__module__
         name = name or ""
     else:

@@ -1,4 +1,6 @@
-"""Validation of tensors given to public functions: conversion of numbers, and errors of one sentence."""
+"""Validation of tensors given to public functions: conversion of numbers, and errors of one
+sentence.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +22,12 @@ LONGEST = 80  # characters of what was given, in a sentence about it
 
 
 def common_dtype(*values: Value) -> tuple[torch.dtype, torch.device]:
-    """dtype and device of the floating tensors and NumPy arrays and scalars among `values`; the default dtype on the CPU where
-    there is none: Python numbers and whole numbers have no dtype of their own.
+    """dtype and device of the floating tensors and NumPy arrays and scalars among `values`; the
+    default dtype on the CPU where there is none: Python numbers and whole numbers have no dtype of
+    their own.
 
-    Raises ValueError where different floating dtypes or devices meet, and for other than single and double precision.
+    Raises ValueError where different floating dtypes or devices meet, and for other than single and
+    double precision.
     """
     dtype, device = None, None
     for leaf in _leaves(values):
@@ -32,7 +36,9 @@ def common_dtype(*values: Value) -> tuple[torch.dtype, torch.device]:
         else:
             own = leaf.dtype if leaf.is_floating_point() or leaf.is_complex() else None
             if device not in (None, leaf.device):
-                raise ValueError(f"tensors on {device} and {leaf.device} were given; one device is wanted")
+                raise ValueError(
+                    f"tensors on {device} and {leaf.device} were given; one device is wanted"
+                )
             device = leaf.device
         if own is not None and dtype not in (None, own):
             raise ValueError(f"numbers of dtype {dtype} and {own} were given; one dtype is wanted")
@@ -48,16 +54,20 @@ def precision(dtype: torch.dtype) -> torch.dtype:
 
 
 def numpy_dtype(value: np.ndarray | np.generic) -> torch.dtype | None:
-    """torch's dtype of a floating NumPy array or scalar, None of whole and `Plain` numbers; or NumPy's own."""
+    """torch's dtype of a floating NumPy array or scalar, None of whole and `Plain` numbers; or
+    NumPy's own.
+    """
     own = value.dtype.kind in "fc" and not isinstance(value, Plain)
     return getattr(torch, value.dtype.name, value.dtype) if own else None
 
 
 def as_tensor(value: Value, dtype: torch.dtype, device: torch.device | None = None) -> Tensor:
-    """`value` as a tensor of the given dtype. A (nested) sequence that holds tensors is stacked, so that gradients survive:
-    its axes come last, those of the tensors in it are batch axes. NumPy's arrays are copied.
+    """`value` as a tensor of the given dtype. A (nested) sequence that holds tensors is stacked, so
+    that gradients survive: its axes come last, those of the tensors in it are batch axes. NumPy's
+    arrays are copied.
 
-    Raises ValueError for what is no real number: text, None, booleans, complex numbers, rows of different lengths.
+    Raises ValueError for what is no real number: text, None, booleans, complex numbers, rows of
+    different lengths.
     """
     if isinstance(value, Tensor):
         return real(value).to(dtype=dtype, device=device)
@@ -76,23 +86,31 @@ def real(value: Tensor) -> Tensor:
 
 
 class Plain(np.ndarray):
-    """Python numbers as an array: they take the dtype of what they meet, where another array of NumPy has its own."""
+    """Python numbers as an array: they take the dtype of what they meet, where another array of
+    NumPy has its own.
+    """
 
     def __reduce__(self) -> tuple[Any, ...]:
         return numbers, (self.tolist(), "fiuc")
 
 
 def numbers(value: Value, kinds: str = "fiu") -> Plain:
-    """Python or NumPy numbers as a new array of double precision; of the `kinds` of NumPy's dtypes, "c" for complex ones.
-    Raises ValueError for what is no such number.
+    """Python or NumPy numbers as a new array of double precision; of the `kinds` of NumPy's dtypes,
+    "c" for complex ones. Raises ValueError for what is no such number.
     """
     try:
         array = np.array(value)
     except (TypeError, ValueError):
         array = np.array(None)
-    if array.dtype.kind not in kinds or not array.size or any(isinstance(leaf, BOOLEANS) for leaf in scalars(value)):
+    if (
+        array.dtype.kind not in kinds
+        or not array.size
+        or any(isinstance(leaf, BOOLEANS) for leaf in scalars(value))
+    ):
         raise ValueError(f"{shown(value)} was given; numbers or a tensor are wanted")
-    return array.astype(np.complex128 if array.dtype.kind == "c" else np.float64, order="C").view(Plain)
+    return array.astype(np.complex128 if array.dtype.kind == "c" else np.float64, order="C").view(
+        Plain
+    )
 
 
 torch.serialization.add_safe_globals([numbers])
@@ -106,13 +124,15 @@ def shown(value: Any) -> str:
 
 def holds_tensor(value: Value) -> bool:
     """Whether `value` is a (nested) sequence with a tensor in it."""
-    return isinstance(value, (list, tuple)) and any(isinstance(leaf, Tensor) for leaf in _leaves(value))
+    return isinstance(value, (list, tuple)) and any(
+        isinstance(leaf, Tensor) for leaf in _leaves(value)
+    )
 
 
 def present(given: Value, part: Tensor | None = None) -> bool:
-    """Whether a number that was given, or that `part` of given numbers, is there: what came as a tensor always is, since a
-    gradient or a tangent may be asked for where it is 0 as anywhere else, and other samples may have other values. Plain
-    numbers are there unless they are all 0.
+    """Whether a number that was given, or that `part` of given numbers, is there: what came as a
+    tensor always is, since a gradient or a tangent may be asked for where it is 0 as anywhere else,
+    and other samples may have other values. Plain numbers are there unless they are all 0.
     """
     if isinstance(given, Tensor) or holds_tensor(given):
         return True
@@ -120,7 +140,9 @@ def present(given: Value, part: Tensor | None = None) -> bool:
 
 
 def has_dtype(value: Value) -> bool:
-    """Whether there is a tensor, or a floating array or scalar of NumPy, in `value`: its dtype is then not for us to choose."""
+    """Whether there is a tensor, or a floating array or scalar of NumPy, in `value`: its dtype is
+    then not for us to choose.
+    """
     return any(isinstance(leaf, Tensor) or numpy_dtype(leaf) is not None for leaf in _leaves(value))
 
 
@@ -151,14 +173,20 @@ def broadcast(what: str, *shapes: torch.Size) -> torch.Size:
         return broadcast_shapes(*shapes)
     except RuntimeError:
         given = " and ".join(str(tuple(shape)) for shape in dict.fromkeys(shapes) if shape)
-        raise ValueError(f"{what} with the batch axes {given} were given; axes that broadcast are wanted") from None
+        raise ValueError(
+            f"{what} with the batch axes {given} were given; axes that broadcast are wanted"
+        ) from None
 
 
 def unmapped(what: str, value: Tensor) -> Tensor:
-    """`value` if it is not one at a time of samples that torch.func.vmap has; ValueError otherwise."""
+    """`value` if it is not one at a time of samples that torch.func.vmap has; ValueError
+    otherwise.
+    """
     if mapped(value):
-        raise ValueError(f"{what} within torch.func.vmap was given, where samples cannot go ways of their own; batch axes of "
-                         "the scene are wanted")
+        raise ValueError(
+            f"{what} within torch.func.vmap was given, where samples cannot go ways of their own; "
+            "batch axes of the scene are wanted"
+        )
     return value
 
 
@@ -170,14 +198,22 @@ def axis_last(name: str, value: Any, size: int) -> Any:
 
 
 def positive(name: str, value: Tensor, *, infinite: bool = False, zero: bool = False) -> Tensor:
-    """`value` if every entry is positive (or zero, or infinite, where allowed); ValueError otherwise."""
+    """`value` if every entry is positive (or zero, or infinite, where allowed); ValueError
+    otherwise.
+    """
     bad = ~(value >= 0) if zero else ~(value > 0)
     if not infinite:
         bad = bad | torch.isinf(value)
     bad = concrete(bad)
     if bad.any():
-        wanted = ("a non-negative" if zero else "a positive") + (" or infinite" if infinite else " finite") + " number"
-        raise ValueError(f"{name} = {concrete(value)[bad].flatten()[0].item():g} was given; {wanted} is wanted")
+        wanted = (
+            ("a non-negative" if zero else "a positive")
+            + (" or infinite" if infinite else " finite")
+            + " number"
+        )
+        raise ValueError(
+            f"{name} = {concrete(value)[bad].flatten()[0].item():g} was given; {wanted} is wanted"
+        )
     return value
 
 
@@ -185,44 +221,63 @@ def finite(name: str, value: Tensor) -> Tensor:
     """`value` if every entry is finite; ValueError otherwise."""
     numbers = concrete(value)
     if not torch.isfinite(numbers).all():
-        raise ValueError(f"{name} holds {numbers[~torch.isfinite(numbers)].flatten()[0].item()}; finite numbers are wanted")
+        raise ValueError(
+            f"{name} holds {numbers[~torch.isfinite(numbers)].flatten()[0].item()}; finite "
+            "numbers are wanted"
+        )
     return value
 
 
 def rotations(name: str, value: Tensor) -> Tensor:
-    """`value` (..., 3, 3) if its columns are right-handed and orthonormal, to 1e-5; ValueError otherwise."""
+    """`value` (..., 3, 3) if its columns are right-handed and orthonormal, to 1e-5; ValueError
+    otherwise.
+    """
     if value.ndim < 2 or value.shape[-2:] != (3, 3):
         raise ValueError(f"{name} of shape {tuple(value.shape)} was given; (..., 3, 3) is wanted")
     R = concrete(finite(name, value)).detach()
     if ((R.mT @ R - torch.eye(3, dtype=R.dtype, device=R.device)).abs() > 1e-5).any():
-        raise ValueError(f"{name} that are not orthonormal were given; rotation matrices are wanted")
+        raise ValueError(
+            f"{name} that are not orthonormal were given; rotation matrices are wanted"
+        )
     if (torch.linalg.det(R) < 0).any():
         raise ValueError(f"{name} with left-handed axes were given; right-handed ones are wanted")
     return value
 
 
 def inertia(name: str, J: Tensor, size: Tensor) -> Tensor:
-    """`J` (..., 3, 3) if it is the inertia of a body: no principal moment negative, none above the sum of the others, to 1e-6
-    of `size` (...), that of the numbers it was made of; ValueError otherwise.
+    """`J` (..., 3, 3) if it is the inertia of a body: no principal moment negative, none above the
+    sum of the others, to 1e-6 of `size` (...), that of the numbers it was made of; ValueError
+    otherwise.
     """
     least, middle, most = torch.linalg.eigvalsh(concrete(J).detach()).unbind(-1)
     size = ROUNDING * torch.maximum(concrete(size).detach(), most)
     if (least < -size).any():
-        raise ValueError(f"{name} with the principal moment {least.min().item():g} was given; none is negative")
+        raise ValueError(
+            f"{name} with the principal moment {least.min().item():g} was given; none is negative"
+        )
     if (most > least + middle + size).any():
-        raise ValueError(f"{name} with a principal moment above the sum of the two others was given; no body has such")
+        raise ValueError(
+            f"{name} with a principal moment above the sum of the two others was given; no body "
+            "has such"
+        )
     return J
 
 
 def increasing(name: str, value: Tensor) -> Tensor:
-    """`value` if it is a strictly increasing series of at least two finite numbers; ValueError otherwise."""
+    """`value` if it is a strictly increasing series of at least two finite numbers; ValueError
+    otherwise.
+    """
     if value.ndim != 1 or value.numel() < 2:
-        raise ValueError(f"{name} of shape {tuple(value.shape)} was given; a series of two or more instants is wanted")
+        raise ValueError(
+            f"{name} of shape {tuple(value.shape)} was given; a series of two or more instants "
+            "is wanted"
+        )
     finite(name, value)
     step = value.diff()
     if not (step > 0).all():
         k = int((step <= 0).nonzero()[0, 0])
         raise ValueError(
-            f"{name} goes from {value[k].item():g} to {value[k + 1].item():g}; strictly increasing instants are wanted"
+            f"{name} goes from {value[k].item():g} to {value[k + 1].item():g}; strictly "
+            "increasing instants are wanted"
         )
     return value

@@ -9,11 +9,16 @@ from pathlib import Path
 
 import torch
 
-PASSED = tuple(f"{folder}{os.sep}" for folder in (Path(__file__).parents[1], Path(torch.__file__).parent))  # torchbeam, torch
+# torchbeam, torch
+PASSED = tuple(
+    f"{folder}{os.sep}" for folder in (Path(__file__).parents[1], Path(torch.__file__).parent)
+)
 
 
 class SlowPathWarning(UserWarning):
-    """Steps or equilibria are made by eager torch operations, 15 to 300 times slower, where native code was to be expected."""
+    """Steps or equilibria are made by eager torch operations, 15 to 300 times slower, where native
+    code was to be expected.
+    """
 
 
 def warn(sentence: str, category: type[Warning] = RuntimeWarning) -> None:

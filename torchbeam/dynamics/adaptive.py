@@ -1,15 +1,19 @@
-"""Adaptive steps: a motion whose error is within a tolerance, as the solution itself tells by being made with other steps.
+"""Adaptive steps: a motion whose error is within a tolerance, as the solution itself tells by being
+made with other steps.
 
-1. Control (`step_control`): lengths of steps, each sample's own, by the local error of positions. An error that one step makes
-   is no measure of what is off in the end: errors of phase add up over a run, those of modes that no step resolves do not. What
-   the steps leave out must only be less than the tolerance here.
-2. Proof: the same run by these steps, by their halves, their quarters, ..., all in many-step calls (`StepSequence`). The method
-   is symmetric: the error of a run is a series in even powers of the step, if each is divided alike (Hairer, Norsett and Wanner
-   1993, II.8), so that two runs give one of an order two higher (Richardson's extrapolation of the whole run, by which nothing
-   can become unstable: that of each step would raise an undamped mode far above the steps by 5/3 a step), and the next pair
-   tells what that was worth. Modes of large amplitude come to lie within the steps as these shrink; of small ones it is seen
-   that they do not matter.
-3. A gradient is that of the last two runs, their steps as they are (frozen: shares of the time, should that change).
+1. Control (`step_control`): lengths of steps, each sample's own, by the local error of positions.
+   An error that one step makes is no measure of what is off in the end: errors of phase add up over
+   a run, those of modes that no step resolves do not. What the steps leave out must only be less
+   than the tolerance here.
+2. Proof: the same run by these steps, by their halves, their quarters, ..., all in many-step calls
+   (`StepSequence`). The method is symmetric: the error of a run is a series in even powers of the
+   step, if each is divided alike (Hairer, Norsett and Wanner 1993, II.8), so that two runs give one
+   of an order two higher (Richardson's extrapolation of the whole run, by which nothing can become
+   unstable: that of each step would raise an undamped mode far above the steps by 5/3 a step), and
+   the next pair tells what that was worth. Modes of large amplitude come to lie within the steps as
+   these shrink; of small ones it is seen that they do not matter.
+3. A gradient is that of the last two runs, their steps as they are (frozen: shares of the time,
+   should that change).
 """
 
 from __future__ import annotations
@@ -39,13 +43,15 @@ from .tolerance import Tolerance
 
 CHECKS = 32  # instants, beside those asked for, at which the error is looked at
 NEAR = 16  # instants about an event
-RUN = 3.0  # a run is off by a third of what it differs by from that of twice the step (second order)
+# a run is off by a third of what it differs by from that of twice the step (second order)
+RUN = 3.0
 LIMIT = 7.0  # and an extrapolated one by a fifteenth, where the step is small enough to be told by
 
 
 class Proof(NamedTuple):
-    """States (n, ...) at all times that were looked at; 2^level (...) parts of each step; the largest error (...) in units of
-    the tolerance; how many of the instants asked for come before it is too large; status (...).
+    """States (n, ...) at all times that were looked at; 2^level (...) parts of each step; the
+    largest error (...) in units of the tolerance; how many of the instants asked for come before it
+    is too large; status (...).
     """
 
     states: State
@@ -56,7 +62,9 @@ class Proof(NamedTuple):
 
 
 class Adapted(NamedTuple):
-    """States (time, ...) at the instants asked for, the event that a sample stopped at, the steps, and their proof."""
+    """States (time, ...) at the instants asked for, the event that a sample stopped at, the steps,
+    and their proof.
+    """
 
     states: State
     event: Event | None
@@ -77,14 +85,18 @@ class _Runs:
         self.motion = PrescribedMotion(self.stepper.scene)
 
     def run(self, sequence: StepSequence, level: int, t: Tensor) -> list[State]:
-        """States before, amid and after the step of the level above that t falls into; of level 0 before and after."""
+        """States before, amid and after the step of the level above that t falls into; of level 0
+        before and after.
+        """
         n = sequence.bracket(t, max(level - 1, 0))
         numbers = [n, n + 1] if level == 0 else [2 * n, 2 * n + 1, 2 * n + 2]
         numbers = torch.minimum(torch.cat(numbers), sequence.counts * 2**level)
         states = sequence.states(self.stepper, self.start, self.inputs, level, numbers)
-        return [states[k:k + len(t)] for k in range(0, len(numbers), len(t))]
+        return [states[k : k + len(t)] for k in range(0, len(numbers), len(t))]
 
-    def own(self, sequence: StepSequence, level: int, t: Tensor, states: list[State]) -> list[State]:
+    def own(
+        self, sequence: StepSequence, level: int, t: Tensor, states: list[State]
+    ) -> list[State]:
         """States before and after the step of the level itself."""
         if level == 0:
             return states
@@ -95,7 +107,8 @@ class _Runs:
     def limit(self, coarse: list[State], fine: list[State], t: Tensor) -> State:
         """States at t, extrapolated; as they are where a sample has failed on the way."""
         first, middle, last = fine
-        low, high = extrapolated(coarse[0], first, self.order), extrapolated(coarse[1], last, self.order)
+        low = extrapolated(coarse[0], first, self.order)
+        high = extrapolated(coarse[1], last, self.order)
         width = high.t - low.t
         share = (t - low.t) / torch.where(width > 0, width, torch.ones_like(width))
         place = self.stepper.method.stress_at(self.stepper.model, width / 2)
@@ -104,34 +117,49 @@ class _Runs:
         return state if not failed.any() else state.where(failed == SUCCESS, last)
 
 
-def adaptive(stepper: Stepper, start: State, t: Tensor, inputs: dict[str, Any], tolerance: Tolerance, events: Events, most: int,
-             first: float | None) -> Adapted:
+def adaptive(
+    stepper: Stepper,
+    start: State,
+    t: Tensor,
+    inputs: dict[str, Any],
+    tolerance: Tolerance,
+    events: Events,
+    most: int,
+    first: float | None,
+) -> Adapted:
     """A motion from `start` (...) at the instants t (n,) s."""
     stack = functorch.get_interpreter_stack() or ()
     if any(one.key() == torch._C._functorch.TransformType.Vmap for one in stack):
-        raise ValueError("rtol or atol was given within torch.func.vmap, where samples cannot have steps of their own; batch "
-                         "axes of the scene are wanted, or a step")
+        raise ValueError(
+            "rtol or atol was given within torch.func.vmap, where samples cannot have steps of "
+            "their own; batch axes of the scene are wanted, or a step"
+        )
     order = stepper.method.ORDER
     stops = t if any(isinstance(v, PerInterval) for v in inputs.values()) else t[[0, -1]]
     runs = _Runs(stepper, start, inputs, order)
     with no_derivatives():
         plain = _Runs(stepper, start.map(lambda x: x.detach()), inputs, order)
-        steps = controlled(stepper, plain.start, stops.detach(), inputs, tolerance, order, most, first, events)
+        steps = controlled(
+            stepper, plain.start, stops.detach(), inputs, tolerance, order, most, first, events
+        )
         times, count = _times(steps, t.detach()), len(t)
         proof = _proof(plain, steps, times, tolerance, count, most)
     states = proof.states
     if wants_gradient(t) or _recorded(runs, steps):
         sequence = steps.sequence.between(stops)
         states = _again(runs, sequence, proof.level, _times(steps._replace(sequence=sequence), t))
-    event = _event(states[count + CHECKS:], steps, events, runs.motion)
+    event = _event(states[count + CHECKS :], steps, events, runs.motion)
     return Adapted(_held(states[:count], start, t, steps, proof, event), event, steps, proof)
 
 
 def _times(steps: Controlled, t: Tensor) -> Tensor:
-    """Instants (n, ...) at which the error is looked at: those asked for, some of the whole time, some about the events."""
+    """Instants (n, ...) at which the error is looked at: those asked for, some of the whole time,
+    some about the events.
+    """
     sequence, end = steps.sequence, steps.sequence.end
     own = (...,) + (None,) * end.ndim
-    begin, share = sequence.instants[0], torch.linspace(0, 1, CHECKS + 1, dtype=t.dtype, device=t.device)[1:]
+    begin = sequence.instants[0]
+    share = torch.linspace(0, 1, CHECKS + 1, dtype=t.dtype, device=t.device)[1:]
     times = [torch.minimum(t[own], end), begin + (end - begin) * share[own]]
     if (steps.event >= 0).any():
         low, high = ((steps.met + k).clamp(min=0).minimum(sequence.counts) for k in (-1, 2))
@@ -141,11 +169,16 @@ def _times(steps: Controlled, t: Tensor) -> Tensor:
     return torch.cat([x.expand(len(x), *end.shape) for x in times])
 
 
-def _proof(runs: _Runs, steps: Controlled, times: Tensor, tolerance: Tolerance, count: int, most: int) -> Proof:
-    """Runs by ever smaller parts of the steps until the error is proved to be within the tolerance."""
+def _proof(
+    runs: _Runs, steps: Controlled, times: Tensor, tolerance: Tolerance, count: int, most: int
+) -> Proof:
+    """Runs by ever smaller parts of the steps until the error is proved to be within the
+    tolerance.
+    """
     sequence, counts = steps.sequence, steps.sequence.counts
     remaining = counts > 0
-    level, status, error = torch.zeros_like(counts), steps.status.clone(), torch.zeros_like(sequence.end)
+    level, status = torch.zeros_like(counts), steps.status.clone()
+    error = torch.zeros_like(sequence.end)
     good = torch.full_like(counts, count)
     states = runs.start.map(lambda x: x.expand(len(times), *x.shape))
     previous, coarse, now = None, runs.run(sequence, 0, times) if remaining.any() else [], 0
@@ -154,15 +187,24 @@ def _proof(runs: _Runs, steps: Controlled, times: Tensor, tolerance: Tolerance, 
         coarse = runs.own(sequence, now - 1, times, coarse)
         fine = runs.run(sequence.only(remaining), now, times)
         limit = runs.limit(coarse, fine, times)
-        largest_error = torch.maximum(tolerance.distance(coarse[0], fine[0]), tolerance.distance(coarse[1], fine[2])) / RUN
+        largest_error = (
+            torch.maximum(
+                tolerance.distance(coarse[0], fine[0]), tolerance.distance(coarse[1], fine[2])
+            )
+            / RUN
+        )
         if previous is not None:
-            largest_error = torch.minimum(largest_error, tolerance.distance(limit, previous) / LIMIT)
+            largest_error = torch.minimum(
+                largest_error, tolerance.distance(limit, previous) / LIMIT
+            )
         worst, broken = largest_error.amax(0), (fine[2].status != SUCCESS).any(0)
-        spent = (worst > 1) & (counts * 2**(now + 1) > most)
+        spent = (worst > 1) & (counts * 2 ** (now + 1) > most)
         leaving = remaining & ((worst <= 1) | spent | broken)
         states = limit.where(leaving, states)
         level, error = torch.where(leaving, now, level), torch.where(leaving, worst, error)
-        good = torch.where(leaving & spent, (largest_error[:count] <= 1).long().cumprod(0).sum(0), good)
+        good = torch.where(
+            leaving & spent, (largest_error[:count] <= 1).long().cumprod(0).sum(0), good
+        )
         lost = torch.where(broken, fine[2].status.amax(0), torch.where(spent, TOO_MANY, SUCCESS))
         status = torch.where(leaving & (lost != SUCCESS), lost, status)
         remaining, previous, coarse = remaining & ~leaving, limit, fine
@@ -170,7 +212,9 @@ def _proof(runs: _Runs, steps: Controlled, times: Tensor, tolerance: Tolerance, 
 
 
 def _again(runs: _Runs, sequence: StepSequence, level: Tensor, times: Tensor) -> State:
-    """The states of the proof, from the last two runs of each sample, with what derivatives are recorded."""
+    """The states of the proof, from the last two runs of each sample, with what derivatives are
+    recorded.
+    """
     states = runs.start.map(lambda x: x.expand(len(times), *x.shape))
     for last in level.unique().tolist():
         if last > 0:
@@ -193,7 +237,9 @@ def _recorded(runs: _Runs, steps: Controlled) -> bool:
     return any(x.requires_grad for x in vars(after).values() if isinstance(x, Tensor))
 
 
-def _event(near: State, steps: Controlled, events: Events, motion: PrescribedMotion) -> Event | None:
+def _event(
+    near: State, steps: Controlled, events: Events, motion: PrescribedMotion
+) -> Event | None:
     """The events at which samples stopped, from states (n, ...) about them."""
     if not events.functions:
         return None
@@ -205,10 +251,17 @@ def _event(near: State, steps: Controlled, events: Events, motion: PrescribedMot
         change = (values[:, 1:].sign() * values[:, :-1].sign() <= 0) & (values[:, :-1] != 0)
         smallest = values.abs().argmin(1).clamp(max=change.shape[1] - 1)
         at = torch.where(change.any(1), change.long().argmax(1), smallest)  # (events, ...)
-        if len(values) > 1:  # of those that are zero about there the first; one at least was in the step that was seen
-            here = change.any(1) | (torch.arange(len(values), device=number.device)[(...,) + (None,) * number.ndim] == number)
+        # of those that are zero about there the first; one at least was in the step that was seen
+        if len(values) > 1:
+            here = change.any(1) | (
+                torch.arange(len(values), device=number.device)[(...,) + (None,) * number.ndim]
+                == number
+            )
             ends = ([picked(near, k) for k in (one, one + 1)] for one in at)
-            times = [events.zero(*pair, torch.full_like(number, k), motion)[0] for k, pair in enumerate(ends)]
+            times = [
+                events.zero(*pair, torch.full_like(number, k), motion)[0]
+                for k, pair in enumerate(ends)
+            ]
             first = torch.where(here, torch.stack(times), torch.inf).argmin(0)
             number = torch.where(number >= 0, first, number)
     at = at.gather(0, number.clamp(min=0)[None])[0]
@@ -216,8 +269,12 @@ def _event(near: State, steps: Controlled, events: Events, motion: PrescribedMot
     return Event(number, torch.where(number >= 0, t, torch.inf), state)
 
 
-def _held(states: State, start: State, t: Tensor, steps: Controlled, proof: Proof, event: Event | None) -> State:
-    """States (time, ...) with the initial one first, those of a sample that has stopped held, and their status."""
+def _held(
+    states: State, start: State, t: Tensor, steps: Controlled, proof: Proof, event: Event | None
+) -> State:
+    """States (time, ...) with the initial one first, those of a sample that has stopped held, and
+    their status.
+    """
     own = (...,) + (None,) * proof.status.ndim
     times, first = t.detach()[own].expand(states.status.shape), start.map(lambda x: x[None])
     states = states.map(lambda x, y: torch.cat((y.expand(1, *x.shape[1:]), x[1:])), first)
@@ -226,7 +283,9 @@ def _held(states: State, start: State, t: Tensor, steps: Controlled, proof: Proo
     late = (k >= proof.good) | ((steps.status != SUCCESS) & (times > steps.sequence.end))
     if late.any() and (proof.good < len(t)).any():
         last_states = picked(states, last).map(lambda x: x[None])
-        states = states.where(k < proof.good, last_states.map(lambda x: x.expand(len(t), *x.shape[1:])))
+        states = states.where(
+            k < proof.good, last_states.map(lambda x: x.expand(len(t), *x.shape[1:]))
+        )
     if event is not None and event.state is not None:
         stopped = (steps.event >= 0) & (times > concrete(event.t))
         states = event.state.map(lambda x: x[None].expand(len(t), *x.shape)).where(stopped, states)

@@ -1,4 +1,6 @@
-"""Steps of a method, from its solves: one after the other, means of several series, and smaller steps where one fails."""
+"""Steps of a method, from its solves: one after the other, means of several series, and smaller
+steps where one fails.
+"""
 
 from __future__ import annotations
 
@@ -21,60 +23,118 @@ from .step_inputs import HeldInputs, together
 from .step_solver import Made, StepSolver
 
 # fields whose mean is taken
-LINEAR = ("position", "rotation", "velocity", "spin", "reaction", "work", "frame", "internal", "joints")
+LINEAR = (
+    "position",
+    "rotation",
+    "velocity",
+    "spin",
+    "reaction",
+    "work",
+    "frame",
+    "internal",
+    "joints",
+)
 
 
-def step(solver: StepSolver, model: Model, state: State, dt: Tensor, t: Tensor, inputs: HeldInputs, moving: Tensor, last: bool
-         ) -> Made:
-    """A step over dt from t on of the model, or of a part of its batch. Without `last`, its parts can follow."""
+def step(
+    solver: StepSolver,
+    model: Model,
+    state: State,
+    dt: Tensor,
+    t: Tensor,
+    inputs: HeldInputs,
+    moving: Tensor,
+    last: bool,
+) -> Made:
+    """A step over dt from t on of the model, or of a part of its batch. Without `last`, its parts
+    can follow.
+    """
     result_of_all = None
     for scheme, own in solver.method.schemes(model, dt):
         who = moving if own is None else moving & own
         result = _mean(scheme, solver, model, state, dt, t, inputs, who, last)
-        result_of_all = result if result_of_all is None else Made(result.state.where(who, result_of_all.state), torch.where(who, result.status, result_of_all.status),
-                                               torch.where(who, result.iterations, result_of_all.iterations))
+        result_of_all = (
+            result
+            if result_of_all is None
+            else Made(
+                result.state.where(who, result_of_all.state),
+                torch.where(who, result.status, result_of_all.status),
+                torch.where(who, result.iterations, result_of_all.iterations),
+            )
+        )
     return result_of_all
 
 
-def _mean(scheme: Scheme, solver: StepSolver, model: Model, state: State, dt: Tensor, t: Tensor, inputs: HeldInputs,
-          moving: Tensor, last: bool) -> Made:
+def _mean(
+    scheme: Scheme,
+    solver: StepSolver,
+    model: Model,
+    state: State,
+    dt: Tensor,
+    t: Tensor,
+    inputs: HeldInputs,
+    moving: Tensor,
+    last: bool,
+) -> Made:
     """The mean of compositions; a sample has failed where one of them has."""
     if scheme.solves > 1 and solver.compiled is not None and model is solver.model:
         given = inputs(solver.method.INSTANT)
-        shape = broadcast_shapes(solver.compiled.batch, moving.shape, *(x.shape[:-1] for x in given.values()))
+        shape = broadcast_shapes(
+            solver.compiled.batch, moving.shape, *(x.shape[:-1] for x in given.values())
+        )
         moved = moving.expand(shape)
         given = together([inputs], scheme.instants(solver.method.INSTANT), shape)
         result = natively(scheme, solver, state, dt, t, given, moved, last)
         if result is not None:
             good = moved & (result.status == SUCCESS)
             after = replace(state, **result.fields, t=torch.where(good, state.t + dt, state.t))
-            return Made(after if concrete(good).all() else after.where(good, state), result.status, result.iterations)
+            return Made(
+                after if concrete(good).all() else after.where(good, state),
+                result.status,
+                result.iterations,
+            )
     first, *others = scheme.compositions
     result_of_first = _composed(first, solver, model, state, dt, t, inputs, moving, last)
     if not others:
         return result_of_first
-    good, ends, status, iterations = moving, [vars(result_of_first.state)], result_of_first.status, result_of_first.iterations
+    good, ends, status = moving, [vars(result_of_first.state)], result_of_first.status
+    iterations = result_of_first.iterations
     for one in others:
         good = good & (status == SUCCESS)
         other = _composed(one, solver, model, state, dt, t, inputs, good, last)
         ends.append(vars(other.state))
-        status, iterations = torch.where(good, other.status, status), iterations + torch.where(good, other.iterations, 0)
+        status = torch.where(good, other.status, status)
+        iterations = iterations + torch.where(good, other.iterations, 0)
     after = replace(result_of_first.state, **_weighted(scheme, model, ends))
     return Made(after.where(good & (status == SUCCESS), state), status, iterations)
 
 
-def _weighted(scheme: Scheme, model: Model, ends: list[dict[str, Tensor | None]]) -> dict[str, Tensor]:
+def _weighted(
+    scheme: Scheme, model: Model, ends: list[dict[str, Tensor | None]]
+) -> dict[str, Tensor]:
     """The weighted mean of states, by the names of the fields that have one."""
-    after = {name: sum(weight * end[name] for weight, end in zip(scheme.weights, ends, strict=True))
-             for name in LINEAR if ends[0].get(name) is not None}
+    after = {
+        name: sum(weight * end[name] for weight, end in zip(scheme.weights, ends, strict=True))
+        for name in LINEAR
+        if ends[0].get(name) is not None
+    }
     after["rotation"] = model.space.normalize(after["rotation"])
     if "frame" in after:
         after["frame"] = after["frame"] / after["frame"].norm(dim=-1, keepdim=True)
     return after
 
 
-def _composed(composition: Composition, solver: StepSolver, model: Model, state: State, dt: Tensor, t: Tensor,
-              inputs: HeldInputs, moving: Tensor, last: bool) -> Made:
+def _composed(
+    composition: Composition,
+    solver: StepSolver,
+    model: Model,
+    state: State,
+    dt: Tensor,
+    t: Tensor,
+    inputs: HeldInputs,
+    moving: Tensor,
+    last: bool,
+) -> Made:
     """Solves one after the other, those of a sample until one fails."""
     instant = solver.method.INSTANT
     if composition is WHOLE:
@@ -82,7 +142,9 @@ def _composed(composition: Composition, solver: StepSolver, model: Model, state:
     now, good, reaction = state, moving, 0.0
     status = iterations = None
     for share, at in zip(composition.fractions, composition.instants(instant), strict=True):
-        now, solve_status, count = solver.solve(model, now, share * dt, t + at * dt, inputs(at), good, last)
+        now, solve_status, count = solver.solve(
+            model, now, share * dt, t + at * dt, inputs(at), good, last
+        )
         status = solve_status if status is None else torch.where(good, solve_status, status)
         iterations = count if iterations is None else iterations + torch.where(good, count, 0)
         good = good & (solve_status == SUCCESS)
@@ -93,10 +155,21 @@ def _composed(composition: Composition, solver: StepSolver, model: Model, state:
     return Made(after if concrete(good).all() else after.where(good, state), status, iterations)
 
 
-def natively(scheme: Scheme, solver: StepSolver, state: State, dt: Tensor, t: Tensor, inputs: Inputs,
-             moving: Tensor | None, last: bool, K: int | None = None, every: int = 1) -> Steps | None:
-    """A step of dt (...) from t (...) on, or K of dt and t (K), or (K, ...), by native code; None where they are to be
-    made eagerly. The reaction is the mean over the step, the stress that of the last solve of the first composition.
+def natively(
+    scheme: Scheme,
+    solver: StepSolver,
+    state: State,
+    dt: Tensor,
+    t: Tensor,
+    inputs: Inputs,
+    moving: Tensor | None,
+    last: bool,
+    K: int | None = None,
+    every: int = 1,
+) -> Steps | None:
+    """A step of dt (...) from t (...) on, or K of dt and t (K), or (K, ...), by native code; None
+    where they are to be made eagerly. The reaction is the mean over the step, the stress that of
+    the last solve of the first composition.
 
     inputs  by name, held over all, or one for each solve, see `together`
     moving  (...) bool, of the whole batch's shape; None = all, of one step
@@ -109,7 +182,9 @@ def natively(scheme: Scheme, solver: StepSolver, state: State, dt: Tensor, t: Te
         dt = dt[0] if K is not None and dt.stride() == (0,) else dt  # the same of all
         return solver.natively(state, dt, middle, inputs, moving, last, K, every)
     if moving is None:
-        shape = broadcast_shapes(solver.compiled.batch, state.batch_shape, *(x.shape[:-1] for x in inputs.values()))
+        shape = broadcast_shapes(
+            solver.compiled.batch, state.batch_shape, *(x.shape[:-1] for x in inputs.values())
+        )
         moving = (state.status == SUCCESS).expand(shape)
     if len(scheme.compositions) == 1:
         return _in_a_row(*scheme.compositions, solver, state, dt, t, inputs, moving, last, K)
@@ -130,7 +205,9 @@ def natively(scheme: Scheme, solver: StepSolver, state: State, dt: Tensor, t: Te
 
 
 def _stacked(steps: list[Steps]) -> Steps:
-    """Steps one after the other as one of K; a sample that has failed has its status from then on."""
+    """Steps one after the other as one of K; a sample that has failed has its status from then
+    on.
+    """
     fields = {name: torch.stack([step.fields[name] for step in steps]) for name in steps[0].fields}
     status, well = torch.stack([step.status for step in steps]), all(step.well for step in steps)
     for k in range(1, 1 if well else len(steps)):
@@ -138,8 +215,16 @@ def _stacked(steps: list[Steps]) -> Steps:
     return Steps(fields, status, torch.stack([step.iterations for step in steps]), well)
 
 
-def _extrapolated(scheme: Scheme, solver: StepSolver, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor,
-                  last: bool) -> Steps | None:
+def _extrapolated(
+    scheme: Scheme,
+    solver: StepSolver,
+    state: State,
+    dt: Tensor,
+    t: Tensor,
+    inputs: Inputs,
+    moving: Tensor,
+    last: bool,
+) -> Steps | None:
     """One step by the mean of compositions."""
     ends, status, iterations, good, done = [], None, 0, moving, 0
     for one in scheme.compositions:
@@ -156,31 +241,53 @@ def _extrapolated(scheme: Scheme, solver: StepSolver, state: State, dt: Tensor, 
     well = all(end.well for end in ends)
     if not well:
         axes = {name: x.ndim - good.ndim for name, x in fields.items()}
-        fields = {name: torch.where(good[(..., *(None,) * axes[name])], x, getattr(state, name)) for name, x in fields.items()}
+        fields = {
+            name: torch.where(good[(..., *(None,) * axes[name])], x, getattr(state, name))
+            for name, x in fields.items()
+        }
     return Steps(fields, status, iterations, well)
 
 
-def _in_a_row(composition: Composition, solver: StepSolver, state: State, dt: Tensor, t: Tensor, inputs: Inputs,
-              moving: Tensor, last: bool, K: int | None) -> Steps | None:
+def _in_a_row(
+    composition: Composition,
+    solver: StepSolver,
+    state: State,
+    dt: Tensor,
+    t: Tensor,
+    inputs: Inputs,
+    moving: Tensor,
+    last: bool,
+    K: int | None,
+) -> Steps | None:
     """A step, or K, of a composition, by one call of native code."""
-    n, first = len(composition.fractions), 0 if K is None else 1  # first: axes before that of the solves
+    # first: axes before that of the solves
+    n, first = len(composition.fractions), 0 if K is None else 1
     middle = None
     if solver.compiled.takes_time:
         t, length = torch.broadcast_tensors(t, dt)
         instants = composition.instants(solver.method.INSTANT)
         middle = (t.unsqueeze(first) + _times(instants, length, first)).flatten(0, first)
-    alike = dt.ndim == 0 and K is None and len({*composition.fractions}) == 1  # then one length, and one tangent, is that of all
-    length = dt * composition.fractions[0] if alike else _times(composition.fractions, dt, first).flatten(0, first)
+    # then one length, and one tangent, is that of all
+    alike = dt.ndim == 0 and K is None and len({*composition.fractions}) == 1
+    length = (
+        dt * composition.fractions[0]
+        if alike
+        else _times(composition.fractions, dt, first).flatten(0, first)
+    )
     result = solver.natively(state, length, middle, inputs, moving, last, (K or 1) * n)
     if result is None:
         return None
     series = {name: x.unflatten(0, (-1, n)) for name, x in result.fields.items()}
     fields = {name: x[:, -1] for name, x in series.items()}
     share = dt.new_tensor(composition.fractions)
-    fields["reaction"] = (share.view(n, *(1,) * (series["reaction"].ndim - 2)) * series["reaction"]).sum(1)
-    status, iterations = result.status.unflatten(0, (-1, n))[:, -1], result.iterations.unflatten(0, (-1, n)).sum(1)
+    fields["reaction"] = (
+        share.view(n, *(1,) * (series["reaction"].ndim - 2)) * series["reaction"]
+    ).sum(1)
+    status = result.status.unflatten(0, (-1, n))[:, -1]
+    iterations = result.iterations.unflatten(0, (-1, n)).sum(1)
     if K is None:
-        fields, status, iterations = {name: x[0] for name, x in fields.items()}, status[0], iterations[0]
+        fields, status = {name: x[0] for name, x in fields.items()}, status[0]
+        iterations = iterations[0]
     return Steps(fields, status, iterations, result.well)
 
 
@@ -189,33 +296,66 @@ def _times(values: tuple[float, ...], x: Tensor, first: int) -> Tensor:
     return x.new_tensor(values).view(-1, *(1,) * (x.ndim - first)) * x.unsqueeze(first)
 
 
-def in_parts(solver: StepSolver, model: Model, state: State, dt: Tensor, t: Tensor, inputs: HeldInputs, failed: Tensor,
-             halvings: int) -> tuple[State, Tensor, Tensor]:
-    """The step of samples that have failed in one go, in 2, 4, ... 2^halvings parts: (state after, or before where that fails
-    too; whether it went well; iterations), those few by themselves where that is faster.
+def in_parts(
+    solver: StepSolver,
+    model: Model,
+    state: State,
+    dt: Tensor,
+    t: Tensor,
+    inputs: HeldInputs,
+    failed: Tensor,
+    halvings: int,
+) -> tuple[State, Tensor, Tensor]:
+    """The step of samples that have failed in one go, in 2, 4, ... 2^halvings parts: (state after,
+    or before where that fails too; whether it went well; iterations), those few by themselves where
+    that is faster.
     """
     few = BatchSubset.worthwhile(failed)
     if few is not None:
         try:
             part, start = few.gather((model, state))
-            held = inputs.map(lambda given: {name: few.take(value, 1) for name, value in given.items()})
-            after, well, counted = _in_parts(solver, part, start, few.take(dt, 0), few.take(t, 0), held, few.take(failed, 0),
-                                              halvings)
+            held = inputs.map(
+                lambda given: {name: few.take(value, 1) for name, value in given.items()}
+            )
+            after, well, counted = _in_parts(
+                solver,
+                part,
+                start,
+                few.take(dt, 0),
+                few.take(t, 0),
+                held,
+                few.take(failed, 0),
+                halvings,
+            )
             none = torch.zeros(failed.shape, dtype=torch.long, device=failed.device)
-            return few.scatter(state, after), few.put(none, well.long(), 0) > 0, few.put(none, counted, 0)
+            return (
+                few.scatter(state, after),
+                few.put(none, well.long(), 0) > 0,
+                few.put(none, counted, 0),
+            )
         except NotSeparable:
             pass
     return _in_parts(solver, model, state, dt, t, inputs, failed, halvings)
 
 
-def _in_parts(solver: StepSolver, model: Model, start: State, dt: Tensor, t: Tensor, inputs: HeldInputs, failed: Tensor,
-              halvings: int) -> tuple[State, Tensor, Tensor]:
+def _in_parts(
+    solver: StepSolver,
+    model: Model,
+    start: State,
+    dt: Tensor,
+    t: Tensor,
+    inputs: HeldInputs,
+    failed: Tensor,
+    halvings: int,
+) -> tuple[State, Tensor, Tensor]:
     after, counted, left = start, torch.zeros_like(failed, dtype=torch.long), failed
     for level in range(1, halvings + 1):
         parts, trial, good = 2**level, start, left
         for k in range(parts):
             held, now = inputs.part(k / parts, 1 / parts), t + k * dt / parts
-            trial, status, iterations = step(solver, model, trial, dt / parts, now, held, good, last=level == halvings)
+            trial, status, iterations = step(
+                solver, model, trial, dt / parts, now, held, good, last=level == halvings
+            )
             counted = counted + torch.where(good, iterations, 0)
             good = good & (status == SUCCESS)
             if not concrete(good).any():

@@ -31,27 +31,42 @@ class Events:
         """Of a function, or a sequence of them. Raises ValueError for anything else."""
         many = () if given is None else given if isinstance(given, (tuple, list)) else (given,)
         if not all(map(callable, many)):
-            raise ValueError(f"events of type {type(given).__name__} were given; a function of the state, or a list of such, "
-                             "is wanted")
+            raise ValueError(
+                f"events of type {type(given).__name__} were given; a function of the state, or a "
+                "list of such, is wanted"
+            )
         return cls(tuple(check_function("an event", one, "state") for one in many))
 
     def values(self, states: State) -> Tensor | None:
-        """(events, ...); None without events. Raises ValueError where a function gives anything but a number a sample."""
+        """(events, ...); None without events. Raises ValueError where a function gives anything but
+        a number a sample.
+        """
         if not self.functions:
             return None
         values = []
         for function in self.functions:
             value = function(states)
-            if not isinstance(value, Tensor) or value.shape != states.status.shape or not value.is_floating_point():
-                shown = f"shape {tuple(value.shape)}" if isinstance(value, Tensor) else type(value).__name__
-                raise ValueError(f"an event of {shown} was given for states of shape {tuple(states.status.shape)}; one real "
-                                 "number a state is wanted")
+            if (
+                not isinstance(value, Tensor)
+                or value.shape != states.status.shape
+                or not value.is_floating_point()
+            ):
+                shown = (
+                    f"shape {tuple(value.shape)}"
+                    if isinstance(value, Tensor)
+                    else type(value).__name__
+                )
+                raise ValueError(
+                    f"an event of {shown} was given for states of shape "
+                    f"{tuple(states.status.shape)}; one real number a state is wanted"
+                )
             values.append(value)
         return torch.stack(values)
 
     def crossed(self, before: Tensor, values: Tensor) -> Tensor:
-        """Number of the event (K, ...) that has crossed zero at each of the values (events, K, ...), from `before` (events,
-        ...) on; -1 = none. What starts at zero has to leave it first.
+        """Number of the event (K, ...) that has crossed zero at each of the values
+        (events, K, ...), from `before` (events, ...) on; -1 = none. What starts at zero has to
+        leave it first.
         """
         signs = torch.cat((before[:, None], values), 1).sign()
         last = signs[:, 0]
@@ -63,9 +78,12 @@ class Events:
         first = met.long().argmax(0)
         return torch.where(met.any(0), first, -1)
 
-    def zero(self, a: State, b: State, event: Tensor, motion: PrescribedMotion) -> tuple[Tensor, State]:
-        """Time (...) and state at which the event with the number `event` (...) is zero between two states, at which it has
-        different signs, or the end nearer to zero where it has not. Differentiable: t = t0 - g(t0)/g'(t0) at the zero t0.
+    def zero(
+        self, a: State, b: State, event: Tensor, motion: PrescribedMotion
+    ) -> tuple[Tensor, State]:
+        """Time (...) and state at which the event with the number `event` (...) is zero between two
+        states, at which it has different signs, or the end nearer to zero where it has not.
+        Differentiable: t = t0 - g(t0)/g'(t0) at the zero t0.
 
         By secants and halves (the Illinois method, Dowell and Jarratt 1971).
         """
@@ -82,25 +100,38 @@ class Events:
             at, before = torch.where(g_low.abs() <= g_high.abs(), low, high), torch.zeros_like(low)
             for _ in range(TRIALS):
                 slope = g_high - g_low
-                trial = (low - g_low * (high - low) / torch.where(slope != 0, slope, torch.ones_like(slope)))
+                trial = low - g_low * (high - low) / torch.where(
+                    slope != 0, slope, torch.ones_like(slope)
+                )
                 trial = torch.minimum(torch.maximum(trial, low), high)
                 g = value(trial)
                 left = g.sign() * g_low.sign() > 0  # the zero lies behind it
                 side = torch.where(left, 1.0, -1.0).to(before)
-                weight = torch.where(side == before, 0.5, 1.0).to(before)  # the value at an end that stays for the second time
-                g_low, g_high = torch.where(left, g, g_low * weight), torch.where(left, g_high * weight, g)
-                low, high, before = torch.where(left, trial, low), torch.where(left, high, trial), side
+                # the value at an end that stays for the second time
+                weight = torch.where(side == before, 0.5, 1.0).to(before)
+                g_low = torch.where(left, g, g_low * weight)
+                g_high = torch.where(left, g_high * weight, g)
+                low, high = torch.where(left, trial, low), torch.where(left, high, trial)
+                before = side
                 moved, at = (trial - at).abs(), torch.where(apart, trial, at)
                 if not (apart & (moved > 4 * torch.finfo(at.dtype).eps * (at.abs() + width))).any():
                     break
             gap = 1e-4 * width
             rate = (value(at + gap) - value(at - gap)) / (2 * gap)
         g = Once.apply(value(at))
-        at = at - torch.where(apart & (rate != 0), (g - g.detach()) / torch.where(rate != 0, rate, torch.ones_like(rate)), 0.0)
+        at = at - torch.where(
+            apart & (rate != 0),
+            (g - g.detach()) / torch.where(rate != 0, rate, torch.ones_like(rate)),
+            0.0,
+        )
         return at, between(a, b, at, motion)
 
-    def picked(self, values: Tensor | None, at: Tensor, some: Tensor, before: Tensor | None) -> Tensor | None:
-        """Of values (events, K, ...) those with the number `at` (...), where there are `some` (...); else those `before`."""
+    def picked(
+        self, values: Tensor | None, at: Tensor, some: Tensor, before: Tensor | None
+    ) -> Tensor | None:
+        """Of values (events, K, ...) those with the number `at` (...), where there are `some`
+        (...); else those `before`.
+        """
         if values is None:
             return None
         new = values.gather(1, at.expand(len(values), 1, *at.shape))[:, 0]

@@ -25,30 +25,48 @@ from .torchdiffeq_bridge import AllFailed
 
 
 class ExplicitStepper:
-    """Advances states of a scene by intervals of `dt` seconds with torchdiffeq; called like `Stepper`.
+    """Advances states of a scene by intervals of `dt` seconds with torchdiffeq; called like
+    `Stepper`.
 
     scene    what is simulated
     dt       s, the interval over which inputs are held
     method   a name of torchdiffeq; a fixed-step one makes options={"step_size": s} steps
-    form     "nodal", "minimal" or "block_rate"; states are `State`, or `MixedState` in the two mixed forms. Each interval
-             starts from a state made consistent with the loads on it, for inputs jump between intervals
+    form     "nodal", "minimal" or "block_rate"; states are `State`, or `MixedState` in the two
+             mixed forms. Each interval starts from a state made consistent with the loads on it,
+             for inputs jump between intervals
     rtol, atol, options, adjoint, project, solver: as in `simulate`
 
-    An explicit method needs steps of about 3 over the top frequency of the mesh, so it wants a soft section: see `Stepper`
-    for one whose step does not depend on the stiffness.
+    An explicit method needs steps of about 3 over the top frequency of the mesh, so it wants a soft
+    section: see `Stepper` for one whose step does not depend on the stiffness.
 
-    Raises ValueError for an unknown form or method, a dt that is not positive, or a scene that the form does not take.
+    Raises ValueError for an unknown form or method, a dt that is not positive, or a scene that the
+    form does not take.
     """
 
-    def __init__(self, scene: Scene, dt: float | Tensor, method: str = "rk4", form: str = "minimal", *,
-                 rtol: float | None = None, atol: float | None = None, options: dict[str, Any] | None = None,
-                 adjoint: bool = False, project: bool = False, solver: str = "sweep") -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        dt: float | Tensor,
+        method: str = "rk4",
+        form: str = "minimal",
+        *,
+        rtol: float | None = None,
+        atol: float | None = None,
+        options: dict[str, Any] | None = None,
+        adjoint: bool = False,
+        project: bool = False,
+        solver: str = "sweep",
+    ) -> None:
         instance("a scene", scene, Scene)
         choice("form", form, FORMS)
         if not isinstance(method, str) or method not in ODE_METHODS:
-            raise ValueError(f"method = {shown(method)} was given; torchdiffeq has {', '.join(ODE_METHODS)}")
+            raise ValueError(
+                f"method = {shown(method)} was given; torchdiffeq has {', '.join(ODE_METHODS)}"
+            )
         self.scene, self.form, self.method = scene, form, method
-        self.options = dict(rtol=rtol, atol=atol, options=options, adjoint=adjoint, project=project, solver=solver)
+        self.options = dict(
+            rtol=rtol, atol=atol, options=options, adjoint=adjoint, project=project, solver=solver
+        )
         self.dt = duration("dt", dt, scene.dtype, scene.device)
 
     def rest(self, batch_shape: tuple[int, ...] | None = None) -> State | MixedState:
@@ -56,9 +74,17 @@ class ExplicitStepper:
         shape = torch.Size(self.scene.batch_shape if batch_shape is None else batch_shape)
         if self.form == "nodal":
             return rest(self.scene, shape)
-        zero = {name: torch.zeros(*shape, size, dtype=self.scene.dtype, device=self.scene.device)
-                for name, size in self.scene.inputs.items()}
-        still = torch.zeros(*shape, self.scene.beam.station_count, 3, dtype=self.scene.dtype, device=self.scene.device)
+        zero = {
+            name: torch.zeros(*shape, size, dtype=self.scene.dtype, device=self.scene.device)
+            for name, size in self.scene.inputs.items()
+        }
+        still = torch.zeros(
+            *shape,
+            self.scene.beam.station_count,
+            3,
+            dtype=self.scene.dtype,
+            device=self.scene.device,
+        )
         return consistent_state(self.scene, u=still, form=self.form, inputs=zero)
 
     def merge(self, few: BatchSubset, part: ExplicitStepper) -> ExplicitStepper:
@@ -67,8 +93,12 @@ class ExplicitStepper:
         merged.scene = few.merge(self.scene, part.scene)
         return merged
 
-    def __call__(self, state: State | MixedState, *, active: Tensor | None = None, **inputs: Any) -> State | MixedState:
-        """The state one interval later; `active`, a failing sample and its status as in `Stepper`."""
+    def __call__(
+        self, state: State | MixedState, *, active: Tensor | None = None, **inputs: Any
+    ) -> State | MixedState:
+        """The state one interval later; `active`, a failing sample and its status as in
+        `Stepper`.
+        """
         given = self.scene.tensors(inputs)
         moving = state.status == 0
         if active is not None:
@@ -77,16 +107,29 @@ class ExplicitStepper:
         if begin.ndim:  # each sample's own
             begin, own = torch.zeros_like(self.dt), dict(begin=begin)
         span = torch.stack((begin, begin + self.dt))
-        start = replace(state, status=torch.where(moving, state.status, FAILED))  # who rests need not be on supports now
+        # who rests need not be on supports now
+        start = replace(state, status=torch.where(moving, state.status, FAILED))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # a status says it
             try:
-                run = simulate(self.scene, span, start, self.method, form=self.form, inputs=given, **self.options, **own)
+                run = simulate(
+                    self.scene,
+                    span,
+                    start,
+                    self.method,
+                    form=self.form,
+                    inputs=given,
+                    **self.options,
+                    **own,
+                )
             except AllFailed:
                 return replace(state, status=torch.where(moving, FAILED, state.status))
         good = moving & (run.status == 0)
         after = run.state[-1]
         if isinstance(state, State):  # a run counts the work from its own start
             after = replace(after, work=state.work + after.work)
-        return replace(after.where(good, state), t=torch.where(good, state.t + self.dt, state.t),
-                       status=torch.where(moving, run.status, state.status))
+        return replace(
+            after.where(good, state),
+            t=torch.where(good, state.t + self.dt, state.t),
+            status=torch.where(moving, run.status, state.status),
+        )

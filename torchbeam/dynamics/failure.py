@@ -1,5 +1,5 @@
-"""What is wrong with an implicit step that no smaller one helps: an effect that is not finite, or jumps. Asked once a run has
-failed, so that its cost does not matter.
+"""What is wrong with an implicit step that no smaller one helps: an effect that is not finite, or
+jumps. Asked once a run has failed, so that its cost does not matter.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from .method import Method
 from .step_inputs import HeldInputs
 
 ITERATES = 6  # of Newton's method that are looked at
-HALVES = 30  # of the way between two of them: what then still changes by half of the whole has a jump
+# of the way between two of them: what then still changes by half of the whole has a jump
+HALVES = 30
 
 
 class Failure(NamedTuple):
@@ -39,7 +40,9 @@ class Failure(NamedTuple):
         """One sentence that names the effect at fault; None where none is found."""
         try:
             return self._reason()
-        except Exception:  # of a user's function where it is not used to be asked: the failure itself is to be told
+        except Exception:
+            # of a user's function where it is not used to be asked: the failure itself is to be
+            # told
             return None
 
     def _reason(self) -> str | None:
@@ -52,15 +55,24 @@ class Failure(NamedTuple):
             for name, value in self._in_motion():
                 for x in iterates:
                     if not self._finite(value(x)):
-                        return f"{name} is infinite or not a number at a trial of Newton's method; no smaller step may help"
+                        return (
+                            f"{name} is infinite or not a number at a trial of Newton's "
+                            "method; no smaller step may help"
+                        )
             for name, value in self._in_motion():
                 for a, b in itertools.pairwise(iterates):
                     if self._jumps(lambda s, a=a, b=b, value=value: value(self._between(a, b, s))):
-                        return (f"{name} jumps as the beam moves, so that Newton's method does not converge and no smaller "
-                                "step helps; let it rise steeply instead (torch.tanh(v/v0) for torch.sign(v))")
+                        return (
+                            f"{name} jumps as the beam moves, so that Newton's method does not "
+                            "converge and no smaller step helps; let it rise steeply instead "
+                            "(torch.tanh(v/v0) for torch.sign(v))"
+                        )
             for name, value in self._in_time():
                 if self._jumps(value):
-                    return f"{name} jumps in time, and no smaller step helps; let it rise over some steps"
+                    return (
+                        f"{name} jumps in time, and no smaller step helps; let it rise over "
+                        "some steps"
+                    )
         return None
 
     def _iterates(self) -> list[Any]:
@@ -72,15 +84,17 @@ class Failure(NamedTuple):
         return iterates
 
     def _in_motion(self) -> Iterator[tuple[str, Callable[[Any], Tensor]]]:
-        """The loads (..., N+1, w) that depend on how the beam stands or moves, as functions of the unknowns."""
+        """The loads (..., N+1, w) that depend on how the beam stands or moves, as functions of the
+        unknowns.
+        """
         problem, model = self.problem, self.problem.model
         for load in model.loads[0]:
             now = conditions(model, problem.t, problem.inputs, loads=(load,))
             yield _name(load), lambda x, now=now: external(model, problem.seen(x), now)
 
     def _in_time(self) -> Iterator[tuple[str, Callable[[Tensor], Tensor]]]:
-        """Motions (..., 1, 3 or 7), eigenstrains (..., N or 1, 6) and loads (..., N+1, w), the beam as at the start, as
-        functions of the share (...) of the step.
+        """Motions (..., 1, 3 or 7), eigenstrains (..., N or 1, 6) and loads (..., N+1, w), the beam
+        as at the start, as functions of the share (...) of the step.
         """
         problem, scene, model = self.problem, self.problem.model.scene, self.problem.model
         start = problem.seen(problem.rest_guess())
@@ -91,17 +105,32 @@ class Failure(NamedTuple):
         if scene.frame is not None:
             for k, name in enumerate(("velocity", "angular velocity")):
                 if model.prescribed_motion.frame(problem.t)[k] is not None:
-                    yield f"the frame's {name}", lambda s, k=k: model.prescribed_motion.frame(at(s))[k][..., None, :]
+                    yield (
+                        f"the frame's {name}",
+                        lambda s, k=k: model.prescribed_motion.frame(at(s))[k][..., None, :],
+                    )
         for support in scene.supports:
             if support.moves:
-                yield (f"the motion of the support of node {support.node}",
-                       lambda s, one=support: torch.cat(_level(*model.prescribed_motion.pose(one, at(s))), -1)[..., None, :])
+                yield (
+                    f"the motion of the support of node {support.node}",
+                    lambda s, one=support: torch.cat(
+                        _level(*model.prescribed_motion.pose(one, at(s))), -1
+                    )[..., None, :],
+                )
         for effect in scene.eigenstrains:
-            yield _name(effect), lambda s, one=effect: one.eigenstrain(at(s), problem.inputs, model.length,
-                                                                       scene.beam.element_count)
+            yield (
+                _name(effect),
+                lambda s, one=effect: one.eigenstrain(
+                    at(s), problem.inputs, model.length, scene.beam.element_count
+                ),
+            )
         for load in scene.loads:
-            yield _name(load), lambda s, load=load: external(
-                model, start, conditions(model, at(s), problem.inputs, loads=(load,)))
+            yield (
+                _name(load),
+                lambda s, load=load: external(
+                    model, start, conditions(model, at(s), problem.inputs, loads=(load,))
+                ),
+            )
 
     def _between(self, a: Any, b: Any, share: Tensor) -> Any:
         share = share[..., None, None]
@@ -113,7 +142,9 @@ class Failure(NamedTuple):
         return bool(concrete(good | ~self.failed[..., None, None]).all())
 
     def _jumps(self, value: Callable[[Tensor], Tensor]) -> bool:
-        """Whether `value`, a function of a share (...) from 0 to 1, has a jump in a failed sample: by halves."""
+        """Whether `value`, a function of a share (...) from 0 to 1, has a jump in a failed sample:
+        by halves.
+        """
         low = torch.zeros_like(self.problem.start.work)
         high = torch.ones_like(low)
         before, after = value(low), value(high)
@@ -125,7 +156,9 @@ class Failure(NamedTuple):
             wide = left[..., None, None]
             low, high = torch.where(left, low, middle), torch.where(left, middle, high)
             before, after = torch.where(wide, before, now), torch.where(wide, now, after)
-        jump = (self._size(after - before) > whole / 2) & (whole > torch.finfo(size.dtype).eps ** 0.5 * size)
+        jump = (self._size(after - before) > whole / 2) & (
+            whole > torch.finfo(size.dtype).eps ** 0.5 * size
+        )
         return bool(concrete(jump & self.failed).any())
 
     def _size(self, value: Tensor) -> Tensor:
@@ -136,20 +169,32 @@ class Failure(NamedTuple):
 class Failures(dict[int, Failure]):
     """The first failure of a stepper by its status."""
 
-    def remember(self, method: Method, model: Model, state: State, dt: Tensor, t: Tensor, inputs: HeldInputs, status: Tensor
-                 ) -> None:
-        """What a step over dt from `state` at t on has failed at for good, where its status (...) is a new one, to be asked for
-        a reason; nothing that carries gradient.
+    def remember(
+        self,
+        method: Method,
+        model: Model,
+        state: State,
+        dt: Tensor,
+        t: Tensor,
+        inputs: HeldInputs,
+        status: Tensor,
+    ) -> None:
+        """What a step over dt from `state` at t on has failed at for good, where its status (...)
+        is a new one, to be asked for a reason; nothing that carries gradient.
         """
         for code in set(concrete(status).flatten().tolist()) - {SUCCESS, *self}:
             begin, length = t.detach(), dt.detach()
             held = {name: value.detach() for name, value in inputs(method.INSTANT).items()}
-            problem = method.problem(model, state.detach(), length, begin + method.INSTANT * length, held)
+            problem = method.problem(
+                model, state.detach(), length, begin + method.INSTANT * length, held
+            )
             self[code] = Failure(problem, status == code)
 
     def reasons(self) -> dict[int, str]:
         """Sentences by status, where one is found."""
-        return {code: found for code, failed in self.items() if (found := failed.reason()) is not None}
+        return {
+            code: found for code, failed in self.items() if (found := failed.reason()) is not None
+        }
 
 
 def _level(*parts: Tensor) -> tuple[Tensor, ...]:

@@ -16,7 +16,9 @@ from .method import Method
 
 
 class GeneralizedAlphaMethod(Method):
-    """One such step; a state that comes without accelerations starts with the mean rates of a trial step by "midpoint"."""
+    """One such step; a state that comes without accelerations starts with the mean rates of a trial
+    step by "midpoint".
+    """
 
     PROBLEM = GeneralizedAlphaProblem
     SOLVES = "generalized_alpha"
@@ -24,25 +26,35 @@ class GeneralizedAlphaMethod(Method):
     @classmethod
     def of(cls, name: str, conserve: bool, rho_inf: float | None) -> GeneralizedAlphaMethod:
         if boolean("conserve", conserve):
-            raise ValueError("conserve was given; generalized_alpha loses energy by design ('midpoint' takes it)")
+            raise ValueError(
+                "conserve was given; generalized_alpha loses energy by design ('midpoint' takes it)"
+            )
         rho = 0.8 if rho_inf is None else rho_inf
         if isinstance(rho, bool) or not isinstance(rho, (int, float)) or not 0 <= rho <= 1:
-            raise ValueError(f"rho_inf = {shown(rho_inf)} was given; a number from 0 to 1 is wanted")
+            raise ValueError(
+                f"rho_inf = {shown(rho_inf)} was given; a number from 0 to 1 is wanted"
+            )
         return cls(rho_inf=rho)
 
     def check(self, model: Model) -> None:
-        unfit = {"a moving frame": model.scene.frame is not None, "a mass off its node": _off_its_node(model),
-                 "a load with internal states": model.internal_states > 0,
-                 "a joint with damping or friction": model.joints.dissipative}
+        unfit = {
+            "a moving frame": model.scene.frame is not None,
+            "a mass off its node": _off_its_node(model),
+            "a load with internal states": model.internal_states > 0,
+            "a joint with damping or friction": model.joints.dissipative,
+        }
         for what, given in unfit.items():
             if given:
                 raise ValueError(f"{what} was given to generalized_alpha; 'midpoint' takes it")
 
-    def begin(self, state: State, model: Model, dt: Tensor, trial: Callable[[State], State]) -> AlphaState:
+    def begin(
+        self, state: State, model: Model, dt: Tensor, trial: Callable[[State], State]
+    ) -> AlphaState:
         if isinstance(state, AlphaState):
             if state.acceleration.shape[-1] == 2 * model.space.unknowns:
                 return state
-            state = state.plain()  # it remembers in the coordinates of another space, of a plane or not
+            # it remembers in the coordinates of another space, of a plane or not
+            state = state.plain()
         after = trial(state)
         reduced = map(model.space.to_reduced, (state, after))
         before, end = (model.strain(model.kinematics(s.position, s.rotation)) for s in reduced)

@@ -1,4 +1,6 @@
-"""Steps one after the other: one plan of them, made by native code as many at once as it takes, or one by one."""
+"""Steps one after the other: one plan of them, made by native code as many at once as it takes, or
+one by one.
+"""
 
 from __future__ import annotations
 
@@ -25,13 +27,15 @@ from .step_inputs import StepInputs, in_line
 
 AT_ONCE = 256  # steps that native code is asked for, at most
 ROOM = 2**18  # nodes, over samples and steps, of the states that native code makes at once
-STILL = {"defect": 0, "straining": 2}  # of a state, and their own axes: what native code may leave as it is
+# of a state, and their own axes: what native code may leave as it is
+STILL = {"defect": 0, "straining": 2}
 
 
 class StepPlan(NamedTuple):
-    """Steps to be made: lengths dt s and the times t s from which they go on, (K) of all samples or (K, ...) each its own;
-    inputs: first, end -> those of these steps; active (...) bool: samples that are to move, None = all; wanted: whether the
-    state after a step is asked for, None = each is.
+    """Steps to be made: lengths dt s and the times t s from which they go on, (K) of all samples or
+    (K, ...) each its own; inputs: first, end -> those of these steps; active (...) bool: samples
+    that are to move, None = all; wanted: whether the state after a step is asked for, None = each
+    is.
     """
 
     dt: Tensor
@@ -43,13 +47,18 @@ class StepPlan(NamedTuple):
     def part(self, first: int, end: int) -> StepPlan:
         """Some of the steps."""
         rows, wanted = slice(first, end), self.wanted
-        return self._replace(dt=self.dt[rows], t=self.t[rows], wanted=None if wanted is None else wanted[rows],
-                             inputs=lambda i, j: self.inputs(first + i, first + j))
+        return self._replace(
+            dt=self.dt[rows],
+            t=self.t[rows],
+            wanted=None if wanted is None else wanted[rows],
+            inputs=lambda i, j: self.inputs(first + i, first + j),
+        )
 
 
 class MadeSteps(NamedTuple):
-    """The states that were asked for (time, ...), in the space's coordinates, and the last, a public one, each made where it is
-    asked for; iterations (steps, ...); whether the next step is to be made by itself.
+    """The states that were asked for (time, ...), in the space's coordinates, and the last, a
+    public one, each made where it is asked for; iterations (steps, ...); whether the next step is
+    to be made by itself.
     """
 
     states: Callable[[], State]
@@ -59,8 +68,8 @@ class MadeSteps(NamedTuple):
 
 
 def make_steps(stepper: Any, state: State, plan: StepPlan) -> Iterator[MadeSteps]:
-    """The steps of a plan by a `Stepper`, from a public state on, some at a time. A sample whose step fails keeps its state,
-    with a status, and makes none of those that follow.
+    """The steps of a plan by a `Stepper`, from a public state on, some at a time. A sample whose
+    step fails keeps its state, with a status, and makes none of those that follow.
     """
     done, steps = 0, len(plan.dt)
     size = AT_ONCE if stepper.compiled is not None else 1
@@ -77,15 +86,23 @@ def make_steps(stepper: Any, state: State, plan: StepPlan) -> Iterator[MadeSteps
 
 def states_after(stepper: Any, state: State, plan: StepPlan) -> State:
     """States (time, ...) that a plan asks for, public ones."""
-    return stepper.model.space.to_public(whole_of([made.states() for made in make_steps(stepper, state, plan)]))
+    return stepper.model.space.to_public(
+        whole_of([made.states() for made in make_steps(stepper, state, plan)])
+    )
 
 
 def _one(stepper: Any, state: State, plan: StepPlan, inputs: StepInputs) -> MadeSteps:
     """The first step, by whatever makes it, in parts where it fails."""
     dt, t = plan.dt[0], plan.t[0]
-    before = state if t.ndim == 0 else replace(state, t=torch.where(state.status == SUCCESS, t, state.t))
-    after = stepper.advance(before, inputs.one(0), active=plan.active, dt=dt, t=t if t.ndim == 0 else None)
-    moved = after.status == SUCCESS if plan.active is None else (after.status == SUCCESS) & plan.active
+    before = (
+        state if t.ndim == 0 else replace(state, t=torch.where(state.status == SUCCESS, t, state.t))
+    )
+    after = stepper.advance(
+        before, inputs.one(0), active=plan.active, dt=dt, t=t if t.ndim == 0 else None
+    )
+    moved = (
+        after.status == SUCCESS if plan.active is None else (after.status == SUCCESS) & plan.active
+    )
     after = replace(after, t=torch.where(moved, t + dt, state.t))
     asked = 1 if plan.wanted is None else int(plan.wanted[0])
     states = lambda: stepper.reduced(after).map(lambda x: x[None][:asked])  # noqa: E731
@@ -93,16 +110,24 @@ def _one(stepper: Any, state: State, plan: StepPlan, inputs: StepInputs) -> Made
 
 
 def _natively(stepper: Any, state: State, plan: StepPlan, inputs: StepInputs) -> MadeSteps | None:
-    """As many of the steps as native code makes at once and all samples make well; those that fail too where no failed step is
-    made in parts, and nobody asks why. None where the first is to be made by itself.
+    """As many of the steps as native code makes at once and all samples make well; those that fail
+    too where no failed step is made in parts, and nobody asks why. None where the first is to be
+    made by itself.
     """
     if stepper.compiled is None:
         return None
     method, solver, dt, t = stepper.method, stepper.solver, plan.dt, plan.t
     start, _ = stepper.started(state, dt[0], inputs.at(0, method.INSTANT))
     active = () if plan.active is None else (plan.active.shape,)
-    shape = broadcast("a scene, a state and inputs", stepper.scene.batch_shape, start.status.shape, dt.shape[1:], t.shape[1:],
-                      *active, *inputs.shapes)
+    shape = broadcast(
+        "a scene, a state and inputs",
+        stepper.scene.batch_shape,
+        start.status.shape,
+        dt.shape[1:],
+        t.shape[1:],
+        *active,
+        *inputs.shapes,
+    )
     scheme = method.alone(stepper.model, in_line(dt, shape).detach())
     if scheme is None:
         return None
@@ -116,7 +141,18 @@ def _natively(stepper: Any, state: State, plan: StepPlan, inputs: StepInputs) ->
     given = inputs.of_solves(scheme, method.INSTANT, count, shape)
 
     def found_of(every: int) -> Any:
-        return natively(scheme, solver, start, dt[:count], t[:count], given, moving, not stepper.halvings, count, every)
+        return natively(
+            scheme,
+            solver,
+            start,
+            dt[:count],
+            t[:count],
+            given,
+            moving,
+            not stepper.halvings,
+            count,
+            every,
+        )
 
     lasting = not stepper.halvings and stepper.failures is None
     result = found_of(every)
@@ -129,7 +165,8 @@ def _natively(stepper: Any, state: State, plan: StepPlan, inputs: StepInputs) ->
     if not count:
         return None
     shape = result.status.shape[1:]  # functions of time may bring axes along
-    now, status = in_line(t[:count], shape) + in_line(dt[:count], shape), start.status.expand(count, *shape)
+    now = in_line(t[:count], shape) + in_line(dt[:count], shape)
+    status = start.status.expand(count, *shape)
     if result.well or stopped:
         now = torch.where(moving, now, start.t)
     else:
@@ -140,24 +177,36 @@ def _natively(stepper: Any, state: State, plan: StepPlan, inputs: StepInputs) ->
 
     def after(rows: Any, k: Any, *lead: int) -> State:
         fields = {name: x[rows] for name, x in result.fields.items()}
-        same = {name: x.expand((*lead, *shape, *x.shape[x.ndim - axes:])) for name, axes in STILL.items()
-                if name not in fields and (x := getattr(start, name, None)) is not None}
+        same = {
+            name: x.expand((*lead, *shape, *x.shape[x.ndim - axes :]))
+            for name, axes in STILL.items()
+            if name not in fields and (x := getattr(start, name, None)) is not None
+        }
         return with_values(start, **fields, **same, t=now[k], status=status[k])
 
     def last() -> State:
         return stepper.known(after(count // result.every - 1, count - 1), well=False)
 
-    return MadeSteps(lambda: after(asked, _rows(places, count), len(places)), last, result.iterations[:count], stopped)
+    return MadeSteps(
+        lambda: after(asked, _rows(places, count), len(places)),
+        last,
+        result.iterations[:count],
+        stopped,
+    )
 
 
 def _spacing(wanted: list[bool]) -> int:
-    """So many steps lie from one that is wanted to the next, and from the first to the one before it; 1 where that differs."""
+    """So many steps lie from one that is wanted to the next, and from the first to the one before
+    it; 1 where that differs.
+    """
     first = wanted.index(True) + 1 if True in wanted else 1
     return first if all(asked == (k % first == 0) for k, asked in enumerate(wanted, 1)) else 1
 
 
 def _rows(places: list[int], count: int) -> slice | list[int]:
-    """Rows at these places among so many: by a slice where they are evenly spaced, which copies nothing."""
+    """Rows at these places among so many: by a slice where they are evenly spaced, which copies
+    nothing.
+    """
     gaps = {b - a for a, b in pairwise(places)}
     if not places or len(gaps) > 1:
         return places
@@ -171,12 +220,20 @@ def part_of(few: BatchSubset, stepper: Any, inputs: dict[str, Any]) -> tuple[Any
     part.model = few.gather(stepper.model)
     part.scene = part.model.scene
     part.solver = stepper.solver.of(part.model)
-    part.iterations, part.failures, part._last = None, None if stepper.failures is None else Failures(), None
+    part.iterations, part.failures, part._last = (
+        None,
+        None if stepper.failures is None else Failures(),
+        None,
+    )
 
     def taken_of(v: Any) -> Any:
         if isinstance(v, PerInterval):
             return few.gather(v)
-        return few.take(v, 1) if isinstance(v, Tensor) else lambda t: few.take(taken("an input's value", v(t), t), 1)
+        return (
+            few.take(v, 1)
+            if isinstance(v, Tensor)
+            else lambda t: few.take(taken("an input's value", v(t), t), 1)
+        )
 
     return part, {name: taken_of(v) for name, v in inputs.items()}
 

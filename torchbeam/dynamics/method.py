@@ -16,7 +16,9 @@ from ..state.state import State, plain
 
 
 class Composition(NamedTuple):
-    """Solves one after the other: `shares` of the step that each makes, their sum 1; one that is negative goes back in time."""
+    """Solves one after the other: `shares` of the step that each makes, their sum 1; one that is
+    negative goes back in time.
+    """
 
     fractions: tuple[float, ...]
 
@@ -26,15 +28,21 @@ class Composition(NamedTuple):
         return tuple(sum(self.fractions[:k]) for k in range(len(self.fractions)))
 
     def instants(self, part: float) -> tuple[float, ...]:
-        """Where each takes loads and inputs, this part of it having passed, as a share of the step."""
-        return tuple(begin + part * share for begin, share in zip(self.begins, self.fractions, strict=True))
+        """Where each takes loads and inputs, this part of it having passed, as a share of the
+        step.
+        """
+        return tuple(
+            begin + part * share for begin, share in zip(self.begins, self.fractions, strict=True)
+        )
 
 
 WHOLE = Composition((1.0,))
 
 
 class Scheme(NamedTuple):
-    """A step as the mean of compositions that all start where it does, with `weights` whose sum is 1."""
+    """A step as the mean of compositions that all start where it does, with `weights` whose sum is
+    1.
+    """
 
     compositions: tuple[Composition, ...] = (WHOLE,)
     weights: tuple[float, ...] = (1.0,)
@@ -49,7 +57,8 @@ class Scheme(NamedTuple):
 
 
 class Method:
-    """An implicit method, with its options: one solve of `problem` a step, unless it says otherwise.
+    """An implicit method, with its options: one solve of `problem` a step, unless it says
+    otherwise.
 
     SOLVES   the method whose step a solve is
     ORDER    of accuracy in time;  SOLVES_A_STEP: at most
@@ -69,13 +78,19 @@ class Method:
 
     @classmethod
     def of(cls, name: str, conserve: bool, rho_inf: float | None) -> Method:
-        """The method of that name, from a user's options. Raises ValueError for one that it does not have."""
+        """The method of that name, from a user's options. Raises ValueError for one that it does
+        not have.
+        """
         raise NotImplementedError
 
     @property
     def solves(self) -> tuple[str, dict[str, Any]]:
-        """Name of the method whose step a solve is, and its options: what an engine is asked for."""
-        return self.SOLVES, {name: value for name, value in self.options.items() if value is not False}
+        """Name of the method whose step a solve is, and its options: what an engine is asked
+        for.
+        """
+        return self.SOLVES, {
+            name: value for name, value in self.options.items() if value is not False
+        }
 
     def check(self, model: Model) -> None:
         """Raises ValueError for a model that the method does not take."""
@@ -93,12 +108,16 @@ class Method:
         return None
 
     def alone(self, model: Model, dt: Tensor) -> Scheme | None:
-        """The one scheme that a step of dt, or steps of dt (K, ...), are made by, of all samples; None where there are more."""
+        """The one scheme that a step of dt, or steps of dt (K, ...), are made by, of all samples;
+        None where there are more.
+        """
         schemes = self.schemes(model, dt)
         return schemes[0][0] if len(schemes) == 1 else None
 
     def stress_at(self, model: Model, dt: Tensor) -> Tensor | float:
-        """Share (...) of a step of dt (...) at which its stress is: the middle of the last solve, whose mean it is."""
+        """Share (...) of a step of dt (...) at which its stress is: the middle of the last solve,
+        whose mean it is.
+        """
         place: Tensor | float = 0.5
         for scheme, own in self.schemes(model, dt):
             last = scheme.compositions[0]
@@ -106,8 +125,12 @@ class Method:
             place = at if own is None else torch.where(own, at, place)
         return place
 
-    def begin(self, state: State, model: Model, dt: Tensor, trial: Callable[[State], State]) -> State:
-        """`state` with what the method remembers beside it, and no more; trial(state): the state a midpoint step later."""
+    def begin(
+        self, state: State, model: Model, dt: Tensor, trial: Callable[[State], State]
+    ) -> State:
+        """`state` with what the method remembers beside it, and no more; trial(state): the state a
+        midpoint step later.
+        """
         return state if type(state) is State else plain(state)
 
 
@@ -121,7 +144,10 @@ class Midpoint(Method):
 
     def check(self, model: Model) -> None:
         if self.options["conserve"] and model.scene.has_prescribed_motion:
-            raise ValueError("conserve with a frame or support that moves was given; what holds the beam still is wanted")
+            raise ValueError(
+                "conserve with a frame or support that moves was given; what holds the beam "
+                "still is wanted"
+            )
 
 
 def without_rho(name: str, rho_inf: float | None) -> None:

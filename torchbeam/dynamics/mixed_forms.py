@@ -22,7 +22,8 @@ from ..scene.scene import Scene
 from ..state.solution import Energy, Solution, Stats
 from .torchdiffeq_bridge import ADAPTIVE, ADVICE, integrate, leaves
 
-RESTART_FREE = (*ADAPTIVE, "euler", "midpoint", "heun2", "heun3", "rk4")  # methods that remember nothing from step to step
+# methods that remember nothing from step to step
+RESTART_FREE = (*ADAPTIVE, "euler", "midpoint", "heun2", "heun3", "rk4")
 
 
 def simulate_mixed(
@@ -44,32 +45,44 @@ def simulate_mixed(
     """Integrate the mixed element's semi-discrete equations with any method of torchdiffeq.
 
     form     'block_rate' (24 N + 12 states, the index-reduced system) or 'minimal' (12 N states)
-    initial  MixedState; its u, theta, V, Omega count, the rest is made consistent with the loads at t[0].
-             None = undeformed and at rest in frame a
+    initial  MixedState; its u, theta, V, Omega count, the rest is made consistent with the loads at
+             t[0]. None = undeformed and at rest in frame a
     inputs   of the scene by name: values (..., size) held throughout, or functions of t
     method, rtol, atol, options, adjoint: see `torchbeam.dynamics.torchdiffeq_bridge.integrate`
-    project  block rate form: at every output set what the undifferentiated equations determine (F, M, accelerations, ends)
-             from u, theta, V, Omega. Off by default: the form then shows its drift
+    project  block rate form: at every output set what the undifferentiated equations determine (F,
+             M, accelerations, ends) from u, theta, V, Omega. Off by default: the form then shows
+             its drift
     begin    (...) s, the instant of each sample from which t counts; None = t is that of all
-    solver   block rate form: 'sweep' (O(N)) or 'dense' (torch.linalg.solve on the scaled block rate matrix)
+    solver   block rate form: 'sweep' (O(N)) or 'dense' (torch.linalg.solve on the scaled block rate
+             matrix)
 
-    Rotations: at each output an element beyond |theta| = 6 (225 degrees) goes on in its other chart, see
-    `mixed.consistent.rescaled`; steps end at the outputs for that. The Adams methods and scipy's keep a history, which
-    this would cut: with them rotations stay in their first chart, good up to one turn.
+    Rotations: at each output an element beyond |theta| = 6 (225 degrees) goes on in its other
+    chart, see `mixed.consistent.rescaled`; steps end at the outputs for that. The Adams methods and
+    scipy's keep a history, which this would cut: with them rotations stay in their first chart,
+    good up to one turn.
 
-    `stats.drift` (...): largest violation of the undifferentiated equations at an output (block rate form).
+    `stats.drift` (...): largest violation of the undifferentiated equations at an output
+    (block rate form).
 
     Raises ValueError for what the form does not take; RuntimeError where every sample failed.
     """
     choice("form", form, ("block_rate", "minimal"))
     choice("solver", solver, ("sweep", "dense"))
     if boolean("project", project) and form == "minimal":
-        raise ValueError("project=True was given for the minimal form; only 'block_rate' has something to project")
+        raise ValueError(
+            "project=True was given for the minimal form; only 'block_rate' has something to "
+            "project"
+        )
     if initial is not None and not isinstance(initial, MixedState):
-        raise ValueError(f"initial of type {type(initial).__name__} was given; the mixed forms want a MixedState, "
-                         "see consistent_state")
+        raise ValueError(
+            f"initial of type {type(initial).__name__} was given; the mixed forms want a "
+            "MixedState, see consistent_state"
+        )
     if initial is not None and initial.u.shape[-2] != scene.beam.station_count:
-        raise ValueError(f"initial with {initial.u.shape[-2]} elements was given; the beam has {scene.beam.station_count}")
+        raise ValueError(
+            f"initial with {initial.u.shape[-2]} elements was given; the beam has "
+            f"{scene.beam.station_count}"
+        )
     model = MixedModel(scene, form, {} if inputs is None else inputs)
     t = increasing("t", as_tensor(t, scene.dtype, scene.device))
     instants = t if begin is None else [begin + now for now in t]
@@ -80,22 +93,41 @@ def simulate_mixed(
         return function if begin is None else lambda now, y: function(begin + now, y)
 
     first = instants[0]
-    start = at_rest(model, first) if initial is None else (initial.u, initial.theta, initial.V, initial.Omega)
+    start = (
+        at_rest(model, first)
+        if initial is None
+        else (initial.u, initial.theta, initial.V, initial.Omega)
+    )
     y0 = problem.start(first, *start)
     wide = problem.rates(first, y0).shape  # functions of t and inputs may bring batch axes
     y0 = y0.expand(broadcast_shapes(y0.shape, wide))
     ys, status, evaluations = integrate(
-        at(problem.rates), y0, t, method=method, rtol=rtol, atol=atol, options=options, adjoint=adjoint,
+        at(problem.rates),
+        y0,
+        t,
+        method=method,
+        rtol=rtol,
+        atol=atol,
+        options=options,
+        adjoint=adjoint,
         parameters=leaves(at(problem.rates), y0.detach(), t, adjoint),
         after=at(problem.after) if project or method in RESTART_FREE else None,
     )
     states = [problem.observe(*one) for one in zip(instants, ys, status, strict=True)]
     state = MixedState.stack(states)
-    reason = {FAILED: f"{method}: the step shrank to nothing, or the rates were not finite; {ADVICE}"}
+    reason = {
+        FAILED: f"{method}: the step shrank to nothing, or the rates were not finite; {ADVICE}"
+    }
     return Solution(
-        t, state, _energy(model, state),
-        Stats(evaluations=evaluations, drift=problem.drift(instants, ys), reason=reason if status.any() else {},
-              engine="eager"),
+        t,
+        state,
+        _energy(model, state),
+        Stats(
+            evaluations=evaluations,
+            drift=problem.drift(instants, ys),
+            reason=reason if status.any() else {},
+            engine="eager",
+        ),
     )
 
 
@@ -136,7 +168,9 @@ class _BlockRate:
     def rates(self, t: Tensor, y: Tensor) -> Tensor:
         x = unpack(y, self.model.count)
         s = terms(self.model, t, x)
-        return solve_scaled(*block_system(self.model, x, s)) if self.dense else sweep(self.model, x, s)
+        return (
+            solve_scaled(*block_system(self.model, x, s)) if self.dense else sweep(self.model, x, s)
+        )
 
     def after(self, t: Tensor, y: Tensor) -> Tensor:
         x = unpack(y, self.model.count)
@@ -153,13 +187,19 @@ class _BlockRate:
         return observe(self.model, t, x, mv(self.model.S, torch.cat((x.F, x.M), -1)), status)
 
     def drift(self, t: Tensor, ys: Tensor) -> Tensor:
-        here = [drift(self.model, a, unpack(y, self.model.count)) for a, y in zip(t, ys, strict=True)]
+        here = [
+            drift(self.model, a, unpack(y, self.model.count)) for a, y in zip(t, ys, strict=True)
+        ]
         return torch.stack(here).amax(0)
 
 
 def _energy(model: MixedModel, state: MixedState) -> Energy:
-    """Kinetic sum h z.Mass z, strain sum h e.S^-1 e (2 h is the element's length); the loads' work is not integrated."""
+    """Kinetic sum h z.Mass z, strain sum h e.S^-1 e (2 h is the element's length); the loads' work
+    is not integrated.
+    """
     z = torch.cat((state.V, state.Omega), -1)
-    kinetic, strain = ((model.h * v * mv(matrix, v)).sum((-2, -1))
-                       for v, matrix in ((z, model.Mass), (state.strain, model.K)))
+    kinetic, strain = (
+        (model.h * v * mv(matrix, v)).sum((-2, -1))
+        for v, matrix in ((z, model.Mass), (state.strain, model.K))
+    )
     return Energy(kinetic, strain, None)

@@ -1,4 +1,6 @@
-"""Prepared steppers: a scene whose numbers are what they were is not discretised again, nor looked through."""
+"""Prepared steppers: a scene whose numbers are what they were is not discretised again, nor looked
+through.
+"""
 
 from __future__ import annotations
 
@@ -25,21 +27,29 @@ class Prepared(NamedTuple):
 
 
 def prepared(scene: Scene, dt: float, method: str, **options: Any) -> Stepper:
-    """Stepper(scene, dt, method, **options), whose model and native code are those of the scene's last one where it had the
-    same options, and the scene has the same numbers, by whatever way it was written to. Made anew where a derivative by the
-    scene may be recorded, and where the scene holds functions, whose surroundings may have changed.
+    """Stepper(scene, dt, method, **options), whose model and native code are those of the scene's
+    last one where it had the same options, and the scene has the same numbers, by whatever way it
+    was written to. Made anew where a derivative by the scene may be recorded, and where the scene
+    holds functions, whose surroundings may have changed.
     """
     tensors, steppers = scene.numbers, vars(scene).setdefault(KEPT, {})
     key = meaning(), method, *sorted(options.items())
-    if tensors is None or not untracked(tensors) or torch.is_inference_mode_enabled() or any(x.is_inference() for x in tensors):
+    if (
+        tensors is None
+        or not untracked(tensors)
+        or torch.is_inference_mode_enabled()
+        or any(x.is_inference() for x in tensors)
+    ):
         return Stepper(scene, dt, method, **options)
     if not all(isinstance(x, Hashable) for x in options.values()):  # for `Stepper` to refuse
         return Stepper(scene, dt, method, **options)
     found = steppers.pop(key, None)
     if found is None or not all(map(torch.equal, found.numbers, tensors)):
         # of a twin: the scene holds the stepper, which holds no scene that holds it
-        found = Prepared(Stepper(_twin(scene), dt, method, **options), [x.detach().clone() for x in tensors])
-        for oldest in [*steppers][:max(0, len(steppers) + 1 - RECENT)]:
+        found = Prepared(
+            Stepper(_twin(scene), dt, method, **options), [x.detach().clone() for x in tensors]
+        )
+        for oldest in [*steppers][: max(0, len(steppers) + 1 - RECENT)]:
             steppers.pop(oldest, None)
     steppers[key] = found
     return found.stepper.again(dt)

@@ -20,15 +20,19 @@ from .step_inputs import StepInputs, in_line, inputs_of_steps
 from .stepper import Stepper
 
 
-def rollout(stepper: Stepper, state: State, steps: int, inputs: dict[str, Any] | None = None, **more: Any) -> State:
-    """States (steps, ...) after each of so many steps of a stepper, from a state on: the same as calling it so many times,
-    with one call of native code where the compiled engine takes the scene. What the stepper was made of is not made anew.
+def rollout(
+    stepper: Stepper, state: State, steps: int, inputs: dict[str, Any] | None = None, **more: Any
+) -> State:
+    """States (steps, ...) after each of so many steps of a stepper, from a state on: the same as
+    calling it so many times, with one call of native code where the compiled engine takes the
+    scene. What the stepper was made of is not made anew.
 
-    inputs  by name, in a dictionary or by keyword: (..., size) held throughout; a function of t, taken where the method takes
-            its loads; or `PerInterval`, (..., steps, size), each held over a step
+    inputs  by name, in a dictionary or by keyword: (..., size) held throughout; a function of t,
+            taken where the method takes its loads; or `PerInterval`, (..., steps, size), each held
+            over a step
 
-    Differentiable as the steps are. A sample that fails keeps its last good state, with a status. Raises ValueError for what
-    `Stepper` refuses, and for values for another number of steps.
+    Differentiable as the steps are. A sample that fails keeps its last good state, with a status.
+    Raises ValueError for what `Stepper` refuses, and for values for another number of steps.
     """
     instance("a stepper", stepper, Stepper)
     of_mesh(state, stepper.scene.beam, "a state")
@@ -40,29 +44,54 @@ def rollout(stepper: Stepper, state: State, steps: int, inputs: dict[str, Any] |
 
     def inputs_of(first: int, end: int) -> StepInputs:
         rows = slice(first, end)
-        return inputs_of_steps(stepper.scene, given, stepper.method, begins[rows], dt[rows], range(first, end))
+        return inputs_of_steps(
+            stepper.scene, given, stepper.method, begins[rows], dt[rows], range(first, end)
+        )
 
     return states_after(stepper, state, StepPlan(dt, begins, inputs_of))
 
 
-def check_room(stepper: Stepper, state: State, inputs: Inputs, steps: int, wanted: int, checkpoint: bool | None = None) -> None:
-    """Raises MemoryError where the states after so many steps are more than there is memory for: those that are `wanted`, and
-    where a gradient is recorded all of them, or about 2 sqrt(steps) with `checkpoint` (None = that cannot be asked for).
+def check_room(
+    stepper: Stepper,
+    state: State,
+    inputs: Inputs,
+    steps: int,
+    wanted: int,
+    checkpoint: bool | None = None,
+) -> None:
+    """Raises MemoryError where the states after so many steps are more than there is memory for:
+    those that are `wanted`, and where a gradient is recorded all of them, or about 2 sqrt(steps)
+    with `checkpoint` (None = that cannot be asked for).
     """
     if state.position.device.type != "cpu":
         return
     inputs = stepper.scene.tensors(inputs)
-    shape = broadcast_shapes(stepper.scene.batch_shape, state.batch_shape, *(x.shape[:-1] for x in inputs.values()))
-    own = (x.value.shape[x.value.ndim - x.axes:].numel() for x in own_leaves(state) if x.value is not None)
+    shape = broadcast_shapes(
+        stepper.scene.batch_shape, state.batch_shape, *(x.shape[:-1] for x in inputs.values())
+    )
+    own = (
+        x.value.shape[x.value.ndim - x.axes :].numel()
+        for x in own_leaves(state)
+        if x.value is not None
+    )
     size = shape.numel() * sum(own) * state.position.element_size()
-    least, most = (wanted + 2 * math.isqrt(steps)) * size, max(wanted, steps * stepper.method.SOLVES_A_STEP) * size
+    least = (wanted + 2 * math.isqrt(steps)) * size
+    most = max(wanted, steps * stepper.method.SOLVES_A_STEP) * size
     if most <= SMALL:
         return
     what = f"the states of {steps} steps of {shape.numel()} sample(s)"
     if not (torch.is_grad_enabled() and wants_gradient(stepper.model, state, *inputs.values())):
         check_memory(what, wanted * size, "a smaller batch takes less")
     elif checkpoint:
-        check_memory(f"{what}, with their gradient and checkpoint=True,", least, "a smaller batch takes less")
+        check_memory(
+            f"{what}, with their gradient and checkpoint=True,", least, "a smaller batch takes less"
+        )
     else:
-        checkpointed = "" if checkpoint is None else f"checkpoint=True takes {least / 1e9:.3g} GB, and "
-        check_memory(f"{what}, with their gradient,", most, f"{checkpointed}a smaller batch {'takes ' if not checkpointed else ''}less")
+        checkpointed = (
+            "" if checkpoint is None else f"checkpoint=True takes {least / 1e9:.3g} GB, and "
+        )
+        check_memory(
+            f"{what}, with their gradient,",
+            most,
+            f"{checkpointed}a smaller batch {'takes ' if not checkpointed else ''}less",
+        )

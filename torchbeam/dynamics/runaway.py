@@ -1,7 +1,8 @@
-"""Runaway motions: what an explicit method makes of steps beyond its limit of stability, while it is still finite.
+"""Runaway motions: what an explicit method makes of steps beyond its limit of stability, while it
+is still finite.
 
-A beam has the energy that it starts with and that loads and supports give it; damping takes some. Kinetic + strain - work can
-therefore not rise, but for the error of the steps.
+A beam has the energy that it starts with and that loads and supports give it; damping takes some.
+Kinetic + strain - work can therefore not rise, but for the error of the steps.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ SENTENCE = "made energy that nothing gave: its step is beyond the limit of stabi
 
 
 def stopped(model: Model, states: State, energies: Callable[[], Energy]) -> tuple[State, Tensor]:
-    """States (time, ...) of which samples that run away keep the last one before, with the status FAILED; which these are
-    (...).
+    """States (time, ...) of which samples that run away keep the last one before, with the status
+    FAILED; which these are (...).
 
-    Samples are not judged where energy comes from elsewhere than work: from an eigenstrain that changes, or from supports
-    that move, but for clamps.
+    Samples are not judged where energy comes from elsewhere than work: from an eigenstrain that
+    changes, or from supports that move, but for clamps.
     """
     scene = model.scene
     none = torch.zeros(states.status.shape[1:], dtype=torch.bool, device=states.status.device)
@@ -46,7 +47,8 @@ def stopped(model: Model, states: State, energies: Callable[[], Energy]) -> tupl
         if not concrete(lost).any():
             return states, none
         k = torch.arange(len(wrong), device=wrong.device)[(...,) + (None,) * lost.ndim]
-        last = torch.where(lost, wrong.long().argmax(0) - 1, len(wrong) - 1)  # the first one is what it starts with
+        # the first one is what it starts with
+        last = torch.where(lost, wrong.long().argmax(0) - 1, len(wrong) - 1)
         late = k > last
     before = picked(states, last).map(lambda x: x[None].expand(len(k), *x.shape))
     last_good = replace(before, t=states.t, status=torch.full_like(states.status, FAILED))
@@ -54,7 +56,9 @@ def stopped(model: Model, states: State, energies: Callable[[], Energy]) -> tupl
 
 
 def _rounding(model: Model) -> Tensor:
-    """(...) J: what strains of the root of the arithmetic's precision store, by the largest stiffness against forces."""
+    """(...) J: what strains of the root of the arithmetic's precision store, by the largest
+    stiffness against forces.
+    """
     C, p = model.law.C, model.space.dims.position
     stiffness = (C if C.shape[-1] == 1 else C.diagonal(dim1=-2, dim2=-1)[..., None])[..., :p, 0]
     return torch.finfo(C.dtype).eps * (stiffness.amax(-1) * model.length[..., 0]).sum(-1).detach()

@@ -1,4 +1,6 @@
-"""Known state: the last one that native code has made, which need not be checked and reduced again to go on from."""
+"""Known state: the last one that native code has made, which need not be checked and reduced again
+to go on from.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +16,8 @@ from ..state.state import State
 
 
 class StateCache(NamedTuple):
-    """The public state; how often its fields had been written to; itself in the space's coordinates, None = it is; whether it
-    is known that no sample of it has failed.
+    """The public state; how often its fields had been written to; itself in the space's
+    coordinates, None = it is; whether it is known that no sample of it has failed.
     """
 
     state: Callable[[], State | None]
@@ -25,13 +27,19 @@ class StateCache(NamedTuple):
 
     @classmethod
     def of(cls, state: State, reduced: State, space: Spatial, well: bool) -> StateCache | None:
-        """From a public state and itself in the coordinates of a space; None where these do not come back from it as they
-        were, or it does not tell whether it is written to.
+        """From a public state and itself in the coordinates of a space; None where these do not
+        come back from it as they were, or it does not tell whether it is written to.
         """
         same = state is reduced
-        reusable = same or (isinstance(space, Planar) and space.reversible and not state.position.requires_grad)
+        reusable = same or (
+            isinstance(space, Planar) and space.reversible and not state.position.requires_grad
+        )
         versions = _versions(state) if reusable else None
-        return None if versions is None else cls(weakref.ref(state), versions, None if same else reduced, well)
+        return (
+            None
+            if versions is None
+            else cls(weakref.ref(state), versions, None if same else reduced, well)
+        )
 
     def if_same(self, state: State) -> StateCache | None:
         """This, with `reduced`, if the state is this one, as it was."""
@@ -42,4 +50,8 @@ class StateCache(NamedTuple):
 
 def _versions(state: State) -> tuple[int, ...] | None:
     """How often each field was written to in place; None = not known, in inference mode."""
-    return None if state.position.is_inference() else tuple([x._version for x in vars(state).values() if isinstance(x, Tensor)])
+    return (
+        None
+        if state.position.is_inference()
+        else tuple([x._version for x in vars(state).values() if isinstance(x, Tensor)])
+    )

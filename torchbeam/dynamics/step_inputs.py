@@ -1,4 +1,6 @@
-"""Inputs of one step of a method, whatever solves it is made of, and of several steps that are made at once."""
+"""Inputs of one step of a method, whatever solves it is made of, and of several steps that are made
+at once.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +15,14 @@ from ..scene.effects import Inputs, PerInterval, first_of, inputs_at, inputs_ove
 from ..scene.scene import Scene
 from .method import Method, Scheme
 
-GivenInputs = dict[str, Any] | Callable[[float], dict[str, Any]]  # held over a step, or functions of the share that has passed
+# held over a step, or functions of the share that has passed
+GivenInputs = dict[str, Any] | Callable[[float], dict[str, Any]]
 
 
 class HeldInputs:
-    """Inputs by name (..., size): values that are held over the step, or a function of the share of it that has passed."""
+    """Inputs by name (..., size): values that are held over the step, or a function of the share of
+    it that has passed.
+    """
 
     def __init__(self, given: Inputs | Callable[[float], Inputs]) -> None:
         self.given = given
@@ -44,8 +49,8 @@ class HeldInputs:
 
 
 class StepInputs(NamedTuple):
-    """Of K steps, by name: held (..., size) what all are given, each (K, ..., size) what each is; within: in their place those
-    of each step, where its solves are given different ones.
+    """Of K steps, by name: held (..., size) what all are given, each (K, ..., size) what each is;
+    within: in their place those of each step, where its solves are given different ones.
     """
 
     held: Inputs
@@ -55,11 +60,17 @@ class StepInputs(NamedTuple):
     def part(self, first: int, end: int) -> StepInputs:
         """Of some of the steps."""
         rows = slice(first, end)
-        return StepInputs(self.held, {name: x[rows] for name, x in self.each.items()}, self.within[rows])
+        return StepInputs(
+            self.held, {name: x[rows] for name, x in self.each.items()}, self.within[rows]
+        )
 
     def one(self, k: int) -> GivenInputs:
         """What step k is given."""
-        return self.within[k].given if self.within else {**self.held, **{name: x[k] for name, x in self.each.items()}}
+        return (
+            self.within[k].given
+            if self.within
+            else {**self.held, **{name: x[k] for name, x in self.each.items()}}
+        )
 
     def at(self, k: int, share: float) -> Inputs:
         """What step k is given when this share of it has passed."""
@@ -70,47 +81,83 @@ class StepInputs(NamedTuple):
         """The axes of samples of each."""
         if self.within:
             return [x.shape[:-1] for x in self.within[0](0.0).values()]
-        return [*(x.shape[:-1] for x in self.held.values()), *(x.shape[1:-1] for x in self.each.values())]
+        return [
+            *(x.shape[:-1] for x in self.held.values()),
+            *(x.shape[1:-1] for x in self.each.values()),
+        ]
 
     def of_solves(self, scheme: Scheme, instant: float, count: int, shape: torch.Size) -> Inputs:
-        """Of the first of the steps, each solve's, one after the other, (count x solves, *shape, size), or what all are given,
-        (..., size). instant: of a solve, as a share of it.
+        """Of the first of the steps, each solve's, one after the other, (count x solves, *shape,
+        size), or what all are given, (..., size). instant: of a solve, as a share of it.
         """
         if self.within:
             return together(self.within[:count], scheme.instants(instant), shape)
         each = {name: in_line(x[:count], shape, 1) for name, x in self.each.items()}
-        return {**self.held, **{name: x if scheme.solves == 1 else x.repeat_interleave(scheme.solves, 0)
-                                for name, x in each.items()}}
+        return {
+            **self.held,
+            **{
+                name: x if scheme.solves == 1 else x.repeat_interleave(scheme.solves, 0)
+                for name, x in each.items()
+            },
+        }
 
 
-def inputs_of_steps(scene: Scene, inputs: dict[str, Any], method: Method, begins: Tensor, lengths: Tensor,
-                    intervals: Sequence[int]) -> StepInputs:
-    """Of steps of these lengths from the times `begins` on, in these intervals, for inputs as `simulate` takes them."""
+def inputs_of_steps(
+    scene: Scene,
+    inputs: dict[str, Any],
+    method: Method,
+    begins: Tensor,
+    lengths: Tensor,
+    intervals: Sequence[int],
+) -> StepInputs:
+    """Of steps of these lengths from the times `begins` on, in these intervals, for inputs as
+    `simulate` takes them.
+    """
     if changes_within(inputs, method):
-        def within(k: int) -> Callable[[float], Inputs]:
-            return lambda share: inputs_at(inputs, begins[k] + share * lengths[k], lengths, intervals[k])
 
-        return StepInputs({}, within=tuple(HeldInputs(within(k)).map(scene.tensors) for k in range(len(lengths))))
+        def within(k: int) -> Callable[[float], Inputs]:
+            return lambda share: inputs_at(
+                inputs, begins[k] + share * lengths[k], lengths, intervals[k]
+            )
+
+        return StepInputs(
+            {}, within=tuple(HeldInputs(within(k)).map(scene.tensors) for k in range(len(lengths)))
+        )
     varying = any(isinstance(v, PerInterval) or callable(v) for v in inputs.values())
     steps = range(len(lengths) if varying else 1)
-    found = inputs_over(inputs, steps, lambda k: begins[k] + method.INSTANT * lengths[k], lambda k: intervals[k], lengths)
+    found = inputs_over(
+        inputs,
+        steps,
+        lambda k: begins[k] + method.INSTANT * lengths[k],
+        lambda k: intervals[k],
+        lengths,
+    )
     held = scene.tensors(first_of(found))
     each = {name: v.value.movedim(-2, 0) for name, v in found.items() if isinstance(v, PerInterval)}
     return StepInputs({name: x for name, x in held.items() if name not in each}, each)
 
 
 def inputs_by_sample(inputs: dict[str, Any], t: Tensor, stops: Tensor) -> StepInputs:
-    """Inputs by name at the times t (K, ...) s of as many steps, of which values per interval change at the stops (n) s."""
+    """Inputs by name at the times t (K, ...) s of as many steps, of which values per interval
+    change at the stops (n) s.
+    """
+
     def value(name: str, v: Any) -> Tensor:
         if isinstance(v, PerInterval):
             values = v.value if isinstance(v.value, Tensor) else torch.as_tensor(v.value)
             values = values.to(stops).expand(*t.shape, *values.shape[-2:])
             interval = torch.bucketize(t, stops, right=True).sub(1).clamp(0, len(stops) - 2)
-            return values.gather(-2, interval[..., None, None].expand(*t.shape, 1, values.shape[-1]))[..., 0, :]
+            return values.gather(
+                -2, interval[..., None, None].expand(*t.shape, 1, values.shape[-1])
+            )[..., 0, :]
         value_at_t = at_time(lambda now: taken(f"the input {name!r}", v(now), stops), t)
         return value_at_t.expand(*t.shape, value_at_t.shape[-1])
 
-    each = {name: value(name, v) for name, v in inputs.items() if isinstance(v, PerInterval) or callable(v)}
+    each = {
+        name: value(name, v)
+        for name, v in inputs.items()
+        if isinstance(v, PerInterval) or callable(v)
+    }
     return StepInputs({name: v for name, v in inputs.items() if name not in each}, each)
 
 
@@ -119,9 +166,11 @@ def changes_within(inputs: dict[str, Any], method: Method) -> bool:
     return method.SOLVES_A_STEP > 1 and any(callable(value) for value in inputs.values())
 
 
-def together(steps: Sequence[HeldInputs], instants: Sequence[float], shape: torch.Size | None) -> Inputs:
-    """Those of steps, each at these instants of it, (steps x instants, ..., size), with the samples' `shape`; or those
-    of all, where nothing changes, (..., size).
+def together(
+    steps: Sequence[HeldInputs], instants: Sequence[float], shape: torch.Size | None
+) -> Inputs:
+    """Those of steps, each at these instants of it, (steps x instants, ..., size), with the
+    samples' `shape`; or those of all, where nothing changes, (..., size).
     """
     if len(steps) == 1 and not steps[0].vary:
         return steps[0].given
@@ -137,6 +186,8 @@ def together(steps: Sequence[HeldInputs], instants: Sequence[float], shape: torc
 
 def in_line(x: Tensor, shape: torch.Size, axes: int = 0) -> Tensor:
     """x (K, ..., own axes) with the samples' `shape` between its first axis and its own."""
-    own = x.shape[x.ndim - axes:]
-    lead = x.shape[1:x.ndim - axes]
-    return x.reshape(len(x), *(1,) * (len(shape) - len(lead)), *lead, *own).expand(len(x), *shape, *own)
+    own = x.shape[x.ndim - axes :]
+    lead = x.shape[1 : x.ndim - axes]
+    return x.reshape(len(x), *(1,) * (len(shape) - len(lead)), *lead, *own).expand(
+        len(x), *shape, *own
+    )

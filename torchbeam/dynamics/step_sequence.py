@@ -1,5 +1,6 @@
-"""Step sequence: steps of each sample's own lengths, kept; the states on the way, made again by them, or by 2, 4, ... parts of
-each. With the lengths as they are, states are a smooth function of everything that they were made of.
+"""Step sequence: steps of each sample's own lengths, kept; the states on the way, made again by
+them, or by 2, 4, ... parts of each. With the lengths as they are, states are a smooth function of
+everything that they were made of.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from .stepper import Stepper
 
 @dataclass(frozen=True)
 class StepSequence(Tree):
-    """Instants between steps, (most steps + 1, ...) s; of each sample the first counts + 1 (...) of them. stops (n) s: where
-    inputs change.
+    """Instants between steps, (most steps + 1, ...) s; of each sample the first counts + 1 (...) of
+    them. stops (n) s: where inputs change.
     """
 
     instants: Tensor = leaf(0)
@@ -34,8 +35,8 @@ class StepSequence(Tree):
         return self.instants.gather(0, self.counts[None])[0]
 
     def steps(self, first: int, last: int, level: int) -> tuple[Tensor, Tensor]:
-        """Begins and lengths (last - first, ...) s of steps in 2^level parts; past its end, where a sample makes none, as long
-        as the shortest of the others.
+        """Begins and lengths (last - first, ...) s of steps in 2^level parts; past its end, where a
+        sample makes none, as long as the shortest of the others.
         """
         parts = 2**level
         k = torch.arange(first, last, device=self.instants.device)
@@ -44,33 +45,45 @@ class StepSequence(Tree):
         own = (...,) + (None,) * (low.ndim - 1)
         length = whole / parts
         begin = low + (k % parts)[own] * length
-        return begin, torch.where(length > 0, length, torch.where(length > 0, length, torch.inf).amin())
+        return begin, torch.where(
+            length > 0, length, torch.where(length > 0, length, torch.inf).amin()
+        )
 
     def bracket(self, t: Tensor, level: int) -> Tensor:
-        """Number (n, ...) of the part of a step, of 2^level of each, that the times t (n, ...) fall into."""
+        """Number (n, ...) of the part of a step, of 2^level of each, that the times t (n, ...) fall
+        into.
+        """
         parts, last = 2**level, self.counts - 1
         series = self.instants.movedim(0, -1).contiguous()
-        at = torch.searchsorted(series, t.movedim(0, -1).contiguous(), right=True).movedim(-1, 0) - 1
+        at = (
+            torch.searchsorted(series, t.movedim(0, -1).contiguous(), right=True).movedim(-1, 0) - 1
+        )
         at = torch.minimum(at.clamp(min=0), last.clamp(min=0))
-        low, high = self.instants.gather(0, at), self.instants.gather(0, (at + 1).clamp(max=len(self.instants) - 1))
+        low = self.instants.gather(0, at)
+        high = self.instants.gather(0, (at + 1).clamp(max=len(self.instants) - 1))
         share = (t - low) / torch.where(high > low, high - low, torch.ones_like(low))
         return at * parts + (share * parts).long().clamp(0, parts - 1)
 
     def between(self, stops: Tensor) -> StepSequence:
-        """The same, with the derivatives of instants that keep their shares of the way from one stop (n) s to the next."""
+        """The same, with the derivatives of instants that keep their shares of the way from one
+        stop (n) s to the next.
+        """
         known = stops.detach()
         k = torch.bucketize(self.instants, known, right=True).sub(1).clamp(0, len(known) - 2)
         share = (self.instants - known[k]) / (known[k + 1] - known[k])
-        moved = (stops[k] - known[k]) * (1 - share) + (stops[k + 1] - known[k + 1]) * share  # zero, but for its derivatives
+        # zero, but for its derivatives
+        moved = (stops[k] - known[k]) * (1 - share) + (stops[k + 1] - known[k + 1]) * share
         return StepSequence(self.instants + moved, self.counts, self.stops)
 
     def only(self, mask: Tensor) -> StepSequence:
         """The steps of the samples (...) of the mask alone."""
         return StepSequence(self.instants, torch.where(mask, self.counts, 0), self.stops)
 
-    def states(self, stepper: Stepper, start: State, inputs: dict[str, Any], level: int, numbers: Tensor) -> State:
-        """States (n, ...) after so many (n, ...) parts of steps of 2^level each, from `start` (...) on. A sample that fails on
-        the way stays where it is, with a status.
+    def states(
+        self, stepper: Stepper, start: State, inputs: dict[str, Any], level: int, numbers: Tensor
+    ) -> State:
+        """States (n, ...) after so many (n, ...) parts of steps of 2^level each, from `start` (...)
+        on. A sample that fails on the way stays where it is, with a status.
         """
         total, width = self.counts * 2**level, self.counts.numel()
         states, places = _rows(start.map(lambda x: x[None]), numbers == 0, numbers * 0)
@@ -82,7 +95,8 @@ class StepSequence(Tree):
             if few is not None:
                 try:
                     stepper, inputs = part_of(few, stepper, inputs)
-                    state, sequence, place = few.gather(state), few.gather(sequence), place[few.index]
+                    state, sequence = few.gather(state), few.gather(sequence)
+                    place = place[few.index]
                     numbers, total, going = (few.take(x, 0) for x in (numbers, total, going))
                 except NotSeparable:
                     pass
@@ -90,7 +104,9 @@ class StepSequence(Tree):
             size = max(1, ROOM // (going.numel() * start.position.shape[-2]))
             stop = min(done + min(AT_ONCE, size), following)
             begin, length = sequence.steps(done, stop, level)
-            held = inputs_by_sample(inputs, begin + stepper.method.INSTANT * length, self.stops).part
+            held = inputs_by_sample(
+                inputs, begin + stepper.method.INSTANT * length, self.stops
+            ).part
             after = states_after(stepper, state, StepPlan(length, begin, held, going))
             wanted = (numbers > done) & (numbers <= stop)
             rows, here = _rows(after, wanted, numbers - done - 1)
@@ -106,6 +122,7 @@ class StepSequence(Tree):
 
 def picked(states: State, at: Tensor) -> State:
     """Of states (n, ...) that with the number `at` (...), each sample's own."""
+
     def taken(x: Tensor) -> Tensor:
         own = at.reshape(1, *at.shape, *(1,) * (x.ndim - at.ndim - 1)).expand(1, *x.shape[1:])
         return x.gather(0, own)[0]
@@ -114,8 +131,8 @@ def picked(states: State, at: Tensor) -> State:
 
 
 def _rows(states: State, wanted: Tensor, at: Tensor) -> tuple[State, Tensor]:
-    """Those of the states (K, ...) that are wanted (n, ...), in one axis; `at` (n, ...): which of them. Second: their places
-    among n and samples.
+    """Those of the states (K, ...) that are wanted (n, ...), in one axis; `at` (n, ...): which of
+    them. Second: their places among n and samples.
     """
     shape = wanted.shape[1:]
     spots = wanted.reshape(-1).nonzero()[:, 0]
@@ -123,6 +140,6 @@ def _rows(states: State, wanted: Tensor, at: Tensor) -> tuple[State, Tensor]:
     k, sample = at.reshape(-1)[spots], spots % samples
 
     def taken(x: Tensor) -> Tensor:
-        return x.reshape(len(x), samples, *x.shape[1 + len(shape):])[k, sample]
+        return x.reshape(len(x), samples, *x.shape[1 + len(shape) :])[k, sample]
 
     return states.map(taken), spots

@@ -29,12 +29,17 @@ from ..solvers.newton import TOLERANCE, newton
 from ..state.state import State
 from .method import Method, Midpoint
 
-QUICK = 12  # iterations of a step that can still be made in parts: one that takes more is quicker so
-TURN = 1.2  # rad that a node may turn in one solve; larger turns have more than one solution, and the wrong one gains energy
+# iterations of a step that can still be made in parts: one that takes more is quicker so
+QUICK = 12
+# rad that a node may turn in one solve; larger turns have more than one solution, and the wrong one
+# gains energy
+TURN = 1.2
 
 
 class Made(NamedTuple):
-    """What a step has made: the state after it, of a failed sample that before; status and iterations (...)."""
+    """What a step has made: the state after it, of a failed sample that before; status and
+    iterations (...).
+    """
 
     state: State
     status: Tensor
@@ -42,11 +47,17 @@ class Made(NamedTuple):
 
 
 class StepSolver:
-    """Solves the problem of a method for a model; engine, tolerance and limit (of iterations): see `Stepper`."""
+    """Solves the problem of a method for a model; engine, tolerance and limit (of iterations): see
+    `Stepper`.
+    """
 
-    def __init__(self, model: Model, method: Method, engine: str, tolerance: float | None, limit: int) -> None:
+    def __init__(
+        self, model: Model, method: Method, engine: str, tolerance: float | None, limit: int
+    ) -> None:
         self.model, self.method, self.tolerance, self.limit = model, method, tolerance, limit
-        self.engine = engine if engine != "auto" else "compiled" if meaning() == "compiled" else "auto"
+        self.engine = (
+            engine if engine != "auto" else "compiled" if meaning() == "compiled" else "auto"
+        )
         self._compiled, self._decided, self.use = None, self.engine == "eager", EngineUse()
         self._double: StepSolver | None = None
         if self.engine == "compiled":
@@ -54,8 +65,8 @@ class StepSolver:
 
     @property
     def compiled(self) -> CompiledStep | None:
-        """The steps by native code; None where they are made eagerly. That is decided when it is first asked, outside
-        of torch.func, whose tensors are not to be kept.
+        """The steps by native code; None where they are made eagerly. That is decided when it is
+        first asked, outside of torch.func, whose tensors are not to be kept.
         """
         if not self._decided and not functorch.peek_interpreter_stack():
             method, options = self.method.solves
@@ -70,7 +81,11 @@ class StepSolver:
     def __getstate__(self) -> dict[str, Any]:
         """Copies decide for themselves, where "auto" does: they may be in another process."""
         held = dict(vars(self))
-        return held if self.engine != "auto" else {**held, "_compiled": None, "_double": None, "_decided": False}
+        return (
+            held
+            if self.engine != "auto"
+            else {**held, "_compiled": None, "_double": None, "_decided": False}
+        )
 
     def again(self) -> StepSolver:
         """The same, as if it had made no step yet."""
@@ -94,45 +109,102 @@ class StepSolver:
         other._compiled, other._decided, other.use = None, True, EngineUse()
         return other
 
-    def solve(self, model: Model, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor, last: bool
-              ) -> Made:
-        """A solve over dt, with loads as at t, of the model or of a part of its batch. Without `last`, its parts can follow."""
+    def solve(
+        self,
+        model: Model,
+        state: State,
+        dt: Tensor,
+        t: Tensor,
+        inputs: Inputs,
+        moving: Tensor,
+        last: bool,
+    ) -> Made:
+        """A solve over dt, with loads as at t, of the model or of a part of its batch. Without
+        `last`, its parts can follow.
+        """
         if self.compiled is not None and model is self.model:
-            shape = broadcast_shapes(self.compiled.batch, moving.shape, *(x.shape[:-1] for x in inputs.values()))
+            shape = broadcast_shapes(
+                self.compiled.batch, moving.shape, *(x.shape[:-1] for x in inputs.values())
+            )
             solution = self.natively(state, dt, t, inputs, moving.expand(shape), last)
             if solution is not None:
                 good = moving & (solution.status == SUCCESS)
-                after = replace(state, **solution.fields, t=torch.where(good, state.t + dt, state.t))
+                after = replace(
+                    state, **solution.fields, t=torch.where(good, state.t + dt, state.t)
+                )
                 return Made(after, solution.status, solution.iterations)
         self.use.eagerly()
         problem = self.method.problem(model, state, dt, t, inputs)
-        x, reaction, status, iterations = newton(problem, problem.predictor(), moving, self.tolerance, self._limit(last))
+        x, reaction, status, iterations = newton(
+            problem, problem.predictor(), moving, self.tolerance, self._limit(last)
+        )
         turned = self.model.space.cosine(x.m).amin(-1) < self._least
         status = torch.where((status == SUCCESS) & turned, DIVERGED, status)
         good = moving & (status == SUCCESS)
         if differentiated(problem, x):
-            x = type(x)(*(torch.where(good[..., None, None], a, b) for a, b in zip(x, problem.rest_guess(), strict=True)))
+            x = type(x)(
+                *(
+                    torch.where(good[..., None, None], a, b)
+                    for a, b in zip(x, problem.rest_guess(), strict=True)
+                )
+            )
             if not concrete(good).all():  # nothing that failed samples hold reaches a derivative
-                held = {name: torch.where(good[..., None], v, v.detach()) for name, v in inputs.items()}
+                held = {
+                    name: torch.where(good[..., None], v, v.detach()) for name, v in inputs.items()
+                }
                 t = torch.where(good, t, t.detach()) if t.ndim else t
-                problem = replace(problem, start=state.where(good, state.detach()), t=t, inputs=held)
+                problem = replace(
+                    problem, start=state.where(good, state.detach()), t=t, inputs=held
+                )
             x, reaction = implicit_gradient(problem, x, good)
         after = problem.finish(x, reaction)
         return Made(after if concrete(good).all() else after.where(good, state), status, iterations)
 
-    def natively(self, state: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, last: bool,
-                 K: int | None = None, every: int = 1) -> Steps | None:
-        """A solve over dt with the middle t (...), or K, see `CompiledStep`; None where they are to be made eagerly."""
+    def natively(
+        self,
+        state: State,
+        dt: Tensor,
+        t: Tensor | None,
+        inputs: Inputs,
+        moving: Tensor | None,
+        last: bool,
+        K: int | None = None,
+        every: int = 1,
+    ) -> Steps | None:
+        """A solve over dt with the middle t (...), or K, see `CompiledStep`; None where they are to
+        be made eagerly.
+        """
         compiled = self.compiled
         if compiled is None:  # another thread has given it up
             return None
-        if self.engine != "compiled" and compiled.around is not None and not compiled.around.unchanged():
-            self._compiled = None  # what a user's function reads has changed since it was traced: it may again
-            self.use.reason = f"what a function of the motion reads has changed since the stepper was made{VALUES}"
+        if (
+            self.engine != "compiled"
+            and compiled.around is not None
+            and not compiled.around.unchanged()
+        ):
+            # what a user's function reads has changed since it was traced: it may again
+            self._compiled = None
+            self.use.reason = (
+                "what a function of the motion reads has changed since the stepper "
+                f"was made{VALUES}"
+            )
             return None
-        tolerance = TOLERANCE[state.position.dtype] if self.tolerance is None else float(self.tolerance)
+        tolerance = (
+            TOLERANCE[state.position.dtype] if self.tolerance is None else float(self.tolerance)
+        )
         try:
-            solution = compiled(state, dt, t, inputs, moving, tolerance, self._least, self._limit(last), K, every=every)
+            solution = compiled(
+                state,
+                dt,
+                t,
+                inputs,
+                moving,
+                tolerance,
+                self._least,
+                self._limit(last),
+                K,
+                every=every,
+            )
         except (NotCompiled, NotTraceable) as error:
             if self.engine == "compiled":
                 raise
@@ -143,28 +215,50 @@ class StepSolver:
             self.use.native += K or 1
             return solution
         self.use.reason = compiled.eager_because
-        if compiled.eager_because is RIGID and state.position.dtype is torch.float32 and not self.model.law.rigid:
+        if (
+            compiled.eager_because is RIGID
+            and state.position.dtype is torch.float32
+            and not self.model.law.rigid
+        ):
             return self._in_double(state, dt, t, inputs, moving, last, K, every)
         return None
 
-    def _in_double(self, state: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, *options: Any
-                   ) -> Steps | None:
-        """The same in float64, whose tangents are the law's own where float32 makes ordinary strips of metal softer."""
+    def _in_double(
+        self,
+        state: State,
+        dt: Tensor,
+        t: Tensor | None,
+        inputs: Inputs,
+        moving: Tensor | None,
+        *options: Any,
+    ) -> Steps | None:
+        """The same in float64, whose tangents are the law's own where float32 makes ordinary strips
+        of metal softer.
+        """
+
         def wide(x: Tensor) -> Tensor:
             return x.to(torch.float64)
 
         if self._double is None:
             with lasting(), past_hooks():
                 self._double = self.of(in_double(self.model))
-                self._double.engine = "auto"  # where a user's function takes float32 alone, this gradient is made eagerly
+                # where a user's function takes float32 alone, this gradient is made eagerly
+                self._double.engine = "auto"
         if self._double.compiled is None:
             return None
-        solution = self._double.natively(state.map(lambda x: wide(x) if x.is_floating_point() else x), wide(dt),
-                                      None if t is None else wide(t), {name: wide(x) for name, x in inputs.items()}, moving,
-                                      *options)
+        solution = self._double.natively(
+            state.map(lambda x: wide(x) if x.is_floating_point() else x),
+            wide(dt),
+            None if t is None else wide(t),
+            {name: wide(x) for name, x in inputs.items()},
+            moving,
+            *options,
+        )
         if solution is None:
             return None
-        return solution._replace(fields={name: x.to(state.position) for name, x in solution.fields.items()})
+        return solution._replace(
+            fields={name: x.to(state.position) for name, x in solution.fields.items()}
+        )
 
     def _limit(self, last: bool) -> int:
         """Iterations of a solve; fewer where the step can still be made in parts."""
@@ -172,5 +266,7 @@ class StepSolver:
 
     @property
     def _least(self) -> float:
-        """Cosine of half the angle that a node may turn by up to where the unknown of its rotation is."""
+        """Cosine of half the angle that a node may turn by up to where the unknown of its rotation
+        is.
+        """
         return math.cos(TURN * self.method.PART / 2)

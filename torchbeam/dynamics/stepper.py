@@ -40,36 +40,52 @@ HALVINGS = 6  # a failed step is made again in at most 2^6 parts
 class Stepper:
     """Advances states of a scene by steps of `dt` seconds with the nodal form's implicit step.
 
-    scene      what is simulated; its tensors may carry gradient. Stiffness, mass, damping and geometry are taken once, here:
-               make another Stepper after a change of them, or for a second backward pass by them
+    scene      what is simulated; its tensors may carry gradient. Stiffness, mass, damping and
+               geometry are taken once, here: make another Stepper after a change of them, or for a
+               second backward pass by them
     dt         s: a number, or a tensor (0-dim), which may carry gradient
-    method     "midpoint": the mean-strain step (second order, unconditionally stable in practice, keeps momentum)
-               "midpoint4": five such steps in one, or, where damping is strong, four: fourth order, see
-               `torchbeam.dynamics.midpoint4`
-               "generalized_alpha": balance at the end of the step, high frequencies damped (second order; stress and reaction
+    method     "midpoint": the mean-strain step (second order, unconditionally stable in practice,
+               keeps momentum) "midpoint4": five such steps in one, or, where damping is strong,
+               four: fourth order, see `torchbeam.dynamics.midpoint4` "generalized_alpha": balance
+               at the end of the step, high frequencies damped (second order; stress and reaction
                are then those at the end); the state remembers accelerations, `begin` starts them
-    rho_inf    of generalized_alpha: what a step leaves of an infinitely fast motion, 1 (nothing is lost) to 0
-    lumped     mass at the nodes alone, as the explicit form has it; by default neighbours are coupled, which makes the
-               error of the translational inertia fourth order
-    conserve   scale the velocities after each step so that the energy balance closes exactly: for long undamped runs
+    rho_inf    of generalized_alpha: what a step leaves of an infinitely fast motion, 1
+               (nothing is lost) to 0
+    lumped     mass at the nodes alone, as the explicit form has it; by default neighbours are
+               coupled, which makes the error of the translational inertia fourth order
+    conserve   scale the velocities after each step so that the energy balance closes exactly: for
+               long undamped runs
     tolerance  of the scaled residual, default 1e-8 in float64 and 1e-4 in float32
     iterations at most this many in a Newton solve (12 where its step can still be made in parts)
     halvings   a failed step is made again in 2, 4, ... 2^halvings parts
-    engine     "eager": torch operations. "compiled": native code for many samples at once on the CPU (llvmlite, the extra
-               `fast`), the same answers up to rounding, and gradients (reverse mode); compiled at the first step. Made eagerly
-               there: forward mode, torch.func, gradients where strains are impossible or next to, some of the parts of a failed
-               step. What a user's function of the motion closes over is taken here, once. "auto": compiled where llvmlite is
-               installed and the scene is taken, a user's function of the motion as long as what it reads stays as it was; else
-               eager, of which a SlowPathWarning tells (`describe` says which, and why; the environment variable
+    engine     "eager": torch operations. "compiled": native code for many samples at once on the
+               CPU (llvmlite, the extra `fast`), the same answers up to rounding, and gradients
+               (reverse mode); compiled at the first step. Made eagerly there: forward mode,
+               torch.func, gradients where strains are impossible or next to, some of the parts of a
+               failed step. What a user's function of the motion closes over is taken here, once.
+               "auto": compiled where llvmlite is installed and the scene is taken, a user's
+               function of the motion as long as what it reads stays as it was; else eager, of which
+               a SlowPathWarning tells (`describe` says which, and why; the environment variable
                TORCHBEAM_ENGINE says otherwise)
 
-    Raises ValueError for an unknown method, a step that is not positive, a scene that the nodal form does not take, or that
-    the engine does not.
+    Raises ValueError for an unknown method, a step that is not positive, a scene that the nodal
+    form does not take, or that the engine does not.
     """
 
-    def __init__(self, scene: Scene, dt: float | Tensor, method: str = "midpoint", *, lumped: bool = False,
-                 tolerance: float | None = None, iterations: int = LIMIT, halvings: int = HALVINGS,
-                 conserve: bool = False, rho_inf: float | None = None, engine: str = "auto") -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        dt: float | Tensor,
+        method: str = "midpoint",
+        *,
+        lumped: bool = False,
+        tolerance: float | None = None,
+        iterations: int = LIMIT,
+        halvings: int = HALVINGS,
+        conserve: bool = False,
+        rho_inf: float | None = None,
+        engine: str = "auto",
+    ) -> None:
         choice("method", method, METHODS)
         choice("engine", engine, ENGINES)
         self.method = METHODS[method].of(method, conserve, rho_inf)
@@ -80,7 +96,9 @@ class Stepper:
         self._changes = scene.changes
         tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
         self.halvings = count("halvings", halvings, least=0)
-        self.solver = StepSolver(self.model, self.method, engine, tolerance, count("iterations", iterations))
+        self.solver = StepSolver(
+            self.model, self.method, engine, tolerance, count("iterations", iterations)
+        )
         self.iterations: Tensor | None = None  # (...) of the last step
         self._last: StateCache | None = None
         self.failures: Failures | None = Failures()  # None = nobody asks why a step has failed
@@ -102,8 +120,9 @@ class Stepper:
 
     @property
     def engine(self) -> str | None:
-        """What has made its steps so far: "native", "eager" or "mixed" (as where parts of a failed step are eager); None before
-        the first. The trial step by which generalized alpha starts does not count.
+        """What has made its steps so far: "native", "eager" or "mixed" (as where parts of a failed
+        step are eager); None before the first. The trial step by which generalized alpha starts
+        does not count.
         """
         return self.solver.use.engine
 
@@ -111,36 +130,60 @@ class Stepper:
         """The beam undeformed and at rest."""
         return rest(self.scene, batch_shape)
 
-    def __call__(self, state: State, *, active: Tensor | None = None, dt: float | Tensor | None = None, **inputs: Any
-                 ) -> State:
+    def __call__(
+        self,
+        state: State,
+        *,
+        active: Tensor | None = None,
+        dt: float | Tensor | None = None,
+        **inputs: Any,
+    ) -> State:
         """The state one step later.
 
-        state   of the scene's mesh. It may be written to by torch's in-place operations; what is written through NumPy or
-                `.data` does not tell, and may not be seen
-        active  (...) bool: samples that are to move; the others, and those with a status other than 0, stay as they are
+        state   of the scene's mesh. It may be written to by torch's in-place operations; what is
+                written through NumPy or `.data` does not tell, and may not be seen
+        active  (...) bool: samples that are to move; the others, and those with a status other than
+                0, stay as they are
         dt      another length for this step, as above; or (...) of each sample
-        inputs  by name, (..., size): held over the step; by keyword, or all in a dictionary inputs={...}
+        inputs  by name, (..., size): held over the step; by keyword, or all in a dictionary
+                inputs={...}
 
-        Raises ValueError for a state of another form, mesh or dtype, an `active` that is no mask of the samples, a dt that is
-        not positive, and inputs that are not the scene's.
+        Raises ValueError for a state of another form, mesh or dtype, an `active` that is no mask of
+        the samples, a dt that is not positive, and inputs that are not the scene's.
 
-        What is a function of time is taken at each sample's own time, at mid step. Where Newton's method fails, or a node
-        turns by more than 1.2 rad, the step of that sample is made again in 2, 4, ... smaller ones. If that fails too it keeps
-        its state and gets a status (see `torchbeam.core.status.STATUS`); its derivatives are those of standing still.
+        What is a function of time is taken at each sample's own time, at mid step. Where Newton's
+        method fails, or a node turns by more than 1.2 rad, the step of that sample is made again in
+        2, 4, ... smaller ones. If that fails too it keeps its state and gets a status (see
+        `torchbeam.core.status.STATUS`); its derivatives are those of standing still.
         """
         return self.advance(state, inputs, active=active, dt=dt)
 
-    def advance(self, state: State, inputs: GivenInputs, *, active: Tensor | None = None, dt: float | Tensor | None = None,
-                t: Tensor | None = None) -> State:
-        """The same, with the time t (0-dim) of all samples where it is known; None = the state's. inputs: held over the step,
-        or a function of the share of it that has passed.
+    def advance(
+        self,
+        state: State,
+        inputs: GivenInputs,
+        *,
+        active: Tensor | None = None,
+        dt: float | Tensor | None = None,
+        t: Tensor | None = None,
+    ) -> State:
+        """The same, with the time t (0-dim) of all samples where it is known; None = the state's.
+        inputs: held over the step, or a function of the share of it that has passed.
         """
         dt, given = self._length(dt), HeldInputs(inputs).map(self.scene.tensors)
         now = given(self.method.INSTANT)
         state, well = self.started(state, dt, now)
-        broadcast("a scene, a state and inputs", self.scene.batch_shape, state.status.shape,
-                  *[x.shape[:-1] for x in now.values()])
-        if active is None and self.compiled is not None and (t is not None or not self._changes or state.t.ndim == 0):
+        broadcast(
+            "a scene, a state and inputs",
+            self.scene.batch_shape,
+            state.status.shape,
+            *[x.shape[:-1] for x in now.values()],
+        )
+        if (
+            active is None
+            and self.compiled is not None
+            and (t is not None or not self._changes or state.t.ndim == 0)
+        ):
             result = self._quickly(state, well, dt, t, given)
             if result is not None:
                 return result
@@ -148,75 +191,123 @@ class Stepper:
         if active is not None:
             moving = moving & mask("active", active, moving)
         t = t if t is not None else shared(state.t, moving) if self._changes else state.t
-        after, status, self.iterations = step(self.solver, self.model, state, dt, t, given, moving, last=not self.halvings)
+        after, status, self.iterations = step(
+            self.solver, self.model, state, dt, t, given, moving, last=not self.halvings
+        )
         lost = moving & (status != SUCCESS)
         failed = lost & (status == DIVERGED) if concrete(lost).any() else lost
         if self.halvings and failed is not lost and concrete(failed).any():
-            again, well, more = in_parts(self.solver, self.model, state, dt, t, given, failed, self.halvings)
+            again, well, more = in_parts(
+                self.solver, self.model, state, dt, t, given, failed, self.halvings
+            )
             after, status = again.where(well, after), torch.where(well, SUCCESS, status)
             self.iterations = self.iterations + more
         if failed is not lost and self.failures is not None:
-            self.failures.remember(self.method, self.model, state, dt, t, given, torch.where(moving, status, SUCCESS))
+            self.failures.remember(
+                self.method, self.model, state, dt, t, given, torch.where(moving, status, SUCCESS)
+            )
         after = replace(after, status=torch.where(moving, status, state.status))
         if after.t.shape != after.status.shape:  # functions of time have brought axes along
             after = after.broadcast()
         return self.model.space.to_public(after)
 
-    def jacobian(self, state: State, u: Tensor | dict[str, Any] | None, model: Coordinates, *, dt: float | Tensor | None = None
-                 ) -> tuple[Tensor, Tensor]:
-        """A (..., n, n) and B (..., n, m) of the step from `state`: dz = A dz + B du of the state after it and that before, in
-        the coordinates z of a linear model: what iterative LQR, an extended Kalman filter or Gauss-Newton steps want.
+    def jacobian(
+        self,
+        state: State,
+        u: Tensor | dict[str, Any] | None,
+        model: Coordinates,
+        *,
+        dt: float | Tensor | None = None,
+    ) -> tuple[Tensor, Tensor]:
+        """A (..., n, n) and B (..., n, m) of the step from `state`: dz = A dz + B du of the state
+        after it and that before, in the coordinates z of a linear model: what iterative LQR, an
+        extended Kalman filter or Gauss-Newton steps want.
 
-        u      (..., m) the inputs side by side, as in the scene's order; or by name, in a dictionary; None without inputs
-        model  of `linearize`, of the same scene (discrete or reduced too): its `departure` is z, at any state; where z does
-               not tell all of a state (a reduced model), the rest follows the model's own motion
+        u      (..., m) the inputs side by side, as in the scene's order; or by name, in a
+               dictionary; None without inputs
+        model  of `linearize`, of the same scene (discrete or reduced too): its `departure` is z, at
+               any state; where z does not tell all of a state (a reduced model), the rest follows
+               the model's own motion
         dt     another length for this step
 
-        Exact as gradients are, by the native code where steps are made by it; constants themselves. A sample that fails stands
-        still: A = 1, B = 0. Raises ValueError as a step does, and for generalized_alpha, whose states remember more than z.
+        Exact as gradients are, by the native code where steps are made by it; constants themselves.
+        A sample that fails stands still: A = 1, B = 0. Raises ValueError as a step does, and for
+        generalized_alpha, whose states remember more than z.
         """
         if type(self.method).begin is not Method.begin:
-            raise ValueError("method='generalized_alpha' was given to jacobian; a midpoint method is wanted, whose states "
-                             "remember nothing beside z")
+            raise ValueError(
+                "method='generalized_alpha' was given to jacobian; a midpoint method is wanted, "
+                "whose states remember nothing beside z"
+            )
         sizes = self.scene.inputs
         if not isinstance(u, dict):
             whole = as_tensor(() if u is None else u, self.scene.dtype, self.scene.device)
-            u = dict(zip(sizes, axis_last("u", whole, sum(sizes.values())).split(tuple(sizes.values()), -1), strict=True))
+            u = dict(
+                zip(
+                    sizes,
+                    axis_last("u", whole, sum(sizes.values())).split(tuple(sizes.values()), -1),
+                    strict=True,
+                )
+            )
         given, alone = self.scene.tensors(u), copy(self)
         alone._last, alone.failures = None, Failures()
         state = self.model.space.to_public(self.reduced(of_mesh(state, self.scene.beam, "a state")))
-        return step_jacobian(lambda before, inputs: alone.advance(before, inputs, dt=dt), self.model.space, model, state,
-                             {name: given[name] for name in sizes})
+        return step_jacobian(
+            lambda before, inputs: alone.advance(before, inputs, dt=dt),
+            self.model.space,
+            model,
+            state,
+            {name: given[name] for name in sizes},
+        )
 
-    def repeat(self, state: State, count: int, inputs: dict[str, Any], active: Tensor | None = None) -> State:
+    def repeat(
+        self, state: State, count: int, inputs: dict[str, Any], active: Tensor | None = None
+    ) -> State:
         """The state `count` steps later, with the inputs held: as so many calls."""
         if count == 1:
             return self.advance(state, inputs, active=active)
-        held, t = StepInputs(self.scene.tensors(inputs)), shared(state.t) if self._changes else state.t
+        held = StepInputs(self.scene.tensors(inputs))
+        t = shared(state.t) if self._changes else state.t
         active = None if active is None else mask("active", active, state.status)
         begins = t + in_line(torch.arange(count, dtype=t.dtype, device=t.device), t.shape) * self.dt
-        made, plan = None, StepPlan(self.dt.expand(count), begins, lambda i, j: held, active, [False] * (count - 1) + [True])
+        made = None
+        plan = StepPlan(
+            self.dt.expand(count), begins, lambda i, j: held, active, [False] * (count - 1) + [True]
+        )
         for made in make_steps(self, state, plan):
             self.iterations = made.iterations[-1]
         return made.last()
 
-    def _quickly(self, state: State, well: bool, dt: Tensor, t: Tensor | None, inputs: HeldInputs) -> State | None:
-        """The state one step later, where native code makes it of all samples at once; None where there is more to it. well:
-        whether it is known that none has failed.
+    def _quickly(
+        self, state: State, well: bool, dt: Tensor, t: Tensor | None, inputs: HeldInputs
+    ) -> State | None:
+        """The state one step later, where native code makes it of all samples at once; None where
+        there is more to it. well: whether it is known that none has failed.
         """
         alone = None if inputs.vary else self.method.alone(self.model, dt)
         if alone is None or not (well or not concrete(state.status).any()):
             return None
-        result = natively(alone, self.solver, state, dt, state.t if t is None else t, inputs.given, None, not self.halvings)
+        result = natively(
+            alone,
+            self.solver,
+            state,
+            dt,
+            state.t if t is None else t,
+            inputs.given,
+            None,
+            not self.halvings,
+        )
         if result is None or not result.well:
             return None
         self.iterations, now = result.iterations, state.t + dt
         now = now if now.shape == result.status.shape else now.expand(result.status.shape)
-        return self.known(with_values(state, **result.fields, t=now, status=result.status), well=True)
+        return self.known(
+            with_values(state, **result.fields, t=now, status=result.status), well=True
+        )
 
     def started(self, state: State, dt: Tensor, inputs: Inputs) -> tuple[State, bool]:
-        """The state to start a step of dt from in the space's coordinates, checked; whether it is known that no sample of it
-        has failed.
+        """The state to start a step of dt from in the space's coordinates, checked; whether it is
+        known that no sample of it has failed.
         """
         known = self._known(state)
         if known is not None:
@@ -230,7 +321,9 @@ class Stepper:
         return None if last is None else last.if_same(state)
 
     def reduced(self, state: State) -> State:
-        """A state in the space's coordinates, with all that the scene has, and the batch's axes on every field."""
+        """A state in the space's coordinates, with all that the scene has, and the batch's axes on
+        every field.
+        """
         known = self._known(state)
         if known is not None:
             return known.reduced
@@ -244,7 +337,9 @@ class Stepper:
         return after
 
     def remember(self, state: State, reduced: State, well: bool) -> State:
-        """A public state to be known again by itself in the space's coordinates; well: that no sample of it has failed."""
+        """A public state to be known again by itself in the space's coordinates; well: that no
+        sample of it has failed.
+        """
         self._last = StateCache.of(state, reduced, self.model.space, well)
         return reduced
 
@@ -252,15 +347,24 @@ class Stepper:
         """Of a step, s."""
         if dt is None:
             return self.dt
-        length = positive("dt", real(dt)) if isinstance(dt, Tensor) else torch.as_tensor(step_size("dt", dt))
+        length = (
+            positive("dt", real(dt))
+            if isinstance(dt, Tensor)
+            else torch.as_tensor(step_size("dt", dt))
+        )
         return length.to(self.dt)
 
     def begin(self, state: State, dt: float | Tensor | None = None, **inputs: Any) -> State:
-        """`state` to start from: with what supports that stand hold exactly where they have it (see `Support`; ValueError where
-        it is elsewhere; a step by itself holds it where it is), and with what the method remembers beside it.
+        """`state` to start from: with what supports that stand hold exactly where they have it (see
+        `Support`; ValueError where it is elsewhere; a step by itself holds it where it is), and
+        with what the method remembers beside it.
         """
         if not self.scene.has_prescribed_motion:
-            state = on_supports(with_optional_fields(check_state(state, self.scene), self.scene), self.scene, self.dt)
+            state = on_supports(
+                with_optional_fields(check_state(state, self.scene), self.scene),
+                self.scene,
+                self.dt,
+            )
         return self._begin(state, self._length(dt), **inputs)
 
     def _begin(self, state: State, dt: Tensor | None = None, **inputs: Any) -> State:
@@ -276,8 +380,9 @@ class Stepper:
         return self.method.begin(state, self.model, dt, trial)
 
     def merge(self, few: BatchSubset, part: Stepper) -> Stepper:
-        """This stepper, with the samples `few` of its batch those of `part`: a stepper that was made for them by itself, of the
-        same mesh and options. Raises ValueError as `BatchSubset.merge`.
+        """This stepper, with the samples `few` of its batch those of `part`: a stepper that was
+        made for them by itself, of the same mesh and options. Raises ValueError as
+        `BatchSubset.merge`.
         """
         merged = copy(self)
         merged.scene, merged.model = few.merge((self.scene, self.model), (part.scene, part.model))

@@ -1,4 +1,6 @@
-"""Explicit integration behind torchdiffeq: its methods, max-norm control, an honest account of failed samples."""
+"""Explicit integration behind torchdiffeq: its methods, max-norm control, an honest account of
+failed samples.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ from typing import Any
 import torch
 from torch import Tensor
 from torchdiffeq import odeint, odeint_adjoint
-from torchdiffeq._impl.odeint import SOLVERS  # torchdiffeq's own table of names; it has no public one
+
+# torchdiffeq's own table of names; it has no public one
+from torchdiffeq._impl.odeint import SOLVERS
 from torchdiffeq._impl.solvers import AdaptiveStepsizeODESolver
 
 from ..core.arguments import boolean, tolerance
@@ -20,10 +24,13 @@ from ..core.validation import broadcast, increasing
 from ..core.warning import warn
 
 METHODS = tuple(SOLVERS)
-ADAPTIVE = tuple(name for name, solver in SOLVERS.items() if issubclass(solver, AdaptiveStepsizeODESolver))
+ADAPTIVE = tuple(
+    name for name, solver in SOLVERS.items() if issubclass(solver, AdaptiveStepsizeODESolver)
+)
 ADVICE = "try the implicit method 'midpoint' of the nodal form, a shorter step, or other tolerances"
 INSTANTS = 33  # beside those asked for, at which what rates read is looked for
-TRUSTED = 1e-3  # largest relative error of the state reconstructed backwards that a continuous adjoint may carry
+# largest relative error of the state reconstructed backwards that a continuous adjoint may carry
+TRUSTED = 1e-3
 
 Rates = Callable[[Tensor, Tensor], Tensor]
 Hook = Callable[[Tensor, Tensor], Tensor]
@@ -50,40 +57,57 @@ def integrate(
 
     rhs         (t, y (..., n)) -> (..., n); rows do not know each other
     y0          (..., n);  t (T,) s, strictly increasing
-    method      a name of torchdiffeq; rtol, atol and options go to it unchanged, but for the error norm: an adaptive
-                method controls the *largest* entry (torchdiffeq's root mean square lets a batch hide a bad sample).
-                Outputs inside a step are interpolated by torchdiffeq with a quartic, whatever the method's order;
-                options={"step_t": t[1:]} ends a step at each of them. Of methods with fixed steps they are on straight
-                lines, of second order, unless the step divides the intervals; options={"interp": "cubic"} is of fourth
-    adjoint     gradients by the continuous adjoint with respect to y0 and `parameters` instead of through the steps;
-                the state is integrated back over each output interval, as the adjoint does, and compared
+    method      a name of torchdiffeq; rtol, atol and options go to it unchanged, but for the error
+                norm: an adaptive method controls the *largest* entry (torchdiffeq's root mean
+                square lets a batch hide a bad sample). Outputs inside a step are interpolated by
+                torchdiffeq with a quartic, whatever the method's order; options={"step_t": t[1:]}
+                ends a step at each of them. Of methods with fixed steps they are on straight lines,
+                of second order, unless the step divides the intervals; options={"interp": "cubic"}
+                is of fourth
+    adjoint     gradients by the continuous adjoint with respect to y0 and `parameters` instead of
+                through the steps; the state is integrated back over each output interval, as the
+                adjoint does, and compared
     parameters  every tensor that rhs reads and whose gradient may be wanted
-    after       (t, y) -> y, applied at each output before going on from it: rescaling, projection, normalising.
-                Steps then end at the outputs.
+    after       (t, y) -> y, applied at each output before going on from it: rescaling, projection,
+                normalising. Steps then end at the outputs.
 
-    Returns ys (T, ..., n); status (T, ...), 0 = success and, behind the last good output, 3 = failed: rates that are not finite
-    or a step that shrank to nothing. A failed sample keeps that output, and all that it has are constants: no gradient passes
-    through it. The others are solved as if it were not there, and their gradients are those without it.
-    evaluations: calls of rhs.
+    Returns ys (T, ..., n); status (T, ...), 0 = success and, behind the last good output,
+    3 = failed: rates that are not finite or a step that shrank to nothing. A failed sample keeps
+    that output, and all that it has are constants: no gradient passes through it. The others are
+    solved as if it were not there, and their gradients are those without it. evaluations: calls of
+    rhs.
 
-    Raises ValueError for an unknown method or option or a t that does not increase; AllFailed where every sample failed, or
-    where the sample that stopped the solver cannot be found. Warns (RuntimeWarning) about samples that failed,
-    and (UserWarning) where the adjoint cannot be trusted.
+    Raises ValueError for an unknown method or option or a t that does not increase; AllFailed where
+    every sample failed, or where the sample that stopped the solver cannot be found. Warns
+    (RuntimeWarning) about samples that failed, and (UserWarning) where the adjoint cannot be
+    trusted.
     """
     if method not in SOLVERS:
         raise ValueError(f"method = {method!r} was given; torchdiffeq has {', '.join(METHODS)}")
     increasing("t", t)
     boolean("adjoint", adjoint)
     if options is not None and not isinstance(options, dict):
-        raise ValueError(f"options of type {type(options).__name__} was given; a dictionary of torchdiffeq's is wanted")
+        raise ValueError(
+            f"options of type {type(options).__name__} was given; a dictionary of torchdiffeq's "
+            "is wanted"
+        )
     check_options(f"torchdiffeq's {method!r}", options or {}, known_options(method))
     for name, value in dict(rtol=rtol, atol=atol).items():
-        broadcast(f"{name} and a state", torch.as_tensor(tolerance(name, value, zero=True)).shape, y0.shape)
+        broadcast(
+            f"{name} and a state",
+            torch.as_tensor(tolerance(name, value, zero=True)).shape,
+            y0.shape,
+        )
     if method == "scipy_solver" and not adjoint and torch.is_grad_enabled():
         if any(p.requires_grad for p in (y0, *parameters)):
-            raise ValueError("scipy_solver leaves torch and has no gradient; adjoint=True or another method has one")
+            raise ValueError(
+                "scipy_solver leaves torch and has no gradient; adjoint=True or another method "
+                "has one"
+            )
 
-    solve = _Solve(rhs, y0, method, dict(rtol=rtol, atol=atol), dict(options or {}), adjoint, parameters, after)
+    solve = _Solve(
+        rhs, y0, method, dict(rtol=rtol, atol=atol), dict(options or {}), adjoint, parameters, after
+    )
     good: dict[int, Tensor] = {}  # failed sample -> its outputs, held from the failure on
     status = torch.zeros(len(t), y0.shape[:-1].numel(), dtype=torch.long, device=y0.device)
     while True:
@@ -99,22 +123,25 @@ def integrate(
         for row in rows.flatten().nonzero().flatten().tolist():
             held = ys[: k + 1].reshape(k + 1, -1, y0.shape[-1])[:, row].detach()
             good[row] = torch.cat((held, held[-1:].expand(len(t) - 1 - k, -1)))
-            status[k + 1:, row] = FAILED
+            status[k + 1 :, row] = FAILED
         solve.dead = solve.dead | rows
         if solve.dead.all():
             raise AllFailed(sentence)
         warn(sentence)
     if good:
         flat = ys.reshape(len(t), -1, y0.shape[-1])
-        ys = torch.stack([good.get(row, flat[:, row]) for row in range(flat.shape[1])], 1).view_as(ys)
+        ys = torch.stack([good.get(row, flat[:, row]) for row in range(flat.shape[1])], 1).view_as(
+            ys
+        )
     if adjoint:
         _check_reconstruction(solve, ys, t)
     return ys, status.view(len(t), *y0.shape[:-1]), solve.evaluations
 
 
 def leaves(rhs: Rates, y: Tensor, t: Tensor, throughout: bool) -> tuple[Tensor, ...]:
-    """The leaf tensors with gradient that rates at y are computed from: what the scene, its functions and its inputs hold.
-    Those at t[0]; or `throughout` the time, where functions of t may read other ones later.
+    """The leaf tensors with gradient that rates at y are computed from: what the scene, its
+    functions and its inputs hold. Those at t[0]; or `throughout` the time, where functions of t may
+    read other ones later.
     """
     instants = t.detach()[:1]
     if throughout:
@@ -136,16 +163,31 @@ def leaves(rhs: Rates, y: Tensor, t: Tensor, throughout: bool) -> tuple[Tensor, 
 
 def known_options(method: str) -> list[str]:
     """Names that torchdiffeq's solver takes in `options`; any other it would only warn of."""
-    inits = [vars(kind)["__init__"] for kind in SOLVERS[method].__mro__[:-1] if "__init__" in vars(kind)]
-    names = {p.name for init in inits for p in inspect.signature(init).parameters.values() if p.kind is not p.VAR_KEYWORD}
+    inits = [
+        vars(kind)["__init__"] for kind in SOLVERS[method].__mro__[:-1] if "__init__" in vars(kind)
+    ]
+    names = {
+        p.name
+        for init in inits
+        for p in inspect.signature(init).parameters.values()
+        if p.kind is not p.VAR_KEYWORD
+    }
     return sorted(names - {"self", "func", "y0", "rtol", "atol"})
 
 
 class _Solve:
-    """One integration: what torchdiffeq calls, and what is needed to name the sample that stopped it."""
+    """One integration: what torchdiffeq calls, and what is needed to name the sample that stopped
+    it.
+    """
 
     def __init__(self, rhs, y0, method, tolerances, options, adjoint, parameters, after) -> None:
-        self.rhs, self.y0, self.method, self.after, self.tolerances = rhs, y0, method, after, tolerances
+        self.rhs, self.y0, self.method, self.after, self.tolerances = (
+            rhs,
+            y0,
+            method,
+            after,
+            tolerances,
+        )
         self.adaptive = method in ADAPTIVE
         self.options = options
         if self.adaptive:
@@ -170,14 +212,15 @@ class _Solve:
         return torch.where(self.dead[..., None], self.hold, y)
 
     def run(self, t: Tensor) -> tuple[Tensor | None, tuple[int, Tensor] | None]:
-        """Outputs at t, and None or the failure: the last good output's index and the samples (...) at fault. Without
-        outputs the solver stopped inside the interval after that index.
+        """Outputs at t, and None or the failure: the last good output's index and the samples (...)
+        at fault. Without outputs the solver stopped inside the interval after that index.
         """
         self.time, self.step, self.ratio = t[0], None, None
         try:
             y0 = self._resting(self.y0)
             ys = self._segment(t, y0) if self.after is None else self._stepwise(t, y0)
-        except AssertionError:  # torchdiffeq's 'underflow in dt', 'non-finite values', 'max_num_steps exceeded'
+        except AssertionError:
+            # torchdiffeq's 'underflow in dt', 'non-finite values', 'max_num_steps exceeded'
             return None, (int((t <= self.time.to(t)).sum()) - 1, self._culprits())
         bad = ~torch.isfinite(ys.detach()).all(-1) & ~self.dead
         if bad.any():
@@ -195,10 +238,14 @@ class _Solve:
 
     def _segment(self, t: Tensor, y: Tensor) -> Tensor:
         options = self.options
-        if self.adaptive and self.after is not None:  # end a step at the output, and go on with the step size reached
+        # end a step at the output, and go on with the step size reached
+        if self.adaptive and self.after is not None:
             jumps = set(torch.as_tensor(options.get("jump_t", ())).tolist())
             stops = {*torch.as_tensor(options.get("step_t", ())).tolist(), t[-1].item()} - jumps
-            options = {**options, "step_t": torch.tensor(sorted(stops), dtype=torch.float64, device=t.device)}
+            options = {
+                **options,
+                "step_t": torch.tensor(sorted(stops), dtype=torch.float64, device=t.device),
+            }
             if self.step is not None:
                 options["first_step"] = self.step
         return self.odeint(self, y, t, options=options, **self.arguments)
@@ -212,7 +259,9 @@ class _Solve:
 
     @torch.no_grad()
     def _culprits(self) -> Tensor:
-        """Samples (...) whose rates or error estimate are not finite; else those whose error is above the tolerance."""
+        """Samples (...) whose rates or error estimate are not finite; else those whose error is
+        above the tolerance.
+        """
         start = ~torch.isfinite(self.rhs(self.time.to(self.y0), self.y0)).all(-1)
         if start.any() or self.ratio is None or self.ratio.shape != self.y0.shape:
             return start & ~self.dead
@@ -225,34 +274,47 @@ def _largest(ratio: Tensor) -> Tensor:
 
 
 def _sentence(method: str, rows: Tensor, t: Tensor, shape: torch.Size) -> str:
-    where = [tuple(index) if len(shape) > 1 else index[0] for index in rows.nonzero().tolist()] if shape else []
+    where = (
+        [tuple(index) if len(shape) > 1 else index[0] for index in rows.nonzero().tolist()]
+        if shape
+        else []
+    )
     listed = ", ".join(map(str, where[:8])) + (", ..." if where[8:] else "")
     samples = f"sample {listed} ({len(where)} of {shape.numel()})"
     who = samples if where else "the sample" if rows.any() else "a sample that could not be named"
     return (
-        f"{method} failed on {who} after t = {t.item():.6g} s: the step shrank to nothing, too many steps were taken, "
-        f"or the rates were not finite; {ADVICE}"
+        f"{method} failed on {who} after t = {t.item():.6g} s: the step shrank to nothing, too "
+        f"many steps were taken, or the rates were not finite; {ADVICE}"
     )
 
 
 @torch.no_grad()
 def _check_reconstruction(solve: _Solve, ys: Tensor, t: Tensor) -> None:
-    """Integrate back over each output interval, as the continuous adjoint does, and compare with what was stored."""
+    """Integrate back over each output interval, as the continuous adjoint does, and compare with
+    what was stored.
+    """
     scale = solve.tolerances["atol"] + ys.abs().amax(tuple(range(ys.ndim - 1)))
     worst, options = 0.0, dict(solve.options)
     if solve.adaptive:  # a state that runs away is not followed for ever
         options["max_num_steps"] = max(100, solve.evaluations)
     for i in range(len(t) - 1):
         try:
-            back = odeint(solve, ys[i + 1], t[i : i + 2].flip(0), method=solve.method, options=options,
-                          **solve.tolerances)
+            back = odeint(
+                solve,
+                ys[i + 1],
+                t[i : i + 2].flip(0),
+                method=solve.method,
+                options=options,
+                **solve.tolerances,
+            )
             error = ((back[-1] - ys[i]).abs() / scale).amax(-1)[~solve.dead].max().item()
         except AssertionError:
             error = float("inf")
         worst = max(worst, error) if error == error else float("inf")
     if worst > TRUSTED:
         warn(
-            f"the continuous adjoint cannot be trusted here: integrated back, the state misses itself by {worst:.2g} "
-            f"of its largest value (up to {TRUSTED:g} is accepted); use adjoint=False, or ask for more outputs",
+            "the continuous adjoint cannot be trusted here: integrated back, the state misses "
+            f"itself by {worst:.2g} of its largest value (up to {TRUSTED:g} is accepted); use "
+            "adjoint=False, or ask for more outputs",
             UserWarning,
         )

@@ -1,4 +1,5 @@
-"""Nodal kinematics and inertia forces of one generalized-alpha step; the equations are those of `generalized_alpha`.
+"""Nodal kinematics and inertia forces of one generalized-alpha step; the equations are those of
+`generalized_alpha`.
 
 Local: a node needs no other, but for the mass that neighbours share.
 """
@@ -42,12 +43,15 @@ class GeneralizedAlpha(NamedTuple):
     def true(self, algorithmic: Tensor, before: Tensor) -> Tensor:
         """q" of a at the end and (q", a) at the start."""
         q, a = before.chunk(2, -1)
-        return ((1 - self.alpha_m) * algorithmic + self.alpha_m * a - self.alpha_f * q) / (1 - self.alpha_f)
+        return ((1 - self.alpha_m) * algorithmic + self.alpha_m * a - self.alpha_f * q) / (
+            1 - self.alpha_f
+        )
 
 
 class EndKinematics(NamedTuple):
-    """Motion of the nodes at the end of a step, from its unknowns: position and rotation; m, from the start to there; velocity
-    (frame a) and spin (section axes) as v, their true rates q" and the algorithmic a, (..., N+1, w).
+    """Motion of the nodes at the end of a step, from its unknowns: position and rotation; m, from
+    the start to there; velocity (frame a) and spin (section axes) as v, their true rates q" and the
+    algorithmic a, (..., N+1, w).
     """
 
     position_end: Tensor
@@ -65,7 +69,9 @@ class EndKinematics(NamedTuple):
 
 @dataclass(frozen=True)
 class EndMotion:
-    """Nodes from `start` (an `AlphaState`) over h (..., 1, 1) s, any number of them, their centres of mass in them."""
+    """Nodes from `start` (an `AlphaState`) over h (..., 1, 1) s, any number of them, their centres
+    of mass in them.
+    """
 
     inertia: Inertia
     start: State
@@ -85,53 +91,102 @@ class EndMotion:
     @cached
     def Z(self) -> Tensor:
         """The same of positions, (..., 1, p, p)."""
-        return self.by_a * torch.eye(self.inertia.space.dims.position, dtype=self.h.dtype, device=self.h.device)
+        return self.by_a * torch.eye(
+            self.inertia.space.dims.position, dtype=self.h.dtype, device=self.h.device
+        )
 
     @cached
     def masses(self) -> Matrix:
         """M Z, with a turn's rows and columns: no mass lies off its node here."""
-        return NoMassOffset().prepared(self.inertia.translational.matrix(self.Z), self.inertia.space.dims.spin)
+        return NoMassOffset().prepared(
+            self.inertia.translational.matrix(self.Z), self.inertia.space.dims.spin
+        )
 
     def kinematics(self, u: Tensor, m: Tensor) -> EndKinematics:
         """Over u (..., N+1, p) m and the rotation m, both to the end."""
         space, start, method, h = self.inertia.space, self.start, self.method, self.h
-        a_n = start.acceleration[..., space.unknowns:]
+        a_n = start.acceleration[..., space.unknowns :]
         v_n = torch.cat((start.velocity, start.spin), -1)
         move = torch.cat((u, space.logarithm(m)), -1)
         a = ((move / h - v_n) / h - (0.5 - method.beta) * a_n) / method.beta
         v = v_n + h * ((1 - method.gamma) * a_n + method.gamma * a)
-        return EndKinematics(start.position + u, space.normalize(space.multiply(start.rotation, m)), m, v,
-                             method.true(a, start.acceleration), a)
+        return EndKinematics(
+            start.position + u,
+            space.normalize(space.multiply(start.rotation, m)),
+            m,
+            v,
+            method.true(a, start.acceleration),
+            a,
+        )
 
     def balance(self, kinematics: EndKinematics) -> InertiaForces:
         """At the end; `angular` is J Omega, section axes."""
         inertia, space, p = self.inertia, self.inertia.space, self.inertia.space.dims.position
         rotary, spin = inertia.rotary, kinematics.v[..., p:]
         H = rotary.section_momentum(spin)
-        moment = rotary.present_or(H, lambda: space.to_frame(
-            kinematics.q_end, rotary.section_momentum(kinematics.true[..., p:]) + (space.spin_skew(spin) @ H[..., None])[..., 0]))
-        return InertiaForces(torch.cat((inertia.translational.momentum(kinematics.true[..., :p]), moment), -1), H)
+        moment = rotary.present_or(
+            H,
+            lambda: space.to_frame(
+                kinematics.q_end,
+                rotary.section_momentum(kinematics.true[..., p:])
+                + (space.spin_skew(spin) @ H[..., None])[..., 0],
+            ),
+        )
+        return InertiaForces(
+            torch.cat((inertia.translational.momentum(kinematics.true[..., :p]), moment), -1), H
+        )
 
     def nodes(self, kinematics: EndKinematics, read: frozenset[str]) -> Nodes:
         """What loads see: the end of the step."""
         p = self.inertia.space.dims.position
-        return self._nodes(kinematics.position_end, kinematics.q_end, kinematics.v[..., :p], kinematics.v[..., p:], kinematics.true, read)
+        return self._nodes(
+            kinematics.position_end,
+            kinematics.q_end,
+            kinematics.v[..., :p],
+            kinematics.v[..., p:],
+            kinematics.true,
+            read,
+        )
 
     def nodes_before(self, read: frozenset[str]) -> Nodes:
         """The same at the start."""
         start, w = self.start, self.inertia.space.unknowns
-        return self._nodes(start.position, start.rotation, start.velocity, start.spin, start.acceleration[..., :w], read)
+        return self._nodes(
+            start.position,
+            start.rotation,
+            start.velocity,
+            start.spin,
+            start.acceleration[..., :w],
+            read,
+        )
 
-    def _nodes(self, r: Tensor, q: Tensor, velocity: Tensor, spin: Tensor, true: Tensor, read: frozenset[str]) -> Nodes:
+    def _nodes(
+        self,
+        r: Tensor,
+        q: Tensor,
+        velocity: Tensor,
+        spin: Tensor,
+        true: Tensor,
+        read: frozenset[str],
+    ) -> Nodes:
         p, to_frame = self.inertia.space.dims.position, self.inertia.space.to_frame
-        accelerations = {"acceleration": lambda: true[..., :p], "angular_acceleration": lambda: to_frame(q, true[..., p:])}
-        return Nodes(r, q, velocity, to_frame(q, spin), **{name: accelerations[name]() for name in INERTIAL if name in read})
+        accelerations = {
+            "acceleration": lambda: true[..., :p],
+            "angular_acceleration": lambda: to_frame(q, true[..., p:]),
+        }
+        return Nodes(
+            r,
+            q,
+            velocity,
+            to_frame(q, spin),
+            **{name: accelerations[name]() for name in INERTIAL if name in read},
+        )
 
 
 @dataclass(frozen=True)
 class EndTangent:
-    """Derivatives of the motion `way` by the move (dr, spin of R) of the end, each made where it is asked for; those of what
-    loads see have its names. d(psi) = (I + ~psi/2 + k ~psi ~psi) R^T spin.
+    """Derivatives of the motion `way` by the move (dr, spin of R) of the end, each made where it is
+    asked for; those of what loads see have its names. d(psi) = (I + ~psi/2 + k ~psi ~psi) R^T spin.
     """
 
     motion: EndMotion
@@ -157,7 +212,9 @@ class EndTangent:
         p = space.dims.position
 
         def angular() -> Tensor:
-            gyroscopic = space.spin_skew(self.kinematics.v[..., p:]) @ rotary.J - space.spin_skew(forces.angular)
+            gyroscopic = space.spin_skew(self.kinematics.v[..., p:]) @ rotary.J - space.spin_skew(
+                forces.angular
+            )
             by = motion.by_spin * gyroscopic + motion.by_a * rotary.J
             return self.R @ by @ self.psi @ self.R.mT - space.spin_skew(forces.wrench[..., p:])
 
@@ -166,7 +223,9 @@ class EndTangent:
     @property
     def velocity(self) -> Tensor:
         like = self.motion.by_spin
-        return like * torch.eye(self.motion.inertia.space.dims.position, dtype=like.dtype, device=like.device)
+        return like * torch.eye(
+            self.motion.inertia.space.dims.position, dtype=like.dtype, device=like.device
+        )
 
     @property
     def spin(self) -> Tensor:
@@ -183,4 +242,6 @@ class EndTangent:
     def _vector_by(self, rate: Tensor, x: Tensor) -> Tensor:
         """d(R x) of what turns with the section, x (..., N+1, w) rising at a rate with psi."""
         space = self.motion.inertia.space
-        return rate * self.turn - space.spin_skew(space.to_frame(self.kinematics.q_end, x[..., space.dims.position:]))
+        return rate * self.turn - space.spin_skew(
+            space.to_frame(self.kinematics.q_end, x[..., space.dims.position :])
+        )

@@ -9,7 +9,14 @@ from typing import Any, ClassVar
 from torch import Tensor
 
 from ..core.leaves import Tree
-from ..nodal.balance import CondensedTangent, Linearisation, Residual, largest, restrained_forces, size_of_strain
+from ..nodal.balance import (
+    CondensedTangent,
+    Linearisation,
+    Residual,
+    largest,
+    restrained_forces,
+    size_of_strain,
+)
 from ..nodal.conditions import Conditions
 from ..nodal.frame import FixedFrame
 from ..nodal.inertia import InertiaForces
@@ -21,11 +28,12 @@ from .balanced_element import BalancedElement, ElementBalance
 
 @dataclass(frozen=True)
 class BalanceProblem(Tree):
-    """inertia + to_nodes(h B^T [F; M]) - load = 0 at the nodes, gap = 0 in the elements, of rows under `conditions`.
+    """inertia + to_nodes(h B^T [F; M]) - load = 0 at the nodes, gap = 0 in the elements, of rows
+    under `conditions`.
 
-    A subclass says what its unknowns x are, a named tuple of two tensors of nodes and of the `stress` (`apply_supports`,
-    `update`); how nodes move by them, and what that asks for (`node_balance`, `node_tangent`); and the elements between
-    (`element`).
+    A subclass says what its unknowns x are, a named tuple of two tensors of nodes and of the
+    `stress` (`apply_supports`, `update`); how nodes move by them, and what that asks for
+    (`node_balance`, `node_tangent`); and the elements between (`element`).
 
     RATE  how far joints move, where they are closed, by a move of the nodes
     """
@@ -56,7 +64,9 @@ class BalanceProblem(Tree):
 
     @property
     def least(self) -> tuple[Tensor, ...]:
-        """Terms, as of elements or of nodes, that the balance is measured against beside its own."""
+        """Terms, as of elements or of nodes, that the balance is measured against beside its
+        own.
+        """
         return ()
 
     @property
@@ -73,13 +83,18 @@ class BalanceProblem(Tree):
         raise NotImplementedError
 
     def node_balance(self, x: Any) -> tuple[Any, InertiaForces | None, Tensor | float]:
-        """Motion of the nodes, of which `poses` are those that elements ask for; what it asks of them, None = nothing; and
-        loads (..., N+1, w), 0.0 = none. Each node's own, but for the mass that neighbours share.
+        """Motion of the nodes, of which `poses` are those that elements ask for; what it asks of
+        them, None = nothing; and loads (..., N+1, w), 0.0 = none. Each node's own, but for the mass
+        that neighbours share.
         """
         raise NotImplementedError
 
-    def node_tangent(self, kinematics: Any, inertia: InertiaForces | None) -> tuple[Any, Matrix | None]:
-        """Derivatives of the motion, and those of inertia less loads, by the nodes' moves; None = none."""
+    def node_tangent(
+        self, kinematics: Any, inertia: InertiaForces | None
+    ) -> tuple[Any, Matrix | None]:
+        """Derivatives of the motion, and those of inertia less loads, by the nodes' moves;
+        None = none.
+        """
         raise NotImplementedError
 
     def joint_poses(self, kinematics: Any) -> JointMotion:
@@ -87,13 +102,18 @@ class BalanceProblem(Tree):
         raise NotImplementedError
 
     def half_turns(self, nodes: Any) -> Callable[[], Tensor] | None:
-        """Half the spin of a node's end by that of its move (..., N+1, s, s), of derivatives `nodes`; None = the end moves."""
+        """Half the spin of a node's end by that of its move (..., N+1, s, s), of derivatives
+        `nodes`; None = the end moves.
+        """
         return None
 
     def element_balance(self, x: Any, kinematics: Any) -> ElementBalance:
         """The elements, whose nodes move so."""
         model = self.model
-        return self.element.balance(model.joints.split(x.stress)[0], *(model.assembly.poses(*pose) for pose in kinematics.poses))
+        return self.element.balance(
+            model.joints.split(x.stress)[0],
+            *(model.assembly.poses(*pose) for pose in kinematics.poses),
+        )
 
     def residual(self, x: Any) -> tuple[Residual, Any, ElementBalance, InertiaForces | None]:
         """The balance at x; with it what the nodes and the elements do there."""
@@ -101,21 +121,56 @@ class BalanceProblem(Tree):
         x = self.apply_supports(x)
         kinematics, inertia, load = self.node_balance(x)
         element = self.element_balance(x, kinematics)
-        nodes, asked = model.assembly.to_nodes(element.forces), () if inertia is None else (inertia.wrench,)
+        nodes = model.assembly.to_nodes(element.forces)
+        asked = () if inertia is None else (inertia.wrench,)
         nodes = sum(asked, nodes if isinstance(load, float) else nodes - load)
-        nodes, constitutive_residual = model.joints.balance(nodes, element.constitutive_residual, x.stress, lambda: self.joint_poses(kinematics))
+        nodes, constitutive_residual = model.joints.balance(
+            nodes, element.constitutive_residual, x.stress, lambda: self.joint_poses(kinematics)
+        )
         restrained = restrained_forces(model, element.acting, self.eigenstrain, model.length)
-        sizes = largest(model.space.dims.position, model.spans, element.forces, load, *asked, restrained, *self.least)
+        sizes = largest(
+            model.space.dims.position,
+            model.spans,
+            element.forces,
+            load,
+            *asked,
+            restrained,
+            *self.least,
+        )
         sizes = *sizes, size_of_strain(element.effective_strain, self.eigenstrain)
-        return Residual(model.constraints, nodes, constitutive_residual, *sizes, model.joints), kinematics, element, inertia
+        return (
+            Residual(model.constraints, nodes, constitutive_residual, *sizes, model.joints),
+            kinematics,
+            element,
+            inertia,
+        )
 
-    def tangent(self, x: Any, kinematics: Any, element: ElementBalance, inertia: InertiaForces | None) -> CondensedTangent:
+    def tangent(
+        self, x: Any, kinematics: Any, element: ElementBalance, inertia: InertiaForces | None
+    ) -> CondensedTangent:
         """By the nodes' moves."""
         assembly, joints = self.model.assembly, self.model.joints
         nodes, matrix = self.node_tangent(kinematics, inertia)
-        tangent = self.element.tangent(element, joints.split(x.stress)[0], lambda: assembly.ends(nodes.half, 2))
-        condensed = CondensedTangent.of(assembly, tangent.stiffness, matrix, tangent.force_operator, self.C, tangent.strain_by_move)
-        return joints.joined(condensed, x.stress, lambda: self.joint_poses(kinematics), self.half_turns(nodes), self.RATE)
+        tangent = self.element.tangent(
+            element, joints.split(x.stress)[0], lambda: assembly.ends(nodes.half, 2)
+        )
+        condensed = CondensedTangent.of(
+            assembly,
+            tangent.stiffness,
+            matrix,
+            tangent.force_operator,
+            self.C,
+            tangent.strain_by_move,
+        )
+        return joints.joined(
+            condensed,
+            x.stress,
+            lambda: self.joint_poses(kinematics),
+            self.half_turns(nodes),
+            self.RATE,
+        )
 
-    def linearise(self, x: Any, kinematics: Any, element: ElementBalance, inertia: InertiaForces | None) -> Linearisation:
+    def linearise(
+        self, x: Any, kinematics: Any, element: ElementBalance, inertia: InertiaForces | None
+    ) -> Linearisation:
         return Linearisation.of(self.model, self.tangent(x, kinematics, element, inertia))

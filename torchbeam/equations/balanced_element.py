@@ -1,4 +1,6 @@
-"""Elements in a balance: forces on their nodes, and the strain that stress answers to. Local: nothing here knows a topology."""
+"""Elements in a balance: forces on their nodes, and the strain that stress answers to. Local:
+nothing here knows a topology.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +17,8 @@ from ..nodal.linear_interpolation import Ends
 
 
 class ElementBalance(NamedTuple):
-    """acting, end: kinematics where the forces are taken, and at the end; forces (..., N, p + 2 s); effective_strain
-    and constitutive_residual (..., N, k).
+    """acting, end: kinematics where the forces are taken, and at the end; forces (..., N, p + 2 s);
+    effective_strain and constitutive_residual (..., N, k).
     """
 
     acting: Any
@@ -27,9 +29,9 @@ class ElementBalance(NamedTuple):
 
 
 class ElementTangent(NamedTuple):
-    """stiffness (..., N, p + 2 s, p + 2 s) at fixed stress; force_operator and strain_by_move (..., N, k, p + 2 s):
-    h B, the strain operator by the length, where the forces are taken, and E, the derivative of the constitutive residual by
-    the moves.
+    """stiffness (..., N, p + 2 s, p + 2 s) at fixed stress; force_operator and strain_by_move
+    (..., N, k, p + 2 s): h B, the strain operator by the length, where the forces are taken, and E,
+    the derivative of the constitutive residual by the moves.
     """
 
     stiffness: Tensor
@@ -39,8 +41,8 @@ class ElementTangent(NamedTuple):
 
 @dataclass(frozen=True)
 class BalancedElement(Tree):
-    """Any number of elements, one too: length (..., N, 1) m, reference (..., N, k) strain of the undeformed beam, eigenstrain
-    (..., N or 1, k) or 0.0.
+    """Any number of elements, one too: length (..., N, 1) m, reference (..., N, k) strain of the
+    undeformed beam, eigenstrain (..., N or 1, k) or 0.0.
     """
 
     space: Spatial
@@ -53,8 +55,12 @@ class BalancedElement(Tree):
         """stress (..., N, k); nodes where forces and strain are taken."""
         raise NotImplementedError
 
-    def tangent(self, found: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]) -> ElementTangent:
-        """half() (..., N, s, s) of an element's nodes: half the spin of a rotation at the end by its spin at mid step."""
+    def tangent(
+        self, found: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]
+    ) -> ElementTangent:
+        """half() (..., N, s, s) of an element's nodes: half the spin of a rotation at the end by
+        its spin at mid step.
+        """
         raise NotImplementedError
 
     def _kinematics(self, nodes: Ends) -> tuple[Any, Tensor]:
@@ -62,11 +68,23 @@ class BalancedElement(Tree):
         kinematics = self.space.kinematics(*nodes, self.length)
         return kinematics, self.space.strains(kinematics, self.length, self.reference)
 
-    def _balance(self, acting: Any, end: Any, effective_strain: Tensor, stress: Tensor) -> ElementBalance:
-        return ElementBalance(acting, end, self.space.forces(acting, stress, self.length), effective_strain, self.law.constitutive_residual(effective_strain, stress))
+    def _balance(
+        self, acting: Any, end: Any, effective_strain: Tensor, stress: Tensor
+    ) -> ElementBalance:
+        return ElementBalance(
+            acting,
+            end,
+            self.space.forces(acting, stress, self.length),
+            effective_strain,
+            self.law.constitutive_residual(effective_strain, stress),
+        )
 
     def _tangent(self, acting: Any, stress: Tensor, B: Tensor, E: Tensor) -> ElementTangent:
-        return ElementTangent(self.space.geometric_stiffness(acting, stress, self.length), self.length[..., None] * B, E)
+        return ElementTangent(
+            self.space.geometric_stiffness(acting, stress, self.length),
+            self.length[..., None] * B,
+            E,
+        )
 
 
 @dataclass(frozen=True)
@@ -77,6 +95,8 @@ class ElementAtRest(BalancedElement):
         kinematics, strain = self._kinematics(nodes)
         return self._balance(kinematics, kinematics, strain - self.eigenstrain, stress)
 
-    def tangent(self, found: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]) -> ElementTangent:
+    def tangent(
+        self, found: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]
+    ) -> ElementTangent:
         B = self.space.strain_operator(found.end, self.length)
         return self._tangent(found.acting, stress, B, B)

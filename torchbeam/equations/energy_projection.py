@@ -13,9 +13,12 @@ from ..state.state import State
 MOST = 0.01  # of the kinetic energy, that one step may take or give
 
 
-def conserved(model: Rows, start: State, after: State, dt: Tensor, own: Tensor | float = 0.0) -> State:
-    """`after` with its velocities scaled so that kinetic + strain energy changes by the work of the loads less what damping
-    takes, see `projected`. `own`: the strain that the beam takes by itself over this step, which holds no energy.
+def conserved(
+    model: Rows, start: State, after: State, dt: Tensor, own: Tensor | float = 0.0
+) -> State:
+    """`after` with its velocities scaled so that kinetic + strain energy changes by the work of the
+    loads less what damping takes, see `projected`. `own`: the strain that the beam takes by itself
+    over this step, which holds no energy.
     """
     kinetic, rise = kinetic_rise(model, start, after)
     rise = rise + strain_rise(model, start, after, dt, own) - (after.work - start.work)
@@ -32,8 +35,9 @@ def kinetic_rise(model: Rows, start: State, after: State) -> tuple[Tensor, Tenso
 
 def strain_rise(model: Rows, start: State, after: State, dt: Tensor, own: Tensor | float) -> Tensor:
     """(...) J: what the strain energy rises by, and damping takes."""
-    rise = (model.strain_energy(after.position, after.rotation, own)
-            - model.strain_energy(start.position, start.rotation, own))
+    rise = model.strain_energy(after.position, after.rotation, own) - model.strain_energy(
+        start.position, start.rotation, own
+    )
     if not model.law.damped:
         return rise
     before, end = (model.strain(model.kinematics(s.position, s.rotation)) for s in (start, after))
@@ -42,8 +46,8 @@ def strain_rise(model: Rows, start: State, after: State, dt: Tensor, own: Tensor
 
 
 def projected(defect: Tensor, kinetic: Tensor) -> tuple[Tensor, Tensor]:
-    """Scale s of the velocities, s^2 = 1 - defect/kinetic, and the defect (J) that is left: what is more than `MOST` waits for
-    a step with more kinetic energy.
+    """Scale s of the velocities, s^2 = 1 - defect/kinetic, and the defect (J) that is left: what is
+    more than `MOST` waits for a step with more kinetic energy.
     """
     change = (-defect / kinetic.clamp(min=torch.finfo(kinetic.dtype).tiny)).clamp(-MOST, MOST)
     return (1 + change).sqrt(), defect + change * kinetic

@@ -1,9 +1,12 @@
-"""One step of the generalized-alpha method: force balance at the end of the step, high frequencies damped at will.
+"""One step of the generalized-alpha method: force balance at the end of the step, high frequencies
+damped at will.
 
-Chung and Hulbert 1993, on the nodes' rotations as Arnold and Bruels 2007. With a the algorithmic acceleration, q" the true one,
-psi = log(R_n^T R_{n+1}) the rotation vector of the step and rho the spectral radius at infinite frequency,
+Chung and Hulbert 1993, on the nodes' rotations as Arnold and Bruels 2007. With a the algorithmic
+acceleration, q" the true one, psi = log(R_n^T R_{n+1}) the rotation vector of the step and rho the
+spectral radius at infinite frequency,
 
-    alpha_m = (2 rho - 1)/(rho + 1)    alpha_f = rho/(rho + 1)    gamma = 1/2 - alpha_m + alpha_f    beta = (gamma + 1/2)^2/4
+    alpha_m = (2 rho - 1)/(rho + 1)    alpha_f = rho/(rho + 1)    gamma = 1/2 - alpha_m + alpha_f
+    beta = (gamma + 1/2)^2/4
     r_{n+1} - r_n, psi  = dt v_n + dt^2 ((1/2 - beta) a_n + beta a_{n+1})
     v_{n+1}             = v_n + dt ((1 - gamma) a_n + gamma a_{n+1})
     (1 - alpha_f) q"_{n+1} + alpha_f q"_n = (1 - alpha_m) a_{n+1} + alpha_m a_n
@@ -11,9 +14,11 @@ psi = log(R_n^T R_{n+1}) the rotation vector of the step and rho the spectral ra
 where v holds velocity (frame a) and spin (section axes), and at the end of the step
 
     M q"                        + to_nodes(h B^T [F; M])_force  - f = 0
-    R (J q" + Omega x J Omega)  + to_nodes(h B^T [F; M])_moment - m = 0          S [F; M] = strain + rate (strain rate)
+    R (J q" + Omega x J Omega)  + to_nodes(h B^T [F; M])_moment - m = 0          S
+                                [F; M] = strain + rate (strain rate)
 
-The strain rate follows from the strains as q" does from v (Jansen, Whiting and Hulbert 2000): damping is second order too.
+The strain rate follows from the strains as q" does from v (Jansen, Whiting and Hulbert 2000):
+damping is second order too.
 """
 
 from __future__ import annotations
@@ -37,24 +42,32 @@ from .step_problem import StepProblem
 
 @dataclass(frozen=True)
 class AlphaState(State):
-    """What the method remembers beside the state; stress and reaction are those at the state's instant.
+    """What the method remembers beside the state; stress and reaction are those at the state's
+    instant.
 
-    acceleration  (..., N+1, 2 w) q" and a: of position m/s^2, frame a, and of spin rad/s^2, section axes, in the coordinates
-                  of the scene's space (w = 6; 3 in a plane)
-    straining     (..., N, 2 k) strain rate 1/s and 1/(m s), and its algorithmic counterpart, likewise (k = 6; 3 in a plane)
+    acceleration  (..., N+1, 2 w) q" and a: of position m/s^2, frame a, and of spin rad/s^2, section
+                  axes, in the coordinates of the scene's space (w = 6; 3 in a plane)
+    straining     (..., N, 2 k) strain rate 1/s and 1/(m s), and its algorithmic counterpart,
+                  likewise (k = 6; 3 in a plane)
     """
 
     acceleration: Tensor = leaf(2)
     straining: Tensor = leaf(2)
 
     @classmethod
-    def between(cls, state: State, velocity: Tensor, spin: Tensor, strain: Tensor, dt: Tensor) -> AlphaState:
-        """`state` with the mean rates up to a state a step later, over which velocity, spin and strain rose by so much (in the
-        space's coordinates).
+    def between(
+        cls, state: State, velocity: Tensor, spin: Tensor, strain: Tensor, dt: Tensor
+    ) -> AlphaState:
+        """`state` with the mean rates up to a state a step later, over which velocity, spin and
+        strain rose by so much (in the space's coordinates).
         """
         h = dt[..., None, None]
         mean = torch.cat((velocity, spin), -1) / h
-        return cls(**vars(state), acceleration=torch.cat((mean, mean), -1), straining=torch.cat((strain, strain), -1) / h)
+        return cls(
+            **vars(state),
+            acceleration=torch.cat((mean, mean), -1),
+            straining=torch.cat((strain, strain), -1) / h,
+        )
 
     def plain(self) -> State:
         """What every method knows of the state."""
@@ -62,7 +75,9 @@ class AlphaState(State):
 
 
 class EndUnknowns(NamedTuple):
-    """The unknowns: u (..., N+1, p) m and m (..., N+1, ...) from the start to the end, stress (..., N, k) N and N m."""
+    """The unknowns: u (..., N+1, p) m and m (..., N+1, ...) from the start to the end, stress
+    (..., N, k) N and N m.
+    """
 
     u: Tensor
     m: Tensor
@@ -71,7 +86,9 @@ class EndUnknowns(NamedTuple):
 
 @dataclass(frozen=True)
 class GeneralizedAlphaProblem(StepProblem):
-    """A step of length dt (0-dim or (...)) from `start`, with loads as at time t, its end, and inputs held over it."""
+    """A step of length dt (0-dim or (...)) from `start`, with loads as at time t, its end, and
+    inputs held over it.
+    """
 
     start: AlphaState
     rho_inf: float = 0.8
@@ -94,19 +111,32 @@ class GeneralizedAlphaProblem(StepProblem):
     @cached
     def element(self) -> EndElement:
         """The elements at the end."""
-        model, start = self.model, self.model.assembly.poses(self.start.position, self.start.rotation)
-        return EndElement(model.space, model.law, model.length, model.reference, self.eigenstrain, self.h, start,
-                          self.start.straining, self.method)
+        model = self.model
+        start = self.model.assembly.poses(self.start.position, self.start.rotation)
+        return EndElement(
+            model.space,
+            model.law,
+            model.length,
+            model.reference,
+            self.eigenstrain,
+            self.h,
+            start,
+            self.start.straining,
+            self.method,
+        )
 
     def predictor(self) -> EndUnknowns:
         """Constant velocity, and the stress of the step before."""
         turn = self.model.space.exponential(self.start.spin * self.h)
-        return self.apply_supports(EndUnknowns(self.start.velocity * self.h, turn, self.start.stress))
+        return self.apply_supports(
+            EndUnknowns(self.start.velocity * self.h, turn, self.start.stress)
+        )
 
     def joint_poses(self, kinematics: EndKinematics) -> JointMotion:
         """Forces act at the end, where joints are closed (Arnold and Bruels 2007)."""
         joints = self.model.joints
-        start, end = joints.pose(self.start.position, self.start.rotation), joints.pose(kinematics.position_end, kinematics.q_end)
+        start = joints.pose(self.start.position, self.start.rotation)
+        end = joints.pose(kinematics.position_end, kinematics.q_end)
         return JointMotion(end, end, start, self.joint_drive._replace(dt=None))
 
     def finish(self, x: EndUnknowns, reaction: Tensor) -> AlphaState:
@@ -121,16 +151,37 @@ class GeneralizedAlphaProblem(StepProblem):
         if not isinstance(load, float):
             work = work + ((self.external_before() + load) / 2 * moves).sum((-1, -2))
         for k, node in enumerate(self.support_motions.nodes):
-            work = work + ((start.reaction[..., k, :] + reaction[..., k, :]) / 2 * moves[..., node, :]).sum(-1)
+            work = work + (
+                (start.reaction[..., k, :] + reaction[..., k, :]) / 2 * moves[..., node, :]
+            ).sum(-1)
         if not self.support_motions.nodes:
-            free = torch.cat((model.constraints.slide, model.constraints.turn.expand(-1, space.dims.spin)), -1)
+            free = torch.cat(
+                (model.constraints.slide, model.constraints.turn.expand(-1, space.dims.spin)), -1
+            )
             v, true, a = free * v, free * true, free * a
             v = torch.cat((v[..., :p], self.about_hinges(v[..., p:], kinematics.q_end)), -1)
-        after = replace(start, position=kinematics.position_end, rotation=kinematics.q_end, velocity=v[..., :p], spin=v[..., p:],
-                       reaction=reaction, work=work, t=start.t + self.dt,
-                       acceleration=torch.cat((true, a), -1), straining=self.straining(kinematics))
-        return replace(after, **model.joints.finished(x.stress, lambda: self.joint_poses(kinematics),
-                                                      lambda: self.relative_motion(after), work, start.stress))
+        after = replace(
+            start,
+            position=kinematics.position_end,
+            rotation=kinematics.q_end,
+            velocity=v[..., :p],
+            spin=v[..., p:],
+            reaction=reaction,
+            work=work,
+            t=start.t + self.dt,
+            acceleration=torch.cat((true, a), -1),
+            straining=self.straining(kinematics),
+        )
+        return replace(
+            after,
+            **model.joints.finished(
+                x.stress,
+                lambda: self.joint_poses(kinematics),
+                lambda: self.relative_motion(after),
+                work,
+                start.stress,
+            ),
+        )
 
     @cached
     def conditions_before(self) -> Conditions:
@@ -140,14 +191,21 @@ class GeneralizedAlphaProblem(StepProblem):
     def external_before(self) -> Tensor | float:
         """Loads at the nodes (..., N+1, w), at the start."""
         before = self.conditions_before
-        return external.external(self.model, self.motion.nodes_before(before.reads), before, total=before.dead)
+        return external.external(
+            self.model, self.motion.nodes_before(before.reads), before, total=before.dead
+        )
 
     def straining(self, kinematics: EndKinematics) -> Tensor:
         """See `AlphaState`, at the end; nothing asks for it where strains are not damped."""
         model = self.model
         if not model.law.damped:
             return self.start.straining
-        return torch.cat(self.element.rates(model.strain(model.kinematics(kinematics.position_end, kinematics.q_end))), -1)
+        return torch.cat(
+            self.element.rates(
+                model.strain(model.kinematics(kinematics.position_end, kinematics.q_end))
+            ),
+            -1,
+        )
 
 
 torch.serialization.add_safe_globals([AlphaState])

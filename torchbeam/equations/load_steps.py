@@ -1,4 +1,6 @@
-"""Load stepping: the load is raised from none to all of it, by Newton's method, each sample at its own pace."""
+"""Load stepping: the load is raised from none to all of it, by Newton's method, each sample at its
+own pace.
+"""
 
 from __future__ import annotations
 
@@ -14,15 +16,20 @@ from ..solvers.newton import newton
 from .steady import Configuration, SteadyProblem
 
 TURN = 1.0  # rad a node may turn in one load step: beyond it Newton may land on another branch
-FIRST, WHOLE = 1.0, 1.2  # rad by the tangent at no load: of a first step; of one that may be the whole load
+# rad by the tangent at no load: of a first step; of one that may be the whole load
+FIRST, WHOLE = 1.0, 1.2
 EASY = 0.8  # rad: after a step with that turn the next is as long again
 FEWEST = 1 / 64  # of the load in a first step
 LEAST = 1e-4  # smallest load step, as a share of the whole load
 LIMIT = 8  # iterations in a load step: one that takes more is quicker in two
-QUICK = 6  # iterations: a step that takes more may have come to another branch, and is made in two where it is more than FEWEST
+# iterations: a step that takes more may have come to another branch, and is made in two where it is
+# more than FEWEST
+QUICK = 6
 
 
-def climb(whole: SteadyProblem, x: Configuration, tolerance: float | None) -> tuple[Configuration, Tensor, Tensor]:
+def climb(
+    whole: SteadyProblem, x: Configuration, tolerance: float | None
+) -> tuple[Configuration, Tensor, Tensor]:
     """Raise the load from 0 to 1, that of the problem `whole`: (shape, reaction, status)."""
     with torch.no_grad():
         model = whole.model
@@ -38,27 +45,35 @@ def climb(whole: SteadyProblem, x: Configuration, tolerance: float | None) -> tu
             if not concrete(climbing).any():
                 return x, reaction, status
             problem = replace(whole, load_factor=share)
-            outcome = newton(problem, problem.apply_supports(x), climbing, tolerance, LIMIT,
-                             foresee=share < 1)
+            outcome = newton(
+                problem, problem.apply_supports(x), climbing, tolerance, LIMIT, foresee=share < 1
+            )
             turn = model.space.multiply(model.space.inverse(x.rotation), outcome.x.rotation)
             cosine = model.space.cosine(turn).abs().amin(-1)
-            good, reached, step, status = advanced(climbing, share, reached, step, status, outcome.status, cosine,
-                                                   outcome.iterations)
-            x = Configuration(*(torch.where(good[..., None, None], a, b) for a, b in zip(outcome.x, x, strict=True)))
+            good, reached, step, status = advanced(
+                climbing, share, reached, step, status, outcome.status, cosine, outcome.iterations
+            )
+            x = Configuration(
+                *(
+                    torch.where(good[..., None, None], a, b)
+                    for a, b in zip(outcome.x, x, strict=True)
+                )
+            )
             reaction = torch.where(good[..., None, None], outcome.reaction, reaction)
 
 
 def _first_step(problem: SteadyProblem, x: Configuration) -> Tensor:
-    """(...) share of the load to begin with: that under which no node would turn by more than 1 rad if the beam stayed as
-    soft as it is; all of it where none would turn by more than 1.2.
+    """(...) share of the load to begin with: that under which no node would turn by more than 1 rad
+    if the beam stayed as soft as it is; all of it where none would turn by more than 1.2.
     """
     residual, *about = problem.residual(x)
     move, *_ = problem.linearise(x, *about).solve(residual.nodes, residual.strain)
-    turn = torch.linalg.vector_norm(move[..., problem.model.space.dims.position:], dim=-1).amax(-1)
+    turn = torch.linalg.vector_norm(move[..., problem.model.space.dims.position :], dim=-1).amax(-1)
     return first_step(turn)
 
 
 # Rules of a sample: turn, reached, step, share and cosine (...)
+
 
 def first_step(turn: Tensor) -> Tensor:
     """By the largest turn (rad) of a node under the whole load, were the beam as soft as it is."""
@@ -71,14 +86,27 @@ def shares(reached: Tensor, step: Tensor, status: Tensor) -> tuple[Tensor, Tenso
     return climbing, torch.where(climbing, (reached + step).clamp(max=1), reached)
 
 
-def advanced(climbing: Tensor, share: Tensor, reached: Tensor, step: Tensor, status: Tensor, found_status: Tensor, cosine: Tensor,
-             iterations: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """After a step that Newton's method has `found` a status for in so many iterations; cosine: of half the largest angle that
-    a node turned by. Whether it went well, reached, step, status.
+def advanced(
+    climbing: Tensor,
+    share: Tensor,
+    reached: Tensor,
+    step: Tensor,
+    status: Tensor,
+    found_status: Tensor,
+    cosine: Tensor,
+    iterations: Tensor,
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """After a step that Newton's method has `found` a status for in so many iterations; cosine: of
+    half the largest angle that a node turned by. Whether it went well, reached, step, status.
     """
     direct = (iterations <= QUICK) | (share - reached <= FEWEST)
     good = climbing & (found_status == SUCCESS) & (cosine > math.cos(TURN / 2)) & direct
     turned = 2 * torch.arccos(cosine.clamp(max=1))
     step = torch.where(good, (EASY / turned).clamp(1.5, 4.0) * step, step / 2)
     stuck = climbing & ~good & (step < LEAST)
-    return good, torch.where(good, share, reached), step, torch.where(stuck, found_status.clamp(min=DIVERGED), status)
+    return (
+        good,
+        torch.where(good, share, reached),
+        step,
+        torch.where(stuck, found_status.clamp(min=DIVERGED), status),
+    )

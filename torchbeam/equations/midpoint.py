@@ -1,20 +1,24 @@
 """One implicit step of the nodal form: mean strain, mid-step forces, Cayley rotations.
 
-Unknown at mid step: u = r_mid - r_n and the rotation from R_n to R_mid (m, so that R_{n+1} = R_n R(m)^2), and the stress,
-which is a mean over the step. With dt the step and Theta = 2 tan(angle/2) n of the whole step's rotation (Simo and Wong 1991:
-the increment that keeps the energy of a free body), see `inertia` for x, v_c, e-:
+Unknown at mid step: u = r_mid - r_n and the rotation from R_n to R_mid (m, so that R_{n+1} = R_n
+R(m)^2), and the stress, which is a mean over the step. With dt the step and Theta = 2 tan(angle/2)
+n of the whole step's rotation (Simo and Wong 1991: the increment that keeps the energy of a free
+body), see `inertia` for x, v_c, e-:
 
     v_{n+1} = 4 u/dt - v_n                          Omega_{n+1} = 2 Theta/dt - Omega_n
     M (v_c,{n+1} - v_c,n)/dt + to_nodes(h B_mid^T [F; M])_force - f = 0
-    (R_{n+1} J Omega_{n+1} - R_n J Omega_n)/dt + e- x (the force of inertia) + to_nodes(h B_mid^T [F; M])_moment - m = 0
+    (R_{n+1} J Omega_{n+1} - R_n J Omega_n)/dt + e- x (the force of inertia)
+        + to_nodes(h B_mid^T [F; M])_moment - m = 0
     S [F; M] = (strain_n + strain_{n+1})/2 + rate (strain_{n+1} - strain_n)/dt
 
-Momentum is exact; the energy is kept to third order in the step, far better than by the strain at mid step (Simo, Tarnow
-and Doblare 1995; Romero and Armero 2002). What is left over can be taken out of the velocities: see `conserve`.
+Momentum is exact; the energy is kept to third order in the step, far better than by the strain at
+mid step (Simo, Tarnow and Doblare 1995; Romero and Armero 2002). What is left over can be taken out
+of the velocities: see `conserve`.
 
-In a frame a that moves with v, omega at mid step, velocities are absolute: their mean is 2 u/dt + v + omega x r_mid, d/dt of a
-momentum is its difference over dt and omega x its mean, and Theta is that of R_n^T Cay(omega dt) R_{n+1}. A steady motion
-with the frame is then steady in the step as well.
+In a frame a that moves with v, omega at mid step, velocities are absolute: their mean is 2
+u/dt + v + omega x r_mid, d/dt of a momentum is its difference over dt and omega x its mean, and
+Theta is that of R_n^T Cay(omega dt) R_{n+1}. A steady motion with the frame is then steady in the
+step as well.
 """
 
 from __future__ import annotations
@@ -37,7 +41,9 @@ from .step_problem import StepProblem
 
 
 class MidpointUnknowns(NamedTuple):
-    """The unknowns: u (..., N+1, p) m, m (..., N+1, ...) from R_n to R_mid, stress (..., N, k) N and N m."""
+    """The unknowns: u (..., N+1, p) m, m (..., N+1, ...) from R_n to R_mid, stress (..., N, k) N
+    and N m.
+    """
 
     u: Tensor
     m: Tensor
@@ -48,8 +54,9 @@ class MidpointUnknowns(NamedTuple):
 class MidpointProblem(StepProblem):
     """See above.
 
-    conserve  scale the velocities at the end so that kinetic + strain energy changes by the work of the loads less what
-              damping takes, exactly; by at most 1/2 %, the rest waits for a step with more kinetic energy
+    conserve  scale the velocities at the end so that kinetic + strain energy changes by the work of
+              the loads less what damping takes, exactly; by at most 1/2 %, the rest waits for a
+              step with more kinetic energy
     """
 
     conserve: bool = False
@@ -63,28 +70,36 @@ class MidpointProblem(StepProblem):
     @cached
     def motion(self) -> MidpointMotion:
         """The nodes over the step."""
-        return MidpointMotion(self.model.inertia, self.start, self.h, self.frame, self.support_motions.clamps)
+        return MidpointMotion(
+            self.model.inertia, self.start, self.h, self.frame, self.support_motions.clamps
+        )
 
     @cached
     def element(self) -> MidpointElement:
         """The elements over the step."""
-        model, start = self.model, self.model.assembly.poses(self.start.position, self.start.rotation)
-        return MidpointElement(model.space, model.law, model.length, model.reference, self.eigenstrain, self.h, start)
+        model = self.model
+        start = self.model.assembly.poses(self.start.position, self.start.rotation)
+        return MidpointElement(
+            model.space, model.law, model.length, model.reference, self.eigenstrain, self.h, start
+        )
 
     def predictor(self) -> MidpointUnknowns:
         """Constant velocity, and the stress of the step before."""
         start, frame = self.start, self.frame
         velocity = frame.relative_velocity(start.velocity, start.position)
         spin = frame.relative_spin(start.spin, start.rotation)
-        if self.support_motions.nodes:  # what is held does not move in frame a, whatever the mean of its velocities
-            velocity, spin = self.model.constraints.slide * velocity, self.model.constraints.turn * spin
+        # what is held does not move in frame a, whatever the mean of its velocities
+        if self.support_motions.nodes:
+            velocity = self.model.constraints.slide * velocity
+            spin = self.model.constraints.turn * spin
         m = self.model.space.cayley(spin * self.h / 2)
         return self.apply_supports(MidpointUnknowns(velocity * self.h / 2, m, start.stress))
 
     def joint_poses(self, kinematics: StepKinematics) -> JointMotion:
         """Forces act at the means over the step, joints are closed at its end."""
         joints = self.model.joints
-        start, end = joints.pose(self.start.position, self.start.rotation), joints.pose(kinematics.position_end, kinematics.q_end)
+        start = joints.pose(self.start.position, self.start.rotation)
+        end = joints.pose(kinematics.position_end, kinematics.q_end)
         return JointMotion(start.mean(end), end, start, self.joint_drive)
 
     def half_turns(self, nodes: MidpointTangent) -> Callable[[], Tensor]:
@@ -101,14 +116,37 @@ class MidpointProblem(StepProblem):
         if not isinstance(load, float):
             work = work + (load * torch.cat((self.h * kinematics.velocity, turn), -1)).sum((-1, -2))
         for k, node in enumerate(self.support_motions.nodes):
-            moves = torch.cat((self.dt[..., None] * kinematics.velocity[..., node, :], turn[..., node, :]), -1)
+            moves = torch.cat(
+                (self.dt[..., None] * kinematics.velocity[..., node, :], turn[..., node, :]), -1
+            )
             work = work + (reaction[..., k, :] * moves).sum(-1)
-        if not self.support_motions.nodes:  # what stands still has no velocity, whatever rounding has left
-            velocity, spin = model.constraints.slide * velocity, self.about_hinges(model.constraints.turn * spin, kinematics.q_end)
+        # what stands still has no velocity, whatever rounding has left
+        if not self.support_motions.nodes:
+            velocity = model.constraints.slide * velocity
+            spin = self.about_hinges(model.constraints.turn * spin, kinematics.q_end)
         after = replace(
-            start, position=kinematics.position_end, rotation=kinematics.q_end, velocity=velocity, spin=spin,
-            reaction=reaction, work=work, t=start.t + self.dt, frame=self.frame.orientation(start.frame, self.dt),
-            internal=external.advanced(model, self.nodes(kinematics), self.conditions))
-        after = replace(after, **model.joints.finished(x.stress, lambda: self.joint_poses(kinematics),
-                                                       lambda: self.relative_motion(after), work))
-        return conserved(self.model, start, after, self.dt, self.eigenstrain) if self.conserve else after
+            start,
+            position=kinematics.position_end,
+            rotation=kinematics.q_end,
+            velocity=velocity,
+            spin=spin,
+            reaction=reaction,
+            work=work,
+            t=start.t + self.dt,
+            frame=self.frame.orientation(start.frame, self.dt),
+            internal=external.advanced(model, self.nodes(kinematics), self.conditions),
+        )
+        after = replace(
+            after,
+            **model.joints.finished(
+                x.stress,
+                lambda: self.joint_poses(kinematics),
+                lambda: self.relative_motion(after),
+                work,
+            ),
+        )
+        return (
+            conserved(self.model, start, after, self.dt, self.eigenstrain)
+            if self.conserve
+            else after
+        )

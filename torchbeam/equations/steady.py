@@ -1,4 +1,6 @@
-"""Equilibrium of the nodal form: the balance of what stands still, or moves with a frame that moves steadily."""
+"""Equilibrium of the nodal form: the balance of what stands still, or moves with a frame that moves
+steadily.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ from .steady_motion import AtRest, steady_motion
 
 
 class Configuration(NamedTuple):
-    """position (..., N+1, p) m, rotation (..., N+1, ...), stress (..., N, k) N and N m, in the space's coordinates."""
+    """position (..., N+1, p) m, rotation (..., N+1, ...), stress (..., N, k) N and N m, in the
+    space's coordinates.
+    """
 
     position: Tensor
     rotation: Tensor
@@ -41,13 +45,15 @@ class Configuration(NamedTuple):
 
 @dataclass(frozen=True)
 class SteadyProblem(BalanceProblem):
-    """inertia + to_nodes(h B^T [F; M]) = load_factor * loads and S [F; M] = strain; `load_factor` (...) in [0, 1] steps the
-    loads, the inertia of a moving frame, the strain that a beam takes by itself and the motion of its supports.
+    """inertia + to_nodes(h B^T [F; M]) = load_factor * loads and S [F; M] = strain; `load_factor`
+    (...) in [0, 1] steps the loads, the inertia of a moving frame, the strain that a beam takes by
+    itself and the motion of its supports.
 
     The inertia is that of `steady_motion`.
 
     internal  (..., z) of the loads, where they are held; None = where they come to rest
-    near      (..., z) where the laws of these are linearised to find that, None = at zero; see `internal_states`
+    near      (..., z) where the laws of these are linearised to find that, None = at zero; see
+              `internal_states`
     """
 
     t: Tensor = leaf(0)
@@ -59,7 +65,9 @@ class SteadyProblem(BalanceProblem):
     @cached
     def conditions(self) -> Conditions:
         """Of the instant; their eigenstrain is that of the whole load."""
-        return replace(conditions(self.model, self.t, self.inputs), orientation=self.model.orientation(self.t))
+        return replace(
+            conditions(self.model, self.t, self.inputs), orientation=self.model.orientation(self.t)
+        )
 
     @cached
     def C(self) -> Tensor:
@@ -83,10 +91,12 @@ class SteadyProblem(BalanceProblem):
 
     def update(self, x: Configuration, move: Tensor, dstress: Tensor) -> Configuration:
         space = self.model.space
-        turn = move[..., space.dims.position:]
+        turn = move[..., space.dims.position :]
         turn = space.cayley(turn if space.turns else space.to_section(x.rotation, turn))
         rotation = space.normalize(space.multiply(turn, x.rotation))
-        return Configuration(x.position + move[..., :space.dims.position], rotation, x.stress + dstress)
+        return Configuration(
+            x.position + move[..., : space.dims.position], rotation, x.stress + dstress
+        )
 
     @cached
     def least(self) -> tuple[Tensor, ...]:
@@ -96,36 +106,57 @@ class SteadyProblem(BalanceProblem):
     @cached
     def element(self) -> ElementAtRest:
         model = self.model
-        return ElementAtRest(model.space, model.law, model.length, model.reference, self.eigenstrain)
+        return ElementAtRest(
+            model.space, model.law, model.length, model.reference, self.eigenstrain
+        )
 
     def nodes(self, x: Configuration) -> Nodes:
         velocity, spin = self.velocity(x)
-        nodes = Nodes(x.position, x.rotation, velocity, spin, self.orientation, **self.frame.steady_acceleration(velocity))
+        nodes = Nodes(
+            x.position,
+            x.rotation,
+            velocity,
+            spin,
+            self.orientation,
+            **self.frame.steady_acceleration(velocity),
+        )
         sizes = self.conditions.internal_states
         if not sizes:
             return nodes
         if self.internal is not None:
             return nodes._replace(internal=self.internal)
-        start = x.position.new_zeros(*x.position.shape[:-2], sizes) if self.near is None else self.near
+        start = (
+            x.position.new_zeros(*x.position.shape[:-2], sizes) if self.near is None else self.near
+        )
         return nodes._replace(internal=start, dt=torch.full_like(self.t, STEADY))
 
     def holding(self, x: Configuration, internal: Tensor | None) -> SteadyProblem:
-        """The same with the internal states of the loads held: at these, or (None) where they come to rest at x."""
+        """The same with the internal states of the loads held: at these, or (None) where they come
+        to rest at x.
+        """
         if internal is None:
-            internal = external.internal(self.model, self.nodes(x), self.conditions, x.position.shape[:-2])
+            internal = external.internal(
+                self.model, self.nodes(x), self.conditions, x.position.shape[:-2]
+            )
         elif internal.shape[-1] != self.model.internal_states:
-            raise ValueError(f"a state with {internal.shape[-1]} internal states was given; the scene's loads have "
-                             f"{self.model.internal_states}")
+            raise ValueError(
+                f"a state with {internal.shape[-1]} internal states was given; the scene's loads "
+                f"have {self.model.internal_states}"
+            )
         return replace(self, internal=internal)
 
     def velocity(self, x: Configuration) -> tuple[Tensor, Tensor]:
         """Of nodes that move with frame a, and their spin, absolute, frame a."""
-        spin = torch.zeros_like(x.position[..., :self.model.space.dims.spin])
+        spin = torch.zeros_like(x.position[..., : self.model.space.dims.spin])
         return self.frame.velocity(torch.zeros_like(x.position), x.position), self.frame.spin(spin)
 
     def load(self, x: Configuration) -> Tensor | float:
-        """Loads less the inertia of the nodes, as far as they are raised, (..., N+1, w); 0.0 where there is none."""
-        load = external.external(self.model, self.nodes(x), self.conditions, total=self.conditions.dead)
+        """Loads less the inertia of the nodes, as far as they are raised, (..., N+1, w); 0.0 where
+        there is none.
+        """
+        load = external.external(
+            self.model, self.nodes(x), self.conditions, total=self.conditions.dead
+        )
         load = self.motion.less(load, *x[:2])
         return load if isinstance(load, float) else self.load_factor[..., None, None] * load
 
@@ -138,7 +169,11 @@ class SteadyProblem(BalanceProblem):
             return inertia
         by = self.frame.steady_jacobian()
         tangent = external.tangent(model, self.nodes(x), self.conditions, by)
-        return inertia if isinstance(tangent, float) else total(model.topology.diagonal(-load_factor * tangent), inertia)
+        return (
+            inertia
+            if isinstance(tangent, float)
+            else total(model.topology.diagonal(-load_factor * tangent), inertia)
+        )
 
     def node_balance(self, x: Configuration) -> tuple[Configuration, None, Tensor | float]:
         """The loads are less the inertia."""
@@ -149,29 +184,47 @@ class SteadyProblem(BalanceProblem):
 
     def joint_poses(self, kinematics: Configuration) -> JointMotion:
         pose = self.model.joints.pose(*kinematics[:2])
-        return JointMotion(pose, pose, None, JointDrive(self.conditions.joints, share=self.load_factor))
+        return JointMotion(
+            pose, pose, None, JointDrive(self.conditions.joints, share=self.load_factor)
+        )
 
     def state(self, x: Configuration, reaction: Tensor, status: Tensor) -> State:
         """The public state of a solution: at rest in frame a."""
         model, space, shape = self.model, self.model.space, status.shape
         velocity, spin = self.velocity(x)
         zero, frame = torch.zeros_like(status, dtype=x.position.dtype), self.orientation
-        return space.to_public(State(
-            *x[:2], velocity=velocity, spin=space.to_section(x.rotation, spin), reaction=reaction, work=zero,
-            defect=zero, t=self.t.expand(shape), status=status,
-            frame=None if frame is None else frame.expand(*shape, frame.shape[-1]),
-            internal=external.internal(model, self.nodes(x), self.conditions, shape), supports=model.constraints.nodes,
-            parts=model.scene.beam.parts, joined=model.scene.beam.joined,
-            coordinates=tuple(joint.coordinates for joint in model.scene.joints),
-            **model.joints.finished(x.stress, lambda: self.joint_poses(x))))
+        return space.to_public(
+            State(
+                *x[:2],
+                velocity=velocity,
+                spin=space.to_section(x.rotation, spin),
+                reaction=reaction,
+                work=zero,
+                defect=zero,
+                t=self.t.expand(shape),
+                status=status,
+                frame=None if frame is None else frame.expand(*shape, frame.shape[-1]),
+                internal=external.internal(model, self.nodes(x), self.conditions, shape),
+                supports=model.constraints.nodes,
+                parts=model.scene.beam.parts,
+                joined=model.scene.beam.joined,
+                coordinates=tuple(joint.coordinates for joint in model.scene.joints),
+                **model.joints.finished(x.stress, lambda: self.joint_poses(x)),
+            )
+        )
 
     def apply_supports(self, x: Configuration) -> Configuration:
         position, rotation, space = x.position, x.rotation, self.model.space
-        for support, fixed in zip(self.model.scene.supports, self.model.constraints.fixed, strict=True):
+        for support, fixed in zip(
+            self.model.scene.supports, self.model.constraints.fixed, strict=True
+        ):
             at = support.node
             pose = self.model.prescribed_motion.pose(support, self.t, self.load_factor[..., None])
-            r, q = placed(space.of_nodes(at), fixed, pose, position[..., at, :], rotation[..., at, :])
-            position, rotation = set_node(position, at, r), rotation if q is None else set_node(rotation, at, q)
+            r, q = placed(
+                space.of_nodes(at), fixed, pose, position[..., at, :], rotation[..., at, :]
+            )
+            position = set_node(position, at, r)
+            rotation = rotation if q is None else set_node(rotation, at, q)
         for at, axis in self.model.constraints.hinges:
             own, beam = space.of_nodes(at), self.model.scene.beam
             _, q = own.pose(beam.nodes[..., at, :], beam.frames[..., at, :])
@@ -180,19 +233,28 @@ class SteadyProblem(BalanceProblem):
 
 
 def rounding_stress(model: Model) -> Tensor:
-    """(..., N, k) N and N m, the stress of strains that are rounding alone, in differences of places over an element: what a
-    balance is measured against where nothing acts.
+    """(..., N, k) N and N m, the stress of strains that are rounding alone, in differences of
+    places over an element: what a balance is measured against where nothing acts.
     """
     p, C = model.space.dims.position, model.tangent_stiffness()
     h = model.length.detach()
     eps = torch.finfo(h.dtype).eps
-    strain = torch.cat((torch.full_like(h, eps).expand(*h.shape[:-1], p), (eps / h).expand(*h.shape[:-1], C.shape[-2] - p)), -1)
+    strain = torch.cat(
+        (
+            torch.full_like(h, eps).expand(*h.shape[:-1], p),
+            (eps / h).expand(*h.shape[:-1], C.shape[-2] - p),
+        ),
+        -1,
+    )
     return times(C.abs(), strain[..., None])[..., 0]
 
 
-def placed(space: Spatial, fixed: Tensor, pose: tuple[Tensor, Tensor], position: Tensor, rotation: Tensor
-           ) -> tuple[Tensor, Tensor | None]:
-    """Position and rotation (None = as it is) of a node that a support has in a pose, as far as its freedoms are fixed (w)."""
+def placed(
+    space: Spatial, fixed: Tensor, pose: tuple[Tensor, Tensor], position: Tensor, rotation: Tensor
+) -> tuple[Tensor, Tensor | None]:
+    """Position and rotation (None = as it is) of a node that a support has in a pose, as far as its
+    freedoms are fixed (w).
+    """
     r, q = space.pose(*pose)
     p = space.dims.position
     return torch.where(fixed[:p] > 0, r, position), q if bool(fixed[p:].all()) else None

@@ -1,7 +1,7 @@
 """Inertia of nodes that stand in a frame: none, or that of steady rotation, and its small motions.
 
-Steady motion with v and omega of frame a: with x = r + R e the centres of mass, A spin = spin x R e and J, H = J omega in
-frame a, momenta are M (v + omega x x) and H, and ask for
+Steady motion with v and omega of frame a: with x = r + R e the centres of mass, A spin = spin x R e
+and J, H = J omega in frame a, momenta are M (v + omega x x) and H, and ask for
 
     force = ~omega M (v + omega x x)      moment = omega x H + R e x force
 
@@ -25,7 +25,9 @@ from ..topology.protocols import Matrix
 
 @dataclass(frozen=True)
 class AtRest:
-    """Nodes at rest, or moved alike: no inertia. position (..., N+1, p), rotation (..., N+1, ...)."""
+    """Nodes at rest, or moved alike: no inertia. position (..., N+1, p), rotation
+    (..., N+1, ...).
+    """
 
     inertia: Inertia
     frame: FixedFrame
@@ -54,7 +56,8 @@ class SteadyRotation(AtRest):
 
     def _wrench(self, position: Tensor, rotation: Tensor) -> Tensor:
         inertia, frame, still = self.inertia, self.frame, torch.zeros_like
-        lever, spin = inertia.offset.turned(rotation), frame.spin(still(position[..., :inertia.space.dims.spin]))
+        lever = inertia.offset.turned(rotation)
+        spin = frame.spin(still(position[..., : inertia.space.dims.spin]))
         velocity = lever.velocity(frame.velocity(still(position), position), lambda: spin)
         momentum, H = inertia.momenta(rotation, velocity, inertia.space.to_section(rotation, spin))
         moment = inertia.rotary.present_or(H, lambda: frame.spin_rate(still(H), lambda: H))
@@ -63,15 +66,20 @@ class SteadyRotation(AtRest):
     def _spin(self, position: Tensor, rotation: Tensor) -> Tensor:
         """Section axes."""
         space = self.inertia.space
-        return space.to_section(rotation, self.frame.spin(torch.zeros_like(position[..., :space.dims.spin])))
+        return space.to_section(
+            rotation, self.frame.spin(torch.zeros_like(position[..., : space.dims.spin]))
+        )
 
     def tangent(self, position: Tensor, rotation: Tensor) -> Matrix:
         inertia, space, turning = self.inertia, self.inertia.space, self.frame.spin_skew
         lever, rotary = inertia.offset.turned(rotation), self.inertia.rotary
 
         def angular() -> Tensor:
-            R, H = space.spin_matrix(rotation), rotary.momentum(rotation, self._spin(position, rotation))
-            return turning @ rotary.momentum_by(R, R.mT @ turning, H, torch.eye(space.dims.spin, dtype=R.dtype, device=R.device))
+            R = space.spin_matrix(rotation)
+            H = rotary.momentum(rotation, self._spin(position, rotation))
+            return turning @ rotary.momentum_by(
+                R, R.mT @ turning, H, torch.eye(space.dims.spin, dtype=R.dtype, device=R.device)
+            )
 
         masses = inertia.masses(self.frame.skew @ self.frame.skew)
         moved = lever.tangent(masses, lambda: lever.A, lambda: self._wrench(position, rotation))
@@ -82,10 +90,13 @@ class SteadyRotation(AtRest):
         lever, rotary = inertia.offset.turned(rotation), self.inertia.rotary
 
         def angular() -> Tensor:
-            J, H = rotary.in_frame(rotation), rotary.momentum(rotation, self._spin(position, rotation))
+            J = rotary.in_frame(rotation)
+            H = rotary.momentum(rotation, self._spin(position, rotation))
             return J @ turning + turning @ J - space.spin_skew(H)
 
-        return rotary.matrix(lever.matrix(inertia.masses(2 * self.frame.skew), lambda: lever.A), angular)
+        return rotary.matrix(
+            lever.matrix(inertia.masses(2 * self.frame.skew), lambda: lever.A), angular
+        )
 
 
 def steady_motion(inertia: Inertia, frame: FixedFrame) -> AtRest:

@@ -1,7 +1,9 @@
-"""Elements over one implicit step: forces, the strain that stress answers to, and their tangent. Local: nothing here knows the
-chain. The midpoint step has forces at mid step and a mean strain, generalized alpha both at the end:
+"""Elements over one implicit step: forces, the strain that stress answers to, and their tangent.
+Local: nothing here knows the chain. The midpoint step has forces at mid step and a mean strain,
+generalized alpha both at the end:
 
-    n, m_i, m_j = h B_mid^T [F; M]      gap = (strain_n + strain_{n+1})/2 + rate (strain_{n+1} - strain_n)/dt - S [F; M]
+    n, m_i, m_j = h B_mid^T [F; M]
+    gap = (strain_n + strain_{n+1})/2 + rate (strain_{n+1} - strain_n)/dt - S [F; M]
     n, m_i, m_j = h B_{n+1}^T [F; M]    gap = strain_{n+1} + rate (strain rate)_{n+1} - S [F; M]
 """
 
@@ -48,20 +50,30 @@ class MidpointElement(StepElement):
         """stress (..., N, k); nodes at mid step and at the end."""
         acting = self.space.kinematics(*middle, self.length)
         end, after = self._kinematics(end)
-        effective_strain = self._effective_strain((self.strain + after) / 2, lambda: (after - self.strain) / self.h)
+        effective_strain = self._effective_strain(
+            (self.strain + after) / 2, lambda: (after - self.strain) / self.h
+        )
         return self._balance(acting, end, effective_strain, stress)
 
-    def tangent(self, balance: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]) -> ElementTangent:
+    def tangent(
+        self, balance: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]
+    ) -> ElementTangent:
         space = self.space
-        by_r, *by_spin = space.interpolation.by_spins(space.strain_operator(balance.end, self.length), space.dims.position)
+        by_r, *by_spin = space.interpolation.by_spins(
+            space.strain_operator(balance.end, self.length), space.dims.position
+        )
         turned = (by @ own for by, own in zip(by_spin, half(), strict=True))
         E = self.law.effective_strain_by(space.interpolation.by_numbers(by_r, *turned), self.rate)
-        return self._tangent(balance.acting, stress, space.strain_operator(balance.acting, self.length), E)
+        return self._tangent(
+            balance.acting, stress, space.strain_operator(balance.acting, self.length), E
+        )
 
 
 @dataclass(frozen=True)
 class EndElement(StepElement):
-    """Over a step of generalized alpha. straining (..., N, 2 k): strain rate at the start, and its algorithmic counterpart."""
+    """Over a step of generalized alpha. straining (..., N, 2 k): strain rate at the start, and its
+    algorithmic counterpart.
+    """
 
     straining: Tensor = leaf(2)
     method: GeneralizedAlpha
@@ -76,10 +88,19 @@ class EndElement(StepElement):
     def balance(self, stress: Tensor, end: Ends) -> ElementBalance:
         """stress (..., N, k); nodes at the end."""
         kinematics, strain = self._kinematics(end)
-        return self._balance(kinematics, kinematics, self._effective_strain(strain, lambda: self.rates(strain)[0]), stress)
+        return self._balance(
+            kinematics,
+            kinematics,
+            self._effective_strain(strain, lambda: self.rates(strain)[0]),
+            stress,
+        )
 
-    def tangent(self, balance: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]) -> ElementTangent:
+    def tangent(
+        self, balance: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]
+    ) -> ElementTangent:
         """By the move of the end: `half` is not asked for."""
         B = self.space.strain_operator(balance.end, self.length)
-        E = self.law.effective_strain_by(B, self.method.ratio / self.method.gamma / self.h[..., None])
+        E = self.law.effective_strain_by(
+            B, self.method.ratio / self.method.gamma / self.h[..., None]
+        )
         return self._tangent(balance.acting, stress, B, E)

@@ -1,4 +1,5 @@
-"""Nodal kinematics and inertia forces of one midpoint step; the equations are those of `midpoint` and `inertia`.
+"""Nodal kinematics and inertia forces of one midpoint step; the equations are those of `midpoint`
+and `inertia`.
 
 Local: a node needs no other, but for the mass that neighbours share.
 """
@@ -25,9 +26,9 @@ from .support_motion import ClampMotion
 
 
 class StepKinematics(NamedTuple):
-    """Motion of the nodes over a step, from its unknowns. Mid step: position, rotation q, mean velocity of node and centre of
-    mass (absolute, frame a), theta (absolute, section axes) and lever e-. End: position, rotation, lever, spin (section axes),
-    velocity of node and centre.
+    """Motion of the nodes over a step, from its unknowns. Mid step: position, rotation q, mean
+    velocity of node and centre of mass (absolute, frame a), theta (absolute, section axes) and
+    lever e-. End: position, rotation, lever, spin (section axes), velocity of node and centre.
     """
 
     position: Tensor
@@ -51,7 +52,9 @@ class StepKinematics(NamedTuple):
 
 @dataclass(frozen=True)
 class MidpointMotion:
-    """Nodes from `start` over h (..., 1, 1) s, any number of them; frame a at mid step; clamps that move."""
+    """Nodes from `start` over h (..., 1, 1) s, any number of them; frame a at mid step; clamps that
+    move.
+    """
 
     inertia: Inertia
     start: State
@@ -72,7 +75,9 @@ class MidpointMotion:
     @cached
     def centre_velocity(self) -> Tensor:
         start = self.start
-        return self.lever.velocity(start.velocity, lambda: self.inertia.space.to_frame(start.rotation, start.spin))
+        return self.lever.velocity(
+            start.velocity, lambda: self.inertia.space.to_frame(start.rotation, start.spin)
+        )
 
     @cached
     def R(self) -> Tensor:
@@ -128,19 +133,35 @@ class MidpointMotion:
         for clamp in self.clamps:
             velocity_end = set_node(velocity_end, clamp.node, clamp.velocity)
             centre_end = lever_end.velocity(velocity_end, turning)
-        return StepKinematics(position, q, velocity, centre, theta, lever, start.position + 2 * u, q_end, lever_end, spin_end,
-                              velocity_end, centre_end)
+        return StepKinematics(
+            position,
+            q,
+            velocity,
+            centre,
+            theta,
+            lever,
+            start.position + 2 * u,
+            q_end,
+            lever_end,
+            spin_end,
+            velocity_end,
+            centre_end,
+        )
 
     def balance(self, kinematics: StepKinematics) -> InertiaForces:
         """By differences and means over the step."""
-        before, after = self.momenta, self.inertia.momenta(kinematics.q_end, kinematics.centre_end, kinematics.spin_end)
+        before = self.momenta
+        after = self.inertia.momenta(kinematics.q_end, kinematics.centre_end, kinematics.spin_end)
         force = self._rate(self.frame.rate, before.linear, after.linear)
         moment = self.inertia.rotary.present_or(
-            after.angular, lambda: self._rate(self.frame.spin_rate, before.angular, after.angular))
+            after.angular, lambda: self._rate(self.frame.spin_rate, before.angular, after.angular)
+        )
         return InertiaForces(kinematics.lever.wrench(force, moment), after.angular)
 
     def nodes(self, kinematics: StepKinematics, read: frozenset[str]) -> Nodes:
-        """What loads see: the middle of the step, velocities and, of those that they read, accelerations its mean."""
+        """What loads see: the middle of the step, velocities and, of those that they read,
+        accelerations its mean.
+        """
         spin = self.inertia.space.to_frame(kinematics.q, kinematics.theta) / self.h
         accelerations = {name: getattr(self, name)(kinematics) for name in INERTIAL if name in read}
         return Nodes(kinematics.position, kinematics.q, kinematics.velocity, spin, **accelerations)
@@ -152,17 +173,24 @@ class MidpointMotion:
     def angular_acceleration(self, kinematics: StepKinematics) -> Tensor:
         """The same of spins."""
         to_frame, start = self.inertia.space.to_frame, self.start
-        return self._rate(self.frame.spin_rate, to_frame(start.rotation, start.spin), to_frame(kinematics.q_end, kinematics.spin_end))
+        return self._rate(
+            self.frame.spin_rate,
+            to_frame(start.rotation, start.spin),
+            to_frame(kinematics.q_end, kinematics.spin_end),
+        )
 
     def _rate(self, rate: Callable[..., Tensor], before: Tensor, after: Tensor) -> Tensor:
-        """The rate by a frame's `rate` of a vector over the step: by its difference and its mean."""
+        """The rate by a frame's `rate` of a vector over the step: by its difference and its
+        mean.
+        """
         return rate((after - before) / self.h, lambda: (after + before) / 2)
 
 
 @dataclass(frozen=True)
 class MidpointTangent:
-    """Derivatives of the motion `way` by the move (dr_mid, spin of R_mid), each made where it is asked for; those of what loads
-    see have its names. R_{n+1} follows with the spin (I + R_mid R_n^T) spin_mid.
+    """Derivatives of the motion `way` by the move (dr_mid, spin of R_mid), each made where it is
+    asked for; those of what loads see have its names. R_{n+1} follows with the spin
+    (I + R_mid R_n^T) spin_mid.
     """
 
     motion: MidpointMotion
@@ -185,7 +213,10 @@ class MidpointTangent:
     @cached
     def theta(self) -> Tensor:
         """d(Theta), section axes, (..., N+1, s, s)."""
-        return self.motion.inertia.space.theta_by_turn(self.kinematics.theta) @ (self.R_end + self.R).mT
+        return (
+            self.motion.inertia.space.theta_by_turn(self.kinematics.theta)
+            @ (self.R_end + self.R).mT
+        )
 
     @cached
     def lever_end(self) -> Tensor:
@@ -196,7 +227,9 @@ class MidpointTangent:
     def spin_end(self) -> Tensor:
         """d(R_{n+1} Omega_{n+1})."""
         space = self.motion.inertia.space
-        return self.R_end @ (self.motion.rate * self.theta) - space.spin_skew(self._spin_end) @ (2 * self.half)
+        return self.R_end @ (self.motion.rate * self.theta) - space.spin_skew(self._spin_end) @ (
+            2 * self.half
+        )
 
     @cached
     def _spin_end(self) -> Tensor:
@@ -207,10 +240,14 @@ class MidpointTangent:
         motion, rotary = self.motion, self.motion.inertia.rotary
 
         def angular() -> Tensor:
-            by = rotary.momentum_by(self.R_end, motion.rate * self.theta, forces.angular, 2 * self.half)
+            by = rotary.momentum_by(
+                self.R_end, motion.rate * self.theta, forces.angular, 2 * self.half
+            )
             return self._rate(motion.frame.spin_rate_by, by)
 
-        masses = self.kinematics.lever.tangent(motion.masses, lambda: self.lever_end, lambda: forces.wrench)
+        masses = self.kinematics.lever.tangent(
+            motion.masses, lambda: self.lever_end, lambda: forces.wrench
+        )
         return rotary.matrix(masses, angular)
 
     @cached
@@ -220,7 +257,9 @@ class MidpointTangent:
     @cached
     def spin(self) -> Tensor:
         space, kinematics = self.motion.inertia.space, self.kinematics
-        return (self.R @ self.theta - space.spin_skew(space.to_frame(kinematics.q, kinematics.theta))) / self.motion.dt
+        return (
+            self.R @ self.theta - space.spin_skew(space.to_frame(kinematics.q, kinematics.theta))
+        ) / self.motion.dt
 
     @cached
     def acceleration(self) -> Tensor:

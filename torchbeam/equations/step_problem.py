@@ -1,6 +1,8 @@
-"""One implicit step of the nodal form, whatever the method: where its nodes, its supports and its loads are.
+"""One implicit step of the nodal form, whatever the method: where its nodes, its supports and its
+loads are.
 
-Unknown are u and m, from the start to where the forces are in balance, at mid step or at the end, and the stress.
+Unknown are u and m, from the start to where the forces are in balance, at mid step or at the end,
+and the stress.
 """
 
 from __future__ import annotations
@@ -28,11 +30,12 @@ from .support_motion import SupportMotions, support_motions
 
 @dataclass(frozen=True)
 class StepProblem(BalanceProblem):
-    """A step of length dt (0-dim or (...)) from `start`, with loads as at time t (0-dim, or (...) each sample's own) and
-    inputs held over it. model: `Model`; where others say what the `conditions` are, rows of it.
+    """A step of length dt (0-dim or (...)) from `start`, with loads as at time t (0-dim, or (...)
+    each sample's own) and inputs held over it. model: `Model`; where others say what the
+    `conditions` are, rows of it.
 
-    A method says how its nodes (`motion`, `TANGENT`) and elements (`element`) move, where it starts (`predictor`) and what the
-    state after it is (`finish`).
+    A method says how its nodes (`motion`, `TANGENT`) and elements (`element`) move, where it starts
+    (`predictor`) and what the state after it is (`finish`).
 
     UNKNOWNS  u (..., N+1, p) m, m (..., N+1, ...), stress (..., N, k)
     TANGENT   derivatives of the nodes' motion
@@ -85,24 +88,40 @@ class StepProblem(BalanceProblem):
     def apply_supports(self, x: Any) -> Any:
         u, m = x.u, x.m
         for support in self.support_motions.poses:
-            u = set_node(u, support.node, torch.where(support.position, support.u, u[..., support.node, :]))
+            u = set_node(
+                u, support.node, torch.where(support.position, support.u, u[..., support.node, :])
+            )
             m = set_node(m, support.node, support.m) if support.rotation else m
         space = self.model.space
         for at, axis in self.model.constraints.hinges:
-            m = set_node(m, at, space.of_nodes(at).hinged_turn(m[..., at, :], self.start.rotation[..., at, :], axis))
+            m = set_node(
+                m,
+                at,
+                space.of_nodes(at).hinged_turn(
+                    m[..., at, :], self.start.rotation[..., at, :], axis
+                ),
+            )
         return x._replace(u=u, m=m)
 
     def about_hinges(self, spin: Tensor, rotation: Tensor) -> Tensor:
         """spin (..., N+1, s), section axes, of which hinges leave what is about their axis."""
         for at, axis in self.model.constraints.hinges:
-            about_axis = self.model.space.of_nodes(at).about(rotation[..., at, :], spin[..., at, :], axis)
+            about_axis = self.model.space.of_nodes(at).about(
+                rotation[..., at, :], spin[..., at, :], axis
+            )
             spin = set_node(spin, at, about_axis)
         return spin
 
     @cached
     def _dead(self) -> Tensor | float:
         start = self.start
-        nodes = Nodes(start.position, start.rotation, frame=self._frame_middle, internal=start.internal, dt=self.dt)
+        nodes = Nodes(
+            start.position,
+            start.rotation,
+            frame=self._frame_middle,
+            internal=start.internal,
+            dt=self.dt,
+        )
         now = self.conditions
         return external.external(self.model, nodes, now, now.still, now.dead)
 
@@ -117,10 +136,16 @@ class StepProblem(BalanceProblem):
         return self.UNKNOWNS(u, self.model.space.identity(u), torch.zeros_like(self.start.stress))
 
     def update(self, x: Any, move: Tensor, dstress: Tensor) -> Any:
-        """x after a move of the configuration whose forces are in balance; a spin s in frame a turns R_n R(m) from the left."""
+        """x after a move of the configuration whose forces are in balance; a spin s in frame a
+        turns R_n R(m) from the left.
+        """
         space = self.model.space
-        turn = space.to_section(self.start.rotation, move[..., space.dims.position:])
-        return self.UNKNOWNS(x.u + move[..., :space.dims.position], space.multiply(space.cayley(turn), x.m), x.stress + dstress)
+        turn = space.to_section(self.start.rotation, move[..., space.dims.position :])
+        return self.UNKNOWNS(
+            x.u + move[..., : space.dims.position],
+            space.multiply(space.cayley(turn), x.m),
+            x.stress + dstress,
+        )
 
     def nodes(self, kinematics: Any) -> Nodes:
         """What loads see."""
@@ -135,7 +160,11 @@ class StepProblem(BalanceProblem):
     def external(self, kinematics: Any) -> Tensor | float:
         """Loads at the nodes (..., N+1, w)."""
         now = self.conditions
-        return self._dead + external.external(self.model, self.nodes(kinematics), now, now.moving) if now.moving else self._dead
+        return (
+            self._dead + external.external(self.model, self.nodes(kinematics), now, now.moving)
+            if now.moving
+            else self._dead
+        )
 
     def node_balance(self, x: Any) -> tuple[Any, InertiaForces, Tensor | float]:
         kinematics = self.motion.kinematics(x.u, x.m)
@@ -151,7 +180,9 @@ class StepProblem(BalanceProblem):
         """What acts in joints over the step."""
         start = self.start
         turns = None if start.joints is None else start.joints[..., 0]
-        return JointDrive(self.conditions.joints, turns, self.dt, moving=lambda: self.relative_motion(start))
+        return JointDrive(
+            self.conditions.joints, turns, self.dt, moving=lambda: self.relative_motion(start)
+        )
 
     def relative_motion(self, state: State) -> tuple[Tensor, Tensor]:
         """Velocity and spin of the nodes (..., N+1, *), as seen in frame a."""

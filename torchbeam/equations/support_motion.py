@@ -12,8 +12,8 @@ from ..state.state import State
 
 
 class SupportPose(NamedTuple):
-    """Where a support that moves leads its node: u (..., p) to the positions that it holds, a mask (p,), and m (...) to the
-    rotation, where it holds that.
+    """Where a support that moves leads its node: u (..., p) to the positions that it holds, a mask
+    (p,), and m (...) to the rotation, where it holds that.
     """
 
     node: int
@@ -24,7 +24,9 @@ class SupportPose(NamedTuple):
 
 
 class ClampMotion(NamedTuple):
-    """Absolute velocity (..., p), frame a, and spin (..., s), section axes, of a clamp at the end of the step."""
+    """Absolute velocity (..., p), frame a, and spin (..., s), section axes, of a clamp at the end
+    of the step.
+    """
 
     node: int
     velocity: Tensor
@@ -32,8 +34,8 @@ class ClampMotion(NamedTuple):
 
 
 class SupportMotions(NamedTuple):
-    """Supports of a beam that moves with frame a or with one of them: nodes of all, poses of those that move in frame a, and
-    clamps. None, where nothing moves.
+    """Supports of a beam that moves with frame a or with one of them: nodes of all, poses of those
+    that move in frame a, and clamps. None, where nothing moves.
     """
 
     nodes: tuple[int, ...] = ()
@@ -41,7 +43,9 @@ class SupportMotions(NamedTuple):
     clamps: tuple[ClampMotion, ...] = ()
 
 
-def support_motions(space: Spatial, supports: tuple[SupportConditions, ...], start: State, part: float) -> SupportMotions:
+def support_motions(
+    space: Spatial, supports: tuple[SupportConditions, ...], start: State, part: float
+) -> SupportMotions:
     """From `start` to where supports are at the end; u and m lead a part (1/2 or 1) of the way."""
     poses, clamps = [], []
     for support in supports:
@@ -49,9 +53,16 @@ def support_motions(space: Spatial, supports: tuple[SupportConditions, ...], sta
         if support.pose is not None:
             position, rotation = own.pose(*support.pose)
             m = space.multiply(space.inverse(start.rotation[..., at, :]), rotation)
-            whole = bool(support.fixed[space.dims.position:].all())
-            poses.append(SupportPose(at, support.fixed[:space.dims.position] > 0, whole, (position - start.position[..., at, :]) * part,
-                                     space.sqrt(m) if part == 0.5 else m))
+            whole = bool(support.fixed[space.dims.position :].all())
+            poses.append(
+                SupportPose(
+                    at,
+                    support.fixed[: space.dims.position] > 0,
+                    whole,
+                    (position - start.position[..., at, :]) * part,
+                    space.sqrt(m) if part == 0.5 else m,
+                )
+            )
         if support.motion is not None:
             clamps.append(ClampMotion(at, *space.motion(*support.motion)))
     return SupportMotions(tuple(support.node for support in supports), tuple(poses), tuple(clamps))

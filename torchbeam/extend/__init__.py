@@ -1,15 +1,15 @@
 """torchbeam.extend: for those who write effects, sensors, environments and commands of their own.
 
 Trees of tensors  `Tree`, a dataclass whose tensors are declared by `leaf`, from which batches,
-                  gradients, devices, save and load follow; `Value` annotates what may be a tensor or
-                  numbers; `leaves`, `own_leaves`, `map_leaves`, `with_values`, `detached`;
-                  `BatchSubset`: samples taken from a batch and put back; `broadcast_shapes`, torch's
-                  without what its first call imports
-Effects           `LoadEffect`, the base of a load that `torchbeam.Load` cannot say; `LoadPoint`, where
-                  it acts; what it may depend on: `POSITION`, `ROTATION`, `VELOCITY`, `SPIN`,
+                  gradients, devices, save and load follow; `Value` annotates what may be a tensor
+                  or numbers; `leaves`, `own_leaves`, `map_leaves`, `with_values`, `detached`;
+                  `BatchSubset`: samples taken from a batch and put back; `broadcast_shapes`,
+                  torch's without what its first call imports
+Effects           `LoadEffect`, the base of a load that `torchbeam.Load` cannot say; `LoadPoint`,
+                  where it acts; what it may depend on: `POSITION`, `ROTATION`, `VELOCITY`, `SPIN`,
                   `ACCELERATION`, `ANGULAR_ACCELERATION`; `parameter`, a number that may not be
-                  negative; `inputs_of`, the inputs that a tree waits for; `trace` tries whether a function
-                  is one for native code, `NotTraceable` says why not
+                  negative; `inputs_of`, the inputs that a tree waits for; `trace` tries whether a
+                  function is one for native code, `NotTraceable` says why not
 Arguments         `choice` and `count` refuse what is none; `shown` writes a value into a sentence;
                   `METHODS`, `ODE_METHODS`, `FORMS`, `ENGINES`: what `torchbeam.simulate` takes
 Rotations         `quaternions`, functions of unit quaternions (..., 4), real part first
@@ -44,10 +44,14 @@ from ..scene.effects import (
 )
 from ..scene.effects.values import parameter
 
+# fmt: off
 __all__ = [
-    "ACCELERATION", "ANGULAR_ACCELERATION", "ENGINES", "FORMS", "METHODS", "ODE_METHODS", "POSITION",
-    "ROTATION", "SPIN", "VELOCITY", "BatchSubset", "LoadEffect", "LoadPoint", "NotTraceable", "Tree",
+    "ACCELERATION", "ANGULAR_ACCELERATION", "ENGINES", "FORMS", "METHODS", "ODE_METHODS",
+    "POSITION",
+    "ROTATION", "SPIN", "VELOCITY", "BatchSubset", "LoadEffect", "LoadPoint", "NotTraceable",
+    "Tree",
     "Value", "broadcast_shapes", "choice", "count", "detached", "entry_point", "entry_points",
     "inputs_of", "leaf", "leaves", "map_leaves", "own_leaves", "parameter",
     "quaternions", "shown", "trace", "with_values",
 ]
+# fmt: on

@@ -1,10 +1,15 @@
-"""For those who write a command `python -m torchbeam NAME` (see `torchbeam.cli`), or measure and write files.
+"""For those who write a command `python -m torchbeam NAME` (see `torchbeam.cli`), or measure and
+write files.
 
 `main`            the command line;  `threads`  so many threads of torch for a while
-`results_folder`  the folder of an --out, or one sentence and status 2;  `folder`  the same of a function
-`measured_on`     machine, threads, dtype, versions;  `sentence`  them in words;  `versions`  of packages
-`table`           a Markdown table;  `csv_text`  rows as text;  `write_results`  name.md, .json and .csv
-`write`, `save`, `written`  files that are there whole or not at all; `NotWritten` where the disk is full
+`results_folder`  the folder of an --out, or one sentence and status 2;  `folder`  the same of a
+                  function
+`measured_on`     machine, threads, dtype, versions;  `sentence`  them in words;  `versions`  of
+                  packages
+`table`           a Markdown table;  `csv_text`  rows as text;  `write_results`  name.md, .json and
+                  .csv
+`write`, `save`, `written`  files that are there whole or not at all; `NotWritten` where the disk is
+                            full
 `measurement`     rows and repeated timings, for the entry points "torchbeam.benchmarks"
 """
 
@@ -14,7 +19,10 @@ from ..core.results import measured_on, sentence, table, versions
 from ..core.results import write as write_results
 from ..studies.bench import measurement
 
+# fmt: off
 __all__ = [
-    "NotWritten", "csv_text", "folder", "main", "measured_on", "measurement", "results_folder", "save",
+    "NotWritten", "csv_text", "folder", "main", "measured_on", "measurement", "results_folder",
+    "save",
     "sentence", "table", "threads", "versions", "write", "write_results", "written",
 ]
+# fmt: on

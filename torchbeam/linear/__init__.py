@@ -1,1 +1,3 @@
-"""Small motions about an equilibrium: system matrices, modes, linear models, perturbations, stability limits."""
+"""Small motions about an equilibrium: system matrices, modes, linear models, perturbations,
+stability limits.
+"""

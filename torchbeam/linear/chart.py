@@ -1,4 +1,6 @@
-"""Chart: coordinates of a configuration, and of a state, about another one, as moves of the nodes."""
+"""Chart: coordinates of a configuration, and of a state, about another one, as moves of the
+nodes.
+"""
 
 from __future__ import annotations
 
@@ -22,13 +24,15 @@ ITERATIONS = 30
 
 @dataclass(frozen=True)
 class Chart:
-    """Coordinates of a configuration as moves of the nodes about `own`: with B the operator of the elements' strains there,
+    """Coordinates of a configuration as moves of the nodes about `own`: with B the operator of the
+    elements' strains there,
 
         B q = strain - strain of own,    q of the base node = its displacement and turn, frame a
 
     length (..., N, 1) m, of the elements
     base   the node that holds the beam
-    strain (..., N, k) of `own`;  solve (..., w (N+1), w (N+1)): from displacement and turn of the base and strains to q
+    strain (..., N, k) of `own`;  solve (..., w (N+1), w (N+1)): from displacement and turn of the
+                                  base and strains to q
     free   (n,) places of the moves that supports leave free among the nodes' w (N+1)
     """
 
@@ -47,8 +51,16 @@ class Chart:
         base = min(model.constraints.nodes, default=0)
         kinematics = model.kinematics(own.position, own.rotation)
         strain, none = space.strains(kinematics, model.length), torch.empty(0)
-        chart = cls(model.assembly, space, own, model.length, base, strain, none,
-                    model.constraints.moving.flatten().nonzero()[:, 0])
+        chart = cls(
+            model.assembly,
+            space,
+            own,
+            model.length,
+            base,
+            strain,
+            none,
+            model.constraints.moving.flatten().nonzero()[:, 0],
+        )
         return replace(chart, solve=inverse_unchecked(chart._rows(kinematics)))
 
     def __call__(self, position: Tensor, rotation: Tensor) -> Tensor:
@@ -57,22 +69,31 @@ class Chart:
         turn = space.logarithm(space.multiply(rotation, space.inverse(own.rotation)))
         turn = turn if space.turns else space.to_frame(own.rotation, turn)
         strain = space.strains(self._kinematics(position, rotation), self.length) - self.strain
-        parts = (position[..., base, :] - own.position[..., base, :], turn[..., base, :], strain.flatten(-2))
+        parts = (
+            position[..., base, :] - own.position[..., base, :],
+            turn[..., base, :],
+            strain.flatten(-2),
+        )
         lead = broadcast_shapes(*(x.shape[:-1] for x in parts))
         return (self.solve @ torch.cat([x.expand(*lead, -1) for x in parts], -1)[..., None])[..., 0]
 
     def coordinates(self, state: State) -> Tensor:
-        """[q; q'; internal states less own ones] (..., 2 w (N+1) + Z) of a state in the space's coordinates."""
-        rate = (self.by_moves(state.position, state.rotation) @ self._velocity(state).flatten(-2)[..., None])[..., 0]
+        """[q; q'; internal states less own ones] (..., 2 w (N+1) + Z) of a state in the space's
+        coordinates.
+        """
+        rate = (
+            self.by_moves(state.position, state.rotation)
+            @ self._velocity(state).flatten(-2)[..., None]
+        )[..., 0]
         lags = () if self.own.internal is None else (state.internal - self.own.internal,)
         parts = (self(state.position, state.rotation), rate, *lags)
         lead = broadcast_shapes(*(x.shape[:-1] for x in parts))
         return torch.cat([x.expand(*lead, -1) for x in parts], -1)
 
     def moved(self, near: State, by: Tensor) -> State:
-        """The state whose coordinates are those of `near` and `by` (..., 2 w (N+1) + Z) more, all in the space's coordinates;
-        what supports hold stays as `near` has it, and so do stress, reaction, time. First derivatives by `by` are exact. Raises
-        ValueError where there is none.
+        """The state whose coordinates are those of `near` and `by` (..., 2 w (N+1) + Z) more, all
+        in the space's coordinates; what supports hold stays as `near` has it, and so do stress,
+        reaction, time. First derivatives by `by` are exact. Raises ValueError where there is none.
         """
         space, own = self.space, self.own
         w = self.solve.shape[-1]
@@ -80,31 +101,46 @@ class Chart:
         position, rotation = self._placed(near.position, near.rotation, q)
         J, velocity = self.by_moves(position, rotation), self._velocity(near).flatten(-2)
         velocity = velocity + self._free_moves(J, rate - (J @ velocity[..., None])[..., 0])
-        velocity, spin = velocity.unflatten(-1, (-1, space.unknowns)).split((space.dims.position, space.dims.spin), -1)
+        velocity, spin = velocity.unflatten(-1, (-1, space.unknowns)).split(
+            (space.dims.position, space.dims.spin), -1
+        )
         before = space.to_frame(own.rotation, own.spin)
-        return replace(near, position=position, rotation=rotation, spin=space.to_section(rotation, spin + before),
-                       velocity=velocity + own.velocity + self._carried(before, position),
-                       internal=None if own.internal is None else own.internal + lags)
+        return replace(
+            near,
+            position=position,
+            rotation=rotation,
+            spin=space.to_section(rotation, spin + before),
+            velocity=velocity + own.velocity + self._carried(before, position),
+            internal=None if own.internal is None else own.internal + lags,
+        )
 
     def by_moves(self, position: Tensor, rotation: Tensor) -> Tensor:
-        """J (..., w (N+1), w (N+1)): dq by moves of the nodes at a configuration, displacement and turn, frame a."""
+        """J (..., w (N+1), w (N+1)): dq by moves of the nodes at a configuration, displacement and
+        turn, frame a.
+        """
         rows = self._rows(self._kinematics(position, rotation))
         p, w = self.space.dims.position, self.space.unknowns
         base, turn, strains = rows.split((p, w - p, rows.shape[-2] - w), -2)
         turn = self._by_turn(rotation) @ turn
-        return self.solve @ torch.cat([x.expand(*turn.shape[:-2], -1, -1) for x in (base, turn, strains)], -2)
+        return self.solve @ torch.cat(
+            [x.expand(*turn.shape[:-2], -1, -1) for x in (base, turn, strains)], -2
+        )
 
     def slopes(self, state: State) -> tuple[Tensor, Tensor]:
-        """Derivatives of `coordinates` by a move of the state (see `nodal.moves`), (..., 2 w (N+1) + Z, 2 w (N+1) + Z), and of
-        the move by coordinates, where what supports hold stays. With u the velocities less those of the model's own motion,
+        """Derivatives of `coordinates` by a move of the state (see `nodal.moves`), (..., 2 w
+        (N+1) + Z, 2 w (N+1) + Z), and of the move by coordinates, where what supports hold stays.
+        With u the velocities less those of the model's own motion,
 
-            dq = J m        dq' = J (v - W m) + d(J u)/dm m        (W: what the model's own spin makes of a displacement)
+            dq = J m        dq' = J (v - W m) + d(J u)/dm m
+            (W: what the model's own spin makes of a displacement)
         """
         space, u, free = self.space, self._velocity(state), self.free
-        J, before = self.by_moves(state.position, state.rotation), space.to_frame(self.own.rotation, self.own.spin)
+        J = self.by_moves(state.position, state.rotation)
+        before = space.to_frame(self.own.rotation, self.own.spin)
         carried = pad(space.skew(before), (0, space.dims.spin, 0, space.dims.spin))
         rate = self._by_moves_of_rate(state, u) - J @ _of_each(carried)
-        J, states = J.expand_as(rate), 0 if self.own.internal is None else self.own.internal.shape[-1]
+        J = J.expand_as(rate)
+        states = 0 if self.own.internal is None else self.own.internal.shape[-1]
         back = inverse_unchecked(J[..., free, :][..., free])
         after = _triangular(back, -back @ rate[..., free, :][..., free] @ back, states)
         w = J.shape[-1]
@@ -114,50 +150,73 @@ class Chart:
         return _triangular(J, rate, states), whole
 
     def _by_moves_of_rate(self, state: State, u: Tensor) -> Tensor:
-        """d(J u)/dm (..., w (N+1), w (N+1)) by moves m of the nodes, with u (..., N+1, w) as it is in frame a.
+        """d(J u)/dm (..., w (N+1), w (N+1)) by moves m of the nodes, with u (..., N+1, w) as it is
+        in frame a.
 
-        The geometric stiffness of a stress is the derivative of h B^T stress: that of a unit stress, times u, is that of the
-        rate of its strain.
+        The geometric stiffness of a stress is the derivative of h B^T stress: that of a unit
+        stress, times u, is that of the rate of its strain.
         """
         space, length, base = self.space, self.length, self.base
         kinematics = self._kinematics(state.position, state.rotation)
-        own, eye = self.assembly.to_elements(u), torch.eye(space.dims.strain, dtype=u.dtype, device=u.device)
-        lead = broadcast_shapes(own.shape[:-1], kinematics[0].shape[:u.ndim - 1])
+        own = self.assembly.to_elements(u)
+        eye = torch.eye(space.dims.strain, dtype=u.dtype, device=u.device)
+        lead = broadcast_shapes(own.shape[:-1], kinematics[0].shape[: u.ndim - 1])
         unit = eye.view(-1, *(1,) * len(lead), space.dims.strain).expand(-1, *lead, -1)
         K = space.geometric_stiffness(kinematics, unit, length)
-        strains = torch.einsum("k...ea,k...eab->...ekb", (own / length).expand(len(eye), *lead, -1),
-                               K.expand(len(eye), *lead, *K.shape[-2:]))
+        strains = torch.einsum(
+            "k...ea,k...eab->...ekb",
+            (own / length).expand(len(eye), *lead, -1),
+            K.expand(len(eye), *lead, *K.shape[-2:]),
+        )
         strains = torch.einsum("...ekb,meb->...ekm", strains, self._moves()).flatten(-3, -2)
         p, w = space.dims.position, space.unknowns
         root = strains.new_zeros(*strains.shape[:-2], w, strains.shape[-1])
         if space.turns and space.dims.spin > 1:
-            by_turn = _rate_of_turn(space.of_nodes(base), self._turned(state.rotation), u[..., base, p:])
-            root[..., p:, base * w + p:(base + 1) * w] = by_turn
+            by_turn = _rate_of_turn(
+                space.of_nodes(base), self._turned(state.rotation), u[..., base, p:]
+            )
+            root[..., p:, base * w + p : (base + 1) * w] = by_turn
         return self.solve @ torch.cat((root, strains), -2)
 
     def _placed(self, position: Tensor, rotation: Tensor, q: Tensor) -> tuple[Tensor, Tensor]:
-        """The configuration with the coordinates q, by Newton's method from another one; its last step is recorded."""
+        """The configuration with the coordinates q, by Newton's method from another one; its last
+        step is recorded.
+        """
         space, size = self.space, self.length.detach().sum((-1, -2))[..., None]
-        unit = torch.cat((size.expand(*size.shape[:-1], space.dims.position), torch.ones(space.dims.spin).to(size).expand(
-            *size.shape[:-1], space.dims.spin)), -1)[..., None, :]
+        unit = torch.cat(
+            (
+                size.expand(*size.shape[:-1], space.dims.position),
+                torch.ones(space.dims.spin).to(size).expand(*size.shape[:-1], space.dims.spin),
+            ),
+            -1,
+        )[..., None, :]
         enough, before = torch.finfo(q.dtype).eps ** 0.5, float("inf")
         for _ in range(ITERATIONS):
             with torch.no_grad():
                 J, at = self.by_moves(position, rotation), self(position, rotation)
-                largest = (self._free_moves(J, q - at).unflatten(-1, (-1, space.unknowns)) / unit).abs().amax()
+                largest = (
+                    (self._free_moves(J, q - at).unflatten(-1, (-1, space.unknowns)) / unit)
+                    .abs()
+                    .amax()
+                )
             move = self._free_moves(J, q - at).unflatten(-1, (-1, space.unknowns))
             displacement, turn = move.split((space.dims.position, space.dims.spin), -1)
             turn = space.exponential(turn if space.turns else space.to_section(rotation, turn))
-            position, rotation = position + displacement, space.normalize(space.multiply(turn, rotation))
+            position = position + displacement
+            rotation = space.normalize(space.multiply(turn, rotation))
             if not concrete(largest > enough).any():
                 return position, rotation
             position, rotation = position.detach(), rotation.detach()
             before = concrete(largest).item()
-        raise ValueError(f"coordinates that no configuration has were given: its last move was {before:.1e} of the beam's "
-                         "length; a state nearer to the model's own is wanted")
+        raise ValueError(
+            f"coordinates that no configuration has were given: its last move was {before:.1e} of "
+            "the beam's length; a state nearer to the model's own is wanted"
+        )
 
     def _free_moves(self, J: Tensor, change: Tensor) -> Tensor:
-        """Moves of the nodes (..., w (N+1)) that change the free ones of q by those of `change`, and none that is held."""
+        """Moves of the nodes (..., w (N+1)) that change the free ones of q by those of `change`,
+        and none that is held.
+        """
         free = self.free
         own = solve_unchecked(J[..., free, :][..., free], change[..., free, None])[..., 0]
         return own.new_zeros(*own.shape[:-1], change.shape[-1]).index_copy(-1, free, own)
@@ -166,29 +225,39 @@ class Chart:
         return self.space.kinematics(*self.assembly.poses(position, rotation), self.length)
 
     def _rows(self, kinematics: Any) -> Tensor:
-        """(..., w (N+1), w (N+1)): displacement and turn of the base and strains by moves of the nodes, frame a."""
+        """(..., w (N+1), w (N+1)): displacement and turn of the base and strains by moves of the
+        nodes, frame a.
+        """
         w, moves = self.space.unknowns, self._moves()
         B = self.space.strain_operator(kinematics, self.length)
         rows = torch.einsum("...eij,mej->...eim", B, moves).flatten(-3, -2)
-        root = torch.eye(len(moves), dtype=rows.dtype, device=rows.device)[self.base * w:][:w].expand(*rows.shape[:-2], w, -1)
+        root = torch.eye(len(moves), dtype=rows.dtype, device=rows.device)[self.base * w :][
+            :w
+        ].expand(*rows.shape[:-2], w, -1)
         return torch.cat((root, rows), -2)
 
     def _moves(self) -> Tensor:
         """(w (N+1), N, numbers) of the elements, by unit moves of the nodes."""
         w = self.space.unknowns
-        eye = torch.eye(w * self.own.position.shape[-2], dtype=self.length.dtype, device=self.length.device)
+        eye = torch.eye(
+            w * self.own.position.shape[-2], dtype=self.length.dtype, device=self.length.device
+        )
         return self.assembly.to_elements(eye.unflatten(-1, (-1, w)))
 
     def _turned(self, rotation: Tensor) -> Tensor:
         """The base's rotation from its own."""
-        return self.space.multiply(rotation, self.space.inverse(self.own.rotation))[..., self.base, :]
+        return self.space.multiply(rotation, self.space.inverse(self.own.rotation))[
+            ..., self.base, :
+        ]
 
     def _by_turn(self, rotation: Tensor) -> Tensor:
         """Derivative of the base's turn by a turn that comes on top, from the left."""
         return self.space.of_nodes(self.base).logarithm_by_turn(self._turned(rotation)).mT
 
     def _velocity(self, state: State) -> Tensor:
-        """Velocity and spin (..., N+1, w) of the nodes, frame a, beside those of the model's own motion."""
+        """Velocity and spin (..., N+1, w) of the nodes, frame a, beside those of the model's own
+        motion.
+        """
         space, own = self.space, self.own
         before = space.to_frame(own.rotation, own.spin)
         velocity = state.velocity - own.velocity - self._carried(before, state.position)
@@ -216,7 +285,9 @@ def _triangular(A: Tensor, below: Tensor, states: int) -> Tensor:
 
 
 def _rate_of_turn(space: Spatial, q: Tensor, spin: Tensor) -> Tensor:
-    """Derivative (..., s, s) by a turn from the left of what the spin (..., s) makes of the logarithm of q."""
+    """Derivative (..., s, s) by a turn from the left of what the spin (..., s) makes of the
+    logarithm of q.
+    """
     lead, s = broadcast_shapes(q.shape[:-1], spin.shape[:-1]), space.dims.spin
     with torch.enable_grad():
         x = spin.new_zeros(s, *lead, s, requires_grad=True)

@@ -1,4 +1,6 @@
-"""Linear: a state-space model of small motions, in continuous or discrete time; its reduction and its response."""
+"""Linear: a state-space model of small motions, in continuous or discrete time; its reduction and
+its response.
+"""
 
 from __future__ import annotations
 
@@ -22,21 +24,22 @@ BALANCING = 6  # sweeps over the scales of z before an exponential
 
 @dataclass(frozen=True)
 class Linear:
-    """State-space model z' = A z + B du, dy = C z + D du, or with `dt`, z_{k+1} = A z_k + B du_k; du and dy are departures of
-    inputs and sensors from the equilibrium.
+    """State-space model z' = A z + B du, dy = C z + D du, or with `dt`, z_{k+1} = A z_k + B du_k;
+    du and dy are departures of inputs and sensors from the equilibrium.
 
     A        (..., n, n);  B (..., n, m);  C (..., p, n);  D (..., p, m)
     state    the equilibrium;  output (..., p): readings of the sensors there
     inputs   name -> its columns of B and D;  outputs: each sensor's rows of C and D
-    reads    (..., n, 2 w (N+1) + Z) z of the nodes' moves (m, rad; frame a), their rates, w a node in `space`, and Z internal
-             states
+    reads    (..., n, 2 w (N+1) + Z) z of the nodes' moves (m, rad; frame a), their rates, w a node
+             in `space`, and Z internal states
     moves    (..., 2 w (N+1) + Z, n) the moves of z, with reads @ moves = 1
     chart    coordinates of a state as moves of the nodes, see `departure`
     dt       s, of a model in discrete time; else None
-    mass     (..., n/2, n/2) where z = [q; q'] and undamped frequencies are those of K - omega^2 mass; else None
+    mass     (..., n/2, n/2) where z = [q; q'] and undamped frequencies are those of K - omega^2
+             mass; else None
 
-    z = [q_1; q_1'], or [q_1; q_0; q_1'] where coordinates without inertia are damped: m, rad, m/s, rad/s; behind them the
-    departures of `State.internal`, where loads have internal states.
+    z = [q_1; q_1'], or [q_1; q_0; q_1'] where coordinates without inertia are damped: m, rad, m/s,
+    rad/s; behind them the departures of `State.internal`, where loads have internal states.
     """
 
     A: Tensor
@@ -57,46 +60,60 @@ class Linear:
     def __repr__(self) -> str:
         time = "continuous time" if self.dt is None else f"steps of {self.dt:.4g} s"
         *shape, inputs = self.B.shape[:-2] + self.B.shape[-1:]
-        sizes = (counted(self.A.shape[-1], "state"), counted(inputs, "input"), counted(self.C.shape[-2], "output"))
+        sizes = (
+            counted(self.A.shape[-1], "state"),
+            counted(inputs, "input"),
+            counted(self.C.shape[-2], "output"),
+        )
         return lines("Linear", time, ", ".join(sizes), kind(shape, self.A))
 
     def departure(self, state: State) -> Tensor:
         """State vector z (..., n) of a state of the beam: what a feedback of the whole state reads.
 
-        Measured along the beam: the turn and the place of the node that holds it (the first support's, else node 0) and the
-        strains of the elements, as moves of the linear model. A turn of the whole beam is then a turn of the model, however
-        far, and a strain a strain; to first order it is the difference of the nodes' places and axes. z is exact in the
-        kinematics; A and B are those of the model's own state. Linearise about the state that is to be reached: the departure
-        vanishes there, and A, B are right where they have to hold. Where they change on the way (gravity, loads that do not
-        turn with the beam), schedule models about several states.
+        Measured along the beam: the turn and the place of the node that holds it (the first
+        support's, else node 0) and the strains of the elements, as moves of the linear model. A
+        turn of the whole beam is then a turn of the model, however far, and a strain a strain; to
+        first order it is the difference of the nodes' places and axes. z is exact in the
+        kinematics; A and B are those of the model's own state. Linearise about the state that is to
+        be reached: the departure vanishes there, and A, B are right where they have to hold. Where
+        they change on the way (gravity, loads that do not turn with the beam), schedule models
+        about several states.
 
         Raises ValueError for a state of another form, mesh or dtype.
         """
         of_mesh(state, self.state, "a state")
-        return (self.reads @ self.chart.coordinates(self.space.to_reduced(state))[..., None])[..., 0]
+        return (self.reads @ self.chart.coordinates(self.space.to_reduced(state))[..., None])[
+            ..., 0
+        ]
 
     def state_at(self, z: Tensor) -> State:
-        """The state with the departure z (..., n), the inverse of `departure`: what supports hold stays where the model has it,
-        and where z does not tell all (a reduced model, turns without inertia) the rest follows the model's own motion.
+        """The state with the departure z (..., n), the inverse of `departure`: what supports hold
+        stays where the model has it, and where z does not tell all (a reduced model, turns without
+        inertia) the rest follows the model's own motion.
 
-        Stress and reaction are zero, as in `State.from_nodes`: a step finds them. First derivatives are exact. Raises
-        ValueError for a z of another size, or one that no state has.
+        Stress and reaction are zero, as in `State.from_nodes`: a step finds them. First derivatives
+        are exact. Raises ValueError for a z of another size, or one that no state has.
         """
         z = axis_last("z", as_tensor(z, self.A.dtype, self.A.device), self.A.shape[-1])
-        near = replace(self.state, stress=torch.zeros_like(self.state.stress), reaction=torch.zeros_like(self.state.reaction))
+        near = replace(
+            self.state,
+            stress=torch.zeros_like(self.state.stress),
+            reaction=torch.zeros_like(self.state.reaction),
+        )
         state = self.chart.moved(self.space.to_reduced(near), (self.moves @ z[..., None])[..., 0])
         return self.space.to_public(state).broadcast()
 
     def slopes(self, state: State) -> tuple[Tensor, Tensor]:
-        """Derivatives at a state in the space's coordinates: dz/dm (..., n, 2 w (N+1) + Z) of the departure by a move m of the
-        state, see `torchbeam.nodal.moves`, and dm/dz (..., 2 w (N+1) + Z, n); what z does not tell follows z's own motion.
+        """Derivatives at a state in the space's coordinates: dz/dm (..., n, 2 w (N+1) + Z) of the
+        departure by a move m of the state, see `torchbeam.nodal.moves`, and dm/dz (..., 2 w
+        (N+1) + Z, n); what z does not tell follows z's own motion.
         """
         by_moves, moves = self.chart.slopes(state)
         return self.reads @ by_moves, moves @ self.moves
 
     def discrete(self, dt: float) -> Linear:
-        """Model in discrete time, with the inputs held over steps of dt (s): exact, by the exponential of [[A, B], [0, 0]] dt,
-        whether or not A is singular.
+        """Model in discrete time, with the inputs held over steps of dt (s): exact, by the
+        exponential of [[A, B], [0, 0]] dt, whether or not A is singular.
 
         Raises ValueError for a model in discrete time or a dt that is not positive.
         """
@@ -108,16 +125,20 @@ class Linear:
         below = torch.zeros_like(rows[..., :1, :]).expand(*rows.shape[:-2], m, n + m)
         held = torch.linalg.matrix_exp(dt * torch.cat((rows, below), -2))
         held = held[..., :n, :] * scale[..., :, None]
-        return replace(self, A=held[..., :n] / scale[..., None, :], B=held[..., n:], dt=dt, mass=None)
+        return replace(
+            self, A=held[..., :n] / scale[..., None, :], B=held[..., n:], dt=dt, mass=None
+        )
 
     def reduced(self, count: int, *, static: bool = False) -> Linear:
-        """Reduced model of the `count` slowest modes: those of the undamped beam where K and D are symmetric (z = their
-        amplitudes, normalised by mass, and rates), else those of A itself, each pair as its real and imaginary part.
+        """Reduced model of the `count` slowest modes: those of the undamped beam where K and D are
+        symmetric (z = their amplitudes, normalised by mass, and rates), else those of A itself,
+        each pair as its real and imaginary part.
 
-        static  keep the response to a steady input exact: what the other modes add to it goes into D
+        static  keep the response to a steady input exact: what the other modes add to it goes into
+                D
 
-        Derivatives want distinct frequencies. Raises ValueError for a model in discrete time, for more modes than there are,
-        and for rigid motions (A singular) where K is not symmetric.
+        Derivatives want distinct frequencies. Raises ValueError for a model in discrete time, for
+        more modes than there are, and for rigid motions (A singular) where K is not symmetric.
         """
         self._continuous("reduced")
         boolean("static", static)
@@ -125,15 +146,24 @@ class Linear:
         if check_count("count", count) > n // 2:
             raise ValueError(f"count = {count} was given; the model has {n // 2} modes")
         right, left = self._by_mass(count) or self._by_pairs(count)
-        small = replace(self, A=left @ self.A @ right, B=left @ self.B, C=self.C @ right,
-                        reads=left @ self.reads, moves=None if self.moves is None else self.moves @ right,
-                        mass=None if self.mass is None else torch.eye(count, dtype=self.A.dtype, device=self.A.device))
+        small = replace(
+            self,
+            A=left @ self.A @ right,
+            B=left @ self.B,
+            C=self.C @ right,
+            reads=left @ self.reads,
+            moves=None if self.moves is None else self.moves @ right,
+            mass=None
+            if self.mass is None
+            else torch.eye(count, dtype=self.A.dtype, device=self.A.device),
+        )
         if static:
             small = replace(small, D=small.D + self.response(0.0).real - small.response(0.0).real)
         return small
 
     def response(self, omega: float | Tensor) -> Tensor:
-        """Frequency response C (s I - A)^-1 B + D at s = i omega, complex: (*omega's axes, ..., p, m); omega in rad/s.
+        """Frequency response C (s I - A)^-1 B + D at s = i omega, complex:
+        (*omega's axes, ..., p, m); omega in rad/s.
 
         In discrete time exp(i omega dt) stands for s. Not finite at an undamped resonance.
         """
@@ -141,44 +171,60 @@ class Linear:
         omega = omega.reshape(*omega.shape, *[1] * self.A.ndim)
         s = 1j * omega if self.dt is None else torch.exp(1j * omega * self.dt)
         scale = _balance(self.A)
-        A, B, C = self.A * scale[..., None, :] / scale[..., :, None], self.B / scale[..., :, None], self.C * scale[..., None, :]
+        A, B = self.A * scale[..., None, :] / scale[..., :, None], self.B / scale[..., :, None]
+        C = self.C * scale[..., None, :]
         eye = torch.eye(A.shape[-1], dtype=A.dtype, device=A.device)
         within = solve_unchecked(s * eye - A, B.to(s.dtype))
         return C.to(s.dtype) @ within + self.D
 
     def _continuous(self, what: str) -> None:
         if self.dt is not None:
-            raise ValueError(f"{what}() of a model in discrete time (dt = {self.dt:g}) was asked for; it wants continuous time")
+            raise ValueError(
+                f"{what}() of a model in discrete time (dt = {self.dt:g}) was asked for; it "
+                "wants continuous time"
+            )
 
     def _by_mass(self, count: int) -> tuple[Tensor, Tensor] | None:
-        """Basis of the slowest undamped modes: right (..., n, 2 count), left with left @ right = I; None where mass, damping or
-        stiffness is not symmetric.
+        """Basis of the slowest undamped modes: right (..., n, 2 count), left with left @ right = I;
+        None where mass, damping or stiffness is not symmetric.
         """
         if self.mass is None:
             return None
         k = self.mass.shape[-1]
         K, D = (-self.mass @ part for part in (self.A[..., k:, :k], self.A[..., k:, k:]))
-        if any((X - X.mT).detach().abs().amax() > SYMMETRIC * X.detach().abs().amax() for X in (K, D, self.mass)):
+        if any(
+            (X - X.mT).detach().abs().amax() > SYMMETRIC * X.detach().abs().amax()
+            for X in (K, D, self.mass)
+        ):
             return None
         root = torch.linalg.cholesky(self.mass)
-        balanced = torch.linalg.solve_triangular(root, torch.linalg.solve_triangular(root, (K + K.mT) / 2, upper=False).mT,
-                                                 upper=False)
+        balanced = torch.linalg.solve_triangular(
+            root, torch.linalg.solve_triangular(root, (K + K.mT) / 2, upper=False).mT, upper=False
+        )
         shapes = torch.linalg.eigh((balanced + balanced.mT) / 2)[1][..., :count]
         right, left = torch.linalg.solve_triangular(root.mT, shapes, upper=True), (root @ shapes).mT
         return _twice(right), _twice(left)
 
     def _by_pairs(self, count: int) -> tuple[Tensor, Tensor]:
-        """Basis by the largest eigenvalues of A^-1, one of each pair: right (..., n, 2 count), left with left @ right = I."""
+        """Basis by the largest eigenvalues of A^-1, one of each pair: right (..., n, 2 count), left
+        with left @ right = I.
+        """
         scale = _balance(self.A)
         inverse = inverse_unchecked(self.A * scale[..., None, :] / scale[..., :, None])
         if not torch.isfinite(inverse.detach()).all():
-            raise ValueError("a model with rigid motions and unsymmetric stiffness was given; supports that hold the beam are "
-                             "wanted for its reduction")
+            raise ValueError(
+                "a model with rigid motions and unsymmetric stiffness was given; supports that "
+                "hold the beam are wanted for its reduction"
+            )
         eigenvalues, vectors = torch.linalg.eig(inverse)
-        size = torch.where(eigenvalues.detach().imag > 0, -1.0, eigenvalues.detach().abs())  # of 1/eigenvalue: one of each pair
+        # of 1/eigenvalue: one of each pair
+        size = torch.where(eigenvalues.detach().imag > 0, -1.0, eigenvalues.detach().abs())
         chosen = size.sort(dim=-1, descending=True, stable=True)[1][..., :count]
         if (eigenvalues.detach().imag.gather(-1, chosen) == 0).any():
-            raise ValueError(f"count = {count} was given; a motion among the slowest does not oscillate and has no pair")
+            raise ValueError(
+                f"count = {count} was given; a motion among the slowest does not oscillate and "
+                "has no pair"
+            )
         at = chosen[..., None, :].expand(*chosen.shape[:-1], self.A.shape[-1], count)
         right = torch.view_as_real(vectors.gather(-1, at)).flatten(-2)
         left = torch.view_as_real(inverse_unchecked(vectors).mT.gather(-1, at)).flatten(-2).mT
@@ -193,7 +239,9 @@ def _twice(X: Tensor) -> Tensor:
 
 
 def _balance(A: Tensor) -> Tensor:
-    """Scales d (..., n) that make rows and columns of diag(1/d) A diag(d) alike in size (Osborne 1960); constants."""
+    """Scales d (..., n) that make rows and columns of diag(1/d) A diag(d) alike in size
+    (Osborne 1960); constants.
+    """
     size = A.detach().abs()
     size = size - torch.diag_embed(size.diagonal(dim1=-2, dim2=-1))
     scale = torch.ones_like(size[..., 0])

@@ -21,7 +21,8 @@ class PairedModes:
     """Computed modes in the order of k measured ones, at the instruments' channels.
 
     frequency      (..., k) rad/s, and damping_ratio (..., k)
-    shape          (..., k, channels), each scaled by the factor that brings it nearest to the measured one
+    shape          (..., k, channels), each scaled by the factor that brings it nearest to the
+                   measured one
     mac            (..., k) modal assurance of each pair, 1 = the same shape
     index          (..., k) places among the computed modes
     """
@@ -34,8 +35,10 @@ class PairedModes:
 
 
 def modal_assurance(a: Tensor, b: Tensor) -> Tensor:
-    """Modal assurance criterion (..., n, m) of shapes a (..., n, channels) and b (..., m, channels), real or complex:
-    |a^H b|^2 / (a^H a  b^H b), 1 where they are the same but for a factor, 0 where they are orthogonal, or one of them is zero
+    """Modal assurance criterion (..., n, m) of shapes a (..., n, channels) and b
+    (..., m, channels), real or complex:
+    |a^H b|^2 / (a^H a  b^H b), 1 where they are the same but for a factor, 0 where they are
+                        orthogonal, or one of them is zero
     at all channels. (Allemang and Brown 1982, Proc. 1st IMAC, 110.)
 
     Raises ValueError for another number of channels.
@@ -43,9 +46,15 @@ def modal_assurance(a: Tensor, b: Tensor) -> Tensor:
     for name, x in (("a", a), ("b", b)):
         instance(name, x, Tensor)
         if x.ndim < 2 or x.shape[-1] == 0:
-            raise ValueError(f"mode shapes {name} of shape {tuple(x.shape)} were given; (..., modes, channels) is wanted")
+            raise ValueError(
+                f"mode shapes {name} of shape {tuple(x.shape)} were given; (..., modes, "
+                "channels) is wanted"
+            )
     if a.shape[-1] != b.shape[-1]:
-        raise ValueError(f"mode shapes with {a.shape[-1]} and {b.shape[-1]} channels were given; as many are wanted")
+        raise ValueError(
+            f"mode shapes with {a.shape[-1]} and {b.shape[-1]} channels were given; as many are "
+            "wanted"
+        )
     broadcast("the batch axes of mode shapes", a.shape[:-2], b.shape[:-2])
     common = torch.promote_types(a.dtype, b.dtype)
     a, b = a.to(common), b.to(common)
@@ -54,21 +63,25 @@ def modal_assurance(a: Tensor, b: Tensor) -> Tensor:
 
 
 def pair_modes(modes: Modes, shapes: Any, read: Callable[[Tensor], Tensor]) -> PairedModes:
-    """The computed mode of each measured shape: pairs of the largest modal assurance, each mode in one pair.
+    """The computed mode of each measured shape: pairs of the largest modal assurance, each mode in
+    one pair.
 
-    modes   of `tb.modes`, (...) of them, as many as there are measured ones or, so that none is missed, more
+    modes   of `tb.modes`, (...) of them, as many as there are measured ones or, so that none is
+            missed, more
     shapes  (k, channels) measured, of any scale, real or complex
-    read    Modes.shape (..., count, N+1, 6) -> (..., count, channels): what the instruments see; `lambda x: x[..., 2::2, 2]`
-            reads the deflection z of every second node
+    read    Modes.shape (..., count, N+1, 6) -> (..., count, channels): what the instruments see;
+            `lambda x: x[..., 2::2, 2]` reads the deflection z of every second node
 
-    Frequencies and shapes are differentiable, with the pairs as they are. A computed shape has no scale of its own: it gets
-    the one (modal scale factor) of least squares, so that `shape - shapes` is what no scale mends, and takes one number from
-    the data of each mode, two where they are complex (`fitted` of `Measurement`). Where `shapes` are real, so is `shape`.
-    Where two computed frequencies meet their shapes mix, and neither is like a measured one: see `mac`, which is then far
-    below 1.
+    Frequencies and shapes are differentiable, with the pairs as they are. A computed shape has no
+    scale of its own: it gets the one (modal scale factor) of least squares, so that
+    `shape - shapes` is what no scale mends, and takes one number from the data of each mode, two
+    where they are complex (`fitted` of `Measurement`). Where `shapes` are real, so is `shape`.
+    Where two computed frequencies meet their shapes mix, and neither is like a measured one: see
+    `mac`, which is then far below 1.
 
-    The pairs are made the best first, for each sample by itself. A mode that no channel sees is paired last. Raises ValueError
-    for fewer computed modes than measured ones, other channels, or a measured shape that is zero.
+    The pairs are made the best first, for each sample by itself. A mode that no channel sees is
+    paired last. Raises ValueError for fewer computed modes than measured ones, other channels, or a
+    measured shape that is zero.
     """
     instance("modes", modes, Modes)
     own = check_function("read", read, "shape")(modes.shape)
@@ -76,24 +89,43 @@ def pair_modes(modes: Modes, shapes: Any, read: Callable[[Tensor], Tensor]) -> P
         shapes = torch.as_tensor(numbers(shapes, "fiuc"), device=own.device)
     shapes = shapes.to(own.dtype if shapes.is_complex() else own.real.dtype)
     if shapes.ndim != 2:
-        raise ValueError(f"measured shapes of shape {tuple(shapes.shape)} were given; (modes, channels) is wanted")
+        raise ValueError(
+            f"measured shapes of shape {tuple(shapes.shape)} were given; (modes, channels) is "
+            "wanted"
+        )
     count, k = modes.eigenvalue.shape[-1], len(shapes)
     if own.shape[:-1] != modes.eigenvalue.shape or own.shape[-1] != shapes.shape[-1]:
-        raise ValueError(f"a function that read {tuple(own.shape)} of {tuple(modes.shape.shape)} was given as read; "
-                         f"{(*modes.eigenvalue.shape, shapes.shape[-1])} is wanted, like the measured channels")
+        raise ValueError(
+            f"a function that read {tuple(own.shape)} of {tuple(modes.shape.shape)} was given as "
+            f"read; {(*modes.eigenvalue.shape, shapes.shape[-1])} is wanted, like the measured "
+            "channels"
+        )
     if not (torch.isfinite(shapes).all() and shapes.abs().amax(-1).all()):
-        raise ValueError("a measured shape that is zero at all channels, or not finite, was given; numbers are wanted")
+        raise ValueError(
+            "a measured shape that is zero at all channels, or not finite, was given; numbers "
+            "are wanted"
+        )
     if count < k:
-        raise ValueError(f"{count} computed modes were given for {k} measured ones; as many or more are wanted")
+        raise ValueError(
+            f"{count} computed modes were given for {k} measured ones; as many or more are wanted"
+        )
     with no_derivatives():
-        seen = own.abs().amax(-1) > torch.finfo(own.dtype).eps ** 0.5 * modes.shape.abs().amax((-1, -2))
+        seen = own.abs().amax(-1) > torch.finfo(own.dtype).eps ** 0.5 * modes.shape.abs().amax(
+            (-1, -2)
+        )
         index = _pairs(torch.where(seen[..., None, :], modal_assurance(shapes, own), 0))
     own = torch.take_along_dim(own, index[..., None], -2)
     squares = _squares(own)[..., None]
-    fitted = (own.conj() * shapes).sum(-1, keepdim=True) / torch.where(squares == 0, 1, squares) * own
+    fitted = (
+        (own.conj() * shapes).sum(-1, keepdim=True) / torch.where(squares == 0, 1, squares) * own
+    )
     mac = _squares(fitted) / _squares(shapes)
-    frequency, damping = (torch.take_along_dim(x, index, -1) for x in (modes.frequency, modes.damping_ratio))
-    return PairedModes(frequency, damping, fitted if shapes.is_complex() else fitted.real, mac, index)
+    frequency, damping = (
+        torch.take_along_dim(x, index, -1) for x in (modes.frequency, modes.damping_ratio)
+    )
+    return PairedModes(
+        frequency, damping, fitted if shapes.is_complex() else fitted.real, mac, index
+    )
 
 
 def _squares(x: Tensor) -> Tensor:
@@ -102,7 +134,9 @@ def _squares(x: Tensor) -> Tensor:
 
 
 def _pairs(mac: Tensor) -> Tensor:
-    """Column (..., k) of each row of mac (..., k, m): the largest entry first, then the largest of other rows and columns."""
+    """Column (..., k) of each row of mac (..., k, m): the largest entry first, then the largest of
+    other rows and columns.
+    """
     k, m = mac.shape[-2:]
     index = mac.new_zeros(mac.shape[:-1], dtype=torch.long)
     rows, columns = torch.arange(k, device=mac.device), torch.arange(m, device=mac.device)

@@ -1,7 +1,8 @@
 """Modes of small motions about an equilibrium: natural frequencies, damping, stability.
 
-With a the moves (displacement, spin) of the free nodes and M, D, K the mass, damping and tangent stiffness there, the last
-with the stress and the loads that turn (so K need not be symmetric):  M a'' + D a' + K a = 0.
+With a the moves (displacement, spin) of the free nodes and M, D, K the mass, damping and tangent
+stiffness there, the last with the stress and the loads that turn (so K need not be symmetric):  M
+a'' + D a' + K a = 0.
 """
 
 from __future__ import annotations
@@ -25,7 +26,9 @@ from ..state.state import State
 from ..statics.equilibrium import equilibrium
 from .system_matrices import at_rest, augmented, dense, free_moves, moves, of_nodes
 
-GROWING = 1e-6  # real part over |eigenvalue| from which on a motion grows: where eigenvalues meet, rounding counts by its root
+# real part over |eigenvalue| from which on a motion grows: where eigenvalues meet, rounding counts
+# by its root
+GROWING = 1e-6
 NORMS = ("largest", "mass")
 
 
@@ -34,7 +37,8 @@ class Modes:
     """The slowest motions x exp(eigenvalue t), one of each conjugate pair, by frequency.
 
     eigenvalue  (..., count) complex, 1/s; a positive real part grows
-    shape       (..., count, N+1, 6) complex: displacement (m) and rotation (rad) of the nodes, frame a
+    shape       (..., count, N+1, 6) complex: displacement (m) and rotation (rad) of the nodes,
+                frame a
     """
 
     eigenvalue: Tensor
@@ -42,9 +46,14 @@ class Modes:
 
     def __repr__(self) -> str:
         grow = int(concrete(self.unstable).sum())
-        return lines("Modes", f"{counted(self.frequency.shape[-1], 'frequency', 'frequencies')} {span(self.frequency)} rad/s",
-                     f"damping ratio {span(self.damping_ratio)}", *([f"{grow} unstable"] if grow else []),
-                     kind(self.frequency.shape[:-1], self.frequency))
+        return lines(
+            "Modes",
+            f"{counted(self.frequency.shape[-1], 'frequency', 'frequencies')} "
+            f"{span(self.frequency)} rad/s",
+            f"damping ratio {span(self.damping_ratio)}",
+            *([f"{grow} unstable"] if grow else []),
+            kind(self.frequency.shape[:-1], self.frequency),
+        )
 
     @property
     def frequency(self) -> Tensor:
@@ -53,7 +62,9 @@ class Modes:
 
     @property
     def damping_ratio(self) -> Tensor:
-        """(..., count) -real part / |eigenvalue|: 1 for no oscillation, negative for growth; 0 of a rigid motion."""
+        """(..., count) -real part / |eigenvalue|: 1 for no oscillation, negative for growth; 0 of a
+        rigid motion.
+        """
         size = self.eigenvalue.abs()
         return -self.eigenvalue.real / torch.where(size == 0, 1, size)
 
@@ -73,40 +84,61 @@ class Modes:
         return self.unstable & ~self.divergence
 
 
-def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize: str = "largest", t: float = 0.0,
-          lumped: bool = False, inputs: dict[str, Any] | None = None) -> Modes:
+def modes(
+    scene: Scene,
+    state: State | None = None,
+    count: int = 6,
+    *,
+    normalize: str = "largest",
+    t: float = 0.0,
+    lumped: bool = False,
+    inputs: dict[str, Any] | None = None,
+) -> Modes:
     """Natural frequencies, damping ratios and shapes of the nodal form.
 
     state      an equilibrium of the scene; None = the one under its loads at time t (s)
     count      pairs of eigenvalues, the slowest first; an overdamped pair counts as two
-    normalize  of the shapes: "largest", their largest entry is 1; "mass", v^H M v = 1 kg m^2, their largest entry real
+    normalize  of the shapes: "largest", their largest entry is 1; "mass", v^H M v = 1 kg m^2, their
+               largest entry real
     lumped     as in `Stepper`: the mass of the explicit form
     inputs     of the scene by name, (..., size)
 
-    Follower loads are in K: flutter is a positive real part, divergence a positive eigenvalue without frequency. Sections
-    without rotary inertia are taken as they are. An infinite stiffness is a very large one here: its own modes, far above
-    those of the finite stiffnesses, mean nothing.
+    Follower loads are in K: flutter is a positive real part, divergence a positive eigenvalue
+    without frequency. Sections without rotary inertia are taken as they are. An infinite stiffness
+    is a very large one here: its own modes, far above those of the finite stiffnesses, mean
+    nothing.
 
-    An undamped beam under conservative loads takes a symmetric solver, and with more than 96 unknowns subspace iteration, O(N);
-    anything else a dense unsymmetric one, O(N^3). Eigenvalues and shapes are differentiable; where they are repeated (equal
-    bending in two planes) there is no derivative of one by itself, and asking for it raises a RuntimeError.
+    An undamped beam under conservative loads takes a symmetric solver, and with more than 96
+    unknowns subspace iteration, O(N); anything else a dense unsymmetric one, O(N^3). Eigenvalues
+    and shapes are differentiable; where they are repeated (equal bending in two planes) there is no
+    derivative of one by itself, and asking for it raises a RuntimeError.
 
-    Internal states of loads are unknowns of their own, in the dense solver. The motions that they add decay without
-    oscillating, often slowly: where loads have such states, what does so comes last, behind what oscillates or grows.
+    Internal states of loads are unknowns of their own, in the dense solver. The motions that they
+    add decay without oscillating, often slowly: where loads have such states, what does so comes
+    last, behind what oscillates or grows.
 
-    Raises ValueError for more modes than the mesh has, a state that moves or is no equilibrium, or what the nodal form does not
-    take.
+    Raises ValueError for more modes than the mesh has, a state that moves or is no equilibrium, or
+    what the nodal form does not take.
     """
     choice("normalize", normalize, NORMS)
     model = discretise(scene, lumped)
     check_count("count", count)
     given, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
-    state = equilibrium(scene, t=t, inputs=inputs) if state is None else at_rest(model, state, time, given, lumped)
+    state = (
+        equilibrium(scene, t=t, inputs=inputs)
+        if state is None
+        else at_rest(model, state, time, given, lumped)
+    )
     free = model.constraints.count - model.joints.held_count
     if count > free:
-        raise ValueError(f"count = {count} was given; {scene.beam.element_count} elements have at most {free} modes")
+        raise ValueError(
+            f"count = {count} was given; {scene.beam.element_count} elements have at most {free} "
+            "modes"
+        )
     M, D, K, lags = of_nodes(model, state, time, given)
-    derivatives = wants_gradient(*(x for matrix in (M, D, K) if matrix is not None for x in matrix.tensors), *(lags or ()))
+    derivatives = wants_gradient(
+        *(x for matrix in (M, D, K) if matrix is not None for x in matrix.tensors), *(lags or ())
+    )
     symmetric = D is None and lags is None and model.conservative
     pairs = None
     if symmetric and free > max(DENSE, 4 * count):
@@ -118,13 +150,23 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
                 pairs = pairs._replace(right=pairs.right[..., unknowns.grouped])
     basis = free_moves(model, K)
     if pairs is None or derivatives or normalize == "mass":
-        M, D, K = augmented(model, *(None if matrix is None else dense(model, matrix, basis) for matrix in (M, D, K)), lags, basis)
+        M, D, K = augmented(
+            model,
+            *(None if matrix is None else dense(model, matrix, basis) for matrix in (M, D, K)),
+            lags,
+            basis,
+        )
     if pairs is None:
         with no_derivatives():
             pairs = slowest(M, D, K, count, symmetric, derivatives, lags is not None)
-    value, shape = attach(M, D, K, pairs) if derivatives else (pairs.eigenvalue, upright(pairs.right)[0])
+    value, shape = (
+        attach(M, D, K, pairs) if derivatives else (pairs.eigenvalue, upright(pairs.right)[0])
+    )
     if lags is not None:
         M, shape = M[..., :free, :free], upright(shape[..., :free])[0]
     if normalize == "mass":
-        shape = shape / sum((x * (x @ M)).sum(-1, keepdim=True) for x in (shape.real, shape.imag)).sqrt()
+        shape = (
+            shape
+            / sum((x * (x @ M)).sum(-1, keepdim=True) for x in (shape.real, shape.imag)).sqrt()
+        )
     return Modes(value, moves(model, shape, basis))

@@ -1,4 +1,6 @@
-"""Perturbations of an equilibrium: derivatives of loads and sensors by small moves, rates and inputs."""
+"""Perturbations of an equilibrium: derivatives of loads and sensors by small moves, rates and
+inputs.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +23,9 @@ NO_INERTIA = 1e-12  # of the largest of a node's three moments of inertia
 
 @dataclass(frozen=True)
 class Perturbation:
-    """Point of linearisation, in the coordinates of the model's space. free (n,): the free unknowns' places among the
-    nodes' w (N+1); axes (..., n, n): turns in section axes -> frame a, where all three of a node are free.
+    """Point of linearisation, in the coordinates of the model's space. free (n,): the free
+    unknowns' places among the nodes' w (N+1); axes (..., n, n): turns in section axes -> frame a,
+    where all three of a node are free.
     """
 
     model: Model
@@ -34,7 +37,9 @@ class Perturbation:
     axes: Tensor
 
     @classmethod
-    def of(cls, model: Model, state: State, t: Tensor, inputs: dict[str, Tensor], shape: torch.Size) -> Perturbation:
+    def of(
+        cls, model: Model, state: State, t: Tensor, inputs: dict[str, Tensor], shape: torch.Size
+    ) -> Perturbation:
         space, moving = model.space, model.constraints.moving
         state = space.to_reduced(state)
         if model.internal_states:
@@ -42,12 +47,19 @@ class Perturbation:
             problem = SteadyProblem(model, t, inputs, torch.ones_like(t)).holding(x, state.internal)
             state = replace(state, internal=problem.internal)
         eye = torch.eye(space.dims.spin, dtype=state.position.dtype, device=state.position.device)
-        turning = moving[:, space.dims.position:].all(-1)[:, None, None]
+        turning = moving[:, space.dims.position :].all(-1)[:, None, None]
         R = torch.where(turning, space.spin_matrix(state.rotation), eye)
         whole = torch.eye(space.unknowns, dtype=eye.dtype, device=eye.device)
-        whole = torch.cat((whole[:, :space.dims.position].expand(*R.shape[:-2], -1, -1),
-                           pad(R, (0, 0, space.dims.position, 0))), -1)  # (..., N+1, w, w)
-        own, free = torch.eye(model.node_count, dtype=eye.dtype, device=eye.device), moving.flatten().nonzero()[:, 0]
+        # (..., N+1, w, w)
+        whole = torch.cat(
+            (
+                whole[:, : space.dims.position].expand(*R.shape[:-2], -1, -1),
+                pad(R, (0, 0, space.dims.position, 0)),
+            ),
+            -1,
+        )
+        own = torch.eye(model.node_count, dtype=eye.dtype, device=eye.device)
+        free = moving.flatten().nonzero()[:, 0]
         full = (own[:, None, :, None] * whole[..., :, :, None, :]).flatten(-4, -3).flatten(-2)
         return cls(model, state, t, inputs, shape, free, full[..., free, :][..., free])
 
@@ -55,33 +67,48 @@ class Perturbation:
         """(..., n) -> (..., N+1, w), frame a."""
         nodes, w = self.model.node_count, self.model.space.unknowns
         full = torch.zeros(*q.shape[:-1], w * nodes, dtype=q.dtype, device=q.device)
-        return full.index_copy(-1, self.free, (self.axes @ q[..., None])[..., 0]).unflatten(-1, (nodes, w))
+        return full.index_copy(-1, self.free, (self.axes @ q[..., None])[..., 0]).unflatten(
+            -1, (nodes, w)
+        )
 
     def depends_on(self) -> Tensor:
         """(..., n, w (N+1)): q of the nodes' moves, the inverse of `nodes`."""
         moves = self.model.node_count * self.model.space.unknowns
-        full = torch.zeros(*self.axes.shape[:-1], moves, dtype=self.axes.dtype, device=self.axes.device)
+        full = torch.zeros(
+            *self.axes.shape[:-1], moves, dtype=self.axes.dtype, device=self.axes.device
+        )
         return full.index_copy(-1, self.free, self.axes.mT)
 
     def without_inertia(self, M: Tensor) -> Tensor:
         """(n,) bool; ValueError where samples differ."""
-        nodes, p, w = self.model.node_count, self.model.space.dims.position, self.model.space.unknowns
+        nodes, p = self.model.node_count, self.model.space.dims.position
+        w = self.model.space.unknowns
         own = torch.zeros(*M.shape[:-2], w * nodes, dtype=M.dtype, device=M.device)
-        own = own.index_copy(-1, self.free, M.detach().diagonal(dim1=-2, dim2=-1)).unflatten(-1, (nodes, w))
-        small = torch.cat([x <= NO_INERTIA * x.amax(-1, keepdim=True) for x in own.split((p, w - p), -1)], -1)
+        own = own.index_copy(-1, self.free, M.detach().diagonal(dim1=-2, dim2=-1)).unflatten(
+            -1, (nodes, w)
+        )
+        small = torch.cat(
+            [x <= NO_INERTIA * x.amax(-1, keepdim=True) for x in own.split((p, w - p), -1)], -1
+        )
         small = small.flatten(-2)[..., self.free].reshape(-1, len(self.free))
         if (small != small[0]).any():
-            raise ValueError("samples with and without rotary inertia were given; one kind is wanted")
+            raise ValueError(
+                "samples with and without rotary inertia were given; one kind is wanted"
+            )
         return small[0]
 
     def problem(self, inputs: dict[str, Tensor], z: Tensor | None = None) -> SteadyProblem:
         """The balance under these inputs, with internal states of loads moved by z (..., Z)."""
         held = self.state.internal if z is None or not z.shape[-1] else self.state.internal + z
         one = torch.ones(self.shape, dtype=self.axes.dtype, device=self.axes.device)
-        return SteadyProblem(self.model, self.t, inputs, one, internal=held if self.model.internal_states else None)
+        return SteadyProblem(
+            self.model, self.t, inputs, one, internal=held if self.model.internal_states else None
+        )
 
     def at(self, q: Tensor, v: Tensor, inputs: dict[str, Tensor], z: Tensor | None = None) -> State:
-        """The state after a small move q with rates v, and z of internal states, under these inputs; exact to first order."""
+        """The state after a small move q with rates v, and z of internal states, under these
+        inputs; exact to first order.
+        """
         model, state, problem = self.model, self.state, self.problem(inputs, z)
         start = Configuration(state.position, state.rotation, state.stress)
         move, rate = self.nodes(q), self.nodes(v)
@@ -91,29 +118,49 @@ class Perturbation:
             return problem.residual(x)[0].strain
 
         bent = gap(move)
-        effective_strain = model.law.effective_strain(bent, lambda: rate_along(gap, (move,), (rate,))[1])
+        effective_strain = model.law.effective_strain(
+            bent, lambda: rate_along(gap, (move,), (rate,))[1]
+        )
         x = problem.update(start, move, model.law.stress(effective_strain))
         space, p = model.space, model.space.dims.position
         spin = space.to_frame(state.rotation, state.spin)  # absolute, frame a
-        return space.to_public(replace(
-            state, position=x.position, rotation=x.rotation, stress=x.stress, internal=problem.internal,
-            velocity=state.velocity + rate[..., :p] + (space.skew(spin) @ move[..., :p, None])[..., 0],
-            spin=space.to_section(x.rotation, spin + rate[..., p:]),
-            reaction=model.constraints.fixed * problem.residual(x)[0].nodes[..., list(model.constraints.nodes), :]))
+        return space.to_public(
+            replace(
+                state,
+                position=x.position,
+                rotation=x.rotation,
+                stress=x.stress,
+                internal=problem.internal,
+                velocity=state.velocity
+                + rate[..., :p]
+                + (space.skew(spin) @ move[..., :p, None])[..., 0],
+                spin=space.to_section(x.rotation, spin + rate[..., p:]),
+                reaction=model.constraints.fixed
+                * problem.residual(x)[0].nodes[..., list(model.constraints.nodes), :],
+            )
+        )
 
     def by_inputs(self, outputs: tuple[Sensor, ...]) -> tuple[Tensor, Tensor]:
         """G (..., n + Z, m), of moves and internal states, and Y_u (..., p, m)."""
         names = list(self.inputs)
-        held = tuple(self.inputs[name].expand(*self.shape, self.inputs[name].shape[-1]).clone() for name in names)
+        held = tuple(
+            self.inputs[name].expand(*self.shape, self.inputs[name].shape[-1]).clone()
+            for name in names
+        )
         zero = self.zero()
 
         def both(*values: Tensor) -> tuple[Tensor, Tensor]:
             inputs = dict(zip(names, values, strict=True))
             problem = self.problem(inputs)
             start = Configuration(self.state.position, self.state.rotation, self.state.stress)
-            bent = problem.residual(start)[0].strain  # zero; an input may be a strain that the beam takes by itself
+            # zero; an input may be a strain that the beam takes by itself
+            bent = problem.residual(start)[0].strain
             start = start._replace(stress=start.stress + self.model.law.stress(bent))
-            load = -problem.residual(start)[0].nodes.expand(*self.shape, -1, -1).flatten(-2)[..., self.free]
+            load = (
+                -problem.residual(start)[0]
+                .nodes.expand(*self.shape, -1, -1)
+                .flatten(-2)[..., self.free]
+            )
             load = (self.axes.mT @ load[..., None])[..., 0]
             if problem.internal is not None:
                 rates = advanced_rates(self.model, problem.nodes(start), problem.conditions)
@@ -124,7 +171,9 @@ class Perturbation:
         for k, value in enumerate(held):
             for i in range(value.shape[-1]):
                 tangents = [torch.zeros_like(v) for v in held]
-                tangents[k] = torch.zeros_like(value).index_fill(-1, torch.tensor([i], device=value.device), 1.0)
+                tangents[k] = torch.zeros_like(value).index_fill(
+                    -1, torch.tensor([i], device=value.device), 1.0
+                )
                 columns.append(rate_along(both, held, tuple(tangents))[1])
         if not columns:
             p = self.read(outputs, self.at(zero, zero, {}))[0].shape[-1]
@@ -133,8 +182,12 @@ class Perturbation:
         G, Y_u = (torch.stack(c, -1) for c in zip(*columns, strict=True))
         return G, Y_u
 
-    def by_moves(self, outputs: tuple[Sensor, ...]) -> tuple[Tensor, Tensor, Tensor, tuple[slice, ...]]:
-        """Output (..., p), Y and Y_v (..., p, n + Z) by moves and internal states and by their rates; each sensor's rows."""
+    def by_moves(
+        self, outputs: tuple[Sensor, ...]
+    ) -> tuple[Tensor, Tensor, Tensor, tuple[slice, ...]]:
+        """Output (..., p), Y and Y_v (..., p, n + Z) by moves and internal states and by their
+        rates; each sensor's rows.
+        """
         zero = self.zero()
         still = zero.new_zeros(*self.shape, self.model.internal_states)
         rows: tuple[slice, ...] = ()
@@ -145,8 +198,12 @@ class Perturbation:
             return value
 
         value, back = torch.func.vjp(read, zero, zero, still)
-        slopes = [back(torch.zeros_like(value).index_fill(-1, torch.tensor([i], device=value.device), 1.0))
-                  for i in range(value.shape[-1])]
+        slopes = [
+            back(
+                torch.zeros_like(value).index_fill(-1, torch.tensor([i], device=value.device), 1.0)
+            )
+            for i in range(value.shape[-1])
+        ]
         if not slopes:
             none = torch.cat((zero, still), -1)[..., None, :][..., :0, :]
             return value, none, none, rows
@@ -159,8 +216,13 @@ class Perturbation:
         for sensor in outputs:
             value = sensor(state)
             if not isinstance(value, Tensor):
-                raise ValueError(f"a sensor that returns {type(value).__name__} was given; a tensor (..., p) is wanted")
-            value = value[..., None] if value.shape == self.shape else value.flatten(len(self.shape))
+                raise ValueError(
+                    f"a sensor that returns {type(value).__name__} was given; a tensor (..., p) "
+                    "is wanted"
+                )
+            value = (
+                value[..., None] if value.shape == self.shape else value.flatten(len(self.shape))
+            )
             values.append(value)
             rows.append(slice(at, at + value.shape[-1]))
             at += value.shape[-1]
@@ -168,4 +230,6 @@ class Perturbation:
         return torch.cat(values, -1) if values else zero, tuple(rows)
 
     def zero(self) -> Tensor:
-        return torch.zeros(*self.shape, len(self.free), dtype=self.axes.dtype, device=self.axes.device)
+        return torch.zeros(
+            *self.shape, len(self.free), dtype=self.axes.dtype, device=self.axes.device
+        )

@@ -1,13 +1,14 @@
 """State-space model: small motions about an equilibrium, from the scene's inputs to sensors.
 
-With q the moves of the free nodes (displacement in frame a, rotation in section axes), M, D, K as in `modes` and G, Y, Y_v the
-derivatives of loads and sensors:
+With q the moves of the free nodes (displacement in frame a, rotation in section axes), M, D, K as
+in `modes` and G, Y, Y_v the derivatives of loads and sensors:
 
     M q'' + D q' + K q = G du        dy = Y q + Y_v q' + Y_u du
 
-Coordinates q_0 without inertia (turns of a section without rotary inertia) have no equation of motion. Undamped they follow
-the others, K_00 q_0 = G_0 du - K_01 q_1; damped they creep, D_00 q_0' = G_0 du - K_00 q_0 - K_01 q_1 - D_01 q_1'. Internal
-states of loads are such coordinates, see `system_matrices`; they also follow accelerations, - M_01 q_1'' on the right.
+Coordinates q_0 without inertia (turns of a section without rotary inertia) have no equation of
+motion. Undamped they follow the others, K_00 q_0 = G_0 du - K_01 q_1; damped they creep,
+D_00 q_0' = G_0 du - K_00 q_0 - K_01 q_1 - D_01 q_1'. Internal states of loads are such coordinates,
+see `system_matrices`; they also follow accelerations, - M_01 q_1'' on the right.
 """
 
 from __future__ import annotations
@@ -37,37 +38,55 @@ from .system_matrices import at_rest, matrices
 SINGULAR = 1e-13
 
 
-def linearize(scene: Scene, state: State | None = None, outputs: Sensor | Iterable[Sensor] = (), *, t: float = 0.0,
-              lumped: bool = False, inputs: dict[str, Any] | None = None) -> Linear:
-    """Linear model of the nodal form's small motions about an equilibrium, from the scene's `Input`s to sensors.
+def linearize(
+    scene: Scene,
+    state: State | None = None,
+    outputs: Sensor | Iterable[Sensor] = (),
+    *,
+    t: float = 0.0,
+    lumped: bool = False,
+    inputs: dict[str, Any] | None = None,
+) -> Linear:
+    """Linear model of the nodal form's small motions about an equilibrium, from the scene's
+    `Input`s to sensors.
 
     state    an equilibrium of the scene under its loads at time t (s) and `inputs`; None = that one
-    outputs  one sensor or several: state -> (..., p), of one sample axis at most after the batch axes; stress and reaction
-             are those that go with the move and its rate (a reaction without the inertia of the root's own element)
+    outputs  one sensor or several: state -> (..., p), of one sample axis at most after the batch
+             axes; stress and reaction are those that go with the move and its rate (a reaction
+             without the inertia of the root's own element)
     lumped   as in `Stepper`
     inputs   by name, (..., size), at the equilibrium
 
-    Dense: n = 12 a free node. Differentiable; a derivative by a rotary inertia that is 0, or by damping of what has none, lacks
-    what would follow the rate of an input, that of a moment on such a turn: a small inertia has all of it. A load that turns
-    with the beam is in A. An infinite stiffness is a very large one here. Raises ValueError for what the nodal form does not
-    take, for a state that moves or is no equilibrium (where that could bend the beam by 1e-3 rad), for damping that leaves a
-    coordinate without inertia undamped, where internal states of loads follow the rate of one that is undamped, or within
-    torch.func.vmap.
+    Dense: n = 12 a free node. Differentiable; a derivative by a rotary inertia that is 0, or by
+    damping of what has none, lacks what would follow the rate of an input, that of a moment on such
+    a turn: a small inertia has all of it. A load that turns with the beam is in A. An infinite
+    stiffness is a very large one here. Raises ValueError for what the nodal form does not take, for
+    a state that moves or is no equilibrium (where that could bend the beam by 1e-3 rad), for
+    damping that leaves a coordinate without inertia undamped, where internal states of loads follow
+    the rate of one that is undamped, or within torch.func.vmap.
     """
     model = discretise(scene, lumped)
     if scene.beam.parts:
-        raise ValueError("a structure was given to linearize, which takes a scene of one beam; modes and critical_load take "
-                         "structures")
+        raise ValueError(
+            "a structure was given to linearize, which takes a scene of one beam; modes and "
+            "critical_load take structures"
+        )
     given = scene.tensors(inputs)
     time = instant("t", t, scene.beam.nodes)
     state = (
-        equilibrium(scene, t=t, inputs=inputs) if state is None else at_rest(model, state, time, given, lumped)
+        equilibrium(scene, t=t, inputs=inputs)
+        if state is None
+        else at_rest(model, state, time, given, lumped)
     ).broadcast()
     M, D, K = matrices(model, state, time, given)
     M, K = torch.broadcast_tensors(M, K)
     near = Perturbation.of(model, state, time, given, M.shape[:-2])
     free, states = len(near.free), model.internal_states
-    T = near.axes if not states else _both(near.axes, torch.eye(states, dtype=K.dtype, device=K.device))
+    T = (
+        near.axes
+        if not states
+        else _both(near.axes, torch.eye(states, dtype=K.dtype, device=K.device))
+    )
     M, K = unmapped("linearize", T.mT @ M @ T), unmapped("linearize", T.mT @ K @ T)
     D = torch.zeros_like(K) if D is None else T.mT @ D @ T
     outputs = (outputs,) if callable(outputs) else listed(outputs)
@@ -81,13 +100,20 @@ def linearize(scene: Scene, state: State | None = None, outputs: Sensor | Iterab
         columns += size
     massless = near.without_inertia(M[..., :free, :free])
     sensed = Y.shape[-2]  # behind the sensors: all free moves
-    Y, Y_v, Y_u = torch.cat((Y, _free(Y, free)), -2), pad(Y_v, (0, 0, 0, free)), pad(Y_u, (0, 0, 0, free))
+    Y, Y_v = torch.cat((Y, _free(Y, free)), -2), pad(Y_v, (0, 0, 0, free))
+    Y_u = pad(Y_u, (0, 0, 0, free))
     A, B, C, D, creeps, mass = _assemble(M, D, K, G, Y, Y_v, Y_u, massless, states)
     massive = (~massless).nonzero()[:, 0]
     first = torch.cat((massive, massless.nonzero()[:, 0])) if creeps else massive
     moves = near.depends_on()
     zero = torch.zeros_like(moves)
-    reads = torch.cat((torch.cat((moves, zero), -1)[..., first, :], torch.cat((zero, moves), -1)[..., massive, :]), -2)
+    reads = torch.cat(
+        (
+            torch.cat((moves, zero), -1)[..., first, :],
+            torch.cat((zero, moves), -1)[..., massive, :],
+        ),
+        -2,
+    )
     writes = moves.mT @ C[..., sensed:, :]
     writes = torch.cat((writes, writes @ A), -2)
     if states:
@@ -95,19 +121,44 @@ def linearize(scene: Scene, state: State | None = None, outputs: Sensor | Iterab
         writes = torch.cat((writes, own.expand(*writes.shape[:-2], -1, -1)), -2)
         state = replace(state, internal=near.state.internal.expand(*state.batch_shape, states))
         reads = _both(reads, torch.eye(states, dtype=K.dtype, device=K.device))
-    return Linear(A, B, C[..., :sensed, :], D[..., :sensed, :], state=state, output=value, inputs=names, outputs=rows, reads=reads,
-                  space=model.space, chart=Chart.of(model, state), mass=mass, moves=writes)
+    return Linear(
+        A,
+        B,
+        C[..., :sensed, :],
+        D[..., :sensed, :],
+        state=state,
+        output=value,
+        inputs=names,
+        outputs=rows,
+        reads=reads,
+        space=model.space,
+        chart=Chart.of(model, state),
+        mass=mass,
+        moves=writes,
+    )
 
 
 def _free(Y: Tensor, free: int) -> Tensor:
     """Rows that read the free moves, beside rows Y (..., p, n + Z)."""
-    return torch.eye(free, Y.shape[-1], dtype=Y.dtype, device=Y.device).expand(*Y.shape[:-2], -1, -1)
+    return torch.eye(free, Y.shape[-1], dtype=Y.dtype, device=Y.device).expand(
+        *Y.shape[:-2], -1, -1
+    )
 
 
-def _assemble(M: Tensor, D: Tensor, K: Tensor, G: Tensor, Y: Tensor, Y_v: Tensor, Y_u: Tensor, massless: Tensor, states: int
-              ) -> tuple[Tensor, Tensor, Tensor, Tensor, bool, Tensor | None]:
-    """Matrices A, B, C, D of the model; whether coordinates without inertia creep; mass of the first half of z, or None.
-    massless (n,) bool, of the moves; behind them come `states` internal states. Raises ValueError as `linearize`.
+def _assemble(
+    M: Tensor,
+    D: Tensor,
+    K: Tensor,
+    G: Tensor,
+    Y: Tensor,
+    Y_v: Tensor,
+    Y_u: Tensor,
+    massless: Tensor,
+    states: int,
+) -> tuple[Tensor, Tensor, Tensor, Tensor, bool, Tensor | None]:
+    """Matrices A, B, C, D of the model; whether coordinates without inertia creep; mass of the
+    first half of z, or None. massless (n,) bool, of the moves; behind them come `states` internal
+    states. Raises ValueError as `linearize`.
     """
     one, none = (~massless).nonzero()[:, 0], massless.nonzero()[:, 0]
     own = torch.arange(len(massless), len(massless) + states, device=massless.device)
@@ -115,11 +166,14 @@ def _assemble(M: Tensor, D: Tensor, K: Tensor, G: Tensor, Y: Tensor, Y_v: Tensor
     if len(none) and not creeps:  # q_0 = follow u - lead q
         rest = torch.cat((one, own))
         if any(_coupled(X[..., own, :], none, one) for X in (D, M)):
-            raise ValueError("internal states of a load that follow the rate of a turn without inertia were given; a section "
-                             "with rotary inertia, or damping, is wanted")
+            raise ValueError(
+                "internal states of a load that follow the rate of a turn without inertia were "
+                "given; a section with rotary inertia, or damping, is wanted"
+            )
         K00, K10 = K[..., none, :][..., none], K[..., rest, :][..., none]
-        lead, follow = solve(K00, torch.cat((K[..., none, :][..., rest], G[..., none, :]), -1)).split(
-            (len(rest), G.shape[-1]), -1)
+        lead, follow = solve(
+            K00, torch.cat((K[..., none, :][..., rest], G[..., none, :]), -1)
+        ).split((len(rest), G.shape[-1]), -1)
         Y_u = Y_u + Y[..., none] @ follow
         Y, Y_v = (X[..., rest] - X[..., none] @ lead for X in (Y, Y_v))
         G = G[..., rest, :] - K10 @ follow
@@ -130,8 +184,10 @@ def _assemble(M: Tensor, D: Tensor, K: Tensor, G: Tensor, Y: Tensor, Y_v: Tensor
     elif creeps:
         least, most = torch.linalg.svdvals(D[..., none, :][..., none].detach()).aminmax(dim=-1)
         if (least <= SINGULAR * most).any():
-            raise ValueError("damping of some strains alone was given for a section without rotary inertia; damping of all of "
-                             "them, or a rotary inertia, is wanted")
+            raise ValueError(
+                "damping of some strains alone was given for a section without rotary inertia; "
+                "damping of all of them, or a rotary inertia, is wanted"
+            )
     none = torch.cat((none, own))
 
     def parts(X: Tensor) -> list[Tensor]:
@@ -145,18 +201,19 @@ def _assemble(M: Tensor, D: Tensor, K: Tensor, G: Tensor, Y: Tensor, Y_v: Tensor
     eye = torch.eye(len(one), dtype=K.dtype, device=K.device).expand_as(K11)
     if not len(none):
         rows = solve(M11, torch.cat((-K11, -D11, G1), -1))
-        A = torch.cat((torch.cat((torch.zeros_like(K11), eye), -1), rows[..., :2 * len(one)]), -2)
-        B = torch.cat((torch.zeros_like(G1), rows[..., 2 * len(one):]), -2)
+        A = torch.cat((torch.cat((torch.zeros_like(K11), eye), -1), rows[..., : 2 * len(one)]), -2)
+        B = torch.cat((torch.zeros_like(G1), rows[..., 2 * len(one) :]), -2)
         return A, B, torch.cat((Y1, V1), -1), Y_u, False, M11
     creep = solve(D00, torch.cat((-K01, -K00, -D01, G0, -M01), -1))
-    creep, pushed = creep[..., :-len(one)], creep[..., -len(one):]
+    creep, pushed = creep[..., : -len(one)], creep[..., -len(one) :]
     zero = torch.zeros_like(K11)
     right = torch.cat((-K11, -K10, -D11, G1), -1) - D10 @ creep
     rows = solve(M11 + D10 @ pushed, right)
     creep = creep + pushed @ rows
     n = 2 * len(one) + len(none)
     top = torch.cat((zero, torch.zeros_like(K10), eye), -1)
-    if wants_gradient(M00, M10):  # they are 0, and their derivatives are not: q_0'' is that of the creep
+    # they are 0, and their derivatives are not: q_0'' is that of the creep
+    if wants_gradient(M00, M10):
         whole = torch.cat((torch.cat((top, torch.zeros_like(G1)), -1), creep, rows), -2)
         turns = creep[..., :n] @ whole
         late = solve(D00, M00 @ turns)
@@ -166,13 +223,23 @@ def _assemble(M: Tensor, D: Tensor, K: Tensor, G: Tensor, Y: Tensor, Y_v: Tensor
     B = torch.cat((torch.zeros_like(G1), creep[..., n:], rows[..., n:]), -2)
     C = torch.cat((Y1, Y0, V1), -1) + V0 @ creep[..., :n]
     first = n - len(one) - states
-    order = torch.tensor([*range(first), *range(first + states, n), *range(first, first + states)], device=A.device)
-    return A[..., order, :][..., order], B[..., order, :], C[..., order], Y_u + V0 @ creep[..., n:], creeps, None
+    order = torch.tensor(
+        [*range(first), *range(first + states, n), *range(first, first + states)], device=A.device
+    )
+    return (
+        A[..., order, :][..., order],
+        B[..., order, :],
+        C[..., order],
+        Y_u + V0 @ creep[..., n:],
+        creeps,
+        None,
+    )
 
 
 def _condensed(X: Tensor, rest: Tensor, none: Tensor, lead: Tensor, back: Tensor) -> Tensor:
-    """[I, -back] X [I; -lead] of the coordinates `rest`, where those of `none` follow as -lead q (Guyan 1965). What M and D
-    have of `none` is 0, and its derivative is not: of a rotary inertia, or damping, that is 0.
+    """[I, -back] X [I; -lead] of the coordinates `rest`, where those of `none` follow as -lead q
+    (Guyan 1965). What M and D have of `none` is 0, and its derivative is not: of a rotary inertia,
+    or damping, that is 0.
     """
     upper, lower = X[..., rest, :], X[..., none, :]
     upper, lower = (x[..., rest] - x[..., none] @ lead for x in (upper, lower))
@@ -182,7 +249,9 @@ def _condensed(X: Tensor, rest: Tensor, none: Tensor, lead: Tensor, back: Tensor
 def _coupled(rows: Tensor, none: Tensor, one: Tensor) -> bool:
     """Whether the columns `none` of some rows are more than rounding beside the columns `one`."""
     rows = rows.detach().abs()
-    return rows.numel() > 0 and bool((rows[..., none] > SINGULAR * rows[..., one].amax((-1, -2), keepdim=True)).any())
+    return rows.numel() > 0 and bool(
+        (rows[..., none] > SINGULAR * rows[..., one].amax((-1, -2), keepdim=True)).any()
+    )
 
 
 def _both(X: Tensor, Y: Tensor) -> Tensor:

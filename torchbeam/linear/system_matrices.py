@@ -1,14 +1,16 @@
-"""Mass, damping and tangent stiffness about an equilibrium, of the degrees of freedom that supports leave free.
+"""Mass, damping and tangent stiffness about an equilibrium, of the degrees of freedom that supports
+leave free.
 
-With T = [I, A] the centre's move by a node's displacement and spin, J and H = J omega in frame a, and omega of frame a:
+With T = [I, A] the centre's move by a node's displacement and spin, J and H = J omega in frame a,
+and omega of frame a:
 
     M = T^T M T + J      D = T^T 2 M ~omega T + J ~omega + ~omega J - ~H
     K = T^T M ~omega ~omega T + ~omega (J ~omega - ~H) + ...
 
 beside damping, elasticity, stress and loads: gyroscopic, and softened by the rotation.
 
-Internal states z of loads are coordinates without inertia behind the moves: with z' = G z + H q + H_v q' + H_a q'' and L z on
-the nodes,
+Internal states z of loads are coordinates without inertia behind the moves: with z' = G z + H
+q + H_v q' + H_a q'' and L z on the nodes,
 
     [M, 0; -H_a, 0] [q; z]'' + [D, 0; -H_v, I] [q; z]' + [K, -L; -H, -G] [q; z] = 0
 """
@@ -31,9 +33,11 @@ from ..statics.balance_check import check_rest
 from ..topology.protocols import Matrix, total
 
 
-def at_rest(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor], lumped: bool) -> State:
-    """`state`, to linearise about; ValueError where it is not one of the scene, moves beside frame a or is no equilibrium: with
-    the mass that `equilibrium` has, also where the model's is lumped.
+def at_rest(
+    model: Model, state: State, t: Tensor, inputs: dict[str, Tensor], lumped: bool
+) -> State:
+    """`state`, to linearise about; ValueError where it is not one of the scene, moves beside frame
+    a or is no equilibrium: with the mass that `equilibrium` has, also where the model's is lumped.
     """
     model = discretise(model.scene) if lumped and model.scene.frame is not None else model
     space = model.space
@@ -46,15 +50,18 @@ def at_rest(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor], lu
     return state
 
 
-def matrices(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]) -> tuple[Tensor, Tensor | None, Tensor]:
-    """M, D (None without damping or rotation) and K (..., n, n) at an equilibrium, of the free moves, see `moves`, and the
-    internal states of loads.
+def matrices(
+    model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]
+) -> tuple[Tensor, Tensor | None, Tensor]:
+    """M, D (None without damping or rotation) and K (..., n, n) at an equilibrium, of the free
+    moves, see `moves`, and the internal states of loads.
     """
     return in_basis(model, state, t, inputs)[0]
 
 
-def in_basis(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor], near: Tensor | None = None
-             ) -> tuple[tuple[Tensor, Tensor | None, Tensor], Tensor | None]:
+def in_basis(
+    model: Model, state: State, t: Tensor, inputs: dict[str, Tensor], near: Tensor | None = None
+) -> tuple[tuple[Tensor, Tensor | None, Tensor], Tensor | None]:
     """The same, with the basis of the moves, see `free_moves`."""
     M, D, K, lagging = of_nodes(model, state, t, inputs)
     basis = free_moves(model, K, near)
@@ -62,14 +69,16 @@ def in_basis(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor], n
     return augmented(model, *own, lagging, basis), basis
 
 
-def augmented(model: Model, M: Tensor, D: Tensor | None, K: Tensor, lagging: Lags | None, basis: Tensor | None
-              ) -> tuple[Tensor, Tensor | None, Tensor]:
+def augmented(
+    model: Model, M: Tensor, D: Tensor | None, K: Tensor, lagging: Lags | None, basis: Tensor | None
+) -> tuple[Tensor, Tensor | None, Tensor]:
     """The same from the matrices of the free moves alone, in their `basis`, see `free_moves`."""
     M, K = torch.broadcast_tensors(M, K)
     if lagging is None:
         return (M, None, K) if D is None else torch.broadcast_tensors(M, D, K)
     free = model.constraints.moving.flatten().nonzero()[:, 0]
-    L, (H, H_v, H_a) = lagging.L.index_select(-2, free), (x.index_select(-1, free) for x in lagging[2:])
+    L = lagging.L.index_select(-2, free)
+    H, H_v, H_a = (x.index_select(-1, free) for x in lagging[2:])
     if basis is not None:
         L, H, H_v, H_a = basis.mT @ L, H @ basis, H_v @ basis, H_a @ basis
     D = torch.zeros_like(K) if D is None else D
@@ -80,12 +89,19 @@ def augmented(model: Model, M: Tensor, D: Tensor | None, K: Tensor, lagging: Lag
         return torch.cat((torch.cat((a, b), -1), torch.cat((c, d), -1)), -2)
 
     none, eye = torch.zeros_like(L), torch.eye(L.shape[-1], dtype=L.dtype, device=L.device)
-    return (whole(M, none, -H_a, torch.zeros_like(lagging.G)), whole(D, none, -H_v, eye), whole(K, -L, -H, -lagging.G))
+    return (
+        whole(M, none, -H_a, torch.zeros_like(lagging.G)),
+        whole(D, none, -H_v, eye),
+        whole(K, -L, -H, -lagging.G),
+    )
 
 
-def of_nodes(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]
-             ) -> tuple[Matrix, Matrix | None, Matrix, Lags | None]:
-    """The same of all nodes (D None without damping or rotation), and what loads with internal states add."""
+def of_nodes(
+    model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]
+) -> tuple[Matrix, Matrix | None, Matrix, Lags | None]:
+    """The same of all nodes (D None without damping or rotation), and what loads with internal
+    states add.
+    """
     space = model.space
     state = space.to_reduced(state)
     x = Configuration(state.position, state.rotation, state.stress)
@@ -95,15 +111,25 @@ def of_nodes(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]
     kinematics, (stress, _) = model.kinematics(x.position, x.rotation), model.joints.split(x.stress)
     B = space.strain_operator(kinematics, model.length)
     force_operator = (model.length[..., None] * B).mT
-    K = model.assembly.to_matrix(space.geometric_stiffness(kinematics, stress, model.length) + force_operator @ times(model.law.C, B))
-    D = model.assembly.to_matrix(force_operator @ model.law.damping_by(B)) if model.law.damped else None
+    K = model.assembly.to_matrix(
+        space.geometric_stiffness(kinematics, stress, model.length)
+        + force_operator @ times(model.law.C, B)
+    )
+    D = (
+        model.assembly.to_matrix(force_operator @ model.law.damping_by(B))
+        if model.law.damped
+        else None
+    )
     M = model.inertia.matrix(x.rotation, model.inertia.offset.turned(x.rotation))
     K, D = total(K, problem.motion.tangent(*x[:2])), total(D, problem.motion.gyroscopic(*x[:2]))
     now, lagging = problem.conditions, None
     if now.moving or model.internal_states:
         nodes, frame = problem.nodes(x), problem.frame
         still = frame.steady_jacobian()
-        eyes = (torch.eye(n, dtype=B.dtype, device=B.device)[None] for n in (space.dims.position, space.dims.spin))
+        eyes = (
+            torch.eye(n, dtype=B.dtype, device=B.device)[None]
+            for n in (space.dims.position, space.dims.spin)
+        )
         moved = frame.moving_jacobian(*eyes)
         if model.adds_mass:
             M = M.plus(external.added_mass(model, nodes, now))
@@ -120,18 +146,20 @@ def of_nodes(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]
 
 
 def moves(model: Model, free: Tensor, basis: Tensor | None = None) -> Tensor:
-    """Free moves (..., n), in their `basis`, what stands behind them left out -> displacement and spin of all nodes
-    (..., N+1, 6), frame a, zero where constrained.
+    """Free moves (..., n), in their `basis`, what stands behind them left out -> displacement and
+    spin of all nodes (..., N+1, 6), frame a, zero where constrained.
     """
     at = model.constraints.moving.flatten()
     if basis is not None:
-        free = (basis.to(free.dtype) @ free[..., :basis.shape[-1], None])[..., 0]
-    free = free[..., :model.constraints.count]
+        free = (basis.to(free.dtype) @ free[..., : basis.shape[-1], None])[..., 0]
+    free = free[..., : model.constraints.count]
     whole = free.new_zeros(*free.shape[:-1], at.numel())
     whole = whole.index_copy(-1, at.nonzero()[:, 0], free).unflatten(-1, (model.node_count, -1))
     if model.space.unknowns == 6:
         return whole
-    to = model.space.embed(torch.eye(model.space.unknowns, dtype=model.length.dtype, device=free.device)).to(free.dtype)
+    to = model.space.embed(
+        torch.eye(model.space.unknowns, dtype=model.length.dtype, device=free.device)
+    ).to(free.dtype)
     return whole @ to
 
 
@@ -143,15 +171,20 @@ def dense(model: Model, matrix: Matrix, basis: Tensor | None = None) -> Tensor:
 
 
 def free_moves(model: Model, K: Matrix, near: Tensor | None = None) -> Tensor | None:
-    """Basis (..., moves that supports leave free, n) of those that joints leave free as well; None where there are no joints.
-    K: the tangent stiffness with these. near: the basis of a state nearby, which it is to follow; None = one that is
-    orthonormal.
+    """Basis (..., moves that supports leave free, n) of those that joints leave free as well; None
+    where there are no joints. K: the tangent stiffness with these. near: the basis of a state
+    nearby, which it is to follow; None = one that is orthonormal.
 
-    With N a basis at the values, Z = N - G^T (G G^T)^-1 G N has these, and the derivatives of G Z = 0.
+    With N a basis at the values, Z = N - G^T (G G^T)^-1 G N has these, and the derivatives of G
+    Z = 0.
     """
     if not model.joints.count:
         return None
     free = model.constraints.moving.flatten().nonzero()[:, 0]
     G = K.constraints().index_select(-1, free)
-    N = torch.linalg.svd(G.detach()).Vh[..., G.shape[-2]:, :].mT if near is None else near
-    return N if near is None and not wants_gradient(G) else N - G.mT @ torch.linalg.solve(G @ G.mT, G @ N)
+    N = torch.linalg.svd(G.detach()).Vh[..., G.shape[-2] :, :].mT if near is None else near
+    return (
+        N
+        if near is None and not wants_gradient(G)
+        else N - G.mT @ torch.linalg.solve(G @ G.mT, G @ N)
+    )

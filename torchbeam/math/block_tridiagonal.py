@@ -10,10 +10,11 @@ from .shapes import broadcast_shapes
 
 
 def block_tridiagonal(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> Tensor:
-    """x of D_i x_i + L_{i-1} x_{i-1} + U_i x_{i+1} = b_i by block elimination: O(n), pivoting inside the blocks.
+    """x of D_i x_i + L_{i-1} x_{i-1} + U_i x_{i+1} = b_i by block elimination: O(n), pivoting
+    inside the blocks.
 
-    D (..., n, k, k), L and U (..., n-1, k, k), b (..., n, k); leading axes broadcast. A singular pivot block gives
-    infinities or NaN in that sample alone.
+    D (..., n, k, k), L and U (..., n-1, k, k), b (..., n, k); leading axes broadcast. A singular
+    pivot block gives infinities or NaN in that sample alone.
     """
     return torch.cat(_rows(D, L, U, b[..., None]), -1).mT
 
@@ -39,10 +40,16 @@ def _rows(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> tuple[Tensor, ...]:
     return torch.broadcast_tensors(*x[::-1])
 
 
-def eliminated(diagonal: Tensor, above: Tensor | None, right: Tensor, below: Tensor | None = None, ahead: Tensor | None = None,
-               y: Tensor | None = None) -> tuple[Tensor, ...]:
-    """D'^-1 U and D'^-1 b' (..., k, m) of a row D, U, b, from L of the row (below) and both of the row before; of the last row,
-    where above is None, D'^-1 b' alone.
+def eliminated(
+    diagonal: Tensor,
+    above: Tensor | None,
+    right: Tensor,
+    below: Tensor | None = None,
+    ahead: Tensor | None = None,
+    y: Tensor | None = None,
+) -> tuple[Tensor, ...]:
+    """D'^-1 U and D'^-1 b' (..., k, m) of a row D, U, b, from L of the row (below) and both of the
+    row before; of the last row, where above is None, D'^-1 b' alone.
     """
     if below is not None:
         diagonal = diagonal - below @ ahead
@@ -61,17 +68,22 @@ def _solve(A: Tensor, *right: Tensor) -> Tensor:
 
 def broadcast_matrices(*blocks: Tensor) -> tuple[Tensor, ...]:
     """Matrices with the same leading axes."""
-    if len({b.shape[:-2] for b in blocks}) == 1:  # asked for first: broadcasting is slow beside a small solve
+    # asked for first: broadcasting is slow beside a small solve
+    if len({b.shape[:-2] for b in blocks}) == 1:
         return blocks
     shape = broadcast_shapes(*(b.shape[:-2] for b in blocks))
     return tuple(b.expand(*shape, *b.shape[-2:]) for b in blocks)
 
 
 def pivots(D: Tensor, L: Tensor, U: Tensor) -> Tensor:
-    """(..., n, k, k) pivot blocks of the elimination from the first to the last; shapes as in `block_tridiagonal`; O(n)."""
+    """(..., n, k, k) pivot blocks of the elimination from the first to the last; shapes as in
+    `block_tridiagonal`; O(n).
+    """
     blocks = [D[..., 0, :, :]]
     for i in range(1, D.shape[-3]):
-        blocks.append(D[..., i, :, :] - L[..., i - 1, :, :] @ _solve(blocks[-1], U[..., i - 1, :, :]))
+        blocks.append(
+            D[..., i, :, :] - L[..., i - 1, :, :] @ _solve(blocks[-1], U[..., i - 1, :, :])
+        )
     return torch.stack(torch.broadcast_tensors(*blocks), -3)
 
 
@@ -83,8 +95,8 @@ def finite_pivots(D: Tensor, L: Tensor, U: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def positive_definite(D: Tensor, L: Tensor, U: Tensor) -> Tensor:
-    """(...) bool: whether a symmetric block tridiagonal matrix is positive definite: whether all of its pivot blocks are
-    (Haynsworth 1968).
+    """(...) bool: whether a symmetric block tridiagonal matrix is positive definite: whether all of
+    its pivot blocks are (Haynsworth 1968).
     """
     blocks = pivots(D, L, U)
     return (torch.linalg.cholesky_ex(blocks + blocks.mT).info == 0).all(-1)
@@ -96,10 +108,11 @@ def recorded() -> bool:
 
 
 class ChainSolve(torch.autograd.Function):
-    """`block_tridiagonal` with a matrix that is a constant: forward mode and backward (the transposed system) in b.
+    """`block_tridiagonal` with a matrix that is a constant: forward mode and backward
+    (the transposed system) in b.
 
-    The matrix carries no gradient: this is the linear solve of the implicit function theorem, where the residual in b
-    carries it all. Second derivatives through it would be wrong and are refused.
+    The matrix carries no gradient: this is the linear solve of the implicit function theorem, where
+    the residual in b carries it all. Second derivatives through it would be wrong and are refused.
     """
 
     generate_vmap_rule = True
@@ -117,7 +130,8 @@ class ChainSolve(torch.autograd.Function):
     @staticmethod
     def backward(ctx, grad: Tensor):
         D, L, U, b = ctx.saved_tensors
-        with torch.no_grad(), torch.autocast(grad.device.type, enabled=False):  # backward may be called where autocast is on
+        # backward may be called where autocast is on
+        with torch.no_grad(), torch.autocast(grad.device.type, enabled=False):
             g = block_tridiagonal(D.mT, U.mT, L.mT, grad).sum_to_size(b.shape)
         return None, None, None, first_only(g, grad, b)
 

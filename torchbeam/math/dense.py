@@ -1,7 +1,9 @@
-"""Dense linear systems: torch.linalg, but that matrices of many rows are factored one sample at a time.
+"""Dense linear systems: torch.linalg, but that matrices of many rows are factored one sample at a
+time.
 
-After a call of torch.set_num_threads with 2 or more, torch 2.13 with MKL 2024.2 factors a batch of matrices of more than 144
-rows wrongly, or never comes to an end; each by itself it factors rightly, on as many threads.
+After a call of torch.set_num_threads with 2 or more, torch 2.13 with MKL 2024.2 factors a batch of
+matrices of more than 144 rows wrongly, or never comes to an end; each by itself it factors rightly,
+on as many threads.
 """
 
 from __future__ import annotations
@@ -17,12 +19,16 @@ LARGE = 128  # rows: below, a batch is right and quicker
 
 
 def solve(A: Tensor, B: Tensor) -> Tensor:
-    """A^-1 B for (..., n, n) and (..., n, m). Raises torch.linalg.LinAlgError where a sample is singular."""
+    """A^-1 B for (..., n, n) and (..., n, m). Raises torch.linalg.LinAlgError where a sample is
+    singular.
+    """
     return _by_sample(torch.linalg.solve, A, B)
 
 
 def solve_unchecked(A: Tensor, B: Tensor) -> Tensor:
-    """The same; a singular sample yields values that are not finite, or whatever elimination leaves, and harms no neighbour."""
+    """The same; a singular sample yields values that are not finite, or whatever elimination
+    leaves, and harms no neighbour.
+    """
     return _by_sample(lambda A, B: torch.linalg.solve_ex(A, B)[0], A, B)
 
 
@@ -37,13 +43,16 @@ def cholesky_unchecked(A: Tensor) -> Tensor:
 
 
 def positive_inverse(A: Tensor) -> tuple[Tensor, Tensor]:
-    """A^-1 (..., n, n) and ln det A (...) of symmetric matrices without negative eigenvalues, by eigenvalues with the diagonal
-    scaled to one; of one that is singular to rounding, the largest meaningful inverse.
+    """A^-1 (..., n, n) and ln det A (...) of symmetric matrices without negative eigenvalues, by
+    eigenvalues with the diagonal scaled to one; of one that is singular to rounding, the largest
+    meaningful inverse.
     """
     size = A.diagonal(dim1=-2, dim2=-1).clamp(min=torch.finfo(A.dtype).tiny).rsqrt()
     values, vectors = torch.linalg.eigh(size[..., :, None] * A * size[..., None, :])
     values = values.clamp(min=torch.finfo(A.dtype).eps * values.amax(-1, keepdim=True))
-    inverse = size[..., :, None] * (vectors / values[..., None, :] @ vectors.mT) * size[..., None, :]
+    inverse = (
+        size[..., :, None] * (vectors / values[..., None, :] @ vectors.mT) * size[..., None, :]
+    )
     return inverse, values.log().sum(-1) - 2 * size.log().sum(-1)
 
 

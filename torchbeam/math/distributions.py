@@ -18,43 +18,55 @@ def normal_score(u: Tensor) -> Tensor:
 
 
 def normal_probability(z: Tensor) -> Tensor:
-    """Standard normal distribution function, any shape, exact in the lower tail (torch.special.ndtr has no digits below -8)."""
+    """Standard normal distribution function, any shape, exact in the lower tail (torch.special.ndtr
+    has no digits below -8).
+    """
     return torch.erfc(-z / math.sqrt(2)) / 2
 
 
 def log_normal_probability(z: Tensor) -> Tensor:
-    """Logarithm of the standard normal distribution function, any shape: exact where that itself is 1 or 0 in rounding."""
+    """Logarithm of the standard normal distribution function, any shape: exact where that itself is
+    1 or 0 in rounding.
+    """
     return torch.special.log_ndtr(z)
 
 
 def score_of_tails(below: Tensor, above: Tensor) -> Tensor:
-    """Standard normal quantile of a probability and of what it is short of 1, any shape: the smaller of the two tells it."""
+    """Standard normal quantile of a probability and of what it is short of 1, any shape: the
+    smaller of the two tells it.
+    """
     size = -normal_score(torch.minimum(below, above))
     return torch.where(below < above, -size, size)
 
 
 def probability_between(low: Tensor, high: Tensor) -> Tensor:
-    """Standard normal probability of the range from low to high, any shapes that broadcast; exact in both tails."""
+    """Standard normal probability of the range from low to high, any shapes that broadcast; exact
+    in both tails.
+    """
     right = low > 0
     a, b = torch.where(right, -high, low), torch.where(right, -low, high)
     return normal_probability(b) - normal_probability(a)
 
 
 def beta_probability(x: float, a: float, b: float) -> float:
-    """Regularised incomplete beta function I_x(a, b), the distribution function of the beta law: its continued fraction
-    (DLMF 8.17.22), by Lentz's method, on the side of the mean where it converges fast. Good to 1e-13
-    for a + b of thousands, to 1e-8 for millions.
+    """Regularised incomplete beta function I_x(a, b), the distribution function of the beta law:
+    its continued fraction (DLMF 8.17.22), by Lentz's method, on the side of the mean where it
+    converges fast. Good to 1e-13 for a + b of thousands, to 1e-8 for millions.
     """
     if x <= 0 or x >= 1:
         return float(x >= 1)
     if x > (a + 1) / (a + b + 2):
         return 1 - beta_probability(1 - x, b, a)
-    front = math.exp(math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * math.log(x) + b * math.log1p(-x)) / a
+    front = math.exp(
+        math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * math.log(x) + b * math.log1p(-x)
+    ) / a  # fmt: skip
     c, d = 1.0, 1 / _away(1 - (a + b) * x / (a + 1))
     value = d
     for m in range(1, 100_000):
-        for term in (m * (b - m) * x / ((a + 2 * m - 1) * (a + 2 * m)),
-                     -(a + m) * (a + b + m) * x / ((a + 2 * m) * (a + 2 * m + 1))):
+        for term in (
+            m * (b - m) * x / ((a + 2 * m - 1) * (a + 2 * m)),
+            -(a + m) * (a + b + m) * x / ((a + 2 * m) * (a + 2 * m + 1)),
+        ):
             c, d = _away(1 + term / c), 1 / _away(1 + term * d)
             value *= c * d
         if abs(c * d - 1) < 1e-15:
@@ -70,8 +82,9 @@ def beta_quantile(p: float, a: float, b: float) -> float:
 
 
 def student_quantile(p: float, freedom: float) -> float:
-    """Quantile of Student's t law: with x = nu/(nu + t^2), P(T > t) = I_x(nu/2, 1/2)/2; of very many degrees, to the normal
-    law's, which it is of infinitely many, by its expansion (Abramowitz and Stegun 1964, 26.7.5).
+    """Quantile of Student's t law: with x = nu/(nu + t^2), P(T > t) = I_x(nu/2, 1/2)/2; of very
+    many degrees, to the normal law's, which it is of infinitely many, by its expansion (Abramowitz
+    and Stegun 1964, 26.7.5).
     """
     if p == 0.5:
         return 0.0
@@ -84,30 +97,36 @@ def student_quantile(p: float, freedom: float) -> float:
 
 
 def binomial_interval(hits: float, n: float, level: float) -> tuple[float, float]:
-    """Interval (low, high) of a probability from `hits` in n independent trials, that covers it at least as often as `level`
-    says. (Clopper and Pearson 1934.)
+    """Interval (low, high) of a probability from `hits` in n independent trials, that covers it at
+    least as often as `level` says. (Clopper and Pearson 1934.)
     """
     tail = (1 - level) / 2
-    return (0.0 if hits <= 0 else beta_quantile(tail, hits, n - hits + 1),
-            1.0 if hits >= n else beta_quantile(1 - tail, hits + 1, n - hits))
+    return (
+        0.0 if hits <= 0 else beta_quantile(tail, hits, n - hits + 1),
+        1.0 if hits >= n else beta_quantile(1 - tail, hits + 1, n - hits),
+    )
 
 
 def binomial_ranks(q: float, n: int, level: float) -> tuple[int, int]:
-    """Ranks (low, high) of 0 to n + 1 between whose order statistics the q-quantile of n independent samples lies at least as
-    often as `level` says; 0 and n + 1 stand for no bound. (Conover 1999, section 3.2.)
+    """Ranks (low, high) of 0 to n + 1 between whose order statistics the q-quantile of n
+    independent samples lies at least as often as `level` says; 0 and n + 1 stand for no bound.
+    (Conover 1999, section 3.2.)
     """
     tail = (1 - level) / 2
 
     def at_most(k: int) -> float:  # P(B <= k), B of n trials with probability q
         return 1.0 if k >= n else 0.0 if k < 0 else beta_probability(1 - q, n - k, k + 1)
 
-    low = _first(lambda k: at_most(k - 1) > tail, 0, n + 1) - 1  # the last rank with P(B < rank) <= tail
+    # the last rank with P(B < rank) <= tail
+    low = _first(lambda k: at_most(k - 1) > tail, 0, n + 1) - 1
     high = _first(lambda k: at_most(k - 1) >= 1 - tail, 0, n + 1)
     return max(low, 0), high
 
 
 def _first(true: Callable[[int], bool], low: int, high: int) -> int:
-    """Least whole number from low to high for which a condition that stays true is; `high` where it never is."""
+    """Least whole number from low to high for which a condition that stays true is; `high` where it
+    never is.
+    """
     while low < high:
         middle = (low + high) // 2
         low, high = (low, middle) if true(middle) else (middle + 1, high)

@@ -1,4 +1,6 @@
-"""First derivatives of which there are no second ones: whoever asks for those gets an error, never a number."""
+"""First derivatives of which there are no second ones: whoever asks for those gets an error, never
+a number.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +12,9 @@ from torch.autograd import forward_ad
 
 
 class Once(torch.autograd.Function):
-    """x, to be differentiated once, in either mode: where its first derivative is right and a second one would lack a part, as
-    for x + (y - y.detach()). All that x depends on has to stand in its graph.
+    """x, to be differentiated once, in either mode: where its first derivative is right and a
+    second one would lack a part, as for x + (y - y.detach()). All that x depends on has to stand in
+    its graph.
     """
 
     generate_vmap_rule = True
@@ -35,8 +38,9 @@ class Once(torch.autograd.Function):
 
 
 def first_only(derivative: Tensor, *sources: Tensor) -> Tensor:
-    """A first derivative, forward or backward, in the graph of all that a second one would have to follow: `sources`. Whoever
-    asks for that gets NotImplementedError, by whatever modes, and along whatever path.
+    """A first derivative, forward or backward, in the graph of all that a second one would have to
+    follow: `sources`. Whoever asks for that gets NotImplementedError, by whatever modes, and along
+    whatever path.
     """
     recorded = torch.is_grad_enabled() or forward_ad._current_level >= 0
     return _FirstOnly.apply(derivative, *sources) if recorded else derivative
@@ -55,7 +59,10 @@ class _FirstOnly(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *_: Tensor) -> Any:
-        raise NotImplementedError("a second derivative was asked for through what is found by iteration, as an equilibrium, an "
-                                  "implicit step, an event, modes or a critical load; there are first ones only")
+        raise NotImplementedError(
+            "a second derivative was asked for through what is found by iteration, as an "
+            "equilibrium, an implicit step, an event, modes or a critical load; there are first "
+            "ones only"
+        )
 
     jvp = backward

@@ -1,9 +1,10 @@
-"""Quadratic interpolation between three equally spaced places, x = -1, 0, 1, and its two Gauss points x = -+1/sqrt(3).
+"""Quadratic interpolation between three equally spaced places, x = -1, 0, 1, and its two Gauss
+points x = -+1/sqrt(3).
 
     N_1 = x (x - 1)/2      N_2 = 1 - x^2      N_3 = x (x + 1)/2
 
-The rule integrates cubics exactly, each point counting for half of the length; the derivative of a quadratic interpolant is of
-third order there, one better than elsewhere.
+The rule integrates cubics exactly, each point counting for half of the length; the derivative of a
+quadratic interpolant is of third order there, one better than elsewhere.
 """
 
 from __future__ import annotations
@@ -12,9 +13,14 @@ import torch
 from torch import Tensor
 
 X = 3**-0.5
-VALUES = torch.tensor(((X * (X + 1) / 2, 1 - X * X, X * (X - 1) / 2), (X * (X - 1) / 2, 1 - X * X, X * (X + 1) / 2)),
-                      dtype=torch.float64)
-SLOPES = torch.tensor(((-X - 0.5, 2 * X, -X + 0.5), (X - 0.5, -2 * X, X + 0.5)), dtype=torch.float64)
+VALUES = torch.tensor((
+    (X * (X + 1) / 2, 1 - X * X, X * (X - 1) / 2),
+    (X * (X - 1) / 2, 1 - X * X, X * (X + 1) / 2),
+), dtype=torch.float64)  # fmt: skip
+SLOPES = torch.tensor((
+    (-X - 0.5, 2 * X, -X + 0.5),
+    (X - 0.5, -2 * X, X + 0.5),
+), dtype=torch.float64)  # fmt: skip
 
 
 def at_points(like: Tensor) -> tuple[Tensor, Tensor]:
@@ -23,7 +29,9 @@ def at_points(like: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def threes(x: Tensor, axes: int = 1) -> tuple[Tensor, ...]:
-    """Values (..., 2 n + 1, *) at a chain of places, with `axes` axes of their own -> (..., n, *) at the three of each part."""
+    """Values (..., 2 n + 1, *) at a chain of places, with `axes` axes of their own -> (..., n, *)
+    at the three of each part.
+    """
     n, at = x.shape[-1 - axes] - 1, x.ndim - 1 - axes
     index = (slice(None),) * at
     return tuple(x[(*index, slice(k, n + k, 2))] for k in range(3))

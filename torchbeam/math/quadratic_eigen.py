@@ -2,10 +2,12 @@
 
 With Q(lambda) = K + lambda D + lambda^2 M and the right and left null vectors v and w,
 
-    d lambda = -w^T dQ v / (w^T (D + 2 lambda M) v)        Q dv = -dQ v - (D + 2 lambda M) v d lambda
+    d lambda = -w^T dQ v / (w^T (D + 2 lambda M) v)
+    Q dv = -dQ v - (D + 2 lambda M) v d lambda
 
-(Murthy and Haftka 1988), dv being made unique by one entry of v that stays. Three ways to the eigenvalues: `dense` of anything;
-`symmetric` of an undamped beam under conservative loads; `subspace` of the same on long chains, O(N) an iteration (Bathe 1971).
+(Murthy and Haftka 1988), dv being made unique by one entry of v that stays. Three ways to the
+eigenvalues: `dense` of anything; `symmetric` of an undamped beam under conservative loads;
+`subspace` of the same on long chains, O(N) an iteration (Bathe 1971).
 """
 
 from __future__ import annotations
@@ -28,8 +30,8 @@ DISTINCT = 1e-7  # of an eigenvalue: nearer ones are the same
 
 
 class Pairs(NamedTuple):
-    """eigenvalue (..., count) complex 1/s; right and left (..., count, n), left None where it is the right one; repeated
-    (..., count) bool.
+    """eigenvalue (..., count) complex 1/s; right and left (..., count, n), left None where it is
+    the right one; repeated (..., count) bool.
     """
 
     eigenvalue: Tensor
@@ -38,8 +40,15 @@ class Pairs(NamedTuple):
     repeated: Tensor
 
 
-def slowest(M: Tensor, D: Tensor | None, K: Tensor, count: int, symmetric: bool, derivatives: bool, lags: bool = False
-            ) -> Pairs:
+def slowest(
+    M: Tensor,
+    D: Tensor | None,
+    K: Tensor,
+    count: int,
+    symmetric: bool,
+    derivatives: bool,
+    lags: bool = False,
+) -> Pairs:
     """The `count` slowest, one of each conjugate pair, by their imaginary part; constants.
 
     symmetric    whether K is, and nothing turns with it;  derivatives: whether `left` is wanted
@@ -50,7 +59,13 @@ def slowest(M: Tensor, D: Tensor | None, K: Tensor, count: int, symmetric: bool,
     pairs = None
     if D is None and symmetric:
         M, K = torch.broadcast_tensors(M, K)
-        pairs = _symmetric((M + M.mT) / 2, (K + K.mT) / 2, count, lambda K: torch.linalg.cholesky_ex(K).info == 0, _whole)
+        pairs = _symmetric(
+            (M + M.mT) / 2,
+            (K + K.mT) / 2,
+            count,
+            lambda K: torch.linalg.cholesky_ex(K).info == 0,
+            _whole,
+        )
     return _dense(M, D, K, count, derivatives, lags) if pairs is None else pairs
 
 
@@ -65,8 +80,8 @@ def _size(A: Tensor | SymmetricChain) -> Tensor:
 
 
 def _shift(M: Any, K: Any) -> Tensor:
-    """(...) of the square of an eigenvalue, so small that the slowest are near to it, so large that rounding of the stiffness
-    is small beside it: between the two by their ratio.
+    """(...) of the square of an eigenvalue, so small that the slowest are near to it, so large that
+    rounding of the stiffness is small beside it: between the two by their ratio.
     """
     return rounding(M, K) * torch.finfo(_size(K).dtype).eps ** -0.5
 
@@ -81,9 +96,11 @@ def _plus(K: Any, shift: Tensor, M: Any) -> Any:
     return K + shift[..., None, None] * M if isinstance(K, Tensor) else K.plus(shift, M)
 
 
-def _symmetric(M: Any, K: Any, count: int, definite: Callable[[Any], Tensor], solve: Callable) -> Pairs | None:
-    """By `solve`, of K + shift M: nothing may hold a rigid motion, and what rounding leaves of K there would be a pivot. None
-    where that is not positive definite.
+def _symmetric(
+    M: Any, K: Any, count: int, definite: Callable[[Any], Tensor], solve: Callable
+) -> Pairs | None:
+    """By `solve`, of K + shift M: nothing may hold a rigid motion, and what rounding leaves of K
+    there would be a pivot. None where that is not positive definite.
     """
     shift = _shift(M, K)
     raised = _plus(K, shift, M)
@@ -96,7 +113,9 @@ def _symmetric(M: Any, K: Any, count: int, definite: Callable[[Any], Tensor], so
     square = torch.where(square.abs() < rounding(M, K)[..., None], 0.0, square)[..., :count]
     eigenvalue = _upper(torch.complex(-square, torch.zeros_like(square)).sqrt())
     vectors = vectors.mT[..., :count, :]
-    return Pairs(eigenvalue, torch.complex(vectors, torch.zeros_like(vectors)), None, near[..., :count])
+    return Pairs(
+        eigenvalue, torch.complex(vectors, torch.zeros_like(vectors)), None, near[..., :count]
+    )
 
 
 def _upper(value: Tensor) -> Tensor:
@@ -107,15 +126,20 @@ def _upper(value: Tensor) -> Tensor:
 def _whole(M: Tensor, K: Tensor, count: int) -> tuple[Tensor, Tensor]:
     """As `subspace`, dense."""
     root = torch.linalg.cholesky(K)
-    flexible = torch.linalg.solve_triangular(root, torch.linalg.solve_triangular(root, M, upper=False).mT, upper=False)
+    flexible = torch.linalg.solve_triangular(
+        root, torch.linalg.solve_triangular(root, M, upper=False).mT, upper=False
+    )
     value, vectors = torch.linalg.eigh((flexible + flexible.mT) / 2)
-    return value.flip(-1)[..., :count], torch.linalg.solve_triangular(root.mT, vectors.flip(-1)[..., :count], upper=True)
+    return value.flip(-1)[..., :count], torch.linalg.solve_triangular(
+        root.mT, vectors.flip(-1)[..., :count], upper=True
+    )
 
 
 def spectrum(M: Tensor, D: Tensor | None, K: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """All eigenvalues (..., n), or their squares where there is no damping, the vectors (..., n, n) as columns, and the matrix
-    that was inverted for them: Q at a small shift, for M may be singular, and K where nothing holds a rigid motion, or next to
-    a point of buckling, would spoil the others. Raises ValueError for a motion without stiffness and inertia.
+    """All eigenvalues (..., n), or their squares where there is no damping, the vectors (..., n, n)
+    as columns, and the matrix that was inverted for them: Q at a small shift, for M may be
+    singular, and K where nothing holds a rigid motion, or next to a point of buckling, would spoil
+    the others. Raises ValueError for a motion without stiffness and inertia.
     """
     square = _shift(M, K)
     if D is None:
@@ -126,7 +150,9 @@ def spectrum(M: Tensor, D: Tensor | None, K: Tensor) -> tuple[Tensor, Tensor, Te
     K, D = _plus(_plus(K, shift, D), square, M), _plus(D, 2 * shift, M)
     flexible = _inverted(K, torch.cat((D, M), -1))
     eye = torch.eye(M.shape[-1], dtype=M.dtype, device=M.device).expand_as(M)
-    eigenvalues, vectors = torch.linalg.eig(torch.cat((-flexible, torch.cat((eye, torch.zeros_like(M)), -1)), -2))
+    eigenvalues, vectors = torch.linalg.eig(
+        torch.cat((-flexible, torch.cat((eye, torch.zeros_like(M)), -1)), -2)
+    )
     return 1 / eigenvalues + shift[..., None], vectors, K
 
 
@@ -134,30 +160,41 @@ def _inverted(K: Tensor, right: Tensor) -> Tensor:
     try:
         return solve(K, right)
     except torch.linalg.LinAlgError:
-        raise ValueError("a motion that neither stiffness nor inertia resists was given, as the turn about its axis of a "
-                         "pinned beam without rotary inertia; a support, or an inertia, is wanted") from None
+        raise ValueError(
+            "a motion that neither stiffness nor inertia resists was given, as the turn about its "
+            "axis of a pinned beam without rotary inertia; a support, or an inertia, is wanted"
+        ) from None
 
 
 def slow_first(value: Tensor, count: int, lags: bool) -> Tensor:
-    """Places (..., count) of the slowest among eigenvalues (..., n), one of each conjugate pair, the slowest first; `lags`:
-    first those that oscillate or grow, as lags decay, and may be many and slow.
+    """Places (..., count) of the slowest among eigenvalues (..., n), one of each conjugate pair,
+    the slowest first; `lags`: first those that oscillate or grow, as lags decay, and may be many
+    and slow.
     """
     size = torch.where((value.imag < 0) | ~torch.isfinite(value.abs()), torch.inf, value.abs())
     order = size.argsort(dim=-1, stable=True)
     if lags:
-        decays = torch.isinf(size) | ((value.imag.abs() <= STRAIGHT * size) & (value.real <= STRAIGHT * size))
-        order = order.gather(-1, decays.gather(-1, order).to(torch.int8).argsort(dim=-1, stable=True))
+        decays = torch.isinf(size) | (
+            (value.imag.abs() <= STRAIGHT * size) & (value.real <= STRAIGHT * size)
+        )
+        order = order.gather(
+            -1, decays.gather(-1, order).to(torch.int8).argsort(dim=-1, stable=True)
+        )
     return order[..., :count]
 
 
-def _dense(M: Tensor, D: Tensor | None, K: Tensor, count: int, derivatives: bool, lags: bool) -> Pairs:
+def _dense(
+    M: Tensor, D: Tensor | None, K: Tensor, count: int, derivatives: bool, lags: bool
+) -> Pairs:
     n = K.shape[-1]
     eigenvalues, vectors, inverted = spectrum(M, D, K)
     unknown = rounding(M, K)[..., None]  # growth that it may have made is none
     if D is None:
         value = _upper(torch.where(eigenvalues.abs() < unknown, 0.0, eigenvalues).sqrt())
     else:
-        value = torch.where((eigenvalues.real > 0) & (eigenvalues.abs().square() < unknown), 0.0, eigenvalues)
+        value = torch.where(
+            (eigenvalues.real > 0) & (eigenvalues.abs().square() < unknown), 0.0, eigenvalues
+        )
     slow = slow_first(value, count, lags)
     slow = slow.gather(-1, value.imag.gather(-1, slow).argsort(dim=-1, stable=True))
     rows, left = slow[..., None].expand(*slow.shape, vectors.shape[-1]), None
@@ -165,12 +202,16 @@ def _dense(M: Tensor, D: Tensor | None, K: Tensor, count: int, derivatives: bool
         own = inverse_unchecked(vectors).gather(-2, rows)[..., :n]
         left = solve(inverted.mT.to(own.dtype), own.mT).mT
     chosen = eigenvalues.gather(-1, slow)
-    near = ((chosen[..., :, None] - eigenvalues[..., None, :]).abs() <= DISTINCT * chosen.abs()[..., :, None]).sum(-1) > 1
+    near = (
+        (chosen[..., :, None] - eigenvalues[..., None, :]).abs()
+        <= DISTINCT * chosen.abs()[..., :, None]
+    ).sum(-1) > 1
     return Pairs(value.gather(-1, slow), vectors.mT.gather(-2, rows)[..., :n], left, near)
 
 
 def attach(M: Tensor, D: Tensor | None, K: Tensor, pairs: Pairs) -> tuple[Tensor, Tensor]:
-    """Eigenvalues and right vectors with their derivatives by M, D, K; those of repeated ones are refused when asked for.
+    """Eigenvalues and right vectors with their derivatives by M, D, K; those of repeated ones are
+    refused when asked for.
 
     Vectors have 1 as their largest entry.
     """
@@ -186,7 +227,9 @@ def attach(M: Tensor, D: Tensor | None, K: Tensor, pairs: Pairs) -> tuple[Tensor
     change = _Distinct.apply(torch.where(pivot == 0, change.detach(), change), repeated)
     missing = _Distinct.apply(Qv, repeated[..., None].expand_as(Qv))
     matrices = (M.detach(), torch.zeros_like(M) if D is None else D.detach(), K.detach())
-    return value + (change - change.detach()), _Shape.apply(missing, *matrices, value, v, slope, largest)
+    return value + (change - change.detach()), _Shape.apply(
+        missing, *matrices, value, v, slope, largest
+    )
 
 
 def upright(v: Tensor) -> tuple[Tensor, Tensor]:
@@ -202,7 +245,9 @@ def _times(A: Tensor, v: Tensor) -> Tensor:
 
 
 class _Distinct(torch.autograd.Function):
-    """The same, once differentiable, with an error where that of a repeated eigenvalue, or of its vector, is asked for."""
+    """The same, once differentiable, with an error where that of a repeated eigenvalue, or of its
+    vector, is asked for.
+    """
 
     generate_vmap_rule = True
 
@@ -228,13 +273,17 @@ class _Distinct(torch.autograd.Function):
 
 def _refuse(x: Tensor, repeated: Tensor) -> Tensor:
     if concrete(repeated & (x != 0)).any():
-        raise RuntimeError("the derivative of a repeated eigenvalue, or of its shape, was asked for; it has none of its own: "
-                           "distinct ones are wanted (two bending stiffnesses that differ)")
+        raise RuntimeError(
+            "the derivative of a repeated eigenvalue, or of its shape, was asked for; it has none "
+            "of its own: distinct ones are wanted (two bending stiffnesses that differ)"
+        )
     return x
 
 
 class _Shape(torch.autograd.Function):
-    """v, whose derivative solves the bordered system [Q, slope; e_k^T, 0] [dv; d lambda] = -[missing; 0], mode by mode."""
+    """v, whose derivative solves the bordered system [Q, slope; e_k^T, 0]
+    [dv; d lambda] = -[missing; 0], mode by mode.
+    """
 
     generate_vmap_rule = True
 
@@ -255,15 +304,22 @@ class _Shape(torch.autograd.Function):
             by = value[..., k, None, None]
             Q = K + by * D + by**2 * M
             pick = torch.zeros_like(v[..., k, :]).scatter(-1, largest[..., k, :], 1)
-            whole = torch.cat((torch.cat((Q, slope[..., k, :, None]), -1),
-                               torch.nn.functional.pad(pick, (0, 1))[..., None, :]), -2)
+            whole = torch.cat((
+                torch.cat((Q, slope[..., k, :, None]), -1),
+                torch.nn.functional.pad(pick, (0, 1))[..., None, :],
+            ), -2)  # fmt: skip
             whole = whole.mH if adjoint else whole
-            rows.append(-solve(whole, torch.nn.functional.pad(right[..., k, :], (0, 1))[..., None])[..., :-1, 0])
+            rows.append(
+                -solve(whole, torch.nn.functional.pad(right[..., k, :], (0, 1))[..., None])[
+                    ..., :-1, 0
+                ]
+            )
         return torch.stack(rows, -2)
 
     @staticmethod
     def backward(ctx, grad: Tensor):
-        with torch.autocast(grad.device.type, enabled=False):  # it may be on where backward is called
+        # it may be on where backward is called
+        with torch.autocast(grad.device.type, enabled=False):
             return _Shape._solve(ctx.saved_tensors, grad, True), *[None] * 7
 
     @staticmethod

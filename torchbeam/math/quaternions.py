@@ -1,4 +1,6 @@
-"""Unit quaternions (..., 4), scalar first: the rotations of nodes. R(q) maps section axes to frame a."""
+"""Unit quaternions (..., 4), scalar first: the rotations of nodes. R(q) maps section axes to frame
+a.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +8,23 @@ import torch
 from torch import Tensor
 
 # Linear maps as small constant matrices: one matrix product each, whatever the batch.
-_HAT = torch.tensor((
-    (0.0, 0, 0, 0, 0, -1, 0, 1, 0),
-    (0.0, 0, 1, 0, 0, 0, -1, 0, 0),
-    (0.0, -1, 0, 1, 0, 0, 0, 0, 0),
-), dtype=torch.float64)
-_LEFT = torch.tensor((
-    (1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1),
-    (0.0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0),
-    (0.0, 0, -1, 0, 0, 0, 0, 1, 1, 0, 0, 0, 0, -1, 0, 0),
-    (0.0, 0, 0, -1, 0, 0, -1, 0, 0, 1, 0, 0, 1, 0, 0, 0),
-), dtype=torch.float64)
+_HAT = torch.tensor(
+    (
+        (0.0, 0, 0, 0, 0, -1, 0, 1, 0),
+        (0.0, 0, 1, 0, 0, 0, -1, 0, 0),
+        (0.0, -1, 0, 1, 0, 0, 0, 0, 0),
+    ),
+    dtype=torch.float64,
+)
+_LEFT = torch.tensor(
+    (
+        (1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1),
+        (0.0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0),
+        (0.0, 0, -1, 0, 0, 0, 0, 1, 1, 0, 0, 0, 0, -1, 0, 0),
+        (0.0, 0, 0, -1, 0, 0, -1, 0, 0, 1, 0, 0, 1, 0, 0, 0),
+    ),
+    dtype=torch.float64,
+)
 _CONJUGATE = torch.tensor((1.0, -1, -1, -1), dtype=torch.float64)
 
 
@@ -25,7 +33,9 @@ def skew(v: Tensor) -> Tensor:
     return (v @ _HAT.to(v)).unflatten(-1, (3, 3))
 
 
-def identity(shape: tuple[int, ...], dtype: torch.dtype, device: torch.device | None = None) -> Tensor:
+def identity(
+    shape: tuple[int, ...], dtype: torch.dtype, device: torch.device | None = None
+) -> Tensor:
     """The rotation that changes nothing, (*shape, 4)."""
     return torch.tensor([1.0, 0, 0, 0], dtype=dtype, device=device).expand(*shape, 4)
 
@@ -72,9 +82,10 @@ def exponential(phi: Tensor) -> Tensor:
 
 
 def spin_of_vector(phi: Tensor, rate: Tensor) -> Tensor:
-    """Angular velocity (..., 3), spatial axes, of the rotation vector phi (rad) with the rate phi' (rad/s), |phi| = x:
+    """Angular velocity (..., 3), spatial axes, of the rotation vector phi (rad) with the rate phi'
+    (rad/s), |phi| = x:
 
-        phi' + (1 - cos x)/x^2 phi x phi' + (x - sin x)/x^3 phi x (phi x phi')
+    phi' + (1 - cos x)/x^2 phi x phi' + (x - sin x)/x^3 phi x (phi x phi')
     """
     square = (phi * phi).sum(-1, keepdim=True)
     small = square < 1e-4
@@ -100,7 +111,9 @@ def arc_ratio(c: Tensor, s2: Tensor) -> Tensor:
 
 
 def nearer(q: Tensor, to: Tensor) -> Tensor:
-    """Of q and -q, the same rotation, the one that is nearer; in a plane as well, where a rotation is (cos, sin)."""
+    """Of q and -q, the same rotation, the one that is nearer; in a plane as well, where a rotation
+    is (cos, sin).
+    """
     return torch.where((q * to).sum(-1, keepdim=True) < 0, -q, q)
 
 
@@ -110,7 +123,9 @@ def half_way(p: Tensor, q: Tensor) -> Tensor:
 
 
 def aligned(q_1: Tensor, q_2: Tensor, q_3: Tensor) -> Tensor:
-    """Three rotations (..., 3, 4), to be interpolated: each by that of its two quaternions which is nearer to the second's."""
+    """Three rotations (..., 3, 4), to be interpolated: each by that of its two quaternions which is
+    nearer to the second's.
+    """
     return torch.stack((nearer(q_1, q_2), q_2, nearer(q_3, q_2)), -2)
 
 
@@ -123,7 +138,7 @@ def from_matrix(R: Tensor) -> Tensor:
         torch.stack((m21 - m12, 1 + m00 - m11 - m22, m01 + m10, m02 + m20), -1),
         torch.stack((m02 - m20, m01 + m10, 1 - m00 + m11 - m22, m12 + m21), -1),
         torch.stack((m10 - m01, m02 + m20, m12 + m21, 1 - m00 - m11 + m22), -1),
-    ), -2)
+    ), -2)  # fmt: skip
     best = pivots.detach().diagonal(dim1=-2, dim2=-1).argmax(-1)
     row = torch.gather(pivots, -2, best[..., None, None].expand(*best.shape, 1, 4))[..., 0, :]
     return normalize(row)

@@ -8,13 +8,16 @@ import torch
 
 
 def broadcast_shapes(*shapes: Sequence[int]) -> torch.Size:
-    """Common broadcast shape. Raises RuntimeError where there is none. As `torch.broadcast_shapes`, whose first call imports
-    a computer algebra system, for most of a second.
+    """Common broadcast shape. Raises RuntimeError where there is none. As `torch.broadcast_shapes`,
+    whose first call imports a computer algebra system, for most of a second.
     """
     sizes = [1] * max(map(len, shapes), default=0)
     for shape in shapes:
         for k, size in enumerate(reversed(shape), 1):
             if size != 1 and sizes[-k] not in (1, size):
-                raise RuntimeError(f"{', '.join(str(tuple(x)) for x in shapes)} were given; shapes that broadcast are wanted")
+                raise RuntimeError(
+                    f"{', '.join(str(tuple(x)) for x in shapes)} were given; shapes that "
+                    "broadcast are wanted"
+                )
             sizes[-k] = sizes[-k] if size == 1 else size
     return torch.Size(sizes)

@@ -1,4 +1,6 @@
-"""Symmetric block tridiagonal matrices, of constants: products, sums, and solutions of many right-hand sides, O(n)."""
+"""Symmetric block tridiagonal matrices, of constants: products, sums, and solutions of many
+right-hand sides, O(n).
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ class SymmetricChain(NamedTuple):
     def plus(self, factor: Tensor, other: SymmetricChain) -> SymmetricChain:
         """The sum with factor (...) times another one."""
         factor = factor[..., None, None, None]
-        return SymmetricChain(self.diagonal + factor * other.diagonal, self.upper + factor * other.upper)
+        return SymmetricChain(
+            self.diagonal + factor * other.diagonal, self.upper + factor * other.upper
+        )
 
     def positive_definite(self) -> Tensor:
         """(...) bool."""
@@ -52,7 +56,9 @@ class SymmetricChain(NamedTuple):
 
 
 class FactoredChain(NamedTuple):
-    """Of each pivot block from the first to the last: LU, its pivoting, and its inverse times the block to its right."""
+    """Of each pivot block from the first to the last: LU, its pivoting, and its inverse times the
+    block to its right.
+    """
 
     matrix: SymmetricChain
     lu: list[Tensor]
@@ -60,7 +66,9 @@ class FactoredChain(NamedTuple):
     ahead: list[Tensor]
 
     def solve(self, load: Tensor) -> Tensor:
-        """K^-1 load for load (..., n, k, m), refined once: pivots next to impossible strains are ill conditioned."""
+        """K^-1 load for load (..., n, k, m), refined once: pivots next to impossible strains are
+        ill conditioned.
+        """
         x = self._swept(load)
         return x + self._swept(load - self.matrix.times(x))
 

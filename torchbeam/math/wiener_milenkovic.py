@@ -1,8 +1,9 @@
-"""Wiener-Milenkovic rotation parameters theta = 4 tan(phi/4) n, (..., 3): the mixed element's rotations.
+"""Wiener-Milenkovic rotation parameters theta = 4 tan(phi/4) n, (..., 3): the mixed element's
+rotations.
 
-C(theta) and Q(theta) as in Hodges' mixed beam theory (Wang and Yu 2017, GEBT): C^T turns vectors, and Q theta_dot is
-the angular velocity in turned axes. Good up to phi = 2 pi, where theta is infinite; `shadow` is the same rotation the
-other way round, smaller once |theta| > 4 (phi > pi).
+C(theta) and Q(theta) as in Hodges' mixed beam theory (Wang and Yu 2017, GEBT): C^T turns vectors,
+and Q theta_dot is the angular velocity in turned axes. Good up to phi = 2 pi, where theta is
+infinite; `shadow` is the same rotation the other way round, smaller once |theta| > 4 (phi > pi).
 """
 
 from __future__ import annotations
@@ -39,8 +40,8 @@ def C_rate(theta: Tensor, theta_dot: Tensor) -> Tensor:
 
 
 def Q_inverse_rate(theta: Tensor, theta_dot: Tensor) -> Tensor:
-    """(Q^-1)_dot = -(theta.theta_dot)/8 I + ~theta_dot/2 + (theta_dot theta^T + theta theta_dot^T)/8
-    = -Q^-1 Q_dot Q^-1.
+    """(Q^-1)_dot = -(theta.theta_dot)/8 I + ~theta_dot/2 + (theta_dot theta^T + theta
+    theta_dot^T)/8 = -Q^-1 Q_dot Q^-1.
     """
     twist = _outer(theta, theta_dot)
     return (twist + twist.mT) / 8 + skew(theta_dot) / 2 - _eye(theta) * (_dot(theta, theta_dot) / 8)
@@ -53,9 +54,11 @@ def Q_rate(theta: Tensor, theta_dot: Tensor) -> Tensor:
 
 
 def shadow(theta: Tensor) -> Tensor:
-    """The other parameters of the same rotation, phi -> phi - 2 pi: -16 theta / |theta|^2. Infinite at theta = 0.
+    """The other parameters of the same rotation, phi -> phi - 2 pi: -16 theta / |theta|^2. Infinite
+    at theta = 0.
 
-    (The rule theta (1 - 8/|theta|) agrees with it at |theta| = 4 only: at |theta| = 5 it is off by 7 degrees.)
+    (The rule theta (1 - 8/|theta|) agrees with it at |theta| = 4 only: at |theta| = 5 it is off by
+    7 degrees.)
     """
     return -16 * theta / theta.square().sum(-1, keepdim=True)
 

@@ -36,10 +36,11 @@ def six(a: Tensor, b: Tensor) -> Tensor:
 
 
 def forward(first: Tensor, q: Tensor, jump: Tensor | None = None) -> Tensor:
-    """Nodes n (..., N+1, m) of the averaged element: n_1 = first, n_{i+1} = 2 q_i - n_i; q (..., N, m), O(N).
+    """Nodes n (..., N+1, m) of the averaged element: n_1 = first, n_{i+1} = 2 q_i - n_i; q
+    (..., N, m), O(N).
 
-    jump  (..., N, m, m) applied to n_i on entering element i: then the result holds, for each element, the value at its
-          left end as that element sees it, and the tip.
+    jump  (..., N, m, m) applied to n_i on entering element i: then the result holds, for each
+          element, the value at its left end as that element sees it, and the tip.
     """
     if jump is None:
         sign = _signs(q.shape[-2], q)
@@ -60,18 +61,23 @@ def backward(d: Tensor) -> Tensor:
 
 
 def crossing(theta: Tensor, root: Tensor) -> Tensor | None:
-    """Mask (..., N) of the elements that hold another chart than what lies on their left, the root or the element before: there
-    the parameters differ less after `shadow`. None where no element does.
+    """Mask (..., N) of the elements that hold another chart than what lies on their left, the root
+    or the element before: there the parameters differ less after `shadow`. None where no element
+    does.
     """
     left = torch.cat((root[..., None, :].expand(*theta.shape[:-2], 1, 3), theta[..., :-1, :]), -2)
     q = left.square().sum(-1, keepdim=True)
     # |theta - shadow(left)| < |theta - left|, times |left|^2 so that left = 0 needs no care
-    other = (theta * q + 16 * left).square().sum(-1) < (theta - left).square().sum(-1) * q[..., 0].square()
+    other = (theta * q + 16 * left).square().sum(-1) < (theta - left).square().sum(-1) * q[
+        ..., 0
+    ].square()
     return other if other.any() else None
 
 
 def rotation_nodes(theta: Tensor, root: Tensor, other: Tensor | None) -> Tensor:
-    """`forward` for rotation parameters: theta^_i as element i sees it, and the tip, (..., N+1, 3)."""
+    """`forward` for rotation parameters: theta^_i as element i sees it, and the tip,
+    (..., N+1, 3).
+    """
     if other is None:
         return forward(root, theta)
     nodes = [root]
@@ -84,13 +90,17 @@ def rotation_nodes(theta: Tensor, root: Tensor, other: Tensor | None) -> Tensor:
 
 
 def chart_jump(arriving: Tensor, other: Tensor | None) -> Tensor | None:
-    """d(shadow(n))/dn = -16 (I - 2 n n^T/q)/q (..., N, 3, 3) where a chart is crossed, I elsewhere; None = nowhere."""
+    """d(shadow(n))/dn = -16 (I - 2 n n^T/q)/q (..., N, 3, 3) where a chart is crossed, I elsewhere;
+    None = nowhere.
+    """
     if other is None:
         return None
     n = torch.where(other[..., None], arriving, torch.ones_like(arriving))
     q = n.square().sum(-1)[..., None, None]
     eye = torch.eye(3, dtype=n.dtype, device=n.device)
-    return torch.where(other[..., None, None], -16 * (eye - 2 * n[..., :, None] * n[..., None, :] / q) / q, eye)
+    return torch.where(
+        other[..., None, None], -16 * (eye - 2 * n[..., :, None] * n[..., None, :] / q) / q, eye
+    )
 
 
 def _signs(N: int, like: Tensor) -> Tensor:

@@ -21,8 +21,9 @@ from .state import Fields, MixedState, unpack
 class BlockRate:
     """A(x) x' = b(x, t) of the index-reduced form at the state x.
 
-    A (..., n, n), b (..., n), n = 24 N + 12; for N = 1 rows and columns stand as the derivation prints them. `rows` and
-    `columns` name the 3x3 blocks' places, `blocks` holds those that exist: (row name, column name) -> (..., 3, 3).
+    A (..., n, n), b (..., n), n = 24 N + 12; for N = 1 rows and columns stand as the derivation
+    prints them. `rows` and `columns` name the 3x3 blocks' places, `blocks` holds those that exist:
+    (row name, column name) -> (..., 3, 3).
     """
 
     model: MixedModel
@@ -32,9 +33,14 @@ class BlockRate:
     def __repr__(self) -> str:
         N = self.model.count
         n = 24 * N + 12
-        shape = broadcast_shapes(*(x.shape[:-2] for x in self.x[:8]), *(x.shape[:-1] for x in self.x[8:]))
-        return lines("BlockRate", f"A ({n}, {n}) x' = b ({n},) of {counted(N, 'element')} at t = {span(self.t)} s",
-                     kind(shape, self.x.u))
+        shape = broadcast_shapes(
+            *(x.shape[:-2] for x in self.x[:8]), *(x.shape[:-1] for x in self.x[8:])
+        )
+        return lines(
+            "BlockRate",
+            f"A ({n}, {n}) x' = b ({n},) of {counted(N, 'element')} at t = {span(self.t)} s",
+            kind(shape, self.x.u),
+        )
 
     @cached
     def terms(self) -> Terms:
@@ -57,7 +63,10 @@ class BlockRate:
         """f_u, f_psi, f_F, f_M of node 1, 2, ...; then u', theta', V', Omega' of the elements."""
         N = self.model.count
         nodes = [f"{f} node {j}" for j in range(1, N + 2) for f in ("f_u", "f_psi", "f_F", "f_M")]
-        return (*nodes, *(f"{name}_{i}'" for name in ("u", "theta", "V", "Omega") for i in range(1, N + 1)))
+        return (
+            *nodes,
+            *(f"{name}_{i}'" for name in ("u", "theta", "V", "Omega") for i in range(1, N + 1)),
+        )
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -76,7 +85,8 @@ class BlockRate:
         }
 
     def solve(self, method: str = "sweep") -> Tensor:
-        """x' (..., n): 'sweep', O(N), or 'dense', torch.linalg.solve on A with rows and columns scaled.
+        """x' (..., n): 'sweep', O(N), or 'dense', torch.linalg.solve on A with rows and columns
+        scaled.
 
         Raises ValueError for another method.
         """
@@ -88,14 +98,20 @@ class BlockRate:
 
     @property
     def drift(self) -> Tensor:
-        """Violation of the undifferentiated equations f_u, f_psi, f_F, f_M of each node (..., N+1, 4, 3)."""
+        """Violation of the undifferentiated equations f_u, f_psi, f_F, f_M of each node
+        (..., N+1, 4, 3).
+        """
         return residual(self.model, self.t, self.x)
 
 
 def block_rate(
-    scene: Scene, state: MixedState | Tensor, t: float | Tensor = 0.0, inputs: dict[str, Tensor] | None = None
+    scene: Scene,
+    state: MixedState | Tensor,
+    t: float | Tensor = 0.0,
+    inputs: dict[str, Tensor] | None = None,
 ) -> BlockRate:
-    """The block rate system of a scene at a state: a `MixedState` (see `consistent_state`) or a vector (..., 24 N + 12).
+    """The block rate system of a scene at a state: a `MixedState` (see `consistent_state`) or a
+    vector (..., 24 N + 12).
 
     Raises ValueError where the scene has no block rate form, or for a vector of another length.
     """
@@ -107,5 +123,7 @@ def block_rate(
     n = 24 * model.count + 12
     if not isinstance(state, Tensor) or state.ndim == 0 or state.shape[-1] != n:
         shape = tuple(getattr(state, "shape", ())) or type(state).__name__
-        raise ValueError(f"a state of shape {shape} was given; a MixedState or (..., {n}) is wanted")
+        raise ValueError(
+            f"a state of shape {shape} was given; a MixedState or (..., {n}) is wanted"
+        )
     return BlockRate(model, t, unpack(state, model.count))

@@ -17,12 +17,16 @@ from .model import MixedModel, Places
 from .residuals import residual
 from .state import Fields, MixedState
 
-LIMIT = 6.0  # |theta| beyond which a state's parameters are rescaled: 225 degrees, back to |theta| = 2.7
+# |theta| beyond which a state's parameters are rescaled: 225 degrees, back to |theta| = 2.7
+LIMIT = 6.0
 
 
-def consistent(model: MixedModel, t: Tensor, u: Tensor, theta: Tensor, V: Tensor, Omega: Tensor) -> Fields:
-    """The state of the block rate form that satisfies every undifferentiated equation at these u, theta, V, Omega: F, M
-    from compatibility, accelerations and the root's load from equilibrium, the tip from the recursion.
+def consistent(
+    model: MixedModel, t: Tensor, u: Tensor, theta: Tensor, V: Tensor, Omega: Tensor
+) -> Fields:
+    """The state of the block rate form that satisfies every undifferentiated equation at these u,
+    theta, V, Omega: F, M from compatibility, accelerations and the root's load from equilibrium,
+    the tip from the recursion.
     """
     rates = balance(model, t, u, theta, V, Omega)
     ends = (*halves(rates.root), rates.nodes.u[..., -1, :], rates.nodes.theta[..., -1, :])
@@ -36,19 +40,27 @@ def at_rest(model: MixedModel, t: Tensor) -> tuple[Tensor, ...]:
     zero = model.middle.new_zeros(*shape, model.count, 3)
     v, omega = (zero if x is None else x for x in model.frame(t))
     velocity = v + cross(omega, model.middle)
-    return (zero, zero, *torch.broadcast_tensors(*(mv(model.Cab.mT, x + zero) for x in (velocity, omega))))
+    return (
+        zero,
+        zero,
+        *torch.broadcast_tensors(*(mv(model.Cab.mT, x + zero) for x in (velocity, omega))),
+    )
 
 
 def drift(model: MixedModel, t: Tensor, x: Fields) -> Tensor:
-    """(...) largest violation of the undifferentiated equations, in N, N m, m and rotation parameters alike."""
+    """(...) largest violation of the undifferentiated equations, in N, N m, m and rotation
+    parameters alike.
+    """
     return residual(model, t, x).detach().abs().amax((-3, -2, -1))
 
 
 def rescaled(model: MixedModel, t: Tensor, theta: Tensor) -> Tensor | None:
-    """theta with the elements beyond |theta| = LIMIT in their other chart; None where there is none.
+    """theta with the elements beyond |theta| = LIMIT in their other chart; None where there is
+    none.
 
-    The element's two *nodes* change chart (`rotations.shadow`) and theta is their mean again: neighbours then see the same
-    nodes as before. (Changing theta itself would shift every node beyond it, alternately to either side.)
+    The element's two *nodes* change chart (`rotations.shadow`) and theta is their mean again:
+    neighbours then see the same nodes as before. (Changing theta itself would shift every node
+    beyond it, alternately to either side.)
     """
     over = theta.detach().norm(dim=-1, keepdim=True) > LIMIT
     if not over.any():
@@ -60,12 +72,16 @@ def rescaled(model: MixedModel, t: Tensor, theta: Tensor) -> Tensor | None:
 
 
 def observe(model: MixedModel, t: Tensor, x: Fields, strain: Tensor, status: Tensor) -> MixedState:
-    """Positions, velocities, rotations and spins of the nodes, and the reaction: frame a, absolute."""
+    """Positions, velocities, rotations and spins of the nodes, and the reaction: frame a,
+    absolute.
+    """
     k = motion(model, t, x.u, x.theta, x.V, x.Omega)
     at = nodes(model, t, x.u, x.theta)
     u_dot, theta_dot = node_rates(model, t, k, at.jump)
-    u, theta = (torch.cat((n[..., :-1, :], tip[..., None, :]), -2)
-                for n, tip in ((at.u, x.u_tip), (at.theta, x.theta_tip)))
+    u, theta = (
+        torch.cat((n[..., :-1, :], tip[..., None, :]), -2)
+        for n, tip in ((at.u, x.u_tip), (at.theta, x.theta_tip))
+    )
     position = model.nodes + u
     v, omega = model.frame(t)
     velocity = u_dot if v is None else u_dot + v
@@ -77,10 +93,14 @@ def observe(model: MixedModel, t: Tensor, x: Fields, strain: Tensor, status: Ten
     reaction = torch.cat((x.F_root, x.M_root), -1) - nodal[..., 0, :]
     shape = status.shape
     values = (*x, strain, position, velocity, rotation, spin, reaction)
-    single = {"F_root", "M_root", "u_tip", "theta_tip", "reaction"}  # one axis at the end; others two, rotations three
+    # one axis at the end; others two, rotations three
+    single = {"F_root", "M_root", "u_tip", "theta_tip", "reaction"}
     names = [n for n in MixedState.__dataclass_fields__ if n not in ("t", "status")]
     axes = {name: 1 if name in single else 3 if name == "rotation" else 2 for name in names}
-    full = {n: v.expand(*shape, *v.shape[v.ndim - axes[n]:]) for n, v in zip(names, values, strict=True)}
+    full = {
+        n: v.expand(*shape, *v.shape[v.ndim - axes[n] :])
+        for n, v in zip(names, values, strict=True)
+    }
     return MixedState(**full, t=t.expand(shape), status=status)
 
 
@@ -94,8 +114,9 @@ def consistent_state(
     form: str = "minimal",
     inputs: dict[str, Tensor] | None = None,
 ) -> MixedState:
-    """A consistent state for any u m, theta (frame a), V m/s, Omega rad/s (section axes, absolute) of the elements
-    (..., N, 3), and the loads at time t; what is not given is undeformed and at rest in frame a.
+    """A consistent state for any u m, theta (frame a), V m/s, Omega rad/s (section axes, absolute)
+    of the elements (..., N, 3), and the loads at time t; what is not given is undeformed and at
+    rest in frame a.
 
     Raises ValueError for a wrong shape or a scene that the form does not take.
     """
@@ -105,15 +126,23 @@ def consistent_state(
     t = instant("t", t, scene.beam.nodes)
     rest = at_rest(model, t)
     given = []
-    for name, value, default in zip(("u", "theta", "V", "Omega"), (u, theta, V, Omega), rest, strict=True):
-        value = default if value is None else finite(name, as_tensor(value, scene.dtype, scene.device))
+    for name, value, default in zip(
+        ("u", "theta", "V", "Omega"), (u, theta, V, Omega), rest, strict=True
+    ):
+        value = (
+            default if value is None else finite(name, as_tensor(value, scene.dtype, scene.device))
+        )
         if value.shape[-2:] != (model.count, 3):
-            raise ValueError(f"{name} of shape {tuple(value.shape)} was given; (..., {model.count}, 3) is wanted")
+            raise ValueError(
+                f"{name} of shape {tuple(value.shape)} was given; (..., {model.count}, 3) is wanted"
+            )
         given.append(value)
     return complete(model, t, torch.broadcast_tensors(*given, rest[0])[:4])
 
 
-def complete(model: MixedModel, t: Tensor, minimal: tuple[Tensor, ...], status: Tensor | None = None) -> MixedState:
+def complete(
+    model: MixedModel, t: Tensor, minimal: tuple[Tensor, ...], status: Tensor | None = None
+) -> MixedState:
     """MixedState from u, theta, V, Omega."""
     rates = balance(model, t, *minimal)
     x = consistent(model, t, *minimal)

@@ -1,8 +1,9 @@
 """The undifferentiated equations of the mixed element: the one truth of both mixed forms.
 
-Hodges' mixed formulation for a chain of N elements (as in GEBT and GXBeam.jl), clamped at node 1. Everything else in this
-package is a rearrangement or a derivative of what stands here, and is tested against it. `side` is -1 for the equations
-of an element's left end ("-"), +1 for those of its right end ("+").
+Hodges' mixed formulation for a chain of N elements (as in GEBT and GXBeam.jl), clamped at node 1.
+Everything else in this package is a rearrangement or a derivative of what stands here, and is
+tested against it. `side` is -1 for the equations of an element's left end ("-"), +1 for those of
+its right end ("+").
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ from .state import Fields
 
 
 class Element(NamedTuple):
-    """Variables of the six equations, of every element at once (..., N, ...): h, C^ab, R = C^T C^ab, Q^-1, and vectors."""
+    """Variables of the six equations, of every element at once (..., N, ...): h, C^ab,
+    R = C^T C^ab, Q^-1, and vectors.
+    """
 
     h: Tensor
     Cab: Tensor
@@ -37,7 +40,10 @@ class Element(NamedTuple):
 def element(model: MixedModel, x: Fields) -> Element:
     """[gamma; kappa] = S [F; M],  [P; H] = Mass [V; Omega],  R = C^T C^ab."""
     return Element(
-        model.h, model.Cab, rot.turn(x.theta) @ model.Cab, rot.Q_inverse(x.theta),
+        model.h,
+        model.Cab,
+        rot.turn(x.theta) @ model.Cab,
+        rot.Q_inverse(x.theta),
         *halves(mv(model.S, six(x.F, x.M))),
         *halves(mv(model.Mass, six(x.V, x.Omega))),
         *halves(mv(model.Mass, six(x.V_dot, x.Omega_dot))),
@@ -51,13 +57,16 @@ def e1(like: Tensor) -> Tensor:
 def f_u(side: int, e: Element, x: Fields, f: Tensor) -> Tensor:
     """Force (..., N, 3) N, frame a:  +/- R F - h f + h R (~Omega P + P_dot);  f N/m.
 
-    The inertia is ~omega R P + d/dt(R P), which is R (~Omega P + P_dot) exactly: no rate of C is needed.
+    The inertia is ~omega R P + d/dt(R P), which is R (~Omega P + P_dot) exactly: no rate of C is
+    needed.
     """
     return side * mv(e.R, x.F) - e.h * f + e.h * mv(e.R, cross(x.Omega, e.P) + e.P_dot)
 
 
 def f_psi(side: int, e: Element, x: Fields, m: Tensor) -> Tensor:
-    """Moment (..., N, 3) N m, frame a:  +/- R M - h m + h R (~Omega H + H_dot + ~V P - (~e1 + ~gamma) F);  m N."""
+    """Moment (..., N, 3) N m, frame a:  +/- R M - h m + h R (~Omega H + H_dot + ~V
+    P - (~e1 + ~gamma) F);  m N.
+    """
     inertia = cross(x.Omega, e.H) + e.H_dot + cross(x.V, e.P)
     return side * mv(e.R, x.M) - e.h * m + e.h * mv(e.R, inertia - cross(e1(x.F) + e.gamma, x.F))
 
@@ -73,7 +82,9 @@ def f_M(side: int, e: Element, x: Fields) -> Tensor:
 
 
 def f_P(e: Element, x: Fields, u_dot: Tensor, v: Tensor, omega: Tensor) -> Tensor:
-    """R V - v - ~omega u - u_dot;  v m/s is the frame's velocity at the element's reference place."""
+    """R V - v - ~omega u - u_dot;  v m/s is the frame's velocity at the element's reference
+    place.
+    """
     return mv(e.R, x.V) - v - cross(omega, x.u) - u_dot
 
 
@@ -102,8 +113,18 @@ def residual(model: MixedModel, t: Tensor, x: Fields) -> Tensor:
     equations = zip(
         (f_u(-1, e, x, f), f_psi(-1, e, x, m), f_F(-1, e, x), f_M(-1, e, x)),
         (f_u(+1, e, x, f), f_psi(+1, e, x, m), f_F(+1, e, x), _arriving(f_M(+1, e, x), other)),
-        (x.F_root, x.M_root, u_root, theta_root if other is None else _in_chart(theta_root, other[..., 0])),
-        (force[..., 1:, :], moment[..., 1:, :], _only_tip(-x.u_tip, model), _only_tip(-x.theta_tip, model)),
+        (
+            x.F_root,
+            x.M_root,
+            u_root,
+            theta_root if other is None else _in_chart(theta_root, other[..., 0]),
+        ),
+        (
+            force[..., 1:, :],
+            moment[..., 1:, :],
+            _only_tip(-x.u_tip, model),
+            _only_tip(-x.theta_tip, model),
+        ),
         strict=True,
     )
     return torch.stack(torch.broadcast_tensors(*(_nodes(*four) for four in equations)), -2)
@@ -141,10 +162,14 @@ def _arriving(plus: Tensor, other: Tensor | None) -> Tensor:
 
 
 def jump_at(model: MixedModel, x: Fields, e: Element, t: Tensor) -> Tensor | None:
-    """Derivative of the change of chart on entering each element from the one before; None = no change."""
+    """Derivative of the change of chart on entering each element from the one before; None = no
+    change.
+    """
     _, root = model.root(t)
     other = crossing(x.theta, root)
     if other is None:
         return None
     ends = x.theta + e.h * mv(e.Q_inverse, mv(e.Cab, e.kappa))
-    return chart_jump(torch.cat((root.expand_as(ends[..., 0, :])[..., None, :], ends[..., :-1, :]), -2), other)
+    return chart_jump(
+        torch.cat((root.expand_as(ends[..., 0, :])[..., None, :], ends[..., :-1, :]), -2), other
+    )

@@ -1,4 +1,6 @@
-"""States of the mixed forms: the letters of the block rate form, its flat vector, and what a simulation returns."""
+"""States of the mixed forms: the letters of the block rate form, its flat vector, and what a
+simulation returns.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +18,9 @@ from ..state.instant import Instant, Point
 class Fields(NamedTuple):
     """x of the block rate form, in the derivation's order.
 
-    of the elements (..., N, 3): u m, theta -, frame a; F N, M N m, V m/s, Omega rad/s and their accelerations, frame B
-    of the ends (..., 3), frame a: F_root N, M_root N m (all load on node 1: the reaction, and loads put there),
-    u_tip m, theta_tip
+    of the elements (..., N, 3): u m, theta -, frame a; F N, M N m, V m/s, Omega rad/s and their
+    accelerations, frame B of the ends (..., 3), frame a: F_root N, M_root N m (all load on node 1:
+    the reaction, and loads put there), u_tip m, theta_tip
     """
 
     u: Tensor
@@ -55,14 +57,15 @@ def unpack_minimal(x: Tensor, N: int) -> tuple[Tensor, ...]:
 
 @dataclass(frozen=True, repr=False)
 class MixedState(Instant):
-    """The beam at one instant in a mixed form. Leading axes are batch axes (time first in a trajectory).
+    """The beam at one instant in a mixed form. Leading axes are batch axes (time first in a
+    trajectory).
 
     The twelve of `Fields`; and what follows from them:
     strain    (..., N, 6) [gamma kappa] of the elements, frame B
-    position  (..., N+1, 3) m, velocity (..., N+1, 3) m/s absolute, rotation (..., N+1, 3, 3) section axes -> a,
-              spin (..., N+1, 3) rad/s absolute: of the nodes, frame a. Nodes follow from the elements by the
-              recursion n_{i+1} = 2 q_i - n_i, which hands on every short wave undiminished: velocities of inner nodes
-              are rough
+    position  (..., N+1, 3) m, velocity (..., N+1, 3) m/s absolute, rotation (..., N+1, 3, 3)
+              section axes -> a, spin (..., N+1, 3) rad/s absolute: of the nodes, frame a. Nodes
+              follow from the elements by the recursion n_{i+1} = 2 q_i - n_i, which hands on every
+              short wave undiminished: velocities of inner nodes are rough
     reaction  (..., 6) load of the support on the beam, frame a, N and N m
     t (...) s;  status (...) int, 0 = success, see `torchbeam.core.status.STATUS`
     """
@@ -99,7 +102,9 @@ class MixedState(Instant):
         return pack(x[:8], x[8:])
 
     def node(self, index: int) -> Point:
-        """One node's motion, in frame a; counted from the root, -1 is the tip. Raises ValueError where there is none such."""
+        """One node's motion, in frame a; counted from the root, -1 is the tip. Raises ValueError
+        where there is none such.
+        """
         index = place("node", index, self.position.shape[-2], "the beam has the nodes")
         axes = (self.position, self.velocity, self.spin)
         position, velocity, spin = (a[..., index, :] for a in axes)

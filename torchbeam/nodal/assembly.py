@@ -1,5 +1,5 @@
-"""Assembly: from nodes to the stations of elements, and from these back to nodes. Which nodes an element has is the topology's
-to say; how its motion follows from theirs, its interpolation's.
+"""Assembly: from nodes to the stations of elements, and from these back to nodes. Which nodes an
+element has is the topology's to say; how its motion follows from theirs, its interpolation's.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from ..topology.protocols import Matrix, Topology
 
 @dataclass(frozen=True)
 class Assembly:
-    """interpolation: `LinearInterpolation`, or `QuadraticInterpolation`; p: numbers of a node's position. Stations are as many
-    as elements, or, of order 2, twice as many.
+    """interpolation: `LinearInterpolation`, or `QuadraticInterpolation`; p: numbers of a node's
+    position. Stations are as many as elements, or, of order 2, twice as many.
     """
 
     topology: Topology
@@ -31,11 +31,15 @@ class Assembly:
         return self.interpolation.poses(*self.ends(position), *self.ends(rotation))
 
     def shared(self, parts: tuple[Tensor, ...], axes: int = 1) -> Tensor:
-        """What stations stand for, as seen by each of their nodes (..., stations, *), at the nodes (..., nodes, *)."""
+        """What stations stand for, as seen by each of their nodes (..., stations, *), at the nodes
+        (..., nodes, *).
+        """
         return self.topology.scatter(self.interpolation.shares(parts, axes), axes)
 
     def to_elements(self, moves: Tensor) -> Tensor:
-        """Moves of the nodes (..., nodes, w) -> numbers of the stations (..., stations, m), see the interpolation."""
+        """Moves of the nodes (..., nodes, w) -> numbers of the stations (..., stations, m), see the
+        interpolation.
+        """
         return self.interpolation.numbers(self.topology.gather(moves), self.p)
 
     def to_nodes(self, load: Tensor) -> Tensor:

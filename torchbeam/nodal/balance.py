@@ -1,13 +1,16 @@
-"""What statics and the implicit step share: a balance of nodal forces with the stress as an unknown of its own.
+"""What statics and the implicit step share: a balance of nodal forces with the stress as an unknown
+of its own.
 
-Unknowns are a move of the free nodes (dr, spin) and the stress [F; M] of each element. With B the strain operator,
+Unknowns are a move of the free nodes (dr, spin) and the stress [F; M] of each element. With B the
+strain operator,
 
-    g       = inertia + to_nodes(h B^T [F; M]) - external = 0        (..., N+1, w), at a support the reaction
+    g       = inertia + to_nodes(h B^T [F; M]) - external = 0
+    (..., N+1, w), at a support the reaction
     g_eps   = strain - S [F; M]                        = 0        (..., N, k)
 
-Linearised, with E the derivative of the strain in g_eps and C = S^-1 (regularised where S is singular; the residual keeps
-S exactly), the stress is condensed element by element (Magisano, Leonetti and Garcea 2017: Newton on this mixed form needs
-few iterations whatever the stiffness):
+Linearised, with E the derivative of the strain in g_eps and C = S^-1 (regularised where S is
+singular; the residual keeps S exactly), the stress is condensed element by element (Magisano,
+Leonetti and Garcea 2017: Newton on this mixed form needs few iterations whatever the stiffness):
 
     (K_rest + h B^T C E) move = -(g + h B^T C g_eps)        d[F; M] = C (g_eps + E move)
 """
@@ -29,8 +32,8 @@ from .rows import Rows
 
 
 class Residual(NamedTuple):
-    """nodes (..., N+1, w), strain (..., N, k) as above, with the gaps of joints behind; force, moment, size_strain (...): the
-    largest terms in them.
+    """nodes (..., N+1, w), strain (..., N, k) as above, with the gaps of joints behind; force,
+    moment, size_strain (...): the largest terms in them.
     """
 
     constraints: Constraints
@@ -42,21 +45,37 @@ class Residual(NamedTuple):
     joints: NoJoints
 
     def measure(self) -> Tensor:
-        """(...) the scaled residual: each equation over the largest term in it; not finite where anything is not."""
+        """(...) the scaled residual: each equation over the largest term in it; not finite where
+        anything is not.
+        """
         free = self.constraints.unknowns.select(self.nodes.detach()).abs()
         p = (free.shape[-1] + 1) // 2  # of 6: 3, of 3: 2
         constitutive_residual, joints = self.joints.split(self.strain.detach())
-        size = scaled(free[..., :p].amax((-1, -2)), free[..., p:].amax((-1, -2)), most(constitutive_residual), *self[3:6])
+        size = scaled(
+            free[..., :p].amax((-1, -2)),
+            free[..., p:].amax((-1, -2)),
+            most(constitutive_residual),
+            *self[3:6],
+        )
         return self.joints.measure(size, joints)
 
 
-def scaled(force: Tensor, moment: Tensor, constitutive_residual: Tensor, largest_force: Tensor, largest_moment: Tensor, size_strain: Tensor
-           ) -> Tensor:
-    """(...) the largest that is left of forces, moments and strains, each over the largest term in its equation."""
+def scaled(
+    force: Tensor,
+    moment: Tensor,
+    constitutive_residual: Tensor,
+    largest_force: Tensor,
+    largest_moment: Tensor,
+    size_strain: Tensor,
+) -> Tensor:
+    """(...) the largest that is left of forces, moments and strains, each over the largest term in
+    its equation.
+    """
     number = torch.finfo(force.dtype)
     # strains below ROUNDING eps are differences of positions that floating point does not hold
     constitutive_residual = (constitutive_residual - ROUNDING * number.eps).clamp(min=0)
-    # loads so small that motions under them are denormal, where products round as they like, count as none
+    # loads so small that motions under them are denormal, where products round as they like, count
+    # as none
     none = number.tiny**0.5
     over = torch.maximum(force / (largest_force + none), moment / (largest_moment + none))
     return torch.maximum(over, constitutive_residual / (size_strain + number.eps))
@@ -66,9 +85,10 @@ ROUNDING = 1000.0
 
 
 class CondensedTangent(NamedTuple):
-    """Derivative of a balance whose stress is condensed, whatever supports hold. matrix: of the nodes;
-    force_operator and strain_by_move (..., N, k, p + 2 s): h B, the strain operator by the length, and E, the derivative of the
-    constitutive residual by the moves; stiffness (..., N or 1, k, k or 1): C, the inverse of the compliance.
+    """Derivative of a balance whose stress is condensed, whatever supports hold. matrix: of the
+    nodes; force_operator and strain_by_move (..., N, k, p + 2 s): h B, the strain operator by the
+    length, and E, the derivative of the constitutive residual by the moves; stiffness
+    (..., N or 1, k, k or 1): C, the inverse of the compliance.
     """
 
     matrix: Matrix
@@ -77,13 +97,33 @@ class CondensedTangent(NamedTuple):
     strain_by_move: Tensor
 
     @classmethod
-    def of(cls, assembly: Assembly, rest: Tensor, nodes: Matrix | None, force_operator: Tensor, stiffness: Tensor, strain_by_move: Tensor) -> CondensedTangent:
-        """rest (..., N, p + 2 s, p + 2 s) of elements at fixed stress; nodes: what these, and the mass they share, add."""
-        return cls(total(assembly.to_matrix(rest + force_operator.mT @ times(stiffness, strain_by_move)), nodes), force_operator, stiffness, strain_by_move)
+    def of(
+        cls,
+        assembly: Assembly,
+        rest: Tensor,
+        nodes: Matrix | None,
+        force_operator: Tensor,
+        stiffness: Tensor,
+        strain_by_move: Tensor,
+    ) -> CondensedTangent:
+        """rest (..., N, p + 2 s, p + 2 s) of elements at fixed stress; nodes: what these, and the
+        mass they share, add.
+        """
+        return cls(
+            total(
+                assembly.to_matrix(rest + force_operator.mT @ times(stiffness, strain_by_move)),
+                nodes,
+            ),
+            force_operator,
+            stiffness,
+            strain_by_move,
+        )
 
 
 class Linearisation(NamedTuple):
-    """The condensed tangent; constants (detached) of one Newton step or of the implicit function theorem."""
+    """The condensed tangent; constants (detached) of one Newton step or of the implicit function
+    theorem.
+    """
 
     assembly: Assembly
     constraints: Constraints
@@ -99,36 +139,57 @@ class Linearisation(NamedTuple):
     def of(cls, model: Rows, tangent: CondensedTangent) -> Linearisation:
         """With the supports of a model."""
         matrix, constraints = tangent.matrix, model.constraints
-        return cls(model.assembly, constraints, matrix.restricted(constraints.unknowns), matrix.rows(constraints.nodes),
-                   *tangent[1:], model.law.C, model.joints)
+        return cls(
+            model.assembly,
+            constraints,
+            matrix.restricted(constraints.unknowns),
+            matrix.rows(constraints.nodes),
+            *tangent[1:],
+            model.law.C,
+            model.joints,
+        )
 
     def solve(self, g: Tensor, g_strain: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """What a residual asks for: move (..., N+1, w), zero where the beam is held, d[F; M] (..., N, k); and the supports'
-        balances after it, the reactions (..., K, w).
+        """What a residual asks for: move (..., N+1, w), zero where the beam is held, d[F; M]
+        (..., N, k); and the supports' balances after it, the reactions (..., K, w).
         """
         g_strain, gap = self.joints.split(g_strain)
-        pushed = g + self.assembly.to_nodes(pushed_by(self.force_operator, self.stiffness, g_strain))
+        pushed = g + self.assembly.to_nodes(
+            pushed_by(self.force_operator, self.stiffness, g_strain)
+        )
         solution = self.system.solve(self.joints.asked(-pushed, gap))
         move, change = self.joints.answered(
-            solution, lambda move: dstress(self.stiffness, self.strain_by_move, g_strain, self.assembly.to_elements(move)))
+            solution,
+            lambda move: dstress(
+                self.stiffness, self.strain_by_move, g_strain, self.assembly.to_elements(move)
+            ),
+        )
         return move, change, self.constraints.reaction(self.rows, pushed, solution)
 
     @property
     def exact(self) -> Tensor:
-        """(...) bool: whether C is the law's, and no impossible strain was given more flexibility than the law gives it."""
+        """(...) bool: whether C is the law's, and no impossible strain was given more flexibility
+        than the law gives it.
+        """
         return same_law(self.stiffness, self.law)
 
     def detach(self) -> Linearisation:
-        return Linearisation(self.assembly, self.constraints, *(x.detach() for x in self[2:-1]), self.joints)
+        return Linearisation(
+            self.assembly, self.constraints, *(x.detach() for x in self[2:-1]), self.joints
+        )
 
 
 def same_law(C: Tensor, law: Tensor) -> Tensor:
-    """(...) bool: whether C of a tangent is that of the law in all elements (..., N or 1, k, k or 1)."""
+    """(...) bool: whether C of a tangent is that of the law in all elements
+    (..., N or 1, k, k or 1).
+    """
     return (C == law.detach()).all(-1).all(-1).all(-1)
 
 
 def pushed_by(force_operator: Tensor, stiffness: Tensor, g_strain: Tensor) -> Tensor:
-    """h B^T C g_eps (..., N, p + 2 s): what an element's constitutive residual asks of its nodes."""
+    """h B^T C g_eps (..., N, p + 2 s): what an element's constitutive residual asks of its
+    nodes.
+    """
     return (force_operator.mT @ times(stiffness, g_strain[..., None]))[..., 0]
 
 
@@ -137,14 +198,18 @@ def dstress(stiffness: Tensor, strain_by_move: Tensor, g_strain: Tensor, move: T
     return times(stiffness, g_strain[..., None] + strain_by_move @ move[..., None])[..., 0]
 
 
-def restrained_forces(model: Rows, kinematics: Any, own: Tensor | float, h: Tensor) -> Tensor | float:
-    """Element forces that the beam's eigenstrain would take to hold back: what it is measured against where nothing else acts;
-    0.0 where there is none.
+def restrained_forces(
+    model: Rows, kinematics: Any, own: Tensor | float, h: Tensor
+) -> Tensor | float:
+    """Element forces that the beam's eigenstrain would take to hold back: what it is measured
+    against where nothing else acts; 0.0 where there is none.
     """
     if isinstance(own, float):
         return own
     stress = model.law.stress(own)
-    return model.space.forces(kinematics, stress.expand(*broadcast_shapes(stress.shape, (model.station_count, 1))), h)
+    return model.space.forces(
+        kinematics, stress.expand(*broadcast_shapes(stress.shape, (model.station_count, 1))), h
+    )
 
 
 def size_of_strain(followed: Tensor, own: Tensor | float) -> Tensor:
@@ -159,20 +224,24 @@ def most(x: Tensor) -> Tensor:
 
 
 def largest(p: int, length: Tensor, *terms: Tensor | float) -> tuple[Tensor, Tensor]:
-    """Largest force and moment (...) in the terms of a balance, of elements or of nodes, of which p are forces: what
-    its residual is measured against. A force is also a moment, over an element's length; a moment is also a force, over
-    the beam's.
+    """Largest force and moment (...) in the terms of a balance, of elements or of nodes, of which p
+    are forces: what its residual is measured against. A force is also a moment, over an element's
+    length; a moment is also a force, over the beam's.
     """
     sizes = []
     for term in terms:
         if isinstance(term, Tensor):
             term = term.detach()
             sizes.append((most(term[..., :p]), most(term[..., p:])))
-    force, moment = (torch.stack(torch.broadcast_tensors(*part)).amax(0) for part in zip(*sizes, strict=True))
+    force, moment = (
+        torch.stack(torch.broadcast_tensors(*part)).amax(0) for part in zip(*sizes, strict=True)
+    )
     length = length.detach()
     return mixed(force, moment, length.sum((-1, -2)), length.amax((-1, -2)))
 
 
 def mixed(force: Tensor, moment: Tensor, total: Tensor, longest: Tensor) -> tuple[Tensor, Tensor]:
-    """What `largest` makes of the largest force and the largest moment, for a beam's length and its longest element."""
+    """What `largest` makes of the largest force and the largest moment, for a beam's length and its
+    longest element.
+    """
     return torch.maximum(force, moment / total), moment + force * longest

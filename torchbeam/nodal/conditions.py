@@ -1,5 +1,5 @@
-"""Conditions of rows at one instant: what acts there, and what is prescribed. They are made here of a model, for all of its
-rows; native code has those of one node, or of one element.
+"""Conditions of rows at one instant: what acts there, and what is prescribed. They are made here of
+a model, for all of its rows; native code has those of one node, or of one element.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ from .rows import Rows
 
 
 class ActingLoad(NamedTuple):
-    """A load; node: the row that it acts on, or the rows along which it does, None = all of them; what it reads of a node's
-    motion; which of the internal states are its own, None = it has none; elements: along how many it acts, None = the beam's.
-    Of `Conditions` the load holds numbers alone, see `LoadEffect.resolved`.
+    """A load; node: the row that it acts on, or the rows along which it does, None = all of them;
+    what it reads of a node's motion; which of the internal states are its own, None = it has none;
+    elements: along how many it acts, None = the beam's. Of `Conditions` the load holds numbers
+    alone, see `LoadEffect.resolved`.
     """
 
     load: Any
@@ -37,9 +38,9 @@ class ActingLoad(NamedTuple):
 
 
 class SupportConditions(NamedTuple):
-    """Of a support of a row, where anything moves: fixed (w) 1 where it holds, else 0; pose: position (..., 3) and quaternion
-    (..., 4), None = it does not move in frame a; motion: velocity (..., 3), absolute, frame a, and spin (..., 3), absolute,
-    section axes, None = it is no clamp.
+    """Of a support of a row, where anything moves: fixed (w) 1 where it holds, else 0; pose:
+    position (..., 3) and quaternion (..., 4), None = it does not move in frame a; motion: velocity
+    (..., 3), absolute, frame a, and spin (..., 3), absolute, section axes, None = it is no clamp.
     """
 
     node: int
@@ -50,10 +51,11 @@ class SupportConditions(NamedTuple):
 
 @dataclass(frozen=True)
 class Conditions:
-    """t and inputs: of functions that loads hold. velocities: of frame a, see `PrescribedMotion.frame`. dead (..., N+1, w): of
-    loads that are summed already, 0.0 = none. eigenstrain (..., N or 1, k), 0.0 = none. supports: at the end of a step; none
-    where nothing moves. root: where the support of node 0 stands, if a load asks. orientation: of frame a at this instant, None
-    = it does not turn, or follows from a state. elements: of the beam.
+    """t and inputs: of functions that loads hold. velocities: of frame a, see
+    `PrescribedMotion.frame`. dead (..., N+1, w): of loads that are summed already, 0.0 = none.
+    eigenstrain (..., N or 1, k), 0.0 = none. supports: at the end of a step; none where nothing
+    moves. root: where the support of node 0 stands, if a load asks. orientation: of frame a at this
+    instant, None = it does not turn, or follows from a state. elements: of the beam.
     """
 
     t: Tensor
@@ -82,7 +84,9 @@ class Conditions:
     @property
     def internal_states(self) -> int:
         """How many numbers the loads remember."""
-        return max((load.internal.stop for load in self.loads if load.internal is not None), default=0)
+        return max(
+            (load.internal.stop for load in self.loads if load.internal is not None), default=0
+        )
 
     @cached
     def reads(self) -> frozenset[str]:
@@ -90,12 +94,18 @@ class Conditions:
         return frozenset().union(*(load.reads for load in self.loads))
 
 
-def acting(rows: Rows, loads: tuple[Any, ...], sizes: tuple[int, ...], node: int | None = None) -> tuple[ActingLoad, ...]:
-    """Loads with so many internal states, one after the other; node: the row of those that act at one, None = as they say."""
+def acting(
+    rows: Rows, loads: tuple[Any, ...], sizes: tuple[int, ...], node: int | None = None
+) -> tuple[ActingLoad, ...]:
+    """Loads with so many internal states, one after the other; node: the row of those that act at
+    one, None = as they say.
+    """
     acting_loads, at = [], 0
     for load, size in zip(loads, sizes, strict=True):
         place = None if load.node is None else load.node % rows.node_count if node is None else node
-        acting_loads.append(ActingLoad(load, place, rows.depends_on(load), slice(at, at + size) if size else None))
+        acting_loads.append(
+            ActingLoad(load, place, rows.depends_on(load), slice(at, at + size) if size else None)
+        )
         at += size
     return tuple(acting_loads)
 
@@ -114,12 +124,18 @@ def by_part(beam: Beam, one: ActingLoad) -> tuple[ActingLoad, ...]:
     return tuple(found)
 
 
-def conditions(model: Model, t: Tensor, inputs: Inputs, end: Tensor | None = None, loads: tuple[Any, ...] | None = None
-               ) -> Conditions:
-    """Of all of a model at t (...), its supports at the time `end` (...); loads: these of the scene's alone, without what the
-    beam bends by itself, None = all.
+def conditions(
+    model: Model,
+    t: Tensor,
+    inputs: Inputs,
+    end: Tensor | None = None,
+    loads: tuple[Any, ...] | None = None,
+) -> Conditions:
+    """Of all of a model at t (...), its supports at the time `end` (...); loads: these of the
+    scene's alone, without what the beam bends by itself, None = all.
     """
-    acts, motion, eigenstrain = acting(model, model.scene.loads, model.scene.internal_states), model.prescribed_motion, 0.0
+    acts = acting(model, model.scene.loads, model.scene.internal_states)
+    motion, eigenstrain = model.prescribed_motion, 0.0
     if model.scene.beam.parts:
         acts = tuple(part for act in acts for part in by_part(model.scene.beam, act))
     if loads is None:
@@ -130,9 +146,20 @@ def conditions(model: Model, t: Tensor, inputs: Inputs, end: Tensor | None = Non
     asked = loads is None or any(act.load.wants_frame for act in acts)
     velocities = motion.frame(t) if asked else (None, None)
     root = motion.root_pose(t) if any(act.load.wants_support for act in acts) else None
-    return Conditions(t, inputs, frame_of(model.space, *velocities), velocities, acts, 0.0, eigenstrain,
-                      () if end is None else supports(model, end), root, None, model.scene.beam.element_count,
-                      model.joints.values(model.scene.joints, t, inputs, t if end is None else end))
+    return Conditions(
+        t,
+        inputs,
+        frame_of(model.space, *velocities),
+        velocities,
+        acts,
+        0.0,
+        eigenstrain,
+        () if end is None else supports(model, end),
+        root,
+        None,
+        model.scene.beam.element_count,
+        model.joints.values(model.scene.joints, t, inputs, t if end is None else end),
+    )
 
 
 def _valued(model: Model, one: ActingLoad, t: Tensor, inputs: Inputs) -> Any:
@@ -145,6 +172,14 @@ def supports(model: Model, end: Tensor) -> tuple[SupportConditions, ...]:
     """At the time `end`; none where nothing moves."""
     if not model.scene.has_prescribed_motion:
         return ()
-    motion, pairs = model.prescribed_motion, zip(model.scene.supports, model.constraints.fixed, strict=True)
-    return tuple(SupportConditions(support.node, fixed, motion.pose(support, end) if support.moves else None,
-                                   motion.absolute(support, end) if support.clamp else None) for support, fixed in pairs)
+    motion = model.prescribed_motion
+    pairs = zip(model.scene.supports, model.constraints.fixed, strict=True)
+    return tuple(
+        SupportConditions(
+            support.node,
+            fixed,
+            motion.pose(support, end) if support.moves else None,
+            motion.absolute(support, end) if support.clamp else None,
+        )
+        for support, fixed in pairs
+    )

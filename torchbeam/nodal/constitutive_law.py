@@ -2,9 +2,10 @@
 
     S [F; M] = strain - eigenstrain + retardation (strain rate)
 
-S is the section's compliance. A zero on its diagonal makes a strain impossible: residuals keep S as it is, and tangents take
-a small flexibility there, so that Newton's method loses nothing (see `ElasticLaw.tangent_stiffness`). Matrices of uncoupled
-sections are stored as their diagonals, (..., k, 1): see `times`.
+S is the section's compliance. A zero on its diagonal makes a strain impossible: residuals keep S as
+it is, and tangents take a small flexibility there, so that Newton's method loses nothing (see
+`ElasticLaw.tangent_stiffness`). Matrices of uncoupled sections are stored as their diagonals,
+(..., k, 1): see `times`.
 """
 
 from __future__ import annotations
@@ -24,13 +25,15 @@ from ..scene.scene import Scene
 from .coordinates.spatial import Spatial
 
 STIFFENED = 100.0  # by loads, over bending alone: P L^2/EI of that order
-REGULARISATION = {torch.float64: 1e-7, torch.float32: 1e-3}  # of the flexibility around it: a strain's least, in a tangent
+# of the flexibility around it: a strain's least, in a tangent
+REGULARISATION = {torch.float64: 1e-7, torch.float32: 1e-3}
 
 
 @dataclass(frozen=True)
 class ElasticLaw(Tree):
-    """S (..., N or 1, k, k) compliance, exact; C its inverse, regularised where a strain is impossible; both (..., k, 1) for an
-    uncoupled section. `rigid`: whether any strain is impossible.
+    """S (..., N or 1, k, k) compliance, exact; C its inverse, regularised where a strain is
+    impossible; both (..., k, 1) for an uncoupled section. `rigid`: whether any strain is
+    impossible.
     """
 
     S: Tensor = leaf(3)
@@ -40,11 +43,15 @@ class ElasticLaw(Tree):
     damped = False
 
     def effective_strain(self, strain: Tensor, rate: Callable[[], Tensor]) -> Tensor:
-        """The strain (..., N, k) that stress answers to; rate() is its rate, asked for where it matters."""
+        """The strain (..., N, k) that stress answers to; rate() is its rate, asked for where it
+        matters.
+        """
         return strain
 
     def effective_strain_by(self, strain_by_move: Tensor, rate_by_strain: Tensor) -> Tensor:
-        """Derivative of `effective_strain`, E (..., N, k, m) being that of the strain; rate_by_strain (...) 1/s."""
+        """Derivative of `effective_strain`, E (..., N, k, m) being that of the strain;
+        rate_by_strain (...) 1/s.
+        """
         return strain_by_move
 
     def constitutive_residual(self, effective_strain: Tensor, stress: Tensor) -> Tensor:
@@ -56,9 +63,13 @@ class ElasticLaw(Tree):
         return times(self.C, effective_strain[..., None])[..., 0]
 
     def energy(self, strain: Tensor) -> Tensor:
-        """e C e/2 (..., N, k) J/m, by component; an impossible strain stores none, whatever rounding leaves of it."""
+        """e C e/2 (..., N, k) J/m, by component; an impossible strain stores none, whatever
+        rounding leaves of it.
+        """
         if self.rigid:
-            compliance = self.S if self.S.shape[-1] == 1 else self.S.diagonal(dim1=-2, dim2=-1)[..., None]
+            compliance = (
+                self.S if self.S.shape[-1] == 1 else self.S.diagonal(dim1=-2, dim2=-1)[..., None]
+            )
             strain = torch.where(compliance[..., 0] == 0, 0.0, strain)
         return strain * self.stress(strain) / 2
 
@@ -66,24 +77,30 @@ class ElasticLaw(Tree):
         """(..., N, k) W/m that a strain rate takes out, by component."""
         return 0.0
 
-    def tangent_stiffness(self, length: Tensor, line_mass: Tensor | None = None, dt: Tensor | None = None) -> Tensor:
-        """S^-1 for the tangent of a balance, or of a step of dt (0-dim or (...)) with a line mass (..., N+1, 1) kg/m; constant,
-        in the form of S.
+    def tangent_stiffness(
+        self, length: Tensor, line_mass: Tensor | None = None, dt: Tensor | None = None
+    ) -> Tensor:
+        """S^-1 for the tangent of a balance, or of a step of dt (0-dim or (...)) with a line mass
+        (..., N+1, 1) kg/m; constant, in the form of S.
 
-        Impossible strains, and in a step those next to impossible beside the softest bending or twist and the inertia, get a
-        small flexibility: the tangent stays well conditioned.
+        Impossible strains, and in a step those next to impossible beside the softest bending or
+        twist and the inertia, get a small flexibility: the tangent stays well conditioned.
         """
         S, h = self.S.detach(), length.detach()
         slim = S.shape[-1] == 1
         if not (slim or self.rigid) or not S.shape[-3]:
             return self.C.detach()
         diagonal = S if slim else S.diagonal(dim1=-2, dim2=-1)[..., None]
-        moments = {6: 3, 3: 1}[S.shape[-2]]  # strains that a moment brings about, in space and in a plane
+        # strains that a moment brings about, in space and in a plane
+        moments = {6: 3, 3: 1}[S.shape[-2]]
         sizes = S.shape[-2] - moments, moments
         L2 = h.sum(-2, keepdim=True)[..., None] ** 2
-        by_force, by_moment = (part.amax((-3, -2), keepdim=True) for part in diagonal.split(sizes, -2))
+        by_force, by_moment = (
+            part.amax((-3, -2), keepdim=True) for part in diagonal.split(sizes, -2)
+        )
         softest = torch.maximum(by_force / L2, by_moment)
-        moment = STIFFENED / torch.where(softest > 0, softest, torch.ones_like(softest))  # what bends round about, N m^2
+        # what bends round about, N m^2
+        moment = STIFFENED / torch.where(softest > 0, softest, torch.ones_like(softest))
         force = moment / L2
         if dt is not None:
             inertial = remembered(_inertial_stiffness, h, line_mass.detach(), dt)
@@ -91,11 +108,17 @@ class ElasticLaw(Tree):
         parts = torch.broadcast_tensors(*[force] * sizes[0], *[moment] * sizes[1])
         least = REGULARISATION[S.dtype] / torch.cat(parts, -2)
         least = torch.where(diagonal == 0 if dt is None else diagonal < least, least, diagonal)
-        return 1 / least if slim else torch.linalg.inv(S + torch.diag_embed((least - diagonal)[..., 0]))
+        return (
+            1 / least
+            if slim
+            else torch.linalg.inv(S + torch.diag_embed((least - diagonal)[..., 0]))
+        )
 
 
 def _inertial_stiffness(h: Tensor, line_mass: Tensor, dt: Tensor) -> tuple[Tensor, Tensor]:
-    """(..., 1, 1, 1) N and N m^2: what the inertia of the longest element resists strains with, in a step of dt (...)."""
+    """(..., 1, 1, 1) N and N m^2: what the inertia of the longest element resists strains with, in
+    a step of dt (...).
+    """
     h2 = h.amax(-2, keepdim=True)[..., None] ** 2
     force = line_mass.amax(-2, keepdim=True)[..., None] * h2 * (2 / dt[..., None, None, None]) ** 2
     return force, force * h2
@@ -103,7 +126,9 @@ def _inertial_stiffness(h: Tensor, line_mass: Tensor, dt: Tensor) -> tuple[Tenso
 
 @dataclass(frozen=True)
 class ViscoelasticLaw(ElasticLaw):
-    """With a retardation time (Kelvin and Voigt's law): s, (..., 1, 1, 1), or a matrix in the form of S."""
+    """With a retardation time (Kelvin and Voigt's law): s, (..., 1, 1, 1), or a matrix in the form
+    of S.
+    """
 
     retardation_time: Tensor = leaf(3)
 
@@ -125,8 +150,8 @@ class ViscoelasticLaw(ElasticLaw):
 
 
 def law_of(scene: Scene, space: Spatial) -> ElasticLaw:
-    """The law of a scene's sections and its damping. Raises ValueError for six values of tau on a section with an impossible
-    strain.
+    """The law of a scene's sections and its damping. Raises ValueError for six values of tau on a
+    section with an impossible strain.
     """
     beam, rigid = scene.beam, any(impossible(scene.beam))
     compliance = _with_residual_bending(beam, beam.compliance)
@@ -135,16 +160,22 @@ def law_of(scene: Scene, space: Spatial) -> ElasticLaw:
     if scene.damping is None:
         return ElasticLaw(S, C, rigid)
     found = [_retardation(damping, beam, space) for damping in scene.dampings]
-    return ViscoelasticLaw(S, C, rigid, found[0] if scene.damping.on is None else _by_part(scene, found, S))
+    return ViscoelasticLaw(
+        S, C, rigid, found[0] if scene.damping.on is None else _by_part(scene, found, S)
+    )
 
 
 def times(matrix: Tensor, x: Tensor) -> Tensor:
-    """matrix @ x for x (..., k, n), where the matrix may be given as (..., k, 1), its diagonal, or (..., 1, 1), a factor."""
+    """matrix @ x for x (..., k, n), where the matrix may be given as (..., k, 1), its diagonal, or
+    (..., 1, 1), a factor.
+    """
     return matrix * x if matrix.shape[-1] == 1 else matrix @ x
 
 
 def impossible(beam: Beam) -> tuple[bool, ...]:
-    """Which of an element's strains are impossible. With linked interpolation an element shears as well by bending."""
+    """Which of an element's strains are impossible. With linked interpolation an element shears as
+    well by bending.
+    """
     extension, shear_y, shear_z, twist, bending_y, bending_z = beam.rigid
     if beam.linked_interpolation:
         shear_y, shear_z = shear_y and bending_z, shear_z and bending_y
@@ -152,12 +183,17 @@ def impossible(beam: Beam) -> tuple[bool, ...]:
 
 
 def _with_residual_bending(beam: Beam, flexibility: Tensor) -> Tensor:
-    """A flexibility (..., N or 1, 6, 6) of sections as that of elements: with linked interpolation a force F also bends an
-    element by M' = -e1 x F, which its ends show as shear (MacNeal 1978: residual bending flexibility):
+    """A flexibility (..., N or 1, 6, 6) of sections as that of elements: with linked interpolation
+    a force F also bends an element by M' = -e1 x F, which its ends show as shear (MacNeal 1978:
+    residual bending flexibility):
 
         S_FF + h^2/12 ~e1^T S_MM ~e1
     """
-    return flexibility + _residual_bending(beam, flexibility) if beam.linked_interpolation else flexibility
+    return (
+        flexibility + _residual_bending(beam, flexibility)
+        if beam.linked_interpolation
+        else flexibility
+    )
 
 
 def _residual_bending(beam: Beam, flexibility: Tensor) -> Tensor:
@@ -167,7 +203,9 @@ def _residual_bending(beam: Beam, flexibility: Tensor) -> Tensor:
 
 
 def without_residual_bending(beam: Beam, strain: Tensor, elements: slice = slice(None)) -> Tensor:
-    """The strain (..., n, 6) of the sections in the middle of elements with this strain, less eigenstrain."""
+    """The strain (..., n, 6) of the sections in the middle of elements with this strain, less
+    eigenstrain.
+    """
     if not beam.linked_interpolation:
         return strain
     S = beam.compliance
@@ -183,24 +221,36 @@ def _slim(matrix: Tensor, beam: Beam, space: Spatial) -> Tensor:
 
 
 def _regular_inverse(beam: Beam, S: Tensor) -> Tensor:
-    """S^-1; a strain that S makes impossible gets a flexibility that is small beside the others, for the tangent only."""
+    """S^-1; a strain that S makes impossible gets a flexibility that is small beside the others,
+    for the tangent only.
+    """
     if not any(impossible(beam)):
         return torch.linalg.inv(S)
     rigid = torch.tensor(impossible(beam), device=S.device)
     L = beam.length.sum(-1)[..., None, None]
-    scale = torch.cat((L.expand(*L.shape[:-1], 3), torch.ones_like(L).expand(*L.shape[:-1], 3)), -1)  # (..., 1, 6)
+    # (..., 1, 6)
+    scale = torch.cat((L.expand(*L.shape[:-1], 3), torch.ones_like(L).expand(*L.shape[:-1], 3)), -1)
     diagonal = S.diagonal(dim1=-2, dim2=-1)
-    largest = (diagonal / scale**2).amax(-1, keepdim=True).detach()  # flexibility of a bending or twist, 1/(N m^2)
+    # flexibility of a bending or twist, 1/(N m^2)
+    largest = (diagonal / scale**2).amax(-1, keepdim=True).detach()
     largest = torch.where(largest > 0, largest, torch.ones_like(largest))
     small = REGULARISATION[S.dtype] * largest * scale.detach() ** 2
-    return torch.linalg.inv(S + torch.diag_embed(torch.where(rigid & (diagonal == 0), small, torch.zeros_like(small))))
+    return torch.linalg.inv(
+        S + torch.diag_embed(torch.where(rigid & (diagonal == 0), small, torch.zeros_like(small)))
+    )
 
 
 def _by_part(scene: Scene, found: list[Tensor], like: Tensor) -> Tensor:
-    """Retardations of one beam each (..., N or 1, k or 1, *), in the form of S where one of them is a matrix: (..., N, *)."""
+    """Retardations of one beam each (..., N or 1, k or 1, *), in the form of S where one of them is
+    a matrix: (..., N, *).
+    """
     if any(one.shape[-2] > 1 for one in found):
         k = like.shape[-2]
-        unit = like.new_ones(k, 1) if like.shape[-1] == 1 else torch.eye(k, dtype=like.dtype, device=like.device)
+        unit = (
+            like.new_ones(k, 1)
+            if like.shape[-1] == 1
+            else torch.eye(k, dtype=like.dtype, device=like.device)
+        )
         found = [one * unit if one.shape[-2] == 1 else one for one in found]
     total = 0.0
     for one, damping in zip(found, scene.dampings, strict=True):
@@ -212,16 +262,22 @@ def _by_part(scene: Scene, found: list[Tensor], like: Tensor) -> Tensor:
 
 
 def _retardation(damping: Damping, beam: Beam, space: Spatial) -> Tensor:
-    """tau, or D^1/2 S^-1 D^1/2 with D = diag(tau): symmetric, never pumps energy. With linked interpolation the section's
-    R = S D^1/2 S^-1 D^1/2 S, what a stress rate strains it by, becomes the element's as S does: R S^-1 of elements then.
+    """tau, or D^1/2 S^-1 D^1/2 with D = diag(tau): symmetric, never pumps energy. With linked
+    interpolation the section's R = S D^1/2 S^-1 D^1/2 S, what a stress rate strains it by, becomes
+    the element's as S does: R S^-1 of elements then.
     """
     tau = damping.tau
     if not damping.six:
         return tau[..., None, None, None]
     if any(beam.rigid):
-        raise ValueError("six-valued tau was given for a section with an impossible strain; one value is wanted there")
+        raise ValueError(
+            "six-valued tau was given for a section with an impossible strain; one value is "
+            "wanted there"
+        )
     if not (beam.coupled or beam.linked_interpolation):
-        return space.project_section(torch.diag_embed(tau)).diagonal(dim1=-2, dim2=-1)[..., None, :, None]
+        return space.project_section(torch.diag_embed(tau)).diagonal(dim1=-2, dim2=-1)[
+            ..., None, :, None
+        ]
     S = beam.compliance
     retardation = S @ (geometric_means(tau)[..., None, :, :] * torch.linalg.inv(S))
     if not beam.linked_interpolation:

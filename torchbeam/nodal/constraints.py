@@ -1,4 +1,6 @@
-"""Essential boundary conditions: constrained degrees of freedom, and restriction of vectors and matrices to the free ones."""
+"""Essential boundary conditions: constrained degrees of freedom, and restriction of vectors and
+matrices to the free ones.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,8 @@ class Constraints:
     fixed  (K, w) 1 where a support holds, 0 elsewhere
     moving (N+1, w) bool: what is free; unknowns: the same as the topology has them
     slide  (N+1, p) and turn (N+1, 1): 0 where a support holds the position, or all rotation, else 1
-    hinges (node, axis) of those that hold some of the rotations: a mask (3,) of the axis of frame a that is left
+    hinges (node, axis) of those that hold some of the rotations: a mask (3,) of the axis of frame a
+    that is left
     """
 
     nodes: tuple[int, ...]
@@ -34,16 +37,32 @@ class Constraints:
 
     @classmethod
     def of(cls, scene: Scene, space: Spatial, topology: Topology) -> Constraints:
-        rows = tuple((int(support.node), tuple(map(float, space.constrained(support.held)))) for support in scene.supports)
+        rows = tuple(
+            (int(support.node), tuple(map(float, space.constrained(support.held))))
+            for support in scene.supports
+        )
         like = scene.beam.nodes
-        return remembered(cls._of, rows, space.dims.position, space.unknowns, topology, like.dtype, like.device)
+        return remembered(
+            cls._of, rows, space.dims.position, space.unknowns, topology, like.dtype, like.device
+        )
 
     @classmethod
-    def _of(cls, rows: tuple[tuple[int, tuple[float, ...]], ...], p: int, w: int, topology: Topology, dtype: torch.dtype,
-            device: torch.device) -> Constraints:
-        """rows: of each support its node and `fixed`; p of a node's w unknowns are its position's."""
+    def _of(
+        cls,
+        rows: tuple[tuple[int, tuple[float, ...]], ...],
+        p: int,
+        w: int,
+        topology: Topology,
+        dtype: torch.dtype,
+        device: torch.device,
+    ) -> Constraints:
+        """rows: of each support its node and `fixed`; p of a node's w unknowns are its
+        position's.
+        """
         nodes = tuple(node for node, _ in rows)
-        fixed = torch.tensor([row for _, row in rows], dtype=dtype, device=device).reshape(len(rows), w)
+        fixed = torch.tensor([row for _, row in rows], dtype=dtype, device=device).reshape(
+            len(rows), w
+        )
         free = torch.ones(topology.node_count, w, dtype=dtype, device=device)
         free[list(nodes)] = 1 - fixed
         slide, turn = free[:, :p], free[:, p:].amax(-1, keepdim=True)

@@ -1,14 +1,16 @@
-"""Joints in which something acts: an effort along their coordinate, or a coordinate that is prescribed.
+"""Joints in which something acts: an effort along their coordinate, or a coordinate that is
+prescribed.
 
-The angle phi of a hinge follows from its own axes in both parts: with v = -F_a,y and w = F_b,z, sin phi = v . w, and with w
-turned about x by alpha
+The angle phi of a hinge follows from its own axes in both parts: with v = -F_a,y and w = F_b,z, sin
+phi = v . w, and with w turned about x by alpha
 
     v . w(alpha) = sin(phi - alpha)        w(alpha) = cos alpha F_b,z + sin alpha F_b,y
 
-Prescribed, it is one more row that is held, v . w(alpha) = 0 at the end of the step. An effort tau, and the force of that
-row, act along the gradient of v . w(m) at the mean of positions and axes, m half way between the angles before and after: it
-does the work 2 sin((phi_{n+1} - phi_n)/2) tau over the step, for products of vectors keep their difference there. A travel is
-a row by itself, whose force does the work of its difference.
+Prescribed, it is one more row that is held, v . w(alpha) = 0 at the end of the step. An effort tau,
+and the force of that row, act along the gradient of v . w(m) at the mean of positions and axes, m
+half way between the angles before and after: it does the work 2 sin((phi_{n+1} - phi_n)/2) tau over
+the step, for products of vectors keep their difference there. A travel is a row by itself, whose
+force does the work of its difference.
 """
 
 from __future__ import annotations
@@ -30,8 +32,9 @@ from .joints import Factor, JointMotion, Joints, Vector, stacked
 
 
 class Driven(NamedTuple):
-    """What acts at one motion: the coordinates over the step; w where forces act and where joints are closed, and c there; the
-    effort (..., J, w) along the coordinates, and its derivative by them.
+    """What acts at one motion: the coordinates over the step; w where forces act and where joints
+    are closed, and c there; the effort (..., J, w) along the coordinates, and its derivative by
+    them.
     """
 
     step: CoordinateStep
@@ -56,7 +59,11 @@ class DrivenJoints(Joints):
 
     def driven(self, motion: JointMotion) -> Driven:
         drive = motion.drive
-        goal = None if drive.values.coordinate is None else self.prescribed * drive.raised(drive.values.coordinate)
+        goal = (
+            None
+            if drive.values.coordinate is None
+            else self.prescribed * drive.raised(drive.values.coordinate)
+        )
         near = goal if drive.turns is None else drive.turns[..., None] * self.angles
         if drive.dt is None:
             after = self.coordinate(motion.end, near)
@@ -75,32 +82,47 @@ class DrivenJoints(Joints):
             closing, offset = self.turned(goal * self.angles), self.c + goal * self.travels
         return Driven(step, acting, closing, offset, effort, by)
 
-    def balance(self, nodes: Tensor, gap: Tensor, stress: Tensor, poses: Callable[[], JointMotion]) -> tuple[Tensor, Tensor]:
+    def balance(
+        self, nodes: Tensor, gap: Tensor, stress: Tensor, poses: Callable[[], JointMotion]
+    ) -> tuple[Tensor, Tensor]:
         motion = poses()
         found = self.driven(motion)
         product = (self.v.at(motion.end).value * found.closing.at(motion.end).value).sum(-1)
         nodes = self._load(motion.acting, found.acting, self._forces(stress, found), nodes)
         return nodes, stacked(gap, self.held * (product - found.offset))
 
-    def blocks_of(self, motion: JointMotion, force: Tensor, half: Tensor | None, rate: float) -> JointBlocks:
+    def blocks_of(
+        self, motion: JointMotion, force: Tensor, half: Tensor | None, rate: float
+    ) -> JointBlocks:
         found = self.driven(motion)
         force = self.held * force - found.effort
         by_end = self.coordinate_by(motion.end, found.step.after)  # (..., J, m, 12)
 
         def more(v: Vector, push: Tensor) -> Tensor:
-            """By the coordinate after the step: of the effort, and of the direction in which forces act."""
+            """By the coordinate after the step: of the effort, and of the direction in which forces
+            act.
+            """
             middle = self._middle(found.step) + torch.pi / 2 * self.angles
-            turning = self.angles[..., None] * self._gradient(v, self.turned(middle).at(motion.acting))
-            return (force[..., None] * turning - rate * found.effort_by[..., None] * push).mT @ by_end
+            turning = self.angles[..., None] * self._gradient(
+                v, self.turned(middle).at(motion.acting)
+            )
+            return (
+                force[..., None] * turning - rate * found.effort_by[..., None] * push
+            ).mT @ by_end
 
-        return self._blocks(motion.acting, motion.end, found.acting, found.closing, force, half, rate, more)
+        return self._blocks(
+            motion.acting, motion.end, found.acting, found.closing, force, half, rate, more
+        )
 
     def damping(self, poses: Callable[[], JointMotion]) -> JointBlocks | None:
         """Of dampers, and of friction as it is next to no motion."""
         if not self.dissipative:
             return None
         motion, w = poses(), self.space.unknowns
-        by = self.coordinate_by(motion.end, self.driven(motion).step.after) @ torch.block_diag(self.moves, self.moves).mT
+        by = (
+            self.coordinate_by(motion.end, self.driven(motion).step.after)
+            @ torch.block_diag(self.moves, self.moves).mT
+        )
         blocks = by.mT @ (self.laws.damper[..., None] * by)  # (..., J, 2 w, 2 w)
         blocks = blocks.unflatten(-1, (2, w)).unflatten(-3, (2, w)).transpose(-3, -2)
         none = torch.zeros_like(blocks[..., 0, :, :])
@@ -113,9 +135,16 @@ class DrivenJoints(Joints):
     def after(self, motion: JointMotion) -> Tensor:
         return self.driven(motion).step.after
 
-    def values(self, joints: tuple[Any, ...], t: Tensor, inputs: Inputs, end: Tensor) -> JointValues:
+    def values(
+        self, joints: tuple[Any, ...], t: Tensor, inputs: Inputs, end: Tensor
+    ) -> JointValues:
         given = (("effort", t), ("prescribed", end))
-        return JointValues(*(self._value([getattr(joint, name) for joint in joints], at, inputs) for name, at in given))
+        return JointValues(
+            *(
+                self._value([getattr(joint, name) for joint in joints], at, inputs)
+                for name, at in given
+            )
+        )
 
     def _value(self, given: list[Any], t: Tensor, inputs: Inputs) -> Tensor | None:
         """(..., J, w) of a value of each joint, in the row of its coordinate."""
@@ -126,19 +155,38 @@ class DrivenJoints(Joints):
             if isinstance(value, Input):
                 value = input_at(value, inputs)[..., 0]
             elif callable(value):
-                value = at_time(lambda now, f=value: taken("what acts in a joint", f(now), self.c), t, own=0)
-            part = value[..., None, None] * rows * (torch.arange(len(rows), device=rows.device) == k)[:, None]
+                value = at_time(
+                    lambda now, f=value: taken("what acts in a joint", f(now), self.c), t, own=0
+                )
+            part = (
+                value[..., None, None]
+                * rows
+                * (torch.arange(len(rows), device=rows.device) == k)[:, None]
+            )
             total = part if total is None else total + part
         return total
 
-    def finished(self, stress: Tensor, motion: Callable[[], JointMotion],
-                 moving: Callable[[], tuple[Tensor, Tensor]] | None = None, work: Tensor | None = None,
-                 before: Tensor | None = None) -> dict[str, Any]:
+    def finished(
+        self,
+        stress: Tensor,
+        motion: Callable[[], JointMotion],
+        moving: Callable[[], tuple[Tensor, Tensor]] | None = None,
+        work: Tensor | None = None,
+        before: Tensor | None = None,
+    ) -> dict[str, Any]:
         found = super().finished(stress, motion, moving)
-        return found if work is None else found | {"work": work + self.work(found["stress"], motion, before)}
+        return (
+            found
+            if work is None
+            else found | {"work": work + self.work(found["stress"], motion, before)}
+        )
 
-    def work(self, stress: Tensor, motion: Callable[[], JointMotion], before: Tensor | None = None) -> Tensor:
-        """(...) J over a step after which the forces are those; before: the stress at its start, where they act at its ends."""
+    def work(
+        self, stress: Tensor, motion: Callable[[], JointMotion], before: Tensor | None = None
+    ) -> Tensor:
+        """(...) J over a step after which the forces are those; before: the stress at its start,
+        where they act at its ends.
+        """
         motion = motion()
         step = self.driven(motion).step
         force, made = self.split(stress)[1], step.made()[0]

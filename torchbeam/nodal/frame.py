@@ -1,8 +1,10 @@
-"""Frame a at one instant: what its motion adds to velocities and spins, and to rates of vectors told in its axes.
+"""Frame a at one instant: what its motion adds to velocities and spins, and to rates of vectors
+told in its axes.
 
     v = v_r + v_a + omega x r        Omega = Omega_r + omega        dx/dt = x' + omega x x
 
-of a point at r that moves with v_r in frame a, and of a vector x. What only a frame that moves asks for is given as a function.
+of a point at r that moves with v_r in frame a, and of a vector x. What only a frame that moves asks
+for is given as a function.
 """
 
 from __future__ import annotations
@@ -42,7 +44,9 @@ class FixedFrame(Tree):
         return spin
 
     def theta(self, relative: Tensor, rotation: Tensor, turn: Tensor, h: Tensor) -> Tensor:
-        """Theta over h (..., 1, 1) s, absolute, section axes: `relative` is that of `turn`, after `rotation`, in the frame."""
+        """Theta over h (..., 1, 1) s, absolute, section axes: `relative` is that of `turn`, after
+        `rotation`, in the frame.
+        """
         return relative
 
     def rate(self, rate: Tensor, vector: Callable[[], Tensor]) -> Tensor:
@@ -62,15 +66,21 @@ class FixedFrame(Tree):
         return rate
 
     def orientation(self, start: Tensor | None, dt: Tensor) -> Tensor | None:
-        """Frame a -> inertial axes, dt (...) s after `start`; None where the frame does not turn."""
+        """Frame a -> inertial axes, dt (...) s after `start`; None where the frame does not
+        turn.
+        """
         return start
 
     def steady_acceleration(self, velocity: Tensor) -> dict[str, Tensor]:
-        """Acceleration, by name, of points that keep their velocity relative to a frame that turns; else nothing."""
+        """Acceleration, by name, of points that keep their velocity relative to a frame that turns;
+        else nothing.
+        """
         return {}
 
     def steady_jacobian(self) -> dict[str, Tensor]:
-        """Derivatives by the moves of points that stand in the frame, see `loads.MotionJacobian`."""
+        """Derivatives by the moves of points that stand in the frame, see
+        `loads.MotionJacobian`.
+        """
         return {}
 
     def moving_jacobian(self, eye: Tensor, spins: Tensor) -> dict[str, Tensor]:
@@ -93,7 +103,9 @@ class TranslatingFrame(FixedFrame):
 
 @dataclass(frozen=True)
 class TurningFrame(FixedFrame):
-    """A frame that turns with omega (..., 1, s) rad/s about its origin, which moves as that of the frame `origin`."""
+    """A frame that turns with omega (..., 1, s) rad/s about its origin, which moves as that of the
+    frame `origin`.
+    """
 
     origin: FixedFrame
     omega: Tensor = leaf(2)
@@ -141,7 +153,8 @@ class TurningFrame(FixedFrame):
 
     def orientation(self, start: Tensor | None, dt: Tensor) -> Tensor:
         turn = self.space.exponential(self.omega[..., 0, :] * dt[..., None])
-        return self.space.normalize(self.space.multiply(start, turn))  # in single precision products drift off length 1
+        # in single precision products drift off length 1
+        return self.space.normalize(self.space.multiply(start, turn))
 
     def steady_acceleration(self, velocity: Tensor) -> dict[str, Tensor]:
         return {"acceleration": self._across(velocity)}
@@ -150,8 +163,12 @@ class TurningFrame(FixedFrame):
         return {"velocity": self.skew, "acceleration": self.skew @ self.skew}
 
     def moving_jacobian(self, eye: Tensor, spins: Tensor) -> dict[str, Tensor]:
-        return {"velocity": self.skew + eye, "spin": spins, "acceleration": self.skew @ self.skew + 2 * self.skew,
-                "angular_acceleration": self.spin_skew}
+        return {
+            "velocity": self.skew + eye,
+            "spin": spins,
+            "acceleration": self.skew @ self.skew + 2 * self.skew,
+            "angular_acceleration": self.spin_skew,
+        }
 
     def _across(self, x: Tensor) -> Tensor:
         return (self.skew @ x[..., None])[..., 0]
@@ -159,5 +176,13 @@ class TurningFrame(FixedFrame):
 
 def frame_of(space: Spatial, v: Tensor | None, omega: Tensor | None) -> FixedFrame:
     """From v and omega (..., 3), frame a; None = it does not move so."""
-    frame = FixedFrame(space) if v is None else TranslatingFrame(space, space.project_vector(v)[..., None, :])
-    return frame if omega is None else TurningFrame(space, frame, space.project_spin(omega)[..., None, :])
+    frame = (
+        FixedFrame(space)
+        if v is None
+        else TranslatingFrame(space, space.project_vector(v)[..., None, :])
+    )
+    return (
+        frame
+        if omega is None
+        else TurningFrame(space, frame, space.project_spin(omega)[..., None, :])
+    )

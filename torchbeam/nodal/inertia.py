@@ -1,16 +1,21 @@
-"""Inertia of the nodes, rigid bodies with the mass of the beam around them and what is fixed to them.
+"""Inertia of the nodes, rigid bodies with the mass of the beam around them and what is fixed to
+them.
 
-With x = r + R e the centre of mass of a node, v_c its velocity and M the mass matrix (mass, and coupling to the neighbours):
+With x = r + R e the centre of mass of a node, v_c its velocity and M the mass matrix (mass, and
+coupling to the neighbours):
 
-    momentum = M v_c        angular momentum H = R J Omega        T = v_c^T M v_c/2 + Omega^T J Omega/2
+    momentum = M v_c        angular momentum H = R J Omega
+    T = v_c^T M v_c/2 + Omega^T J Omega/2
 
-A motion asks the nodes for the rates of both, absolute (see `frame`), the moment of the force among them (see `mass_offset`):
+A motion asks the nodes for the rates of both, absolute (see `frame`), the moment of the force among
+them (see `mass_offset`):
 
     force = M dv_c/dt        moment = dH/dt + R e x force
 
-A step takes r_n, R_n to r_{n+1}, R_{n+1} = Cay(Theta) R_n. With e- = (R_n + R_{n+1}) e/2 the centre moves by
-x_{n+1} - x_n = r_{n+1} - r_n + Theta x e-. The force M d(v_c)/dt with the moment e- x force keeps energy, momentum and angular
-momentum exactly where v_c rises by 2 (x_{n+1} - x_n)/dt - 2 v_c.
+A step takes r_n, R_n to r_{n+1}, R_{n+1} = Cay(Theta) R_n. With e- = (R_n + R_{n+1}) e/2 the centre
+moves by x_{n+1} - x_n = r_{n+1} - r_n + Theta x e-. The force M d(v_c)/dt with the moment e- x
+force keeps energy, momentum and angular momentum exactly where v_c rises by 2
+(x_{n+1} - x_n)/dt - 2 v_c.
 """
 
 from __future__ import annotations
@@ -40,15 +45,18 @@ from .mass_offset import MassOffset, NoMassOffset
 from .quadrature import gregory, too_uneven, trapezoidal
 from .rotary import NoRotaryInertia, RotaryInertia
 
-NEGATIVE = 1e-5  # of a beam's largest nodal mass, or inertia about an axis: what rounding may leave of none
-UNEVEN = ("linked interpolation was given elements whose lengths or masses jump by so much that mass and loads along the "
-          "beam are lumped half and half: frequencies are then less accurate than without it; lengths of neighbours within a "
-          "factor of 1.5 are wanted")
+# of a beam's largest nodal mass, or inertia about an axis: what rounding may leave of none
+NEGATIVE = 1e-5
+UNEVEN = (
+    "linked interpolation was given elements whose lengths or masses jump by so much that mass "
+    "and loads along the beam are lumped half and half: frequencies are then less accurate than "
+    "without it; lengths of neighbours within a factor of 1.5 are wanted"
+)
 
 
 class Momenta(NamedTuple):
-    """At the nodes, frame a: M v_c (..., N+1, p) kg m/s, and about their centres R J Omega (..., N+1, s) kg m^2/s, zero without
-    rotary inertia.
+    """At the nodes, frame a: M v_c (..., N+1, p) kg m/s, and about their centres R J Omega
+    (..., N+1, s) kg m^2/s, zero without rotary inertia.
     """
 
     linear: Tensor
@@ -56,8 +64,8 @@ class Momenta(NamedTuple):
 
 
 class InertiaForces(NamedTuple):
-    """wrench (..., N+1, w): force N and moment N m, frame a, that the motion asks the nodes for; angular (..., N+1, s): their
-    R J Omega at the end of the step.
+    """wrench (..., N+1, w): force N and moment N m, frame a, that the motion asks the nodes for;
+    angular (..., N+1, s): their R J Omega at the end of the step.
     """
 
     wrench: Tensor
@@ -66,7 +74,9 @@ class InertiaForces(NamedTuple):
 
 @dataclass(frozen=True)
 class Inertia(Tree):
-    """Mass, rotary inertia and the offset of the centres of mass, section axes; each knows whether it is there."""
+    """Mass, rotary inertia and the offset of the centres of mass, section axes; each knows whether
+    it is there.
+    """
 
     space: Spatial
     translational: LumpedMass
@@ -82,38 +92,54 @@ class Inertia(Tree):
         """Of some nodes, by themselves: without what they share with their neighbours."""
         space = self.space.of_nodes(nodes)
         mass = LumpedMass(self.translational.topology, self.mass[..., nodes, :])
-        return Inertia(space, mass, self.rotary.of_nodes(space, nodes), self.offset.of_nodes(space, nodes))
+        return Inertia(
+            space, mass, self.rotary.of_nodes(space, nodes), self.offset.of_nodes(space, nodes)
+        )
 
     def momenta(self, rotation: Tensor, centre_velocity: Tensor, spin: Tensor) -> Momenta:
-        """Of nodes whose centres move with v_c (frame a), and which turn with Omega (section axes)."""
-        return Momenta(self.translational.momentum(centre_velocity), self.rotary.momentum(rotation, spin))
+        """Of nodes whose centres move with v_c (frame a), and which turn with Omega
+        (section axes).
+        """
+        return Momenta(
+            self.translational.momentum(centre_velocity), self.rotary.momentum(rotation, spin)
+        )
 
     def centre_velocity(self, rotation: Tensor, velocity: Tensor, spin: Tensor) -> Tensor:
         """v_c of nodes with velocity and spin (section axes)."""
-        return self.offset.turned(rotation).velocity(velocity, lambda: self.space.to_frame(rotation, spin))
+        return self.offset.turned(rotation).velocity(
+            velocity, lambda: self.space.to_frame(rotation, spin)
+        )
 
     def kinetic_energy(self, rotation: Tensor, velocity: Tensor, spin: Tensor) -> Tensor:
         """(...) J"""
         v = self.centre_velocity(rotation, velocity, spin)
         T = (v * self.translational.momentum(v)).sum((-1, -2)) / 2
-        return self.rotary.present_or(T, lambda: T + (spin * self.rotary.section_momentum(spin)).sum((-1, -2)) / 2)
+        return self.rotary.present_or(
+            T, lambda: T + (spin * self.rotary.section_momentum(spin)).sum((-1, -2)) / 2
+        )
 
     def masses(self, Z: Tensor) -> Matrix:
         """M Z, see `LumpedMass.matrix` and `NoMassOffset.prepared`."""
         return self.offset.prepared(self.translational.matrix(Z), self.space.dims.spin)
 
     def matrix(self, rotation: Tensor, lever: NoMassOffset) -> Matrix:
-        """The mass matrix by [acceleration of the node; angular acceleration], frame a, as the levers."""
+        """The mass matrix by [acceleration of the node; angular acceleration], frame a, as the
+        levers.
+        """
         eye = torch.eye(self.space.dims.position, dtype=self.mass.dtype, device=self.mass.device)
-        return self.rotary.matrix(lever.matrix(self.masses(eye), lambda: lever.A), lambda: self.rotary.in_frame(rotation))
+        return self.rotary.matrix(
+            lever.matrix(self.masses(eye), lambda: lever.A), lambda: self.rotary.in_frame(rotation)
+        )
 
 
-def inertia_of(scene: Scene, space: Spatial, assembly: Assembly, lumped: bool) -> tuple[Inertia, Tensor, Tensor]:
-    """(inertia, section mass about each node per length (..., N+1, 6, 6), length that belongs to each node (..., N+1, 1): of a
-    body's node 1, so that its mass per length is its mass).
+def inertia_of(
+    scene: Scene, space: Spatial, assembly: Assembly, lumped: bool
+) -> tuple[Inertia, Tensor, Tensor]:
+    """(inertia, section mass about each node per length (..., N+1, 6, 6), length that belongs to
+    each node (..., N+1, 1): of a body's node 1, so that its mass per length is its mass).
 
-    Raises ValueError for a mass that is not that of rigid sections: M11 = m I and M12 = -m ~e, or that changes too much within
-    an element of order 2 to be shared among its nodes.
+    Raises ValueError for a mass that is not that of rigid sections: M11 = m I and M12 = -m ~e, or
+    that changes too much within an element of order 2 to be shared among its nodes.
     """
     beam = scene.beam
     h = beam.length[..., None]
@@ -122,23 +148,33 @@ def inertia_of(scene: Scene, space: Spatial, assembly: Assembly, lumped: bool) -
     part = h[..., None] * beam.mass
     parts = (part,) * (beam.order + 1)
     if beam.curved:  # the section's mass, seen from the axes of the element's nodes
-        parts = tuple(_turned(part, quat.multiply(quat.conjugate(q), own))
-                      for q, own in zip(assembly.ends(beam.frames), _axes_at_nodes(beam), strict=True))
+        parts = tuple(
+            _turned(part, quat.multiply(quat.conjugate(q), own))
+            for q, own in zip(assembly.ends(beam.frames), _axes_at_nodes(beam), strict=True)
+        )
     mass, tributary_length = assembly.shared(parts, 2), assembly.shared((h,) * (beam.order + 1))
     if beam.order == 2:
         own = concrete(mass.diagonal(dim1=-2, dim2=-1))
         if (own < -NEGATIVE * own.abs().amax(-2, keepdim=True)).any():
-            raise ValueError("a mass or inertia that changes more than threefold within an element of order 2 was given; more "
-                             "elements are wanted")
+            raise ValueError(
+                "a mass or inertia that changes more than threefold within an element of order 2 "
+                "was given; more elements are wanted"
+            )
     if beam.linked_interpolation:
         density = m[..., 0]
-        if any(concrete(uneven).any() for x in (density, 1.0) for uneven in _along(beam, too_uneven, x)):
+        if any(
+            concrete(uneven).any() for x in (density, 1.0) for uneven in _along(beam, too_uneven, x)
+        ):
             warn(UNEVEN)
-        weights, halves, shares = (_of_nodes(beam, _along(beam, *rule)) for rule in ((gregory, density), (trapezoidal, density),
-                                                                                     (gregory,)))
+        weights, halves, shares = (
+            _of_nodes(beam, _along(beam, *rule))
+            for rule in ((gregory, density), (trapezoidal, density), (gregory,))
+        )
         mass, tributary_length = mass * (weights / halves)[..., None, None], shares[..., None]
     elif beam.masses:
-        share, own = tributary_length.split((beam.node_count - len(beam.masses), len(beam.masses)), -2)
+        share, own = tributary_length.split(
+            (beam.node_count - len(beam.masses), len(beam.masses)), -2
+        )
         tributary_length = torch.cat((share, torch.ones_like(own)), -2)
     beam_mass = mass
     for body in scene.bodies:
@@ -149,17 +185,26 @@ def inertia_of(scene: Scene, space: Spatial, assembly: Assembly, lumped: bool) -
     whole, J, lever = mass[..., 0, :1], mass[..., 3:, 3:], NoMassOffset()
     if offset:
         e = _vector(mass[..., 3:, :3]) / whole
-        J, lever = J - whole[..., None] * skew(e).mT @ skew(e), MassOffset(space, space.project_offset(e))
+        J = J - whole[..., None] * skew(e).mT @ skew(e)
+        lever = MassOffset(space, space.project_offset(e))
     if lumped or beam.linked_interpolation:
         translational = LumpedMass(assembly.topology, whole)
     else:
         of_elements = (m * h).unflatten(-2, (-1, beam.order)).sum(-2)
-        translational = SharedMass(assembly.topology, whole, COUPLING[beam.order] * of_elements,
-                                   assembly.interpolation.difference)
+        translational = SharedMass(
+            assembly.topology,
+            whole,
+            COUPLING[beam.order] * of_elements,
+            assembly.interpolation.difference,
+        )
     if offset and scene.bodies:
         J = J + _swung(translational, e - _vector(beam_mass[..., 3:, :3]) / beam_mass[..., 0, :1])
-    inertia = Inertia(space, translational,
-                      RotaryInertia(space, space.project_inertia(J)) if rotary else NoRotaryInertia(space), lever)
+    inertia = Inertia(
+        space,
+        translational,
+        RotaryInertia(space, space.project_inertia(J)) if rotary else NoRotaryInertia(space),
+        lever,
+    )
     return inertia, mass / tributary_length[..., None], tributary_length
 
 
@@ -167,8 +212,13 @@ def _along(beam: Beam, rule: Callable[..., Tensor], density: Tensor | float = 1.
     """What a rule of quadrature says of each beam by itself; density (..., N or 1) per metre."""
     if not beam.parts:
         return [rule(beam.length, density)]
-    return [rule(beam.length[..., part.stations], density if isinstance(density, float) else density[..., part.stations])
-            for part in beam.beams]
+    return [
+        rule(
+            beam.length[..., part.stations],
+            density if isinstance(density, float) else density[..., part.stations],
+        )
+        for part in beam.beams
+    ]
 
 
 def _of_nodes(beam: Beam, weights: list[Tensor]) -> Tensor:
@@ -180,9 +230,10 @@ def _of_nodes(beam: Beam, weights: list[Tensor]) -> Tensor:
 
 
 def _axes_at_nodes(beam: Beam) -> tuple[Tensor, ...]:
-    """Axes (..., intervals, 4) that an element has at each of its nodes: of order 1 its own, of order 2 those that a turn at a
-    constant rate through its two stations has there. They are the nodes' but for a kink, however much the beam is twisted, so
-    that a section that is the same everywhere gives every node its own inertia.
+    """Axes (..., intervals, 4) that an element has at each of its nodes: of order 1 its own, of
+    order 2 those that a turn at a constant rate through its two stations has there. They are the
+    nodes' but for a kink, however much the beam is twisted, so that a section that is the same
+    everywhere gives every node its own inertia.
     """
     if beam.order == 1:
         return beam.elements, beam.elements
@@ -193,8 +244,9 @@ def _axes_at_nodes(beam: Beam) -> tuple[Tensor, ...]:
 
 
 def _swung(mass: LumpedMass, x: Tensor) -> Tensor:
-    """Inertia (..., N+1, 3, 3) that nodes lose by the mass that neighbours share, where bodies have moved the centres of mass
-    by x (..., N+1, 3) from the beam's: the shared mass is the beam's alone, and does not swing with them.
+    """Inertia (..., N+1, 3, 3) that nodes lose by the mass that neighbours share, where bodies have
+    moved the centres of mass by x (..., N+1, 3) from the beam's: the shared mass is the beam's
+    alone, and does not swing with them.
     """
     shared = mass.mass - mass.matrix(torch.ones_like(x[..., :1, :1, None])).diagonal[..., 0]
     return shared[..., None] * skew(x).mT @ skew(x)
@@ -205,12 +257,16 @@ def _check_mass(mass: Tensor, offset: bool) -> None:
     m = mass[..., :1, 0]
     eye = torch.eye(3, dtype=m.dtype, device=m.device)
     if concrete((mass[..., :3, :3] - m[..., None] * eye).abs() > 1e-6 * m[..., None]).any():
-        raise ValueError("a mass per length that depends on the direction was given; M11 = m I is wanted")
+        raise ValueError(
+            "a mass per length that depends on the direction was given; M11 = m I is wanted"
+        )
     M21 = mass[..., 3:, :3]
     size = (m * mass[..., 3:, 3:].diagonal(dim1=-2, dim2=-1)).abs().amax(-1)[..., None, None].sqrt()
     if offset and concrete((M21 + M21.mT).abs() > 1e-6 * size).any():
-        raise ValueError("a section mass that couples V and Omega otherwise than an offset centre of mass was given; M21 = m "
-                         "~e is wanted")
+        raise ValueError(
+            "a section mass that couples V and Omega otherwise than an offset centre of mass was "
+            "given; M21 = m ~e is wanted"
+        )
 
 
 def _vector(skew: Tensor) -> Tensor:

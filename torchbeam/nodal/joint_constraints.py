@@ -20,7 +20,8 @@ from .joints import Joints
 
 # the axes of a and of b that a turn about this one brings together, and the sign of their product
 TURNS = {"x": ("y", "z", -1.0), "y": ("z", "x", -1.0), "z": ("x", "y", -1.0)}
-ABOUT_X = TURNS | {"z": ("y", "x", 1.0)}  # where x is common to both: the other two then hold its direction, whatever the angle
+# where x is common to both: the other two then hold its direction, whatever the angle
+ABOUT_X = TURNS | {"z": ("y", "x", 1.0)}
 
 
 @dataclass(frozen=True)
@@ -33,18 +34,24 @@ class Vector:
     in_b: Tensor
 
     def __add__(self, other: Vector) -> Vector:
-        return Vector(*(x + y for x, y in zip(vars(self).values(), vars(other).values(), strict=True)))
+        return Vector(
+            *(x + y for x, y in zip(vars(self).values(), vars(other).values(), strict=True))
+        )
 
     def times(self, factor: Tensor | float) -> Vector:
         factor = torch.as_tensor(factor, dtype=self.constant.dtype, device=self.constant.device)
-        return Vector(self.constant * factor[..., None], self.shift * factor, self.in_a * factor[..., None],
-                      self.in_b * factor[..., None])
+        return Vector(
+            self.constant * factor[..., None],
+            self.shift * factor,
+            self.in_a * factor[..., None],
+            self.in_b * factor[..., None],
+        )
 
 
 @dataclass(frozen=True)
 class End:
-    """One part of a joint, at rest: its node (None = the ground), at r (..., 3) with the axes R (..., 3, 3); point p of the
-    joint.
+    """One part of a joint, at rest: its node (None = the ground), at r (..., 3) with the axes R
+    (..., 3, 3); point p of the joint.
     """
 
     second: bool
@@ -56,13 +63,18 @@ class End:
     @classmethod
     def of(cls, beam: Any, node: int | None, second: bool, p: Tensor) -> End:
         at = 0 if node is None else node
-        return cls(second, node is None, beam.nodes[..., at, :], quat.matrix(beam.frames[..., at, :]), p)
+        return cls(
+            second, node is None, beam.nodes[..., at, :], quat.matrix(beam.frames[..., at, :]), p
+        )
 
     def direction(self, e: Tensor) -> Vector:
         """What at rest is e (..., 3), frame a."""
         zero = torch.zeros_like(e)
         own = e if self.ground else (self.R.mT @ e[..., None])[..., 0]
-        parts = [own if place == (0 if self.ground else 2 if self.second else 1) else zero for place in range(3)]
+        parts = [
+            own if place == (0 if self.ground else 2 if self.second else 1) else zero
+            for place in range(3)
+        ]
         return Vector(parts[0], zero[..., 0], *parts[1:])
 
     @property
@@ -85,7 +97,11 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
         own = [getattr(row, name) for rows in each for row in rows]
         arms = (stacked([getattr(x, name) for x in own], 1) for name in ("in_a", "in_b"))
         fixed = torch.stack(torch.broadcast_tensors(*arms), -3)
-        return Factor(stacked([x.constant for x in own], 1), stacked([x.shift for x in own], 0)[..., None], fixed)
+        return Factor(
+            stacked([x.constant for x in own], 1),
+            stacked([x.shift for x in own], 0)[..., None],
+            fixed,
+        )
 
     def mask(which: Callable[[Row], bool]) -> Tensor:
         return like.new_tensor([[float(which(row)) for row in rows] for rows in each])
@@ -93,23 +109,38 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
     like = scene.beam.nodes
     places = [x for joint in scene.joints for x in joint.drawn(scene.beam)[:2]]
     size = scene.beam.size_with(torch.stack(torch.broadcast_tensors(*places), -2)).detach()
+    # fmt: off
     fields = dict(
-        space=space, framework=topology, held=mask(lambda row: row.held), v=factor("v"), w=factor("w"), across=factor("across"),
+        space=space, framework=topology, held=mask(lambda row: row.held), v=factor("v"),
+        w=factor("w"), across=factor("across"),
         c=stacked([row.c for rows in each for row in rows], 0),
         moves=space.embed(torch.eye(m, dtype=like.dtype, device=like.device)),
-        size=torch.where(size > 0, size, 1.0),  # 1 m of a body that turns about its own centre, where nothing has a length
-        angles=mask(lambda row: row.coordinate == "angle"), travels=mask(lambda row: row.coordinate == "travel"))
+        # 1 m of a body that turns about its own centre, where nothing has a length
+        size=torch.where(size > 0, size, 1.0),
+        angles=mask(lambda row: row.coordinate == "angle"),
+        travels=mask(lambda row: row.coordinate == "travel"))
+    # fmt: on
     if not any(joint.acts for joint in scene.joints):
         return Joints(**fields)
     coordinates = fields["angles"] + fields["travels"]
-    prescribed = coordinates * like.new_tensor([[joint.prescribed is not None] for joint in scene.joints])
-    laws = JointLaws(**{field.name: _given([joint.law(field.name) for joint in scene.joints], coordinates)
-                        for field in dataclasses.fields(JointLaws)})
-    return DrivenJoints(**fields | dict(held=fields["held"] + prescribed), laws=laws, prescribed=prescribed)
+    prescribed = coordinates * like.new_tensor(
+        [[joint.prescribed is not None] for joint in scene.joints]
+    )
+    laws = JointLaws(
+        **{
+            field.name: _given([joint.law(field.name) for joint in scene.joints], coordinates)
+            for field in dataclasses.fields(JointLaws)
+        }
+    )
+    return DrivenJoints(
+        **fields | dict(held=fields["held"] + prescribed), laws=laws, prescribed=prescribed
+    )
 
 
 def _given(values: list[Tensor | None], rows: Tensor) -> Tensor | None:
-    """Values (...) of each joint, None = it has none, in its rows (J, w); None where no joint has one."""
+    """Values (...) of each joint, None = it has none, in its rows (J, w); None where no joint has
+    one.
+    """
     if all(value is None for value in values):
         return None
     none = rows.new_zeros(())
@@ -118,8 +149,9 @@ def _given(values: list[Tensor | None], rows: Tensor) -> Tensor | None:
 
 
 class Row(NamedTuple):
-    """A constraint v . w = c of a joint, one that it does not hold as well: it may be its coordinate, "travel" or "angle".
-    across: what w becomes by a right angle, in the row of an angle.
+    """A constraint v . w = c of a joint, one that it does not hold as well: it may be its
+    coordinate, "travel" or "angle". across: what w becomes by a right angle, in the row of an
+    angle.
     """
 
     v: Vector
@@ -137,24 +169,48 @@ def _rows(joint: Any, beam: Any, space: Spatial) -> list[Row]:
     apart = b.arm + a.arm.times(-1.0)
     apart = Vector(apart.constant, torch.ones_like(apart.shift), apart.in_a, apart.in_b)
     names = dict(zip("xyz", axes.unbind(-1), strict=True))
-    along, about = ("xyz", "xyz") if space.plane is None else _of_plane(joint, names, space.basis[:, 2])
+    along, about = (
+        ("xyz", "xyz") if space.plane is None else _of_plane(joint, names, space.basis[:, 2])
+    )
     none, nothing = apart.shift * 0.0, apart.times(0.0)
-    rows = [Row(a.direction(names[i]), apart, none, i in joint.position, nothing,
-                "travel" if i == "x" and joint.position == "yz" else None) for i in along]
+    rows = [
+        Row(
+            a.direction(names[i]),
+            apart,
+            none,
+            i in joint.position,
+            nothing,
+            "travel" if i == "x" and joint.position == "yz" else None,
+        )
+        for i in along
+    ]
     turns = ABOUT_X if joint.rotation == "yz" else TURNS
     for k in about:
         i, j, sign = turns[k]
         free = k == "x" and joint.rotation == "yz"
-        rows.append(Row(a.direction(names[i]).times(sign), b.direction(names[j]), none, k in joint.rotation,
-                        b.direction(names["y"]) if free else nothing, "angle" if free else None))
+        rows.append(
+            Row(
+                a.direction(names[i]).times(sign),
+                b.direction(names[j]),
+                none,
+                k in joint.rotation,
+                b.direction(names["y"]) if free else nothing,
+                "angle" if free else None,
+            )
+        )
     if joint.distance:
         L = torch.linalg.vector_norm(at_b - at_a, dim=-1)
-        rows = [Row(apart.times(0.5 / L), apart, L / 2, True, nothing), *(row._replace(held=False) for row in rows[1:])]
+        rows = [
+            Row(apart.times(0.5 / L), apart, L / 2, True, nothing),
+            *(row._replace(held=False) for row in rows[1:]),
+        ]
     return rows
 
 
 def _of_plane(joint: Any, axes: dict[str, Tensor], normal: Tensor) -> tuple[str, str]:
-    """Names of the joint's axes in the plane, and of the one along its normal: z, where x alone is given, and in the plane."""
+    """Names of the joint's axes in the plane, and of the one along its normal: z, where x alone is
+    given, and in the plane.
+    """
     across = {name: float((e.detach() @ normal).abs().min()) for name, e in axes.items()}
     out = max(across, key=across.get)
     if out != "x" and joint.position[-2:] == "yz" and joint.rotation != "z":  # y and z are alike

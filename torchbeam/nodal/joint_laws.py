@@ -1,14 +1,19 @@
-"""Laws of joints' coordinates q, the angle of a hinge or the travel of a slider: by which effort they resist.
+"""Laws of joints' coordinates q, the angle of a hinge or the travel of a slider: by which effort
+they resist.
 
-    springs and limits   -(V(q_{n+1}) - V(q_n))/D      V = k q^2/2, and beyond a limit k (x^3 - (x - e)^3)/(6 e), see below
+    springs and limits   -(V(q_{n+1}) - V(q_n))/D      V = k q^2/2, and beyond a limit k
+                         (x^3 - (x - e)^3)/(6 e), see below
     damping              -c D/dt
-    friction             -mu r/sqrt(r^2 + s^2)         r = 2 (q_{n+1} - q_n)/dt - r_n, the rate at the end of the step
+    friction             -mu r/sqrt(r^2 + s^2)         r = 2 (q_{n+1} - q_n)/dt - r_n, the rate at
+                         the end of the step
 
-D is what the effort's work is counted by over a step (see `driven_joints`): 2 sin((q_{n+1} - q_n)/2) of an angle, the
-difference of a travel. So springs and limits keep their energy, and damping takes some, to rounding. Friction is Coulomb's,
-regularised: the gradient of the dissipation potential mu sqrt(r^2 + s^2), with the slip speed s, at the end of the step, so
-that what sticks comes to rest within a step. x is how far q is beyond a limit, and e a hundredth of the range between the
-limits, over which their stiffness rises. At rest D is the differential, and there is neither damping nor friction.
+D is what the effort's work is counted by over a step (see `driven_joints`): 2
+sin((q_{n+1} - q_n)/2) of an angle, the difference of a travel. So springs and limits keep their
+energy, and damping takes some, to rounding. Friction is Coulomb's, regularised: the gradient of the
+dissipation potential mu sqrt(r^2 + s^2), with the slip speed s, at the end of the step, so that
+what sticks comes to rest within a step. x is how far q is beyond a limit, and e a hundredth of the
+range between the limits, over which their stiffness rises. At rest D is the differential, and there
+is neither damping nor friction.
 """
 
 from __future__ import annotations
@@ -26,8 +31,9 @@ SMALL = 1e-2  # rad: angles whose ratios are series
 
 
 class CoordinateStep(NamedTuple):
-    """Coordinates (..., J, w) before and after, which of them are angles (J, w) bool; dt (..., 1, 1) s, None = at rest: there
-    before and after are the same; the rates before, if there is friction.
+    """Coordinates (..., J, w) before and after, which of them are angles (J, w) bool; dt
+    (..., 1, 1) s, None = at rest: there before and after are the same; the rates before, if there
+    is friction.
     """
 
     before: Tensor
@@ -39,8 +45,10 @@ class CoordinateStep(NamedTuple):
     def made(self) -> tuple[Tensor, Tensor]:
         """D, and its derivative by `after`."""
         change = self.after - self.before
-        return (torch.where(self.angles, 2 * torch.sin(change / 2), change),
-                torch.where(self.angles, torch.cos(change / 2), torch.ones_like(change)))
+        return (
+            torch.where(self.angles, 2 * torch.sin(change / 2), change),
+            torch.where(self.angles, torch.cos(change / 2), torch.ones_like(change)),
+        )
 
     def arc(self) -> tuple[Tensor, Tensor]:
         """The change of the coordinate over D, and the derivative of that by `after`."""
@@ -49,14 +57,17 @@ class CoordinateStep(NamedTuple):
         safe = torch.where(small, 1.0, half)
         sine = torch.sin(safe)
         ratio = torch.where(small, 1 + half**2 / 6 + 7 * half**4 / 360, safe / sine)
-        by = torch.where(small, half / 6 + 7 * half**3 / 180, (1 - safe * torch.cos(safe) / sine) / (2 * sine))
+        by = torch.where(
+            small, half / 6 + 7 * half**3 / 180, (1 - safe * torch.cos(safe) / sine) / (2 * sine)
+        )
         return ratio, by
 
 
 @dataclass(frozen=True)
 class JointLaws(Tree):
-    """Of all joints (..., J, w), zero where a coordinate has none; None where no joint has one. Stiffness N/m or N m/rad,
-    damping N s/m or N m s/rad, friction N or N m with the slip speed m/s or rad/s, limits m or rad and their stiffness.
+    """Of all joints (..., J, w), zero where a coordinate has none; None where no joint has one.
+    Stiffness N/m or N m/rad, damping N s/m or N m s/rad, friction N or N m with the slip speed m/s
+    or rad/s, limits m or rad and their stiffness.
     """
 
     stiffness: Tensor | None = leaf(2)
@@ -80,7 +91,9 @@ class JointLaws(Tree):
         return total + self.friction / torch.where(self.slip_speed > 0, self.slip_speed, 1.0)
 
     def effort(self, step: CoordinateStep) -> tuple[Tensor, Tensor]:
-        """Effort (..., J, w) N or N m along the coordinates, and its derivative by those after the step."""
+        """Effort (..., J, w) N or N m along the coordinates, and its derivative by those after the
+        step.
+        """
         total = by = torch.zeros_like(step.after)
         slope, slope_by = self._slope(step.after, step.before)
         if step.dt is None:
@@ -95,7 +108,8 @@ class JointLaws(Tree):
             rate = 2 * (step.after - step.before) / step.dt - step.rate
             slip = torch.where(self.slip_speed > 0, self.slip_speed, 1.0)
             size = torch.sqrt(rate**2 + slip**2)
-            total, by = total - self.friction * rate / size, by - self.friction * slip**2 / size**3 * 2 / step.dt
+            total = total - self.friction * rate / size
+            by = by - self.friction * slip**2 / size**3 * 2 / step.dt
         return total, by
 
     def _slope(self, q: Tensor, p: Tensor) -> tuple[Tensor, Tensor]:
@@ -120,5 +134,7 @@ def _cubes(a: Tensor, b: Tensor) -> tuple[Tensor, Tensor]:
     across = (a > 0) != (b > 0)
     apart = torch.where(across, a - b, 1.0)
     squares = p**2 + p * q + q**2
-    return (torch.where(across, (p**3 - q**3) / apart, squares),
-            torch.where(across, (3 * p**2 - (p**3 - q**3) / apart) / apart, 2 * p + q))
+    return (
+        torch.where(across, (p**3 - q**3) / apart, squares),
+        torch.where(across, (3 * p**2 - (p**3 - q**3) / apart) / apart, 2 * p + q),
+    )

@@ -1,4 +1,6 @@
-"""Where joints are and what acts in them, at one instant or over a step; and what of their constraints follows from that."""
+"""Where joints are and what acts in them, at one instant or over a step; and what of their
+constraints follows from that.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ from ..math.quaternions import skew
 
 
 class Pose(NamedTuple):
-    """Of both ends of each joint, frame a: position r (..., J, 2, 3) m and axes R (..., J, 2, 3, 3); of the ground 0."""
+    """Of both ends of each joint, frame a: position r (..., J, 2, 3) m and axes R
+    (..., J, 2, 3, 3); of the ground 0.
+    """
 
     r: Tensor
     R: Tensor
@@ -24,8 +28,8 @@ class Pose(NamedTuple):
 
 
 class JointValues(NamedTuple):
-    """At one instant, of what is given: efforts N or N m, and coordinates m or rad that are prescribed, (..., J, w), None = no
-    joint has one.
+    """At one instant, of what is given: efforts N or N m, and coordinates m or rad that are
+    prescribed, (..., J, w), None = no joint has one.
     """
 
     effort: Tensor | None = None
@@ -36,9 +40,9 @@ NO_VALUES = JointValues()
 
 
 class JointDrive(NamedTuple):
-    """What acts in joints: values; turns (..., J) rad before, None = unknown; dt (...) s, None = laws of an instant, at rest;
-    share (...), as far as loads are raised, None = all; moving() velocity and spin (..., N+1, *) of nodes before the
-    step, as seen in frame a.
+    """What acts in joints: values; turns (..., J) rad before, None = unknown; dt (...) s,
+    None = laws of an instant, at rest; share (...), as far as loads are raised, None = all;
+    moving() velocity and spin (..., N+1, *) of nodes before the step, as seen in frame a.
     """
 
     values: JointValues
@@ -52,7 +56,9 @@ class JointDrive(NamedTuple):
 
 
 class JointMotion(NamedTuple):
-    """Where the forces of joints act, where joints are closed, and where they were before a step (None = there is none)."""
+    """Where the forces of joints act, where joints are closed, and where they were before a step
+    (None = there is none).
+    """
 
     acting: Pose
     end: Pose
@@ -61,7 +67,9 @@ class JointMotion(NamedTuple):
 
 
 class Vector(NamedTuple):
-    """One of the two of each constraint (..., J, m, 3), and what of it turns with the two nodes (..., J, 2, m, 3)."""
+    """One of the two of each constraint (..., J, m, 3), and what of it turns with the two nodes
+    (..., J, 2, m, 3).
+    """
 
     value: Tensor
     turning: Tensor
@@ -69,8 +77,8 @@ class Vector(NamedTuple):
 
 @dataclass(frozen=True)
 class Factor(Tree):
-    """One of the two vectors of each constraint: `constant` v_0 (..., J, m, 3), shift s (J, m, 1), and v_a, v_b in the axes of
-    the nodes: fixed (..., J, 2, m, 3).
+    """One of the two vectors of each constraint: `constant` v_0 (..., J, m, 3), shift s (J, m, 1),
+    and v_a, v_b in the axes of the nodes: fixed (..., J, 2, m, 3).
     """
 
     constant: Tensor = leaf(3)
@@ -83,8 +91,8 @@ class Factor(Tree):
         return Vector(self.constant + self.shift * apart + turning.sum(-3), turning)
 
     def by_moves(self, turning: Tensor) -> Tensor:
-        """(..., J, m, 3, 12) by displacement and spin of the first node, then of the second; turning: at the rotations that
-        the spins turn.
+        """(..., J, m, 3, 12) by displacement and spin of the first node, then of the second;
+        turning: at the rotations that the spins turn.
         """
         shift = self.shift[..., None] * torch.eye(3, dtype=turning.dtype, device=turning.device)
         a, b = (-skew(part) for part in turning.unbind(-3))
@@ -103,15 +111,22 @@ class NoJoints(Tree):
         """Stress or gaps: (of the elements (..., N, k), of the joints (..., J, k))."""
         return stress, None
 
-    def balance(self, nodes: Tensor, gap: Tensor, stress: Tensor, poses: Callable[[], tuple[Any, Any]]
-                ) -> tuple[Tensor, Tensor]:
-        """The nodes' balances with the joints' forces, and the gaps of the elements with theirs; poses: `Pose` where forces
-        act, and where joints are to be closed.
+    def balance(
+        self, nodes: Tensor, gap: Tensor, stress: Tensor, poses: Callable[[], tuple[Any, Any]]
+    ) -> tuple[Tensor, Tensor]:
+        """The nodes' balances with the joints' forces, and the gaps of the elements with theirs;
+        poses: `Pose` where forces act, and where joints are to be closed.
         """
         return nodes, gap
 
-    def joined(self, tangent: Any, stress: Tensor, poses: Callable[[], tuple[Any, Any]], half: Callable[[], Tensor] | None,
-               rate: float) -> Any:
+    def joined(
+        self,
+        tangent: Any,
+        stress: Tensor,
+        poses: Callable[[], tuple[Any, Any]],
+        half: Callable[[], Tensor] | None,
+        rate: float,
+    ) -> Any:
         """The tangent of a balance with that of the joints, see `Joints.blocks`."""
         return tangent
 
@@ -120,7 +135,9 @@ class NoJoints(Tree):
         return stiffness
 
     def damping(self, poses: Callable[[], tuple[Any, Any]]) -> Any | None:
-        """`JointBlocks` of the nodes' balances by their velocities, at rest; None = there is no damping."""
+        """`JointBlocks` of the nodes' balances by their velocities, at rest; None = there is no
+        damping.
+        """
         return None
 
     def measure(self, size: Tensor, gap: Tensor | None) -> Tensor:
@@ -131,10 +148,17 @@ class NoJoints(Tree):
         """Of the joints of a scene: efforts at t (...), prescribed coordinates at `end` (...)."""
         return NO_VALUES
 
-    def finished(self, stress: Tensor, motion: Callable[[], Any], moving: Callable[[], tuple[Tensor, Tensor]] | None = None,
-                 work: Tensor | None = None, before: Tensor | None = None) -> dict[str, Any]:
-        """Fields of the state after a step: its stress and, with joints, these; work (...) J so far, and theirs.
-        moving() velocity and spin of nodes, as seen in frame a, None = at rest; before: see `DrivenJoints.work`.
+    def finished(
+        self,
+        stress: Tensor,
+        motion: Callable[[], Any],
+        moving: Callable[[], tuple[Tensor, Tensor]] | None = None,
+        work: Tensor | None = None,
+        before: Tensor | None = None,
+    ) -> dict[str, Any]:
+        """Fields of the state after a step: its stress and, with joints, these; work (...) J so
+        far, and theirs. moving() velocity and spin of nodes, as seen in frame a, None = at rest;
+        before: see `DrivenJoints.work`.
         """
         return {"stress": stress}
 
@@ -143,9 +167,15 @@ class NoJoints(Tree):
         return lengths.new_ones(1, 1)
 
     def asked(self, push: Tensor, gap: Tensor | None) -> Tensor:
-        """Right-hand side of a system with the joints: loads on the nodes, and gaps that are to be closed."""
+        """Right-hand side of a system with the joints: loads on the nodes, and gaps that are to be
+        closed.
+        """
         return push
 
-    def answered(self, solution: Tensor, change: Callable[[Tensor], Tensor]) -> tuple[Tensor, Tensor]:
-        """(moves of the nodes, change of stress and of joint forces) of its solution; change(moves): that of the stress."""
+    def answered(
+        self, solution: Tensor, change: Callable[[Tensor], Tensor]
+    ) -> tuple[Tensor, Tensor]:
+        """(moves of the nodes, change of stress and of joint forces) of its solution;
+        change(moves): that of the stress.
+        """
         return solution, change(solution)

@@ -1,19 +1,22 @@
 """Joints: what they ask of the nodes that they connect, and the forces by which they get it.
 
-A joint sits at a point p and has axes F in each of its two parts, a and b: fixed in the axes of a node, or in frame a. Each
-thing that it holds is a product of two vectors v and w, linear in positions and axes of both nodes,
+A joint sits at a point p and has axes F in each of its two parts, a and b: fixed in the axes of a
+node, or in frame a. Each thing that it holds is a product of two vectors v and w, linear in
+positions and axes of both nodes,
 
     g = v . w - c = 0        v = v_0 + s (r_b - r_a) + R_a v_a + R_b v_b        (w likewise)
 
     position along axis i      F_a,i . (p_b - p_a)
     rotation about x, y, z     -F_a,y . F_b,z    -F_a,z . F_b,x    -F_a,x . F_b,y
-      about y and z alone       -F_a,z . F_b,x    F_a,y . F_b,x, which are independent whatever the angle about x
+      about y and z alone       -F_a,z . F_b,x    F_a,y . F_b,x, which are independent whatever the
+                                angle about x
     distance L                d . d/(2 L) - L/2,    d = p_b - p_a
 
-Its force is a multiplier lambda per constraint, an unknown like the stress of an element: the nodes' balances get
-(dg/dq)^T lambda. Over a step the gradient is that of the means of positions and axes. With the step's Cayley vector Theta,
-R_{n+1} - R_n = Theta x (R_n + R_{n+1})/2, and g is quadratic, so that lambda does the work lambda (g_{n+1} - g_n), none but
-for rounding; g = 0 holds at the end of the step itself (Gonzalez 1999; Betsch and Steinmann 2002). There is no penalty and no
+Its force is a multiplier lambda per constraint, an unknown like the stress of an element: the
+nodes' balances get (dg/dq)^T lambda. Over a step the gradient is that of the means of positions and
+axes. With the step's Cayley vector Theta, R_{n+1} - R_n = Theta x (R_n + R_{n+1})/2, and g is
+quadratic, so that lambda does the work lambda (g_{n+1} - g_n), none but for rounding; g = 0 holds
+at the end of the step itself (Gonzalez 1999; Betsch and Steinmann 2002). There is no penalty and no
 drift.
 """
 
@@ -36,18 +39,23 @@ from .coordinates.spatial import Spatial
 from .joint_motion import Factor, JointMotion, NoJoints, Pose, Vector
 
 ROUNDING = 1000.0  # eps: places that floating point does not tell apart
-CLOSED = 1e-6  # what a joint's gap over the size of the whole is measured against: 1e-8 of it is 1e-14 of that size
+# what a joint's gap over the size of the whole is measured against: 1e-8 of it is 1e-14 of that
+# size
+CLOSED = 1e-6
 
 
 @dataclass(frozen=True)
 class Joints(NoJoints):
-    """All joints of a scene, each with m = w constraints, of which those are there that `held` (J, w) has as 1.
+    """All joints of a scene, each with m = w constraints, of which those are there that `held`
+    (J, w) has as 1.
 
     v, w    the two vectors;  c (..., J, w)
     moves   (w, 6): displacement and spin in space of a node's moves
     size    (...) m of the whole
-    angles, travels  (J, w) 1 in the row of an angle, or of a travel, that is a coordinate of a joint: free, or prescribed
-    across  what w becomes where it is turned about x by a right angle, in the rows of angles; zero in others
+    angles, travels  (J, w) 1 in the row of an angle, or of a travel, that is a coordinate of a
+                     joint: free, or prescribed
+    across  what w becomes where it is turned about x by a right angle, in the rows of angles; zero
+            in others
     """
 
     space: Spatial
@@ -75,53 +83,84 @@ class Joints(NoJoints):
         N = stress.shape[-2] - self.count
         return stress.narrow(-2, 0, N), stress.narrow(-2, N, self.count)
 
-    def balance(self, nodes: Tensor, gap: Tensor, stress: Tensor, poses: Callable[[], tuple[Pose, Pose]]
-                ) -> tuple[Tensor, Tensor]:
+    def balance(
+        self, nodes: Tensor, gap: Tensor, stress: Tensor, poses: Callable[[], tuple[Pose, Pose]]
+    ) -> tuple[Tensor, Tensor]:
         acting, end, *_ = poses()
         return self.load(acting, self.split(stress)[1], nodes), stacked(gap, self.gap(end))
 
-    def joined(self, tangent: Any, stress: Tensor, poses: Callable[[], tuple[Pose, Pose]], half: Callable[[], Tensor] | None,
-               rate: float) -> Any:
-        blocks = self.blocks_of(poses(), self.split(stress)[1], None if half is None else half(), rate)
+    def joined(
+        self,
+        tangent: Any,
+        stress: Tensor,
+        poses: Callable[[], tuple[Pose, Pose]],
+        half: Callable[[], Tensor] | None,
+        rate: float,
+    ) -> Any:
+        blocks = self.blocks_of(
+            poses(), self.split(stress)[1], None if half is None else half(), rate
+        )
         return tangent._replace(matrix=tangent.matrix.joined(blocks))
 
     def alone(self, blocks: JointBlocks) -> FrameworkMatrix:
         """The matrix of joints and nothing else."""
         w = self.space.unknowns
-        return self.framework.diagonal(self.held.new_zeros(self.framework.node_count, w, w)).joined(blocks)
+        return self.framework.diagonal(self.held.new_zeros(self.framework.node_count, w, w)).joined(
+            blocks
+        )
 
     def matrix(self, stiffness: Any, stress: Tensor, poses: Callable[[], tuple[Pose, Pose]]) -> Any:
         return stiffness.joined(self.blocks_of(poses(), self.split(stress)[1], None, 1.0))
 
-    def finished(self, stress: Tensor, motion: Callable[[], JointMotion],
-                 moving: Callable[[], tuple[Tensor, Tensor]] | None = None, work: Tensor | None = None,
-                 before: Tensor | None = None) -> dict[str, Any]:
+    def finished(
+        self,
+        stress: Tensor,
+        motion: Callable[[], JointMotion],
+        moving: Callable[[], tuple[Tensor, Tensor]] | None = None,
+        work: Tensor | None = None,
+        before: Tensor | None = None,
+    ) -> dict[str, Any]:
         motion = motion()
         stress, w = self.acting(stress, motion)
         q = self.after(motion)
         rate = torch.zeros_like(q) if moving is None else self.rate(motion.end, *moving())
-        numbers = [(x * rows).sum(-1)[..., None] for x in (q, rate) for rows in (self.angles, self.travels)]
+        numbers = [
+            (x * rows).sum(-1)[..., None] for x in (q, rate) for rows in (self.angles, self.travels)
+        ]
         numbers.append(self.wrench(motion.acting, w, self.split(stress)[1]))
         shape = broadcast_shapes(*(x.shape[:-2] for x in numbers))
-        return {"stress": stress, "joints": torch.cat([x.expand(*shape, *x.shape[-2:]) for x in numbers], -1)}
+        return {
+            "stress": stress,
+            "joints": torch.cat([x.expand(*shape, *x.shape[-2:]) for x in numbers], -1),
+        }
 
     def acting(self, stress: Tensor, motion: JointMotion) -> tuple[Tensor, Factor]:
         """The stress with all forces of joints, and w where they act."""
         return stress, self.w
 
     def wrench(self, pose: Pose, w: Factor, force: Tensor) -> Tensor:
-        """Force N and moment N m (..., J, 6) on second parts, at the joints' points there, frame a."""
+        """Force N and moment N m (..., J, 6) on second parts, at the joints' points there, frame
+        a.
+        """
         by, arms = self._gradient(self.v.at(pose), w.at(pose)), self.w.at(pose).turning[..., 0, :]
-        push, moment = torch.einsum("...jmk,...jm->...jk", by, -force).unflatten(-1, (2, 2, 3)).unbind(-2)
+        push, moment = (
+            torch.einsum("...jmk,...jm->...jk", by, -force).unflatten(-1, (2, 2, 3)).unbind(-2)
+        )
         moment = moment - _cross(arms * arms.new_tensor([[-1.0], [1.0]]), push)
-        ground = torch.tensor([pair[1] is None for pair in self.framework.joints], device=force.device)[:, None]
+        ground = torch.tensor(
+            [pair[1] is None for pair in self.framework.joints], device=force.device
+        )[:, None]
         first, second = torch.cat((push, moment), -1).unbind(-2)
         return torch.where(ground, -first, second)
 
     def after(self, motion: JointMotion) -> Tensor:
-        """(..., J, w) the coordinates, counted over turns where it is known how many there were before."""
+        """(..., J, w) the coordinates, counted over turns where it is known how many there were
+        before.
+        """
         turns = motion.drive.turns
-        return self.coordinate(motion.end, None if turns is None else turns[..., None] * self.angles)
+        return self.coordinate(
+            motion.end, None if turns is None else turns[..., None] * self.angles
+        )
 
     def turned(self, angle: Tensor) -> Factor:
         """w, turned about x by angles (..., J, w), 0 in rows of others."""
@@ -130,33 +169,52 @@ class Joints(NoJoints):
         return Factor(c * self.w.constant + s * self.across.constant, self.w.shift, fixed)
 
     def coordinate(self, pose: Pose, near: Tensor | None = None) -> Tensor:
-        """(..., J, w) m, or rad within half a turn of `near`, None = of how it is drawn; 0 in rows of others."""
+        """(..., J, w) m, or rad within half a turn of `near`, None = of how it is drawn; 0 in rows
+        of others.
+        """
         v, w, across = (factor.at(pose).value for factor in (self.v, self.w, self.across))
         product = (v * w).sum(-1)
         turns = self.angles > 0
-        angle = torch.atan2(torch.where(turns, product, 0.0), torch.where(turns, -(v * across).sum(-1), 1.0))
+        angle = torch.atan2(
+            torch.where(turns, product, 0.0), torch.where(turns, -(v * across).sum(-1), 1.0)
+        )
         if near is not None:
-            angle = angle + 2 * torch.pi * torch.round((near - angle) / (2 * torch.pi)).detach() * self.angles
+            angle = (
+                angle
+                + 2 * torch.pi * torch.round((near - angle) / (2 * torch.pi)).detach() * self.angles
+            )
         return angle + self.travels * (product - self.c)
 
     def coordinate_by(self, pose: Pose, coordinate: Tensor) -> Tensor:
-        """(..., J, w, 12) its derivative by displacement and spin of both nodes, where it is that."""
+        """(..., J, w, 12) its derivative by displacement and spin of both nodes, where it is
+        that.
+        """
         v, across = self.v.at(pose), self.across.at(pose).value
         w = self.turned(coordinate * self.angles).at(pose)
         turns = self.angles > 0
-        size = torch.hypot(torch.where(turns, (v.value * self.w.at(pose).value).sum(-1), 0.0),
-                           torch.where(turns, (v.value * across).sum(-1), 1.0))
+        size = torch.hypot(
+            torch.where(turns, (v.value * self.w.at(pose).value).sum(-1), 0.0),
+            torch.where(turns, (v.value * across).sum(-1), 1.0),
+        )
         return ((self.angles + self.travels) / size)[..., None] * self._gradient(v, w)
 
     def rate(self, pose: Pose, velocity: Tensor, spin: Tensor) -> Tensor:
-        """(..., J, w) m/s or rad/s of nodes that move so (..., N+1, *), frame a; 0 in rows of others."""
+        """(..., J, w) m/s or rad/s of nodes that move so (..., N+1, *), frame a; 0 in rows of
+        others.
+        """
         motion = self.framework.at_joints(torch.cat((velocity, spin), -1)) @ self.moves
-        return (self.coordinate_by(pose, self.coordinate(pose)) @ motion.flatten(-2)[..., None])[..., 0]
+        return (self.coordinate_by(pose, self.coordinate(pose)) @ motion.flatten(-2)[..., None])[
+            ..., 0
+        ]
 
     def measure(self, size: Tensor, gap: Tensor) -> Tensor:
         p = self.space.dims.position
-        apart = torch.maximum(gap[..., :p].abs().amax((-1, -2)) / self.size, gap[..., p:].abs().amax((-1, -2)))
-        return torch.maximum(size, (apart - ROUNDING * torch.finfo(gap.dtype).eps).clamp(min=0) / CLOSED)
+        apart = torch.maximum(
+            gap[..., :p].abs().amax((-1, -2)) / self.size, gap[..., p:].abs().amax((-1, -2))
+        )
+        return torch.maximum(
+            size, (apart - ROUNDING * torch.finfo(gap.dtype).eps).clamp(min=0) / CLOSED
+        )
 
     def spans(self, lengths: Tensor) -> Tensor:
         return self.size[..., None, None]
@@ -164,7 +222,9 @@ class Joints(NoJoints):
     def asked(self, push: Tensor, gap: Tensor) -> Tensor:
         return stacked(push, -gap)
 
-    def answered(self, solution: Tensor, change: Callable[[Tensor], Tensor]) -> tuple[Tensor, Tensor]:
+    def answered(
+        self, solution: Tensor, change: Callable[[Tensor], Tensor]
+    ) -> tuple[Tensor, Tensor]:
         N = self.framework.node_count
         moves = solution.narrow(-2, 0, N)
         return moves, stacked(change(moves), solution.narrow(-2, N, self.count))
@@ -181,7 +241,9 @@ class Joints(NoJoints):
         return self.held * ((v * w).sum(-1) - self.c)
 
     def load(self, pose: Pose, force: Tensor, total: Tensor) -> Tensor:
-        """total (..., N+1, w) with what the joints' forces (..., J, w) add to the nodes' balances: (dg/dq)^T lambda."""
+        """total (..., N+1, w) with what the joints' forces (..., J, w) add to the nodes' balances:
+        (dg/dq)^T lambda.
+        """
         return self._load(pose, self.w, self.held * force, total)
 
     def _load(self, pose: Pose, w: Factor, force: Tensor, total: Tensor) -> Tensor:
@@ -189,22 +251,37 @@ class Joints(NoJoints):
         wrench = torch.einsum("...jmk,...jm->...jk", by, force).unflatten(-1, (2, 6))
         return self.framework.from_joints(wrench @ self.moves.mT, total)
 
-    def blocks_of(self, motion: JointMotion, force: Tensor, half: Tensor | None, rate: float) -> JointBlocks:
+    def blocks_of(
+        self, motion: JointMotion, force: Tensor, half: Tensor | None, rate: float
+    ) -> JointBlocks:
         """`blocks` of a motion."""
         return self.blocks(motion.acting, motion.end, force, half, rate)
 
-    def blocks(self, acting: Pose, end: Pose, force: Tensor, half: Tensor | None, rate: float) -> JointBlocks:
-        """Of the tangent, by moves at `acting`, the mean of the start and `end`: of which the end makes `rate` times the
-        displacement, and turns by rate * half (..., N+1, s, s) times the spin; None = I.
+    def blocks(
+        self, acting: Pose, end: Pose, force: Tensor, half: Tensor | None, rate: float
+    ) -> JointBlocks:
+        """Of the tangent, by moves at `acting`, the mean of the start and `end`: of which the end
+        makes `rate` times the displacement, and turns by rate * half (..., N+1, s, s) times the
+        spin; None = I.
         """
         return self._blocks(acting, end, self.w, self.w, self.held * force, half, rate)
 
-    def _blocks(self, acting: Pose, end: Pose, w_acting: Factor, w_closing: Factor, force: Tensor, half: Tensor | None,
-                rate: float, more: Callable[[Vector, Tensor], Tensor] | None = None) -> JointBlocks:
-        """With w as it is where forces act, and where joints are closed; more(v, dg/dq) (..., J, 12, 12): what the forces'
-        wrenches change by beside that.
+    def _blocks(
+        self,
+        acting: Pose,
+        end: Pose,
+        w_acting: Factor,
+        w_closing: Factor,
+        force: Tensor,
+        half: Tensor | None,
+        rate: float,
+        more: Callable[[Vector, Tensor], Tensor] | None = None,
+    ) -> JointBlocks:
+        """With w as it is where forces act, and where joints are closed; more(v, dg/dq)
+        (..., J, 12, 12): what the forces' wrenches change by beside that.
         """
-        v, w, v_end, w_end = self.v.at(acting), w_acting.at(acting), self.v.at(end), w_acting.at(end)
+        v, w, v_end = self.v.at(acting), w_acting.at(acting), self.v.at(end)
+        w_end = w_acting.at(end)
         by_v, by_w = self.v.by_moves(v_end.turning), w_acting.by_moves(w_end.turning)
         push = self._gradient(v, w)
         stiffness = self._curvature(v, w, by_v, by_w, v_end, w_end, force)
@@ -238,20 +315,40 @@ class Joints(NoJoints):
     def _gradient(self, v: Vector, w: Vector) -> Tensor:
         """dg/dq (..., J, m, 12): by displacement and spin of the first node, then of the second."""
         apart = self.v.shift * w.value + self.w.shift * v.value
-        a, b = (_cross(turning_v, w.value) + _cross(turning_w, v.value)
-                for turning_v, turning_w in zip(v.turning.unbind(-3), w.turning.unbind(-3), strict=True))
+        a, b = (
+            _cross(turning_v, w.value) + _cross(turning_w, v.value)
+            for turning_v, turning_w in zip(v.turning.unbind(-3), w.turning.unbind(-3), strict=True)
+        )
         return torch.cat((-apart, a, apart, b), -1)
 
-    def _curvature(self, v: Vector, w: Vector, by_v: Tensor, by_w: Tensor, v_end: Vector, w_end: Vector, force: Tensor
-                   ) -> Tensor:
-        """(..., J, 12, 12): derivative of lambda dg/dq, the wrenches on both nodes, by half the moves of the end."""
+    def _curvature(
+        self,
+        v: Vector,
+        w: Vector,
+        by_v: Tensor,
+        by_w: Tensor,
+        v_end: Vector,
+        w_end: Vector,
+        force: Tensor,
+    ) -> Tensor:
+        """(..., J, 12, 12): derivative of lambda dg/dq, the wrenches on both nodes, by half the
+        moves of the end.
+        """
         weight = force[..., None, None]
-        apart = (weight * (self.v.shift[..., None] * by_w + self.w.shift[..., None] * by_v)).sum(-3)  # (..., J, 3, 12)
+        # (..., J, 3, 12)
+        apart = (weight * (self.v.shift[..., None] * by_w + self.w.shift[..., None] * by_v)).sum(-3)
         rows = [-apart, None, apart, None]
         for side in (0, 1):
-            turned = [pad(-skew(end.turning[..., side, :, :]), (3 + 6 * side, 6 - 6 * side)) for end in (v_end, w_end)]
-            moment = (skew(v.turning[..., side, :, :]) @ by_w - skew(w.value) @ turned[0]
-                      + skew(w.turning[..., side, :, :]) @ by_v - skew(v.value) @ turned[1])
+            turned = [
+                pad(-skew(end.turning[..., side, :, :]), (3 + 6 * side, 6 - 6 * side))
+                for end in (v_end, w_end)
+            ]
+            moment = (
+                skew(v.turning[..., side, :, :]) @ by_w
+                - skew(w.value) @ turned[0]
+                + skew(w.turning[..., side, :, :]) @ by_v
+                - skew(v.value) @ turned[1]
+            )
             rows[2 * side + 1] = (weight * moment).sum(-3)
         return torch.cat(torch.broadcast_tensors(*rows), -2)
 
@@ -264,7 +361,9 @@ def _along(vector: Tensor, by: Tensor) -> Tensor:
 def stacked(rows: Tensor, more: Tensor) -> Tensor:
     """Both one after the other."""
     shape = broadcast_shapes(rows.shape[:-2], more.shape[:-2])
-    return torch.cat((rows.expand(*shape, *rows.shape[-2:]), more.expand(*shape, *more.shape[-2:])), -2)
+    return torch.cat(
+        (rows.expand(*shape, *rows.shape[-2:]), more.expand(*shape, *more.shape[-2:])), -2
+    )
 
 
 def _cross(a: Tensor, b: Tensor) -> Tensor:

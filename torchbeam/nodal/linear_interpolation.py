@@ -1,5 +1,6 @@
-"""Linear interpolation between the two nodes i and j of an element, which is its own one station: what its motion is expressed
-by. The numbers are (dr_j - dr_i, spin i, spin j), p + 2 s of them, and w = p + s a node's.
+"""Linear interpolation between the two nodes i and j of an element, which is its own one station:
+what its motion is expressed by. The numbers are (dr_j - dr_i, spin i, spin j), p + 2 s of them, and
+w = p + s a node's.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ class LinearInterpolation:
     """One element knows its two nodes and nothing of the others."""
 
     order = 1
-    difference = (-1.0, 1.0)  # of its nodes' values: what its consistent mass differs from the lumped one by
+    # of its nodes' values: what its consistent mass differs from the lumped one by
+    difference = (-1.0, 1.0)
     poses = Ends
 
     @staticmethod
@@ -33,17 +35,23 @@ class LinearInterpolation:
 
     @staticmethod
     def shares(parts: tuple[Tensor, ...], axes: int = 1) -> tuple[Tensor, ...]:
-        """What stations stand for, as seen by each of their nodes (..., N, *), shared among these: half of it each."""
+        """What stations stand for, as seen by each of their nodes (..., N, *), shared among these:
+        half of it each.
+        """
         return parts[0] / 2, parts[1] / 2
 
     @staticmethod
     def slopes(x_i: Tensor, x_j: Tensor) -> Tensor:
-        """What a station's motion is expressed by of values (..., N, *) at its nodes: their difference."""
+        """What a station's motion is expressed by of values (..., N, *) at its nodes: their
+        difference.
+        """
         return x_j - x_i
 
     @staticmethod
     def by_spins(by: Tensor, p: int) -> tuple[Tensor, ...]:
-        """Derivative (..., N, k, p + 2 s) by a station's numbers -> by dr_j - dr_i and by the spin of each node."""
+        """Derivative (..., N, k, p + 2 s) by a station's numbers -> by dr_j - dr_i and by the spin
+        of each node.
+        """
         s = (by.shape[-1] - p) // 2
         return by.split((p, s, s), -1)
 
@@ -54,20 +62,26 @@ class LinearInterpolation:
 
     @staticmethod
     def numbers(moves: tuple[Tensor, ...], p: int) -> Tensor:
-        """Moves of the nodes of elements (..., N, w) -> numbers of the stations (..., N, p + 2 s)."""
+        """Moves of the nodes of elements (..., N, w) -> numbers of the stations
+        (..., N, p + 2 s).
+        """
         (r_i, spin_i), (r_j, spin_j) = (x.split((p, x.shape[-1] - p), -1) for x in moves)
         return torch.cat((r_j - r_i, spin_i, spin_j), -1)
 
     @staticmethod
     def loads(load: Tensor, p: int) -> tuple[Tensor, ...]:
-        """[n, m_i, m_j] (..., N, p + 2 s) of stations -> (..., N, w) of each node: -n and m_i of i, n and m_j of j."""
+        """[n, m_i, m_j] (..., N, p + 2 s) of stations -> (..., N, w) of each node: -n and m_i of i,
+        n and m_j of j.
+        """
         s = (load.shape[-1] - p) // 2
         n, m_i, m_j = load.split((p, s, s), -1)
         return torch.cat((-n, m_i), -1), torch.cat((n, m_j), -1)
 
     @staticmethod
     def blocks(Y: Tensor, p: int) -> tuple[tuple[Tensor, ...], ...]:
-        """(..., N, p + 2 s, p + 2 s) of stations -> (..., N, w, w) between the nodes of elements, by row and column."""
+        """(..., N, p + 2 s, p + 2 s) of stations -> (..., N, w, w) between the nodes of elements,
+        by row and column.
+        """
         w = (Y.shape[-1] + p) // 2
         rows = torch.cat((-Y[..., :p, :], Y[..., p:w, :], Y[..., :p, :], Y[..., w:, :]), -2)
         K = torch.cat((-rows[..., :p], rows[..., p:w], rows[..., :p], rows[..., w:]), -1)

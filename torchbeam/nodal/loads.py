@@ -29,17 +29,20 @@ from .coordinates.spatial import Spatial
 from .rows import Rows
 
 ANGULAR = (ROTATION, SPIN, ANGULAR_ACCELERATION)
-AT_NODES = ("position", "rotation", "velocity", "spin", "acceleration", "angular_acceleration")  # of the fields of `Nodes`
+# of the fields of `Nodes`
+AT_NODES = ("position", "rotation", "velocity", "spin", "acceleration", "angular_acceleration")
 
 
 class Nodes(NamedTuple):
     """How the nodes stand and move at one instant, in the space's coordinates.
 
-    position (..., N+1, p) m;  rotation (..., N+1, ...);  velocity (..., N+1, p) m/s and spin (..., N+1, s) rad/s: absolute,
+    position (..., N+1, p) m;  rotation (..., N+1, ...);  velocity (..., N+1, p) m/s and spin
+                               (..., N+1, s) rad/s: absolute,
     in frame a
     frame     (..., ...) frame a -> inertial axes; None = it does not turn
     internal  (..., z) of user loads; dt (...) s of the step in whose middle this is; None without
-    acceleration  (..., N+1, p) m/s^2 and angular_acceleration (..., N+1, s) rad/s^2, absolute, frame a; None = not known, or
+    acceleration  (..., N+1, p) m/s^2 and angular_acceleration (..., N+1, s) rad/s^2, absolute,
+                  frame a; None = not known, or
               read by no load
     """
 
@@ -55,16 +58,21 @@ class Nodes(NamedTuple):
 
     def of(self, node: int | slice, reads: frozenset[str]) -> Nodes:
         """Of one, (..., *), or of some: rotation, and what a load reads."""
-        known = {name: getattr(self, name) for name in AT_NODES if name == ROTATION or name in reads}
-        return self._replace(**{name: x[..., node, :] for name, x in known.items() if x is not None})
+        known = {
+            name: getattr(self, name) for name in AT_NODES if name == ROTATION or name in reads
+        }
+        return self._replace(
+            **{name: x[..., node, :] for name, x in known.items() if x is not None}
+        )
 
 
 STEADY = 1e9  # s: so long a step takes internal states to where they rest
 
 
-# Derivatives by the move (displacement, spin) that the tangent is taken by, frame a, of the motions that it changes: "velocity"
-# (..., N+1 or 1, p, p) by the displacement, "spin" (..., N+1, s, s) by the spin, "acceleration" (..., N+1, p, p or w) by the
-# displacement, or by both, "angular_acceleration" (..., N+1, s, s) by the spin.
+# Derivatives by the move (displacement, spin) that the tangent is taken by, frame a, of the motions
+# that it changes: "velocity" (..., N+1 or 1, p, p) by the displacement, "spin" (..., N+1, s, s) by
+# the spin, "acceleration" (..., N+1, p, p or w) by the displacement, or by both,
+# "angular_acceleration" (..., N+1, s, s) by the spin.
 MotionJacobian = dict[str, Tensor]
 STAYS: MotionJacobian = {}
 CHANGING = (VELOCITY, SPIN, ACCELERATION, ANGULAR_ACCELERATION)
@@ -75,27 +83,44 @@ def motion_jacobian(derivatives: Any, read: frozenset[str]) -> MotionJacobian:
     return {name: getattr(derivatives, name) for name in CHANGING if name in read}
 
 
-def external(rows: Rows, nodes: Nodes, now: Conditions, loads: tuple[ActingLoad, ...] | None = None,
-             total: Tensor | float = 0.0) -> Tensor | float:
-    """Loads, all that act unless given, summed at nodes: (..., N+1, w) force N and moment N m, frame a; 0.0 where there is
-    none. total: what they are added to.
+def external(
+    rows: Rows,
+    nodes: Nodes,
+    now: Conditions,
+    loads: tuple[ActingLoad, ...] | None = None,
+    total: Tensor | float = 0.0,
+) -> Tensor | float:
+    """Loads, all that act unless given, summed at nodes: (..., N+1, w) force N and moment N m,
+    frame a; 0.0 where there is none. total: what they are added to.
     """
     for acting, point in _points(rows, nodes, now, now.loads if loads is None else loads):
-        total = total + _spread(rows, acting, wrench(rows.space, acting.load, point, now.t, now.inputs), 1)
+        total = total + _spread(
+            rows, acting, wrench(rows.space, acting.load, point, now.t, now.inputs), 1
+        )
     return total
 
 
-def tangent(rows: Rows, nodes: Nodes, now: Conditions, by: MotionJacobian = STAYS) -> Tensor | float:
+def tangent(
+    rows: Rows, nodes: Nodes, now: Conditions, by: MotionJacobian = STAYS
+) -> Tensor | float:
     """Derivative of `external` by the nodes' moves, (..., N+1, w, w); 0.0 where there is none."""
     total = 0.0
     for acting, point in _points(rows, nodes, now, now.moving):
-        derivatives = wrench_tangent(rows.space, acting.load, point, now.t, now.inputs, _of_node(acting, by))
-        total = total if isinstance(derivatives, float) else total + _spread(rows, acting, derivatives, 2)
+        derivatives = wrench_tangent(
+            rows.space, acting.load, point, now.t, now.inputs, _of_node(acting, by)
+        )
+        total = (
+            total
+            if isinstance(derivatives, float)
+            else total + _spread(rows, acting, derivatives, 2)
+        )
     return total
 
 
 def added_mass(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor | float:
-    """Mass (..., N+1, w, w) that loads add by their derivative by the accelerations; 0.0 where there is none."""
+    """Mass (..., N+1, w, w) that loads add by their derivative by the accelerations; 0.0 where
+    there is none.
+    """
     total, loads = 0.0, tuple(acting for acting in now.loads if acting.reads.intersection(INERTIAL))
     for acting, point in _points(rows, nodes, now, loads):
         blocks = acting.load.tangent(point, now.t, now.inputs)
@@ -107,14 +132,24 @@ def added_mass(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor | float:
 # One load on one node, or on any number of them along the beam, each by itself
 
 
-def load_point(space: Spatial, load: Any, reads: frozenset[str], nodes: Nodes, **place: Any) -> LoadPoint:
-    """Where a load acts that reads these motions: on one node (..., p), or along the beam on nodes (..., n, p); place: fields
-    of `LoadPoint` beside the motion.
+def load_point(
+    space: Spatial, load: Any, reads: frozenset[str], nodes: Nodes, **place: Any
+) -> LoadPoint:
+    """Where a load acts that reads these motions: on one node (..., p), or along the beam on nodes
+    (..., n, p); place: fields of `LoadPoint` beside the motion.
     """
-    public = {POSITION: space.public_position, VELOCITY: space.public_vector, SPIN: space.public_spin,
-              ACCELERATION: space.public_vector, ANGULAR_ACCELERATION: space.public_spin}
-    motion = {name: to(getattr(nodes, name)) for name, to in public.items()
-              if name in reads and getattr(nodes, name) is not None}
+    public = {
+        POSITION: space.public_position,
+        VELOCITY: space.public_vector,
+        SPIN: space.public_spin,
+        ACCELERATION: space.public_vector,
+        ANGULAR_ACCELERATION: space.public_spin,
+    }
+    motion = {
+        name: to(getattr(nodes, name))
+        for name, to in public.items()
+        if name in reads and getattr(nodes, name) is not None
+    }
     return LoadPoint(space.axes(nodes.rotation), **motion, **place)
 
 
@@ -123,10 +158,21 @@ def wrench(space: Spatial, load: Any, point: LoadPoint, t: Tensor, inputs: Input
     return space.project(together(load.wrench(point, t, inputs), point.R))
 
 
-def wrench_tangent(space: Spatial, load: Any, point: LoadPoint, t: Tensor, inputs: Inputs, by: MotionJacobian) -> Tensor | float:
-    """Derivative of `wrench` by the moves of the same nodes, (..., w, w); 0.0 where there is none."""
-    blocks = {name: block for name, block in load.tangent(point, t, inputs).items() if _moved(space, name, by)}
-    return sum((_chained(space, name, _block(space, name, block), by) for name, block in blocks.items()), 0.0)
+def wrench_tangent(
+    space: Spatial, load: Any, point: LoadPoint, t: Tensor, inputs: Inputs, by: MotionJacobian
+) -> Tensor | float:
+    """Derivative of `wrench` by the moves of the same nodes, (..., w, w); 0.0 where there is
+    none.
+    """
+    blocks = {
+        name: block
+        for name, block in load.tangent(point, t, inputs).items()
+        if _moved(space, name, by)
+    }
+    return sum(
+        (_chained(space, name, _block(space, name, block), by) for name, block in blocks.items()),
+        0.0,
+    )
 
 
 def _of_node(acting: ActingLoad, by: MotionJacobian) -> MotionJacobian:
@@ -160,27 +206,40 @@ def _block(space: Spatial, name: str, block: Tensor) -> Tensor:
 
 def internal(rows: Rows, nodes: Nodes, now: Conditions, shape: tuple[int, ...]) -> Tensor | None:
     """Internal states of user loads in equilibrium, (*shape, z); None where there are none."""
-    states = [_flat(acting, acting.load.advance(point, point.internal, now.t, now.inputs, point.dt))
-             for acting, point in _points(rows, nodes, now, _remembering(now))]
+    states = [
+        _flat(acting, acting.load.advance(point, point.internal, now.t, now.inputs, point.dt))
+        for acting, point in _points(rows, nodes, now, _remembering(now))
+    ]
     return _joined([z.expand(*shape, z.shape[-1]) for z in states]) if states else None
 
 
 def advanced(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor | None:
     """The same at the end of a step in whose middle the nodes are."""
-    states = [_flat(acting, 2 * acting.load.advance(point, point.internal, now.t, now.inputs, point.dt) - point.internal)
-             for acting, point in _points(rows, nodes, now, _remembering(now))]
+    states = [
+        _flat(
+            acting,
+            2 * acting.load.advance(point, point.internal, now.t, now.inputs, point.dt)
+            - point.internal,
+        )
+        for acting, point in _points(rows, nodes, now, _remembering(now))
+    ]
     return _joined(states) if states else None
 
 
 def advanced_rates(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor:
     """Rates (..., z) of the internal states."""
-    return _joined([_flat(acting, acting.load.rates(point, point.internal, now.t, now.inputs))
-                    for acting, point in _points(rows, nodes, now, _remembering(now))])
+    return _joined(
+        [
+            _flat(acting, acting.load.rates(point, point.internal, now.t, now.inputs))
+            for acting, point in _points(rows, nodes, now, _remembering(now))
+        ]
+    )
 
 
 class Lags(NamedTuple):
-    """Small motions of the internal states z of loads, z' = G z + H q + H_v q' + H_a q'', and the load L z on the nodes, by all
-    moves q of the nodes (w (N+1)): L (..., w (N+1), Z), G (..., Z, Z), H, H_v, H_a (..., Z, w (N+1)).
+    """Small motions of the internal states z of loads, z' = G z + H q + H_v q' + H_a q'', and the
+    load L z on the nodes, by all moves q of the nodes (w (N+1)): L (..., w (N+1), Z), G
+    (..., Z, Z), H, H_v, H_a (..., Z, w (N+1)).
     """
 
     L: Tensor
@@ -190,27 +249,51 @@ class Lags(NamedTuple):
     H_a: Tensor
 
 
-def lags(rows: Rows, nodes: Nodes, now: Conditions, still: MotionJacobian, moved: MotionJacobian) -> Lags | None:
-    """Derivatives of rates and loads where the internal states are `nodes.internal`; None where there are none. `still` has the
-    derivatives of the nodes' motion by their moves, `moved` those by moves and their rates.
+def lags(
+    rows: Rows, nodes: Nodes, now: Conditions, still: MotionJacobian, moved: MotionJacobian
+) -> Lags | None:
+    """Derivatives of rates and loads where the internal states are `nodes.internal`; None where
+    there are none. `still` has the derivatives of the nodes' motion by their moves, `moved` those
+    by moves and their rates.
     """
     space, parts = rows.space, []
     for acting, point in _points(rows, nodes, now, _remembering(now)):
         load, by = acting.load, acting.load.rates_tangent(point, now.t, now.inputs)
-        L = derivatives(lambda at, load=load: together(load.wrench(at, now.t, now.inputs), at.R), point, (INTERNAL,))[INTERNAL]
+        L = derivatives(
+            lambda at, load=load: together(load.wrench(at, now.t, now.inputs), at.R),
+            point,
+            (INTERNAL,),
+        )[INTERNAL]
         L, G = space.project(L.mT).mT, by.pop(INTERNAL)
-        by = {name: space.project(pad(block, (3, 0) if name in ANGULAR else (0, 3))) for name, block in by.items()}
+        by = {
+            name: space.project(pad(block, (3, 0) if name in ANGULAR else (0, 3)))
+            for name, block in by.items()
+        }
         zero = torch.zeros_like(space.project(G.new_zeros(*G.shape[:-1], 6)))
 
         def total(way: MotionJacobian, by: dict[str, Tensor] = by, zero: Tensor = zero) -> Tensor:
-            return sum((_chained(space, name, block, way) for name, block in by.items() if _moved(space, name, way)), zero)
+            return sum(
+                (
+                    _chained(space, name, block, way)
+                    for name, block in by.items()
+                    if _moved(space, name, way)
+                ),
+                zero,
+            )
 
         H = total(_of_node(acting, still))
-        H = H, total(_of_node(acting, moved)) - H, sum((by[name] for name in INERTIAL if name in by), zero)
+        H = (
+            H,
+            total(_of_node(acting, moved)) - H,
+            sum((by[name] for name in INERTIAL if name in by), zero),
+        )
         if acting.along:
             shares = _shares(rows, acting)
             eye = torch.eye(shares.shape[-2], dtype=G.dtype, device=G.device)[:, None, :, None]
-            L, G, *H = ((x[..., None, :] * eye).flatten(-4, -3).flatten(-2) for x in (shares[..., None] * L, G, *H))
+            L, G, *H = (
+                (x[..., None, :] * eye).flatten(-4, -3).flatten(-2)
+                for x in (shares[..., None] * L, G, *H)
+            )
         if acting.node is not None:
             around = tuple(space.unknowns * count for count in _around(acting, rows))
             L, *H = pad(L, (0, 0, *around)), *(pad(x, around) for x in H)
@@ -218,7 +301,8 @@ def lags(rows: Rows, nodes: Nodes, now: Conditions, still: MotionJacobian, moved
     if not parts:
         return None
     shape = broadcast_shapes(*(x.shape[:-2] for part in parts for x in part))
-    parts, at, states = [[x.expand(*shape, *x.shape[-2:]) for x in part] for part in parts], 0, nodes.internal.shape[-1]
+    parts, at = [[x.expand(*shape, *x.shape[-2:]) for x in part] for part in parts], 0
+    states = nodes.internal.shape[-1]
     G = []
     for row in parts:
         G.append(pad(row[1], (at, states - at - row[1].shape[-1])))
@@ -242,14 +326,24 @@ def _flat(acting: ActingLoad, z: Tensor) -> Tensor:
     return z.flatten(-2) if acting.along else z
 
 
-def _points(rows: Rows, nodes: Nodes, now: Conditions, loads: tuple[ActingLoad, ...]) -> Iterator[tuple[ActingLoad, LoadPoint]]:
+def _points(
+    rows: Rows, nodes: Nodes, now: Conditions, loads: tuple[ActingLoad, ...]
+) -> Iterator[tuple[ActingLoad, LoadPoint]]:
     for acting in loads:
         load, internal, place = acting.load, acting.internal is not None, {}
-        space, at = (rows.space, nodes) if acting.node is None else (rows.space.of_nodes(acting.node), nodes.of(acting.node, acting.reads))
+        space, at = (
+            (rows.space, nodes)
+            if acting.node is None
+            else (rows.space.of_nodes(acting.node), nodes.of(acting.node, acting.reads))
+        )
         if acting.node is None:
             place = dict(mass=rows.section_mass, s=rows.s, elements=now.elements)
         elif acting.along:
-            place = dict(mass=rows.section_mass[..., acting.node, :, :], s=rows.s[..., acting.node], elements=acting.elements)
+            place = dict(
+                mass=rows.section_mass[..., acting.node, :, :],
+                s=rows.s[..., acting.node],
+                elements=acting.elements,
+            )
         if internal and nodes.internal is not None:
             z = nodes.internal[..., acting.internal]
             place["internal"] = z.unflatten(-1, (-1, load.internal)) if acting.along else z

@@ -1,12 +1,14 @@
 """Translational mass of the nodes: lumped, or shared by the nodes of an element.
 
-    p = m v - sum over elements of c b (b^T v),     b = (-1, 1) of an element of two nodes, (1, -2, 1) of one of three
+    p = m v - sum over elements of c b (b^T v),
+    b = (-1, 1) of an element of two nodes, (1, -2, 1) of one of three
 
-With c = m/12 of the element's mass m, two nodes have half of the consistent mass and half of the lumped one; the translational
-error of the implicit form is then fourth order. A mass m at three nodes as 1/6, 2/3, 1/6 (Simpson's rule) becomes the
-consistent one with c = m/30. The frequencies of bending are too high by either, by twice as much with the consistent one, so
-that c = -m/30 takes the error's fourth order out (measured: tests/unit/nodal/test_quadratic.py); axial and torsional ones stay
-fourth order.
+With c = m/12 of the element's mass m, two nodes have half of the consistent mass and half of the
+lumped one; the translational error of the implicit form is then fourth order. A mass m at three
+nodes as 1/6, 2/3, 1/6 (Simpson's rule) becomes the consistent one with c = m/30. The frequencies of
+bending are too high by either, by twice as much with the consistent one, so that c = -m/30 takes
+the error's fourth order out (measured: tests/unit/nodal/test_quadratic.py); axial and torsional
+ones stay fourth order.
 """
 
 from __future__ import annotations
@@ -46,7 +48,9 @@ class SharedMass(LumpedMass):
 
     def momentum(self, velocity: Tensor) -> Tensor:
         bent = self.coupling * self._difference(self.topology.gather(velocity))
-        return self.mass * velocity - self.topology.scatter(tuple(_times(b, bent) for b in self.difference))
+        return self.mass * velocity - self.topology.scatter(
+            tuple(_times(b, bent) for b in self.difference)
+        )
 
     def _difference(self, parts: tuple[Tensor, ...]) -> Tensor:
         """b^T v, what adds first: -v by itself would be an operation more."""
@@ -58,8 +62,13 @@ class SharedMass(LumpedMass):
 
     def matrix(self, Z: Tensor) -> Matrix:
         bent = self.coupling[..., None] * Z
-        products = {product: _times(-product, bent) for product in {a * b for a in self.difference for b in self.difference}}
-        shared = self.topology.matrix(tuple(tuple(products[a * b] for b in self.difference) for a in self.difference))
+        products = {
+            product: _times(-product, bent)
+            for product in {a * b for a in self.difference for b in self.difference}
+        }
+        shared = self.topology.matrix(
+            tuple(tuple(products[a * b] for b in self.difference) for a in self.difference)
+        )
         return shared.plus(self.mass[..., None] * Z)
 
 

@@ -1,4 +1,5 @@
-"""Levers: how a node's motion moves the centre of mass that is fixed to it, and what a force there asks of the node.
+"""Levers: how a node's motion moves the centre of mass that is fixed to it, and what a force there
+asks of the node.
 
 With x the lever and A spin = spin x x:
 
@@ -24,7 +25,9 @@ from .coordinates.spatial import Spatial
 
 @dataclass(frozen=True)
 class NoMassOffset(Tree):
-    """Centres of mass that lie in their nodes. Positions and velocities are (..., N+1, p), spins (..., N+1, s), frame a."""
+    """Centres of mass that lie in their nodes. Positions and velocities are (..., N+1, p), spins
+    (..., N+1, s), frame a.
+    """
 
     present = False
 
@@ -49,7 +52,9 @@ class NoMassOffset(Tree):
         return node
 
     def acceleration_by(self, by_move: Tensor, by_spin: Callable[[], Tensor]) -> Tensor:
-        """A node's acceleration by its move (..., p, p) and, where its spin matters (..., p, s), by both."""
+        """A node's acceleration by its move (..., p, p) and, where its spin matters (..., p, s), by
+        both.
+        """
         return by_move
 
     def wrench(self, force: Tensor, moment: Tensor) -> Tensor:
@@ -57,21 +62,29 @@ class NoMassOffset(Tree):
         return torch.cat((force, moment), -1)
 
     def prepared(self, masses: Matrix, s: int) -> Matrix:
-        """What `matrix` and `tangent` take of p by p blocks: what can be done before the levers are known."""
+        """What `matrix` and `tangent` take of p by p blocks: what can be done before the levers are
+        known.
+        """
         return masses.each(lambda M: pad(M, (0, s, 0, s)))
 
     def matrix(self, masses: Matrix, moved: Callable[[], Tensor]) -> Matrix:
-        """[I; A^T] M [I, moved], w by w; moved (..., N+1, p, s): the move of the centres by the nodes' spins."""
+        """[I; A^T] M [I, moved], w by w; moved (..., N+1, p, s): the move of the centres by the
+        nodes' spins.
+        """
         return masses
 
-    def tangent(self, masses: Matrix, moved: Callable[[], Tensor], wrench: Callable[[], Tensor]) -> Matrix:
+    def tangent(
+        self, masses: Matrix, moved: Callable[[], Tensor], wrench: Callable[[], Tensor]
+    ) -> Matrix:
         """The same, and that the levers turn under the force of the wrench."""
         return masses
 
 
 @dataclass(frozen=True)
 class MassOffset(NoMassOffset):
-    """Centres of mass off their nodes: x (..., N+1, p) m, frame a, or as they are fixed to sections in their axes."""
+    """Centres of mass off their nodes: x (..., N+1, p) m, frame a, or as they are fixed to sections
+    in their axes.
+    """
 
     space: Spatial
     offset: Tensor = leaf(2)
@@ -87,7 +100,9 @@ class MassOffset(NoMassOffset):
         return self.space.lever_matrix(self.offset)
 
     def turned(self, rotation: Tensor) -> MassOffset:
-        return MassOffset(self.space, (self.space.matrix(rotation) @ self.offset[..., None])[..., 0])
+        return MassOffset(
+            self.space, (self.space.matrix(rotation) @ self.offset[..., None])[..., 0]
+        )
 
     def mean(self, other: MassOffset) -> MassOffset:
         return MassOffset(self.space, (self.offset + other.offset) / 2)
@@ -114,16 +129,22 @@ class MassOffset(NoMassOffset):
     def matrix(self, masses: Matrix, moved: Callable[[], Tensor]) -> Matrix:
         return masses.between(with_levers, self.A, moved())
 
-    def tangent(self, masses: Matrix, moved: Callable[[], Tensor], wrench: Callable[[], Tensor]) -> Matrix:
+    def tangent(
+        self, masses: Matrix, moved: Callable[[], Tensor], wrench: Callable[[], Tensor]
+    ) -> Matrix:
         p, moved = self.space.dims.position, moved()
         matrix = self.matrix(masses, lambda: moved)
         if not self.space.turns:
             return matrix
-        return matrix.minus(pad(self.space.lever_matrix(wrench()[..., :p]).mT @ moved, (p, 0, p, 0)))
+        return matrix.minus(
+            pad(self.space.lever_matrix(wrench()[..., :p]).mT @ moved, (p, 0, p, 0))
+        )
 
 
 def with_levers(block: Tensor, A: Tensor, moved: Tensor) -> Tensor:
-    """[I; A^T] block [I, moved] (..., w, w): a force by a displacement (..., p, p), both of centres off their nodes."""
+    """[I; A^T] block [I, moved] (..., w, w): a force by a displacement (..., p, p), both of centres
+    off their nodes.
+    """
     turned = block @ moved
     row = torch.cat((block.expand(*turned.shape[:-2], *block.shape[-2:]), turned), -1)
     pushed = A.mT @ row

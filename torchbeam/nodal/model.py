@@ -1,4 +1,6 @@
-"""Model: what the nodal form needs of a scene, computed once and differentiable in everything the scene holds."""
+"""Model: what the nodal form needs of a scene, computed once and differentiable in everything the
+scene holds.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +26,17 @@ from .quadratic_interpolation import QuadraticInterpolation
 from .rows import Rows
 
 # beside trees: what a model that was saved holds, for torch.load(weights_only=True)
-torch.serialization.add_safe_globals([Assembly, Chain, ChainUnknowns, Framework, FrameworkUnknowns, LinearInterpolation,
-                                      QuadraticInterpolation])
+torch.serialization.add_safe_globals(
+    [
+        Assembly,
+        Chain,
+        ChainUnknowns,
+        Framework,
+        FrameworkUnknowns,
+        LinearInterpolation,
+        QuadraticInterpolation,
+    ]
+)
 
 
 @dataclass(frozen=True)
@@ -41,7 +52,9 @@ class Model(Rows):
 
     @property
     def conservative(self) -> bool:
-        """Whether the work of all loads is independent of the path, and frame a does not turn: tangents are symmetric."""
+        """Whether the work of all loads is independent of the path, and frame a does not turn:
+        tangents are symmetric.
+        """
         return all(load.conservative for load in self.scene.loads) and not self.turning
 
     @property
@@ -58,7 +71,9 @@ class Model(Rows):
         return frame_of(self.space, *self.prescribed_motion.frame(t))
 
     def orientation(self, t: Tensor) -> Tensor | None:
-        """Frame a -> inertial axes at time t, in the space's coordinates; None where it does not turn."""
+        """Frame a -> inertial axes at time t, in the space's coordinates; None where it does not
+        turn.
+        """
         frame = orientation(self.scene, t.shape, t)
         return None if frame is None else self.space.reduced_frame(frame)
 
@@ -76,7 +91,9 @@ class Model(Rows):
     def loads(self) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
         """(loads that depend on how the nodes stand or move, dead ones)."""
         loads = self.scene.loads
-        return tuple(x for x in loads if self.depends_on(x)), tuple(x for x in loads if not self.depends_on(x))
+        return tuple(x for x in loads if self.depends_on(x)), tuple(
+            x for x in loads if not self.depends_on(x)
+        )
 
     def eigenstrain(self, t: Tensor, inputs: Inputs) -> Tensor | float:
         """Strain (..., N or 1, k) that the beam takes by itself; 0.0 where there is none."""
@@ -84,13 +101,24 @@ class Model(Rows):
         for effect in self.scene.eigenstrains:
             for span in beam.spans(effect) or (None,):
                 elements = beam.element_count if span is None else span.element_count
-                own = beam.at_stations(self.space.project_strain(effect.eigenstrain(t, inputs, self.length, elements)), 1)
+                own = beam.at_stations(
+                    self.space.project_strain(effect.eigenstrain(t, inputs, self.length, elements)),
+                    1,
+                )
                 if span is not None:
-                    own = own.expand(*own.shape[:-2], span.stations.stop - span.stations.start, own.shape[-1])
-                    own = pad(own, (0, 0, span.stations.start, beam.station_count - span.stations.stop))
+                    own = own.expand(
+                        *own.shape[:-2], span.stations.stop - span.stations.start, own.shape[-1]
+                    )
+                    own = pad(
+                        own, (0, 0, span.stations.start, beam.station_count - span.stations.stop)
+                    )
                 total = total + own
         return total
 
     def tangent_stiffness(self, dt: Tensor | None = None) -> Tensor:
-        """S^-1 for the tangent of a balance, or of a step of dt (0-dim or (...)), see `ElasticLaw.tangent_stiffness`."""
-        return self.law.tangent_stiffness(self.length, self.inertia.mass / self.tributary_length, dt)
+        """S^-1 for the tangent of a balance, or of a step of dt (0-dim or (...)), see
+        `ElasticLaw.tangent_stiffness`.
+        """
+        return self.law.tangent_stiffness(
+            self.length, self.inertia.mass / self.tributary_length, dt
+        )

@@ -1,7 +1,7 @@
 """Moves: small changes of a state in the space's coordinates, to first order.
 
-A move has 2 w (N+1) + Z numbers: displacement and turn of each node, frame a; the changes of its absolute velocity and of its
-absolute spin, frame a; the changes of internal states.
+A move has 2 w (N+1) + Z numbers: displacement and turn of each node, frame a; the changes of its
+absolute velocity and of its absolute spin, frame a; the changes of internal states.
 """
 
 from __future__ import annotations
@@ -21,8 +21,14 @@ def moved(space: Spatial, state: State, move: Tensor) -> State:
     rate = space.rotation_rate(state.rotation, space.to_section(state.rotation, turn))
     rotation = state.rotation + rate
     spin = space.to_section(rotation, space.to_frame(state.rotation, state.spin) + spin)
-    return replace(state, position=state.position + displacement, rotation=rotation, velocity=state.velocity + velocity,
-                   spin=spin, internal=None if state.internal is None else state.internal + internal)
+    return replace(
+        state,
+        position=state.position + displacement,
+        rotation=rotation,
+        velocity=state.velocity + velocity,
+        spin=spin,
+        internal=None if state.internal is None else state.internal + internal,
+    )
 
 
 def move_between(space: Spatial, start: State, end: State) -> Tensor:
@@ -40,5 +46,8 @@ def _parts(space: Spatial, state: State, move: Tensor) -> tuple[list[Tensor], li
     """Displacement and turn, velocity and spin (..., N+1, .), internal states."""
     w = space.unknowns * state.position.shape[-2]
     pose, rate, internal = move.split((w, w, move.shape[-1] - 2 * w), -1)
-    split = [x.unflatten(-1, (-1, space.unknowns)).split((space.dims.position, space.dims.spin), -1) for x in (pose, rate)]
+    split = [
+        x.unflatten(-1, (-1, space.unknowns)).split((space.dims.position, space.dims.spin), -1)
+        for x in (pose, rate)
+    ]
     return *split, internal

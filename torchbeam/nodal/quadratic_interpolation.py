@@ -1,9 +1,9 @@
-"""Quadratic interpolation between the three nodes of an element, at its two stations, its Gauss points, between which all its
-integrals are shared: what its motion is expressed by.
+"""Quadratic interpolation between the three nodes of an element, at its two stations, its Gauss
+points, between which all its integrals are shared: what its motion is expressed by.
 
-There are 2 N stations, after each other, for N elements. The numbers that a station's motion is expressed by are (dr' = sum of
-dN_i/dx dr_i, alpha_1 - alpha_2, alpha_2, alpha_3 - alpha_2) of the spins alpha_i of the three nodes, p + 3 s of them: T times
-the moves of the element's nodes.
+There are 2 N stations, after each other, for N elements. The numbers that a station's motion is
+expressed by are (dr' = sum of dN_i/dx dr_i, alpha_1 - alpha_2, alpha_2, alpha_3 - alpha_2) of the
+spins alpha_i of the three nodes, p + 3 s of them: T times the moves of the element's nodes.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ def _moved(p: int, s: int) -> Tensor:
     T = torch.zeros(2, p + 3 * s, 3, p + s, dtype=SLOPES.dtype)
     at, turn = torch.arange(p), torch.arange(s)
     for i in range(3):
-        T[:, at, i, at] = SLOPES[:, i:i + 1]
+        T[:, at, i, at] = SLOPES[:, i : i + 1]
         T[:, p + i * s + turn, i, p + turn] = 1
     for i in (0, 2):
         T[:, p + i * s + turn, 1, p + turn] = -1
@@ -29,7 +29,8 @@ def _moved(p: int, s: int) -> Tensor:
 
 
 MOVED = {3: _moved(3, 3), 2: _moved(2, 1)}  # by p: in space, in a plane
-# half the difference of T of both stations, which holds positions alone, and their mean; one below the other
+# half the difference of T of both stations, which holds positions alone, and their mean; one below
+# the other
 HALVED = {p: torch.cat(((T[1] - T[0]) / 2, (T[1] + T[0]) / 2)) for p, T in MOVED.items()}
 
 
@@ -59,12 +60,17 @@ class QuadraticInterpolation:
     def shares(parts: tuple[Tensor, ...], axes: int = 1) -> tuple[Tensor, ...]:
         """N_i of it."""
         values = at_points(parts[0])[0][(..., *(None,) * axes)]  # (2, 3, *)
-        return tuple((values[:, i] * x.unflatten(-1 - axes, (-1, 2))).sum(-1 - axes) for i, x in enumerate(parts))
+        return tuple(
+            (values[:, i] * x.unflatten(-1 - axes, (-1, 2))).sum(-1 - axes)
+            for i, x in enumerate(parts)
+        )
 
     @staticmethod
     def slopes(x_1: Tensor, x_2: Tensor, x_3: Tensor) -> Tensor:
         """dx/dx (..., 2 N, *) at the stations, of their nodes' values likewise."""
-        a, b, c = (column.repeat(x_1.shape[-2] // 2)[:, None] for column in at_points(x_1)[1].unbind(-1))
+        a, b, c = (
+            column.repeat(x_1.shape[-2] // 2)[:, None] for column in at_points(x_1)[1].unbind(-1)
+        )
         return a * x_1 + b * x_2 + c * x_3
 
     @staticmethod
@@ -95,5 +101,9 @@ class QuadraticInterpolation:
         w = p + (Y.shape[-1] - p) // 3
         Y_1, Y_2 = Y.unflatten(-3, (-1, 2)).unbind(-3)
         T, total, change = HALVED[p].to(Y), Y_1 + Y_2, Y_2 - Y_1
-        K = T.mT @ torch.cat((torch.cat((total, change), -1), torch.cat((change, total), -1)), -2) @ T
+        K = (
+            T.mT
+            @ torch.cat((torch.cat((total, change), -1), torch.cat((change, total), -1)), -2)
+            @ T
+        )
         return tuple(row.split(w, -1) for row in K.split(w, -2))

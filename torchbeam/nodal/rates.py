@@ -1,4 +1,6 @@
-"""The nodal form as an explicit ordinary differential equation: lumped mass, one block a node, no global solve."""
+"""The nodal form as an explicit ordinary differential equation: lumped mass, one block a node, no
+global solve.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +26,15 @@ from .model import Model
 
 @dataclass(frozen=True)
 class Rates:
-    """The right-hand side dy/dt = f(t, y) of the nodes with unknowns: position, rotation, velocity and spin, then, where there
-    are such, the frame's orientation and internal states of loads, and the work of the loads.
+    """The right-hand side dy/dt = f(t, y) of the nodes with unknowns: position, rotation, velocity
+    and spin, then, where there are such, the frame's orientation and internal states of loads, and
+    the work of the loads.
 
         r' = v      R' = R ~Omega      m v' = f      J Omega' = R^T m - Omega x J Omega
 
-    in a frame that turns with omega, where v and Omega are absolute: r' = v - v_a - omega x r, R' = R ~(Omega - R^T omega),
-    m (v' + omega x v) = f. A mass off its node or a node held in part couples v' and Omega': one block a node.
+    in a frame that turns with omega, where v and Omega are absolute: r' = v - v_a - omega x r,
+    R' = R ~(Omega - R^T omega), m (v' + omega x v) = f. A mass off its node or a node held in part
+    couples v' and Omega': one block a node.
     """
 
     model: Model
@@ -38,30 +42,44 @@ class Rates:
 
     @classmethod
     def of(cls, scene: Scene, inputs: Inputs) -> Rates:
-        """Raises ValueError where a block of the mass is singular or a stiffness infinite (both need the implicit form), and
-        for supports that move, by themselves or with frame a, other than clamps.
+        """Raises ValueError where a block of the mass is singular or a stiffness infinite (both
+        need the implicit form), and for supports that move, by themselves or with frame a, other
+        than clamps.
         """
         if scene.joints:
-            raise ValueError("joints were given to an explicit method, which has no forces of joints; the implicit method "
-                             "'midpoint' takes them")
+            raise ValueError(
+                "joints were given to an explicit method, which has no forces of joints; the "
+                "implicit method 'midpoint' takes them"
+            )
         model = discretise(scene, lumped=True)
         rotary = cls(model, inputs).free.rotary
         if not rotary.present or (torch.linalg.det(rotary.J) <= 0).any():
-            raise ValueError("a section without rotary inertia was given; an explicit method wants some (the implicit "
-                             "method 'midpoint' needs none)")
+            raise ValueError(
+                "a section without rotary inertia was given; an explicit method wants some (the "
+                "implicit method 'midpoint' needs none)"
+            )
         if any(scene.beam.rigid):
-            raise ValueError("an infinite stiffness was given; an explicit method wants finite ones (the implicit method "
-                             "'midpoint' takes it)")
+            raise ValueError(
+                "an infinite stiffness was given; an explicit method wants finite ones (the "
+                "implicit method 'midpoint' takes it)"
+            )
         if any((s.moves or scene.frame is not None) and not s.clamp for s in scene.supports):
-            raise ValueError("a support that moves, or whose frame does, other than a clamp, was given; the implicit method "
-                             "'midpoint' takes it")
+            raise ValueError(
+                "a support that moves, or whose frame does, other than a clamp, was given; the "
+                "implicit method 'midpoint' takes it"
+            )
         return cls(model, inputs)
 
     @cached
     def clamps(self) -> tuple[Support, ...]:
         """Supports that leave their nodes no unknowns, by node."""
         pairs = zip(self.model.scene.supports, self.model.constraints.fixed, strict=True)
-        return tuple(sorted((support for support, fixed in pairs if bool(fixed.all())), key=lambda support: support.node))
+        return tuple(
+            sorted(
+                (support for support, fixed in pairs if bool(fixed.all())),
+                key=lambda support: support.node,
+            )
+        )
 
     @cached
     def carried(self) -> bool:
@@ -76,7 +94,9 @@ class Rates:
 
     @cached
     def partly_held(self) -> Tensor | None:
-        """(n, w) 1 where the nodes with unknowns are free, 0 where they are held; None = they are free."""
+        """(n, w) 1 where the nodes with unknowns are free, 0 where they are held; None = they are
+        free.
+        """
         moving = self.model.constraints.moving[self.places[0]]
         return None if bool(moving.all()) else moving.to(self.model.length)
 
@@ -117,10 +137,14 @@ class Rates:
         motion = state.position, state.rotation, state.velocity, state.spin
         parts = [self.unknown(x).flatten(-2) for x in motion]
         parts += [x for x in (state.frame, state.internal) if x is not None]
-        return torch.cat([x.expand(*shape, x.shape[-1]) for x in (*parts, state.work[..., None])], -1)
+        return torch.cat(
+            [x.expand(*shape, x.shape[-1]) for x in (*parts, state.work[..., None])], -1
+        )
 
     def unpack(self, t: Tensor, y: Tensor) -> tuple[Nodes, Tensor, Tensor]:
-        """(nodes, supports included; spins in section axes; the rotations of nodes with unknowns as they are in y)."""
+        """(nodes, supports included; spins in section axes; the rotations of nodes with unknowns as
+        they are in y).
+        """
         model, space = self.model, self.model.space
         *parts, rest = y.split([*self.sizes, y.shape[-1] - sum(self.sizes)], -1)
         r, raw, v, spin = (x.unflatten(-1, (len(self.places[0]), -1)) for x in parts)
@@ -129,7 +153,7 @@ class Rates:
         if model.turning:
             width = rest.shape[-1] - 1 - z
             frame = space.normalize(rest[..., :width])
-        internal = rest[..., rest.shape[-1] - 1 - z:-1] if z else None
+        internal = rest[..., rest.shape[-1] - 1 - z : -1] if z else None
         if self.clamps:
             r, q, v, spin = map(self.joined, (r, q, v, spin), self._of_clamps(self._held, t))
         accelerations = ()
@@ -137,8 +161,15 @@ class Rates:
             accelerations = torch.zeros_like(v), torch.zeros_like(spin)
             if self.carried:
                 known = self._of_clamps(self._accelerations, t)
-                accelerations = tuple(self.joined(self.unknown(x), own) for x, own in zip(accelerations, known, strict=True))
-        return Nodes(r, q, v, space.to_frame(q, spin), frame, internal, None, *accelerations), spin, raw
+                accelerations = tuple(
+                    self.joined(self.unknown(x), own)
+                    for x, own in zip(accelerations, known, strict=True)
+                )
+        return (
+            Nodes(r, q, v, space.to_frame(q, spin), frame, internal, None, *accelerations),
+            spin,
+            raw,
+        )
 
     def conditions(self, t: Tensor) -> Conditions:
         return conditions(self.model, t, self.inputs)
@@ -159,11 +190,15 @@ class Rates:
         """(loads less internal forces (..., N+1, w) in frame a, loads)"""
         model, space = self.model, self.model.space
         kinematics = model.kinematics(nodes.position, nodes.rotation)
-        internal = model.assembly.to_nodes(space.forces(kinematics, self.stress(nodes, now), model.length))
+        internal = model.assembly.to_nodes(
+            space.forces(kinematics, self.stress(nodes, now), model.length)
+        )
         loads = external(model, nodes, now) + torch.zeros_like(internal)
         return loads - internal, loads
 
-    def accelerations(self, now: Conditions, nodes: Nodes, spin: Tensor, net: Tensor) -> tuple[Tensor, Tensor]:
+    def accelerations(
+        self, now: Conditions, nodes: Nodes, spin: Tensor, net: Tensor
+    ) -> tuple[Tensor, Tensor]:
         """v' (frame a) and Omega' (section axes) of the nodes with unknowns."""
         model, inertia, space = self.model, self.free, self.free.space
         p, q = space.dims.position, self.unknown(nodes.rotation)
@@ -172,12 +207,16 @@ class Rates:
             return accelerations[..., :p], space.to_section(q, accelerations[..., p:])
         v, spin, net = map(self.unknown, (nodes.velocity, spin, net))
         torque = space.to_section(q, net[..., p:]) - inertia.rotary.gyroscopic(spin)
-        return (now.frame.rate(net[..., :p] / inertia.mass, lambda: -v),
-                torch.linalg.solve(inertia.rotary.J, torque[..., None])[..., 0])
+        return (
+            now.frame.rate(net[..., :p] / inertia.mass, lambda: -v),
+            torch.linalg.solve(inertia.rotary.J, torque[..., None])[..., 0],
+        )
 
-    def _solved(self, now: Conditions, nodes: Nodes, spin: Tensor, net: Tensor) -> tuple[Tensor, Tensor]:
-        """[v'; R Omega'] (..., n, w) of the nodes with unknowns, frame a, and what their balance lacks: zero, but where
-        supports hold them.
+    def _solved(
+        self, now: Conditions, nodes: Nodes, spin: Tensor, net: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """[v'; R Omega'] (..., n, w) of the nodes with unknowns, frame a, and what their balance
+        lacks: zero, but where supports hold them.
         """
         model, free = self.model, self.partly_held
         q, v, spin, net = map(self.unknown, (nodes.rotation, nodes.velocity, spin, net))
@@ -189,14 +228,24 @@ class Rates:
         right, whole = net - known, block
         if free is not None:
             block = block * free[..., None] * free[..., None, :] + torch.diag_embed(1 - free)
-        accelerations = torch.linalg.solve(block, (right if free is None else right * free)[..., None])[..., 0]
+        accelerations = torch.linalg.solve(
+            block, (right if free is None else right * free)[..., None]
+        )[..., 0]
         return accelerations, (whole @ accelerations[..., None])[..., 0] - right
 
-    def _asked(self, inertia: Inertia, now: Conditions, q: Tensor, v: Tensor, spin: Tensor) -> tuple[Tensor, Tensor]:
-        """Mass (..., n, w, w) by [v'; R Omega'] of nodes with this inertia, and what else their motion asks for (..., n, w)."""
+    def _asked(
+        self, inertia: Inertia, now: Conditions, q: Tensor, v: Tensor, spin: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Mass (..., n, w, w) by [v'; R Omega'] of nodes with this inertia, and what else their
+        motion asks for (..., n, w).
+        """
         frame, space, lever = now.frame, inertia.space, inertia.offset.turned(q)
-        bias = lever.acceleration(frame.rate(torch.zeros_like(v), lambda: v), lambda: space.to_frame(q, spin))
-        known = lever.wrench(inertia.mass * bias, space.to_frame(q, inertia.rotary.gyroscopic(spin)))
+        bias = lever.acceleration(
+            frame.rate(torch.zeros_like(v), lambda: v), lambda: space.to_frame(q, spin)
+        )
+        known = lever.wrench(
+            inertia.mass * bias, space.to_frame(q, inertia.rotary.gyroscopic(spin))
+        )
         return inertia.matrix(q, lever).diagonal, known
 
     def __call__(self, t: Tensor, y: Tensor) -> Tensor:
@@ -205,41 +254,66 @@ class Rates:
         net, loads = self.balance(now, nodes)
         acceleration, spin_rate = self.accelerations(now, nodes, spin, net)
         frame = now.frame
-        position, rotation, moving, turning = map(self.unknown, (nodes.position, nodes.rotation, nodes.velocity, spin))
-        velocity, turn = frame.relative_velocity(moving, position), frame.relative_spin(turning, rotation)
-        parts = [x.flatten(-2) for x in (velocity, space.rotation_rate(raw, turn), acceleration, spin_rate)]
+        position, rotation, moving, turning = map(
+            self.unknown, (nodes.position, nodes.rotation, nodes.velocity, spin)
+        )
+        velocity = frame.relative_velocity(moving, position)
+        turn = frame.relative_spin(turning, rotation)
+        parts = [
+            x.flatten(-2)
+            for x in (velocity, space.rotation_rate(raw, turn), acceleration, spin_rate)
+        ]
         if frame.turns:
             parts.append(space.rotation_rate(nodes.frame, frame.omega[..., 0, :]))
         power = (loads * torch.cat((nodes.velocity, nodes.spin), -1)).sum((-1, -2))
         if model.adds_mass:
             rates = frame.rate(acceleration, lambda: moving), space.to_frame(rotation, spin_rate)
             fluid = self.unknown(added_mass(model, nodes, now), 2) @ torch.cat(rates, -1)[..., None]
-            power = power - (fluid[..., 0] * torch.cat((moving, self.unknown(nodes.spin)), -1)).sum((-1, -2))
-            known = (x.index_select(-2, self.places[1]) for x in (nodes.acceleration, nodes.angular_acceleration))
-            nodes = nodes._replace(**dict(zip(INERTIAL, map(self.joined, rates, known), strict=True)))
+            power = power - (fluid[..., 0] * torch.cat((moving, self.unknown(nodes.spin)), -1)).sum(
+                (-1, -2)
+            )
+            known = (
+                x.index_select(-2, self.places[1])
+                for x in (nodes.acceleration, nodes.angular_acceleration)
+            )
+            nodes = nodes._replace(
+                **dict(zip(INERTIAL, map(self.joined, rates, known), strict=True))
+            )
         if nodes.internal is not None:
             parts.append(advanced_rates(model, nodes, now))
         if self.carried:
             motion = torch.cat((nodes.velocity, nodes.spin), -1).index_select(-2, self.places[1])
             power = power + (self._clamp_reaction(now, nodes, spin, net) * motion).sum((-1, -2))
-        return torch.cat([x.expand(*y.shape[:-1], x.shape[-1]) for x in (*parts, power[..., None])], -1)
+        return torch.cat(
+            [x.expand(*y.shape[:-1], x.shape[-1]) for x in (*parts, power[..., None])], -1
+        )
 
     def reaction(self, now: Conditions, nodes: Nodes, spin: Tensor, net: Tensor) -> Tensor:
-        """(..., K, w): what the balance lacks at the supports, inertia included: of clamps that move, and of a mass that
-        moves though its node is held in part.
+        """(..., K, w): what the balance lacks at the supports, inertia included: of clamps that
+        move, and of a mass that moves though its node is held in part.
         """
         constraints, clamped = self.model.constraints, -net.index_select(-2, self.places[1])
         if not constraints.nodes:
             return net[..., :0, :]
-        free = self._solved(now, nodes, spin, net)[1] if self.partly_held is not None else -self.unknown(net)
-        lacks = self.joined(free, self._clamp_reaction(now, nodes, spin, net) if self.carried else clamped)
+        free = (
+            self._solved(now, nodes, spin, net)[1]
+            if self.partly_held is not None
+            else -self.unknown(net)
+        )
+        lacks = self.joined(
+            free, self._clamp_reaction(now, nodes, spin, net) if self.carried else clamped
+        )
         return constraints.fixed * lacks[..., list(constraints.nodes), :]
 
     # Clamps: each by its support, (..., n), then side by side, (..., K, n)
 
-    def _of_clamps(self, motion: Callable[[Support, Tensor], tuple[Tensor, ...]], t: Tensor) -> tuple[Tensor, ...]:
+    def _of_clamps(
+        self, motion: Callable[[Support, Tensor], tuple[Tensor, ...]], t: Tensor
+    ) -> tuple[Tensor, ...]:
         of_each = (motion(support, t) for support in self.clamps)
-        return tuple(torch.stack(torch.broadcast_tensors(*parts), -2) for parts in zip(*of_each, strict=True))
+        return tuple(
+            torch.stack(torch.broadcast_tensors(*parts), -2) for parts in zip(*of_each, strict=True)
+        )
 
     def _held(self, support: Support, t: Tensor) -> tuple[Tensor, ...]:
         """Position, rotation, velocity and spin (section axes)."""
@@ -247,7 +321,7 @@ class Rates:
         r, q = space.pose(*model.prescribed_motion.pose(support, t))
         if self.carried:
             return r, q, *space.motion(*model.prescribed_motion.absolute(support, t))
-        return r, q, torch.zeros_like(r), torch.zeros_like(r[..., :space.dims.spin])
+        return r, q, torch.zeros_like(r), torch.zeros_like(r[..., : space.dims.spin])
 
     def _accelerations(self, support: Support, t: Tensor) -> tuple[Tensor, Tensor]:
         """Acceleration and angular acceleration, absolute, frame a."""
@@ -257,7 +331,9 @@ class Rates:
 
     def _clamp_reaction(self, now: Conditions, nodes: Nodes, spin: Tensor, net: Tensor) -> Tensor:
         """(..., K, w): what the clamps' motion asks for, less what else acts there."""
-        q, v, spin, net = (x.index_select(-2, self.places[1]) for x in (nodes.rotation, nodes.velocity, spin, net))
+        q, v, spin, net = (
+            x.index_select(-2, self.places[1]) for x in (nodes.rotation, nodes.velocity, spin, net)
+        )
         a, alpha = self._of_clamps(self._accelerations, now.t)
         block, known = self._asked(self.clamped, now, q, v, spin)
         rates = torch.cat(broadcast_matrices(now.frame.rate(a, lambda: -v), alpha), -1)
@@ -268,7 +344,19 @@ class Rates:
         now, (nodes, spin, _) = self.conditions(t), self.unpack(t, y)
         net, _ = self.balance(now, nodes)
         work = y[..., -1]
-        return self.model.space.to_public(State(
-            *nodes[:3], spin, self.stress(nodes, now), self.reaction(now, nodes, spin, net), work, torch.zeros_like(work),
-            t.expand(work.shape), status, frame=nodes.frame, internal=nodes.internal,
-            supports=self.model.constraints.nodes, parts=self.model.scene.beam.parts))
+        return self.model.space.to_public(
+            State(
+                *nodes[:3],
+                spin,
+                self.stress(nodes, now),
+                self.reaction(now, nodes, spin, net),
+                work,
+                torch.zeros_like(work),
+                t.expand(work.shape),
+                status,
+                frame=nodes.frame,
+                internal=nodes.internal,
+                supports=self.model.constraints.nodes,
+                parts=self.model.scene.beam.parts,
+            )
+        )

@@ -1,4 +1,6 @@
-"""Redundant constraints: what a joint holds that supports and other joints hold, where nothing between them gives way."""
+"""Redundant constraints: what a joint holds that supports and other joints hold, where nothing
+between them gives way.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +16,9 @@ RANK = {torch.float64: 1e-9, torch.float32: 1e-4}  # of a row
 
 
 def refuse_redundant(model: Model) -> None:
-    """Raises ValueError where the gradients of the constraints by all moves that supports leave are dependent, as drawn: their
-    forces are then not determined. Names the first joint in the list that holds what those before it hold.
+    """Raises ValueError where the gradients of the constraints by all moves that supports leave are
+    dependent, as drawn: their forces are then not determined. Names the first joint in the list
+    that holds what those before it hold.
     """
     if not model.joints.count:
         return
@@ -26,11 +29,13 @@ def refuse_redundant(model: Model) -> None:
         return
     counts, before = [int(held.sum()) for held in model.joints.held], 0
     for k, (joint, count) in enumerate(zip(model.scene.joints, counts, strict=True)):
-        more = count - _rank(G[..., :before + count, :], least) + before
+        more = count - _rank(G[..., : before + count, :], least) + before
         if more:
-            raise ValueError(f"joint {k}, a {joint}, was given, which holds {more} of {count} components that supports or "
-                             "joints before it hold already; one that leaves these free (a Ball or a Cylindrical in place of a "
-                             "Hinge), or a beam that bends between them, is wanted")
+            raise ValueError(
+                f"joint {k}, a {joint}, was given, which holds {more} of {count} components that "
+                "supports or joints before it hold already; one that leaves these free (a Ball or "
+                "a Cylindrical in place of a Hinge), or a beam that bends between them, is wanted"
+            )
         before += count
 
 
@@ -40,7 +45,9 @@ def _rank(G: Tensor, least: float) -> int:
 
 
 def _gradient(model: Model) -> Tensor:
-    """(..., constraints, unknowns) as drawn, by what supports leave: displacements in sizes of the whole, and rotations."""
+    """(..., constraints, unknowns) as drawn, by what supports leave: displacements in sizes of the
+    whole, and rotations.
+    """
     joints, beam = model.joints, model.scene.beam
     ends = joints.framework.at_joints
     pose = Pose(ends(beam.nodes), ends(beam.axes.flatten(-2)).unflatten(-1, (3, 3)))

@@ -1,4 +1,5 @@
-"""Rotary inertia of the nodes about their centres of mass: angular momentum R J Omega, and what changing it asks for.
+"""Rotary inertia of the nodes about their centres of mass: angular momentum R J Omega, and what
+changing it asks for.
 
 What only rotary inertia asks for is given as a function.
 """
@@ -80,5 +81,7 @@ class RotaryInertia(NoRotaryInertia):
         return (self.space.spin_skew(spin) @ self.section_momentum(spin)[..., None])[..., 0]
 
     def momentum_by(self, R: Tensor, by_spin: Tensor, H: Tensor, turn: Tensor) -> Tensor:
-        """d(R J Omega) = R J d(Omega) - H x d(turn), (..., N+1, s, s), of d(Omega) in section axes and d(turn) in frame a."""
+        """d(R J Omega) = R J d(Omega) - H x d(turn), (..., N+1, s, s), of d(Omega) in section axes
+        and d(turn) in frame a.
+        """
         return R @ (self.J @ by_spin) - self.space.spin_skew(H) @ turn

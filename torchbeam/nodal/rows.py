@@ -1,5 +1,5 @@
-"""Rows: constants of nodes and of the elements between them, which are all that the physics reads of a beam: of all nodes and
-elements of a model, or of one node or one element of it.
+"""Rows: constants of nodes and of the elements between them, which are all that the physics reads
+of a beam: of all nodes and elements of a model, or of one node or one element of it.
 """
 
 from __future__ import annotations
@@ -28,8 +28,9 @@ from .rotary import NoRotaryInertia, RotaryInertia
 
 @dataclass(frozen=True)
 class NodeRows(Tree):
-    """Of nodes, one by one: mass, J, offset: see `LumpedMass`, `RotaryInertia`, `MassOffset`, None = absent; slide, turn: see
-    `Constraints`; section_mass, tributary_length, s: see `Rows`; frames, R: see `Linearised`, None in other coordinates.
+    """Of nodes, one by one: mass, J, offset: see `LumpedMass`, `RotaryInertia`, `MassOffset`,
+    None = absent; slide, turn: see `Constraints`; section_mass, tributary_length, s: see `Rows`;
+    frames, R: see `Linearised`, None in other coordinates.
     """
 
     mass: Tensor = leaf(2)
@@ -46,8 +47,8 @@ class NodeRows(Tree):
 
 @dataclass(frozen=True)
 class ElementRows(Tree):
-    """Of elements, one by one: length, reference, law: see `Rows`; coupling: see `SharedMass`, None = absent; linear: None but
-    for small rotations.
+    """Of elements, one by one: length, reference, law: see `Rows`; coupling: see `SharedMass`,
+    None = absent; linear: None but for small rotations.
     """
 
     length: Tensor = leaf(2)
@@ -58,7 +59,9 @@ class ElementRows(Tree):
 
 
 class Held(NamedTuple):
-    """What supports hold: of each its node and what is fixed (w) of it; nodes and axes of hinges."""
+    """What supports hold: of each its node and what is fixed (w) of it; nodes and axes of
+    hinges.
+    """
 
     nodes: tuple[int, ...]
     fixed: tuple[Tensor, ...]
@@ -67,12 +70,14 @@ class Held(NamedTuple):
 
 @dataclass(frozen=True)
 class Rows(Tree):
-    """Constants of the nodal form; leading axes are batch axes; w, k: a node's unknowns and an element's strains in `space`.
+    """Constants of the nodal form; leading axes are batch axes; w, k: a node's unknowns and an
+    element's strains in `space`.
 
     length     (..., N, 1) m; None = there are no elements, as with reference and law
     reference  (..., N, k) strain of the undeformed beam
     law        the constitutive law
-    section_mass  (..., N+1, 6, 6) mean mass per length about each node, with what is fixed to it: for line loads
+    section_mass  (..., N+1, 6, 6) mean mass per length about each node, with what is fixed to it:
+                  for line loads
     tributary_length  (..., N+1, 1) m of beam that belong to each node, 1 of a body
     s          (..., N+1) m, arclength of the nodes
     joints     between nodes
@@ -91,24 +96,59 @@ class Rows(Tree):
     joints: NoJoints = field(default_factory=NoJoints, kw_only=True)
 
     @classmethod
-    def of(cls, space: Spatial, order: int, nodes: NodeRows, elements: ElementRows | None, held: Held,
-           difference: tuple[float, ...] | None = None) -> Rows:
-        """Of one node alone (elements None), or of one element of this order and its nodes; space: as it is elsewhere, but for
-        what rows say of it; difference: see `SharedMass`.
+    def of(
+        cls,
+        space: Spatial,
+        order: int,
+        nodes: NodeRows,
+        elements: ElementRows | None,
+        held: Held,
+        difference: tuple[float, ...] | None = None,
+    ) -> Rows:
+        """Of one node alone (elements None), or of one element of this order and its nodes; space:
+        as it is elsewhere, but for what rows say of it; difference: see `SharedMass`.
         """
-        length, reference, law, coupling, linear = (None,) * 5 if elements is None else vars(elements).values()
+        length, reference, law, coupling, linear = (
+            (None,) * 5 if elements is None else vars(elements).values()
+        )
         if isinstance(space, Linearised):
             space = type(space)(nodes.frames, nodes.R, linear)
         topology = Chain(order, 0 if elements is None else 1)
         free = torch.ones(topology.node_count, space.unknowns, dtype=torch.bool)
         fixed = torch.stack(held.fixed) if held.fixed else nodes.mass.new_zeros(0, space.unknowns)
-        constraints = Constraints(held.nodes, fixed, free, topology.unknowns(free, nodes.mass), nodes.slide, nodes.turn,
-                                  held.hinges)
-        mass = LumpedMass(topology, nodes.mass) if coupling is None else SharedMass(topology, nodes.mass, coupling, difference)
+        constraints = Constraints(
+            held.nodes,
+            fixed,
+            free,
+            topology.unknowns(free, nodes.mass),
+            nodes.slide,
+            nodes.turn,
+            held.hinges,
+        )
+        mass = (
+            LumpedMass(topology, nodes.mass)
+            if coupling is None
+            else SharedMass(topology, nodes.mass, coupling, difference)
+        )
         rotary = NoRotaryInertia(space) if nodes.J is None else RotaryInertia(space, nodes.J)
-        inertia = Inertia(space, mass, rotary, NoMassOffset() if nodes.offset is None else MassOffset(space, nodes.offset))
-        return Rows(space, topology, constraints, inertia, length, reference, law, nodes.section_mass, nodes.tributary_length,
-                    nodes.s)
+        inertia = Inertia(
+            space,
+            mass,
+            rotary,
+            NoMassOffset() if nodes.offset is None else MassOffset(space, nodes.offset),
+        )
+        return Rows(
+            space,
+            topology,
+            constraints,
+            inertia,
+            length,
+            reference,
+            law,
+            nodes.section_mass,
+            nodes.tributary_length,
+            nodes.s,
+        )
 
     @property
     def nodes(self) -> NodeRows:
@@ -116,14 +156,30 @@ class Rows(Tree):
         inertia, held, frames, R = self.inertia, self.constraints, None, None
         if isinstance(self.space, Linearised):
             frames, R = self.space.frames, self.space.R
-        return NodeRows(inertia.mass, getattr(inertia.rotary, "J", None), getattr(inertia.offset, "offset", None), held.slide,
-                        held.turn, self.section_mass, self.tributary_length, self.s, frames, R)
+        return NodeRows(
+            inertia.mass,
+            getattr(inertia.rotary, "J", None),
+            getattr(inertia.offset, "offset", None),
+            held.slide,
+            held.turn,
+            self.section_mass,
+            self.tributary_length,
+            self.s,
+            frames,
+            R,
+        )
 
     @property
     def elements(self) -> ElementRows:
         """All of them."""
         linear = self.space.element if isinstance(self.space, Linearised) else None
-        return ElementRows(self.length, self.reference, self.law, getattr(self.inertia.translational, "coupling", None), linear)
+        return ElementRows(
+            self.length,
+            self.reference,
+            self.law,
+            getattr(self.inertia.translational, "coupling", None),
+            linear,
+        )
 
     @property
     def node_count(self) -> int:
@@ -136,8 +192,8 @@ class Rows(Tree):
 
     @property
     def spans(self) -> Tensor:
-        """(..., N, 1) m, what forces and moments are measured against: lengths of the elements; of none, (..., 1, 1) the size
-        of what joints connect.
+        """(..., N, 1) m, what forces and moments are measured against: lengths of the elements; of
+        none, (..., 1, 1) the size of what joints connect.
         """
         return self.length if self.station_count else self.joints.spans(self.length)
 
@@ -162,7 +218,11 @@ class Rows(Tree):
         """(...) J"""
         return self.inertia.kinetic_energy(rotation, velocity, spin)
 
-    def strain_energy(self, position: Tensor, rotation: Tensor, eigenstrain: Tensor | float = 0.0) -> Tensor:
-        """(...) J; an impossible strain stores none, whatever a start or rounding has left of it."""
+    def strain_energy(
+        self, position: Tensor, rotation: Tensor, eigenstrain: Tensor | float = 0.0
+    ) -> Tensor:
+        """(...) J; an impossible strain stores none, whatever a start or rounding has left of
+        it.
+        """
         e = self.strain(self.kinematics(position, rotation)) - eigenstrain
         return (self.length * self.law.energy(e)).sum((-1, -2))

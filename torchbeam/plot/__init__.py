@@ -1,6 +1,7 @@
 """Pictures of beams and their motions (extra `plot`: matplotlib).
 
-    ax = tb.plot.shape(solution.state[::10])        each function takes axes or makes new ones, and returns them
+    ax = tb.plot.shape(solution.state[::10])
+    each function takes axes or makes new ones, and returns them
     tb.plot.save(ax, "out/shapes.png")
     tb.plot.animate(solution, "out/motion.gif")
 
@@ -15,7 +16,24 @@ from .identification import correlation, fit, profile
 from .shapes import mode_shapes, shape
 from .uncertainty import bands, convergence, histogram, tornado
 
-__all__ = ["animate", "axes", "bands", "campbell", "convergence", "correlation", "energies", "fit", "grid", "histogram",
-           "history", "load_path", "mode_shapes", "profile", "save", "shape", "tornado"]
+__all__ = [
+    "animate",
+    "axes",
+    "bands",
+    "campbell",
+    "convergence",
+    "correlation",
+    "energies",
+    "fit",
+    "grid",
+    "histogram",
+    "history",
+    "load_path",
+    "mode_shapes",
+    "profile",
+    "save",
+    "shape",
+    "tornado",
+]
 
 entry_points(globals(), __all__)

@@ -17,30 +17,39 @@ GREY = "0.6"
 
 
 def axes(size: tuple[float, float] = (6.0, 3.8), *, three: bool = False) -> Axes:
-    """Axes in a new figure of the given size (inches), flat or three-dimensional. Raises ImportError without matplotlib."""
+    """Axes in a new figure of the given size (inches), flat or three-dimensional. Raises
+    ImportError without matplotlib.
+    """
     figure = _figure(size)
     return _tidy(figure.add_subplot(projection="3d" if three else None))
 
 
-def grid(rows: int, columns: int, size: tuple[float, float] | None = None, *, three: Sequence[int] = ()) -> list[Axes]:
-    """Axes, rows x columns of them row by row, in one new figure of the given size (inches); `three`: the places, counted from
-    0, of three-dimensional ones. Raises ImportError without matplotlib.
+def grid(
+    rows: int, columns: int, size: tuple[float, float] | None = None, *, three: Sequence[int] = ()
+) -> list[Axes]:
+    """Axes, rows x columns of them row by row, in one new figure of the given size (inches);
+    `three`: the places, counted from 0, of three-dimensional ones. Raises ImportError without
+    matplotlib.
     """
     figure = _figure(size or (5.0 * columns, 3.4 * rows))
-    return [_tidy(figure.add_subplot(rows, columns, i + 1, projection="3d" if i in three else None))
-            for i in range(rows * columns)]
+    return [
+        _tidy(figure.add_subplot(rows, columns, i + 1, projection="3d" if i in three else None))
+        for i in range(rows * columns)
+    ]
 
 
 def save(ax: Axes, path: str | Path, dpi: int = 150) -> Path:
-    """Figure of `ax`, written to a file whose ending says of which kind (.png, .pdf, .svg ...), with `dpi` dots an inch: the
-    path of that. Its folder is made where it is missing.
+    """Figure of `ax`, written to a file whose ending says of which kind (.png, .pdf, .svg ...),
+    with `dpi` dots an inch: the path of that. Its folder is made where it is missing.
 
-    Raises ValueError for a kind that matplotlib does not have, and for a folder that cannot be made or written, or lies in
-    none; files.NotWritten (an OSError) where the disk is full.
+    Raises ValueError for a kind that matplotlib does not have, and for a folder that cannot be made
+    or written, or lies in none; files.NotWritten (an OSError) where the disk is full.
     """
     path = Path(path)
     if not path.suffix:
-        raise ValueError(f"the file {path.name!r} was given; one that ends in .png, .pdf, .svg ... is wanted")
+        raise ValueError(
+            f"the file {path.name!r} was given; one that ends in .png, .pdf, .svg ... is wanted"
+        )
     folder(path.parent)
     with written(path) as part:
         ax.figure.savefig(part, dpi=dpi, format=path.suffix[1:])
@@ -49,7 +58,9 @@ def save(ax: Axes, path: str | Path, dpi: int = 150) -> Path:
 
 @contextmanager
 def where_installed() -> Iterator[None]:
-    """For the pictures of a command, which goes on without them where matplotlib is not installed, and says so."""
+    """For the pictures of a command, which goes on without them where matplotlib is not installed,
+    and says so.
+    """
     try:
         yield
     except ImportError as error:
@@ -67,12 +78,16 @@ def numbers(x: Tensor) -> Any:
 
 
 def _figure(size: tuple[float, float]) -> Any:
-    """Figure of the given size (inches), of nobody but the caller. Raises ImportError without matplotlib."""
+    """Figure of the given size (inches), of nobody but the caller. Raises ImportError without
+    matplotlib.
+    """
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError:
-        raise ImportError("torchbeam.plot wants matplotlib: pip install 'torchbeam[plot]'") from None
+        raise ImportError(
+            "torchbeam.plot wants matplotlib: pip install 'torchbeam[plot]'"
+        ) from None
     figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
     return figure

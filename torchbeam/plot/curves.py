@@ -14,20 +14,38 @@ from ..state.solution import Solution
 from .canvas import GREY, Axes, axes, numbers
 
 
-def history(solution: Solution, sensor: Sensor, ax: Axes | None = None, *, label: str | None = None, **line: Any) -> Axes:
-    """Readings of a sensor, in its unit, over time (s), one line for each of its numbers; of a batch, thin lines in one colour
-    for each number.
+def history(
+    solution: Solution,
+    sensor: Sensor,
+    ax: Axes | None = None,
+    *,
+    label: str | None = None,
+    **line: Any,
+) -> Axes:
+    """Readings of a sensor, in its unit, over time (s), one line for each of its numbers; of a
+    batch, thin lines in one colour for each number.
 
     label  in front of the sensor's own labels;  further keywords: as matplotlib has them for lines
     """
     ax = axes() if ax is None else ax
     t, values = numbers(solution.t), sensor.flat(solution.state).detach()
     values = values.reshape(len(t), -1, sensor.size)
-    crowd = dict(alpha=max(0.15, values.shape[1] ** -0.5), lw=0.8) if values.shape[1] > 1 else dict(lw=1.5)
+    crowd = (
+        dict(alpha=max(0.15, values.shape[1] ** -0.5), lw=0.8)
+        if values.shape[1] > 1
+        else dict(lw=1.5)
+    )
     for k, name in enumerate(sensor.labels):
-        lines = ax.plot(t, numbers(values[..., k]), **{"color": ax._get_lines.get_next_color(), **crowd, **line})
-        lines[0].set_label(" ".join(filter(None, (label, name if sensor.size > 1 or label is None else None))))
-    ax.set(xlabel="time / s", ylabel=f"{sensor.name}{'' if sensor.unit == '1' else f' / {sensor.unit}'}")
+        lines = ax.plot(
+            t, numbers(values[..., k]), **{"color": ax._get_lines.get_next_color(), **crowd, **line}
+        )
+        lines[0].set_label(
+            " ".join(filter(None, (label, name if sensor.size > 1 or label is None else None)))
+        )
+    ax.set(
+        xlabel="time / s",
+        ylabel=f"{sensor.name}{'' if sensor.unit == '1' else f' / {sensor.unit}'}",
+    )
     ax.margins(x=0)
     if sensor.size > 1 or label:
         _legend(ax)
@@ -35,13 +53,16 @@ def history(solution: Solution, sensor: Sensor, ax: Axes | None = None, *, label
 
 
 def energies(solution: Solution, ax: Axes | None = None) -> Axes:
-    """Energies (J) of one sample over time (s): kinetic, strain, their sum, and the loads' work. The gap between the sum and
-    the work is what damping took. Raises ValueError for a batch.
+    """Energies (J) of one sample over time (s): kinetic, strain, their sum, and the loads' work.
+    The gap between the sum and the work is what damping took. Raises ValueError for a batch.
     """
     ax = axes() if ax is None else ax
     t, energy = numbers(solution.t), solution.energy
     if energy.kinetic.ndim != 1:
-        raise ValueError(f"a batch {tuple(energy.kinetic.shape[1:])} of solutions was given to energies; one sample is wanted")
+        raise ValueError(
+            f"a batch {tuple(energy.kinetic.shape[1:])} of solutions was given to energies; one "
+            "sample is wanted"
+        )
     ax.plot(t, numbers(energy.kinetic), color="C0", lw=1, label="kinetic")
     ax.plot(t, numbers(energy.strain), color="C1", lw=1, label="strain")
     ax.plot(t, numbers(energy.kinetic + energy.strain), color="k", lw=1.8, label="kinetic + strain")
@@ -52,19 +73,29 @@ def energies(solution: Solution, ax: Axes | None = None) -> Axes:
     return _legend(ax)
 
 
-def load_path(path: Any, sensor: Sensor, ax: Axes | None = None, *, label: str | None = None, name: str = "load factor",
-              **line: Any) -> Axes:
-    """Load-displacement curve: the load factor over a sensor's readings along a path of equilibria, dashed where unstable, with
-    a dot at each limit point and a cross at each branch point; one line for each of the sensor's numbers and each sample of a
-    batch.
+def load_path(
+    path: Any,
+    sensor: Sensor,
+    ax: Axes | None = None,
+    *,
+    label: str | None = None,
+    name: str = "load factor",
+    **line: Any,
+) -> Axes:
+    """Load-displacement curve: the load factor over a sensor's readings along a path of equilibria,
+    dashed where unstable, with a dot at each limit point and a cross at each branch point; one line
+    for each of the sensor's numbers and each sample of a batch.
 
-    path  what `tb.path` returns: factor (P, ...), state, stable, valid and kind, P equilibria in path order
+    path  what `tb.path` returns: factor (P, ...), state, stable, valid and kind, P equilibria in
+          path order
     name  of the load's axis
     """
     ax = axes() if ax is None else ax
     P = len(path.factor)
-    factor, good, valid, kind = (torch.as_tensor(x).detach().cpu().reshape(P, -1)
-                                 for x in (path.factor, path.stable, path.valid, path.kind))
+    factor, good, valid, kind = (
+        torch.as_tensor(x).detach().cpu().reshape(P, -1)
+        for x in (path.factor, path.stable, path.valid, path.kind)
+    )
     values = sensor.flat(path.state).detach().cpu().reshape(P, -1, sensor.size)
     for k, part in enumerate(sensor.labels):
         color = ax._get_lines.get_next_color()
@@ -75,7 +106,11 @@ def load_path(path: Any, sensor: Sensor, ax: Axes | None = None, *, label: str |
             cuts = [0, *((firm[1:] != firm[:-1]).nonzero()[:, 0] + 1).tolist(), n]
             for first, last in pairwise(cuts):
                 piece = slice(max(first - 1, 0), last)
-                ax.plot(x[piece], y[piece], **{"color": color, "lw": 1.6, "ls": "-" if firm[first] else "--", **line})
+                ax.plot(
+                    x[piece],
+                    y[piece],
+                    **{"color": color, "lw": 1.6, "ls": "-" if firm[first] else "--", **line},
+                )
             for which, mark in ((1, "o"), (2, "x")):
                 there = (kind[:n, i] == which).numpy()
                 ax.plot(x[there], y[there], mark, color=color, ms=5)
@@ -84,10 +119,17 @@ def load_path(path: Any, sensor: Sensor, ax: Axes | None = None, *, label: str |
     return _legend(ax) if sensor.size > 1 or label else ax
 
 
-def campbell(speed: Tensor, frequency: Tensor, ax: Axes | None = None, *, orders: Sequence[int] = (1, 2, 3),
-             names: Sequence[str] | None = None) -> Axes:
-    """Campbell diagram (Campbell 1924): frequencies of a beam over the speed at which it turns, with rays at multiples of that
-    speed; where one crosses a curve, that order of the turning excites that mode.
+def campbell(
+    speed: Tensor,
+    frequency: Tensor,
+    ax: Axes | None = None,
+    *,
+    orders: Sequence[int] = (1, 2, 3),
+    names: Sequence[str] | None = None,
+) -> Axes:
+    """Campbell diagram (Campbell 1924): frequencies of a beam over the speed at which it turns,
+    with rays at multiples of that speed; where one crosses a curve, that order of the turning
+    excites that mode.
 
     speed      (n,) rad/s
     frequency  (n, count) rad/s
@@ -99,15 +141,26 @@ def campbell(speed: Tensor, frequency: Tensor, ax: Axes | None = None, *, orders
     ax = axes() if ax is None else ax
     x, y = numbers(torch.as_tensor(speed)), numbers(torch.as_tensor(frequency))
     if x.ndim != 1 or y.ndim != 2 or len(x) != len(y):
-        raise ValueError(f"speeds {x.shape} and frequencies {y.shape} were given to campbell; (n,) and (n, count) are wanted")
+        raise ValueError(
+            f"speeds {x.shape} and frequencies {y.shape} were given to campbell; (n,) and (n, "
+            "count) are wanted"
+        )
     for k, curve in enumerate(y.T):
         ax.plot(x, curve, color=f"C{k % 10}", lw=1.6, label=None if names is None else names[k])
     top = 1.05 * y.max()
     for order in orders:
         end = min(x.max(), top / order)
         ax.plot([0, end], [0, order * end], color=GREY, lw=0.8, ls=":")
-        ax.annotate(f"{order}/rev", (end, order * end), (2, 0), textcoords="offset points", color="0.4", fontsize=8,
-                    va="center" if end == x.max() else "bottom", annotation_clip=False)
+        ax.annotate(
+            f"{order}/rev",
+            (end, order * end),
+            (2, 0),
+            textcoords="offset points",
+            color="0.4",
+            fontsize=8,
+            va="center" if end == x.max() else "bottom",
+            annotation_clip=False,
+        )
     ax.set(xlabel="speed / (rad/s)", ylabel="frequency / (rad/s)", xlim=(0, x.max()), ylim=(0, top))
     return ax if names is None else _legend(ax)
 

@@ -14,15 +14,23 @@ LABEL = 20  # letters of a line of a name beside a matrix
 
 
 def fit(fit: Any) -> list[Axes]:
-    """Data and model of a `Fit` over time, with what is left of them below: a column of two axes for each channel of several
-    readings. The band about the model is where 95 % of the readings are expected: parameters' deviations and noise; that about
-    the residuals' zero the noise's alone. Measurements of a single reading are left out.
+    """Data and model of a `Fit` over time, with what is left of them below: a column of two axes
+    for each channel of several readings. The band about the model is where 95 % of the readings are
+    expected: parameters' deviations and noise; that about the residuals' zero the noise's alone.
+    Measurements of a single reading are left out.
 
     Raises ValueError for a fit all of whose measurements are single readings.
     """
-    shown = [(reading, k, name) for reading in fit.readings if reading.data.ndim and len(reading.data) > 1 for k, name in enumerate(reading.names)]
+    shown = [
+        (reading, k, name)
+        for reading in fit.readings
+        if reading.data.ndim and len(reading.data) > 1
+        for k, name in enumerate(reading.names)
+    ]
     if not shown:
-        raise ValueError("a fit to single readings was given to plot.fit; one with readings over time is wanted")
+        raise ValueError(
+            "a fit to single readings was given to plot.fit; one with readings over time is wanted"
+        )
     places = grid(2, len(shown), (5.0 * len(shown), 4.6))
     for column, (one, k, name) in enumerate(shown):
         above, below = places[column], places[len(shown) + column]
@@ -30,14 +38,22 @@ def fit(fit: Any) -> list[Axes]:
         t = torch.arange(len(data)) if one.times is None else one.times
         noise = torch.ones_like(y) if one.sigma is None else one.columns(one.sigma)[k]
         noise = noise * fit.scale
-        own = torch.zeros_like(y) if one.deviation is None else one.columns(one.deviation)[k].nan_to_num()
+        own = (
+            torch.zeros_like(y)
+            if one.deviation is None
+            else one.columns(one.deviation)[k].nan_to_num()
+        )
         order = t.argsort()
         t, data, y, noise, own = (v[order] for v in (t, data, y, noise, own))
         room = BAND * (own.square() + noise.square()).sqrt()
-        above.fill_between(numbers(t), numbers(y - room), numbers(y + room), color="C0", alpha=0.2, lw=0)
+        above.fill_between(
+            numbers(t), numbers(y - room), numbers(y + room), color="C0", alpha=0.2, lw=0
+        )
         above.plot(numbers(t), numbers(data), ".", ms=4, color=GREY, label="data")
         above.plot(numbers(t), numbers(y), "C0", lw=1.2, label="model")
-        below.fill_between(numbers(t), numbers(-BAND * noise), numbers(BAND * noise), color="0.9", lw=0)
+        below.fill_between(
+            numbers(t), numbers(-BAND * noise), numbers(BAND * noise), color="0.9", lw=0
+        )
         below.plot(numbers(t), numbers(data - y), ".", ms=4, color="C3")
         below.axhline(0, color="k", lw=0.8)
         above.set(title=name, ylabel="reading")
@@ -49,7 +65,9 @@ def fit(fit: Any) -> list[Axes]:
 
 
 def correlation(fit: Any, ax: Axes | None = None) -> Axes:
-    """Correlation matrix of the parameters of a `Fit`, numbers in colours; parameters that the data do not tell are grey."""
+    """Correlation matrix of the parameters of a `Fit`, numbers in colours; parameters that the data
+    do not tell are grey.
+    """
     p, names = len(fit.names), [textwrap.fill(name, LABEL) for name in fit.names]
     ax = axes((2.2 + 0.62 * p, 1.8 + 0.62 * p)) if ax is None else ax
     determined = ~fit.open
@@ -60,15 +78,23 @@ def correlation(fit: Any, ax: Axes | None = None) -> Axes:
         for j in range(p):
             if determined[i] and determined[j]:
                 value = values[i, j].item()
-                ax.text(j, i, f"{value:.2f}", ha="center", va="center", fontsize=8, color="w" if abs(value) > 0.6 else "k")
+                ax.text(
+                    j,
+                    i,
+                    f"{value:.2f}",
+                    ha="center",
+                    va="center",
+                    fontsize=8,
+                    color="w" if abs(value) > 0.6 else "k",
+                )
     ax.set_xticks(range(p), names, rotation=45, ha="right", rotation_mode="anchor", fontsize=8)
     ax.set_yticks(range(p), names, fontsize=8)
     return ax
 
 
 def profile(profile: Any, ax: Axes | None = None) -> Axes:
-    """Profile of one parameter, as `Fit.profile` gives them: the rise of the least misfit over the value at which the parameter
-    is held, with the threshold and the interval.
+    """Profile of one parameter, as `Fit.profile` gives them: the rise of the least misfit over the
+    value at which the parameter is held, with the threshold and the interval.
     """
     ax = axes((4.6, 3.2)) if ax is None else ax
     low, high = profile.interval.tolist()
@@ -78,9 +104,13 @@ def profile(profile: Any, ax: Axes | None = None) -> Axes:
     for end in (low, high):
         if abs(end) != float("inf"):
             ax.plot([end, end], [0, profile.threshold], "C3", lw=1)
-    ax.axhline(profile.threshold, color="C3", lw=0.8, ls="--", label=f"threshold {profile.threshold:.2f}")
+    ax.axhline(
+        profile.threshold, color="C3", lw=0.8, ls="--", label=f"threshold {profile.threshold:.2f}"
+    )
     ax.axvline(profile.values[best].item(), color=GREY, lw=0.8)
     top = float(profile.rise[good].max())
-    ax.set(xlabel=profile.name, ylabel="rise of the misfit", ylim=(0, min(top, 3 * profile.threshold)))
+    ax.set(
+        xlabel=profile.name, ylabel="rise of the misfit", ylim=(0, min(top, 3 * profile.threshold))
+    )
     ax.legend(frameon=False, fontsize=8)
     return ax

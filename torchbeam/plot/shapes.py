@@ -18,19 +18,31 @@ TRIAD = ("#c0392b", "#27ae60", "#2c5fb3")  # x, y, z
 POINTS = 8  # of the curve through an element
 
 
-def shape(state: Any, ax: Axes | None = None, *, plane: str | None = None, frames: bool = False, color: Any = None,
-          label: str | None = None, nodes: bool = True, **line: Any) -> Axes:
-    """Axis of the beam (m, frame a) in a state, or in each of a batch or trajectory, the first darkest. Of a structure all
-    beams, with bodies as squares and joints as rings at the nodes that they connect, with a line between those that are apart.
+def shape(
+    state: Any,
+    ax: Axes | None = None,
+    *,
+    plane: str | None = None,
+    frames: bool = False,
+    color: Any = None,
+    label: str | None = None,
+    nodes: bool = True,
+    **line: Any,
+) -> Axes:
+    """Axis of the beam (m, frame a) in a state, or in each of a batch or trajectory, the first
+    darkest. Of a structure all beams, with bodies as squares and joints as rings at the nodes that
+    they connect, with a line between those that are apart.
 
     state   of any form, with any leading axes
-    plane   "xy", "xz" or "yz": seen along the third axis; None = in space, unless all lies in one of these planes
+    plane   "xy", "xz" or "yz": seen along the third axis; None = in space, unless all lies in one
+            of these planes
     frames  draw the section axes of the nodes too: x red, y green, z blue
     nodes   mark the nodes;  color, label and further keywords: as matplotlib has them for lines
 
     Between nodes the curve is cubic, with the sections' x axes as its tangents.
 
-    Raises ValueError for what is no state, a plane that is none, and flat axes for a beam that lies in no plane.
+    Raises ValueError for what is no state, a plane that is none, and flat axes for a beam that lies
+    in no plane.
     """
     position, turn = _nodes(state)
     ax, seen = _prepared(ax, plane, position)
@@ -48,16 +60,26 @@ def shape(state: Any, ax: Axes | None = None, *, plane: str | None = None, frame
     return _even(ax, seen)
 
 
-def mode_shapes(state: Any, modes: Modes, ax: Axes | None = None, *, count: int = 4, scale: float = 0.15,
-                plane: str | None = None) -> Axes:
-    """Mode shapes about a state, the first `count`, both of one sample: the beam's axis moved by each mode at the instant at
-    which its displacement is largest, then `scale` times the beam's length; frequencies in Hz, of motions that do not oscillate
-    the rate in 1/s. A mode that hardly displaces the axis (torsion) is named, not drawn. Raises ValueError for a batch, and as
-    `shape`.
+def mode_shapes(
+    state: Any,
+    modes: Modes,
+    ax: Axes | None = None,
+    *,
+    count: int = 4,
+    scale: float = 0.15,
+    plane: str | None = None,
+) -> Axes:
+    """Mode shapes about a state, the first `count`, both of one sample: the beam's axis moved by
+    each mode at the instant at which its displacement is largest, then `scale` times the beam's
+    length; frequencies in Hz, of motions that do not oscillate the rate in 1/s. A mode that hardly
+    displaces the axis (torsion) is named, not drawn. Raises ValueError for a batch, and as `shape`.
     """
     position, turn = _nodes(state)
     if len(position) > 1 or modes.shape.ndim != 3:
-        raise ValueError("modes or a state of more than one sample were given to mode_shapes; one sample is wanted")
+        raise ValueError(
+            "modes or a state of more than one sample were given to mode_shapes; one sample is "
+            "wanted"
+        )
     length = torch.linalg.vector_norm(position[0].diff(dim=0), dim=-1).sum()
     moves = modes.shape.detach()[:count]
     flat = moves[..., :3].flatten(1)
@@ -65,30 +87,44 @@ def mode_shapes(state: Any, modes: Modes, ax: Axes | None = None, *, count: int 
     move = (moves * torch.exp(-1j * peak.angle())).real
     largest = torch.linalg.vector_norm(move[..., :3], dim=-1).amax(-1)
     silent = largest < 1e-3 * length * torch.linalg.vector_norm(move[..., 3:], dim=-1).amax(-1)
-    move = move * torch.where(silent, 0.0, scale * length / largest.clamp(min=1e-300))[:, None, None]
+    move = (
+        move * torch.where(silent, 0.0, scale * length / largest.clamp(min=1e-300))[:, None, None]
+    )
     at_rest = turn[..., 0]
     moved = position + move[..., :3]
-    tilted = at_rest + torch.linalg.cross(move[..., 3:], at_rest.expand_as(moved))  # a mode is linear in its size
+    # a mode is linear in its size
+    tilted = at_rest + torch.linalg.cross(move[..., 3:], at_rest.expand_as(moved))
     chord = torch.linalg.vector_norm(position.diff(dim=-2), dim=-1, keepdim=True)
     ax, seen = _prepared(ax, plane, torch.cat((position, moved)))
     rows = _rows(state)
     ax.plot(*numbers(_curves(rows, position, at_rest)[0][..., seen]).T, color=GREY, lw=1, ls="--")
     for i, curve in enumerate(numbers(_curves(rows, moved, tilted, chord)[..., seen])):
         value = modes.eigenvalue[i].detach()
-        speed = f"{value.imag.abs().item() / (2 * torch.pi):.4g} Hz" if value.imag != 0 else f"{value.real.item():.3g} /s"
+        speed = (
+            f"{value.imag.abs().item() / (2 * torch.pi):.4g} Hz"
+            if value.imag != 0
+            else f"{value.real.item():.3g} /s"
+        )
         line = curve[:0] if silent[i] else curve
-        ax.plot(*line.T, color=f"C{i}", lw=1.8, label=f"{i + 1}: {speed}{' (turns about its axis)' if silent[i] else ''}")
+        ax.plot(
+            *line.T,
+            color=f"C{i}",
+            lw=1.8,
+            label=f"{i + 1}: {speed}{' (turns about its axis)' if silent[i] else ''}",
+        )
     ax.legend(frameon=False, fontsize=8)
     return _even(ax, seen)
 
 
 def _nodes(state: Any) -> tuple[Tensor, Tensor]:
-    """Positions (samples, N+1, 3) m and section axes (samples, N+1, 3, 3) as columns, frame a, of a state of any form. Raises
-    ValueError for what is no state.
+    """Positions (samples, N+1, 3) m and section axes (samples, N+1, 3, 3) as columns, frame a, of a
+    state of any form. Raises ValueError for what is no state.
     """
     if not hasattr(state, "position"):
-        raise ValueError(f"{type(state).__name__} was given to a picture of the beam; a state is wanted (of a solution: "
-                         "solution.state)")
+        raise ValueError(
+            f"{type(state).__name__} was given to a picture of the beam; a state is wanted (of a "
+            "solution: solution.state)"
+        )
     R = quat.matrix(state.rotation) if isinstance(state, State) else state.rotation
     shape = broadcast_shapes(state.position.shape[:-1], R.shape[:-2])
     position, R = state.position.detach().expand(*shape, 3), R.detach().expand(*shape, 3, 3)
@@ -111,49 +147,72 @@ def _mark(ax: Axes, state: Any, points: Any, color: Any) -> None:
         ax.plot(*ends.T, "o", ms=6, mfc="none", mec="k", mew=0.8, color=GREY, ls="-", lw=0.8)
 
 
-def _curves(rows: list[slice], position: Tensor, along: Tensor, length: Tensor | None = None) -> Tensor:
+def _curves(
+    rows: list[slice], position: Tensor, along: Tensor, length: Tensor | None = None
+) -> Tensor:
     """`_curve` of each beam, with a gap (not a number) between two."""
     found = []
     for own in rows:
         inner = own if own.stop is None else slice(own.start, own.stop - 1)
-        found.append(_curve(position[..., own, :], along[..., own, :], None if length is None else length[..., inner, :]))
+        found.append(
+            _curve(
+                position[..., own, :],
+                along[..., own, :],
+                None if length is None else length[..., inner, :],
+            )
+        )
         found.append(torch.full_like(found[-1][..., :1, :], torch.nan))
     return torch.cat(found[:-1], -2) if found else position[..., :0, :]
 
 
 def _curve(position: Tensor, along: Tensor, length: Tensor | None = None) -> Tensor:
-    """Cubic Hermite curves through nodes (samples, N+1, 3): (samples, points, 3). along (samples, N+1, 3): their derivative by
-    arc length; length (..., N, 1) of the elements, by default their chords'.
+    """Cubic Hermite curves through nodes (samples, N+1, 3): (samples, points, 3). along
+    (samples, N+1, 3): their derivative by arc length; length (..., N, 1) of the elements, by
+    default their chords'.
     """
     rise = position.diff(dim=-2)
     length = torch.linalg.vector_norm(rise, dim=-1, keepdim=True) if length is None else length
     start, rise = position[..., :-1, None, :], rise[..., None, :]
-    leaves, comes = ((length * along[..., part, :])[..., None, :] for part in (slice(None, -1), slice(1, None)))
+    leaves, comes = (
+        (length * along[..., part, :])[..., None, :] for part in (slice(None, -1), slice(1, None))
+    )
     x = torch.linspace(0, 1, POINTS + 1, dtype=position.dtype, device=position.device)[:-1, None]
     inside = start + rise * x * x * (3 - 2 * x) + x * (1 - x) * (leaves * (1 - x) - comes * x)
     return torch.cat((inside.flatten(-3, -2), position[..., -1:, :]), -2)
 
 
 def _prepared(ax: Axes | None, plane: str | None, position: Tensor) -> tuple[Axes, list[int]]:
-    """Axes to draw on, and the coordinates that they show of positions (samples, N+1, 3). Raises ValueError as `shape`."""
+    """Axes to draw on, and the coordinates that they show of positions (samples, N+1, 3). Raises
+    ValueError as `shape`.
+    """
     if plane is not None and plane not in PLANES:
-        raise ValueError(f"plane = {plane!r} was given; {', '.join(map(repr, PLANES))} or None is wanted")
+        raise ValueError(
+            f"plane = {plane!r} was given; {', '.join(map(repr, PLANES))} or None is wanted"
+        )
     if ax is not None and is_3d(ax):
         return ax, [0, 1, 2]
     if plane is None:
         extent = position.flatten(0, -2).amax(0) - position.flatten(0, -2).amin(0)
-        flat = [name for name, pair in PLANES.items() if extent[3 - sum(pair)] <= 1e-6 * extent.max()]
+        flat = [
+            name for name, pair in PLANES.items() if extent[3 - sum(pair)] <= 1e-6 * extent.max()
+        ]
         if not flat and ax is not None:
-            raise ValueError("flat axes were given for a beam that is in no plane of two coordinates; say plane=")
+            raise ValueError(
+                "flat axes were given for a beam that is in no plane of two coordinates; say plane="
+            )
         at = [pair for pair in flat if extent[list(PLANES[pair])].min() > 0] or flat
         plane = at[0] if at else None
     seen = [0, 1, 2] if plane is None else list(PLANES[plane])
-    return axes(three=plane is None, size=(6, 5) if plane is None else (6, 3.8)) if ax is None else ax, seen
+    return axes(
+        three=plane is None, size=(6, 5) if plane is None else (6, 3.8)
+    ) if ax is None else ax, seen
 
 
 def _even(ax: Axes, seen: list[int]) -> Axes:
     """The axes with equal scales, names, and room around what was drawn."""
-    for set_label, i in zip((ax.set_xlabel, ax.set_ylabel, *([ax.set_zlabel] if is_3d(ax) else [])), seen, strict=True):
+    for set_label, i in zip(
+        (ax.set_xlabel, ax.set_ylabel, *([ax.set_zlabel] if is_3d(ax) else [])), seen, strict=True
+    ):
         set_label(f"{'xyz'[i]} / m")
     if not is_3d(ax):
         ax.set_aspect("equal", adjustable="datalim")
@@ -185,7 +244,11 @@ def _triads(ax: Axes, position: Tensor, turn: Tensor, seen: list[int]) -> None:
     reach = 0.06 * torch.linalg.vector_norm(position.diff(dim=-2), dim=-1).sum(-1)[:, None, None]
     for i, color in enumerate(TRIAD):
         ends = numbers((position + reach * turn[..., i])[..., seen])
-        for start, end in zip(numbers(position[..., seen]).reshape(-1, len(seen)), ends.reshape(-1, len(seen)), strict=True):
+        for start, end in zip(
+            numbers(position[..., seen]).reshape(-1, len(seen)),
+            ends.reshape(-1, len(seen)),
+            strict=True,
+        ):
             ax.plot(*zip(start, end, strict=True), color=color, lw=1)
 
 

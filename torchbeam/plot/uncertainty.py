@@ -13,9 +13,18 @@ from ..core.validation import Value, as_tensor
 from .canvas import Axes, axes, numbers
 
 
-def histogram(samples: Any, ax: Axes | None = None, *, bins: int = 60, levels: Sequence[float] = (0.05, 0.5, 0.95),
-              interval: float = 0.95, label: str | None = None, name: str = "y") -> Axes:
-    """Density of y, one number a sample, with its mean and quantiles, each with a strip as wide as its interval.
+def histogram(
+    samples: Any,
+    ax: Axes | None = None,
+    *,
+    bins: int = 60,
+    levels: Sequence[float] = (0.05, 0.5, 0.95),
+    interval: float = 0.95,
+    label: str | None = None,
+    name: str = "y",
+) -> Axes:
+    """Density of y, one number a sample, with its mean and quantiles, each with a strip as wide as
+    its interval.
 
     samples  what `tb.monte_carlo` or `tb.monte_carlo_stream` return
     levels   of the quantiles;  interval: confidence level;  name: of y, with its unit
@@ -25,24 +34,52 @@ def histogram(samples: Any, ax: Axes | None = None, *, bins: int = 60, levels: S
     ax = axes() if ax is None else ax
     mean, quantile = samples.mean_interval(interval), samples.quantile(tuple(levels), interval)
     if mean.estimate.numel() != 1:
-        raise ValueError(f"a y {tuple(mean.estimate.shape)} was given to histogram; one number a sample is wanted")
+        raise ValueError(
+            f"a y {tuple(mean.estimate.shape)} was given to histogram; one number a sample is "
+            "wanted"
+        )
     if hasattr(samples, "good"):
-        ax.hist(numbers(samples.good.reshape(-1)), bins=bins, density=True, color="C0", alpha=0.6, label=label)
+        ax.hist(
+            numbers(samples.good.reshape(-1)),
+            bins=bins,
+            density=True,
+            color="C0",
+            alpha=0.6,
+            label=label,
+        )
     else:
         whole = samples.all
         least, largest = whole.least.item(), whole.largest.item()
         room = 0.5 * (least == largest)  # of one value, as matplotlib has it
         edges = torch.linspace(least - room, largest + room, bins + 1, dtype=torch.float64)
         share = samples.histogram(edges).reshape(-1)
-        ax.stairs(numbers(share / edges.diff()), numbers(edges), fill=True, color="C0", alpha=0.6, label=label)
+        ax.stairs(
+            numbers(share / edges.diff()),
+            numbers(edges),
+            fill=True,
+            color="C0",
+            alpha=0.6,
+            label=label,
+        )
     top = ax.get_ylim()[1]
     marks = [("mean", "k", *(x.item() for x in mean))]
-    marks += [(f"{100 * level:g} %", "C1", *(x[k].item() for x in quantile)) for k, level in enumerate(levels)]
+    marks += [
+        (f"{100 * level:g} %", "C1", *(x[k].item() for x in quantile))
+        for k, level in enumerate(levels)
+    ]
     for text, color, centre, low, high in marks:
         ax.axvline(centre, color=color, lw=1, ls="-" if text == "mean" else "--")
         if math.isfinite(low) and math.isfinite(high):
             ax.axvspan(low, high, color=color, alpha=0.25, lw=0)
-        ax.text(centre, top * (1.06 if text == "mean" else 1.01), text, color=color, ha="center", va="bottom", fontsize=8)
+        ax.text(
+            centre,
+            top * (1.06 if text == "mean" else 1.01),
+            text,
+            color=color,
+            ha="center",
+            va="bottom",
+            fontsize=8,
+        )
     lost = f"{samples.failed} failed" if samples.failed else ""
     ax.set(xlabel=name, ylabel="probability density", ylim=(0, top))
     if lost:
@@ -52,10 +89,14 @@ def histogram(samples: Any, ax: Axes | None = None, *, bins: int = 60, levels: S
     return ax
 
 
-def convergence(runs: Mapping[str, Any], reference: Value | None = None, ax: Axes | None = None) -> Axes:
-    """Error of the mean over the number of samples, by run, each with the slope of a line through its latter half.
+def convergence(
+    runs: Mapping[str, Any], reference: Value | None = None, ax: Axes | None = None
+) -> Axes:
+    """Error of the mean over the number of samples, by run, each with the slope of a line through
+    its latter half.
 
-    runs       label -> what `tb.monte_carlo` returns, of replicates or of independent samples; y is one number
+    runs       label -> what `tb.monte_carlo` returns, of replicates or of independent samples; y is
+               one number
     reference  the true mean, None = the mean of each run's samples
 
     Raises ValueError for a y of several numbers, and for one Sobol sequence.
@@ -64,12 +105,22 @@ def convergence(runs: Mapping[str, Any], reference: Value | None = None, ax: Axe
     for k, (label, samples) in enumerate(runs.items()):
         n, error = samples.convergence(reference)
         if error.ndim != 1:
-            raise ValueError(f"a y {tuple(error.shape[1:])} was given to convergence; one number a sample is wanted")
+            raise ValueError(
+                f"a y {tuple(error.shape[1:])} was given to convergence; one number a sample is "
+                "wanted"
+            )
         half = slice(len(n) // 2, None)
         x, y = n[half].double().log(), error[half].log()
         slope = ((x - x.mean()) * (y - y.mean())).sum() / (x - x.mean()).square().sum()
         fit = (y.mean() + slope * (x - x.mean())).exp()
-        ax.loglog(numbers(n), numbers(error), "o", color=f"C{k}", ms=4, label=f"{label}: slope {slope.item():.2f}")
+        ax.loglog(
+            numbers(n),
+            numbers(error),
+            "o",
+            color=f"C{k}",
+            ms=4,
+            label=f"{label}: slope {slope.item():.2f}",
+        )
         ax.loglog(numbers(n[half]), numbers(fit), color=f"C{k}", lw=1)
     ax.set(xlabel="samples", ylabel="RMS error of the mean")
     ax.legend(frameon=False, fontsize=8)
@@ -77,18 +128,36 @@ def convergence(runs: Mapping[str, Any], reference: Value | None = None, ax: Axe
 
 
 def tornado(table: Any, ax: Axes | None = None, *, name: str = "y") -> Axes:
-    """Bars of a `tb.tornado` table, the largest on top: from y at the low quantile of a parameter to y at its high one.
+    """Bars of a `tb.tornado` table, the largest on top: from y at the low quantile of a parameter
+    to y at its high one.
 
     Raises ValueError for a y of several numbers.
     """
     ax = axes((6.0, 1.2 + 0.35 * len(table.names))) if ax is None else ax
     if table.base.numel() != 1:
-        raise ValueError(f"a y {tuple(table.base.shape)} was given to tornado; one number is wanted")
-    base, low, high = table.base.item(), table.low.reshape(-1).tolist(), table.high.reshape(-1).tolist()
+        raise ValueError(
+            f"a y {tuple(table.base.shape)} was given to tornado; one number is wanted"
+        )
+    base, low = table.base.item(), table.low.reshape(-1).tolist()
+    high = table.high.reshape(-1).tolist()
     rows = range(len(table.names) - 1, -1, -1)
     for row, a, b in zip(rows, low, high, strict=True):
-        ax.barh(row, a - base, left=base, height=0.6, color="C0", label="low" if row == rows[0] else None)
-        ax.barh(row, b - base, left=base, height=0.6, color="C1", label="high" if row == rows[0] else None)
+        ax.barh(
+            row,
+            a - base,
+            left=base,
+            height=0.6,
+            color="C0",
+            label="low" if row == rows[0] else None,
+        )
+        ax.barh(
+            row,
+            b - base,
+            left=base,
+            height=0.6,
+            color="C1",
+            label="high" if row == rows[0] else None,
+        )
     ax.axvline(base, color="k", lw=1)
     ax.set_yticks(list(rows), table.names)
     ax.set(xlabel=name)
@@ -96,10 +165,19 @@ def tornado(table: Any, ax: Axes | None = None, *, name: str = "y") -> Axes:
     return ax
 
 
-def bands(t: Tensor, samples: Any, ax: Axes | None = None, *, level: float = 0.9, interval: float | None = 0.95,
-          label: str | None = None, name: str = "y", color: str = "C0") -> Axes:
-    """Median and band of histories y (n, time) over t (time,) s; thin lines are the ends of the intervals of the band and of
-    the median, instant by instant.
+def bands(
+    t: Tensor,
+    samples: Any,
+    ax: Axes | None = None,
+    *,
+    level: float = 0.9,
+    interval: float | None = 0.95,
+    label: str | None = None,
+    name: str = "y",
+    color: str = "C0",
+) -> Axes:
+    """Median and band of histories y (n, time) over t (time,) s; thin lines are the ends of the
+    intervals of the band and of the median, instant by instant.
 
     level  share of the samples within the band;  interval: confidence level, None = no thin lines
 
@@ -109,9 +187,14 @@ def bands(t: Tensor, samples: Any, ax: Axes | None = None, *, level: float = 0.9
     t = as_tensor(t, torch.float64)
     band = samples.bands(level, interval or 0.95)
     if band.estimate.shape != (3, *t.shape) or t.ndim != 1:
-        raise ValueError(f"t {tuple(t.shape)} and y {tuple(band.estimate.shape[1:])} were given to bands; (time,) is wanted")
+        raise ValueError(
+            f"t {tuple(t.shape)} and y {tuple(band.estimate.shape[1:])} were given to bands; "
+            "(time,) is wanted"
+        )
     low, middle, high = (numbers(x) for x in band.estimate)
-    ax.fill_between(numbers(t), low, high, color=color, alpha=0.25, lw=0, label=f"{100 * level:g} % of samples")
+    ax.fill_between(
+        numbers(t), low, high, color=color, alpha=0.25, lw=0, label=f"{100 * level:g} % of samples"
+    )
     ax.plot(numbers(t), middle, color=color, lw=1.6, label=label or "median")
     if interval is not None:
         for part in (band.low, band.high):

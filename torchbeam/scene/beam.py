@@ -27,7 +27,8 @@ from .stations import of_elements
 
 @dataclass(frozen=True)
 class Beam(BeamRows):
-    """A chain of N elements between N + 1 nodes, undeformed, at rest; node 0 is the root, node -1 the tip.
+    """A chain of N elements between N + 1 nodes, undeformed, at rest; node 0 is the root, node -1
+    the tip.
 
     nodes       (..., N+1, 3) m, frame a
     frames      (..., N+1, 4) unit quaternions: section axes of the nodes -> frame a
@@ -35,8 +36,9 @@ class Beam(BeamRows):
     length      (..., N) m, of each element along the reference axis
     compliance  (..., N or 1, 6, 6) and mass (..., N or 1, 6, 6): as in `Section`, per element
     rigid, coupled, offset, rotary: as in `Section`; curved: whether node and element axes differ
-    order       of the elements: 1, or 2 (see `Beam.straight`), with 2 N + 1 nodes and two stations an element: what has an axis
-                of N above then has one of 2 N, each station standing for half of its element
+    order       of the elements: 1, or 2 (see `Beam.straight`), with 2 N + 1 nodes and two stations
+                an element: what has an axis of N above then has one of 2 N, each station standing
+                for half of its element
     linked_interpolation: see `linked`
     """
 
@@ -56,12 +58,19 @@ class Beam(BeamRows):
 
     def __repr__(self) -> str:
         mass = (self.mass[..., 0, 0] * self.length).sum(-1)
-        elements = counted(self.element_count, "element") + (" of order 2" if self.order == 2 else "")
+        elements = counted(self.element_count, "element") + (
+            " of order 2" if self.order == 2 else ""
+        )
         size = [elements, f"{span(self.length.sum(-1))} m long", f"{span(mass)} kg"]
-        shape = ["curved or twisted at rest"] * self.curved + ["linked interpolation"] * self.linked_interpolation
-        return lines("Beam", ", ".join([*size, *shape, *notes(self)]),
-                     f"root at {point(self.nodes[..., 0, :])} m, tip at {point(self.nodes[..., -1, :])} m",
-                     kind(self.batch_shape, self.nodes))
+        shape = ["curved or twisted at rest"] * self.curved + [
+            "linked interpolation"
+        ] * self.linked_interpolation
+        return lines(
+            "Beam",
+            ", ".join([*size, *shape, *notes(self)]),
+            f"root at {point(self.nodes[..., 0, :])} m, tip at {point(self.nodes[..., -1, :])} m",
+            kind(self.batch_shape, self.nodes),
+        )
 
     @property
     def topology(self) -> Chain:
@@ -69,24 +78,30 @@ class Beam(BeamRows):
         return Chain(self.order, self.element_count)
 
     def station_axes(self, frames: Tensor) -> Tensor:
-        """Axes of the elements, or of the stations (..., N, 4), of a beam whose nodes have the axes (..., N+1, 4), quaternions:
-        frame B, in which strain and stress are told.
+        """Axes of the elements, or of the stations (..., N, 4), of a beam whose nodes have the axes
+        (..., N+1, 4), quaternions: frame B, in which strain and stress are told.
         """
         return axes_between(frames, self.order)
 
     def linked(self) -> Beam:
-        """This beam, whose elements bend between their nodes as loads at these would bend them: of fourth order in bending
-        where displacements are small, at no cost.
+        """This beam, whose elements bend between their nodes as loads at these would bend them: of
+        fourth order in bending where displacements are small, at no cost.
 
-        The displacement across an element is quadratic, linked to the rotations of its nodes (linked interpolation, Tessler and
-        Dong 1981): the shear compliance of an element of length h gets its residual bending flexibility h^2/(12 EI) (MacNeal
-        1978). Mass and loads along the beam are integrated by Gregory's end-corrected rule, see `nodal.quadrature`; mass is
-        lumped. From four elements on it pays; stretching and twist stay of second order. Not for the mixed forms.
+        The displacement across an element is quadratic, linked to the rotations of its nodes
+        (linked interpolation, Tessler and Dong 1981): the shear compliance of an element of length
+        h gets its residual bending flexibility h^2/(12 EI) (MacNeal 1978). Mass and loads along the
+        beam are integrated by Gregory's end-corrected rule, see `nodal.quadrature`; mass is lumped.
+        From four elements on it pays; stretching and twist stay of second order. Not for the mixed
+        forms.
 
-        Raises ValueError for elements of order 2, which have a displacement of their own between their ends.
+        Raises ValueError for elements of order 2, which have a displacement of their own between
+        their ends.
         """
         if self.order != 1:
-            raise ValueError(f"linked interpolation of elements of order {self.order} was asked for; order 1 is wanted")
+            raise ValueError(
+                f"linked interpolation of elements of order {self.order} was asked for; order 1 "
+                "is wanted"
+            )
         return replace(self, linked_interpolation=True)
 
     @classmethod
@@ -104,17 +119,21 @@ class Beam(BeamRows):
         """A straight beam of `elements` equal elements.
 
         length     (...) m
-        section    one `Section`; a sequence of one per element; or a function of the arc length s (..., m) m that gives one
-                   `Section` with a last batch axis m: a taper, or `Stations`
-        direction  (..., 3) of the beam, frame a;  up (..., 3): the section's z axis is `up` made square to it; None = frame a's
-                   z (y, where the beam runs along z)
+        section    one `Section`; a sequence of one per element; or a function of the arc length s
+                   (..., m) m that gives one `Section` with a last batch axis m: a taper, or
+                   `Stations`
+        direction  (..., 3) of the beam, frame a;  up (..., 3): the section's z axis is `up` made
+                   square to it; None = frame a's z (y, where the beam runs along z)
         root       (..., 3) m, position of node 0, frame a
-        twist      rad by which the section axes at rest are turned about the beam: a number (...) for that of the tip, growing
-                   evenly from none at the root; or a function of s (..., m) m that gives (..., m), a `TransferTable` for one
-        order      1: elements of two nodes. 2: of three, with a node in the middle of each and two stations of stress, whose
-                   error falls with the fourth power of their length: few of them do where the solution is smooth
+        twist      rad by which the section axes at rest are turned about the beam: a number (...)
+                   for that of the tip, growing evenly from none at the root; or a function of s
+                   (..., m) m that gives (..., m), a `TransferTable` for one
+        order      1: elements of two nodes. 2: of three, with a node in the middle of each and two
+                   stations of stress, whose error falls with the fourth power of their length: few
+                   of them do where the solution is smooth
 
-        Raises ValueError for a length that is not positive, fewer than one element, `up` along `direction`, or another order.
+        Raises ValueError for a length that is not positive, fewer than one element, `up` along
+        `direction`, or another order.
         """
         N = intervals(elements, order)
         (length,), axes, root = placed(section, direction, up, root, length=length, _twist=twist)
@@ -123,16 +142,31 @@ class Beam(BeamRows):
         q = quat.from_matrix(axes)[..., None, :]
         each = (length / N)[..., None].expand(*length.shape, N)
         if twist is None:
-            return cls._with_section(section, nodes, q.expand(*q.shape[:-2], N + 1, 4), q.expand(*q.shape[:-2], N, 4), each,
-                                     curved=False, order=order)
+            return cls._with_section(
+                section,
+                nodes,
+                q.expand(*q.shape[:-2], N + 1, 4),
+                q.expand(*q.shape[:-2], N, 4),
+                each,
+                curved=False,
+                order=order,
+            )
         if callable(twist):
-            angle = as_tensor(check_function("twist", twist, "s")(length[..., None] * s), length.dtype, length.device)
+            angle = as_tensor(
+                check_function("twist", twist, "s")(length[..., None] * s),
+                length.dtype,
+                length.device,
+            )
             if angle.shape[-1:] != (N + 1,):
-                raise ValueError(f"a twist of shape {tuple(angle.shape)} was given; (..., {N + 1}) is wanted")
+                raise ValueError(
+                    f"a twist of shape {tuple(angle.shape)} was given; (..., {N + 1}) is wanted"
+                )
         else:
             angle = as_tensor(twist, length.dtype, length.device)[..., None] * s
         frames = quat.multiply(q, quat.exponential(pad(finite("twist", angle)[..., None], (0, 2))))
-        return cls._with_section(section, nodes, frames, axes_between(frames, order), each, curved=True, order=order)
+        return cls._with_section(
+            section, nodes, frames, axes_between(frames, order), each, curved=True, order=order
+        )
 
     @classmethod
     def curve(
@@ -149,18 +183,23 @@ class Beam(BeamRows):
         """A beam that is curved and twisted at rest, of `elements` elements of equal arc length.
 
         length     (...) m, along the axis
-        curvature  (..., 3) 1/m in section axes: rate of twist, of turning about y and about z. Constant (an arc, a helix), or
-                   a function of s (..., m) m that gives (..., m, 3): then of each element's middle, and constant over it; of
-                   order 2 of two Gauss points between neighbouring nodes, which lie where the curve has them to fourth order
+        curvature  (..., 3) 1/m in section axes: rate of twist, of turning about y and about z.
+                   Constant (an arc, a helix), or a function of s (..., m) m that gives (..., m, 3):
+                   then of each element's middle, and constant over it; of order 2 of two Gauss
+                   points between neighbouring nodes, which lie where the curve has them to fourth
+                   order
         section, direction, up, root, order: as in `straight`, direction and up at node 0
 
-        Over a length h of constant curvature k the axes turn by exp(h ~k) and the axis advances by the integral of exp(s ~k)
-        e1, exactly. No element may turn by pi.
+        Over a length h of constant curvature k the axes turn by exp(h ~k) and the axis advances by
+        the integral of exp(s ~k) e1, exactly. No element may turn by pi.
 
-        Raises ValueError for a length that is not positive, fewer than one element, or elements that turn by pi or more.
+        Raises ValueError for a length that is not positive, fewer than one element, or elements
+        that turn by pi or more.
         """
         N = intervals(elements, order)
-        (length,), axes, root = placed(section, direction, up, root, length=length, _curvature=curvature)
+        (length,), axes, root = placed(
+            section, direction, up, root, length=length, _curvature=curvature
+        )
         h = (length / N)[..., None].expand(*length.shape, N)
         s = places(h, order)
         given = check_function("curvature", curvature, "s")(s) if callable(curvature) else curvature
@@ -169,38 +208,62 @@ class Beam(BeamRows):
         if not callable(curvature):
             k = k[..., None, :]
         elif k.ndim < 2 or k.shape[-2] != s.shape[-1]:
-            raise ValueError(f"a curvature of shape {tuple(k.shape)} was given for {s.shape[-1]} places; "
-                             f"(..., {s.shape[-1]}, 3) is wanted")
+            raise ValueError(
+                f"a curvature of shape {tuple(k.shape)} was given for {s.shape[-1]} places; "
+                f"(..., {s.shape[-1]}, 3) is wanted"
+            )
         turn, along = screws(k, h)
         if concrete(torch.linalg.vector_norm(turn, dim=-1) >= math.pi).any():
-            raise ValueError(f"a curvature that turns one of {N} elements by pi or more was given; more elements are wanted")
+            raise ValueError(
+                f"a curvature that turns one of {N} elements by pi or more was given; more "
+                "elements are wanted"
+            )
         nodes, frames = curve(root, quat.from_matrix(axes), turn, along)
-        return cls._with_section(section, nodes, frames, axes_between(frames, order), h, curved=True, order=order)
+        return cls._with_section(
+            section, nodes, frames, axes_between(frames, order), h, curved=True, order=order
+        )
 
     @classmethod
-    def from_nodes(cls, nodes: Value, section: Sections, frames: Value | None = None, order: int = 1,
-                   up: Value | None = None) -> Beam:
-        """A chain through `nodes` (..., N+1, 3) m; elements are the chords. Of order 2, through (..., 2 N + 1, 3) nodes:
-        elements are the parabolas through three of them, of which the second is to be about half way. (A corner between two
-        parabolas is rounded over the elements beside it, with an error of first order; chords are of second order there.)
+    def from_nodes(
+        cls,
+        nodes: Value,
+        section: Sections,
+        frames: Value | None = None,
+        order: int = 1,
+        up: Value | None = None,
+    ) -> Beam:
+        """A chain through `nodes` (..., N+1, 3) m; elements are the chords. Of order 2, through
+        (..., 2 N + 1, 3) nodes: elements are the parabolas through three of them, of which the
+        second is to be about half way. (A corner between two parabolas is rounded over the elements
+        beside it, with an error of first order; chords are of second order there.)
 
-        frames  (..., N, 3, 3) section axes of the elements as columns, frame a, the first along the chord; without them they
-                are carried from each element to the next without twist (parallel transport, at corners too). Of order 2 those
-                of the nodes, (..., 2 N + 1, 3, 3), the first along the tangent, and likewise
-        up      (..., 3), without frames: z of the first is `up` made square to it. None = frame a's z (y, where the beam starts
+        frames  (..., N, 3, 3) section axes of the elements as columns, frame a, the first along the
+                chord; without them they are carried from each element to the next without twist
+                (parallel transport, at corners too). Of order 2 those of the nodes,
+                (..., 2 N + 1, 3, 3), the first along the tangent, and likewise
+        up      (..., 3), without frames: z of the first is `up` made square to it. None = frame a's
+                z (y, where the beam starts
                 along z). Nodes and `up` that are turned together turn the axes
 
-        Raises ValueError for fewer than two nodes, coinciding neighbours, frames that are left-handed or whose x axis leaves
-        the chord, frames and up, or a chain that turns back on itself at a node, without frames; of order 2 for a number of
-        nodes that is even, or a midside node off the middle.
+        Raises ValueError for fewer than two nodes, coinciding neighbours, frames that are
+        left-handed or whose x axis leaves the chord, frames and up, or a chain that turns back on
+        itself at a node, without frames; of order 2 for a number of nodes that is even, or a
+        midside node off the middle.
         """
         check_order(order)
         dtype, device = dtype_with(section, nodes, frames, up)
-        if isinstance(nodes, (list, tuple)) and any(isinstance(point, Tensor) for point in nodes):  # (..., 3) each
-            nodes = torch.stack(torch.broadcast_tensors(*(as_tensor(point, dtype, device) for point in nodes)), -2)
-        nodes = finite("nodes", axis_last("nodes", as_tensor(nodes, dtype, device), 3)).clone()  # lengths and axes are of these
+        # (..., 3) each
+        if isinstance(nodes, (list, tuple)) and any(isinstance(point, Tensor) for point in nodes):
+            nodes = torch.stack(
+                torch.broadcast_tensors(*(as_tensor(point, dtype, device) for point in nodes)), -2
+            )
+        # lengths and axes are of these
+        nodes = finite("nodes", axis_last("nodes", as_tensor(nodes, dtype, device), 3)).clone()
         if nodes.ndim < 2 or nodes.shape[-2] < 2:
-            raise ValueError(f"nodes of shape {tuple(nodes.shape)} were given; (..., N+1, 3) with N >= 1 is wanted")
+            raise ValueError(
+                f"nodes of shape {tuple(nodes.shape)} were given; (..., N+1, 3) with N >= 1 is "
+                "wanted"
+            )
         if up is not None:
             up = finite("up", axis_last("up", as_tensor(up, dtype, device), 3))
             if frames is not None:
@@ -209,12 +272,16 @@ class Beam(BeamRows):
             return cls._parabolas(section, nodes, frames, up)
         chord = nodes.diff(dim=-2)
         N = chord.shape[-2]
-        length = positive("the distance of neighbouring nodes", torch.linalg.vector_norm(chord, dim=-1))
+        length = positive(
+            "the distance of neighbouring nodes", torch.linalg.vector_norm(chord, dim=-1)
+        )
         if frames is None:
             return cls._chain(section, nodes, carried_along(chord, length, up), length)
         frames = orthonormal(as_tensor(frames, dtype, device), N)
         if concrete((frames[..., :, 0] - chord / length[..., None]).abs() > 1e-5).any():
-            raise ValueError("frames whose first column leaves the chord were given; it runs from node to node")
+            raise ValueError(
+                "frames whose first column leaves the chord were given; it runs from node to node"
+            )
         return cls._chain(section, nodes, quat.from_matrix(frames), length)
 
     @classmethod
@@ -229,41 +296,82 @@ class Beam(BeamRows):
         root: Value = (0.0, 0.0, 0.0),
         order: int = 1,
     ) -> Beam:
-        """A planar circular arc that starts along `direction` and turns about `up` (counter-clockwise) by `angle` (rad,
-        up to 2 pi) with the given radius (m); the section's z axis is `up`. Nodes lie on the arc, elements have the
-        arc's length. order: as in `straight`.
+        """A planar circular arc that starts along `direction` and turns about `up`
+        (counter-clockwise) by `angle` (rad, up to 2 pi) with the given radius (m); the section's z
+        axis is `up`. Nodes lie on the arc, elements have the arc's length. order: as in `straight`.
 
-        Raises ValueError for a radius or angle that is not positive, an angle above 2 pi or fewer than one element.
+        Raises ValueError for a radius or angle that is not positive, an angle above 2 pi or fewer
+        than one element.
         """
         N = intervals(elements, order)
-        (radius, angle), axes, root = placed(section, direction, up, root, radius=radius, angle=angle)
+        (radius, angle), axes, root = placed(
+            section, direction, up, root, radius=radius, angle=angle
+        )
         if concrete(angle > 2 * math.pi * (1 + 1e-6)).any():
-            raise ValueError(f"angle = {concrete(angle).max().item():g} was given; an arc of up to 2 pi is wanted")
+            raise ValueError(
+                f"angle = {concrete(angle).max().item():g} was given; an arc of up to 2 pi is "
+                "wanted"
+            )
         s = torch.linspace(0, 1, N + 1, dtype=angle.dtype, device=angle.device) * angle[..., None]
-        in_plane = radius[..., None, None] * torch.stack((torch.sin(s), 1 - torch.cos(s), torch.zeros_like(s)), -1)
+        in_plane = radius[..., None, None] * torch.stack(
+            (torch.sin(s), 1 - torch.cos(s), torch.zeros_like(s)), -1
+        )
         nodes = root[..., None, :] + in_plane @ axes.mT
-        frames = quat.multiply(quat.from_matrix(axes)[..., None, :], quat.exponential(pad(s[..., None], (2, 0))))
-        each = (radius * angle / N)[..., None].expand(*broadcast_shapes(radius.shape, angle.shape), N)
-        return cls._with_section(section, nodes, frames, axes_between(frames, order), each, curved=True, order=order)
+        frames = quat.multiply(
+            quat.from_matrix(axes)[..., None, :], quat.exponential(pad(s[..., None], (2, 0)))
+        )
+        each = (radius * angle / N)[..., None].expand(
+            *broadcast_shapes(radius.shape, angle.shape), N
+        )
+        return cls._with_section(
+            section, nodes, frames, axes_between(frames, order), each, curved=True, order=order
+        )
 
     @classmethod
-    def _parabolas(cls, section: Sections, nodes: Tensor, frames: Value | None, up: Tensor | None) -> Beam:
+    def _parabolas(
+        cls, section: Sections, nodes: Tensor, frames: Value | None, up: Tensor | None
+    ) -> Beam:
         """`from_nodes` of order 2. A station stands for |dr/dx| of its parabola."""
         length, tangent = parabolas(nodes)
         size = positive("the tangent at a node", torch.linalg.vector_norm(tangent, dim=-1))
-        q = (carried_along(tangent, size, up) if frames is None
-             else quat.from_matrix(orthonormal(as_tensor(frames, nodes.dtype, nodes.device), nodes.shape[-2])))
-        return cls._with_section(section, nodes, q, axes_between(q, 2), length, curved=True, order=2)
+        q = (
+            carried_along(tangent, size, up)
+            if frames is None
+            else quat.from_matrix(
+                orthonormal(as_tensor(frames, nodes.dtype, nodes.device), nodes.shape[-2])
+            )
+        )
+        return cls._with_section(
+            section, nodes, q, axes_between(q, 2), length, curved=True, order=2
+        )
 
     @classmethod
     def _chain(cls, section, nodes: Tensor, elements: Tensor, length: Tensor) -> Beam:
-        return cls._with_section(section, nodes, axes_of_nodes(elements), elements, length, curved=True)
+        return cls._with_section(
+            section, nodes, axes_of_nodes(elements), elements, length, curved=True
+        )
 
     @classmethod
-    def _with_section(cls, section: Sections, nodes, frames, elements, length, curved, order=1) -> Beam:
+    def _with_section(
+        cls, section: Sections, nodes, frames, elements, length, curved, order=1
+    ) -> Beam:
         uniform = isinstance(section, Section)
         section = section if uniform else of_elements(section, length, order)
         common_dtype(nodes, section.compliance)  # says so where a function of s gave another dtype
-        compliance, mass = (x[..., None, :, :] if uniform else x for x in (section.compliance, section.mass))
-        return cls(nodes, frames, elements, length, compliance, mass, rigid=section.rigid, coupled=section.coupled,
-                   offset=section.offset, rotary=section.rotary, curved=curved, order=order)
+        compliance, mass = (
+            x[..., None, :, :] if uniform else x for x in (section.compliance, section.mass)
+        )
+        return cls(
+            nodes,
+            frames,
+            elements,
+            length,
+            compliance,
+            mass,
+            rigid=section.rigid,
+            coupled=section.coupled,
+            offset=section.offset,
+            rotary=section.rotary,
+            curved=curved,
+            order=order,
+        )

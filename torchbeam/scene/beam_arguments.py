@@ -1,4 +1,6 @@
-"""Arguments that the ways to make a beam have in common: how many elements, of which order, where it starts, in which dtype."""
+"""Arguments that the ways to make a beam have in common: how many elements, of which order, where
+it starts, in which dtype.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +16,15 @@ from .axes import axes_along
 from .section import Section
 from .stations import Stations
 
-Sections = Section | Sequence[Section] | Callable[[Tensor], Section]  # the last: a function of s, see `Beam.straight`
+# the last: a function of s, see `Beam.straight`
+Sections = Section | Sequence[Section] | Callable[[Tensor], Section]
 
 NUMBERS = 12  # at least, that an interval needs: node, axes of node and element, length
 
 
 def intervals(elements: int, order: int) -> int:
-    """Between nodes. Raises ValueError for fewer than one element, or another order than 1 or 2; MemoryError for more
-    than there is memory for.
+    """Between nodes. Raises ValueError for fewer than one element, or another order than 1 or 2;
+    MemoryError for more than there is memory for.
     """
     N = count("elements", elements) * check_order(order)
     check_memory(f"a beam of {elements} elements", NUMBERS * 8 * N, "fewer are wanted")
@@ -35,22 +38,32 @@ def check_order(order: int) -> int:
     return order
 
 
-def placed(section: Sections, direction: Value, up: Value | None, root: Value, **sizes: Value
-            ) -> tuple[list[Tensor], Tensor, Tensor]:
-    """Arguments common to beams that start at a root: sizes by name, positive (those whose name begins with _ only take part in
-    the dtype); axes (..., 3, 3) of the root; its position (..., 3).
+def placed(
+    section: Sections, direction: Value, up: Value | None, root: Value, **sizes: Value
+) -> tuple[list[Tensor], Tensor, Tensor]:
+    """Arguments common to beams that start at a root: sizes by name, positive (those whose name
+    begins with _ only take part in the dtype); axes (..., 3, 3) of the root; its position (..., 3).
     """
     given = (direction, up, root, *sizes.values())
     dtype, device = dtype_with(section, *(x for x in given if not callable(x) and x is not None))
-    values = [positive(name, as_tensor(x, dtype, device)) for name, x in sizes.items() if not name.startswith("_")]
-    direction, up, root = (None if value is None and name == "up" else
-                           finite(name, axis_last(name, as_tensor(value, dtype, device), 3))
-                           for name, value in (("direction", direction), ("up", up), ("root", root)))
+    values = [
+        positive(name, as_tensor(x, dtype, device))
+        for name, x in sizes.items()
+        if not name.startswith("_")
+    ]
+    direction, up, root = (
+        None
+        if value is None and name == "up"
+        else finite(name, axis_last(name, as_tensor(value, dtype, device), 3))
+        for name, value in (("direction", direction), ("up", up), ("root", root))
+    )
     return values, axes_along(direction, up), root
 
 
 def dtype_with(section: Sections, *values: Value) -> tuple[torch.dtype, torch.device]:
-    """Of sections and values together. Raises ValueError for what is no section, and where dtypes or devices differ."""
+    """Of sections and values together. Raises ValueError for what is no section, and where dtypes
+    or devices differ.
+    """
     if isinstance(section, Stations):
         return common_dtype(*values, section.s, section.section.compliance)
     if callable(section):
@@ -58,5 +71,7 @@ def dtype_with(section: Sections, *values: Value) -> tuple[torch.dtype, torch.de
     sections = tuple(section) if isinstance(section, Sequence) else (section,)
     for s in sections:
         if not isinstance(s, Section):
-            raise ValueError(f"a section of type {type(s).__name__} was given; a torchbeam.Section is wanted")
+            raise ValueError(
+                f"a section of type {type(s).__name__} was given; a torchbeam.Section is wanted"
+            )
     return common_dtype(*values, *(s.compliance for s in sections))

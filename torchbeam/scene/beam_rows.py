@@ -1,5 +1,5 @@
-"""Rows of a beam: how many nodes, elements and stations there are, and which of them are meant; a `Structure` has several parts
-among them.
+"""Rows of a beam: how many nodes, elements and stations there are, and which of them are meant; a
+`Structure` has several parts among them.
 """
 
 from __future__ import annotations
@@ -34,7 +34,9 @@ class BeamRows(Tree):
 
     @property
     def station_count(self) -> int:
-        """The number of stations of stress, which is that of intervals between neighbouring nodes: N, times the order."""
+        """The number of stations of stress, which is that of intervals between neighbouring nodes:
+        N, times the order.
+        """
         return self.length.shape[-1]
 
     @property
@@ -44,12 +46,16 @@ class BeamRows(Tree):
 
     @property
     def extent(self) -> Tensor:
-        """(...) m, the size of the whole that lengths and rotations are judged by: the beam's length."""
+        """(...) m, the size of the whole that lengths and rotations are judged by: the beam's
+        length.
+        """
         return self.length.sum(-1)
 
     @property
     def stress_count(self) -> int:
-        """How many rows a state's stress has: of the stations and, behind them, of the joints' forces."""
+        """How many rows a state's stress has: of the stations and, behind them, of the joints'
+        forces.
+        """
         return self.station_count + len(self.joined)
 
     @property
@@ -60,25 +66,38 @@ class BeamRows(Tree):
         """A node's row. Raises ValueError where there is none such."""
         N = self.node_count - 1
         if isinstance(node, (str, tuple)):
-            raise ValueError(f"{name} = {node!r} was given in a scene of one beam, which has no names; 0 to {N} is wanted")
+            raise ValueError(
+                f"{name} = {node!r} was given in a scene of one beam, which has no names; 0 to "
+                f"{N} is wanted"
+            )
         if not -(N + 1) <= node <= N:
-            raise ValueError(f"{name} = {node} was given for a beam with the nodes 0 to {N}; -1 is the tip")
+            raise ValueError(
+                f"{name} = {node} was given for a beam with the nodes 0 to {N}; -1 is the tip"
+            )
         return node
 
     def named(self, on: str | None, effect: Any) -> None:
         """ValueError where an effect acts on a part that there is none of."""
         if on is not None:
-            raise ValueError(f"{effect.called} with on = {shown(on)} was given in a scene of one beam, which has no names; "
-                             "on = None is wanted")
+            raise ValueError(
+                f"{effect.called} with on = {shown(on)} was given in a scene of one beam, which "
+                "has no names; on = None is wanted"
+            )
 
     def spans(self, effect: Any) -> tuple[Span, ...] | None:
-        """The rows along which an effect acts, in one piece or several; None = along all of them."""
+        """The rows along which an effect acts, in one piece or several; None = along all of
+        them.
+        """
         return None
 
     def rows_along(self, effect: Any) -> int:
         """How many nodes an effect along the beam acts on."""
         spans = self.spans(effect)
-        return self.node_count if spans is None else sum(span.nodes.stop - span.nodes.start for span in spans)
+        return (
+            self.node_count
+            if spans is None
+            else sum(span.nodes.stop - span.nodes.start for span in spans)
+        )
 
     def element_counts(self, effect: Any) -> list[int]:
         """The numbers of elements of the pieces along which an effect acts."""
@@ -86,6 +105,8 @@ class BeamRows(Tree):
         return [self.element_count] if spans is None else [span.element_count for span in spans]
 
     def at_stations(self, x: Tensor, axes: int) -> Tensor:
-        """Values of the elements, (..., N or 1, *) with `axes` axes of their own, at their stations."""
+        """Values of the elements, (..., N or 1, *) with `axes` axes of their own, at their
+        stations.
+        """
         single = self.order == 1 or x.shape[-1 - axes] == 1
         return x if single else x.repeat_interleave(self.order, -1 - axes)

@@ -20,12 +20,14 @@ class Body(Tree):
     """A rigid body, a node of its own at its centre of mass.
 
     mass      (...) kg
-    inertia   about the centre, kg m^2: one number for a body that has the same about every axis; (..., 3) principal moments or
-              (..., 3, 3), in the body's axes, as `PointMass` takes it. None = a point, which something has to keep from turning
+    inertia   about the centre, kg m^2: one number for a body that has the same about every axis;
+              (..., 3) principal moments or (..., 3, 3), in the body's axes, as `PointMass` takes
+              it. None = a point, which something has to keep from turning
     position  (..., 3) m of the centre, frame a, as drawn
     rotation  (..., 3, 3) the body's axes as columns, frame a, as drawn; None = those of frame a
 
-    Raises ValueError for a mass that is not positive, an inertia that no body has, or axes that are no rotation.
+    Raises ValueError for a mass that is not positive, an inertia that no body has, or axes that are
+    no rotation.
     """
 
     mass: Value = leaf(0)
@@ -39,7 +41,9 @@ class Body(Tree):
         if self.inertia is not None:
             inertia = plain(self.inertia)
             if inertia.ndim == 0:  # the same about every axis
-                inertia = inertia * (torch.eye(3, dtype=inertia.dtype) if isinstance(inertia, Tensor) else np.eye(3))
+                inertia = inertia * (
+                    torch.eye(3, dtype=inertia.dtype) if isinstance(inertia, Tensor) else np.eye(3)
+                )
             elif isinstance(self.inertia, (list, tuple)):
                 inertia = self.inertia
             set_(self, "inertia", PointMass(self.mass, inertia).inertia)
@@ -50,14 +54,19 @@ class Body(Tree):
                 set_(self, name, value)
         if self.rotation is not None:
             if self.rotation.ndim < 2 or self.rotation.shape[-2] != 3:
-                raise ValueError(f"a Body's rotation of shape {tuple(self.rotation.shape)} was given; (..., 3, 3) is wanted")
+                raise ValueError(
+                    f"a Body's rotation of shape {tuple(self.rotation.shape)} was given; (..., "
+                    "3, 3) is wanted"
+                )
             rotations("a Body's rotation", torch.as_tensor(self.rotation))
 
     @property
     def frame(self) -> Tensor:
         """Quaternion (..., 4), body's axes -> frame a, of a body whose numbers are tensors."""
         if self.rotation is None:
-            return quat.identity(self.position.shape[:-1], self.position.dtype, self.position.device)
+            return quat.identity(
+                self.position.shape[:-1], self.position.dtype, self.position.device
+            )
         return quat.from_matrix(self.rotation)
 
     def mass_at(self, node: int) -> PointMass:

@@ -1,4 +1,6 @@
-"""Curves: from a curvature; and section axes along one through nodes, by second-order tangents and parallel transport."""
+"""Curves: from a curvature; and section axes along one through nodes, by second-order tangents and
+parallel transport.
+"""
 
 from __future__ import annotations
 
@@ -9,16 +11,20 @@ from torch.nn.functional import pad
 from ..core.validation import concrete
 from ..math import quaternions as quat
 
-BACK = 1e-6  # 1 + cosine of the turn from one tangent to the next: less, and the curve turns back on itself
+# 1 + cosine of the turn from one tangent to the next: less, and the curve turns back on itself
+BACK = 1e-6
 
 GAUSS = 3**-0.5 / 2  # of an interval: how far its two Gauss points are from its middle
 
-TURNS_BACK = "a curve that turns back on itself at a node was given; nodes that are nearer to each other are wanted, or frames"
+TURNS_BACK = (
+    "a curve that turns back on itself at a node was given; nodes that are nearer to "
+    "each other are wanted, or frames"
+)
 
 
 def places(h: Tensor, order: int) -> Tensor:
-    """Arc lengths s m at which a curvature is asked for over intervals h (..., n) m: the middles (..., n), or, of order 2, the
-    two Gauss points of each (..., 2 n).
+    """Arc lengths s m at which a curvature is asked for over intervals h (..., n) m: the middles
+    (..., n), or, of order 2, the two Gauss points of each (..., 2 n).
     """
     middle = h.cumsum(-1) - h / 2
     if order == 1:
@@ -27,11 +33,13 @@ def places(h: Tensor, order: int) -> Tensor:
 
 
 def screws(curvature: Tensor, h: Tensor) -> tuple[Tensor, Tensor]:
-    """Over intervals h (..., n) m, of curvatures (..., n or 1, 3) 1/m that are constant over each, or (..., 2 n, 3) at the
-    Gauss points: the rotation vector `turn` rad and the vector `along` m (..., n, 3) of the screw that leads to its end (see
-    `curve`). Of two points k_1, k_2 by the fourth-order Magnus expansion of R' = R ~k, r' = R e_1 (Iserles and Norsett 1999):
+    """Over intervals h (..., n) m, of curvatures (..., n or 1, 3) 1/m that are constant over each,
+    or (..., 2 n, 3) at the Gauss points: the rotation vector `turn` rad and the vector `along` m
+    (..., n, 3) of the screw that leads to its end (see `curve`). Of two points k_1, k_2 by the
+    fourth-order Magnus expansion of R' = R ~k, r' = R e_1 (Iserles and Norsett 1999):
 
-        turn = h (k_1 + k_2)/2 + sqrt(3)/12 h^2 k_1 x k_2      along = h e_1 + sqrt(3)/12 h^2 (k_1 - k_2) x e_1
+        turn = h (k_1 + k_2)/2 + sqrt(3)/12 h^2 k_1 x k_2
+        along = h e_1 + sqrt(3)/12 h^2 (k_1 - k_2) x e_1
     """
     h, e_1 = h[..., None], h.new_tensor((1.0, 0, 0))
     if curvature.shape[-2] in (1, h.shape[-2]):
@@ -42,8 +50,9 @@ def screws(curvature: Tensor, h: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def curve(root: Tensor, axes: Tensor, turn: Tensor, along: Tensor) -> tuple[Tensor, Tensor]:
-    """Nodes (..., n+1, 3) m and axes (..., n+1, 4) from the root (..., 3) and its axes (..., 4) on, by screws (..., n, 3): the
-    axes turn by exp(~turn), and the node moves by the integral of exp(x ~turn) along over x from 0 to 1, in its axes.
+    """Nodes (..., n+1, 3) m and axes (..., n+1, 4) from the root (..., 3) and its axes (..., 4) on,
+    by screws (..., n, 3): the axes turn by exp(~turn), and the node moves by the integral of
+    exp(x ~turn) along over x from 0 to 1, in its axes.
     """
     each, step = quat.exponential(turn), quat.spin_of_vector(*torch.broadcast_tensors(turn, along))
     frames, nodes = [axes], [root]
@@ -55,8 +64,9 @@ def curve(root: Tensor, axes: Tensor, turn: Tensor, along: Tensor) -> tuple[Tens
 
 
 def tangents(nodes: Tensor, length: Tensor) -> Tensor:
-    """Unit tangents (..., N+1, 3) at nodes (..., N+1, 3) that lie `length` (..., N) m apart along the axis: of the parabola
-    through each node and its neighbours, at the ends of that through the three last ones; second order in the length.
+    """Unit tangents (..., N+1, 3) at nodes (..., N+1, 3) that lie `length` (..., N) m apart along
+    the axis: of the parabola through each node and its neighbours, at the ends of that through the
+    three last ones; second order in the length.
     """
     slope, h = nodes.diff(dim=-2) / length[..., None], length[..., None]
     if slope.shape[-2] == 1:
@@ -64,7 +74,14 @@ def tangents(nodes: Tensor, length: Tensor) -> Tensor:
     else:
         a, b = h[..., :-1, :], h[..., 1:, :]
         inner = (b * slope[..., :-1, :] + a * slope[..., 1:, :]) / (a + b)
-        slopes = torch.cat((2 * slope[..., :1, :] - inner[..., :1, :], inner, 2 * slope[..., -1:, :] - inner[..., -1:, :]), -2)
+        slopes = torch.cat(
+            (
+                2 * slope[..., :1, :] - inner[..., :1, :],
+                inner,
+                2 * slope[..., -1:, :] - inner[..., -1:, :],
+            ),
+            -2,
+        )
     size = torch.linalg.vector_norm(slopes, dim=-1, keepdim=True)
     if concrete(size == 0).any():
         raise ValueError(TURNS_BACK)
@@ -72,8 +89,8 @@ def tangents(nodes: Tensor, length: Tensor) -> Tensor:
 
 
 def shortest_turn(a: Tensor, b: Tensor) -> Tensor:
-    """Quaternion (..., 4) of the smallest rotation that takes the unit vectors a to b (..., 3). Raises ValueError where they
-    are opposite.
+    """Quaternion (..., 4) of the smallest rotation that takes the unit vectors a to b (..., 3).
+    Raises ValueError where they are opposite.
     """
     a, b = torch.broadcast_tensors(a, b)
     cosine = 1 + (a * b).sum(-1, keepdim=True)
@@ -83,25 +100,32 @@ def shortest_turn(a: Tensor, b: Tensor) -> Tensor:
 
 
 def transported(along: Tensor) -> Tensor:
-    """Quaternions (..., N+1, 4) that take what is fixed to the first of the tangents (..., N+1, 3) to each: parallel transport,
-    by the smallest rotation from one to the next.
+    """Quaternions (..., N+1, 4) that take what is fixed to the first of the tangents (..., N+1, 3)
+    to each: parallel transport, by the smallest rotation from one to the next.
     """
     each, size = shortest_turn(along[..., :-1, :], along[..., 1:, :]), 1
     while size < each.shape[-2]:  # each is the product of those up to its own
-        each = torch.cat((each[..., :size, :], quat.multiply(each[..., size:, :], each[..., :-size, :])), -2)
+        each = torch.cat(
+            (each[..., :size, :], quat.multiply(each[..., size:, :], each[..., :-size, :])), -2
+        )
         size *= 2
     none = pad(torch.zeros_like(along[..., :1, :]), (1, 0), value=1.0)
     return quat.normalize(torch.cat((none, each), -2))
 
 
-def carried_axes(frames: Tensor, rest: Tensor, nodes: Tensor, length: Tensor, twist: Tensor | None = None) -> Tensor:
-    """Axes (..., N+1, 4) of a beam with those `frames` (..., N+1, 4) where its nodes are at `rest`, when they are at `nodes`
-    (..., N+1, 3): those at rest, carried to the new curve without a twist beside their own, then turned about it by `twist`
-    (..., N+1) rad. At the first node they turn as little as its tangent asks for. What is unchanged stays to rounding.
+def carried_axes(
+    frames: Tensor, rest: Tensor, nodes: Tensor, length: Tensor, twist: Tensor | None = None
+) -> Tensor:
+    """Axes (..., N+1, 4) of a beam with those `frames` (..., N+1, 4) where its nodes are at `rest`,
+    when they are at `nodes` (..., N+1, 3): those at rest, carried to the new curve without a twist
+    beside their own, then turned about it by `twist` (..., N+1) rad. At the first node they turn as
+    little as its tangent asks for. What is unchanged stays to rounding.
     """
     before, after = tangents(rest, length), tangents(nodes, length)
     first = shortest_turn(before[..., 0, :], after[..., 0, :])[..., None, :]
-    turn = quat.multiply(quat.multiply(transported(after), first), quat.conjugate(transported(before)))
+    turn = quat.multiply(
+        quat.multiply(transported(after), first), quat.conjugate(transported(before))
+    )
     if twist is not None:
         turn = quat.multiply(quat.exponential(twist[..., None] * after), turn)
     return quat.normalize(quat.multiply(turn, frames))

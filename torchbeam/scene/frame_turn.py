@@ -1,4 +1,6 @@
-"""Rotation of axes whose angular velocity is given in themselves: the integral of R' = R ~omega from one instant to another."""
+"""Rotation of axes whose angular velocity is given in themselves: the integral of R' = R ~omega
+from one instant to another.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ from ..math.shapes import broadcast_shapes
 
 Omega = Callable[[Tensor], Tensor]  # t (...) s -> (..., 3) rad/s
 
-# Lobatto's points and weights on [0, 1], exact to the fifth power: with the ends, next to which a jump would else stay unseen
+# Lobatto's points and weights on [0, 1], exact to the fifth power: with the ends, next to which a
+# jump would else stay unseen
 POINTS = 0.0, 0.5 - 0.05**0.5, 0.5 + 0.05**0.5, 1.0
 WEIGHTS = 1 / 12, 5 / 12, 5 / 12, 1 / 12
 FIRST, MOST = 16, 2**17  # parts of the interval: at first, and at most
@@ -23,34 +26,39 @@ NARROWEST = 2.0**-46  # part, of the interval: a jump of omega is somewhere in i
 
 
 def turn_between(omega: Omega, start: Tensor, end: Tensor) -> Tensor:
-    """Quaternion (..., 4) of the rotation R(start)^T R(end), start and end (...) s: a vector told in the axes at `end` in those
-    at `start`. By the Magnus expansion of sixth order (see `magnus`) over parts of the interval that are halved until halves
-    agree with the whole to rounding, so that kinks and jumps of omega cost parts, no accuracy. Differentiable.
+    """Quaternion (..., 4) of the rotation R(start)^T R(end), start and end (...) s: a vector told
+    in the axes at `end` in those at `start`. By the Magnus expansion of sixth order (see `magnus`)
+    over parts of the interval that are halved until halves agree with the whole to rounding, so
+    that kinks and jumps of omega cost parts, no accuracy. Differentiable.
 
     Raises ValueError for an omega that this takes too many parts for.
     """
-    shape = broadcast_shapes(start.shape, end.shape, omega(start).shape[:-1])  # functions bring batch axes of their own
+    # functions bring batch axes of their own
+    shape = broadcast_shapes(start.shape, end.shape, omega(start).shape[:-1])
     start, end = (t.reshape([1] * (len(shape) - t.ndim) + [*t.shape]) for t in (start, end))
     with no_derivatives():
         edges = _parts(omega, start, end)
     turns = quat.exponential(_vectors(omega, start, end, edges[:-1], edges[1:]))
     while len(turns) > 1:  # neighbours together, in their order
-        pairs = quat.multiply(turns[:len(turns) // 2 * 2:2], turns[1::2])
-        turns = torch.cat((pairs, turns[len(turns) // 2 * 2:]))
+        pairs = quat.multiply(turns[: len(turns) // 2 * 2 : 2], turns[1::2])
+        turns = torch.cat((pairs, turns[len(turns) // 2 * 2 :]))
     return quat.normalize(turns[0]).expand(*shape, 4)
 
 
 def magnus(omega: tuple[Tensor, ...], h: Tensor) -> Tensor:
-    """Rotation vector (..., 3) rad over h (...) s from omega (..., 3) rad/s at the four points, of sixth order (Blanes, Casas
-    and Ros 2000; with [x, y] = -x x y, because omega is told in the axes that turn). With A_i the integral of (t/h)^i omega,
-    t from the middle:
+    """Rotation vector (..., 3) rad over h (...) s from omega (..., 3) rad/s at the four points, of
+    sixth order (Blanes, Casas and Ros 2000; with [x, y] = -x x y, because omega is told in the axes
+    that turn). With A_i the integral of (t/h)^i omega, t from the middle:
 
         a_1 = 9/4 A_0 - 15 A_2,   a_2 = 12 A_1,   a_3 = 180 A_2 - 15 A_0
         C_1 = [a_1, a_2],   C_2 = -[a_1, 2 a_3 + C_1]/60
         turn = a_1 + a_3/12 + [-20 a_1 - a_3 + C_1, a_2 + C_2]/240
     """
-    A_0, A_1, A_2 = (h[..., None] * sum(b * (x - 0.5)**i * w for x, b, w in zip(POINTS, WEIGHTS, omega, strict=True))
-                     for i in range(3))
+    A_0, A_1, A_2 = (
+        h[..., None]
+        * sum(b * (x - 0.5) ** i * w for x, b, w in zip(POINTS, WEIGHTS, omega, strict=True))
+        for i in range(3)
+    )
     a_1, a_2, a_3 = 9 / 4 * A_0 - 15 * A_2, 12 * A_1, 180 * A_2 - 15 * A_0
     C_1 = torch.linalg.cross(a_2, a_1)
     C_2 = torch.linalg.cross(a_1, 2 * a_3 + C_1) / 60
@@ -73,14 +81,22 @@ def _parts(omega: Omega, start: Tensor, end: Tensor) -> Tensor:
     low, high, edges_of_parts = edges[:-1], edges[1:], [edges[:1]]
     while len(low):
         middle = (low + high) / 2
-        whole, *halves = (_vectors(omega, start, end, *part) for part in ((low, high), (low, middle), (middle, high)))
+        whole, *halves = (
+            _vectors(omega, start, end, *part)
+            for part in ((low, high), (low, middle), (middle, high))
+        )
         turn, first, second = map(quat.exponential, (whole, *halves))
         off = quat.multiply(quat.conjugate(turn), quat.multiply(first, second))[..., 1:].abs()
         over = off - accuracy * (1 + torch.linalg.vector_norm(whole, dim=-1, keepdim=True))
-        bad = (concrete(over.flatten(1).amax(-1)).reshape(-1, len(low)).amax(0) > 0) & (high - low > NARROWEST)
+        bad = (concrete(over.flatten(1).amax(-1)).reshape(-1, len(low)).amax(0) > 0) & (
+            high - low > NARROWEST
+        )
         edges_of_parts += [high[~bad], middle[~bad]]
         low, high = torch.cat((low[bad], middle[bad])), torch.cat((middle[bad], high[bad]))
         if len(low) > MOST:
-            raise ValueError(f"an angular velocity of the frame that takes more than {MOST} parts to be integrated from t = 0 "
-                             "was given; a smoother function is wanted, or a start at t = 0")
+            raise ValueError(
+                f"an angular velocity of the frame that takes more than {MOST} parts to be "
+                "integrated from t = 0 was given; a smoother function is wanted, or a start at t "
+                "= 0"
+            )
     return torch.cat(edges_of_parts).sort().values

@@ -14,29 +14,38 @@ from .structure import Structure
 
 
 def joints_of(scene: Any) -> tuple[Joint, ...]:
-    """The joints of a scene, their ends as rows of its structure. Raises ValueError for joints in a scene of one beam, of nodes
-    that do not exist or lie within an element, of a node with itself, two at one place of the same two nodes, parts that do not
-    meet as drawn, joints with small motions, and bodies without inertia which
-    nothing keeps from turning.
+    """The joints of a scene, their ends as rows of its structure. Raises ValueError for joints in a
+    scene of one beam, of nodes that do not exist or lie within an element, of a node with itself,
+    two at one place of the same two nodes, parts that do not meet as drawn, joints with small
+    motions, and bodies without inertia which nothing keeps from turning.
     """
     structure, found = scene.beam, []
     for given in scene.joints:
         instance("a joint", given, Joint)
         if not structure.parts:
-            raise ValueError(f"a {given.called} was given in a scene of one beam; parts by their names are wanted: "
-                             "Scene({name: beam, ...})")
+            raise ValueError(
+                f"a {given.called} was given in a scene of one beam; parts by their names are "
+                "wanted: Scene({name: beam, ...})"
+            )
         joint = with_values(given, a=_resolved(given.a, structure), b=_resolved(given.b, structure))
         joint.check(structure)
         for other in found:
             if {joint.ends, joint.ends[::-1]} & {other.ends} and _together(joint, other, structure):
-                raise ValueError(f"two joints of {joint.a!r} and {joint.b!r} at one place were given; one is wanted")
+                raise ValueError(
+                    f"two joints of {joint.a!r} and {joint.b!r} at one place were given; one is "
+                    "wanted"
+                )
         found.append(joint)
     if found and scene.small:
-        raise ValueError("small=True with joints was given; large rotations (small=False) are wanted there")
+        raise ValueError(
+            "small=True with joints was given; large rotations (small=False) are wanted there"
+        )
     for body in structure.masses:
         if body.inertia is None and not _kept(body.node, scene, found):
-            raise ValueError(f"the body {body.node!r} without inertia was given, which nothing keeps from turning; an inertia "
-                             "is wanted, or a Weld or a Slider")
+            raise ValueError(
+                f"the body {body.node!r} without inertia was given, which nothing keeps from "
+                "turning; an inertia is wanted, or a Weld or a Slider"
+            )
     return tuple(found)
 
 
@@ -45,14 +54,19 @@ def _resolved(end: JointEnd, structure: Structure) -> JointEnd:
         return end
     row = structure.row(end.node, "a joint's part")
     if (row - structure.part_at(row).first_node) % structure.order:
-        raise ValueError(f"a joint of the node {row!r} was given, which lies within an element of order 2; the end of one, "
-                         "whose number is even, is wanted")
+        raise ValueError(
+            f"a joint of the node {row!r} was given, which lies within an element of order 2; the "
+            "end of one, whose number is even, is wanted"
+        )
     return with_values(end, node=row)
 
 
 def _together(one: Joint, other: Joint, structure: Structure) -> bool:
     """Whether two joints of the same nodes sit at one place."""
-    a, b = ((joint.drawn(structure)[:2] if joint.ends == one.ends else joint.drawn(structure)[1::-1]) for joint in (one, other))
+    a, b = (
+        (joint.drawn(structure)[:2] if joint.ends == one.ends else joint.drawn(structure)[1::-1])
+        for joint in (one, other)
+    )
     off = sum(torch.linalg.vector_norm(x - y, dim=-1).detach() for x, y in zip(a, b, strict=True))
     return bool(concrete(off <= MET[off.dtype] * structure.size.detach()).all())
 
@@ -61,4 +75,7 @@ def _kept(node: int, scene: Any, joints: list[Joint]) -> bool:
     """Whether a support or a joint keeps a node from turning."""
     supports = scene.supports.given if hasattr(scene.supports, "given") else scene.supports
     return any(len(joint.rotation) == 3 for joint in joints if node in joint.ends) or any(
-        scene.beam.row(support.node) == node for support in supports or () if len(support.rotation) == 3)
+        scene.beam.row(support.node) == node
+        for support in supports or ()
+        if len(support.rotation) == 3
+    )

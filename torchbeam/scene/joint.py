@@ -1,4 +1,6 @@
-"""Joint: what two parts of a structure, or a part and the ground, have in common where they meet."""
+"""Joint: what two parts of a structure, or a part and the ground, have in common where they
+meet.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +16,20 @@ from .effects.values import plain
 from .parts import check_node
 from .structure import Structure
 
-MET = {torch.float64: 1e-9, torch.float32: 1e-5}  # of the size of a structure: how far apart points that coincide may be
-ACTS = ("stiffness", "damping", "friction", "slip_speed", "limits", "limit_stiffness", "torque", "angle", "force", "travel")
+# of the size of a structure: how far apart points that coincide may be
+MET = {torch.float64: 1e-9, torch.float32: 1e-5}
+ACTS = (
+    "stiffness",
+    "damping",
+    "friction",
+    "slip_speed",
+    "limits",
+    "limit_stiffness",
+    "torque",
+    "angle",
+    "force",
+    "travel",
+)
 
 
 @dataclass(frozen=True)
@@ -31,10 +45,17 @@ class JointEnd(Tree):
 
     @classmethod
     def of(cls, given: Any) -> JointEnd:
-        """Of what a user writes: a node, (name of a body, point in its axes), or None. Raises ValueError otherwise."""
+        """Of what a user writes: a node, (name of a body, point in its axes), or None. Raises
+        ValueError otherwise.
+        """
         if isinstance(given, JointEnd):
             return given
-        if isinstance(given, tuple) and len(given) == 2 and isinstance(given[0], str) and not isinstance(given[1], int):
+        if (
+            isinstance(given, tuple)
+            and len(given) == 2
+            and isinstance(given[0], str)
+            and not isinstance(given[1], int)
+        ):
             point = axis_last("a joint's point", plain(given[1]), 3)
             finite("a joint's point", torch.as_tensor(point))
             return cls(given[0], point)
@@ -57,11 +78,13 @@ class JointEnd(Tree):
 
 @dataclass(frozen=True)
 class Joint(Tree):
-    """Base of all joints. What is held is said in the joint's own axes, as in `Support`: of the parts as they are drawn.
+    """Base of all joints. What is held is said in the joint's own axes, as in `Support`: of the
+    parts as they are drawn.
 
-    a, b   what is joined: (name, number) of a beam's node, the name of a body, (name, (x, y, z)) with a point in a body's axes,
-           or None, the ground
-    at     (..., 3) m, frame a: where the joint sits, as drawn. None = where the parts' points are, which coincide
+    a, b   what is joined: (name, number) of a beam's node, the name of a body, (name, (x, y, z))
+           with a point in a body's axes, or None, the ground
+    at     (..., 3) m, frame a: where the joint sits, as drawn. None = where the parts' points are,
+           which coincide
 
     position, rotation  letters of the axes along and about which b does not move against a
     """
@@ -80,9 +103,18 @@ class Joint(Tree):
             object.__setattr__(self, name, JointEnd.of(getattr(self, name)))
         self._vector("at")
         if self.a.node is None and self.b.node is None:
-            raise ValueError(f"a {self.called} of the ground with itself was given; a part is wanted")
-        if self.at is not None and not self.distance and any(end.point is not None for end in (self.a, self.b)):
-            raise ValueError(f"a {self.called} at a place and at a point of a body was given; one of them is wanted")
+            raise ValueError(
+                f"a {self.called} of the ground with itself was given; a part is wanted"
+            )
+        if (
+            self.at is not None
+            and not self.distance
+            and any(end.point is not None for end in (self.a, self.b))
+        ):
+            raise ValueError(
+                f"a {self.called} at a place and at a point of a body was given; one of them is "
+                "wanted"
+            )
 
     def _vector(self, name: str) -> None:
         if (value := getattr(self, name)) is not None:
@@ -129,8 +161,8 @@ class Joint(Tree):
         return None
 
     def drawn(self, structure: Structure) -> tuple[Tensor, Tensor, Tensor]:
-        """The joint's point on a and on b (..., 3) m, and its axes (..., 3, 3), columns, of which x is the joint's: frame a, of
-        the structure as drawn.
+        """The joint's point on a and on b (..., 3) m, and its axes (..., 3, 3), columns, of which x
+        is the joint's: frame a, of the structure as drawn.
         """
         a, b = (end.drawn(structure) for end in (self.a, self.b))
         a, b = b if a is None else a, a if b is None else b
@@ -145,16 +177,30 @@ class Joint(Tree):
         return torch.eye(3, dtype=structure.nodes.dtype, device=structure.nodes.device)
 
     def check(self, structure: Structure) -> None:
-        """ValueError for what does not fit a structure: a part joined with itself, parts that do not meet as drawn."""
+        """ValueError for what does not fit a structure: a part joined with itself, parts that do
+        not meet as drawn.
+        """
         if self.a.node == self.b.node:
-            raise ValueError(f"a {self.called} of {self.a.node!r} with itself was given; two different nodes are wanted")
-        if self.at is not None or self.distance or not self.meets or None in (self.a.node, self.b.node):
+            raise ValueError(
+                f"a {self.called} of {self.a.node!r} with itself was given; two different nodes "
+                "are wanted"
+            )
+        if (
+            self.at is not None
+            or self.distance
+            or not self.meets
+            or None in (self.a.node, self.b.node)
+        ):
             return
-        off = torch.linalg.vector_norm(self.a.drawn(structure) - self.b.drawn(structure), dim=-1).detach()
+        off = torch.linalg.vector_norm(
+            self.a.drawn(structure) - self.b.drawn(structure), dim=-1
+        ).detach()
         if concrete(off > MET[off.dtype] * structure.size.detach()).any():
             gap = concrete(off).max().item()
-            raise ValueError(f"a {self.called} of {self.a!r} and {self.b!r}, which are {gap:.4g} m apart, was given; parts "
-                             "that meet as drawn are wanted, or at=")
+            raise ValueError(
+                f"a {self.called} of {self.a!r} and {self.b!r}, which are {gap:.4g} m apart, was "
+                "given; parts that meet as drawn are wanted, or at="
+            )
 
 
 def _numbers(x: Any) -> Any:

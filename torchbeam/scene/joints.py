@@ -53,8 +53,8 @@ class AxisJoint(Joint):
 
 @dataclass(frozen=True)
 class DrivenJoint(AxisJoint):
-    """Base of joints with one coordinate q, an angle in rad, counted over turns, or a travel in m; zero as drawn. What acts in
-    the joint acts on b, and its opposite on a.
+    """Base of joints with one coordinate q, an angle in rad, counted over turns, or a travel in m;
+    zero as drawn. What acts in the joint acts on b, and its opposite on a.
 
     stiffness        (...) k, N m/rad or N/m: the effort -k q
     damping          (...) c, N m s/rad or N s/m: -c q'
@@ -63,8 +63,8 @@ class DrivenJoint(AxisJoint):
     limits           (..., 2) lowest and highest q, beyond which an effort rises to the
     limit_stiffness  (...) N m/rad or N/m, smoothly over a hundredth of the range between them
 
-    Raises ValueError for a negative number, friction without a slip speed, limits without a stiffness or in the wrong order,
-    and for what acts along a coordinate that is prescribed.
+    Raises ValueError for a negative number, friction without a slip speed, limits without a
+    stiffness or in the wrong order, and for what acts along a coordinate that is prescribed.
     """
 
     stiffness: Value | None = leaf(0, default=None, kw_only=True)
@@ -74,31 +74,43 @@ class DrivenJoint(AxisJoint):
     limits: Value | None = leaf(1, default=None, kw_only=True)
     limit_stiffness: Value | None = leaf(0, default=None, kw_only=True)
 
-    GIVEN: ClassVar[tuple[str, str]]  # names of the effort, and of the coordinate, that may be given
+    # names of the effort, and of the coordinate, that may be given
+    GIVEN: ClassVar[tuple[str, str]]
 
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("stiffness", "damping", "friction", "slip_speed", "limit_stiffness"):
             if (value := getattr(self, name)) is not None:
-                object.__setattr__(self, name, parameter(f"a {self.called}'s {name}", value, zero=name != "slip_speed"))
+                object.__setattr__(
+                    self,
+                    name,
+                    parameter(f"a {self.called}'s {name}", value, zero=name != "slip_speed"),
+                )
         if self.limits is not None:
             limits = axis_last(f"a {self.called}'s limits", plain(self.limits), 2)
             finite(f"a {self.called}'s limits", torch.as_tensor(limits))
             if concrete(torch.as_tensor(limits[..., 1] <= limits[..., 0])).any():
-                raise ValueError(f"a {self.called} with the limits {shown(self.limits)} was given; the lowest, then the "
-                                 "highest, is wanted")
+                raise ValueError(
+                    f"a {self.called} with the limits {shown(self.limits)} was given; the lowest, "
+                    "then the highest, is wanted"
+                )
             object.__setattr__(self, "limits", limits)
         for one, other in (("friction", "slip_speed"), ("limits", "limit_stiffness")):
             there = [name for name in (one, other) if getattr(self, name) is not None]
             if len(there) == 1:
-                raise ValueError(f"a {self.called} with {there[0]} alone was given; {one} and {other} are wanted together")
+                raise ValueError(
+                    f"a {self.called} with {there[0]} alone was given; {one} and {other} are "
+                    "wanted together"
+                )
         for name in self.GIVEN:
             self._driven(name)
         prescribed = self.GIVEN[1]
         if self.prescribed is not None and len(self.acts) > 1:
             others = ", ".join(name for name in self.acts if name != prescribed)
-            raise ValueError(f"a {self.called} with {prescribed} and {others} was given; one of them is wanted, for "
-                             "nothing acts along a coordinate that is prescribed")
+            raise ValueError(
+                f"a {self.called} with {prescribed} and {others} was given; one of them is wanted, "
+                "for nothing acts along a coordinate that is prescribed"
+            )
 
     def _driven(self, name: str) -> None:
         """Checks a number, a function of t, or an input."""
@@ -109,7 +121,10 @@ class DrivenJoint(AxisJoint):
             check_function(f"a {self.called}'s {name}", value, "t")
         elif isinstance(value, Input):
             if value.size != 1:
-                raise ValueError(f"a {self.called}'s {name} with an Input of size {value.size} was given; size 1 is wanted")
+                raise ValueError(
+                    f"a {self.called}'s {name} with an Input of size {value.size} was given; "
+                    "size 1 is wanted"
+                )
         else:
             value = plain(value)
             finite(f"a {self.called}'s {name}", torch.as_tensor(value))
@@ -172,7 +187,8 @@ class Cylindrical(AxisJoint):
 
 @dataclass(frozen=True)
 class Universal(AxisJoint):
-    """b turns about two axes that stay at right angles: `axis`, which is fixed in a, and `second`, fixed in b.
+    """b turns about two axes that stay at right angles: `axis`, which is fixed in a, and `second`,
+    fixed in b.
 
     second  (..., 3), frame a, as drawn; of any length
     """
@@ -186,7 +202,9 @@ class Universal(AxisJoint):
         self._vector("second")
 
     def axes(self, structure: Structure) -> Tensor:
-        x, y = (v / torch.linalg.vector_norm(v, dim=-1, keepdim=True) for v in (self.axis, self.second))
+        x, y = (
+            v / torch.linalg.vector_norm(v, dim=-1, keepdim=True) for v in (self.axis, self.second)
+        )
         x, y = torch.broadcast_tensors(x, y)
         return torch.stack((x, y, torch.linalg.cross(x, y)), -1)
 
@@ -195,13 +213,15 @@ class Universal(AxisJoint):
         x, y, _ = self.axes(structure).detach().unbind(-1)
         off = (x * y).sum(-1).abs()
         if concrete(~(off <= SQUARE[off.dtype])).any():
-            raise ValueError("a Universal with two axes that are not at right angles was given; such are wanted")
+            raise ValueError(
+                "a Universal with two axes that are not at right angles was given; such are wanted"
+            )
 
 
 @dataclass(frozen=True)
 class Distance(Joint):
-    """The distance of a point of a from one of b stays as drawn: a rigid rod with a ball at either end. With the ground `at` is
-    the point there.
+    """The distance of a point of a from one of b stays as drawn: a rigid rod with a ball at either
+    end. With the ground `at` is the point there.
     """
 
     position = ""
@@ -216,8 +236,14 @@ class Distance(Joint):
         super().__post_init__()
         ground = None in (self.a.node, self.b.node)
         if ground != (self.at is not None):
-            raise ValueError("a Distance " + ("from the ground without at= was given; the point there is wanted" if ground else
-                                              "of two parts with at= was given; it is between their own points"))
+            raise ValueError(
+                "a Distance "
+                + (
+                    "from the ground without at= was given; the point there is wanted"
+                    if ground
+                    else "of two parts with at= was given; it is between their own points"
+                )
+            )
 
     def drawn(self, structure: Structure) -> tuple[Tensor, Tensor, Tensor]:
         a, b = (self.at if end.node is None else end.drawn(structure) for end in (self.a, self.b))
@@ -227,5 +253,11 @@ class Distance(Joint):
     def check(self, structure: Structure) -> None:
         super().check(structure)
         a, b = (self.at if end.node is None else end.drawn(structure) for end in (self.a, self.b))
-        if concrete(torch.linalg.vector_norm(b - a, dim=-1).detach() <= MET[structure.nodes.dtype] * structure.size).any():
-            raise ValueError(f"a Distance of {self.a!r} and {self.b!r}, which are at one place, was given; a Ball holds these")
+        if concrete(
+            torch.linalg.vector_norm(b - a, dim=-1).detach()
+            <= MET[structure.nodes.dtype] * structure.size
+        ).any():
+            raise ValueError(
+                f"a Distance of {self.a!r} and {self.b!r}, which are at one place, was given; a "
+                "Ball holds these"
+            )

@@ -1,4 +1,6 @@
-"""Parts of a structure: beams and bodies by their names, and the rows that they have among those of all."""
+"""Parts of a structure: beams and bodies by their names, and the rows that they have among those of
+all.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +15,8 @@ FLAGS = ("rigid", "coupled", "offset", "rotary", "curved")  # what a `Beam` is d
 
 
 class Part(NamedTuple):
-    """A beam or, without stations, a body: its name, its first node and how many it has; of its stations of stress likewise;
-    declared: of a beam, its `FLAGS`.
+    """A beam or, without stations, a body: its name, its first node and how many it has; of its
+    stations of stress likewise; declared: of a beam, its `FLAGS`.
     """
 
     name: str
@@ -37,7 +39,11 @@ class Part(NamedTuple):
         return slice(self.first_station, self.first_station + self.station_count)
 
     def __str__(self) -> str:
-        return f"the body {self.name!r}" if self.body else f"({self.name!r}, 0 to {self.node_count - 1})"
+        return (
+            f"the body {self.name!r}"
+            if self.body
+            else f"({self.name!r}, 0 to {self.node_count - 1})"
+        )
 
 
 class Span(NamedTuple):
@@ -49,7 +55,9 @@ class Span(NamedTuple):
 
 
 class Row(int):
-    """The row of a node among those of a structure; it prints as the user says the node, which is `given`."""
+    """The row of a node among those of a structure; it prints as the user says the node, which is
+    `given`.
+    """
 
     given: Any
 
@@ -71,13 +79,18 @@ torch.serialization.add_safe_globals([Part, Row])
 
 
 def check_node(node: Any, name: str = "node") -> None:
-    """ValueError for what is no node: a whole number, which counts from the root; in a structure (name, number), or a body's
-    name.
+    """ValueError for what is no node: a whole number, which counts from the root; in a structure
+    (name, number), or a body's name.
     """
-    if isinstance(node, str) or (isinstance(node, tuple) and len(node) == 2 and isinstance(node[0], str) and _whole(node[1])):
+    if isinstance(node, str) or (
+        isinstance(node, tuple) and len(node) == 2 and isinstance(node[0], str) and _whole(node[1])
+    ):
         return
     if isinstance(node, tuple):
-        raise ValueError(f"{name} = {shown(node)} was given; a whole number is wanted, or (name, whole number) in a structure")
+        raise ValueError(
+            f"{name} = {shown(node)} was given; a whole number is wanted, or (name, whole "
+            "number) in a structure"
+        )
     whole(name, node)
 
 
@@ -86,18 +99,30 @@ def _whole(value: Any) -> bool:
 
 
 def row_of(parts: tuple[Part, ...], node: Any, name: str = "node") -> Row:
-    """The row of a node, (name, number) or a body's name. Raises ValueError where there is none such."""
+    """The row of a node, (name, number) or a body's name. Raises ValueError where there is none
+    such.
+    """
     given = node.given if isinstance(node, Row) else node
     check_node(given, name)
     if isinstance(given, int) or not parts:
-        what, there = ("a structure", f": {nodes_of(parts)}") if parts else ("a scene of one beam, which has no names", "")
-        raise ValueError(f"{name} = {given!r} was given in {what}; one of its nodes is wanted{there}")
+        what, there = (
+            ("a structure", f": {nodes_of(parts)}")
+            if parts
+            else ("a scene of one beam, which has no names", "")
+        )
+        raise ValueError(
+            f"{name} = {given!r} was given in {what}; one of its nodes is wanted{there}"
+        )
     part_name, index = given if isinstance(given, tuple) else (given, None)
     part = {part.name: part for part in parts}.get(part_name)
     if part is None or part.body != (index is None):
-        raise ValueError(f"{name} = {given!r} was given; the structure has the nodes {nodes_of(parts)}")
+        raise ValueError(
+            f"{name} = {given!r} was given; the structure has the nodes {nodes_of(parts)}"
+        )
     if index is not None and not -part.node_count <= index < part.node_count:
-        raise ValueError(f"{name} = {given!r} was given; {part.name!r} has the nodes 0 to {part.node_count - 1}")
+        raise ValueError(
+            f"{name} = {given!r} was given; {part.name!r} has the nodes 0 to {part.node_count - 1}"
+        )
     row = Row(part.first_node + (index or 0) % part.node_count, given)
     return node if node == row and isinstance(node, Row) else row
 
@@ -115,8 +140,13 @@ def part_of(parts: tuple[Part, ...], name: Any) -> Part:
 def one_beam(parts: tuple[Part, ...], name: str) -> None:
     """ValueError where the tip or the root of several parts is asked for."""
     if parts:
-        beams = ", ".join(repr(part.name) for part in parts if not part.body) or "none, bodies alone"
-        raise ValueError(f"the {name} of a structure was asked for; [name].{name} of one of its beams is wanted: {beams}")
+        beams = (
+            ", ".join(repr(part.name) for part in parts if not part.body) or "none, bodies alone"
+        )
+        raise ValueError(
+            f"the {name} of a structure was asked for; [name].{name} of one of its beams is "
+            f"wanted: {beams}"
+        )
 
 
 def nodes_of(parts: tuple[Part, ...]) -> str:

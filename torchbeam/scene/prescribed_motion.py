@@ -18,8 +18,8 @@ from .supports import Support
 
 @dataclass(frozen=True)
 class PrescribedMotion:
-    """A scene's prescribed motions as functions of t, 0-dim or one of each sample; frame a. Their rates are exact, see
-    `functions_of_time.with_rate`.
+    """A scene's prescribed motions as functions of t, 0-dim or one of each sample; frame a. Their
+    rates are exact, see `functions_of_time.with_rate`.
     """
 
     scene: Any
@@ -31,14 +31,20 @@ class PrescribedMotion:
         return tuple(None if x is None else self._value(x, t) for x in given)
 
     def turn(self, start: Tensor, end: Tensor) -> Tensor:
-        """Quaternion (..., 4) by which frame a, which turns, does so from `start` to `end` (...) s, in its axes at `start`."""
+        """Quaternion (..., 4) by which frame a, which turns, does so from `start` to `end` (...) s,
+        in its axes at `start`.
+        """
         omega = self.scene.frame.angular_velocity
         if not callable(omega):
             return quat.exponential(omega * (end - start)[..., None])
         return turn_between(lambda t: self._value(omega, t), start, end)
 
-    def pose(self, support: Support, t: Tensor, share: Tensor | float = 1.0) -> tuple[Tensor, Tensor]:
-        """Position (..., 3) and quaternion (..., 4) of a support, after a share (..., 1) of its motion."""
+    def pose(
+        self, support: Support, t: Tensor, share: Tensor | float = 1.0
+    ) -> tuple[Tensor, Tensor]:
+        """Position (..., 3) and quaternion (..., 4) of a support, after a share (..., 1) of its
+        motion.
+        """
         beam = self.scene.beam
         position, rotation = beam.nodes[..., support.node, :], beam.frames[..., support.node, :]
         return moved(position, rotation, *self.displacement(support, t), share)
@@ -49,7 +55,9 @@ class PrescribedMotion:
         return tuple(None if x is None else self._value(x, t) for x in given)
 
     def rates(self, support: Support, t: Tensor) -> tuple[Tensor, Tensor]:
-        """Velocity and spin (..., 3) of a support in frame a, both in frame a's axes, relative to it."""
+        """Velocity and spin (..., 3) of a support in frame a, both in frame a's axes, relative to
+        it.
+        """
         still = torch.zeros_like(self.scene.beam.nodes[..., support.node, :])
         velocity = spin = still
         if callable(support.displacement):
@@ -62,7 +70,9 @@ class PrescribedMotion:
     def absolute(self, support: Support, t: Tensor) -> tuple[Tensor, Tensor]:
         """Absolute velocity (..., 3), frame a, and spin (..., 3), section axes, of a clamp."""
         position, rotation = self.pose(support, t)
-        velocity, spin = self.rates(support, t) if support.moves else (torch.zeros_like(position),) * 2
+        velocity, spin = (
+            self.rates(support, t) if support.moves else (torch.zeros_like(position),) * 2
+        )
         v, omega = self.frame(t)
         if v is not None:
             velocity = velocity + v
@@ -72,7 +82,10 @@ class PrescribedMotion:
         return velocity, quat.rotate(quat.conjugate(rotation), spin)
 
     def acceleration(self, support: Support, t: Tensor) -> Tensor:
-        """Rates (..., 2, 3) of the absolute velocity and spin of a clamp, absolute, in frame a's axes."""
+        """Rates (..., 2, 3) of the absolute velocity and spin of a clamp, absolute, in frame a's
+        axes.
+        """
+
         def motion(now: Tensor) -> Tensor:
             v, spin = self.absolute(support, now)
             spin = quat.rotate(self.pose(support, now)[1], spin)
@@ -80,12 +93,20 @@ class PrescribedMotion:
 
         now, rate = with_rate(motion, t)
         omega = self.frame(t)[1]
-        return rate if omega is None else rate + torch.linalg.cross(*torch.broadcast_tensors(omega[..., None, :], now))
+        return (
+            rate
+            if omega is None
+            else rate + torch.linalg.cross(*torch.broadcast_tensors(omega[..., None, :], now))
+        )
 
     def root_pose(self, t: Tensor) -> Pose:
         """Pose of the support of node 0, for elastic clamps."""
         root = self.scene.root
-        support = Support(0) if root is None else Support(0, displacement=root.displacement, turn=root.rotation)
+        support = (
+            Support(0)
+            if root is None
+            else Support(0, displacement=root.displacement, turn=root.rotation)
+        )
         position, rotation = self.pose(support, t)
         velocity, spin = self.absolute(support, t)
         return Pose(position, quat.matrix(rotation), velocity, quat.rotate(rotation, spin))
@@ -98,15 +119,23 @@ class PrescribedMotion:
 
     def _moving(self, name: str, function: Any, t: Tensor) -> tuple[Tensor, Tensor]:
         """The function's value and rate (..., 3)."""
+
         def value(now: Tensor) -> Tensor:
             return taken("a motion function's value", function(now), self.scene.beam.nodes, 3)
 
         return at_time(lambda now: with_user_rate(name, value, now), t)
 
 
-def moved(position: Tensor, rotation: Tensor, displacement: Tensor | None, turn: Tensor | None, share: Tensor | float = 1.0
-          ) -> tuple[Tensor, Tensor]:
-    """A position (..., 3) and a quaternion (..., 4) after a share (..., 1) of a displacement and a turn (..., 3)."""
+def moved(
+    position: Tensor,
+    rotation: Tensor,
+    displacement: Tensor | None,
+    turn: Tensor | None,
+    share: Tensor | float = 1.0,
+) -> tuple[Tensor, Tensor]:
+    """A position (..., 3) and a quaternion (..., 4) after a share (..., 1) of a displacement and a
+    turn (..., 3).
+    """
     if displacement is not None:
         position = position + share * displacement
     if turn is not None:
@@ -120,17 +149,28 @@ def turning(scene: Any) -> bool:
 
 
 def orientation(scene: Any, shape: tuple[int, ...], t: Tensor | float = 0.0) -> Tensor | None:
-    """Of frame a at t (...) s, in the inertial axes with which it coincides at t = 0: (..., 4), with the batch axes `shape` and
-    those of a function; None where it does not turn.
+    """Of frame a at t (...) s, in the inertial axes with which it coincides at t = 0: (..., 4),
+    with the batch axes `shape` and those of a function; None where it does not turn.
     """
     nodes = scene.beam.nodes
-    return oriented(scene, quat.identity(shape, nodes.dtype, nodes.device), 0.0, t) if turning(scene) else None
+    return (
+        oriented(scene, quat.identity(shape, nodes.dtype, nodes.device), 0.0, t)
+        if turning(scene)
+        else None
+    )
 
 
 def oriented(scene: Any, frame: Tensor, start: Tensor | float, end: Tensor | float) -> Tensor:
-    """Orientation (..., 4) of frame a, which turns, at `end` (...) s, if it is `frame` (..., 4) at `start`."""
+    """Orientation (..., 4) of frame a, which turns, at `end` (...) s, if it is `frame` (..., 4) at
+    `start`.
+    """
     start, end = (torch.as_tensor(t, dtype=frame.dtype, device=frame.device) for t in (start, end))
     gap = end - start
-    if gap is concrete(gap) and not gap.requires_grad and not within_dual_numbers() and bool((gap == 0).all()):
+    if (
+        gap is concrete(gap)
+        and not gap.requires_grad
+        and not within_dual_numbers()
+        and bool((gap == 0).all())
+    ):
         return frame
     return quat.multiply(frame, PrescribedMotion(scene).turn(start, end))

@@ -1,4 +1,6 @@
-"""Scene: a beam, or a structure of beams and bodies, its supports, the motion of its frame, and the effects that act on it."""
+"""Scene: a beam, or a structure of beams and bodies, its supports, the motion of its frame, and the
+effects that act on it.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,16 @@ from torch import Tensor
 from ..core.arguments import boolean, choice, instance, listed
 from ..core.arguments import function as check_function
 from ..core.derivatives import cached
-from ..core.leaves import Placeholder, Tree, batch_shapes, bound, leaves, own_leaves, sent, with_values
+from ..core.leaves import (
+    Placeholder,
+    Tree,
+    batch_shapes,
+    bound,
+    leaves,
+    own_leaves,
+    sent,
+    with_values,
+)
 from ..core.summary import kind, lines
 from ..core.validation import as_tensor, axis_last, broadcast, precision, shown
 from .beam import Beam
@@ -32,24 +43,29 @@ KINDS = ("load", "strain", "inertia", "eigenstrain")
 class Scene(Tree):
     """Scene: a beam with supports and effects; only what is named exists.
 
-    beam      `Beam`; or, of a structure, beams and bodies by their names: {"arm": Beam, "hub": Body}. A node is then
-              (name, node) or the name of a body wherever one is meant
+    beam      `Beam`; or, of a structure, beams and bodies by their names: {"arm": Beam, "hub":
+              Body}. A node is then (name, node) or the name of a body wherever one is meant
     effects   loads, damping, point masses ..., see `torchbeam.scene.effects`
     frame     `Frame`, None = frame a is inertial
     root      `RootMotion` of the clamp at node 0, None = it stays where the beam has it
-    plane     None = 3D. "xy" or "xz": solved in that plane of frame a with three unknowns a node; what acts out of it is left
-              out where it is a function or an input, and refused where it is a number. "auto": in a plane if the beam, its
-              sections and all numbers lie in one and nothing else acts. A gradient by what would leave the plane is 0
+    plane     None = 3D. "xy" or "xz": solved in that plane of frame a with three unknowns a node;
+              what acts out of it is left
+              out where it is a function or an input,
+                  and refused where it is a number. "auto": in a plane if the beam, its
+              sections and all numbers lie in one and nothing else acts. A gradient by what would
+                  leave the plane is 0
     supports  `Support`s; None = a clamp at node 0, in a structure none; () = free
-    small     small displacements and rotations: linear about the undeformed beam. A state holds rotations below pi
+    small     small displacements and rotations: linear about the undeformed beam. A state holds
+              rotations below pi
     joints    `Weld`, `Hinge` and others between the parts of a structure, or a part and the ground
 
-    Sorted once, here: `loads`, `bodies` (point masses, and those of a structure's bodies), `eigenstrains`, `damping` (one
-    `Damping` or None), `inputs` (name -> size). `supports` stay in the order given, their nodes counted from the root.
+    Sorted once, here: `loads`, `bodies` (point masses, and those of a structure's bodies),
+    `eigenstrains`, `damping` (one `Damping` or None), `inputs` (name -> size). `supports` stay in
+    the order given, their nodes counted from the root.
 
-    Raises ValueError for an object without a kind, two dampings, a node that does not exist, a load whose dtype is not
-    the beam's, two inputs of one name with different sizes, two supports of one node, what leaves the plane, or joints that do
-    not fit (see `joints_of`).
+    Raises ValueError for an object without a kind, two dampings, a node that does not exist, a load
+    whose dtype is not the beam's, two inputs of one name with different sizes, two supports of one
+    node, what leaves the plane, or joints that do not fit (see `joints_of`).
     """
 
     beam: Beam | dict[str, Beam | Body]
@@ -73,13 +89,24 @@ class Scene(Tree):
         boolean("small", self.small)
         precision(self.beam.nodes.dtype)
         if self.beam.parts and self.root is not None:
-            raise ValueError("root was given in a structure; a Support with a displacement or a turn is wanted there")
+            raise ValueError(
+                "root was given in a structure; a Support with a displacement or a turn is "
+                "wanted there"
+            )
         effects = listed(self.effects)
         for effect in effects:
             if not isinstance(effect, Effect) or effect.kind not in KINDS:
-                raise ValueError(f"{shown(effect)} was given, which is not an effect; see torchbeam.scene.effects for what is")
+                raise ValueError(
+                    f"{shown(effect)} was given, which is not an effect; see "
+                    "torchbeam.scene.effects for what is"
+                )
         effects = tuple(map(self._placed, effects))
-        for name, given in (("effects", effects), ("frame", self.frame), ("root", self.root), ("joints", listed(self.joints))):
+        for name, given in (
+            ("effects", effects),
+            ("frame", self.frame),
+            ("root", self.root),
+            ("joints", listed(self.joints)),
+        ):
             set_(self, name, self._bound(given))
         if self.joints or self.beam.parts:
             joints = joints_of(self)
@@ -93,16 +120,33 @@ class Scene(Tree):
         _ = self.inputs, self.batch_shape  # say so where sizes or axes do not fit
 
     def __repr__(self) -> str:
-        held = [("clamp" if s.clamp else "support") + f" of node {s.node}" + (", moving" if s.moves else "")
-                for s in self.supports]
+        held = [
+            ("clamp" if s.clamp else "support")
+            + f" of node {s.node}"
+            + (", moving" if s.moves else "")
+            for s in self.supports
+        ]
         joints = [f"joints: {', '.join(map(str, self.joints)) or 'none'}"] * bool(self.beam.parts)
         moving = ("frame a moves; " if self.frame is not None else "") + (
-            "small displacements and rotations" if self.small else "in 3D" if self.plane is None else f"plane {self.plane!r}")
-        return lines("Scene", repr(self.beam), f"effects: {', '.join(map(self._where, self.effects)) or 'none'}",
-                     *joints, "supports: " + (", ".join(held) or "none, free"), moving, kind(self.batch_shape, self.beam.nodes))
+            "small displacements and rotations"
+            if self.small
+            else "in 3D"
+            if self.plane is None
+            else f"plane {self.plane!r}"
+        )
+        return lines(
+            "Scene",
+            repr(self.beam),
+            f"effects: {', '.join(map(self._where, self.effects)) or 'none'}",
+            *joints,
+            "supports: " + (", ".join(held) or "none, free"),
+            moving,
+            kind(self.batch_shape, self.beam.nodes),
+        )
 
     def to(self, *args: Any, **kwargs: Any) -> Scene:
-        """On another device, or in another floating dtype, as `Tensor.to`; differentiable. What functions close over stays.
+        """On another device, or in another floating dtype, as `Tensor.to`; differentiable. What
+        functions close over stays.
 
         Raises ValueError for a dtype that is neither float32 nor float64.
         """
@@ -147,8 +191,10 @@ class Scene(Tree):
         for effect in (*self.effects, *self.joints):
             for value in inputs_of(effect):
                 if sizes.setdefault(value.name, value.size) != value.size:
-                    raise ValueError(f"the input {value.name!r} has the sizes {sizes[value.name]} and {value.size}; one is "
-                                     "wanted")
+                    raise ValueError(
+                        f"the input {value.name!r} has the sizes {sizes[value.name]} and "
+                        f"{value.size}; one is wanted"
+                    )
         return sizes
 
     def _bound(self, given: Any) -> Any:
@@ -162,11 +208,13 @@ class Scene(Tree):
 
     @cached
     def numbers(self) -> tuple[Tensor, ...] | None:
-        """All tensors of a scene that holds, beside inputs, nothing else, and no effect of a user's own: two such scenes of one
-        structure differ in these alone. None where it holds functions.
+        """All tensors of a scene that holds, beside inputs, nothing else, and no effect of a user's
+        own: two such scenes of one structure differ in these alone. None where it holds functions.
         """
         values = [leaf.value for leaf in leaves(self)]
-        plain = all(isinstance(x, (Tensor, Placeholder)) for x in values) and all(map(of_library, self.effects))
+        plain = all(isinstance(x, (Tensor, Placeholder)) for x in values) and all(
+            map(of_library, self.effects)
+        )
         return tuple(x for x in values if isinstance(x, Tensor)) if plain else None
 
     @property
@@ -176,16 +224,23 @@ class Scene(Tree):
 
     @property
     def changes(self) -> bool:
-        """Whether anything may be a function of time: a load, a motion, an eigenstrain, any effect that is none of
-        the library's.
+        """Whether anything may be a function of time: a load, a motion, an eigenstrain, any effect
+        that is none of the library's.
         """
-        held = (v for x in (*self.effects, *self.joints, *self.supports,
-                            self.frame, self.root) if x is not None for v in vars(x).values())
-        return (any(callable(v) and not (isinstance(v, PerElement) and not callable(v.value)) for v in held)
-                or any(not type(e).__module__.startswith(f"{__package__}.") for e in self.effects))
+        held = (
+            v
+            for x in (*self.effects, *self.joints, *self.supports, self.frame, self.root)
+            if x is not None
+            for v in vars(x).values()
+        )
+        return any(
+            callable(v) and not (isinstance(v, PerElement) and not callable(v.value)) for v in held
+        ) or any(not type(e).__module__.startswith(f"{__package__}.") for e in self.effects)
 
     def _supported(self) -> tuple[Support, ...]:
-        """The supports as given, nodes counted from the root; the root's motion in that of node 0."""
+        """The supports as given, nodes counted from the root; the root's motion in that of node
+        0.
+        """
         freed = any(e.frees_root for e in self._of("load"))
         asked = self.supports.given if isinstance(self.supports, SceneSupports) else self.supports
         given = (() if freed or self.beam.parts else (Support(0),)) if asked is None else asked
@@ -193,26 +248,43 @@ class Scene(Tree):
         count, by_node = self.beam.node_count, {}
         for support in given:
             if not isinstance(support, Support):
-                raise ValueError(f"{shown(support)} was given as a support; a torchbeam.Support is wanted")
+                raise ValueError(
+                    f"{shown(support)} was given as a support; a torchbeam.Support is wanted"
+                )
             row = self.beam.row(support.node, "the node of a support")
             row = row if self.beam.parts else row % count
             if row in by_node:
                 raise ValueError(f"two supports of node {row} were given; one is wanted")
             by_node[row] = support
         if freed and 0 in by_node and any(by_node[0].held):
-            raise ValueError("a RootSpring and a support that holds node 0 were given; one of them is wanted")
-        if self.root is not None and not freed and not (0 in by_node and by_node[0].turn is self.root.rotation
-                                                        and by_node[0].displacement is self.root.displacement):
+            raise ValueError(
+                "a RootSpring and a support that holds node 0 were given; one of them is wanted"
+            )
+        if (
+            self.root is not None
+            and not freed
+            and not (
+                0 in by_node
+                and by_node[0].turn is self.root.rotation
+                and by_node[0].displacement is self.root.displacement
+            )
+        ):
             if 0 not in by_node or not by_node[0].clamp or by_node[0].displaced:
-                raise ValueError("root was given for a node 0 that is not clamped or has a motion of its own; one clamp with "
-                                 "one motion is wanted")
-            by_node[0] = replace(by_node[0], displacement=self.root.displacement, turn=self.root.rotation)
+                raise ValueError(
+                    "root was given for a node 0 that is not clamped or has a motion of its own; "
+                    "one clamp with one motion is wanted"
+                )
+            by_node[0] = replace(
+                by_node[0], displacement=self.root.displacement, turn=self.root.rotation
+            )
         supports = SceneSupports(replace(by_node[node], node=node) for node in by_node)
         supports.given = None if asked is None else given
         return supports
 
     def _placed(self, effect: Effect) -> Effect:
-        """An effect at its node's row. Raises ValueError where there is no such node or part, or another number of elements."""
+        """An effect at its node's row. Raises ValueError where there is no such node or part, or
+        another number of elements.
+        """
         if effect.node is not None:
             row = self.beam.row(effect.node)
             return effect if row is effect.node else with_values(effect, node=row)
@@ -227,7 +299,10 @@ class Scene(Tree):
         """An effect's name and, where it acts at one node or on one part, that."""
         if effect.node is None:
             return effect.called + ("" if effect.on is None else f" on {effect.on!r}")
-        return f"{effect.called} at node {effect.node if self.beam.parts else effect.node % self.beam.node_count}"
+        return (
+            f"{effect.called} at node "
+            f"{effect.node if self.beam.parts else effect.node % self.beam.node_count}"
+        )
 
     @property
     def dtype(self) -> torch.dtype:
@@ -239,38 +314,55 @@ class Scene(Tree):
 
     @cached
     def batch_shape(self) -> torch.Size:
-        """Broadcast of the leading axes of every tensor in the scene (functions and inputs join later)."""
+        """Broadcast of the leading axes of every tensor in the scene (functions and inputs join
+        later).
+        """
         return broadcast("a beam and what acts on it", *batch_shapes(self))
 
     def tensors(self, given: dict[str, Any] | None) -> Inputs:
-        """Inputs as tensors, by name or in a dictionary inputs={...}, which has room for names that are keywords of a
-        function; None = there are none. Raises ValueError where one is missing, unknown, of the wrong size, or of
-        axes that do not broadcast.
+        """Inputs as tensors, by name or in a dictionary inputs={...}, which has room for names that
+        are keywords of a function; None = there are none. Raises ValueError where one is missing,
+        unknown, of the wrong size, or of axes that do not broadcast.
         """
         given = {} if given is None else given
         if not isinstance(given, dict):
-            raise ValueError(f"inputs = {shown(given)} was given; a dictionary of values by name is wanted")
+            raise ValueError(
+                f"inputs = {shown(given)} was given; a dictionary of values by name is wanted"
+            )
         if isinstance(given.get("inputs"), dict):
-            given = merge_inputs(given["inputs"], {name: value for name, value in given.items() if name != "inputs"})
+            given = merge_inputs(
+                given["inputs"], {name: value for name, value in given.items() if name != "inputs"}
+            )
         sizes, dtype, device = self.inputs, self.dtype, self.device
         for name in given:
             if name not in sizes:
-                raise ValueError(f"the input {name!r} was given; the scene has {', '.join(sizes) or 'none'}")
+                raise ValueError(
+                    f"the input {name!r} was given; the scene has {', '.join(sizes) or 'none'}"
+                )
         for name in sizes:
             if name not in given:
-                raise ValueError(f"the input {name!r} is missing; the scene wants {', '.join(sizes)}")
+                raise ValueError(
+                    f"the input {name!r} is missing; the scene wants {', '.join(sizes)}"
+                )
         tensors = {}
         for name, value in given.items():
             value = as_tensor(value, dtype, device)
-            value = value[None] if value.ndim == 0 and sizes[name] == 1 else value  # a number for an input of one
+            # a number for an input of one
+            value = value[None] if value.ndim == 0 and sizes[name] == 1 else value
             tensors[name] = axis_last(f"input {name!r}", value, sizes[name])
         if tensors:
-            broadcast("a scene and inputs", self.batch_shape, *(value.shape[:-1] for value in tensors.values()))
+            broadcast(
+                "a scene and inputs",
+                self.batch_shape,
+                *(value.shape[:-1] for value in tensors.values()),
+            )
         return tensors
 
 
 class SceneSupports(tuple):
-    """A scene's supports; `given` is what they were found from, so that `dataclasses.replace` finds them afresh."""
+    """A scene's supports; `given` is what they were found from, so that `dataclasses.replace` finds
+    them afresh.
+    """
 
     given: Iterable[Support] | None = None
 
@@ -279,12 +371,15 @@ torch.serialization.add_safe_globals([SceneSupports])
 
 
 def merge_inputs(inputs: Any, more: dict[str, Any]) -> dict[str, Any]:
-    """A scene's inputs by name (None = none), and more of them. Raises ValueError where there are no names, or a name comes
-    twice.
+    """A scene's inputs by name (None = none), and more of them. Raises ValueError where there are
+    no names, or a name comes twice.
     """
     inputs = {} if inputs is None else inputs
     if not isinstance(inputs, dict):
-        raise ValueError(f"inputs of type {type(inputs).__name__} was given; a dictionary of values by name is wanted")
+        raise ValueError(
+            f"inputs of type {type(inputs).__name__} was given; a dictionary of values by name "
+            "is wanted"
+        )
     for name in more:
         if name in inputs:
             raise ValueError(f"the input {name!r} was given twice; once is wanted")

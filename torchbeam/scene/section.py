@@ -11,12 +11,24 @@ from torch import Tensor
 
 from ..core.leaves import Tree, leaf
 from ..core.summary import kind, lines, span
-from ..core.validation import Value, as_tensor, axis_last, broadcast, common_dtype, concrete, finite, inertia, positive, present
+from ..core.validation import (
+    Value,
+    as_tensor,
+    axis_last,
+    broadcast,
+    common_dtype,
+    concrete,
+    finite,
+    inertia,
+    positive,
+    present,
+)
 from ..math.quaternions import skew
 from ..math.shapes import broadcast_shapes
 
 SHEAR_FACTOR_RECTANGLE = 5 / 6  # Timoshenko's, Poisson's ratio neglected
-SHEAR_FACTOR_CIRCLE = 9 / 10  # solid circle, Poisson's ratio neglected (Cowper 1966 at nu = 0 gives 6/7)
+# solid circle, Poisson's ratio neglected (Cowper 1966 at nu = 0 gives 6/7)
+SHEAR_FACTOR_CIRCLE = 9 / 10
 STRAINS = ("axial", "shear y", "shear z", "torsion", "bending y", "bending z")
 STRUCTURE = ("coupled", "offset", "rotary")
 ODD_FIFTH_POWERS = 1.0045237627951396  # 1 + 1/3^5 + 1/5^5 + ... = 31/32 zeta(5)
@@ -26,17 +38,20 @@ ODD_FIFTH_POWERS = 1.0045237627951396  # 1 + 1/3^5 + 1/5^5 + ... = 31/32 zeta(5)
 class Section(Tree):
     """A cross-section, per unit length, in its own axes: x along the beam, y and z across.
 
-    compliance  (..., 6, 6) S, symmetric: [gamma; kappa] = S [F; M]. Rows and columns [F1 F2 F3 M1 M2 M3];
-                units 1/N, 1/(N m), 1/(N m^2). A zero row and column declares that strain impossible.
+    compliance  (..., 6, 6) S, symmetric: [gamma; kappa] = S [F; M]. Rows and columns
+                [F1 F2 F3 M1 M2 M3]; units 1/N, 1/(N m), 1/(N m^2). A zero row and column declares
+                that strain impossible.
     mass        (..., 6, 6) symmetric: [P; H] = mass [V; Omega]. Units kg/m, kg, kg m.
 
-    Leading axes are batch axes. `rigid` tells which strains are impossible, `coupled` whether the compliance has more than
-    its diagonal, `offset` whether the centre of mass lies off the reference axis (mass couples V and Omega) and `rotary`
-    whether the section resists rotation. A matrix that comes as a tensor has them all, whatever its numbers: a gradient may be
-    asked for where they are 0. One of plain numbers has what is not 0; a section made in another way, what that way asks for.
+    Leading axes are batch axes. `rigid` tells which strains are impossible, `coupled` whether the
+    compliance has more than its diagonal, `offset` whether the centre of mass lies off the
+    reference axis (mass couples V and Omega) and `rotary` whether the section resists rotation. A
+    matrix that comes as a tensor has them all, whatever its numbers: a gradient may be asked for
+    where they are 0. One of plain numbers has what is not 0; a section made in another way, what
+    that way asks for.
 
-    Raises ValueError for a wrong shape, an asymmetric matrix, a negative diagonal, NaN or infinity, or a rotary inertia that no
-    body has (one principal moment above the sum of the others).
+    Raises ValueError for a wrong shape, an asymmetric matrix, a negative diagonal, NaN or infinity,
+    or a rotary inertia that no body has (one principal moment above the sum of the others).
     """
 
     compliance: Tensor = leaf(2)
@@ -52,72 +67,102 @@ class Section(Tree):
         S = _symmetric("compliance", as_tensor(self.compliance, dtype, device))
         mass = _symmetric("mass", as_tensor(self.mass, dtype, device))
         broadcast("compliance and mass", S.shape[:-2], mass.shape[:-2])
-        S_diagonal = positive("a diagonal entry of the compliance", S.diagonal(dim1=-2, dim2=-1), zero=True)
+        S_diagonal = positive(
+            "a diagonal entry of the compliance", S.diagonal(dim1=-2, dim2=-1), zero=True
+        )
         positive("mass per length", mass[..., 0, 0])
         positive("rotary inertia", mass.diagonal(dim1=-2, dim2=-1)[..., 3:], zero=True)
         for name, matrix in (("compliance", S), ("mass", mass)):
             least, largest = torch.linalg.eigvalsh(matrix.detach()).aminmax(dim=-1)
             if concrete(least < -1e-6 * largest.abs()).any():
-                raise ValueError(f"{name} with the eigenvalue {concrete(least).min().item():g} was given; none may be negative")
+                raise ValueError(
+                    f"{name} with the eigenvalue {concrete(least).min().item():g} was given; "
+                    "none may be negative"
+                )
         inertia("rotary inertia", _about_centre(mass), mass[..., 3:, 3:].abs().amax((-1, -2)))
         set_ = object.__setattr__  # the dataclass is frozen
         set_(self, "compliance", S)
         set_(self, "mass", mass)
         set_(self, "rigid", tuple(bool(concrete(c == 0).any()) for c in S_diagonal.unbind(-1)))
-        self.declared(coupled=present(given[0], S - torch.diag_embed(S_diagonal)),
-                      offset=present(given[1], mass[..., :3, 3:]), rotary=present(given[1], mass[..., 3:, 3:]))
+        self.declared(
+            coupled=present(given[0], S - torch.diag_embed(S_diagonal)),
+            offset=present(given[1], mass[..., :3, 3:]),
+            rotary=present(given[1], mass[..., 3:, 3:]),
+        )
 
     def __repr__(self) -> str:
         flexibility = self.compliance.diagonal(dim1=-2, dim2=-1)
         EA, GA_y, GA_z, GJ, EI_y, EI_z = (span(1 / x) for x in flexibility.unbind(-1))
         what = "1/diagonal of the coupled compliance: " if self.coupled else ""
-        return lines("Section", f"{what}EA {EA} N, GA {GA_y} and {GA_z} N, GJ {GJ} N m^2, EI {EI_y} and {EI_z} N m^2",
-                     ", ".join([f"mass {span(self.mass[..., 0, 0])} kg/m", *notes(self)]), kind(self.batch_shape, self.mass))
+        return lines(
+            "Section",
+            f"{what}EA {EA} N, GA {GA_y} and {GA_z} N, GJ {GJ} N m^2, EI {EI_y} and {EI_z} N m^2",
+            ", ".join([f"mass {span(self.mass[..., 0, 0])} kg/m", *notes(self)]),
+            kind(self.batch_shape, self.mass),
+        )
 
     @property
     def batch_shape(self) -> torch.Size:
         return broadcast_shapes(self.compliance.shape[:-2], self.mass.shape[:-2])
 
     def rotated(self, angle: Value) -> Section:
-        """The same section turned about x by `angle` (...) rad: what lay along its y axis now lies at `angle` from the y axis
-        of the beam, towards z. For principal axes that are not the beam's, or a twist in steps.
+        """The same section turned about x by `angle` (...) rad: what lay along its y axis now lies
+        at `angle` from the y axis of the beam, towards z. For principal axes that are not the
+        beam's, or a twist in steps.
 
-        Raises ValueError where one of the two shears, or of the two bendings, is impossible and the other is not.
+        Raises ValueError where one of the two shears, or of the two bendings, is impossible and the
+        other is not.
         """
         if self.rigid[1] != self.rigid[2] or self.rigid[4] != self.rigid[5]:
-            raise ValueError("a section with an impossible strain across one axis was given; both or none is wanted to turn it")
+            raise ValueError(
+                "a section with an impossible strain across one axis was given; both or none is "
+                "wanted to turn it"
+            )
         given, angle = angle, finite("angle", self._value(angle))
         turned = present(given)
-        zero, one, c, s = torch.zeros_like(angle), torch.ones_like(angle), torch.cos(angle), torch.sin(angle)
+        zero, one, c = torch.zeros_like(angle), torch.ones_like(angle), torch.cos(angle)
+        s = torch.sin(angle)
         R = torch.stack((one, zero, zero, zero, c, -s, zero, s, c), -1).unflatten(-1, (3, 3))
         both = _blocks(R, torch.zeros_like(R), torch.zeros_like(R), R)
         return Section(both @ self.compliance @ both.mT, both @ self.mass @ both.mT).declared(
-            self.coupled or turned, self.offset, self.rotary)
+            self.coupled or turned, self.offset, self.rotary
+        )
 
     def shifted(self, y: Value = 0.0, z: Value = 0.0) -> Section:
-        """The same section described about another reference axis, which runs through the point (0, y, z) (...) m of its own
-        axes: the beam's nodes then lie there, and its loads act there. With r = (0, y, z), what is known about the new axis is
+        """The same section described about another reference axis, which runs through the point
+        (0, y, z) (...) m of its own axes: the beam's nodes then lie there, and its loads act there.
+        With r = (0, y, z), what is known about the new axis is
 
-            gamma' = gamma + kappa x r      kappa' = kappa      F' = F      M' = M - r x F      V' = V + Omega x r
+            gamma' = gamma + kappa x r      kappa' = kappa      F' = F      M' = M - r x F
+            V' = V + Omega x r
 
-        so that bending and extension are coupled, and mass couples V and Omega. Exact for a straight beam without twist; for
-        a curved one the length of the axis changes too, and the beam's nodes must be those of the new axis.
+        so that bending and extension are coupled, and mass couples V and Omega. Exact for a
+        straight beam without twist; for a curved one the length of the axis changes too, and the
+        beam's nodes must be those of the new axis.
 
-        Raises ValueError where a strain is impossible: about another axis that is a constraint between strains.
+        Raises ValueError where a strain is impossible: about another axis that is a constraint
+        between strains.
         """
         if any(self.rigid):
-            raise ValueError("a section with an impossible strain was given; one to be shifted needs finite stiffness")
+            raise ValueError(
+                "a section with an impossible strain was given; one to be shifted needs finite "
+                "stiffness"
+            )
         given = y, z
         y, z = (finite(name, self._value(value)) for name, value in (("y", y), ("z", z)))
         moved = any(map(present, given))
         r = skew(torch.stack(torch.broadcast_tensors(torch.zeros_like(y), y, z), -1))
         eye, zero = torch.eye(3, dtype=r.dtype, device=r.device).expand_as(r), torch.zeros_like(r)
-        stress, velocity = _blocks(eye, zero, r, eye), _blocks(eye, r, zero, eye)  # about the old axis by about the new
-        return Section(stress.mT @ self.compliance @ stress, velocity.mT @ self.mass @ velocity).declared(
-            self.coupled or moved, self.offset or moved, self.rotary or moved)
+        # about the old axis by about the new
+        stress, velocity = _blocks(eye, zero, r, eye), _blocks(eye, r, zero, eye)
+        return Section(
+            stress.mT @ self.compliance @ stress, velocity.mT @ self.mass @ velocity
+        ).declared(self.coupled or moved, self.offset or moved, self.rotary or moved)
 
     def like(self, compliance: Tensor, mass: Tensor) -> Section:
-        """Section with these matrices, means or multiples of this one's: it has what this one has, and is not checked again."""
+        """Section with these matrices, means or multiples of this one's: it has what this one has,
+        and is not checked again.
+        """
         section = object.__new__(Section)
         for name, value in {**vars(self), "compliance": compliance, "mass": mass}.items():
             object.__setattr__(section, name, value)
@@ -133,25 +178,32 @@ class Section(Tree):
         return as_tensor(value, *common_dtype(self.compliance, value))
 
     @classmethod
-    def from_stiffness(cls, EA: Value, GA: Value, GJ: Value, EI: Value, mass: Value, inertia: Value = 0.0) -> Section:
+    def from_stiffness(
+        cls, EA: Value, GA: Value, GJ: Value, EI: Value, mass: Value, inertia: Value = 0.0
+    ) -> Section:
         """Section with uncoupled stiffness.
 
         EA       (...) N, axial stiffness
         GA       (...) N, shear stiffness kGA along y and z; or a pair (along y, along z)
         GJ       (...) N m^2, torsional stiffness
-        EI       (...) N m^2, bending stiffness; or a pair (about y: bending in the x-z plane, about z)
+        EI       (...) N m^2, bending stiffness; or a pair (about y: bending in the x-z plane, about
+                 z)
         mass     (...) kg/m
-        inertia  (...) kg m, rotary inertia per length; or a pair (about y, about z). The polar one is their sum.
+        inertia  (...) kg m, rotary inertia per length; or a pair (about y, about z). The polar one
+                 is their sum.
 
-        math.inf makes a strain impossible. A pair is a Python sequence of two; a tensor is one value with batch axes.
-        Raises ValueError for a stiffness that is not positive or a mass or inertia that is negative.
+        math.inf makes a strain impossible. A pair is a Python sequence of two; a tensor is one
+        value with batch axes. Raises ValueError for a stiffness that is not positive or a mass or
+        inertia that is negative.
         """
         given = dict(EA=EA, GA=GA, GJ=GJ, EI=EI, mass=mass, inertia=inertia)
         dtype, device = common_dtype(*given.values())
         pair = {name: _pair(name, value, dtype, device) for name, value in given.items()}
         for name in ("EA", "GJ", "mass"):
             if isinstance(given[name], (list, tuple)):
-                raise ValueError(f"{name} = {given[name]!r} was given; one value is wanted (a batch is a tensor)")
+                raise ValueError(
+                    f"{name} = {given[name]!r} was given; one value is wanted (a batch is a tensor)"
+                )
         for name in ("EA", "GA", "GJ", "EI"):
             for value in pair[name]:
                 positive(name, value, infinite=True)
@@ -160,14 +212,15 @@ class Section(Tree):
                 positive(name, value, zero=name == "inertia")
         stiffness = (pair["EA"][0], *pair["GA"], pair["GJ"][0], *pair["EI"])
         m, (i_y, i_z) = pair["mass"][0], pair["inertia"]
-        return cls(_diagonal([1 / k for k in stiffness]), _diagonal([m, m, m, i_y + i_z, i_y, i_z])).declared(
-            coupled=False, offset=False, rotary=present(inertia))
+        return cls(
+            _diagonal([1 / k for k in stiffness]), _diagonal([m, m, m, i_y + i_z, i_y, i_z])
+        ).declared(coupled=False, offset=False, rotary=present(inertia))
 
     @classmethod
     def rectangle(cls, width: Value, height: Value, E: Value, nu: Value, rho: Value) -> Section:
-        """Solid rectangle, `width` along y and `height` along z (m); Young's modulus E (Pa), Poisson's ratio nu,
-        density rho (kg/m^3). Shear factor 5/6; the torsion constant is Saint-Venant's series (Timoshenko and Goodier,
-        Theory of Elasticity, art. 109).
+        """Solid rectangle, `width` along y and `height` along z (m); Young's modulus E (Pa),
+        Poisson's ratio nu, density rho (kg/m^3). Shear factor 5/6; the torsion constant is
+        Saint-Venant's series (Timoshenko and Goodier, Theory of Elasticity, art. 109).
         """
         width, height, E, nu, rho = _positive_all(width=width, height=height, E=E, nu=nu, rho=rho)
         G = E / (2 * (1 + nu))
@@ -176,13 +229,17 @@ class Section(Tree):
         long, short = torch.maximum(width, height), torch.minimum(width, height)
         odd = torch.arange(1, 20, 2, dtype=A.dtype, device=A.device)
         # the sum of 1/odd^5 is known; what is left converges like exp(-pi odd long/short)
-        series = ODD_FIFTH_POWERS + ((torch.tanh(odd * math.pi * (long / short)[..., None] / 2) - 1) / odd**5).sum(-1)
+        series = ODD_FIFTH_POWERS + (
+            (torch.tanh(odd * math.pi * (long / short)[..., None] / 2) - 1) / odd**5
+        ).sum(-1)
         J = long * short**3 * (1 / 3 - 64 / math.pi**5 * (short / long) * series)
         return cls._solid(E, G, rho, A, SHEAR_FACTOR_RECTANGLE, I_y, I_z, J)
 
     @classmethod
     def circle(cls, radius: Value, E: Value, nu: Value, rho: Value) -> Section:
-        """Solid circle of the given radius (m); E (Pa), Poisson's ratio nu, density rho (kg/m^3). Shear factor 9/10."""
+        """Solid circle of the given radius (m); E (Pa), Poisson's ratio nu, density rho (kg/m^3).
+        Shear factor 9/10.
+        """
         radius, E, nu, rho = _positive_all(radius=radius, E=E, nu=nu, rho=rho)
         G = E / (2 * (1 + nu))
         I = math.pi * radius**4 / 4
@@ -191,24 +248,37 @@ class Section(Tree):
     @classmethod
     def _solid(cls, E, G, rho, A, shear_factor, I_y, I_z, J) -> Section:
         kGA = shear_factor * G * A
-        return cls.from_stiffness(E * A, kGA, G * J, (E * I_y, E * I_z), rho * A, (rho * I_y, rho * I_z))
+        return cls.from_stiffness(
+            E * A, kGA, G * J, (E * I_y, E * I_z), rho * A, (rho * I_y, rho * I_z)
+        )
 
 
 def _positive_all(nu: Value, **values: Value) -> list[Tensor]:
-    """The given values as tensors in the order of the caller's keywords, nu among them, each checked for its sign."""
+    """The given values as tensors in the order of the caller's keywords, nu among them, each
+    checked for its sign.
+    """
     dtype, device = common_dtype(nu, *values.values())
-    values = {name: positive(name, as_tensor(value, dtype, device)) for name, value in values.items()}
+    values = {
+        name: positive(name, as_tensor(value, dtype, device)) for name, value in values.items()
+    }
     nu = finite("nu", as_tensor(nu, dtype, device))
     if not concrete((nu > -1) & (nu <= 0.5)).all():
-        raise ValueError(f"nu = {nu.flatten()[0].item():g} was given; Poisson's ratio lies above -1 and up to 0.5")
+        raise ValueError(
+            f"nu = {nu.flatten()[0].item():g} was given; Poisson's ratio lies above -1 and up to "
+            "0.5"
+        )
     *before, rho = values.values()
     return [*before, nu, rho]
 
 
-def _pair(name: str, value: Value, dtype: torch.dtype, device: torch.device) -> tuple[Tensor, Tensor]:
+def _pair(
+    name: str, value: Value, dtype: torch.dtype, device: torch.device
+) -> tuple[Tensor, Tensor]:
     if isinstance(value, (list, tuple)):
         if len(value) != 2:
-            raise ValueError(f"{name} with {len(value)} entries was given; one value or a pair (y, z) is wanted")
+            raise ValueError(
+                f"{name} with {len(value)} entries was given; one value or a pair (y, z) is wanted"
+            )
         return as_tensor(value[0], dtype, device), as_tensor(value[1], dtype, device)
     one = as_tensor(value, dtype, device)
     return one, one
@@ -226,27 +296,38 @@ def _blocks(a: Tensor, b: Tensor, c: Tensor, d: Tensor) -> Tensor:
 
 def _about_centre(mass: Tensor) -> Tensor:
     """Rotary inertia (..., 3, 3) about the centre of mass, of a 6x6 mass: M22 - M21 M11^-1 M12."""
-    return mass[..., 3:, 3:] - mass[..., 3:, :3] @ torch.linalg.solve(mass[..., :3, :3], mass[..., :3, 3:])
+    return mass[..., 3:, 3:] - mass[..., 3:, :3] @ torch.linalg.solve(
+        mass[..., :3, :3], mass[..., :3, 3:]
+    )
 
 
 def _symmetric(name: str, matrix: Tensor) -> Tensor:
-    """The symmetric part of `matrix`, which may be unsymmetric by rounding: |S_ij - S_ji| up to `asymmetry` sqrt(S_ii S_jj),
-    the size that no entry of a positive matrix exceeds. An entry that is a difference of large numbers is all rounding, so its
-    own size is no measure. 1e-6 admits six printed digits; in float32 it is a thousand times the dtype's rounding.
+    """The symmetric part of `matrix`, which may be unsymmetric by rounding: |S_ij - S_ji| up to
+    `asymmetry` sqrt(S_ii S_jj), the size that no entry of a positive matrix exceeds. An entry that
+    is a difference of large numbers is all rounding, so its own size is no measure. 1e-6 admits six
+    printed digits; in float32 it is a thousand times the dtype's rounding.
     """
     if matrix.ndim < 2 or matrix.shape[-2:] != (6, 6):
-        raise ValueError(f"a {name} of shape {tuple(matrix.shape)} was given; (..., 6, 6) is wanted")
+        raise ValueError(
+            f"a {name} of shape {tuple(matrix.shape)} was given; (..., 6, 6) is wanted"
+        )
     matrix = axis_last(name, finite(name, matrix), 6)
     asymmetry = max(1e-6, 1e3 * torch.finfo(matrix.dtype).eps)
     root = matrix.detach().diagonal(dim1=-2, dim2=-1).abs().sqrt()
-    if concrete((matrix - matrix.mT).abs() > asymmetry * root[..., :, None] * root[..., None, :]).any():
+    if concrete(
+        (matrix - matrix.mT).abs() > asymmetry * root[..., :, None] * root[..., None, :]
+    ).any():
         raise ValueError(f"a {name} that is not symmetric was given; a symmetric one is wanted")
     return (matrix + matrix.mT) / 2
 
 
 def notes(of: Any) -> list[str]:
     """Special properties of a section, or of those of a beam, in words."""
-    known = [f"no {strain}: infinite stiffness" for strain, rigid in zip(STRAINS, of.rigid, strict=True) if rigid]
+    known = [
+        f"no {strain}: infinite stiffness"
+        for strain, rigid in zip(STRAINS, of.rigid, strict=True)
+        if rigid
+    ]
     if all(of.rigid[:3]):
         known = ["inextensible and unshearable", *known[3:]]
     known += ["stiffnesses coupled"] if of.coupled else []

@@ -25,7 +25,8 @@ WEIGHTS = (0.17392742256872692, 0.32607257743127305, 0.32607257743127305, 0.1739
 
 @dataclass(frozen=True)
 class Table(Tree):
-    """A number along the beam: straight lines between the places s, the first and the last value held outside.
+    """A number along the beam: straight lines between the places s, the first and the last value
+    held outside.
 
     s       (..., n) m, arc length from the root, strictly increasing
     values  (..., n), or (..., n, k) with `width` = k numbers at each place
@@ -43,9 +44,11 @@ class Table(Tree):
         object.__setattr__(self, "s", _places(s))
         object.__setattr__(self, "values", finite("a Table's values", values))
         shape = s.shape[-1:] if self.width is None else (*s.shape[-1:], self.width)
-        if values.ndim < len(shape) or values.shape[values.ndim - len(shape):] != shape:
+        if values.ndim < len(shape) or values.shape[values.ndim - len(shape) :] != shape:
             wanted = f"(..., {', '.join(map(str, shape))})"
-            raise ValueError(f"a Table's values of shape {tuple(values.shape)} were given; {wanted} are wanted")
+            raise ValueError(
+                f"a Table's values of shape {tuple(values.shape)} were given; {wanted} are wanted"
+            )
 
     def __call__(self, s: Tensor) -> Tensor:
         """Values (..., m) or (..., m, k) at s (..., m) m."""
@@ -56,23 +59,29 @@ class Table(Tree):
 
 @dataclass(frozen=True)
 class Stations(Tree):
-    """Sections at places along a beam, in place of one section: `Beam.straight(length, elements, Stations(s, sections))`.
+    """Sections at places along a beam, in place of one section:
+    `Beam.straight(length, elements, Stations(s, sections))`.
 
-    s        (n,) or (..., n) m, arc length from the root, strictly increasing; the beam lies between the first and the last
+    s        (n,) or (..., n) m, arc length from the root, strictly increasing; the beam lies
+             between the first and the last
     section  a sequence of n `Section`, or one whose last batch axis is n
 
-    Between stations the 6x6 stiffness and the 6x6 mass run along straight lines. Not the compliance: where a height tapers,
-    EI goes like its p-th power, p = 1 to 4, and over a relative change x of the height from station to station straight
-    lines in EI err by p (p - 1) x^2/8, in 1/EI by p (p + 1) x^2/8. A strain that is impossible must be so at every station.
+    Between stations the 6x6 stiffness and the 6x6 mass run along straight lines. Not the
+    compliance: where a height tapers, EI goes like its p-th power, p = 1 to 4, and over a relative
+    change x of the height from station to station straight lines in EI err by p (p - 1) x^2/8, in
+    1/EI by p (p + 1) x^2/8. A strain that is impossible must be so at every station.
 
-    Raises ValueError for places that do not increase, another number of sections, or a strain that is impossible at some.
+    Raises ValueError for places that do not increase, another number of sections, or a strain that
+    is impossible at some.
     """
 
     s: Tensor = leaf(1)
     section: Section | Sequence[Section]
 
     def __post_init__(self) -> None:
-        section = self.section if isinstance(self.section, Section) else stacked(_sections(self.section))
+        section = (
+            self.section if isinstance(self.section, Section) else stacked(_sections(self.section))
+        )
         s = _places(as_tensor(self.s, *common_dtype(self.s, section.compliance)))
         n = s.shape[-1]
         if section.batch_shape[-1:] != (n,):
@@ -80,22 +89,33 @@ class Stations(Tree):
             raise ValueError(f"{given} sections were given for {n} stations; one each is wanted")
         zero = section.compliance.diagonal(dim1=-2, dim2=-1) == 0
         if (zero.any(-2) != zero.all(-2)).any():
-            raise ValueError("a strain that is impossible at some stations was given; at all or at none is wanted")
+            raise ValueError(
+                "a strain that is impossible at some stations was given; at all or at none is "
+                "wanted"
+            )
         object.__setattr__(self, "s", s)
         object.__setattr__(self, "section", section)
 
     def __call__(self, s: Tensor) -> Section:
-        """The sections at s (..., m) m, m their last batch axis. Raises ValueError for an s beyond the stations."""
+        """The sections at s (..., m) m, m their last batch axis. Raises ValueError for an s beyond
+        the stations.
+        """
         slack = 1e-5 * (self.s[..., -1:] - self.s[..., :1])
         if ((s < self.s[..., :1] - slack) | (s > self.s[..., -1:] + slack)).any():
             span = f"{self.s.min().item():g} to {self.s.max().item():g} m"
-            raise ValueError(f"a beam from {s.min().item():g} to {s.max().item():g} m was given stations from {span}; "
-                             "stations from end to end are wanted")
+            raise ValueError(
+                f"a beam from {s.min().item():g} to {s.max().item():g} m was given stations from "
+                f"{span}; stations from end to end are wanted"
+            )
         S, mass, n = self.section.compliance, self.section.mass, self.s.shape[-1]
-        rigid = torch.tensor([float(r) for r in self.section.rigid], dtype=S.dtype, device=S.device).diag()
+        rigid = torch.tensor(
+            [float(r) for r in self.section.rigid], dtype=S.dtype, device=S.device
+        ).diag()
         stiffness = torch.linalg.inv(S + rigid)
-        K, mass = (_between(self.s, x.expand(*x.shape[:-3], n, 6, 6).flatten(-2), s).unflatten(-1, (6, 6))
-                   for x in (stiffness, mass))
+        K, mass = (
+            _between(self.s, x.expand(*x.shape[:-3], n, 6, 6).flatten(-2), s).unflatten(-1, (6, 6))
+            for x in (stiffness, mass)
+        )
         S = torch.linalg.inv((K + K.mT) / 2) - rigid
         return self.section.like((S + S.mT) / 2, mass)
 
@@ -112,81 +132,131 @@ def _sections(given: Any) -> tuple[Section, ...]:
 
 def stacked(sections: Sequence[Section]) -> Section:
     """One section whose last batch axis counts the given ones."""
-    compliance, mass = (torch.stack(torch.broadcast_tensors(*(getattr(s, name) for s in sections)), -3)
-                        for name in ("compliance", "mass"))
-    return Section(compliance, mass).declared(*(any(getattr(s, what) for s in sections) for what in STRUCTURE))
+    compliance, mass = (
+        torch.stack(torch.broadcast_tensors(*(getattr(s, name) for s in sections)), -3)
+        for name in ("compliance", "mass")
+    )
+    return Section(compliance, mass).declared(
+        *(any(getattr(s, what) for s in sections) for what in STRUCTURE)
+    )
 
 
 def stations_of(length: Tensor) -> Tensor:
-    """Arc length (..., 2 N) m of the stations of elements of order 2, which stand for a length each."""
+    """Arc length (..., 2 N) m of the stations of elements of order 2, which stand for a length
+    each.
+    """
     return within_elements(length, (-X, X)).flatten(-2)
 
 
-def of_elements(section: Sequence[Section] | Callable[[Tensor], Section], length: Tensor, order: int = 1) -> Section:
-    """The sections of N elements of the given length (..., N) m, N (or 1) their last batch axis. A function of s, `Stations`
-    among them, is averaged over each element, compliance and mass: the bending of an element under a constant moment and its
-    weight are then those of the beam. The average is taken at four Gauss points of each element, of `Stations` at four between
-    the stations in it, where their lines have corners. Of order 2 those of the stations of stress, (..., 2 N); a function is
-    taken there.
+def of_elements(
+    section: Sequence[Section] | Callable[[Tensor], Section], length: Tensor, order: int = 1
+) -> Section:
+    """The sections of N elements of the given length (..., N) m, N (or 1) their last batch axis. A
+    function of s, `Stations` among them, is averaged over each element, compliance and mass: the
+    bending of an element under a constant moment and its weight are then those of the beam. The
+    average is taken at four Gauss points of each element, of `Stations` at four between the
+    stations in it, where their lines have corners. Of order 2 those of the stations of stress,
+    (..., 2 N); a function is taken there.
     """
     N = length.shape[-1]
     if callable(section):
         if order == 2:
             return _sections_at(section, stations_of(length))
-        places, weights, element = _quadrature(length, section.s if isinstance(section, Stations) else None)
+        places, weights, element = _quadrature(
+            length, section.s if isinstance(section, Stations) else None
+        )
         element_sections = _sections_at(section, places)
-        return element_sections.like(*(_gathered(x, weights, element, N) for x in (element_sections.compliance, element_sections.mass)))
+        return element_sections.like(
+            *(
+                _gathered(x, weights, element, N)
+                for x in (element_sections.compliance, element_sections.mass)
+            )
+        )
     sections = tuple(section)
-    if not sections or not all(isinstance(s, Section) for s in sections) or len(sections) not in (1, N // order):
-        raise ValueError(f"{len(sections)} sections were given for {N // order} elements; one Section or one each is wanted")
+    if (
+        not sections
+        or not all(isinstance(s, Section) for s in sections)
+        or len(sections) not in (1, N // order)
+    ):
+        raise ValueError(
+            f"{len(sections)} sections were given for {N // order} elements; one Section or one "
+            "each is wanted"
+        )
     return stacked([s for s in sections for _ in range(order if len(sections) > 1 else 1)])
 
 
 def _sections_at(function: Callable[[Tensor], Section], places: Tensor) -> Section:
     sections = check_function("section", function, "s")(places)
     if not isinstance(sections, Section) or sections.batch_shape[-1:] != places.shape[-1:]:
-        given = f"of batch shape {tuple(sections.batch_shape)}" if isinstance(sections, Section) else type(sections).__name__
-        raise ValueError(f"a function of s that gave a section {given} for {places.shape[-1]} places was given; one "
-                         "Section with a last batch axis of that many is wanted")
+        given = (
+            f"of batch shape {tuple(sections.batch_shape)}"
+            if isinstance(sections, Section)
+            else type(sections).__name__
+        )
+        raise ValueError(
+            f"a function of s that gave a section {given} for {places.shape[-1]} places was given; "
+            "one Section with a last batch axis of that many is wanted"
+        )
     return sections
 
 
 def _quadrature(length: Tensor, corners: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
-    """Places (..., m) m along elements of length (..., N) m, the share of its element that each stands for, and that element's
-    number (..., m): four Gauss points between neighbours among the elements' ends and `corners` (..., n) m.
+    """Places (..., m) m along elements of length (..., N) m, the share of its element that each
+    stands for, and that element's number (..., m): four Gauss points between neighbours among the
+    elements' ends and `corners` (..., n) m.
     """
     ends = pad(length.cumsum(-1), (1, 0))
     if corners is not None:
         inside = torch.maximum(torch.minimum(corners, ends[..., -1:]), ends[..., :1])
         shape = broadcast("stations and elements", inside.shape[:-1], ends.shape[:-1])
-        ends = torch.cat([x.expand(*shape, x.shape[-1]) for x in (ends, inside)], -1).sort(-1).values
+        ends = (
+            torch.cat([x.expand(*shape, x.shape[-1]) for x in (ends, inside)], -1).sort(-1).values
+        )
     size, (points, weights) = ends.diff(dim=-1), (length.new_tensor(x) for x in (POINTS, WEIGHTS))
     places = ends[..., :-1, None] + size[..., None] * points
     inner = length.cumsum(-1)[..., :-1].detach().expand(*size.shape[:-1], -1).contiguous()
-    element = torch.searchsorted(inner, (ends[..., :-1] + size / 2).detach().contiguous(), right=True)
+    element = torch.searchsorted(
+        inner, (ends[..., :-1] + size / 2).detach().contiguous(), right=True
+    )
     share = size / length.expand(*size.shape[:-1], -1).gather(-1, element)
-    return (places.flatten(-2), (share[..., None] * weights).flatten(-2), element.repeat_interleave(len(POINTS), -1))
+    return (
+        places.flatten(-2),
+        (share[..., None] * weights).flatten(-2),
+        element.repeat_interleave(len(POINTS), -1),
+    )
 
 
 def _gathered(x: Tensor, weights: Tensor, element: Tensor, N: int) -> Tensor:
-    """Sums (..., N, 6, 6) over the places of each element of weights (..., m) times x (..., m or 1, 6, 6)."""
+    """Sums (..., N, 6, 6) over the places of each element of weights (..., m) times x
+    (..., m or 1, 6, 6).
+    """
     parts = weights[..., None, None] * x
-    return parts.new_zeros(*parts.shape[:-3], N, 6, 6).scatter_add(-3, element[..., None, None].expand(parts.shape), parts)
+    return parts.new_zeros(*parts.shape[:-3], N, 6, 6).scatter_add(
+        -3, element[..., None, None].expand(parts.shape), parts
+    )
 
 
 def _places(s: Tensor) -> Tensor:
     finite("s", s)
     if s.ndim == 0 or s.shape[-1] < 2 or not (s.diff(dim=-1) > 0).all():
-        raise ValueError(f"the places s = {s.flatten().tolist()[:8]} were given; two or more, strictly increasing, are wanted")
+        raise ValueError(
+            f"the places s = {s.flatten().tolist()[:8]} were given; two or more, strictly "
+            "increasing, are wanted"
+        )
     return s
 
 
 def _between(s: Tensor, values: Tensor, at: Tensor) -> Tensor:
-    """Straight lines through values (..., n, k) at s (..., n), looked up at (..., m): (..., m, k)."""
+    """Straight lines through values (..., n, k) at s (..., n), looked up at (..., m):
+    (..., m, k).
+    """
     shape = broadcast("places and values", s.shape[:-1], values.shape[:-2], at.shape[:-1])
     n, m, k = s.shape[-1], at.shape[-1], values.shape[-1]
-    s, at, values = s.expand(*shape, n), at.to(values).expand(*shape, m), values.expand(*shape, n, k)
-    i = (torch.searchsorted(s.detach().contiguous(), at.detach().contiguous(), right=True) - 1).clamp(0, n - 2)
+    s, at = s.expand(*shape, n), at.to(values).expand(*shape, m)
+    values = values.expand(*shape, n, k)
+    i = (
+        torch.searchsorted(s.detach().contiguous(), at.detach().contiguous(), right=True) - 1
+    ).clamp(0, n - 2)
     a, b = s.gather(-1, i), s.gather(-1, i + 1)
     share = ((at - a) / (b - a)).clamp(0, 1)[..., None]
     before, after = (values.gather(-2, j[..., None].expand(*shape, m, k)) for j in (i, i + 1))

@@ -1,4 +1,6 @@
-"""Structure: several beams and bodies as one set of rows, those of the beams one after the other, then the bodies' nodes."""
+"""Structure: several beams and bodies as one set of rows, those of the beams one after the other,
+then the bodies' nodes.
+"""
 
 from __future__ import annotations
 
@@ -21,18 +23,20 @@ from .effects.effect import Effect
 from .effects.point_mass import PointMass
 from .parts import FLAGS, Part, Row, Span, part_of, row_of
 
-AXES = dict(nodes=2, frames=2, elements=2, length=1, compliance=3, mass=3)  # of the tensors of a `Beam`
+# of the tensors of a `Beam`
+AXES = dict(nodes=2, frames=2, elements=2, length=1, compliance=3, mass=3)
 
 
 @dataclass(frozen=True, repr=False)
 class Structure(Beam):
-    """Beams and bodies as what the physics takes a beam for: what has an axis of nodes, elements or stations in a `Beam` has
-    here those of all beams one after the other; nodes and frames then have a row for each body. rigid, coupled, offset,
-    rotary, curved: whether any beam is.
+    """Beams and bodies as what the physics takes a beam for: what has an axis of nodes, elements or
+    stations in a `Beam` has here those of all beams one after the other; nodes and frames then have
+    a row for each body. rigid, coupled, offset, rotary, curved: whether any beam is.
 
     parts   what belongs to whom
     masses  of the bodies, on their nodes
-    joined  rows that joints connect, in the order of the scene's: (row of a, row of b), None = the ground
+    joined  rows that joints connect, in the order of the scene's: (row of a, row of b), None = the
+            ground
     """
 
     parts: tuple[Part, ...] = ()
@@ -41,37 +45,63 @@ class Structure(Beam):
 
     @classmethod
     def of(cls, given: dict[str, Beam | Body]) -> Structure:
-        """Raises ValueError for a part without a name, one that is neither beam nor body, none at all, and beams of different
-        orders, dtypes or devices, or some of which are linked.
+        """Raises ValueError for a part without a name, one that is neither beam nor body, none at
+        all, and beams of different orders, dtypes or devices, or some of which are linked.
         """
         beams, bodies = _sorted(given)
         first = next(iter(beams.values()), None)
         dtype, device = common_dtype(*(leaf.value for leaf in leaves(list(given.values()))))
         for name in ("order", "linked_interpolation"):
             if len({getattr(beam, name) for beam in beams.values()}) > 1:
-                what = "different orders" if name == "order" else "linked interpolation beside others without"
-                raise ValueError(f"beams of {what} were given; all alike are wanted in one structure")
+                what = (
+                    "different orders"
+                    if name == "order"
+                    else "linked interpolation beside others without"
+                )
+                raise ValueError(
+                    f"beams of {what} were given; all alike are wanted in one structure"
+                )
         bodies = {name: bound(body, dtype, device) for name, body in bodies.items()}
         found = {name: [_own(beam, name) for beam in beams.values()] for name in AXES}
         found["nodes"] += [body.position[..., None, :] for body in bodies.values()]
         found["frames"] += [body.frame[..., None, :] for body in bodies.values()]
-        tensors = {name: _joined(parts, axes, dtype, device) for (name, axes), parts in zip(AXES.items(), found.values(),
-                                                                                           strict=True)}
+        tensors = {
+            name: _joined(parts, axes, dtype, device)
+            for (name, axes), parts in zip(AXES.items(), found.values(), strict=True)
+        }
         parts, node, station = [], 0, 0
         for name, beam in beams.items():
-            parts.append(Part(name, node, beam.node_count, station, beam.station_count,
-                              tuple(getattr(beam, name) for name in FLAGS)))
+            parts.append(
+                Part(
+                    name,
+                    node,
+                    beam.node_count,
+                    station,
+                    beam.station_count,
+                    tuple(getattr(beam, name) for name in FLAGS),
+                )
+            )
             node, station = node + beam.node_count, station + beam.station_count
         masses = []
         for name, body in bodies.items():
             parts.append(Part(name, node, 1, station))
             masses.append(body.mass_at(Row(node, name)))
             node += 1
-        rigid = tuple(map(any, zip(*(beam.rigid for beam in beams.values()), strict=True))) if beams else (False,) * 6
+        rigid = (
+            tuple(map(any, zip(*(beam.rigid for beam in beams.values()), strict=True)))
+            if beams
+            else (False,) * 6
+        )
         flags = {name: any(getattr(beam, name) for beam in beams.values()) for name in FLAGS[1:]}
-        return cls(**tensors, **flags, rigid=rigid, order=1 if first is None else first.order,
-                   linked_interpolation=first is not None and first.linked_interpolation, parts=tuple(parts),
-                   masses=tuple(masses))
+        return cls(
+            **tensors,
+            **flags,
+            rigid=rigid,
+            order=1 if first is None else first.order,
+            linked_interpolation=first is not None and first.linked_interpolation,
+            parts=tuple(parts),
+            masses=tuple(masses),
+        )
 
     def __repr__(self) -> str:
         return lines("Structure", *self.words(), kind(self.batch_shape, self.nodes))
@@ -81,8 +111,13 @@ class Structure(Beam):
         return [self._line(part) for part in self.parts]
 
     def loops(self, supported: tuple[int, ...]) -> int:
-        """How many closed loops joints and the supports of nodes make of the parts, and of the ground that they are held by."""
-        place = [*(self.parts.index(self.part_at(row)) for row in range(self.node_count)), len(self.parts)]
+        """How many closed loops joints and the supports of nodes make of the parts, and of the
+        ground that they are held by.
+        """
+        place = [
+            *(self.parts.index(self.part_at(row)) for row in range(self.node_count)),
+            len(self.parts),
+        ]
         edges = [*self.joined, *((node, None) for node in supported)]
         edges = [tuple(place[-1 if node is None else node] for node in pair) for pair in edges]
         roots = list(range(len(self.parts) + 1))
@@ -99,7 +134,10 @@ class Structure(Beam):
     def _line(self, part: Part) -> str:
         if part.body:
             at = next(mass for mass in self.masses if mass.node == part.first_node)
-            return f"{part.name!r}: a body of {span(at.mass)} kg at {point(self.nodes[..., part.first_node, :])} m"
+            return (
+                f"{part.name!r}: a body of {span(at.mass)} kg at "
+                f"{point(self.nodes[..., part.first_node, :])} m"
+            )
         return f"{part.name!r}: {self.part(part.name)!r}"
 
     @property
@@ -126,30 +164,55 @@ class Structure(Beam):
         """`size`, with other places (..., n, 3) m beside the nodes."""
         lead = broadcast_shapes(places.shape[:-2], self.nodes.shape[:-2])
         points = torch.cat([x.expand(*lead, *x.shape[-2:]) for x in (places, self.nodes)], -2)
-        return self.length.sum(-1) + torch.linalg.vector_norm(points.amax(-2) - points.amin(-2), dim=-1)
+        return self.length.sum(-1) + torch.linalg.vector_norm(
+            points.amax(-2) - points.amin(-2), dim=-1
+        )
 
     @property
     def extent(self) -> Tensor:
-        """(...) m: `size`, or how far the mass of a body is from its centre, if that is more; 1 m of a point alone."""
-        spread = [(mass.inertia.diagonal(dim1=-2, dim2=-1).sum(-1) / (2 * mass.mass)).sqrt() for mass in self.masses
-                  if mass.inertia is not None]
+        """(...) m: `size`, or how far the mass of a body is from its centre, if that is more; 1 m
+        of a point alone.
+        """
+        spread = [
+            (mass.inertia.diagonal(dim1=-2, dim2=-1).sum(-1) / (2 * mass.mass)).sqrt()
+            for mass in self.masses
+            if mass.inertia is not None
+        ]
         extent = torch.stack(torch.broadcast_tensors(self.size, *spread)).amax(0)
         return torch.where(extent > 0, extent, 1.0)
 
     def part_at(self, row: int) -> Part:
         """The part that a node belongs to."""
-        return next(part for part in self.parts if part.first_node <= row < part.first_node + part.node_count)
+        return next(
+            part
+            for part in self.parts
+            if part.first_node <= row < part.first_node + part.node_count
+        )
 
     def part(self, name: str) -> Beam:
         """The beam of that name by itself."""
         part = part_of(self.parts, name)
-        rows = {field: getattr(self, field)[(..., part.nodes if field in ("nodes", "frames") else part.stations,
-                                             *(slice(None),) * (axes - 1))] for field, axes in AXES.items()}
-        return Beam(**rows, **dict(zip(FLAGS, part.declared, strict=True)), order=self.order,
-                    linked_interpolation=self.linked_interpolation)
+        rows = {
+            field: getattr(self, field)[
+                (
+                    ...,
+                    part.nodes if field in ("nodes", "frames") else part.stations,
+                    *(slice(None),) * (axes - 1),
+                )
+            ]
+            for field, axes in AXES.items()
+        }
+        return Beam(
+            **rows,
+            **dict(zip(FLAGS, part.declared, strict=True)),
+            order=self.order,
+            linked_interpolation=self.linked_interpolation,
+        )
 
     def station_axes(self, frames: Tensor) -> Tensor:
-        found = [self.part(part.name).station_axes(frames[..., part.nodes, :]) for part in self.beams]
+        found = [
+            self.part(part.name).station_axes(frames[..., part.nodes, :]) for part in self.beams
+        ]
         return torch.cat(found, -2) if found else frames[..., :0, :]
 
     def row(self, node: Any, name: str = "node") -> Row:
@@ -159,7 +222,10 @@ class Structure(Beam):
         if on is not None:
             part = part_of(self.parts, on)
             if part.body and not effect.by_mass:
-                raise ValueError(f"{effect.called} with on = {on!r} was given; that is a body, and a beam is wanted")
+                raise ValueError(
+                    f"{effect.called} with on = {on!r} was given; that is a body, and a beam is "
+                    "wanted"
+                )
 
     def spans(self, effect: Effect) -> tuple[Span, ...] | None:
         if effect.on is not None:
@@ -168,7 +234,13 @@ class Structure(Beam):
             return tuple(map(self._span, self.beams))
         if effect.by_mass or not self.masses:
             return None
-        return (Span(slice(0, self.node_count - len(self.masses)), slice(0, self.station_count), self.element_count),)
+        return (
+            Span(
+                slice(0, self.node_count - len(self.masses)),
+                slice(0, self.station_count),
+                self.element_count,
+            ),
+        )
 
     def _span(self, part: Part) -> Span:
         return Span(part.nodes, part.stations, part.station_count // self.order)
@@ -180,10 +252,16 @@ def _sorted(given: dict[str, Beam | Body]) -> tuple[dict[str, Beam], dict[str, B
         if not isinstance(name, str) or not name:
             raise ValueError(f"a part with the name {shown(name)} was given; text is wanted")
         if isinstance(part, Structure) or not isinstance(part, (Beam, Body)):
-            raise ValueError(f"{name!r} of type {type(part).__name__} was given; a torchbeam.Beam or torchbeam.Body is wanted")
+            raise ValueError(
+                f"{name!r} of type {type(part).__name__} was given; a torchbeam.Beam or "
+                "torchbeam.Body is wanted"
+            )
     if not given:
         raise ValueError("no parts were given; a beam or a body is wanted")
-    return tuple({name: part for name, part in given.items() if isinstance(part, wanted)} for wanted in (Beam, Body))
+    return tuple(
+        {name: part for name, part in given.items() if isinstance(part, wanted)}
+        for wanted in (Beam, Body)
+    )
 
 
 def _own(beam: Beam, name: str) -> Tensor:
@@ -191,7 +269,7 @@ def _own(beam: Beam, name: str) -> Tensor:
     x, axes = getattr(beam, name), AXES[name]
     if name in ("nodes", "frames") or x.shape[-axes] != 1:
         return x
-    return x.expand(*x.shape[:-axes], beam.station_count, *x.shape[x.ndim - axes + 1:])
+    return x.expand(*x.shape[:-axes], beam.station_count, *x.shape[x.ndim - axes + 1 :])
 
 
 def _joined(parts: Sequence[Tensor], axes: int, dtype: torch.dtype, device: torch.device) -> Tensor:
@@ -199,4 +277,4 @@ def _joined(parts: Sequence[Tensor], axes: int, dtype: torch.dtype, device: torc
     if not parts:
         return torch.zeros(0, *{1: (), 2: (4,), 3: (6, 6)}[axes], dtype=dtype, device=device)
     shape = broadcast("the parts of a structure", *(x.shape[:-axes] for x in parts))
-    return torch.cat([x.expand(*shape, *x.shape[x.ndim - axes:]) for x in parts], -axes)
+    return torch.cat([x.expand(*shape, *x.shape[x.ndim - axes :]) for x in parts], -axes)

@@ -37,9 +37,10 @@ class Frame(Tree):
 
 @dataclass(frozen=True)
 class RootMotion(Tree):
-    """Motion of the clamp in frame a: functions t -> (..., 3), or values (..., 3) of a clamp that stands elsewhere than the
-    beam has node 0; `Accelerogram` is a function, of a shaker or an earthquake. Rates of functions are taken by forward
-    mode: they are written in torch operations on t (torch.sin(t), not math.sin(t)), else a ValueError says so.
+    """Motion of the clamp in frame a: functions t -> (..., 3), or values (..., 3) of a clamp that
+    stands elsewhere than the beam has node 0; `Accelerogram` is a function, of a shaker or an
+    earthquake. Rates of functions are taken by forward mode: they are written in torch operations
+    on t (torch.sin(t), not math.sin(t)), else a ValueError says so.
 
     displacement  of node 0 from its place in the beam, m
     rotation      of node 0 from its axes in the beam: a rotation vector, rad, frame a
@@ -57,18 +58,22 @@ class RootMotion(Tree):
 class Support(Tree):
     """Support: prescribed position and rotation components of a node.
 
-    node          counts from the root, -1 is the tip; in a structure (name, node), or the name of a body
+    node          counts from the root, -1 is the tip; in a structure (name, node), or the name of a
+                  body
     position      the components in frame a that are held: "xyz" all, "yz" a slide along x, "" none
     rotation      "xyz" all; two letters: a hinge about the third axis of frame a; "": a pin
-    displacement  (..., 3) m of the held components from where the beam has the node, frame a: a value, or a function of t for
-                  a support that moves. None = none
-    turn          (..., 3) rad, likewise: rotation vector from the node's axes in the beam, frame a; wants rotation="xyz"
+    displacement  (..., 3) m of the held components from where the beam has the node, frame a: a
+                  value, or a function of t for a support that moves. None = none
+    turn          (..., 3) rad, likewise: rotation vector from the node's axes in the beam, frame a;
+                  wants rotation="xyz"
 
-    What is held is where the beam has the node, displaced and turned so, in statics and in motion, whatever a start has there:
-    an equilibrium looks for its shape from there, a motion refuses a start that is elsewhere, or that moves where nothing does
-    (see `simulate`). Values that do not change are no motion: what takes supports that stand takes them.
+    What is held is where the beam has the node, displaced and turned so, in statics and in motion,
+    whatever a start has there: an equilibrium looks for its shape from there, a motion refuses a
+    start that is elsewhere, or that moves where nothing does (see `simulate`). Values that do not
+    change are no motion: what takes supports that stand takes them.
 
-    Raises ValueError for other letters, a rotation about which one axis is held, or a motion of what is not held.
+    Raises ValueError for other letters, a rotation about which one axis is held, or a motion of
+    what is not held.
     """
 
     node: int
@@ -81,17 +86,31 @@ class Support(Tree):
         check_node(self.node)
         for name in ("position", "rotation"):
             letters = getattr(self, name)
-            if not isinstance(letters, str) or set(letters) - set(AXES) or len(set(letters)) != len(letters):
-                raise ValueError(f"{name} = {shown(letters)} was given; some of the letters x, y and z are wanted, or none")
+            if (
+                not isinstance(letters, str)
+                or set(letters) - set(AXES)
+                or len(set(letters)) != len(letters)
+            ):
+                raise ValueError(
+                    f"{name} = {shown(letters)} was given; some of the letters x, y and z are "
+                    "wanted, or none"
+                )
         if len(self.rotation) == 1:
-            raise ValueError(f"rotation = {self.rotation!r} was given; all three components are held, two (a hinge about the "
-                             "third) or none")
+            raise ValueError(
+                f"rotation = {self.rotation!r} was given; all three components are held, two (a "
+                "hinge about the third) or none"
+            )
         for name in ("displacement", "turn"):
             _motion(self, name)
         if self.displacement is not None and not self.position:
-            raise ValueError("a displacement of a node whose position is free was given; held components are wanted")
+            raise ValueError(
+                "a displacement of a node whose position is free was given; held components are "
+                "wanted"
+            )
         if self.turn is not None and len(self.rotation) < 3:
-            raise ValueError(f"turn with rotation = {self.rotation!r} was given; rotation = 'xyz' is wanted")
+            raise ValueError(
+                f"turn with rotation = {self.rotation!r} was given; rotation = 'xyz' is wanted"
+            )
 
     @property
     def held(self) -> tuple[bool, ...]:

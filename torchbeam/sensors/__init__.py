@@ -1,11 +1,14 @@
-"""Sensors: readings of a beam's state. One kind of object for environments, identification, linearisation and plots.
+"""Sensors: readings of a beam's state. One kind of object for environments, identification,
+linearisation and plots.
 
-    tip = tb.sensors.TipPosition(reference=start)     tip(state) -> (..., 3) m       tip(solution.state) -> (time, ..., 3)
+    tip = tb.sensors.TipPosition(reference=start)     tip(state) -> (..., 3) m
+    tip(solution.state) -> (time, ..., 3)
     tip["z"] or tip[2]                                one component: (..., 1)
     tb.sensors.Stack((tip, tb.sensors.Spin(-1)))      several as one vector: (..., 6)
 
-A sensor is called with a state of any form (`State`, `MixedState`), batched, or a trajectory (time first), and returns a
-tensor with the same leading axes; it is differentiable in the state and in what it was made of. Each has
+A sensor is called with a state of any form (`State`, `MixedState`), batched, or a trajectory
+(time first), and returns a tensor with the same leading axes; it is differentiable in the state and
+in what it was made of. Each has
 
     name    what it reads        unit    SI        labels  one short name for each number
     shape   of a reading, (3,) for a vector         size    numbers in it
@@ -19,11 +22,14 @@ from .node import Angles, NodePosition, NodeRotation, NodeVelocity, Spin, TipPos
 from .root import Reaction, RootForce, RootMoment, RootReaction, RootSpringLoad
 from .sensor import Component, Sensor, Stack
 
+# fmt: off
 __all__ = [
     "Angles", "Component", "Curvature", "Gauge", "JointCoordinate", "JointLoad", "JointRate",
     "NodeAcceleration", "NodePosition", "NodeRotation", "NodeVelocity",
-    "Reaction", "RootForce", "RootMoment", "RootReaction", "RootSpringLoad", "Sensor", "Spin", "Stack", "Strain", "Stress",
+    "Reaction", "RootForce", "RootMoment", "RootReaction", "RootSpringLoad", "Sensor", "Spin",
+    "Stack", "Strain", "Stress",
     "TipPosition", "TipVelocity",
 ]
+# fmt: on
 
 entry_points(globals(), __all__)

@@ -26,23 +26,27 @@ from .sensor import XYZ
 
 @dataclass(frozen=True, eq=False, repr=False)
 class NodeAcceleration(_OfNode):
-    """Acceleration (..., 3) m/s^2 of a node against inertial space, in the axes of frame a: not what an accelerometer reads,
-    unless `proper` says so (a beam at rest under its weight has none). At the instant of the state: of its positions,
-    velocities and loads at that time, by the nodal form's own mass,
+    """Acceleration (..., 3) m/s^2 of a node against inertial space, in the axes of frame a: not
+    what an accelerometer reads, unless `proper` says so (a beam at rest under its weight has none).
+    At the instant of the state: of its positions, velocities and loads at that time, by the nodal
+    form's own mass,
 
-        M a = loads - internal forces (strain and strain rate) - what the spin makes of masses off the axis
+        M a
+            = loads - internal forces (strain and strain rate)
+                - what the spin makes of masses off the axis
 
-    a block tridiagonal solve; absolute, where frame a or a support moves. (After an implicit step it is that at the end of
-    the step; the step itself ran on the mean.)
+    a block tridiagonal solve; absolute, where frame a or a support moves. (After an implicit step
+    it is that at the end of the step; the step itself ran on the mean.)
 
     scene   whose loads act;  inputs  by name, (..., size), where the scene has some
     body    in the axes of the node's section
-    proper  less gravity g (..., 3) m/s^2, in inertial axes as in `Gravity`, which turn against a frame that turns: what an
-            accelerometer reads; None = not
+    proper  less gravity g (..., 3) m/s^2, in inertial axes as in `Gravity`, which turn against a
+            frame that turns: what an accelerometer reads; None = not
     lumped  as in `Stepper`
 
-    Raises ValueError for a scene that the nodal form does not take, an infinite stiffness (the acceleration then follows from
-    constraints that a state does not hold), or a state of another form.
+    Raises ValueError for a scene that the nodal form does not take, an infinite stiffness (the
+    acceleration then follows from constraints that a state does not hold), or a state of another
+    form.
     """
 
     scene: Scene
@@ -61,69 +65,106 @@ class NodeAcceleration(_OfNode):
         super().__post_init__()
         instance("a scene", self.scene, Scene)
         if self.scene.joints:
-            raise ValueError("a scene with joints was given to NodeAcceleration, which has no forces of joints; one without is "
-                             "wanted")
+            raise ValueError(
+                "a scene with joints was given to NodeAcceleration, which has no forces of "
+                "joints; one without is wanted"
+            )
         named = given if self.on is None or isinstance(given, (str, tuple)) else (self.on, given)
         object.__setattr__(self, "row", self.scene.beam.row(named) % self.scene.beam.node_count)
         boolean("body", self.body)
         if any(self.scene.beam.rigid):
-            raise ValueError("a scene with an infinite stiffness was given to NodeAcceleration; finite ones are wanted")
+            raise ValueError(
+                "a scene with an infinite stiffness was given to NodeAcceleration; finite ones "
+                "are wanted"
+            )
         if self.scene.has_prescribed_motion and not all(s.clamp for s in self.scene.supports):
-            raise ValueError("a support that is no clamp, of a beam whose root or frame moves, was given to NodeAcceleration; "
-                             "clamps are wanted")
+            raise ValueError(
+                "a support that is no clamp, of a beam whose root or frame moves, was given to "
+                "NodeAcceleration; clamps are wanted"
+            )
         if self.proper is not None:
-            object.__setattr__(self, "proper", finite("proper", axis_last(
-                "proper", as_tensor(self.proper, self.scene.dtype, self.scene.device), 3)))
-        object.__setattr__(self, "rates", Rates(discretise(self.scene, self.lumped), self.scene.tensors(self.inputs)))
+            object.__setattr__(
+                self,
+                "proper",
+                finite(
+                    "proper",
+                    axis_last(
+                        "proper", as_tensor(self.proper, self.scene.dtype, self.scene.device), 3
+                    ),
+                ),
+            )
+        object.__setattr__(
+            self,
+            "rates",
+            Rates(discretise(self.scene, self.lumped), self.scene.tensors(self.inputs)),
+        )
 
     def __call__(self, state: Any) -> Tensor:
         return self.read(state)
 
     def read(self, state: Any) -> Tensor:
         if not isinstance(state, State):
-            raise ValueError(f"a {type(state).__name__} was given to NodeAcceleration; a State of the nodal form is wanted")
-        if state.t.ndim > 1 and _trajectory(state.t):  # at each instant the loads are asked for once
+            raise ValueError(
+                f"a {type(state).__name__} was given to NodeAcceleration; a State of the nodal "
+                "form is wanted"
+            )
+        # at each instant the loads are asked for once
+        if state.t.ndim > 1 and _trajectory(state.t):
             return torch.stack([self.read(state[k]) for k in range(len(state.t))])
         a = self.solve(state)[..., self.row, :]
         if self.proper is not None:
-            a = a - (self.proper if state.frame is None else quat.rotate(quat.conjugate(state.frame), self.proper))
+            a = a - (
+                self.proper
+                if state.frame is None
+                else quat.rotate(quat.conjugate(state.frame), self.proper)
+            )
         return quat.rotate(quat.conjugate(state.rotation[..., self.row, :]), a) if self.body else a
 
     def solve(self, state: State) -> Tensor:
-        """Absolute acceleration of all nodes, (..., N+1, 3). With a and alpha those of the nodes, e the arms to their centres
-        of mass and A alpha = alpha x e:
+        """Absolute acceleration of all nodes, (..., N+1, 3). With a and alpha those of the nodes, e
+        the arms to their centres of mass and A alpha = alpha x e:
 
-            M a_c = f      A^T M a_c + J alpha + Omega x J Omega = m      a_c = a + A alpha + Omega x (Omega x e)
+            M a_c = f      A^T M a_c + J alpha + Omega x J Omega = m
+            a_c = a + A alpha + Omega x (Omega x e)
         """
         model = self.rates.model
-        t, space, inertia, p = shared(state.t), model.space, model.inertia, model.space.dims.position
+        t, space, inertia = shared(state.t), model.space, model.inertia
+        p = model.space.dims.position
         state = space.to_reduced(state)
         q, spin = state.rotation, state.spin
-        nodes = Nodes(state.position, q, state.velocity, space.to_frame(q, spin), state.frame, state.internal)
+        nodes = Nodes(
+            state.position, q, state.velocity, space.to_frame(q, spin), state.frame, state.internal
+        )
         now = self.rates.conditions(t)
         right, _ = self.rates.balance(now, nodes)
         eye, moving = torch.eye(p, dtype=right.dtype, device=right.device), model.constraints.moving
         lever, rotary = inertia.offset.turned(q), inertia.rotary
         matrix = lever.matrix(inertia.masses(eye), lambda: lever.A)
         if not lever.present and not (rotary.present and "angular_acceleration" in model.read):
-            moving = moving & (torch.arange(moving.shape[-1], device=moving.device) < p)  # spins have no say
+            # spins have no say
+            moving = moving & (torch.arange(moving.shape[-1], device=moving.device) < p)
         else:
             matrix = rotary.matrix(matrix, lambda: rotary.in_frame(q))
             right = right - pad(space.to_frame(q, rotary.gyroscopic(spin)), (p, 0))
         if lever.present:
-            pull = inertia.translational.momentum(lever.acceleration(torch.zeros_like(state.velocity), lambda: nodes.spin))
+            pull = inertia.translational.momentum(
+                lever.acceleration(torch.zeros_like(state.velocity), lambda: nodes.spin)
+            )
             right = right - lever.wrench(pull, torch.zeros_like(spin))
         if model.adds_mass:
             matrix = matrix.plus(added_mass(model, nodes, now))
         free = moving.to(right)
         given = self.given(t, free) if model.scene.has_prescribed_motion else torch.zeros_like(free)
         system = matrix.restricted(model.topology.unknowns(moving, right))
-        return space.embed(system.solve(right - matrix.times(given), constant=False) + given)[..., :3]
+        return space.embed(system.solve(right - matrix.times(given), constant=False) + given)[
+            ..., :3
+        ]
 
     def given(self, t: Tensor, free: Tensor) -> Tensor:
         """Prescribed absolute acceleration (..., N+1, w) of the nodes at supports; 0 elsewhere."""
         model = self.rates.model
-        space, prescribed_motion, whole = model.space, model.prescribed_motion, torch.zeros_like(free)
+        space, prescribed_motion = model.space, model.prescribed_motion
+        whole = torch.zeros_like(free)
         for support in model.scene.supports:
             a, alpha = prescribed_motion.acceleration(support, t).unbind(-2)
             both = torch.cat((space.project_vector(a), space.project_spin(alpha)), -1)
@@ -135,4 +176,6 @@ class NodeAcceleration(_OfNode):
 def _trajectory(t: Tensor) -> bool:
     """Whether t (time, ...) differs along its first axis alone."""
     rows = t.flatten(1)
-    return rows.shape[1] > 0 and bool(concrete(rows == rows[:, :1]).all() and concrete(rows[:, 0] != rows[0, 0]).any())
+    return rows.shape[1] > 0 and bool(
+        concrete(rows == rows[:, :1]).all() and concrete(rows[:, 0] != rows[0, 0]).any()
+    )

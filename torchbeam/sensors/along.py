@@ -24,18 +24,21 @@ from .sensor import OnPart
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _Along(OnPart):
-    """A sensor of elements. At an arc length it follows the straight line through the values at the middles of the two
-    elements beside it (those of the first or last two, prolonged, near an end): second order, as the elements are. In elements
-    of order 2 it follows the line through their own two stations, where the values are best.
+    """A sensor of elements. At an arc length it follows the straight line through the values at the
+    middles of the two elements beside it (those of the first or last two, prolonged, near an end):
+    second order, as the elements are. In elements of order 2 it follows the line through their own
+    two stations, where the values are best.
 
-    station  (...) m, arc length from the root at rest, 0 to the beam's length; may be batched and carry gradient
-    beam     the `Beam`; or its `Scene`, which alone tells of small displacements (`small=True`): strains are then linear in
-             these, where those of the beam hold the squares of rotations
+    station  (...) m, arc length from the root at rest, 0 to the beam's length; may be batched and
+             carry gradient
+    beam     the `Beam`; or its `Scene`, which alone tells of small displacements (`small=True`):
+             strains are then linear in these, where those of the beam hold the squares of rotations
     on       name of the beam, in a structure, whose `Scene` is then given as the beam
-    element  in place of a station: the index of an element, whose own value (best at its middle) is read; of order 2 the mean
-             of its two
+    element  in place of a station: the index of an element, whose own value (best at its middle) is
+             read; of order 2 the mean of its two
 
-    Raises ValueError for both or neither, a station beyond the beam, or an element that does not exist.
+    Raises ValueError for both or neither, a station beyond the beam, or an element that does not
+    exist.
     """
 
     station: Value | None = None
@@ -47,21 +50,34 @@ class _Along(OnPart):
 
     def __post_init__(self) -> None:
         if (self.station is None) == (self.element is None):
-            raise ValueError(f"station = {shown(self.station)} and element = {shown(self.element)} were given; one of them "
-                             "is wanted")
+            raise ValueError(
+                f"station = {shown(self.station)} and element = {shown(self.element)} were given; "
+                "one of them is wanted"
+            )
         scene = self.beam
         if isinstance(scene, Scene):
             if scene.beam.parts:
                 scene = Scene(scene.beam.part(self.on), small=scene.small)
             object.__setattr__(self, "beam", scene.beam)
         if not isinstance(self.beam, Beam):
-            raise ValueError(f"a beam of type {type(self.beam).__name__} was given; the torchbeam.Beam is wanted")
+            raise ValueError(
+                f"a beam of type {type(self.beam).__name__} was given; the torchbeam.Beam is wanted"
+            )
         small = getattr(scene, "small", False)
-        object.__setattr__(self, "space", space_of(scene, self.beam.topology) if small else in_space(self.beam))
+        object.__setattr__(
+            self, "space", space_of(scene, self.beam.topology) if small else in_space(self.beam)
+        )
         if self.element is not None:
             N = self.beam.element_count
-            if isinstance(self.element, bool) or not isinstance(self.element, int) or not -N <= self.element < N:
-                raise ValueError(f"element = {shown(self.element)} was given; the beam has the elements 0 to {N - 1}")
+            if (
+                isinstance(self.element, bool)
+                or not isinstance(self.element, int)
+                or not -N <= self.element < N
+            ):
+                raise ValueError(
+                    f"element = {shown(self.element)} was given; the beam has the elements 0 to "
+                    f"{N - 1}"
+                )
         else:
             length = self.beam.length
             station = finite("station", as_tensor(self.station, length.dtype, length.device))
@@ -71,14 +87,24 @@ class _Along(OnPart):
 
     @property
     def name(self) -> str:
-        where = f"in element {self.element}" if self.station is None else (
-            f"at {self.station.item():g} m" if self.station.ndim == 0 else f"at {tuple(self.station.shape)} stations")
+        where = (
+            f"in element {self.element}"
+            if self.station is None
+            else (
+                f"at {self.station.item():g} m"
+                if self.station.ndim == 0
+                else f"at {tuple(self.station.shape)} stations"
+            )
+        )
         return f"{self.place}{self.what} {where}"
 
     def __call__(self, state: Any) -> Tensor:
         position = getattr(self.seen(state), "position", None)
         if position is not None and self.beam.node_count != position.shape[-2]:
-            raise ValueError(f"a state with {position.shape[-2]} nodes was given; the sensor's beam has {self.beam.node_count}")
+            raise ValueError(
+                f"a state with {position.shape[-2]} nodes was given; the sensor's beam has "
+                f"{self.beam.node_count}"
+            )
         return super().__call__(state)
 
     def of_elements(self, state: Any) -> Tensor:
@@ -99,18 +125,24 @@ def _within(station: Tensor, length: Tensor) -> None:
     beyond = concrete((station < 0) | (station > end * (1 + 1e-6)))
     if beyond.any():
         station, end = concrete(station.detach()), concrete(end)
-        raise ValueError(f"station = {station.flatten().tolist()[:4]} m was given for a beam of "
-                         f"{end.max().item():g} m; places from 0 to that are wanted")
+        raise ValueError(
+            f"station = {station.flatten().tolist()[:4]} m was given for a beam of "
+            f"{end.max().item():g} m; places from 0 to that are wanted"
+        )
 
 
 def line_weights(station: Tensor, length: Tensor) -> Tensor:
-    """(..., 2 N): what the stations of elements of order 2, standing for a length (..., 2 N) m, count for at places (...)."""
+    """(..., 2 N): what the stations of elements of order 2, standing for a length (..., 2 N) m,
+    count for at places (...).
+    """
     _within(station, length)
     return _on_lines(station, stations_of(length), length.cumsum(-1)[..., 1:-1:2], 2)
 
 
 def station_weights(station: Tensor, length: Tensor) -> Tensor:
-    """(..., N): what the elements, of length (..., N) m, count for at stations (...) m: see `_Along`."""
+    """(..., N): what the elements, of length (..., N) m, count for at stations (...) m: see
+    `_Along`.
+    """
     _within(station, length)
     if length.shape[-1] == 1:
         return torch.ones_like(station)[..., None]
@@ -119,11 +151,13 @@ def station_weights(station: Tensor, length: Tensor) -> Tensor:
 
 
 def _on_lines(station: Tensor, places: Tensor, ends: Tensor, step: int) -> Tensor:
-    """(..., n): what values at `places` (..., n) m count for at stations (...) m on straight lines between `ends` (..., m) m,
-    each through two of the places, that of the next line through those `step` further on.
+    """(..., n): what values at `places` (..., n) m count for at stations (...) m on straight lines
+    between `ends` (..., m) m, each through two of the places, that of the next line through those
+    `step` further on.
     """
     shape, n = broadcast_shapes(station.shape, places.shape[:-1]), places.shape[-1]
-    at, places, ends = station.expand(shape)[..., None], places.expand(*shape, n), ends.expand(*shape, ends.shape[-1])
+    at, places = station.expand(shape)[..., None], places.expand(*shape, n)
+    ends = ends.expand(*shape, ends.shape[-1])
     k = step * torch.searchsorted(ends.detach().contiguous(), at.detach().contiguous())
     a, b = places.gather(-1, k), places.gather(-1, k + 1)
     share, number = (at - a) / (b - a), torch.arange(n, device=k.device)
@@ -132,8 +166,9 @@ def _on_lines(station: Tensor, places: Tensor, ends: Tensor, step: int) -> Tenso
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _Strains(_Along):
-    """From the kinematics: the strain of the positions and rotations at that instant, less that of the beam at rest. (Not from
-    the stress, which after an implicit step is a mean over the step and holds damping.) Section axes.
+    """From the kinematics: the strain of the positions and rotations at that instant, less that of
+    the beam at rest. (Not from the stress, which after an implicit step is a mean over the step and
+    holds damping.) Section axes.
     """
 
     reference: Tensor | None = field(default=None, init=False)
@@ -147,20 +182,29 @@ class _Strains(_Along):
         length, p, space = self.beam.length[..., None], self.beam.order, self.space
         i = None if self.element is None else p * (self.element % self.beam.element_count)
         if i is not None and space.turns:  # that element alone
-            position, rotation, length = position[..., i:i + p + 1, :], rotation[..., i:i + p + 1, :], length[..., i:i + p, :]
+            position, rotation = position[..., i : i + p + 1, :], rotation[..., i : i + p + 1, :]
+            length = length[..., i : i + p, :]
         rotation = space.to_reduced_rotation(rotation)
         topology = self.beam.topology if i is None or not space.turns else Chain(p, 1)
         assembly = Assembly(topology, space.interpolation, space.dims.position)
-        strain = space.strains(space.kinematics(*assembly.poses(position, rotation), length), length)
-        return strain if i is None or space.turns else strain[..., i:i + p, :]
+        strain = space.strains(
+            space.kinematics(*assembly.poses(position, rotation), length), length
+        )
+        return strain if i is None or space.turns else strain[..., i : i + p, :]
 
     def read(self, state: Any) -> Tensor:
         if not isinstance(state, State):  # a mixed form holds its own
             return super().read(state)
         N = self.beam.station_count
         at = slice(None) if self.element is None else slice(self.element % N, self.element % N + 1)
-        values = without_residual_bending(self.beam, self._strain(state.position, state.rotation) - self.reference, at)
-        values = values.mean(-2) if self.weights is None else (self.weights[..., None, :] @ values)[..., 0, :]
+        values = without_residual_bending(
+            self.beam, self._strain(state.position, state.rotation) - self.reference, at
+        )
+        values = (
+            values.mean(-2)
+            if self.weights is None
+            else (self.weights[..., None, :] @ values)[..., 0, :]
+        )
         return self.of(values)
 
     def of_elements(self, state: Any) -> Tensor:
@@ -173,8 +217,8 @@ class _Strains(_Along):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Strain(_Strains):
-    """gamma (..., 3): extension, and shear along y and z, of the reference axis, section axes; by the kinematics, see
-    `_Strains`. station, beam, element: where, see `_Along`.
+    """gamma (..., 3): extension, and shear along y and z, of the reference axis, section axes; by
+    the kinematics, see `_Strains`. station, beam, element: where, see `_Along`.
     """
 
     what = "strain"
@@ -185,8 +229,8 @@ class Strain(_Strains):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Curvature(_Strains):
-    """kappa (..., 3) 1/m: twist, and bending about y and about z, section axes; by the kinematics, see `_Strains`.
-    station, beam, element: where, see `_Along`.
+    """kappa (..., 3) 1/m: twist, and bending about y and about z, section axes; by the kinematics,
+    see `_Strains`. station, beam, element: where, see `_Along`.
     """
 
     what = "curvature"
@@ -198,7 +242,8 @@ class Curvature(_Strains):
 @dataclass(frozen=True, eq=False, repr=False)
 class Gauge(_Strains):
     """Reading (..., 1) of a strain gauge along the beam, on the fibre at (y, z) m of the section:
-    gamma1 + z kappa2 - y kappa3; by the kinematics, see `_Strains`. station, beam, element: where, see `_Along`.
+    gamma1 + z kappa2 - y kappa3; by the kinematics, see `_Strains`. station, beam, element: where,
+    see `_Along`.
     """
 
     y: Value = 0.0
@@ -214,13 +259,17 @@ class Gauge(_Strains):
             object.__setattr__(self, name, finite(name, value))
 
     def of(self, strains: Tensor) -> Tensor:
-        return strains[..., :1] + self.z[..., None] * strains[..., 4:5] - self.y[..., None] * strains[..., 5:]
+        return (
+            strains[..., :1]
+            + self.z[..., None] * strains[..., 4:5]
+            - self.y[..., None] * strains[..., 5:]
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Stress(_Along):
-    """Stress resultants (..., 6) N and N m, section axes: the state's own, after an implicit step its mean over the step,
-    damping included. station, beam, element: where, see `_Along`.
+    """Stress resultants (..., 6) N and N m, section axes: the state's own, after an implicit step
+    its mean over the step, damping included. station, beam, element: where, see `_Along`.
     """
 
     what = "stress"

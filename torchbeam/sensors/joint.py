@@ -38,7 +38,10 @@ class _OfCoordinate(_OfJoint):
         x = getattr(reading, self.field)
         if x is None or x.ndim != reading.force.ndim - 1:
             have = "none" if x is None else "two"
-            raise ValueError(f"the {self.name} was asked for, which has {have}; that of a Hinge or a Slider is wanted")
+            raise ValueError(
+                f"the {self.name} was asked for, which has {have}; that of a Hinge or a Slider "
+                "is wanted"
+            )
         return x[..., None]
 
 
@@ -64,7 +67,9 @@ class JointRate(_OfCoordinate):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JointLoad(_OfJoint):
-    """Force and moment (..., 6) N and N m of a joint on its second part, at its point there, frame a."""
+    """Force and moment (..., 6) N and N m of a joint on its second part, at its point there, frame
+    a.
+    """
 
     name = property(lambda self: f"load of joint {self.joint}")
     unit = "N, N m"

@@ -18,8 +18,8 @@ from .sensor import XYZ, OnPart
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _OfNode(OnPart):
-    """A sensor at a node, counted from the root; -1 is the tip. In a structure the node is (name, node) or the name of a body;
-    or `on` has the name.
+    """A sensor at a node, counted from the root; -1 is the tip. In a structure the node is
+    (name, node) or the name of a body; or `on` has the name.
     """
 
     node: int
@@ -29,7 +29,10 @@ class _OfNode(OnPart):
         check_node(node)
         if isinstance(node, (str, tuple)):
             if on is not None:
-                raise ValueError(f"node = {node!r} and on = {on!r} were given; one of them is wanted to say the part")
+                raise ValueError(
+                    f"node = {node!r} and on = {on!r} were given; one of them is wanted to say "
+                    "the part"
+                )
             on, node = node if isinstance(node, tuple) else (node, 0)
         for name, value in (("node", int(node)), ("on", on)):
             object.__setattr__(self, name, value)
@@ -51,7 +54,8 @@ class _OfNode(OnPart):
 class NodePosition(_OfNode):
     """Position (..., 3) m of a node, frame a.
 
-    reference  what is taken off: (..., 3) m, or a state whose reading it is (the reading is then a displacement)
+    reference  what is taken off: (..., 3) m, or a state whose reading it is (the reading is then a
+               displacement)
     """
 
     reference: Any = None
@@ -92,8 +96,8 @@ class NodeVelocity(_OfNode):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Spin(_OfNode):
-    """Angular velocity (..., 3) rad/s of a node: absolute, in the axes of frame a, or with `body` in those of its section
-    (what a gyroscope there reads).
+    """Angular velocity (..., 3) rad/s of a node: absolute, in the axes of frame a, or with `body`
+    in those of its section (what a gyroscope there reads).
     """
 
     body: bool = False
@@ -116,8 +120,8 @@ class Spin(_OfNode):
 class _Turned(_OfNode):
     """A node's rotation R, section axes -> frame a; relative to a reference R_0, R_0^T R.
 
-    reference  None, a matrix (..., 3, 3), or a state whose node has it: `tb.rest(scene)` for the rotation since rest, seen in
-               the axes that the section had there (x along the beam)
+    reference  None, a matrix (..., 3, 3), or a state whose node has it: `tb.rest(scene)` for the
+               rotation since rest, seen in the axes that the section had there (x along the beam)
     """
 
     reference: Any = None
@@ -126,8 +130,11 @@ class _Turned(_OfNode):
         super().__post_init__()
         if self.reference is not None:
             given = self.reference
-            q = _quaternion(self.seen(given), self.node) if hasattr(given, "position") else quat.from_matrix(
-                rotations("reference", _given(given)))
+            q = (
+                _quaternion(self.seen(given), self.node)
+                if hasattr(given, "position")
+                else quat.from_matrix(rotations("reference", _given(given)))
+            )
             object.__setattr__(self, "reference", quat.conjugate(q))
 
     def quaternion(self, state: Any) -> Tensor:
@@ -137,7 +144,9 @@ class _Turned(_OfNode):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class NodeRotation(_Turned):
-    """Rotation matrix (..., 3, 3) of a node: section axes -> frame a, or -> the reference's axes."""
+    """Rotation matrix (..., 3, 3) of a node: section axes -> frame a, or -> the reference's
+    axes.
+    """
 
     what = "rotation"
     unit = "1"
@@ -152,11 +161,15 @@ class NodeRotation(_Turned):
 class Angles(_Turned):
     """A node's rotation as three angles (..., 3) rad.
 
-    kind  "tait-bryan": yaw, pitch and roll of R = Rz(yaw) Ry(pitch) Rx(roll): turn about z, then about the new y, then about
-              the section's own x, along the beam; yaw and roll in (-pi, pi], pitch in [-pi/2, pi/2]. Where the section's x
-              stands along z (pitch = +-pi/2), yaw and roll turn about the same axis: yaw is then taken as zero, and
+    kind  "tait-bryan": yaw, pitch and roll of R = Rz(yaw) Ry(pitch) Rx(roll): turn about z, then
+          about the new y, then about
+              the section's own x, along the beam; yaw and roll in (-pi, pi], pitch in [-pi/2,
+                  pi/2]. Where the section's x
+              stands along z (pitch = +-pi/2),
+                  yaw and roll turn about the same axis: yaw is then taken as zero, and
               derivatives mean nothing
-          "vector": the rotation vector, axis times angle, |.| <= pi; it jumps where the angle passes pi
+          "vector": the rotation vector, axis times angle,
+              |.| <= pi; it jumps where the angle passes pi
     """
 
     kind: str = "tait-bryan"
@@ -190,13 +203,17 @@ def tait_bryan(R: Tensor) -> Tensor:
 
 def _given(reference: Any) -> Tensor:
     """A reference as a tensor; plain numbers in double precision, as the dtype is the state's."""
-    return as_tensor(reference, *(common_dtype(reference) if has_dtype(reference) else (torch.float64,)))
+    return as_tensor(
+        reference, *(common_dtype(reference) if has_dtype(reference) else (torch.float64,))
+    )
 
 
 def _quaternion(state: Any, node: int) -> Tensor:
     if not isinstance(state, State):
         return quat.from_matrix(state.node(node).rotation)
-    return state.rotation[..., place("node", node, state.rotation.shape[-2], "the beam has the nodes"), :]
+    return state.rotation[
+        ..., place("node", node, state.rotation.shape[-2], "the beam has the nodes"), :
+    ]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

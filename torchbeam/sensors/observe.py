@@ -17,56 +17,85 @@ NEIGHBOURS = 5  # instants that a slope is found from: fourth order
 OUTSIDE = 1e-6  # of the trajectory's length by which a time may lie outside of it
 
 
-def observe(solution: Any, sensor: Sensor | Callable[[Any], Tensor], times: Value, *, delay: Value = 0.0, rate: bool = False
-            ) -> Tensor:
+def observe(
+    solution: Any,
+    sensor: Sensor | Callable[[Any], Tensor],
+    times: Value,
+    *,
+    delay: Value = 0.0,
+    rate: bool = False,
+) -> Tensor:
     """Readings (times, ..., *sensor.shape) of a solution at times between its instants.
 
     solution  `Solution` of any form, with instants t (time,)
     sensor    of `tb.sensors`, or a function of the states that gives (time, ..., *shape)
-    times     (times,) s in any order, or (times, ...) of each sample; NaN: nothing is read, the reading is NaN
-    delay     (...) s by which the readings lag: at the time s the motion of s - delay is read. What that finds before the first
-              instant is the reading there, at rest (its rate is zero); what it finds behind the last is NaN
-    rate      the reading's derivative by time, per s. Of `NodeVelocity` it is the acceleration in the axes of frame a
+    times     (times,) s in any order, or (times, ...) of each sample; NaN: nothing is read, the
+              reading is NaN
+    delay     (...) s by which the readings lag: at the time s the motion of s - delay is read. What
+              that finds before the first instant is the reading there, at rest (its rate is zero);
+              what it finds behind the last is NaN
+    rate      the reading's derivative by time, per s. Of `NodeVelocity` it is the acceleration in
+              the axes of frame a
 
-    Between two instants a reading is the cubic of both values and slopes (Hermite), the slopes those of the polynomial through
-    the five nearest instants: errors h^4/384 y'''' (of a rate h^3/125 y''''), and one continuous derivative.
-    Differentiable by the solution, by times and by delay, in both modes. Where the motion has a kink between two instants
-    (a force that begins) the order is lost there; instants at the kinks bring it back but for the slopes next to them.
+    Between two instants a reading is the cubic of both values and slopes (Hermite), the slopes
+    those of the polynomial through the five nearest instants: errors h^4/384 y''''
+    (of a rate h^3/125 y''''), and one continuous derivative. Differentiable by the solution, by
+    times and by delay, in both modes. Where the motion has a kink between two instants
+    (a force that begins) the order is lost there; instants at the kinks bring it back but for the
+    slopes next to them.
 
-    Stress and reactions are means over a step of an implicit method, which lag by half of it: `delay=-step/2` takes that back.
+    Stress and reactions are means over a step of an implicit method, which lag by half of it:
+    `delay=-step/2` takes that back.
 
     Raises ValueError for times beyond the trajectory where there is no delay, and for other shapes.
     """
     boolean("rate", rate)
     if not (hasattr(solution, "t") and hasattr(solution, "state")):
-        raise ValueError(f"a solution of type {type(solution).__name__} was given; a torchbeam.Solution is wanted")
+        raise ValueError(
+            f"a solution of type {type(solution).__name__} was given; a torchbeam.Solution is "
+            "wanted"
+        )
     t = solution.t.detach().contiguous()
     if len(t) < 2:
-        raise ValueError(f"a solution of {len(t)} instants was given to observe; two or more are wanted")
-    values = (sensor if isinstance(sensor, Sensor) else check_function("sensor", sensor, "state"))(solution.state)
+        raise ValueError(
+            f"a solution of {len(t)} instants was given to observe; two or more are wanted"
+        )
+    values = (sensor if isinstance(sensor, Sensor) else check_function("sensor", sensor, "state"))(
+        solution.state
+    )
     if values.shape[:1] != t.shape:
-        raise ValueError(f"a sensor that gave {tuple(values.shape)} for {len(t)} instants was given; time as its first axis is "
-                         "wanted")
-    shape = sensor.shape if isinstance(sensor, Sensor) else values.shape[len(solution.state.t.shape):]
-    batch = values.shape[1:values.ndim - len(shape)]
+        raise ValueError(
+            f"a sensor that gave {tuple(values.shape)} for {len(t)} instants was given; time as "
+            "its first axis is wanted"
+        )
+    shape = (
+        sensor.shape if isinstance(sensor, Sensor) else values.shape[len(solution.state.t.shape) :]
+    )
+    batch = values.shape[1 : values.ndim - len(shape)]
     times, delay = as_tensor(times, t.dtype, t.device), as_tensor(delay, t.dtype, t.device)
     if times.ndim == 0:
-        raise ValueError("one number was given for times; a series (times,) or (times, ...) is wanted")
+        raise ValueError(
+            "one number was given for times; a series (times,) or (times, ...) is wanted"
+        )
     seen = torch.isfinite(times)
     if not (concrete(delay) != 0).any():
         _within(times[seen], t)
     own = broadcast("times and delay", times.shape[1:], delay.shape)
     if own:
         batch = broadcast("times and readings", own, batch)
-        values = values.reshape(len(t), *(1,) * (len(batch) + len(shape) + 1 - values.ndim), *values.shape[1:])
+        values = values.reshape(
+            len(t), *(1,) * (len(batch) + len(shape) + 1 - values.ndim), *values.shape[1:]
+        )
         values = values.expand(len(t), *batch, *shape)
-    seen, times = (x.reshape(len(x), *(1,) * (len(own) - x.ndim + 1), *x.shape[1:]) for x in (seen, times))
+    seen, times = (
+        x.reshape(len(x), *(1,) * (len(own) - x.ndim + 1), *x.shape[1:]) for x in (seen, times)
+    )
     return _read(t, values, times - delay, seen, len(batch), rate)
 
 
 def _read(t: Tensor, values: Tensor, at: Tensor, seen: Tensor, axes: int, rate: bool) -> Tensor:
-    """Readings at the instants `at` (times, ...), as far as they are `seen`, whose axes broadcast with theirs, of a trajectory
-    of `values` (time, ..., *shape) with `axes` batch axes.
+    """Readings at the instants `at` (times, ...), as far as they are `seen`, whose axes broadcast
+    with theirs, of a trajectory of `values` (time, ..., *shape) with `axes` batch axes.
     """
     slopes = _slopes(t, values)
     at = torch.where(seen, at, t[0])
@@ -92,12 +121,18 @@ def _read(t: Tensor, values: Tensor, at: Tensor, seen: Tensor, axes: int, rate: 
     h, s, wrong = wide(h), wide(s), wide(~seen | ahead)
     rise, bend = b - a - h * va, h * (vb - va)
     c, d = 3 * rise - bend, bend - 2 * rise
-    reading = torch.where(wide(before), 0, va + s * (2 * c + 3 * s * d) / h) if rate else a + s * (h * va + s * (c + s * d))
+    reading = (
+        torch.where(wide(before), 0, va + s * (2 * c + 3 * s * d) / h)
+        if rate
+        else a + s * (h * va + s * (c + s * d))
+    )
     return torch.where(wrong, torch.nan, reading)
 
 
 def _slopes(t: Tensor, values: Tensor) -> Tensor:
-    """Derivatives of `values` (time, ...) at their instants: those of the polynomials through `NEIGHBOURS` of them."""
+    """Derivatives of `values` (time, ...) at their instants: those of the polynomials through
+    `NEIGHBOURS` of them.
+    """
     n = min(NEIGHBOURS, len(t))
     order = torch.arange(n, device=t.device)
     near = (torch.arange(len(t), device=t.device) - n // 2).clamp(0, len(t) - n)[:, None] + order
@@ -113,5 +148,7 @@ def _within(times: Tensor, t: Tensor) -> None:
     """ValueError for times outside of the trajectory."""
     times, room = concrete(times), OUTSIDE * (t[-1] - t[0])
     if times.numel() and ((times < t[0] - room) | (times > t[-1] + room)).any():
-        raise ValueError(f"times from {times.min().item():g} to {times.max().item():g} s were given to observe; the solution "
-                         f"goes from {t[0].item():g} to {t[-1].item():g} s")
+        raise ValueError(
+            f"times from {times.min().item():g} to {times.max().item():g} s were given to observe; "
+            f"the solution goes from {t[0].item():g} to {t[-1].item():g} s"
+        )

@@ -22,8 +22,8 @@ from .sensor import XYZ, OnPart, Sensor
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RootForce(OnPart):
-    """Force (..., 3) N of the support at node 0 on the beam, frame a: the state's own (see `State`);
-    on: name of the beam, in a structure. ValueError without one.
+    """Force (..., 3) N of the support at node 0 on the beam, frame a: the state's own
+    (see `State`); on: name of the beam, in a structure. ValueError without one.
     """
 
     name = property(lambda self: f"{self.place}root force")
@@ -36,8 +36,8 @@ class RootForce(OnPart):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RootMoment(OnPart):
-    """Moment (..., 3) N m of the support at node 0 on the beam, frame a: the state's own (see `State`);
-    on: name of the beam, in a structure. ValueError without one.
+    """Moment (..., 3) N m of the support at node 0 on the beam, frame a: the state's own
+    (see `State`); on: name of the beam, in a structure. ValueError without one.
     """
 
     name = property(lambda self: f"{self.place}root moment")
@@ -50,8 +50,8 @@ class RootMoment(OnPart):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RootReaction(OnPart):
-    """Force and moment (..., 6) N and N m of the support at node 0 on the beam, frame a: the state's own (see `State`);
-    on: name of the beam, in a structure. ValueError without one.
+    """Force and moment (..., 6) N and N m of the support at node 0 on the beam, frame a: the
+    state's own (see `State`); on: name of the beam, in a structure. ValueError without one.
     """
 
     name = property(lambda self: f"{self.place}root reaction")
@@ -64,7 +64,8 @@ class RootReaction(OnPart):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reaction(Sensor):
-    """Force and moment (..., 6) N and N m of one of the scene's supports on the beam, frame a: the state's own (see `State`).
+    """Force and moment (..., 6) N and N m of one of the scene's supports on the beam, frame a: the
+    state's own (see `State`).
 
     support  its place in `scene.supports`, which are in the order given
     """
@@ -82,15 +83,18 @@ class Reaction(Sensor):
 
     def read(self, state: Any) -> Tensor:
         if not isinstance(state, State):
-            raise ValueError(f"a state of type {type(state).__name__}, which has the load of the root alone, was given to "
-                             "Reaction; RootReaction reads it")
+            raise ValueError(
+                f"a state of type {type(state).__name__}, which has the load of the root alone, "
+                "was given to Reaction; RootReaction reads it"
+            )
         return torch.cat(tuple(state.reaction_of(self.support)), -1)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RootSpringLoad(Sensor):
-    """Force and moment (..., 6) N and N m of an elastic clamp (`RootSpring`) on the beam, frame a, at the instant of the state:
-    what `RootReaction` is of a clamp. Such a scene has no support whose reaction a state could hold.
+    """Force and moment (..., 6) N and N m of an elastic clamp (`RootSpring`) on the beam, frame a,
+    at the instant of the state: what `RootReaction` is of a clamp. Such a scene has no support
+    whose reaction a state could hold.
 
     Raises ValueError for a scene without a RootSpring, or a state of another form.
     """
@@ -104,7 +108,9 @@ class RootSpringLoad(Sensor):
     def __post_init__(self) -> None:
         instance("a scene", self.scene, Scene)
         if not self._springs:
-            raise ValueError("a scene without a RootSpring was given to RootSpringLoad; one with it is wanted")
+            raise ValueError(
+                "a scene without a RootSpring was given to RootSpringLoad; one with it is wanted"
+            )
         object.__setattr__(self, "model", discretise(self.scene))
 
     @property
@@ -113,9 +119,22 @@ class RootSpringLoad(Sensor):
 
     def read(self, state: Any) -> Tensor:
         if not isinstance(state, State):
-            raise ValueError(f"a {type(state).__name__} was given to RootSpringLoad; a State of the nodal form is wanted")
+            raise ValueError(
+                f"a {type(state).__name__} was given to RootSpringLoad; a State of the nodal "
+                "form is wanted"
+            )
         space, t = self.model.space, shared(state.t)
         state = space.to_reduced(state)
-        nodes = Nodes(state.position, state.rotation, state.velocity, space.to_frame(state.rotation, state.spin), state.frame,
-                      state.internal)
-        return space.embed(external(self.model, nodes, conditions(self.model, t, {}, loads=self._springs))[..., 0, :])
+        nodes = Nodes(
+            state.position,
+            state.rotation,
+            state.velocity,
+            space.to_frame(state.rotation, state.spin),
+            state.frame,
+            state.internal,
+        )
+        return space.embed(
+            external(self.model, nodes, conditions(self.model, t, {}, loads=self._springs))[
+                ..., 0, :
+            ]
+        )

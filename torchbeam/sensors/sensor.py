@@ -19,7 +19,8 @@ XYZ = ("x", "y", "z")
 
 
 class Sensor:
-    """Base of all sensors; a subclass has `name`, `unit`, `labels` and `read(state)`, and `shape` if that is no vector.
+    """Base of all sensors; a subclass has `name`, `unit`, `labels` and `read(state)`, and `shape`
+    if that is no vector.
 
     on  name of the part of a structure that it is on; None = the whole state is read
     """
@@ -38,9 +39,14 @@ class Sensor:
         return math.prod(self.shape)
 
     def __call__(self, state: Any) -> Tensor:
-        """(..., *shape). Raises ValueError for what is not a state, or has no such node or element."""
+        """(..., *shape). Raises ValueError for what is not a state, or has no such node or
+        element.
+        """
         if not hasattr(state, "position"):
-            raise ValueError(f"{type(state).__name__} was given to a sensor; a state is wanted (of a solution: solution.state)")
+            raise ValueError(
+                f"{type(state).__name__} was given to a sensor; a state is wanted (of a "
+                "solution: solution.state)"
+            )
         return self.read(self.seen(state))
 
     def seen(self, state: Any) -> Any:
@@ -75,7 +81,10 @@ class OnPart(Sensor):
         parts = getattr(state, "parts", ())
         if self.on is None and parts:
             names = ", ".join(repr(part.name) for part in parts)
-            raise ValueError(f"{self.name} of a structure was asked for; a sensor with on = one of {names} is wanted")
+            raise ValueError(
+                f"{self.name} of a structure was asked for; a sensor with on = one of {names} is "
+                "wanted"
+            )
         return super().seen(state)
 
     @property
@@ -104,17 +113,28 @@ class Component(Sensor):
         labels, which = self.of.labels, self.which
         if isinstance(which, str):
             if which not in labels:
-                raise ValueError(f"the label {which!r} was given; {self.of.name} has {', '.join(labels)}")
+                raise ValueError(
+                    f"the label {which!r} was given; {self.of.name} has {', '.join(labels)}"
+                )
             places = (labels.index(which),)
         elif isinstance(which, slice):
             places = tuple(range(len(labels))[which])
             if not places:
-                raise ValueError(f"the components {which} were given, none of the {len(labels)} of {self.of.name}; one or "
-                                 "more are wanted")
-        elif isinstance(which, int) and not isinstance(which, bool) and -len(labels) <= which < len(labels):
+                raise ValueError(
+                    f"the components {which} were given, none of the {len(labels)} of "
+                    f"{self.of.name}; one or more are wanted"
+                )
+        elif (
+            isinstance(which, int)
+            and not isinstance(which, bool)
+            and -len(labels) <= which < len(labels)
+        ):
             places = (which % len(labels),)
         else:
-            raise ValueError(f"the component {shown(which)} was given; {self.of.name} has {len(labels)}: {', '.join(labels)}")
+            raise ValueError(
+                f"the component {shown(which)} was given; {self.of.name} has {len(labels)}: "
+                f"{', '.join(labels)}"
+            )
         object.__setattr__(self, "places", places)
 
     @property
@@ -133,7 +153,7 @@ class Component(Sensor):
         reading, places = self.of.flat(state), self.places
         step = places[1] - places[0] if len(places) > 1 else 1
         if places and step > 0 and places == tuple(range(places[0], places[-1] + 1, step)):
-            return reading[..., places[0]:places[-1] + 1:step]
+            return reading[..., places[0] : places[-1] + 1 : step]
         return torch.stack([reading[..., i] for i in places], -1)
 
 

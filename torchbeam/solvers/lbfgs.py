@@ -13,30 +13,54 @@ from .region import Region
 Squares = Callable[[Tensor, int], Tensor]  # x (1, p) of a start k -> half the squares, and more
 
 
-def descend(objective: Squares, start: Tensor, region: Region, iterations: int, tolerance: float
-            ) -> tuple[Tensor, Tensor, Tensor, list[str]]:
-    """x (S, p), status (S,), history (iterations + 1, S, p) and what the model raised, by L-BFGS (Liu and Nocedal 1989) with
-    strong Wolfe conditions; no first move is longer than the parameters' own size.
+def descend(
+    objective: Squares, start: Tensor, region: Region, iterations: int, tolerance: float
+) -> tuple[Tensor, Tensor, Tensor, list[str]]:
+    """x (S, p), status (S,), history (iterations + 1, S, p) and what the model raised, by L-BFGS
+    (Liu and Nocedal 1989) with strong Wolfe conditions; no first move is longer than the
+    parameters' own size.
     """
     raised: list[str] = []
     region.size = torch.where(region.size == 0, 1, region.size)
-    descents = [_descend(lambda x, k=k: objective(x, k), x, region.of(torch.tensor(k)), iterations, tolerance, raised)
-             for k, x in enumerate(start)]
+    descents = [
+        _descend(
+            lambda x, k=k: objective(x, k),
+            x,
+            region.of(torch.tensor(k)),
+            iterations,
+            tolerance,
+            raised,
+        )
+        for k, x in enumerate(start)
+    ]
     length = max(len(iterates) for _, iterates in descents)
     ways = [torch.cat((w, w[-1:].expand(length - len(w), -1))) for _, w in descents]
     x = torch.stack([w[-1] for w in ways])
     return x, torch.tensor([s for s, _ in descents], device=x.device), torch.stack(ways, 1), raised
 
 
-def _descend(objective: Callable[[Tensor], Tensor], start: Tensor, region: Region, iterations: int, tolerance: float,
-             raised: list[str]) -> tuple[int, Tensor]:
-    """Status and way (k, p) of one start (p,). To the line search a trial that leaves the region, or at which the model raises
-    or is not finite, is one at which the squares have grown, with the distance.
+def _descend(
+    objective: Callable[[Tensor], Tensor],
+    start: Tensor,
+    region: Region,
+    iterations: int,
+    tolerance: float,
+    raised: list[str],
+) -> tuple[int, Tensor]:
+    """Status and way (k, p) of one start (p,). To the line search a trial that leaves the region,
+    or at which the model raises or is not finite, is one at which the squares have grown, with the
+    distance.
     """
     size = torch.where(region.additive, start.abs().clamp(min=1), region.size)
     scaled = (start / size).requires_grad_()
-    search = torch.optim.LBFGS([scaled], max_iter=1, max_eval=25, tolerance_grad=0, tolerance_change=0,
-                               line_search_fn="strong_wolfe")
+    search = torch.optim.LBFGS(
+        [scaled],
+        max_iter=1,
+        max_eval=25,
+        tolerance_grad=0,
+        tolerance_change=0,
+        line_search_fn="strong_wolfe",
+    )
     here, iterates, rejected = scaled.detach().clone(), [start], False
 
     def squares(trial: Tensor) -> Tensor:
@@ -49,7 +73,9 @@ def _descend(objective: Callable[[Tensor], Tensor], start: Tensor, region: Regio
 
     scale = squares(scaled).abs() + torch.finfo(start.dtype).tiny
     if not torch.isfinite(scale):
-        raise ValueError("a start (0 of 1) at which the model is not finite was given; another is wanted")
+        raise ValueError(
+            "a start (0 of 1) at which the model is not finite was given; another is wanted"
+        )
 
     def closure() -> Tensor:
         nonlocal rejected

@@ -20,8 +20,8 @@ TRUSTED = 0.01  # a residual that falls by this factor goes on to fall at the or
 
 
 class Outcome(NamedTuple):
-    """x: the solution (or the last iterate); reaction (..., K, w); status (...) int, see `core.status.STATUS`;
-    iterations (...) int.
+    """x: the solution (or the last iterate); reaction (..., K, w); status (...) int, see
+    `core.status.STATUS`; iterations (...) int.
     """
 
     x: Any
@@ -30,28 +30,47 @@ class Outcome(NamedTuple):
     iterations: Tensor
 
 
-def newton(problem: Problem, x: Any, active: Tensor | None = None, tolerance: float | None = None, limit: int = LIMIT,
-           trust_start: bool = True, foresee: Tensor | None = None) -> Outcome:
-    """Solve problem.residual(x) = 0. Samples that have converged stop changing, so that none depends on its neighbours;
-    those outside of `active` (...) never start. Once few are left, those alone go on (see `BatchSubset`): the same answers, but
-    that products of another shape may round differently.
+def newton(
+    problem: Problem,
+    x: Any,
+    active: Tensor | None = None,
+    tolerance: float | None = None,
+    limit: int = LIMIT,
+    trust_start: bool = True,
+    foresee: Tensor | None = None,
+) -> Outcome:
+    """Solve problem.residual(x) = 0. Samples that have converged stop changing, so that none
+    depends on its neighbours; those outside of `active` (...) never start. Once few are left, those
+    alone go on (see `BatchSubset`): the same answers, but that products of another shape may round
+    differently.
 
-    A sample has converged once its scaled residual is below `tolerance`, or foreseen to be after the update that is at hand:
-    from r to s, the next is s (s/r)^2 where convergence is quadratic, and s (s/r) where the tangent is not exact; this is
-    trusted once s < r/100. The update is made either way, and not measured: what is left can be larger than foreseen (of 1200
-    equilibria of cantilevers under tip forces, with 1e-8, one in twenty was above it, the worst at 2e-6). A sample whose
-    residual stops being finite has failed and is left alone.
+    A sample has converged once its scaled residual is below `tolerance`, or foreseen to be after
+    the update that is at hand: from r to s, the next is s (s/r)^2 where convergence is quadratic,
+    and s (s/r) where the tangent is not exact; this is trusted once s < r/100. The update is made
+    either way, and not measured: what is left can be larger than foreseen (of 1200 equilibria of
+    cantilevers under tip forces, with 1e-8, one in twenty was above it, the worst at 2e-6). A
+    sample whose residual stops being finite has failed and is left alone.
 
-    trust_start  whether r may be the residual of x; not where that is the size of a step to come, whatever the balance lacks
-    foresee      (...) whether what is foreseen counts, None = of all; where it does not, as in equilibria, one below
+    trust_start  whether r may be the residual of x; not where that is the size of a step to come,
+                 whatever the balance lacks
+    foresee      (...) whether what is foreseen counts, None = of all; where it does not, as in
+                 equilibria, one below
                  `tolerance` has to be measured
     """
     with no_derivatives():
         return _iterate(problem, x, active, None, tolerance, limit, trust_start, foresee)
 
 
-def _iterate(problem: Problem, x: Any, active: Tensor | None, before: Tensor | None, tolerance: float | None,
-             limit: int, trust_start: bool, foresee: Tensor | None) -> Outcome:
+def _iterate(
+    problem: Problem,
+    x: Any,
+    active: Tensor | None,
+    before: Tensor | None,
+    tolerance: float | None,
+    limit: int,
+    trust_start: bool,
+    foresee: Tensor | None,
+) -> Outcome:
     """`before` (...): the scaled residual of the iteration before; None = there was none."""
     first = before is None
     for k in range(limit):
@@ -59,7 +78,11 @@ def _iterate(problem: Problem, x: Any, active: Tensor | None, before: Tensor | N
         size = residual.measure()
         if k == 0:
             tolerance = tolerance or TOLERANCE[size.dtype]
-            over = torch.zeros_like(size, dtype=torch.bool) if active is None else ~active.expand(size.shape)
+            over = (
+                torch.zeros_like(size, dtype=torch.bool)
+                if active is None
+                else ~active.expand(size.shape)
+            )
             done = over
             status = torch.where(torch.isfinite(size) | (not first), DIVERGED, BROKEN)
             iterations = torch.zeros_like(status)
@@ -68,15 +91,28 @@ def _iterate(problem: Problem, x: Any, active: Tensor | None, before: Tensor | N
             few = None if active is None else BatchSubset.worthwhile(~over)
             part = None if few is None else _part(problem, few)
             if part is not None:
-                rest = _iterate(part, _taken(few, x), None, None, tolerance, limit, trust_start, _some(few, foresee))
+                rest = _iterate(
+                    part,
+                    _taken(few, x),
+                    None,
+                    None,
+                    tolerance,
+                    limit,
+                    trust_start,
+                    _some(few, foresee),
+                )
                 reaction = size.new_zeros(*size.shape, *rest.reaction.shape[-2:])
-                return _joined(few, Outcome(x, reaction, torch.where(over, SUCCESS, status), iterations), rest)
+                return _joined(
+                    few, Outcome(x, reaction, torch.where(over, SUCCESS, status), iterations), rest
+                )
         tangent = problem.linearise(x, *about)
         if k == 0:
             exact = tangent.exact
         *change, root = tangent.solve(residual.nodes, residual.strain)
         keep = over[..., None, None]
-        x = type(x)(*(torch.where(keep, a, b) for a, b in zip(x, problem.update(x, *change), strict=True)))
+        x = type(x)(
+            *(torch.where(keep, a, b) for a, b in zip(x, problem.update(x, *change), strict=True))
+        )
         reaction = torch.where(keep, size.new_zeros(()) if k == 0 else reaction, root)
         iterations = iterations + ~over
         done = done | (~over & converged(size, before, exact, tolerance, foresee))
@@ -87,15 +123,31 @@ def _iterate(problem: Problem, x: Any, active: Tensor | None, before: Tensor | N
         few = BatchSubset.worthwhile(~over) if k < limit - 1 else None
         part = None if few is None else _part(problem, few)
         if part is not None:
-            rest = _iterate(part, _taken(few, x), None, few.take(before, 0), tolerance, limit - 1 - k, True,
-                            _some(few, foresee))
-            return _joined(few, Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations), rest)
+            rest = _iterate(
+                part,
+                _taken(few, x),
+                None,
+                few.take(before, 0),
+                tolerance,
+                limit - 1 - k,
+                True,
+                _some(few, foresee),
+            )
+            return _joined(
+                few, Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations), rest
+            )
     return Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations)
 
 
-def converged(size: Tensor, before: Tensor, exact: Tensor, tolerance: float | Tensor, foresee: Tensor | None = None) -> Tensor:
-    """Whether a scaled residual (...), with that of the iteration before, is small enough, see `newton`; exact (...): whether
-    the tangent is.
+def converged(
+    size: Tensor,
+    before: Tensor,
+    exact: Tensor,
+    tolerance: float | Tensor,
+    foresee: Tensor | None = None,
+) -> Tensor:
+    """Whether a scaled residual (...), with that of the iteration before, is small enough, see
+    `newton`; exact (...): whether the tangent is.
     """
     drop = size / before
     coming = size * drop * torch.where(exact, drop, 1.0)
@@ -122,5 +174,9 @@ def _taken(few: BatchSubset, x: Any) -> Any:
 def _joined(few: BatchSubset, whole: Outcome, rest: Outcome) -> Outcome:
     """The outcome of all, where some went on by themselves."""
     x = type(whole.x)(*(few.put(a, b, 2) for a, b in zip(whole.x, rest.x, strict=True)))
-    return Outcome(x, few.put(whole.reaction, rest.reaction, 2), few.put(whole.status, rest.status, 0),
-                   whole.iterations.index_add(0, few.index, rest.iterations))
+    return Outcome(
+        x,
+        few.put(whole.reaction, rest.reaction, 2),
+        few.put(whole.status, rest.status, 0),
+        whole.iterations.index_add(0, few.index, rest.iterations),
+    )

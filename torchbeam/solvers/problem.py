@@ -1,7 +1,8 @@
 """What Newton's method and the implicit function theorem ask of a problem.
 
-The unknowns x are a named tuple of tensors (..., m, n), with two axes of their own behind the batch's. Where a problem is a
-`Tree`, samples that have converged stop costing (`BatchSubset`), and its tensors tell whether a derivative is wanted.
+The unknowns x are a named tuple of tensors (..., m, n), with two axes of their own behind the
+batch's. Where a problem is a `Tree`, samples that have converged stop costing (`BatchSubset`), and
+its tensors tell whether a derivative is wanted.
 """
 
 from __future__ import annotations
@@ -30,11 +31,15 @@ class Tangent(Protocol):
 
     @property
     def exact(self) -> Tensor:
-        """(...) bool: whether it is the derivative of the residual, without what makes an iteration more robust."""
+        """(...) bool: whether it is the derivative of the residual, without what makes an iteration
+        more robust.
+        """
         ...
 
     def solve(self, nodes: Tensor, strain: Tensor) -> tuple[Tensor, ...]:
-        """What a residual asks for: the arguments of `FitProblem.update`, and last the reaction (..., K, w) after it."""
+        """What a residual asks for: the arguments of `FitProblem.update`, and last the reaction
+        (..., K, w) after it.
+        """
         ...
 
 
@@ -47,10 +52,14 @@ class ConstantTangent(Tangent, Protocol):
 
 
 class Problem(Protocol):
-    """residual(x) = 0, by steps update(x, *linearise(x).solve(residual)). Properties that depend on tensors are `cached`."""
+    """residual(x) = 0, by steps update(x, *linearise(x).solve(residual)). Properties that depend on
+    tensors are `cached`.
+    """
 
     def residual(self, x: Any) -> tuple[Any, ...]:
-        """The `Balance` at x, and after it whatever `linearise` takes beside x: tensors, named tuples of tensors, None."""
+        """The `Balance` at x, and after it whatever `linearise` takes beside x: tensors, named
+        tuples of tensors, None.
+        """
         ...
 
     def linearise(self, x: Any, *about: Any) -> Tangent:

@@ -12,8 +12,8 @@ from .region import Region
 
 @dataclass
 class Points:
-    """Where starts are: x (N, p), residuals r (N, T), J (N, T, p); minus the logarithm of the prior phi (N,), its gradient and
-    curvature slope, bend (N, p).
+    """Where starts are: x (N, p), residuals r (N, T), J (N, T, p); minus the logarithm of the prior
+    phi (N,), its gradient and curvature slope, bend (N, p).
     """
 
     x: Tensor
@@ -44,12 +44,17 @@ class Points:
 
     def promised(self, step: Tensor) -> Tensor:
         """(N,) decrease of the objective by steps (N, p), were the model linear."""
-        return -((self.gradient * step).sum(-1) * 2 + (self.J @ step[..., None])[..., 0].square().sum(-1)
-                 + (self.bend * step.square()).sum(-1))
+        return -(
+            (self.gradient * step).sum(-1) * 2
+            + (self.J @ step[..., None])[..., 0].square().sum(-1)
+            + (self.bend * step.square()).sum(-1)
+        )
 
 
 def carried(J: Tensor, r: Tensor, r_trial: Tensor, step: Tensor, region: Region) -> Tensor:
-    """Broyden's update: J (N, T, p) changed as little as gives what the step gave, steps in the parameters' sizes."""
+    """Broyden's update: J (N, T, p) changed as little as gives what the step gave, steps in the
+    parameters' sizes.
+    """
     size = torch.where(region.additive, 1.0, torch.where(region.size > 0, region.size, 1.0))
     scaled = step / size**2
     length = (step * scaled).sum(-1)

@@ -18,15 +18,27 @@ from ..scene.scene import Scene
 from .supported_nodes import Placed, at_rest, frame_motion, held_rotation, set_node
 
 
-def bent(still: Placed, scene: Scene, nodes: Value, frames: Value | None, twist: Any, velocity: Value | None,
-         spin: Value | None) -> Placed:
-    """The state `still` of the beam at rest, bent into the curve of the nodes; arguments as of `State.from_nodes`."""
+def bent(
+    still: Placed,
+    scene: Scene,
+    nodes: Value,
+    frames: Value | None,
+    twist: Any,
+    velocity: Value | None,
+    spin: Value | None,
+) -> Placed:
+    """The state `still` of the beam at rest, bent into the curve of the nodes; arguments as of
+    `State.from_nodes`.
+    """
     beam = scene.beam
 
     def given(name: str, value: Value) -> Tensor:
         value = finite(name, axis_last(name, as_tensor(value, scene.dtype, scene.device), 3))
         if value.ndim < 2 or value.shape[-2] != beam.node_count:
-            raise ValueError(f"{name} of shape {tuple(value.shape)} were given; (..., {beam.node_count}, 3) is wanted")
+            raise ValueError(
+                f"{name} of shape {tuple(value.shape)} were given; (..., {beam.node_count}, 3) "
+                "is wanted"
+            )
         return value
 
     nodes = given("nodes", nodes)
@@ -37,13 +49,18 @@ def bent(still: Placed, scene: Scene, nodes: Value, frames: Value | None, twist:
         frames = quat.from_matrix(orthonormal(frames, beam.node_count, beam.station_count))
         rotation = frames if frames.shape[-2] == beam.node_count else axes_of_nodes(frames)
     elif beam.parts:
-        raise ValueError("nodes of a structure without frames were given; frames of all of its nodes are wanted")
+        raise ValueError(
+            "nodes of a structure without frames were given; frames of all of its nodes are wanted"
+        )
     else:
         s = beam.topology.arclength(beam.length)
         if callable(twist):
             twist = as_tensor(check_function("twist", twist, "s")(s), scene.dtype, scene.device)
             if twist.shape[-1:] != s.shape[-1:]:
-                raise ValueError(f"a twist of shape {tuple(twist.shape)} was given; (..., {beam.node_count}) is wanted")
+                raise ValueError(
+                    f"a twist of shape {tuple(twist.shape)} was given; (..., {beam.node_count}) "
+                    "is wanted"
+                )
         elif twist is not None:
             twist = as_tensor(twist, scene.dtype, scene.device)[..., None] * s / s[..., -1:]
 
@@ -51,17 +68,22 @@ def bent(still: Placed, scene: Scene, nodes: Value, frames: Value | None, twist:
             q = carried_axes(beam.frames, beam.nodes, nodes, s.diff(dim=-1), twist)
             for support in scene.supports:
                 at = support.node
-                q = set_node(q, at, held_rotation(q[..., at, :], still.rotation[..., at, :], support))
+                q = set_node(
+                    q, at, held_rotation(q[..., at, :], still.rotation[..., at, :], support)
+                )
             return q
 
         rotation = axes(nodes)
-    prescribed_motion, state = PrescribedMotion(scene), replace(still, position=nodes, rotation=rotation).broadcast()
+    prescribed_motion = PrescribedMotion(scene)
+    state = replace(still, position=nodes, rotation=rotation).broadcast()
     state = at_rest(state, prescribed_motion).broadcast()
     if velocity is not None:
         velocity = given("velocity", velocity)
         if spin is None and frames is None:
             relative = velocity - frame_motion(state, prescribed_motion)[0]
             q, rate = rate_along(axes, (nodes + 0 * relative,), (relative + 0 * nodes,))
-            state = replace(state, spin=state.spin + 2 * quat.multiply(quat.conjugate(q), rate)[..., 1:])
+            state = replace(
+                state, spin=state.spin + 2 * quat.multiply(quat.conjugate(q), rate)[..., 1:]
+            )
         state = replace(state, velocity=velocity)
     return (state if spin is None else replace(state, spin=given("spin", spin))).broadcast()

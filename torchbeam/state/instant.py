@@ -1,4 +1,6 @@
-"""Instant: what the states of all forms of the beam have in common; points and reactions as they are read from them."""
+"""Instant: what the states of all forms of the beam have in common; points and reactions as they
+are read from them.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,9 @@ Made = Tensor | Callable[[], Tensor]
 
 @entry_point
 class Point:
-    """One node. All in frame a: position (..., 3) m, velocity (..., 3) m/s, rotation (..., 3, 3) section axes -> a,
-    spin (..., 3) rad/s. Each may be given by a function, which is called where it is asked for.
+    """One node. All in frame a: position (..., 3) m, velocity (..., 3) m/s, rotation (..., 3, 3)
+    section axes -> a, spin (..., 3) rad/s. Each may be given by a function, which is called where
+    it is asked for.
     """
 
     def __init__(self, position: Made, velocity: Made, rotation: Made, spin: Made) -> None:
@@ -53,7 +56,10 @@ class Point:
         return type(self), tuple(self)
 
     def __repr__(self) -> str:
-        return f"Point(position={self.position}, velocity={self.velocity}, rotation={self.rotation}, spin={self.spin})"
+        return (
+            f"Point(position={self.position}, velocity={self.velocity}, "
+            f"rotation={self.rotation}, spin={self.spin})"
+        )
 
 
 class Reaction(NamedTuple):
@@ -64,9 +70,10 @@ class Reaction(NamedTuple):
 
 
 class JointReading(NamedTuple):
-    """A joint: its coordinate, rad of an angle counted over turns or m of a travel, of both (..., 2) the angle first, zero as
-    drawn; None = it has none; the rate; force (..., 3) N and moment (..., 3) N m of the joint on its second part, at its point
-    there, frame a (after an implicit step their mean over it).
+    """A joint: its coordinate, rad of an angle counted over turns or m of a travel, of both
+    (..., 2) the angle first, zero as drawn; None = it has none; the rate; force (..., 3) N and
+    moment (..., 3) N m of the joint on its second part, at its point there, frame a (after an
+    implicit step their mean over it).
     """
 
     coordinate: Tensor | None
@@ -76,11 +83,18 @@ class JointReading(NamedTuple):
 
     @classmethod
     def of(cls, row: Tensor, coordinates: tuple[int, ...]) -> JointReading:
-        """row (..., 10): angle, travel, their rates, force, moment; coordinates: 0 angle, 1 travel."""
+        """row (..., 10): angle, travel, their rates, force, moment; coordinates: 0 angle, 1
+        travel.
+        """
+
         def own(first: int) -> Tensor | None:
             if not coordinates:
                 return None
-            return row[..., first + coordinates[0]] if len(coordinates) == 1 else row[..., first:first + 2]
+            return (
+                row[..., first + coordinates[0]]
+                if len(coordinates) == 1
+                else row[..., first : first + 2]
+            )
 
         return cls(own(0), own(2), row[..., 4:7], row[..., 7:])
 
@@ -93,20 +107,26 @@ class TensorFields(Tree):
         return map_leaves(lambda value, axes, *theirs: function(value, *theirs), self, *others)
 
     def __getitem__(self, index: Any) -> Any:
-        """Index the leading axes of every field: `states[-1]` of a trajectory is its last state, `states[..., 0]` the first
-        sample of a batch. Raises IndexError where there is none such.
+        """Index the leading axes of every field: `states[-1]` of a trajectory is its last state,
+        `states[..., 0]` the first sample of a batch. Raises IndexError where there is none such.
         """
         parts = index if isinstance(index, tuple) else (index,)
         open_ = any(part is ... for part in parts)  # counts from the end: a field's own axes stay
         try:
-            return map_leaves(lambda x, axes: x[(*parts, *(slice(None),) * axes)] if open_ else x[index], self)
+            return map_leaves(
+                lambda x, axes: x[(*parts, *(slice(None),) * axes)] if open_ else x[index], self
+            )
         except (IndexError, TypeError, RuntimeError):
             axes = " and ".join(str(tuple(shape)) for shape in dict.fromkeys(batch_shapes(self)))
-            raise IndexError(f"{type(self).__name__}[{shown(index)}] was asked for; its leading axes are {axes}") from None
+            raise IndexError(
+                f"{type(self).__name__}[{shown(index)}] was asked for; its leading axes are {axes}"
+            ) from None
 
     def where(self, mask: Tensor, other: Any) -> Any:
         """Fields of this one where mask (...) holds, of `other` elsewhere."""
-        return map_leaves(lambda a, axes, b: torch.where(mask[(...,) + (None,) * axes], a, b), self, other)
+        return map_leaves(
+            lambda a, axes, b: torch.where(mask[(...,) + (None,) * axes], a, b), self, other
+        )
 
     def clone(self) -> Any:
         return self.map(torch.clone)
@@ -137,8 +157,14 @@ class Instant(TensorFields):
     parts: ClassVar[tuple[Any, ...]] = ()
 
     def __repr__(self) -> str:
-        return lines(type(self).__name__, f"t = {span(self.t)} s", f"{self.nodes.shape[-2]} nodes",
-                     *where(self.parts, self.nodes), statuses(self.status), kind(self.batch_shape, self.nodes))
+        return lines(
+            type(self).__name__,
+            f"t = {span(self.t)} s",
+            f"{self.nodes.shape[-2]} nodes",
+            *where(self.parts, self.nodes),
+            statuses(self.status),
+            kind(self.batch_shape, self.nodes),
+        )
 
     @property
     def tip(self) -> Point:

@@ -1,4 +1,6 @@
-"""Reduced states: in the coordinates in which they were solved for, public as far as they are asked for."""
+"""Reduced states: in the coordinates in which they were solved for, public as far as they are asked
+for.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +20,8 @@ AT_NODES = ("position", "rotation", "velocity", "spin")
 
 @entry_point
 class ReducedStates:
-    """Parts of a trajectory, one after the other, in the coordinates of a space (see `torchbeam.nodal.coordinates`): of a plane
-    they are half the numbers, and of the tip a few.
+    """Parts of a trajectory, one after the other, in the coordinates of a space (see
+    `torchbeam.nodal.coordinates`): of a plane they are half the numbers, and of the tip a few.
     """
 
     def __init__(self, parts: tuple[Any, ...], space: Any) -> None:
@@ -41,10 +43,12 @@ class ReducedStates:
         """As `State.node`."""
         nodes = self.parts[0].position.shape[-2]
         at = slice(index % nodes, index % nodes + 1)
-        return Point(lambda: self._of({"position": at}, at).position[..., 0, :],
-                     lambda: self._of({"velocity": at}, at).velocity[..., 0, :],
-                     lambda: self._of({"rotation": at}, at).axes[..., 0, :, :],
-                     lambda: self._of(dict.fromkeys(AT_NODES, at), at).row(0).spin)
+        return Point(
+            lambda: self._of({"position": at}, at).position[..., 0, :],
+            lambda: self._of({"velocity": at}, at).velocity[..., 0, :],
+            lambda: self._of({"rotation": at}, at).axes[..., 0, :, :],
+            lambda: self._of(dict.fromkeys(AT_NODES, at), at).row(0).spin,
+        )
 
     @property
     def nodes(self) -> Tensor:
@@ -63,8 +67,13 @@ class ReducedStates:
     def _of(self, rows: dict[str, slice], nodes: slice = slice(0)) -> Any:
         """With these rows of these fields, and none of the others."""
         names = (*AT_NODES, "stress", "reaction")
-        cut = [with_values(part, **{name: getattr(part, name)[..., rows.get(name, slice(0)), :] for name in names})
-               for part in self.parts]
+        cut = [
+            with_values(
+                part,
+                **{name: getattr(part, name)[..., rows.get(name, slice(0)), :] for name in names},
+            )
+            for part in self.parts
+        ]
         return self.space.of_nodes(nodes).to_public(whole_of(cut))
 
 
@@ -78,4 +87,9 @@ def joined(*parts: Tensor) -> Tensor:
     if len(parts) == 1:
         return parts[0]
     shape = broadcast_shapes(*(x.shape[1:] for x in parts))
-    return torch.cat([x[(slice(None),) + (None,) * (len(shape) + 1 - x.ndim)].expand(len(x), *shape) for x in parts])
+    return torch.cat(
+        [
+            x[(slice(None),) + (None,) * (len(shape) + 1 - x.ndim)].expand(len(x), *shape)
+            for x in parts
+        ]
+    )

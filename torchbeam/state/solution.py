@@ -17,9 +17,10 @@ from .reduced import ReducedStates
 
 
 class Energy(NamedTuple):
-    """(time, ...) J: kinetic, strain, and the work of the loads since the start (None where it was not asked for).
-    Strain energy is that of the strain less the eigenstrain (`Actuation`). Undamped, kinetic + strain - work
-    is constant, but for what a change of the eigenstrain brings in.
+    """(time, ...) J: kinetic, strain, and the work of the loads since the start (None where it was
+    not asked for). Strain energy is that of the strain less the eigenstrain (`Actuation`).
+    Undamped, kinetic + strain - work is constant, but for what a change of the eigenstrain brings
+    in.
     """
 
     kinetic: Tensor
@@ -28,8 +29,9 @@ class Energy(NamedTuple):
 
 
 class Event(NamedTuple):
-    """Events at which samples stopped: which (...), by its place in `events` (-1 = none); when, t (...) s (inf = never); the
-    states there (None where no sample met any; of one that met none it says nothing).
+    """Events at which samples stopped: which (...), by its place in `events` (-1 = none); when, t
+    (...) s (inf = never); the states there (None where no sample met any; of one that met none it
+    says nothing).
     """
 
     which: Tensor
@@ -41,16 +43,20 @@ class Event(NamedTuple):
 class Stats:
     """Solver statistics. Counters that a method does not have stay None.
 
-    steps        time steps (implicit: of the grid; adaptive: of the sample with most, in the last run)
+    steps        time steps (implicit: of the grid; adaptive: of the sample with most, in the last
+                 run)
     evaluations  right-hand-side evaluations
     iterations   Newton iterations, (steps, ...) per step and sample
     drift        largest violation of the undifferentiated equations, (...) (block rate form)
-    lengths      s, adaptive steps (steps, ...) of each sample, of which 1/2^level (...) were made; 0 behind its last
+    lengths      s, adaptive steps (steps, ...) of each sample, of which 1/2^level (...) were made;
+                 0 behind its last
     level        see `lengths`
     rejected     adaptive steps that were made again, (...)
-    error        m, (...), the largest error of a position over the run as the solution found it itself
+    error        m, (...), the largest error of a position over the run as the solution found it
+                 itself
     reason       one sentence per kind of failure that occurred: status -> sentence
-    engine       what made the steps: "native"; "eager" (torch operations); "mixed", as where parts of a failed step are eager
+    engine       what made the steps: "native"; "eager" (torch operations); "mixed", as where parts
+                 of a failed step are eager
     """
 
     steps: int | None = None
@@ -70,7 +76,8 @@ class Solution:
     """A trajectory; time is the first axis of everything in it.
 
     t         (time,) s
-    states    the states, see `state`, or `ReducedStates`: who asks for the tip alone does not pay for all of them
+    states    the states, see `state`, or `ReducedStates`: who asks for the tip alone does not pay
+              for all of them
     energies  `Energy`, or what gives it: who does not ask for it does not pay for it
     stats     `Stats`
     event     `Event`, where a sample was to stop at one
@@ -97,11 +104,21 @@ class Solution:
 
     def __repr__(self) -> str:
         done = [counted(self.stats.steps, "step")] if self.stats.steps is not None else []
-        done += [counted(self.stats.evaluations, "evaluation")] if self.stats.evaluations is not None else []
+        done += (
+            [counted(self.stats.evaluations, "evaluation")]
+            if self.stats.evaluations is not None
+            else []
+        )
         nodes = self.nodes
-        return lines("Solution", f"{counted(len(self.t), 'instant')}, t = {span(self.t)} s" + "".join(f", {x}" for x in done),
-                     f"{self._form} of {nodes.shape[-2]} nodes, {where(self._parts, nodes[-1])[0]} in the end",
-                     statuses(self.status), kind(nodes.shape[1:-2], nodes))
+        return lines(
+            "Solution",
+            f"{counted(len(self.t), 'instant')}, t = {span(self.t)} s"
+            + "".join(f", {x}" for x in done),
+            f"{self._form} of {nodes.shape[-2]} nodes, {where(self._parts, nodes[-1])[0]} in the "
+            "end",
+            statuses(self.status),
+            kind(nodes.shape[1:-2], nodes),
+        )
 
     def __getitem__(self, name: str) -> Any:
         """The trajectory of a part of a structure: `state[name]`, see `State`."""
@@ -128,7 +145,9 @@ class Solution:
 
     @property
     def tip(self) -> Point:
-        """position, velocity (time, ..., 3), rotation (time, ..., 3, 3), spin (time, ..., 3), frame a."""
+        """position, velocity (time, ..., 3), rotation (time, ..., 3, 3), spin (time, ..., 3), frame
+        a.
+        """
         one_beam(self._parts, "tip")
         return self.states.node(-1)
 

@@ -16,17 +16,22 @@ from .state import State
 from .supported_nodes import held_rotation, set_node
 
 OFF = {torch.float64: 1e-6, torch.float32: 2e-3}  # of the beam's length, and rad
-SWUNG = {torch.float64: 1e-4, torch.float32: 2e-3}  # rad, of a hinge's axis: an explicit method keeps it to its tolerance
+# rad, of a hinge's axis: an explicit method keeps it to its tolerance
+SWUNG = {torch.float64: 1e-4, torch.float32: 2e-3}
 MOVING = {torch.float64: 1e-3, torch.float32: 1e-2}  # of the largest velocity, and spin
-AT = "; wanted is where the beam has it, displaced and turned as its support is (torchbeam.rest, equilibrium and " \
-     "State.from_nodes lead there)"
+AT = (
+    "; wanted is where the beam has it, displaced and turned as its support is (torchbeam.rest, "
+    "equilibrium and State.from_nodes lead there)"
+)
 
 
 def on_supports(state: State, scene: Any, t: Tensor) -> State:
-    """`state` with supported components at time t (0-dim) exactly where beam and supports have them, derivatives
-    included. A sample that has failed is put there without a check: it stands where it stopped.
+    """`state` with supported components at time t (0-dim) exactly where beam and supports have
+    them, derivatives included. A sample that has failed is put there without a check: it stands
+    where it stopped.
 
-    Raises ValueError where the state is elsewhere by more than rounding, or moves where nothing does.
+    Raises ValueError where the state is elsewhere by more than rounding, or moves where nothing
+    does.
     """
     prescribed_motion, beam = PrescribedMotion(scene), scene.beam
     judged = state.status == 0
@@ -40,7 +45,15 @@ def on_supports(state: State, scene: Any, t: Tensor) -> State:
         swing = quat.multiply(rotation[..., node, :], quat.conjugate(turn))
         angle = 2 * torch.asin((swing[..., 1:].detach() * turns).clamp(-1, 1))
         limit = OFF if len(support.rotation) == 3 else SWUNG
-        _judge(angle, torch.full_like(length, limit[length.dtype]), judged, support, "rotation", "rad", AT)
+        _judge(
+            angle,
+            torch.full_like(length, limit[length.dtype]),
+            judged,
+            support,
+            "rotation",
+            "rad",
+            AT,
+        )
         position = set_node(position, node, torch.where(holds > 0, place, position[..., node, :]))
         rotation = set_node(rotation, node, held_rotation(rotation[..., node, :], turn, support))
     state = replace(state, position=position, rotation=rotation)
@@ -51,15 +64,28 @@ def on_supports(state: State, scene: Any, t: Tensor) -> State:
 
 def _judge_velocities(state: State, scene: Any, judged: Tensor) -> None:
     spin = quat.rotate(state.rotation, state.spin)
-    for name, x, unit, letters in (("velocity", state.velocity, "m/s", 0), ("spin", spin, "rad/s", 3)):
+    for name, x, unit, letters in (
+        ("velocity", state.velocity, "m/s", 0),
+        ("spin", spin, "rad/s", 3),
+    ):
         x = x.detach()
         limit = MOVING[x.dtype] * torch.linalg.vector_norm(x, dim=-1).amax(-1)
         for support in scene.supports:
-            held = x.new_tensor(support.held[letters:letters + 3])
-            _judge(x[..., support.node, :] * held, limit, judged, support, name, unit, "; its support does not move")
+            held = x.new_tensor(support.held[letters : letters + 3])
+            _judge(
+                x[..., support.node, :] * held,
+                limit,
+                judged,
+                support,
+                name,
+                unit,
+                "; its support does not move",
+            )
 
 
-def _judge(off: Tensor, limit: Tensor, judged: Tensor, support: Support, what: str, unit: str, wanted: str) -> None:
+def _judge(
+    off: Tensor, limit: Tensor, judged: Tensor, support: Support, what: str, unit: str, wanted: str
+) -> None:
     """ValueError where off (..., 3) is larger than limit (...)."""
     bad = (off.abs() > limit[..., None]).any(-1) & judged
     wrong = concrete(bad)
@@ -68,5 +94,7 @@ def _judge(off: Tensor, limit: Tensor, judged: Tensor, support: Support, what: s
     off = concrete(torch.where(bad[..., None], off.abs(), 0.0))[wrong][0]
     axis = int(off.argmax())
     which = f" of sample {wrong.nonzero()[0].tolist()}" if wrong.ndim else ""
-    raise ValueError(f"initial{which} was given with the {what} {AXES[axis]} of node {support.node}, which is held, "
-                     f"{off[axis].item():.3g} {unit} off{wanted}")
+    raise ValueError(
+        f"initial{which} was given with the {what} {AXES[axis]} of node {support.node}, which is "
+        f"held, {off[axis].item():.3g} {unit} off{wanted}"
+    )

@@ -1,4 +1,6 @@
-"""State: the beam at one instant in the nodal form; the beam at rest, and checks of a state that was given."""
+"""State: the beam at one instant in the nodal form; the beam at rest, and checks of a state that
+was given.
+"""
 
 from __future__ import annotations
 
@@ -26,27 +28,35 @@ class State(Instant):
     """The beam at one instant. Leading axes are batch axes (time first in a trajectory).
 
     position  (..., N+1, 3) m, frame a
-    rotation  (..., N+1, 4) unit quaternion w x y z, scalar first, section axes -> frame a; `axes` are the same as matrices
+    rotation  (..., N+1, 4) unit quaternion w x y z, scalar first, section axes -> frame a; `axes`
+              are the same as matrices
     velocity  (..., N+1, 3) m/s, absolute, frame a
     spin      (..., N+1, 3) rad/s, absolute angular velocity Omega in section axes (frame B)
-    stress    (..., N, 6) [F1 F2 F3 M1 M2 M3] N and N m, frame B, or (..., 2 N, 6) (see `Beam`): of an equilibrium; after an
-              implicit step its mean over that step
-    reaction  (..., K, 6) load of each support on the beam, in the order of `scene.supports`, force N and moment N m, frame a:
-              of an equilibrium; after an implicit step its mean over that step
+    stress    (..., N, 6) [F1 F2 F3 M1 M2 M3] N and N m, frame B, or (..., 2 N, 6) (see `Beam`): of
+              an equilibrium; after an implicit step its mean over that step
+    reaction  (..., K, 6) load of each support on the beam, in the order of `scene.supports`, force
+              N and moment N m, frame a: of an equilibrium; after an implicit step its mean over
+              that step
     work      (...) J, done by the loads and by supports that move since the start
-    defect    (...) J, gained by the time integration itself since the start; kept where `conserve` asks for it, else 0
+    defect    (...) J, gained by the time integration itself since the start; kept where `conserve`
+              asks for it, else 0
     t         (...) s
-    status    (...) int: 0 = success; anything else names the failure, see `torchbeam.core.status.STATUS`. A failed sample
+    status    (...) int: 0 = success; anything else names the failure, see
+              `torchbeam.core.status.STATUS`. A failed sample
               keeps its last good state.
-    frame     (..., 4) unit quaternion w x y z, frame a -> inertial axes, which coincide at t = 0; None where frame a does not
+    frame     (..., 4) unit quaternion w x y z, frame a -> inertial axes, which coincide at t = 0;
+              None where frame a does not
               turn
-    internal  (..., z) internal states of user loads, one load after the other, those of a load along the beam node by node;
-              None without
+    internal  (..., z) internal states of user loads, one load after the other, those of a load
+              along the beam node by node; None without
     joints    (..., J, 10) of the joints of a structure, see `joint`; None without
     coordinates  which coordinates each joint has, 0 an angle, 1 a travel
-    supports  nodes of the supports that `reaction` is of; None where the state was made without a scene
-    parts     of a structure, whose nodes and stations stand one part after the other; see `__getitem__`
-    joined    pairs of nodes that its joints connect, None = the ground; stress has a row for each behind those of the stations
+    supports  nodes of the supports that `reaction` is of; None where the state was made without a
+              scene
+    parts     of a structure, whose nodes and stations stand one part after the other; see
+              `__getitem__`
+    joined    pairs of nodes that its joints connect, None = the ground; stress has a row for each
+              behind those of the stations
     """
 
     position: Tensor = leaf(2)
@@ -68,27 +78,40 @@ class State(Instant):
     joined: tuple[tuple[int | None, int | None], ...] = field(default=(), kw_only=True)
 
     @classmethod
-    def from_nodes(cls, scene: Any, nodes: Value, frames: Value | None = None, *, twist: Any = None,
-                   velocity: Value | None = None, spin: Value | None = None, t: float = 0.0) -> State:
+    def from_nodes(
+        cls,
+        scene: Any,
+        nodes: Value,
+        frames: Value | None = None,
+        *,
+        twist: Any = None,
+        velocity: Value | None = None,
+        spin: Value | None = None,
+        t: float = 0.0,
+    ) -> State:
         """The scene's beam bent into a curve, to start a motion or an equilibrium from.
 
         nodes     (..., N+1, 3) m, frame a
-        frames    section axes as columns, frame a: (..., N+1, 3, 3) of the nodes, or (..., N, 3, 3) of the elements (those of
-                  the nodes are then half way, as in `Beam.from_nodes`). None = those that the beam has, carried to the curve
-                  without twist: parallel transport by second-order tangents, from a root that turns no more than its tangent
-                  asks for. The undeformed nodes give the undeformed axes
-        twist     rad by which the axes are turned about the curve beside that: a number (...) at the tip, growing evenly from
-                  none at the root; or a function of s (..., N+1) m that gives (..., N+1)
+        frames    section axes as columns, frame a: (..., N+1, 3, 3) of the nodes, or (..., N, 3, 3)
+                  of the elements (those of the nodes are then half way, as in `Beam.from_nodes`).
+                  None = those that the beam has, carried to the curve without twist: parallel
+                  transport by second-order tangents, from a root that turns no more than its
+                  tangent asks for. The undeformed nodes give the undeformed axes
+        twist     rad by which the axes are turned about the curve beside that: a number (...) at
+                  the tip, growing evenly from none at the root; or a function of s (..., N+1) m
+                  that gives (..., N+1)
         velocity  (..., N+1, 3) m/s, absolute, frame a. None = at rest in frame a
-        spin      (..., N+1, 3) rad/s, absolute, section axes. None = as the axes follow the nodes, where those have a velocity
+        spin      (..., N+1, 3) rad/s, absolute, section axes. None = as the axes follow the nodes,
+                  where those have a velocity
                   and `frames` were not given; else at rest in frame a
         t         s, when what supports hold is where they have it
 
-        The axes that supports hold are those of the supports, unless `frames` were given; nodes that supports hold are to be
-        given where they are. Stress and reactions are zero: a motion finds them, an equilibrium starts without. Differentiable
-        and batched.
+        The axes that supports hold are those of the supports, unless `frames` were given; nodes
+        that supports hold are to be given where they are. Stress and reactions are zero: a motion
+        finds them, an equilibrium starts without. Differentiable and batched.
 
-        Raises ValueError for other shapes, frames that are no rotations, frames with a twist, or a curve that turns back.
+        Raises ValueError for other shapes, frames that are no rotations, frames with a twist, or a
+        curve that turns back.
         """
         return bent(rest(scene, t=t), scene, nodes, frames, twist, velocity, spin)
 
@@ -107,20 +130,28 @@ class State(Instant):
 
     @property
     def element_axes(self) -> Tensor:
-        """(..., N, 3, 3): axes of the elements as columns, frame a, half way between those of their nodes: frame B, in which
-        the stress is given. Of elements of order 2 (..., 2 N, 3, 3), between neighbouring nodes; `Beam.station_axes` has
-        those of the stress.
+        """(..., N, 3, 3): axes of the elements as columns, frame a, half way between those of their
+        nodes: frame B, in which the stress is given. Of elements of order 2 (..., 2 N, 3, 3),
+        between neighbouring nodes; `Beam.station_axes` has those of the stress.
         """
         return quat.matrix(quat.half_way(self.rotation[..., :-1, :], self.rotation[..., 1:, :]))
 
     def at(self, t: Tensor) -> State:
-        """The same state at another time, its work counted from there and its failures forgotten."""
-        return replace(self, t=torch.zeros_like(self.t) + t, work=torch.zeros_like(self.work),
-                       defect=torch.zeros_like(self.defect), status=torch.zeros_like(self.status))
+        """The same state at another time, its work counted from there and its failures
+        forgotten.
+        """
+        return replace(
+            self,
+            t=torch.zeros_like(self.t) + t,
+            work=torch.zeros_like(self.work),
+            defect=torch.zeros_like(self.defect),
+            status=torch.zeros_like(self.status),
+        )
 
     def __getitem__(self, index: Any) -> Any:
-        """By the name of a beam of a structure its state, as in a scene of its own (but that `work` and `defect` are those of
-        all); by that of a body its motion, a `Point`; else some of the leading axes, as `TensorFields` has it.
+        """By the name of a beam of a structure its state, as in a scene of its own (but that `work`
+        and `defect` are those of all); by that of a body its motion, a `Point`; else some of the
+        leading axes, as `TensorFields` has it.
         """
         if not isinstance(index, str):
             return super().__getitem__(index)
@@ -130,20 +161,40 @@ class State(Instant):
     @property
     def joint(self) -> tuple[JointReading, ...]:
         """The joints of a structure, as an equilibrium or a step has left them."""
-        return tuple(JointReading.of(self.joints[..., k, :], own) for k, own in enumerate(self.coordinates))
+        return tuple(
+            JointReading.of(self.joints[..., k, :], own) for k, own in enumerate(self.coordinates)
+        )
 
     def part(self, name: str) -> State:
-        """The state of a beam of a structure, or that of a body, a single node. Raises ValueError where there is none such."""
+        """The state of a beam of a structure, or that of a body, a single node. Raises ValueError
+        where there is none such.
+        """
         part = part_of(self.parts, name)
-        held = [k for k, node in enumerate(self.supports or ()) if part.nodes.start <= node < part.nodes.stop]
-        rows = {name: getattr(self, name)[..., part.nodes, :] for name in ("position", "rotation", "velocity", "spin")}
-        return replace(self, **rows, stress=self.stress[..., part.stations, :], reaction=self.reaction[..., held, :],
-                       supports=tuple(self.supports[k] - part.first_node for k in held), internal=None, parts=(),
-                       joints=None, coordinates=(), joined=())
+        held = [
+            k
+            for k, node in enumerate(self.supports or ())
+            if part.nodes.start <= node < part.nodes.stop
+        ]
+        rows = {
+            name: getattr(self, name)[..., part.nodes, :]
+            for name in ("position", "rotation", "velocity", "spin")
+        }
+        return replace(
+            self,
+            **rows,
+            stress=self.stress[..., part.stations, :],
+            reaction=self.reaction[..., held, :],
+            supports=tuple(self.supports[k] - part.first_node for k in held),
+            internal=None,
+            parts=(),
+            joints=None,
+            coordinates=(),
+            joined=(),
+        )
 
     def node(self, index: Any) -> Point:
-        """One node's motion, in frame a; counted from the root, -1 is the tip; of a structure (name, node), or the name of a
-        body. Raises ValueError where there is none such.
+        """One node's motion, in frame a; counted from the root, -1 is the tip; of a structure
+        (name, node), or the name of a body. Raises ValueError where there is none such.
         """
         if self.parts or isinstance(index, (str, tuple)):
             return self.row(row_of(self.parts, index))
@@ -152,8 +203,12 @@ class State(Instant):
     def row(self, index: int) -> Point:
         """The node that stands at this place among all."""
         q = self.rotation[..., index, :]
-        return Point(self.position[..., index, :], self.velocity[..., index, :], lambda: quat.matrix(q),
-                     lambda: quat.rotate(q, self.spin[..., index, :]))
+        return Point(
+            self.position[..., index, :],
+            self.velocity[..., index, :],
+            lambda: quat.matrix(q),
+            lambda: quat.rotate(q, self.spin[..., index, :]),
+        )
 
     @property
     def tip(self) -> Point:
@@ -168,13 +223,21 @@ class State(Instant):
         nodes = range(self.reaction.shape[-2]) if self.supports is None else self.supports
         if 0 not in nodes:
             held = ", ".join(map(str, nodes))
-            raise ValueError("the load of the support at node 0 was asked for; " + (
-                f"supports hold node {held} alone, and reaction_of(k) is their load" if held else "the beam has no support"))
+            raise ValueError(
+                "the load of the support at node 0 was asked for; "
+                + (
+                    f"supports hold node {held} alone, and reaction_of(k) is their load"
+                    if held
+                    else "the beam has no support"
+                )
+            )
         return self.reaction_of(nodes.index(0))
 
     def reaction_of(self, support: int) -> Reaction:
         """Load of support k of `scene.supports`, which are in the order given."""
-        load = self.reaction[..., place("support", support, self.reaction.shape[-2], "there are the supports"), :]
+        load = self.reaction[
+            ..., place("support", support, self.reaction.shape[-2], "there are the supports"), :
+        ]
         return Reaction(load[..., :3], load[..., 3:])
 
     @property
@@ -185,7 +248,7 @@ class State(Instant):
     def broadcast(self, shape: tuple[int, ...] | None = None) -> State:
         """The same with the common batch axes, or those given, in every field."""
         shape = self.batch_shape if shape is None else shape
-        return map_leaves(lambda x, axes: x.expand((*shape, *x.shape[x.ndim - axes:])), self)
+        return map_leaves(lambda x, axes: x.expand((*shape, *x.shape[x.ndim - axes :])), self)
 
 
 def plain(state: State) -> State:
@@ -194,36 +257,46 @@ def plain(state: State) -> State:
 
 
 def check_state(state: Any, scene: Any, name: str = "initial") -> State:
-    """`state`, to start from; ValueError where it is not one of the nodal form, of the scene's mesh and dtype."""
+    """`state`, to start from; ValueError where it is not one of the nodal form, of the scene's mesh
+    and dtype.
+    """
     of_mesh(state, scene.beam, name)
     broadcast("a scene and an initial state", scene.batch_shape, state.batch_shape)
     return state
 
 
 def of_mesh(state: Any, like: Beam | State, name: str) -> State:
-    """`state`; ValueError where it is not one of the nodal form, with the nodes, the rows of stress and the dtype of `like` in
-    each of its fields: native code takes them on trust.
+    """`state`; ValueError where it is not one of the nodal form, with the nodes, the rows of stress
+    and the dtype of `like` in each of its fields: native code takes them on trust.
     """
     nodes, stresses, dtype = like.node_count, like.stress_count, like.nodes.dtype
     if not isinstance(state, State):
-        raise ValueError(f"{name} of type {type(state).__name__} was given; the nodal form wants a torchbeam.State")
+        raise ValueError(
+            f"{name} of type {type(state).__name__} was given; the nodal form wants a "
+            "torchbeam.State"
+        )
     if state.position.shape[-2] != nodes:
-        raise ValueError(f"{name} with {state.position.shape[-2]} nodes was given; the beam has {nodes}")
+        raise ValueError(
+            f"{name} with {state.position.shape[-2]} nodes was given; the beam has {nodes}"
+        )
     own = dict(position=3, rotation=4, velocity=3, spin=3)
     for key, shape in (*((key, (nodes, k)) for key, k in own.items()), ("stress", (stresses, 6))):
         x = getattr(state, key)
         if x.shape[-2:] != shape:
-            raise ValueError(f"{name} whose {key} is of shape {tuple(x.shape)} was given; (..., {shape[0]}, {shape[1]}) is "
-                             "wanted")
+            raise ValueError(
+                f"{name} whose {key} is of shape {tuple(x.shape)} was given; (..., {shape[0]}, "
+                f"{shape[1]}) is wanted"
+            )
         if x.dtype != dtype:
             raise ValueError(f"{name} of {x.dtype} meets a scene of {dtype}; one dtype is wanted")
     return state
 
 
 def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tensor = 0.0) -> State:
-    """The scene's beam undeformed and at rest in frame a, with the scene's batch axes (or those given). What supports hold is
-    where they have it at the time t s (0-dim, or one of each sample), and moves with them. A frame that turns has turned since
-    t = 0, when it coincides with the inertial axes. Raises ValueError for what is no scene, batch axes or time.
+    """The scene's beam undeformed and at rest in frame a, with the scene's batch axes
+    (or those given). What supports hold is where they have it at the time t s (0-dim, or one of
+    each sample), and moves with them. A frame that turns has turned since t = 0, when it coincides
+    with the inertial axes. Raises ValueError for what is no scene, batch axes or time.
     """
     beam = instance("a scene", scene, Scene).beam
     nodes, stresses = beam.node_count, beam.stress_count
@@ -234,8 +307,10 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
     if batch_shape is not None:
         wanted = batch("batch_shape", batch_shape)
         if broadcast("batch_shape and t", wanted, time.shape) != wanted:
-            raise ValueError(f"batch_shape = {tuple(wanted)} was given for t of shape {tuple(time.shape)}; one with its axes "
-                             "is wanted")
+            raise ValueError(
+                f"batch_shape = {tuple(wanted)} was given for t of shape {tuple(time.shape)}; one "
+                "with its axes is wanted"
+            )
         shape = wanted
     state = State(
         position=beam.nodes.expand(*shape, nodes, 3),
@@ -262,11 +337,15 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
 
 
 def no_motion(scene: Any, like: Tensor) -> dict[str, Any]:
-    """Fields of a state whose joints stand as drawn, with axes `like` these (...); none where there are no joints."""
+    """Fields of a state whose joints stand as drawn, with axes `like` these (...); none where there
+    are no joints.
+    """
     if not scene.joints:
         return {}
-    return {"joints": like.new_zeros(*like.shape, len(scene.joints), 10),
-            "coordinates": tuple(joint.coordinates for joint in scene.joints)}
+    return {
+        "joints": like.new_zeros(*like.shape, len(scene.joints), 10),
+        "coordinates": tuple(joint.coordinates for joint in scene.joints),
+    }
 
 
 def supported(scene: Any) -> tuple[int, ...]:
@@ -275,24 +354,31 @@ def supported(scene: Any) -> tuple[int, ...]:
 
 
 def with_optional_fields(state: State, scene: Any) -> State:
-    """With an orientation of frame a and internal states of loads, where the scene wants them and the state has none; with the
-    reactions of the scene's supports, zero where the state has those of others. Raises ValueError where it has other
-    orientations or internal states.
+    """With an orientation of frame a and internal states of loads, where the scene wants them and
+    the state has none; with the reactions of the scene's supports, zero where the state has those
+    of others. Raises ValueError where it has other orientations or internal states.
     """
     nodes, known = supported(scene), state.supports
     if state.reaction.shape[-2] != len(nodes) or known not in (None, nodes):
-        state = replace(state, reaction=state.reaction.new_zeros(*state.reaction.shape[:-2], len(nodes), 6))
+        state = replace(
+            state, reaction=state.reaction.new_zeros(*state.reaction.shape[:-2], len(nodes), 6)
+        )
     state = state if known == nodes else replace(state, supports=nodes)
     if (state.parts, state.joined) != (scene.beam.parts, scene.beam.joined):
         state = replace(state, parts=scene.beam.parts, joined=scene.beam.joined)
     if state.frame is not None and not turning(scene):
-        raise ValueError("a state whose frame has turned was given for a scene whose frame does not turn; one of a scene with "
-                         "such a frame is wanted")
+        raise ValueError(
+            "a state whose frame has turned was given for a scene whose frame does not turn; one "
+            "of a scene with such a frame is wanted"
+        )
     if turning(scene) and state.frame is None:
         state = replace(state, frame=orientation(scene, state.batch_shape, state.t)).broadcast()
     sizes = sum(scene.internal_states)
     if state.internal is not None and state.internal.shape[-1] != sizes:
-        raise ValueError(f"a state with {state.internal.shape[-1]} internal states was given; the scene's loads have {sizes}")
+        raise ValueError(
+            f"a state with {state.internal.shape[-1]} internal states was given; the scene's "
+            f"loads have {sizes}"
+        )
     if sizes and state.internal is None:
         state = replace(state, internal=state.position.new_zeros(*state.batch_shape, sizes))
     if scene.joints and state.joints is None:

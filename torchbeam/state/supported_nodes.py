@@ -1,4 +1,6 @@
-"""Supported nodes: their places and motions put into a state, and the motion of all nodes with frame a."""
+"""Supported nodes: their places and motions put into a state, and the motion of all nodes with
+frame a.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ from ..math import quaternions as quat
 from ..scene.prescribed_motion import PrescribedMotion
 from .instant import Instant
 
-Placed = TypeVar("Placed", bound=Instant)  # a state with the nodes' positions, rotations, velocities and spins
+# a state with the nodes' positions, rotations, velocities and spins
+Placed = TypeVar("Placed", bound=Instant)
 
 
 def at_supports(state: Placed, prescribed_motion: PrescribedMotion) -> Placed:
@@ -28,7 +31,9 @@ def at_supports(state: Placed, prescribed_motion: PrescribedMotion) -> Placed:
 
 
 def at_rest(state: Placed, prescribed_motion: PrescribedMotion) -> Placed:
-    """A state at rest in frame a, in absolute velocities, what supports hold with the motion that they have at its time."""
+    """A state at rest in frame a, in absolute velocities, what supports hold with the motion that
+    they have at its time.
+    """
     t = shared(state.t)
     velocity, spin = frame_motion(state, prescribed_motion)
     for support in prescribed_motion.scene.supports:
@@ -40,8 +45,12 @@ def at_rest(state: Placed, prescribed_motion: PrescribedMotion) -> Placed:
 
 
 def frame_motion(state: Placed, prescribed_motion: PrescribedMotion) -> tuple[Tensor, Tensor]:
-    """Velocity (..., N+1, 3) m/s, frame a, and spin (..., N+1, 3) rad/s, section axes, of nodes that stand in frame a."""
-    v, omega = (None if x is None else x[..., None, :] for x in prescribed_motion.frame(shared(state.t)))
+    """Velocity (..., N+1, 3) m/s, frame a, and spin (..., N+1, 3) rad/s, section axes, of nodes
+    that stand in frame a.
+    """
+    v, omega = (
+        None if x is None else x[..., None, :] for x in prescribed_motion.frame(shared(state.t))
+    )
     velocity = torch.zeros_like(state.position)
     spin = torch.zeros_like(velocity)
     if omega is not None:
@@ -63,7 +72,9 @@ def held_rotation(q: Tensor, at: Tensor, support: Any) -> Tensor:
 def _put_held(x: Tensor, support: Any, value: Tensor) -> Tensor:
     """`set_node`, of the components whose position is held."""
     at = support.node
-    return set_node(x, at, torch.where(torch.tensor(support.held[:3], device=x.device), value, x[..., at, :]))
+    return set_node(
+        x, at, torch.where(torch.tensor(support.held[:3], device=x.device), value, x[..., at, :])
+    )
 
 
 def set_node(x: Tensor, node: int, value: Tensor) -> Tensor:

@@ -1,7 +1,8 @@
-"""Arc-length problem: the balance with the load factor as one more unknown and one more equation that says how far to go.
+"""Arc-length problem: the balance with the load factor as one more unknown and one more equation
+that says how far to go.
 
-Both are found by two solves with the same tangent (Batoz and Dhatt 1979): K a = -g, K b = -dg/d(factor), the move is
-a + b d(factor), and the other equation gives d(factor).
+Both are found by two solves with the same tangent (Batoz and Dhatt 1979): K a = -g, K
+b = -dg/d(factor), the move is a + b d(factor), and the other equation gives d(factor).
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ from .internal_states import linearised
 
 
 class PathPoint(NamedTuple):
-    """A point of the path and the way to it since the step began: way (..., N+1, 6), factor (..., 1, 1)."""
+    """A point of the path and the way to it since the step began: way (..., N+1, 6), factor
+    (..., 1, 1).
+    """
 
     position: Tensor
     rotation: Tensor
@@ -38,7 +41,9 @@ class PathPoint(NamedTuple):
 
 @dataclass(frozen=True)
 class LoadedProblem(Tree):
-    """The balance as a function of the load factor (...): of all loads, or of the input `load` beside loads that stay."""
+    """The balance as a function of the load factor (...): of all loads, or of the input `load`
+    beside loads that stay.
+    """
 
     model: Model
     t: Tensor = leaf(0)
@@ -52,7 +57,9 @@ class LoadedProblem(Tree):
         return SteadyProblem(self.model, self.t, inputs, torch.ones_like(factor))
 
     def at(self, x: PathPoint) -> SteadyProblem:
-        """The same at a point of the path, with laws of internal states linearised where these come to rest there."""
+        """The same at a point of the path, with laws of internal states linearised where these come
+        to rest there.
+        """
         still = self(x.factor[..., 0, 0])
         return linearised(still, x.shape) if self.model.internal_states else still
 
@@ -78,7 +85,9 @@ class Balance(NamedTuple):
 
 @dataclass(frozen=True)
 class ArcLengthProblem(Tree):
-    """Balance and one more equation: sum(row * way) + by_factor (factor - start) = goal, or q(state) = goal."""
+    """Balance and one more equation: sum(row * way) + by_factor (factor - start) = goal, or
+    q(state) = goal.
+    """
 
     loaded: LoadedProblem
     row: Tensor = leaf(2)  # (..., N+1, w)
@@ -92,12 +101,17 @@ class ArcLengthProblem(Tree):
         still = self.loaded.at(x)
         residual, *about = still.residual(x.shape)
         if self.control is None:
-            row, said = self.row, (self.row * x.way).sum((-1, -2)) + self.by_factor * (x.factor[..., 0, 0] - self.start)
+            row = self.row
+            said = (self.row * x.way).sum((-1, -2)) + self.by_factor * (
+                x.factor[..., 0, 0] - self.start
+            )
         else:
             said, row = gradient(still, x.shape, self.control)
         return Balance(residual, self.goal - said, self.size), row, self.goal - said, *about
 
-    def linearise(self, x: PathPoint, row: Tensor, missing: Tensor, *about: Any) -> ArcLengthTangent:
+    def linearise(
+        self, x: PathPoint, row: Tensor, missing: Tensor, *about: Any
+    ) -> ArcLengthTangent:
         inner = self.loaded.at(x).linearise(x.shape, *about)
         return ArcLengthTangent(inner, *load_slope(self.loaded, x), row, self.by_factor, missing)
 
@@ -137,8 +151,8 @@ def where(mask: Tensor, a: Any, b: Any) -> Any:
 
 
 def load_slope(loaded: LoadedProblem, x: PathPoint) -> tuple[Tensor, Tensor]:
-    """Derivatives of the residual, nodes (..., N+1, w) and strain (..., N, k), by the factor: with it go loads, eigenstrain and
-    the motion of supports.
+    """Derivatives of the residual, nodes (..., N+1, w) and strain (..., N, k), by the factor: with
+    it go loads, eigenstrain and the motion of supports.
     """
     near = loaded.at(x).near
 
@@ -150,11 +164,16 @@ def load_slope(loaded: LoadedProblem, x: PathPoint) -> tuple[Tensor, Tensor]:
     return rate_along(residual, (factor,), (torch.ones_like(factor),))[1]
 
 
-def gradient(still: SteadyProblem, x: Configuration, control: Callable[[Configuration], Tensor]) -> tuple[Tensor, Tensor]:
+def gradient(
+    still: SteadyProblem, x: Configuration, control: Callable[[Configuration], Tensor]
+) -> tuple[Tensor, Tensor]:
     """A quantity (...) and its slope (..., N+1, 6) by moves."""
+
     def read(move: Tensor) -> Tensor:
         return control(still.update(x, move, torch.zeros_like(x.stress)))
 
     with torch.enable_grad():
-        value, back = torch.func.vjp(read, x.position.new_zeros(*x.position.shape[:-1], still.model.space.unknowns))
+        value, back = torch.func.vjp(
+            read, x.position.new_zeros(*x.position.shape[:-1], still.model.space.unknowns)
+        )
         return value, back(torch.ones_like(value))[0]

@@ -1,8 +1,8 @@
 """Continuation: equilibria one after another along their path, as the load changes.
 
-The load factor is an unknown beside the moves, and one more equation says how far a step goes. With t the unit tangent
-of the path, (move, change of factor), and <, > the mean over the nodes of dr.dr/L^2 + spin.spin, plus the product of the
-changes of the factor over its range:
+The load factor is an unknown beside the moves, and one more equation says how far a step goes. With
+t the unit tangent of the path, (move, change of factor), and <, > the mean over the nodes of
+dr.dr/L^2 + spin.spin, plus the product of the changes of the factor over its range:
 
     arc length     <t, way> = step                 (the normal plane of Riks 1979)
     control        q(state) = where it is to be    (displacement control, q any quantity)
@@ -65,7 +65,8 @@ class PathState(NamedTuple):
         return self.place.factor[..., 0, 0]
 
 
-Attempt = tuple[PathState, Tensor, Tensor]  # where the samples then stand, kind of the way there, whether it is accepted
+# where the samples then stand, kind of the way there, whether it is accepted
+Attempt = tuple[PathState, Tensor, Tensor]
 
 
 @dataclass(frozen=True)
@@ -74,8 +75,10 @@ class Continuation:
 
     model, loaded  the nodal form, and its balance by the load factor
     span       (lowest, highest) load factor
-    step       the first and longest step along the path; of `control`, a share of the way to `target`
-    control    a quantity (...) of the configuration that leads the path to `target` (...); None = the arc length
+    step       the first and longest step along the path; of `control`, a share of the way to
+               `target`
+    control    a quantity (...) of the configuration that leads the path to `target` (...);
+               None = the arc length
     branch     whether to go on along branches
     tolerance  of the scaled residual; None = Newton's own
     size       (..., 1, w) weights of a mean move
@@ -91,9 +94,12 @@ class Continuation:
     tolerance: float | None
     size: Tensor
 
-    def __call__(self, start: Configuration, steps: int, active: Tensor | None = None) -> tuple[list[Attempt], Tensor, Tensor]:
-        """The path from an equilibrium at factor 0, in at most so many attempts, of the `active` (...) samples, None = all: the
-        attempts, the status (...) of each sample, and whether (...) it reached the end.
+    def __call__(
+        self, start: Configuration, steps: int, active: Tensor | None = None
+    ) -> tuple[list[Attempt], Tensor, Tensor]:
+        """The path from an equilibrium at factor 0, in at most so many attempts, of the `active`
+        (...) samples, None = all: the attempts, the status (...) of each sample, and whether (...)
+        it reached the end.
         """
         zero = self.model.length.new_zeros(())
         shape = unmapped("the path of a load", self.loaded(zero).residual(start)[0].measure()).shape
@@ -113,9 +119,12 @@ class Continuation:
                 break
             width = None if first is None else self.target - first
             goal = None if first is None else first + width * (at + step).clamp(max=1)
-            problem, guess = self.problem(now, behind, step, final, leap, goal, None if first is None else width.abs() * step)
-            outcome = newton(problem, guess, going, self.tolerance, ITERATIONS, trust_start=False,
-                             foresee=~final)
+            problem, guess = self.problem(
+                now, behind, step, final, leap, goal, None if first is None else width.abs() * step
+            )
+            outcome = newton(
+                problem, guess, going, self.tolerance, ITERATIONS, trust_start=False, foresee=~final
+            )
             x, factor = outcome.x, outcome.x.factor[..., 0, 0]
             space = self.model.space
             turn = space.multiply(space.inverse(now.place.rotation), x.rotation)
@@ -126,7 +135,9 @@ class Continuation:
             good = good & after.sound
             if first is None:
                 beyond = good & ~final & ((factor > self.span[1]) | (factor < self.span[0]))
-                sharp = ~final & ~leap & (self.alike(after, now) < ALIKE) & (step > LEAST * self.step)
+                sharp = (
+                    ~final & ~leap & (self.alike(after, now) < ALIKE) & (step > LEAST * self.step)
+                )
                 good = good & ~beyond & ~sharp
             kind = torch.where(after.by_factor * now.by_factor < 0, LIMIT_POINT, BRANCH_POINT)
             kind = torch.where(good & ~leap & (after.negative != now.negative), kind, REGULAR)
@@ -143,66 +154,112 @@ class Continuation:
             final = beyond  # an end that was out of reach in one step is tried again from nearer by
         return record, status, done
 
-    def problem(self, now: PathState, behind: PathState, step: Tensor, final: Tensor, leap: Tensor, goal: Tensor | None,
-                width: Tensor | None) -> tuple[ArcLengthProblem, PathPoint]:
+    def problem(
+        self,
+        now: PathState,
+        behind: PathState,
+        step: Tensor,
+        final: Tensor,
+        leap: Tensor,
+        goal: Tensor | None,
+        width: Tensor | None,
+    ) -> tuple[ArcLengthProblem, PathPoint]:
         """What the next point has to satisfy, and where Newton's method starts."""
         start = now.place._replace(way=torch.zeros_like(now.place.way))
         zero = torch.zeros_like(now.factor)
         if goal is not None:
             row = torch.zeros_like(now.move)
-            return ArcLengthProblem(self.loaded, row, zero, now.factor, goal, width, self.control), start
+            return ArcLengthProblem(
+                self.loaded, row, zero, now.factor, goal, width, self.control
+            ), start
         move, by_factor = now.move, now.by_factor / self.span[1] ** 2
         if leap.any():
             mode = self.mode(now, behind)
             branch_move = step[..., None, None] * mode
-            there = self.loaded(now.factor).update(start.shape, branch_move, torch.zeros_like(start.stress))
-            start = where(leap, start._replace(position=there.position, rotation=there.rotation, way=branch_move), start)
+            there = self.loaded(now.factor).update(
+                start.shape, branch_move, torch.zeros_like(start.stress)
+            )
+            start = where(
+                leap,
+                start._replace(position=there.position, rotation=there.rotation, way=branch_move),
+                start,
+            )
             move, by_factor = where(leap, (mode, zero), (move, by_factor))
-        row, by_factor = where(final, (torch.zeros_like(move), zero + 1), (self.size * move, by_factor))
-        bound = torch.where(now.by_factor < 0, self.span[0], self.span[1]).to(now.factor)  # of two numbers: the default dtype
+        row, by_factor = where(
+            final, (torch.zeros_like(move), zero + 1), (self.size * move, by_factor)
+        )
+        # of two numbers: the default dtype
+        bound = torch.where(now.by_factor < 0, self.span[0], self.span[1]).to(now.factor)
         goal = torch.where(final, bound - now.factor, step)
         return ArcLengthProblem(self.loaded, row, by_factor, now.factor, goal, goal.abs()), start
 
-    def settle(self, x: PathPoint, before: Tensor, reaction: Tensor | None, least: Tensor | None) -> PathState:
-        """Stability and tangent at an equilibrium that was come to from the factor `before`, its supports where that of `x` has
-        them; the tangent leads on.
+    def settle(
+        self, x: PathPoint, before: Tensor, reaction: Tensor | None, least: Tensor | None
+    ) -> PathState:
+        """Stability and tangent at an equilibrium that was come to from the factor `before`, its
+        supports where that of `x` has them; the tangent leads on.
         """
         x = PathPoint(*self.loaded(x.factor[..., 0, 0]).apply_supports(x.shape), x.factor, x.way)
         still = self.loaded.at(x)
         residual, *about = still.residual(x.shape)
         tangent = still.linearise(x.shape, *about)
-        blocks, sound = tangent.system.pivots()  # where one is not, the point is no place to stop at
+        # where one is not, the point is no place to stop at
+        blocks, sound = tangent.system.pivots()
         shape = residual.measure().shape
-        eigenvalues = torch.linalg.eigvalsh((blocks + blocks.mT) / 2).expand(*shape, *blocks.shape[-3:-1])
+        eigenvalues = torch.linalg.eigvalsh((blocks + blocks.mT) / 2).expand(
+            *shape, *blocks.shape[-3:-1]
+        )
         least = eigenvalues.amin((-1, -2)).clamp(min=0) if least is None else least
         negative = (eigenvalues < -NEUTRAL * least[..., None, None]).sum((-1, -2))
         sign = torch.linalg.slogdet(blocks).sign.prod(-1).long().expand(shape)
         move, _, root = tangent.solve(*load_slope(self.loaded, x))
         sound = sound & torch.isfinite(move).all(-1).all(-1)
         length = ((self.size * move**2).sum((-1, -2)) + 1 / self.span[1] ** 2).sqrt()
-        on = (self.size * move * x.way).sum((-1, -2)) + (x.factor[..., 0, 0] - before) / self.span[1] ** 2
+        on = (self.size * move * x.way).sum((-1, -2)) + (x.factor[..., 0, 0] - before) / self.span[
+            1
+        ] ** 2
         length = torch.where(on < 0, -length, length)
         reaction = root if reaction is None else reaction
-        return PathState(x, reaction, negative, sign, move / length[..., None, None], 1 / length, least, sound.expand(shape))
+        return PathState(
+            x,
+            reaction,
+            negative,
+            sign,
+            move / length[..., None, None],
+            1 / length,
+            least,
+            sound.expand(shape),
+        )
 
     def led(self, start: Configuration, shape: torch.Size) -> Tensor:
-        """What `control` reads (...) where the path begins; ValueError where that is not one number of each sample."""
+        """What `control` reads (...) where the path begins; ValueError where that is not one number
+        of each sample.
+        """
         value = self.control(start)
         if not isinstance(value, Tensor) or value.shape not in (shape, ()):
             what = f"{tuple(value.shape)}" if isinstance(value, Tensor) else type(value).__name__
-            raise ValueError(f"a control that returns {what} was given; one number of each sample, {tuple(shape)}, is wanted")
+            raise ValueError(
+                f"a control that returns {what} was given; one number of each sample, "
+                f"{tuple(shape)}, is wanted"
+            )
         return value.expand(shape)
 
     def alike(self, a: PathState, b: PathState) -> Tensor:
         """Cosine between two tangents."""
-        return (self.size * a.move * b.move).sum((-1, -2)) + a.by_factor * b.by_factor / self.span[1] ** 2
+        return (self.size * a.move * b.move).sum((-1, -2)) + a.by_factor * b.by_factor / self.span[
+            1
+        ] ** 2
 
     def mode(self, now: PathState, behind: PathState) -> Tensor:
-        """The critical shape, by inverse iteration, of unit length, to the side to which the beam went before."""
+        """The critical shape, by inverse iteration, of unit length, to the side to which the beam
+        went before.
+        """
         still = self.loaded.at(now.place)
         residual, *about = still.residual(now.place.shape)
         tangent = still.linearise(now.place.shape, *about)
-        any_ = torch.cos(1.7 * torch.arange(now.move.shape[-2:].numel(), device=now.move.device) + 0.3)
+        any_ = torch.cos(
+            1.7 * torch.arange(now.move.shape[-2:].numel(), device=now.move.device) + 0.3
+        )
         # of several shapes, that which the beam leans to
         v = behind.move + TRACE * any_.to(now.move).unflatten(0, (-1, now.move.shape[-1]))
         for _ in range(MODE):
@@ -214,5 +271,7 @@ class Continuation:
 def move_weights(model: Model) -> Tensor:
     """(..., 1, w) of the squares of a node's displacement and turn in the square of a step."""
     L = model.length.detach().sum(-2, keepdim=True)
-    wide, turn = (L.expand(*L.shape[:-1], size) for size in (model.space.dims.position, model.space.dims.spin))
+    wide, turn = (
+        L.expand(*L.shape[:-1], size) for size in (model.space.dims.position, model.space.dims.spin)
+    )
     return torch.cat((1 / wide**2, torch.ones_like(turn)), -1) / model.node_count

@@ -50,40 +50,50 @@ def equilibrium(
     engine: str = "auto",
     inputs: dict[str, Any] | None = None,
 ) -> State:
-    """Static equilibrium under the scene's loads at time t (s); steady in a frame that moves, which stands
-    as it does at t (its axes are the inertial ones at t = 0).
+    """Static equilibrium under the scene's loads at time t (s); steady in a frame that moves, which
+    stands as it does at t (its axes are the inertial ones at t = 0).
 
-    initial    where to start, at no load; None = the undeformed beam. What supports hold is put where they have it
-    tolerance  of the scaled residual, which is measured before the last update; default 1e-8 in float64
-    throw      raise where a sample has no equilibrium; otherwise its `status` says so and it holds the last shape on the way
-    branch     "first": the one that the way up leads to; "stable": a sample that is unstable there is followed again from no
-               load on, by arc length (see `path`), along the branches that bifurcate, to the side to which it leans
-    relax      come there by a motion without inertia in a viscous fluid instead of by load steps, then by Newton's method: for
-               what is far from where it starts and hardly stiff on the way, as a slack cable or a hinged beam that swings down
-    engine     "eager": torch operations. "compiled": the load is raised by native code, many samples at once on the CPU
-               (llvmlite, the extra `fast`), the same answers up to rounding; what follows (gradients, `branch`) is eager.
-               "auto": compiled for many samples (32,768 and more, times elements; all those of a run of `monte_carlo` count)
-               where llvmlite is installed and the scene is taken; else eager, of which a SlowPathWarning tells
-               (TORCHBEAM_ENGINE in the environment says otherwise)
+    initial    where to start, at no load; None = the undeformed beam. What supports hold is put
+               where they have it
+    tolerance  of the scaled residual, which is measured before the last update; default 1e-8 in
+               float64
+    throw      raise where a sample has no equilibrium; otherwise its `status` says so and it holds
+               the last shape on the way
+    branch     "first": the one that the way up leads to; "stable": a sample that is unstable there
+               is followed again from no load on, by arc length (see `path`), along the branches
+               that bifurcate, to the side to which it leans
+    relax      come there by a motion without inertia in a viscous fluid instead of by load steps,
+               then by Newton's method: for what is far from where it starts and hardly stiff on the
+               way, as a slack cable or a hinged beam that swings down
+    engine     "eager": torch operations. "compiled": the load is raised by native code, many
+               samples at once on the CPU (llvmlite, the extra `fast`), the same answers up to
+               rounding; what follows (gradients, `branch`) is eager. "auto": compiled for many
+               samples (32,768 and more, times elements; all those of a run of `monte_carlo` count)
+               where llvmlite is installed and the scene is taken; else eager, of which a
+               SlowPathWarning tells (TORCHBEAM_ENGINE in the environment says otherwise)
     inputs     of the scene by name, (..., size)
 
-    The load is raised in steps, per sample, where Newton's method needs it: a step in which it fails, or a node turns by more
-    than 1 rad, is halved, and so is a long one that takes more than six iterations. Infinite stiffness is taken as it is.
-    Differentiable by the implicit function theorem.
+    The load is raised in steps, per sample, where Newton's method needs it: a step in which it
+    fails, or a node turns by more than 1 rad, is halved, and so is a long one that takes more than
+    six iterations. Infinite stiffness is taken as it is. Differentiable by the implicit function
+    theorem.
 
-    Past a point of buckling the way up may keep to a branch that is no longer stable. Where all loads are conservative (dead
-    forces, gravity) a RuntimeWarning names the samples whose tangent is not positive definite. Of other loads (followers,
-    moments in space, a frame that turns) it names those whose tangent has a negative determinant: they diverge, whatever their
-    mass and damping; whether another one is stable is for `modes` to say (`unstable`). Where a derivative is recorded at a
-    limit point, a RuntimeError says that there is none (with throw=False the sample is a constant); at a point of bifurcation
-    a RuntimeWarning says that some do not exist.
+    Past a point of buckling the way up may keep to a branch that is no longer stable. Where all
+    loads are conservative (dead forces, gravity) a RuntimeWarning names the samples whose tangent
+    is not positive definite. Of other loads (followers, moments in space, a frame that turns) it
+    names those whose tangent has a negative determinant: they diverge, whatever their mass and
+    damping; whether another one is stable is for `modes` to say (`unstable`). Where a derivative is
+    recorded at a limit point, a RuntimeError says that there is none (with throw=False the sample
+    is a constant); at a point of bifurcation a RuntimeWarning says that some do not exist.
 
-    What swings, as a pendulum, is held by its loads once these have stressed it; where by their stiffness it is more than 0.5
-    rad away, relax=True is wanted. A rigid motion that nothing holds and no load drives stays as it starts, and derivatives
-    are those with it held at the first support (node 0 where there is none).
+    What swings, as a pendulum, is held by its loads once these have stressed it; where by their
+    stiffness it is more than 0.5 rad away, relax=True is wanted. A rigid motion that nothing holds
+    and no load drives stays as it starts, and derivatives are those with it held at the first
+    support (node 0 where there is none).
 
-    Returns a `State` at rest with stress and reaction. Raises ValueError for what the nodal form does not take and RuntimeError
-    for a sample without equilibrium; where nothing holds a rigid motion of it, the sentence says which.
+    Returns a `State` at rest with stress and reaction. Raises ValueError for what the nodal form
+    does not take and RuntimeError for a sample without equilibrium; where nothing holds a rigid
+    motion of it, the sentence says which.
     """
     choice("branch", branch, ("first", "stable"))
     choice("engine", engine, ENGINES)
@@ -99,7 +109,8 @@ def equilibrium(
     start = model.space.start(start)
     start = Configuration(start.position, start.rotation, start.stress)
     doubtful = states = driven = None
-    judged = not model.internal_states  # with those, the tangent of what is held is not that of what comes to rest
+    # with those, the tangent of what is held is not that of what comes to rest
+    judged = not model.internal_states
     problem = SteadyProblem(model, time, given, time.new_ones(()))
     if initial is None:  # at no load
         start = replace(problem, load_factor=time.new_zeros(())).apply_supports(start)
@@ -124,7 +135,9 @@ def equilibrium(
         if concrete(unstable).any():
             doubtful = None
             with no_derivatives():
-                *stable, states = stable_branch(model, LoadedProblem(model, time, given), start, unstable, tolerance)
+                *stable, states = stable_branch(
+                    model, LoadedProblem(model, time, given), start, unstable, tolerance
+                )
             x, reaction = where(states, tuple(stable), (x, reaction))
     if model.internal_states:
         problem, x, reaction, status = resting(problem, x, reaction, status, good, tolerance)
@@ -132,10 +145,15 @@ def equilibrium(
     if differentiated(problem, x) or wants_gradient(*start):
         limit, fork = _singular(problem, x, start, good)
         if throw and concrete(limit).any():
-            raise RuntimeError(f"{_which(limit)} is at a limit point: the equilibrium has no derivative by the load there "
-                               "(`path` goes through it)")
+            raise RuntimeError(
+                f"{_which(limit)} is at a limit point: the equilibrium has no derivative by the "
+                "load there (`path` goes through it)"
+            )
         if concrete(fork).any():
-            warn(f"{_which(fork)} is at a point of bifurcation: derivatives by what pushes it off its path do not exist")
+            warn(
+                f"{_which(fork)} is at a point of bifurcation: derivatives by what pushes it off "
+                "its path do not exist"
+            )
         good = good & ~limit
         held = {name: torch.where(good[..., None], v, v.detach()) for name, v in given.items()}
         problem = replace(problem, inputs=held)
@@ -146,19 +164,30 @@ def equilibrium(
         failed, status = concrete(failed), concrete(status)
         which = f"sample {_first(failed)} of {tuple(failed.shape)}" if failed.ndim else "the scene"
         first = None if alike else tuple(failed.nonzero()[0].tolist())
-        raise RuntimeError(f"{which} has no equilibrium: {reason(problem, x, int(status[failed][0]), first, relax)}")
+        raise RuntimeError(
+            f"{which} has no equilibrium: "
+            f"{reason(problem, x, int(status[failed][0]), first, relax)}"
+        )
     if judged:
         states = ~failed
-        unstable = states & _unstable(problem, x, start, None if doubtful is None else doubtful & states, model.conservative)
+        unstable = states & _unstable(
+            problem, x, start, None if doubtful is None else doubtful & states, model.conservative
+        )
         if concrete(unstable).any():
-            warn(f"{_which(unstable)} is in unstable equilibrium: a small disturbance or imperfection leads to another "
-                 "(branch='stable' looks for it)")
+            warn(
+                f"{_which(unstable)} is in unstable equilibrium: a small disturbance or "
+                "imperfection leads to another (branch='stable' looks for it)"
+            )
     return problem.state(x, reaction, status)
 
 
 def _which(mask: Tensor) -> str:
     mask = concrete(mask)
-    return f"sample {_first(mask)} ({int(mask.sum())} of {mask.numel()})" if mask.ndim else "the beam (1 of 1)"
+    return (
+        f"sample {_first(mask)} ({int(mask.sum())} of {mask.numel()})"
+        if mask.ndim
+        else "the beam (1 of 1)"
+    )
 
 
 def _first(mask: Tensor) -> Any:
@@ -170,12 +199,18 @@ def _tangent(problem: SteadyProblem, x: Configuration) -> Linearisation:
     return problem.linearise(x, *problem.residual(x)[1:])
 
 
-def _unstable(problem: SteadyProblem, x: Configuration, start: Configuration, doubtful: Tensor | None = None,
-              symmetric: bool = True) -> Tensor:
-    """(...) whether a pivot is negative by more than next to nothing beside the softest one at no load; doubtful: samples whose
-    tangent is not positive definite, None = not known. Of a tangent K that is not `symmetric`: whether its determinant is
-    negative, and no pivot next to nothing. Then det(M s^2 + D s + K) has a zero s > 0, whatever mass and damping are, as it is
-    positive for large s: a motion grows without oscillating. (Where it is positive two may, or one may flutter.)
+def _unstable(
+    problem: SteadyProblem,
+    x: Configuration,
+    start: Configuration,
+    doubtful: Tensor | None = None,
+    symmetric: bool = True,
+) -> Tensor:
+    """(...) whether a pivot is negative by more than next to nothing beside the softest one at no
+    load; doubtful: samples whose tangent is not positive definite, None = not known. Of a tangent K
+    that is not `symmetric`: whether its determinant is negative, and no pivot next to nothing. Then
+    det(M s^2 + D s + K) has a zero s > 0, whatever mass and damping are, as it is positive for
+    large s: a motion grows without oscillating. (Where it is positive two may, or one may flutter.)
     """
     if doubtful is not None and not concrete(doubtful).any():
         return doubtful
@@ -183,7 +218,11 @@ def _unstable(problem: SteadyProblem, x: Configuration, start: Configuration, do
     if few is not None:
         with suppress(NotSeparable):
             at, begin = (Configuration(*(few.take(v, 2) for v in shape)) for shape in (x, start))
-            return few.put(torch.zeros_like(doubtful), _unstable(few.gather(problem), at, begin, None, symmetric), 0)
+            return few.put(
+                torch.zeros_like(doubtful),
+                _unstable(few.gather(problem), at, begin, None, symmetric),
+                0,
+            )
     with no_derivatives():
         tangent = _tangent(problem, x)
         doubtful = ~tangent.system.positive_definite()
@@ -193,14 +232,22 @@ def _unstable(problem: SteadyProblem, x: Configuration, start: Configuration, do
         (here, sound), (usual, _) = (k.system.pivots() for k in (tangent, unloaded))
         if not symmetric:
             soft, usual = (torch.linalg.svdvals(p).amin((-1, -2)) for p in (here, usual))
-            return doubtful & sound & (torch.linalg.slogdet(here).sign.prod(-1) < 0) & (soft > NEUTRAL * usual)
+            return (
+                doubtful
+                & sound
+                & (torch.linalg.slogdet(here).sign.prod(-1) < 0)
+                & (soft > NEUTRAL * usual)
+            )
         here, usual = (torch.linalg.eigvalsh(p + p.mT).amin((-1, -2)) for p in (here, usual))
         return doubtful & ((here < -NEUTRAL * usual.clamp(min=0)) | ~sound)
 
 
-def _singular(problem: SteadyProblem, x: Configuration, start: Configuration, good: Tensor) -> tuple[Tensor, Tensor]:
-    """(...) whether the softest pivot is next to nothing beside the softest one at no load: at a limit point, where the load
-    brings that motion about, or at a point of bifurcation, where it does not.
+def _singular(
+    problem: SteadyProblem, x: Configuration, start: Configuration, good: Tensor
+) -> tuple[Tensor, Tensor]:
+    """(...) whether the softest pivot is next to nothing beside the softest one at no load: at a
+    limit point, where the load brings that motion about, or at a point of bifurcation, where it
+    does not.
     """
     with no_derivatives():
         (soft, ease), (usual, before) = (_softness(problem, at) for at in (x, start))
@@ -210,21 +257,28 @@ def _singular(problem: SteadyProblem, x: Configuration, start: Configuration, go
 
 
 def _softness(problem: SteadyProblem, x: Configuration) -> tuple[Tensor, Tensor]:
-    """(...) the softest pivot, and the largest move that a change of the loads by themselves brings about."""
+    """(...) the softest pivot, and the largest move that a change of the loads by themselves brings
+    about.
+    """
     residual, *about = problem.residual(x)
     tangent = problem.linearise(x, *about)
     unloaded = replace(problem, load_factor=torch.zeros_like(problem.load_factor)).residual(x)[0]
     move = tangent.solve(residual.nodes - unloaded.nodes, torch.zeros_like(residual.strain))[0]
-    return torch.linalg.svdvals(tangent.system.pivots()[0]).amin((-1, -2)), move.abs().amax((-1, -2))
+    return torch.linalg.svdvals(tangent.system.pivots()[0]).amin((-1, -2)), move.abs().amax(
+        (-1, -2)
+    )
 
 
-def _attached(problem: SteadyProblem, x: Configuration, reaction: Tensor, start: Configuration, good: Tensor
-              ) -> tuple[Configuration, Tensor]:
-    """The solution with its derivatives, those by the supports included, whose place and axes come from the scene. A sample
-    that is not good keeps its shape and has none.
+def _attached(
+    problem: SteadyProblem, x: Configuration, reaction: Tensor, start: Configuration, good: Tensor
+) -> tuple[Configuration, Tensor]:
+    """The solution with its derivatives, those by the supports included, whose place and axes come
+    from the scene. A sample that is not good keeps its shape and has none.
     """
     mask = good[..., None, None]
-    safe = Configuration(start.position.detach(), start.rotation.detach(), torch.zeros_like(start.stress))
+    safe = Configuration(
+        start.position.detach(), start.rotation.detach(), torch.zeros_like(start.stress)
+    )
     solved = Configuration(*(torch.where(mask, a, b) for a, b in zip(x, safe, strict=True)))
     attached, moved = implicit_gradient(problem, problem.apply_supports(solved), good)
     x = Configuration(*(torch.where(mask, a, b) for a, b in zip(attached, x, strict=True)))

@@ -19,11 +19,18 @@ LIMIT = 25  # linearisations
 STAYS = 0.5  # power of the dtype's rounding: change of the states, relative, up to which they stay
 
 
-def resting(problem: SteadyProblem, x: Configuration, reaction: Tensor, status: Tensor, going: Tensor, tolerance: float | None
-            ) -> tuple[SteadyProblem, Configuration, Tensor, Tensor]:
-    """Equilibria whose internal states were found by laws linearised at zero, those that are `going` with the laws linearised
-    where the states are: Newton's method for z' = 0 beside that for the shape, until the states stay; the problem so, shape,
-    reaction, status. Where laws are linear they are as they were.
+def resting(
+    problem: SteadyProblem,
+    x: Configuration,
+    reaction: Tensor,
+    status: Tensor,
+    going: Tensor,
+    tolerance: float | None,
+) -> tuple[SteadyProblem, Configuration, Tensor, Tensor]:
+    """Equilibria whose internal states were found by laws linearised at zero, those that are
+    `going` with the laws linearised where the states are: Newton's method for z' = 0 beside that
+    for the shape, until the states stay; the problem so, shape, reaction, status. Where laws are
+    linear they are as they were.
     """
     with no_derivatives():
         for _ in range(LIMIT):
@@ -36,16 +43,21 @@ def resting(problem: SteadyProblem, x: Configuration, reaction: Tensor, status: 
             outcome = newton(problem, problem.apply_supports(x), going, tolerance)
             good = (going & (outcome.status == SUCCESS))[..., None, None]
             x = Configuration(*(torch.where(good, a, b) for a, b in zip(outcome.x, x, strict=True)))
-            reaction, status = torch.where(good, outcome.reaction, reaction), torch.where(going, outcome.status, status)
+            reaction = torch.where(good, outcome.reaction, reaction)
+            status = torch.where(going, outcome.status, status)
     return problem, x, reaction, torch.where(going, DIVERGED, status)
 
 
 def linearised(problem: SteadyProblem, x: Configuration) -> SteadyProblem:
-    """The same with laws of internal states linearised where these come to rest at x; a sample whose states do not settle has
-    no balance (NaN).
+    """The same with laws of internal states linearised where these come to rest at x; a sample
+    whose states do not settle has no balance (NaN).
     """
-    shape = broadcast_shapes(x.position.shape[:-2], problem.model.scene.batch_shape, problem.load_factor.shape,
-                             *(value.shape[:-1] for value in problem.inputs.values()))
+    shape = broadcast_shapes(
+        x.position.shape[:-2],
+        problem.model.scene.batch_shape,
+        problem.load_factor.shape,
+        *(value.shape[:-1] for value in problem.inputs.values()),
+    )
     with no_derivatives():
         z = _states(problem, x, shape)
         for _ in range(LIMIT):
@@ -58,7 +70,7 @@ def linearised(problem: SteadyProblem, x: Configuration) -> SteadyProblem:
 
 def _stays(before: Tensor, after: Tensor) -> Tensor:
     """(...) whether internal states (..., z) do."""
-    limit = torch.finfo(after.dtype).eps**STAYS
+    limit = torch.finfo(after.dtype).eps ** STAYS
     return ((after - before).abs() <= limit * after.abs().amax(-1, keepdim=True)).all(-1)
 
 

@@ -1,9 +1,11 @@
-"""Mechanisms: rigid motions of a beam, or of the parts of a structure, that neither supports and joints nor loads hold.
+"""Mechanisms: rigid motions of a beam, or of the parts of a structure, that neither supports and
+joints nor loads hold.
 
-A pendulum that hangs is held by its weight, once that has stressed it. So the stress that the loads bring about is found with
-the motions held that nothing else holds, and a load step then begins with the stiffness of that stress. What is still held by
-nothing, as the turn of a pendulum about itself, gets a brace, a stiffness of one node in the tangent alone: where no load
-drives that motion, the balance, the solution and its derivatives are those without the brace.
+A pendulum that hangs is held by its weight, once that has stressed it. So the stress that the loads
+bring about is found with the motions held that nothing else holds, and a load step then begins with
+the stiffness of that stress. What is still held by nothing, as the turn of a pendulum about itself,
+gets a brace, a stiffness of one node in the tangent alone: where no load drives that motion, the
+balance, the solution and its derivatives are those without the brace.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ from ..topology.protocols import Matrix, total
 
 NONE = 1e-8  # of the largest: a singular value that is none
 STIFF = 1e6  # of a brace, beside the stiffness of its node
-SWING = 0.5  # rad, or lengths of the beam: how far it may be to where the loads hold a beam that swings
+# rad, or lengths of the beam: how far it may be to where the loads hold a beam that swings
+SWING = 0.5
 
 
 @dataclass(frozen=True)
@@ -43,8 +46,9 @@ class BracedProblem(SteadyProblem):
 
 
 def stressed(problem: SteadyProblem, x: Configuration) -> tuple[Configuration, Tensor | None]:
-    """x with the stress that loads bring about there, of samples with rigid motions that nothing holds as x stands; and (...)
-    bool, which of them the loads drive further than `SWING`, by the stiffness of that stress. None = there are no such motions.
+    """x with the stress that loads bring about there, of samples with rigid motions that nothing
+    holds as x stands; and (...) bool, which of them the loads drive further than `SWING`, by the
+    stiffness of that stress. None = there are no such motions.
     """
     if clamped(problem.model):
         return x, None
@@ -68,19 +72,23 @@ def stressed(problem: SteadyProblem, x: Configuration) -> tuple[Configuration, T
 
 
 def braced(problem: SteadyProblem, x: Configuration) -> SteadyProblem:
-    """The problem with braces for rigid motions that neither supports nor loads, with the stress of x, hold; itself where there
-    are none.
+    """The problem with braces for rigid motions that neither supports nor loads, with the stress of
+    x, hold; itself where there are none.
     """
     if clamped(problem.model):
         return problem
     with no_derivatives():
         free = _free(problem, x)
-        return _braced(problem, problem.apply_supports(x), free) if concrete(free).any() else problem
+        return (
+            _braced(problem, problem.apply_supports(x), free) if concrete(free).any() else problem
+        )
 
 
-def unheld(model: Model, t: Tensor, inputs: dict[str, Tensor], sample: tuple[int, ...] = ()) -> tuple[int, str]:
-    """How many rigid motions of one sample nothing holds, as it stands undeformed, and what they are in words; (0, "") where
-    there are none, or where frame a turns, which holds much by itself.
+def unheld(
+    model: Model, t: Tensor, inputs: dict[str, Tensor], sample: tuple[int, ...] = ()
+) -> tuple[int, str]:
+    """How many rigid motions of one sample nothing holds, as it stands undeformed, and what they
+    are in words; (0, "") where there are none, or where frame a turns, which holds much by itself.
     """
     if clamped(model):
         return 0, ""
@@ -89,7 +97,7 @@ def unheld(model: Model, t: Tensor, inputs: dict[str, Tensor], sample: tuple[int
         start = Configuration(start.position, start.rotation, torch.zeros_like(start.stress))
         nodes, bases, hold = _hold(SteadyProblem(model, t, inputs, t.new_ones(())), start)
     _, s, V = torch.linalg.svd(sample_of(hold, 2, sample), full_matrices=True)
-    motions = V[int((s > NONE).sum()):].to(nodes)
+    motions = V[int((s > NONE).sum()) :].to(nodes)
     if model.scene.beam.parts:
         return len(motions), _parts_in_words(motions, bases)
     at = bases[0].node
@@ -98,11 +106,15 @@ def unheld(model: Model, t: Tensor, inputs: dict[str, Tensor], sample: tuple[int
 
 def clamped(model: Model) -> bool:
     """Whether all is held without a look at loads, or by a frame that turns."""
-    return model.turning or (len(_bases(model)) == 1 and any(all(s.held) for s in model.scene.supports))
+    return model.turning or (
+        len(_bases(model)) == 1 and any(all(s.held) for s in model.scene.supports)
+    )
 
 
 def _free(problem: SteadyProblem, x: Configuration) -> Tensor:
-    """(..., m, m) projector onto the rigid motions that nothing holds, see `_hold`; zero where there are none."""
+    """(..., m, m) projector onto the rigid motions that nothing holds, see `_hold`; zero where
+    there are none.
+    """
     nodes, _, hold = _hold(problem, x)
     _, s, V = torch.linalg.svd(hold, full_matrices=True)
     none = (pad(s, (0, max(0, hold.shape[-1] - s.shape[-1]))) <= NONE)[..., None] * V
@@ -110,8 +122,8 @@ def _free(problem: SteadyProblem, x: Configuration) -> Tensor:
 
 
 def _braced(problem: SteadyProblem, x: Configuration, free: Tensor) -> BracedProblem:
-    """With a brace of a base, against the rigid motions `free`, a projector, that move it, and so on with the others that they
-    leave.
+    """With a brace of a base, against the rigid motions `free`, a projector, that move it, and so
+    on with the others that they leave.
     """
     model, space = problem.model, problem.model.space
     eye = torch.eye(3).to(x.position)
@@ -122,7 +134,7 @@ def _braced(problem: SteadyProblem, x: Configuration, free: Tensor) -> BracedPro
     to_moves = torch.block_diag(space.project_vector(eye).mT, space.project_spin(eye).mT)
     length, braces = _length(model.scene.beam.nodes.detach())[..., None, None], torch.zeros_like(D)
     for k, base in enumerate(_bases(model)):
-        own = free[..., 6 * k:6 * k + 6, :]
+        own = free[..., 6 * k : 6 * k + 6, :]
         own_stiffness = stiffness[..., base.node, :]  # of a body none
         root = torch.where(own_stiffness > 0, own_stiffness, usual).sqrt()[..., None]
         moves = root * (to_moves @ torch.cat((length * own[..., :3, :], own[..., 3:, :]), -2))
@@ -133,12 +145,17 @@ def _braced(problem: SteadyProblem, x: Configuration, free: Tensor) -> BracedPro
         braces = braces.expand(*brace.shape[:-2], *braces.shape[-3:]).clone()
         braces[..., base.node, :, :] = brace
         free = free - V.mT @ V
-    fields = {name: getattr(problem, name) for name in ("model", "t", "inputs", "load_factor", "internal", "near")}
+    fields = {
+        name: getattr(problem, name)
+        for name in ("model", "t", "inputs", "load_factor", "internal", "near")
+    }
     return BracedProblem(**fields, braces=braces)
 
 
 class Base(NamedTuple):
-    """A part that moves as a rigid one: its name, its nodes, and the one that its rotations are about."""
+    """A part that moves as a rigid one: its name, its nodes, and the one that its rotations are
+    about.
+    """
 
     name: str
     nodes: slice
@@ -146,25 +163,43 @@ class Base(NamedTuple):
 
 
 def _bases(model: Model) -> list[Base]:
-    """The beam, or all parts of a structure; rotations are about the first node that has a support, or the first of all."""
+    """The beam, or all parts of a structure; rotations are about the first node that has a support,
+    or the first of all.
+    """
     held = sorted(model.constraints.nodes)
-    parts = [(part.name, part.nodes) for part in model.scene.beam.parts] or [("", slice(0, model.node_count))]
-    return [Base(name, nodes, next((n for n in held if nodes.start <= n < nodes.stop), nodes.start)) for name, nodes in parts]
+    parts = [(part.name, part.nodes) for part in model.scene.beam.parts] or [
+        ("", slice(0, model.node_count))
+    ]
+    return [
+        Base(name, nodes, next((n for n in held if nodes.start <= n < nodes.stop), nodes.start))
+        for name, nodes in parts
+    ]
 
 
 def sample_of(x: Tensor, own: int, sample: tuple[int, ...]) -> Tensor:
-    """One sample of x (..., `own` axes), whose leading axes may be fewer than the batch's, or one long."""
-    lead = x.shape[:x.ndim - own]
-    return concrete(x)[tuple(i if n > 1 else 0 for n, i in zip(lead, sample[len(sample) - len(lead):], strict=True))]
+    """One sample of x (..., `own` axes), whose leading axes may be fewer than the batch's, or one
+    long.
+    """
+    lead = x.shape[: x.ndim - own]
+    return concrete(x)[
+        tuple(
+            i if n > 1 else 0 for n, i in zip(lead, sample[len(sample) - len(lead) :], strict=True)
+        )
+    ]
 
 
 def _hold(problem: SteadyProblem, x: Configuration) -> tuple[Tensor, list[Base], Tensor]:
-    """Nodes (..., N+1, 3) m, the bases, and the matrix (..., m, 6 of each part), of size one, which takes rigid motions of x to
-    what holds them: displacement of a base (in lengths of all) and rotation to those that supports, joints and the scene's
-    plane forbid, and to the generalised forces by which loads and stress resist what is left.
+    """Nodes (..., N+1, 3) m, the bases, and the matrix (..., m, 6 of each part), of size one, which
+    takes rigid motions of x to what holds them: displacement of a base (in lengths of all) and
+    rotation to those that supports, joints and the scene's plane forbid, and to the generalised
+    forces by which loads and stress resist what is left.
     """
     model, bases = problem.model, _bases(problem.model)
-    nodes = model.space.public_position(x.position) if model.space.turns else model.scene.beam.nodes.detach()
+    nodes = (
+        model.space.public_position(x.position)
+        if model.space.turns
+        else model.scene.beam.nodes.detach()
+    )
     moves, left, parts = _moves(nodes, bases), torch.eye(6 * len(bases)).to(nodes), []
     held = _forbidden(problem, x, nodes, moves)
     if held is not None:
@@ -179,12 +214,16 @@ def _hold(problem: SteadyProblem, x: Configuration) -> tuple[Tensor, list[Base],
 
 
 def _moves(nodes: Tensor, bases: list[Base]) -> tuple[Tensor, Tensor]:
-    """Displacements m and rotations (..., 6 of each part, N+1, 3) of all nodes by each rigid motion."""
+    """Displacements m and rotations (..., 6 of each part, N+1, 3) of all nodes by each rigid
+    motion.
+    """
     eye, parts = torch.eye(6).to(nodes), []
     for base in bases:
         own = nodes[..., base.nodes, :]
-        shift, turn = (x[:, None].expand(*own.shape[:-2], 6, own.shape[-2], 3) for x in eye.split(3, -1))
-        arm = (own - nodes[..., base.node:base.node + 1, :])[..., None, :, :].expand_as(turn)
+        shift, turn = (
+            x[:, None].expand(*own.shape[:-2], 6, own.shape[-2], 3) for x in eye.split(3, -1)
+        )
+        arm = (own - nodes[..., base.node : base.node + 1, :])[..., None, :, :].expand_as(turn)
         shift = _length(nodes)[..., None, None, None] * shift + torch.linalg.cross(turn, arm)
         others = (0, 0, base.nodes.start, nodes.shape[-2] - base.nodes.stop)
         parts.append([pad(x, others) if len(bases) > 1 else x for x in (shift, turn)])
@@ -196,15 +235,24 @@ def _length(nodes: Tensor) -> Tensor:
     return torch.where(length > 0, length, 1.0)  # of a body alone
 
 
-def _forbidden(problem: SteadyProblem, x: Configuration, nodes: Tensor, moves: tuple[Tensor, Tensor]) -> Tensor | None:
-    """(..., m, 6 of each part) what supports, joints and the scene's plane forbid, by each rigid motion; None = nothing."""
+def _forbidden(
+    problem: SteadyProblem, x: Configuration, nodes: Tensor, moves: tuple[Tensor, Tensor]
+) -> Tensor | None:
+    """(..., m, 6 of each part) what supports, joints and the scene's plane forbid, by each rigid
+    motion; None = nothing.
+    """
     (shift, turn), model = moves, problem.model
     scene, size = model.scene, _length(nodes)[..., None]
-    rows = [shift[..., s.node, i] / size if i < 3 else turn[..., s.node, i - 3]
-            for s in scene.supports for i, fixed in enumerate(s.held) if fixed]
+    rows = [
+        shift[..., s.node, i] / size if i < 3 else turn[..., s.node, i - 3]
+        for s in scene.supports
+        for i, fixed in enumerate(s.held)
+        if fixed
+    ]
     if scene.plane is not None:
         normal = int(torch.tensor(PLANES[scene.plane][2]).abs().argmax())
-        eye, out = torch.eye(shift.shape[-3]).to(nodes), (normal, *(3 + j for j in range(3) if j != normal))
+        eye = torch.eye(shift.shape[-3]).to(nodes)
+        out = (normal, *(3 + j for j in range(3) if j != normal))
         rows += [row for k, row in enumerate(eye) if k % 6 in out]
     if model.joints.count:
         G = _joined(problem, x).constraints()
@@ -213,9 +261,11 @@ def _forbidden(problem: SteadyProblem, x: Configuration, nodes: Tensor, moves: t
     return torch.stack(torch.broadcast_tensors(*rows), -2).double() if rows else None
 
 
-def _resisted(problem: SteadyProblem, x: Configuration, moves: tuple[Tensor, Tensor], left: Tensor) -> Tensor:
-    """(..., 6, 6) generalised forces by which loads, and the stress of x, resist the rigid motions that are `left`, a
-    projector; of size one.
+def _resisted(
+    problem: SteadyProblem, x: Configuration, moves: tuple[Tensor, Tensor], left: Tensor
+) -> Tensor:
+    """(..., 6, 6) generalised forces by which loads, and the stress of x, resist the rigid motions
+    that are `left`, a projector; of size one.
     """
     work, size = _stiffness(problem, x, _in_space(problem, moves))
     work = left @ work @ left
@@ -225,8 +275,8 @@ def _resisted(problem: SteadyProblem, x: Configuration, moves: tuple[Tensor, Ten
 
 
 def _stiffness(problem: SteadyProblem, x: Configuration, moves: Tensor) -> tuple[Tensor, Tensor]:
-    """(..., 6, 6) of rigid motions, moves (..., 6, N+1, w) of the nodes, by loads and the stress of x; (..., 1, 1) the size of
-    its terms.
+    """(..., 6, 6) of rigid motions, moves (..., 6, N+1, w) of the nodes, by loads and the stress of
+    x; (..., 1, 1) the size of its terms.
     """
     model, space = problem.model, problem.model.space
     own, _ = model.joints.split(x.stress)
@@ -240,14 +290,17 @@ def _stiffness(problem: SteadyProblem, x: Configuration, moves: Tensor) -> tuple
     if problem.conditions.moving:
         by = external.tangent(model, problem.nodes(x), problem.conditions)
         if not isinstance(by, float):
-            work, size = work - torch.einsum("...anw,...nwv,...bnv->...ab", moves, by, moves), torch.maximum(size, _largest(by))
+            work = work - torch.einsum("...anw,...nwv,...bnv->...ab", moves, by, moves)
+            size = torch.maximum(size, _largest(by))
     return work, size * _largest(moves) ** 2
 
 
 def _joined(problem: SteadyProblem, x: Configuration) -> Any:
     """The matrix of the joints alone."""
     joints = problem.model.joints
-    return joints.alone(joints.blocks_of(problem.joint_poses(x), joints.split(x.stress)[1], None, 1.0))
+    return joints.alone(
+        joints.blocks_of(problem.joint_poses(x), joints.split(x.stress)[1], None, 1.0)
+    )
 
 
 def _in_space(problem: SteadyProblem, moves: tuple[Tensor, Tensor]) -> Tensor:
@@ -263,8 +316,10 @@ def _largest(x: Tensor) -> Tensor:
 
 def _parts_in_words(motions: Tensor, bases: list[Base]) -> str:
     """Which parts rigid motions (m, 6 of each part) move."""
-    moved = motions.unflatten(-1, (len(bases), 6)).abs().amax((0, -1)) > NONE ** 0.5
-    names = _list([repr(base.name) for base, there in zip(bases, moved.tolist(), strict=True) if there])
+    moved = motions.unflatten(-1, (len(bases), 6)).abs().amax((0, -1)) > NONE**0.5
+    names = _list(
+        [repr(base.name) for base, there in zip(bases, moved.tolist(), strict=True) if there]
+    )
     if len(motions) == 1:
         return f"one motion of {names}" if names else ""
     return f"{len(motions)} motions of {names}" if names else ""
@@ -275,15 +330,23 @@ def _words(motions: Tensor, place: Tensor, at: int) -> str:
         return ""
     whole = motions.mT @ motions  # onto their span
     lone = [i for i in range(6) if whole[i, i] > 1 - 1e-6]
-    shown = [f"the {what} {_list([AXES[i % 3] for i in lone if i // 3 == k])}{there}"
-            for k, (what, there) in enumerate((("displacement along", ""), ("rotation about", f" at node {at}")))
-            if any(i // 3 == k for i in lone)]
+    shown = [
+        f"the {what} {_list([AXES[i % 3] for i in lone if i // 3 == k])}{there}"
+        for k, (what, there) in enumerate(
+            (("displacement along", ""), ("rotation about", f" at node {at}"))
+        )
+        if any(i // 3 == k for i in lone)
+    ]
     rest = motions - motions[:, lone] @ torch.eye(6).to(motions)[lone] if lone else motions
-    rest = torch.linalg.svd(rest, full_matrices=False)[2][:len(motions) - len(lone)]
+    rest = torch.linalg.svd(rest, full_matrices=False)[2][: len(motions) - len(lone)]
     for shift, turn in (motion.split(3) for motion in rest):
         about = torch.linalg.vector_norm(turn)
-        shown.append(f"a displacement along {_vector(shift)}" if about < 1e-6 else
-                    f"a rotation about {_vector(turn / about)}" + (f" at node {at}" if shift.norm() < 1e-6 else ""))
+        shown.append(
+            f"a displacement along {_vector(shift)}"
+            if about < 1e-6
+            else f"a rotation about {_vector(turn / about)}"
+            + (f" at node {at}" if shift.norm() < 1e-6 else "")
+        )
     return " and ".join(shown)
 
 

@@ -16,15 +16,25 @@ from .mechanism import sample_of, unheld
 
 CLOSE = 1e-6  # of a length
 BENT = 2.0  # rad, of an element, which takes less than half a turn
-NOT_FOUND = ("Newton's method found none; the load may be past a limit point, or the beam slack: relax=True starts from a "
-             "damped run")
+NOT_FOUND = (
+    "Newton's method found none; the load may be past a limit point, or the beam slack: "
+    "relax=True starts from a damped run"
+)
 SWING = "relax=True lets it swing to where its loads hold it"
 NO_REST = "the damped run came to no rest"
 DRIVEN = f"{NO_REST}; its loads may drive it on"
 
 
-def reason(problem: SteadyProblem, x: Configuration, code: int, sample: tuple[int, ...] | None, relaxed: bool) -> str:
-    """In words, of a sample with a status `code` whose last shape is in x; sample: None = one of many that are alike."""
+def reason(
+    problem: SteadyProblem,
+    x: Configuration,
+    code: int,
+    sample: tuple[int, ...] | None,
+    relaxed: bool,
+) -> str:
+    """In words, of a sample with a status `code` whose last shape is in x; sample: None = one of
+    many that are alike.
+    """
     if code != DIVERGED:
         return STATUS[code]
     if sample is None:
@@ -36,34 +46,53 @@ def reason(problem: SteadyProblem, x: Configuration, code: int, sample: tuple[in
         if apart:
             return apart
         if loose:
-            return f"nothing holds {loose}; a support or a spring would ({DRIVEN if relaxed else SWING})"
+            return (
+                f"nothing holds {loose}; a support or a spring would "
+                f"({DRIVEN if relaxed else SWING})"
+            )
         most = float(_bent(model, x, sample).max())
         if relaxed and most > BENT:
-            return f"{NO_REST}; an element bends by {most:.2g} rad there, which a finer mesh shares out"
+            return (
+                f"{NO_REST}; an element bends by {most:.2g} rad there, which a finer mesh "
+                "shares out"
+            )
         return DRIVEN if relaxed else NOT_FOUND
 
 
 def _apart(problem: SteadyProblem, x: Configuration, sample: tuple[int, ...]) -> str:
-    """That supports are further from each other than a beam without stretch and shear reaches; "" where none are."""
+    """That supports are further from each other than a beam without stretch and shear reaches; ""
+    where none are.
+    """
     model, p = problem.model, problem.model.space.dims.position
     if not (model.law.rigid and model.space.turns) or model.scene.beam.parts:
         return ""
-    S = model.law.S if model.law.S.shape[-1] == 1 else model.law.S.diagonal(dim1=-2, dim2=-1)[..., None]
+    S = (
+        model.law.S
+        if model.law.S.shape[-1] == 1
+        else model.law.S.diagonal(dim1=-2, dim2=-1)[..., None]
+    )
     rigid = sample_of((S[..., :p, 0] == 0).all(-1), 1, sample)
-    tangent = (model.reference + problem.eigenstrain)[..., :p]  # of a beam without stretch and shear, section axes
+    # of a beam without stretch and shear, section axes
+    tangent = (model.reference + problem.eigenstrain)[..., :p]
     along = model.length * torch.linalg.vector_norm(tangent, dim=-1, keepdim=True)
-    lengths, place = sample_of(along[..., 0], 1, sample), sample_of(problem.apply_supports(x).position, 2, sample)
+    lengths = sample_of(along[..., 0], 1, sample)
+    place = sample_of(problem.apply_supports(x).position, 2, sample)
     rigid, fixed = rigid.expand(lengths.shape), model.constraints.fixed[:, :p]
     ends = sorted(zip(model.constraints.nodes, fixed, strict=True), key=lambda end: end[0])
     for (i, held), (j, also) in itertools.pairwise(ends):
-        gap, reach = torch.linalg.vector_norm((place[j] - place[i]) * held * also), lengths[i:j].sum()
+        gap = torch.linalg.vector_norm((place[j] - place[i]) * held * also)
+        reach = lengths[i:j].sum()
         if rigid[i:j].all() and gap > (1 + CLOSE) * reach:
-            return (f"its supports hold nodes {i} and {j} {float(gap):.6g} m apart, and the beam between them, which cannot "
-                    f"stretch, is {float(reach):.6g} m long")
+            return (
+                f"its supports hold nodes {i} and {j} {float(gap):.6g} m apart, and the beam "
+                f"between them, which cannot stretch, is {float(reach):.6g} m long"
+            )
     return ""
 
 
 def _bent(model: Model, x: Configuration, sample: tuple[int, ...]) -> Tensor:
     """(N,) rad by which elements are bent and twisted."""
-    total = (model.strain(model.kinematics(x.position, x.rotation)) + model.reference)[..., model.space.dims.position:]
+    total = (model.strain(model.kinematics(x.position, x.rotation)) + model.reference)[
+        ..., model.space.dims.position :
+    ]
     return torch.linalg.vector_norm(sample_of(concrete(model.length * total), 2, sample), dim=-1)

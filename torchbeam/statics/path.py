@@ -1,4 +1,6 @@
-"""Path: equilibria of a scene as its load changes, through limit points, snap-through and bifurcations."""
+"""Path: equilibria of a scene as its load changes, through limit points, snap-through and
+bifurcations.
+"""
 
 from __future__ import annotations
 
@@ -32,15 +34,20 @@ STEP, STEPS = 0.1, 200  # of the way to a stable branch
 
 @dataclass(frozen=True)
 class Path:
-    """Equilibria in path order, P of them; leading axes (P, ...). A sample that ended early repeats its last one.
+    """Equilibria in path order, P of them; leading axes (P, ...). A sample that ended early repeats
+    its last one.
 
     factor     of the load
     state      `State`, its status that of the whole path
-    negative   int: negative pivots of the tangent, 0 = stable (where the loads are conservative); one that is less than 1e-4 of
-               the softest at the start does not count: a round column turns about its axis at no cost
+    negative   int: negative pivots of the tangent, 0 = stable (where the loads are conservative);
+               one that is less than 1e-4 of
+               the softest at the start does not count: a round column turns about its axis at no
+                   cost
     sign       int: of the tangent's determinant, for loads that are not
-    kind       int, of the way from the equilibrium before: BRANCH_POINT = 2 where a pivot changed sign without the factor
-               turning back, LIMIT_POINT = 1 where it turned back, REGULAR = 0. The event is anywhere on that way: its factor is
+    kind       int, of the way from the equilibrium before: BRANCH_POINT = 2 where a pivot changed
+               sign without the factor
+               turning back, LIMIT_POINT = 1 where it turned back,
+                   REGULAR = 0. The event is anywhere on that way: its factor is
                that of `critical_load`, or of `path` with a smaller `step`
     valid      bool: False where the last one is repeated
     reached    (...) bool: whether the end asked for was reached
@@ -56,16 +63,27 @@ class Path:
 
     def __repr__(self) -> str:
         names = {"limit point": LIMIT_POINT, "branch point": BRANCH_POINT}
-        passed = [counted(int((concrete(self.kind) == code).sum()), name) for name, code in names.items()]
-        return lines("Path", f"{counted(len(self.factor), 'equilibrium', 'equilibria')}, factor {span(self.factor)}",
-                     ", ".join(passed), statuses(self.state.status[-1]), kind(self.factor.shape[1:], self.factor))
+        passed = [
+            counted(int((concrete(self.kind) == code).sum()), name) for name, code in names.items()
+        ]
+        return lines(
+            "Path",
+            f"{counted(len(self.factor), 'equilibrium', 'equilibria')}, factor {span(self.factor)}",
+            ", ".join(passed),
+            statuses(self.state.status[-1]),
+            kind(self.factor.shape[1:], self.factor),
+        )
 
     @classmethod
-    def of(cls, loaded: LoadedProblem, record: list[Attempt], status: Tensor, reached: Tensor) -> Path:
-        """Path of the attempts that were accepted, in order; the last one again where a sample has fewer."""
+    def of(
+        cls, loaded: LoadedProblem, record: list[Attempt], status: Tensor, reached: Tensor
+    ) -> Path:
+        """Path of the attempts that were accepted, in order; the last one again where a sample has
+        fewer.
+        """
         good = torch.stack([g for *_, g in record])
         number = good.sum(0)
-        order = torch.argsort((~good).to(torch.int8), dim=0, stable=True)[:int(number.max())]
+        order = torch.argsort((~good).to(torch.int8), dim=0, stable=True)[: int(number.max())]
         k = torch.arange(len(order), device=order.device)[(...,) + (None,) * number.ndim]
         valid = k < number
         order = order.gather(0, torch.minimum(k, number - 1).expand_as(order))
@@ -76,11 +94,23 @@ class Path:
             return stacked.gather(0, index.expand(-1, *stacked.shape[1:]))
 
         points = [point for point, *_ in record]
-        place = PathPoint(*(chosen(list(values)) for values in zip(*(p.place for p in points), strict=True)))
+        place = PathPoint(
+            *(chosen(list(values)) for values in zip(*(p.place for p in points), strict=True))
+        )
         factor = place.factor[..., 0, 0]
-        state = loaded.at(place).state(place.shape, chosen([p.reaction for p in points]), status.expand(valid.shape))
+        state = loaded.at(place).state(
+            place.shape, chosen([p.reaction for p in points]), status.expand(valid.shape)
+        )
         kind = torch.where(valid, chosen([k for _, k, _ in record]), REGULAR)
-        return cls(factor, state, chosen([p.negative for p in points]), chosen([p.sign for p in points]), kind, valid, reached)
+        return cls(
+            factor,
+            state,
+            chosen([p.negative for p in points]),
+            chosen([p.sign for p in points]),
+            kind,
+            valid,
+            reached,
+        )
 
     @property
     def stable(self) -> Tensor:
@@ -106,21 +136,25 @@ def path(
     """The equilibria of a scene from no load on, as its load factor changes.
 
     highest  the path of a sample ends where its factor reaches this, or `lowest`
-    load     name of the input that is multiplied by the factor, beside loads that stay; None = all loads are
-    step     length of a step along the path: 1 is a node's mean move by L, a mean turn by 1 rad, or the whole `highest`;
-             the first and the longest. Halved where Newton's method fails or a node turns by more than 1 rad
+    load     name of the input that is multiplied by the factor, beside loads that stay; None = all
+             loads are
+    step     length of a step along the path: 1 is a node's mean move by L, a mean turn by 1 rad, or
+             the whole `highest`; the first and the longest. Halved where Newton's method fails or a
+             node turns by more than 1 rad
     steps    at most this many attempts
-    control  q: state -> (...), the path then goes in equal steps of q from where it is to `target` (...), whatever the factor
-             does; `step` is a share of that way. It reads positions and rotations
-    branch   where a pivot changes sign and the factor does not turn back, go on along the branch that leaves there: by a
-             `step` in the critical shape, to the side to which the beam had been going, however little
+    control  q: state -> (...), the path then goes in equal steps of q from where it is to `target`
+             (...), whatever the factor does; `step` is a share of that way. It reads positions and
+             rotations
+    branch   where a pivot changes sign and the factor does not turn back, go on along the branch
+             that leaves there: by a `step` in the critical shape, to the side to which the beam had
+             been going, however little
     initial  an equilibrium at factor 0; None = the undeformed beam
     inputs   by name, (..., size)
 
     Each sample goes its own way at its own pace. Without derivatives: `equilibrium` has those.
 
-    Raises ValueError for what the nodal form does not take, an unknown `load`, `control` without `target`, a `control` of more
-    than one number a sample, or an `initial` that is no equilibrium.
+    Raises ValueError for what the nodal form does not take, an unknown `load`, `control` without
+    `target`, a `control` of more than one number a sample, or an `initial` that is no equilibrium.
     """
     model = discretise(scene)
     boolean("branch", branch)
@@ -130,16 +164,25 @@ def path(
     given = scene.tensors(inputs)
     tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
     if load is not None and (not isinstance(load, str) or load not in given):
-        raise ValueError(f"load = {shown(load)} was given; the scene's inputs are {', '.join(given) or 'none'}")
+        raise ValueError(
+            f"load = {shown(load)} was given; the scene's inputs are {', '.join(given) or 'none'}"
+        )
     if (control is None) != (target is None):
-        raise ValueError("control without target, or target without control, was given; both or neither are wanted")
+        raise ValueError(
+            "control without target, or target without control, was given; both or neither are "
+            "wanted"
+        )
     if control is not None and branch:
         raise ValueError("branch with control was given; it goes by the length of the path")
     highest, lowest = number("highest", highest), number("lowest", lowest, infinite=True)
     if not highest > 0 or not lowest <= 0:
-        raise ValueError(f"factors from {lowest:g} to {highest:g} were given; a range with 0 in it is wanted")
+        raise ValueError(
+            f"factors from {lowest:g} to {highest:g} were given; a range with 0 in it is wanted"
+        )
     if not highest**2 > 0:
-        raise ValueError(f"highest = {highest:g} was given, whose square is no number; a larger factor is wanted")
+        raise ValueError(
+            f"highest = {highest:g} was given, whose square is no number; a larger factor is wanted"
+        )
     time = instant("t", t, scene.beam.nodes)
 
     loaded = LoadedProblem(model, time, given, load)
@@ -149,9 +192,20 @@ def path(
         none = zero[..., None, None].expand(*zero.shape, *model.constraints.fixed.shape)
         return control(loaded(zero).state(x, none, zero.long()))
 
-    goal = None if target is None else finite("target", as_tensor(target, scene.dtype, scene.device))
-    walk = Continuation(model, loaded, (lowest, highest), float(step), control and read, goal, branch, tolerance,
-                        move_weights(model))
+    goal = (
+        None if target is None else finite("target", as_tensor(target, scene.dtype, scene.device))
+    )
+    walk = Continuation(
+        model,
+        loaded,
+        (lowest, highest),
+        float(step),
+        control and read,
+        goal,
+        branch,
+        tolerance,
+        move_weights(model),
+    )
     with no_derivatives():
         start = model.space.start(rest(scene) if initial is None else check_state(initial, scene))
         start = Configuration(start.position, start.rotation, start.stress)
@@ -162,12 +216,19 @@ def path(
         return Path.of(loaded, *record)
 
 
-def stable_branch(model: Model, loaded: LoadedProblem, start: Configuration, active: Tensor, tolerance: float | None
-                  ) -> tuple[Configuration, Tensor, Tensor]:
-    """Shape and reaction at the full load of the `active` samples (...), by way of the branches that bifurcate from the path
-    of the others; and which of them got there and are stable.
+def stable_branch(
+    model: Model,
+    loaded: LoadedProblem,
+    start: Configuration,
+    active: Tensor,
+    tolerance: float | None,
+) -> tuple[Configuration, Tensor, Tensor]:
+    """Shape and reaction at the full load of the `active` samples (...), by way of the branches
+    that bifurcate from the path of the others; and which of them got there and are stable.
     """
-    walk = Continuation(model, loaded, (-math.inf, 1.0), STEP, None, None, True, tolerance, move_weights(model))
+    walk = Continuation(
+        model, loaded, (-math.inf, 1.0), STEP, None, None, True, tolerance, move_weights(model)
+    )
     branch = Path.of(loaded, *walk(start, STEPS, active))
     state = model.space.to_reduced(branch.state[-1])
     shape = Configuration(state.position, state.rotation, state.stress)

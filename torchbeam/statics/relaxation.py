@@ -1,14 +1,18 @@
-"""Relaxation: a beam comes to rest in a fluid so viscous that it has no inertia; where Newton's method by itself finds nothing.
+"""Relaxation: a beam comes to rest in a fluid so viscous that it has no inertia; where Newton's
+method by itself finds nothing.
 
-    mu (r - r_before)/dtau = forces,   mu' theta/dtau = moments          a node (theta: its turn since, frame a)
+    mu (r - r_before)/dtau = forces,   mu' theta/dtau = moments
+    a node (theta: its turn since, frame a)
 
-by backward Euler, in steps dtau that grow as the beam calms down: with conservative loads each lowers the energy (the
-proximal point method; pseudo-transient continuation, Kelley and Keyes 1998). The loads grow from none to all until tau = 1.
-Once a step turns no node by much, Newton's method without the fluid takes over.
+by backward Euler, in steps dtau that grow as the beam calms down: with conservative loads each
+lowers the energy (the proximal point method; pseudo-transient continuation, Kelley and Keyes 1998).
+The loads grow from none to all until tau = 1. Once a step turns no node by much, Newton's method
+without the fluid takes over.
 
-Impossible stretch and shear are possible at first, and less and less so until tau = 1: a straight beam without stretch whose
-ends come nearer to each other has no shape nearby to begin with. What is in balance and no minimum, as an arch that would fall
-out of its plane under loads within it, is left by a trace of another shape.
+Impossible stretch and shear are possible at first, and less and less so until tau = 1: a straight
+beam without stretch whose ends come nearer to each other has no shape nearby to begin with. What is
+in balance and no minimum, as an arch that would fall out of its plane under loads within it, is
+left by a trace of another shape.
 """
 
 from __future__ import annotations
@@ -34,13 +38,16 @@ FIRST, LEAST, STEPS = 1 / 16, 1e-9, 500  # step: the first, and the smallest; ho
 TURN, CALM = 1.0, 0.2  # rad a node may turn in a step; after which Newton's method is tried
 EASY, GROWTH = 0.4, (1.1, 4.0)  # rad: after a step with that turn the next is as long again
 LIMIT = 12  # iterations
-SOFT = 1e-2, 1e-3  # strain by a force like all loads together, or like EI/L^2: of a softened stretch or shear
+# strain by a force like all loads together, or like EI/L^2: of a softened stretch or shear
+SOFT = 1e-2, 1e-3
 TRACE = 1e-6  # rad
 
 
 @dataclass(frozen=True)
 class Viscous(SteadyProblem):
-    """`SteadyProblem` in the fluid: before (`Configuration`), and drag (..., N+1, w) N/m and N m/rad of one step."""
+    """`SteadyProblem` in the fluid: before (`Configuration`), and drag (..., N+1, w) N/m and N
+    m/rad of one step.
+    """
 
     before: Configuration = leaf(2)
     drag: Tensor = leaf(2)
@@ -53,12 +60,17 @@ class Viscous(SteadyProblem):
         return residual._replace(nodes=residual.nodes + self.drag * moves), *about
 
     def load_tangent(self, x: Configuration) -> Matrix:
-        return total(self.model.topology.diagonal(torch.diag_embed(self.drag)), super().load_tangent(x))
+        return total(
+            self.model.topology.diagonal(torch.diag_embed(self.drag)), super().load_tangent(x)
+        )
 
 
-def relax(whole: SteadyProblem, x: Configuration, tolerance: float | None) -> tuple[Configuration, Tensor, Tensor]:
-    """From x, each sample at its own pace, to rest in the problem `whole`: (shape, reaction, status). Where loads are
-    conservative, every step and the end are minima of the energy, not saddles of it.
+def relax(
+    whole: SteadyProblem, x: Configuration, tolerance: float | None
+) -> tuple[Configuration, Tensor, Tensor]:
+    """From x, each sample at its own pace, to rest in the problem `whole`:
+    (shape, reaction, status). Where loads are conservative, every step and the end are minima of
+    the energy, not saddles of it.
     """
     model, t, inputs = whole.model, whole.t, whole.inputs
     downhill = model.conservative
@@ -74,7 +86,14 @@ def relax(whole: SteadyProblem, x: Configuration, tolerance: float | None) -> tu
         going = torch.ones(shape, dtype=torch.bool, device=t.device)
         for _ in range(STEPS):
             share = (reached + step).clamp(max=1)
-            fluid = Viscous(_softened(model, (1 - share) * flexibility), t, inputs, share, x, viscosity / step[..., None, None])
+            fluid = Viscous(
+                _softened(model, (1 - share) * flexibility),
+                t,
+                inputs,
+                share,
+                x,
+                viscosity / step[..., None, None],
+            )
             outcome = newton(fluid, fluid.apply_supports(x), going, tolerance, LIMIT)
             turned = _turned(model, x, outcome.x)
             good = going & (outcome.status == 0) & (turned < TURN)
@@ -86,7 +105,9 @@ def relax(whole: SteadyProblem, x: Configuration, tolerance: float | None) -> tu
             calm = good & (reached >= 1) & (turned < CALM)
             if concrete(calm).any():
                 still = braced(whole, x)
-                outcome = newton(still, still.apply_supports(x), calm, tolerance, LIMIT, foresee=~calm)
+                outcome = newton(
+                    still, still.apply_supports(x), calm, tolerance, LIMIT, foresee=~calm
+                )
                 at_rest = calm & (outcome.status == 0) & (_turned(model, x, outcome.x) < CALM)
                 at_rest = at_rest & _minimum(still, outcome.x) if downhill else at_rest
                 x = _where(at_rest, outcome.x, x)
@@ -105,7 +126,10 @@ def _minimum(problem: SteadyProblem, x: Configuration) -> Tensor:
 def _force(model: Model, unbalanced: Residual) -> Tensor:
     """(...) N, of all that is out of balance at the start."""
     p, length = model.space.dims.position, model.tributary_length.detach().sum((-1, -2))
-    return unbalanced.nodes[..., :p].abs().sum((-1, -2)) + unbalanced.nodes[..., p:].abs().sum((-1, -2)) / length
+    return (
+        unbalanced.nodes[..., :p].abs().sum((-1, -2))
+        + unbalanced.nodes[..., p:].abs().sum((-1, -2)) / length
+    )
 
 
 def _viscosity(model: Model, force: Tensor) -> Tensor:
@@ -115,13 +139,21 @@ def _viscosity(model: Model, force: Tensor) -> Tensor:
     force = torch.where(force > 0, force, torch.ones_like(force))
     along = (force / length**2)[..., None, None] * share
     about = along * share**2 / 12
-    return torch.cat((along.expand(*along.shape[:-1], p), about.expand(*about.shape[:-1], model.space.dims.spin)), -1)
+    return torch.cat(
+        (
+            along.expand(*along.shape[:-1], p),
+            about.expand(*about.shape[:-1], model.space.dims.spin),
+        ),
+        -1,
+    )
 
 
 def _flexibility(model: Model, force: Tensor) -> Tensor:
     """(...) 1/N, at tau = 0, of stretch and shear that are impossible."""
     by_load, by_bending = SOFT
-    return 1 / (force / by_load + softest(model) / model.length.detach().sum((-1, -2)) ** 2 / by_bending)
+    return 1 / (
+        force / by_load + softest(model) / model.length.detach().sum((-1, -2)) ** 2 / by_bending
+    )
 
 
 def _softened(model: Model, flexibility: Tensor) -> Model:
@@ -133,15 +165,25 @@ def _softened(model: Model, flexibility: Tensor) -> Model:
     diagonal = S if slim else S.diagonal(dim1=-2, dim2=-1)[..., None]
     by_force = torch.arange(S.shape[-2], device=S.device)[:, None] < model.space.dims.position
     more = torch.where(by_force & (diagonal == 0), flexibility[..., None, None, None], 0.0)
-    return replace(model, law=replace(model.law, S=S + (more if slim else torch.diag_embed(more[..., 0]))))
+    return replace(
+        model, law=replace(model.law, S=S + (more if slim else torch.diag_embed(more[..., 0])))
+    )
 
 
 def _disturbed(problem: SteadyProblem, x: Configuration) -> Configuration:
     """x with every node turned by about `TRACE`, none like another."""
     space, (nodes, _) = problem.model.space, x.position.shape[-2:]
-    angle = torch.cos(1.7 * torch.arange(nodes * space.dims.spin, dtype=x.position.dtype, device=x.position.device) + 0.3)
-    move = torch.nn.functional.pad(TRACE * angle.unflatten(0, (nodes, space.dims.spin)), (space.dims.position, 0))
-    return problem.update(x, move.expand(*x.position.shape[:-1], space.unknowns), torch.zeros_like(x.stress))
+    angle = torch.cos(
+        1.7
+        * torch.arange(nodes * space.dims.spin, dtype=x.position.dtype, device=x.position.device)
+        + 0.3
+    )
+    move = torch.nn.functional.pad(
+        TRACE * angle.unflatten(0, (nodes, space.dims.spin)), (space.dims.position, 0)
+    )
+    return problem.update(
+        x, move.expand(*x.position.shape[:-1], space.unknowns), torch.zeros_like(x.stress)
+    )
 
 
 def _turned(model: Model, before: Configuration, after: Configuration) -> Tensor:
@@ -151,4 +193,6 @@ def _turned(model: Model, before: Configuration, after: Configuration) -> Tensor
 
 
 def _where(mask: Tensor, a: Configuration, b: Configuration) -> Configuration:
-    return Configuration(*(torch.where(mask[..., None, None], *both) for both in zip(a, b, strict=True)))
+    return Configuration(
+        *(torch.where(mask[..., None, None], *both) for both in zip(a, b, strict=True))
+    )

@@ -1,4 +1,6 @@
-"""Repeats as one batch: threads, each with a repeat of its own, whose calls of a batched function are evaluated together."""
+"""Repeats as one batch: threads, each with a repeat of its own, whose calls of a batched function
+are evaluated together.
+"""
 
 from __future__ import annotations
 
@@ -26,8 +28,9 @@ class _Call:
 
 
 class BatchedCalls:
-    """Calls function(x (n, ...)) -> y (n, ...) of so many workers. Each waits until all that are still at work do; what they
-    ask for is then one batch for each function, in parts of LARGEST samples.
+    """Calls function(x (n, ...)) -> y (n, ...) of so many workers. Each waits until all that are
+    still at work do; what they ask for is then one batch for each function, in parts of LARGEST
+    samples.
     """
 
     def __init__(self, workers: int) -> None:
@@ -57,7 +60,9 @@ class BatchedCalls:
         for function in dict.fromkeys(call.function for call in calls):
             some = [call for call in calls if call.function is function]
             try:
-                y = torch.cat([function(x) for x in torch.cat([call.x for call in some]).split(LARGEST)])
+                y = torch.cat(
+                    [function(x) for x in torch.cat([call.x for call in some]).split(LARGEST)]
+                )
                 for call, part in zip(some, y.split([len(call.x) for call in some]), strict=True):
                     call.y = part
             except Exception as error:
@@ -69,7 +74,7 @@ class BatchedCalls:
 def as_one_batch(work: Callable[[T, BatchedCalls], S], items: Sequence[T]) -> Iterator[S]:
     """work(item, calls) of each item, AT_ONCE at a time. Raises what one of them raises."""
     for first in range(0, len(items), AT_ONCE):
-        some = items[first:first + AT_ONCE]
+        some = items[first : first + AT_ONCE]
         calls = BatchedCalls(len(some))
 
         def run(item: T, calls: BatchedCalls = calls) -> S:

@@ -1,4 +1,6 @@
-"""Gradients of a rollout by every way: error, time and memory over the number of parameters and of steps."""
+"""Gradients of a rollout by every way: error, time and memory over the number of parameters and of
+steps.
+"""
 
 from __future__ import annotations
 
@@ -35,24 +37,32 @@ BUDGET = 60.0  # s of a row, warm-up and a new process included
 REPEATS = 3
 LITTLE = 0.1  # MB, what less is drawn as
 FORWARD = {"forward run, eager": "eager", "forward run, compiled": "compiled"}
-ADJOINT = {"adjoint, eager": ("eager", False), "adjoint, eager, checkpointed": ("eager", True),
-           "adjoint, compiled": ("compiled", False), "adjoint, compiled, checkpointed": ("compiled", True)}
+ADJOINT = {
+    "adjoint, eager": ("eager", False),
+    "adjoint, eager, checkpointed": ("eager", True),
+    "adjoint, compiled": ("compiled", False),
+    "adjoint, compiled, checkpointed": ("compiled", True),
+}
 EXPLICIT = {"explicit form, odeint_adjoint": True, "explicit form, through its steps": False}
 WAYS = (*FORWARD, "forward mode, eager", *ADJOINT, "differences, compiled", *EXPLICIT)
-REFERENCES = ("adjoint, eager", "adjoint, eager, checkpointed", "adjoint, compiled")  # the first that there is
+# the first that there is
+REFERENCES = ("adjoint, eager", "adjoint, eager, checkpointed", "adjoint, compiled")
 ABOUT = (
-    "A planar cantilever of 8 elements under a sudden force on its tip, damped, in steps of 1 ms; the loss is the mean squared "
-    "distance of the tip from a point at 10 instants. p parameters are mixed, by a fixed matrix, into the 8 bending "
-    "stiffnesses and the force, so that p changes the gradient and not the beam. Forward mode: p directions as one batch. "
-    "Differences: central, steps of 1e-4, a batch of 2 p + 1. The section is soft along and across (EA = GA = 300 N), or "
-    "explicit steps would be a hundred times as many."
+    "A planar cantilever of 8 elements under a sudden force on its tip, damped, in steps of 1 ms; "
+    "the loss is the mean squared distance of the tip from a point at 10 instants. p parameters "
+    "are mixed, by a fixed matrix, into the 8 bending stiffnesses and the force, so that p "
+    "changes the gradient and not the beam. Forward mode: p directions as one batch. Differences: "
+    "central, steps of 1e-4, a batch of 2 p + 1. The section is soft along and across (EA = GA = "
+    "300 N), or explicit steps would be a hundred times as many."
 )
 LEGEND = (
-    "CPU seconds on one thread, best of up to 3 after a short run to warm up; over: that by those of the compiled forward run; "
-    "memory: most above what the process had when warm. Error: largest entry of the difference from the gradient of the "
-    "discrete equations (eager adjoint, or the compiled one where that took too long), over the largest entry; of "
-    "odeint_adjoint, from the gradient through the same explicit steps (dopri5, 1e-7), of which it is not the derivative. Each "
-    "row in a process of its own, stopped after {budget:g} s; larger problems of that way are then left out."
+    "CPU seconds on one thread, best of up to 3 after a short run to warm up; over: that by those "
+    "of the compiled forward run; memory: most above what the process had when warm. Error: "
+    "largest entry of the difference from the gradient of the discrete equations (eager adjoint, "
+    "or the compiled one where that took too long), over the largest entry; of odeint_adjoint, "
+    "from the gradient through the same explicit steps (dopri5, 1e-7), of which it is not the "
+    "derivative. Each row in a process of its own, stopped after {budget:g} s; larger problems of "
+    "that way are then left out."
 )
 
 
@@ -72,12 +82,21 @@ class GradientCost(NamedTuple):
 def loss(theta: Tensor, steps: int, **options: Any) -> Tensor:
     """(n,) for parameters (n, p)."""
     p = theta.shape[-1]
-    mix = torch.cos(torch.arange(1, p + 1).to(theta)[:, None] * torch.arange(1, ELEMENTS + 2).to(theta)) / p**0.5
+    mix = (
+        torch.cos(
+            torch.arange(1, p + 1).to(theta)[:, None] * torch.arange(1, ELEMENTS + 2).to(theta)
+        )
+        / p**0.5
+    )
     change = 1 + 0.1 * theta @ mix
     soft = dict(EA=300.0, GA=300.0, GJ=1.0, mass=0.2, inertia=1e-3)
     section = [Section.from_stiffness(EI=x, **soft) for x in change[:, :-1].unbind(-1)]
     force = 0.5 * change[:, -1:] * theta.new_tensor((0.0, 0.0, 1.0))
-    scene = Scene(Beam.straight(theta.new_tensor(1.0), ELEMENTS, section), [TipLoad(force=force), Damping(1e-3)], plane="xz")
+    scene = Scene(
+        Beam.straight(theta.new_tensor(1.0), ELEMENTS, section),
+        [TipLoad(force=force), Damping(1e-3)],
+        plane="xz",
+    )
     t = STEP * torch.linspace(0, steps, min(OUTPUTS, steps) + 1, dtype=theta.dtype).round()
     solution = simulate(scene, t, **options)
     if (solution.status != 0).any():
@@ -93,7 +112,11 @@ def gradient(mode: str, parameters: int, steps: int) -> Tensor:
         if mode in FORWARD:
             return implicit(theta, engine=FORWARD[mode])
         if mode == "differences, compiled":
-            return difference(lambda x: implicit(x, engine="compiled")[:, None], theta, torch.full_like(theta, FINE))[1][0, 0]
+            return difference(
+                lambda x: implicit(x, engine="compiled")[:, None],
+                theta,
+                torch.full_like(theta, FINE),
+            )[1][0, 0]
     if mode == "forward mode, eager":
         return forward(lambda x: implicit(x, engine="eager")[:, None], theta)[1][0, 0].detach()
     theta.requires_grad_()
@@ -101,7 +124,9 @@ def gradient(mode: str, parameters: int, steps: int) -> Tensor:
         engine, checkpoint = ADJOINT[mode]
         implicit(theta, engine=engine, checkpoint=checkpoint).sum().backward()
     else:
-        loss(theta, steps, method="dopri5", rtol=TIGHT, atol=TIGHT, adjoint=EXPLICIT[mode]).sum().backward()
+        loss(
+            theta, steps, method="dopri5", rtol=TIGHT, atol=TIGHT, adjoint=EXPLICIT[mode]
+        ).sum().backward()
     return theta.grad[0]
 
 
@@ -112,7 +137,9 @@ def measured(mode: str, parameters: int, steps: int, repeats: int, budget: float
         gradient(mode, parameters, min(steps, 4))
         times: list[float] = []
         taken = peak_memory()
-        while len(times) < repeats and (not times or time.perf_counter() - begun + 1.5 * times[-1] < 0.7 * budget):
+        while len(times) < repeats and (
+            not times or time.perf_counter() - begun + 1.5 * times[-1] < 0.7 * budget
+        ):
             start = time.process_time()
             cost = gradient(mode, parameters, steps)
             times.append(time.process_time() - start)
@@ -138,19 +165,30 @@ def rows(quick: bool, budget: float) -> Iterator[GradientCost]:
                 status[way] = "left out"
                 continue
             try:
-                measurements[way] = apart(measured, way, *cell, 1 if quick else REPEATS, budget, limit=budget)
+                measurements[way] = apart(
+                    measured, way, *cell, 1 if quick else REPEATS, budget, limit=budget
+                )
             except subprocess.TimeoutExpired:
                 status[way] = f"over {budget:g} s"
             except RuntimeError as error:
                 status[way] = f"failed: {str(error).strip().splitlines()[-1]}"
             if way not in measurements:
                 said[way].append(cell)
-            report = status[way] if way in status else f"{measurements[way]['seconds']:.3g} CPU s, {measurements[way]['MB']:.0f} MB"
+            report = (
+                status[way]
+                if way in status
+                else f"{measurements[way]['seconds']:.3g} CPU s, {measurements[way]['MB']:.0f} MB"
+            )
             progress(f"{cell[0]:,} parameters, {cell[1]:,} steps, {way}: {report}")
         yield from (_row(way, cell, measurements, status) for way in WAYS)
 
 
-def _row(mode: str, cell: tuple[int, int], measurements: dict[str, dict[str, Any]], status: dict[str, str]) -> GradientCost:
+def _row(
+    mode: str,
+    cell: tuple[int, int],
+    measurements: dict[str, dict[str, Any]],
+    status: dict[str, str],
+) -> GradientCost:
     if mode not in measurements:
         return GradientCost(mode, *cell, None, None, None, None, status[mode])
     base = measurements.get("forward run, compiled")
@@ -159,32 +197,71 @@ def _row(mode: str, cell: tuple[int, int], measurements: dict[str, dict[str, Any
     error = None
     if reference is not None and mode not in (*FORWARD, reference):
         exact = torch.tensor(measurements[reference]["gradient"], dtype=torch.float64)
-        error = ((torch.tensor(measurements[mode]["gradient"], dtype=torch.float64) - exact).abs().max() / exact.abs().max()).item()
+        error = (
+            (torch.tensor(measurements[mode]["gradient"], dtype=torch.float64) - exact).abs().max()
+            / exact.abs().max()
+        ).item()
     seconds = measurements[mode]["seconds"]
-    return GradientCost(mode, *cell, seconds, None if base is None else seconds / base["seconds"], measurements[mode]["MB"], error, "")
+    return GradientCost(
+        mode,
+        *cell,
+        seconds,
+        None if base is None else seconds / base["seconds"],
+        measurements[mode]["MB"],
+        error,
+        "",
+    )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Gradients by every way: error, time and memory over parameters and steps."""
-    parser = argparse.ArgumentParser(prog=f"python -m torchbeam {NAME}", description=(
-        "Gradients of a rollout: forward mode, discrete adjoint (eager, compiled, checkpointed), odeint_adjoint of the "
-        f"explicit form, and differences, for 1 to 1,000 parameters and 10 to 10,000 steps. Writes {NAME}.csv, .md and .json "
-        "(with machine and versions), and with matplotlib a picture."))
-    parser.add_argument("--out", type=Path, default=Path("out") / NAME, help="folder for the results (default: %(default)s)")
+    parser = argparse.ArgumentParser(
+        prog=f"python -m torchbeam {NAME}",
+        description=(
+            "Gradients of a rollout: forward mode, discrete adjoint (eager, compiled, "
+            "checkpointed), odeint_adjoint of the explicit form, and differences, for 1 to 1,000 "
+            f"parameters and 10 to 10,000 steps. Writes {NAME}.csv, .md and .json (with machine "
+            "and versions), and with matplotlib a picture."
+        ),
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out") / NAME,
+        help="folder for the results (default: %(default)s)",
+    )
     parser.add_argument("--quick", action="store_true", help="two small problems")
-    parser.add_argument("--budget", type=float, default=BUDGET, help="seconds a row may take (default: %(default)g)")
+    parser.add_argument(
+        "--budget", type=float, default=BUDGET, help="seconds a row may take (default: %(default)g)"
+    )
     given = parser.parse_args(argv)
     if not given.budget > 0:
         parser.error(f"--budget {given.budget:g} was given; a positive number of seconds is wanted")
     if find_spec("llvmlite") is None or find_spec("resource") is None:
-        parser.error("the compiled engine (pip install torchbeam[fast]) and a system that tells memory are wanted")
+        parser.error(
+            "the compiled engine (pip install torchbeam[fast]) and a system that tells memory "
+            "are wanted"
+        )
     out = results_folder(parser, given.out)
     measurements, heading = list(rows(given.quick, given.budget)), measured_on(threads=1)
     heading["versions"] |= versions("llvmlite")
-    text = "\n\n".join((ABOUT, markdown(measurements), LEGEND.format(budget=given.budget), sentence(heading)))
+    text = "\n\n".join(
+        (ABOUT, markdown(measurements), LEGEND.format(budget=given.budget), sentence(heading))
+    )
     print(text)
-    write(out, NAME, text, {**heading, "budget": given.budget, "quick": given.quick, "rows": [r._asdict() for r in measurements]},
-          GradientCost._fields, measurements)
+    write(
+        out,
+        NAME,
+        text,
+        {
+            **heading,
+            "budget": given.budget,
+            "quick": given.quick,
+            "rows": [r._asdict() for r in measurements],
+        },
+        GradientCost._fields,
+        measurements,
+    )
     with where_installed():
         picture(measurements, out / f"{NAME}.png")
     return 0
@@ -192,29 +269,52 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def markdown(rows: list[GradientCost]) -> str:
     """A line for each way and problem."""
+
     def shown(value: float | None, form: str) -> str:
         return "" if value is None else format(value, form)
 
-    lines = [(r.way, f"{r.parameters:,}", f"{r.steps:,}", r.status or shown(r.seconds, ".3g"), shown(r.over, ".3g"),
-              shown(r.memory, ".0f"), shown(r.error, ".1e")) for r in rows]
+    lines = [
+        (
+            r.way,
+            f"{r.parameters:,}",
+            f"{r.steps:,}",
+            r.status or shown(r.seconds, ".3g"),
+            shown(r.over, ".3g"),
+            shown(r.memory, ".0f"),
+            shown(r.error, ".1e"),
+        )
+        for r in rows
+    ]
     return table(("way", "parameters", "steps", "CPU s", "over", "MB", "error"), lines, words=1)
 
 
 def picture(rows: list[GradientCost], path: Path) -> None:
     """Time and memory over parameters, and over steps. Raises ImportError without matplotlib."""
     steps, parameters = {r.steps for r in rows}, {r.parameters for r in rows}
-    usual = (USUAL[0] if USUAL[0] in parameters else max(parameters), USUAL[1] if USUAL[1] in steps else max(steps))
+    usual = (
+        USUAL[0] if USUAL[0] in parameters else max(parameters),
+        USUAL[1] if USUAL[1] in steps else max(steps),
+    )
     places = grid(2, 2, (9.0, 6.4))
     for one, other in (places[:2], places[2:]):
         other.sharey(one)
     for k, (over, held) in enumerate((("parameters", "steps"), ("steps", "parameters"))):
         time_, memory = places[k], places[2 + k]
         for way in WAYS:
-            line = sorted((getattr(r, over), r.seconds, r.memory) for r in rows if r.way == way
-                          and getattr(r, held) == usual[1 - k] and r.seconds is not None)
+            line = sorted(
+                (getattr(r, over), r.seconds, r.memory)
+                for r in rows
+                if r.way == way and getattr(r, held) == usual[1 - k] and r.seconds is not None
+            )
             if line:
                 x, seconds, taken = zip(*line, strict=True)
-                style = dict(label=way, ls="--" if way in FORWARD else "-", marker="o", ms=3, color=f"C{WAYS.index(way)}")
+                style = dict(
+                    label=way,
+                    ls="--" if way in FORWARD else "-",
+                    marker="o",
+                    ms=3,
+                    color=f"C{WAYS.index(way)}",
+                )
                 time_.loglog(x, seconds, **style)
                 memory.loglog(x, [max(m, LITTLE) for m in taken], **style)
         time_.set(title=f"{usual[1 - k]:,} {held}", ylabel="CPU s")

@@ -48,22 +48,25 @@ REPEATS, RESAMPLES = 200, 199
 LEVEL = 0.95
 SMALL, COARSE, REFINED, FINE = (4, 2e-3), (6, 1e-3), (12, 2.5e-4), (24, 1.25e-4)  # elements, step
 ABOUT = (
-    "A strip of 0.5 m with a tip mass in an elastic clamp, struck at the tip; two accelerometers ({readings} readings each "
-    "over {span:g} s at irregular times, 5 % noise, unknown offsets) and the sag (0.2 mm). EI, damping, clamp and tip mass are "
-    "identified {repeats} times, from starts within a factor of 1.5, and it is counted how often the stated {level:g} % "
-    "interval holds the truth: so many repeats know that to {binomial:.1f} % (one deviation). Own mesh: the data are those of "
-    "the model ({coarse[0]} elements, steps of {coarse_ms:g} ms; of profile and bootstrap, of which each repeat is a batch of "
-    "fits, {small[0]} elements and {small_ms:g} ms, and {resamples} sets of data); else of {fine[0]} elements and steps of "
-    "{fine_ms:g} ms; refined: the fit was carried over to {refined[0]} elements and steps of {refined_ms:g} ms by "
-    "`Fit.refined`. Clock: the sampling rate is off by {clock:g} % (one deviation), another amount in each repeat; it is a "
-    "parameter with that prior, or left out. Warned: how many fits said that misfit or residuals are no noise."
+    "A strip of 0.5 m with a tip mass in an elastic clamp, struck at the tip; two accelerometers "
+    "({readings} readings each over {span:g} s at irregular times, 5 % noise, unknown offsets) "
+    "and the sag (0.2 mm). EI, damping, clamp and tip mass are identified {repeats} times, from "
+    "starts within a factor of 1.5, and it is counted how often the stated {level:g} % interval "
+    "holds the truth: so many repeats know that to {binomial:.1f} % (one deviation). Own mesh: "
+    "the data are those of the model ({coarse[0]} elements, steps of {coarse_ms:g} ms; of profile "
+    "and bootstrap, of which each repeat is a batch of fits, {small[0]} elements and {small_ms:g} "
+    "ms, and {resamples} sets of data); else of {fine[0]} elements and steps of {fine_ms:g} ms; "
+    "refined: the fit was carried over to {refined[0]} elements and steps of {refined_ms:g} ms by "
+    "`Fit.refined`. Clock: the sampling rate is off by {clock:g} % (one deviation), another "
+    "amount in each repeat; it is a parameter with that prior, or left out. Warned: how many fits "
+    "said that misfit or residuals are no noise."
 )
 
 
 @dataclass(frozen=True)
 class Case:
-    """Data and model of a row: mesh of the data and of the model, deviation of the clock, whether the clock is a parameter,
-    and whether sigma is known.
+    """Data and model of a row: mesh of the data and of the model, deviation of the clock, whether
+    the clock is a parameter, and whether sigma is known.
     """
 
     name: str
@@ -82,7 +85,12 @@ CASES = (
     Case("noise, own mesh, sigma from the misfit", COARSE, absolute_sigma=False),
     Case("noise, finer mesh"),
     Case("noise, finer mesh, refined", refined=True),
-    Case("noise, finer mesh, wrong clock, refined, clock a parameter", clock=CLOCK, known_clock=True, refined=True),
+    Case(
+        "noise, finer mesh, wrong clock, refined, clock a parameter",
+        clock=CLOCK,
+        known_clock=True,
+        refined=True,
+    ),
     Case("noise, finer mesh, wrong clock, refined, clock left out", clock=CLOCK, refined=True),
     Case("noise, own mesh", SMALL, SMALL, method="profile"),
     Case("noise, own mesh", SMALL, SMALL, method="bootstrap"),
@@ -91,8 +99,9 @@ CASES = (
 
 @dataclass(frozen=True)
 class ParameterCoverage:
-    """One parameter of one case: share of repeats whose interval held the truth; RMS and mean of the error of its logarithm
-    (the clock: of itself) over the stated deviation; repeats that converged, and that were warned of.
+    """One parameter of one case: share of repeats whose interval held the truth; RMS and mean of
+    the error of its logarithm (the clock: of itself) over the stated deviation; repeats that
+    converged, and that were warned of.
     """
 
     case: str
@@ -108,12 +117,22 @@ class ParameterCoverage:
 
 def scene(theta: dict[str, Tensor], elements: int, struck: bool) -> Scene:
     """Strips of parameters (n,) in the plane of their motion."""
-    section = Section.from_stiffness(EA=2e6, GA=4e5, GJ=1.0, EI=theta["EI"], mass=MASS, inertia=5e-6)
+    section = Section.from_stiffness(
+        EA=2e6, GA=4e5, GJ=1.0, EI=theta["EI"], mass=MASS, inertia=5e-6
+    )
     stiff = torch.full_like(theta["clamp"], 1e6)
-    effects: list[Any] = [fx.Gravity((0.0, 0.0, -9.81)), fx.Damping(theta["tau"]), fx.PointMass(theta["tip"]),
-                          fx.RootSpring(torch.stack((stiff, stiff, stiff, stiff, theta["clamp"], stiff), -1))]
+    effects: list[Any] = [
+        fx.Gravity((0.0, 0.0, -9.81)),
+        fx.Damping(theta["tau"]),
+        fx.PointMass(theta["tip"]),
+        fx.RootSpring(torch.stack((stiff, stiff, stiff, stiff, theta["clamp"], stiff), -1)),
+    ]
     if struck:
-        effects.append(fx.TipLoad(force=lambda t: (0.0, 0.0, 4 * torch.sin(torch.pi * t.clamp(0, 0.03) / 0.03) ** 2)))
+        effects.append(
+            fx.TipLoad(
+                force=lambda t: (0.0, 0.0, 4 * torch.sin(torch.pi * t.clamp(0, 0.03) / 0.03) ** 2)
+            )
+        )
     return Scene(Beam.straight(LENGTH, elements, section).linked(), effects, plane="xz")
 
 
@@ -131,13 +150,19 @@ def sag(theta: dict[str, Tensor], elements: int) -> tuple[Tensor, Tensor]:
 
 
 def accelerometers(states: Any) -> Tensor:
-    """Velocities (..., 2) m/s half way and at the tip, of any mesh; their rates are what is measured."""
-    return torch.stack([states.velocity[..., k, 2] for k in (states.velocity.shape[-2] // 2, -1)], -1)
+    """Velocities (..., 2) m/s half way and at the tip, of any mesh; their rates are what is
+    measured.
+    """
+    return torch.stack(
+        [states.velocity[..., k, 2] for k in (states.velocity.shape[-2] // 2, -1)], -1
+    )
 
 
 @dataclass
 class Laboratory:
-    """Where a case's data come from: the motion and the sag of the truth by its mesh, read at irregular times."""
+    """Where a case's data come from: the motion and the sag of the truth by its mesh, read at
+    irregular times.
+    """
 
     case: Case
     random: torch.Generator
@@ -145,7 +170,9 @@ class Laboratory:
     def __post_init__(self) -> None:
         truth = {name: torch.tensor([value], dtype=torch.float64) for name, value in TRUE.items()}
         self.motion, self.sag = motion(truth, *self.case.mesh), sag(truth, self.case.mesh[0])[0][0]
-        places = torch.arange(READINGS) + 0.9 * torch.rand(READINGS, generator=self.random, dtype=torch.float64)
+        places = torch.arange(READINGS) + 0.9 * torch.rand(
+            READINGS, generator=self.random, dtype=torch.float64
+        )
         self.times = SPAN / READINGS * places
         self.sigma = NOISE * self.read(0.0).square().mean(0).sqrt()
 
@@ -160,37 +187,71 @@ class Laboratory:
         """Measurements of one repeat, and the error of its clock."""
         clock = self.case.clock * self.normal().item()
         values = self.read(clock) + 0.3 * self.normal(2) + self.sigma * self.normal(READINGS, 2)
-        record = Measurement(values, self.sigma, self.times, accelerometers, rate=True, offset=True,
-                             clock="clock" if self.case.known_clock else 0.0, name="accelerometer")
-        return {"strike": record, "sag": Measurement(self.sag + SAG * self.normal(), SAG, name="sag")}, clock
+        record = Measurement(
+            values,
+            self.sigma,
+            self.times,
+            accelerometers,
+            rate=True,
+            offset=True,
+            clock="clock" if self.case.known_clock else 0.0,
+            name="accelerometer",
+        )
+        return {
+            "strike": record,
+            "sag": Measurement(self.sag + SAG * self.normal(), SAG, name="sag"),
+        }, clock
 
 
-def identified(case: Case, records: Sequence[dict[str, Measurement]], random: torch.Generator) -> Iterator[Fit]:
-    """A fit of each record, from starts within a factor of 1.5, all of them followed as one batch."""
-    log = {name: Parameter(torch.tensor(value, dtype=torch.float64), "log") for name, value in TRUE.items()}
+def identified(
+    case: Case, records: Sequence[dict[str, Measurement]], random: torch.Generator
+) -> Iterator[Fit]:
+    """A fit of each record, from starts within a factor of 1.5, all of them followed as one
+    batch.
+    """
+    log = {
+        name: Parameter(torch.tensor(value, dtype=torch.float64), "log")
+        for name, value in TRUE.items()
+    }
     if case.known_clock:
-        log["clock"] = Parameter(torch.zeros((), dtype=torch.float64), prior=Normal(0.0, CLOCK), scale=CLOCK)
-    models, finer = ({"strike": partial(motion, elements=n, step=step), "sag": partial(sag, elements=n)}
-                     for n, step in (case.model, REFINED))
+        log["clock"] = Parameter(
+            torch.zeros((), dtype=torch.float64), prior=Normal(0.0, CLOCK), scale=CLOCK
+        )
+    models, finer = (
+        {"strike": partial(motion, elements=n, step=step), "sag": partial(sag, elements=n)}
+        for n, step in (case.model, REFINED)
+    )
     one = identify(models, records[0], log, absolute_sigma=case.absolute_sigma).problem
     data = [[m.values for m in record.values()] for record in records]
     together = one.with_targets(torch.cat([one.with_data(values).target for values in data]))
-    factor = 1.5 ** (2 * torch.rand(len(records), len(TRUE), generator=random, dtype=torch.float64) - 1)
+    factor = 1.5 ** (
+        2 * torch.rand(len(records), len(TRUE), generator=random, dtype=torch.float64) - 1
+    )
     x = one.parameters.x.repeat(len(records), 1)
-    x[:, :len(TRUE)] += factor.log()
+    x[:, : len(TRUE)] += factor.log()
     region = together.region(x)
     with torch.no_grad():
         search_result = search(together, x, region, 50, 1e-6)
         if case.refined:
-            together, search_result, region = refined(together, finer, search_result.x, search_result.J, 1.0)
+            together, search_result, region = refined(
+                together, finer, search_result.x, search_result.J, 1.0
+            )
         for k, values in enumerate(data):
             problem, some = together.with_data(values), torch.tensor([k])
-            yield Fit.of(problem, search_result.of(some), region.of(some).against(problem.target), "difference", 1e-6)
+            yield Fit.of(
+                problem,
+                search_result.of(some),
+                region.of(some).against(problem.target),
+                "difference",
+                1e-6,
+            )
 
 
 @dataclass(frozen=True)
 class Shared(Experiment):
-    """An experiment that is evaluated together with those of other repeats, which differ in their data alone."""
+    """An experiment that is evaluated together with those of other repeats, which differ in their
+    data alone.
+    """
 
     calls: BatchedCalls
     evaluate: Callable[[Tensor], Tensor]
@@ -206,15 +267,17 @@ def stated(case: Case, fits: Sequence[Fit], names: Sequence[str]) -> Iterator[Te
 
     def interval(one: tuple[int, Fit], calls: BatchedCalls) -> Tensor:
         seed, fit = one
-        shared = tuple(Shared(e.name, e.model, e.measurements, e.single, calls, own) for e, own in zip(
-            fit.problem.experiments, evaluate, strict=True))
+        shared = tuple(
+            Shared(e.name, e.model, e.measurements, e.single, calls, own)
+            for e, own in zip(fit.problem.experiments, evaluate, strict=True)
+        )
         fit = replace(fit, problem=replace(fit.problem, experiments=shared))
         if case.method == "profile":
             return torch.stack([one.interval for one in fit.profile(*names, level=LEVEL)])
-        return fit.bootstrap(RESAMPLES, seed=seed).interval(LEVEL)[:len(names)]
+        return fit.bootstrap(RESAMPLES, seed=seed).interval(LEVEL)[: len(names)]
 
     if case.method == "laplace":
-        return (fit.interval(LEVEL)[:len(names)] for fit in fits)
+        return (fit.interval(LEVEL)[: len(names)] for fit in fits)
     return as_one_batch(interval, [*enumerate(fits)])
 
 
@@ -230,17 +293,33 @@ def measure(case: Case, seed: int = 0) -> list[ParameterCoverage]:
     warned = sum(bool(fit.doubts) for fit in fits)
     done = [(fit, clock) for fit, clock in zip(fits, clocks, strict=True) if fit.status == 0]
     inside, errors = [], []
-    for (fit, clock), interval in zip(done, stated(case, [fit for fit, _ in done], names), strict=True):
-        truth = torch.tensor([*TRUE.values(), clock][:len(names)], dtype=torch.float64)
+    for (fit, clock), interval in zip(
+        done, stated(case, [fit for fit, _ in done], names), strict=True
+    ):
+        truth = torch.tensor([*TRUE.values(), clock][: len(names)], dtype=torch.float64)
         inside.append((interval[:, 0] <= truth) & (truth <= interval[:, 1]))
         exact = fit.theta.clone()
-        exact[:len(names)] = truth
-        errors.append(((fit.x - fit.transform.x(exact)) / fit.x_covariance.diagonal().sqrt())[:len(names)])
+        exact[: len(names)] = truth
+        errors.append(
+            ((fit.x - fit.transform.x(exact)) / fit.x_covariance.diagonal().sqrt())[: len(names)]
+        )
         if len(inside) % TOLD == 0 and case.method != "laplace":
             progress(f"{case.name}, {case.method}: {len(inside)} of {len(done)} intervals")
     held, error = torch.stack(inside).double().mean(0), torch.stack(errors)
-    return [ParameterCoverage(case.name, case.method, name, held[k].item(), error[:, k].square().mean().sqrt().item(),
-                error[:, k].mean().item(), case.repeats, len(inside), warned) for k, name in enumerate(names)]
+    return [
+        ParameterCoverage(
+            case.name,
+            case.method,
+            name,
+            held[k].item(),
+            error[:, k].square().mean().sqrt().item(),
+            error[:, k].mean().item(),
+            case.repeats,
+            len(inside),
+            warned,
+        )
+        for k, name in enumerate(names)
+    ]
 
 
 def markdown(rows: Sequence[ParameterCoverage]) -> str:
@@ -250,41 +329,96 @@ def markdown(rows: Sequence[ParameterCoverage]) -> str:
     for key in dict.fromkeys((r.case, r.method) for r in rows):
         some = {r.parameter: r for r in rows if (r.case, r.method) == key}
         one = next(iter(some.values()))
-        lines.append((*key, *(f"{100 * some[n].coverage:.1f}" if n in some else "" for n in names),
-                      f"{max(abs(r.bias) for r in some.values()):.2f}", f"{one.converged} of {one.repeats}", f"{one.warned}"))
-    head = ("data and model", "interval", *(f"{n}: %" for n in names), "largest bias, deviations", "converged", "warned")
+        lines.append(
+            (
+                *key,
+                *(f"{100 * some[n].coverage:.1f}" if n in some else "" for n in names),
+                f"{max(abs(r.bias) for r in some.values()):.2f}",
+                f"{one.converged} of {one.repeats}",
+                f"{one.warned}",
+            )
+        )
+    head = (
+        "data and model",
+        "interval",
+        *(f"{n}: %" for n in names),
+        "largest bias, deviations",
+        "converged",
+        "warned",
+    )
     return markdown_table(head, lines, words=2)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """How often stated intervals of identified parameters and fields hold the truth."""
-    given, out = study(argv, "identification", "Repeated identification of synthetic data: noise, a finer mesh, a wrong clock; "
-                       "fields that are smooth, and dents.", quick="four repeats of three cases")
-    cases, smooth = (CASES, field_coverage.CASES) if not given.quick else (
-        [replace(case, repeats=4) for case in CASES[:2]], [replace(field_coverage.CASES[0], repeats=4)])
+    given, out = study(
+        argv,
+        "identification",
+        "Repeated identification of synthetic data: noise, a finer mesh, a wrong clock; "
+        "fields that are smooth, and dents.",
+        quick="four repeats of three cases",
+    )
+    cases, smooth = (
+        (CASES, field_coverage.CASES)
+        if not given.quick
+        else (
+            [replace(case, repeats=4) for case in CASES[:2]],
+            [replace(field_coverage.CASES[0], repeats=4)],
+        )
+    )
     with threads(1):
         heading = measured_on()
     rows: list[ParameterCoverage] = []
     fields: list[field_coverage.FieldCoverage] = []
     with ProcessPoolExecutor(min(len(cases), os.cpu_count() or 1), get_context("spawn")) as pool:
-        parts = pool.map(measure, cases, range(len(cases))), pool.map(field_coverage.measure, smooth)
+        parts = (
+            pool.map(measure, cases, range(len(cases))),
+            pool.map(field_coverage.measure, smooth),
+        )
         for row in chain(*parts):
             if isinstance(row, list):
                 rows += row
             else:
                 fields.append(row)
-            tables = [about(), markdown(rows), *([field_coverage.about(), field_coverage.markdown(fields)] if fields else [])]
+            tables = [
+                about(),
+                markdown(rows),
+                *([field_coverage.about(), field_coverage.markdown(fields)] if fields else []),
+            ]
             text = "\n\n".join((*tables, sentence(heading)))
-            write(out, "identification", text, {**heading, "about": about(), "rows": [asdict(r) for r in rows],
-                                                "fields": [asdict(r) for r in fields]},
-                  tuple(asdict(rows[0])), (tuple(asdict(r).values()) for r in rows))
+            write(
+                out,
+                "identification",
+                text,
+                {
+                    **heading,
+                    "about": about(),
+                    "rows": [asdict(r) for r in rows],
+                    "fields": [asdict(r) for r in fields],
+                },
+                tuple(asdict(rows[0])),
+                (tuple(asdict(r).values()) for r in rows),
+            )
     print(text)
     return 0
 
 
 def about() -> str:
     """What was done, in words."""
-    return ABOUT.format(readings=READINGS, span=SPAN, repeats=REPEATS, resamples=RESAMPLES, level=100 * LEVEL, small=SMALL,
-                        coarse=COARSE, fine=FINE, refined=REFINED, small_ms=1e3 * SMALL[1], coarse_ms=1e3 * COARSE[1],
-                        fine_ms=1e3 * FINE[1], refined_ms=1e3 * REFINED[1], clock=100 * CLOCK,
-                        binomial=100 * (LEVEL * (1 - LEVEL) / REPEATS) ** 0.5)
+    return ABOUT.format(
+        readings=READINGS,
+        span=SPAN,
+        repeats=REPEATS,
+        resamples=RESAMPLES,
+        level=100 * LEVEL,
+        small=SMALL,
+        coarse=COARSE,
+        fine=FINE,
+        refined=REFINED,
+        small_ms=1e3 * SMALL[1],
+        coarse_ms=1e3 * COARSE[1],
+        fine_ms=1e3 * FINE[1],
+        refined_ms=1e3 * REFINED[1],
+        clock=100 * CLOCK,
+        binomial=100 * (LEVEL * (1 - LEVEL) / REPEATS) ** 0.5,
+    )

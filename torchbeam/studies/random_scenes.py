@@ -1,4 +1,6 @@
-"""Random scenes: soft rods in families that are loaded, held and moved differently, each sample with its own values."""
+"""Random scenes: soft rods in families that are loaded, held and moved differently, each sample
+with its own values.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ class Draw:
 
     def __call__(self, low: float, high: float, *shape: int) -> Tensor:
         """Evenly between two."""
-        return low + (high - low) * torch.rand(self.samples, *shape, generator=self.random, dtype=torch.float64)
+        return low + (high - low) * torch.rand(
+            self.samples, *shape, generator=self.random, dtype=torch.float64
+        )
 
     def log(self, low: float, high: float) -> Tensor:
         """Evenly between the logarithms of two."""
@@ -39,18 +43,28 @@ class Draw:
 def rod(draw: Draw, elements: int) -> tuple[Beam, Tensor]:
     """A soft rod, and the force EI/L^2 that bends it much."""
     L, EI, mass = draw(0.3, 0.8), draw.log(0.007, 0.06), draw(0.15, 0.6)
-    section = Section.from_stiffness(EA=1e4 * EI, GA=4e3 * EI, GJ=draw(0.5, 1.0) * EI, EI=EI, mass=mass,
-                                     inertia=mass * draw.log(3e-5, 3e-3))
+    section = Section.from_stiffness(
+        EA=1e4 * EI,
+        GA=4e3 * EI,
+        GJ=draw(0.5, 1.0) * EI,
+        EI=EI,
+        mass=mass,
+        inertia=mass * draw.log(3e-5, 3e-3),
+    )
     return Beam.straight(L, elements, section), EI / L**2
 
 
 def families(elements: int) -> dict[str, Callable[[Draw], Scene]]:
     """Name -> scenes of random values."""
+
     def made(*effects: Callable[[Draw, Tensor], Any], **options: Any) -> Callable[[Draw], Scene]:
         def scene(draw: Draw) -> Scene:
             beam, force = rod(draw, elements)
-            more = {name: value(draw) if callable(value) else value for name, value in options.items()}
+            more = {
+                name: value(draw) if callable(value) else value for name, value in options.items()
+            }
             return Scene(beam, [effect(draw, force) for effect in effects], **more)
+
         return scene
 
     def push(low: float, high: float, **more: Any) -> Callable[[Draw, Tensor], Any]:
@@ -72,12 +86,21 @@ def families(elements: int) -> dict[str, Callable[[Draw], Scene]]:
 
     def turning(draw: Draw) -> Frame:
         rate = draw(1.0, 6.0)
-        return Frame(angular_velocity=lambda t: torch.stack((0 * rate, 0 * rate, rate * torch.tanh(t) ** 2), -1))
+        return Frame(
+            angular_velocity=lambda t: torch.stack(
+                (0 * rate, 0 * rate, rate * torch.tanh(t) ** 2), -1
+            )
+        )
 
     def shaken(draw: Draw) -> RootMotion:
         size, rate = draw(0.01, 0.05), draw(3.0, 15.0)
-        return RootMotion(displacement=lambda t: torch.stack((0 * size, 0 * size, size * torch.sin(rate * t) ** 2), -1))
+        return RootMotion(
+            displacement=lambda t: torch.stack(
+                (0 * size, 0 * size, size * torch.sin(rate * t) ** 2), -1
+            )
+        )
 
+    # fmt: off
     return {
         "sudden": made(push(0.3, 2.0)),
         "sudden, damped": made(push(0.3, 3.0), damping),
@@ -90,7 +113,10 @@ def families(elements: int) -> dict[str, Callable[[Draw], Scene]]:
         "shaken root": made(weight, damping, root=shaken),
         "pendulum": made(weight, damping, lambda draw, force: fx.PointMass(draw(0.01, 0.1)),
                          supports=[Support(0, "xyz", "xz")]),
-        "drag": made(push(0.5, 3.0), damping, lambda draw, force: fx.Drag(1000.0, draw(0.002, 0.01), added_mass=1.0)),
-        "free": made(push(0.1, 1.0, follower=True), damping, lambda draw, force: fx.MassDamping(draw(0.1, 1.0)),
+        "drag": made(push(0.5, 3.0), damping, lambda draw,
+                     force: fx.Drag(1000.0, draw(0.002, 0.01), added_mass=1.0)),
+        "free": made(push(0.1, 1.0, follower=True), damping, lambda draw,
+                     force: fx.MassDamping(draw(0.1, 1.0)),
                      supports=[Support(0, "", "")]),
     }
+    # fmt: on

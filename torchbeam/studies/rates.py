@@ -2,7 +2,8 @@
 
     python -m torchbeam rates
 
-One thread, float64, a soft cantilever with a changing tip load at random small states; median and minimum of repeats.
+One thread, float64, a soft cantilever with a changing tip load at random small states; median and
+minimum of repeats.
 """
 
 from __future__ import annotations
@@ -48,10 +49,14 @@ def timed(function: Callable[[], object], repeats: int) -> tuple[float, float]:
 def measure(N: int, batch: int) -> dict[str, tuple[float, float]]:
     """CPU time of the rates of a batch, by each route."""
     section = Section.from_stiffness(1e3, 400.0, 0.8, (1.0, 2.0), 1.0, (0.01, 0.01))
-    model = MixedModel(Scene(Beam.straight(1.0, N, section), (TipLoad(force=tip_force),)), "block_rate")
+    model = MixedModel(
+        Scene(Beam.straight(1.0, N, section), (TipLoad(force=tip_force),)), "block_rate"
+    )
     t = model.nodes.new_tensor(0.1)
     generator = torch.Generator().manual_seed(0)
-    x = unpack(0.1 * torch.randn(batch, 24 * N + 12, generator=generator, dtype=model.nodes.dtype), N)
+    x = unpack(
+        0.1 * torch.randn(batch, 24 * N + 12, generator=generator, dtype=model.nodes.dtype), N
+    )
     calls = {
         "sweep": timed(lambda: sweep(model, x, terms(model, t, x)), 15),
         "minimal": timed(lambda: minimal.rates(model, t, x.u, x.theta, x.V, x.Omega), 15),
@@ -65,7 +70,9 @@ def measure(N: int, batch: int) -> dict[str, tuple[float, float]]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Time the rates of the mixed forms: O(N) sweep against the dense block rate matrix."""
-    given, out = study(argv, "rates", __doc__.partition("\n")[0], quick="one element, a batch of 16")
+    given, out = study(
+        argv, "rates", __doc__.partition("\n")[0], quick="one element, a batch of 16"
+    )
     dtype = torch.get_default_dtype()
     torch.set_default_dtype(torch.float64)
     try:
@@ -75,7 +82,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         torch.set_default_dtype(dtype)
     text = f"{markdown(rows)}\n\n{sentence(heading)}"
     print(text)
-    write(out, "rates", text, {**heading, "rows": [dict(zip(COLUMNS, row, strict=True)) for row in rows]}, COLUMNS, rows)
+    write(
+        out,
+        "rates",
+        text,
+        {**heading, "rows": [dict(zip(COLUMNS, row, strict=True)) for row in rows]},
+        COLUMNS,
+        rows,
+    )
     return 0
 
 
@@ -88,7 +102,9 @@ def measured(cases: Iterable[tuple[int, int]]) -> Iterator[tuple]:
 
 
 def markdown(rows: Sequence[tuple]) -> str:
-    """One line a case: median ms of each route, and how many times as long as the sweep the dense matrix takes."""
+    """One line a case: median ms of each route, and how many times as long as the sweep the dense
+    matrix takes.
+    """
     medians = {(N, batch, what): median for N, batch, what, median, _ in rows}
     lines = []
     for N, batch in dict.fromkeys((N, batch) for N, batch, *_ in rows):
@@ -96,4 +112,8 @@ def markdown(rows: Sequence[tuple]) -> str:
         cells = ["" if t is None else f"{t:.1f}" for t in times]
         ratio = "" if times[-1] is None else f"{times[-1] / times[0]:.0f}"
         lines.append((str(N), str(batch), *cells, ratio))
-    return table(("elements", "batch", *(f"{what}, ms" for what in ROUTES), "dense over sweep"), lines, words=0)
+    return table(
+        ("elements", "batch", *(f"{what}, ms" for what in ROUTES), "dense over sweep"),
+        lines,
+        words=0,
+    )

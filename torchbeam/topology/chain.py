@@ -1,5 +1,5 @@
-"""Chain: elements one after the other. Of order 1, element e lies between the nodes e and e + 1; of order 2 it has the nodes
-2 e, 2 e + 1 (midside) and 2 e + 2.
+"""Chain: elements one after the other. Of order 1, element e lies between the nodes e and e + 1; of
+order 2 it has the nodes 2 e, 2 e + 1 (midside) and 2 e + 2.
 """
 
 from __future__ import annotations
@@ -54,13 +54,17 @@ class Chain:
             (ii, ij), (ji, jj) = blocks
             return ChainMatrix(1, self.scatter((ii, jj), 2), (ij, ji))
         (ii, im, ij), (mi, mm, mj), (ji, jm, jj) = blocks
-        return ChainMatrix(2, self.scatter((ii, mm, jj), 2), (interleaved(im, mj, 2), interleaved(mi, jm, 2), ij, ji))
+        return ChainMatrix(
+            2,
+            self.scatter((ii, mm, jj), 2),
+            (interleaved(im, mj, 2), interleaved(mi, jm, 2), ij, ji),
+        )
 
 
 def within_elements(length: Tensor, x: tuple[float, ...]) -> Tensor:
-    """Arc length (..., N, len(x)) m at places x in [-1, 1] of elements of order 2, of the lengths (..., 2 N) m that their
-    stations stand for. With ds/dx = J + J' x, which is that length, s = s_0 + J (1 + x) + J' (x^2 - 1)/2: a midside node need
-    not be in the middle.
+    """Arc length (..., N, len(x)) m at places x in [-1, 1] of elements of order 2, of the lengths
+    (..., 2 N) m that their stations stand for. With ds/dx = J + J' x, which is that length,
+    s = s_0 + J (1 + x) + J' (x^2 - 1)/2: a midside node need not be in the middle.
     """
     first, second = length.unflatten(-1, (-1, 2))[..., None].unbind(-2)
     mean, slope, x = (first + second) / 2, (second - first) / (2 * X), length.new_tensor(x)

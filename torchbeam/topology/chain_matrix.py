@@ -21,9 +21,9 @@ from .midside import condensed
 
 @dataclass(frozen=True)
 class ChainMatrix:
-    """See `protocols.Matrix`. diagonal (..., nodes, w, w); couplings, none where nodes have nothing in common: upper and lower
-    (..., nodes - 1, w, w), from a node to the next and back; of order 2 also far upper and far lower (..., N, w, w), from an
-    element's first node to its third and back.
+    """See `protocols.Matrix`. diagonal (..., nodes, w, w); couplings, none where nodes have nothing
+    in common: upper and lower (..., nodes - 1, w, w), from a node to the next and back; of order 2
+    also far upper and far lower (..., N, w, w), from an element's first node to its third and back.
     """
 
     order: int
@@ -46,9 +46,13 @@ class ChainMatrix:
         return ChainMatrix(self.order, self.diagonal - blocks, self.couplings)
 
     def each(self, function: Callable[[Tensor], Tensor]) -> ChainMatrix:
-        return ChainMatrix(self.order, function(self.diagonal), tuple(map(function, self.couplings)))
+        return ChainMatrix(
+            self.order, function(self.diagonal), tuple(map(function, self.couplings))
+        )
 
-    def between(self, function: Callable[..., Tensor], rows: Tensor, columns: Tensor) -> ChainMatrix:
+    def between(
+        self, function: Callable[..., Tensor], rows: Tensor, columns: Tensor
+    ) -> ChainMatrix:
         couplings = ()
         if self.couplings:
             pairs = coupled(self.order, rows, 2)[0], coupled(self.order, columns, 2)[1]
@@ -83,21 +87,35 @@ class ChainMatrix:
             row = before, D[..., i, :, :], after
             if far:
                 own, last = i % 2 == 0, D.shape[-3] - 1
-                row = (far[1][..., i // 2 - 1, :, :] if own and i > 0 else zero, *row,
-                       far[0][..., i // 2, :, :] if own and i < last else zero)
+                row = (
+                    far[1][..., i // 2 - 1, :, :] if own and i > 0 else zero,
+                    *row,
+                    far[0][..., i // 2, :, :] if own and i < last else zero,
+                )
             parts.append(torch.cat(torch.broadcast_tensors(*row), -1))
         return ChainRows(nodes, torch.stack(parts, -3)) if parts else ChainRows((), D.new_zeros(0))
 
     def symmetric(self, unknowns: ChainUnknowns, held: float) -> SymmetricChain:
-        """Of order 2, of groups of an end and the midside node before it, of which the first has none."""
-        D, U, L, *far = unknowns.masked(*(x.detach() for x in (self.diagonal, *self._couplings())), held=held)
+        """Of order 2, of groups of an end and the midside node before it, of which the first has
+        none.
+        """
+        D, U, L, *far = unknowns.masked(
+            *(x.detach() for x in (self.diagonal, *self._couplings())), held=held
+        )
         if far:
-            none, eye = torch.zeros_like(D[..., :1, :, :]), torch.eye(D.shape[-1], dtype=D.dtype, device=D.device)
-            middle, ahead, back = (torch.cat(both, -3) for both in (
-                (none + held * eye, D[..., 1::2, :, :]), (none.expand_as(U[..., :1, :, :]), U[..., 1::2, :, :]),
-                (none.expand_as(L[..., :1, :, :]), L[..., 1::2, :, :])))
+            none = torch.zeros_like(D[..., :1, :, :])
+            eye = torch.eye(D.shape[-1], dtype=D.dtype, device=D.device)
+            middle, ahead, back = (
+                torch.cat(both, -3)
+                for both in (
+                    (none + held * eye, D[..., 1::2, :, :]),
+                    (none.expand_as(U[..., :1, :, :]), U[..., 1::2, :, :]),
+                    (none.expand_as(L[..., :1, :, :]), L[..., 1::2, :, :]),
+                )
+            )
             upper = torch.cat(torch.broadcast_tensors(U[..., ::2, :, :], far[0]), -1)
-            D, U = blocks(middle, ahead, back, D[..., ::2, :, :]), torch.cat((torch.zeros_like(upper), upper), -2)
+            D = blocks(middle, ahead, back, D[..., ::2, :, :])
+            U = torch.cat((torch.zeros_like(upper), upper), -2)
         return SymmetricChain((D + D.mT) / 2, U)
 
     def restricted(self, unknowns: ChainUnknowns) -> ChainSystem:
@@ -111,7 +129,11 @@ class ChainMatrix:
         if self.couplings:
             return self.couplings
         near = torch.zeros_like(self.diagonal[..., 1:, :, :])
-        return (near, near) if self.order == 1 else (near, near, near[..., ::2, :, :], near[..., ::2, :, :])
+        return (
+            (near, near)
+            if self.order == 1
+            else (near, near, near[..., ::2, :, :], near[..., ::2, :, :])
+        )
 
 
 def blocks(a: Tensor, b: Tensor, c: Tensor, d: Tensor) -> Tensor:
@@ -121,8 +143,8 @@ def blocks(a: Tensor, b: Tensor, c: Tensor, d: Tensor) -> Tensor:
 
 
 class ChainRows(NamedTuple):
-    """Rows of some nodes (..., K, w, m w), by the moves of the node before, the node and the next; of order 2 by those of the
-    two nodes before and after.
+    """Rows of some nodes (..., K, w, m w), by the moves of the node before, the node and the next;
+    of order 2 by those of the two nodes before and after.
     """
 
     nodes: tuple[int, ...]
@@ -131,7 +153,9 @@ class ChainRows(NamedTuple):
     def times(self, x: Tensor) -> Tensor:
         reach = self.blocks.shape[-1] // (2 * x.shape[-1])
         wide = pad(x, (0, 0, reach, reach))
-        near = torch.stack([wide[..., i:i + 2 * reach + 1, :].flatten(-2) for i in self.nodes], -2)
+        near = torch.stack(
+            [wide[..., i : i + 2 * reach + 1, :].flatten(-2) for i in self.nodes], -2
+        )
         return (self.blocks @ near[..., None])[..., 0]
 
     def detach(self) -> ChainRows:

@@ -26,4 +26,6 @@ def spread(first: Tensor, middle: Tensor, third: Tensor, axes: int = 1) -> Tenso
     """Of order 2, what each gives its three nodes, summed (..., 2 N + 1, *)."""
     own = (0, 0) * axes
     inner = interleaved(first, middle, axes)
-    return pad(inner, (*own, 0, 1)) + pad(interleaved(torch.zeros_like(third), third, axes), (*own, 1, 0))
+    return pad(inner, (*own, 0, 1)) + pad(
+        interleaved(torch.zeros_like(third), third, axes), (*own, 1, 0)
+    )

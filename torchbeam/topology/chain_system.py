@@ -1,5 +1,5 @@
-"""System of a chain: its matrix restricted to what is free, block tridiagonal over the nodes; of order 2 over the ends of the
-elements, with their midside nodes condensed.
+"""System of a chain: its matrix restricted to what is free, block tridiagonal over the nodes; of
+order 2 over the ends of the elements, with their midside nodes condensed.
 """
 
 from __future__ import annotations
@@ -9,13 +9,21 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ..math.block_tridiagonal import ChainSolve, block_tridiagonal, finite_pivots, positive_definite, recorded
+from ..math.block_tridiagonal import (
+    ChainSolve,
+    block_tridiagonal,
+    finite_pivots,
+    positive_definite,
+    recorded,
+)
 from .chain_unknowns import ChainUnknowns
 from .midside import Midside
 
 
 class ChainSystem(NamedTuple):
-    """See `protocols.System`. D (..., n, w, w) on the diagonal, L below and U above it (..., n - 1, w, w)."""
+    """See `protocols.System`. D (..., n, w, w) on the diagonal, L below and U above it
+    (..., n - 1, w, w).
+    """
 
     unknowns: ChainUnknowns
     D: Tensor
@@ -24,7 +32,8 @@ class ChainSystem(NamedTuple):
     midside: Midside | None = None
 
     def solve(self, b: Tensor, constant: bool = True) -> Tensor:
-        solve, b = ChainSolve.apply if constant and recorded() else block_tridiagonal, self.unknowns.select(b)
+        solve = ChainSolve.apply if constant and recorded() else block_tridiagonal
+        b = self.unknowns.select(b)
         if self.midside is None:
             return self.unknowns.whole(solve(self.D, self.L, self.U, b))
         right, own = self.midside.condense(b)
@@ -44,7 +53,9 @@ class ChainSystem(NamedTuple):
         definite = positive_definite(self.D, self.L, self.U)
         if self.midside is None:
             return definite
-        return definite & (torch.linalg.cholesky_ex(self.midside.D + self.midside.D.mT).info == 0).all(-1)
+        return definite & (
+            torch.linalg.cholesky_ex(self.midside.D + self.midside.D.mT).info == 0
+        ).all(-1)
 
     def detach(self) -> ChainSystem:
         midside = None if self.midside is None else self.midside.detach()

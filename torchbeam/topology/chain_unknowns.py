@@ -14,7 +14,8 @@ from ..math.quadratic import threes
 
 @dataclass(frozen=True)
 class ChainUnknowns:
-    """Of the nodes from `first` to `last` (excluded): of order 1, nodes at either end that are held whole have none.
+    """Of the nodes from `first` to `last` (excluded): of order 1, nodes at either end that are held
+    whole have none.
 
     moving  (n, w) bool: what is free of them; free: the same as numbers, None = all is
     """
@@ -35,7 +36,9 @@ class ChainUnknowns:
             first = next((k for k in range(nodes) if some[k]), nodes - 1)
             last = next((k for k in range(nodes, first, -1) if some[k - 1]), first + 1)
         inside = moving[first:last]
-        return cls(chain.order, nodes, first, last, inside, None if bool(inside.all()) else inside.to(like))
+        return cls(
+            chain.order, nodes, first, last, inside, None if bool(inside.all()) else inside.to(like)
+        )
 
     @property
     def grouped(self) -> Tensor:
@@ -58,22 +61,39 @@ class ChainUnknowns:
         return x if len(self) == self.nodes else pad(x, (0, 0, self.first, self.nodes - self.last))
 
     def masked(self, D: Tensor, *couplings: Tensor, held: float = 1.0) -> tuple[Tensor, ...]:
-        """Blocks of all nodes -> of those with unknowns; what is held has `held` on the diagonal and nothing beside it."""
+        """Blocks of all nodes -> of those with unknowns; what is held has `held` on the diagonal
+        and nothing beside it.
+        """
         D = self.of_nodes(D, 2)
         if len(self) < self.nodes:
             couplings = tuple(x.narrow(-3, self.first, len(self) - 1) for x in couplings)
-        return (D, *couplings) if self.free is None else masked(self.order, self.free, D, *couplings, held=held)
+        return (
+            (D, *couplings)
+            if self.free is None
+            else masked(self.order, self.free, D, *couplings, held=held)
+        )
 
 
-def masked(order: int, free: Tensor, D: Tensor, *couplings: Tensor, held: float = 1.0) -> tuple[Tensor, ...]:
-    """A chain's blocks with `held` on the diagonal and nothing beside it where `free` (nodes, w) is 0."""
+def masked(
+    order: int, free: Tensor, D: Tensor, *couplings: Tensor, held: float = 1.0
+) -> tuple[Tensor, ...]:
+    """A chain's blocks with `held` on the diagonal and nothing beside it where `free` (nodes, w) is
+    0.
+    """
     rows, columns = coupled(order, free)
-    others = (x * row[..., None] * column[..., None, :] for x, row, column in zip(couplings, rows, columns, strict=False))
-    return D * free[..., None] * free[..., None, :] + torch.diag_embed(held * (1 - free) if held != 1 else 1 - free), *others
+    others = (
+        x * row[..., None] * column[..., None, :]
+        for x, row, column in zip(couplings, rows, columns, strict=False)
+    )
+    return D * free[..., None] * free[..., None, :] + torch.diag_embed(
+        held * (1 - free) if held != 1 else 1 - free
+    ), *others
 
 
 def coupled(order: int, x: Tensor, axes: int = 1) -> tuple[tuple[Tensor, ...], tuple[Tensor, ...]]:
-    """Nodes (..., nodes, *) -> their values at the rows and at the columns of a chain's couplings, see `ChainMatrix`."""
+    """Nodes (..., nodes, *) -> their values at the rows and at the columns of a chain's couplings,
+    see `ChainMatrix`.
+    """
     n = x.shape[-1 - axes] - 1
     i, j = x.narrow(-1 - axes, 0, n), x.narrow(-1 - axes, 1, n)
     if order == 1:

@@ -1,5 +1,5 @@
-"""Where a framework is cut: at the nodes that joints sit at, and at single ones. What is left of the chains are runs of nodes
-that know nothing of joints.
+"""Where a framework is cut: at the nodes that joints sit at, and at single ones. What is left of
+the chains are runs of nodes that know nothing of joints.
 """
 
 from __future__ import annotations
@@ -11,12 +11,14 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-Joints = tuple[tuple[int | None, int | None], ...]  # the nodes that each connects, None = the ground
+# the nodes that each connects, None = the ground
+Joints = tuple[tuple[int | None, int | None], ...]
 
 
 class Run(NamedTuple):
-    """Nodes between two of the interface: the first of them, how many, the places in the interface of the nodes before and
-    after them (None = the chain ends there), and the element before the first one.
+    """Nodes between two of the interface: the first of them, how many, the places in the interface
+    of the nodes before and after them (None = the chain ends there), and the element before the
+    first one.
     """
 
     first: int
@@ -36,8 +38,8 @@ class Run(NamedTuple):
 
 
 class Cut(NamedTuple):
-    """interface: its nodes; runs: those of the same length together; direct: elements whose nodes are both in the interface,
-    with their places there; joints: places of what each connects.
+    """interface: its nodes; runs: those of the same length together; direct: elements whose nodes
+    are both in the interface, with their places there; joints: places of what each connects.
     """
 
     interface: tuple[int, ...]
@@ -56,15 +58,26 @@ def cut(chains: tuple[int, ...], singles: int, joints: Joints) -> Cut:
     runs, direct, start = [], [], 0
     for chain, N in enumerate(chains):
         end = start + N + 1
-        for before, after in pairwise((start - 1, *(node for node in interface if start <= node < end), end)):
+        for before, after in pairwise(
+            (start - 1, *(node for node in interface if start <= node < end), end)
+        ):
             count, element = after - before - 1, before - chain
             if count:
-                runs.append(Run(before + 1, count, place[before] if before >= start else None,
-                                place[after] if after < end else None, element))
+                runs.append(
+                    Run(
+                        before + 1,
+                        count,
+                        place[before] if before >= start else None,
+                        place[after] if after < end else None,
+                        element,
+                    )
+                )
             elif start <= before and after < end:
                 direct.append((element, place[before], place[after]))
         start = end
-    by_length = tuple(tuple(run for run in runs if run.count == n) for n in sorted({run.count for run in runs}))
+    by_length = tuple(
+        tuple(run for run in runs if run.count == n) for n in sorted({run.count for run in runs})
+    )
     ends = tuple(tuple(None if node is None else place[node] for node in pair) for pair in joints)
     return Cut(interface, by_length, tuple(direct), ends)
 

@@ -1,5 +1,5 @@
-"""Framework: chains next to each other and single nodes, some of them joined. The nodes of the chains come one chain after the
-other, the single ones last.
+"""Framework: chains next to each other and single nodes, some of them joined. The nodes of the
+chains come one chain after the other, the single ones last.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ class Framework:
     order    of the elements, 1 or 2
     chains   elements of each chain
     singles  how many nodes there are beside the chains
-    joints   pairs of nodes that a joint connects; None = the ground. None of them is inside an element of order 2
+    joints   pairs of nodes that a joint connects; None = the ground. None of them is inside an
+             element of order 2
     """
 
     order: int
@@ -45,12 +46,18 @@ class Framework:
     @cached_property
     def starts(self) -> tuple[int, ...]:
         """The first node of each chain."""
-        return tuple(sum(self.order * N + 1 for N in self.chains[:k]) for k in range(len(self.chains)))
+        return tuple(
+            sum(self.order * N + 1 for N in self.chains[:k]) for k in range(len(self.chains))
+        )
 
     @cached_property
     def elements(self) -> tuple[tuple[int, ...], ...]:
         """The first nodes of all elements, the second ones, and so on."""
-        firsts = [start + self.order * e for start, N in zip(self.starts, self.chains, strict=True) for e in range(N)]
+        firsts = [
+            start + self.order * e
+            for start, N in zip(self.starts, self.chains, strict=True)
+            for e in range(N)
+        ]
         return tuple(tuple(first + k for first in firsts) for k in range(self.order + 1))
 
     @cached_property
@@ -65,7 +72,12 @@ class Framework:
         if self.order == 1:
             return self
         place = {node: k for k, node in enumerate(self.ends)}
-        return Framework(1, self.chains, self.singles, tuple(tuple(place.get(node) for node in pair) for pair in self.joints))
+        return Framework(
+            1,
+            self.chains,
+            self.singles,
+            tuple(tuple(place.get(node) for node in pair) for pair in self.joints),
+        )
 
     def gather(self, x: Tensor, axes: int = 1) -> tuple[Tensor, ...]:
         return tuple(x.index_select(-1 - axes, places(nodes, x.device)) for nodes in self.elements)
@@ -77,7 +89,9 @@ class Framework:
         return total
 
     def at_joints(self, x: Tensor) -> Tensor:
-        """Nodes (..., nodes, w) -> their values (..., J, 2, w) at both ends of each joint; zeros at the ground."""
+        """Nodes (..., nodes, w) -> their values (..., J, 2, w) at both ends of each joint; zeros at
+        the ground.
+        """
         found = x.index_select(-2, places(self._joined, x.device)).unflatten(-2, (-1, 2))
         return found * self._not_ground(x) if self._grounded else found
 
@@ -97,12 +111,17 @@ class Framework:
 
     def _not_ground(self, like: Tensor) -> Tensor:
         """(J, 2, 1)"""
-        return like.new_tensor([[float(node is not None) for node in pair] for pair in self.joints])[..., None]
+        return like.new_tensor(
+            [[float(node is not None) for node in pair] for pair in self.joints]
+        )[..., None]
 
     def arclength(self, length: Tensor) -> Tensor:
         """Each chain's own; 0 of single nodes."""
         sizes = [self.order * N for N in self.chains]
-        parts = [Chain(self.order, N).arclength(part) for N, part in zip(self.chains, length.split(sizes, -1), strict=True)]
+        parts = [
+            Chain(self.order, N).arclength(part)
+            for N, part in zip(self.chains, length.split(sizes, -1), strict=True)
+        ]
         return torch.cat((*parts, length.new_zeros(*length.shape[:-1], self.singles)), -1)
 
     def unknowns(self, moving: Tensor, like: Tensor) -> FrameworkUnknowns:
@@ -113,14 +132,18 @@ class Framework:
 
     def matrix(self, blocks: Blocks) -> FrameworkMatrix:
         own = self.scatter(tuple(blocks[k][k] for k in range(self.order + 1)), 2)
-        return FrameworkMatrix(self, own, tuple(blocks[i][j] for i, j in permutations(range(self.order + 1), 2)))
+        return FrameworkMatrix(
+            self, own, tuple(blocks[i][j] for i, j in permutations(range(self.order + 1), 2))
+        )
 
 
-def added(total: Tensor | None, nodes: tuple[int, ...], part: Tensor, count: int, axes: int) -> Tensor:
+def added(
+    total: Tensor | None, nodes: tuple[int, ...], part: Tensor, count: int, axes: int
+) -> Tensor:
     """total (..., count, *), None = zeros, with part (..., len(nodes), *) added at the nodes."""
-    shape = (*part.shape[:-1 - axes], count, *part.shape[part.ndim - axes:])
+    shape = (*part.shape[: -1 - axes], count, *part.shape[part.ndim - axes :])
     if total is None:
         total = part.new_zeros(shape)
     shape = broadcast_shapes(total.shape, shape)
-    part = part.expand(*shape[:-1 - axes], len(nodes), *shape[len(shape) - axes:])
+    part = part.expand(*shape[: -1 - axes], len(nodes), *shape[len(shape) - axes :])
     return total.expand(shape).index_add(-1 - axes, places(nodes, part.device), part)

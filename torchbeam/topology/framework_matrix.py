@@ -17,8 +17,8 @@ from .framework_unknowns import FrameworkUnknowns
 
 
 class JointBlocks(NamedTuple):
-    """Of J joints, each of two ends, of which one that is the ground has zeros; a joint has as many constraints and forces as a
-    node has unknowns, of which it uses those that it holds.
+    """Of J joints, each of two ends, of which one that is the ground has zeros; a joint has as many
+    constraints and forces as a node has unknowns, of which it uses those that it holds.
 
     held        (J, w) 1 where there is a constraint, else 0
     stiffness   (..., J, 2, 2, w, w): the ends' balances by their moves, at fixed joint forces
@@ -34,10 +34,12 @@ class JointBlocks(NamedTuple):
 
 @dataclass(frozen=True)
 class FrameworkMatrix:
-    """See `protocols.Matrix`. diagonal (..., nodes, w, w); couplings (..., elements, w, w) between two of an element's nodes i
-    and j, in the order of `itertools.permutations`; none where nodes have nothing in common.
+    """See `protocols.Matrix`. diagonal (..., nodes, w, w); couplings (..., elements, w, w) between
+    two of an element's nodes i and j, in the order of `itertools.permutations`; none where nodes
+    have nothing in common.
 
-    With joints, vectors have a row (w) of each joint behind those of the nodes: its forces, or its constraints.
+    With joints, vectors have a row (w) of each joint behind those of the nodes: its forces, or its
+    constraints.
     """
 
     framework: Any
@@ -72,13 +74,20 @@ class FrameworkMatrix:
         return replace(self, diagonal=self.diagonal - blocks)
 
     def each(self, function: Callable[[Tensor], Tensor]) -> FrameworkMatrix:
-        return FrameworkMatrix(self.framework, function(self.diagonal), tuple(map(function, self.couplings)))
+        return FrameworkMatrix(
+            self.framework, function(self.diagonal), tuple(map(function, self.couplings))
+        )
 
-    def between(self, function: Callable[..., Tensor], rows: Tensor, columns: Tensor) -> FrameworkMatrix:
+    def between(
+        self, function: Callable[..., Tensor], rows: Tensor, columns: Tensor
+    ) -> FrameworkMatrix:
         couplings = ()
         if self.couplings:
             at, by = self.framework.gather(rows, 2), self.framework.gather(columns, 2)
-            couplings = tuple(function(A, at[i], by[j]) for A, (i, j) in zip(self.couplings, self.pairs, strict=True))
+            couplings = tuple(
+                function(A, at[i], by[j])
+                for A, (i, j) in zip(self.couplings, self.pairs, strict=True)
+            )
         return FrameworkMatrix(self.framework, function(self.diagonal, rows, columns), couplings)
 
     def times(self, x: Tensor) -> Tensor:
@@ -96,7 +105,10 @@ class FrameworkMatrix:
         _, stiffness, force, constraint = self.joints
         ends = self.framework.at_joints(x)  # (..., J, 2, w)
         forces = x.narrow(-2, self.framework.node_count, len(self.framework.joints))
-        push = torch.einsum("...abij,...bj->...ai", stiffness, ends) + (force @ forces[..., None, :, None])[..., 0]
+        push = (
+            torch.einsum("...abij,...bj->...ai", stiffness, ends)
+            + (force @ forces[..., None, :, None])[..., 0]
+        )
         closed = (constraint @ ends[..., None])[..., 0].sum(-2)
         y = self.framework.from_joints(push, y)
         return torch.cat((y, closed.expand(*y.shape[:-2], *closed.shape[-2:])), -2)
@@ -105,9 +117,15 @@ class FrameworkMatrix:
         """Of the nodes, with the joints' stiffness."""
         nodes, ends = tuple(range(self.framework.node_count)), self.framework.elements
         parts = [(self.diagonal, nodes, nodes)]
-        parts += [(A, ends[i], ends[j]) for A, (i, j) in zip(self.couplings, self.pairs, strict=False)]
+        parts += [
+            (A, ends[i], ends[j]) for A, (i, j) in zip(self.couplings, self.pairs, strict=False)
+        ]
         for i, j in product((0, 1), (0, 1)) if self.joints is not None else ():
-            there = [k for k, pair in enumerate(self.framework.joints) if pair[i] is not None and pair[j] is not None]
+            there = [
+                k
+                for k, pair in enumerate(self.framework.joints)
+                if pair[i] is not None and pair[j] is not None
+            ]
             rows, columns = (tuple(self.framework.joints[k][end] for k in there) for end in (i, j))
             parts.append((self.joints.stiffness[..., there, i, j, :, :], rows, columns))
         return _dense(len(nodes), len(nodes), parts)
@@ -131,17 +149,25 @@ class FrameworkMatrix:
     def restricted(self, unknowns: FrameworkUnknowns) -> FrameworkSystem:
         D, couplings, joints = self.diagonal, self.couplings, self.joints
         if not couplings:
-            none = torch.zeros_like(D[..., :1, :, :]).expand(*D.shape[:-3], self.framework.element_count, *D.shape[-2:])
+            none = torch.zeros_like(D[..., :1, :, :]).expand(
+                *D.shape[:-3], self.framework.element_count, *D.shape[-2:]
+            )
             couplings = (none,) * len(self.pairs)
         if unknowns.free is not None:
             free = unknowns.free[..., None]
             ends = self.framework.gather(free, 2)
             D = D * free * free.mT + torch.diag_embed(1 - unknowns.free)
-            couplings = tuple(A * ends[i] * ends[j].mT for A, (i, j) in zip(couplings, self.pairs, strict=True))
+            couplings = tuple(
+                A * ends[i] * ends[j].mT for A, (i, j) in zip(couplings, self.pairs, strict=True)
+            )
             if joints is not None:
                 at = self.framework.at_joints(unknowns.free)[..., None]  # (J, 2, w, 1)
-                joints = JointBlocks(joints.held, joints.stiffness * at[..., :, None, :, :] * at[..., None, :, :, :].mT,
-                                     joints.force * at, joints.constraint * at.mT)
+                joints = JointBlocks(
+                    joints.held,
+                    joints.stiffness * at[..., :, None, :, :] * at[..., None, :, :, :].mT,
+                    joints.force * at,
+                    joints.constraint * at.mT,
+                )
         return FrameworkSystem.of(self.framework, unknowns, D, couplings, joints)
 
 
@@ -156,13 +182,24 @@ class FrameworkRows(NamedTuple):
 
     def detach(self) -> FrameworkRows:
         matrix = self.matrix
-        joints = matrix.joints if matrix.joints is None else JointBlocks(*(x.detach() for x in matrix.joints))
+        joints = (
+            matrix.joints
+            if matrix.joints is None
+            else JointBlocks(*(x.detach() for x in matrix.joints))
+        )
         couplings = tuple(A.detach() for A in matrix.couplings)
-        return FrameworkRows(FrameworkMatrix(matrix.framework, matrix.diagonal.detach(), couplings, joints), self.nodes)
+        return FrameworkRows(
+            FrameworkMatrix(matrix.framework, matrix.diagonal.detach(), couplings, joints),
+            self.nodes,
+        )
 
 
-def _dense(rows: int, columns: int, parts: list[tuple[Tensor, tuple[int, ...], tuple[int, ...]]]) -> Tensor:
-    """(..., w rows, w columns) of blocks (..., K, w, w), each with the places of its rows and columns, added up."""
+def _dense(
+    rows: int, columns: int, parts: list[tuple[Tensor, tuple[int, ...], tuple[int, ...]]]
+) -> Tensor:
+    """(..., w rows, w columns) of blocks (..., K, w, w), each with the places of its rows and
+    columns, added up.
+    """
     shape, total = broadcast_shapes(*(blocks.shape[:-3] for blocks, *_ in parts)), None
     w = parts[0][0].shape[-1]
     for blocks, row, column in parts:

@@ -9,7 +9,9 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class FrameworkUnknowns:
-    """See `protocols.Unknowns`. moving (nodes, w) bool; free: the same as numbers, None = all is."""
+    """See `protocols.Unknowns`. moving (nodes, w) bool; free: the same as numbers, None = all
+    is.
+    """
 
     moving: Tensor
     free: Tensor | None

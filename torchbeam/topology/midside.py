@@ -1,10 +1,14 @@
-"""Static condensation of midside nodes: from the matrix of a chain of elements of three nodes to that of their end nodes.
+"""Static condensation of midside nodes: from the matrix of a chain of elements of three nodes to
+that of their end nodes.
 
-With m the midside node of an element, i and j its ends, D_m u_m = b_m - L_m u_i - U_m u_j leaves of the rows of i and j
+With m the midside node of an element, i and j its ends, D_m u_m = b_m - L_m u_i - U_m u_j leaves of
+the rows of i and j
 
-    (D_i - U_i D_m^-1 L_m) u_i + (K_ij - U_i D_m^-1 U_m) u_j = b_i - U_i D_m^-1 b_m,    and those of j likewise:
+    (D_i - U_i D_m^-1 L_m) u_i + (K_ij - U_i D_m^-1 U_m) u_j = b_i - U_i D_m^-1 b_m,
+    and those of j likewise:
 
-block tridiagonal. Midside nodes are neighbours of none but their own element's ends: all are eliminated at once.
+block tridiagonal. Midside nodes are neighbours of none but their own element's ends: all are
+eliminated at once.
 """
 
 from __future__ import annotations
@@ -19,7 +23,9 @@ from .chain_sums import at_i, at_j
 
 
 class Midside(NamedTuple):
-    """D (..., N, w, w) of the midside nodes; by_i, by_j: D^-1 L, D^-1 U; to_i, to_j: in the rows of the elements' ends."""
+    """D (..., N, w, w) of the midside nodes; by_i, by_j: D^-1 L, D^-1 U; to_i, to_j: in the rows of
+    the elements' ends.
+    """
 
     D: Tensor
     by_i: Tensor
@@ -28,9 +34,13 @@ class Midside(NamedTuple):
     to_j: Tensor
 
     def condense(self, b: Tensor) -> tuple[Tensor, Tensor]:
-        """Right-hand sides (..., 2 N + 1, w) -> (..., N+1, w) of the end nodes; D^-1 b (..., N, w)."""
+        """Right-hand sides (..., 2 N + 1, w) -> (..., N+1, w) of the end nodes; D^-1 b
+        (..., N, w).
+        """
         own = torch.linalg.solve_ex(*broadcast_matrices(self.D, b[..., 1::2, :, None]))[0]
-        return b[..., ::2, :] - at_i((self.to_i @ own)[..., 0]) - at_j((self.to_j @ own)[..., 0]), own[..., 0]
+        return b[..., ::2, :] - at_i((self.to_i @ own)[..., 0]) - at_j(
+            (self.to_j @ own)[..., 0]
+        ), own[..., 0]
 
     def restore(self, x: Tensor, own: Tensor) -> Tensor:
         """(..., 2 N + 1, w) of all nodes from x (..., N+1, w) of the end nodes and D^-1 b."""
@@ -42,8 +52,12 @@ class Midside(NamedTuple):
         return Midside(*(x.detach() for x in self))
 
 
-def condensed(D: Tensor, L: Tensor, U: Tensor, far_U: Tensor, far_L: Tensor) -> tuple[Tensor, Tensor, Tensor, Midside]:
-    """D, L, U of the end nodes, and what leads back, from the parts of the matrix of all nodes, see `ChainMatrix`."""
+def condensed(
+    D: Tensor, L: Tensor, U: Tensor, far_U: Tensor, far_L: Tensor
+) -> tuple[Tensor, Tensor, Tensor, Midside]:
+    """D, L, U of the end nodes, and what leads back, from the parts of the matrix of all nodes, see
+    `ChainMatrix`.
+    """
     middle, *by = broadcast_matrices(D[..., 1::2, :, :], L[..., ::2, :, :], U[..., 1::2, :, :])
     by_i, by_j = torch.linalg.solve_ex(middle, torch.cat(by, -1))[0].chunk(2, -1)
     to_i, to_j = U[..., ::2, :, :], L[..., 1::2, :, :]

@@ -1,9 +1,9 @@
-"""What a topology, its unknowns and its matrices must be able to do: all that the nodal form, the equations and the solvers
-know of who touches whom.
+"""What a topology, its unknowns and its matrices must be able to do: all that the nodal form, the
+equations and the solvers know of who touches whom.
 
-Values of nodes are tensors (..., nodes, *), those of elements (..., elements, *), with `axes` axes of their own; w is the
-number of unknowns of a node. A block (..., w, w) is the derivative of one node's balance by the move of another one, or its
-own.
+Values of nodes are tensors (..., nodes, *), those of elements (..., elements, *), with `axes` axes
+of their own; w is the number of unknowns of a node. A block (..., w, w) is the derivative of one
+node's balance by the move of another one, or its own.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from typing import Any, Protocol
 
 from torch import Tensor
 
-Blocks = tuple[tuple[Tensor, ...], ...]  # of elements (..., elements, w, w): rows and columns are an element's nodes, in order
+# of elements (..., elements, w, w): rows and columns are an element's nodes, in order
+Blocks = tuple[tuple[Tensor, ...], ...]
 
 
 class Topology(Protocol):
@@ -26,25 +27,33 @@ class Topology(Protocol):
     def element_count(self) -> int: ...
 
     def gather(self, x: Tensor, axes: int = 1) -> tuple[Tensor, ...]:
-        """Nodes (..., nodes, *) -> their values (..., elements, *) at the first, the second ... node of each element."""
+        """Nodes (..., nodes, *) -> their values (..., elements, *) at the first, the second ...
+        node of each element.
+        """
         ...
 
     def scatter(self, parts: tuple[Tensor, ...], axes: int = 1) -> Tensor:
-        """What elements give their first, their second ... node (..., elements, *), summed at nodes (..., nodes, *): the
-        transpose of `gather`.
+        """What elements give their first, their second ... node (..., elements, *), summed at nodes
+        (..., nodes, *): the transpose of `gather`.
         """
         ...
 
     def arclength(self, length: Tensor) -> Tensor:
-        """(..., nodes) m along the beam, from the lengths (..., stations) m that the elements' stations stand for."""
+        """(..., nodes) m along the beam, from the lengths (..., stations) m that the elements'
+        stations stand for.
+        """
         ...
 
     def unknowns(self, moving: Tensor, like: Tensor) -> Unknowns:
-        """Those of all nodes' moves that nothing holds, a mask (nodes, w); `like`: a tensor of the scene's dtype and device."""
+        """Those of all nodes' moves that nothing holds, a mask (nodes, w); `like`: a tensor of the
+        scene's dtype and device.
+        """
         ...
 
     def diagonal(self, blocks: Tensor) -> Matrix:
-        """The matrix of what each node does by itself (..., nodes, w, w); of some nodes alone too."""
+        """The matrix of what each node does by itself (..., nodes, w, w); of some nodes alone
+        too.
+        """
         ...
 
     def matrix(self, blocks: Blocks) -> Matrix:
@@ -93,8 +102,8 @@ class Matrix(Protocol):
         ...
 
     def between(self, function: Callable[..., Tensor], rows: Tensor, columns: Tensor) -> Matrix:
-        """With function(block, value of its row's node, value of its column's node) in the place of each block, of values
-        (..., nodes, m, n).
+        """With function(block, value of its row's node, value of its column's node) in the place of
+        each block, of values (..., nodes, m, n).
         """
         ...
 
@@ -111,9 +120,9 @@ class Matrix(Protocol):
         ...
 
     def symmetric(self, unknowns: Any, held: float) -> Any | None:
-        """Of the unknowns, as a constant that multiplies and solves blocks of vectors, see `math.symmetric_chain`, with `held`
-        on the diagonal where a move is held; None where there is none. `unknowns.grouped` says which of a vector's numbers are
-        free moves.
+        """Of the unknowns, as a constant that multiplies and solves blocks of vectors, see
+        `math.symmetric_chain`, with `held` on the diagonal where a move is held; None where there
+        is none. `unknowns.grouped` says which of a vector's numbers are free moves.
         """
         ...
 
@@ -136,13 +145,16 @@ class System(Protocol):
     """A matrix of the unknowns alone, that solves."""
 
     def solve(self, b: Tensor, constant: bool = True) -> Tensor:
-        """Moves (..., nodes, w), zero where held, for right-hand sides (..., nodes, w), whose values there do not count.
-        constant: the matrix has no gradient; what b has is taken once, backward by a solve with the transposed matrix.
+        """Moves (..., nodes, w), zero where held, for right-hand sides (..., nodes, w), whose
+        values there do not count. constant: the matrix has no gradient; what b has is taken once,
+        backward by a solve with the transposed matrix.
         """
         ...
 
     def pivots(self) -> tuple[Tensor, Tensor]:
-        """Pivot blocks (..., n, w, w) of the elimination, zeros after a singular one; (...) bool: whether all are finite."""
+        """Pivot blocks (..., n, w, w) of the elimination, zeros after a singular one; (...) bool:
+        whether all are finite.
+        """
         ...
 
     def positive_definite(self) -> Tensor:

@@ -9,7 +9,9 @@ from torch.testing import assert_close
 import torchbeam as tb
 from torchbeam.analysis.trials import change, operations
 
-BEAM = tb.Beam.straight(1.0, 4, tb.Section.from_stiffness(EA=1e4, GA=(5.0, 4e3), GJ=1.0, EI=1.0, mass=0.2, inertia=1e-6))
+BEAM = tb.Beam.straight(
+    1.0, 4, tb.Section.from_stiffness(EA=1e4, GA=(5.0, 4e3), GJ=1.0, EI=1.0, mass=0.2, inertia=1e-6)
+)
 T = torch.linspace(0, 0.12, 4)
 TIP = tb.sensors.TipPosition()
 
@@ -21,12 +23,22 @@ def scene(*more):
 @pytest.fixture(scope="module")
 def advice():
     more = tb.Gravity((0.0, 0, -1e-4)), tb.Damping((1e-5,) * 6), tb.Gravity((0.0, -2.0, 0))
-    return tb.advise(scene(*more), T, TIP, 0.01, step=0.02, consider=[tb.LineLoad(force=(0, 0, 1.0))], repeats=1, show=False)
+    return tb.advise(
+        scene(*more),
+        T,
+        TIP,
+        0.01,
+        step=0.02,
+        consider=[tb.LineLoad(force=(0, 0, 1.0))],
+        repeats=1,
+        show=False,
+    )
 
 
 def test_what_matters(advice):
-    """By the numbers of the beam: 3 EI/(kGA L^2) = 0.6 of the tip is shear along y; the load against EA, the rotary
-    inertia against EI, a weight of 2e-5 N against a load of 0.3 N are below 1e-3; the other weight is 0.4 N.
+    """By the numbers of the beam: 3 EI/(kGA L^2) = 0.6 of the tip is shear along y; the load
+    against EA, the rotary inertia against EI, a weight of 2e-5 N against a load of 0.3 N are below
+    1e-3; the other weight is 0.4 N.
     """
     of = {t.what: t for t in advice.trials}
     for name in ("without TipLoad", "without Gravity 2", "with LineLoad"):
@@ -38,22 +50,33 @@ def test_what_matters(advice):
 def test_a_change_is_what_two_runs_differ_by(advice):
     """The number of one trial from the two scenes themselves."""
     more = tb.Gravity((0.0, 0, -1e-4)), tb.Damping((1e-5,) * 6)
-    with_, without = (TIP(tb.simulate(s, T, step=0.02).state) for s in (scene(*more, tb.Gravity((0.0, -2.0, 0))), scene(*more)))
+    with_, without = (
+        TIP(tb.simulate(s, T, step=0.02).state)
+        for s in (scene(*more, tb.Gravity((0.0, -2.0, 0))), scene(*more))
+    )
     want = ((without - with_).square().mean() / (with_ - with_[0]).square().mean()).sqrt()
     found = next(t for t in advice.trials if t.what == "without Gravity 2")
     assert_close(torch.tensor(found.change), want)
 
 
 def test_a_trial_that_is_refused_says_why(advice):
-    """Six-valued damping and an impossible strain do not meet: the trial is listed with the sentence, and counts as needed."""
+    """Six-valued damping and an impossible strain do not meet: the trial is listed with the
+    sentence, and counts as needed.
+    """
     shear = next(t for t in advice.trials if t.what == "no shear")
     assert shear.matters and math.isnan(shear.change) and "six-valued tau" in shear.note
     assert "six-valued tau" in str(advice)
 
 
 def test_all_together(advice):
-    """What does not matter is left out at once, and measured again; times are shares of the scene's."""
-    assert advice.together is not None and advice.together.change < 0.01 and not advice.together.matters
+    """What does not matter is left out at once, and measured again; times are shares of the
+    scene's.
+    """
+    assert (
+        advice.together is not None
+        and advice.together.change < 0.01
+        and not advice.together.matters
+    )
     assert advice.seconds > 0 and all(t.time > 0 for t in advice.trials if not t.note)
 
 
@@ -65,12 +88,16 @@ def test_table(capsys):
 
 
 def test_refusals():
-    with pytest.raises(ValueError, match="tolerance = 0 was given; a positive finite number is wanted"):
+    with pytest.raises(
+        ValueError, match="tolerance = 0 was given; a positive finite number is wanted"
+    ):
         tb.advise(scene(), T, TIP, 0)
 
 
 def test_change():
-    """RMS of the difference over the RMS of the motion; of an answer that stands still, over itself."""
+    """RMS of the difference over the RMS of the motion; of an answer that stands still, over
+    itself.
+    """
     path = torch.tensor([[1.0], [2.0], [4.0]])
     assert change(path + 0.1, path) == pytest.approx(0.1 / math.sqrt((0 + 1 + 9) / 3))
     assert change(torch.full((3, 1), 2.2), torch.full((3, 1), 2.0)) == pytest.approx(0.1)
@@ -82,10 +109,12 @@ def test_operations():
 
 
 def test_unknowns():
-    """A load in the plane xy: 3D is not needed, rounding apart, and xz cannot be; a tip moved by half a length needs large
-    rotations.
+    """A load in the plane xy: 3D is not needed, rounding apart, and xz cannot be; a tip moved by
+    half a length needs large rotations.
     """
-    beam = tb.Beam.straight(1.0, 4, tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=1.0, EI=1.0, mass=0.2, inertia=1e-4))
+    beam = tb.Beam.straight(
+        1.0, 4, tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=1.0, EI=1.0, mass=0.2, inertia=1e-4)
+    )
     bent = tb.Scene(beam, [tb.TipLoad(force=(0, 2.0, 0))])
     of = {t.what: t for t in tb.advise(bent, T, TIP, step=0.02, repeats=1, show=False).trials}
     assert of["in the plane xy"].change < 1e-9 and not of["in the plane xy"].matters

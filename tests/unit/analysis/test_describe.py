@@ -18,26 +18,37 @@ def said(scene):
 
 
 def test_counts_are_those_of_the_forms():
-    """4 elements: 24 moves in space, 12 in a plane; states of the explicit forms are what they integrate."""
+    """4 elements: 24 moves in space, 12 in a plane; states of the explicit forms are what they
+    integrate.
+    """
     t = torch.tensor([0.0, 0.001])
     scene = tb.Scene(BEAM, LIFTED)
     found = tb.describe(scene)
     assert found.unknowns == 24 and tb.describe(tb.Scene(BEAM, LIFTED, plane="xz")).unknowns == 12
     assert tb.describe(tb.Scene(BEAM, supports=())).unknowns == 30
     assert found.states["minimal"] == 12 * 4 and found.states["block_rate"] == 24 * 4 + 12
-    assert found.states["nodal, explicit"] == 4 * 13 + 1  # position, quaternion, velocity and spin of a node; the work
+    # position, quaternion, velocity and spin of a node; the work
+    assert found.states["nodal, explicit"] == 4 * 13 + 1
     assert tb.linearize(scene).A.shape[-1] == found.states["nodal, 'midpoint'"]
     assert tb.simulate(scene, t, form="minimal").status == 0 and not found.refusals
 
 
 def test_refusals_are_those_of_the_forms():
     """What describe says of a form is the sentence that the form says."""
-    scene = tb.Scene(BEAM, [*LIFTED, tb.Damping(0.1), tb.PointMass(0.1, offset=(0, 0, 0.1))], supports=(
-        tb.Support(0), tb.Support(-1, position="y", rotation="")))
+    scene = tb.Scene(
+        BEAM,
+        [*LIFTED, tb.Damping(0.1), tb.PointMass(0.1, offset=(0, 0, 0.1))],
+        supports=(tb.Support(0), tb.Support(-1, position="y", rotation="")),
+    )
     found = tb.describe(scene)
-    calls = {"nodal, 'generalized_alpha'": dict(method="generalized_alpha"), "minimal": dict(form="minimal"),
-             "block_rate": dict(form="block_rate")}
-    assert found.refusals.keys() == calls.keys() and all(found.states[name] is None for name in calls)
+    calls = {
+        "nodal, 'generalized_alpha'": dict(method="generalized_alpha"),
+        "minimal": dict(form="minimal"),
+        "block_rate": dict(form="block_rate"),
+    }
+    assert found.refusals.keys() == calls.keys() and all(
+        found.states[name] is None for name in calls
+    )
     for name, how in calls.items():
         with pytest.raises(ValueError) as caught:
             tb.simulate(scene, [0.0, 0.1], **how)
@@ -45,32 +56,65 @@ def test_refusals_are_those_of_the_forms():
 
 
 def test_planes_are_found_but_not_taken():
-    """In space, it says in which planes all numbers lie; an Input may leave them; "auto" takes the plane."""
-    assert tb.describe(tb.Scene(BEAM, LIFTED)).planes == ("xz",) and tb.describe(tb.Scene(BEAM)).planes == ("xy", "xz")
+    """In space, it says in which planes all numbers lie; an Input may leave them; "auto" takes the
+    plane.
+    """
+    assert tb.describe(tb.Scene(BEAM, LIFTED)).planes == ("xz",) and tb.describe(
+        tb.Scene(BEAM)
+    ).planes == ("xy", "xz")
     assert "plane='xz' gives the same answer with half the unknowns" in said(tb.Scene(BEAM, LIFTED))
     assert tb.describe(tb.Scene(BEAM, [tb.TipLoad(force=(0, 1.0, 1.0))])).planes == ()
     driven = said(tb.Scene(BEAM, [*LIFTED, tb.TipLoad(force=tb.Input("u", 3))]))
-    assert "plane='xz' halves the unknowns, if what its functions and inputs do lies in it" in driven
+    assert (
+        "plane='xz' halves the unknowns, if what its functions and inputs do lies in it" in driven
+    )
     auto = tb.describe(tb.Scene(BEAM, LIFTED, plane="auto"))
-    assert auto.plane == "xz" and auto.planes == () and "the plane xz, found in its numbers" in str(auto)
+    assert (
+        auto.plane == "xz"
+        and auto.planes == ()
+        and "the plane xz, found in its numbers" in str(auto)
+    )
 
 
 def test_it_names_what_is_there():
-    stiff = tb.Section.from_stiffness(EA=math.inf, GA=math.inf, GJ=1.0, EI=1.0, mass=torch.tensor([1.0, 2.0]))
-    effects = [tb.PointLoad(moment=tb.Input("m", 3), node=1, follower=True), tb.MassDamping(0.5),
-               tb.LineLoad(force=torch.zeros(2, 3))]
-    text = said(tb.Scene(
-        tb.Beam.straight(2.0, 3, stiff), effects, frame=tb.Frame(angular_velocity=lambda t: t.expand(3)), supports=(
-            tb.Support(0, displacement=lambda t: t.expand(3)), tb.Support(-1, position="yz", rotation="xz"))))
-    for wanted in ("3 elements, 2 m long", "inextensible and unshearable; no rotary inertia", "axes (2,); float64 on cpu",
-                   "PointLoad at node 1: moment = input 'm', follower", "MassDamping along the beam: alpha = 0.5",
-                   "LineLoad along the beam: force = of shape (2, 3)", "m (3)", "node 0: clamped, moved by its displacement",
-                   "node 3: position yz held, hinged about y", "angular velocity a function"):
+    stiff = tb.Section.from_stiffness(
+        EA=math.inf, GA=math.inf, GJ=1.0, EI=1.0, mass=torch.tensor([1.0, 2.0])
+    )
+    effects = [
+        tb.PointLoad(moment=tb.Input("m", 3), node=1, follower=True),
+        tb.MassDamping(0.5),
+        tb.LineLoad(force=torch.zeros(2, 3)),
+    ]
+    text = said(
+        tb.Scene(
+            tb.Beam.straight(2.0, 3, stiff),
+            effects,
+            frame=tb.Frame(angular_velocity=lambda t: t.expand(3)),
+            supports=(
+                tb.Support(0, displacement=lambda t: t.expand(3)),
+                tb.Support(-1, position="yz", rotation="xz"),
+            ),
+        )
+    )
+    for wanted in (
+        "3 elements, 2 m long",
+        "inextensible and unshearable; no rotary inertia",
+        "axes (2,); float64 on cpu",
+        "PointLoad at node 1: moment = input 'm', follower",
+        "MassDamping along the beam: alpha = 0.5",
+        "LineLoad along the beam: force = of shape (2, 3)",
+        "m (3)",
+        "node 0: clamped, moved by its displacement",
+        "node 3: position yz held, hinged about y",
+        "angular velocity a function",
+    ):
         assert wanted in text, wanted
 
 
 def test_frequencies_are_in_double_precision():
-    """A float32 scene with EA = 4e6 EI: first frequency 3.516 sqrt(EI/m)/L^2, to 4 elements' 3 %; loads and frames apart."""
+    """A float32 scene with EA = 4e6 EI: first frequency 3.516 sqrt(EI/m)/L^2, to 4 elements' 3 %;
+    loads and frames apart.
+    """
     one = torch.tensor(1.0, dtype=torch.float32)
     of = tb.Section.from_stiffness(EA=4e6 * one, GA=1e6, GJ=1.0, EI=1.0, mass=1.0)
     turning = tb.Frame(angular_velocity=(0, 0, 1.0))
@@ -80,7 +124,9 @@ def test_frequencies_are_in_double_precision():
 
 
 def test_frequencies_are_wet_and_sprung():
-    """Added mass of three times the beam's, also in a stream, halves them; a spring at the tip raises them."""
+    """Added mass of three times the beam's, also in a stream, halves them; a spring at the tip
+    raises them.
+    """
     of = tb.Section.from_stiffness(EA=1e3, GA=1e3, GJ=1.0, EI=1.0, mass=1.0)
     beam = tb.Beam.straight(1.0, 16, of)
 
@@ -93,16 +139,30 @@ def test_frequencies_are_wet_and_sprung():
 
 
 def test_command(tmp_path, capsys):
-    """`info FILE` prints its scene, or all Scenes; a missing file, or one without a Scene, is an error of the command line."""
-    text = "import torchbeam as tb\nof = tb.Section.from_stiffness(EA=1e3, GA=1e3, GJ=1., EI=1., mass=1.)\n"
+    """`info FILE` prints its scene, or all Scenes; a missing file, or one without a Scene, is an
+    error of the command line.
+    """
+    text = (
+        "import torchbeam as tb\nof = tb.Section.from_stiffness(EA=1e3, GA=1e3, GJ=1., EI=1., "
+        "mass=1.)\n"
+    )
     both = tmp_path / "both.py"
-    both.write_text(text + "".join(f"{name} = tb.Scene(tb.Beam.straight(1., {n}, of))\n" for name, n in (("a", 2), ("b", 3))))
+    both.write_text(
+        text
+        + "".join(
+            f"{name} = tb.Scene(tb.Beam.straight(1., {n}, of))\n"
+            for name, n in (("a", 2), ("b", 3))
+        )
+    )
     assert main(["info", str(both)]) == 0
     out = capsys.readouterr().out
     assert "a:\nbeam " in out and "b:\nbeam " in out and "2 elements" in out and "3 elements" in out
     empty = tmp_path / "empty.py"
     empty.write_text("x = 1\n")
-    wrong = {empty: "without a torchbeam.Scene was given", tmp_path / "none.py": "none.py was given; a Python file"}
+    wrong = {
+        empty: "without a torchbeam.Scene was given",
+        tmp_path / "none.py": "none.py was given; a Python file",
+    }
     for path, sentence in wrong.items():
         with pytest.raises(SystemExit) as caught:
             main(["info", str(path)])
@@ -119,4 +179,7 @@ def test_version(capsys):
 def test_filter_that_leaves_nothing(command, capsys):
     with pytest.raises(SystemExit) as caught:
         main([command, "--filter", "nosuch"])
-    assert caught.value.code == 2 and "--filter 'nosuch' was given; no case has that" in capsys.readouterr().err
+    assert (
+        caught.value.code == 2
+        and "--filter 'nosuch' was given; no case has that" in capsys.readouterr().err
+    )

@@ -43,22 +43,39 @@ def test_another_code(name):
 def test_the_same_code():
     """Comments, empty lines, the text of a docstring, the file."""
     documented = CODE.replace("\n", '\n    "Once."\n', 1)
-    assert fingerprint(function(CODE)) == fingerprint(function("# a comment\n\n" + CODE.replace("return", "\n    return")))
-    assert fingerprint(function(documented)) == fingerprint(function(documented.replace("Once", "Twice")))
+    assert fingerprint(function(CODE)) == fingerprint(
+        function("# a comment\n\n" + CODE.replace("return", "\n    return"))
+    )
+    assert fingerprint(function(documented)) == fingerprint(
+        function(documented.replace("Once", "Twice"))
+    )
 
 
 def test_globals_and_helpers():
-    """A global, a function that it calls, a global of that one, a module of the user's, an inner function's global."""
+    """A global, a function that it calls, a global of that one, a module of the user's, an inner
+    function's global.
+    """
+
     def known(scale=1.0, power=2, inner=3.0):
         helper = function("def helper(x):\n    return scale * x", "helper", scale=scale)
         module = types.ModuleType("users")
         module.power, module.unused = power, object()
-        return fingerprint(function("def f(x):\n    g = lambda y: y + inner\n    return helper(g(x)) ** users.power",
-                                    helper=helper, users=module, inner=inner))[0]
+        return fingerprint(
+            function(
+                "def f(x):\n    g = lambda y: y + inner\n    return helper(g(x)) ** users.power",
+                helper=helper,
+                users=module,
+                inner=inner,
+            )
+        )[0]
 
     base = known()
     assert base == known()
-    for changed, part in ((dict(scale=2.0), "helper.scale"), (dict(power=3), "users.power"), (dict(inner=4.0), "inner")):
+    for changed, part in (
+        (dict(scale=2.0), "helper.scale"),
+        (dict(power=3), "users.power"),
+        (dict(inner=4.0), "inner"),
+    ):
         other = known(**changed)
         assert [name for name in base if base[name] != other[name]] == [part]
 
@@ -82,20 +99,28 @@ class Record:
 
 
 A, B = torch.tensor([1.0, 2.0]), torch.tensor([1.0, 2.0 + 1e-15 * 2])
+# fmt: off
 PAIRS = {
-    "float": (1.0, 1.0 + 2e-16), "int for float": (1, 1.0), "text": ("a", "b"), "list": ([1, 2], [2, 1]),
-    "dict": ({"a": 1}, {"a": 2}), "set": ({"a", "b"}, {"a", "c"}), "tensor": (A, B), "tensor's dtype": (A, A.float()),
+    "float": (1.0, 1.0 + 2e-16), "int for float": (1, 1.0), "text": ("a", "b"),
+    "list": ([1, 2], [2, 1]),
+    "dict": ({"a": 1}, {"a": 2}), "set": ({"a", "b"}, {"a", "c"}), "tensor": (A, B),
+    "tensor's dtype": (A, A.float()),
     "tensor's shape": (A, A[None]),
-    "array": (A.numpy(), B.numpy()), "callable": (Model(1.0), Model(2.0)), "method": (Model(1.0).__call__, Model(2.0).__call__),
+    "array": (A.numpy(), B.numpy()), "callable": (Model(1.0), Model(2.0)),
+    "method": (Model(1.0).__call__, Model(2.0).__call__),
     "partial": (functools.partial(torch.add, other=1), functools.partial(torch.add, other=2)),
-    "dataclass": (Record(1.0), Record(1.0, Record(2.0))), "generator": (np.random.default_rng(0), np.random.default_rng(1)),
-    "numpy's": (np.sin, np.cos), "torch's": (torch.sin, torch.cos), "built in": (math.sin, math.cos),
+    "dataclass": (Record(1.0), Record(1.0, Record(2.0))),
+    "generator": (np.random.default_rng(0), np.random.default_rng(1)),
+    "numpy's": (np.sin, np.cos), "torch's": (torch.sin, torch.cos),
+    "built in": (math.sin, math.cos),
     "class": (Model, Record), "module": (torch.nn.Linear(2, 2), torch.nn.Linear(2, 2)),
     "distribution": (torch.distributions.Normal(0.0, 1.0), torch.distributions.Normal(0.0, 2.0)),
     "pattern": (re.compile("a"), re.compile("b")),
-    "cached": (functools.lru_cache(function(CODE)), functools.lru_cache(function(CHANGED["method"]))),
+    "cached": (functools.lru_cache(function(CODE)),
+               functools.lru_cache(function(CHANGED["method"]))),
     "dtype": (torch.float32, torch.float64),
 }
+# fmt: on
 
 
 @pytest.mark.parametrize("name", PAIRS)
@@ -108,7 +133,8 @@ def test_values(name):
 
 def test_use_does_not_change():
     """What an object or a scene keeps for a second use."""
-    model, scene = Model(1.0), tb.Scene(tb.Beam.straight(1.0, 2, tb.Section.from_stiffness(9.0, 9.0, 1.0, 1.0, 1.0)))
+    model = Model(1.0)
+    scene = tb.Scene(tb.Beam.straight(1.0, 2, tb.Section.from_stiffness(9.0, 9.0, 1.0, 1.0, 1.0)))
     before = fingerprint(model), fingerprint(lambda theta: scene)
     assert model.half and tb.equilibrium(scene) and tb.describe(scene)
     assert before == (fingerprint(model), fingerprint(lambda theta: scene))
@@ -133,6 +159,15 @@ def test_another_process_finds_the_same():
     """Hashes of texts, and so the order of sets, are another process's own."""
     code = "def f(x):\n    return x in {'a', 'b', 'c', 'd', 'e', 'f', 'g', 'h'}"
     there = subprocess.run(
-        [sys.executable, "-c", f"{code}\nfrom torchbeam.analysis.fingerprint import fingerprint\nprint(fingerprint(f)[0])"],
-        env={"PYTHONHASHSEED": "1", "OMP_NUM_THREADS": "1"}, check=True, capture_output=True, text=True)
+        [
+            sys.executable,
+            "-c",
+            f"{code}\nfrom torchbeam.analysis.fingerprint import "
+            "fingerprint\nprint(fingerprint(f)[0])",
+        ],
+        env={"PYTHONHASHSEED": "1", "OMP_NUM_THREADS": "1"},
+        check=True,
+        capture_output=True,
+        text=True,
+    )
     assert there.stdout.strip() == str(fingerprint(function(code))[0])

@@ -18,7 +18,13 @@ PACKAGES = "torchbeam", "torchbeam_envs"
 
 def functions(value):
     """What of an attribute of a class is a function, of a property the one that gets it."""
-    value = value.fget if isinstance(value, property) else value.func if isinstance(value, cached) else value
+    value = (
+        value.fget
+        if isinstance(value, property)
+        else value.func
+        if isinstance(value, cached)
+        else value
+    )
     value = value.__func__ if isinstance(value, (staticmethod, classmethod)) else value
     return [value] if isinstance(value, types.FunctionType) else []
 
@@ -26,22 +32,43 @@ def functions(value):
 def uncovered(name, value):
     """Dotted names of what is no entry point, of a public function, a class or a module."""
     if isinstance(value, types.ModuleType):
-        return [x for own in getattr(value, "__all__", ()) for x in uncovered(f"{name}.{own}", getattr(value, own))]
+        return [
+            x
+            for own in getattr(value, "__all__", ())
+            for x in uncovered(f"{name}.{own}", getattr(value, own))
+        ]
     if isinstance(value, types.FunctionType):
         return [] if hasattr(value, MARK) else [name]
     if not isinstance(value, type):
         return []
-    members = [(own, one) for kind in value.__mro__ if kind.__module__.split(".")[0] in PACKAGES
-               for own, one in vars(kind).items() if own in SPECIAL or not own.startswith("_")]
+    members = [
+        (own, one)
+        for kind in value.__mro__
+        if kind.__module__.split(".")[0] in PACKAGES
+        for own, one in vars(kind).items()
+        if own in SPECIAL or not own.startswith("_")
+    ]
     return [f"{name}.{own}" for own, one in members for f in functions(one) if not hasattr(f, MARK)]
 
 
 def test_every_public_call_is_an_entry_point():
     names = [(module, name) for module in (tb, torchbeam_envs) for name in module.__all__]
-    assert [x for module, name in names for x in uncovered(f"{module.__name__}.{name}", getattr(module, name))] == []
+    assert [
+        x
+        for module, name in names
+        for x in uncovered(f"{module.__name__}.{name}", getattr(module, name))
+    ] == []
     assert uncovered("sensors", tb.sensors) == uncovered("laws", tb.laws) == []
-    assert all(hasattr(f, MARK) for f in (tb.simulate, tb.Scene.__init__, tb.sensors.TipPosition.read, tb.State.tip.fget,
-                                          torchbeam_envs.TipReachVectorEnv.step))
+    assert all(
+        hasattr(f, MARK)
+        for f in (
+            tb.simulate,
+            tb.Scene.__init__,
+            tb.sensors.TipPosition.read,
+            tb.State.tip.fget,
+            torchbeam_envs.TipReachVectorEnv.step,
+        )
+    )
 
 
 def test_a_wrapped_function_is_told_as_itself():
@@ -54,16 +81,26 @@ SECTION = dict(EA=4e2, GA=1.5e2, GJ=0.8, EI=1.0, mass=0.2, inertia=5e-3)
 
 def scene():
     beam = tb.Beam.straight(1.0, 3, tb.Section.from_stiffness(**SECTION))
-    return tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3)), tb.Damping(1e-2), tb.Gravity((0, 0, -1.0))])
+    return tb.Scene(
+        beam, [tb.TipLoad(force=tb.Input("u", 3)), tb.Damping(1e-2), tb.Gravity((0, 0, -1.0))]
+    )
 
 
 def motion(engine):
     force = torch.tensor([0.0, 0.1, 0.0], requires_grad=True)
-    solution = tb.simulate(scene(), torch.linspace(0, 0.05, 6), inputs={"u": force}, step=0.01, engine=engine)
+    solution = tb.simulate(
+        scene(), torch.linspace(0, 0.05, 6), inputs={"u": force}, step=0.01, engine=engine
+    )
     with torch.autocast("cpu", enabled=False):  # where torch wants backward to be called
         solution.tip.position.square().sum().backward()
-    return (solution.tip.rotation, solution.energy.strain, solution.root.moment, force.grad,
-            tb.sensors.Strain(0.4, beam=scene())(solution.state), tb.observe(solution, tb.sensors.TipPosition(), [0.013, 0.04]))
+    return (
+        solution.tip.rotation,
+        solution.energy.strain,
+        solution.root.moment,
+        force.grad,
+        tb.sensors.Strain(0.4, beam=scene())(solution.state),
+        tb.observe(solution, tb.sensors.TipPosition(), [0.013, 0.04]),
+    )
 
 
 def stepping(engine):
@@ -93,7 +130,12 @@ def network(engine):
         return net(velocity), None
 
     with torch.no_grad():
-        solution = tb.simulate(tb.Scene(scene().beam, [tb.Load(force)]), torch.linspace(0, 0.02, 3), step=0.01, engine="eager")
+        solution = tb.simulate(
+            tb.Scene(scene().beam, [tb.Load(force)]),
+            torch.linspace(0, 0.02, 3),
+            step=0.01,
+            engine="eager",
+        )
     assert seen and not any(seen)
     return [solution.tip.position]
 
@@ -107,7 +149,9 @@ def environment(engine):
 @pytest.mark.parametrize("engine", ["eager", "compiled"])
 @pytest.mark.parametrize("call", [motion, stepping, statics, network, environment])
 def test_autocast_changes_nothing(call, engine):
-    """float32, of which autocast would make products in bfloat16: the same numbers as without, by the same instructions."""
+    """float32, of which autocast would make products in bfloat16: the same numbers as without, by
+    the same instructions.
+    """
     if engine == "compiled":
         pytest.importorskip("llvmlite")
     torch.set_default_dtype(torch.float32)
@@ -146,9 +190,12 @@ print(counter.frame_count)
 
 
 def test_compile_breaks_at_a_call_and_leaves_it_alone():
-    """In a process of its own: what surrounds the calls is a few graphs (before a call, between, after), values and gradients
-    are the same, and torchbeam by itself does not import torch's compiler.
+    """In a process of its own: what surrounds the calls is a few graphs (before a call, between,
+    after), values and gradients are the same, and torchbeam by itself does not import torch's
+    compiler.
     """
-    ran = subprocess.run([sys.executable, "-c", COMPILED], capture_output=True, text=True, timeout=300)
+    ran = subprocess.run(
+        [sys.executable, "-c", COMPILED], capture_output=True, text=True, timeout=300
+    )
     assert ran.returncode == 0, ran.stderr
     assert int(ran.stdout) <= 6

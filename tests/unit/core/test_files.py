@@ -9,8 +9,22 @@ import pytest
 from torchbeam import cli
 from torchbeam.core import files
 
-COMMANDS = ("accuracy", "bench", "control", "coverage", "demo", "effects", "envs", "gradients", "hardcases", "identification",
-            "oracle", "rates", "scale", "verify")
+COMMANDS = (
+    "accuracy",
+    "bench",
+    "control",
+    "coverage",
+    "demo",
+    "effects",
+    "envs",
+    "gradients",
+    "hardcases",
+    "identification",
+    "oracle",
+    "rates",
+    "scale",
+    "verify",
+)
 
 
 def full(*_):
@@ -18,12 +32,15 @@ def full(*_):
 
 
 def test_every_command_that_writes_is_here():
-    assert set(COMMANDS) | {"info", "montecarlo"} == set(cli.commands())  # the latter wants a file of its own first
+    # the latter wants a file of its own first
+    assert set(COMMANDS) | {"info", "montecarlo"} == set(cli.commands())
 
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_folder_that_cannot_be_written_ends_a_command_first(name, tmp_path, capsys):
-    """Below a file, and a file: a sentence and the status 2, before any of the minutes that each of these takes."""
+    """Below a file, and a file: a sentence and the status 2, before any of the minutes that each of
+    these takes.
+    """
     (tmp_path / "file").write_text("")
     for path, sentence in (("file/x", r"cannot be written"), ("file", "was given for a folder")):
         with pytest.raises(SystemExit) as end:
@@ -36,16 +53,23 @@ def test_a_folder_that_cannot_be_written_ends_a_command_first(name, tmp_path, ca
 def test_a_disk_that_fills_up_ends_a_command_in_a_sentence(tmp_path, capsys, monkeypatch):
     """What was found is printed all the same."""
     real, count = os.fsync, []
-    monkeypatch.setattr(os, "fsync", lambda file: (count.append(file), full() if len(count) > 1 else real(file)))
+    monkeypatch.setattr(
+        os, "fsync", lambda file: (count.append(file), full() if len(count) > 1 else real(file))
+    )
     assert cli.main(["verify", "--filter", "Greenhill", "--out", str(tmp_path)]) == 2
     said = capsys.readouterr()
     assert "Greenhill 1881" in said.out
-    assert said.err.startswith("python -m torchbeam verify: error: ") and "No space left on device" in said.err
+    assert (
+        said.err.startswith("python -m torchbeam verify: error: ")
+        and "No space left on device" in said.err
+    )
     assert [p.name for p in tmp_path.iterdir()] == ["verify.md"]
 
 
 def test_other_errors_of_a_command_go_through(monkeypatch):
-    monkeypatch.setattr(cli, "commands", lambda: {"x": EntryPoint("x", "tests_that_are_not:there", cli.GROUP)})
+    monkeypatch.setattr(
+        cli, "commands", lambda: {"x": EntryPoint("x", "tests_that_are_not:there", cli.GROUP)}
+    )
     with pytest.raises(ImportError):
         cli.main(["x"])
 
@@ -53,7 +77,9 @@ def test_other_errors_of_a_command_go_through(monkeypatch):
 def test_a_folder_is_made_but_not_what_it_lies_in(tmp_path):
     assert files.folder(tmp_path / "a").is_dir() and not list((tmp_path / "a").iterdir())
     assert files.folder(tmp_path / "b" / "c", parents=True).is_dir()
-    with pytest.raises(ValueError, match=r"no' is no folder; one in a folder that is there is wanted"):
+    with pytest.raises(
+        ValueError, match=r"no' is no folder; one in a folder that is there is wanted"
+    ):
         files.folder(tmp_path / "no" / "such")
     assert not (tmp_path / "no").exists()
 
@@ -64,7 +90,9 @@ def test_a_file_is_whole_or_as_it_was(tmp_path, monkeypatch):
     for place in ("fsync", "replace"):
         with monkeypatch.context() as patch:
             patch.setattr(os, place, full)
-            with pytest.raises(files.NotWritten, match=r"file' could not be written: No space left on device"):
+            with pytest.raises(
+                files.NotWritten, match=r"file' could not be written: No space left on device"
+            ):
                 files.write(path, "new")
         assert path.read_text() == "old" and [p.name for p in tmp_path.iterdir()] == ["file"]
     with pytest.raises(KeyboardInterrupt), files.written(path) as part:

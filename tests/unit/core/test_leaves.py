@@ -1,4 +1,6 @@
-"""Leaves: tensors are declared once, and everything that handles them as a whole follows from that."""
+"""Leaves: tensors are declared once, and everything that handles them as a whole follows from
+that.
+"""
 
 import functools
 from dataclasses import dataclass
@@ -10,7 +12,16 @@ import torch
 
 from torchbeam.core.batch_subset import BatchSubset, NotSeparable
 from torchbeam.core.derivatives import cached, no_derivatives
-from torchbeam.core.leaves import Tree, batch_shapes, detached, functions, leaf, leaves, map_leaves, wants_gradient
+from torchbeam.core.leaves import (
+    Tree,
+    batch_shapes,
+    detached,
+    functions,
+    leaf,
+    leaves,
+    map_leaves,
+    wants_gradient,
+)
 
 Value = Any
 
@@ -40,10 +51,19 @@ def point(**more):
 
 
 def test_every_leaf_is_found_once_with_its_axes():
-    cloud = Cloud((point(), Point("matrix", np.ones(3), 2.0, torch.ones(5, 1, 2, 2))), inputs={"u": torch.ones(4, 2)})
+    cloud = Cloud(
+        (point(), Point("matrix", np.ones(3), 2.0, torch.ones(5, 1, 2, 2))),
+        inputs={"u": torch.ones(4, 2)},
+    )
     found = [(one.name, one.axes, one.batch_shape) for one in leaves(cloud)]
-    assert found == [("inputs", 1, (4,)), ("place", 1, (4,)), ("weight", 0, (4,)), ("place", 1, ()), ("weight", 0, None),
-                     ("after", 2, (5, 1))]
+    assert found == [
+        ("inputs", 1, (4,)),
+        ("place", 1, (4,)),
+        ("weight", 0, (4,)),
+        ("place", 1, ()),
+        ("weight", 0, None),
+        ("after", 2, (5, 1)),
+    ]
     assert torch.broadcast_shapes(*batch_shapes(cloud)) == (5, 4)
 
 
@@ -59,18 +79,29 @@ def test_a_mapped_tree_is_a_copy_without_caches_and_shares_what_was_shared():
     cloud = Cloud((one, one), one)
     assert cloud.total.shape == (4,)
     doubled = map_leaves(lambda value, axes: 2 * value, cloud)
-    assert doubled.points[0] is doubled.points[1] is doubled.centre and not any("total" in name for name in vars(doubled))
-    assert torch.equal(doubled.total, 2 * cloud.total) and torch.equal(one.weight, torch.arange(4.0))
+    assert doubled.points[0] is doubled.points[1] is doubled.centre and not any(
+        "total" in name for name in vars(doubled)
+    )
+    assert torch.equal(doubled.total, 2 * cloud.total) and torch.equal(
+        one.weight, torch.arange(4.0)
+    )
 
 
 def test_gradient_is_seen_wherever_it_is_held():
     w = torch.ones(4, requires_grad=True)
     cloud = Cloud((point(),), Point("p", torch.zeros(3), w))
-    assert wants_gradient(cloud) and not wants_gradient(detached(cloud)) and not wants_gradient(Cloud((point(),)))
+    assert (
+        wants_gradient(cloud)
+        and not wants_gradient(detached(cloud))
+        and not wants_gradient(Cloud((point(),)))
+    )
     with torch.no_grad():
         assert not wants_gradient(cloud)
-    torch.func.jvp(lambda x: (_ for _ in ()).throw(AssertionError) if not wants_gradient(Point("p", x)) else x,
-                   (torch.ones(3),), (torch.ones(3),))
+    torch.func.jvp(
+        lambda x: (_ for _ in ()).throw(AssertionError) if not wants_gradient(Point("p", x)) else x,
+        (torch.ones(3),),
+        (torch.ones(3),),
+    )
 
 
 def test_what_is_cached_without_derivatives_is_not_what_is_cached_with_them():
@@ -81,37 +112,54 @@ def test_what_is_cached_without_derivatives_is_not_what_is_cached_with_them():
     assert cloud.total.requires_grad and cloud.total is cloud.total
     with torch.no_grad():  # what has them serves without
         assert (2 * cloud.total).requires_grad is False
-    with pytest.raises(TypeError, match=r"Bad\.x is a functools\.cached_property.*cached is wanted"):
+    with pytest.raises(
+        TypeError, match=r"Bad\.x is a functools\.cached_property.*cached is wanted"
+    ):
         type("Bad", (Tree,), {"x": functools.cached_property(lambda self: 0)})
 
 
 def test_samples_are_taken_and_put_back():
-    """Where there is a batch axis: functions by their values, plain numbers as arrays, what is everybody's left alone."""
+    """Where there is a batch axis: functions by their values, plain numbers as arrays, what is
+    everybody's left alone.
+    """
     few = BatchSubset(torch.tensor([1, 3]), 4)
-    cloud = Cloud((point(), Point("p", lambda t: t * torch.ones(4, 3), np.arange(4.0))), Point("p", torch.zeros(3)))
+    cloud = Cloud(
+        (point(), Point("p", lambda t: t * torch.ones(4, 3), np.arange(4.0))),
+        Point("p", torch.zeros(3)),
+    )
     part = few.gather(cloud)
     assert torch.equal(part.points[0].place, cloud.points[0].place[[1, 3]])
-    assert part.points[1].place(torch.tensor(2.0)).shape == (2, 3) and part.points[1].weight.tolist() == [1, 3]
+    assert part.points[1].place(torch.tensor(2.0)).shape == (2, 3) and part.points[
+        1
+    ].weight.tolist() == [1, 3]
     assert part.centre.place.shape == (3,) and [f.name for f in functions(part)] == ["place"]
-    back = few.scatter(Cloud((point(),)), Cloud((map_leaves(lambda v, axes: -few.take(v, axes), point()),)))
+    back = few.scatter(
+        Cloud((point(),)), Cloud((map_leaves(lambda v, axes: -few.take(v, axes), point()),))
+    )
     assert back.points[0].weight.tolist() == [0, -1, 2, -3]
     with pytest.raises(NotSeparable):
         few.gather(Cloud((), law=lambda position: position))
 
 
 def test_merging_goes_by_declared_axes_and_not_by_shapes():
-    """A batch of 3 beside axes of size 3: what has no batch axis stays as it was, whatever its sizes; one sample may bring a
-    batch axis of size 1; one value for all becomes one for each where a sample has its own. Out of place, with gradients."""
+    """A batch of 3 beside axes of size 3: what has no batch axis stays as it was, whatever its
+    sizes; one sample may bring a batch axis of size 1; one value for all becomes one for each where
+    a sample has its own. Out of place, with gradients.
+    """
     one = BatchSubset(torch.tensor([1]), 3)
     shared, own = torch.zeros(3, requires_grad=True), torch.arange(3.0, requires_grad=True)
     cloud = Cloud((Point("p", shared, own), Point("p", torch.zeros(1, 3), torch.tensor(0.0))))
     single = torch.tensor([7.0], requires_grad=True)
-    part = Cloud((Point("p", torch.ones(3), single), Point("p", torch.ones(1, 3), torch.tensor([5.0]))))
+    part = Cloud(
+        (Point("p", torch.ones(3), single), Point("p", torch.ones(1, 3), torch.tensor([5.0])))
+    )
     merged = one.merge(cloud, part)
     assert merged.points[0].place is shared and merged.points[0].weight.tolist() == [0, 7, 2]
     assert torch.equal(merged.points[1].place, torch.tensor([0.0, 1, 0])[:, None].expand(3, 3))
     assert merged.points[1].weight.tolist() == [0, 5, 0] and own.tolist() == [0, 1, 2]
-    by = torch.autograd.grad((merged.points[0].weight * torch.tensor([1.0, 2, 4])).sum(), (own, single))
+    by = torch.autograd.grad(
+        (merged.points[0].weight * torch.tensor([1.0, 2, 4])).sum(), (own, single)
+    )
     assert [g.tolist() for g in by] == [[1, 0, 4], [2]]
 
 
@@ -127,11 +175,15 @@ def test_a_function_is_merged_where_it_holds_the_same():
     def recursive(rate):
         def law(t):
             return rate * t if t < 1 else law(t / 2)
+
         return Cloud((), law=law)
 
     whole = cloud(2.0, torch.ones(3))
     assert one.merge(whole, cloud(2.0, torch.ones(3))) is whole
-    pairs = [(whole, part) for part in (cloud(2.0, torch.ones(1)), cloud(3.0, torch.ones(3)), Cloud((), law=torch.sin))]
+    pairs = [
+        (whole, part)
+        for part in (cloud(2.0, torch.ones(1)), cloud(3.0, torch.ones(3)), Cloud((), law=torch.sin))
+    ]
     for kind in (named, recursive):
         pairs.append((kind(1.0), kind(2.0)))
         assert one.merge(kind(1.0), kind(1.0)).law(0.5) == 0.5
@@ -141,7 +193,9 @@ def test_a_function_is_merged_where_it_holds_the_same():
 
 
 def test_a_tree_is_equal_to_itself_alone():
-    """Comparing tensors gives tensors, which `==` of a tuple, `in` and a dictionary cannot take for an answer."""
+    """Comparing tensors gives tensors, which `==` of a tuple, `in` and a dictionary cannot take for
+    an answer.
+    """
     one, other = (Cloud((point(),), point()) for _ in range(2))
     assert one == one and one != other and other not in (one,) and len({one: 0, other: 1}) == 2
     assert hash(one) == hash(one) and map_leaves(lambda value, axes: value, one) == one

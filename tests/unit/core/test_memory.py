@@ -17,7 +17,9 @@ def test_memory_that_is_there_is_known_where_the_machine_says():
 def test_what_is_too_much_is_said_in_a_sentence(monkeypatch):
     monkeypatch.setattr(memory, "available", lambda: 3 * 10**9)
     memory.check_memory("the states", 2 * 10**9, "less is wanted")
-    with pytest.raises(MemoryError, match=r"^the states would take 4 GB, and 3 GB are free; less is wanted$"):
+    with pytest.raises(
+        MemoryError, match=r"^the states would take 4 GB, and 3 GB are free; less is wanted$"
+    ):
         memory.check_memory("the states", 4 * 10**9, "less is wanted")
 
 
@@ -35,12 +37,14 @@ def test_a_limit_of_the_container_is_kept_to(monkeypatch, tmp_path):
         (tmp_path / "memory.max").write_text(limit)
         (tmp_path / "memory.current").write_text(taken)
         found = memory.available()
-        assert found == wanted or (limit == "max" and found is not None and abs(found - wanted) < 2**32)
+        assert found == wanted or (
+            limit == "max" and found is not None and abs(found - wanted) < 2**32
+        )
 
 
 def test_what_a_run_takes_is_told(monkeypatch):
-    """64 MB that are written and given back again count; where the count cannot begin anew, what is beyond the most so far; and
-    where nothing is known it is nan.
+    """64 MB that are written and given back again count; where the count cannot begin anew, what is
+    beyond the most so far; and where nothing is known it is nan.
     """
     taken = memory.peak_memory()
     held = torch.ones(64 * 2**20, dtype=torch.uint8)

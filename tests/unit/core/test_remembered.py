@@ -1,4 +1,6 @@
-"""Remembered values: of pure functions, by all that their arguments are, and never where a derivative is recorded."""
+"""Remembered values: of pure functions, by all that their arguments are, and never where a
+derivative is recorded.
+"""
 
 from dataclasses import dataclass
 
@@ -18,6 +20,7 @@ class Rod(Tree):
 @pytest.fixture
 def doubled():
     """A function that counts its calls."""
+
     def function(rod, *more):
         function.calls += 1
         return 2 * rod.size
@@ -27,7 +30,9 @@ def doubled():
 
 
 def test_what_is_the_same_to_the_bit_is_computed_once(doubled):
-    """Other numbers, another static field, another dtype, or a further argument are others; a value of None is one too."""
+    """Other numbers, another static field, another dtype, or a further argument are others; a value
+    of None is one too.
+    """
     x = torch.tensor([1.0, 2.0])
     first = remembered(doubled, Rod(x))
     assert remembered(doubled, Rod(x.clone())) is first and doubled.calls == 1

@@ -19,7 +19,12 @@ def test_heading_says_machine_threads_dtype_and_versions():
     assert heading["threads"] == threads and heading["dtype"] == "float64"
     assert heading["versions"]["torch"].startswith(torch.__version__.split("+")[0])
     text = sentence(heading)
-    parts = heading["machine"], f"{threads} thread", "float64", f"torch {heading['versions']['torch']}"
+    parts = (
+        heading["machine"],
+        f"{threads} thread",
+        "float64",
+        f"torch {heading['versions']['torch']}",
+    )
     assert all(part in text for part in parts)
     assert "dtype" not in measured_on(dtype=None) and measured_on(threads=4)["threads"] == 4
     assert sentence({"threads": 2, "rows": []}) == "Measured on: 2 threads."
@@ -36,7 +41,9 @@ def test_files_hold_what_was_written(tmp_path):
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
 def test_stored_results_have_the_heading(file):
-    """Versions and threads are told, and the table beside the numbers ends in the sentence about them."""
+    """Versions and threads are told, and the table beside the numbers ends in the sentence about
+    them.
+    """
     heading = json.loads(file.read_text())
     assert "torch" in heading["versions"] and heading["threads"] >= 1
     if file.stem != "demo":  # its table is shown with the settings, not timed
@@ -44,10 +51,17 @@ def test_stored_results_have_the_heading(file):
 
 
 def test_rates_command_writes_its_files(tmp_path, capsys):
-    """The dense route takes longer than nothing and stands beside the sweep; files agree with what is printed."""
+    """The dense route takes longer than nothing and stands beside the sweep; files agree with what
+    is printed.
+    """
     assert rates(["--quick", "--out", str(tmp_path)]) == 0
     found = json.loads((tmp_path / "rates.json").read_text())
-    assert {row["what"] for row in found["rows"]} == {"sweep", "minimal", "linalg.solve alone", "dense"}
+    assert {row["what"] for row in found["rows"]} == {
+        "sweep",
+        "minimal",
+        "linalg.solve alone",
+        "dense",
+    }
     assert all(0 < row["minimum_ms"] <= row["median_ms"] for row in found["rows"])
     assert (tmp_path / "rates.md").read_text() == capsys.readouterr().out
     assert len((tmp_path / "rates.csv").read_text().splitlines()) == 5

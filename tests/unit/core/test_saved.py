@@ -1,4 +1,6 @@
-"""Files that torch.load reads with weights_only=True; a scene sent to another dtype; a number for an input of one."""
+"""Files that torch.load reads with weights_only=True; a scene sent to another dtype; a number for
+an input of one.
+"""
 
 import io
 from dataclasses import replace
@@ -11,8 +13,14 @@ import torchbeam as tb
 from torchbeam.core.leaves import leaves
 
 SECTION = tb.Section.rectangle(0.03, 0.002, E=69e9, nu=0.33, rho=2700.0)
-EFFECTS = [tb.TipLoad(force=(0, 0, 0.1)), tb.Gravity((0, 0, -9.81)), tb.Damping(1e-3), tb.PointMass(0.1),
-           tb.PointLoad(2, moment=tb.Input("m", 3)), tb.LineLoad(force=tb.PerElement(torch.ones(3, 3)))]
+EFFECTS = [
+    tb.TipLoad(force=(0, 0, 0.1)),
+    tb.Gravity((0, 0, -9.81)),
+    tb.Damping(1e-3),
+    tb.PointMass(0.1),
+    tb.PointLoad(2, moment=tb.Input("m", 3)),
+    tb.LineLoad(force=tb.PerElement(torch.ones(3, 3))),
+]
 SUPPORTS = (tb.Support(-1, "yz", ""), tb.Support(0, displacement=(0, 0, 0.01)))
 SCENE = tb.Scene(tb.Beam.straight(1.0, 3, SECTION), EFFECTS, supports=SUPPORTS)
 M = torch.zeros(3)
@@ -25,7 +33,9 @@ def loaded(thing):
     return torch.load(file, weights_only=True)
 
 
-@pytest.mark.parametrize("what", ["section", "beam", "scene", "state", "alpha state", "solution", "model"])
+@pytest.mark.parametrize(
+    "what", ["section", "beam", "scene", "state", "alpha state", "solution", "model"]
+)
 def test_loads_with_weights_only(what):
     """The same answers from what was loaded as from what was saved."""
     t = torch.linspace(0, 0.02, 3)
@@ -49,11 +59,18 @@ def test_loads_with_weights_only(what):
 
 
 def test_a_scene_in_another_dtype():
-    """All of its tensors, those that supports were given as too; the equilibrium in float32 to its own rounding."""
+    """All of its tensors, those that supports were given as too; the equilibrium in float32 to its
+    own rounding.
+    """
     single = SCENE.to(torch.float32)
-    assert {one.value.dtype for one in leaves(single) if isinstance(one.value, torch.Tensor)} == {torch.float32}
+    assert {one.value.dtype for one in leaves(single) if isinstance(one.value, torch.Tensor)} == {
+        torch.float32
+    }
     assert replace(single, small=True).dtype == torch.float32
-    end, wanted = (tb.equilibrium(scene, inputs={"m": M.to(scene.dtype)}).tip.position for scene in (single, SCENE))
+    end, wanted = (
+        tb.equilibrium(scene, inputs={"m": M.to(scene.dtype)}).tip.position
+        for scene in (single, SCENE)
+    )
     assert_close(end.double(), wanted, rtol=0, atol=1e-5)
     EI = torch.tensor(1.0, requires_grad=True)
     section = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=EI, mass=0.2)
@@ -65,6 +82,7 @@ def test_a_scene_in_another_dtype():
 
 def test_a_number_for_an_input_of_one():
     """As a tensor of one number; more than one is no input of one."""
+
     def push(r, R, v, w, t, u):
         return u * torch.tensor([0.0, 0.0, 1.0]), None
 
@@ -90,10 +108,14 @@ PLAIN = tb.Scene(SCENE.beam, [tb.TipLoad(force=tb.Input("u", 3))], plane="xz")
 LAW = {"a": tb.laws.Normal(0.0, 1.0), "b": tb.laws.Normal(1.0, 0.5)}
 RESULTS = {
     "Modes": lambda: tb.modes(tb.Scene(SCENE.beam), count=2),
-    "Linear": lambda: tb.linearize(PLAIN, None, tb.sensors.TipPosition(), inputs={"u": torch.zeros(3)}),
+    "Linear": lambda: tb.linearize(
+        PLAIN, None, tb.sensors.TipPosition(), inputs={"u": torch.zeros(3)}
+    ),
     "Critical": lambda: tb.critical_load(PLAIN, 100.0, inputs={"u": torch.tensor([-1.0, 0, 0])}),
     "Path": lambda: tb.path(tb.Scene(SCENE.beam, [tb.TipLoad(force=(0, 0, 0.1))], plane="xz")),
-    "Prediction": lambda: tb.identify(straight, torch.tensor([0.0, 1, 2, 2, 4]), torch.ones(2)).predict(),
+    "Prediction": lambda: tb.identify(
+        straight, torch.tensor([0.0, 1, 2, 2, 4]), torch.ones(2)
+    ).predict(),
     "Estimate": lambda: tb.monte_carlo(lambda x: x[:, 0] + x[:, 1], LAW, 8).mean_interval(),
     "SobolIndices": lambda: tb.sobol_indices(lambda x: x[:, 0] + x[:, 1], LAW, 64),
     "Tornado": lambda: tb.tornado(lambda x: x[:, 0] + x[:, 1], LAW),
@@ -104,8 +126,13 @@ def numbers(thing):
     """All tensors in it, however deep."""
     if isinstance(thing, torch.Tensor):
         return [thing]
-    parts = thing.values() if isinstance(thing, dict) else thing if isinstance(thing, (tuple, list)) else (
-        vars(thing).values() if hasattr(thing, "__dict__") else ())
+    parts = (
+        thing.values()
+        if isinstance(thing, dict)
+        else thing
+        if isinstance(thing, (tuple, list))
+        else (vars(thing).values() if hasattr(thing, "__dict__") else ())
+    )
     return [x for part in parts for x in numbers(part)]
 
 

@@ -1,4 +1,6 @@
-"""What public objects print as: a few short lines with sizes, batch axes, dtype and effects, never a tensor."""
+"""What public objects print as: a few short lines with sizes, batch axes, dtype and effects, never
+a tensor.
+"""
 
 import math
 from dataclasses import replace
@@ -28,12 +30,18 @@ def objects():
     yield tb.modes(rod)
     yield tb.linearize(rod)
     yield tb.path(tb.Scene(rod.beam, [tb.TipLoad(force=FORCES)]), steps=2)
-    yield tb.critical_load(lambda P: tb.Scene(rod.beam, [tb.TipLoad(force=P[..., None] * FORCES)]), 1.0, points=2)
+    yield tb.critical_load(
+        lambda P: tb.Scene(rod.beam, [tb.TipLoad(force=P[..., None] * FORCES)]), 1.0, points=2
+    )
 
 
 def few_lines(thing, *words):
     text = repr(thing)
-    assert len(text.splitlines()) <= 8 and max(map(len, text.splitlines())) <= 120 and "tensor" not in text, text
+    assert (
+        len(text.splitlines()) <= 8
+        and max(map(len, text.splitlines())) <= 120
+        and "tensor" not in text
+    ), text
     for word in words:
         assert word in text, (word, text)
 
@@ -45,8 +53,12 @@ def test_objects_of_a_batch_fit_a_screen():
 
 def test_section_says_stiffness_and_mass():
     few_lines(SECTION, "EA 1000 N", "EI 1 and 2 N m^2", "mass 0.5 kg/m", "float64", "no batch axes")
-    few_lines(tb.Section.from_stiffness(EA=math.inf, GA=math.inf, GJ=FORCES[:, 2] + 1, EI=1.0, mass=1.0),
-              "EA inf", "inextensible and unshearable, no rotary inertia", "batch (7,)")
+    few_lines(
+        tb.Section.from_stiffness(EA=math.inf, GA=math.inf, GJ=FORCES[:, 2] + 1, EI=1.0, mass=1.0),
+        "EA inf",
+        "inextensible and unshearable, no rotary inertia",
+        "batch (7,)",
+    )
     few_lines(SECTION.shifted(z=0.1), "coupled compliance", "centre of mass off the axis")
     few_lines(tb.Section(SECTION.compliance.float(), SECTION.mass.float()), "float32")
 
@@ -59,8 +71,17 @@ def test_beam_says_size_and_ends():
 
 def test_scene_says_what_is_on():
     few_lines(scene(), "TipLoad at node 4, Damping, Drag", "clamp of node 0", "in 3D", "batch (7,)")
-    few_lines(scene(plane="xy", supports=(tb.Support(0), tb.Support(-1, rotation=""))), "plane 'xy'", "support of node 4")
-    few_lines(tb.Scene(scene().beam, supports=(), small=True), "effects: none", "free", "small displacements")
+    few_lines(
+        scene(plane="xy", supports=(tb.Support(0), tb.Support(-1, rotation=""))),
+        "plane 'xy'",
+        "support of node 4",
+    )
+    few_lines(
+        tb.Scene(scene().beam, supports=(), small=True),
+        "effects: none",
+        "free",
+        "small displacements",
+    )
     few_lines(scene(frame=tb.Frame(angular_velocity=(0.0, 0, 1))), "frame a moves")
 
 

@@ -1,4 +1,6 @@
-"""Surroundings of a function: numbers, tensors and functions around it are followed; what may change unnoticed is refused."""
+"""Surroundings of a function: numbers, tensors and functions around it are followed; what may
+change unnoticed is refused.
+"""
 
 import functools
 import math
@@ -48,7 +50,11 @@ class Contact:
     """A wall, and what a function of it does not read."""
 
     def __init__(self):
-        self.normal, self.stiffness, self.table = torch.tensor([0.0, 1.0]), 2.0, {"gap": [0.1, 0.2], "law": Law(3.0)}
+        self.normal, self.stiffness, self.table = (
+            torch.tensor([0.0, 1.0]),
+            2.0,
+            {"gap": [0.1, 0.2], "law": Law(3.0)},
+        )
         self.draw, self.count = np.random.default_rng(), 0
 
     def push(self, x):
@@ -68,7 +74,10 @@ class Network(torch.nn.Module):
 
     def __init__(self):
         super().__init__()
-        self.layers, self.gain = torch.nn.Sequential(torch.nn.Linear(2, 3), torch.nn.Tanh(), torch.nn.BatchNorm1d(3)), 2.0
+        self.layers, self.gain = (
+            torch.nn.Sequential(torch.nn.Linear(2, 3), torch.nn.Tanh(), torch.nn.BatchNorm1d(3)),
+            2.0,
+        )
 
     def forward(self, x):
         return self.gain * self.layers(x)
@@ -97,39 +106,55 @@ def around(function):
     return Surroundings([("function", lambda: function)])
 
 
-@pytest.mark.parametrize("function", [
-    lambda x: math.sin(number) * torch.relu(x) + max(1.0, 2.0),
-    lambda x: helper(x) @ weight,
-    lambda x: frozen.gain * x + frozen.weight,
-    lambda x: [y + 1 for y in x.unbind(-1)],
-    functools.partial(lambda gain, x: gain * x, 3.0),
-    closing((1.0, torch.ones(2))),
-    torch.tanh,
-    lambda x: settings.gain * x, lambda x: log[0] * x, lambda x: x + torch.as_tensor(array), closing({"a": 1.0}),
-    lambda x: np.sin(1.0) * np.pi * x, lambda x: contact.push(x), lambda x: network(x), functools.partial(contact, gain=2.0),
-])
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda x: math.sin(number) * torch.relu(x) + max(1.0, 2.0),
+        lambda x: helper(x) @ weight,
+        lambda x: frozen.gain * x + frozen.weight,
+        lambda x: [y + 1 for y in x.unbind(-1)],
+        functools.partial(lambda gain, x: gain * x, 3.0),
+        closing((1.0, torch.ones(2))),
+        torch.tanh,
+        lambda x: settings.gain * x,
+        lambda x: log[0] * x,
+        lambda x: x + torch.as_tensor(array),
+        closing({"a": 1.0}),
+        lambda x: np.sin(1.0) * np.pi * x,
+        lambda x: contact.push(x),
+        lambda x: network(x),
+        functools.partial(contact, gain=2.0),
+    ],
+)
 def test_numbers_tensors_and_functions_are_steady(function):
     assert around(function).unchanged()
 
 
-@pytest.mark.parametrize("function, said", [
-    (counts, "'counted', which counts writes to"),
-    (lambda x: random.random() * x, r"'random' \(a module\)"), (lambda x: time.time() * x, r"'time' \(a module\)"),
-    (lambda x: np.random.normal() * x, "normal"),  # noqa: NPY002
-    (lambda x: np.load("file") * x, "'np.load'"),
-    (lambda x: contact.counted(x), "'count', which counted writes to"), (lambda x: contact.draw.normal(x), "'contact.draw'"),
-    (lambda x: getattr(contact, number)(x), "'contact.draw'"),
-    (lambda x: print(x) or x, "'print'"),
-    (lambda x: x + nowhere, "'nowhere'"),  # noqa: F821
-    (closing(torch.ones(2).sum), r"'value' \(builtin_function_or_method\)"),
-])
+@pytest.mark.parametrize(
+    "function, said",
+    [
+        (counts, "'counted', which counts writes to"),
+        (lambda x: random.random() * x, r"'random' \(a module\)"),
+        (lambda x: time.time() * x, r"'time' \(a module\)"),
+        (lambda x: np.random.normal() * x, "normal"),  # noqa: NPY002
+        (lambda x: np.load("file") * x, "'np.load'"),
+        (lambda x: contact.counted(x), "'count', which counted writes to"),
+        (lambda x: contact.draw.normal(x), "'contact.draw'"),
+        (lambda x: getattr(contact, number)(x), "'contact.draw'"),
+        (lambda x: print(x) or x, "'print'"),
+        (lambda x: x + nowhere, "'nowhere'"),  # noqa: F821
+        (closing(torch.ones(2).sum), r"'value' \(builtin_function_or_method\)"),
+    ],
+)
 def test_what_may_change_unnoticed_is_refused_by_name(function, said):
     with pytest.raises(Unsteady, match=said):
         around(function)
 
 
 def test_changes_are_noticed_and_equal_surroundings_have_equal_keys(monkeypatch):
-    """A number that another, equal one replaces has not changed; functions made anew by the same code are the same."""
+    """A number that another, equal one replaces has not changed; functions made anew by the same
+    code are the same.
+    """
     monkeypatch.setitem(globals(), "weight", torch.ones(2))
     found = around(lambda x: helper(x) * weight)
     monkeypatch.setitem(globals(), "number", float("2.0"))
@@ -144,19 +169,41 @@ def test_changes_are_noticed_and_equal_surroundings_have_equal_keys(monkeypatch)
     assert first == again != other
 
 
-@pytest.mark.parametrize("change", [
-    lambda: setattr(settings, "gain", 2.0), lambda: log.append(1.0), lambda: log.__setitem__(0, 2.0), lambda: array.fill(2.0),
-    lambda: contact.table.update(gap=[0.0, 0.3]), lambda: contact.table["gap"].__setitem__(1, 0.3),
-    lambda: setattr(contact, "normal", torch.ones(2)), lambda: contact.normal.mul_(2), lambda: contact.normal.requires_grad_(),
-    lambda: setattr(contact, "stiffness", 1.0), lambda: network.train(), lambda: setattr(network, "gain", 1.0),
-    lambda: network.layers.append(torch.nn.Tanh()), lambda: network.layers[0].register_forward_hook(print),
-    lambda: setattr(network.layers[0], "weight", torch.nn.Parameter(torch.zeros(3, 2))),
-], ids=range(15))
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda: setattr(settings, "gain", 2.0),
+        lambda: log.append(1.0),
+        lambda: log.__setitem__(0, 2.0),
+        lambda: array.fill(2.0),
+        lambda: contact.table.update(gap=[0.0, 0.3]),
+        lambda: contact.table["gap"].__setitem__(1, 0.3),
+        lambda: setattr(contact, "normal", torch.ones(2)),
+        lambda: contact.normal.mul_(2),
+        lambda: contact.normal.requires_grad_(),
+        lambda: setattr(contact, "stiffness", 1.0),
+        lambda: network.train(),
+        lambda: setattr(network, "gain", 1.0),
+        lambda: network.layers.append(torch.nn.Tanh()),
+        lambda: network.layers[0].register_forward_hook(print),
+        lambda: setattr(network.layers[0], "weight", torch.nn.Parameter(torch.zeros(3, 2))),
+    ],
+    ids=range(15),
+)
 def test_changes_of_objects_lists_and_networks_are_noticed(monkeypatch, change):
-    for name, new in (("settings", Settings()), ("log", [1.0]), ("array", np.ones(2)), ("contact", Contact()),
-                      ("network", Network().eval())):
+    for name, new in (
+        ("settings", Settings()),
+        ("log", [1.0]),
+        ("array", np.ones(2)),
+        ("contact", Contact()),
+        ("network", Network().eval()),
+    ):
         monkeypatch.setitem(globals(), name, new)
-    found = around(lambda x: (settings.gain * contact.push(x) + torch.as_tensor(array)) * log[0] + network(x).sum())
+    found = around(
+        lambda x: (
+            (settings.gain * contact.push(x) + torch.as_tensor(array)) * log[0] + network(x).sum()
+        )
+    )
     assert found.unchanged()
     change()
     assert not found.unchanged()
@@ -164,12 +211,22 @@ def test_changes_of_objects_lists_and_networks_are_noticed(monkeypatch, change):
 
 @pytest.mark.parametrize("module", [torch, torch.linalg, math])
 def test_what_a_user_put_on_a_module_of_a_package_is_noticed(monkeypatch, module):
-    """A number, a function and a tensor; what the module has by itself is none of it, but for numbers."""
+    """A number, a function and a tensor; what the module has by itself is none of it, but for
+    numbers.
+    """
     known = Surroundings([("f", lambda: torch.nn.functional.relu)])
     assert len(known.variables) == 1 and known.unchanged()
-    for first, other in ((2.0, 3.0), (lambda x: 2 * x, lambda x: 3 * x), (torch.ones(2), torch.ones(2))):
+    for first, other in (
+        (2.0, 3.0),
+        (lambda x: 2 * x, lambda x: 3 * x),
+        (torch.ones(2), torch.ones(2)),
+    ):
         monkeypatch.setattr(module, "users", first, raising=False)
-        reads = {torch: lambda x: torch.users, torch.linalg: lambda x: torch.linalg.users, math: lambda x: math.users}[module]
+        reads = {
+            torch: lambda x: torch.users,
+            torch.linalg: lambda x: torch.linalg.users,
+            math: lambda x: math.users,
+        }[module]
         known = Surroundings([("f", lambda reads=reads: reads)])
         assert known.unchanged()
         monkeypatch.setattr(module, "users", other)
@@ -177,7 +234,10 @@ def test_what_a_user_put_on_a_module_of_a_package_is_noticed(monkeypatch, module
 
 
 def test_parameters_are_inputs_whatever_their_numbers():
-    """An optimiser's step changes no program; another network of the same kind has the same; one of another size has not."""
+    """An optimiser's step changes no program; another network of the same kind has the same; one of
+    another size has not.
+    """
+
     def key(value):
         kept.append(around(closing(value)))
         return kept[-1].key
@@ -223,9 +283,13 @@ def test_functions_without_a_module_and_attributes_of_functions_are_followed():
 
 
 def test_keys_tell_defaults_and_which_function_it_is_apart():
-    """Two functions of the same code may have other defaults; a third may be the one or the other of them."""
-    one, again, other = (around(lambda x, gain=gain, *, more=more: gain * more * x).key
-                         for gain, more in ((1.0, 1.0), (1.0, 1.0), (1.0, 2.0)))
+    """Two functions of the same code may have other defaults; a third may be the one or the other
+    of them.
+    """
+    one, again, other = (
+        around(lambda x, gain=gain, *, more=more: gain * more * x).key
+        for gain, more in ((1.0, 1.0), (1.0, 1.0), (1.0, 2.0))
+    )
     assert one == again != other
 
     def chosen(first, second, third):
@@ -236,14 +300,26 @@ def test_keys_tell_defaults_and_which_function_it_is_apart():
 
 
 def test_keys_are_of_what_tuples_dataclasses_and_small_tensors_hold():
-    """Made anew with the same numbers they are the same; with others, or otherwise put together, they are not."""
+    """Made anew with the same numbers they are the same; with others, or otherwise put together,
+    they are not.
+    """
+
     def key(value):
         kept.append(around(closing(value)))
         return kept[-1].key
 
     kept = []
-    for make in (lambda x: (x, torch.ones(2)), lambda x: Frozen(x, torch.ones(2)), lambda x: torch.tensor([x, 1.0])):
+    for make in (
+        lambda x: (x, torch.ones(2)),
+        lambda x: Frozen(x, torch.ones(2)),
+        lambda x: torch.tensor([x, 1.0]),
+    ):
         assert key(make(float("1.5"))) == key(make(float("1.5"))) != key(make(2.0))
-    assert len({key(value) for value in (((1.0, 2.0),), ((1.0,), 2.0), (1.0, 2.0), (1.0, (2.0,)))}) == 4
-    assert key(torch.ones(2)) != key(torch.ones(2, dtype=torch.float32)) and key(torch.ones(2)) != key(torch.ones(1, 2))
+    assert (
+        len({key(value) for value in (((1.0, 2.0),), ((1.0,), 2.0), (1.0, 2.0), (1.0, (2.0,)))})
+        == 4
+    )
+    assert key(torch.ones(2)) != key(torch.ones(2, dtype=torch.float32)) and key(
+        torch.ones(2)
+    ) != key(torch.ones(1, 2))
     assert key(torch.ones(100)) != key(torch.ones(100))

@@ -1,4 +1,6 @@
-"""Adaptive steps: the tolerance is kept, samples do not know each other, gradients are those of the steps as they are."""
+"""Adaptive steps: the tolerance is kept, samples do not know each other, gradients are those of the
+steps as they are.
+"""
 
 import warnings
 
@@ -29,12 +31,18 @@ T = torch.linspace(0, 0.12, 4)
 
 def rod(force=(0.0, 0.0, 0.03), EI=0.02, N=2, tau=0.01, plane="xz", **more):
     section = tb.Section.from_stiffness(EA=200.0, GA=80.0, GJ=0.015, EI=EI, mass=0.3, inertia=1e-3)
-    return tb.Scene(tb.Beam.straight(0.5, N, section), [tb.TipLoad(force=force), tb.Damping(tau)], plane=plane, **more)
+    return tb.Scene(
+        tb.Beam.straight(0.5, N, section),
+        [tb.TipLoad(force=force), tb.Damping(tau)],
+        plane=plane,
+        **more,
+    )
 
 
 def test_error_is_within_the_tolerance():
-    """24 random damped rods under sudden forces, rtol from 1e-3 to 1e-2, against equal steps extrapolated (which differ by
-    less than a tenth of the tolerance): the short form of `python -m torchbeam control`.
+    """24 random damped rods under sudden forces, rtol from 1e-3 to 1e-2, against equal steps
+    extrapolated (which differ by less than a tenth of the tolerance): the short form of
+    `python -m torchbeam control`.
     """
     draw = Draw(3, 24)
     scene = families(2)["sudden, damped"](draw)
@@ -50,8 +58,11 @@ def test_error_is_within_the_tolerance():
 
 
 def test_a_sample_alone_and_in_any_engine():
-    """To rounding: neighbours with other tolerances and forces change nothing, nor does native code."""
-    forces, rtol, t = torch.tensor([[0.0, 0.0, 0.03], [0.2, 0.0, 0.5]]), torch.tensor([1e-3, 1e-2]), T[:2]
+    """To rounding: neighbours with other tolerances and forces change nothing, nor does native
+    code.
+    """
+    forces, rtol = torch.tensor([[0.0, 0.0, 0.03], [0.2, 0.0, 0.5]]), torch.tensor([1e-3, 1e-2])
+    t = T[:2]
     both = tb.simulate(rod(forces), t, rtol=rtol)
     for k in range(2):
         one = tb.simulate(rod(forces[k]), t, rtol=rtol[k])
@@ -63,7 +74,9 @@ def test_a_sample_alone_and_in_any_engine():
 
 
 def test_times_asked_for_do_not_dictate_steps():
-    """Many instants cost no step more; the states there have their times, and the first is the initial one."""
+    """Many instants cost no step more; the states there have their times, and the first is the
+    initial one.
+    """
     few, many = (tb.simulate(rod(), torch.linspace(0, 0.12, n), rtol=1e-2) for n in (2, 61))
     assert_close(few.stats.lengths, many.stats.lengths, rtol=0, atol=0)
     assert_close(few.state[-1].position, many.state[-1].position, rtol=0, atol=1e-12)
@@ -72,7 +85,9 @@ def test_times_asked_for_do_not_dictate_steps():
 
 
 def test_dense_output_is_of_fourth_order():
-    """A motion known in closed form: the error between two states falls by 16 as they come together by half."""
+    """A motion known in closed form: the error between two states falls by 16 as they come together
+    by half.
+    """
     scene = rod(plane=None)
     start = tb.rest(scene)
 
@@ -81,32 +96,56 @@ def test_dense_output_is_of_fourth_order():
         vector, rate = s * torch.sin(t), s * torch.cos(t)
         q = quat.exponential(vector)
         spin = quat.rotate(quat.conjugate(q), quat.spin_of_vector(vector, rate))
-        return tb.State(**{**vars(start), "position": s * torch.cos(2 * t), "velocity": -2 * s * torch.sin(2 * t),
-                           "rotation": q, "spin": spin, "t": t})
+        return tb.State(
+            **{
+                **vars(start),
+                "position": s * torch.cos(2 * t),
+                "velocity": -2 * s * torch.sin(2 * t),
+                "rotation": q,
+                "spin": spin,
+                "t": t,
+            }
+        )
 
     errors = []
     for h in (0.4, 0.2):
         a, b, wanted = (at(torch.tensor(0.7 + x * h)) for x in (0.0, 1.0, 0.3))
         found = between(a, b, wanted.t, PrescribedMotion(scene))
-        errors.append(torch.stack([(getattr(found, name) - getattr(wanted, name)).abs().max()
-                                   for name in ("position", "rotation", "velocity", "spin")]))
+        errors.append(
+            torch.stack(
+                [
+                    (getattr(found, name) - getattr(wanted, name)).abs().max()
+                    for name in ("position", "rotation", "velocity", "spin")
+                ]
+            )
+        )
     orders = (errors[0] / errors[1]).log2()
     assert (orders > torch.tensor([3.7, 3.7, 2.7, 2.7])).all()
 
 
 def test_extrapolation_takes_the_second_order_away():
-    """Two runs off by h^2 e and h^2 e/4: positions and rotations of the limit, exactly for both about one axis."""
+    """Two runs off by h^2 e and h^2 e/4: positions and rotations of the limit, exactly for both
+    about one axis.
+    """
     state, off = tb.rest(rod()), torch.tensor([0.0, 0.0, 0.01])
-    coarse, fine = (tb.State(**{**vars(state), "position": state.position + x * off,
-                                "rotation": quat.exponential(x * off).expand(3, 4)}) for x in (4.0, 1.0))
+    coarse, fine = (
+        tb.State(
+            **{
+                **vars(state),
+                "position": state.position + x * off,
+                "rotation": quat.exponential(x * off).expand(3, 4),
+            }
+        )
+        for x in (4.0, 1.0)
+    )
     limit = extrapolated(coarse, fine, 2)
     assert_close(limit.position, state.position)
     assert_close(limit.rotation, state.rotation)
 
 
 def test_an_event_is_found_in_few_evaluations():
-    """t^2 = 0.3 between 0 and 1: 11 secants, some of them halved, and four values about the zero. An end whose value was halved
-    at every secant took 48.
+    """t^2 = 0.3 between 0 and 1: 11 secants, some of them halved, and four values about the zero.
+    An end whose value was halved at every secant took 48.
     """
     seen = []
 
@@ -122,68 +161,110 @@ def test_an_event_is_found_in_few_evaluations():
 
 
 def test_event_of_a_falling_beam():
-    """Free fall: z = -g t^2/2 is -h at sqrt(2 h/g), with its derivatives; the sample that does not get there goes on. Of two
-    events in one step the first in time is told, though it is the last in the list.
+    """Free fall: z = -g t^2/2 is -h at sqrt(2 h/g), with its derivatives; the sample that does not
+    get there goes on. Of two events in one step the first in time is told, though it is the last in
+    the list.
     """
-    section = tb.Section.from_stiffness(EA=200.0, GA=80.0, GJ=0.015, EI=0.02, mass=0.3, inertia=1e-3)
+    section = tb.Section.from_stiffness(
+        EA=200.0, GA=80.0, GJ=0.015, EI=0.02, mass=0.3, inertia=1e-3
+    )
     g = torch.tensor([9.81, 0.5], requires_grad=True)
     fall = torch.tensor(0.1, requires_grad=True)
     weight = tb.Gravity(torch.stack((0 * g, 0 * g, -g), -1))
-    scene = tb.Scene(tb.Beam.straight(0.5, 2, section), [weight], plane="xz",
-                     supports=[tb.Support(0, "", "")])
+    scene = tb.Scene(
+        tb.Beam.straight(0.5, 2, section), [weight], plane="xz", supports=[tb.Support(0, "", "")]
+    )
     t = torch.tensor([0.0, 0.1, 0.3])
-    sol = tb.simulate(scene, t, rtol=1e-3, events=[lambda s: s.tip.velocity[..., 2] - 100,
-                                                   lambda s: s.tip.position[..., 2] + 1.01 * fall,
-                                                   lambda s: s.tip.position[..., 2] + fall])
+    sol = tb.simulate(
+        scene,
+        t,
+        rtol=1e-3,
+        events=[
+            lambda s: s.tip.velocity[..., 2] - 100,
+            lambda s: s.tip.position[..., 2] + 1.01 * fall,
+            lambda s: s.tip.position[..., 2] + fall,
+        ],
+    )
     exact = (2 * fall / g[0]).sqrt()
     assert sol.event.which.tolist() == [2, -1] and sol.event.t[1] == torch.inf
     assert_close(sol.event.t[0], exact, rtol=1e-9, atol=0)
-    assert_close(sol.nodes[1:, :, -1, 2], torch.stack((torch.stack((-g[0] * 0.005, -fall)), -g[1] * t[1:] ** 2 / 2), -1))
+    assert_close(
+        sol.nodes[1:, :, -1, 2],
+        torch.stack((torch.stack((-g[0] * 0.005, -fall)), -g[1] * t[1:] ** 2 / 2), -1),
+    )
     assert_close(sol.state.t[:, 0], torch.stack((t[0], t[1], sol.event.t[0])))
     assert (sol.status == 0).all()
-    ours, theirs = (torch.autograd.grad(x, (g, fall), retain_graph=True) for x in (sol.event.t[0], exact))
+    ours, theirs = (
+        torch.autograd.grad(x, (g, fall), retain_graph=True) for x in (sol.event.t[0], exact)
+    )
     assert_close(ours, theirs, rtol=1e-6, atol=1e-12)
 
 
 def test_gradient_is_that_of_the_frozen_steps():
-    """By stiffness and force: reverse mode through simulate against central differences of runs by the same steps."""
+    """By stiffness and force: reverse mode through simulate against central differences of runs by
+    the same steps.
+    """
     t, size = T[:2], torch.tensor([2e-6, 1e-5])
-    EI, force = torch.tensor(0.02, requires_grad=True), torch.tensor([0.0, 0.0, 0.03], requires_grad=True)
+    EI = torch.tensor(0.02, requires_grad=True)
+    force = torch.tensor([0.0, 0.0, 0.03], requires_grad=True)
     sol = tb.simulate(rod(force, EI), t, rtol=1e-2, tolerance=1e-12)
     ours = torch.autograd.grad(sol.tip.position[1].sum(), (EI, force))
     instants = torch.cat((t[:1], sol.stats.lengths.cumsum(0)))[:, None].expand(-1, 4)
     sequence = StepSequence(instants, torch.full((4,), len(instants) - 1), t)
     apart = torch.tensor([[1.0, 0], [-1.0, 0], [0, 1.0], [0, -1.0]]) * size
-    stepper = Stepper(rod(force.detach() + apart[:, 1:] * torch.tensor([0.0, 0.0, 1.0]), EI.detach() + apart[:, 0]), 0.1,
-                      tolerance=1e-12)
+    stepper = Stepper(
+        rod(
+            force.detach() + apart[:, 1:] * torch.tensor([0.0, 0.0, 1.0]), EI.detach() + apart[:, 0]
+        ),
+        0.1,
+        tolerance=1e-12,
+    )
     with no_derivatives():
         runs = _Runs(stepper, tb.rest(stepper.scene).broadcast(), {}, 2)
-        found = _again(runs, sequence, sol.stats.level.expand(4), t[1:, None].expand(1, 4)).tip.position.sum((0, -1))
-    assert_close(torch.stack((ours[0], ours[1][2])), (found[::2] - found[1::2]) / (2 * size), rtol=1e-6, atol=1e-8)
+        found = _again(
+            runs, sequence, sol.stats.level.expand(4), t[1:, None].expand(1, 4)
+        ).tip.position.sum((0, -1))
+    assert_close(
+        torch.stack((ours[0], ours[1][2])),
+        (found[::2] - found[1::2]) / (2 * size),
+        rtol=1e-6,
+        atol=1e-8,
+    )
 
 
 def test_derivatives_by_the_instants_asked_for():
-    """Of a position by its own instant: the velocity there, at the end of the run, with which steps go along, to the tolerance;
-    by all of them together none, as nothing depends on time.
+    """Of a position by its own instant: the velocity there, at the end of the run, with which steps
+    go along, to the tolerance; by all of them together none, as nothing depends on time.
     """
     t = T.clone().requires_grad_()
     tip = tb.simulate(rod(), t, rtol=1e-3).tip
-    (inner,), (last,) = (torch.autograd.grad(tip.position[k, 2], t, retain_graph=True) for k in (1, 3))
-    assert_close((inner[1], inner[2]), (tip.velocity[1, 2].detach(), torch.tensor(0.0)), rtol=1e-9, atol=0)
+    (inner,), (last,) = (
+        torch.autograd.grad(tip.position[k, 2], t, retain_graph=True) for k in (1, 3)
+    )
+    assert_close(
+        (inner[1], inner[2]), (tip.velocity[1, 2].detach(), torch.tensor(0.0)), rtol=1e-9, atol=0
+    )
     assert_close(last[3], tip.velocity[3, 2].detach(), rtol=1e-3, atol=0)
     assert_close(torch.stack((inner.sum(), last.sum())), torch.zeros(2), rtol=0, atol=1e-12)
 
 
 def test_samples_by_themselves_have_their_part_of_an_input():
     """Of a function of t that gives a sequence as of one that gives a tensor."""
-    few, scene = BatchSubset(torch.tensor([1, 3]), 4), tb.Scene(rod().beam, [tb.TipLoad(force=tb.Input("u", 3))], plane="xz")
+    few = BatchSubset(torch.tensor([1, 3]), 4)
+    scene = tb.Scene(rod().beam, [tb.TipLoad(force=tb.Input("u", 3))], plane="xz")
     values, t = torch.arange(12.0).view(4, 3), torch.tensor(2.0)
-    _, part = part_of(few, Stepper(scene, 0.01, engine="eager"), {"u": lambda t: t * values, "v": lambda t: [0.0, 0.0, t]})
+    _, part = part_of(
+        few,
+        Stepper(scene, 0.01, engine="eager"),
+        {"u": lambda t: t * values, "v": lambda t: [0.0, 0.0, t]},
+    )
     assert_close((part["u"](t), part["v"](t)), (2 * values[1::2], torch.tensor([0.0, 0.0, 2.0])))
 
 
 def test_what_cannot_be_solved_ends_with_a_status():
-    """A force that is no number, and a tolerance beyond max_steps; the neighbour's motion is its own."""
+    """A force that is no number, and a tolerance beyond max_steps; the neighbour's motion is its
+    own.
+    """
     bad = torch.tensor([[False], [True]])
     broken = rod(lambda t: torch.where(bad & (t > 0), torch.nan, torch.tensor([0.0, 0.0, 0.03])))
     with pytest.warns(RuntimeWarning, match=r"sample 1 \(1 of 2\) stopped after t = 0 s"):
@@ -198,32 +279,43 @@ def test_what_cannot_be_solved_ends_with_a_status():
     assert sol.status == TOO_MANY and torch.isfinite(sol.nodes).all()
 
 
-@pytest.mark.parametrize("options, sentence", [
-    (dict(rtol=0.0), "rtol = 0 and atol = 0 were given; one of them has to be positive"),
-    (dict(rtol=-1e-3), "rtol = -0.001 was given; a non-negative finite number is wanted"),
-    (dict(rtol=1e-17), "resolves no less than"),
-    (dict(rtol=1e-3, step=0.1), "step was given with rtol or atol"),
-    (dict(rtol=1e-3, checkpoint=True), "checkpoint was given with rtol or atol"),
-    (dict(atol=1e-3, conserve=True), "to conserve, whose error"),
-    (dict(rtol=1e-3, method="generalized_alpha"), "to generalized_alpha, whose error"),
-    (dict(rtol=1e-3, max_steps=0), "max_steps = 0 was given"),
-    (dict(rtol=1e-3, first_step=0.0), "first_step = 0.0 was given"),
-    (dict(rtol=1e-3, events=3), "events of type int were given"),
-    (dict(rtol=1e-3, events=lambda s: s.position), r"an event of shape \(3, 3\) was given for states of shape \(\)"),
-    (dict(events=lambda s: s.t), "events were given without rtol or atol"),
-    (dict(method="rk4", events=lambda s: s.t), "events were given without rtol or atol"),
-])
+@pytest.mark.parametrize(
+    "options, sentence",
+    [
+        (dict(rtol=0.0), "rtol = 0 and atol = 0 were given; one of them has to be positive"),
+        (dict(rtol=-1e-3), "rtol = -0.001 was given; a non-negative finite number is wanted"),
+        (dict(rtol=1e-17), "resolves no less than"),
+        (dict(rtol=1e-3, step=0.1), "step was given with rtol or atol"),
+        (dict(rtol=1e-3, checkpoint=True), "checkpoint was given with rtol or atol"),
+        (dict(atol=1e-3, conserve=True), "to conserve, whose error"),
+        (dict(rtol=1e-3, method="generalized_alpha"), "to generalized_alpha, whose error"),
+        (dict(rtol=1e-3, max_steps=0), "max_steps = 0 was given"),
+        (dict(rtol=1e-3, first_step=0.0), "first_step = 0.0 was given"),
+        (dict(rtol=1e-3, events=3), "events of type int were given"),
+        (
+            dict(rtol=1e-3, events=lambda s: s.position),
+            r"an event of shape \(3, 3\) was given for states of shape \(\)",
+        ),
+        (dict(events=lambda s: s.t), "events were given without rtol or atol"),
+        (dict(method="rk4", events=lambda s: s.t), "events were given without rtol or atol"),
+    ],
+)
 def test_refusals(options, sentence):
     with pytest.raises(ValueError, match=sentence):
         tb.simulate(rod(), T, **options)
 
 
 def test_stress_of_midpoint4_is_that_of_its_instant():
-    """A rod that a load swings slowly: the dense output's stress is that of the strains there, though what a step holds is the
-    mean over its last solve, 0.79 into the step. 5e-4 of the largest; more than 1e-3 were it taken in the middle."""
+    """A rod that a load swings slowly: the dense output's stress is that of the strains there,
+    though what a step holds is the mean over its last solve, 0.79 into the step. 5e-4 of the
+    largest; more than 1e-3 were it taken in the middle.
+    """
     section = tb.Section.circle(0.01, 1e6, 0.45, 1100.0)
-    scene = tb.Scene(tb.Beam.straight(0.3, 2, section), [
-        tb.TipLoad(force=lambda t: torch.stack((0 * t, 0 * t, 0.02 * torch.sin(4 * t) ** 4)))], plane="xz")
+    scene = tb.Scene(
+        tb.Beam.straight(0.3, 2, section),
+        [tb.TipLoad(force=lambda t: torch.stack((0 * t, 0 * t, 0.02 * torch.sin(4 * t) ** 4)))],
+        plane="xz",
+    )
     sol = tb.simulate(scene, torch.linspace(0, 0.4, 9), method="midpoint4", rtol=1e-4)
     model = discretise(scene)
     states = model.space.to_reduced(sol.state)

@@ -17,17 +17,29 @@ GRAVITY = tb.Gravity((0, 0, -9.81))
 def pendulum(spin=8.0, **joint):
     """A body of 1 kg, 1 m below its hinge, which turns by so much rad/s: over the top."""
     body = tb.Body(mass=1.0, inertia=(0.1, 0.2, 0.3), position=(0.0, 0, -1))
-    scene = tb.Scene({"body": body}, [GRAVITY], joints=[tb.Hinge(None, "body", at=(0, 0, 0), axis=(0, 1, 0), **joint)])
-    return scene, replace(tb.rest(scene), velocity=torch.tensor([[-spin, 0.0, 0]]), spin=torch.tensor([[0, spin, 0.0]]))
+    scene = tb.Scene(
+        {"body": body},
+        [GRAVITY],
+        joints=[tb.Hinge(None, "body", at=(0, 0, 0), axis=(0, 1, 0), **joint)],
+    )
+    return scene, replace(
+        tb.rest(scene),
+        velocity=torch.tensor([[-spin, 0.0, 0]]),
+        spin=torch.tensor([[0, spin, 0.0]]),
+    )
 
 
 def test_hinge_holds_its_axis_at_any_angle():
-    """Its two rows about the axis stay as independent as they are as drawn: at a right angle too."""
+    """Its two rows about the axis stay as independent as they are as drawn: at a right angle
+    too.
+    """
     scene, state = pendulum()
     joints, stepper, least = discretise(scene).joints, tb.Stepper(scene, 0.04), []
     for _ in range(12):  # up to 3 rad
         pose = joints.pose(state.position, state.rotation)
-        turning = joints._gradient(joints.v.at(pose), joints.w.at(pose))[0, :, 9:][joints.held[0] > 0][3:]
+        turning = joints._gradient(joints.v.at(pose), joints.w.at(pose))[0, :, 9:][
+            joints.held[0] > 0
+        ][3:]
         least.append(torch.linalg.svdvals(turning)[-1])
         state = stepper(state)
     assert state.nodes[0, 2] > 0.9  # it is at the top
@@ -37,8 +49,13 @@ def test_hinge_holds_its_axis_at_any_angle():
 @pytest.mark.parametrize("method", METHODS)
 def test_pendulum_of_a_body_alone_has_order_two(method):
     """(J + m l^2) a = -m g l sin(angle), without any beam, against the ODE."""
-    exact = solve_ivp(lambda t, y: [y[1], -9.81 / 1.2 * torch.sin(torch.tensor(y[0])).item()], (0, 0.4), [0, 8.0], rtol=1e-12,
-                      atol=1e-12).y[0, -1]
+    exact = solve_ivp(
+        lambda t, y: [y[1], -9.81 / 1.2 * torch.sin(torch.tensor(y[0])).item()],
+        (0, 0.4),
+        [0, 8.0],
+        rtol=1e-12,
+        atol=1e-12,
+    ).y[0, -1]
     errors = []
     for steps in (20, 40):
         scene, state = pendulum()
@@ -51,21 +68,33 @@ def test_pendulum_of_a_body_alone_has_order_two(method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(("order", "linked", "plane"), [(1, False, None), (1, True, None), (2, False, None), (1, False, "xz"),
-                                                        (2, False, "xz")])
+@pytest.mark.parametrize(
+    ("order", "linked", "plane"),
+    [(1, False, None), (1, True, None), (2, False, None), (1, False, "xz"), (2, False, "xz")],
+)
 def test_beam_cut_and_welded_is_the_beam(method, order, linked, plane):
-    """In statics and in motion, but for rounding: the two nodes at the weld share the beam's inertia and stiffness there."""
+    """In statics and in motion, but for rounding: the two nodes at the weld share the beam's
+    inertia and stiffness there.
+    """
+
     def beam(length, n, **more):
         made = tb.Beam.straight(length, n, SECTION, order=order, **more)
         return made.linked() if linked else made
 
     force = (0.1, 0.0 if plane else 0.3, -0.4)
     whole = tb.Scene(beam(1.0, 4), [tb.TipLoad(force=force)], plane=plane)
-    cut = tb.Scene({"a": beam(0.5, 2), "b": beam(0.5, 2, root=(0.5, 0, 0))}, [tb.PointLoad(("b", -1), force=force)],
-                   plane=plane, joints=[tb.Weld(("a", -1), ("b", 0))], supports=[tb.Support(("a", 0))])
-    again = [i for i in range(4 * order + 2) if i != 2 * order + 1]  # the nodes of the beam among those of both
+    cut = tb.Scene(
+        {"a": beam(0.5, 2), "b": beam(0.5, 2, root=(0.5, 0, 0))},
+        [tb.PointLoad(("b", -1), force=force)],
+        plane=plane,
+        joints=[tb.Weld(("a", -1), ("b", 0))],
+        supports=[tb.Support(("a", 0))],
+    )
+    # the nodes of the beam among those of both
+    again = [i for i in range(4 * order + 2) if i != 2 * order + 1]
     one, two = tb.equilibrium(whole), tb.equilibrium(cut)
-    torch.testing.assert_close(two.nodes[again], one.nodes, rtol=0, atol=1e-10)  # both converge to 1e-10
+    # both converge to 1e-10
+    torch.testing.assert_close(two.nodes[again], one.nodes, rtol=0, atol=1e-10)
     if linked:
         return  # the masses of its nodes are shared by another rule at ends
     one, two = tb.rest(whole), tb.rest(cut)
@@ -73,14 +102,18 @@ def test_beam_cut_and_welded_is_the_beam(method, order, linked, plane):
     for _ in range(4):
         one, two = steppers[0](one), steppers[1](two)
     torch.testing.assert_close(two.nodes[again], one.nodes, rtol=0, atol=1e-10)
-    torch.testing.assert_close(two.reaction, one.reaction, rtol=0, atol=1e-7)  # of 0.5 N, from stresses of converged steps
+    # of 0.5 N, from stresses of converged steps
+    torch.testing.assert_close(two.reaction, one.reaction, rtol=0, atol=1e-7)
 
 
 def test_adaptive_steps_of_a_body_alone():
-    """A body that a moment makes tumble, whose centre stays: its rotation is what the tolerance holds; started again from where
-    it is. The tolerance of an angle is that of a place over its radius of gyration.
+    """A body that a moment makes tumble, whose centre stays: its rotation is what the tolerance
+    holds; started again from where it is. The tolerance of an angle is that of a place over its
+    radius of gyration.
     """
-    scene = tb.Scene({"b": tb.Body(1.0, (1.0, 2.0, 2.5))}, [tb.PointLoad("b", moment=(1.0, 30.0, 1.0))])
+    scene = tb.Scene(
+        {"b": tb.Body(1.0, (1.0, 2.0, 2.5))}, [tb.PointLoad("b", moment=(1.0, 30.0, 1.0))]
+    )
     times = torch.tensor([0.0, 0.5])
     fine = tb.simulate(scene, times, step=1e-3, engine="eager").state[-1]
     found = tb.simulate(scene, times, atol=1e-3, engine="eager").state[-1]

@@ -1,5 +1,5 @@
-"""A second run of a scene, and a run of other values of one structure, take what the first has made, and give what a first one
-gives.
+"""A second run of a scene, and a run of other values of one structure, take what the first has
+made, and give what a first one gives.
 """
 
 import copy
@@ -22,7 +22,9 @@ T = torch.linspace(0, 0.05, 6)
 def scene(EI=0.5, force=0.3, plane="xz", length=1.0, **more):
     section = tb.Section.from_stiffness(EA=100.0, GA=50.0, GJ=0.4, EI=EI, mass=0.2, inertia=1e-3)
     load = tb.TipLoad(force=torch.stack((torch.zeros(()), torch.zeros(()), torch.as_tensor(force))))
-    return tb.Scene(tb.Beam.straight(length, 2, section), [load, tb.MassDamping(0.3)], plane=plane, **more)
+    return tb.Scene(
+        tb.Beam.straight(length, 2, section), [load, tb.MassDamping(0.3)], plane=plane, **more
+    )
 
 
 def tip(run):
@@ -51,13 +53,18 @@ def test_a_second_run_makes_no_model(made, plane):
     assert first.stats.engine == second.stats.engine
     finer = tb.simulate(run, T, step=0.005)
     assert len(made) == 1 and finer.stats.steps == 10
-    assert_close(finer.tip.position, tip(scene(plane=plane)) + finer.tip.position - second.tip.position)
+    assert_close(
+        finer.tip.position, tip(scene(plane=plane)) + finer.tip.position - second.tip.position
+    )
     tb.simulate(run, T, step=0.01, conserve=True)
     assert len(made) == 3  # one of the scene that was made anew, one by other options
 
 
-@pytest.mark.parametrize("write", [lambda x: x.mul_(2), lambda x: x.data.mul_(2), lambda x: x.numpy().__imul__(2)],
-                         ids=["in place", "data", "numpy"])
+@pytest.mark.parametrize(
+    "write",
+    [lambda x: x.mul_(2), lambda x: x.data.mul_(2), lambda x: x.numpy().__imul__(2)],
+    ids=["in place", "data", "numpy"],
+)
 def test_what_is_written_to_a_scene_is_seen(made, write):
     """By ways as well that tensors keep no count of."""
     run = scene()
@@ -68,13 +75,20 @@ def test_what_is_written_to_a_scene_is_seen(made, write):
 
 
 def test_gradients_are_recorded_afresh(made):
-    """Two backward passes through two runs of one scene; a run without recording in between keeps nothing of them."""
+    """Two backward passes through two runs of one scene; a run without recording in between keeps
+    nothing of them.
+    """
     force = torch.tensor([0.0, 0.0, 0.3], requires_grad=True)
     run = replace(scene(), effects=[tb.TipLoad(force=force)])
     with torch.no_grad():
         still = tip(run)
     grads = [torch.autograd.grad(tip(run).square().sum(), force)[0] for _ in range(2)]
-    assert torch.equal(*grads) and grads[0][2] != 0 and torch.equal(still, tip(run).detach()) and len(made) == 4
+    assert (
+        torch.equal(*grads)
+        and grads[0][2] != 0
+        and torch.equal(still, tip(run).detach())
+        and len(made) == 4
+    )
     with torch.no_grad():
         assert torch.equal(still, tip(run)) and len(made) == 4
 
@@ -82,19 +96,28 @@ def test_gradients_are_recorded_afresh(made):
 def test_functions_and_loads_of_a_user_are_asked_each_time(made):
     """What they close over may have changed."""
     size = [1.0]
-    run = replace(scene(), effects=[tb.TipLoad(force=lambda t: size[0] * torch.tensor([0.0, 0.0, 0.3]))])
+    run = replace(
+        scene(), effects=[tb.TipLoad(force=lambda t: size[0] * torch.tensor([0.0, 0.0, 0.3]))]
+    )
     first = tip(run)
     size[0] = 2.0
     assert len(made) == 1 and not torch.equal(first, tip(run)) and len(made) == 2
 
 
 def test_a_scene_goes_with_what_it_holds():
-    """No circle: a scene that nobody holds is freed at once, with its steppers; copies and pickles go without these."""
+    """No circle: a scene that nobody holds is freed at once, with its steppers; copies and pickles
+    go without these.
+    """
     run = scene()
     tip(run)
     held = vars(run)[module.KEPT]
     stepper = weakref.ref(next(iter(held.values())).stepper)
-    for other in (copy.copy(run), copy.deepcopy(run), pickle.loads(pickle.dumps(run)), replace(run)):
+    for other in (
+        copy.copy(run),
+        copy.deepcopy(run),
+        pickle.loads(pickle.dumps(run)),
+        replace(run),
+    ):
         assert module.KEPT not in vars(other) and torch.equal(tip(other), tip(run))
     gc.disable()
     try:
@@ -105,14 +128,25 @@ def test_a_scene_goes_with_what_it_holds():
 
 
 def test_other_values_of_one_structure():
-    """Against the eager engine, which shares nothing: sections, loads, a length, a batch; and their gradients."""
+    """Against the eager engine, which shares nothing: sections, loads, a length, a batch; and their
+    gradients.
+    """
     pytest.importorskip("llvmlite")
     EI = torch.tensor([0.4, 0.6])
-    for values in (dict(EI=0.7), dict(force=-0.2, length=1.3), dict(EI=EI), dict(EI=2 * EI, force=0.1)):
+    for values in (
+        dict(EI=0.7),
+        dict(force=-0.2, length=1.3),
+        dict(EI=EI),
+        dict(EI=2 * EI, force=0.1),
+    ):
         grads = []
         for engine in ("compiled", "eager"):
             x = torch.as_tensor(values.get("EI", 0.5)).clone().requires_grad_()
-            sol = tb.simulate(scene(**{**values, "EI": x}), T, step=0.01, engine=engine, tolerance=1e-12)
-            grads.append((sol.tip.position.detach(), torch.autograd.grad(sol.tip.position[-1].sum(), x)[0]))
+            sol = tb.simulate(
+                scene(**{**values, "EI": x}), T, step=0.01, engine=engine, tolerance=1e-12
+            )
+            grads.append(
+                (sol.tip.position.detach(), torch.autograd.grad(sol.tip.position[-1].sum(), x)[0])
+            )
         assert_close(*(position for position, _ in grads), rtol=1e-11, atol=1e-13)
         assert_close(*(grad for _, grad in grads), rtol=1e-8, atol=1e-12)

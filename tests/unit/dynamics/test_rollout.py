@@ -29,12 +29,18 @@ def same(a, b, **tolerance):
 
 @pytest.mark.parametrize("engine", ["eager", "compiled"])
 def test_rollout_is_so_many_steps(engine):
-    """With a function of t, and inputs that are held, functions of t, or of each step; samples at one instant, or each at its
-    own. To rounding: times are k dt here, and sums of dt there.
+    """With a function of t, and inputs that are held, functions of t, or of each step; samples at
+    one instant, or each at its own. To rounding: times are k dt here, and sums of dt there.
     """
     stepper, u = tb.Stepper(scene(), DT, engine=engine), forces(2)
-    held = {"values": (tb.PerInterval(u), lambda k, t: u[:, k]), "held": (u[:, 0], lambda k, t: u[:, 0]),
-            "function": (lambda t: torch.stack((0 * t, t, 0 * t)), lambda k, t: (t + DT / 2)[..., None] * torch.eye(3)[1])}
+    held = {
+        "values": (tb.PerInterval(u), lambda k, t: u[:, k]),
+        "held": (u[:, 0], lambda k, t: u[:, 0]),
+        "function": (
+            lambda t: torch.stack((0 * t, t, 0 * t)),
+            lambda k, t: (t + DT / 2)[..., None] * torch.eye(3)[1],
+        ),
+    }
     for t in (torch.zeros(2), torch.tensor([0.0, 0.3])):
         start = stepper.rest((2,)).at(t)
         for given, at in held.values():
@@ -47,26 +53,45 @@ def test_rollout_is_so_many_steps(engine):
 
 @pytest.mark.parametrize("method", ["midpoint", "generalized_alpha"])
 def test_inputs_of_intervals_are_those_of_steps(method):
-    """simulate with two steps in each interval of its own force = a rollout with each force given twice, and its gradient."""
+    """simulate with two steps in each interval of its own force = a rollout with each force given
+    twice, and its gradient.
+    """
     u = forces().requires_grad_()
-    found = tb.simulate(scene(), DT * torch.arange(STEPS + 1), method=method, step=DT / 2, inputs={"force": tb.PerInterval(u)})
+    found = tb.simulate(
+        scene(),
+        DT * torch.arange(STEPS + 1),
+        method=method,
+        step=DT / 2,
+        inputs={"force": tb.PerInterval(u)},
+    )
     stepper = tb.Stepper(scene(), DT / 2, method)
-    twice = tb.rollout(stepper, stepper.rest(), 2 * STEPS, force=tb.PerInterval(u.repeat_interleave(2, 0)))
+    twice = tb.rollout(
+        stepper, stepper.rest(), 2 * STEPS, force=tb.PerInterval(u.repeat_interleave(2, 0))
+    )
     assert_close(found.tip.position[1:], twice.tip.position[1::2], rtol=1e-10, atol=1e-12)
-    by_simulate, by_rollout = (torch.autograd.grad(x.tip.position[-1].sum(), u)[0] for x in (found, twice))
+    by_simulate, by_rollout = (
+        torch.autograd.grad(x.tip.position[-1].sum(), u)[0] for x in (found, twice)
+    )
     assert (by_simulate.abs().amax(-1) > 1e-6).all()
     assert_close(by_simulate, by_rollout, rtol=1e-8, atol=1e-10)
 
 
 def test_energy_of_a_beam_that_an_input_bends():
-    """The strain that stores no energy is that of the interval which ends at the instant: a beam that stands as it is bent by
-    itself, to 0.3 1/m, stores nothing until it is let go (and 0.045 J from then on).
+    """The strain that stores no energy is that of the interval which ends at the instant: a beam
+    that stands as it is bent by itself, to 0.3 1/m, stores nothing until it is let go
+    (and 0.045 J from then on).
     """
     bent = torch.tensor([0.0, 0.3, 0.0])
-    actuated = tb.Scene(tb.Beam.straight(1.0, 3, SECTION), [tb.Actuation(curvature=tb.Input("bend", 3))])
+    actuated = tb.Scene(
+        tb.Beam.straight(1.0, 3, SECTION), [tb.Actuation(curvature=tb.Input("bend", 3))]
+    )
     given = {"bend": tb.PerInterval(torch.stack((bent, 0 * bent)))}
     energy = tb.simulate(
-        actuated, [0.0, 0.02, 0.021], tb.equilibrium(actuated, inputs={"bend": bent}), step=0.01, inputs=given
+        actuated,
+        [0.0, 0.02, 0.021],
+        tb.equilibrium(actuated, inputs={"bend": bent}),
+        step=0.01,
+        inputs=given,
     ).energy
     assert energy.strain[1] < 1e-12 and energy.strain[2] > 0.04
 
@@ -74,12 +99,27 @@ def test_energy_of_a_beam_that_an_input_bends():
 def test_refusals():
     stepper, t = tb.Stepper(scene(), DT), DT * torch.arange(4)
     for call, sentence in (
-            (lambda: tb.PerInterval(torch.ones(3)), r"PerInterval of shape \(3,\) was given; \(..., intervals, size\)"),
-            (lambda: tb.rollout(stepper, stepper.rest(), 5, force=tb.PerInterval(forces())), "for 6 intervals; there are 5"),
-            (lambda: tb.rollout(stepper, stepper.rest(), 0, force=[0, 0, 1]), "steps = 0"),
-            (lambda: tb.rollout(scene(), None, 1), "a stepper of type Scene"),
-            (lambda: tb.simulate(scene(), t, inputs={"force": tb.PerInterval(forces())}), "for 6 intervals; there are 3"),
-            (lambda: tb.simulate(scene(), t, method="rk4", inputs={"force": tb.PerInterval(forces())}), "to 'rk4'; 'midpoint'"),
-            (lambda: stepper(stepper.rest(), force=tb.PerInterval(forces())), "numbers or a tensor")):
+        (
+            lambda: tb.PerInterval(torch.ones(3)),
+            r"PerInterval of shape \(3,\) was given; \(..., intervals, size\)",
+        ),
+        (
+            lambda: tb.rollout(stepper, stepper.rest(), 5, force=tb.PerInterval(forces())),
+            "for 6 intervals; there are 5",
+        ),
+        (lambda: tb.rollout(stepper, stepper.rest(), 0, force=[0, 0, 1]), "steps = 0"),
+        (lambda: tb.rollout(scene(), None, 1), "a stepper of type Scene"),
+        (
+            lambda: tb.simulate(scene(), t, inputs={"force": tb.PerInterval(forces())}),
+            "for 6 intervals; there are 3",
+        ),
+        (
+            lambda: tb.simulate(
+                scene(), t, method="rk4", inputs={"force": tb.PerInterval(forces())}
+            ),
+            "to 'rk4'; 'midpoint'",
+        ),
+        (lambda: stepper(stepper.rest(), force=tb.PerInterval(forces())), "numbers or a tensor"),
+    ):
         with pytest.raises(ValueError, match=sentence):
             call()

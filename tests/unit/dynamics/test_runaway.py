@@ -17,17 +17,25 @@ def run(step):
     """20 rk4 steps from rest under a force of 0.3 N, none, and 1 mN; five outputs."""
     force = torch.tensor([[0, 0, 0.3], [0, 0, 0], [0, 0, 1e-3]])
     scene = tb.Scene(BEAM, [tb.TipLoad(force=force)])
-    return tb.simulate(scene, torch.linspace(0, 20 * step, 5), method="rk4", options={"step_size": step})
+    return tb.simulate(
+        scene, torch.linspace(0, 20 * step, 5), method="rk4", options={"step_size": step}
+    )
 
 
 def test_a_sample_that_runs_away_keeps_its_last_output():
-    """Steps of 5 ms: what they have added to the energy that was given is 0.01, 0.2 and 5 times that, and 200 times at the last
-    output, which is not kept. The sample at rest has nothing to run away with.
+    """Steps of 5 ms: what they have added to the energy that was given is 0.01, 0.2 and 5 times
+    that, and 200 times at the last output, which is not kept. The sample at rest has nothing to run
+    away with.
     """
-    with pytest.warns(RuntimeWarning, match=r"rk4 made energy that nothing gave: .* \(2 of 3 samples\)"):
+    with pytest.warns(
+        RuntimeWarning, match=r"rk4 made energy that nothing gave: .* \(2 of 3 samples\)"
+    ):
         found = run(5e-3)
     assert found.status.tolist() == [FAILED, SUCCESS, FAILED]
-    assert found.state.status[:-1].eq(SUCCESS).all() and "limit of stability" in found.stats.reason[FAILED]
+    assert (
+        found.state.status[:-1].eq(SUCCESS).all()
+        and "limit of stability" in found.stats.reason[FAILED]
+    )
     assert_close(found.nodes[-1], found.nodes[-2], rtol=0, atol=0)
     gained = found.energy.kinetic + found.energy.strain - found.energy.work
     assert gained[-1, 0] > 5 * found.energy.work[-1, 0] and (found.state.t[-1] == found.t[-1]).all()
@@ -38,10 +46,17 @@ def test_a_stable_step_is_left_alone(recwarn):
     assert not run(3.5e-3).status.any() and not [w for w in recwarn if w.category is RuntimeWarning]
 
 
-@pytest.mark.parametrize("other", [
-    dict(effects=[tb.Actuation(curvature=lambda t: torch.stack((0 * t, t, 0 * t)))]),
-    dict(frame=tb.Frame(velocity=(0.0, 0, 1)), supports=[tb.Support(0), tb.Support(-1, position="y", rotation="")]),
-], ids=["changing eigenstrain", "carried by supports"])
+@pytest.mark.parametrize(
+    "other",
+    [
+        dict(effects=[tb.Actuation(curvature=lambda t: torch.stack((0 * t, t, 0 * t)))]),
+        dict(
+            frame=tb.Frame(velocity=(0.0, 0, 1)),
+            supports=[tb.Support(0), tb.Support(-1, position="y", rotation="")],
+        ),
+    ],
+    ids=["changing eigenstrain", "carried by supports"],
+)
 def test_nobody_knows_energy_from_elsewhere_than_work(other):
     """Such scenes are not judged, nor is their energy asked for."""
     states = run(3.5e-3).state

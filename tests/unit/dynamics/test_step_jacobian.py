@@ -1,4 +1,6 @@
-"""Derivative of one step in the coordinates of a linear model, and the states of such coordinates."""
+"""Derivative of one step in the coordinates of a linear model, and the states of such
+coordinates.
+"""
 
 import pytest
 import torch
@@ -19,7 +21,11 @@ def lag(z, r, R, v, w, t):
 
 def scene(*effects, EI=(1.0, 1.3), inertia=1e-3, order=1, N=3, **of):
     section = tb.Section.from_stiffness(EA=4e3, GA=1.4e3, GJ=0.8, EI=EI, mass=0.2, inertia=inertia)
-    return tb.Scene(tb.Beam.straight(1.0, N, section, order=order), [tb.TipLoad(force=tb.Input("u", 3)), *effects], **of)
+    return tb.Scene(
+        tb.Beam.straight(1.0, N, section, order=order),
+        [tb.TipLoad(force=tb.Input("u", 3)), *effects],
+        **of,
+    )
 
 
 HUB = dict(supports=tb.Support(0, "xyz", ""))  # free to turn, with a body on it
@@ -44,11 +50,15 @@ def model_of(scene):
 
 def coordinates(model, seed=1):
     """z of a bent and moving beam: moves of up to 5 cm or 3 degrees, rates up to 5 cm/s."""
-    return 0.05 * (2 * torch.rand(model.A.shape[-1], generator=torch.Generator().manual_seed(seed)) - 1)
+    return 0.05 * (
+        2 * torch.rand(model.A.shape[-1], generator=torch.Generator().manual_seed(seed)) - 1
+    )
 
 
 def differences(function, like, h=1e-5):
-    """Central differences of a function of a small change (..., k), all k at once: (..., k) behind its value's axes."""
+    """Central differences of a function of a small change (..., k), all k at once: (..., k) behind
+    its value's axes.
+    """
     e = h * torch.eye(like.shape[-1]).view(-1, *(1,) * (like.ndim - 2), like.shape[-1])
     return ((function(e) - function(-e)) / (2 * h)).movedim(0, -1)
 
@@ -68,7 +78,9 @@ def test_state_at_is_the_inverse_of_departure(kind):
 @pytest.mark.parametrize("engine", ["eager", "auto"])
 @pytest.mark.parametrize("kind", SCENES)
 def test_is_the_slope_of_a_step(kind, engine):
-    """Against central differences 1e-5 apart, of steps solved to 1e-13: what those leave is 1e-8 of the largest entry."""
+    """Against central differences 1e-5 apart, of steps solved to 1e-13: what those leave is 1e-8 of
+    the largest entry.
+    """
     held = SCENES[kind]
     model, stepper = model_of(held), tb.Stepper(held, 0.02, tolerance=1e-13, engine=engine)
     z = coordinates(model)
@@ -83,13 +95,16 @@ def test_is_the_slope_of_a_step(kind, engine):
 
 
 def test_of_an_arm_that_has_turned_far():
-    """A hub free about all axes, turned by 1 rad and turning by 2 rad/s: the same slope; engines agree to 1e-9."""
-    held, free = scene(*BODY, **HUB, N=2), scene(*BODY[:1], **HUB, N=2)  # the model is of the beam without gravity
+    """A hub free about all axes, turned by 1 rad and turning by 2 rad/s: the same slope; engines
+    agree to 1e-9.
+    """
+    # the model is of the beam without gravity
+    held, free = scene(*BODY, **HUB, N=2), scene(*BODY[:1], **HUB, N=2)
     model = tb.linearize(free, tb.rest(free), inputs={"u": torch.zeros(3)})
     z = coordinates(model)
     half = len(z) // 2
     z[:3] += torch.tensor([0.5, -0.4, 0.8])
-    z[half:half + 3] += torch.tensor([1.0, 1.0, -1.5])
+    z[half : half + 3] += torch.tensor([1.0, 1.0, -1.5])
     found = []
     for engine in ("eager", "auto"):
         stepper = tb.Stepper(held, 0.01, tolerance=1e-13, engine=engine)
@@ -101,14 +116,17 @@ def test_of_an_arm_that_has_turned_far():
 
 
 def test_at_the_equilibrium_it_is_the_model_in_steps():
-    """The midpoint step of z' = A z + B u is (1 - A dt/2)^-1 (1 + A dt/2) z + ...; a step of the beam has that slope where the
-    model is from, to rounding of stiffness over mass: 1e-9 of the largest entry.
+    """The midpoint step of z' = A z + B u is (1 - A dt/2)^-1 (1 + A dt/2) z + ...; a step of the
+    beam has that slope where the model is from, to rounding of stiffness over mass: 1e-9 of the
+    largest entry.
     """
     held, dt = scene(tb.Damping(1e-3)), 0.01
     model = model_of(held)
     A, B = tb.Stepper(held, dt, tolerance=1e-13).jacobian(model.state, torch.zeros(3), model)
     eye = torch.eye(len(A))
-    wanted = torch.linalg.solve(eye - model.A * dt / 2, torch.cat((eye + model.A * dt / 2, model.B * dt), -1))
+    wanted = torch.linalg.solve(
+        eye - model.A * dt / 2, torch.cat((eye + model.A * dt / 2, model.B * dt), -1)
+    )
     assert_close(torch.cat((A, B), -1), wanted, rtol=0, atol=1e-8 * wanted.abs().max().item())
 
 
@@ -126,14 +144,23 @@ def test_a_batch_is_its_samples_and_leaves_the_stepper_as_it_was():
 
 
 def test_of_a_reduced_model():
-    """Its own coordinates: the amplitudes of two modes; at the equilibrium the step keeps them apart from the others."""
+    """Its own coordinates: the amplitudes of two modes; at the equilibrium the step keeps them
+    apart from the others.
+    """
     held, dt = scene(), 0.01
     full = model_of(held)
     model = full.reduced(2)
-    assert_close(model.departure(model.state_at(0.02 * torch.ones(4))), 0.02 * torch.ones(4), rtol=0, atol=1e-12)
+    assert_close(
+        model.departure(model.state_at(0.02 * torch.ones(4))),
+        0.02 * torch.ones(4),
+        rtol=0,
+        atol=1e-12,
+    )
     A, _ = tb.Stepper(held, dt, tolerance=1e-13).jacobian(model.state, torch.zeros(3), model)
     eye = torch.eye(4)
-    assert_close(A, torch.linalg.solve(eye - model.A * dt / 2, eye + model.A * dt / 2), rtol=0, atol=1e-7)
+    assert_close(
+        A, torch.linalg.solve(eye - model.A * dt / 2, eye + model.A * dt / 2), rtol=0, atol=1e-7
+    )
 
 
 def test_refusals():

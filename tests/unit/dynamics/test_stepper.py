@@ -14,7 +14,11 @@ def soft_beam(**changes) -> tb.Beam:
     K = torch.diag(torch.tensor([1e3, 400, 400, 0.8, 1, 2]))
     K[2, 3] = K[3, 2] = 0.3
     K[0, 5] = K[5, 0] = 5
-    return tb.Beam.straight(1.0, 4, tb.Section(torch.linalg.inv(K), torch.diag(torch.tensor([1, 1, 1, 0.02, 0.01, 0.01]))))
+    return tb.Beam.straight(
+        1.0,
+        4,
+        tb.Section(torch.linalg.inv(K), torch.diag(torch.tensor([1, 1, 1, 0.02, 0.01, 0.01]))),
+    )
 
 
 def slender(N: int = 16) -> tb.Beam:
@@ -26,47 +30,65 @@ def balance(sol: tb.Solution) -> torch.Tensor:
     return sol.energy.kinetic + sol.energy.strain - sol.energy.work
 
 
-@pytest.mark.parametrize("conserve, steps, most", [
-    pytest.param(False, 500, 5e-4, marks=pytest.mark.long), pytest.param(True, 500, 1e-12, marks=pytest.mark.long),
-    (True, 100, 1e-12),
-])
+@pytest.mark.parametrize(
+    "conserve, steps, most",
+    [
+        pytest.param(False, 500, 5e-4, marks=pytest.mark.long),
+        pytest.param(True, 500, 1e-12, marks=pytest.mark.long),
+        (True, 100, 1e-12),
+    ],
+)
 def test_energy_of_long_undamped_motion(conserve, steps, most):
-    """Undamped 3D coupled cantilever, dead tip load, steps of 20 ms: the balance closes by construction with `conserve`
-    (1e-12 is rounding over 500 steps) and to third order in the step without (measured 2.7e-4 of the peak; 100 steps of
-    these are those of properties/test_dynamics::test_energy_of_the_coupled_case)."""
+    """Undamped 3D coupled cantilever, dead tip load, steps of 20 ms: the balance closes by
+    construction with `conserve` (1e-12 is rounding over 500 steps) and to third order in the step
+    without (measured 2.7e-4 of the peak; 100 steps of these are those of
+    properties/test_dynamics::test_energy_of_the_coupled_case).
+    """
     scene = tb.Scene(soft_beam(), [tb.TipLoad(force=(0, 1.0, 3.0))])
-    sol = tb.simulate(scene, 0.02 * torch.arange(0, steps + 1, 20), step=0.02 * 1.0001, conserve=conserve)
+    sol = tb.simulate(
+        scene, 0.02 * torch.arange(0, steps + 1, 20), step=0.02 * 1.0001, conserve=conserve
+    )
     assert balance(sol).abs().max() < most * sol.energy.strain.max()
 
 
 @pytest.mark.parametrize("conserve, most", [(False, 1e-4), (True, 1e-12)])
 def test_energy_of_a_beam_that_bends_by_itself(conserve, most):
-    """A suddenly curled beam, undamped: what the curl would take to hold back (1/2 EI kappa^2 L at first) is what there is,
-    and kinetic + strain energy stays there: exactly with `conserve`, else to the order of the step (4.4e-5 measured)."""
+    """A suddenly curled beam, undamped: what the curl would take to hold back (1/2 EI kappa^2 L at
+    first) is what there is, and kinetic + strain energy stays there: exactly with `conserve`, else
+    to the order of the step (4.4e-5 measured).
+    """
     scene = tb.Scene(slender(8), [tb.Actuation(curvature=(0, 0, 0.5))])
     sol = tb.simulate(scene, torch.linspace(0, 0.5, 26), step=0.005, conserve=conserve)
     total = sol.energy.kinetic + sol.energy.strain
     torch.testing.assert_close(total[0], torch.tensor(0.5 * 0.5**2), rtol=1e-12, atol=0)
-    assert (total - total[0]).abs().max() < most * total[0] and sol.energy.kinetic.max() > 0.3 * total[0]
+    assert (total - total[0]).abs().max() < most * total[
+        0
+    ] and sol.energy.kinetic.max() > 0.3 * total[0]
     if not conserve:
         explicit = tb.simulate(scene, [0, 3e-4], method="dopri5").energy
-        torch.testing.assert_close((explicit.kinetic + explicit.strain)[1], total[0], rtol=1e-5, atol=0)
+        torch.testing.assert_close(
+            (explicit.kinetic + explicit.strain)[1], total[0], rtol=1e-5, atol=0
+        )
 
 
 def test_conserve_takes_only_what_damping_does_not():
-    """With damping, energy falls by exactly what the damper takes: `defect` stays at zero and the beam comes to rest at
-    the static equilibrium (the damper does not shift it)."""
+    """With damping, energy falls by exactly what the damper takes: `defect` stays at zero and the
+    beam comes to rest at the static equilibrium (the damper does not shift it).
+    """
     scene = tb.Scene(soft_beam(), [tb.TipLoad(force=(0, 0.5, 0.5)), tb.Damping(0.3)])
     sol = tb.simulate(scene, [0.0, 7.0], step=0.04, conserve=True)
     assert sol.state.defect.abs().max() < 1e-12
     still = tb.equilibrium(scene).tip.position
-    # first bending mode: omega = 3.516 rad/s, tau omega^2/2 = 1.85 1/s, so e^-13 = 2e-6 of 0.18 m is left
+    # first bending mode: omega = 3.516 rad/s, tau omega^2/2 = 1.85 1/s, so e^-13 = 2e-6 of 0.18 m
+    # is left
     assert (sol.tip.position[-1] - still).abs().max() < 5e-6
 
 
 def test_violent_load_is_made_in_smaller_steps():
-    """P L^2/EI = 50 applied suddenly at 10 ms: whole steps have spurious solutions that gain energy 50-fold; steps in which
-    a node turns by more than 1.2 rad are refused and made in parts. The energy stays within 3 % (measured 1.4 %)."""
+    """P L^2/EI = 50 applied suddenly at 10 ms: whole steps have spurious solutions that gain energy
+    50-fold; steps in which a node turns by more than 1.2 rad are refused and made in parts. The
+    energy stays within 3 % (measured 1.4 %).
+    """
     scene = tb.Scene(slender(), [tb.TipLoad(force=(0, 50.0, 0))])
     sol = tb.simulate(scene, torch.linspace(0, 0.3, 4), step=0.01)
     assert sol.status == 0
@@ -75,10 +97,16 @@ def test_violent_load_is_made_in_smaller_steps():
 
 
 def test_gradient_through_steps_that_were_made_again():
-    """The derivative of the tip through sub-divided steps against central differences (fourth order, h = 1e-4 relative)."""
+    """The derivative of the tip through sub-divided steps against central differences (fourth
+    order, h = 1e-4 relative).
+    """
     h = 6e-3
     P = (60 + h * torch.tensor([0.0, 1, 2, -2, -1])).requires_grad_()
-    stepper = tb.Stepper(tb.Scene(slender(4), [tb.TipLoad(force=torch.stack((0 * P, P, 0 * P), -1))]), 0.05, tolerance=1e-12)
+    stepper = tb.Stepper(
+        tb.Scene(slender(4), [tb.TipLoad(force=torch.stack((0 * P, P, 0 * P), -1))]),
+        0.05,
+        tolerance=1e-12,
+    )
     state, most = stepper.rest(), 0
     for _ in range(2):
         state = stepper(state)
@@ -86,17 +114,24 @@ def test_gradient_through_steps_that_were_made_again():
     assert most > 12
     y = state.tip.position[:, 1]
     (slope,) = torch.autograd.grad(y[0], P)
-    assert slope[0].item() == pytest.approx(((8 * (y[1] - y[-1]) - (y[2] - y[-2])) / (12 * h)).item(), rel=1e-5)
+    assert slope[0].item() == pytest.approx(
+        ((8 * (y[1] - y[-1]) - (y[2] - y[-2])) / (12 * h)).item(), rel=1e-5
+    )
 
 
 def test_checkpoint_changes_nothing_but_memory():
     """Values and gradients are those of the plain run, to rounding."""
+
     def run(checkpoint):
         EI = torch.tensor(1.0, requires_grad=True)
         beam = tb.Beam.straight(1.0, 4, tb.Section.from_stiffness(1e4, 1e4, 1.0, EI, 0.2))
         scene = tb.Scene(beam, [tb.TipLoad(force=(0, 1.0, 3.0))])
         sol = tb.simulate(scene, torch.linspace(0, 0.2, 5), step=0.01, checkpoint=checkpoint)
-        return sol.tip.position, torch.autograd.grad(sol.tip.position.sum(), EI)[0], sol.stats.iterations
+        return (
+            sol.tip.position,
+            torch.autograd.grad(sol.tip.position.sum(), EI)[0],
+            sol.stats.iterations,
+        )
 
     for plain, checkpointed in zip(run(False), run(True), strict=True):
         torch.testing.assert_close(checkpointed, plain, rtol=1e-13, atol=1e-13)
@@ -109,13 +144,18 @@ def test_mask_holds_samples_and_leaves_the_others_alone():
     u = torch.tensor([[0, 1.0, 0], [0, 2.0, 0], [0, 0, 3.0]])
     start = stepper(stepper.rest((3,)), u=u)
     all_, some = stepper(start, u=u), stepper(start, u=u, active=torch.tensor([True, False, True]))
-    assert torch.equal(some.position[1], start.position[1]) and some.t.tolist() == [0.02, 0.01, 0.02]
+    assert torch.equal(some.position[1], start.position[1]) and some.t.tolist() == [
+        0.02,
+        0.01,
+        0.02,
+    ]
     assert torch.equal(some.position[[0, 2]], all_.position[[0, 2]])
 
 
 def test_broken_sample_harms_nobody():
-    """One NaN load in a batch: that sample keeps its state and gets a status, the others are bit-identical to a batch
-    without it, and all gradients are finite."""
+    """One NaN load in a batch: that sample keeps its state and gets a status, the others are
+    bit-identical to a batch without it, and all gradients are finite.
+    """
     scene = tb.Scene(slender(4), [tb.TipLoad(force=tb.Input("u", 3))])
     stepper = tb.Stepper(scene, 0.01)
     u = torch.tensor([[0, 1.0, 0], [0, math.nan, 0], [0, 0, 3.0]], requires_grad=True)
@@ -128,7 +168,10 @@ def test_broken_sample_harms_nobody():
 
 
 def test_simulate_says_what_failed():
-    """A failure is a status, a reason and a warning; with throw=True a RuntimeError with sample, time and advice."""
+    """A failure is a status, a reason and a warning; with throw=True a RuntimeError with sample,
+    time and advice.
+    """
+
     def force(t):
         return torch.where(t < 0.05, 1.0, math.nan) * torch.tensor([0, 1.0, 0])
 
@@ -155,7 +198,9 @@ def test_restart_and_files(tmp_path):
 def test_failed_steps_of_different_lengths_are_made_in_parts(engine):
     """One of many samples, which goes on by itself, and with its own length of step: as alone."""
     section = tb.Section.from_stiffness(EA=4e4, GA=1.5e4, GJ=0.8, EI=1.0, mass=0.2, inertia=5e-6)
-    scene = tb.Scene(tb.Beam.straight(1.0, 1, section), [tb.TipLoad(force=tb.Input("force", 3))], plane="xy")
+    scene = tb.Scene(
+        tb.Beam.straight(1.0, 1, section), [tb.TipLoad(force=tb.Input("force", 3))], plane="xy"
+    )
     stepper = tb.Stepper(scene, 0.05, halvings=6, engine=engine)
     force, dt = torch.zeros(70, 3), torch.linspace(0.04, 0.05, 70)
     force[:, 1], force[33, 1] = 1.0, 100.0
@@ -167,14 +212,20 @@ def test_failed_steps_of_different_lengths_are_made_in_parts(engine):
 
 @pytest.mark.parametrize("engine", ["eager", "auto"])
 def test_a_state_of_other_supports_goes_on(engine):
-    """Let go of, or held where nothing did: as many reactions as the scene has supports, from the start on, and those of a
-    start that has forgotten its own."""
+    """Let go of, or held where nothing did: as many reactions as the scene has supports, from the
+    start on, and those of a start that has forgotten its own.
+    """
     beam = tb.Beam.straight(0.3, 2, tb.Section.circle(0.01, 1e6, 0.45, 1100.0))
-    scenes = [tb.Scene(beam, [tb.Gravity([0.0, 0.0, -1.0])], supports=held) for held in (None, [tb.Support(0), tb.Support(-1)])]
+    scenes = [
+        tb.Scene(beam, [tb.Gravity([0.0, 0.0, -1.0])], supports=held)
+        for held in (None, [tb.Support(0), tb.Support(-1)])
+    ]
     for start, scene in ((tb.equilibrium(scenes[1]), scenes[0]), (tb.rest(scenes[0]), scenes[1])):
         count = len(scene.supports)
-        run, other = (tb.simulate(scene, torch.linspace(0, 0.01, 3), one, step=5e-3, engine=engine).state
-                      for one in (start, replace(start, reaction=torch.zeros(count, 6))))
+        run, other = (
+            tb.simulate(scene, torch.linspace(0, 0.01, 3), one, step=5e-3, engine=engine).state
+            for one in (start, replace(start, reaction=torch.zeros(count, 6)))
+        )
         assert run.reaction.shape == (3, count, 6) and run.reaction[-1].abs().max() > 1e-3
         torch.testing.assert_close(run.reaction, other.reaction, rtol=0, atol=1e-12)
         assert tb.Stepper(scene, 5e-3, engine=engine)(start).reaction.shape == (count, 6)

@@ -1,4 +1,6 @@
-"""Explicit integration: every method of torchdiffeq, failed samples, the hook between outputs, the adjoint's check."""
+"""Explicit integration: every method of torchdiffeq, failed samples, the hook between outputs, the
+adjoint's check.
+"""
 
 import math
 
@@ -10,11 +12,25 @@ from torchbeam.dynamics.torchdiffeq_bridge import ADAPTIVE, METHODS, integrate
 
 torch.set_default_dtype(torch.float64)
 T = torch.linspace(0, 1, 201)
-# Error of an oscillator over one second at omega = 2: from each method's order at 5 ms, or the local tolerance of 1e-8
-# times the steps (the fewer, the higher the order); dopri8 steps over several outputs and interpolates with a quartic.
-BOUND = {"euler": 2e-2, "midpoint": 1e-4, "heun2": 1e-4, "heun3": 1e-6, "rk4": 1e-8, "explicit_adams": 1e-6,
-         "implicit_adams": 1e-6, "fixed_adams": 1e-6, "scipy_solver": 1e-6, "dopri8": 5e-5, "dopri5": 1e-6,
-         "bosh3": 5e-5, "fehlberg2": 5e-5, "adaptive_heun": 5e-5}
+# Error of an oscillator over one second at omega = 2: from each method's order at 5 ms, or the
+# local tolerance of 1e-8 times the steps (the fewer, the higher the order); dopri8 steps over
+# several outputs and interpolates with a quartic.
+BOUND = {
+    "euler": 2e-2,
+    "midpoint": 1e-4,
+    "heun2": 1e-4,
+    "heun3": 1e-6,
+    "rk4": 1e-8,
+    "explicit_adams": 1e-6,
+    "implicit_adams": 1e-6,
+    "fixed_adams": 1e-6,
+    "scipy_solver": 1e-6,
+    "dopri8": 5e-5,
+    "dopri5": 1e-6,
+    "bosh3": 5e-5,
+    "fehlberg2": 5e-5,
+    "adaptive_heun": 5e-5,
+}
 OPTIONS = {"explicit_adams": {"max_order": 4}}  # its default, order 12, is unstable at this step
 
 
@@ -23,11 +39,20 @@ def oscillator(omega=2.0):
 
 
 @pytest.mark.filterwarnings("ignore:Functional iteration did not converge")
-@pytest.mark.parametrize("method", [pytest.param(m, marks=[pytest.mark.long] * (m == "adaptive_heun")) for m in METHODS])
+@pytest.mark.parametrize(
+    "method", [pytest.param(m, marks=[pytest.mark.long] * (m == "adaptive_heun")) for m in METHODS]
+)
 def test_every_method_solves_the_oscillator(method):
     """y'' = -4 y, y(0) = 1, y'(0) = 0: y = cos 2t exactly."""
-    ys, status, evaluations = integrate(oscillator(), torch.tensor([[1.0, 0]]), T, method=method, rtol=1e-8,
-                                        atol=1e-8, options=OPTIONS.get(method))
+    ys, status, evaluations = integrate(
+        oscillator(),
+        torch.tensor([[1.0, 0]]),
+        T,
+        method=method,
+        rtol=1e-8,
+        atol=1e-8,
+        options=OPTIONS.get(method),
+    )
     assert_close(ys[:, 0, 0], torch.cos(2 * T), rtol=0, atol=BOUND[method])
     assert (status == 0).all() and evaluations > 0
 
@@ -38,7 +63,9 @@ def test_unknown_method_is_refused():
 
 
 def test_largest_error_is_controlled():
-    """One fast sample (omega = 40) beside 4095 at rest keeps 1e-4; torchdiffeq's mean square norm loses it."""
+    """One fast sample (omega = 40) beside 4095 at rest keeps 1e-4; torchdiffeq's mean square norm
+    loses it.
+    """
     y0 = torch.zeros(4096, 2).index_fill(0, torch.tensor([7]), 1.0)
     exact = math.cos(40) + math.sin(40) / 40
     for norm, good in (({}, True), ({"norm": lambda r: r.square().mean().sqrt()}, False)):
@@ -48,15 +75,21 @@ def test_largest_error_is_controlled():
 
 @pytest.mark.parametrize("method", ["dopri5", "bosh3", "rk4", "euler"])
 def test_failed_sample_is_named_and_leaves_its_neighbours_alone(method):
-    """y' = y^2 blows up at t = 1/y(0): 0.5 s for the second sample; y = 1/(1/y(0) - t) for the others, who get exactly
-    what they get alone (the failed one is taken out and the rest solved again); with adaptive steps to the tolerance,
-    for the choice of the first step looks at every sample."""
+    """y' = y^2 blows up at t = 1/y(0): 0.5 s for the second sample; y = 1/(1/y(0) - t) for the
+    others, who get exactly what they get alone (the failed one is taken out and the rest solved
+    again); with adaptive steps to the tolerance, for the choice of the first step looks at every
+    sample.
+    """
+
     def square(t, y):
         return torch.where(y > 1e6, torch.inf, y * y)  # infinite rather than merely large
 
     t = torch.linspace(0, 0.8, 161)
     y0 = torch.tensor([[0.5], [2.0], [0.25]])
-    with pytest.warns(RuntimeWarning, match=rf"{method} failed on sample 1 \(1 of 3\) after t = 0\.[45].*nodal form"):
+    with pytest.warns(
+        RuntimeWarning,
+        match=rf"{method} failed on sample 1 \(1 of 3\) after t = 0\.[45].*nodal form",
+    ):
         ys, status, _ = integrate(square, y0, t, method=method)
     assert status[-1].tolist() == [0, 3, 0] and torch.isfinite(ys).all()
     alone, _, _ = integrate(square, y0[[0, 2]], t, method=method)
@@ -67,7 +100,10 @@ def test_failed_sample_is_named_and_leaves_its_neighbours_alone(method):
 
 def test_sentence_where_every_sample_failed():
     """tan t has a pole at pi/2: rates of y' = 1 + y^2 grow without bound."""
-    with pytest.raises(RuntimeError, match=r"dopri5 failed on the sample after t = 1\.5.*'midpoint' of the nodal form"):
+    with pytest.raises(
+        RuntimeError,
+        match=r"dopri5 failed on the sample after t = 1\.5.*'midpoint' of the nodal form",
+    ):
         integrate(lambda t, y: 1 + y * y, torch.zeros(1), torch.linspace(0, 2, 41))
 
 
@@ -81,12 +117,17 @@ def test_start_that_is_not_finite():
 
 @pytest.mark.parametrize("method", ["dopri5", "rk4"])
 def test_hook_between_outputs(method):
-    """A rotation kept on the unit circle: the hook's result is the output and what the next interval starts from."""
+    """A rotation kept on the unit circle: the hook's result is the output and what the next
+    interval starts from.
+    """
+
     def unit(t, y):
         return y / y.norm(dim=-1, keepdim=True)
 
     spin = oscillator(1.0)
-    ys, _, evaluations = integrate(spin, torch.tensor([1.0, 0]), T, method=method, rtol=1e-4, after=unit)
+    ys, _, evaluations = integrate(
+        spin, torch.tensor([1.0, 0]), T, method=method, rtol=1e-4, after=unit
+    )
     assert_close(ys.norm(dim=-1), torch.ones(len(T)), rtol=0, atol=1e-15)
     assert_close(ys[:, 0], torch.cos(T), rtol=0, atol=1e-5)
     assert evaluations < 9 * len(T)  # no search for a first step at each output
@@ -96,14 +137,22 @@ def test_gradient_through_the_steps_and_by_the_adjoint():
     """d cos(omega)/d omega = -sin(omega) at t = 1, both ways."""
     for adjoint in (False, True):
         omega = torch.tensor(2.0, requires_grad=True)
-        ys, _, _ = integrate(oscillator(omega), torch.tensor([1.0, 0]), T[::50], rtol=1e-9, atol=1e-9, adjoint=adjoint,
-                             parameters=(omega,))
+        ys, _, _ = integrate(
+            oscillator(omega),
+            torch.tensor([1.0, 0]),
+            T[::50],
+            rtol=1e-9,
+            atol=1e-9,
+            adjoint=adjoint,
+            parameters=(omega,),
+        )
         (gradient,) = torch.autograd.grad(ys[-1, 0], omega)
         assert_close(gradient.item(), -math.sin(2.0), rtol=0, atol=1e-6)
 
 
 def test_adjoint_that_cannot_be_trusted_says_so():
     """y'' = -y - 40 y' decays at 40/s; backwards over 1 s the error grows by e^40."""
+
     def damped(t, y):
         return torch.stack((y[..., 1], -y[..., 0] - 40 * y[..., 1]), -1)
 
@@ -118,6 +167,7 @@ def test_scipy_cannot_cut_gradients_silently():
 
 def test_forward_mode_through_fixed_steps():
     """d cos(2)/d omega by torch.func.jvp through rk4."""
+
     def final(omega):
         return integrate(oscillator(omega), torch.tensor([1.0, 0]), T, method="rk4")[0][-1, 0]
 

@@ -1,4 +1,6 @@
-"""Which engine has made the steps is told; where "auto" makes many of them eagerly a warning says why, once."""
+"""Which engine has made the steps is told; where "auto" makes many of them eagerly a warning says
+why, once.
+"""
 
 import gc
 import warnings
@@ -44,32 +46,53 @@ PUSH = {"u": (0, 0, 0.1)}
 
 def run(load=None, steps=SOLVES, u=(0.0, 0.0, 0.1), **options):
     made = scene(*([] if load is None else [load]))
-    return tb.simulate(made, torch.linspace(0, 0.01 * steps, 2), step=0.01, inputs={"u": u}, **options)
+    return tb.simulate(
+        made, torch.linspace(0, 0.01 * steps, 2), step=0.01, inputs={"u": u}, **options
+    )
 
 
-@pytest.mark.parametrize("function, reason", [(unsteady, r"'gc' \(a module\), which may"), (untraceable, "control flow")])
+@pytest.mark.parametrize(
+    "function, reason", [(unsteady, r"'gc' \(a module\), which may"), (untraceable, "control flow")]
+)
 def test_many_eager_steps_are_warned_of_once_at_the_users_line(function, reason):
-    """What, where the function stands, what to write instead, how to silence; and the warning points to the call."""
+    """What, where the function stands, what to write instead, how to silence; and the warning
+    points to the call.
+    """
     found = said(lambda: run(tb.Load(function), 2 * SOLVES))
     assert len(found) == 1 and found[0].filename == __file__
     line = function.__code__.co_firstlineno
-    for part in (f"{__file__}:{line}", "steps are made eagerly, 15 to 300 times slower", "engine='eager'", "SlowPathWarning"):
+    for part in (
+        f"{__file__}:{line}",
+        "steps are made eagerly, 15 to 300 times slower",
+        "engine='eager'",
+        "SlowPathWarning",
+    ):
         assert part in str(found[0].message)
     with pytest.warns(tb.SlowPathWarning, match=reason):
         run(tb.Load(function))
 
 
 def test_what_is_meant_or_few_is_not_warned_of():
-    """A handful of steps, engine="eager", explicit methods, forward mode, and of course native code."""
+    """A handful of steps, engine="eager", explicit methods, forward mode, and of course native
+    code.
+    """
     load = tb.Load(unsteady)
     few, meant = said(lambda: run(load, SOLVES - 1)), said(lambda: run(load, engine="eager"))
-    explicit = said(lambda: tb.simulate(scene(load), [0.0, 0.01], method="rk4", options={"step_size": 1e-3}, inputs=PUSH))
-    forward = said(lambda: torch.func.jvp(lambda u: run(u=u).tip.position, (torch.zeros(3),), (torch.ones(3),)))
+    explicit = said(
+        lambda: tb.simulate(
+            scene(load), [0.0, 0.01], method="rk4", options={"step_size": 1e-3}, inputs=PUSH
+        )
+    )
+    forward = said(
+        lambda: torch.func.jvp(lambda u: run(u=u).tip.position, (torch.zeros(3),), (torch.ones(3),))
+    )
     assert few == meant == explicit == forward == said(run) == []
 
 
 def test_many_short_runs_are_warned_of(monkeypatch):
-    """Steppers of 2 solves each: said when all of them have made 10, and again after as many more."""
+    """Steppers of 2 solves each: said when all of them have made 10, and again after as many
+    more.
+    """
     monkeypatch.setattr(engine_use, "SHORT_RUNS", 10)
     engine_use._of_short_runs.clear()
     load = tb.Load(unsteady)
@@ -88,17 +111,29 @@ def test_a_gradient_that_native_code_has_not_is_warned_of():
 
 
 def test_gradients_of_metal_in_float32_are_native():
-    """A steel strip, whose stretching float32's tangents make softer: gradients by its height and the force, through two calls,
-    are those of float64 to what float32 resolves, for a graph that goes on in float32.
+    """A steel strip, whose stretching float32's tangents make softer: gradients by its height and
+    the force, through two calls, are those of float64 to what float32 resolves, for a graph that
+    goes on in float32.
     """
+
     def by(dtype, engine):
-        height, force = (torch.tensor(x, dtype=dtype, requires_grad=True) for x in (1e-3, [0.0, 0, 0.01]))
+        height, force = (
+            torch.tensor(x, dtype=dtype, requires_grad=True) for x in (1e-3, [0.0, 0, 0.01])
+        )
         section = tb.Section.rectangle(0.02, height, E=2.1e11, nu=0.3, rho=7800.0)
-        scene = tb.Scene(tb.Beam.straight(torch.tensor(0.5, dtype=dtype), 2, section), [tb.TipLoad(force=force)], plane="xz")
+        scene = tb.Scene(
+            tb.Beam.straight(torch.tensor(0.5, dtype=dtype), 2, section),
+            [tb.TipLoad(force=force)],
+            plane="xz",
+        )
         stepper = tb.Stepper(scene, 0.002, engine=engine)
         state = tb.rollout(stepper, tb.rollout(stepper, stepper.rest(), 12)[-1], 12)[-1]
         assert state.position.dtype == dtype
-        return stepper.engine, state.tip.position[2], torch.autograd.grad(state.tip.position[2], (height, force))
+        return (
+            stepper.engine,
+            state.tip.position[2],
+            torch.autograd.grad(state.tip.position[2], (height, force)),
+        )
 
     assert said(lambda: by(torch.float32, "auto")) == []
     (engine, tip, grads), (_, exact, right) = by(torch.float32, "auto"), by(torch.float64, "auto")
@@ -125,29 +160,46 @@ def test_the_engine_is_told():
     assert stepper.engine is None
     stepper(stepper.rest(), u=(0, 0, 0.1))
     assert stepper.engine == run(steps=3).stats.engine == "native"
-    assert run(steps=3, engine="eager").stats.engine == run(tb.Load(unsteady), 3).stats.engine == "eager"
+    assert (
+        run(steps=3, engine="eager").stats.engine
+        == run(tb.Load(unsteady), 3).stats.engine
+        == "eager"
+    )
     for options in (dict(method="midpoint4"), dict(method="generalized_alpha")):
         assert run(steps=3, **options).stats.engine == "native"
     adaptive = tb.simulate(scene(), [0.0, 0.05], rtol=1e-3, inputs=PUSH)
-    explicit = tb.simulate(scene(), [0.0, 0.01], method="rk4", options={"step_size": 1e-3}, inputs=PUSH)
+    explicit = tb.simulate(
+        scene(), [0.0, 0.01], method="rk4", options={"step_size": 1e-3}, inputs=PUSH
+    )
     assert (adaptive.stats.engine, explicit.stats.engine) == ("native", "eager")
 
 
-@pytest.mark.parametrize("function, sentence", [
-    (lambda r, R, v, w, t: None, "None"),
-    (lambda r, R, v, w, t: (v[..., :2], None), "3"),
-    (lambda r, R, v, w: (v, None), "argument"),
-    (lambda t: t, "3"),
-    (lambda t: tb.nothing, "nothing"),
-])
-@pytest.mark.parametrize("call", [run, lambda load: tb.equilibrium(scene(load), inputs={"u": (0, 0, 0.1)})])
+@pytest.mark.parametrize(
+    "function, sentence",
+    [
+        (lambda r, R, v, w, t: None, "None"),
+        (lambda r, R, v, w, t: (v[..., :2], None), "3"),
+        (lambda r, R, v, w: (v, None), "argument"),
+        (lambda t: t, "3"),
+        (lambda t: tb.nothing, "nothing"),
+    ],
+)
+@pytest.mark.parametrize(
+    "call", [run, lambda load: tb.equilibrium(scene(load), inputs={"u": (0, 0, 0.1)})]
+)
 def test_a_mistake_in_a_function_is_told_as_that(call, function, sentence):
-    """By the error alone, without a warning about native code before it. Functions of the motion, and of t."""
+    """By the error alone, without a warning about native code before it. Functions of the motion,
+    and of t.
+    """
     found = []
 
     def fails():
         with pytest.raises((ValueError, TypeError, AttributeError), match=sentence):
-            call(tb.TipLoad(force=function) if function.__code__.co_argcount == 1 else tb.Load(function))
+            call(
+                tb.TipLoad(force=function)
+                if function.__code__.co_argcount == 1
+                else tb.Load(function)
+            )
 
     found = said(fails, Warning)
     assert found == []

@@ -1,8 +1,9 @@
 """critical_load: buckling and flutter loads against closed forms, over batches, with gradients.
 
-Elements are of second order: the values of two meshes, N and 2N, extrapolated as (4 x_2N - x_N)/3, are held to 2e-4 (the next
-term, (kh)^4, measured below 1e-4 at N = 8 and 16; for flutter 2e-3, whose second mode is coarser).
-A column under its own weight and one with slight damping are rows of the verification table.
+Elements are of second order: the values of two meshes, N and 2N, extrapolated as (4 x_2N - x_N)/3,
+are held to 2e-4 (the next term, (kh)^4, measured below 1e-4 at N = 8 and 16; for flutter 2e-3,
+whose second mode is coarser). A column under its own weight and one with slight damping are rows of
+the verification table.
 """
 
 import math
@@ -22,7 +23,9 @@ def along_x(P):
 
 
 def planar(N, *effects, EI=1.0):
-    """A cantilever that bends in the x-z plane alone, inextensible, unshearable, no rotary inertia."""
+    """A cantilever that bends in the x-z plane alone, inextensible, unshearable, no rotary
+    inertia.
+    """
     section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=INF, EI=(EI, INF), mass=1.0, inertia=0.0)
     return tb.Scene(tb.Beam.straight(1.0, N, section), effects)
 
@@ -32,28 +35,33 @@ def extrapolated(coarse, fine):
 
 
 def test_euler(reference):
-    """Dead axial load: (pi/2)^2 EI/L^2, by a batch of EI; d(factor)/d(EI) is factor/EI, backward and forward. Divergence,
-    though rounding makes pairs of other eigenvalues complex where K is next to singular (as it does here with 9 points).
+    """Dead axial load: (pi/2)^2 EI/L^2, by a batch of EI; d(factor)/d(EI) is factor/EI, backward
+    and forward. Divergence, though rounding makes pairs of other eigenvalues complex where K is
+    next to singular (as it does here with 9 points).
     """
     want = reference("stability_limits")["values"][0]["value"]
     EI = torch.tensor([1.0, 3.0], requires_grad=True)
 
     def of(EI, N=8):
-        return tb.critical_load(lambda P: planar(N, tb.TipLoad(force=along_x(-P)), EI=EI), 12.0, points=9)
+        return tb.critical_load(
+            lambda P: planar(N, tb.TipLoad(force=along_x(-P)), EI=EI), 12.0, points=9
+        )
 
     found = of(EI)
     assert found.divergence.all() and (found.frequency == 0).all()
     limit = extrapolated(found.factor.detach(), of(EI.detach(), 16).factor)
     assert_close(limit, want * EI.detach(), rtol=NEXT_TERM, atol=0)
     (slope,) = torch.autograd.grad(found.factor.sum(), EI)
-    assert_close(slope, (found.factor / EI).detach(), rtol=1e-4, atol=0)  # rigid strains are 1e-7 flexible, curvature 1
+    # rigid strains are 1e-7 flexible, curvature 1
+    assert_close(slope, (found.factor / EI).detach(), rtol=1e-4, atol=0)
     forward = torch.func.jvp(lambda EI: of(EI, 4).factor, (EI.detach(),), (torch.ones(2),))[1]
-    assert_close(forward, slope, rtol=0.05, atol=0)  # four elements: 2.6 % and 0.6 % from the elastica's
+    # four elements: 2.6 % and 0.6 % from the elastica's
+    assert_close(forward, slope, rtol=0.05, atol=0)
 
 
 def test_beck(reference):
-    """Tangential load: flutter at 20.0510 EI/L^2 with 11.0156 rad/s (reference 1e-6). Batch of EI; the gradient is the factor
-    over EI, through the point where two eigenvalues meet.
+    """Tangential load: flutter at 20.0510 EI/L^2 with 11.0156 rad/s (reference 1e-6). Batch of EI;
+    the gradient is the factor over EI, through the point where two eigenvalues meet.
     """
     case = reference("stability_limits")["values"][1]
     EI = torch.tensor([1.0, 2.0], requires_grad=True)
@@ -66,7 +74,10 @@ def test_beck(reference):
 
     found, fine = of(8, EI), of(16, EI.detach())
     assert found.flutter.all()
-    factor, frequency = (extrapolated(getattr(found, name).detach(), getattr(fine, name)) for name in ("factor", "frequency"))
+    factor, frequency = (
+        extrapolated(getattr(found, name).detach(), getattr(fine, name))
+        for name in ("factor", "frequency")
+    )
     assert_close(factor, case["P_cr_L2_over_EI"] * EI.detach(), rtol=2e-3, atol=0)
     assert_close(frequency, case["omega_flutter"] * EI.detach().sqrt(), rtol=2e-3, atol=0)
     (slope,) = torch.autograd.grad(found.factor.sum(), EI)
@@ -74,40 +85,59 @@ def test_beck(reference):
 
 
 def test_beck_in_space():
-    """A round column flutters in all planes at once: eigenvalues come in equal pairs, and the gradient is still there (the
-    factor over EI, less the 1 % that shear, rotary inertia and length do not scale with it).
+    """A round column flutters in all planes at once: eigenvalues come in equal pairs, and the
+    gradient is still there (the factor over EI, less the 1 % that shear, rotary inertia and length
+    do not scale with it).
     """
     EI = torch.tensor(1.0, requires_grad=True)
     section = tb.Section.from_stiffness(EA=4e4, GA=1e4, GJ=0.8, EI=EI, mass=1.0, inertia=1e-3)
     column = tb.Beam.straight(1.0, 8, section)
-    found = tb.critical_load(lambda P: tb.Scene(column, [tb.TipLoad(force=along_x(-P), follower=True)]), 60.0, points=13)
+    found = tb.critical_load(
+        lambda P: tb.Scene(column, [tb.TipLoad(force=along_x(-P), follower=True)]), 60.0, points=13
+    )
     alone = tb.Section.from_stiffness(EA=4e4, GA=1e4, GJ=INF, EI=(1.0, INF), mass=1.0, inertia=1e-3)
     plane = tb.Beam.straight(1.0, 8, alone)
-    same = tb.critical_load(lambda P: tb.Scene(plane, [tb.TipLoad(force=along_x(-P), follower=True)]), 60.0, points=13)
+    same = tb.critical_load(
+        lambda P: tb.Scene(plane, [tb.TipLoad(force=along_x(-P), follower=True)]), 60.0, points=13
+    )
     assert_close(found.factor.detach(), same.factor, rtol=1e-5, atol=0)
     (slope,) = torch.autograd.grad(found.factor, EI)
     assert_close(slope, found.factor.detach(), rtol=1e-2, atol=0)
 
 
 def test_a_follower_load_that_buckles_does_not_flutter():
-    """A load that follows the tip by a fifth: cos(k) = 0.2/(0.2 - 1), P = k^2 EI/L^2 (Kordas and Zyczkowski 1963), a mesh of 8
-    is 1 % off. Next to that point, where EA = 1e9 EI/L^2, rounding of the stiffness makes no pairs of the other eigenvalues.
+    """A load that follows the tip by a fifth: cos(k) = 0.2/(0.2 - 1), P = k^2 EI/L^2 (Kordas and
+    Zyczkowski 1963), a mesh of 8 is 1 % off. Next to that point, where EA = 1e9 EI/L^2, rounding of
+    the stiffness makes no pairs of the other eigenvalues.
     """
-    column = tb.Beam.straight(1.0, 8, tb.Section.from_stiffness(EA=1e9, GA=1e9, GJ=0.8, EI=1.0, mass=1.0, inertia=1e-4))
-    found = tb.critical_load(lambda P: tb.Scene(column, [tb.TipLoad(force=along_x(-0.8 * P)),
-                                                         tb.TipLoad(force=along_x(-0.2 * P), follower=True)]), 5.0, points=9)
+    column = tb.Beam.straight(
+        1.0, 8, tb.Section.from_stiffness(EA=1e9, GA=1e9, GJ=0.8, EI=1.0, mass=1.0, inertia=1e-4)
+    )
+    found = tb.critical_load(
+        lambda P: tb.Scene(
+            column,
+            [
+                tb.TipLoad(force=along_x(-0.8 * P)),
+                tb.TipLoad(force=along_x(-0.2 * P), follower=True),
+            ],
+        ),
+        5.0,
+        points=9,
+    )
     assert found.divergence and found.frequency == 0
     assert_close(found.factor.item(), math.acos(0.2 / (0.2 - 1)) ** 2, rtol=1e-2, atol=0)
 
 
 def test_sideways_under_a_tip_load():
-    """A strip on edge, stiff in the plane of the load: P L^2 = 4.013 sqrt(EI GJ) (Timoshenko and Gere 1961, art. 6.3). The load
-    is an input; batch and gradient in GJ: half the factor over it.
+    """A strip on edge, stiff in the plane of the load: P L^2 = 4.013 sqrt(EI GJ) (Timoshenko and
+    Gere 1961, art. 6.3). The load is an input; batch and gradient in GJ: half the factor over it.
     """
     GJ = torch.tensor([0.5, 2.0], requires_grad=True)
 
     def of(N, GJ):
-        section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=GJ, EI=(INF, 1.0), mass=1.0, inertia=0.0)
+        section = tb.Section.from_stiffness(
+            EA=INF, GA=INF, GJ=GJ, EI=(INF, 1.0), mass=1.0, inertia=0.0
+        )
         beam = tb.Scene(tb.Beam.straight(1.0, N, section), [tb.TipLoad(force=tb.Input("P", 3))])
         return tb.critical_load(beam, 12.0, inputs={"P": torch.tensor([0.0, 0, 1.0])})
 
@@ -116,18 +146,25 @@ def test_sideways_under_a_tip_load():
     assert_close(limit, 4.0126 * GJ.detach().sqrt(), rtol=NEXT_TERM, atol=0)
     (slope,) = torch.autograd.grad(found.factor.sum(), GJ)
     assert_close(slope, (found.factor / GJ / 2).detach(), rtol=1e-3, atol=0)
-    assert (found.shape[..., -1, 2].abs() < 1e-3 * found.shape[..., -1, 1].abs()).all()  # it gives way to the side
+    # it gives way to the side
+    assert (found.shape[..., -1, 2].abs() < 1e-3 * found.shape[..., -1, 1].abs()).all()
 
 
 def test_the_way_up_ends_at_a_limit_point():
-    """A deep arch, clamped at one foot and hinged at the other, P at its crown: kind 3, at the largest factor of `path` (each
-    to 1 %: the bracket's tolerance, and steps of 0.1).
+    """A deep arch, clamped at one foot and hinged at the other, P at its crown: kind 3, at the
+    largest factor of `path` (each to 1 %: the bracket's tolerance, and steps of 0.1).
     """
     lean = math.radians(107.5)
     section = tb.Section.from_stiffness(EA=1e6, GA=INF, GJ=1.0, EI=1.0, mass=1.0, inertia=0.0)
-    arc = tb.Beam.arc(1.0, 2 * lean, 4, section, direction=(math.cos(lean), math.sin(lean), 0), up=(0, 0, -1))
-    arch = tb.Scene(arc, [tb.PointLoad(2, force=tb.Input("P", 3))], plane="xy",
-                    supports=(tb.Support(0), tb.Support(-1, "xyz", "xy")))
+    arc = tb.Beam.arc(
+        1.0, 2 * lean, 4, section, direction=(math.cos(lean), math.sin(lean), 0), up=(0, 0, -1)
+    )
+    arch = tb.Scene(
+        arc,
+        [tb.PointLoad(2, force=tb.Input("P", 3))],
+        plane="xy",
+        supports=(tb.Support(0), tb.Support(-1, "xyz", "xy")),
+    )
     P = torch.tensor([0.0, -1.0, 0.0])
     found = tb.critical_load(arch, 14.0, lowest=13.0, points=3, tolerance=1e-2, inputs={"P": P})
     assert found.kind == 3 and found.frequency.isnan()
@@ -144,17 +181,23 @@ def test_a_stable_path_has_no_critical_load():
 
 @pytest.mark.parametrize("damping", [tb.MassDamping, tb.Damping])
 def test_a_neighbour_with_damping_changes_nothing(damping):
-    """Beck's column without damping alone, and beside one that has some: the same load and frequency. What is present decides
-    how it is looked for, not what its value is in some sample.
+    """Beck's column without damping alone, and beside one that has some: the same load and
+    frequency. What is present decides how it is looked for, not what its value is in some sample.
     """
+
     def beck(value):
         slowed = damping(torch.tensor(value))
-        return tb.critical_load(lambda P: planar(3, tb.TipLoad(force=along_x(-P), follower=True), slowed), 40.0, points=9)
+        return tb.critical_load(
+            lambda P: planar(3, tb.TipLoad(force=along_x(-P), follower=True), slowed),
+            40.0,
+            points=9,
+        )
 
     alone, both = beck([0.0]), beck([0.0, 0.01])
     assert both.flutter.all() and both.factor[1] != both.factor[0]
     assert_close(both.factor[:1], alone.factor, rtol=1e-10, atol=0)
-    assert_close(both.frequency[:1], alone.frequency, rtol=1e-7, atol=0)  # eigenvalues that meet: rounding by its root
+    # eigenvalues that meet: rounding by its root
+    assert_close(both.frequency[:1], alone.frequency, rtol=1e-7, atol=0)
 
 
 def test_refusals():
@@ -170,13 +213,19 @@ def test_refusals():
 
 
 def test_a_rigid_motion_is_named():
-    """A column pinned at both ends may turn about its axis; in a plane it is Euler's, to the 0.7 % of 16 elements."""
+    """A column pinned at both ends may turn about its axis; in a plane it is Euler's, to the 0.7 %
+    of 16 elements.
+    """
     section = tb.Section.from_stiffness(EA=1e5, GA=1e5, GJ=0.8, EI=1.0, mass=1.0, inertia=1e-4)
-    column, pins = tb.Beam.straight(1.0, 16, section), (tb.Support(0, "xyz", ""), tb.Support(-1, "yz", ""))
+    column = tb.Beam.straight(1.0, 16, section)
+    pins = (tb.Support(0, "xyz", ""), tb.Support(-1, "yz", ""))
+
     def pressed(P, supports, plane=None):
         return tb.Scene(column, [tb.TipLoad(force=along_x(-P))], plane=plane, supports=supports)
 
-    with pytest.raises(ValueError, match="nothing holds the rotation about x at node 0 was given; supports"):
+    with pytest.raises(
+        ValueError, match="nothing holds the rotation about x at node 0 was given; supports"
+    ):
         tb.critical_load(lambda P: pressed(P, pins), 15.0, points=5)
     flat = (tb.Support(0, "xyz", "xz"), tb.Support(-1, "yz", "xz"))
     found = tb.critical_load(lambda P: pressed(P, flat, "xz"), 15.0, points=5)

@@ -25,16 +25,24 @@ def following(P):
 
 @pytest.mark.parametrize(("rigid", "order"), [(False, 1), (True, 1), (False, 2)])
 def test_three_ways(rigid, order, monkeypatch):
-    """24 elements, or 12 of order 2 with a hinge, bent by a dead load: subspace iteration, dense symmetric and dense
-    unsymmetric agree to 1e-9 of the frequency; with EA = GA = inf and no rotary inertia (a stiffness matrix of condition 1e10,
-    a singular mass) to 1e-6.
+    """24 elements, or 12 of order 2 with a hinge, bent by a dead load: subspace iteration, dense
+    symmetric and dense unsymmetric agree to 1e-9 of the frequency; with EA = GA = inf and no rotary
+    inertia (a stiffness matrix of condition 1e10, a singular mass) to 1e-6.
     """
-    section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=0.8, EI=(1.0, 1.3), mass=torch.tensor([0.2, 0.5]), inertia=0.0)
+    section = tb.Section.from_stiffness(
+        EA=INF, GA=INF, GJ=0.8, EI=(1.0, 1.3), mass=torch.tensor([0.2, 0.5]), inertia=0.0
+    )
     load = tb.TipLoad(force=(0.3, 0.5, 1.0))
-    scene = tb.Scene(tb.Beam.straight(1.0, 24, section), [load]) if rigid else beam(24, load, mass=torch.tensor([0.2, 0.5]))
+    scene = (
+        tb.Scene(tb.Beam.straight(1.0, 24, section), [load])
+        if rigid
+        else beam(24, load, mass=torch.tensor([0.2, 0.5]))
+    )
     if order == 2:
         mass = torch.tensor([0.2, 0.5])
-        section = tb.Section.from_stiffness(EA=4e4, GA=1.4e4, GJ=0.8, EI=(1.0, 1.3), mass=mass, inertia=1e-3)
+        section = tb.Section.from_stiffness(
+            EA=4e4, GA=1.4e4, GJ=0.8, EI=(1.0, 1.3), mass=mass, inertia=1e-3
+        )
         hinged = tb.Support(0, rotation="xz"), tb.Support(13, position="yz", rotation="")
         scene = tb.Scene(tb.Beam.straight(1.0, 12, section, order=2), [load], supports=hinged)
     model, state = discretise(scene), tb.equilibrium(scene, tolerance=1e-12)
@@ -49,53 +57,82 @@ def test_three_ways(rigid, order, monkeypatch):
     assert (fast.eigenvalue.real == 0).all()
     assert_close(fast.eigenvalue.imag, whole, rtol=tolerance, atol=0)
     assert_close(fast.eigenvalue.imag, general.eigenvalue.imag, rtol=tolerance, atol=0)
-    one, other = fast.shape.flatten(-2)[..., model.constraints.moving.flatten()], eigen.upright(general.right)[0]
+    one = fast.shape.flatten(-2)[..., model.constraints.moving.flatten()]
+    other = eigen.upright(general.right)[0]
     assert_close(one, other.to(one.dtype), rtol=0, atol=1e-4 if rigid else 1e-6)
 
 
-@pytest.mark.parametrize(("supports", "rigid", "bent"), [
-    ((tb.Support(0, rotation="xz"),), 1, 15.418), ((tb.Support(0, rotation=""),), 3, 15.418), ((), 6, 22.373)])
+@pytest.mark.parametrize(
+    ("supports", "rigid", "bent"),
+    [
+        ((tb.Support(0, rotation="xz"),), 1, 15.418),
+        ((tb.Support(0, rotation=""),), 3, 15.418),
+        ((), 6, 22.373),
+    ],
+)
 def test_rigid_motions_leave_the_others_as_they_are(supports, rigid, bent):
-    """A beam that is hinged, pinned or free: its first bending about y after them is (Blevins 1979, table 8-1) bent
-    sqrt(EI/(m L^4)), to 2 % on 16 elements; next to no damping and next to no follower
-    load take the dense unsymmetric way, to the same frequencies; alone, subspace iteration has 16 elements, the dense symmetric
-    way 8. What is rigid does not oscillate, by more than rounding of EA = 1e6, and does not grow.
+    """A beam that is hinged, pinned or free: its first bending about y after them is
+    (Blevins 1979, table 8-1) bent sqrt(EI/(m L^4)), to 2 % on 16 elements; next to no damping and
+    next to no follower load take the dense unsymmetric way, to the same frequencies; alone,
+    subspace iteration has 16 elements, the dense symmetric way 8. What is rigid does not oscillate,
+    by more than rounding of EA = 1e6, and does not grow.
     """
     nearly = ((), (tb.Damping(1e-9),), (tb.TipLoad(force=(0, 0, 1e-9), follower=True),))
     for N in (8, 16):
-        section = tb.Section.from_stiffness(EA=1e6, GA=4e5, GJ=0.8, EI=(1.0, 1.3), mass=0.2, inertia=1e-4)
-        scenes = [tb.Scene(tb.Beam.straight(1.0, N, section), effects, supports=supports) for effects in nearly]
+        section = tb.Section.from_stiffness(
+            EA=1e6, GA=4e5, GJ=0.8, EI=(1.0, 1.3), mass=0.2, inertia=1e-4
+        )
+        scenes = [
+            tb.Scene(tb.Beam.straight(1.0, N, section), effects, supports=supports)
+            for effects in nearly
+        ]
         found = [tb.modes(scene, tb.rest(scene), count=24) for scene in scenes]
         known = found[0].frequency
         assert (known[:rigid] < 1e-3).all() and (known[rigid:] > 1).all()
         for each in found:
             assert not each.unstable.any() and torch.isfinite(each.damping_ratio).all()
-            assert_close(each.frequency[each.frequency > 1][:5], known[rigid:rigid + 5], rtol=1e-7, atol=0)
+            assert_close(
+                each.frequency[each.frequency > 1][:5], known[rigid : rigid + 5], rtol=1e-7, atol=0
+            )
     assert ((known / (bent * 5**0.5) - 1).abs() < 0.02).any()
 
 
 def test_a_motion_without_stiffness_and_inertia_is_refused():
     """A pinned column that turns about its axis, of a section without rotary inertia."""
     with pytest.raises(ValueError, match="neither stiffness nor inertia"):
-        tb.modes(tb.Scene(beam(inertia=0.0).beam, supports=(tb.Support(0, "xyz", ""), tb.Support(-1, "yz", ""))), count=2)
+        tb.modes(
+            tb.Scene(
+                beam(inertia=0.0).beam,
+                supports=(tb.Support(0, "xyz", ""), tb.Support(-1, "yz", "")),
+            ),
+            count=2,
+        )
 
 
 def test_buckled_columns_are_found_by_either_way():
-    """A column at 0.9 and 1.1 of Euler's load, on few and on many elements: the second diverges, at a real eigenvalue."""
+    """A column at 0.9 and 1.1 of Euler's load, on few and on many elements: the second diverges, at
+    a real eigenvalue.
+    """
     for N in (4, 24):
-        critical = tb.critical_load(lambda P, N=N: beam(N, tb.TipLoad(force=torch.stack((-P, 0 * P, 0 * P), -1))), 4.0).factor
+        critical = tb.critical_load(
+            lambda P, N=N: beam(N, tb.TipLoad(force=torch.stack((-P, 0 * P, 0 * P), -1))), 4.0
+        ).factor
         P = critical * torch.tensor([0.9, 1.1])
         with pytest.warns(RuntimeWarning, match="unstable"):
-            found = tb.modes(beam(N, tb.TipLoad(force=torch.stack((-P, 0 * P, 0 * P), -1))), count=3)
+            found = tb.modes(
+                beam(N, tb.TipLoad(force=torch.stack((-P, 0 * P, 0 * P), -1))), count=3
+            )
         assert found.divergence.sum(-1).tolist() == [0, 1] and not found.flutter.any()
         assert found.eigenvalue[1, 0].real > 1 and (found.frequency[1] == 0).sum() == 1
 
 
 def test_flutter_is_told_from_divergence():
-    """Beck's column at P = 19 and 22 EI/L^2 (20.05 is critical, 1.5 % more on 16 elements): one mode of the second grows and
-    oscillates.
+    """Beck's column at P = 19 and 22 EI/L^2 (20.05 is critical, 1.5 % more on 16 elements): one
+    mode of the second grows and oscillates.
     """
-    found = tb.modes(beam(16, following(torch.tensor([19.0, 22.0])), EI=(1.0, 300.0), inertia=1e-5), count=3)
+    found = tb.modes(
+        beam(16, following(torch.tensor([19.0, 22.0])), EI=(1.0, 300.0), inertia=1e-5), count=3
+    )
     assert found.unstable.sum(-1).tolist() == [0, 1] and torch.equal(found.flutter, found.unstable)
 
 
@@ -105,31 +142,55 @@ def test_normalised_by_mass(effects):
     found = tb.modes(scene, count=3, normalize="mass")
     M = matrices(discretise(scene), tb.rest(scene), torch.tensor(0.0), {})[0].to(found.shape.dtype)
     v = found.shape[:, 1:].flatten(-2)
-    assert_close(torch.einsum("ki,ij,kj->k", v.conj(), M, v), torch.ones(3, dtype=v.dtype), rtol=1e-10, atol=1e-10)
+    assert_close(
+        torch.einsum("ki,ij,kj->k", v.conj(), M, v),
+        torch.ones(3, dtype=v.dtype),
+        rtol=1e-10,
+        atol=1e-10,
+    )
     if not effects:  # and orthogonal
         assert_close(v.conj() @ M @ v.mT, torch.eye(3, dtype=v.dtype), rtol=0, atol=1e-9)
-    assert_close(found.shape[..., :3, :], tb.modes(scene, count=3).shape[..., :3, :] * found.shape.abs().amax((-1, -2), True)
-                 .to(v.dtype), rtol=1e-9, atol=1e-9)
+    assert_close(
+        found.shape[..., :3, :],
+        tb.modes(scene, count=3).shape[..., :3, :]
+        * found.shape.abs().amax((-1, -2), True).to(v.dtype),
+        rtol=1e-9,
+        atol=1e-9,
+    )
 
 
-KINDS = {"conservative": (3, ()), "damped": (3, (tb.Damping(0.01),)), "follower": (3, (following(torch.tensor(5.0)),)),
-         "many": (20, ())}
+KINDS = {
+    "conservative": (3, ()),
+    "damped": (3, (tb.Damping(0.01),)),
+    "follower": (3, (following(torch.tensor(5.0)),)),
+    "many": (20, ()),
+}
 
 
 @pytest.mark.parametrize("normalize", ["largest", "mass"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_derivatives(kind, normalize):
-    """Of eigenvalues and shapes by EI, GJ and mass of a beam bent by a dead load, backward and forward, against central
-    differences (1e-5 apart, tolerance of the equilibrium 1e-12: 2e-6 of the largest; with many elements 1e-4 apart and 1e-5,
-    for subspace iteration leaves up to 1e-10).
+    """Of eigenvalues and shapes by EI, GJ and mass of a beam bent by a dead load, backward and
+    forward, against central differences (1e-5 apart, tolerance of the equilibrium 1e-12: 2e-6 of
+    the largest; with many elements 1e-4 apart and 1e-5, for subspace iteration leaves up to 1e-10).
     """
     N, effects = KINDS[kind]
     apart = 1e-4 if N > 16 else 1e-5
 
     def of(p):
-        scene = beam(N, tb.TipLoad(force=(0.1, 0.3, 0.4)), *effects, EI=(p[0], 1.3 * p[0]), GJ=0.8 * p[1], mass=0.2 * p[2])
-        found = tb.modes(scene, tb.equilibrium(scene, tolerance=1e-12), count=2, normalize=normalize)
-        value, shape = torch.view_as_real(found.eigenvalue), torch.view_as_real(found.shape[..., 1:, :])
+        scene = beam(
+            N,
+            tb.TipLoad(force=(0.1, 0.3, 0.4)),
+            *effects,
+            EI=(p[0], 1.3 * p[0]),
+            GJ=0.8 * p[1],
+            mass=0.2 * p[2],
+        )
+        found = tb.modes(
+            scene, tb.equilibrium(scene, tolerance=1e-12), count=2, normalize=normalize
+        )
+        value = torch.view_as_real(found.eigenvalue)
+        shape = torch.view_as_real(found.shape[..., 1:, :])
         weight = torch.cos(torch.arange(shape.numel()).reshape(shape.shape).to(shape))
         return torch.stack((*value.flatten(), (weight * shape).sum()))
 
@@ -147,7 +208,9 @@ def test_derivatives(kind, normalize):
 
 
 def test_repeated_eigenvalues_have_no_derivative():
-    """A round section bends alike in two planes: a sentence, not NaN; its first torsion or stretching mode has one."""
+    """A round section bends alike in two planes: a sentence, not NaN; its first torsion or
+    stretching mode has one.
+    """
     EI = torch.tensor(1.0, requires_grad=True)
     found = tb.modes(beam(3, EI=EI, inertia=1e-2), count=6)
     torsion = int(found.shape[:, -1, 3].abs().argmax())
@@ -158,5 +221,7 @@ def test_repeated_eigenvalues_have_no_derivative():
 
 
 def test_refusals():
-    with pytest.raises(ValueError, match="normalize = 'unit' was given; 'largest', 'mass' are there"):
+    with pytest.raises(
+        ValueError, match="normalize = 'unit' was given; 'largest', 'mass' are there"
+    ):
         tb.modes(beam(), normalize="unit")

@@ -1,4 +1,6 @@
-"""linearize: against simulation, equilibrium and modes; held inputs, reduction, derivatives, what is refused."""
+"""linearize: against simulation, equilibrium and modes; held inputs, reduction, derivatives, what
+is refused.
+"""
 
 import math
 from dataclasses import replace
@@ -10,7 +12,8 @@ from torch.testing import assert_close
 import torchbeam as tb
 from torchbeam.math import quaternions as quat
 
-U = torch.tensor([0.1, 0.5, 0.5])  # N, where the beam is linearised: its tip hangs 0.2 m to the side
+# N, where the beam is linearised: its tip hangs 0.2 m to the side
+U = torch.tensor([0.1, 0.5, 0.5])
 
 
 def section(EI=(1.0, 1.3), inertia=1e-3):
@@ -19,7 +22,9 @@ def section(EI=(1.0, 1.3), inertia=1e-3):
 
 def scene(*effects, N=4, follower=False, **of):
     load = tb.TipLoad(force=tb.Input("u", 3), follower=follower)
-    return tb.Scene(tb.Beam.straight(1.0, N, section(**of)), [load, tb.Gravity((0, 0, -3.0)), *effects])
+    return tb.Scene(
+        tb.Beam.straight(1.0, N, section(**of)), [load, tb.Gravity((0, 0, -3.0)), *effects]
+    )
 
 
 def tip(state):
@@ -33,14 +38,16 @@ TOLD = [KINDS[0], *(pytest.param(*kind, marks=pytest.mark.long) for kind in KIND
 
 @pytest.mark.parametrize(("inertia", "damping"), TOLD)
 def test_agrees_with_a_small_motion(inertia, damping):
-    """A load step of 1e-4 of the load across: tip and its velocity over 60 ms. Midpoint at 1 ms against the exact
-    exponential: period errors of (omega dt)^2/12, 1e-4 for the fourth mode (60 rad/s) and more above, so 1 % of the largest
-    value; the lateral tip alone, which the first mode rules, 2e-3. With and without rotary inertia and damping.
+    """A load step of 1e-4 of the load across: tip and its velocity over 60 ms. Midpoint at 1 ms
+    against the exact exponential: period errors of (omega dt)^2/12, 1e-4 for the fourth mode
+    (60 rad/s) and more above, so 1 % of the largest value; the lateral tip alone, which the first
+    mode rules, 2e-3. With and without rotary inertia and damping.
     """
     beam = scene(*damping, inertia=inertia)
     start = tb.equilibrium(beam, inputs={"u": U}, tolerance=1e-12)
     model = tb.linearize(beam, start, SENSORS, inputs={"u": U})
-    held, stepper, du = model.discrete(1e-3), tb.Stepper(beam, 1e-3, tolerance=1e-12), 1e-4 * torch.tensor([0.0, 0.5, -1.0])
+    held, stepper = model.discrete(1e-3), tb.Stepper(beam, 1e-3, tolerance=1e-12)
+    du = 1e-4 * torch.tensor([0.0, 0.5, -1.0])
     z, state, linear, full = torch.zeros(model.A.shape[-1]), start, [], []
     for _ in range(60):
         z, state = held.A @ z + held.B @ du, stepper(state, u=U + du)
@@ -56,20 +63,27 @@ def test_agrees_with_a_small_motion(inertia, damping):
 
 @pytest.mark.parametrize(("inertia", "damping"), TOLD)
 def test_departure_reads_the_state(inertia, damping):
-    """z of the full beam after 20 ms under a small extra load is the model's own to 3 % of the largest move and rate in it
-    (midpoint against the exact exponential); C z + D du is what the sensors then say, to 1e-3 (moves of 1e-5, found to 1e-9).
+    """z of the full beam after 20 ms under a small extra load is the model's own to 3 % of the
+    largest move and rate in it (midpoint against the exact exponential); C z + D du is what the
+    sensors then say, to 1e-3 (moves of 1e-5, found to 1e-9).
     """
     beam = scene(*damping, inertia=inertia)
     start = tb.equilibrium(beam, inputs={"u": U}, tolerance=1e-12)
     model = tb.linearize(beam, start, (tip, lambda s: s.tip.velocity), inputs={"u": U})
-    held, stepper, du = model.discrete(1e-3), tb.Stepper(beam, 1e-3, tolerance=1e-12), 1e-4 * torch.tensor([0.0, 0.5, -1.0])
+    held, stepper = model.discrete(1e-3), tb.Stepper(beam, 1e-3, tolerance=1e-12)
+    du = 1e-4 * torch.tensor([0.0, 0.5, -1.0])
     z, state = torch.zeros(model.A.shape[-1]), start
     for _ in range(20):
         z, state = held.A @ z + held.B @ du, stepper(state, u=U + du)
     read = model.departure(state)
     said = torch.cat((state.tip.position, state.tip.velocity)) - model.output
     for rows in model.outputs:
-        assert_close((model.C @ read + model.D @ du)[rows], said[rows], rtol=0, atol=1e-3 * said[rows].abs().max().item())
+        assert_close(
+            (model.C @ read + model.D @ du)[rows],
+            said[rows],
+            rtol=0,
+            atol=1e-3 * said[rows].abs().max().item(),
+        )
     half = 24 if damping and not inertia else len(z) // 2
     for part in (slice(0, half), slice(half, None)):
         assert_close(read[part], z[part], rtol=0, atol=0.03 * z[part].abs().max().item())
@@ -79,7 +93,9 @@ def test_departure_reads_the_state(inertia, damping):
 
 @pytest.mark.parametrize(("inertia", "damping"), KINDS)
 def test_steady_response_is_the_equilibrium_next_door(inertia, damping):
-    """D - C A^-1 B against the difference of two equilibria, 2e-4 N apart in 0.7: what is left is of second order, 1e-4."""
+    """D - C A^-1 B against the difference of two equilibria, 2e-4 N apart in 0.7: what is left is
+    of second order, 1e-4.
+    """
     beam = scene(*damping, inertia=inertia)
     model = tb.linearize(beam, outputs=SENSORS, inputs={"u": U})
     du = 1e-4 * torch.tensor([1.0, 0.5, -1.0])
@@ -102,7 +118,8 @@ def test_eigenvalues_are_the_modes(inertia, damping):
 
 
 SCENES = {
-    "plane": dict(plane="xy"), "small": dict(small=True),
+    "plane": dict(plane="xy"),
+    "small": dict(small=True),
     "simply supported": dict(supports=(tb.Support(0), tb.Support(-1, "yz", ""))),
     "hinged": dict(supports=(tb.Support(0, "xyz", "xy"), tb.Support(-1, "yz", "xyz"))),
     "rotating": dict(frame=tb.Frame(angular_velocity=(0.0, 0.3, 3.0))),
@@ -111,9 +128,10 @@ SCENES = {
 
 @pytest.mark.parametrize("kind", SCENES)
 def test_however_it_is_held(kind):
-    """In a plane, with small rotations, on other supports, in a rotating frame: eigenvalues are those of `modes`, the steady
-    response is the difference of two equilibria (second order of 1e-4), and the state next door is read as its z. A pair of
-    reduced modes has the model's own eigenvalues (gyroscopic ones too).
+    """In a plane, with small rotations, on other supports, in a rotating frame: eigenvalues are
+    those of `modes`, the steady response is the difference of two equilibria
+    (second order of 1e-4), and the state next door is read as its z. A pair of reduced modes has
+    the model's own eigenvalues (gyroscopic ones too).
     """
     beam = tb.Beam.straight(1.0, 4, section())
     held = tb.Scene(beam, [tb.PointLoad(2, force=tb.Input("u", 3))], **SCENES[kind])
@@ -125,7 +143,9 @@ def test_however_it_is_held(kind):
     found = found[found.imag > 0]
     assert_close(found[found.abs().argsort()][:3], modes.eigenvalue, rtol=1e-7, atol=1e-7)
     change = there.node(3).position - model.output
-    assert_close(model.response(0.0).real @ du, change, rtol=0, atol=2e-4 * change.abs().max().item())
+    assert_close(
+        model.response(0.0).real @ du, change, rtol=0, atol=2e-4 * change.abs().max().item()
+    )
     z = torch.linalg.solve(model.A, -model.B @ du)
     assert_close(model.departure(there), z, rtol=0, atol=5e-4 * z.abs().max().item())
     small = torch.linalg.eigvals(model.reduced(2).A)
@@ -136,17 +156,27 @@ def test_however_it_is_held(kind):
 def test_inputs_held_where_A_is_singular():
     """A mass on a frictionless rail: x'' = u over dt is dt^2/2 and dt, exactly."""
     model = tb.linearize(scene(N=1), outputs=tip, inputs={"u": U})
-    rail = tb.Linear(A=torch.tensor([[0.0, 1], [0, 0]]), B=torch.tensor([[0.0], [1]]), C=torch.tensor([[1.0, 0]]),
-                     D=torch.zeros(1, 1), state=model.state, output=torch.zeros(1), inputs={"u": slice(0, 1)},
-                     outputs=(slice(0, 1),), reads=torch.zeros(2, 24), space=model.space).discrete(0.5)
+    rail = tb.Linear(
+        A=torch.tensor([[0.0, 1], [0, 0]]),
+        B=torch.tensor([[0.0], [1]]),
+        C=torch.tensor([[1.0, 0]]),
+        D=torch.zeros(1, 1),
+        state=model.state,
+        output=torch.zeros(1),
+        inputs={"u": slice(0, 1)},
+        outputs=(slice(0, 1),),
+        reads=torch.zeros(2, 24),
+        space=model.space,
+    ).discrete(0.5)
     assert_close(rail.A, torch.tensor([[1.0, 0.5], [0, 1]]), rtol=1e-15, atol=1e-15)
     assert_close(rail.B, torch.tensor([[0.125], [0.5]]), rtol=1e-15, atol=1e-15)
 
 
 @pytest.mark.parametrize("follower", [False, True])
 def test_reduced_by_modes(follower):
-    """The eigenvalues that are kept are the full model's slowest; with `static` the steady response is too, and at 3 rad/s
-    (first mode: 8 rad/s) what is missing is (3/omega)^2 of the modes left out: less than a hundredth of it.
+    """The eigenvalues that are kept are the full model's slowest; with `static` the steady response
+    is too, and at 3 rad/s (first mode: 8 rad/s) what is missing is (3/omega)^2 of the modes left
+    out: less than a hundredth of it.
     """
     beam, load = scene(follower=follower), torch.tensor([-1.0, 0.3, 0.2])
     model = tb.linearize(beam, outputs=(tip, lambda s: s.root.moment), inputs={"u": load})
@@ -163,9 +193,10 @@ def test_reduced_by_modes(follower):
 
 
 def test_a_batch_and_its_gradients():
-    """EI = 1 and 2 as a batch: each as alone, to rounding; d|response|/d(EI) backward and forward against central differences
-    (1e-5 apart: 1e-6 of the value).
+    """EI = 1 and 2 as a batch: each as alone, to rounding; d|response|/d(EI) backward and forward
+    against central differences (1e-5 apart: 1e-6 of the value).
     """
+
     def gain(EI):
         return (
             tb.linearize(scene(N=3, EI=EI), outputs=SENSORS, inputs={"u": U})
@@ -203,9 +234,14 @@ def test_refusals():
 
 def arm():
     """A planar arm on a hub that a torque about z turns."""
-    hub, held = tb.PointMass(0.0, inertia=(0.01, 0.01, 0.02), node=0), tb.Support(0, position="xyz", rotation="xy")
-    beam = tb.Beam.straight(1.0, 2, tb.Section.from_stiffness(EA=4e3, GA=1.4e3, GJ=0.8, EI=2.0, mass=0.2, inertia=1e-3))
-    return tb.Scene(beam, [tb.PointLoad(0, moment=tb.Input("torque", 3)), hub, tb.Damping(1e-3)], supports=held)
+    hub = tb.PointMass(0.0, inertia=(0.01, 0.01, 0.02), node=0)
+    held = tb.Support(0, position="xyz", rotation="xy")
+    beam = tb.Beam.straight(
+        1.0, 2, tb.Section.from_stiffness(EA=4e3, GA=1.4e3, GJ=0.8, EI=2.0, mass=0.2, inertia=1e-3)
+    )
+    return tb.Scene(
+        beam, [tb.PointLoad(0, moment=tb.Input("torque", 3)), hub, tb.Damping(1e-3)], supports=held
+    )
 
 
 def turned(state, angle, rate=0.0):
@@ -215,31 +251,43 @@ def turned(state, angle, rate=0.0):
     R = torch.tensor([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
     q = torch.tensor([math.cos(angle / 2), 0, 0, math.sin(angle / 2)])
     position = state.position @ R.mT
-    return replace(state, position=position, rotation=quat.multiply(q.expand_as(state.rotation), state.rotation),
-                   velocity=rate * torch.linalg.cross(one.expand_as(position), position), spin=(rate * one).expand_as(position))
+    return replace(
+        state,
+        position=position,
+        rotation=quat.multiply(q.expand_as(state.rotation), state.rotation),
+        velocity=rate * torch.linalg.cross(one.expand_as(position), position),
+        spin=(rate * one).expand_as(position),
+    )
 
 
 def test_departure_of_a_turned_beam_is_a_turn_of_the_model():
-    """z of a beam turned by 60 degrees as a whole, and turning, is that many times z of one turned by a small angle."""
+    """z of a beam turned by 60 degrees as a whole, and turning, is that many times z of one turned
+    by a small angle.
+    """
     scene = arm()
     start = tb.rest(scene)
     model = tb.linearize(scene, start, inputs={"torque": torch.zeros(3)})
     small = model.departure(turned(start, 1e-3, 1e-3)) / 1e-3
     half = len(small) // 2
     found = model.departure(turned(start, math.pi / 3, 0.7))
-    assert_close(found[:half], math.pi / 3 * small[:half], rtol=0, atol=1e-6)  # (1e-3)^2 of the small turn at most
+    # (1e-3)^2 of the small turn at most
+    assert_close(found[:half], math.pi / 3 * small[:half], rtol=0, atol=1e-6)
     assert_close(found[half:], 0.7 * small[half:], rtol=0, atol=1e-6)
 
 
 def test_a_linear_regulator_turns_the_arm_by_60_degrees():
-    """State feedback of the model about the goal, by the discrete Riccati equation: the full beam follows the linear model to
-    the goal (they differ by what the rate makes of it), where a departure by the nodes' places leaves the arm short of it.
+    """State feedback of the model about the goal, by the discrete Riccati equation: the full beam
+    follows the linear model to the goal (they differ by what the rate makes of it), where a
+    departure by the nodes' places leaves the arm short of it.
     """
     scene = arm()
     goal = tb.rest(scene)
-    model = tb.linearize(scene, goal, (tip, lambda s: s.tip.velocity), inputs={"torque": torch.zeros(3)}).discrete(0.02)
+    model = tb.linearize(
+        scene, goal, (tip, lambda s: s.tip.velocity), inputs={"torque": torch.zeros(3)}
+    ).discrete(0.02)
     A, B, C = model.A, model.B[:, 2:], model.C[1::3]
-    Q, P = C.mT @ torch.diag(torch.tensor([10.0, 0.1])) @ C + 1e-8 * torch.eye(len(A)), torch.eye(len(A))
+    Q = C.mT @ torch.diag(torch.tensor([10.0, 0.1])) @ C + 1e-8 * torch.eye(len(A))
+    P = torch.eye(len(A))
     for _ in range(1000):
         K = torch.linalg.solve(B.mT @ P @ B + 0.1, B.mT @ P @ A)
         P = Q + A.mT @ P @ (A - B @ K)
@@ -252,23 +300,32 @@ def test_a_linear_regulator_turns_the_arm_by_60_degrees():
 
 @pytest.mark.parametrize("plane", [None, "xz"])
 def test_an_actuation_is_an_input(plane):
-    """A curvature that the beam takes by itself moves its equilibrium: D - C A^-1 B against the slope of `equilibrium` by it,
-    by automatic differentiation, of a loaded beam; to Newton's tolerance.
+    """A curvature that the beam takes by itself moves its equilibrium: D - C A^-1 B against the
+    slope of `equilibrium` by it, by automatic differentiation, of a loaded beam; to Newton's
+    tolerance.
     """
     section = tb.Section.circle(torch.tensor(0.01), 1e6, 0.45, 1100.0)
-    effects = [tb.Actuation(curvature=tb.Input("k", 3)), tb.Gravity((0.0, 0.0, -9.81)), tb.Damping(0.01)]
+    effects = [
+        tb.Actuation(curvature=tb.Input("k", 3)),
+        tb.Gravity((0.0, 0.0, -9.81)),
+        tb.Damping(0.01),
+    ]
     scene = tb.Scene(tb.Beam.straight(0.2, 3, section), effects, plane=plane)
     k = torch.tensor([0.0, -1.0, 0.0 if plane else 0.5])
     tip = tb.sensors.TipPosition()
     model = tb.linearize(scene, tb.equilibrium(scene, inputs={"k": k}), tip, inputs={"k": k})
     gain = model.D - model.C @ torch.linalg.solve(model.A, model.B)
-    expected = torch.autograd.functional.jacobian(lambda k: tip(tb.equilibrium(scene, inputs={"k": k})), k)
+    expected = torch.autograd.functional.jacobian(
+        lambda k: tip(tb.equilibrium(scene, inputs={"k": k})), k
+    )
     assert expected.abs().max() > 1e-3
     torch.testing.assert_close(gain.reshape(3, 3), expected, rtol=1e-6, atol=1e-9)
 
 
 def test_departure_of_a_beam_at_rest():
-    """`rest` expands its batch axes, which dual numbers refuse; alone and in a batch the departure is that of a copy."""
+    """`rest` expands its batch axes, which dual numbers refuse; alone and in a batch the departure
+    is that of a copy.
+    """
     model = tb.linearize(scene(), outputs=[tip], inputs={"u": U})
     for shape in ((), (2,)):
         state = tb.rest(scene(), shape)
@@ -277,14 +334,25 @@ def test_departure_of_a_beam_at_rest():
 
 @pytest.mark.parametrize("damping", [None, 0.01, 0.1])
 def test_derivative_by_a_rotary_inertia_of_zero(damping):
-    """Of the answer of the tip to a force that oscillates with 2 rad/s, where turns without inertia follow, or creep: against
-    one-sided differences of second order, whose models have those turns as states; 1e-8 of what was subtracted, over 1e-5.
+    """Of the answer of the tip to a force that oscillates with 2 rad/s, where turns without inertia
+    follow, or creep: against one-sided differences of second order, whose models have those turns
+    as states; 1e-8 of what was subtracted, over 1e-5.
     """
+
     def answer(inertia):
-        section = tb.Section.from_stiffness(EA=1e3, GA=5e2, GJ=0.8, EI=(1.0, 1.7), mass=0.3, inertia=inertia)
-        effects = [tb.TipLoad(force=tb.Input("u", 3)), *([] if damping is None else [tb.Damping(damping)])]
+        section = tb.Section.from_stiffness(
+            EA=1e3, GA=5e2, GJ=0.8, EI=(1.0, 1.7), mass=0.3, inertia=inertia
+        )
+        effects = [
+            tb.TipLoad(force=tb.Input("u", 3)),
+            *([] if damping is None else [tb.Damping(damping)]),
+        ]
         scene = tb.Scene(tb.Beam.straight(1.0, 2, section), effects)
-        linear = tb.linearize(scene, outputs=lambda state: state.tip.position, inputs={"u": torch.tensor([0.0, 0.1, -0.2])})
+        linear = tb.linearize(
+            scene,
+            outputs=lambda state: state.tip.position,
+            inputs={"u": torch.tensor([0.0, 0.1, -0.2])},
+        )
         moving = 2j * torch.eye(linear.A.shape[-1]) - linear.A
         found = linear.C.to(moving) @ torch.linalg.solve(moving, linear.B.to(moving)) + linear.D
         return torch.view_as_real(found).sum()

@@ -1,12 +1,21 @@
-"""The block tridiagonal solve: against the dense one, its derivatives, and a singular sample among good ones."""
+"""The block tridiagonal solve: against the dense one, its derivatives, and a singular sample among
+good ones.
+"""
 
 import pytest
 import torch
 from torch.testing import assert_close
 
-from torchbeam.math.block_tridiagonal import ChainSolve, block_tridiagonal, finite_pivots, pivots, positive_definite
+from torchbeam.math.block_tridiagonal import (
+    ChainSolve,
+    block_tridiagonal,
+    finite_pivots,
+    pivots,
+    positive_definite,
+)
 
-ROUNDING = dict(rtol=0, atol=1e-12)  # numbers near one, times a condition of 16 to 101; measured 4e-14
+# numbers near one, times a condition of 16 to 101; measured 4e-14
+ROUNDING = dict(rtol=0, atol=1e-12)
 
 
 def system(n=5, k=3, batch=(4,)):
@@ -28,7 +37,9 @@ def dense(D, L, U):
 
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_equals_the_dense_solve(n):
-    """Elimination in blocks against torch.linalg.solve of the same matrix: to rounding times the condition."""
+    """Elimination in blocks against torch.linalg.solve of the same matrix: to rounding times the
+    condition.
+    """
     D, L, U, b = system(n)
     x = torch.linalg.solve(dense(D, L, U), b.flatten(-2)).view_as(b)
     assert_close(block_tridiagonal(D, L, U, b), x, **ROUNDING)
@@ -41,14 +52,20 @@ def test_leading_axes_broadcast():
 
 
 def test_chain_solve_is_differentiable_in_the_right_hand_side():
-    """Reverse (the transposed system) and forward mode against central differences; the matrix carries no gradient."""
+    """Reverse (the transposed system) and forward mode against central differences; the matrix
+    carries no gradient.
+    """
     D, L, U, b = system()
     b.requires_grad_()
-    assert torch.autograd.gradcheck(lambda b: ChainSolve.apply(D, L, U, b), b, check_forward_ad=True)
+    assert torch.autograd.gradcheck(
+        lambda b: ChainSolve.apply(D, L, U, b), b, check_forward_ad=True
+    )
 
 
 def test_chain_solve_under_jvp_and_a_shared_right_hand_side():
-    """torch.func.jvp is the solve of the tangent; the gradient of a broadcast right-hand side is summed back."""
+    """torch.func.jvp is the solve of the tangent; the gradient of a broadcast right-hand side is
+    summed back.
+    """
     D, L, U, b = system()
     _, tangent = torch.func.jvp(lambda b: ChainSolve.apply(D, L, U, b), (b,), (b.flip(0),))
     assert_close(tangent, block_tridiagonal(D, L, U, b.flip(0)), **ROUNDING)
@@ -61,14 +78,18 @@ def test_chain_solve_under_jvp_and_a_shared_right_hand_side():
 def test_second_derivatives_are_refused():
     D, L, U, b = system()
     b.requires_grad_()
-    (gradient,) = torch.autograd.grad(ChainSolve.apply(D, L, U, b).square().sum(), b, create_graph=True)
+    (gradient,) = torch.autograd.grad(
+        ChainSolve.apply(D, L, U, b).square().sum(), b, create_graph=True
+    )
     with pytest.raises(RuntimeError, match="first ones only"):
         gradient.sum().backward()
 
 
 @pytest.mark.parametrize("bad", [0.0, float("nan"), float("inf")])
 def test_a_singular_sample_leaves_the_others_alone(bad):
-    """A zero (or NaN, or infinite) block in sample 1: it is not finite there, the others are bit for bit what they were."""
+    """A zero (or NaN, or infinite) block in sample 1: it is not finite there, the others are bit
+    for bit what they were.
+    """
     D, L, U, b = system()
     good = block_tridiagonal(D, L, U, b)
     D, L = D.clone(), L.clone()
@@ -81,7 +102,9 @@ def test_a_singular_sample_leaves_the_others_alone(bad):
 
 
 def test_positive_definite_is_what_the_eigenvalues_say():
-    """Random symmetric chains, half of them shifted to one side of zero by their least eigenvalue, half to the other."""
+    """Random symmetric chains, half of them shifted to one side of zero by their least eigenvalue,
+    half to the other.
+    """
     D, L, _, _ = system(4, batch=(64,))
     U = L.mT
     least = torch.linalg.eigvalsh(dense(D + D.mT, L, U))[:, 0]
@@ -91,7 +114,9 @@ def test_positive_definite_is_what_the_eigenvalues_say():
 
 
 def test_pivots_beyond_a_singular_one():
-    """They are no numbers; what looks at their eigenvalues is told so, sample by sample, and gets numbers."""
+    """They are no numbers; what looks at their eigenvalues is told so, sample by sample, and gets
+    numbers.
+    """
     D = torch.eye(2).expand(2, 3, 2, 2).clone()
     D[0, 0] = 0.0
     L = U = torch.eye(2).expand(2, 2, 2, 2) / 4

@@ -1,4 +1,6 @@
-"""Wiener-Milenkovic parameters: against the exponential map, their definitions, and forward-mode rates."""
+"""Wiener-Milenkovic parameters: against the exponential map, their definitions, and forward-mode
+rates.
+"""
 
 import math
 
@@ -20,19 +22,31 @@ def theta():
 
 
 def test_rotation_is_four_tan_quarter_angle():
-    """theta = 4 tan(phi/4) n against the rotation matrix of the rotation vector phi n, to 350 degrees."""
+    """theta = 4 tan(phi/4) n against the rotation matrix of the rotation vector phi n, to 350
+    degrees.
+    """
     n = torch.nn.functional.normalize(torch.tensor([1.0, -2.0, 0.5]), dim=0)
     phi = torch.linspace(0, 6.1, 40)[:, None]
-    assert_close(rot.turn(4 * torch.tan(phi / 4) * n), quat.matrix(quat.exponential(phi * n)), **ROUNDING)
+    assert_close(
+        rot.turn(4 * torch.tan(phi / 4) * n), quat.matrix(quat.exponential(phi * n)), **ROUNDING
+    )
 
 
 def test_Q_gives_the_angular_velocity_in_turned_axes(theta):
     """~(Q theta_dot) = C C_dot^T, C_dot by forward mode: the definition. Rates likewise."""
     theta_dot = torch.randn_like(theta)
     _, C_dot = torch.func.jvp(rot.C, (theta,), (theta_dot,))
-    assert_close(quat.skew((rot.Q(theta) @ theta_dot[..., None])[..., 0]), rot.C(theta) @ C_dot.mT, **ROUNDING)
-    for function, rate in ((rot.C, rot.C_rate), (rot.Q, rot.Q_rate), (rot.Q_inverse, rot.Q_inverse_rate),
-                           (rot.shadow, rot.shadow_rate)):
+    assert_close(
+        quat.skew((rot.Q(theta) @ theta_dot[..., None])[..., 0]),
+        rot.C(theta) @ C_dot.mT,
+        **ROUNDING,
+    )
+    for function, rate in (
+        (rot.C, rot.C_rate),
+        (rot.Q, rot.Q_rate),
+        (rot.Q_inverse, rot.Q_inverse_rate),
+        (rot.shadow, rot.shadow_rate),
+    ):
         _, expected = torch.func.jvp(function, (theta,), (theta_dot,))
         assert_close(rate(theta, theta_dot), expected, rtol=1e-13, atol=1e-13)
 
@@ -42,7 +56,9 @@ def test_Q_inverse_is_its_inverse(theta):
 
 
 def test_shadow_is_the_same_rotation(theta):
-    """And theta (1 - 8/|theta|), which one finds in codes and notes, is not, except at |theta| = 4."""
+    """And theta (1 - 8/|theta|), which one finds in codes and notes, is not, except at
+    |theta| = 4.
+    """
     assert_close(rot.turn(rot.shadow(theta)), rot.turn(theta), **ROUNDING)
     size = theta.norm(dim=-1, keepdim=True)
     at_four = 4 * theta / size

@@ -1,4 +1,6 @@
-"""Conditions: what loads hold is asked once for an instant; the physics, and native code, have numbers alone."""
+"""Conditions: what loads hold is asked once for an instant; the physics, and native code, have
+numbers alone.
+"""
 
 import pytest
 import torch
@@ -21,8 +23,12 @@ def scene(*loads):
 LOADS = {
     "function of t": lambda asked: tb.TipLoad(force=lambda t: asked(F * torch.cos(t))),
     "follower": lambda asked: tb.TipLoad(force=lambda t: asked(F * torch.cos(t)), follower=True),
-    "along": lambda asked: tb.LineLoad(force=Along(lambda s, t: asked(s[..., None] * F * t)), follower=True),
-    "per element": lambda asked: tb.LineLoad(force=PerElement(lambda t: asked(F * t * torch.arange(3.0)[:, None]))),
+    "along": lambda asked: tb.LineLoad(
+        force=Along(lambda s, t: asked(s[..., None] * F * t)), follower=True
+    ),
+    "per element": lambda asked: tb.LineLoad(
+        force=PerElement(lambda t: asked(F * t * torch.arange(3.0)[:, None]))
+    ),
     "spring": lambda asked: tb.Spring(-1, stiffness=2.0, to=lambda t: asked(F * t), damping=0.1),
     "gravity": lambda asked: tb.Gravity(lambda t: asked(F * t)),
     "input": lambda asked: tb.TipLoad(force=tb.Input("u", 3), follower=True),

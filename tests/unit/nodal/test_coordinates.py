@@ -43,20 +43,33 @@ def scenes(plane):
     up = (0.0, 0, 1) if plane == "xz" else (0.0, 1, 0)
     direction = inside(plane, 1.0, 0.3)
     beam = tb.Beam.straight(1.0, 4, section(), direction=direction, up=up)
-    arc = tb.Beam.arc(0.8, 1.2, 4, section(coupled=plane == "xy"), up=(0, 0, 1) if plane == "xy" else (0, 1, 0))
+    arc = tb.Beam.arc(
+        0.8, 1.2, 4, section(coupled=plane == "xy"), up=(0, 0, 1) if plane == "xy" else (0, 1, 0)
+    )
     dead = [tb.TipLoad(force=force, moment=moment), tb.Gravity(inside(plane, 0.0, -9.81))]
     follower = [tb.TipLoad(force=(1.0, 0, 2.0), follower=True)]  # z of the section is `up`
-    rotating = tb.Frame(angular_velocity=lambda t: 3 * t * torch.tensor(turn(plane, 1.0), dtype=t.dtype),
-                        velocity=inside(plane, 0.2, 0.1))
-    shaken = tb.RootMotion(displacement=lambda t: torch.sin(9 * t) * torch.tensor(inside(plane, 0.05, 0.05), dtype=t.dtype),
-                           rotation=lambda t: torch.sin(5 * t) * torch.tensor(turn(plane, 0.4), dtype=t.dtype))
+    rotating = tb.Frame(
+        angular_velocity=lambda t: 3 * t * torch.tensor(turn(plane, 1.0), dtype=t.dtype),
+        velocity=inside(plane, 0.2, 0.1),
+    )
+    shaken = tb.RootMotion(
+        displacement=lambda t: (
+            torch.sin(9 * t) * torch.tensor(inside(plane, 0.05, 0.05), dtype=t.dtype)
+        ),
+        rotation=lambda t: torch.sin(5 * t) * torch.tensor(turn(plane, 0.4), dtype=t.dtype),
+    )
     slide = tb.Support(-1, position="z" if plane == "xz" else "y", rotation="")
     hinge = "xz" if plane == "xz" else "xy"
     yield "dead", beam, dead, {}
     yield "arc", arc, dead, {}
     yield "follower", beam, follower, {}
     yield "damped", beam, [*dead, tb.Damping((0.01, 0.02, 0.03, 0.04, 0.05, 0.06))], {}
-    yield "eccentric mass", beam, [*dead, tb.PointMass(0.1, inertia=(1e-3, 2e-3, 3e-3), offset=(0.05, 0, 0.1), node=2)], {}
+    yield (
+        "eccentric mass",
+        beam,
+        [*dead, tb.PointMass(0.1, inertia=(1e-3, 2e-3, 3e-3), offset=(0.05, 0, 0.1), node=2)],
+        {},
+    )
     yield "rotating", beam, dead, dict(frame=rotating)
     yield "shaken", beam, dead, dict(root=shaken)
     yield "hinged", beam, dead, dict(supports=(tb.Support(0, rotation=hinge), slide))
@@ -68,14 +81,22 @@ def scenes(plane):
 CASES = {f"{plane} {name}": (plane, *rest) for plane in NORMAL for name, *rest in scenes(plane)}
 
 
-BOTH = "dead", "arc", "eccentric mass", "hinged"  # in short runs, what knows which plane it is; the others in one
+# in short runs, what knows which plane it is; the others in one
+BOTH = "dead", "arc", "eccentric mass", "hinged"
 
 
-@pytest.mark.parametrize("case", [pytest.param(
-    case, marks=[pytest.mark.long] * (case.startswith("xz") and not case.endswith(BOTH))) for case in CASES])
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(
+            case, marks=[pytest.mark.long] * (case.startswith("xz") and not case.endswith(BOTH))
+        )
+        for case in CASES
+    ],
+)
 def test_plane_is_3d(case):
-    """Ten steps of 10 ms, in the plane and in 3D: position, rotation, velocity, spin, stress, reaction and work agree to
-    1e-10 of the largest (Newton to 1e-13 in both).
+    """Ten steps of 10 ms, in the plane and in 3D: position, rotation, velocity, spin, stress,
+    reaction and work agree to 1e-10 of the largest (Newton to 1e-13 in both).
     """
     plane, beam, effects, motion = CASES[case]
     ends = []
@@ -88,19 +109,35 @@ def test_plane_is_3d(case):
         ends.append(state)
     for name in FIELDS:
         whole, flat = (getattr(s, name) for s in ends)
-        if name == "reaction" and "hinged" in case:  # a pin that slides in 3D holds what the plane holds by itself
-            whole, flat = (x[..., [i for i in (0, 1, 2) if i != NORMAL[plane]]] for x in (whole, flat))
+        # a pin that slides in 3D holds what the plane holds by itself
+        if name == "reaction" and "hinged" in case:
+            whole, flat = (
+                x[..., [i for i in (0, 1, 2) if i != NORMAL[plane]]] for x in (whole, flat)
+            )
         assert_close(flat, whole, rtol=0, atol=1e-10 * max(1.0, whole.abs().max().item()))
 
 
-@pytest.mark.parametrize("method, plane", [
-    ("generalized_alpha", "xy"), ("generalized_alpha", "xz"), ("rk4", "xz"), pytest.param("rk4", "xy", marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "method, plane",
+    [
+        ("generalized_alpha", "xy"),
+        ("generalized_alpha", "xz"),
+        ("rk4", "xz"),
+        pytest.param("rk4", "xy", marks=pytest.mark.long),
+    ],
+)
 def test_other_methods_in_a_plane(plane, method):
     """generalized_alpha and an explicit method, likewise."""
     _, beam, effects, _ = CASES[f"{plane} dead"]
-    options = dict(step=0.01, tolerance=1e-13) if method != "rk4" else dict(options={"step_size": 1e-3})
-    ends = [tb.simulate(tb.Scene(beam, effects, plane=p), torch.tensor([0.0, 0.05]), method=method, **options).state[-1]
-            for p in (None, plane)]
+    options = (
+        dict(step=0.01, tolerance=1e-13) if method != "rk4" else dict(options={"step_size": 1e-3})
+    )
+    ends = [
+        tb.simulate(
+            tb.Scene(beam, effects, plane=p), torch.tensor([0.0, 0.05]), method=method, **options
+        ).state[-1]
+        for p in (None, plane)
+    ]
     for name in ("position", "rotation", "velocity", "spin"):
         assert_close(getattr(ends[1], name), getattr(ends[0], name), rtol=0, atol=1e-10)
 
@@ -113,52 +150,73 @@ def test_statics_and_modes_in_a_plane(plane):
     whole, flat = (tb.equilibrium(scene, tolerance=1e-12) for scene in scenes)
     for name in ("position", "rotation", "stress", "reaction"):
         assert_close(getattr(flat, name), getattr(whole, name), rtol=0, atol=1e-11)
-    mine, all_ = tb.modes(scenes[1], flat, count=4).frequency, tb.modes(scenes[0], whole, count=12).frequency
+    mine = tb.modes(scenes[1], flat, count=4).frequency
+    all_ = tb.modes(scenes[0], whole, count=12).frequency
     assert ((all_[:, None] - mine).abs().amin(0) < 1e-8 * mine).all()
 
 
 def test_gradients_in_a_plane_are_those_in_3d():
     """By a stiffness, a load in the plane and the length, through five steps."""
+
     def gradients(plane):
         EI, force, length = (torch.tensor(v, requires_grad=True) for v in (1.0, 2.0, 1.0))
         of = tb.Section.from_stiffness(EA=100.0, GA=50.0, GJ=0.8, EI=EI, mass=0.2, inertia=1e-3)
-        scene = tb.Scene(tb.Beam.straight(length, 3, of), [tb.TipLoad(force=(0.0, 0.0, force))], plane=plane)
+        scene = tb.Scene(
+            tb.Beam.straight(length, 3, of), [tb.TipLoad(force=(0.0, 0.0, force))], plane=plane
+        )
         stepper = tb.Stepper(scene, 0.02, tolerance=1e-13)
         state = stepper.rest()
         for _ in range(5):
             state = stepper(state)
-        return torch.stack(torch.autograd.grad(state.tip.position[2] + state.root.moment[1], (EI, force, length)))
+        return torch.stack(
+            torch.autograd.grad(state.tip.position[2] + state.root.moment[1], (EI, force, length))
+        )
 
     assert_close(gradients("xz"), gradients(None), rtol=1e-10, atol=1e-12)
 
 
 def test_auto_finds_the_plane():
-    """Where everything that is a number lies in one; a function of t, an Input or a load across it means 3D."""
+    """Where everything that is a number lies in one; a function of t, an Input or a load across it
+    means 3D.
+    """
     beam = tb.Beam.straight(1.0, 3, section())
     across = {"xz": (0, 0, 1.0), "xy": (0, 1.0, 0)}
     for name, force in across.items():
-        found = discretise(tb.Scene(beam, [tb.TipLoad(force=force), tb.Damping(0.1)], plane="auto")).space
+        found = discretise(
+            tb.Scene(beam, [tb.TipLoad(force=force), tb.Damping(0.1)], plane="auto")
+        ).space
         assert isinstance(found, Planar) and found.name == name
-    for effects in ([tb.TipLoad(force=(0, 1.0, 1.0))], [tb.TipLoad(force=lambda t: torch.zeros(3))],
-                    [tb.TipLoad(force=tb.Input("u", 3))], [tb.TipLoad(moment=(1.0, 0, 0))]):
+    for effects in (
+        [tb.TipLoad(force=(0, 1.0, 1.0))],
+        [tb.TipLoad(force=lambda t: torch.zeros(3))],
+        [tb.TipLoad(force=tb.Input("u", 3))],
+        [tb.TipLoad(moment=(1.0, 0, 0))],
+    ):
         assert not isinstance(discretise(tb.Scene(beam, effects, plane="auto")).space, Planar)
 
 
+# fmt: off
 OUT_OF_XY = {
     "Actuation": dict(effects=[tb.Actuation(curvature=(0, 0.5, 0))]),
-    "Spring": dict(effects=[tb.Spring(-1, stiffness=100.0, to=(1.0, 0, 1.0), length=1.0)]),  # slack at rest
-    "PointMass": dict(effects=[tb.PointMass(0.1, inertia=[[0.02, 0.005, 0.003], [0.005, 0.02, 0], [0.003, 0, 0.02]])]),
-    "displacement of a support": dict(supports=(tb.Support(0), tb.Support(-1, displacement=(0, 0, 0.05)))),
+    # slack at rest
+    "Spring": dict(effects=[tb.Spring(-1, stiffness=100.0, to=(1.0, 0, 1.0), length=1.0)]),
+    "PointMass": dict(effects=[tb.PointMass(0.1,
+                                            inertia=[[0.02, 0.005, 0.003], [0.005, 0.02, 0],
+                                                     [0.003, 0, 0.02]])]),
+    "displacement of a support": dict(supports=(tb.Support(0),
+                                                tb.Support(-1, displacement=(0, 0, 0.05)))),
     "turn of a support": dict(supports=(tb.Support(0), tb.Support(-1, turn=(0, 0.1, 0)))),
     "RootSpring": dict(effects=[tb.RootSpring(stiffness=[10.0] * 6)],
                        root=tb.RootMotion(displacement=(0, 0, 0.05))),
 }
+# fmt: on
 
 
 @pytest.mark.parametrize("what", OUT_OF_XY)
 def test_what_acts_out_of_a_plane_is_refused_there(what):
-    """Numbers out of the plane, also where nothing of them is felt at rest, or where no load brings them: "xy" says so, "auto"
-    goes on in 3D."""
+    """Numbers out of the plane, also where nothing of them is felt at rest, or where no load brings
+    them: "xy" says so, "auto" goes on in 3D.
+    """
     beam = tb.Beam.straight(1.0, 2, section())
     with pytest.raises(ValueError, match=f"{what}.* out of the plane 'xy'"):
         discretise(tb.Scene(beam, plane="xy", **OUT_OF_XY[what]))
@@ -168,14 +226,20 @@ def test_what_acts_out_of_a_plane_is_refused_there(what):
 
 def test_an_elastic_clamp_that_moves_by_a_function_means_3d():
     """Its motion is the scene's, not that of a support."""
-    scene = tb.Scene(tb.Beam.straight(1.0, 2, section()), [tb.RootSpring(stiffness=[10.0] * 6), tb.Gravity((0, -1.0, 0))],
-                     root=tb.RootMotion(displacement=lambda t: torch.stack((0 * t, 0 * t, t))), plane="auto")
+    scene = tb.Scene(
+        tb.Beam.straight(1.0, 2, section()),
+        [tb.RootSpring(stiffness=[10.0] * 6), tb.Gravity((0, -1.0, 0))],
+        root=tb.RootMotion(displacement=lambda t: torch.stack((0 * t, 0 * t, t))),
+        plane="auto",
+    )
     assert not isinstance(discretise(scene).space, Planar)
 
 
 def test_a_plane_in_single_precision():
     """A float32 beam in a frame whose numbers came in the default dtype."""
-    of = tb.Section.from_stiffness(EA=torch.tensor(100.0, dtype=torch.float32), GA=50.0, GJ=0.8, EI=1.0, mass=0.2)
+    of = tb.Section.from_stiffness(
+        EA=torch.tensor(100.0, dtype=torch.float32), GA=50.0, GJ=0.8, EI=1.0, mass=0.2
+    )
     frame = tb.Frame(velocity=(0.2, 0, 0), angular_velocity=(0, 0.5, 0))
     stepper = tb.Stepper(tb.Scene(tb.Beam.straight(1.0, 2, of), frame=frame, plane="xz"), 0.01)
     state = stepper(stepper.rest())
@@ -192,13 +256,16 @@ def test_coupled_section_has_no_plane():
 
 
 def test_small_is_the_limit_of_3d():
-    """Displacements under loads of size s, of a bent beam: the difference to 3D, relative to s, is of first order in s (small
-    rotations neglect squares).
+    """Displacements under loads of size s, of a bent beam: the difference to 3D, relative to s, is
+    of first order in s (small rotations neglect squares).
     """
     beam, gaps = tb.Beam.arc(0.8, 1.2, 4, section()), []
     for s in (1e-2, 1e-3):
-        effects = [tb.TipLoad(force=(0.3 * s, 2.0 * s, 1.0 * s), moment=(0.1 * s, 0, 0.2 * s)), tb.Damping(0.01),
-                   tb.MassDamping(0.2)]
+        effects = [
+            tb.TipLoad(force=(0.3 * s, 2.0 * s, 1.0 * s), moment=(0.1 * s, 0, 0.2 * s)),
+            tb.Damping(0.01),
+            tb.MassDamping(0.2),
+        ]
         ends = []
         for small in (False, True):
             stepper = tb.Stepper(tb.Scene(beam, effects, small=small), 0.02, tolerance=1e-12)
@@ -212,10 +279,13 @@ def test_small_is_the_limit_of_3d():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("mass", [(), (tb.PointMass(0.1, inertia=(0.01, 0.01, 0.01), offset=(0, 0.05, 0.02), node=0),)])
+@pytest.mark.parametrize(
+    "mass", [(), (tb.PointMass(0.1, inertia=(0.01, 0.01, 0.01), offset=(0, 0.05, 0.02), node=0),)]
+)
 def test_a_clamp_that_moves_by_small_rotations_explicitly(mass):
-    """The explicit form's tip and reaction are those of short implicit steps with lumped mass; a batch of motions (as many as
-    there are nodes, lest axes are mistaken) is each of them."""
+    """The explicit form's tip and reaction are those of short implicit steps with lumped mass; a
+    batch of motions (as many as there are nodes, lest axes are mistaken) is each of them.
+    """
     way = torch.tensor([[0, 0.01, 0], [0, 0, 0.02], [0, 0.01, 0.01]])
     beam = tb.Beam.straight(1.0, 2, section(), direction=(1.0, 1.0, 0))
 
@@ -223,7 +293,9 @@ def test_a_clamp_that_moves_by_small_rotations_explicitly(mass):
         def swing(t):
             return (1 - torch.cos(10 * t)) * way
 
-        return tb.Scene(beam, mass, root=tb.RootMotion(displacement=swing, rotation=swing), small=True)
+        return tb.Scene(
+            beam, mass, root=tb.RootMotion(displacement=swing, rotation=swing), small=True
+        )
 
     many = tb.simulate(scene(way), [0, 0.1], method="dopri5")
     for k in range(3):
@@ -231,17 +303,24 @@ def test_a_clamp_that_moves_by_small_rotations_explicitly(mass):
         assert_close(many.tip.position[:, k], one.tip.position, rtol=0, atol=1e-7)
         assert_close(many.root.moment[:, k], one.root.moment, rtol=0, atol=1e-4)
     steps = tb.simulate(scene(way[2]), [0, 0.1, 0.101], step=1e-3, lumped=True)
-    assert_close(one.tip.position[-1], steps.tip.position[1], rtol=0, atol=1e-6)  # 2.5e-7 measured: the steps, second order
+    # 2.5e-7 measured: the steps, second order
+    assert_close(one.tip.position[-1], steps.tip.position[1], rtol=0, atol=1e-6)
     mean = steps.state.reaction[1:].mean(0)[0]  # of the steps before and after the instant
-    assert_close(one.state.reaction[-1, 0], mean, rtol=0, atol=1e-3 * mean.abs().max().item())  # 2e-4 measured
+    # 2e-4 measured
+    assert_close(one.state.reaction[-1, 0], mean, rtol=0, atol=1e-3 * mean.abs().max().item())
 
 
 def test_small_superposes():
-    """A load 200 times as large, a displacement 200 times as large, to rounding (rotations of a state stay below pi)."""
+    """A load 200 times as large, a displacement 200 times as large, to rounding (rotations of a
+    state stay below pi).
+    """
     beam = tb.Beam.straight(1.0, 4, section())
 
     def moved(scale):
-        effects = [tb.TipLoad(force=(0.0, 5.0 * scale, 2.0 * scale)), tb.PointMass(0.3, offset=(0, 0.1, 0.05))]
+        effects = [
+            tb.TipLoad(force=(0.0, 5.0 * scale, 2.0 * scale)),
+            tb.PointMass(0.3, offset=(0, 0.1, 0.05)),
+        ]
         stepper = tb.Stepper(tb.Scene(beam, effects, small=True), 0.02, tolerance=1e-13)
         state = stepper.rest()
         for _ in range(10):
@@ -268,23 +347,38 @@ def test_a_start_out_of_the_plane_is_refused():
     beam = tb.Beam.straight(1.0, 3, section())
     load = tb.TipLoad(force=(0, 0.1, 0))
     scene = tb.Scene(beam, [load], plane="xy")
-    out, inside = tb.equilibrium(tb.Scene(beam, [tb.TipLoad(force=(0, 0.1, 0.2))])), tb.equilibrium(tb.Scene(beam, [load]))
-    for call in (lambda s: tb.simulate(scene, torch.tensor([0.0, 0.1]), s), lambda s: tb.equilibrium(scene, initial=s)):
+    out = tb.equilibrium(tb.Scene(beam, [tb.TipLoad(force=(0, 0.1, 0.2))]))
+    inside = tb.equilibrium(tb.Scene(beam, [load]))
+    for call in (
+        lambda s: tb.simulate(scene, torch.tensor([0.0, 0.1]), s),
+        lambda s: tb.equilibrium(scene, initial=s),
+    ):
         call(inside)
-        with pytest.raises(ValueError, match="an initial state whose position leaves the plane 'xy' was given"):
+        with pytest.raises(
+            ValueError, match="an initial state whose position leaves the plane 'xy' was given"
+        ):
             call(out)
 
 
 @pytest.mark.parametrize("plane", ["xz", "auto"])
 def test_a_plane_scene_is_made_under_vmap(plane):
-    """Each sample as alone, in a step; one whose force leaves the plane is refused, or has "auto" take 3D for all."""
+    """Each sample as alone, in a step; one whose force leaves the plane is refused, or has "auto"
+    take 3D for all.
+    """
+
     def tip(EI, length, force):
         section = tb.Section.from_stiffness(EA=1e3, GA=4e2, GJ=0.8, EI=EI, mass=0.2, inertia=1e-3)
-        scene = tb.Scene(tb.Beam.straight(length, 2, section), [tb.TipLoad(force=force)], plane=plane)
+        scene = tb.Scene(
+            tb.Beam.straight(length, 2, section), [tb.TipLoad(force=force)], plane=plane
+        )
         stepper = tb.Stepper(scene, 0.01)
         return stepper(stepper.rest()).tip.position
 
-    given = torch.tensor([1.0, 2.0]), torch.tensor([1.0, 1.2]), torch.tensor([[0.1, 0, 0.3], [0.0, 0, -0.2]])
+    given = (
+        torch.tensor([1.0, 2.0]),
+        torch.tensor([1.0, 1.2]),
+        torch.tensor([[0.1, 0, 0.3], [0.0, 0, -0.2]]),
+    )
     alone = torch.stack([tip(*one) for one in zip(*given, strict=True)])
     assert_close(torch.func.vmap(tip)(*given), alone, rtol=0, atol=1e-12)
     aside = *given[:2], given[2] + torch.tensor([[0.0, 0, 0], [0, 0.1, 0]])

@@ -1,4 +1,6 @@
-"""What acts in joints: tangents against derivatives at random poses, the work that it does, and what is refused."""
+"""What acts in joints: tangents against derivatives at random poses, the work that it does, and
+what is refused.
+"""
 
 import pytest
 import torch
@@ -11,13 +13,24 @@ from torchbeam.nodal.discretise import discretise
 from torchbeam.nodal.joint_motion import JointDrive, JointMotion
 
 AXIS, AT = (0.6, 0.0, 0.8), (0.9, 0.2, 0.1)
-PAIRS = {"two bodies": ("foot", "hub"), "from the ground": (None, "hub"), "to the ground": ("hub", None)}
+PAIRS = {
+    "two bodies": ("foot", "hub"),
+    "from the ground": (None, "hub"),
+    "to the ground": ("hub", None),
+}
 LAWS = {
     "spring": dict(stiffness=3.0),
     "damping": dict(damping=0.7),
     "friction": dict(friction=2.0, slip_speed=4.0),
     "limits": dict(limits=(-0.1, 0.2), limit_stiffness=40.0),
-    "all": dict(stiffness=3.0, damping=0.7, friction=2.0, slip_speed=4.0, limits=(-5.0, 0.3), limit_stiffness=40.0),
+    "all": dict(
+        stiffness=3.0,
+        damping=0.7,
+        friction=2.0,
+        slip_speed=4.0,
+        limits=(-5.0, 0.3),
+        limit_stiffness=40.0,
+    ),
 }
 KINDS = {"hinge": (tb.Hinge, "torque", "angle"), "slider": (tb.Slider, "force", "travel")}
 TABLE = [(kind, law) for kind in KINDS for law in (*LAWS, "effort", "prescribed")]
@@ -25,9 +38,13 @@ TABLE = [(kind, law) for kind in KINDS for law in (*LAWS, "effort", "prescribed"
 
 def joined(kind, law, pair="two bodies"):
     joint, effort, coordinate = KINDS[kind]
-    more = LAWS.get(law) or {effort if law == "effort" else coordinate: lambda t: 0.4 + torch.sin(t)}
+    more = LAWS.get(law) or {
+        effort if law == "effort" else coordinate: lambda t: 0.4 + torch.sin(t)
+    }
     places = {"foot": (0.4, 0.1, 0), "hub": (1.2, 0.3, -0.1)}
-    parts = {name: tb.Body(0.2, (0.01, 0.02, 0.025), position=place) for name, place in places.items()}
+    parts = {
+        name: tb.Body(0.2, (0.01, 0.02, 0.025), position=place) for name, place in places.items()
+    }
     return discretise(tb.Scene(parts, joints=[joint(*PAIRS[pair], axis=AXIS, at=AT, **more)]))
 
 
@@ -44,8 +61,16 @@ class Step:
         self.u, self.m = 0.2 * random(n, 3, seed=2), quat.exponential(0.2 * random(n, 3, seed=3))
         t = torch.tensor(0.3)
         values = self.own.values(model.scene.joints, t, {}, t)
-        self.drive = JointDrive(values, share=torch.tensor(0.7)) if still else JointDrive(
-            values, torch.zeros(1), torch.tensor(0.1), moving=lambda: (random(n, 3, seed=4), random(n, 3, seed=5)))
+        self.drive = (
+            JointDrive(values, share=torch.tensor(0.7))
+            if still
+            else JointDrive(
+                values,
+                torch.zeros(1),
+                torch.tensor(0.1),
+                moving=lambda: (random(n, 3, seed=4), random(n, 3, seed=5)),
+            )
+        )
 
     def end(self, move):
         turned = quat.multiply(quat.exponential(move[:, 3:]), quat.multiply(self.start[1], self.m))
@@ -75,7 +100,9 @@ def test_tangent_is_the_derivative(kind, law, pair, still):
     model = joined(kind, law, pair)
     step, n, force = Step(model, still), model.node_count, random(1, 6)
     none, gap = torch.zeros(n, 6), torch.zeros(0, 6)
-    nodes_by, gap_by = jacrev(lambda move: step.own.balance(none, gap, force, lambda: step(move)))(none)
+    nodes_by, gap_by = jacrev(lambda move: step.own.balance(none, gap, force, lambda: step(move)))(
+        none
+    )
     blocks = step.own.blocks_of(step(none), force, step.half, 1.0 if still else 2.0)
     matrix = model.topology.diagonal(torch.zeros(n, 6, 6)).joined(blocks)
     assert_close(matrix.dense().view(n, 6, n, 6), nodes_by, rtol=1e-11, atol=1e-11)
@@ -84,12 +111,21 @@ def test_tangent_is_the_derivative(kind, law, pair, still):
 
 
 def fly(spin, steps=30, dt=0.03, **joint):
-    """States of two bodies in free flight, joined by a hinge at the second's centre, about which that starts to turn."""
-    parts = {"foot": tb.Body(1.0, (0.1, 0.2, 0.25)), "hub": tb.Body(0.5, (0.05, 0.1, 0.08), position=(1.0, 0, 0))}
-    scene = tb.Scene(parts, joints=[tb.Hinge("foot", "hub", axis=(0, 0, 1), at=(1.0, 0, 0), **joint)])
+    """States of two bodies in free flight, joined by a hinge at the second's centre, about which
+    that starts to turn.
+    """
+    parts = {
+        "foot": tb.Body(1.0, (0.1, 0.2, 0.25)),
+        "hub": tb.Body(0.5, (0.05, 0.1, 0.08), position=(1.0, 0, 0)),
+    }
+    scene = tb.Scene(
+        parts, joints=[tb.Hinge("foot", "hub", axis=(0, 0, 1), at=(1.0, 0, 0), **joint)]
+    )
     spins = torch.tensor([[0.3, -0.2, 0.4], [0.3, -0.2, 0.4 + spin]])
     rest, hinge = tb.rest(scene), torch.tensor([1.0, 0, 0])
-    velocity = torch.linalg.cross(spins[:1], hinge[None]) + torch.linalg.cross(spins, rest.position - hinge)
+    velocity = torch.linalg.cross(spins[:1], hinge[None]) + torch.linalg.cross(
+        spins, rest.position - hinge
+    )
     states = [tb.State(**{**vars(rest), "spin": spins, "velocity": velocity})]
     stepper = tb.Stepper(scene, dt)
     for _ in range(steps):
@@ -102,10 +138,18 @@ def momenta(model, state):
     return torch.cat((P.sum(0), (torch.linalg.cross(state.position, P) + L).sum(0)))
 
 
-@pytest.mark.parametrize("joint", [dict(stiffness=0.1), dict(limits=(-4.0, 4.0), limit_stiffness=30.0),
-                                   dict(damping=0.01, friction=0.02, slip_speed=0.1)])
+@pytest.mark.parametrize(
+    "joint",
+    [
+        dict(stiffness=0.1),
+        dict(limits=(-4.0, 4.0), limit_stiffness=30.0),
+        dict(damping=0.01, friction=0.02, slip_speed=0.1),
+    ],
+)
 def test_energy_and_momentum_over_many_turns(joint):
-    """What acts within keeps both momenta; the energy changes by its work: none but what springs hold, over several turns."""
+    """What acts within keeps both momenta; the energy changes by its work: none but what springs
+    hold, over several turns.
+    """
     model, states = fly(9.0, **joint)
     last = states[-1]
     turned = torch.stack([state.joint[0].coordinate for state in states])
@@ -120,17 +164,24 @@ def test_energy_and_momentum_over_many_turns(joint):
 
 
 def test_friction_sticks():
-    """Below the friction a torque makes the hinge creep at the rate where they are equal; what moves stops without ringing."""
+    """Below the friction a torque makes the hinge creep at the rate where they are equal; what
+    moves stops without ringing.
+    """
     _, states = fly(1.0, 12, 0.05, friction=2.0, slip_speed=0.01, torque=1.0)
     rates = torch.stack([state.joint[0].rate for state in states[-4:]])
-    assert_close(rates, torch.full_like(rates, 0.01 / 3**0.5), rtol=0, atol=5e-4)  # r/sqrt(r^2 + s^2) = 1/2, to order dt
+    # r/sqrt(r^2 + s^2) = 1/2, to order dt
+    assert_close(rates, torch.full_like(rates, 0.01 / 3**0.5), rtol=0, atol=5e-4)
 
 
 def test_prescribed_angle():
-    """Exact at the end of each step, over turns, by a function and by an input; the work is what the parts gain."""
+    """Exact at the end of each step, over turns, by a function and by an input; the work is what
+    the parts gain.
+    """
     model, states = fly(0.0, 20, 0.05, angle=lambda t: 8 * t**2)
     given = torch.stack([8 * state.t**2 for state in states])
-    assert_close(torch.stack([state.joint[0].coordinate for state in states]), given, rtol=0, atol=1e-12)
+    assert_close(
+        torch.stack([state.joint[0].coordinate for state in states]), given, rtol=0, atol=1e-12
+    )
     energy = [model.kinetic_energy(s.rotation, s.velocity, s.spin) for s in (states[0], states[-1])]
     assert given[-1] > 2 * torch.pi
     assert_close(states[-1].work, energy[1] - energy[0], rtol=0, atol=1e-8)
@@ -140,12 +191,17 @@ def test_prescribed_angle():
 def hanging(**joint):
     """A body that hangs from a hinge and is pushed aside."""
     body = tb.Body(mass=1.0, inertia=0.1, position=(0.0, 0, -1))
-    return tb.Scene({"body": body}, [tb.Gravity((0, 0, -9.81)), tb.PointLoad("body", force=(4.0, 0, 0))],
-                    joints=[tb.Hinge(None, "body", at=(0, 0, 0), axis=(0, 1, 0), **joint)])
+    return tb.Scene(
+        {"body": body},
+        [tb.Gravity((0, 0, -9.81)), tb.PointLoad("body", force=(4.0, 0, 0))],
+        joints=[tb.Hinge(None, "body", at=(0, 0, 0), axis=(0, 1, 0), **joint)],
+    )
 
 
 def test_equilibrium_of_a_spring_and_its_reading():
-    """k angle = -(force) cos - (weight) sin; the joint carries force and weight, and the spring's moment."""
+    """k angle = -(force) cos - (weight) sin; the joint carries force and weight, and the spring's
+    moment.
+    """
     joint = tb.equilibrium(hanging(stiffness=3.0)).joint[0]
     angle = joint.coordinate
     assert_close(3 * angle, -4 * torch.cos(angle) - 9.81 * torch.sin(angle), rtol=0, atol=1e-9)
@@ -162,12 +218,19 @@ def test_equilibrium_at_a_prescribed_angle_and_its_gradient():
     assert_close(*(torch.autograd.grad(x, angle)[0] for x in (torque, wanted)), rtol=0, atol=1e-8)
 
 
-@pytest.mark.parametrize(("joint", "words"), [
-    (dict(stiffness=-1.0), "stiffness"), (dict(friction=1.0), "slip_speed"),
-    (dict(limits=(1.0, -1.0), limit_stiffness=1.0), "lowest"), (dict(limits=(-1.0, 1.0)), "limit_stiffness"),
-    (dict(angle=1.0, damping=1.0), "prescribed"), (dict(angle=1.0, torque=1.0), "angle"),
-    (dict(torque=tb.Input("motor", 2)), "size 1"), (dict(torque=float("nan")), "torque"),
-])
+@pytest.mark.parametrize(
+    ("joint", "words"),
+    [
+        (dict(stiffness=-1.0), "stiffness"),
+        (dict(friction=1.0), "slip_speed"),
+        (dict(limits=(1.0, -1.0), limit_stiffness=1.0), "lowest"),
+        (dict(limits=(-1.0, 1.0)), "limit_stiffness"),
+        (dict(angle=1.0, damping=1.0), "prescribed"),
+        (dict(angle=1.0, torque=1.0), "angle"),
+        (dict(torque=tb.Input("motor", 2)), "size 1"),
+        (dict(torque=float("nan")), "torque"),
+    ],
+)
 def test_refusals(joint, words):
     with pytest.raises(ValueError, match=words):
         tb.Hinge("a", "b", **joint)
@@ -183,7 +246,9 @@ def four_bar(last, **scene):
 
 
 def test_redundant_constraints_are_named():
-    """A four-bar of rigid bodies with four hinges holds three components twice in space, and none in its plane."""
+    """A four-bar of rigid bodies with four hinges holds three components twice in space, and none
+    in its plane.
+    """
     for last, count in ((tb.Hinge, "3 of 5"), (tb.Ball, "1 of 3")):
         with pytest.raises(ValueError, match=f"joint 3.* holds {count} components"):
             discretise(four_bar(last))
@@ -192,12 +257,20 @@ def test_redundant_constraints_are_named():
 
 
 def test_sensors_read_what_the_state_does():
-    """Coordinate, rate and load of a hinge; a joint with other coordinates than one has no such reading."""
+    """Coordinate, rate and load of a hinge; a joint with other coordinates than one has no such
+    reading.
+    """
     _, states = fly(2.0, 1)
     state, read = states[-1], states[-1].joint[0]
-    found = tb.sensors.Stack((tb.sensors.JointCoordinate(0), tb.sensors.JointRate(0), tb.sensors.JointLoad(0)))(state)
-    assert_close(found, torch.cat((read.coordinate[None], read.rate[None], read.force, read.moment)))
-    ball = tb.rest(tb.Scene({"hub": tb.Body(1.0, 0.1)}, joints=[tb.Ball(None, "hub", at=(0, 0, 0))]))
+    found = tb.sensors.Stack(
+        (tb.sensors.JointCoordinate(0), tb.sensors.JointRate(0), tb.sensors.JointLoad(0))
+    )(state)
+    assert_close(
+        found, torch.cat((read.coordinate[None], read.rate[None], read.force, read.moment))
+    )
+    ball = tb.rest(
+        tb.Scene({"hub": tb.Body(1.0, 0.1)}, joints=[tb.Ball(None, "hub", at=(0, 0, 0))])
+    )
     for joint, words in ((0, "has none"), (1, "there are the joints 0 to 0")):
         with pytest.raises(ValueError, match=words):
             tb.sensors.JointCoordinate(joint)(ball)

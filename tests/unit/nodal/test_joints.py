@@ -20,13 +20,24 @@ JOINTS = {
     "cylindrical": lambda a, b: tb.Cylindrical(a, b, axis=AXIS),
     "distance": lambda a, b: tb.Distance(a, b),
 }
-PAIRS = {"beam and body": (("arm", -1), "hub"), "body and beam": ("hub", ("arm", 1)), "ground": (None, "hub")}
+PAIRS = {
+    "beam and body": (("arm", -1), "hub"),
+    "body and beam": ("hub", ("arm", 1)),
+    "ground": (None, "hub"),
+}
 
 
 def joints(kind, pair):
     a, b = PAIRS[pair]
-    joint = tb.Distance(a, b, at=(0.9, 0.2, 0.1)) if kind == "distance" and a is None else JOINTS[kind](a, b)
-    parts = {"arm": tb.Beam.straight(1.0, 2, SECTION), "hub": tb.Body(0.2, 0.01, position=(1.2, 0.3, -0.1))}
+    joint = (
+        tb.Distance(a, b, at=(0.9, 0.2, 0.1))
+        if kind == "distance" and a is None
+        else JOINTS[kind](a, b)
+    )
+    parts = {
+        "arm": tb.Beam.straight(1.0, 2, SECTION),
+        "hub": tb.Body(0.2, 0.01, position=(1.2, 0.3, -0.1)),
+    }
     return discretise(tb.Scene(parts, joints=[joint], supports=[tb.Support(("arm", 0))]))
 
 
@@ -37,8 +48,9 @@ def random(*shape):
 @pytest.mark.parametrize("pair", PAIRS)
 @pytest.mark.parametrize("kind", JOINTS)
 def test_tangent_is_the_derivative(kind, pair):
-    """Of the forces of a step, which act at the mean of its two ends, and of the gaps at its end, by mid-step moves: the spin s
-    of R_mid turns the end by (I + R_mid R_n^T) s. Forces do the work of the multipliers on the gaps' increments.
+    """Of the forces of a step, which act at the mean of its two ends, and of the gaps at its end,
+    by mid-step moves: the spin s of R_mid turns the end by (I + R_mid R_n^T) s. Forces do the work
+    of the multipliers on the gaps' increments.
     """
     model = joints(kind, pair)
     own, n = model.joints, model.node_count
@@ -64,8 +76,11 @@ def test_tangent_is_the_derivative(kind, pair):
     held = own.held.flatten() > 0
     assert_close(matrix.constraints().view(-1, n, 6), gap[0][held], rtol=0, atol=1e-12)
     steady = own.blocks(own.pose(*start), own.pose(*start), force, None, 1.0)
-    moved = jacrev(lambda move: own.gap(own.pose(start[0] + move[:, :3],
-                                                 quat.multiply(quat.exponential(move[:, 3:]), start[1]))))
+    moved = jacrev(
+        lambda move: own.gap(
+            own.pose(start[0] + move[:, :3], quat.multiply(quat.exponential(move[:, 3:]), start[1]))
+        )
+    )
     matrix = model.topology.diagonal(torch.zeros(n, 6, 6)).joined(steady)
     assert_close(matrix.constraints().view(-1, n, 6), moved(none)[0][held], rtol=0, atol=1e-12)
     after = end(none)
@@ -85,5 +100,9 @@ def test_holds_as_many_as_it_says_where_it_is_drawn(kind):
         pose = own.pose(beam.nodes, beam.frames)
         assert_close(own.gap(pose), torch.zeros(1, 6), rtol=0, atol=1e-15)
         blocks = own.blocks(pose, pose, torch.zeros(1, 6), None, 1.0)
-        G = model.topology.diagonal(torch.zeros(model.node_count, 6, 6)).joined(blocks).constraints()
+        G = (
+            model.topology.diagonal(torch.zeros(model.node_count, 6, 6))
+            .joined(blocks)
+            .constraints()
+        )
         assert int(torch.linalg.matrix_rank(G)) == model.scene.joints[0].holds == len(G)

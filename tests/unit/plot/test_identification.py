@@ -15,6 +15,7 @@ NOISE = 0.1 * torch.randn(30, 2, generator=torch.Generator().manual_seed(0))
 @pytest.fixture(scope="module")
 def fit():
     """A line and its double in time, in no order, and a number; one parameter has no say."""
+
     def model(theta):
         line = theta["a"][:, None] + theta["b"][:, None] * T.flip(0)
         return [torch.stack((line, 2 * line), -1), theta["b"] + 0 * theta["c"]]
@@ -25,7 +26,9 @@ def fit():
 
 
 def test_fit_and_residuals(fit, tmp_path):
-    """Two channels over time above their residuals, in the order of time; the single number is left out."""
+    """Two channels over time above their residuals, in the order of time; the single number is left
+    out.
+    """
     axes = tb.plot.fit(fit)
     assert len(axes) == 4 and [a.get_title() for a in axes[:2]] == ["gauge 0", "gauge 1"]
     order = fit.readings[0].times.argsort()
@@ -36,7 +39,8 @@ def test_fit_and_residuals(fit, tmp_path):
         assert_close(torch.from_numpy(np.asarray(line.get_ydata())), y)
         assert_close(torch.from_numpy(np.asarray(axes[2 + k].lines[0].get_ydata())), data - y)
         band = axes[k].collections[0].get_paths()[0].vertices[:, 1]
-        assert 1.96 * 0.1 < band.max() - y.max() < 1.96 * 0.15  # noise, and what the parameters leave open
+        # noise, and what the parameters leave open
+        assert 1.96 * 0.1 < band.max() - y.max() < 1.96 * 0.15
     assert tb.plot.save(axes[0], tmp_path / "fit.png").stat().st_size > 5000
 
 
@@ -65,10 +69,17 @@ def test_single_readings_have_no_curve():
 
 
 def test_the_band_of_sigma_that_only_weighs():
-    """Residuals' band: 1.96 of the noise that the misfit says over T - 1 degrees of freedom, whatever factor sigma has."""
+    """Residuals' band: 1.96 of the noise that the misfit says over T - 1 degrees of freedom,
+    whatever factor sigma has.
+    """
     for sigma in (None, 7.0):
-        one = tb.identify(lambda theta: theta["b"][:, None] * T, 2 * T + NOISE[:, 0], {"b": 1.0}, sigma=sigma,
-                          absolute_sigma=False)
+        one = tb.identify(
+            lambda theta: theta["b"][:, None] * T,
+            2 * T + NOISE[:, 0],
+            {"b": 1.0},
+            sigma=sigma,
+            absolute_sigma=False,
+        )
         band = tb.plot.fit(one)[1].collections[0].get_paths()[0].vertices[:, 1].max()
         squares = (one.y - 2 * T - NOISE[:, 0]).square().sum()
         assert band == pytest.approx(1.96 * (squares / (len(T) - 1)).sqrt().item())

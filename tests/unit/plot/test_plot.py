@@ -1,4 +1,6 @@
-"""Pictures: each is a real image whose lines hold the numbers they should; nothing needs matplotlib until it is drawn."""
+"""Pictures: each is a real image whose lines hold the numbers they should; nothing needs matplotlib
+until it is drawn.
+"""
 
 import errno
 import math
@@ -37,7 +39,10 @@ def drawn(ax, path):
 
 def data(ax):
     """Every line's points, by its place."""
-    lines = [np.stack(line.get_data_3d() if ax.name == "3d" else line.get_data(), -1).astype(float) for line in ax.lines]
+    lines = [
+        np.stack(line.get_data_3d() if ax.name == "3d" else line.get_data(), -1).astype(float)
+        for line in ax.lines
+    ]
     return [torch.from_numpy(x) for x in lines]
 
 
@@ -53,12 +58,14 @@ def test_shape_in_a_plane(solution, tmp_path):
 
 
 def test_shape_is_the_circle_between_nodes():
-    """A quarter of a circle in four elements of the angle phi: the cubic's tangents are as long as the chords, and half way it
-    leaves the circle by 2 sin(phi/4)^4, by hand: 1.8e-4 of the radius.
+    """A quarter of a circle in four elements of the angle phi: the cubic's tangents are as long as
+    the chords, and half way it leaves the circle by 2 sin(phi/4)^4, by hand: 1.8e-4 of the radius.
     """
     ax = tb.plot.shape(tb.rest(tb.Scene(tb.Beam.arc(1.0, math.pi / 2, 4, SECTION))))
     radius = (data(ax)[0] - torch.tensor([0.0, 1.0])).norm(dim=-1)
-    assert_close((radius - 1).abs().max(), torch.tensor(2 * math.sin(math.pi / 32) ** 4), rtol=1e-6, atol=0)
+    assert_close(
+        (radius - 1).abs().max(), torch.tensor(2 * math.sin(math.pi / 32) ** 4), rtol=1e-6, atol=0
+    )
 
 
 def test_shape_in_space(tmp_path):
@@ -72,7 +79,9 @@ def test_shape_in_space(tmp_path):
 
 
 def test_mode_shapes(tmp_path):
-    """The first bending mode at rest: largest displacement 0.15 of the length, at the tip; frequencies in the legend."""
+    """The first bending mode at rest: largest displacement 0.15 of the length, at the tip;
+    frequencies in the legend.
+    """
     still = tb.Scene(BEAM)
     modes = tb.modes(still, count=3)
     ax = tb.plot.mode_shapes(tb.rest(still), modes, count=3, plane="xz")
@@ -97,7 +106,9 @@ def test_history_and_energies(solution, tmp_path):
 
 
 def test_history_of_a_batch(tmp_path):
-    batch = tb.simulate(tb.Scene(BEAM, [tb.TipLoad(force=torch.rand(5, 3))]), [0.0, 0.05, 0.1], step=0.05)
+    batch = tb.simulate(
+        tb.Scene(BEAM, [tb.TipLoad(force=torch.rand(5, 3))]), [0.0, 0.05, 0.1], step=0.05
+    )
     ax = tb.plot.history(batch, tb.sensors.TipPosition()["z"])
     drawn(ax, tmp_path / "batch.png")
     assert len(ax.lines) == 5
@@ -106,17 +117,27 @@ def test_history_of_a_batch(tmp_path):
 
 
 def test_load_path(tmp_path):
-    """Equilibria under a growing load: solid, dashed from where they are called unstable, up to the last valid one, a dot at
-    the limit point; the pieces join.
+    """Equilibria under a growing load: solid, dashed from where they are called unstable, up to the
+    last valid one, a dot at the limit point; the pieces join.
     """
     states = [tb.equilibrium(tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, f))])) for f in range(8)]
-    path = SimpleNamespace(factor=torch.arange(8.0), state=tb.State.stack(states), stable=torch.arange(8) < 4,
-                           valid=torch.arange(8) < 7, kind=(torch.arange(8) == 4).long())
+    path = SimpleNamespace(
+        factor=torch.arange(8.0),
+        state=tb.State.stack(states),
+        stable=torch.arange(8) < 4,
+        valid=torch.arange(8) < 7,
+        kind=(torch.arange(8) == 4).long(),
+    )
     ax = tb.plot.load_path(path, tb.sensors.TipPosition()["z"], label="strip", name="force / N")
     drawn(ax, tmp_path / "path.png")
     solid, dashed, dot, *_ = data(ax)
-    assert [line.get_linestyle() for line in ax.lines[:2]] == ["-", "--"] and (solid[-1] == dashed[0]).all()
-    assert_close(torch.cat((solid, dashed[1:])), torch.stack((path.state.tip.position[:7, 2], path.factor[:7]), -1))
+    assert [line.get_linestyle() for line in ax.lines[:2]] == ["-", "--"] and (
+        solid[-1] == dashed[0]
+    ).all()
+    assert_close(
+        torch.cat((solid, dashed[1:])),
+        torch.stack((path.state.tip.position[:7, 2], path.factor[:7]), -1),
+    )
     assert_close(dot, dashed[1:2])
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("tip position / m", "force / N")
 
@@ -133,7 +154,9 @@ def test_campbell(tmp_path):
 
 def test_animation(solution, tmp_path):
     """0.4 s at half speed and 10 pictures a second: 9 pictures that move, each with its time."""
-    path = tb.plot.animate(solution, tmp_path / "motion.gif", fps=10, speed=0.5, dpi=50, frames=True)
+    path = tb.plot.animate(
+        solution, tmp_path / "motion.gif", fps=10, speed=0.5, dpi=50, frames=True
+    )
     film = Image.open(path)
     assert film.n_frames == 9 and film.info["duration"] == 100
     pictures = []
@@ -149,15 +172,20 @@ def test_animation_as_mp4(solution, tmp_path):
     assert path.read_bytes()[4:8] == b"ftyp" and path.stat().st_size > 2000
 
 
+# fmt: off
 CASES = {
-    "solution for a state": (lambda s: tb.plot.shape(s), "Solution was given to a picture of the beam; a state"),
+    "solution for a state": (lambda s: tb.plot.shape(s),
+                             "Solution was given to a picture of the beam; a state"),
     "unknown plane": (lambda s: tb.plot.shape(s.state, plane="zx"), "plane = 'zx' was given"),
     "flat axes": (lambda s: tb.plot.shape(tb.rest(ROUND), tb.plot.axes()), "flat axes were given"),
-    "many samples": (lambda s: tb.plot.mode_shapes(s.state, tb.modes(tb.Scene(BEAM), count=1)), "one sample is wanted"),
-    "flat frequencies": (lambda s: tb.plot.campbell(torch.zeros(2), torch.zeros(2)), r"\(n,\) and \(n, count\)"),
+    "many samples": (lambda s: tb.plot.mode_shapes(s.state, tb.modes(tb.Scene(BEAM), count=1)),
+                     "one sample is wanted"),
+    "flat frequencies": (lambda s: tb.plot.campbell(torch.zeros(2), torch.zeros(2)),
+                         r"\(n,\) and \(n, count\)"),
     "another file": (lambda s: tb.plot.animate(s, "motion.avi"), "one that ends in .gif or .mp4"),
     "no pictures": (lambda s: tb.plot.animate(s, "motion.gif", fps=0.0), "fps = 0 was given"),
 }
+# fmt: on
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -168,17 +196,26 @@ def test_refused(name, solution):
 
 
 def writers(solution):
-    return (lambda path: tb.plot.save(tb.plot.history(solution, tb.sensors.TipPosition()), path.with_suffix(".png")),
-            lambda path: tb.plot.animate(solution, path.with_suffix(".gif"), fps=5, dpi=30))
+    return (
+        lambda path: tb.plot.save(
+            tb.plot.history(solution, tb.sensors.TipPosition()), path.with_suffix(".png")
+        ),
+        lambda path: tb.plot.animate(solution, path.with_suffix(".gif"), fps=5, dpi=30),
+    )
 
 
 def test_where_pictures_go(solution, tmp_path):
-    """The file's folder is made; one whose own folder is missing, or a file, is refused in a sentence, and nothing is made."""
+    """The file's folder is made; one whose own folder is missing, or a file, is refused in a
+    sentence, and nothing is made.
+    """
     (tmp_path / "file").write_text("")
     for k, write in enumerate(writers(solution)):
         assert write(tmp_path / f"new {k}" / "picture").exists()
-        for folder, sentence in (("no/such", "no' is no folder; one in a folder"), ("file/x", "file' is no folder"),
-                                 ("file", "was given for a folder")):
+        for folder, sentence in (
+            ("no/such", "no' is no folder; one in a folder"),
+            ("file/x", "file' is no folder"),
+            ("file", "was given for a folder"),
+        ):
             with pytest.raises(ValueError, match=sentence):
                 write(tmp_path / folder / "picture")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "new 0", "new 1"]
@@ -190,6 +227,7 @@ def test_where_pictures_go(solution, tmp_path):
 
 def test_a_picture_is_whole_or_as_it_was(solution, tmp_path, monkeypatch):
     """A full disk: one sentence, the picture of before, and no other file."""
+
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -198,7 +236,9 @@ def test_a_picture_is_whole_or_as_it_was(solution, tmp_path, monkeypatch):
         before = path.read_bytes()
         with monkeypatch.context() as patch:
             patch.setattr(os, "fsync", full)
-            with pytest.raises(OSError, match=f"{path.name}' could not be written: No space left on device"):
+            with pytest.raises(
+                OSError, match=f"{path.name}' could not be written: No space left on device"
+            ):
                 write(tmp_path / "picture")
         assert path.read_bytes() == before
     assert sorted(p.name for p in tmp_path.iterdir()) == ["picture.gif", "picture.png"]

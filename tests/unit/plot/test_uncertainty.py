@@ -28,7 +28,12 @@ def test_histogram(run, tmp_path):
     ax = tb.plot.histogram(samples, levels=(0.05, 0.95), name="w / m")
     drawn(ax, tmp_path / "histogram.png")
     x = [line.get_xdata()[0] for line in ax.lines]
-    assert_close(torch.tensor(x), torch.cat((samples.mean[None], samples.quantile((0.05, 0.95)))), rtol=1e-9, atol=0)
+    assert_close(
+        torch.tensor(x),
+        torch.cat((samples.mean[None], samples.quantile((0.05, 0.95)))),
+        rtol=1e-9,
+        atol=0,
+    )
     if run is tb.monte_carlo:
         strips = [(p.get_x(), p.get_x() + p.get_width()) for p in ax.patches[60:]]
         assert strips[0] == pytest.approx([v.item() for v in list(samples.mean_interval())[1:]])
@@ -39,15 +44,21 @@ def test_histogram(run, tmp_path):
 def test_histogram_of_one_value():
     """Of a stream and of samples: a bar about the value."""
     for run in (tb.monte_carlo, tb.monte_carlo_stream):
-        ax = tb.plot.histogram(run(lambda theta: 0 * theta[:, 0] + 2, {"u": (0.0, 1.0)}, 64, replicates=16), bins=10)
+        ax = tb.plot.histogram(
+            run(lambda theta: 0 * theta[:, 0] + 2, {"u": (0.0, 1.0)}, 64, replicates=16), bins=10
+        )
         low, high = ax.get_xlim()
         assert low < 2 < high and ax.get_ylim()[1] >= 9
 
 
 def test_convergence(tmp_path):
     """Slopes are in the legend; points are the errors."""
-    runs = {design: tb.monte_carlo(lambda theta: theta.sum(-1), LAWS, 4096, design=design, replicates=16)
-            for design in ("plain", "sobol")}
+    runs = {
+        design: tb.monte_carlo(
+            lambda theta: theta.sum(-1), LAWS, 4096, design=design, replicates=16
+        )
+        for design in ("plain", "sobol")
+    }
     ax = tb.plot.convergence(runs, 0.5)
     drawn(ax, tmp_path / "convergence.png")
     slopes = [float(text.get_text().split()[-1]) for text in ax.get_legend().get_texts()]
@@ -60,7 +71,9 @@ def test_tornado(tmp_path):
     table = tb.tornado(lambda theta: theta[:, 0] - 2 * theta[:, 1], LAWS)
     ax = tb.plot.tornado(table, name="w / m")
     drawn(ax, tmp_path / "tornado.png")
-    ends = sorted(bar.get_x() + bar.get_width() for bar in ax.patches if abs(bar.get_y() + 0.3 - 1) < 1e-9)
+    ends = sorted(
+        bar.get_x() + bar.get_width() for bar in ax.patches if abs(bar.get_y() + 0.3 - 1) < 1e-9
+    )
     assert ends == pytest.approx(sorted([table.low[0].item(), table.high[0].item()]))
     assert [text.get_text() for text in ax.get_yticklabels()] == ["a", "b"]
 
@@ -78,9 +91,17 @@ def test_bands(tmp_path):
 
 def test_refused():
     several = tb.monte_carlo(lambda theta: theta, LAWS, 64, replicates=4)
-    for call, sentence in ((lambda: tb.plot.histogram(several), r"a y \(2,\) was given to histogram"),
-                           (lambda: tb.plot.convergence({"": several}), r"a y \(2,\) was given to convergence"),
-                           (lambda: tb.plot.tornado(tb.tornado(lambda theta: theta, LAWS)), r"a y \(2,\) was given to tornado"),
-                           (lambda: tb.plot.bands(torch.ones(3), several), r"t \(3,\) and y \(2,\) were given to bands")):
+    for call, sentence in (
+        (lambda: tb.plot.histogram(several), r"a y \(2,\) was given to histogram"),
+        (lambda: tb.plot.convergence({"": several}), r"a y \(2,\) was given to convergence"),
+        (
+            lambda: tb.plot.tornado(tb.tornado(lambda theta: theta, LAWS)),
+            r"a y \(2,\) was given to tornado",
+        ),
+        (
+            lambda: tb.plot.bands(torch.ones(3), several),
+            r"t \(3,\) and y \(2,\) were given to bands",
+        ),
+    ):
         with pytest.raises(ValueError, match=sentence):
             call()

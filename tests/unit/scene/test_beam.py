@@ -14,7 +14,9 @@ SECTION = tb.Section.from_stiffness(EA=10.0, GA=4.0, GJ=0.5, EI=1.0, mass=0.3, i
 
 
 def test_straight():
-    """2 m along (0, 3, 4), up z: nodes on the line, x of the section along it, y = z x x, element length 0.5 m."""
+    """2 m along (0, 3, 4), up z: nodes on the line, x of the section along it, y = z x x, element
+    length 0.5 m.
+    """
     beam = tb.Beam.straight(2.0, 4, SECTION, direction=(0, 3.0, 4), root=(1.0, 0, 0))
     assert_close(beam.nodes[-1], torch.tensor([1.0, 1.2, 1.6]))
     assert_close(beam.length, torch.full((4,), 0.5))
@@ -35,20 +37,25 @@ def test_straight_in_batches():
 
 
 def test_arc():
-    """Radius 2, quarter turn about z from x: ends at (2, 2, 0) along y; nodes on the circle, length R angle/N; its own
-    curvature 1/R is the strain it starts from."""
+    """Radius 2, quarter turn about z from x: ends at (2, 2, 0) along y; nodes on the circle, length
+    R angle/N; its own curvature 1/R is the strain it starts from.
+    """
     beam = tb.Beam.arc(2.0, math.pi / 2, 5, SECTION)
     assert_close(beam.nodes[-1], torch.tensor([2.0, 2, 0]))
     assert_close((beam.nodes - torch.tensor([0, 2.0, 0])).norm(dim=-1), torch.full((6,), 2.0))
     assert_close(quat.matrix(beam.frames[-1])[:, 0], torch.tensor([0.0, 1, 0]))
     assert_close(beam.length, torch.full((5,), math.pi / 5))
     h = beam.length[..., None]
-    curvature = strains(kinematics(*beam.topology.gather(beam.nodes), *beam.topology.gather(beam.frames), h), h)[..., 3:]
+    curvature = strains(
+        kinematics(*beam.topology.gather(beam.nodes), *beam.topology.gather(beam.frames), h), h
+    )[..., 3:]
     assert_close(curvature, torch.tensor([0, 0, 0.5]).expand(5, 3))
 
 
 def test_from_nodes():
-    """A right angle: elements along the chords, the corner's axes half way; section z is frame a's z, y where it is steep."""
+    """A right angle: elements along the chords, the corner's axes half way; section z is frame a's
+    z, y where it is steep.
+    """
     beam = tb.Beam.from_nodes([[0.0, 0, 0], [1, 0, 0], [1, 2, 0]], SECTION)
     assert_close(beam.length, torch.tensor([1.0, 2]))
     assert_close(quat.matrix(beam.elements)[:, :, 0], torch.tensor([[1.0, 0, 0], [0, 1, 0]]))
@@ -58,7 +65,9 @@ def test_from_nodes():
 
 
 def test_from_nodes_given_by_tensors():
-    """A list of points or of rows with tensors in it is what it is without them, and carries their gradient and dtype."""
+    """A list of points or of rows with tensors in it is what it is without them, and carries their
+    gradient and dtype.
+    """
     rows = [[0.0, 0, 0], [1, 0.5, 0], [1, 2, 0.25]]
     wanted = tb.Beam.from_nodes(rows, SECTION).nodes
     x = torch.tensor(0.5, requires_grad=True)
@@ -68,7 +77,9 @@ def test_from_nodes_given_by_tensors():
     length = tb.Beam.from_nodes([rows[0], [1, x, 0], rows[2]], SECTION).length
     (slope,) = torch.autograd.grad(length[0], x)
     assert slope.item() == pytest.approx(0.5 / 1.25**0.5, rel=1e-6)
-    tall = tb.Beam.from_nodes([rows[0], [1, torch.tensor([0.5, 0.6, 0.7, 0.8]), 0], rows[2]], SECTION)
+    tall = tb.Beam.from_nodes(
+        [rows[0], [1, torch.tensor([0.5, 0.6, 0.7, 0.8]), 0], rows[2]], SECTION
+    )
     assert tall.nodes.shape == (4, 3, 3)
     with pytest.raises(ValueError, match="one dtype is wanted"):
         tb.Beam.from_nodes([points[0].float(), points[1].double(), points[2].float()], SECTION)
@@ -92,7 +103,9 @@ def test_one_section_each():
 @pytest.mark.parametrize("kind", ["straight", "arc"])
 def test_beams_carry_gradient(kind):
     """Nodes, frames and lengths against central differences in every number."""
-    size = tuple(torch.tensor(x, requires_grad=True) for x in ((2.0,) if kind == "straight" else (2.0, 1.0)))
+    size = tuple(
+        torch.tensor(x, requires_grad=True) for x in ((2.0,) if kind == "straight" else (2.0, 1.0))
+    )
     direction = torch.tensor([1.0, 0.2, 0.1], requires_grad=True)
 
     def build(*x):

@@ -1,4 +1,6 @@
-"""Effects, one row each: absent = zero operations, zero value = absent, a closed-form limit, gradients."""
+"""Effects, one row each: absent = zero operations, zero value = absent, a closed-form limit,
+gradients.
+"""
 
 from typing import NamedTuple
 
@@ -20,8 +22,8 @@ BEAM = tb.Beam.straight(1.0, N, SECTION)
 
 
 class Row(NamedTuple):
-    """effect: (value, N) -> effect, `value` its unit; moved: tip displacement and rotation vector by small-displacement theory,
-    L = EI = 1, GJ = 0.8, for that value.
+    """effect: (value, N) -> effect, `value` its unit; moved: tip displacement and rotation vector
+    by small-displacement theory, L = EI = 1, GJ = 0.8, for that value.
     """
 
     effect: object
@@ -30,13 +32,17 @@ class Row(NamedTuple):
 
 
 def pulled(v):
-    """A spring so soft and long that it pulls with the force v: 1e-3 of it is lost by the tip's motion."""
+    """A spring so soft and long that it pulls with the force v: 1e-3 of it is lost by the tip's
+    motion.
+    """
     v = torch.as_tensor(v, dtype=torch.float64)
     return tb.Spring(-1, 1e-3, to=v / 1e-3 + BEAM.nodes[-1])
 
 
 def outer_half(v, N):
-    return tb.PerElement((torch.arange(N) >= N / 2).double()[:, None] * torch.as_tensor(v, dtype=torch.float64))
+    return tb.PerElement(
+        (torch.arange(N) >= N / 2).double()[:, None] * torch.as_tensor(v, dtype=torch.float64)
+    )
 
 
 def along_s(v):
@@ -51,30 +57,48 @@ def follower(v):
     return lambda x, R, V, w, t: (R @ torch.as_tensor(v, dtype=torch.float64), None)
 
 
-# Euler-Bernoulli: P L^3/3, P L^2/2; M L^2/2, M L; q L^4/8, q L^3/6; m L^3/3, m L^2/2; torsion M L/GJ, m L^2/2GJ;
-# P at a = L/2: P a^2 (3 L - a)/6, P a^2/2; q s/L: 11 q L^4/120, q L^3/8; q on the outer half: 41 q L^4/384, 7 q L^3/48;
-# curvature k: k L^2/2, k L. A force along z turns the tip about -y, a moment about y moves it along -z.
+# Euler-Bernoulli: P L^3/3, P L^2/2; M L^2/2, M L; q L^4/8, q L^3/6; m L^3/3, m L^2/2; torsion M
+# L/GJ, m L^2/2GJ; P at a = L/2: P a^2 (3 L - a)/6, P a^2/2; q s/L: 11 q L^4/120, q L^3/8; q on the
+# outer half: 41 q L^4/384, 7 q L^3/48; curvature k: k L^2/2, k L. A force along z turns the tip
+# about -y, a moment about y moves it along -z.
+# fmt: off
 TABLE = {
     "TipLoad force": Row(lambda v, N: tb.TipLoad(force=v), (0, 3.0, 6), (0, 1, 2, 0, -3, 1.5)),
     "TipLoad moment": Row(lambda v, N: tb.TipLoad(moment=v), (0.8, 2, 4), (0, 2, -1, 1, 2, 4)),
-    "TipLoad follower": Row(lambda v, N: tb.TipLoad(force=v, follower=True), (0, 3.0, 6), (0, 1, 2, 0, -3, 1.5)),
-    "PointLoad": Row(lambda v, N: tb.PointLoad(force=v, node=max(1, N // 2)), (0, 0, 48), (0, 0, 5, 0, -6, 0)),
+    "TipLoad follower": Row(lambda v, N: tb.TipLoad(force=v, follower=True), (0, 3.0, 6),
+                            (0, 1, 2, 0, -3, 1.5)),
+    "PointLoad": Row(lambda v, N: tb.PointLoad(force=v, node=max(1, N // 2)), (0, 0, 48),
+                     (0, 0, 5, 0, -6, 0)),
     "LineLoad force": Row(lambda v, N: tb.LineLoad(force=v), (0, 24, 48), (0, 3, 6, 0, -8, 4)),
     "LineLoad moment": Row(lambda v, N: tb.LineLoad(moment=v), (1.6, 6, 3), (0, 1, -2, 1, 3, 1.5)),
-    "LineLoad follower": Row(lambda v, N: tb.LineLoad(force=v, follower=True), (0, 24, 48), (0, 3, 6, 0, -8, 4)),
-    "LineLoad of s": Row(lambda v, N: tb.LineLoad(force=along_s(v)), (0, 24, 48), (0, 2.2, 4.4, 0, -6, 3)),
-    "LineLoad per element": Row(lambda v, N: tb.LineLoad(force=outer_half(v, N)), (0, 48, 96), (0, 5.125, 10.25, 0, -14, 7)),
+    "LineLoad follower": Row(lambda v, N: tb.LineLoad(force=v, follower=True), (0, 24, 48),
+                             (0, 3, 6, 0, -8, 4)),
+    "LineLoad of s": Row(lambda v, N: tb.LineLoad(force=along_s(v)), (0, 24, 48),
+                         (0, 2.2, 4.4, 0, -6, 3)),
+    "LineLoad per element": Row(lambda v, N: tb.LineLoad(force=outer_half(v, N)), (0, 48, 96),
+                                (0, 5.125, 10.25, 0, -14, 7)),
     "Gravity": Row(lambda v, N: tb.Gravity(v), (0, 48, 96), (0, 3, 6, 0, -8, 4)),
     "Load": Row(lambda v, N: tb.Load(dead(v), of=()), (0, 3.0, 6), (0, 1, 2, 0, -3, 1.5)),
-    "Load follower": Row(lambda v, N: tb.Load(follower(v), of="rotation"), (0, 3.0, 6), (0, 1, 2, 0, -3, 1.5)),
-    "Load along": Row(lambda v, N: tb.Load(follower(v), node=None, of="rotation"), (0, 24, 48), (0, 3, 6, 0, -8, 4)),
+    "Load follower": Row(lambda v, N: tb.Load(follower(v), of="rotation"), (0, 3.0, 6),
+                         (0, 1, 2, 0, -3, 1.5)),
+    "Load along": Row(lambda v, N: tb.Load(follower(v), node=None, of="rotation"), (0, 24, 48),
+                      (0, 3, 6, 0, -8, 4)),
     "Spring": Row(lambda v, N: pulled(v), (0, 3.0, 6), (0, 1, 2, 0, -3, 1.5)),
     "Actuation": Row(lambda v, N: tb.Actuation(curvature=v), (1.0, 2, 4), (0, 2, -1, 1, 2, 4)),
 }
-TENSORS = [name for name in TABLE if not name.startswith("Load") and "of s" not in name and "per element" not in name
-           and name != "Spring"]  # those that take a function of t in place of the value
+# fmt: on
+# those that take a function of t in place of the value
+TENSORS = [
+    name
+    for name in TABLE
+    if not name.startswith("Load")
+    and "of s" not in name
+    and "per element" not in name
+    and name != "Spring"
+]
 rows = pytest.mark.parametrize("name", TABLE)
-TOLD = "TipLoad moment", "LineLoad per element", "Load along"  # in short runs; properties/test_gradient_fuzz.py has all
+# in short runs; properties/test_gradient_fuzz.py has all
+TOLD = "TipLoad moment", "LineLoad per element", "Load along"
 
 
 class Counter(TorchDispatchMode):
@@ -96,17 +120,24 @@ def operations(*effects):
         problem.residual(x)
     now = conditions(model, t, {})
     with Counter() as loads:
-        external(model, Nodes(start.position, start.rotation, start.velocity, start.spin, None, start.internal), now)
+        external(
+            model,
+            Nodes(start.position, start.rotation, start.velocity, start.spin, None, start.internal),
+            now,
+        )
     return whole.count, loads.count
 
 
 def test_absent_is_no_operation():
-    """A scene without effects sums no loads: zero operations. Each load adds some there; damping and actuation add some to the
-    strain law alone; a mass in a node's middle none at all, with an offset some to the inertia alone.
+    """A scene without effects sums no loads: zero operations. Each load adds some there; damping
+    and actuation add some to the strain law alone; a mass in a node's middle none at all, with an
+    offset some to the inertia alone.
     """
     without = operations()
     assert without[1] == 0
-    effects = {name: row.effect(row.value, N) for name, row in TABLE.items()} | {n: zero() for n, zero in ZERO.items()}
+    effects = {name: row.effect(row.value, N) for name, row in TABLE.items()} | {
+        n: zero() for n, zero in ZERO.items()
+    }
     for name, effect in effects.items():
         with_ = operations(effect)
         assert with_[0] > without[0], name
@@ -128,14 +159,20 @@ ZERO = {
     "Drag in a flow": lambda: tb.Drag(1.0, 0.0, flow=lambda x, t: x),
     "Spring": lambda: tb.Spring(-1, 0.0, to=(0.3, 0.2, 0.1), length=0.1),
     "PointMass": lambda: tb.PointMass(0.0, inertia=(0.0, 0, 0), offset=(0.1, 0, 0)),
-    "Load with a lag": lambda: tb.Load(lambda x, R, v, w, t, z: (z * x, None), internal=3,
-                                       rate=lambda z, x, R, v, w, t: -z, of="position"),
+    "Load with a lag": lambda: tb.Load(
+        lambda x, R, v, w, t, z: (z * x, None),
+        internal=3,
+        rate=lambda z, x, R, v, w, t: -z,
+        of="position",
+    ),
 }
 
 
 @pytest.mark.parametrize("name", [*TABLE, *(name for name in ZERO if name not in TABLE)])
 def test_zero_is_absent(name):
-    """Three steps from a random state with the effect at zero = the same without it (rounding of sums with zero)."""
+    """Three steps from a random state with the effect at zero = the same without it (rounding of
+    sums with zero).
+    """
     zero = ZERO[name]() if name in ZERO else TABLE[name].effect((0.0, 0, 0), N)
     section = tb.Section.from_stiffness(EA=10.0, GA=10.0, GJ=0.8, EI=1.0, mass=0.5, inertia=0.01)
     ends = []
@@ -151,8 +188,9 @@ def test_zero_is_absent(name):
 
 @rows
 def test_small_load_is_the_textbook(name):
-    """Tip displacement and rotation at 1e-4 of the unit load against beam theory. Relative to the largest entry: 1e-2, of
-    which shear gives 1e-6 and one-point elements up to 1/(2 N^2) = 0.2 %; large rotation 1e-4.
+    """Tip displacement and rotation at 1e-4 of the unit load against beam theory. Relative to the
+    largest entry: 1e-2, of which shear gives 1e-6 and one-point elements up to 1/(2 N^2) = 0.2 %;
+    large rotation 1e-4.
     """
     row = TABLE[name]
     state = tb.equilibrium(tb.Scene(BEAM, [row.effect(tuple(SMALL * v for v in row.value), N)]))
@@ -160,15 +198,26 @@ def test_small_load_is_the_textbook(name):
     R = state.tip.rotation
     turn = torch.stack((R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1])) / 2
     moved = torch.cat((state.tip.position - BEAM.nodes[-1], turn)) / SMALL
-    assert_close(moved, torch.tensor(row.moved, dtype=torch.float64), rtol=0, atol=5e-3 * max(map(abs, row.moved)))
+    assert_close(
+        moved,
+        torch.tensor(row.moved, dtype=torch.float64),
+        rtol=0,
+        atol=5e-3 * max(map(abs, row.moved)),
+    )
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name not in TOLD)) for name in TABLE])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.long] * (name not in TOLD)) for name in TABLE]
+)
 def test_gradient_by_the_value(name):
-    """Equilibrium and three steps against central differences, reverse and forward mode; size one: large displacements."""
+    """Equilibrium and three steps against central differences, reverse and forward mode; size one:
+    large displacements.
+    """
     row = TABLE[name]
     value = (torch.tensor(row.value, dtype=torch.float64) / 10 + 0.01).requires_grad_()
-    beam = tb.Beam.straight(1.0, 3, tb.Section.from_stiffness(EA=50.0, GA=30.0, GJ=0.8, EI=1.0, mass=0.5, inertia=0.01))
+    beam = tb.Beam.straight(
+        1.0, 3, tb.Section.from_stiffness(EA=50.0, GA=30.0, GJ=0.8, EI=1.0, mass=0.5, inertia=0.01)
+    )
 
     def scene(value):
         return tb.Scene(beam, [row.effect(value, 3)])
@@ -185,8 +234,9 @@ def test_gradient_by_the_value(name):
         return state.tip.position, *state.root
 
     for function in (still, moved):
-        assert torch.autograd.gradcheck(function, value, eps=1e-5, atol=1e-6, rtol=1e-5, check_forward_ad=True,
-                                        fast_mode=True)
+        assert torch.autograd.gradcheck(
+            function, value, eps=1e-5, atol=1e-6, rtol=1e-5, check_forward_ad=True, fast_mode=True
+        )
 
 
 @pytest.mark.parametrize("six", [pytest.param(False, marks=pytest.mark.long), True])
@@ -196,28 +246,43 @@ def test_gradient_by_tau(six):
     section = tb.Section.from_stiffness(EA=50.0, GA=30.0, GJ=0.8, EI=1.0, mass=0.5, inertia=0.01)
 
     def moved(tau):
-        scene = tb.Scene(tb.Beam.straight(1.0, 3, section), [tb.Damping(tau, six=six), tb.TipLoad(force=(0.1, 0.2, 1.0))])
+        scene = tb.Scene(
+            tb.Beam.straight(1.0, 3, section),
+            [tb.Damping(tau, six=six), tb.TipLoad(force=(0.1, 0.2, 1.0))],
+        )
         stepper = tb.Stepper(scene, 0.1, tolerance=1e-12)
         state = stepper.rest()
         for _ in range(3):
             state = stepper(state)
         return state.tip.position, *state.root
 
-    assert torch.autograd.gradcheck(moved, tau, eps=1e-5, atol=1e-6, rtol=1e-5, check_forward_ad=True,
-                                        fast_mode=True)
+    assert torch.autograd.gradcheck(
+        moved, tau, eps=1e-5, atol=1e-6, rtol=1e-5, check_forward_ad=True, fast_mode=True
+    )
 
 
-@pytest.mark.parametrize("transform", [
-    lambda f, x: torch.func.jvp(f, (x,), (torch.ones_like(x),))[0], lambda f, x: torch.func.grad_and_value(f)(x)[1],
-    lambda f, x: torch.func.vmap(f)(x[None])[0]], ids=["jvp", "grad", "vmap"])
+@pytest.mark.parametrize(
+    "transform",
+    [
+        lambda f, x: torch.func.jvp(f, (x,), (torch.ones_like(x),))[0],
+        lambda f, x: torch.func.grad_and_value(f)(x)[1],
+        lambda f, x: torch.func.vmap(f)(x[None])[0],
+    ],
+    ids=["jvp", "grad", "vmap"],
+)
 def test_plain_numbers_within_torch_func(transform):
-    """What is computed from plain numbers where effects are made, in a function that torch.func transforms."""
+    """What is computed from plain numbers where effects are made, in a function that torch.func
+    transforms.
+    """
     body = [[0.3 * (i == j) for j in range(6)] for i in range(6)]
 
     def numbers(x):
         mass, damping = tb.rayleigh([10.0, 50.0], [0.1, 0.1])
         point = tb.PointMass(body)
-        return x * sum(float(value) for value in (mass.alpha, damping.tau, point.mass, point.inertia[..., 0, 0]))
+        return x * sum(
+            float(value)
+            for value in (mass.alpha, damping.tau, point.mass, point.inertia[..., 0, 0])
+        )
 
     x = torch.tensor(2.0, dtype=torch.float64)
     assert_close(transform(numbers, x), numbers(x), rtol=1e-15, atol=0)
@@ -225,7 +290,9 @@ def test_plain_numbers_within_torch_func(transform):
 
 @pytest.mark.parametrize("name", TENSORS)
 def test_a_function_of_time_is_its_value_then(name):
-    """The load as a function that is constant = the constant; the implicit step takes it at mid step."""
+    """The load as a function that is constant = the constant; the implicit step takes it at mid
+    step.
+    """
     row = TABLE[name]
     value = torch.tensor(row.value, dtype=torch.float64) / 10
     scenes = [tb.Scene(BEAM, [row.effect(v, N)]) for v in (lambda t: value * t / 0.05, value)]

@@ -49,7 +49,10 @@ def test_the_rotation_of_a_coning_frame():
 
 
 def test_kinks_and_jumps():
-    """Spun up along a ramp that ends between output times, then stopped at once: the angles that are their areas."""
+    """Spun up along a ramp that ends between output times, then stopped at once: the angles that
+    are their areas.
+    """
+
     def omega(t):
         w = torch.where(t < 0.777, torch.clamp(t / 0.123, max=1.0) * 20.0, torch.zeros_like(t))
         return w[..., None] * N_1
@@ -62,44 +65,65 @@ def test_kinks_and_jumps():
 def test_gradient_of_the_rotation():
     """By the instant, and by what omega is made of."""
     t, rate = torch.tensor([0.0, 0.7], requires_grad=True), torch.tensor(1.2, requires_grad=True)
-    torch.autograd.gradcheck(lambda t, rate: turn_between(lambda now: coning(now, rate), torch.zeros(()), t), (t, rate))
+    torch.autograd.gradcheck(
+        lambda t, rate: turn_between(lambda now: coning(now, rate), torch.zeros(()), t), (t, rate)
+    )
 
 
 @pytest.mark.parametrize("omega", [(0.4, -0.3, 1.5), coning], ids=["constant", "function"])
 def test_a_start_at_another_instant(omega):
-    """Who starts at t = 1.3 sees the weight from where the frame has turned to since t = 0: `rest`, `equilibrium` by both
-    engines, `State.from_nodes`, `simulate` and a state of t = 0 that is taken there, as with a clock that begins at 1.3 and a
-    weight that was turned by hand. In a batch of instants each has its own.
+    """Who starts at t = 1.3 sees the weight from where the frame has turned to since t = 0: `rest`,
+    `equilibrium` by both engines, `State.from_nodes`, `simulate` and a state of t = 0 that is taken
+    there, as with a clock that begins at 1.3 and a weight that was turned by hand. In a batch of
+    instants each has its own.
     """
     instant = 1.3
     whole = tb.Scene(BEAM, [WEIGHT], frame=tb.Frame(angular_velocity=omega))
-    turn = turned(torch.tensor(instant)) if callable(omega) else quat.exponential(instant * torch.tensor(omega))
+    turn = (
+        turned(torch.tensor(instant))
+        if callable(omega)
+        else quat.exponential(instant * torch.tensor(omega))
+    )
     seen = quat.rotate(quat.conjugate(turn), G)
     later = (lambda t: omega(t + instant)) if callable(omega) else omega
     shifted = tb.Scene(BEAM, [tb.Gravity(seen)], frame=tb.Frame(angular_velocity=later))
-    for state in (tb.rest(whole, t=instant), tb.State.from_nodes(whole, BEAM.nodes, t=instant),
-                  tb.equilibrium(whole, t=instant)):
+    for state in (
+        tb.rest(whole, t=instant),
+        tb.State.from_nodes(whole, BEAM.nodes, t=instant),
+        tb.equilibrium(whole, t=instant),
+    ):
         same(state.frame, turn, 1e-11)
     for engine in ("eager", "compiled"):
-        a, b = tb.equilibrium(whole, t=instant, engine=engine), tb.equilibrium(shifted, engine="eager")
+        a = tb.equilibrium(whole, t=instant, engine=engine)
+        b = tb.equilibrium(shifted, engine="eager")
         assert_close(a.position, b.position, rtol=0, atol=1e-9)
         assert_close(a.reaction, b.reaction, rtol=0, atol=1e-7)
     t = torch.tensor([0.0, 0.02, 0.04])
     exact = dict(step=0.01, tolerance=1e-12)
     wanted = tb.simulate(shifted, t, **exact)
-    for start in (None, tb.rest(whole, t=instant), replace(tb.rest(whole), velocity=tb.rest(whole, t=instant).velocity,
-                                                           spin=tb.rest(whole, t=instant).spin)):
+    for start in (
+        None,
+        tb.rest(whole, t=instant),
+        replace(
+            tb.rest(whole),
+            velocity=tb.rest(whole, t=instant).velocity,
+            spin=tb.rest(whole, t=instant).spin,
+        ),
+    ):
         found = tb.simulate(whole, instant + t, start, **exact)
         assert_close(found.state.position, wanted.state.position, rtol=0, atol=1e-10)
     same(found.state[-1].frame, quat.multiply(turn, wanted.state[-1].frame), 1e-9)
-    again = tb.simulate(whole, instant + t[1:], found.state[1], **exact)  # a restart goes on from the frame it has
+    # a restart goes on from the frame it has
+    again = tb.simulate(whole, instant + t[1:], found.state[1], **exact)
     assert_close(again.state[-1].position, found.state[-1].position, rtol=0, atol=1e-12)
     batch = tb.rest(whole, t=torch.tensor([0.0, instant]))
     same(batch.frame, torch.stack((quat.identity((), torch.float64), turn)), 1e-11)
 
 
 def test_gravity_of_an_offset_mass_at_another_instant():
-    """A moment that turns with the section is a load of the motion: both engines see it in the axes of the instant."""
+    """A moment that turns with the section is a load of the motion: both engines see it in the axes
+    of the instant.
+    """
     frame = tb.Frame(angular_velocity=(0.0, 0.0, 0.9))
     body = tb.PointMass(0.3, offset=(0.0, 0.1, 0.05))
     whole = tb.Scene(BEAM, [WEIGHT, body], frame=frame)
@@ -108,15 +132,27 @@ def test_gravity_of_an_offset_mass_at_another_instant():
     for engine in ("eager", "compiled"):
         found = tb.equilibrium(whole, t=2.0, engine=engine)
         assert_close(found.position, wanted.position, rtol=0, atol=1e-9)
-    a, b = (tb.modes(x, s, t=now, count=2).frequency for x, s, now in (
-        (whole, found, 2.0), (replace(whole, effects=[tb.Gravity(seen), body]), wanted, 0.0)))
+    a, b = (
+        tb.modes(x, s, t=now, count=2).frequency
+        for x, s, now in (
+            (whole, found, 2.0),
+            (replace(whole, effects=[tb.Gravity(seen), body]), wanted, 0.0),
+        )
+    )
     assert_close(a, b, rtol=1e-9, atol=0)
 
 
 def test_a_plane_frame_in_its_plane():
     """In a plane as in space."""
-    scenes = [tb.Scene(BEAM, [tb.Gravity((1.0, -3.0, 0.0))], frame=tb.Frame(angular_velocity=(0.0, 0.0, 2.0)), plane=plane)
-              for plane in (None, "xy")]
+    scenes = [
+        tb.Scene(
+            BEAM,
+            [tb.Gravity((1.0, -3.0, 0.0))],
+            frame=tb.Frame(angular_velocity=(0.0, 0.0, 2.0)),
+            plane=plane,
+        )
+        for plane in (None, "xy")
+    ]
     a, b = (tb.simulate(x, [1.0, 1.05], step=0.01).state[-1] for x in scenes)
     assert_close(a.position, b.position, rtol=0, atol=1e-9)
     same(b.frame, a.frame, 1e-12)

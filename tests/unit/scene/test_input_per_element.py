@@ -12,7 +12,9 @@ BEAM = tb.Beam.straight(1.0, N, SECTION)
 VALUES = torch.randn(2, 3 * N, generator=torch.Generator().manual_seed(3))
 OF = {
     "line": lambda value: tb.LineLoad(force=tb.PerElement(value)),
-    "follower": lambda value: tb.LineLoad(force=tb.PerElement(value), moment=(0.0, 0.1, 0.0), follower=True),
+    "follower": lambda value: tb.LineLoad(
+        force=tb.PerElement(value), moment=(0.0, 0.1, 0.0), follower=True
+    ),
     "actuation": lambda value: tb.Actuation(curvature=tb.PerElement(value), elements=(0, 2, 3)),
 }
 GIVEN = tb.Input("own", 3 * N)
@@ -20,14 +22,18 @@ GIVEN = tb.Input("own", 3 * N)
 
 def both(of):
     """The scene by an input, and the one by its value."""
-    return (tb.Scene(BEAM, [OF[of](GIVEN), tb.Damping(0.02)]),
-            lambda value: tb.Scene(BEAM, [OF[of](value.unflatten(-1, (N, 3))), tb.Damping(0.02)]))
+    return (
+        tb.Scene(BEAM, [OF[of](GIVEN), tb.Damping(0.02)]),
+        lambda value: tb.Scene(BEAM, [OF[of](value.unflatten(-1, (N, 3))), tb.Damping(0.02)]),
+    )
 
 
 @pytest.mark.parametrize("engine", ["eager", "compiled"])
 @pytest.mark.parametrize("of", OF)
 def test_an_input_of_each_element_is_its_numbers(of, engine):
-    """Steps with two samples' values, and their gradient by the values: to rounding, 1e-12 and 1e-9."""
+    """Steps with two samples' values, and their gradient by the values: to rounding, 1e-12 and
+    1e-9.
+    """
     by_input, by_value = both(of)
 
     def answer(scene, value, **inputs):
@@ -38,30 +44,41 @@ def test_an_input_of_each_element_is_its_numbers(of, engine):
         x = tb.simulate(made, t, inputs=given, **options).tip.position[-1]
         return x, torch.autograd.grad((x * torch.tensor([1.0, -2.0, 0.5])).sum(), value)[0]
 
-    for got, wanted, size in zip(answer(by_input, VALUES), answer(by_value, VALUES), (1e-12, 1e-9), strict=True):
+    for got, wanted, size in zip(
+        answer(by_input, VALUES), answer(by_value, VALUES), (1e-12, 1e-9), strict=True
+    ):
         assert_close(got, wanted, rtol=size, atol=size)
 
 
 def test_equilibria_rollouts_and_linear_models_take_it():
-    """Statics; values that change from step to step; the input matrix of a linear model, column by column from statics: its
-    static gain is the derivative of the equilibrium.
+    """Statics; values that change from step to step; the input matrix of a linear model, column by
+    column from statics: its static gain is the derivative of the equilibrium.
     """
     by_input, by_value = both("line")
     small = 1e-3 * VALUES
     assert_close(
-        tb.equilibrium(by_input, inputs={"own": small}).position, tb.equilibrium(by_value(small)).position, rtol=0, atol=1e-12
+        tb.equilibrium(by_input, inputs={"own": small}).position,
+        tb.equilibrium(by_value(small)).position,
+        rtol=0,
+        atol=1e-12,
     )
     stepper, every = tb.Stepper(by_input, 0.02), torch.stack((VALUES, 2 * VALUES, -VALUES), -2)
     state = tb.rest(by_input, (2,))
     for k in range(3):
         state = stepper(state, own=every[:, k])
-    assert_close(tb.rollout(stepper, tb.rest(by_input, (2,)), 3, own=tb.PerInterval(every))[-1].position, state.position,
-                 rtol=0, atol=1e-13)
-    model = tb.linearize(by_input, outputs=[tb.sensors.TipPosition()], inputs={"own": torch.zeros(3 * N)})
-    gain = model.D - model.C @ torch.linalg.solve(model.A, model.B)
-    wanted = torch.func.jacrev(lambda u: tb.equilibrium(by_input, inputs={"own": u}, tolerance=1e-12).tip.position)(
-        torch.zeros(3 * N)
+    assert_close(
+        tb.rollout(stepper, tb.rest(by_input, (2,)), 3, own=tb.PerInterval(every))[-1].position,
+        state.position,
+        rtol=0,
+        atol=1e-13,
     )
+    model = tb.linearize(
+        by_input, outputs=[tb.sensors.TipPosition()], inputs={"own": torch.zeros(3 * N)}
+    )
+    gain = model.D - model.C @ torch.linalg.solve(model.A, model.B)
+    wanted = torch.func.jacrev(
+        lambda u: tb.equilibrium(by_input, inputs={"own": u}, tolerance=1e-12).tip.position
+    )(torch.zeros(3 * N))
     assert_close(gain, wanted, rtol=0, atol=1e-8 * float(wanted.abs().max()))
 
 

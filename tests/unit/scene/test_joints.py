@@ -15,25 +15,36 @@ HUB = torch.tensor([2.0, 0.5, 0])
 
 
 def drawn(joint):
-    """The joint's points and axes, in a scene of two beams with a corner and a body that is turned."""
+    """The joint's points and axes, in a scene of two beams with a corner and a body that is
+    turned.
+    """
     arm = tb.Beam.straight(1.0, 2, SECTION)
     leg = tb.Beam.straight(1.0, 2, SECTION, root=CORNER, direction=(0, 0, 1))
-    scene = tb.Scene({"arm": arm, "leg": leg, "hub": tb.Body(1.0, 0.1, position=HUB, rotation=TURN)}, joints=[joint])
+    scene = tb.Scene(
+        {"arm": arm, "leg": leg, "hub": tb.Body(1.0, 0.1, position=HUB, rotation=TURN)},
+        joints=[joint],
+    )
     return scene.joints[0], scene.joints[0].drawn(scene.beam)
 
 
 ON_HUB = HUB + TURN @ POINT
 FAR = torch.tensor([0.3, 0.4, 0.5])
+# fmt: off
 PLACES = {  # joint: points on a and on b, rows
     "of two nodes that meet": (tb.Ball(("arm", -1), ("leg", 0)), CORNER, CORNER, (2, 3)),
-    "at a point of a body, with the ground": (tb.Ball(("hub", POINT), None), ON_HUB, ON_HUB, (6, None)),
+    "at a point of a body, with the ground": (tb.Ball(("hub", POINT), None), ON_HUB, ON_HUB,
+                                              (6, None)),
     "where it is said to be": (tb.Hinge(("arm", 1), "hub", at=FAR), FAR, FAR, (1, 6)),
     "a weld at the second part": (tb.Weld(("arm", 1), ("hub", POINT)), ON_HUB, ON_HUB, (1, 6)),
-    "a slider at the second part": (tb.Slider("hub", ("leg", 2)), torch.tensor([1.0, 0, 1]), torch.tensor([1.0, 0, 1]), (6, 5)),
-    "a distance of two points": (tb.Distance(("arm", 0), ("hub", POINT)), torch.zeros(3), ON_HUB, (0, 6)),
-    "a distance from the ground": (tb.Distance(None, ("leg", -1), at=FAR), FAR, torch.tensor([1.0, 0, 1]), (None, 5)),
+    "a slider at the second part": (tb.Slider("hub", ("leg", 2)), torch.tensor([1.0, 0, 1]),
+                                    torch.tensor([1.0, 0, 1]), (6, 5)),
+    "a distance of two points": (tb.Distance(("arm", 0), ("hub", POINT)), torch.zeros(3), ON_HUB,
+                                 (0, 6)),
+    "a distance from the ground": (tb.Distance(None, ("leg", -1), at=FAR), FAR,
+                                   torch.tensor([1.0, 0, 1]), (None, 5)),
     "of the ends of one beam": (tb.Weld(("arm", 0), ("arm", -1)), CORNER, CORNER, (0, 2)),
 }
+# fmt: on
 
 
 @pytest.mark.parametrize("name", PLACES)
@@ -48,9 +59,12 @@ def test_it_sits(name):
 
 
 HOLDS = {  # letters along and about the joint's axes; x and y of these axes, where they are given
-    tb.Weld: ("xyz", "xyz", {}), tb.Ball: ("xyz", "", {}), tb.Hinge: ("xyz", "yz", {"axis": (0, 0, 2.0)}),
+    tb.Weld: ("xyz", "xyz", {}),
+    tb.Ball: ("xyz", "", {}),
+    tb.Hinge: ("xyz", "yz", {"axis": (0, 0, 2.0)}),
     tb.Universal: ("xyz", "z", {"axis": (0, 3.0, 0), "second": (0, 0, -1.0)}),
-    tb.Slider: ("yz", "xyz", {"axis": (1.0, 1.0, 0)}), tb.Cylindrical: ("yz", "yz", {"axis": (0, 1.0, 1.0)}),
+    tb.Slider: ("yz", "xyz", {"axis": (1.0, 1.0, 0)}),
+    tb.Cylindrical: ("yz", "yz", {"axis": (0, 1.0, 1.0)}),
 }
 
 
@@ -58,10 +72,16 @@ HOLDS = {  # letters along and about the joint's axes; x and y of these axes, wh
 def test_it_holds(kind):
     position, rotation, given = HOLDS[kind]
     joint, (_, _, axes) = drawn(kind(("arm", -1), ("leg", 0), **given))
-    assert (joint.position, joint.rotation, joint.holds) == (position, rotation, len(position + rotation))
+    assert (joint.position, joint.rotation, joint.holds) == (
+        position,
+        rotation,
+        len(position + rotation),
+    )
     for column, name in enumerate(("axis", "second")):
         if name in given:
-            assert_close(axes[:, column], torch.nn.functional.normalize(torch.tensor(given[name]), dim=0))
+            assert_close(
+                axes[:, column], torch.nn.functional.normalize(torch.tensor(given[name]), dim=0)
+            )
     assert str(joint) == f"{kind.__name__} of ('arm', -1) and ('leg', 0)"
 
 
@@ -73,9 +93,17 @@ def test_a_distance_holds_one_number_along_its_line():
 
 def test_places_keep_gradients():
     """By the place of a joint, a point in a body and an axis."""
+
     def f(at, point, axis):
-        return torch.cat([torch.cat((a, b, axes.flatten())) for a, b, axes in (
-            drawn(tb.Hinge(("arm", 1), "hub", axis=axis, at=at))[1], drawn(tb.Weld(("arm", 1), ("hub", point)))[1])])
+        return torch.cat(
+            [
+                torch.cat((a, b, axes.flatten()))
+                for a, b, axes in (
+                    drawn(tb.Hinge(("arm", 1), "hub", axis=axis, at=at))[1],
+                    drawn(tb.Weld(("arm", 1), ("hub", point)))[1],
+                )
+            ]
+        )
 
     given = tuple(x.clone().requires_grad_() for x in (FAR, POINT, torch.tensor([0.3, 0.2, 0.9])))
     assert torch.autograd.gradcheck(f, given)

@@ -1,4 +1,6 @@
-"""Section: constructors against the textbook, what is found at construction, gradients. Bad input: test_refusals."""
+"""Section: constructors against the textbook, what is found at construction, gradients. Bad input:
+test_refusals.
+"""
 
 import math
 
@@ -17,27 +19,36 @@ def diagonals(section):
 
 
 def test_from_stiffness_puts_every_number_in_its_place():
-    """S = diag(1/EA, 1/GA_y, 1/GA_z, 1/GJ, 1/EI_y, 1/EI_z), mass = diag(m, m, m, i_y + i_z, i_y, i_z)."""
+    """S = diag(1/EA, 1/GA_y, 1/GA_z, 1/GJ, 1/EI_y, 1/EI_z), mass = diag(m, m, m, i_y + i_z, i_y,
+    i_z).
+    """
     S, mass = diagonals(tb.Section.from_stiffness(**STIFFNESS))
     assert_close(1 / S, torch.tensor([10.0, 4, 5, 0.5, 1, 2]))
     assert_close(mass, torch.tensor([0.3, 0.3, 0.3, 0.03, 0.01, 0.02]))
 
 
 def test_rectangle():
-    """E = 200 GPa, 20 x 10 mm: EA = E b h, EI = E b h^3/12 about y and E h b^3/12 about z, k = 5/6, J = 0.2287 b h^3 at
-    b/h = 2 (Timoshenko and Goodier, table in art. 109: four digits).
+    """E = 200 GPa, 20 x 10 mm: EA = E b h, EI = E b h^3/12 about y and E h b^3/12 about z, k = 5/6,
+    J = 0.2287 b h^3 at b/h = 2 (Timoshenko and Goodier, table in art. 109: four digits).
     """
     b, h, E, nu, rho = 0.02, 0.01, 200e9, 0.3, 7800.0
     S, mass = diagonals(tb.Section.rectangle(b, h, E, nu, rho))
     G = E / 2.6
     kGA = G * b * h / 1.2
-    assert_close(1 / S[[0, 1, 2, 4, 5]], torch.tensor([E * b * h, kGA, kGA, E * b * h**3 / 12, E * h * b**3 / 12]))
+    assert_close(
+        1 / S[[0, 1, 2, 4, 5]],
+        torch.tensor([E * b * h, kGA, kGA, E * b * h**3 / 12, E * h * b**3 / 12]),
+    )
     assert_close(1 / S[3] / (G * b * h**3), torch.tensor(0.2287), rtol=0, atol=5e-5)
-    assert_close(mass[[0, 4, 5]], torch.tensor([rho * b * h, rho * b * h**3 / 12, rho * h * b**3 / 12]))
+    assert_close(
+        mass[[0, 4, 5]], torch.tensor([rho * b * h, rho * b * h**3 / 12, rho * h * b**3 / 12])
+    )
 
 
 def test_square_torsion():
-    """J = 0.14057701495515 a^4 for a square (the series of art. 109 summed to 1e-14 in extended precision)."""
+    """J = 0.14057701495515 a^4 for a square (the series of art. 109 summed to 1e-14 in extended
+    precision).
+    """
     S, _ = diagonals(tb.Section.rectangle(1.0, 1.0, 2.0, 0.0, 1.0))
     assert_close(1 / S[3], torch.tensor(0.14057701495515), rtol=1e-13, atol=0)
 
@@ -63,9 +74,14 @@ def test_what_is_found_at_construction():
 
 
 def test_batches_broadcast_and_dtypes_follow_the_inputs():
-    section = tb.Section.from_stiffness(EA=1.0, GA=1.0, GJ=1.0, EI=torch.rand(4, 1) + 1, mass=torch.rand(3) + 1)
+    section = tb.Section.from_stiffness(
+        EA=1.0, GA=1.0, GJ=1.0, EI=torch.rand(4, 1) + 1, mass=torch.rand(3) + 1
+    )
     assert section.batch_shape == (4, 3)
-    assert tb.Section.circle(torch.tensor(0.1, dtype=torch.float32), 3.0, 0.5, 2.0).mass.dtype == torch.float32
+    assert (
+        tb.Section.circle(torch.tensor(0.1, dtype=torch.float32), 3.0, 0.5, 2.0).mass.dtype
+        == torch.float32
+    )
     torch.set_default_dtype(torch.float32)
     assert tb.Section.circle(0.1, 3.0, 0.5, 2.0).mass.dtype == torch.float32
 
@@ -90,18 +106,22 @@ def test_infinite_stiffness_is_a_zero_compliance(name):
 
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
 def test_rounding_is_no_asymmetry(dtype):
-    """|S_ij - S_ji| counts by sqrt(S_ii S_jj): inverses of 200 stiffnesses about other axes, whose entries are differences of
-    large numbers, are sections and exactly symmetric. The bound is 1e-6 (in float32 1e-4) at every size of the entries.
+    """|S_ij - S_ji| counts by sqrt(S_ii S_jj): inverses of 200 stiffnesses about other axes, whose
+    entries are differences of large numbers, are sections and exactly symmetric. The bound is 1e-6
+    (in float32 1e-4) at every size of the entries.
     """
     stiffness = torch.diag(torch.tensor([1e3, 400, 300, 0.8, 1, 2], dtype=dtype))
     T = torch.eye(6, dtype=dtype).repeat(200, 1, 1)
-    T[:, :3, 3:] = -skew(0.03 * torch.randn(200, 3, dtype=dtype, generator=torch.Generator().manual_seed(0)))
+    T[:, :3, 3:] = -skew(
+        0.03 * torch.randn(200, 3, dtype=dtype, generator=torch.Generator().manual_seed(0))
+    )
     S = torch.linalg.inv(T.mT @ stiffness @ T)
     assert (S != S.mT).any()
     S = tb.Section(S, torch.eye(6, dtype=dtype)).compliance
     assert (S == S.mT).all()
 
-    size, bound = torch.tensor([1e-8, 1e-4, 1, 1, 1, 1e2], dtype=dtype), 1e-6 if dtype == torch.float64 else 1.2e-4
+    size = torch.tensor([1e-8, 1e-4, 1, 1, 1, 1e2], dtype=dtype)
+    bound = 1e-6 if dtype == torch.float64 else 1.2e-4
     for i, j in ((0, 1), (2, 5), (4, 0)):
         S = torch.diag(size)
         S[i, j] = 0.9 * bound * (size[i] * size[j]).sqrt()
@@ -111,8 +131,9 @@ def test_rounding_is_no_asymmetry(dtype):
 
 
 def test_a_coupling_of_mass_that_is_rounding_alone_is_taken():
-    """A section turned and shifted there and back, say: 1e-17 is left of the coupling of V and Omega, which is no skew matrix,
-    and counts by the root of mass times inertia. 1e-5 of that root is another inertia than that of a rigid body.
+    """A section turned and shifted there and back, say: 1e-17 is left of the coupling of V and
+    Omega, which is no skew matrix, and counts by the root of mass times inertia. 1e-5 of that root
+    is another inertia than that of a rigid body.
     """
     section = tb.Section.from_stiffness(**STIFFNESS)
     for left, taken in ((1e-17, True), (1e-5 * math.sqrt(0.3 * 0.03), False)):

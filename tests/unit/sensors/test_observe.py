@@ -1,4 +1,6 @@
-"""observe: polynomials exactly, fourth order, delays, missing times, derivatives, batches; a beam's motion; refusals."""
+"""observe: polynomials exactly, fourth order, delays, missing times, derivatives, batches; a beam's
+motion; refusals.
+"""
 
 import math
 from types import SimpleNamespace
@@ -37,15 +39,24 @@ def test_cubics_are_exact():
 
 
 def test_order():
-    """Half the interval, a sixteenth of the error of a reading and an eighth of a rate's, to the ends; away from them h^4/384
-    and h^3/125 of the fourth derivative, to 10 %.
+    """Half the interval, a sixteenth of the error of a reading and an eighth of a rate's, to the
+    ends; away from them h^4/384 and h^3/125 of the fourth derivative, to 10 %.
     """
     errors, within, at = [], [], torch.linspace(0, 1, 1001)
     for n in (41, 81):
-        t, scale = torch.linspace(0, 1, n), torch.tensor([384 * (n - 1) ** 4, 125 * (n - 1) ** 3]) / 6**4
+        t = torch.linspace(0, 1, n)
+        scale = torch.tensor([384 * (n - 1) ** 4, 125 * (n - 1) ** 3]) / 6**4
         sine = motion(torch.sin(6 * t), t)
-        off = torch.stack((tb.observe(sine, number, at) - torch.sin(6 * at),
-                           tb.observe(sine, number, at, rate=True) - 6 * torch.cos(6 * at)), -1).abs() * scale
+        off = (
+            torch.stack(
+                (
+                    tb.observe(sine, number, at) - torch.sin(6 * at),
+                    tb.observe(sine, number, at, rate=True) - 6 * torch.cos(6 * at),
+                ),
+                -1,
+            ).abs()
+            * scale
+        )
         errors.append(off.amax(0))
         within.append(off[100:-100].amax(0))
     assert (errors[1] < 1.3 * errors[0]).all()
@@ -56,29 +67,44 @@ def test_delay_and_what_lies_outside():
     """The motion of s - delay; before the first instant the reading there, behind the last NaN."""
     times = torch.tensor([0.0, 0.4, 0.95])
     late = tb.observe(motion(cubic(T)), number, times, delay=0.2)
-    assert_close(late, torch.stack((cubic(T[0]), cubic(torch.tensor(0.2)), cubic(torch.tensor(0.75)))), rtol=1e-12, atol=0)
+    assert_close(
+        late,
+        torch.stack((cubic(T[0]), cubic(torch.tensor(0.2)), cubic(torch.tensor(0.75)))),
+        rtol=1e-12,
+        atol=0,
+    )
     early = tb.observe(motion(cubic(T)), number, times, delay=-0.1)
     assert early[2].isnan() and not early[:2].isnan().any()
-    rate = tb.observe(motion(cubic(T)), number, times, delay=torch.tensor([0.2, 0.0]), rate=True)  # at rest before, 2 at once
+    # at rest before, 2 at once
+    rate = tb.observe(motion(cubic(T)), number, times, delay=torch.tensor([0.2, 0.0]), rate=True)
     assert_close(rate[0], torch.tensor([0.0, 2.0]), rtol=1e-12, atol=0)
 
 
 def test_each_sample_has_its_own():
-    """Times (times, samples) and delays (samples,): what each sample alone gives; readings of several numbers."""
+    """Times (times, samples) and delays (samples,): what each sample alone gives; readings of
+    several numbers.
+    """
     rise = torch.tensor([1.0, -2.0, 0.5])
     solution = motion(cubic(T)[:, None] * rise)
     times, delay = torch.rand(4, 3) * 0.7 + 0.3, torch.tensor([0.1, 0.0, 0.25])
-    both = tb.observe(solution, lambda state: torch.stack((state.y, 2 * state.y), -1), times, delay=delay)
+    both = tb.observe(
+        solution, lambda state: torch.stack((state.y, 2 * state.y), -1), times, delay=delay
+    )
     assert both.shape == (4, 3, 2)
     assert_close(both[..., 0], cubic(times - delay) * rise, rtol=1e-12, atol=1e-12)
     assert_close(both[..., 1], 2 * both[..., 0])
-    assert_close(tb.observe(motion(cubic(T)), number, times, delay=delay), cubic(times - delay), rtol=1e-12, atol=1e-12)
+    assert_close(
+        tb.observe(motion(cubic(T)), number, times, delay=delay),
+        cubic(times - delay),
+        rtol=1e-12,
+        atol=1e-12,
+    )
 
 
 @pytest.mark.parametrize("delays", [2, 3, 4])
 def test_delays_of_more_axes_than_times(delays):
-    """Times (3, 2), one of them missing, and delays (delays, 1), as many as there are times or not: what each delay alone
-    gives.
+    """Times (3, 2), one of them missing, and delays (delays, 1), as many as there are times or not:
+    what each delay alone gives.
     """
     solution = motion(cubic(T)[:, None] * torch.tensor([1.0, -2.0]))
     times = torch.tensor([[0.5, 0.6], [math.nan, 0.7], [0.8, 0.9]])
@@ -105,13 +131,15 @@ def test_derivatives():
 
 
 def test_a_beam():
-    """Every step of a motion read from every fourth instant of it: displacement, and, as the rate of velocity, acceleration,
-    within what the interpolation leaves of the fastest mode that moves.
+    """Every step of a motion read from every fourth instant of it: displacement, and, as the rate
+    of velocity, acceleration, within what the interpolation leaves of the fastest mode that moves.
     """
     section = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=1.0, EI=1.0, mass=0.2)
     force = torch.tensor([[0.0, 0, 1.0], [0, 0, 2.0]])
     ramp = lambda t: force * torch.sin(math.pi * t / 0.4) ** 4  # noqa: E731
-    scene = tb.Scene(tb.Beam.straight(1.0, 4, section), [tb.TipLoad(force=ramp), tb.Damping(5e-3)], plane="xz")
+    scene = tb.Scene(
+        tb.Beam.straight(1.0, 4, section), [tb.TipLoad(force=ramp), tb.Damping(5e-3)], plane="xz"
+    )
     t = torch.linspace(0, 0.4, 161)
     fine = tb.simulate(scene, t, step=2.5e-3)
     coarse = tb.simulate(scene, t[::4], step=2.5e-3)
@@ -124,14 +152,19 @@ def test_a_beam():
     assert_close(rates[0], rates[1], rtol=0, atol=0.05 * rates[1].abs().max().item())
 
 
+# fmt: off
 CASES = {
-    "beyond the end": (dict(times=(0.5, 1.2)), "from 0.5 to 1.2 s were given to observe; the solution goes from 0 to 1 s"),
+    "beyond the end": (dict(times=(0.5, 1.2)),
+                       "from 0.5 to 1.2 s were given to observe; the solution goes from 0 to 1 s"),
     "one number": (dict(times=0.5), "one number was given for times"),
     "no sensor": (dict(sensor=3), "sensor = 3"),
-    "no time axis": (dict(sensor=lambda state: state.y[0]), r"a sensor that gave \(\) for 10 instants"),
+    "no time axis": (dict(sensor=lambda state: state.y[0]),
+                     r"a sensor that gave \(\) for 10 instants"),
     "rate": (dict(rate=1.0), "rate = 1.0"),
-    "delays of other samples": (dict(delay=(0.1, 0.2), solution=motion(torch.ones(10, 3))), "times and readings with the"),
+    "delays of other samples": (dict(delay=(0.1, 0.2), solution=motion(torch.ones(10, 3))),
+                                "times and readings with the"),
 }
+# fmt: on
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -1,4 +1,6 @@
-"""Jacobians by differences: central, of one side, at bounds and where one side is not finite; forward mode."""
+"""Jacobians by differences: central, of one side, at bounds and where one side is not finite;
+forward mode.
+"""
 
 import math
 
@@ -9,8 +11,14 @@ from torchbeam.solvers.jacobian import difference, forward
 
 X = torch.tensor([[0.5, 2.0], [1.5, -1.0]])
 SIZE = torch.full((2, 2), 1e-4)
-EXACT = torch.stack((torch.stack((2 * X[:, 0], X[:, 1].cos()), -1), torch.stack((X[:, 1], X[:, 0]), -1),
-                     torch.stack((X[:, 0] * 0, 2 * X[:, 1]), -1)), -2)
+EXACT = torch.stack(
+    (
+        torch.stack((2 * X[:, 0], X[:, 1].cos()), -1),
+        torch.stack((X[:, 1], X[:, 0]), -1),
+        torch.stack((X[:, 0] * 0, 2 * X[:, 1]), -1),
+    ),
+    -2,
+)
 
 
 def f(x):
@@ -51,5 +59,7 @@ def test_at_bounds_and_beside_what_is_not_finite():
     _, J = difference(walled, X[:1], SIZE[:1], torch.full((1, 2), -math.inf), largest[:1])
     assert_close(J, EXACT[:1], rtol=0, atol=5e-4)
     for central in (True, False):
-        _, J = difference(walled, X[1:], SIZE[1:], torch.full((1, 2), -math.inf), largest[1:], central=central)
+        _, J = difference(
+            walled, X[1:], SIZE[1:], torch.full((1, 2), -math.inf), largest[1:], central=central
+        )
         assert_close(J, EXACT[1:], rtol=0, atol=5e-4)

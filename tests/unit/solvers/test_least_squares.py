@@ -13,7 +13,9 @@ from torchbeam.solvers.region import Region
 
 
 class Turning:
-    """r = (x, 5 - (x - 1)^2 / 10), whose squares fall by the second from x = 0 on; J is NaN between `low` and `high`."""
+    """r = (x, 5 - (x - 1)^2 / 10), whose squares fall by the second from x = 0 on; J is NaN between
+    `low` and `high`.
+    """
 
     def __init__(self, low, high):
         self.low, self.high, self.asked = low, high, 0
@@ -24,7 +26,9 @@ class Turning:
     def linearised(self, x, which, r=None, rough=False):
         self.asked += len(x)
         J = torch.stack((torch.ones_like(x), (1 - x) / 5), 1)
-        return self.residuals(x, which), torch.where(((x > self.low) & (x < self.high))[..., None], torch.nan, J)
+        return self.residuals(x, which), torch.where(
+            ((x > self.low) & (x < self.high))[..., None], torch.nan, J
+        )
 
     def prior(self, x):
         return x.new_zeros(len(x)), torch.zeros_like(x), torch.zeros_like(x)
@@ -38,8 +42,9 @@ def found(problem, starts):
 
 
 def test_old_derivatives_are_not_fresh():
-    """From x = 1, where dr/dx = (1, 0), a step goes to x = 0; by those derivatives the squares cannot fall there, though they
-    do. Where new ones are not finite no start counts as converged, and the search ends before its iterations do.
+    """From x = 1, where dr/dx = (1, 0), a step goes to x = 0; by those derivatives the squares
+    cannot fall there, though they do. Where new ones are not finite no start counts as converged,
+    and the search ends before its iterations do.
     """
     problem = Turning(-torch.inf, 0.5)
     end = found(problem, AT_ONCE)
@@ -49,7 +54,9 @@ def test_old_derivatives_are_not_fresh():
 
 @pytest.mark.parametrize("starts", [1, AT_ONCE])
 def test_finite_derivatives(starts):
-    """The root of the gradient, found by bisection: derivatives that are not finite elsewhere hinder none."""
+    """The root of the gradient, found by bisection: derivatives that are not finite elsewhere
+    hinder none.
+    """
     end = found(Turning(2.0, 3.0), starts)
     low, high = -5.0, 0.5
     for _ in range(60):
@@ -73,7 +80,14 @@ assert fit.status == 0 and (fit.theta - 1).abs().max() < 1e-6
 
 
 def test_many_parameters_on_threads_set_by_the_user():
-    """A linear model, whose parameters are all 1; torch's own LU of a batch of 160 rows is wrong there (torch 2.13)."""
-    done = subprocess.run([sys.executable, "-c", ON_TWO_THREADS], env={**os.environ, "OMP_NUM_THREADS": "2"}, timeout=120,
-                          capture_output=True, text=True)
+    """A linear model, whose parameters are all 1; torch's own LU of a batch of 160 rows is wrong
+    there (torch 2.13).
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", ON_TWO_THREADS],
+        env={**os.environ, "OMP_NUM_THREADS": "2"},
+        timeout=120,
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 0, done.stderr

@@ -1,5 +1,5 @@
-"""Newton's method and the implicit function theorem: what they ask of a problem, beams or not, and that neither disturbs the
-other.
+"""Newton's method and the implicit function theorem: what they ask of a problem, beams or not, and
+that neither disturbs the other.
 """
 
 from dataclasses import dataclass, replace
@@ -72,12 +72,18 @@ class Whole:
 
     def __init__(self, a):
         self.inner = SquareRoot(a)
-        self.residual, self.linearise, self.update = self.inner.residual, self.inner.linearise, self.inner.update
+        self.residual, self.linearise, self.update = (
+            self.inner.residual,
+            self.inner.linearise,
+            self.inner.update,
+        )
 
 
 @pytest.mark.parametrize("kind", (SquareRoot, Whole))
 def test_a_problem_is_what_the_protocol_says(kind):
-    """100 square roots, most of them next to the guess: those that go on do so as a problem of their own, if there is one."""
+    """100 square roots, most of them next to the guess: those that go on do so as a problem of
+    their own, if there is one.
+    """
     a = torch.cat((torch.full((90,), 1e-3), torch.linspace(3.0, 9.0, 10)))
     x, _, status, iterations = newton(kind(a), Root(torch.ones(100, 1, 1)), tolerance=1e-12)
     assert (status == SUCCESS).all() and iterations[0] < iterations[-1]
@@ -86,14 +92,18 @@ def test_a_problem_is_what_the_protocol_says(kind):
 
 @dataclass(frozen=True)
 class Stiff(SquareRoot):
-    """With a tangent that is 1 % too steep: the residual falls a hundredfold at most with each update, never quadratically."""
+    """With a tangent that is 1 % too steep: the residual falls a hundredfold at most with each
+    update, never quadratically.
+    """
 
     def linearise(self, x, about):
         return Slope(2.02 * about, torch.tensor(False))
 
 
 def test_an_inexact_tangent_is_not_trusted_to_converge_quadratically():
-    """Once two residuals tell how fast it falls, the next is foreseen; what was asked for is reached."""
+    """Once two residuals tell how fast it falls, the next is foreseen; what was asked for is
+    reached.
+    """
     problem = Stiff(torch.linspace(-1, 1, 50))
     x, _, status, _ = newton(problem, Root(torch.ones(50, 1, 1)), tolerance=1e-9)
     assert (status == SUCCESS).all()
@@ -102,17 +112,25 @@ def test_an_inexact_tangent_is_not_trusted_to_converge_quadratically():
 
 def test_where_nothing_is_foreseen_a_residual_below_the_tolerance_is_measured():
     """In every other sample: one iteration more, which leaves a hundredth of the tolerance."""
-    problem, start, measured = Stiff(torch.linspace(-1, 1, 50)), Root(torch.ones(50, 1, 1)), torch.arange(50) % 2 == 0
+    problem, start = Stiff(torch.linspace(-1, 1, 50)), Root(torch.ones(50, 1, 1))
+    measured = torch.arange(50) % 2 == 0
     usual = newton(problem, start, tolerance=1e-9)
     found = newton(problem, start, tolerance=1e-9, foresee=~measured)
     assert (found.status == SUCCESS).all()
     assert (found.iterations == usual.iterations + measured).all()
     left = problem.residual(found.x)[0].measure()
-    assert left[measured].max() <= 1.01e-11 < 1e-10 < problem.residual(usual.x)[0].measure()[measured].max()
+    assert (
+        left[measured].max()
+        <= 1.01e-11
+        < 1e-10
+        < problem.residual(usual.x)[0].measure()[measured].max()
+    )
 
 
 def test_what_newton_has_cached_is_not_differentiated():
-    """The same problem solved without derivatives and differentiated: dx/da = x/2, whatever was asked for first."""
+    """The same problem solved without derivatives and differentiated: dx/da = x/2, whatever was
+    asked for first.
+    """
     a = torch.tensor([0.3, 1.0], requires_grad=True)
     problem = SquareRoot(a)
     x, _, status, _ = newton(problem, Root(torch.ones(2, 1, 1)), tolerance=1e-12)
@@ -124,22 +142,31 @@ def test_what_newton_has_cached_is_not_differentiated():
 
 def problems():
     """Of each kind, from tensors that enter by what is cached."""
-    curvature, omega = torch.tensor([0.0, 0.3, 0.1], requires_grad=True), torch.tensor([0.0, 0.0, 0.7], requires_grad=True)
-    bent = tb.Scene(tb.Beam.straight(1.0, 2, tb.Section.from_stiffness(**SOFT)), [tb.Actuation(curvature=curvature)],
-                    frame=tb.Frame(angular_velocity=omega))
+    curvature = torch.tensor([0.0, 0.3, 0.1], requires_grad=True)
+    omega = torch.tensor([0.0, 0.0, 0.7], requires_grad=True)
+    bent = tb.Scene(
+        tb.Beam.straight(1.0, 2, tb.Section.from_stiffness(**SOFT)),
+        [tb.Actuation(curvature=curvature)],
+        frame=tb.Frame(angular_velocity=omega),
+    )
     still = replace(bent, frame=None)
     dt = torch.tensor(0.01, requires_grad=True)
     yield SteadyProblem(discretise(bent), torch.tensor(0.0), {}, torch.ones(())), (curvature, omega)
     for scene, kind in ((bent, MidpointProblem), (still, GeneralizedAlphaProblem)):
-        stepper = tb.Stepper(scene, 0.01, "midpoint" if kind is MidpointProblem else "generalized_alpha")
+        stepper = tb.Stepper(
+            scene, 0.01, "midpoint" if kind is MidpointProblem else "generalized_alpha"
+        )
         start = stepper.model.space.to_reduced(stepper.begin(tb.rest(scene)))
-        yield kind(stepper.model, start, dt, torch.tensor(0.0), {}), (curvature, dt, *((omega,) if scene is bent else ()))
+        yield (
+            kind(stepper.model, start, dt, torch.tensor(0.0), {}),
+            (curvature, dt, *((omega,) if scene is bent else ())),
+        )
 
 
 @pytest.mark.parametrize("number", range(3))
 def test_a_problem_has_its_derivatives_whatever_was_asked_without_them(number):
-    """Residual and tangent without derivatives first, on the very same object: the residual's gradient afterwards is that of a
-    fresh one, to the bit.
+    """Residual and tangent without derivatives first, on the very same object: the residual's
+    gradient afterwards is that of a fresh one, to the bit.
     """
     gradients = []
     for first in (False, True):
@@ -152,7 +179,11 @@ def test_a_problem_has_its_derivatives_whatever_was_asked_without_them(number):
                 problem.linearise(x, *problem.residual(x)[1:])
         residual = problem.residual(x)[0]
         weights = torch.linspace(1, 2, residual.nodes.numel()).view_as(residual.nodes)
-        total = (weights * residual.nodes).sum() + residual.strain.square().sum() + residual.strain.sum()
+        total = (
+            (weights * residual.nodes).sum()
+            + residual.strain.square().sum()
+            + residual.strain.sum()
+        )
         gradients.append(torch.autograd.grad(total, tensors))
     assert all(x.abs().max() > 0 for x in gradients[0])
     assert_close(gradients[1], gradients[0], rtol=0, atol=0)

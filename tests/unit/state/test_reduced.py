@@ -1,4 +1,6 @@
-"""Reduced states: what a solution reads of the tip, the nodes and the root without its states is what these hold."""
+"""Reduced states: what a solution reads of the tip, the nodes and the root without its states is
+what these hold.
+"""
 
 import pickle
 
@@ -14,18 +16,28 @@ SECTION = tb.Section.from_stiffness(EA=4e4, GA=1.5e4, GJ=0.8, EI=1.0, mass=0.2, 
 def swing(force=0.3, engine="eager", step=0.01, **options):
     """Three samples, two steps of 10 ms from one instant to the next."""
     force = torch.as_tensor(force) * torch.tensor([[0.0, 0, 1], [0, 0, 2], [0, 0, 3]])
-    scene = tb.Scene(tb.Beam.straight(1.0, 2, SECTION, up=(0.0, 0, 1), root=(0, 0.1, 0)), [tb.TipLoad(force=force)], **options)
+    scene = tb.Scene(
+        tb.Beam.straight(1.0, 2, SECTION, up=(0.0, 0, 1), root=(0, 0.1, 0)),
+        [tb.TipLoad(force=force)],
+        **options,
+    )
     return tb.simulate(scene, torch.linspace(0, 0.06, 4), step=step, engine=engine)
 
 
 def views(of):
-    return {**dict(zip(("position", "velocity", "rotation", "spin"), of.tip, strict=True)), "nodes": of.nodes,
-            "force": of.root.force, "moment": of.root.moment}
+    return {
+        **dict(zip(("position", "velocity", "rotation", "spin"), of.tip, strict=True)),
+        "nodes": of.nodes,
+        "force": of.root.force,
+        "moment": of.root.moment,
+    }
 
 
 @pytest.mark.parametrize("options", [{}, {"plane": "xz"}, {"small": True}], ids=str)
 def test_a_solution_reads_what_its_states_hold(options):
-    """To the rounding of products with ones and zeros, before and after the states are made; energies and pickles likewise."""
+    """To the rounding of products with ones and zeros, before and after the states are made;
+    energies and pickles likewise.
+    """
     solution = swing(**options)
     before = views(solution)
     assert len(solution.states.parts) > 1 and solution.status.shape == (3,)
@@ -48,8 +60,10 @@ def test_a_gradient_survives_what_was_read_without():
         if first:
             with torch.no_grad():
                 _ = solution.state
-        found += [torch.autograd.grad(x[-1].sum(), force, retain_graph=True)[0]
-                  for x in (solution.tip.position, solution.state.position[..., -1, :])]
+        found += [
+            torch.autograd.grad(x[-1].sum(), force, retain_graph=True)[0]
+            for x in (solution.tip.position, solution.state.position[..., -1, :])
+        ]
     for other in found[1:]:
         assert_close(other, found[0])
 
@@ -69,7 +83,9 @@ def test_native_code_keeps_what_is_asked_for_alone(step):
 
 
 def test_a_sample_that_fails_between_two_instants():
-    """One of three samples stops within an interval: its neighbours go on as alone, and it keeps its last good state."""
+    """One of three samples stops within an interval: its neighbours go on as alone, and it keeps
+    its last good state.
+    """
     pytest.importorskip("llvmlite")
     found = []
     for engine in ("eager", "compiled"):

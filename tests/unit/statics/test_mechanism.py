@@ -1,4 +1,6 @@
-"""Equilibria of what swings and of what nothing holds: statics gives the reactions, whatever the mesh."""
+"""Equilibria of what swings and of what nothing holds: statics gives the reactions, whatever the
+mesh.
+"""
 
 import math
 
@@ -15,22 +17,37 @@ HINGE, PIN = tb.Support(0, rotation="xz"), tb.Support(0, rotation="")
 
 
 def hung(section, elements, support, angle=0.0):
-    beam = tb.Beam.straight(1.0, elements, section, direction=(math.sin(angle), 0.0, -math.cos(angle)), up=(0.0, 1.0, 0.0))
+    beam = tb.Beam.straight(
+        1.0,
+        elements,
+        section,
+        direction=(math.sin(angle), 0.0, -math.cos(angle)),
+        up=(0.0, 1.0, 0.0),
+    )
     return tb.Scene(beam, [tb.Gravity((0.0, 0.0, -9.81))], supports=[support])
 
 
 @pytest.mark.parametrize("section", WEIGHT, ids=["strip", "inextensible"])
 @pytest.mark.parametrize("support", [HINGE, PIN], ids=["hinge", "pin"])
 def test_a_pendulum_hangs_from_every_mesh(section, support):
-    """1 and 4 elements, and 15: rounding had refused some of them. A pin leaves the turn about the beam itself to nothing."""
+    """1 and 4 elements, and 15: rounding had refused some of them. A pin leaves the turn about the
+    beam itself to nothing.
+    """
     for elements in (1, 4, 15):
         state = tb.equilibrium(hung(section, elements, support))
-        assert_close(state.root.force, torch.tensor([0.0, 0.0, WEIGHT[section]]), rtol=1e-9, atol=1e-9)
+        assert_close(
+            state.root.force, torch.tensor([0.0, 0.0, WEIGHT[section]]), rtol=1e-9, atol=1e-9
+        )
 
 
 def test_a_pendulum_swings_to_where_it_hangs_if_that_is_near():
     """0.2 rad away; at 1.2 rad the sentence says what to do, and a damped run comes there."""
-    assert_close(tb.equilibrium(hung(STRIP, 3, PIN, 0.2)).tip.position, torch.tensor([0.0, 0.0, -1.0]), rtol=0, atol=1e-6)
+    assert_close(
+        tb.equilibrium(hung(STRIP, 3, PIN, 0.2)).tip.position,
+        torch.tensor([0.0, 0.0, -1.0]),
+        rtol=0,
+        atol=1e-6,
+    )
     for support in (HINGE, PIN):
         with pytest.raises(RuntimeError, match=r"nothing holds the rotation about .*relax=True"):
             tb.equilibrium(hung(STRIP, 3, support, 1.2))
@@ -43,7 +60,9 @@ def test_derivatives_of_a_pendulum():
     E = torch.tensor(70e9, requires_grad=True)
     section = tb.Section.rectangle(0.02, 0.002, E=E, nu=0.3, rho=2700)
     (slope,) = torch.autograd.grad(tb.equilibrium(hung(section, 4, PIN)).tip.position[2], E)
-    assert_close(slope, torch.tensor(WEIGHT[STRIP] / (2 * 70e9**2 * 0.02 * 0.002)), rtol=1e-6, atol=0)
+    assert_close(
+        slope, torch.tensor(WEIGHT[STRIP] / (2 * 70e9**2 * 0.02 * 0.002)), rtol=1e-6, atol=0
+    )
 
 
 @pytest.mark.parametrize("plane", [None, "xz"])
@@ -51,18 +70,34 @@ def test_reactions_to_loads_on_what_supports_hold(plane):
     """A hinge under a force in a beam that is free to turn: it takes it, with the derivative -1."""
     force = torch.tensor([0.0, 0.0, 1.0], requires_grad=True)
     beam = tb.Beam.straight(1.0, 3, STRIP)
-    state = tb.equilibrium(tb.Scene(beam, [tb.PointLoad(0, force=force)], supports=[HINGE], plane=plane))
+    state = tb.equilibrium(
+        tb.Scene(beam, [tb.PointLoad(0, force=force)], supports=[HINGE], plane=plane)
+    )
     assert_close(state.root.force, -force, rtol=1e-12, atol=1e-12)
-    assert_close(torch.autograd.grad(state.root.force[2], force)[0], torch.tensor([0.0, 0.0, -1.0]), rtol=0, atol=1e-9)
+    assert_close(
+        torch.autograd.grad(state.root.force[2], force)[0],
+        torch.tensor([0.0, 0.0, -1.0]),
+        rtol=0,
+        atol=1e-9,
+    )
 
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_free_bar_that_is_pulled_at_both_ends(order):
-    """Nothing holds it and the loads balance: it is longer by F/EA of its length, its stress is F."""
+    """Nothing holds it and the loads balance: it is longer by F/EA of its length, its stress is
+    F.
+    """
     pull = [tb.PointLoad(0, force=(-10.0, 0.0, 0.0)), tb.TipLoad(force=(10.0, 0.0, 0.0))]
-    state = tb.equilibrium(tb.Scene(tb.Beam.straight(1.0, 3, STRIP, order=order), pull, supports=()))
+    state = tb.equilibrium(
+        tb.Scene(tb.Beam.straight(1.0, 3, STRIP, order=order), pull, supports=())
+    )
     assert_close(state.stress[:, 0], torch.full_like(state.stress[:, 0], 10.0), rtol=1e-9, atol=0)
-    assert_close(state.position[-1, 0] - state.position[0, 0], torch.tensor(1 + 10 / (70e9 * 4e-5)), rtol=1e-12, atol=0)
+    assert_close(
+        state.position[-1, 0] - state.position[0, 0],
+        torch.tensor(1 + 10 / (70e9 * 4e-5)),
+        rtol=1e-12,
+        atol=0,
+    )
 
 
 def test_a_batch_of_what_hangs_and_what_is_driven():
@@ -74,14 +109,19 @@ def test_a_batch_of_what_hangs_and_what_is_driven():
 
 
 def test_a_body_that_turns_freely_on_its_axle():
-    """A wheel at a beam's end, on a hinge through its own centre: nothing resists its turn, and nothing drives it; the beam
-    carries its weight as that of a mass.
+    """A wheel at a beam's end, on a hinge through its own centre: nothing resists its turn, and
+    nothing drives it; the beam carries its weight as that of a mass.
     """
     section = tb.Section.from_stiffness(EA=1e3, GA=5e2, GJ=0.7, EI=1.0, mass=0.3)
     beam, gravity = tb.Beam.straight(1.0, 2, section), tb.Gravity((0, 0, -9.81))
-    wheel = tb.Scene({"arm": beam, "wheel": tb.Body(0.2, 1e-3, position=(1.0, 0, 0))}, [gravity],
-                     joints=[tb.Hinge(("arm", -1), "wheel", axis=(0, 1, 0))], supports=[tb.Support(("arm", 0))])
-    found, mass = tb.equilibrium(wheel), tb.equilibrium(tb.Scene(beam, [gravity, tb.PointMass(0.2, node=-1)]))
+    wheel = tb.Scene(
+        {"arm": beam, "wheel": tb.Body(0.2, 1e-3, position=(1.0, 0, 0))},
+        [gravity],
+        joints=[tb.Hinge(("arm", -1), "wheel", axis=(0, 1, 0))],
+        supports=[tb.Support(("arm", 0))],
+    )
+    found = tb.equilibrium(wheel)
+    mass = tb.equilibrium(tb.Scene(beam, [gravity, tb.PointMass(0.2, node=-1)]))
     torch.testing.assert_close(found["arm"].position, mass.position, rtol=0, atol=1e-9)
     assert len(tb.modes(wheel, found, count=2).frequency) == 2
     assert int(tb.path(wheel, step=0.5).state.status[-1]) != 0  # it has no braces, and says so

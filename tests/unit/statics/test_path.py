@@ -1,4 +1,6 @@
-"""path: limit points, snap-through, bifurcation and the branches behind it; what equilibrium makes of them."""
+"""path: limit points, snap-through, bifurcation and the branches behind it; what equilibrium makes
+of them.
+"""
 
 import math
 import warnings
@@ -12,9 +14,16 @@ import torchbeam as tb
 from torchbeam.statics.continuation import BRANCH_POINT, LIMIT_POINT, REGULAR
 
 INF = math.inf
-# Timoshenko and Gere, Theory of Elastic Stability (1961), table 2.4: angle of the tip, P/Pcr, x/L, y/L
-ELASTICA = torch.tensor([[40, 1.063, 0.881, 0.422], [80, 1.293, 0.560, 0.719], [120, 1.884, 0.123, 0.803],
-                         [160, 4.029, -0.340, 0.625]])
+# Timoshenko and Gere, Theory of Elastic Stability (1961), table 2.4: angle of the tip, P/Pcr, x/L,
+# y/L
+ELASTICA = torch.tensor(
+    [
+        [40, 1.063, 0.881, 0.422],
+        [80, 1.293, 0.560, 0.719],
+        [120, 1.884, 0.123, 0.803],
+        [160, 4.029, -0.340, 0.625],
+    ]
+)
 
 
 def column(P, lean=0.0, N=16, EI=(1.0, 1.0), **options):
@@ -26,12 +35,21 @@ def column(P, lean=0.0, N=16, EI=(1.0, 1.0), **options):
 
 
 def test_a_path_without_events_ends_where_equilibrium_does():
-    """A batch of transverse loads, all loads scaled: the last state is the equilibrium's, to its tolerance."""
+    """A batch of transverse loads, all loads scaled: the last state is the equilibrium's, to its
+    tolerance.
+    """
     section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=1.0, EI=1.0, mass=1.0, inertia=0.01)
     P = torch.tensor([1.0, 10.0])
-    scene = tb.Scene(tb.Beam.straight(1.0, 8, section), [tb.TipLoad(force=torch.stack((0 * P, 0 * P, P), -1))])
+    scene = tb.Scene(
+        tb.Beam.straight(1.0, 8, section), [tb.TipLoad(force=torch.stack((0 * P, 0 * P, P), -1))]
+    )
     path, want = tb.path(scene, step=0.3), tb.equilibrium(scene)
-    assert path.reached.all() and path.stable.all() and (path.kind == REGULAR).all() and (path.state.status == 0).all()
+    assert (
+        path.reached.all()
+        and path.stable.all()
+        and (path.kind == REGULAR).all()
+        and (path.state.status == 0).all()
+    )
     assert_close(path.factor[-1], torch.ones(2), rtol=0, atol=1e-12)
     assert_close(path.state.tip.position[-1], want.tip.position, rtol=0, atol=1e-7)
     assert_close(path.state.root.moment[-1], want.root.moment, rtol=1e-6, atol=1e-6)
@@ -41,17 +59,22 @@ def test_a_path_without_events_ends_where_equilibrium_does():
 def test_a_named_input_alone_is_scaled():
     """Gravity stays, the input rises: at factor 0 the beam is bent already."""
     section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=1.0, EI=1.0, mass=1.0, inertia=0.01)
-    scene = tb.Scene(tb.Beam.straight(1.0, 8, section), [tb.Gravity((0, 0, -1.0)), tb.TipLoad(force=tb.Input("u", 3))])
+    scene = tb.Scene(
+        tb.Beam.straight(1.0, 8, section),
+        [tb.Gravity((0, 0, -1.0)), tb.TipLoad(force=tb.Input("u", 3))],
+    )
     bent = tb.equilibrium(scene, inputs={"u": torch.zeros(3)})
     u = torch.tensor([0.0, 1.0, 0])
-    path, want = tb.path(scene, load="u", initial=bent, inputs={"u": u}), tb.equilibrium(scene, inputs={"u": u}).tip.position
+    path = tb.path(scene, load="u", initial=bent, inputs={"u": u})
+    want = tb.equilibrium(scene, inputs={"u": u}).tip.position
     assert_close(path.state.tip.position[0], bent.tip.position, rtol=0, atol=1e-12)
     assert_close(path.state.tip.position[-1], want, rtol=0, atol=1e-6)  # 1e-8 of the load, times 12
 
 
 def test_supports_and_eigenstrain_go_with_the_factor():
-    """A displaced end, an actuated beam under a load: each point is the equilibrium of that share of all of it, to Newton's
-    tolerance (1e-8 of the loads, 6 N, beside the softest stiffness, 1 N m^2).
+    """A displaced end, an actuated beam under a load: each point is the equilibrium of that share
+    of all of it, to Newton's tolerance (1e-8 of the loads, 6 N, beside the softest stiffness, 1 N
+    m^2).
     """
     section = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=0.2)
     beam = tb.Beam.straight(1.0, 4, section)
@@ -61,7 +84,10 @@ def test_supports_and_eigenstrain_go_with_the_factor():
         return tb.Scene(beam, [tb.LineLoad(force=(0, 0, share))], supports=supports)
 
     def actuated(share):
-        return tb.Scene(beam, [tb.Actuation(curvature=(0, 3.0 * share, 0)), tb.TipLoad(force=(0, 0, -5.0 * share))])
+        return tb.Scene(
+            beam,
+            [tb.Actuation(curvature=(0, 3.0 * share, 0)), tb.TipLoad(force=(0, 0, -5.0 * share))],
+        )
 
     for scene in (displaced, actuated):
         path = tb.path(scene(1.0), step=0.2)
@@ -71,56 +97,87 @@ def test_supports_and_eigenstrain_go_with_the_factor():
 
 
 def test_many_samples_take_the_path_that_each_takes_alone():
-    """80 loads, most of them small: Newton's method goes on with the few that have not converged, by their own problem."""
+    """80 loads, most of them small: Newton's method goes on with the few that have not converged,
+    by their own problem.
+    """
     section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=1.0, EI=1.0, mass=1.0, inertia=0.01)
     P = torch.cat((torch.linspace(0.01, 0.05, 72), torch.linspace(5.0, 20.0, 8)))
+
     def path(P, force="force"):
-        load = tb.TipLoad(force=tb.Input("u", 3) if force == "u" else torch.stack((0 * P, 0 * P, P), -1))
-        return tb.path(tb.Scene(tb.Beam.straight(1.0, 2, section), [load]), step=0.5, **(
-            dict(load="u", inputs={"u": torch.stack((0 * P, 0 * P, P), -1)}) if force == "u" else {}))
+        load = tb.TipLoad(
+            force=tb.Input("u", 3) if force == "u" else torch.stack((0 * P, 0 * P, P), -1)
+        )
+        return tb.path(
+            tb.Scene(tb.Beam.straight(1.0, 2, section), [load]),
+            step=0.5,
+            **(
+                dict(load="u", inputs={"u": torch.stack((0 * P, 0 * P, P), -1)})
+                if force == "u"
+                else {}
+            ),
+        )
+
     for force in ("force", "u"):
         all_, one = path(P, force), path(P[-1], force)
         assert all_.reached.all()
-        assert_close(all_.state.tip.position[-1, -1], one.state.tip.position[-1], rtol=0, atol=1e-10)
+        assert_close(
+            all_.state.tip.position[-1, -1], one.state.tip.position[-1], rtol=0, atol=1e-10
+        )
 
 
 def test_the_straight_column_is_left_where_it_buckles():
-    """Perfect column to twice Euler's load: without `branch` the straight path, unstable from pi^2/4; with it the buckled one,
-    stable. The jump is between the two path points around the critical load.
+    """Perfect column to twice Euler's load: without `branch` the straight path, unstable from
+    pi^2/4; with it the buckled one, stable. The jump is between the two path points around the
+    critical load.
     """
-    straight, buckled = (tb.path(column(5.0, EI=(3.0, 1.0)), branch=branch) for branch in (False, True))
+    straight, buckled = (
+        tb.path(column(5.0, EI=(3.0, 1.0)), branch=branch) for branch in (False, True)
+    )
     event = int((straight.kind == BRANCH_POINT).nonzero()[0, 0])
     assert straight.factor[event - 1] * 5 < math.pi**2 / 4 < straight.factor[event] * 5
     assert (straight.state.position[..., 1:].abs() < 1e-9).all() and straight.negative[-1] == 1
-    assert buckled.reached and buckled.negative[-1] == 0 and buckled.state.tip.position[-1, 1].abs() > 0.5
+    assert (
+        buckled.reached
+        and buckled.negative[-1] == 0
+        and buckled.state.tip.position[-1, 1].abs() > 0.5
+    )
 
 
 @pytest.mark.long  # a row of the verification table too
 def test_elastica_behind_the_bifurcation():
-    """Timoshenko and Gere's table of the buckled column, printed to 1e-3: P/Pcr from 1.063 to 4.029 as one batch of imperfect
-    columns (1e-6), each to the side to which it leans. N = 32: its Pcr is 4e-4 higher, which near the bifurcation is 4e-3 in
-    y (dy/dP = 6 there): measured 2.2e-3.
+    """Timoshenko and Gere's table of the buckled column, printed to 1e-3: P/Pcr from 1.063 to 4.029
+    as one batch of imperfect columns (1e-6), each to the side to which it leans. N = 32: its Pcr is
+    4e-4 higher, which near the bifurcation is 4e-3 in y (dy/dP = 6 there): measured 2.2e-3.
     """
     _, ratio, x, y = ELASTICA.unbind(-1)
     lean = torch.tensor([1e-6, 1e-6, -1e-6, 1e-6])
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
-        tip = tb.equilibrium(column(ratio * math.pi**2 / 4, lean, N=32), branch="stable").tip.position
+        tip = tb.equilibrium(
+            column(ratio * math.pi**2 / 4, lean, N=32), branch="stable"
+        ).tip.position
     assert_close(tip[:, 0], x, rtol=0, atol=3e-3)
     assert_close(tip[:, 1], y * lean.sign(), rtol=0, atol=3e-3)
 
 
 def pushed(N):
-    """A column that has buckled to y > 0 under 1.3 times Euler's load (0.7 L), and an input that pushes it back."""
-    section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=1.0, EI=(3.0, 1.0), mass=1.0, inertia=0.01)
+    """A column that has buckled to y > 0 under 1.3 times Euler's load (0.7 L), and an input that
+    pushes it back.
+    """
+    section = tb.Section.from_stiffness(
+        EA=INF, GA=INF, GJ=1.0, EI=(3.0, 1.0), mass=1.0, inertia=0.01
+    )
     loads = [tb.TipLoad(force=(-1.3 * math.pi**2 / 4, 0, 0)), tb.TipLoad(force=tb.Input("u", 3))]
     scene = tb.Scene(tb.Beam.straight(1.0, N, section), loads)
-    return scene, tb.equilibrium(scene, branch="stable", inputs={"u": torch.tensor([0.0, 1e-6, 0.0])})
+    return scene, tb.equilibrium(
+        scene, branch="stable", inputs={"u": torch.tensor([0.0, 1e-6, 0.0])}
+    )
 
 
 def snapping_force():
-    """The largest F for which theta'' = F cos(theta) - P sin(theta), theta(0) = theta'(1) = 0, has a solution: F over the tip's
-    angle, by shooting from the tip (Runge and Kutta, 100 steps: 1e-9) and bisection.
+    """The largest F for which theta'' = F cos(theta) - P sin(theta), theta(0) = theta'(1) = 0, has
+    a solution: F over the tip's angle, by shooting from the tip (Runge and Kutta, 100 steps: 1e-9)
+    and bisection.
     """
     P, n = 1.3 * np.pi**2 / 4, 100
     angle = np.linspace(0.5, 1.6, 45)
@@ -136,26 +193,38 @@ def snapping_force():
             x, v = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), v + h / 6 * (l1 + 2 * l2 + 2 * l3 + l4)
         return x
 
-    low, high = np.full_like(angle, -2.0), np.full_like(angle, 2.0)  # at the root the angle rises with F
+    # at the root the angle rises with F
+    low, high = np.full_like(angle, -2.0), np.full_like(angle, 2.0)
     for _ in range(45):
         middle = (low + high) / 2
         over = at_root(middle) > 0
         low, high = np.where(over, low, middle), np.where(over, middle, high)
     k = middle.argmax()
-    return np.polyval(fit := np.polyfit(angle[k - 2:k + 3], middle[k - 2:k + 3], 2), -fit[1] / (2 * fit[0]))
+    return np.polyval(
+        fit := np.polyfit(angle[k - 2 : k + 3], middle[k - 2 : k + 3], 2), -fit[1] / (2 * fit[0])
+    )
 
 
 def test_snap_through():
-    """The buckled column pushed back: it gives way at a limit point, an unstable part leads through the straight column to a
-    second one, the mirror image of the first (dead loads, a symmetric beam), and it ends on the other side, stable. The force
-    at the limit, from a parabola through the three points around it (1e-3), is the elastica's: 4.3 % below at N = 8, 1.1 % at
-    16 (it goes like (P - Pcr)^1.5, and Pcr is the mesh's), extrapolated 1e-3. The finer mesh goes just past the first limit.
+    """The buckled column pushed back: it gives way at a limit point, an unstable part leads through
+    the straight column to a second one, the mirror image of the first (dead loads, a symmetric
+    beam), and it ends on the other side, stable. The force at the limit, from a parabola through
+    the three points around it (1e-3), is the elastica's: 4.3 % below at N = 8, 1.1 % at 16 (it goes
+    like (P - Pcr)^1.5, and Pcr is the mesh's), extrapolated 1e-3. The finer mesh goes just past the
+    first limit.
     """
     wanted, found = snapping_force(), []
     for N, steps in ((8, 100), (16, 16)):
         scene, bent = pushed(N)
         path = tb.path(
-            scene, 1.0, lowest=-1.0, load="u", initial=bent, inputs={"u": torch.tensor([0.0, -1.0, 0])}, step=0.08, steps=steps
+            scene,
+            1.0,
+            lowest=-1.0,
+            load="u",
+            initial=bent,
+            inputs={"u": torch.tensor([0.0, -1.0, 0])},
+            step=0.08,
+            steps=steps,
         )
         y, F = path.state.tip.position[:, 1], path.factor
         first, *second = (path.kind == LIMIT_POINT).nonzero()[:, 0].tolist()
@@ -164,37 +233,56 @@ def test_snap_through():
         assert y[0] > 0.6 and path.stable[:first].all() and (path.kind == BRANCH_POINT).sum() == 0
         if N == 8:
             assert path.reached and y[-1] < -0.6
-            assert (path.negative[first:second[0]] == 1).all() and path.stable[second[0]:].all()
+            assert (path.negative[first : second[0]] == 1).all() and path.stable[second[0] :].all()
             assert_close(peaks[0], -peaks[1], rtol=2e-3, atol=0)  # of the parabolas
     assert abs((4 * found[1] - found[0]) / 3 / wanted - 1) < 2e-3
 
 
 def _peak(y, F, event):
     k = max(range(event - 1, event + 2), key=lambda k: abs(F[k]))
-    c = torch.linalg.solve(torch.stack((torch.ones(3), y[k - 1:k + 2], y[k - 1:k + 2] ** 2), -1), F[k - 1:k + 2])
+    c = torch.linalg.solve(
+        torch.stack((torch.ones(3), y[k - 1 : k + 2], y[k - 1 : k + 2] ** 2), -1), F[k - 1 : k + 2]
+    )
     return c[0] - c[1] ** 2 / (4 * c[2])
 
 
 def test_displacement_control_passes_the_same_points():
-    """The same path by equal steps of the tip's y, as a batch of two targets: each as alone, and on the arc-length curve."""
+    """The same path by equal steps of the tip's y, as a batch of two targets: each as alone, and on
+    the arc-length curve.
+    """
     scene, bent = pushed(4)
     u, control = torch.tensor([0.0, -1.0, 0]), lambda s: s.tip.position[..., 1]
-    both = tb.path(scene, load="u", initial=bent, control=control, target=torch.tensor([-0.6, 0.2]), step=0.15, inputs={"u": u})
-    alone = tb.path(scene, load="u", initial=bent, control=control, target=0.2, step=0.15, inputs={"u": u})
+    both = tb.path(
+        scene,
+        load="u",
+        initial=bent,
+        control=control,
+        target=torch.tensor([-0.6, 0.2]),
+        step=0.15,
+        inputs={"u": u},
+    )
+    alone = tb.path(
+        scene, load="u", initial=bent, control=control, target=0.2, step=0.15, inputs={"u": u}
+    )
     assert both.reached.all() and both.factor.shape[1:] == (2,)
     assert_close(both.state.tip.position[-1, :, 1], torch.tensor([-0.6, 0.2]), rtol=0, atol=1e-8)
     assert_close(both.factor[:, 1], alone.factor, rtol=0, atol=1e-9)
     arc = tb.path(scene, 0.5, lowest=-0.5, load="u", initial=bent, step=0.06, inputs={"u": u})
     on_arc = np.interp(-both.state.tip.position[:, 0, 1], -arc.state.tip.position[:, 1], arc.factor)
-    assert_close(both.factor[:, 0], torch.tensor(on_arc), rtol=0, atol=5e-3)  # straight lines between steps of 0.06
+    # straight lines between steps of 0.06
+    assert_close(both.factor[:, 0], torch.tensor(on_arc), rtol=0, atol=5e-3)
 
 
 def test_gradient_on_the_stable_branch():
-    """d(tip)/d(load) there, against central differences (1e-4: 1e-6); of its neighbour, below Euler's load, too, where it is
-    nearly zero: there the difference of two places that Newton leaves 2e-13 uncertain counts 1e-9.
+    """d(tip)/d(load) there, against central differences (1e-4: 1e-6); of its neighbour, below
+    Euler's load, too, where it is nearly zero: there the difference of two places that Newton
+    leaves 2e-13 uncertain counts 1e-9.
     """
+
     def tip(P):
-        return tb.equilibrium(column(P, 1e-6, N=4, EI=(3.0, 1.0)), branch="stable", tolerance=1e-11).tip.position[:, 0]
+        return tb.equilibrium(
+            column(P, 1e-6, N=4, EI=(3.0, 1.0)), branch="stable", tolerance=1e-11
+        ).tip.position[:, 0]
 
     P = torch.tensor([5.0, 1.0], requires_grad=True)
     (slope,) = torch.autograd.grad(tip(P).sum(), P)
@@ -203,7 +291,9 @@ def test_gradient_on_the_stable_branch():
 
 
 def test_derivatives_at_a_bifurcation_are_doubtful():
-    """At the critical load itself the tangent is singular: a sentence says so, about that sample alone."""
+    """At the critical load itself the tangent is singular: a sentence says so, about that sample
+    alone.
+    """
     at = tb.critical_load(lambda P: column(P, N=4), 5.0).factor
     P = torch.stack((at, torch.ones(()))).requires_grad_()
     with pytest.warns(RuntimeWarning, match=r"sample 0 \(1 of 2\) is at a point of bifurcation"):
@@ -222,7 +312,11 @@ def test_refusals():
 
 
 def test_a_control_is_one_number_of_each_sample():
-    push = tb.Scene(tb.Beam.straight(1.0, 2, tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=0.2)),
-                    [tb.TipLoad(force=(0.0, 0.0, 1.0))])
+    push = tb.Scene(
+        tb.Beam.straight(
+            1.0, 2, tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=0.2)
+        ),
+        [tb.TipLoad(force=(0.0, 0.0, 1.0))],
+    )
     with pytest.raises(ValueError, match=r"a control that returns \(3,\) was given"):
         tb.path(push, control=lambda state: state.tip.position, target=1.0)

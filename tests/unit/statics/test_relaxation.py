@@ -15,56 +15,82 @@ PINS = tb.Support(0, rotation=""), tb.Support(-1, rotation="")
 
 
 def links():
-    """Horizontal tension N and places (N+1, 2) m of a chain of N stiff links, 1 m in all, that hangs between points `SPAN`
-    apart: H tan(slope) of a link is the weight of the links between it and the middle, its own half.
+    """Horizontal tension N and places (N+1, 2) m of a chain of N stiff links, 1 m in all, that
+    hangs between points `SPAN` apart: H tan(slope) of a link is the weight of the links between it
+    and the middle, its own half.
     """
     weight = MASS * G / N * (torch.arange(N, dtype=torch.float64) - (N - 1) / 2)
     tension = brentq(lambda H: float((H / (H**2 + weight**2).sqrt()).sum()) / N - SPAN, 1e-3, 1e3)
-    way = torch.stack((torch.full_like(weight, tension), weight), -1) / (tension**2 + weight**2).sqrt()[:, None] / N
+    way = (
+        torch.stack((torch.full_like(weight, tension), weight), -1)
+        / (tension**2 + weight**2).sqrt()[:, None]
+        / N
+    )
     return tension, torch.cat((torch.zeros(1, 2, dtype=torch.float64), way.cumsum(0)))
 
 
 def inextensible(EI, shape):
-    """Beam and supports of an inextensible cable: straight with its end moved nearer, or built from nodes on an arc below."""
+    """Beam and supports of an inextensible cable: straight with its end moved nearer, or built from
+    nodes on an arc below.
+    """
     section = tb.Section.from_stiffness(EA=math.inf, GA=math.inf, GJ=EI, EI=EI, mass=MASS)
     if shape == "moved":
         near = tb.Support(-1, rotation="", displacement=torch.tensor([SPAN - 1, 0, 0]))
         return tb.Beam.straight(1.0, N, section), (PINS[0], near)
-    half = brentq(lambda b: math.sin(b) - SPAN * N * math.sin(b / N), 0.1, 3.0)  # chords of 1/N each
+    # chords of 1/N each
+    half = brentq(lambda b: math.sin(b) - SPAN * N * math.sin(b / N), 0.1, 3.0)
     angle = torch.linspace(-half, half, N + 1, dtype=torch.float64)
-    arc = torch.stack((angle.sin() + math.sin(half), 0 * angle, math.cos(half) - angle.cos()), -1) * SPAN / (2 * math.sin(half))
+    arc = (
+        torch.stack((angle.sin() + math.sin(half), 0 * angle, math.cos(half) - angle.cos()), -1)
+        * SPAN
+        / (2 * math.sin(half))
+    )
     return tb.Beam.from_nodes(arc, section), PINS
 
 
 @pytest.mark.parametrize("shape", ["moved", "nodes"])
 def test_inextensible_cable(shape):
-    """EA = GA = inf: without bending stiffness the places and the tension of a chain of stiff links; bending adds the order
-    of sqrt(EI/H), 1.2e-3 m here. From straight, with the end moved nearer, there is no inextensible shape nearby.
+    """EA = GA = inf: without bending stiffness the places and the tension of a chain of stiff
+    links; bending adds the order of sqrt(EI/H), 1.2e-3 m here. From straight, with the end moved
+    nearer, there is no inextensible shape nearby.
     """
     tension, places = links()
     beam, supports = inextensible(1e-6, shape)
     state = tb.equilibrium(tb.Scene(beam, [WEIGHT], supports=supports, plane="xz"), relax=True)
     assert_close(state.nodes[:, [0, 2]], places, rtol=0, atol=1e-3)
     assert_close(-state.root.force[0], torch.tensor(tension), rtol=2e-3, atol=0)
-    assert_close(state.nodes.diff(dim=0).norm(dim=-1).sum(), torch.tensor(float(beam.length.sum())), rtol=1e-8, atol=0)
+    assert_close(
+        state.nodes.diff(dim=0).norm(dim=-1).sum(),
+        torch.tensor(float(beam.length.sum())),
+        rtol=1e-8,
+        atol=0,
+    )
 
 
 def test_supports_too_far_apart():
-    """A beam that cannot stretch between supports further apart than it is long: the reason by load steps."""
+    """A beam that cannot stretch between supports further apart than it is long: the reason by load
+    steps.
+    """
     beam, _ = inextensible(1.0, "moved")
     far = tb.Support(-1, rotation="", displacement=torch.tensor([[0.0, 0, 0.1], [0.5, 0, 0]]))
     scene = tb.Scene(beam, [WEIGHT], supports=(PINS[0], far), plane="xz")
-    with pytest.raises(RuntimeError, match=r"nodes 0 and 6 1\.00499 m apart, and the beam between them, .* is 1 m long"):
+    with pytest.raises(
+        RuntimeError,
+        match=r"nodes 0 and 6 1\.00499 m apart, and the beam between them, .* is 1 m long",
+    ):
         tb.equilibrium(scene)
 
 
 def test_arch_falls_out_of_its_plane():
-    """A standing arch of a round section, clamped at both ends, with a weight at which it would fall sideways: loads and shape
-    are in its plane, the damped run leaves that and ends at a minimum of the energy.
+    """A standing arch of a round section, clamped at both ends, with a weight at which it would
+    fall sideways: loads and shape are in its plane, the damped run leaves that and ends at a
+    minimum of the energy.
     """
     section = tb.Section.from_stiffness(EA=1e3, GA=1e3, GJ=0.01, EI=0.01, mass=MASS)
     angle = torch.linspace(-1.1, 1.1, N + 1, dtype=torch.float64)
-    beam = tb.Beam.from_nodes(torch.stack((angle.sin(), 0 * angle, angle.cos()), -1) * 0.45, section)
+    beam = tb.Beam.from_nodes(
+        torch.stack((angle.sin(), 0 * angle, angle.cos()), -1) * 0.45, section
+    )
     scene = tb.Scene(beam, [WEIGHT], supports=(tb.Support(0), tb.Support(-1)))
     with pytest.warns(RuntimeWarning, match="unstable"):
         assert tb.equilibrium(scene).nodes[:, 1].abs().max() < 1e-12

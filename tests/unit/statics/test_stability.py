@@ -14,7 +14,9 @@ ENGINES = "eager", "compiled"
 def column(force, moment, frame=None, EI=(1.0, 4.0)):
     """Cantilever under dead loads (batch, 3) of its tip: the moment, in space, has no energy."""
     section = tb.Section.from_stiffness(EA=1e5, GA=1e5, GJ=0.8, EI=EI, mass=0.2, inertia=1e-3)
-    return tb.Scene(tb.Beam.straight(1.0, 6, section), [tb.TipLoad(force=force, moment=moment)], frame=frame)
+    return tb.Scene(
+        tb.Beam.straight(1.0, 6, section), [tb.TipLoad(force=force, moment=moment)], frame=frame
+    )
 
 
 def told(scene, engine="eager"):
@@ -31,8 +33,9 @@ def told(scene, engine="eager"):
 @pytest.mark.parametrize("turning", [False, True], ids=["moment", "turning frame"])
 @torch.no_grad()
 def test_one_motion_that_diverges(engine, turning):
-    """Buckling at pi^2/4 = 2.47 N in the soft plane, 9.9 N in the stiff one: one negative pivot in between, where the warning
-    names the sample; past both the determinant is positive again, and nothing is said (`modes` knows).
+    """Buckling at pi^2/4 = 2.47 N in the soft plane, 9.9 N in the stiff one: one negative pivot in
+    between, where the warning names the sample; past both the determinant is positive again, and
+    nothing is said (`modes` knows).
     """
     if engine == "compiled":
         pytest.importorskip("llvmlite")
@@ -43,12 +46,20 @@ def test_one_motion_that_diverges(engine, turning):
     scene = column(torch.stack((-P, none, none), -1), moment, frame)
     state, said = told(scene, engine)
     assert re.search(r"sample 2 \(2 of 5\) is in unstable equilibrium", said)
-    assert tb.modes(scene, state, count=3).divergence.any(-1).tolist() == [False, False, True, True, True]
+    assert tb.modes(scene, state, count=3).divergence.any(-1).tolist() == [
+        False,
+        False,
+        True,
+        True,
+        True,
+    ]
 
 
 @torch.no_grad()
 def test_who_is_named_diverges():
-    """Bent columns under dead moments in space, named alone where an odd number of its modes diverge, nowhere else."""
+    """Bent columns under dead moments in space, named alone where an odd number of its modes
+    diverge, nowhere else.
+    """
     generator = torch.Generator().manual_seed(5)
     P, M = 6 * torch.rand(12, generator=generator), 0.6 * torch.randn(12, 3, generator=generator)
     force = torch.stack((-P, 0 * P, 0 * P), -1)

@@ -1,4 +1,6 @@
-"""Beams that nothing stresses: they turn with their support, or straighten, whatever rounding leaves of their stress."""
+"""Beams that nothing stresses: they turn with their support, or straighten, whatever rounding
+leaves of their stress.
+"""
 
 import math
 
@@ -17,24 +19,37 @@ def engines():
     return "eager", "compiled"
 
 
-@pytest.mark.parametrize("plane, section", [(None, SECTION), ("xz", SECTION), ("xz", INEXTENSIBLE)],
-                         ids=["3D", "plane", "inextensible"])
+@pytest.mark.parametrize(
+    "plane, section",
+    [(None, SECTION), ("xz", SECTION), ("xz", INEXTENSIBLE)],
+    ids=["3D", "plane", "inextensible"],
+)
 def test_a_turned_clamp_turns_the_beam(plane, section):
-    """By 0.1, 0.7 and 2 rad, in one step of the load and in several: without stress, its tip at the angle. Where nothing loads
-    the beam, forces are rounding of the stress (1e-28 N); bending by 1e-6 needs 1e-6 N.
+    """By 0.1, 0.7 and 2 rad, in one step of the load and in several: without stress, its tip at the
+    angle. Where nothing loads the beam, forces are rounding of the stress (1e-28 N); bending by
+    1e-6 needs 1e-6 N.
     """
     angle = torch.tensor([0.1, 0.7, 2.0])
     turn = torch.stack((0 * angle, angle, 0 * angle), -1)
-    scene = tb.Scene(tb.Beam.straight(1.0, 4, section), supports=tb.Support(0, turn=turn), plane=plane)
+    scene = tb.Scene(
+        tb.Beam.straight(1.0, 4, section), supports=tb.Support(0, turn=turn), plane=plane
+    )
     for engine in engines():
         state = tb.equilibrium(scene, engine=engine)
-        assert_close(state.tip.position, torch.stack((angle.cos(), 0 * angle, -angle.sin()), -1), rtol=0, atol=1e-12)
+        assert_close(
+            state.tip.position,
+            torch.stack((angle.cos(), 0 * angle, -angle.sin()), -1),
+            rtol=0,
+            atol=1e-12,
+        )
         assert float(state.stress.abs().max()) < 1e-12
 
 
 def test_a_bent_start_straightens():
     """From the equilibrium under a force, without it."""
-    scene = tb.Scene(tb.Beam.straight(1.0, 4, SECTION), [tb.TipLoad(force=tb.Input("u", 3))], plane="xz")
+    scene = tb.Scene(
+        tb.Beam.straight(1.0, 4, SECTION), [tb.TipLoad(force=tb.Input("u", 3))], plane="xz"
+    )
     bent = tb.equilibrium(scene, inputs={"u": (0.3, 0.0, 1.5)})
     for engine in engines():
         state = tb.equilibrium(scene, initial=bent, engine=engine, inputs={"u": (0.0, 0.0, 0.0)})
@@ -42,8 +57,12 @@ def test_a_bent_start_straightens():
 
 
 def test_the_smallest_loads_still_bend():
-    """1e-9 N: the tip moves by P L^3/(3 EI) + P L/GA, but for the mesh (1/(4 N^2) of linear elements in the first)."""
-    scene = tb.Scene(tb.Beam.straight(1.0, 8, SECTION), [tb.TipLoad(force=tb.Input("u", 3))], plane="xz")
+    """1e-9 N: the tip moves by P L^3/(3 EI) + P L/GA, but for the mesh (1/(4 N^2) of linear
+    elements in the first).
+    """
+    scene = tb.Scene(
+        tb.Beam.straight(1.0, 8, SECTION), [tb.TipLoad(force=tb.Input("u", 3))], plane="xz"
+    )
     for engine in engines():
         tip = tb.equilibrium(scene, engine=engine, inputs={"u": (0.0, 0.0, 1e-9)}).tip.position[2]
         assert_close(tip, torch.tensor(1e-9 * (1 / 3 + 1 / 4e3)), rtol=1e-2, atol=0)

@@ -21,14 +21,17 @@ def counts():
 
 
 def test_operations_have_not_grown(counts):
-    """Numbers that the traced functions compute, and tensor operations of a step: at most 3 % above the stored ones.
-    `python -m torchbeam bench --operations tests/unit/studies/operations.json --update` stores those of now.
+    """Numbers that the traced functions compute, and tensor operations of a step: at most 3 % above
+    the stored ones. `python -m torchbeam bench --operations tests/unit/studies/operations.json
+    --update` stores those of now.
     """
     assert operations.grown(counts, operations.stored(STORED)) == []
 
 
 def test_growth_is_told_in_a_sentence(counts, tmp_path, capsys, monkeypatch):
-    """What --update writes is equal; three in a hundred more pass, four do not; names of one side alone are told."""
+    """What --update writes is equal; three in a hundred more pass, four do not; names of one side
+    alone are told.
+    """
     monkeypatch.setattr(operations, "counts", lambda: counts)
     file = tmp_path / "operations.json"
     assert main(["--operations", str(file), "--update"]) == 0 == main(["--operations", str(file)])
@@ -54,13 +57,22 @@ def test_without_llvmlite_the_extra_is_named(monkeypatch, capsys):
 
 def test_every_function_of_both_spaces_is_counted(counts):
     for space in ("3D", "plane"):
-        assert counts[f"{space}: step, element 0"] > 0 and counts[f"{space}: adjoint, element bar 0"] > 0
-        assert 0 < counts[f"{space}: compiled step, tensor operations"] < counts[f"{space}: eager step, tensor operations"] / 2
+        assert (
+            counts[f"{space}: step, element 0"] > 0
+            and counts[f"{space}: adjoint, element bar 0"] > 0
+        )
+        assert (
+            0
+            < counts[f"{space}: compiled step, tensor operations"]
+            < counts[f"{space}: eager step, tensor operations"] / 2
+        )
     assert counts["plane: step, element 0"] < counts["3D: step, element 0"] / 4
 
 
 def test_files_of_a_part(tmp_path, capsys):
-    """One part, quickly: every row in CSV and JSON with the heading, the table in Markdown, a picture."""
+    """One part, quickly: every row in CSV and JSON with the heading, the table in Markdown, a
+    picture.
+    """
     assert main(["--quick", "--parts", "breakdown", "--out", str(tmp_path)]) == 0
     found = json.loads((tmp_path / "bench.json").read_text())
     assert found["threads"] == 1 and found["dtype"] == "float64" and "llvmlite" in found["versions"]
@@ -69,31 +81,75 @@ def test_files_of_a_part(tmp_path, capsys):
     assert (tmp_path / "bench.png").stat().st_size > 10_000
     of = {(row["space"], row["what"]): row["best"] for row in found["rows"]}
     for space in ("3D", "plane"):
-        whole, parts = of[space, "in all"], [of[space, f"native: {name}"] for name in (
-            "assembly", "elimination", "other functions", "driver")]
+        whole = of[space, "in all"]
+        parts = [
+            of[space, f"native: {name}"]
+            for name in ("assembly", "elimination", "other functions", "driver")
+        ]
         assert sum(parts) == pytest.approx(of[space, "native"]) and min(parts[:3]) > 0
         assert of[space, "native"] + of[space, "wrapper"] == pytest.approx(whole)
 
 
 def test_peers_print_rows(tmp_path, capsys):
-    """A script's JSON lines become rows; one that fails is left out and named; a folder without scripts is refused."""
-    row = dict(peer="other 1.0", space="3D", elements=14, element="rod", step_ms=1.0, error=0.008, best_cpu_s=0.05,
-               median_cpu_s=0.1, rate=40.0)
-    (tmp_path / "works.py").write_text(f"if __name__ == '__main__':\n    print('a banner'); print('''{json.dumps(row)}''')\n")
+    """A script's JSON lines become rows; one that fails is left out and named; a folder without
+    scripts is refused.
+    """
+    row = dict(
+        peer="other 1.0",
+        space="3D",
+        elements=14,
+        element="rod",
+        step_ms=1.0,
+        error=0.008,
+        best_cpu_s=0.05,
+        median_cpu_s=0.1,
+        rate=40.0,
+    )
+    (tmp_path / "works.py").write_text(
+        f"if __name__ == '__main__':\n    print('a banner'); print('''{json.dumps(row)}''')\n"
+    )
     (tmp_path / "absent.py").write_text("if __name__ == '__main__':\n    import no_such_package\n")
     (tmp_path / "shared.py").write_text("raise RuntimeError('not a script')\n")
     (found,) = others.peers(tmp_path, sys.executable, True)
-    assert (found.engine, found.best, found.median, found.unit, found.error) == ("other 1.0", 40.0, 20.0, CPU, 0.008)
-    assert "absent.py is left out: ModuleNotFoundError: No module named 'no_such_package'" in capsys.readouterr().err
-    ours = Measured(throughput.PART, "rate", 400.0, 300.0, CPU, "compiled", "3D", 10, 5.0, 256, error=0.0075, element="linked")
+    assert (found.engine, found.best, found.median, found.unit, found.error) == (
+        "other 1.0",
+        40.0,
+        20.0,
+        CPU,
+        0.008,
+    )
+    assert (
+        "absent.py is left out: ModuleNotFoundError: No module named 'no_such_package'"
+        in capsys.readouterr().err
+    )
+    ours = Measured(
+        throughput.PART,
+        "rate",
+        400.0,
+        300.0,
+        CPU,
+        "compiled",
+        "3D",
+        10,
+        5.0,
+        256,
+        error=0.0075,
+        element="linked",
+    )
     text = markdown([ours, found])
-    assert "| 3D | 10, linked |" in text and "| 400 (300) |  |  | 10.0 |" in text and "| 14, rod |" in text
+    assert (
+        "| 3D | 10, linked |" in text
+        and "| 400 (300) |  |  | 10.0 |" in text
+        and "| 14, rod |" in text
+    )
     with pytest.raises(ValueError, match="one with scripts"):
         list(others.peers(tmp_path / "none", sys.executable, True))
 
 
 def test_loads_of_a_file(tmp_path, capsys, monkeypatch):
-    """The engine of each, why it is eager, and files of what is printed; a file that makes no loads is refused."""
+    """The engine of each, why it is eager, and files of what is printed; a file that makes no loads
+    is refused.
+    """
     monkeypatch.setenv("TORCHBEAM_ENGINE", "auto")
     file = tmp_path / "loads.py"
     file.write_text("""import torchbeam as tb
@@ -111,9 +167,21 @@ LOADS = {"friction": lambda: tb.Load(friction, of="velocity"), "branch": lambda:
     said = capsys.readouterr().out
     assert "1 of 2 are native." in said and said == (out / "loads.md").read_text()
     friction, branch = json.loads((out / "loads.json").read_text())["rows"]
-    assert (friction["engine"], branch["engine"], friction["reason"], branch["native_ms"]) == ("native", "eager", "", "")
-    assert friction["ratio"] == pytest.approx(friction["eager_ms"] / friction["native_ms"]) and branch["eager_ms"] > 0
-    assert "control flow" in branch["reason"] and f"- branch: {branch['reason']}" in said and f"{file}:6" in said
+    assert (friction["engine"], branch["engine"], friction["reason"], branch["native_ms"]) == (
+        "native",
+        "eager",
+        "",
+        "",
+    )
+    assert (
+        friction["ratio"] == pytest.approx(friction["eager_ms"] / friction["native_ms"])
+        and branch["eager_ms"] > 0
+    )
+    assert (
+        "control flow" in branch["reason"]
+        and f"- branch: {branch['reason']}" in said
+        and f"{file}:6" in said
+    )
     assert len((out / "loads.csv").read_text().splitlines()) == 3
     file.write_text("LOADS = [1]")
     for wrong in (file, tmp_path / "none.py"):
@@ -133,15 +201,21 @@ def test_times_and_exponents():
 
 
 def test_settings_keep_their_bounds():
-    """Errors below 1 % in 3D and 0.7 % in the plane; both are measured in the plane, whose error is 3D's."""
+    """Errors below 1 % in 3D and 0.7 % in the plane; both are measured in the plane, whose error is
+    3D's.
+    """
     case = throughput.Case.load()
     for space, settings in throughput.SETTINGS.items():
         for setting in settings:
-            assert case.error(throughput.motion(case, "plane", *setting, engine="compiled")) < throughput.BOUNDS[space]
+            assert (
+                case.error(throughput.motion(case, "plane", *setting, engine="compiled"))
+                < throughput.BOUNDS[space]
+            )
 
 
 def test_gradients_and_growth_run_what_they_say():
     """Engines agree on what is differentiated; sizes are those of the ladders."""
     assert gradients.rollout("plane", 3, True, steps=8) == pytest.approx(
-        gradients.rollout("plane", 3, False, steps=8, engine="eager"), rel=1e-12)
+        gradients.rollout("plane", 3, False, steps=8, engine="eager"), rel=1e-12
+    )
     assert all(len(sizes) == 5 and growth.USUAL[what] for what, sizes in growth.LADDERS.items())

@@ -30,8 +30,8 @@ def test_files(written):
 
 
 def test_numbers(written):
-    """Weight against no weight, stepped here: the change is the tip's; a mass on the tip adds no operation; a plane takes some
-    away and changes nothing but rounding.
+    """Weight against no weight, stepped here: the change is the tip's; a mass on the tip adds no
+    operation; a plane takes some away and changes nothing but rounding.
     """
     of = {r["effect"]: r for r in json.loads((written / "effects.json").read_text())["rows"]}
     paths = []
@@ -59,7 +59,9 @@ def test_every_row_is_taken():
 
 @pytest.mark.long  # unit/core/test_batch_subset.py has the effects in batches
 def test_every_row_in_a_batch():
-    """Three copies of a state step as the one, with every effect, to the rounding of sums (1e-13 of velocities near 1)."""
+    """Three copies of a state step as the one, with every effect, to the rounding of sums (1e-13 of
+    velocities near 1).
+    """
     with torch.no_grad():
         for name, _, make in table(3):
             stepper = Stepper(make(), 0.005)

@@ -21,15 +21,21 @@ def test_quick_run_writes_its_files(tmp_path, capsys):
     found = json.loads((tmp_path / "identification.json").read_text())
     rows, (field,) = found["rows"], found["fields"]
     assert text.strip() in capsys.readouterr().out
-    assert [r["parameter"] for r in rows] == ["EI", "tau", "clamp", "tip"] * 2 and {r["repeats"] for r in rows} == {4}
+    assert [r["parameter"] for r in rows] == ["EI", "tau", "clamp", "tip"] * 2 and {
+        r["repeats"] for r in rows
+    } == {4}
     assert len((tmp_path / "identification.csv").read_text().splitlines()) == 9
     assert all(r["converged"] == 4 and r["error"] < 4 for r in rows)
-    assert field["repeats"] == field["settled"] == 4 and field["error"] < 4 and 3 < field["told"] < field_coverage.ELEMENTS
+    assert (
+        field["repeats"] == field["settled"] == 4
+        and field["error"] < 4
+        and 3 < field["told"] < field_coverage.ELEMENTS
+    )
 
 
 def test_repeats_are_one_batch():
-    """Newton's iterations for roots, each repeat as many as it wants: the function is asked once for all that are not done, by
-    fifty at most; what it raises goes through.
+    """Newton's iterations for roots, each repeat as many as it wants: the function is asked once
+    for all that are not done, by fifty at most; what it raises goes through.
     """
     sizes = []
 
@@ -55,11 +61,16 @@ def test_repeats_are_one_batch():
 
 
 def test_stated_intervals_hold_the_truth():
-    """95 % intervals of models that are right, or refined, with a clock that is known or a parameter: 92 to 98 % of all
-    parameters of a case of 200 repeats, and each parameter's own share within three deviations of what so many repeats know.
+    """95 % intervals of models that are right, or refined, with a clock that is known or a
+    parameter: 92 to 98 % of all parameters of a case of 200 repeats, and each parameter's own share
+    within three deviations of what so many repeats know.
     """
     rows = json.loads(STORED.read_text())["rows"]
-    wrong = {c.name for c in CASES if (c.mesh[0] > 6 and not c.refined) or (c.clock and not c.known_clock)}
+    wrong = {
+        c.name
+        for c in CASES
+        if (c.mesh[0] > 6 and not c.refined) or (c.clock and not c.known_clock)
+    }
     good = [r for r in rows if r["case"] not in wrong]
     assert len(good) >= 17
     for r in good:
@@ -70,8 +81,9 @@ def test_stated_intervals_hold_the_truth():
 
 
 def test_stated_intervals_of_fields_hold_the_truth():
-    """95 % intervals of 200 smooth fields: 92 to 98 % of all elements, and each element's own within three deviations of what
-    so many repeats know. Of dents, which the prior does not expect: no less where rows are sharp, in the dent and beside it.
+    """95 % intervals of 200 smooth fields: 92 to 98 % of all elements, and each element's own
+    within three deviations of what so many repeats know. Of dents, which the prior does not expect:
+    no less where rows are sharp, in the dent and beside it.
     """
     rows = {r["case"]: r for r in json.loads(STORED.read_text())["fields"]}
     least = LEVEL - 3 * (LEVEL * (1 - LEVEL) / field_coverage.REPEATS) ** 0.5

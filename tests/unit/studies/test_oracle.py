@@ -1,4 +1,6 @@
-"""The oracle is right by itself, shares no line with the library, and has a row for every effect."""
+"""The oracle is right by itself, shares no line with the library, and has a row for every
+effect.
+"""
 
 import ast
 from dataclasses import replace
@@ -20,7 +22,8 @@ from torchbeam.studies.oracle.vibrations import eigenvalues
 
 FOLDER = Path(oracle.__file__).parent
 REFERENCE = ("rotations", "rod", "effects", "draws", "statics", "vibrations", "balances")
-SLENDER = np.diag((1e-8, 1e-8, 1e-8, 1.0, 1.0, 1.0))  # EI = GJ = 1 N m^2, hardly any stretch or shear
+# EI = GJ = 1 N m^2, hardly any stretch or shear
+SLENDER = np.diag((1e-8, 1e-8, 1e-8, 1.0, 1.0, 1.0))
 ROD = Rod(1.0, np.zeros(3), np.eye(3), np.zeros(3), SLENDER, 1.0, np.zeros(3), np.zeros((3, 3)))
 
 
@@ -36,22 +39,47 @@ def imports(name):
 def test_the_reference_knows_neither_the_library_nor_torch(name):
     own = {f".{other}" for other in REFERENCE}
     for module in imports(name):
-        assert module in own or module.split(".")[0] in (
-            "__future__", "collections", "dataclasses", "functools", "numpy", "scipy", "typing") or module == ".", module
+        assert (
+            module in own
+            or module.split(".")[0]
+            in ("__future__", "collections", "dataclasses", "functools", "numpy", "scipy", "typing")
+            or module == "."
+        ), module
 
 
 def test_the_translation_uses_public_names_alone():
-    assert set(imports("scenes")) <= {"__future__", "collections.abc", "typing", "numpy", "torch", "torchbeam", ".",
-                                      ".balances", ".rod", ".rotations"}
+    assert set(imports("scenes")) <= {
+        "__future__",
+        "collections.abc",
+        "typing",
+        "numpy",
+        "torch",
+        "torchbeam",
+        ".",
+        ".balances",
+        ".rod",
+        ".rotations",
+    }
     tree = ast.parse((FOLDER / "scenes.py").read_text())
-    used = {node.attr for node in ast.walk(tree)
-            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "tb"}
+    used = {
+        node.attr
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute)
+        and isinstance(node.value, ast.Name)
+        and node.value.id == "tb"
+    }
     assert used <= set(tb.__all__)
 
 
 def test_every_effect_has_a_row():
-    """An effect of the library without a row in the oracle, or one that no random case takes, fails here."""
-    public = {name for name in tb.__all__ if isinstance(getattr(tb, name), type) and issubclass(getattr(tb, name), Effect)}
+    """An effect of the library without a row in the oracle, or one that no random case takes, fails
+    here.
+    """
+    public = {
+        name
+        for name in tb.__all__
+        if isinstance(getattr(tb, name), type) and issubclass(getattr(tb, name), Effect)
+    }
     assert set(fx.ROWS) == public
     random, taken = np.random.default_rng(0), set()
     for number in range(22):
@@ -63,7 +91,9 @@ def test_every_effect_has_a_row():
 
 
 def test_an_end_moment_rolls_a_rod_up_to_a_half_circle():
-    """Curvature pi, tip at 2/pi, reaction the moment with the other sign; 1e-7 is the tolerance of the reference."""
+    """Curvature pi, tip at 2/pi, reaction the moment with the other sign; 1e-7 is the tolerance of
+    the reference.
+    """
     at = equilibrium(Case(ROD, (fx.TipLoad(moment=Value(np.array((0.0, 0.0, np.pi)))),)))
     r, R, _, _ = at.at(np.array((0.5, 1.0)))
     assert np.allclose(r, ((1 / np.pi, 1 / np.pi, 0), (0, 2 / np.pi, 0)), rtol=0, atol=1e-7)
@@ -72,17 +102,24 @@ def test_an_end_moment_rolls_a_rod_up_to_a_half_circle():
 
 
 def test_frequencies_of_a_slender_rod():
-    """Euler and Bernoulli: (1.8751^2, 4.6941^2) twice each, but for the shear of 1e-8; both ends clamped: 4.7300^2."""
+    """Euler and Bernoulli: (1.8751^2, 4.6941^2) twice each, but for the shear of 1e-8; both ends
+    clamped: 4.7300^2.
+    """
+
     def lowest(supports, count):
         found = eigenvalues(equilibrium(Case(ROD, supports=supports)), 24).imag
         return found[found > 1.0][:count]
 
-    assert np.allclose(lowest({0.0: Support()}, 4), np.repeat((3.5160153, 22.0344916), 2), rtol=1e-5)
+    assert np.allclose(
+        lowest({0.0: Support()}, 4), np.repeat((3.5160153, 22.0344916), 2), rtol=1e-5
+    )
     assert np.allclose(lowest({0.0: Support(), 1.0: Support()}, 2), 22.3732854, rtol=1e-5)
 
 
 def test_a_rigid_motion_keeps_every_balance():
-    """A free rod turns steadily about its middle: its energy and angular momentum stay, nothing strains."""
+    """A free rod turns steadily about its middle: its energy and angular momentum stay, nothing
+    strains.
+    """
     t, omega = np.linspace(0, 1, 201), np.array((0.0, 0.0, 2.0))
     x = np.linspace(0, 1, 9)[:, None] * (1.0, 0, 0) - (0.5, 0, 0)
     c, s, zero = np.cos(2 * t), np.sin(2 * t), 0 * t
@@ -91,7 +128,16 @@ def test_a_rigid_motion_keeps_every_balance():
     w = np.zeros_like(r) + omega
     rod = replace(ROD, mass=2.0, inertia=0.01 * np.eye(3))
     none = np.zeros((201, 0, 6))
-    moving = Motion(Case(rod, supports={}), t, r, np.broadcast_to(R, (201, 9, 3, 3)), np.cross(w, r), w, none, order=2)
+    moving = Motion(
+        Case(rod, supports={}),
+        t,
+        r,
+        np.broadcast_to(R, (201, 9, 3, 3)),
+        np.cross(w, r),
+        w,
+        none,
+        order=2,
+    )
     left = balances(moving)
     assert np.allclose(left["kinetic"], (2.0 / 12 + 0.01) * 4 / 2, rtol=1e-12)
     assert np.abs(left["angular momentum"]).max() < 1e-12
@@ -99,11 +145,18 @@ def test_a_rigid_motion_keeps_every_balance():
 
 
 def test_an_effect_too_few_is_seen(monkeypatch):
-    """An effect that one of the two does not have: without it the oracle is off by far more than is accepted."""
-    effects = fx.TipLoad(force=Value(np.array((0.2, 0.5, 0.3)))), fx.Gravity(np.array((0.0, 0.0, -0.02)))
+    """An effect that one of the two does not have: without it the oracle is off by far more than is
+    accepted.
+    """
+    effects = (
+        fx.TipLoad(force=Value(np.array((0.2, 0.5, 0.3)))),
+        fx.Gravity(np.array((0.0, 0.0, -0.02))),
+    )
     case = Case(replace(ROD, S=np.diag((1e-3, 1e-3, 1e-3, 1, 1, 1))), effects)
     assert all(error <= accepted for _, error, accepted, _ in comparison.statics(case))
-    monkeypatch.setattr(comparison, "equilibrium", lambda case: equilibrium(replace(case, effects=case.effects[:1])))
+    monkeypatch.setattr(
+        comparison, "equilibrium", lambda case: equilibrium(replace(case, effects=case.effects[:1]))
+    )
     assert all(error > 100 * accepted for _, error, accepted, _ in comparison.statics(case))
 
 

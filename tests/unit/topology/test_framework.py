@@ -1,4 +1,6 @@
-"""Frameworks: chains next to each other, single nodes and joints, of trees and of loops, against dense matrices."""
+"""Frameworks: chains next to each other, single nodes and joints, of trees and of loops, against
+dense matrices.
+"""
 
 import pytest
 import torch
@@ -11,7 +13,11 @@ W = 3
 CASES = {  # chains, singles, joints as (chain, end) or single numbers; None = the ground
     "no joints": ((3, 1), 0, ()),
     "a tree": ((3, 2, 2), 0, (((0, 3), (1, 0)), ((0, 1), (2, 0)))),
-    "a loop to the ground, with a body": ((2, 3), 1, (((0, 0), None), ((0, 2), 0), (0, (1, 0)), ((1, 3), (0, 0)))),
+    "a loop to the ground, with a body": (
+        (2, 3),
+        1,
+        (((0, 0), None), ((0, 2), 0), (0, (1, 0)), ((1, 3), (0, 0))),
+    ),
     "bodies alone": ((), 2, ((0, 1), (1, None))),
     "neighbours": ((2, 1), 0, (((0, 1), (1, 0)), ((0, 2), (1, 1)), (None, (0, 0)))),
 }
@@ -22,7 +28,13 @@ def framework(name, order):
     starts = [sum(order * N + 1 for N in chains[:k]) for k in range(len(chains) + 1)]
 
     def row(at):
-        return None if at is None else starts[-1] + at if isinstance(at, int) else starts[at[0]] + order * at[1]
+        return (
+            None
+            if at is None
+            else starts[-1] + at
+            if isinstance(at, int)
+            else starts[at[0]] + order * at[1]
+        )
 
     return Framework(order, chains, singles, tuple((row(a), row(b)) for a, b in joints))
 
@@ -40,7 +52,9 @@ def random(*shape):
 
 
 def system(of, batch=()):
-    """A random matrix with some moves held, whose diagonal dominates; its matrix, and the same as a dense one."""
+    """A random matrix with some moves held, whose diagonal dominates; its matrix, and the same as a
+    dense one.
+    """
     n, J = range(of.order + 1), len(of.joints)
     matrix = of.matrix(tuple(tuple(random(*batch, of.element_count, W, W) for _ in n) for _ in n))
     matrix = matrix.plus(9 * torch.eye(W).expand(of.node_count, W, W))
@@ -69,8 +83,11 @@ def test_solves_as_a_dense_matrix(name, order):
     b = random(2, of.node_count + len(of.joints), W).requires_grad_()
     x = matrix.restricted(unknowns).solve(b)
     part = dense[:, free][..., free]
-    expected = torch.zeros_like(b).flatten(-2).index_copy(-1, free.nonzero()[:, 0],
-                                                          torch.linalg.solve(part, b.flatten(-2)[:, free]))
+    expected = (
+        torch.zeros_like(b)
+        .flatten(-2)
+        .index_copy(-1, free.nonzero()[:, 0], torch.linalg.solve(part, b.flatten(-2)[:, free]))
+    )
     assert_close(x.flatten(-2), expected, rtol=1e-9, atol=1e-9)
     weights = random(*expected.shape)
     slopes = [torch.autograd.grad((weights * y).sum(), b)[0] for y in (x.flatten(-2), expected)]
@@ -80,13 +97,18 @@ def test_solves_as_a_dense_matrix(name, order):
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("name", CASES)
 def test_what_nodes_and_elements_say_to_each_other(name, order):
-    """`scatter` is the transpose of `gather`; the matrix of nodes as a dense one is what it does to vectors."""
+    """`scatter` is the transpose of `gather`; the matrix of nodes as a dense one is what it does to
+    vectors.
+    """
     of = framework(name, order)
-    x, parts = random(of.node_count, W), tuple(random(of.element_count, W) for _ in range(order + 1))
+    x = random(of.node_count, W)
+    parts = tuple(random(of.element_count, W) for _ in range(order + 1))
     if of.element_count:
         both = sum((a * b).sum() for a, b in zip(of.gather(x), parts, strict=True))
         assert_close((x * of.scatter(parts)).sum(), both)
-        matrix = of.matrix(tuple(tuple(random(of.element_count, W, W) for _ in parts) for _ in parts))
+        matrix = of.matrix(
+            tuple(tuple(random(of.element_count, W, W) for _ in parts) for _ in parts)
+        )
         assert_close(matrix.dense() @ x.flatten(), matrix.times(x).flatten())
         assert_close(matrix.rows((0, 1)).times(x), matrix.times(x)[:2])
 
@@ -94,8 +116,8 @@ def test_what_nodes_and_elements_say_to_each_other(name, order):
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("name", CASES)
 def test_pivots_tell_what_is_stable(name, order):
-    """Of a symmetric matrix with constraints: as many negative pivots as negative eigenvalues of the moves that these leave;
-    positive definite where there is none.
+    """Of a symmetric matrix with constraints: as many negative pivots as negative eigenvalues of
+    the moves that these leave; positive definite where there is none.
     """
     of = framework(name, order)
     for shift in (8.0, -1.0):
@@ -106,13 +128,21 @@ def test_pivots_tell_what_is_stable(name, order):
             K, G = joints.stiffness, joints.constraint
             joints = joints._replace(stiffness=(K + K.transpose(-4, -3).mT) / 2, force=G.mT)
         pairs = dict(zip(matrix.pairs, matrix.couplings, strict=True))
-        matrix = type(matrix)(of, (matrix.diagonal + matrix.diagonal.mT) / 2 + shift * torch.eye(W),
-                              tuple((A + pairs[pair[::-1]].mT) / 2 for pair, A in pairs.items()), joints)
+        matrix = type(matrix)(
+            of,
+            (matrix.diagonal + matrix.diagonal.mT) / 2 + shift * torch.eye(W),
+            tuple((A + pairs[pair[::-1]].mT) / 2 for pair, A in pairs.items()),
+            joints,
+        )
         J = len(of.joints)
-        dense = torch.stack([matrix.times(e.view(-1, W)).flatten() for e in torch.eye(n + J * W)], -1)
+        dense = torch.stack(
+            [matrix.times(e.view(-1, W)).flatten() for e in torch.eye(n + J * W)], -1
+        )
         keep = free[:n]
         K, G = dense[:n, :n][keep][:, keep], dense[n:, :n][:, keep]
-        moves = torch.eye(len(K)) if not J else torch.linalg.svd(G).Vh[torch.linalg.matrix_rank(G):].mT
+        moves = (
+            torch.eye(len(K)) if not J else torch.linalg.svd(G).Vh[torch.linalg.matrix_rank(G) :].mT
+        )
         expected = torch.linalg.eigvalsh(moves.mT @ K @ moves)
         restricted = matrix.restricted(unknowns)
         pivots, sound = restricted.pivots()

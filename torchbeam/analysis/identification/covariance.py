@@ -1,4 +1,6 @@
-"""Covariance of a fit: parameters that bounds hold, and degrees of freedom of noise that is found with the parameters."""
+"""Covariance of a fit: parameters that bounds hold, and degrees of freedom of noise that is found
+with the parameters.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +20,10 @@ class Spread:
 
     held        (p,) bool: at a bound, and the misfit falls beyond it
     slope       (p,) of half the squares over the noise's variance, there; 0 of those that are free
-    covariance  (p, p), row by row: of a parameter that is free with the others, as those that are held stay; of one that is
-                held with those that are free, as if it alone were let go
-    freedom     (p,) degrees of freedom of each one's deviation;  redundancy (channels,) of the noise that is found
+    covariance  (p, p), row by row: of a parameter that is free with the others, as those that are
+                held stay; of one that is held with those that are free, as if it alone were let go
+    freedom     (p,) degrees of freedom of each one's deviation;  redundancy (channels,) of the
+                noise that is found
     scale       deviation of the noise over the sigma that weighs the data
     """
 
@@ -34,7 +37,7 @@ class Spread:
     @classmethod
     def of(cls, problem: FitProblem, search: Found, k: int) -> Spread:
         """Where start k ended."""
-        (r, J, x), noise = (search.r[k], search.J[k], search.x[k:k + 1]), problem.noise
+        (r, J, x), noise = (search.r[k], search.J[k], search.x[k : k + 1]), problem.noise
         pull, bend = (part[0] for part in problem.prior(x)[1:])
         held = problem.region(x).held(x, (J.mT @ r + pull)[None])[0]
         A = J.mT @ J + torch.diag(bend)
@@ -55,14 +58,18 @@ class Spread:
 
 
 def half_interval(quantile: Tensor, variance: Tensor, slope: Tensor) -> Tensor:
-    """How far (p,) coordinates go until the least squares rise by the squared quantile (p,) of the noise's variance: the root d
-    of 2 |slope| d + d^2 / variance = quantile^2.
+    """How far (p,) coordinates go until the least squares rise by the squared quantile (p,) of the
+    noise's variance: the root d of 2 |slope| d + d^2 / variance = quantile^2.
     """
-    return quantile.square() / (slope.abs() + (slope.square() + quantile.square() / variance).sqrt())
+    return quantile.square() / (
+        slope.abs() + (slope.square() + quantile.square() / variance).sqrt()
+    )
 
 
 def _among(some: Tensor, C: Tensor) -> Tensor:
-    """C (p, p) of some parameters (p,) bool, zeros elsewhere: where data tell nothing C is infinite."""
+    """C (p, p) of some parameters (p,) bool, zeros elsewhere: where data tell nothing C is
+    infinite.
+    """
     return torch.where(some & some[:, None], C, 0)
 
 
@@ -72,27 +79,35 @@ def _covariance(A: Tensor, held: Tensor) -> Tensor:
     C[free.nonzero(), free.nonzero()[:, 0]] = inner
     ridge = -A[held][:, free] @ inner  # how the free ones give way
     alone = A.diagonal()[held] + (A[held][:, free] * ridge).sum(-1)
-    variance = 1 / torch.maximum(alone, torch.finfo(A.dtype).eps * A.diagonal()[held]).clamp(min=torch.finfo(A.dtype).tiny)
+    variance = 1 / torch.maximum(alone, torch.finfo(A.dtype).eps * A.diagonal()[held]).clamp(
+        min=torch.finfo(A.dtype).tiny
+    )
     C[held.nonzero(), free.nonzero()[:, 0]] = ridge * variance[:, None]
     C[held, held] = variance
     return C
 
 
 def _freedom(problem: FitProblem, J: Tensor, C: Tensor, free: Tensor) -> Tensor:
-    """(p,) by Satterthwaite's formula: 2 V^2 over the variance of V, a parameter's own, to first order, the variances of the
-    channels having the inverse information of restricted maximum likelihood (Fai and Cornelius 1996, J. Stat. Comput. Simul.
-    54, 363; Kenward and Roger 1997, Biometrics 53, 983). One channel: readings less parameters. Infinite where sigma is known.
+    """(p,) by Satterthwaite's formula: 2 V^2 over the variance of V, a parameter's own, to first
+    order, the variances of the channels having the inverse information of restricted maximum
+    likelihood (Fai and Cornelius 1996, J. Stat. Comput. Simul. 54, 363; Kenward and Roger 1997,
+    Biometrics 53, 983). One channel: readings less parameters. Infinite where sigma is known.
     """
     noise, channel = problem.noise, problem.noise.channel[problem.known]
     if not noise.names:
         return torch.full_like(J[0], torch.inf)
-    N = torch.stack([J[channel == c].mT @ J[channel == c] for c in range(len(noise.names))])  # (channels, p, p)
+    # (channels, p, p)
+    N = torch.stack([J[channel == c].mT @ J[channel == c] for c in range(len(noise.names))])
     share = torch.einsum("ji,cik,jk->cj", C, N, C) / C.diagonal()
     taken = free @ N
-    alone = noise.sums(torch.ones_like(J[:, 0]), problem.known) - J.new_tensor(noise.fitted) - 2 * taken.diagonal(
-        dim1=-2, dim2=-1).sum(-1)
+    alone = (
+        noise.sums(torch.ones_like(J[:, 0]), problem.known)
+        - J.new_tensor(noise.fitted)
+        - 2 * taken.diagonal(dim1=-2, dim2=-1).sum(-1)
+    )
     information = torch.einsum("cij,dji->cd", taken, taken) + torch.diag(alone)
     if len(information) == 1:  # as many parameters as data: one degree is left
         information = information.clamp(min=1)
     freedoms = 1 / torch.einsum("cj,cd,dj->j", share, torch.linalg.inv(information), share)
-    return torch.where(torch.isfinite(freedoms), freedoms, 1.0)  # of those that the data tell nothing of
+    # of those that the data tell nothing of
+    return torch.where(torch.isfinite(freedoms), freedoms, 1.0)

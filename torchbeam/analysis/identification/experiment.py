@@ -18,7 +18,8 @@ from .parameters import Parameters
 from .smoothness import SmoothnessRows
 
 NO_DATA = "data of no experiment were given; one at least is wanted"
-Model = Callable[[Any], Any]  # theta -> y (N, ...), Solution, (y, status (N,)); or a tuple of y, one for each measurement
+# theta -> y (N, ...), Solution, (y, status (N,)); or a tuple of y, one for each measurement
+Model = Callable[[Any], Any]
 
 
 @dataclass(frozen=True)
@@ -41,55 +42,94 @@ class Experiment:
         y, status = with_status(self.model(given), len(theta))
         if isinstance(y, Solution):
             status = y.status if status is None else torch.where(status == 0, y.status, status)
-            parts = [m.read(y, given if isinstance(given, dict) else None) for m in self.measurements]
+            parts = [
+                m.read(y, given if isinstance(given, dict) else None) for m in self.measurements
+            ]
         else:
             parts = [y] if self.single else y
             if unused := [m for m in self.measurements if m.sensor is not None]:
-                raise OtherShape(f"a model that gave a {type(y).__name__} was given with a Measurement that has a sensor"
-                                 f"{' (' + repr(unused[0].name) + ')' if unused[0].name else ''}, by which a Solution is "
-                                 "read; a model that gives one is wanted, or a Measurement without a sensor")
+                raise OtherShape(
+                    f"a model that gave a {type(y).__name__} was given with a Measurement that has "
+                    f"a sensor{' (' + repr(unused[0].name) + ')' if unused[0].name else ''}, by "
+                    "which a Solution is read; a model that gives one is wanted, or a Measurement "
+                    "without a sensor"
+                )
         wanted = [(len(theta), *m.values.shape) for m in self.measurements]
-        if not isinstance(parts, (list, tuple)) or not all(isinstance(part, Tensor) for part in parts):
-            raise OtherShape(f"a model that gave a {type(y).__name__} was given; a tensor {wanted[0]}"
-                             f"{'' if self.single else ' and so on, one for each measurement,'} or a Solution is wanted")
+        if not isinstance(parts, (list, tuple)) or not all(
+            isinstance(part, Tensor) for part in parts
+        ):
+            raise OtherShape(
+                f"a model that gave a {type(y).__name__} was given; a tensor "
+                f"{wanted[0]}{'' if self.single else ' and so on, one for each measurement,'} or a "
+                "Solution is wanted"
+            )
         for part, shape in zip(parts, wanted, strict=False):
             if tuple(part.shape) != shape:
-                what = f"theta {tuple(theta.shape)}" if not parameters.by_name else f"{len(theta)} samples"
-                raise OtherShape(f"a model that gave {tuple(part.shape)} for {what} was given; {shape} is wanted")
+                what = (
+                    f"theta {tuple(theta.shape)}"
+                    if not parameters.by_name
+                    else f"{len(theta)} samples"
+                )
+                raise OtherShape(
+                    f"a model that gave {tuple(part.shape)} for {what} was given; {shape} is wanted"
+                )
             if part.dtype != theta.dtype:
-                raise OtherShape(f"a model that gave {part.dtype} for parameters of {theta.dtype} was given; data, start and "
-                                 "model of one dtype are wanted")
+                raise OtherShape(
+                    f"a model that gave {part.dtype} for parameters of {theta.dtype} was given; "
+                    "data, start and model of one dtype are wanted"
+                )
         if len(parts) != len(wanted):
-            raise OtherShape(f"a model that gave {len(parts)} tensors was given for {len(wanted)} measurements")
+            raise OtherShape(
+                f"a model that gave {len(parts)} tensors was given for {len(wanted)} measurements"
+            )
         values = torch.cat([part.reshape(len(theta), -1) for part in parts], -1)
         if status is None or not (concrete(status) != 0).any():
             return values
         if tuple(status.shape) != (len(theta),):
-            raise OtherShape(f"a model that gave a status {tuple(status.shape)} was given; ({len(theta)},) is wanted")
+            raise OtherShape(
+                f"a model that gave a status {tuple(status.shape)} was given; ({len(theta)},) is "
+                "wanted"
+            )
         return torch.where((status == 0)[:, None], values, torch.nan)
 
 
 def experiments_of(model: Any, data: Any, sigma: Any) -> tuple[Experiment, ...]:
-    """Experiments of what `identify` was given: a model and data, or both by the names of experiments."""
+    """Experiments of what `identify` was given: a model and data, or both by the names of
+    experiments.
+    """
     if not isinstance(data, Mapping):
         if isinstance(model, Mapping):
-            raise ValueError("models by name were given with data without names; data by the same names are wanted")
+            raise ValueError(
+                "models by name were given with data without names; data by the same names are "
+                "wanted"
+            )
         return (_experiment(None, model, data, sigma),)
     if not data:
         raise ValueError(NO_DATA)
     if isinstance(model, Mapping) and set(model) != set(data):
-        raise ValueError(f"models of {', '.join(map(str, model))} and data of {', '.join(map(str, data))} were given; the same "
-                         "names are wanted")
+        raise ValueError(
+            f"models of {', '.join(map(str, model))} and data of {', '.join(map(str, data))} were "
+            "given; the same names are wanted"
+        )
     sigmas = sigma if isinstance(sigma, Mapping) else dict.fromkeys(data, sigma)
     if wrong := set(sigmas) - set(data):
-        raise ValueError(f"sigma of {', '.join(map(str, wrong))} was given; there are data of {', '.join(map(str, data))}")
-    return tuple(_experiment(name, model[name] if isinstance(model, Mapping) else model, data[name], sigmas.get(name))
-                 for name in data)
+        raise ValueError(
+            f"sigma of {', '.join(map(str, wrong))} was given; there are data of "
+            f"{', '.join(map(str, data))}"
+        )
+    return tuple(
+        _experiment(
+            name, model[name] if isinstance(model, Mapping) else model, data[name], sigmas.get(name)
+        )
+        for name in data
+    )
 
 
 def _experiment(name: str | None, model: Any, data: Any, sigma: Any) -> Experiment:
     check_function("a model", model, "theta")
-    return Experiment(name, model, tuple(Measurement.of(d, sigma) for d in each(data)), not several(data))
+    return Experiment(
+        name, model, tuple(Measurement.of(d, sigma) for d in each(data)), not several(data)
+    )
 
 
 def with_status(given: Any, samples: int) -> tuple[Any, Tensor | None]:

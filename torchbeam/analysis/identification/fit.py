@@ -37,41 +37,58 @@ LOST = ("problem", "transform", "readings")  # of the fields, those that are not
 def warn_of(doubts: Sequence[str]) -> None:
     """Warn of intervals whose residuals are no noise of the size that was stated."""
     if doubts:
-        warn(f"intervals that take the model as right and what it leaves as noise were asked for, but {'; '.join(doubts)}. A "
-             "finer mesh (`refined`) or what the model leaves out is wanted; or, of noise that is larger than sigma, data "
-             "without sigma or absolute_sigma=False, which take its size from the misfit", UserWarning)
+        warn(
+            "intervals that take the model as right and what it leaves as noise were asked for, "
+            f"but {'; '.join(doubts)}. A finer mesh (`refined`) or what the model leaves out is "
+            "wanted; or, of noise that is larger than sigma, data without sigma or "
+            "absolute_sigma=False, which take its size from the misfit",
+            UserWarning,
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
     """Result of `identify`, from the best of the starts.
 
-    theta       (p,) the parameters;  names (p,). `fit["EI"]` is one of them, of its own shape; offsets and drifts come last
-    covariance  (p, p) of the parameters: sigma^2 (J^T J)^-1, first order, where sigma is that given or found, with priors, of
-                the posterior. `deviation` (p,) the roots of its diagonal, `correlation` (p, p). Parameters that the data do not
-                tell apart have huge deviations and a correlation near 1 or -1. Those that a bound holds, `held` (p,) bool,
-                count as known: zeros
-    freedom     (p,) degrees of freedom of these deviations: inf where sigma was given; T - p where the misfit told it; of noise
-                by channel by Satterthwaite's formula, see `covariance.py`
-    redundancy  (channels,) data less parameters of the noise that was found: one number, or one for each channel
-    scale       deviation of the noise over the sigma that weighs the data: 1 where that is known, or was found by channel
+    theta       (p,) the parameters;  names (p,). `fit["EI"]` is one of them, of its own shape;
+                offsets and drifts come last
+    covariance  (p, p) of the parameters: sigma^2 (J^T J)^-1, first order, where sigma is that given
+                or found, with priors, of the posterior. `deviation` (p,) the roots of its diagonal,
+                `correlation` (p, p). Parameters that the data do not tell apart have huge
+                deviations and a correlation near 1 or -1. Those that a bound holds, `held` (p,)
+                bool, count as known: zeros
+    freedom     (p,) degrees of freedom of these deviations: inf where sigma was given; T - p where
+                the misfit told it; of noise by channel by Satterthwaite's formula, see
+                `covariance.py`
+    redundancy  (channels,) data less parameters of the noise that was found: one number, or one for
+                each channel
+    scale       deviation of the noise over the sigma that weighs the data: 1 where that is known,
+                or was found by channel
     noise       channel -> its deviation, of those that were found by `identify(noise="channel")`
     y           (...) the model there, offsets and drifts included, as the data were given
     misfit      RMS of y - data (over sigma, where given or found by channel)
-    status      0 = converged, 1 = more iterations are wanted, 2 = no step makes the misfit smaller, 3 = not identifiable:
-                the data do not say where parameters are, and theta is no estimate of these; 4 = the model fails there; 5 = not
+    status      0 = converged, 1 = more iterations are wanted, 2 = no step makes the misfit smaller,
+                3 = not identifiable:
+                the data do not say where parameters are,
+                    and theta is no estimate of these; 4 = the model fails there; 5 = not
                 followed, as other starts were better at first (of `statuses` alone)
-    unidentifiable  a sentence for each parameter that ran away, 1e9 times its start, and for each direction in which the
-                parameters can change by their own size while the misfit stays; empty where all are determined. `open` (p,)
+    unidentifiable  a sentence for each parameter that ran away, 1e9 times its start, and for each
+                    direction in which the
+                parameters can change by their own size while the misfit stays; empty where all are
+                    determined. `open` (p,)
                 bool says which parameters these are about
-    hints       sentences about what looks wrong: units, a misfit above sigma, residuals that are alike or have a line, bounds
-                that are reached. `doubts` are those of the misfit and its residuals, with which `interval` warns
+    hints       sentences about what looks wrong: units, a misfit above sigma, residuals that are
+                alike or have a line, bounds that are reached. `doubts` are those of the misfit and
+                its residuals, with which `interval` warns
     message     the status in words, with these sentences, and what the model raised at trials
-    iterations  evaluations of the model and its derivatives, less the first;  derivatives how these were found
+    iterations  evaluations of the model and its derivatives, less the first;  derivatives how these
+                were found
     history     (iterations + 1, starts, p) the parameters on the way
-    starts      (starts, p) where each start ended;  misfits (starts,) with what misfit, statuses (starts,)
+    starts      (starts, p) where each start ended;  misfits (starts,) with what misfit, statuses
+                (starts,)
     readings    data beside the model's values, of each measurement
-    jacobian    (data, p) derivatives of the readings that were measured, over sigma, by the coordinates of the search
+    jacobian    (data, p) derivatives of the readings that were measured, over sigma, by the
+                coordinates of the search
     """
 
     theta: Tensor
@@ -107,7 +124,9 @@ class Fit:
     problem: FitProblem | None = None
 
     @classmethod
-    def of(cls, problem: FitProblem, search: Found, region: Region, derivatives: str, tolerance: float) -> Fit:
+    def of(
+        cls, problem: FitProblem, search: Found, region: Region, derivatives: str, tolerance: float
+    ) -> Fit:
         """From what a search has found."""
         return cls(**conclusions(problem, search, region, derivatives, tolerance))
 
@@ -124,57 +143,82 @@ class Fit:
         """One parameter by name, of its own shape."""
         if name in self.shapes:
             first, shape = self.shapes[name]
-            return self.theta[first:first + torch.Size(shape).numel()].reshape(shape)
+            return self.theta[first : first + torch.Size(shape).numel()].reshape(shape)
         if name not in self.names:
             raise KeyError(f"{name!r} was asked for; there are {', '.join(self.names)}")
         return self.theta[self.names.index(name)]
 
-    def interval(self, level: float = 0.95, method: str = "laplace", *, repeats: int = 500, seed: int = 0) -> Tensor:
-        """(p, 2) least and largest values that the data are compatible with, at a level of confidence.
+    def interval(
+        self, level: float = 0.95, method: str = "laplace", *, repeats: int = 500, seed: int = 0
+    ) -> Tensor:
+        """(p, 2) least and largest values that the data are compatible with, at a level of
+        confidence.
 
-        "laplace"    from the covariance: quantiles of Student's t with `freedom`, in the coordinates of the search, so that
-                     what is positive by its logarithm stays so. Exact where the model is linear in them
-        "profile"    where the least misfit, over all other parameters, rises by as much as that quantile says: the model's
-                     curvature counts. A batch of some ten fits for each parameter
-        "bootstrap"  from `repeats` fits, as one batch, of data that the fitted model and noise make: their bias-corrected
-                     percentiles
+        "laplace"    from the covariance: quantiles of Student's t with `freedom`, in the
+                     coordinates of the search, so that what is positive by its logarithm stays so.
+                     Exact where the model is linear in them
+        "profile"    where the least misfit, over all other parameters, rises by as much as that
+                     quantile says: the model's curvature counts. A batch of some ten fits for each
+                     parameter
+        "bootstrap"  from `repeats` fits, as one batch, of data that the fitted model and noise
+                     make: their bias-corrected percentiles
 
-        What the data do not determine goes from end to end of what it can be. That of a parameter at its bound goes to where
-        the least misfit rises by as much, by the slope and curvature there, or as "profile" finds it: at a bound repeated fits
-        do not tell (Andrews 2000, Econometrica 68, 399). All of them take the model as right and the noise as independent: a
+        What the data do not determine goes from end to end of what it can be. That of a parameter
+        at its bound goes to where the least misfit rises by as much, by the slope and curvature
+        there, or as "profile" finds it: at a bound repeated fits do not tell (Andrews 2000,
+        Econometrica 68, 399). All of them take the model as right and the noise as independent: a
         UserWarning says so where there are `doubts`.
         """
         warn_of(self.doubts)
         return self.interval_without_warning(level, method, repeats, seed)
 
-    def interval_without_warning(self, level: float, method: str = "laplace", repeats: int = 500, seed: int = 0) -> Tensor:
+    def interval_without_warning(
+        self, level: float, method: str = "laplace", repeats: int = 500, seed: int = 0
+    ) -> Tensor:
         """See `interval`."""
         choice("method", method, INTERVALS)
         away = self._half_interval(self._quantile(level))
-        limits = torch.stack([self.transform.theta(end) for end in (self.x - away, self.x + away)], -1)
+        limits = torch.stack(
+            [self.transform.theta(end) for end in (self.x - away, self.x + away)], -1
+        )
         if method == "bootstrap" and not self.held.all():
-            limits = torch.where(self.held[:, None], limits, self.bootstrap(repeats, seed=seed).interval(level))
+            limits = torch.where(
+                self.held[:, None], limits, self.bootstrap(repeats, seed=seed).interval(level)
+            )
         elif method == "profile":
             limits = torch.stack([one.interval for one in self.profile(level=level)])
         return self.within(limits)
 
-    def predict(self, model: Any = None, sensor: Any = None, times: Any = None, *, level: float = 0.95,
-                sigma: Value | None = None, experiment: str | None = None) -> Prediction:
-        """Readings at the fitted parameters, of what was measured or of anything else that the same parameters make, with bands
-        from their covariance: the readings' derivatives G, as a search takes them (one batch of 2 p + 1 samples), give the
-        variance G C G^T. Exact where readings are linear in the coordinates of the search; Student's t with the parameters'
-        `freedom` (the fewest, where these differ). A parameter at a bound counts as known; a reading that moves with one that
-        is not determined has an infinite band.
+    def predict(
+        self,
+        model: Any = None,
+        sensor: Any = None,
+        times: Any = None,
+        *,
+        level: float = 0.95,
+        sigma: Value | None = None,
+        experiment: str | None = None,
+    ) -> Prediction:
+        """Readings at the fitted parameters, of what was measured or of anything else that the same
+        parameters make, with bands from their covariance: the readings' derivatives G, as a search
+        takes them (one batch of 2 p + 1 samples), give the variance G C G^T. Exact where readings
+        are linear in the coordinates of the search; Student's t with the parameters' `freedom` (the
+        fewest, where these differ). A parameter at a bound counts as known; a reading that moves
+        with one that is not determined has an infinite band.
 
-        model       as `identify` takes one, of another load, place or time; None = the model that was fitted
-        sensor, times  by which a Solution is read, see `tb.observe`; times (s) None = those of the solution. Offsets, drifts,
+        model       as `identify` takes one, of another load, place or time; None = the model that
+                    was fitted
+        sensor, times  by which a Solution is read, see `tb.observe`; times (s) None = those of the
+                       solution. Offsets, drifts,
                     delays and clocks of instruments are not in it
-        sigma       of the noise of a new measurement: the bands are then of that, not of what is there. A number, or a tensor
-                    that broadcasts with the readings; where the misfit told the noise, `fit.scale` times the data's
-        experiment  whose model, and whose own parameters; wanted where there are several with their own
+        sigma       of the noise of a new measurement: the bands are then of that, not of what is
+                    there. A number, or a tensor that broadcasts with the readings; where the misfit
+                    told the noise, `fit.scale` times the data's
+        experiment  whose model, and whose own parameters; wanted where there are several with their
+                    own
 
-        Like intervals it takes the model as right: a UserWarning says so where there are `doubts`. Raises ValueError for a fit
-        from a file, a model that fails at the fit, or other shapes.
+        Like intervals it takes the model as right: a UserWarning says so where there are `doubts`.
+        Raises ValueError for a fit from a file, a model that fails at the fit, or other shapes.
         """
         warn_of(self.doubts)
         y, J = predicted(self._problem("prediction"), self.x, model, sensor, times, experiment)
@@ -184,56 +228,91 @@ class Fit:
         variance = ((own @ self.x_covariance[determined][:, determined]) * own).sum(-1).clamp(min=0)
         variance = torch.where((J[..., open_ & ~self.held] != 0).any(-1), torch.inf, variance)
         quantile = self._quantile(level)
-        return Prediction.of(y, variance, sigma, (quantile[determined] if determined.any() else quantile).amax().item(), level)
+        return Prediction.of(
+            y,
+            variance,
+            sigma,
+            (quantile[determined] if determined.any() else quantile).amax().item(),
+            level,
+        )
 
     def profile(self, *names: str, level: float = 0.95) -> tuple[Profile, ...]:
         """Profile likelihoods of the parameters (all), see `interval`."""
         for name in names:
             if name not in self.names:
-                raise ValueError(f"the parameter {name!r} was given; there are {', '.join(self.names)}")
+                raise ValueError(
+                    f"the parameter {name!r} was given; there are {', '.join(self.names)}"
+                )
         which = [self.names.index(name) for name in names] or [*range(len(self.names))]
         quantile = self._quantile(level)
-        return profiles(self._noisy("profile"), self.x, self.x_covariance, self._half_interval(quantile), which, quantile,
-                        self.scale)
+        return profiles(
+            self._noisy("profile"),
+            self.x,
+            self.x_covariance,
+            self._half_interval(quantile),
+            which,
+            quantile,
+            self.scale,
+        )
 
     def bootstrap(self, repeats: int = 500, *, seed: int = 0) -> Bootstrap:
-        """Fits of so many sets of data that the fitted model and noise make, followed as one batch from here. Normal and
-        log-normal priors are repeated too, as the observations that they are to a fit: with centres drawn about it. Parameters
-        that a bound holds stay there. Raises ValueError for other priors.
+        """Fits of so many sets of data that the fitted model and noise make, followed as one batch
+        from here. Normal and log-normal priors are repeated too, as the observations that they are
+        to a fit: with centres drawn about it. Parameters that a bound holds stay there. Raises
+        ValueError for other priors.
         """
         problem = with_priors_observed(self._noisy("bootstrap"))
         return bootstrap(problem, self.x, self.held, self.scale, self.redundancy, repeats, seed)
 
     def refined(self, model: Any) -> Fit:
-        """The fit that a finer model finds, of a finer mesh or shorter steps: its readings with the derivatives of the model
-        at hand, by Gauss-Newton steps until these are a hundredth of a deviation (defect correction; Boehmer and Stetter 1984).
-        Some evaluations of one sample each, in place of a search with the finer model; derivatives are the model's at hand,
-        found once more on the way. What the parameters move by is the
-        error that the mesh has brought in.
+        """The fit that a finer model finds, of a finer mesh or shorter steps: its readings with the
+        derivatives of the model at hand, by Gauss-Newton steps until these are a hundredth of a
+        deviation (defect correction; Boehmer and Stetter 1984). Some evaluations of one sample
+        each, in place of a search with the finer model; derivatives are the model's at hand, found
+        once more on the way. What the parameters move by is the error that the mesh has brought in.
 
         model  as `identify` was given, for the same parameters and data
 
-        Raises ValueError where the finer model fails, or the steps do not become smaller: the models differ too much.
+        Raises ValueError where the finer model fails, or the steps do not become smaller: the
+        models differ too much.
         """
-        finer, search, region = refined(self._problem("refined fit"), model, self.x[None], self.jacobian[None], self.scale)
+        finer, search, region = refined(
+            self._problem("refined fit"), model, self.x[None], self.jacobian[None], self.scale
+        )
         if search.status[0] != CONVERGED:
-            raise ValueError("a finer model that fails at the fit, or differs too much from the one that was fitted, was "
-                             "given; one of the same beam, a little finer, is wanted")
+            raise ValueError(
+                "a finer model that fails at the fit, or differs too much from the one that was "
+                "fitted, was given; one of the same beam, a little finer, is wanted"
+            )
         return Fit.of(finer, search, region, self.derivatives, 1e-6)
 
     def summary(self, level: float = 0.95) -> str:
-        """A table for the reader: parameters with their intervals, the misfit, what is not told, and hints."""
+        """A table for the reader: parameters with their intervals, the misfit, what is not told,
+        and hints.
+        """
         return table(self, level, REASON)
 
     def save(self, path: str | Path) -> None:
-        """Write all but the model into a file. Raises files.NotWritten (an OSError) where that fails."""
+        """Write all but the model into a file. Raises files.NotWritten (an OSError) where that
+        fails.
+        """
         plain = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in LOST}
         readings = [dict(vars(r)) for r in self.readings]
-        files.save(path, {"torchbeam fit": FORMAT, **plain, "transform": dict(vars(self.transform)), "readings": readings})
+        files.save(
+            path,
+            {
+                "torchbeam fit": FORMAT,
+                **plain,
+                "transform": dict(vars(self.transform)),
+                "readings": readings,
+            },
+        )
 
     @classmethod
     def load(cls, path: str | Path) -> Fit:
-        """A fit from its file: without the model, so without profiles and bootstrap. Raises ValueError for another file."""
+        """A fit from its file: without the model, so without profiles and bootstrap. Raises
+        ValueError for another file.
+        """
         try:
             given = torch.load(path, weights_only=True)
         except Exception as error:
@@ -241,15 +320,31 @@ class Fit:
                 raise
             given = None
         if not isinstance(given, dict) or given.pop("torchbeam fit", None) != FORMAT:
-            raise ValueError(f"the file {str(path)!r} was given, which is no saved fit of this version; one is wanted")
-        return cls(**{**given, "transform": Transform(**given["transform"]),
-                      "readings": tuple(Readings(**r) for r in given["readings"])})
+            raise ValueError(
+                f"the file {str(path)!r} was given, which is no saved fit of this version; one "
+                "is wanted"
+            )
+        return cls(
+            **{
+                **given,
+                "transform": Transform(**given["transform"]),
+                "readings": tuple(Readings(**r) for r in given["readings"]),
+            }
+        )
 
     def __repr__(self) -> str:
-        values = ", ".join(f"{n} = {v:.5g} +- {d:.2g}" for n, v, d in
-                          zip(self.names, self.theta.tolist(), self.deviation.tolist(), strict=True))
-        return f"Fit({values}; misfit {self.misfit.item():.3g}, {REASON[self.status]} in {self.iterations}" + "".join(
-            f"; {sentence}" for sentence in (*self.unidentifiable, *self.doubts)) + ")"
+        values = ", ".join(
+            f"{n} = {v:.5g} +- {d:.2g}"
+            for n, v, d in zip(
+                self.names, self.theta.tolist(), self.deviation.tolist(), strict=True
+            )
+        )
+        return (
+            f"Fit({values}; misfit {self.misfit.item():.3g}, {REASON[self.status]} in "
+            f"{self.iterations}"
+            + "".join(f"; {sentence}" for sentence in (*self.unidentifiable, *self.doubts))
+            + ")"
+        )
 
     def _quantile(self, level: float) -> Tensor:
         """(p,) of Student's t, at the upper end."""
@@ -263,7 +358,10 @@ class Fit:
 
     def _problem(self, what: str) -> FitProblem:
         if self.problem is None:
-            raise ValueError(f"a {what} of a fit from a file was asked for, which has no model; one from tb.identify is wanted")
+            raise ValueError(
+                f"a {what} of a fit from a file was asked for, which has no model; one from "
+                "tb.identify is wanted"
+            )
         if bool(self.open.all()):
             raise ValueError(f"a {what} of a fit that determines nothing was asked for")
         return self.problem
@@ -272,7 +370,10 @@ class Fit:
         """The problem, whose noise is known."""
         problem = self._problem(what)
         if not problem.sigma_given and problem.spare < 1:
-            raise ValueError(f"a {what} of as many parameters as data was asked for; there is no noise to be known")
+            raise ValueError(
+                f"a {what} of as many parameters as data was asked for; there is no noise to be "
+                "known"
+            )
         return problem
 
     def within(self, interval: Tensor) -> Tensor:

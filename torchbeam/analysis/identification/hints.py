@@ -18,7 +18,9 @@ ALARM = 0.01  # of the fits of models that are right, in which any test may find
 
 
 def unit_hints(readings: Sequence[Readings]) -> tuple[str, ...]:
-    """Channels whose data are about a thousand times, or a thousandth of, what the model gives at the start."""
+    """Channels whose data are about a thousand times, or a thousandth of, what the model gives at
+    the start.
+    """
     said = []
     for reading in readings:
         for label, data, y in reading.channels():
@@ -28,11 +30,16 @@ def unit_hints(readings: Sequence[Readings]) -> tuple[str, ...]:
                 continue
             what, ratio = f"{label!r}" if label else "the data", size / own
             if UNIT / NEAR < ratio < UNIT * NEAR:
-                said.append(f"{what}: the RMS of the data, {size:.3g}, is {ratio:.3g} times the model's at the start {own:.3g};"
-                            " is a unit off by 1000 (mm for m, MPa for Pa, g for kg)?")
+                said.append(
+                    f"{what}: the RMS of the data, {size:.3g}, is {ratio:.3g} times the model's at "
+                    f"the start {own:.3g}; is a unit off by 1000 (mm for m, MPa for Pa, g for kg)?"
+                )
             elif UNIT / NEAR < 1 / ratio < UNIT * NEAR:
-                said.append(f"{what}: the RMS of the model at the start, {own:.3g}, is {1 / ratio:.3g} times the data's, "
-                            f"{size:.3g}; is a unit off by 1000 (m for mm, Pa for MPa, kg for g)?")
+                said.append(
+                    f"{what}: the RMS of the model at the start, {own:.3g}, is {1 / ratio:.3g} "
+                    f"times the data's, {size:.3g}; is a unit off by 1000 (m for mm, Pa for MPa, "
+                    "kg for g)?"
+                )
     return tuple(said)
 
 
@@ -40,35 +47,54 @@ def noise_hints(freedom: int, sigma_given: bool) -> tuple[str, ...]:
     """A noise that nothing tells."""
     if sigma_given or freedom >= 1:
         return ()
-    return ("there are as many parameters as data, and no sigma: the noise is not known, and stated deviations and intervals "
-            "say nothing",)
+    return (
+        "there are as many parameters as data, and no sigma: the noise is not known, and stated "
+        "deviations and intervals say nothing",
+    )
 
 
 def misfit_hints(problem: FitProblem, r: Tensor, J: Tensor, C: Tensor) -> tuple[str, ...]:
-    """Residuals that are no noise of the size that was stated: more squares than sigma says, of all data and of each channel;
-    residuals that are alike from reading to reading; a line in their periodogram. All these tests together find something in
-    one of a hundred fits of models that are right, or in fewer (Bonferroni). Where sigma is not known squares say nothing.
+    """Residuals that are no noise of the size that was stated: more squares than sigma says, of all
+    data and of each channel; residuals that are alike from reading to reading; a line in their
+    periodogram. All these tests together find something in one of a hundred fits of models that are
+    right, or in fewer (Bonferroni). Where sigma is not known squares say nothing.
 
-    r, J, C  weighted residuals (T,), their derivatives (T, p), covariance (p, p) of the parameters over the weighted noise
+    r, J, C  weighted residuals (T,), their derivatives (T, p), covariance (p, p) of the parameters
+             over the weighted noise
     """
     if not all(torch.isfinite(part).all() for part in (r, J, C)):
         return ()
     channel = problem.noise.channel[problem.known]  # -1: sigma is known
     every = problem.measured & (channel < 0)
     whole = Residuals("", None, r[every], J[every], C, True)
-    series = [Residuals(name, times, r[rows], J[rows], C, channel[rows[0]].item() < 0)
-              for name, rows, times in _series(problem) if _is_noisy(r[rows], problem.target[0][rows])]
+    series = [
+        Residuals(name, times, r[rows], J[rows], C, channel[rows[0]].item() < 0)
+        for name, rows, times in _series(problem)
+        if _is_noisy(r[rows], problem.target[0][rows])
+    ]
     parts = series if len(series) > 1 else []
-    sizes, each = ([one.excess() for one in some if one.known and one.left >= 1] for some in ([whole], parts))
+    sizes, each = (
+        [one.excess() for one in some if one.known and one.left >= 1] for some in ([whole], parts)
+    )
     long = [one for one in series if one.left >= FEWEST]
     alike, lines = [one.correlation() for one in long], [one.line() for one in long]
     level = ALARM / max(len(sizes) + len(each) + len(alike) + len(lines), 1)
-    said = [f"the misfit{of} is {a.size:.3g} times what sigma says ({chance}): noise is larger, or the model or its mesh does "
-            "not explain the data" for kind in (sizes, each) for a, of, chance in _least(kind, level)]
-    said += [f"residuals{of} of neighbouring readings are alike (correlation {a.size:.2f}, {chance}): the model misses "
-             "something that is no noise" for a, of, chance in _least(alike, level)]
-    said += [f"residuals{of} have a line {a.at}, {a.size:.3g} times what noise has there ({chance}): the model misses a "
-             "vibration, or what drives or damps it" for a, of, chance in _least(lines, level)]
+    said = [
+        f"the misfit{of} is {a.size:.3g} times what sigma says ({chance}): noise is larger, or the "
+        "model or its mesh does not explain the data"
+        for kind in (sizes, each)
+        for a, of, chance in _least(kind, level)
+    ]
+    said += [
+        f"residuals{of} of neighbouring readings are alike (correlation {a.size:.2f}, {chance}): "
+        "the model misses something that is no noise"
+        for a, of, chance in _least(alike, level)
+    ]
+    said += [
+        f"residuals{of} have a line {a.at}, {a.size:.3g} times what noise has there ({chance}): "
+        "the model misses a vibration, or what drives or damps it"
+        for a, of, chance in _least(lines, level)
+    ]
     return tuple(f"{sentence}, and stated intervals are too narrow" for sentence in said)
 
 
@@ -79,7 +105,11 @@ def _series(problem: FitProblem) -> Iterator[tuple[str, Tensor, Tensor | None]]:
     for (e, m), rows in zip(problem.measurements, problem.by_measurement(row), strict=True):
         readings = Readings(e.name, m.labels, m.times, m.values, rows, None)
         for name, _, column in readings.channels() if e.measured else ():
-            order = torch.arange(len(column), device=row.device) if m.times is None else m.times.argsort()
+            order = (
+                torch.arange(len(column), device=row.device)
+                if m.times is None
+                else m.times.argsort()
+            )
             there = order[column[order] >= 0]
             if len(there):
                 yield name, column[there], None if m.times is None else m.times[there]
@@ -91,15 +121,26 @@ def _is_noisy(r: Tensor, data: Tensor) -> bool:
 
 
 def _least(alarms: Sequence[Alarm], level: float) -> Iterator[tuple[Alarm, str, str]]:
-    """Of alarms below a level the least probable one, of which channel and how many more, and how probable; or nothing."""
-    below = sorted((a for a in alarms if a.probability < level), key=lambda a: (a.probability, -abs(a.size)))
+    """Of alarms below a level the least probable one, of which channel and how many more, and how
+    probable; or nothing.
+    """
+    below = sorted(
+        (a for a in alarms if a.probability < level), key=lambda a: (a.probability, -abs(a.size))
+    )
     for a in below[:1]:
         more = f" and {len(below) - 1} more channel{'s' * (len(below) > 2)}" * (len(below) > 1)
-        yield a, (f" of {a.name!r}" if a.name else "") + more, f"by chance {max(a.probability, 1e-300):.0e}"
+        yield (
+            a,
+            (f" of {a.name!r}" if a.name else "") + more,
+            f"by chance {max(a.probability, 1e-300):.0e}",
+        )
 
 
 def bound_hints(names: Sequence[str], theta: Tensor, held: Tensor) -> tuple[str, ...]:
     """Parameters theta (p,) that a bound holds, `held` (p,) bool."""
-    return tuple(f"{name} is at its bound, {value:.4g}, and the misfit falls beyond it: its interval is one-sided, and those "
-                 "of others take it as it is"
-                 for name, value, at in zip(names, theta.tolist(), held.tolist(), strict=True) if at)
+    return tuple(
+        f"{name} is at its bound, {value:.4g}, and the misfit falls beyond it: its interval is "
+        "one-sided, and those of others take it as it is"
+        for name, value, at in zip(names, theta.tolist(), held.tolist(), strict=True)
+        if at
+    )

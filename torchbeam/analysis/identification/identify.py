@@ -1,4 +1,6 @@
-"""Identification: parameters of models from data, by damped Gauss-Newton steps from several starts at once."""
+"""Identification: parameters of models from data, by damped Gauss-Newton steps from several starts
+at once.
+"""
 
 from __future__ import annotations
 
@@ -27,56 +29,85 @@ from .reweighting import search_by_channel
 
 DERIVATIVES = ("auto", "forward", "difference", "adjoint")
 STEP = 1e-4  # of differences
-COARSE = 10.0  # times that: another step, which finds the same derivatives where differences are good
+# times that: another step, which finds the same derivatives where differences are good
+COARSE = 10.0
 SAME = 1e-3  # of a column of J
 
 
-def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: bool = False,
-             bounds: tuple[Value, Value] | None = None, sigma: Value | None = None, absolute_sigma: bool = True,
-             noise: str = "common", names: Sequence[str] | None = None, starts: int = 1, spread: float = 3.0, follow: int = 32,
-             seed: int = 0, derivatives: str = "auto", relative_step: float | None = None, iterations: int = 50,
-             tolerance: float = 1e-6, progress: bool = False) -> Fit:
-    """Parameters theta for which model(theta) is nearest to the data, in the sum of squares over sigma.
+def identify(
+    model: Model | Mapping[str, Model],
+    data: Any,
+    start: Any,
+    *,
+    log: bool = False,
+    bounds: tuple[Value, Value] | None = None,
+    sigma: Value | None = None,
+    absolute_sigma: bool = True,
+    noise: str = "common",
+    names: Sequence[str] | None = None,
+    starts: int = 1,
+    spread: float = 3.0,
+    follow: int = 32,
+    seed: int = 0,
+    derivatives: str = "auto",
+    relative_step: float | None = None,
+    iterations: int = 50,
+    tolerance: float = 1e-6,
+    progress: bool = False,
+) -> Fit:
+    """Parameters theta for which model(theta) is nearest to the data, in the sum of squares over
+    sigma.
 
-    model        theta -> y, batched: sample i of y depends on sample i of theta alone. theta is (N, p), or name -> (N, *shape)
-                 where parameters have names. y (N, ...) is as the data; or (y, status (N,)), 0 = success; or the `Solution` of
-                 N samples, which the measurements read
-    data         (...) as y without its first axis; NaN where nothing was measured. Or a `Measurement`, which has noise, times,
-                 sensor, offset and drift; or several of one experiment, in a list: y is then a list too, or a Solution.
-                 name -> any of these: several experiments; then `model` is name -> model, or one for all
-    start        (p,), or (starts, p) to be followed all at once, as one batch: the best end counts; or name -> `Parameter`,
-                 number or tensor. Parameters are all experiments', but for those that are each one's own
-    starts       so many, drawn about the one that was given, within a factor of `spread`, the bounds and the priors' supports;
-                 between bounds, or ends of a support, where there are two, evenly in the coordinate of the search
+    model        theta -> y, batched: sample i of y depends on sample i of theta alone. theta is
+                 (N, p), or name -> (N, *shape) where parameters have names. y (N, ...) is as the
+                 data; or (y, status (N,)), 0 = success; or the `Solution` of N samples, which the
+                 measurements read
+    data         (...) as y without its first axis; NaN where nothing was measured. Or a
+                 `Measurement`, which has noise, times, sensor, offset and drift; or several of one
+                 experiment, in a list: y is then a list too, or a Solution. name -> any of these:
+                 several experiments; then `model` is name -> model, or one for all
+    start        (p,), or (starts, p) to be followed all at once, as one batch: the best end counts;
+                 or name -> `Parameter`, number or tensor. Parameters are all experiments', but for
+                 those that are each one's own
+    starts       so many, drawn about the one that was given, within a factor of `spread`, the
+                 bounds and the priors' supports; between bounds, or ends of a support, where there
+                 are two, evenly in the coordinate of the search
     follow       of these, so many that fit best are followed; the others are evaluated once
     log          search in log theta (theta is positive): for stiffness, mass and damping
-    bounds       (least, largest) of theta, (p,) each: a step that leaves them is cut, and goes along them
+    bounds       (least, largest) of theta, (p,) each: a step that leaves them is cut, and goes
+                 along them
     sigma        (...) standard deviation of the data: weights them, and scales the covariance
-    absolute_sigma  False: sigma (of measurements too) weighs the data, but the size of the noise is that of the misfit
-    noise        of data without sigma: "common", one deviation for all of them, from the misfit; "channel", each channel has
-                 its own (heteroscedastic), beside data with sigma: searches in turn with the deviations that the one before
-                 left (iteratively reweighted least squares), until these are those of restricted maximum likelihood
-    derivatives  "difference": central differences of `relative_step` (1e-4), a batch of 2 p times the starts, which run on the
-                 compiled engine. "forward": forward mode, the p directions as a batch, by eager steps. "adjoint": the gradient
-                 of the squares by reverse mode, whatever p, and L-BFGS (torch.optim) in place of Gauss-Newton, for p beyond
-                 some hundreds; it takes more iterations, one start after the other, no bounds but by logits. "auto":
-                 differences, where those of ten times the step agree with them to 1e-3 at the start, and else, with a
-                 RuntimeWarning, forward mode
-    tolerance    of the largest step, relative to theta (of log theta, absolute); also, squared, of the decrease of the squares
+    absolute_sigma  False: sigma (of measurements too) weighs the data, but the size of the noise is
+                    that of the misfit
+    noise        of data without sigma: "common", one deviation for all of them, from the misfit;
+                 "channel", each channel has its own (heteroscedastic), beside data with sigma:
+                 searches in turn with the deviations that the one before left (iteratively
+                 reweighted least squares), until these are those of restricted maximum likelihood
+    derivatives  "difference": central differences of `relative_step` (1e-4), a batch of 2 p times
+                 the starts, which run on the compiled engine. "forward": forward mode, the p
+                 directions as a batch, by eager steps. "adjoint": the gradient of the squares by
+                 reverse mode, whatever p, and L-BFGS (torch.optim) in place of Gauss-Newton, for p
+                 beyond some hundreds; it takes more iterations, one start after the other, no
+                 bounds but by logits. "auto": differences, where those of ten times the step agree
+                 with them to 1e-3 at the start, and else, with a RuntimeWarning, forward mode
+    tolerance    of the largest step, relative to theta (of log theta, absolute); also, squared, of
+                 the decrease of the squares
     progress     a line of progress (tqdm)
 
-    Levenberg's and Marquardt's method: (J^T J + lambda diag(J^T J)) step = -J^T r, lambda raised until the squares go down,
-    each start by itself. (Nocedal and Wright 2006, section 10.3.) No step changes a parameter by more than ten times its size
-    (with `log`: by a factor of more than ten), or takes it beyond 1e9 times its start. A trial at which the model raises, has a
-    status, or is not finite is a step that is not taken: a shorter one is tried. Starts that are done, or fail, are no longer
-    evaluated.
+    Levenberg's and Marquardt's method: (J^T J + lambda diag(J^T J)) step = -J^T r, lambda raised
+    until the squares go down, each start by itself. (Nocedal and Wright 2006, section 10.3.) No
+    step changes a parameter by more than ten times its size (with `log`: by a factor of more than
+    ten), or takes it beyond 1e9 times its start. A trial at which the model raises, has a status,
+    or is not finite is a step that is not taken: a shorter one is tried. Starts that are done, or
+    fail, are no longer evaluated.
 
-    A parameter that ran away is named in `unidentifiable`, and so are parameters, or changes of several together, that change
-    the misfit by no more than `tolerance` of itself, or than rounding, where they change by their own size. The status is then
-    never 0.
+    A parameter that ran away is named in `unidentifiable`, and so are parameters, or changes of
+    several together, that change the misfit by no more than `tolerance` of itself, or than
+    rounding, where they change by their own size. The status is then never 0.
 
-    Raises ValueError for a model whose output does not fit the data, for starts at none of which it is finite, fewer data than
-    parameters without a prior, data without a number; what the model raises at all starts goes through.
+    Raises ValueError for a model whose output does not fit the data, for starts at none of which it
+    is finite, fewer data than parameters without a prior, data without a number; what the model
+    raises at all starts goes through.
     """
     choice("derivatives", derivatives, DERIVATIVES)
     check_tolerance("tolerance", tolerance)
@@ -86,17 +117,23 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
     step = STEP if relative_step is None else check_tolerance("relative_step", relative_step)
     choice("noise", noise, NOISES)
     if noise == "channel" and not absolute_sigma:
-        raise ValueError("noise='channel' was given with absolute_sigma=False; measurements without sigma are wanted, whose "
-                         "noise is found")
+        raise ValueError(
+            "noise='channel' was given with absolute_sigma=False; measurements without sigma are "
+            "wanted, whose noise is found"
+        )
     experiments = experiments_of(model, data, sigma)
-    like = [d for given in (data.values() if isinstance(data, Mapping) else [data]) for d in each(given)]
+    like = [
+        d for given in (data.values() if isinstance(data, Mapping) else [data]) for d in each(given)
+    ]
     if isinstance(start, Mapping) or any(isinstance(d, Measurement) for d in like):
         like = [m.values for e in experiments for m in e.measurements]
     named = [e.name for e in experiments if e.name is not None and e.measured]
     parameters = Parameters.of(start, log, bounds, names, named, like)
     if derivatives == "adjoint" and parameters.bounded:
-        raise ValueError("bounds were given with derivatives = 'adjoint', which takes none but by the transform 'logit'; "
-                         "'difference' and 'forward' do")
+        raise ValueError(
+            "bounds were given with derivatives = 'adjoint', which takes none but by the "
+            "transform 'logit'; 'difference' and 'forward' do"
+        )
     parameters = parameters.more_starts(starts, spread, seed)
     experiments, own = Noise.by_channel(experiments) if noise == "channel" else (experiments, None)
     problem = FitProblem.of(experiments, parameters, boolean("absolute_sigma", absolute_sigma), own)
@@ -104,56 +141,82 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
     x = problem.parameters.x
     region = problem.region(x)
     with torch.no_grad():
-        derivative_kind = derivatives if derivatives in ("forward", "difference") else _chosen(problem, x)
+        derivative_kind = (
+            derivatives if derivatives in ("forward", "difference") else _chosen(problem, x)
+        )
         problem = replace(problem, method=derivative_kind)
         most = count("follow", follow) if starts > 1 else None
         with _line(progress, len(x)) as report:
+
             def run(problem: FitProblem, ends: Tensor, which: Tensor) -> Found:
-                here = (region if len(which) == len(x) else region.of(which)).against(problem.target)
+                here = (region if len(which) == len(x) else region.of(which)).against(
+                    problem.target
+                )
                 if derivatives == "adjoint":
                     return _by_adjoint(problem, ends, here, limit, tolerance)
-                return search(problem, ends, here, limit, tolerance, follow=most and min(most, len(ends)), progress=report)
+                return search(
+                    problem,
+                    ends,
+                    here,
+                    limit,
+                    tolerance,
+                    follow=most and min(most, len(ends)),
+                    progress=report,
+                )
 
             if own is not None and own.names:
                 problem, search_result = search_by_channel(problem, x, run)
             else:
                 search_result = run(problem, x, torch.arange(len(x), device=x.device))
         region = region.against(problem.target)
-        return Fit.of(problem, search_result, region, derivatives if derivatives == "adjoint" else derivative_kind, tolerance)
+        return Fit.of(
+            problem,
+            search_result,
+            region,
+            derivatives if derivatives == "adjoint" else derivative_kind,
+            tolerance,
+        )
 
 
 def _chosen(problem: FitProblem, x: Tensor) -> str:
-    """"difference" where these do not depend on their step at the first start that has a Jacobian, else "forward"."""
+    """ "difference" where these do not depend on their step at the first start that has a Jacobian,
+    else "forward".
+    """
     m = problem.parameters.model
     for k in range(len(x)):
         which = torch.tensor([k], device=x.device)
         try:
-            r, J = problem.linearised(x[k:k + 1], which)
+            r, J = problem.linearised(x[k : k + 1], which)
         except Exception:
             if len(x) == 1:
                 raise
             continue
         coarse = replace(problem, relative_step=COARSE * problem.relative_step)
         try:
-            _, other = coarse.linearised(x[k:k + 1], which, r)
+            _, other = coarse.linearised(x[k : k + 1], which, r)
         except Exception:  # it raises there, or is not finite: nothing is known against differences
             return "difference"
         if not torch.isfinite(J).all() or not torch.isfinite(other).all():
             continue
         size = torch.linalg.vector_norm(J, dim=1)[0, :m]
         off = torch.linalg.vector_norm(J - other, dim=1)[0, :m] - SAME * size
-        rounding = 10 * torch.finfo(x.dtype).eps / problem.steps(x[k:k + 1])[0, :m]
+        rounding = 10 * torch.finfo(x.dtype).eps / problem.steps(x[k : k + 1])[0, :m]
         off = off - rounding * torch.linalg.vector_norm(r + problem.target[:1])
         if (off <= 0).all():
             return "difference"
         worst = problem.parameters.names[int((off / size).nan_to_num().argmax())]
-        warn(f"derivatives = 'auto' takes forward mode, whose steps are eager and slow: the differences of {worst!r} depend on "
-             "their step ('difference' takes them all the same)", SlowPathWarning)
+        warn(
+            "derivatives = 'auto' takes forward mode, whose steps are eager and slow: the "
+            f"differences of {worst!r} depend on their step ('difference' takes them all the same)",
+            SlowPathWarning,
+        )
         return "forward"
     return "difference"
 
 
-def _by_adjoint(problem: FitProblem, x: Tensor, region: Region, iterations: int, tolerance: float) -> Found:
+def _by_adjoint(
+    problem: FitProblem, x: Tensor, region: Region, iterations: int, tolerance: float
+) -> Found:
     def objective(at: Tensor, k: int) -> Tensor:
         which = torch.tensor([k], device=x.device)
         return problem.residuals(at, which).square().sum() + 2 * problem.objective_prior(at).sum()
@@ -183,8 +246,10 @@ def _line(wanted: bool, starts: int) -> Iterator[Callable[[int, int, float], Non
         yield None
         return
     with bar_of(total=starts, desc="identify", unit="start") as bar:
+
         def report(iteration: int, active: int, squares: float) -> None:
             bar.set_postfix_str(f"iteration {iteration}, squares {squares:.4g}", refresh=False)
             bar.update(starts - active - bar.n)
             bar.refresh()
+
         yield report

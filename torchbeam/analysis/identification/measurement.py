@@ -19,23 +19,27 @@ from ...sensors.observe import observe
 class Measurement:
     """Values of an instrument with one or more channels.
 
-    values  (times, *channels) in the unit of the model's readings, or of any shape where there are no times; NaN: missing
-    sigma   standard deviation of the noise, in that unit, that broadcasts with `values`: a number, or one for each channel
-            (channels,). None = not known: estimated from the misfit, one for all data or one for each channel (`noise` of
-            `identify`)
+    values  (times, *channels) in the unit of the model's readings, or of any shape where there are
+            no times; NaN: missing
+    sigma   standard deviation of the noise, in that unit, that broadcasts with `values`: a number,
+            or one for each channel (channels,). None = not known: estimated from the misfit, one
+            for all data or one for each channel (`noise` of `identify`)
     times   (times,) s by the instrument's clock, in any order
-    sensor  of tb.sensors, or a function of states: then a model may return a `Solution`, which is read by `tb.observe`
+    sensor  of tb.sensors, or a function of states: then a model may return a `Solution`, which is
+            read by `tb.observe`
     rate    the sensor's rate is what was measured: of a velocity the acceleration
     delay   s by which the readings lag; or the name of a parameter that is it
-    clock   relative error of the clock, or the name of a parameter that is it: where it shows s, (1 + clock) s have passed
+    clock   relative error of the clock, or the name of a parameter that is it: where it shows s,
+            (1 + clock) s have passed
     offset  each channel reads a constant more than what is there, a parameter beside the others
-    drift   each channel reads a straight line more, per s, or per the series' length where it has no times
+    drift   each channel reads a straight line more, per s, or per the series' length where it has
+            no times
     name    in sentences and pictures; None = the sensor's
-    fitted  how many numbers the model itself takes from the values, as `pair_modes` the scale of each shape: so many degrees of
-            freedom less has the noise
+    fitted  how many numbers the model itself takes from the values, as `pair_modes` the scale of
+            each shape: so many degrees of freedom less has the noise
 
-    Raises ValueError for values without a number, other shapes, a sigma that is not positive, a sensor without times; a
-    delay, a clock or a rate without a sensor.
+    Raises ValueError for values without a number, other shapes, a sigma that is not positive, a
+    sensor without times; a delay, a clock or a rate without a sensor.
     """
 
     values: Any
@@ -54,9 +58,15 @@ class Measurement:
         dtype, device = common_dtype(self.values)
         values = as_tensor(self.values, dtype, device).detach()
         if values.isnan().all():
-            raise ValueError(f"{self._of} of {values.numel()} numbers, all NaN, were given; some that were measured are wanted")
+            raise ValueError(
+                f"{self._of} of {values.numel()} numbers, all NaN, were given; some that were "
+                "measured are wanted"
+            )
         if values.isinf().any():
-            raise ValueError(f"{self._of} hold infinite numbers; finite ones are wanted, and NaN where nothing was measured")
+            raise ValueError(
+                f"{self._of} hold infinite numbers; finite ones are wanted, and NaN where "
+                "nothing was measured"
+            )
         object.__setattr__(self, "values", values)
         for name in ("rate", "offset", "drift"):
             boolean(name, getattr(self, name))
@@ -66,32 +76,48 @@ class Measurement:
             try:
                 sigma = sigma.expand(values.shape)
             except RuntimeError:
-                raise ValueError(f"sigma of shape {tuple(sigma.shape)} was given for {self._of} of shape "
-                                 f"{tuple(values.shape)}; one that broadcasts is wanted") from None
+                raise ValueError(
+                    f"sigma of shape {tuple(sigma.shape)} was given for {self._of} of shape "
+                    f"{tuple(values.shape)}; one that broadcasts is wanted"
+                ) from None
             object.__setattr__(self, "sigma", sigma)
         if self.times is not None:
             times = finite("times", as_tensor(self.times, dtype, device)).detach()
             if times.ndim != 1 or not values.ndim or len(times) != len(values):
-                raise ValueError(f"times of shape {tuple(times.shape)} were given for {self._of} of shape "
-                                 f"{tuple(values.shape)}; (times,) for values (times, ...) are wanted")
+                raise ValueError(
+                    f"times of shape {tuple(times.shape)} were given for {self._of} of shape "
+                    f"{tuple(values.shape)}; (times,) for values (times, ...) are wanted"
+                )
             object.__setattr__(self, "times", times)
         if self.sensor is not None and self.times is None:
-            raise ValueError("a sensor was given to a Measurement without times; times=(times,) are wanted")
+            raise ValueError(
+                "a sensor was given to a Measurement without times; times=(times,) are wanted"
+            )
         for name in ("delay", "clock"):
             if not isinstance(getattr(self, name), str):
-                object.__setattr__(self, name, finite(name, as_tensor(getattr(self, name), dtype, device)))
-        late = [n for n in ("delay", "clock") if isinstance(getattr(self, n), str) or (getattr(self, n) != 0).any()]
+                object.__setattr__(
+                    self, name, finite(name, as_tensor(getattr(self, name), dtype, device))
+                )
+        late = [
+            n
+            for n in ("delay", "clock")
+            if isinstance(getattr(self, n), str) or (getattr(self, n) != 0).any()
+        ]
         if self.sensor is None and (late or self.rate):
             what = " and ".join([*late, *["rate"] * self.rate])
-            raise ValueError(f"{what} was given to a Measurement without a sensor, by which a Solution is read; sensor=... is "
-                             "wanted")
+            raise ValueError(
+                f"{what} was given to a Measurement without a sensor, by which a Solution is read; "
+                "sensor=... is wanted"
+            )
 
     @classmethod
     def of(cls, data: Any, sigma: Any) -> Measurement:
         """Of bare data, or as it is."""
         if isinstance(data, Measurement):
             if sigma is not None:
-                raise ValueError("sigma was given beside a Measurement; Measurement(values, sigma=...) is wanted")
+                raise ValueError(
+                    "sigma was given beside a Measurement; Measurement(values, sigma=...) is wanted"
+                )
             return data
         return cls(data, sigma)
 
@@ -107,34 +133,57 @@ class Measurement:
     @property
     def labels(self) -> tuple[str, ...]:
         """One for each channel."""
-        channels = self.values.shape[1:].numel() if self.times is not None or self.values.ndim > 1 else 1
+        channels = (
+            self.values.shape[1:].numel() if self.times is not None or self.values.ndim > 1 else 1
+        )
         of = isinstance(self.sensor, Sensor) and self.sensor.size == channels
         name = self.name or (self.sensor.name if of else "")
         if channels == 1:
             return (name,)
-        return tuple(f"{name} {label}".strip() for label in (self.sensor.labels if of else map(str, range(channels))))
+        return tuple(
+            f"{name} {label}".strip()
+            for label in (self.sensor.labels if of else map(str, range(channels)))
+        )
 
     def read(self, solution: Any, parameters: Mapping[str, Tensor] | None = None) -> Tensor:
-        """Readings (N, *values.shape) of a solution of N samples; `parameters` (N,) by name where delay or clock are some."""
+        """Readings (N, *values.shape) of a solution of N samples; `parameters` (N,) by name where
+        delay or clock are some.
+        """
         if self.sensor is None:
-            raise ValueError("a model that gave a Solution was given with data without a sensor; "
-                             "tb.Measurement(values, times=..., sensor=...) is wanted")
-        delay, clock = (parameters[v] if isinstance(v, str) else v for v in (self.delay, self.clock))
+            raise ValueError(
+                "a model that gave a Solution was given with data without a sensor; "
+                "tb.Measurement(values, times=..., sensor=...) is wanted"
+            )
+        delay, clock = (
+            parameters[v] if isinstance(v, str) else v for v in (self.delay, self.clock)
+        )
         times = self.times * (1 + clock) if not clock.ndim else self.times[:, None] * (1 + clock)
         readings = observe(solution, self.sensor, times, delay=delay, rate=self.rate)
         if readings.ndim < 2:
-            raise ValueError("a model that gave a Solution without batch axes was given; one sample for each row of theta is "
-                             "wanted")
-        return readings.movedim(0, 1).reshape(readings.shape[1], *self.values.shape) if (
-            readings[:, 0].numel() == self.values.numel()) else readings.movedim(0, 1)
+            raise ValueError(
+                "a model that gave a Solution without batch axes was given; one sample for each "
+                "row of theta is wanted"
+            )
+        return (
+            readings.movedim(0, 1).reshape(readings.shape[1], *self.values.shape)
+            if (readings[:, 0].numel() == self.values.numel())
+            else readings.movedim(0, 1)
+        )
 
     def nuisance(self) -> tuple[tuple[str, ...], Tensor]:
         """Names (q,) and basis (q, *values.shape) of its own linear parameters."""
         values = self.values
         channels = values.shape[1:] if self.times is not None or values.ndim > 1 else ()
-        along = self.times if self.times is not None else torch.linspace(0, 1, len(values) if values.ndim else 1).to(values)
-        shapes = [(name, shape) for name, shape in (("offset", torch.ones_like(along)), ("drift", along))
-                  if getattr(self, name)]
+        along = (
+            self.times
+            if self.times is not None
+            else torch.linspace(0, 1, len(values) if values.ndim else 1).to(values)
+        )
+        shapes = [
+            (name, shape)
+            for name, shape in (("offset", torch.ones_like(along)), ("drift", along))
+            if getattr(self, name)
+        ]
         names, basis = [], []
         for name, shape in shapes:
             for k, label in enumerate(self.labels):
@@ -146,7 +195,9 @@ class Measurement:
 
 
 def several(data: Any) -> bool:
-    """Whether data of one experiment are a list of several, one of them a `Measurement` at least."""
+    """Whether data of one experiment are a list of several, one of them a `Measurement` at
+    least.
+    """
     return isinstance(data, (list, tuple)) and any(isinstance(item, Measurement) for item in data)
 
 

@@ -17,8 +17,10 @@ LEAST = 2  # readings of a channel whose noise is to be found
 class Noise:
     """Which data have a noise whose size is found with the parameters.
 
-    channel  (all numbers,) of the data, measured or not: number of the channel that each belongs to, -1 where sigma is known
-    names    of the channels;  fitted (channels,) numbers that models take from their data, see `Measurement`
+    channel  (all numbers,) of the data, measured or not: number of the channel that each belongs
+             to, -1 where sigma is known
+    names    of the channels;  fitted (channels,) numbers that models take from their data, see
+             `Measurement`
     """
 
     channel: Tensor
@@ -33,12 +35,14 @@ class Noise:
     @classmethod
     def common(cls, like: Tensor, fitted: float) -> Noise:
         """One factor of all sigma."""
-        return cls(torch.zeros(like.shape, dtype=torch.long, device=like.device), ("data",), (fitted,))
+        return cls(
+            torch.zeros(like.shape, dtype=torch.long, device=like.device), ("data",), (fitted,)
+        )
 
     @classmethod
     def by_channel(cls, experiments: Sequence[Any]) -> tuple[tuple[Any, ...], Noise]:
-        """Experiments whose measurements without sigma have a first one, the scatter of each channel's data; and the channels
-        of these. Raises ValueError for one of too few readings.
+        """Experiments whose measurements without sigma have a first one, the scatter of each
+        channel's data; and the channels of these. Raises ValueError for one of too few readings.
         """
         numbers, fitted, sizes = [], {}, []
         for e in experiments:
@@ -57,9 +61,15 @@ class Noise:
                     if len(seen) - own < LEAST:
                         raise _too_few(name, len(seen))
                     here[:, k], fitted[name] = len(fitted), own
-                    sigma[k] = (seen - seen.mean()).square().mean().sqrt().item() or seen.abs().max().item() or 1.0
+                    sigma[k] = (
+                        (seen - seen.mean()).square().mean().sqrt().item()
+                        or seen.abs().max().item()
+                        or 1.0
+                    )
                 numbers.append(here.flatten())
-                first = sigma.expand_as(columns).reshape(m.values.shape) if m.sigma is None else m.sigma
+                first = (
+                    sigma.expand_as(columns).reshape(m.values.shape) if m.sigma is None else m.sigma
+                )
                 with_sigma.append(replace(m, sigma=first))
             sizes.append(replace(e, measurements=tuple(with_sigma)))
         return tuple(sizes), cls(torch.cat(numbers), tuple(fitted), tuple(fitted.values()))
@@ -71,22 +81,30 @@ class Noise:
 
     def each(self, values: Tensor) -> Tensor:
         """(..., all numbers) of values (..., channels); of data whose sigma is known, 1."""
-        return torch.nn.functional.pad(values, (0, 1), value=1.0)[..., self.channel]  # -1 is the last
+        # -1 is the last
+        return torch.nn.functional.pad(values, (0, 1), value=1.0)[..., self.channel]
 
     def redundancy(self, J: Tensor, covariance: Tensor, known: Tensor) -> Tensor:
-        """(channels,) readings less the numbers that parameters and models take from them: trace of what projects data (T,) on
-        residuals, by J (T, p) and the covariance (p, p) of the parameters over weighted data.
+        """(channels,) readings less the numbers that parameters and models take from them: trace of
+        what projects data (T,) on residuals, by J (T, p) and the covariance (p, p) of the
+        parameters over weighted data.
         """
         leverage = ((J @ covariance) * J).sum(-1)
         return self.sums(1 - leverage, known) - leverage.new_tensor(self.fitted)
 
     def refuse(self, redundancy: Tensor, known: Tensor) -> None:
-        """Raise ValueError where a channel's readings follow the parameters, and no noise is left to be seen."""
+        """Raise ValueError where a channel's readings follow the parameters, and no noise is left
+        to be seen.
+        """
         for c in (redundancy < 1).nonzero()[:, 0].tolist():
-            raise _too_few(self.names[c], int((self.channel[known] == c).sum()), redundancy[c].item())
+            raise _too_few(
+                self.names[c], int((self.channel[known] == c).sum()), redundancy[c].item()
+            )
 
 
 def _too_few(name: str, readings: int, free: float | None = None) -> ValueError:
     left = "" if free is None else f", of which the parameters leave {max(free, 0.0):.1f} free"
-    return ValueError(f"noise='channel' was given with {name!r} of {readings} readings{left}; the sigma of that is wanted, or "
-                      "more of them")
+    return ValueError(
+        f"noise='channel' was given with {name!r} of {readings} readings{left}; the sigma of that "
+        "is wanted, or more of them"
+    )

@@ -1,4 +1,6 @@
-"""Priors as observations: normal laws about parameters or their logarithms, as further data of a problem."""
+"""Priors as observations: normal laws about parameters or their logarithms, as further data of a
+problem.
+"""
 
 from __future__ import annotations
 
@@ -15,34 +17,60 @@ from .problem import FitProblem
 
 
 def with_priors_observed(problem: FitProblem) -> FitProblem:
-    """The same least squares, with priors among the data, so that both can be repeated: as randomised searches for the mode do
-    (Oliver, He and Reynolds 1996, 5th Eur. Conf. Math. Oil Recovery; Bardsley, Solonen, Haario and Laine 2014, SIAM J. Sci.
-    Comput. 36, A1895). A normal prior is an observation of its parameter; a log-normal one, mean m and deviation s of the
-    logarithm, one of that by m - s^2, where the density of the parameter itself has its mode. A uniform one is bounds.
+    """The same least squares, with priors among the data, so that both can be repeated: as
+    randomised searches for the mode do (Oliver, He and Reynolds 1996, 5th Eur. Conf. Math. Oil
+    Recovery; Bardsley, Solonen, Haario and Laine 2014, SIAM J. Sci. Comput. 36, A1895). A normal
+    prior is an observation of its parameter; a log-normal one, mean m and deviation s of the
+    logarithm, one of that by m - s^2, where the density of the parameter itself has its mode. A
+    uniform one is bounds.
 
     Raises ValueError for other priors, which are none.
     """
     parameters, like = problem.parameters, problem.weight
-    seen = tuple(_observation(entry, like) for entry in parameters.priors if type(entry.prior) is not Uniform)
-    sigma, values = (torch.cat([like[:0], *(getattr(e.measurements[0], name).flatten() for e in seen)])
-                     for name in ("sigma", "values"))
+    seen = tuple(
+        _observation(entry, like) for entry in parameters.priors if type(entry.prior) is not Uniform
+    )
+    sigma, values = (
+        torch.cat([like[:0], *(getattr(e.measurements[0], name).flatten() for e in seen)])
+        for name in ("sigma", "values")
+    )
     rows, q, (least, largest) = len(values), len(problem.basis), parameters.limits
-    parameters = replace(parameters, entries=tuple(replace(e, prior=None) for e in parameters.entries), least=least,
-                         largest=largest)
-    noise = replace(problem.noise, channel=torch.cat((problem.noise.channel, problem.noise.channel.new_full((rows,), -1))))
-    return replace(problem, experiments=(*problem.experiments, *seen), parameters=parameters, noise=noise,
-                   known=torch.cat((problem.known, torch.ones_like(values, dtype=torch.bool))),
-                   weight=torch.cat((like, 1 / sigma)), target=torch.cat((problem.target, (values / sigma)[None]), -1),
-                   nuisance=torch.cat((problem.nuisance, like.new_zeros(q, rows)), -1),
-                   basis=torch.cat((problem.basis, like.new_zeros(q, rows)), -1))
+    parameters = replace(
+        parameters,
+        entries=tuple(replace(e, prior=None) for e in parameters.entries),
+        least=least,
+        largest=largest,
+    )
+    noise = replace(
+        problem.noise,
+        channel=torch.cat((problem.noise.channel, problem.noise.channel.new_full((rows,), -1))),
+    )
+    return replace(
+        problem,
+        experiments=(*problem.experiments, *seen),
+        parameters=parameters,
+        noise=noise,
+        known=torch.cat((problem.known, torch.ones_like(values, dtype=torch.bool))),
+        weight=torch.cat((like, 1 / sigma)),
+        target=torch.cat((problem.target, (values / sigma)[None]), -1),
+        nuisance=torch.cat((problem.nuisance, like.new_zeros(q, rows)), -1),
+        basis=torch.cat((problem.basis, like.new_zeros(q, rows)), -1),
+    )
 
 
 def _observation(entry: Entry, like: Tensor) -> Experiment:
     law, name = entry.prior, entry.name
     if type(law) not in (Normal, LogNormal):
-        raise ValueError(f"a bootstrap of a fit with the prior {law} of {name!r} was asked for; normal, log-normal and "
-                         "uniform ones can be repeated, and the intervals 'laplace' and 'profile' count any")
-    centre, deviation = (torch.as_tensor(v).to(like).expand(entry.shape) for v in (law.loc, law.scale))
+        raise ValueError(
+            f"a bootstrap of a fit with the prior {law} of {name!r} was asked for; normal, "
+            "log-normal and uniform ones can be repeated, and the intervals 'laplace' and "
+            "'profile' count any"
+        )
+    centre, deviation = (
+        torch.as_tensor(v).to(like).expand(entry.shape) for v in (law.loc, law.scale)
+    )
     log = type(law) is LogNormal
     seen = Measurement(centre - deviation**2 if log else centre, deviation)
-    return Experiment(entry.experiment, lambda theta: theta[name].log() if log else theta[name], (seen,), True)
+    return Experiment(
+        entry.experiment, lambda theta: theta[name].log() if log else theta[name], (seen,), True
+    )

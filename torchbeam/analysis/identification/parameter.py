@@ -19,17 +19,20 @@ class Parameter:
     """A quantity to be identified, a number or a tensor of them.
 
     start      where the search begins, of any shape
-    transform  None: searched as it is; "log": its logarithm, for what is positive (stiffness, mass, damping); "logit": of its
-               place between the bounds, which it then never touches
+    transform  None: searched as it is; "log": its logarithm, for what is positive
+               (stiffness, mass, damping); "logit": of its place between the bounds, which it then
+               never touches
     bounds     (least, largest), numbers or tensors like `start`
-    prior      of torch.distributions, what is known beforehand of theta itself: minus its logarithm is added to half the
-               squares over sigma, so that the estimate is that of the largest posterior density of theta
-    scale      size of a change that matters, for what starts at zero. None = |start|, or the deviation of the prior, or the
+    prior      of torch.distributions, what is known beforehand of theta itself: minus its logarithm
+               is added to half the squares over sigma, so that the estimate is that of the largest
+               posterior density of theta
+    scale      size of a change that matters, for what starts at zero. None = |start|, or the
+               deviation of the prior, or the
                width of the bounds
     own        one for each experiment, in place of one for all; named "experiment.name"
 
-    Raises ValueError for a start outside of bounds or prior, "logit" without bounds, a prior of vectors or of another
-    shape, as bounds and scale of another shape.
+    Raises ValueError for a start outside of bounds or prior, "logit" without bounds, a prior of
+    vectors or of another shape, as bounds and scale of another shape.
     """
 
     start: Any
@@ -48,7 +51,9 @@ class Parameter:
         if self.transform == "log":
             positive("a start by its logarithm", start)
         if self.transform == "logit" and self.bounds is None:
-            raise ValueError("the transform 'logit' was given without bounds; bounds=(least, largest) are wanted")
+            raise ValueError(
+                "the transform 'logit' was given without bounds; bounds=(least, largest) are wanted"
+            )
         if self.bounds is not None:
             object.__setattr__(self, "bounds", self._bounds())
         if self.scale is not None:
@@ -62,35 +67,60 @@ class Parameter:
         try:
             return value.expand_as(start)
         except RuntimeError:
-            raise ValueError(f"{name} of shape {tuple(value.shape)} were given for a start of shape {tuple(start.shape)}; one "
-                             "number, or one for each, is wanted") from None
+            raise ValueError(
+                f"{name} of shape {tuple(value.shape)} were given for a start of shape "
+                f"{tuple(start.shape)}; one number, or one for each, is wanted"
+            ) from None
 
     def _bounds(self) -> tuple[Tensor, Tensor]:
         start = self.start
         if not isinstance(self.bounds, (tuple, list)) or len(self.bounds) != 2:
-            raise ValueError(f"bounds = {shown(self.bounds)} were given; (least, largest) is wanted")
+            raise ValueError(
+                f"bounds = {shown(self.bounds)} were given; (least, largest) is wanted"
+            )
         least, largest = (self._like("bounds", b) for b in self.bounds)
         ends = largest < torch.inf, least > -torch.inf
-        inside = (least < start) & (start < largest) if self.transform == "logit" else (least <= start) & (start <= largest)
-        if not inside.all() or not (least < largest).all() or (self.transform == "logit" and not (ends[0] & ends[1]).all()):
-            raise ValueError(f"bounds from {least.min().item():g} to {largest.max().item():g} were given for a start of "
-                             f"{start.flatten()[0].item():g}; finite ones with it between them are wanted")
+        inside = (
+            (least < start) & (start < largest)
+            if self.transform == "logit"
+            else (least <= start) & (start <= largest)
+        )
+        if (
+            not inside.all()
+            or not (least < largest).all()
+            or (self.transform == "logit" and not (ends[0] & ends[1]).all())
+        ):
+            raise ValueError(
+                f"bounds from {least.min().item():g} to {largest.max().item():g} were given for a "
+                f"start of {start.flatten()[0].item():g}; finite ones with it between them are "
+                "wanted"
+            )
         return least, largest
 
     def _check_prior(self) -> None:
-        if not isinstance(self.prior, Distribution) or self.prior.event_shape or not self.prior.support.event_dim == 0:
-            raise ValueError(f"the prior {shown(self.prior)} was given; one of torch.distributions, of single numbers, is "
-                             "wanted")
+        if (
+            not isinstance(self.prior, Distribution)
+            or self.prior.event_shape
+            or not self.prior.support.event_dim == 0
+        ):
+            raise ValueError(
+                f"the prior {shown(self.prior)} was given; one of torch.distributions, of single "
+                "numbers, is wanted"
+            )
         try:
             density = self.prior.log_prob(self.start.clone())
         except ValueError:
             density = torch.full_like(self.start, -torch.inf)
         if density.shape != self.start.shape:
-            raise ValueError(f"a prior of shape {tuple(density.shape)} was given for a start of shape "
-                             f"{tuple(self.start.shape)}; one for each number, or for all, is wanted")
+            raise ValueError(
+                f"a prior of shape {tuple(density.shape)} was given for a start of shape "
+                f"{tuple(self.start.shape)}; one for each number, or for all, is wanted"
+            )
         if not torch.isfinite(density).all():
-            raise ValueError(f"a start of {self.start.flatten()[0].item():g} was given, which the prior {self.prior} does not "
-                             "know; one that it does is wanted")
+            raise ValueError(
+                f"a start of {self.start.flatten()[0].item():g} was given, which the prior "
+                f"{self.prior} does not know; one that it does is wanted"
+            )
 
     @property
     def size(self) -> Tensor:
@@ -104,7 +134,9 @@ class Parameter:
                 stddev = self.prior.stddev
             except NotImplementedError:  # of transformed distributions
                 stddev = torch.inf
-            spread = torch.as_tensor(stddev, dtype=start.dtype, device=start.device).expand_as(start)
+            spread = torch.as_tensor(stddev, dtype=start.dtype, device=start.device).expand_as(
+                start
+            )
             size = torch.where((size == 0) & torch.isfinite(spread), spread, size)
         if self.bounds is not None:
             width = self.bounds[1] - self.bounds[0]

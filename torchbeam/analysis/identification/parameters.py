@@ -20,7 +20,9 @@ ROUNDING = 64  # of a coordinate and back, in units of the last place
 
 @dataclass(frozen=True)
 class Entry:
-    """One parameter's place in the vector: numbers first to first + size - 1, of a shape; `experiment` whose own it is."""
+    """One parameter's place in the vector: numbers first to first + size - 1, of a shape;
+    `experiment` whose own it is.
+    """
 
     name: str
     first: int
@@ -37,22 +39,32 @@ class Entry:
         return slice(self.first, self.first + self.size)
 
     def support(self, like: Tensor) -> tuple[Tensor, Tensor]:
-        """Ends (size,) of the prior's support, infinite where it has none; a little inside of those that are not zero, as some
-        densities are zero at an end.
+        """Ends (size,) of the prior's support, infinite where it has none; a little inside of those
+        that are not zero, as some densities are zero at an end.
         """
-        low, high = (torch.as_tensor(getattr(self.prior.support, name, end)).to(like).expand(self.shape).reshape(self.size)
-                     for name, end in (("lower_bound", -torch.inf), ("upper_bound", torch.inf)))
+        low, high = (
+            torch.as_tensor(getattr(self.prior.support, name, end))
+            .to(like)
+            .expand(self.shape)
+            .reshape(self.size)
+            for name, end in (("lower_bound", -torch.inf), ("upper_bound", torch.inf))
+        )
         inside = ROUNDING * torch.finfo(like.dtype).eps
-        return tuple(torch.where(torch.isfinite(end), end + side * inside * end.abs(), end)
-                     for end, side in ((low, 1), (high, -1)))
+        return tuple(
+            torch.where(torch.isfinite(end), end + side * inside * end.abs(), end)
+            for end, side in ((low, 1), (high, -1))
+        )
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """Layout of the vector theta (p,): those of the model, then those of the measurements (offsets, drifts).
+    """Layout of the vector theta (p,): those of the model, then those of the measurements
+    (offsets, drifts).
 
-    names    (p,) of the numbers;  entries  of named parameters; none where the model takes the vector itself
-    start    (S, p) theta;  size (p,) of changes that matter, 0 = not known;  least, largest (p,) bounds that were given
+    names    (p,) of the numbers;  entries  of named parameters; none where the model takes the
+             vector itself
+    start    (S, p) theta;  size (p,) of changes that matter, 0 = not known;  least, largest (p,)
+             bounds that were given
     model    how many of the numbers the model takes
     """
 
@@ -67,19 +79,32 @@ class Parameters:
     by_name: bool = field(default=False)
 
     @classmethod
-    def of(cls, start: Any, log: bool, bounds: tuple[Value, Value] | None, names: Sequence[str] | None,
-           experiments: Sequence[str], like: Any) -> Parameters:
-        """From what `identify` was given; `like`: data, whose dtype it is where the start has none."""
+    def of(
+        cls,
+        start: Any,
+        log: bool,
+        bounds: tuple[Value, Value] | None,
+        names: Sequence[str] | None,
+        experiments: Sequence[str],
+        like: Any,
+    ) -> Parameters:
+        """From what `identify` was given; `like`: data, whose dtype it is where the start has
+        none.
+        """
         if isinstance(start, Mapping):
             if bounds is not None or names is not None:
-                raise ValueError("bounds or names were given beside parameters by name; tb.Parameter(start, bounds=...) is "
-                                 "wanted")
+                raise ValueError(
+                    "bounds or names were given beside parameters by name; tb.Parameter(start, "
+                    "bounds=...) is wanted"
+                )
             return _named(start, log, experiments, common_dtype(*_numbers(start), like))
         dtype, device = common_dtype(start, like)
         start = finite("start", as_tensor(start, dtype, device)).detach()
         start = start[None] if start.ndim == 1 else start
         if start.ndim != 2:
-            raise ValueError(f"a start of shape {tuple(start.shape)} was given; (p,) or (starts, p) is wanted")
+            raise ValueError(
+                f"a start of shape {tuple(start.shape)} was given; (p,) or (starts, p) is wanted"
+            )
         p = start.shape[1]
         names = tuple(names) if names is not None else tuple(f"theta[{i}]" for i in range(p))
         if len(names) != p:
@@ -89,13 +114,24 @@ class Parameters:
         low, high = (start.new_full((p,), end) for end in (-torch.inf, torch.inf))
         least, largest = (low, high) if bounds is None else _pair(bounds, start[0])
         if not ((least <= start) & (start <= largest)).all():
-            raise ValueError(f"bounds {least.tolist()} and {largest.tolist()} were given for a start outside of them; one "
-                             "between is wanted")
+            raise ValueError(
+                f"bounds {least.tolist()} and {largest.tolist()} were given for a start outside of "
+                "them; one between is wanted"
+            )
         if log:
             positive("start", start)
             positive("bounds", least.clamp(min=0) if bounds is None else least, zero=True)
         every = torch.full((p,), bool(log), device=device)
-        return cls(names, (), Transform(every, torch.zeros_like(every), low, high), start, start[0].abs(), least, largest, p)
+        return cls(
+            names,
+            (),
+            Transform(every, torch.zeros_like(every), low, high),
+            start,
+            start[0].abs(),
+            least,
+            largest,
+            p,
+        )
 
     @property
     def priors(self) -> tuple[Entry, ...]:
@@ -112,8 +148,10 @@ class Parameters:
         least, largest = self.least.clone(), self.largest.clone()
         for entry in self.priors:
             low, high = entry.support(least)
-            least[entry.place], largest[entry.place] = (torch.maximum(low, least[entry.place]),
-                                                        torch.minimum(high, largest[entry.place]))
+            least[entry.place], largest[entry.place] = (
+                torch.maximum(low, least[entry.place]),
+                torch.minimum(high, largest[entry.place]),
+            )
         return least, largest
 
     def bounds(self, x: Tensor) -> tuple[Tensor, Tensor]:
@@ -129,38 +167,57 @@ class Parameters:
         """Coordinates (p,) of theta (p,) that are limits; of logits there are none."""
         T = self.transform
         logs = (torch.where(T.log, end.clamp(min=0), 1).log() for end in (least, largest))
-        low, high = (torch.where(T.log, new, end) for new, end in zip(logs, (least, largest), strict=True))
+        low, high = (
+            torch.where(T.log, new, end) for new, end in zip(logs, (least, largest), strict=True)
+        )
         return torch.where(T.logit, -torch.inf, low), torch.where(T.logit, torch.inf, high)
 
     def given(self, theta: Tensor, experiment: str | None = None) -> Any:
-        """What a model takes: (N, p), or name -> (N, *shape) of the parameters of an experiment and of all."""
+        """What a model takes: (N, p), or name -> (N, *shape) of the parameters of an experiment and
+        of all.
+        """
         if not self.by_name:
-            return theta[:, :self.model]
-        return {e.name: theta[:, e.place].reshape(len(theta), *e.shape) for e in self.entries
-                if e.experiment in (None, experiment)}
+            return theta[:, : self.model]
+        return {
+            e.name: theta[:, e.place].reshape(len(theta), *e.shape)
+            for e in self.entries
+            if e.experiment in (None, experiment)
+        }
 
     def more_starts(self, starts: int, spread: float, seed: int) -> Parameters:
-        """With so many starts, the first as given, the others at random (scrambled Sobol): between its limits where a parameter
-        has two, evenly or, of a logarithm, by that; else evenly by the logarithm within a factor of `spread`, or the size from
-        zero, and the one limit that there is.
+        """With so many starts, the first as given, the others at random (scrambled Sobol): between
+        its limits where a parameter has two, evenly or, of a logarithm, by that; else evenly by the
+        logarithm within a factor of `spread`, or the size from zero, and the one limit that there
+        is.
         """
         if count("starts", starts) == 1:
             return self
         if len(self.start) > 1:
-            raise ValueError(f"starts = {starts} was given beside {len(self.start)} starts; one of them is wanted")
+            raise ValueError(
+                f"starts = {starts} was given beside {len(self.start)} starts; one of them is "
+                "wanted"
+            )
         if not number("spread", spread) > 1:
             raise ValueError(f"spread = {spread:g} was given; a factor above 1 is wanted")
         first, (least, largest) = self.start[0], self.limits
-        u = torch.quasirandom.SobolEngine(self.model, scramble=True, seed=seed).draw(starts - 1, dtype=torch.float64).to(first)
+        u = (
+            torch.quasirandom.SobolEngine(self.model, scramble=True, seed=seed)
+            .draw(starts - 1, dtype=torch.float64)
+            .to(first)
+        )
         near, far = first.abs() / spread, first.abs() * spread
         low = torch.where(first > 0, near, torch.where(first < 0, -far, -self.size))
         high = torch.where(first > 0, far, torch.where(first < 0, -near, self.size))
-        between = torch.isfinite(least) & torch.isfinite(largest) & ~(self.transform.log & (least <= 0))
+        between = (
+            torch.isfinite(least) & torch.isfinite(largest) & ~(self.transform.log & (least <= 0))
+        )
         low = torch.where(between, least, torch.maximum(low, least))
         high = torch.where(between, largest, torch.minimum(high, largest))
         by_log = self.transform.log | (~between & (first != 0))
         a, b = (torch.where(by_log, end.abs(), 1).log() for end in (low, high))
-        theta = torch.where(by_log, first.sign() * torch.lerp(a, b, u).exp(), torch.lerp(low, high, u))
+        theta = torch.where(
+            by_log, first.sign() * torch.lerp(a, b, u).exp(), torch.lerp(low, high, u)
+        )
         theta = torch.maximum(torch.minimum(theta, high), low)  # to the last digit
         return replace(self, start=torch.cat((self.start, theta)))
 
@@ -174,10 +231,21 @@ class Parameters:
         def longer(x: Tensor, value: float) -> Tensor:
             return torch.nn.functional.pad(x, (0, q), value=value)
 
-        transform = Transform(torch.cat((T.log, none)), torch.cat((T.logit, none)), longer(T.low, 0.0), longer(T.high, 0.0))
-        return replace(self, names=(*self.names, *names), transform=transform, start=longer(self.start, 0.0),
-                       size=longer(self.size, 0.0), least=longer(self.least, -torch.inf),
-                       largest=longer(self.largest, torch.inf))
+        transform = Transform(
+            torch.cat((T.log, none)),
+            torch.cat((T.logit, none)),
+            longer(T.low, 0.0),
+            longer(T.high, 0.0),
+        )
+        return replace(
+            self,
+            names=(*self.names, *names),
+            transform=transform,
+            start=longer(self.start, 0.0),
+            size=longer(self.size, 0.0),
+            least=longer(self.least, -torch.inf),
+            largest=longer(self.largest, torch.inf),
+        )
 
 
 def _pair(bounds: Any, like: Tensor) -> tuple[Tensor, Tensor]:
@@ -185,9 +253,14 @@ def _pair(bounds: Any, like: Tensor) -> tuple[Tensor, Tensor]:
     if not isinstance(bounds, (tuple, list)) or len(bounds) != 2:
         raise ValueError(f"bounds = {bounds!r} were given; (least, largest) is wanted")
     least, largest = (as_tensor(b, like.dtype, like.device) for b in bounds)
-    if any(b.ndim > 1 or b.numel() not in (1, len(like)) for b in (least, largest)) or not (least <= largest).all():
-        raise ValueError(f"bounds {least.tolist()} and {largest.tolist()} were given for {len(like)} parameters; the least and "
-                         "the largest of each are wanted")
+    if (
+        any(b.ndim > 1 or b.numel() not in (1, len(like)) for b in (least, largest))
+        or not (least <= largest).all()
+    ):
+        raise ValueError(
+            f"bounds {least.tolist()} and {largest.tolist()} were given for {len(like)} "
+            "parameters; the least and the largest of each are wanted"
+        )
     return least.expand(len(like)), largest.expand(len(like))
 
 
@@ -195,7 +268,9 @@ def _numbers(start: Mapping[str, Any]) -> list[Any]:
     return [p.start if isinstance(p, Parameter) else p for p in start.values()]
 
 
-def _named(start: Mapping[str, Any], log: bool, experiments: Sequence[str], kind: tuple) -> Parameters:
+def _named(
+    start: Mapping[str, Any], log: bool, experiments: Sequence[str], kind: tuple
+) -> Parameters:
     """Vector of named parameters, shared ones and one of each experiment's own."""
     if not start:
         raise ValueError("no parameters were given; one at least is wanted")
@@ -203,9 +278,16 @@ def _named(start: Mapping[str, Any], log: bool, experiments: Sequence[str], kind
     for name, one in start.items():
         if not isinstance(name, str):
             raise ValueError(f"a parameter named {name!r} was given; text is wanted")
-        one = one if isinstance(one, Parameter) else Parameter(as_tensor(one, *kind), transform="log" if log else None)
+        one = (
+            one
+            if isinstance(one, Parameter)
+            else Parameter(as_tensor(one, *kind), transform="log" if log else None)
+        )
         if one.own and len(experiments) < 2:
-            raise ValueError(f"the parameter {name!r}, own to each experiment, was given with one; several are wanted")
+            raise ValueError(
+                f"the parameter {name!r}, own to each experiment, was given with one; several "
+                "are wanted"
+            )
         for experiment in experiments if one.own else (None,):
             entry = Entry(name, first, tuple(one.start.shape), experiment, one.prior)
             full = name if experiment is None else f"{experiment}.{name}"
@@ -216,12 +298,23 @@ def _named(start: Mapping[str, Any], log: bool, experiments: Sequence[str], kind
 
     def joined(read: Any, like: Any = lambda one: one.start) -> Tensor:
         numbers = [torch.as_tensor(read(one)).to(kind[1], kind[0]) for one in given]
-        return torch.cat([x.expand_as(like(one)).flatten() for x, one in zip(numbers, given, strict=True)])
+        return torch.cat(
+            [x.expand_as(like(one)).flatten() for x, one in zip(numbers, given, strict=True)]
+        )
 
-    low, high = (joined(lambda one, end=end, i=i: one.bounds[i] if one.bounds is not None else torch.tensor(end))
-                 for i, end in enumerate((-torch.inf, torch.inf)))
-    logs, logits = (joined(lambda one, name=name: float(one.transform == name)).bool() for name in ("log", "logit"))
+    low, high = (
+        joined(
+            lambda one, end=end, i=i: one.bounds[i] if one.bounds is not None else torch.tensor(end)
+        )
+        for i, end in enumerate((-torch.inf, torch.inf))
+    )
+    logs, logits = (
+        joined(lambda one, name=name: float(one.transform == name)).bool()
+        for name in ("log", "logit")
+    )
     zero = torch.zeros_like(low)
-    transform = Transform(logs, logits, torch.where(logits, low, zero), torch.where(logits, high, zero))
+    transform = Transform(
+        logs, logits, torch.where(logits, low, zero), torch.where(logits, high, zero)
+    )
     start, size = joined(lambda one: one.start)[None], joined(lambda one: one.size)
     return Parameters(tuple(names), tuple(entries), transform, start, size, low, high, first, True)

@@ -1,4 +1,6 @@
-"""Problem: weighted misfits of experiments as a function of the parameters, and their derivatives."""
+"""Problem: weighted misfits of experiments as a function of the parameters, and their
+derivatives.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +21,15 @@ from .parameters import Parameters
 
 @dataclass(frozen=True)
 class FitProblem:
-    """Least squares of all experiments: r(x) = (y + nuisance - data) / sigma, and minus the logarithm of priors.
+    """Least squares of all experiments: r(x) = (y + nuisance - data) / sigma, and minus the
+    logarithm of priors.
 
     known       (all numbers,) bool: which were measured;  weight (T,) of those
     target      (1 or S, T): weighted data, one set for all starts or each its own
-    noise       whose size is found;  sigma_given: weights are those of the noise, or are changed until they are
-    nuisance    (q, all numbers): how linear parameters of measurements enter;  basis (q, T) the same, weighted
+    noise       whose size is found;  sigma_given: weights are those of the noise, or are changed
+                until they are
+    nuisance    (q, all numbers): how linear parameters of measurements enter;  basis (q, T) the
+                same, weighted
     method      "forward" or "difference", of relative_step
     """
 
@@ -41,43 +46,70 @@ class FitProblem:
     relative_step: float = 1e-4
 
     @classmethod
-    def of(cls, experiments: Sequence[Experiment], parameters: Parameters, absolute_sigma: bool = True,
-           noise: Noise | None = None) -> FitProblem:
-        """From experiments and the parameters of their models; those of their measurements are added. Without `noise`, it is
-        known by sigma, or one for all data.
+    def of(
+        cls,
+        experiments: Sequence[Experiment],
+        parameters: Parameters,
+        absolute_sigma: bool = True,
+        noise: Noise | None = None,
+    ) -> FitProblem:
+        """From experiments and the parameters of their models; those of their measurements are
+        added. Without `noise`, it is known by sigma, or one for all data.
         """
         every = [(e, m) for e in experiments for m in e.measurements]
         scaled = sigma_given(m for _, m in every) and absolute_sigma
         values = torch.cat([m.values.flatten() for _, m in every])
         known = ~values.isnan()
-        weight = torch.cat([(torch.ones_like(m.values) if m.sigma is None else 1 / m.sigma).flatten() for _, m in every])
+        weight = torch.cat(
+            [
+                (torch.ones_like(m.values) if m.sigma is None else 1 / m.sigma).flatten()
+                for _, m in every
+            ]
+        )
         names, rows, before = [], [], 0
         for e, m in every:
             own, basis = m.nuisance()
             names += [n if e.name is None else f"{e.name}.{n}" for n in own]
             after = len(values) - before - m.values.numel()
-            rows.append(torch.nn.functional.pad(basis.reshape(len(own), m.values.numel()), (before, after)))
+            rows.append(
+                torch.nn.functional.pad(basis.reshape(len(own), m.values.numel()), (before, after))
+            )
             before += m.values.numel()
         parameters = parameters.with_nuisance(names)
         fitted, p = sum(m.fitted for _, m in every), len(parameters.names)
         numbers = int(known.sum()) - fitted
         if numbers + sum(e.size for e in parameters.priors) < p:
             less = f", {fitted} of them fitted by the model," if fitted else ""
-            raise ValueError(f"{numbers + fitted} data{less} were given for {p} parameters; at least as many are wanted, or "
-                             "priors")
+            raise ValueError(
+                f"{numbers + fitted} data{less} were given for {p} parameters; at least as many "
+                "are wanted, or priors"
+            )
         if noise is None:
             noise = Noise.known(values) if scaled else Noise.common(values, fitted)
         if parameters.priors and not scaled:
-            raise ValueError("priors were given with data without an absolute sigma, against which they are weighed; one is "
-                             "wanted")
+            raise ValueError(
+                "priors were given with data without an absolute sigma, against which they are "
+                "weighed; one is wanted"
+            )
         known_names = {e.name for e in parameters.entries}
         for _, m in every:
             if wrong := [n for n in m.parameters if n not in known_names]:
-                raise ValueError(f"a Measurement with the parameter {wrong[0]!r} was given; there are "
-                                 f"{', '.join(sorted(known_names)) or 'none by name'}")
+                raise ValueError(
+                    f"a Measurement with the parameter {wrong[0]!r} was given; there are "
+                    f"{', '.join(sorted(known_names)) or 'none by name'}"
+                )
         weight = weight[known]
-        return cls(tuple(experiments), parameters, known, weight, (values[known] * weight)[None],
-                   torch.cat(rows), torch.cat(rows)[:, known] * weight, noise, scaled)
+        return cls(
+            tuple(experiments),
+            parameters,
+            known,
+            weight,
+            (values[known] * weight)[None],
+            torch.cat(rows),
+            torch.cat(rows)[:, known] * weight,
+            noise,
+            scaled,
+        )
 
     @property
     def measurements(self) -> list[tuple[Experiment, Measurement]]:
@@ -87,7 +119,10 @@ class FitProblem:
     def by_measurement(self, values: Tensor) -> list[Tensor]:
         """Values (all numbers,) of each measurement, of its shape."""
         shapes = [m.values.shape for _, m in self.measurements]
-        return [part.reshape(shape) for part, shape in zip(values.split([s.numel() for s in shapes]), shapes, strict=True)]
+        return [
+            part.reshape(shape)
+            for part, shape in zip(values.split([s.numel() for s in shapes]), shapes, strict=True)
+        ]
 
     @property
     def spare(self) -> int:
@@ -98,7 +133,9 @@ class FitProblem:
     @property
     def deviations(self) -> Tensor:
         """(channels,) by which the data of a channel whose noise is to be found are weighed."""
-        return self.noise.sums(1 / self.weight, self.known) / self.noise.sums(torch.ones_like(self.weight), self.known)
+        return self.noise.sums(1 / self.weight, self.known) / self.noise.sums(
+            torch.ones_like(self.weight), self.known
+        )
 
     @property
     def measured(self) -> Tensor:
@@ -119,17 +156,27 @@ class FitProblem:
 
     def residuals(self, x: Tensor, which: Tensor) -> Tensor:
         """r (N, T) of coordinates (N, p) of the starts `which` (N,)."""
-        return self.weighted(x[:, :self.parameters.model]) + self._besides(x, which)
+        return self.weighted(x[:, : self.parameters.model]) + self._besides(x, which)
 
-    def linearised(self, x: Tensor, which: Tensor, r: Tensor | None = None, rough: bool = False) -> tuple[Tensor, Tensor]:
-        """r (N, T) and J (N, T, p); r where it is known already. A rough J is of differences of one side."""
+    def linearised(
+        self, x: Tensor, which: Tensor, r: Tensor | None = None, rough: bool = False
+    ) -> tuple[Tensor, Tensor]:
+        """r (N, T) and J (N, T, p); r where it is known already. A rough J is of differences of one
+        side.
+        """
         m, besides = self.parameters.model, self._besides(x, which)
         if self.method == "forward":
             y, J = forward(self.weighted, x[:, :m])
         else:
             bounds = (b[..., :m] for b in self.parameters.bounds(x))
-            y, J = difference(self.weighted, x[:, :m], self.steps(x)[:, :m], *bounds, None if r is None else r - besides,
-                              central=not rough)
+            y, J = difference(
+                self.weighted,
+                x[:, :m],
+                self.steps(x)[:, :m],
+                *bounds,
+                None if r is None else r - besides,
+                central=not rough,
+            )
         if len(self.basis):
             J = torch.cat((J, self.basis.mT.expand(len(x), -1, -1)), -1)
         return y + besides, J
@@ -137,23 +184,27 @@ class FitProblem:
     def region(self, x: Tensor) -> Region:
         """Where a search may move from coordinates (S, p)."""
         parameters = self.parameters
-        return Region(x, parameters.size, parameters.transform.additive, *parameters.bounds(x), self.target)
+        return Region(
+            x, parameters.size, parameters.transform.additive, *parameters.bounds(x), self.target
+        )
 
     def steps(self, x: Tensor) -> Tensor:
         """Changes (N, p) by which derivatives are found."""
         one = torch.ones_like(x)
         size, far = self.parameters.size, x.abs()
-        size = torch.where(size > 0, torch.maximum(far, 1e-3 * size), torch.where(far > 1e-3, far, one))
+        size = torch.where(
+            size > 0, torch.maximum(far, 1e-3 * size), torch.where(far > 1e-3, far, one)
+        )
         return self.relative_step * torch.where(self.parameters.transform.additive, one, size)
 
     def _besides(self, x: Tensor, which: Tensor) -> Tensor:
         """What r has beside the model's readings: nuisance less data."""
         target = self.target[which] if len(self.target) > 1 else self.target
-        return x[:, self.parameters.model:] @ self.basis - target if len(self.basis) else -target
+        return x[:, self.parameters.model :] @ self.basis - target if len(self.basis) else -target
 
     def prior(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Minus the logarithm of the priors' density (N,), its gradient and curvature (N, p) by coordinates; the curvature is
-        that of Gauss and Newton, and not negative.
+        """Minus the logarithm of the priors' density (N,), its gradient and curvature (N, p) by
+        coordinates; the curvature is that of Gauss and Newton, and not negative.
         """
         value, gradient, curvature = x.new_zeros(len(x)), torch.zeros_like(x), torch.zeros_like(x)
         if not self.parameters.priors:
@@ -182,10 +233,18 @@ class FitProblem:
     def reweighted(self, factor: Tensor) -> FitProblem:
         """The same with deviations that are so many times (channels,) as large."""
         every = self.noise.each(factor)
-        sigma = [m.sigma * own for (_, m), own in zip(self.measurements, self.by_measurement(every), strict=True)]
+        sigma = [
+            m.sigma * own
+            for (_, m), own in zip(self.measurements, self.by_measurement(every), strict=True)
+        ]
         less = 1 / every[self.known]
-        return replace(self, experiments=self._with_measured("sigma", sigma), weight=self.weight * less,
-                       target=self.target * less, basis=self.basis * less)
+        return replace(
+            self,
+            experiments=self._with_measured("sigma", sigma),
+            weight=self.weight * less,
+            target=self.target * less,
+            basis=self.basis * less,
+        )
 
     def with_targets(self, target: Tensor) -> FitProblem:
         """The same with other data, (S, T) weighted, for each start."""
@@ -194,8 +253,10 @@ class FitProblem:
     def _with_measured(self, name: str, each: Iterable[Tensor]) -> tuple[Experiment, ...]:
         """Experiments whose measurements have other values, or sigma, by `name`."""
         rest = iter(each)
-        return tuple(replace(e, measurements=tuple(replace(m, **{name: next(rest)}) for m in e.measurements))
-                     for e in self.experiments)
+        return tuple(
+            replace(e, measurements=tuple(replace(m, **{name: next(rest)}) for m in e.measurements))
+            for e in self.experiments
+        )
 
 
 def _log_prob(entry: Any, theta: Tensor) -> Tensor:
@@ -204,12 +265,15 @@ def _log_prob(entry: Any, theta: Tensor) -> Tensor:
     inside = entry.prior.support.check(shaped.detach()).reshape(theta.shape).all(-1)
     if inside.all():
         return entry.prior.log_prob(shaped).reshape(theta.shape)
-    return torch.full_like(theta, -torch.inf).index_put((inside,), entry.prior.log_prob(shaped[inside]).reshape(
-        -1, theta.shape[1]))
+    return torch.full_like(theta, -torch.inf).index_put(
+        (inside,), entry.prior.log_prob(shaped[inside]).reshape(-1, theta.shape[1])
+    )
 
 
 def _surprise(entry: Any, theta: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """-log p (N,), its first and second derivatives (N, size): each number of a prior is by itself."""
+    """-log p (N,), its first and second derivatives (N, size): each number of a prior is by
+    itself.
+    """
     with torch.enable_grad():
         theta = theta.detach().requires_grad_()
         density = -_log_prob(entry, theta)

@@ -19,9 +19,10 @@ TOLERANCE = 1e-5
 
 @dataclass(frozen=True)
 class Profile:
-    """One parameter held at `values` (m,), increasing: `rise` (m,), the least 2 ln(likelihood ratio) there, or what F says of
-    it where sigma is not known (by channel it stays as it was found); `threshold` at the ends of the `interval` (2,), which are
-    infinite where it is not reached.
+    """One parameter held at `values` (m,), increasing: `rise` (m,), the least 2
+    ln(likelihood ratio) there, or what F says of it where sigma is not known (by channel it stays
+    as it was found); `threshold` at the ends of the `interval` (2,), which are infinite where it is
+    not reached.
     """
 
     name: str
@@ -31,21 +32,32 @@ class Profile:
     interval: Tensor
 
 
-def profiles(problem: FitProblem, x: Tensor, covariance: Tensor, step: Tensor, which: Sequence[int], quantile: Tensor,
-             scale: float) -> tuple[Profile, ...]:
-    """Of the parameters `which`, from the fit's coordinates x (p,), their covariance, row by row, and half-intervals `step`
-    (p,) for quantiles (p,); all held values of all of them are one batch of fits, and so are those that refine the ends.
+def profiles(
+    problem: FitProblem,
+    x: Tensor,
+    covariance: Tensor,
+    step: Tensor,
+    which: Sequence[int],
+    quantile: Tensor,
+    scale: float,
+) -> tuple[Profile, ...]:
+    """Of the parameters `which`, from the fit's coordinates x (p,), their covariance, row by row,
+    and half-intervals `step` (p,) for quantiles (p,); all held values of all of them are one batch
+    of fits, and so are those that refine the ends.
     """
     with torch.no_grad():
         none = torch.zeros(1, dtype=torch.long, device=x.device)
         best = _objective(problem, problem.residuals(x[None], none), x[None])
-        points = {j: {0.0: 0.0} for j in which}  # place in half-intervals -> signed root of the rise, in quantiles
+        # place in half-intervals -> signed root of the rise, in quantiles
+        points = {j: {0.0: 0.0} for j in which}
         todo = [(j, side * place) for j in which for place in PLACES for side in (-1, 1)]
         for _ in range(WIDER + 2):
             held = torch.tensor([j for j, _ in todo], device=x.device)
             place = torch.tensor([c for _, c in todo], dtype=x.dtype, device=x.device)
             rise = _least(problem, x, covariance, held, place * step[held]) - best
-            for (j, c), value in zip(todo, (rise.clamp(min=0).sqrt() / (scale * quantile[held])).tolist(), strict=True):
+            for (j, c), value in zip(
+                todo, (rise.clamp(min=0).sqrt() / (scale * quantile[held])).tolist(), strict=True
+            ):
                 points[j][c] = value if c > 0 else -value
             todo = [(j, c) for j in which for c in _next(points[j])]
             if not todo:
@@ -56,16 +68,30 @@ def profiles(problem: FitProblem, x: Tensor, covariance: Tensor, step: Tensor, w
             heights = torch.tensor([points[j][c] for c in places.tolist()], dtype=x.dtype)
             ends = x.new_tensor([_end(points[j], side) for side in (-1, 1)])
             coordinates = x.repeat(len(places) + 2, 1)
-            coordinates[:, j] = x[j] + step[j] * torch.cat((places.to(x), torch.where(torch.isfinite(ends), ends, 0)))
+            coordinates[:, j] = x[j] + step[j] * torch.cat(
+                (places.to(x), torch.where(torch.isfinite(ends), ends, 0))
+            )
             values = problem.parameters.transform.theta(coordinates)[:, j]
             interval = torch.where(torch.isfinite(ends), values[-2:], ends)
             threshold = quantile[j].item() ** 2
-            limits.append(Profile(problem.parameters.names[j], values[:-2], heights.square() * threshold, threshold, interval))
+            limits.append(
+                Profile(
+                    problem.parameters.names[j],
+                    values[:-2],
+                    heights.square() * threshold,
+                    threshold,
+                    interval,
+                )
+            )
     return tuple(limits)
 
 
-def _least(problem: FitProblem, x: Tensor, covariance: Tensor, held: Tensor, away: Tensor) -> Tensor:
-    """Twice the least objective (n,) with the parameters `held` (n,) at x + away; infinite where no fit is found."""
+def _least(
+    problem: FitProblem, x: Tensor, covariance: Tensor, held: Tensor, away: Tensor
+) -> Tensor:
+    """Twice the least objective (n,) with the parameters `held` (n,) at x + away; infinite where no
+    fit is found.
+    """
     ridge = covariance[held] / covariance[held, held][:, None]
     starts = x + ridge * away[:, None]
     least, largest = problem.parameters.bounds(starts)
@@ -80,7 +106,8 @@ def _least(problem: FitProblem, x: Tensor, covariance: Tensor, held: Tensor, awa
     except ValueError:  # none of them can be evaluated
         return torch.full_like(away, torch.inf)
     value = _objective(problem, minima.r, minima.x)
-    good = (minima.status < FAILED) & ~outside  # one that is not finished is still no less than the least
+    # one that is not finished is still no less than the least
+    good = (minima.status < FAILED) & ~outside
     return torch.where(good & torch.isfinite(value), value, torch.inf)
 
 
@@ -89,7 +116,9 @@ def _objective(problem: FitProblem, r: Tensor, x: Tensor) -> Tensor:
 
 
 def _end(points: dict[float, float], side: int) -> float:
-    """Where the signed root passes `side`, by a straight line between the neighbours; infinite where it does not."""
+    """Where the signed root passes `side`, by a straight line between the neighbours; infinite
+    where it does not.
+    """
     inner = 0.0
     for c in sorted((c for c in points if c * side > 0), key=abs):
         if points[c] * side >= 1:
@@ -100,13 +129,18 @@ def _end(points: dict[float, float], side: int) -> float:
 
 
 def _next(points: dict[float, float]) -> list[float]:
-    """Places that are wanted: beyond those that were looked at, or at an end, unless one is as near as 2 % of the height."""
+    """Places that are wanted: beyond those that were looked at, or at an end, unless one is as near
+    as 2 % of the height.
+    """
     wanted = []
     for side in (-1, 1):
         end, far = _end(points, side), max(abs(c) for c in points if c * side > 0)
         if end == side * float("inf"):
             if far < PLACES[-1] * 2**WIDER:
                 wanted.append(2 * side * far)
-        elif min(abs(points[c] * side - 1) for c in points if c * side > 0) > 0.02 and round(end, 9) not in points:
+        elif (
+            min(abs(points[c] * side - 1) for c in points if c * side > 0) > 0.02
+            and round(end, 9) not in points
+        ):
             wanted.append(end)
     return wanted

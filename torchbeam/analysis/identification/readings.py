@@ -12,8 +12,10 @@ from torch import Tensor
 class Readings:
     """Data and model of one measurement.
 
-    experiment, labels  names;  times (times,) s or None;  data, y, deviation, sigma  of the data's shape: y with offsets and
-    drifts, the deviation that y has from that of the parameters (NaN where data are missing); sigma None where it was not given
+    experiment, labels  names;  times (times,) s or None;  data, y, deviation, sigma  of the data's
+                        shape: y with offsets and
+    drifts, the deviation that y has from that of the parameters (NaN where data are missing); sigma
+    None where it was not given
     """
 
     experiment: str | None
@@ -31,8 +33,12 @@ class Readings:
     @property
     def names(self) -> list[str]:
         """Of the channels."""
-        return [" ".join(filter(None, (self.experiment, self.labels[k] if k < len(self.labels) else str(k))))
-                for k in range(len(self.columns(self.data)))]
+        return [
+            " ".join(
+                filter(None, (self.experiment, self.labels[k] if k < len(self.labels) else str(k)))
+            )
+            for k in range(len(self.columns(self.data)))
+        ]
 
     @staticmethod
     def columns(values: Tensor) -> tuple[Tensor, ...]:

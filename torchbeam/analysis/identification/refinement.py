@@ -1,4 +1,6 @@
-"""Refinement: from the fit of one model to that of a finer one, by its readings and the other's derivatives."""
+"""Refinement: from the fit of one model to that of a finer one, by its readings and the other's
+derivatives.
+"""
 
 from __future__ import annotations
 
@@ -17,16 +19,27 @@ STEPS, AGAIN = 20, 3
 SMALL = 1e-4  # squared length of a step over the noise's: a hundredth of a deviation
 
 
-def refined(problem: FitProblem, model: Any, x: Tensor, J: Tensor, scale: float) -> tuple[FitProblem, Found, Region]:
-    """The finer problem, and what is found from the coordinates x (S, p) and J (S, T, p) of fits; see `Fit.refined`. The status
-    of those for which the models differ too much is FAILED.
+def refined(
+    problem: FitProblem, model: Any, x: Tensor, J: Tensor, scale: float
+) -> tuple[FitProblem, Found, Region]:
+    """The finer problem, and what is found from the coordinates x (S, p) and J (S, T, p) of fits;
+    see `Fit.refined`. The status of those for which the models differ too much is FAILED.
     """
     names = [e.name for e in problem.experiments if e.measured]
     if isinstance(model, Mapping) and set(model) != set(names):
-        raise ValueError(f"models of {', '.join(map(str, model))} were given; those of {', '.join(map(str, names))} are wanted")
-    finer = replace(problem, experiments=tuple(
-        replace(e, model=model[e.name] if isinstance(model, Mapping) else model) if e.measured else e
-        for e in problem.experiments))
+        raise ValueError(
+            f"models of {', '.join(map(str, model))} were given; those of "
+            f"{', '.join(map(str, names))} are wanted"
+        )
+    finer = replace(
+        problem,
+        experiments=tuple(
+            replace(e, model=model[e.name] if isinstance(model, Mapping) else model)
+            if e.measured
+            else e
+            for e in problem.experiments
+        ),
+    )
     every, iterates = torch.arange(len(x), device=x.device), [x]
     last, done = torch.full_like(x[:, 0], torch.inf), torch.zeros_like(every, dtype=torch.bool)
     failed = done.clone()
@@ -34,19 +47,33 @@ def refined(problem: FitProblem, model: Any, x: Tensor, J: Tensor, scale: float)
         region = problem.region(x)
         for k in range(STEPS):
             r, (_, slope, bend) = finer.residuals(iterates[-1], every), finer.prior(iterates[-1])
-            if k == AGAIN:  # derivatives from where the finer model is going: deviations follow them
+            # derivatives from where the finer model is going: deviations follow them
+            if k == AGAIN:
                 _, J = problem.linearised(iterates[-1], every)
             gradient = ((J.mT @ r[..., None])[..., 0] + slope).nan_to_num()
             free = (~region.held(iterates[-1], gradient)).to(x)
             A = (J.mT @ J + torch.diag_embed(bend)).nan_to_num() * free[:, None] * free[..., None]
             step = -(torch.linalg.pinv(A, hermitian=True) @ (gradient * free)[..., None])[..., 0]
             length = (step * (A @ step[..., None])[..., 0]).sum(-1)
-            failed = failed | ~torch.isfinite(r).all(-1) | (~done & (k not in (0, AGAIN)) & ~(length <= 1.0001 * last))
+            failed = (
+                failed
+                | ~torch.isfinite(r).all(-1)
+                | (~done & (k not in (0, AGAIN)) & ~(length <= 1.0001 * last))
+            )
             done = done | (length <= SMALL * scale**2)
-            if (k >= AGAIN and (done | failed).all()):
+            if k >= AGAIN and (done | failed).all():
                 break
             last = length
-            iterates.append(torch.where((done | failed)[:, None], iterates[-1],
-                                   torch.maximum(torch.minimum(iterates[-1] + step, region.largest), region.least)))
+            iterates.append(
+                torch.where(
+                    (done | failed)[:, None],
+                    iterates[-1],
+                    torch.maximum(torch.minimum(iterates[-1] + step, region.largest), region.least),
+                )
+            )
     status = torch.where(done & ~failed, CONVERGED, FAILED)
-    return finer, Found(iterates[-1], r, J, status, torch.stack(iterates)), problem.region(iterates[-1])
+    return (
+        finer,
+        Found(iterates[-1], r, J, status, torch.stack(iterates)),
+        problem.region(iterates[-1]),
+    )

@@ -1,4 +1,6 @@
-"""Weights of Tikhonov regularisation: evidence, generalised cross validation, corner of the L-curve, linearised."""
+"""Weights of Tikhonov regularisation: evidence, generalised cross validation, corner of the
+L-curve, linearised.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +19,10 @@ SWEEPS = 6  # over the weights of several fields
 
 @dataclass(frozen=True)
 class Linearised:
-    """Misfits r (T,) of the data and J (T, p) at x (p,), over the data's deviations where these are known; smoothness rows
-    L (rows, p) of each field, whose values are to be near to target (rows,). Of other priors, gradient `pull` (p,) of minus the
-    logarithm at x, and diagonal `other` (p,) of its second derivative.
+    """Misfits r (T,) of the data and J (T, p) at x (p,), over the data's deviations where these are
+    known; smoothness rows L (rows, p) of each field, whose values are to be near to target (rows,).
+    Of other priors, gradient `pull` (p,) of minus the logarithm at x, and diagonal `other` (p,) of
+    its second derivative.
     """
 
     x: Tensor
@@ -33,31 +36,54 @@ class Linearised:
     @property
     def balance(self) -> Tensor:
         """(fields,) weights at which smoothness counts as much as the data."""
-        return torch.stack([self.J[:, (L != 0).any(0)].square().sum() / L.square().sum() for L in self.L])
+        return torch.stack(
+            [self.J[:, (L != 0).any(0)].square().sum() / L.square().sum() for L in self.L]
+        )
 
     def solved(self, weight: Tensor) -> Solved:
         """The linear problem's solution for weights (..., fields)."""
         data = self.J.mT @ self.J
-        A = data + torch.diag(self.other) + sum(w[..., None, None] * (L.mT @ L) for w, L in zip(
-            weight.unbind(-1), self.L, strict=True))
-        towards = -(self.J.mT @ self.r) - self.pull - sum(w[..., None] * (L.mT @ (L @ self.x - c)) for w, L, c in zip(
-            weight.unbind(-1), self.L, self.target, strict=True))
+        A = (
+            data
+            + torch.diag(self.other)
+            + sum(
+                w[..., None, None] * (L.mT @ L)
+                for w, L in zip(weight.unbind(-1), self.L, strict=True)
+            )
+        )
+        towards = (
+            -(self.J.mT @ self.r)
+            - self.pull
+            - sum(
+                w[..., None] * (L.mT @ (L @ self.x - c))
+                for w, L, c in zip(weight.unbind(-1), self.L, self.target, strict=True)
+            )
+        )
         inverse, log_det = positive_inverse(A)
         step = (inverse @ towards[..., None])[..., 0]
         misfit = (self.r + step @ self.J.mT).square().sum(-1)
-        rough = torch.stack([((self.x + step) @ L.mT - c).square().sum(-1) for L, c in zip(self.L, self.target, strict=True)],
-                            -1)
+        rough = torch.stack(
+            [
+                ((self.x + step) @ L.mT - c).square().sum(-1)
+                for L, c in zip(self.L, self.target, strict=True)
+            ],
+            -1,
+        )
         determined = (inverse * data).sum((-1, -2))
         normal = self.other > 0
         over = torch.where(normal, self.other, 1)
-        apart = torch.where(normal, self.other * (step + self.pull / over).square(), 2 * self.pull * step).sum(-1)
+        apart = torch.where(
+            normal, self.other * (step + self.pull / over).square(), 2 * self.pull * step
+        ).sum(-1)
         return Solved(misfit, rough, apart, determined, log_det)
 
 
 @dataclass(frozen=True)
 class Solved:
-    """misfit (...) squares of the data's misfits;  rough (..., fields) squares of the rows;  apart (...) squares of other
-    priors;  determined (...): how many numbers the data determine;  log_det (...) of the posterior's inverse covariance.
+    """misfit (...) squares of the data's misfits;  rough (..., fields) squares of the rows;  apart
+    (...) squares of other
+    priors;  determined (...): how many numbers the data determine;  log_det (...) of the
+             posterior's inverse covariance.
     """
 
     misfit: Tensor
@@ -69,9 +95,11 @@ class Solved:
 
 @dataclass(frozen=True)
 class Weighing:
-    """What a criterion found: weight (fields,); sigma of the data, over that given; effective: numbers that the data determine.
+    """What a criterion found: weight (fields,); sigma of the data, over that given; effective:
+    numbers that the data determine.
 
-    weights, misfit, rough, value  (fields, tried): along each field's weight, the others as found; of the criterion, the least
+    weights, misfit, rough, value  (fields, tried): along each field's weight, the others as found;
+                                   of the criterion, the least
     value is taken
     """
 
@@ -85,14 +113,21 @@ class Weighing:
 
 
 def weigh(problem: Linearised, criterion: str, known: bool) -> Weighing:
-    """Weights by a criterion, each in turn; those of unknown noise are over the data's variance. `known`: misfits are over the
-    data's deviations. Raises ValueError for the L-curve of several fields.
+    """Weights by a criterion, each in turn; those of unknown noise are over the data's variance.
+    `known`: misfits are over the data's deviations. Raises ValueError for the L-curve of several
+    fields.
     """
     fields = len(problem.L)
     if criterion == "lcurve" and fields > 1:
-        raise ValueError(f"the L-curve was asked for with {fields} fields; it is of one, 'evidence' and 'gcv' take several")
+        raise ValueError(
+            f"the L-curve was asked for with {fields} fields; it is of one, 'evidence' and 'gcv' "
+            "take several"
+        )
     low, high = DECADES
-    tried = 10 ** torch.linspace(low, high, int((high - low) * EACH) + 1).to(problem.x) * problem.balance[:, None]
+    tried = (
+        10 ** torch.linspace(low, high, int((high - low) * EACH) + 1).to(problem.x)
+        * problem.balance[:, None]
+    )
     weight = problem.balance * 1e-4
     curves = torch.zeros(3, *tried.shape).to(tried)
     for _ in range(SWEEPS if fields > 1 else 1):
@@ -112,7 +147,9 @@ def weigh(problem: Linearised, criterion: str, known: bool) -> Weighing:
     return Weighing(weight, sigma, solved.determined.item(), tried, *curves)
 
 
-def _value(problem: Linearised, solved: Solved, weight: Tensor, criterion: str, known: bool) -> Tensor:
+def _value(
+    problem: Linearised, solved: Solved, weight: Tensor, criterion: str, known: bool
+) -> Tensor:
     """What is to be least (tried,)."""
     T = len(problem.r)
     if criterion == "gcv":
@@ -128,21 +165,26 @@ def _value(problem: Linearised, solved: Solved, weight: Tensor, criterion: str, 
 
 def _curvature(a: Tensor, b: Tensor) -> Tensor:
     """Of the curve (a, b) (n,) at even parameters; -inf at its ends."""
+
     def slope(x: Tensor) -> Tensor:
         return (x[2:] - x[:-2]) / 2
 
     da, db, dda, ddb = slope(a), slope(b), a.diff(n=2), b.diff(n=2)
-    curvature = (da * ddb - dda * db) / (da.square() + db.square()).clamp(min=torch.finfo(a.dtype).eps) ** 1.5
+    curvature = (da * ddb - dda * db) / (da.square() + db.square()).clamp(
+        min=torch.finfo(a.dtype).eps
+    ) ** 1.5
     return torch.nn.functional.pad(curvature, (1, 1), value=-torch.inf)
 
 
 def _least(weights: Tensor, value: Tensor) -> Tensor:
-    """Weight of the least value: of the parabola through it and its neighbours, in the weight's logarithm."""
+    """Weight of the least value: of the parabola through it and its neighbours, in the weight's
+    logarithm.
+    """
     value = torch.where(torch.isfinite(value), value, torch.inf)
     k = int(value.argmin())
-    if k in (0, len(value) - 1) or not torch.isfinite(value[k - 1:k + 2]).all():
+    if k in (0, len(value) - 1) or not torch.isfinite(value[k - 1 : k + 2]).all():
         return weights[k]
-    before, here, after = value[k - 1:k + 2]
+    before, here, after = value[k - 1 : k + 2]
     bend = before - 2 * here + after
     shift = (before - after) / (2 * bend) if bend > 0 else 0.0
     return weights[k] * (weights[k + 1] / weights[k]) ** shift

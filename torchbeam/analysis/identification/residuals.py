@@ -1,8 +1,10 @@
-"""Residuals of a fit against noise: their size, their correlation from reading to reading, and the largest line among them.
+"""Residuals of a fit against noise: their size, their correlation from reading to reading, and the
+largest line among them.
 
-Of a model that is right, and linear as far as the noise reaches, residuals over sigma are M e: e is noise of unit deviation,
-and M = 1 - J C J^T what the parameters, fitted with it, leave of it (J derivatives, C the covariance of the parameters). All
-probabilities here are of such residuals, so that parameters which take a trend or a line away raise no alarm.
+Of a model that is right, and linear as far as the noise reaches, residuals over sigma are M e: e is
+noise of unit deviation, and M = 1 - J C J^T what the parameters, fitted with it, leave of it (J
+derivatives, C the covariance of the parameters). All probabilities here are of such residuals, so
+that parameters which take a trend or a line away raise no alarm.
 """
 
 from __future__ import annotations
@@ -17,15 +19,22 @@ from ...math.distributions import beta_probability
 
 FEWEST = 20  # degrees of freedom of a series that is tested for its order
 LAGS = 10
-HEAVY = 15  # a sum of squared correlations of n readings has the tail of F with n/2 + HEAVY second degrees of freedom, or a
-#             lighter one: counted to 1e-3 in 200,000 series of noise of 20, 40 and 100 readings, 50,000 of 400
-PARTS = 8  # of the mean step between readings, to which times are rounded: a line at the highest frequency loses 1 % by that
+# a sum of squared correlations of n readings has the tail of F with n/2 + HEAVY second degrees of
+# freedom, or a
+HEAVY = 15
+#             lighter one: counted to 1e-3 in 200,000 series of noise of 20, 40 and 100 readings,
+#                 50,000 of 400
+# of the mean step between readings, to which times are rounded: a line at the highest frequency
+# loses 1 % by that
+PARTS = 8
 DETERMINED = 1e-3  # of a line's squares that the parameters leave, below which it is theirs
 
 
 @dataclass(frozen=True)
 class Alarm:
-    """How probable a channel's residuals are of noise; `size` and `at` are what a sentence says of them."""
+    """How probable a channel's residuals are of noise; `size` and `at` are what a sentence says of
+    them.
+    """
 
     name: str
     probability: float
@@ -38,7 +47,8 @@ class Residuals:
     """Residuals of one channel, or of all, and what the parameters take from them.
 
     times    (n,) in order, regular or not; None: they are counted
-    r, J, C  residuals (n,) over sigma, their derivatives (n, p), covariance (p, p) of the parameters over such noise
+    r, J, C  residuals (n,) over sigma, their derivatives (n, p), covariance (p, p) of the
+             parameters over such noise
     known    sigma is that of the noise; else one factor of it is not known
     """
 
@@ -56,9 +66,13 @@ class Residuals:
 
     @property
     def freedom(self) -> float:
-        """Degrees of freedom of the law of chi squared with the same mean and variance (Satterthwaite 1946)."""
+        """Degrees of freedom of the law of chi squared with the same mean and variance
+        (Satterthwaite 1946).
+        """
         taken = self.C @ (self.J.mT @ self.J)
-        return self.left**2 / max(len(self.r) - 2 * taken.trace().item() + (taken * taken.mT).sum().item(), 1e-9)
+        return self.left**2 / max(
+            len(self.r) - 2 * taken.trace().item() + (taken * taken.mT).sum().item(), 1e-9
+        )
 
     @property
     def variance(self) -> float:
@@ -69,35 +83,53 @@ class Residuals:
     def excess(self) -> Alarm:
         """More squares than sigma allows: `size` is their root over that of noise."""
         ratio, half = self.r.square().sum().item() / self.left, self.freedom / 2
-        tail = torch.special.gammaincc(*torch.tensor((half, half * ratio), dtype=torch.float64)).item()
+        tail = torch.special.gammaincc(
+            *torch.tensor((half, half * ratio), dtype=torch.float64)
+        ).item()
         return Alarm(self.name, tail, math.sqrt(ratio))
 
     def correlation(self) -> Alarm:
-        """Ljung's and Box's sum (1978, Biometrika 65, 297) over lags, of squared correlations less their means under noise,
-        over their variances there, which are exact where M is a projection; `size` is the largest correlation.
+        """Ljung's and Box's sum (1978, Biometrika 65, 297) over lags, of squared correlations less
+        their means under noise, over their variances there, which are exact where M is a
+        projection; `size` is the largest correlation.
         """
         n, lags, left = len(self.r), range(1, min(LAGS, len(self.r) // 5) + 1), self.left
-        moved = [_neighbours(self.J, lag) for lag in lags]  # A J of each lag, whose correlation is r A r
+        # A J of each lag, whose correlation is r A r
+        moved = [_neighbours(self.J, lag) for lag in lags]
         inner = [self.C @ (self.J.mT @ B) for B in moved]
         mean = -torch.stack([G.trace() for G in inner])
-        both = torch.stack([torch.stack([(G * H.mT).sum() - 2 * (self.C * (A.mT @ B)).sum() for H, B in zip(
-            inner, moved, strict=True)]) for G, A in zip(inner, moved, strict=True)])
+        both = torch.stack(
+            [
+                torch.stack(
+                    [
+                        (G * H.mT).sum() - 2 * (self.C * (A.mT @ B)).sum()
+                        for H, B in zip(inner, moved, strict=True)
+                    ]
+                )
+                for G, A in zip(inner, moved, strict=True)
+            ]
+        )
         both = both + torch.diag(mean.new_tensor([(n - lag) / 2 for lag in lags]))
         outer = mean[:, None] * mean
-        covariance = (outer + 2 * both) / (self.freedom * (self.freedom + 2)) - outer / self.freedom**2
-        correlation = torch.stack([self.r @ _neighbours(self.r, lag) for lag in lags]) / (self.variance * left)
+        covariance = (outer + 2 * both) / (
+            self.freedom * (self.freedom + 2)
+        ) - outer / self.freedom**2
+        correlation = torch.stack([self.r @ _neighbours(self.r, lag) for lag in lags]) / (
+            self.variance * left
+        )
         off = (correlation - mean / left) / covariance.diagonal().sqrt()
         alike = covariance / covariance.diagonal().outer(covariance.diagonal()).sqrt()
-        first, second = len(off)**2 / alike.square().sum().item(), self.freedom / 2 + HEAVY
+        first, second = len(off) ** 2 / alike.square().sum().item(), self.freedom / 2 + HEAVY
         ratio = off.square().mean().item()
         tail = beta_probability(second / (second + first * ratio), second / 2, first / 2)
         return Alarm(self.name, tail, correlation[off.abs().argmax()].item())
 
     def line(self) -> Alarm:
-        """The largest line of the periodogram: by how much a cosine and a sine beside the parameters make the squares fall,
-        over what they do of noise on average (`size`). Frequencies go from that of the whole time to one in two readings, two
-        for each that is independent. (Fisher 1929, Proc. R. Soc. A 125, 54; of irregular times Scargle 1982, Astrophys. J. 263,
-        835.)
+        """The largest line of the periodogram: by how much a cosine and a sine beside the
+        parameters make the squares fall, over what they do of noise on average (`size`).
+        Frequencies go from that of the whole time to one in two readings, two for each that is
+        independent. (Fisher 1929, Proc. R. Soc. A 125, 54; of irregular times Scargle 1982,
+        Astrophys. J. 263, 835.)
         """
         n = len(self.r)
         times = torch.arange(n).to(self.r) if self.times is None else self.times
@@ -106,9 +138,10 @@ class Residuals:
             return Alarm(self.name, 1.0, 0.0)
         place = (PARTS * (times - times[0]) / step).round().long()
 
-        def transform(values: Tensor, double: bool = False) -> Tensor:  # sums of values * exp(-i w t), or at 2 w
+        # sums of values * exp(-i w t), or at 2 w
+        def transform(values: Tensor, double: bool = False) -> Tensor:
             full = torch.fft.rfft(values.new_zeros(2 * PARTS * n).index_add(0, place, values))
-            return full[4:2 * n:2] if double else full[2:n]
+            return full[4 : 2 * n : 2] if double else full[2:n]
 
         r, D = transform(self.r), transform(torch.ones_like(self.r), double=True)
         W = D.new_zeros(len(D), self.J.shape[1])
@@ -125,7 +158,11 @@ class Residuals:
         share = min(fall[k].item() / self.left, 1 - 1e-12)
         tail = len(fall) * math.exp((self.freedom / 2 - 1) * math.log1p(-share))
         period = 2 * n * step / (k + 2)
-        at = f"of {period:.3g} readings a period" if self.times is None else f"at {1 / period:.4g} Hz"
+        at = (
+            f"of {period:.3g} readings a period"
+            if self.times is None
+            else f"at {1 / period:.4g} Hz"
+        )
         return Alarm(self.name, min(tail, 1.0), fall[k].item() / 2, at)
 
 

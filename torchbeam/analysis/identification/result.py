@@ -18,11 +18,19 @@ from .undetermined import undetermined
 
 UNIDENTIFIABLE = 3
 CURVED = 100.0  # error of central differences over the squared step, with room
-REASON = {CONVERGED: "converged", UNFINISHED: "more iterations are wanted", STUCK: "no step makes the misfit smaller",
-          UNIDENTIFIABLE: "not identifiable", FAILED: "the model fails there", LEFT: "not followed"}
+REASON = {
+    CONVERGED: "converged",
+    UNFINISHED: "more iterations are wanted",
+    STUCK: "no step makes the misfit smaller",
+    UNIDENTIFIABLE: "not identifiable",
+    FAILED: "the model fails there",
+    LEFT: "not followed",
+}
 
 
-def conclusions(problem: FitProblem, search: Found, region: Region, derivatives: str, tolerance: float) -> dict[str, Any]:
+def conclusions(
+    problem: FitProblem, search: Found, region: Region, derivatives: str, tolerance: float
+) -> dict[str, Any]:
     """Fields of a `Fit`, of the best of the starts."""
     parameters, T = problem.parameters, problem.parameters.transform
     x, r, J = search.x, search.r, search.J
@@ -31,80 +39,151 @@ def conclusions(problem: FitProblem, search: Found, region: Region, derivatives:
     theta, history = T.theta(x), T.theta(search.history)
     region.sized(torch.arange(len(x), device=x.device), torch.where(torch.isfinite(r), r, 0), J)
     at_unit = torch.where(T.additive, 1.0, torch.maximum(x.abs(), region.size))
-    rounding = torch.finfo(x.dtype).eps / (problem.relative_step if problem.method == "difference" else 1)
+    rounding = torch.finfo(x.dtype).eps / (
+        problem.relative_step if problem.method == "difference" else 1
+    )
     target = problem.target
-    least_seen = torch.maximum(tolerance * torch.linalg.vector_norm(r, dim=-1),
-                               rounding * torch.linalg.vector_norm(r + target, dim=-1))
-    resolution = max(torch.finfo(x.dtype).eps**0.5, CURVED * problem.relative_step**2 * (problem.method == "difference"))
+    least_seen = torch.maximum(
+        tolerance * torch.linalg.vector_norm(r, dim=-1),
+        rounding * torch.linalg.vector_norm(r + target, dim=-1),
+    )
+    resolution = max(
+        torch.finfo(x.dtype).eps ** 0.5,
+        CURVED * problem.relative_step**2 * (problem.method == "difference"),
+    )
     away, shown, open_ = region.away(x), [], []
     for k in range(len(x)):
         J_size = torch.nan_to_num(torch.cat((J[k], torch.diag(bend[k].sqrt()))) * at_unit[k])
-        said, which = undetermined(parameters.names, theta[k], parameters.start[k], away[k], J_size, least_seen[k], resolution)
+        said, which = undetermined(
+            parameters.names,
+            theta[k],
+            parameters.start[k],
+            away[k],
+            J_size,
+            least_seen[k],
+            resolution,
+        )
         good = torch.isfinite(squares[k]) & (search.status[k] < FAILED)
         shown.append(said if good else ())
         open_.append(which & good)
     blind = torch.tensor([bool(said) for said in shown], device=x.device)
     statuses = torch.where(blind, UNIDENTIFIABLE, search.status)
-    total = torch.where(torch.isfinite(squares) & (search.status != LEFT), squares + 2 * phi, torch.inf)
+    total = torch.where(
+        torch.isfinite(squares) & (search.status != LEFT), squares + 2 * phi, torch.inf
+    )
     best = int(total.argmin())
     spread, slope = Spread.of(problem, search, best), T.slope(x[best])
     spare = problem.spare + int(spread.held.sum())
     determined = ~open_[best]
     seen = J[best][:, determined]
-    deviation = _everywhere(problem, ((seen @ spread.free[determined][:, determined]) * seen).sum(-1).clamp(min=0).sqrt() / problem.weight)
+    deviation = _everywhere(
+        problem,
+        ((seen @ spread.free[determined][:, determined]) * seen).sum(-1).clamp(min=0).sqrt()
+        / problem.weight,
+    )
     readings = _readings(problem, _values(problem, x[best], r[best]), deviation)
-    odd = () if search.first is None else unit_hints(_readings(problem, _known(problem, search.first[best])))
-    doubts = misfit_hints(problem, r[best], seen, spread.free[determined][:, determined] / spread.scale**2) if spread.scale else ()
-    hints = (*odd, *noise_hints(spare, problem.sigma_given), *doubts, *bound_hints(parameters.names, theta[best], spread.held))
+    odd = (
+        ()
+        if search.first is None
+        else unit_hints(_readings(problem, _known(problem, search.first[best])))
+    )
+    doubts = (
+        misfit_hints(
+            problem, r[best], seen, spread.free[determined][:, determined] / spread.scale**2
+        )
+        if spread.scale
+        else ()
+    )
+    hints = (
+        *odd,
+        *noise_hints(spare, problem.sigma_given),
+        *doubts,
+        *bound_hints(parameters.names, theta[best], spread.held),
+    )
     if odd:
         warn(odd[0], UserWarning)
     status, misfits = int(statuses[best]), r[:, problem.measured].square().mean(-1).sqrt()
     failed = int((statuses == FAILED).sum())
-    message = "; ".join((REASON[status], *shown[best], *hints, *(
-        [f"the model failed at {failed} of {len(x)} starts"] if failed else []), *(
-        [f"at {len(search.raised)} trials the model raised, last {search.raised[-1]!r}"] if search.raised else [])))
-    shapes = {e.name if e.experiment is None else f"{e.experiment}.{e.name}": (e.first, tuple(e.shape))
-              for e in parameters.entries}
-    return dict(theta=theta[best], names=parameters.names, covariance=slope[:, None] * spread.free * slope,
-                y=_as_given(readings, problem), misfit=misfits[best], status=status, iterations=len(search.history) - 1,
-                history=history, starts=theta, misfits=misfits, statuses=statuses, unidentifiable=shown[best],
-                message=message, hints=hints, doubts=doubts, open=open_[best], held=spread.held, freedom=spread.freedom,
-                redundancy=spread.redundancy, scale=spread.scale, noise=_found_noise(problem), derivatives=derivatives,
+    message = "; ".join(
+        (
+            REASON[status],
+            *shown[best],
+            *hints,
+            *([f"the model failed at {failed} of {len(x)} starts"] if failed else []),
+            *(
+                [f"at {len(search.raised)} trials the model raised, last {search.raised[-1]!r}"]
+                if search.raised
+                else []
+            ),
+        )
+    )
+    shapes = {
+        e.name if e.experiment is None else f"{e.experiment}.{e.name}": (e.first, tuple(e.shape))
+        for e in parameters.entries
+    }
+    # fmt: off
+    return dict(theta=theta[best], names=parameters.names,
+                covariance=slope[:, None] * spread.free * slope,
+                y=_as_given(readings, problem), misfit=misfits[best], status=status,
+                iterations=len(search.history) - 1,
+                history=history, starts=theta, misfits=misfits, statuses=statuses,
+                unidentifiable=shown[best],
+                message=message, hints=hints, doubts=doubts, open=open_[best], held=spread.held,
+                freedom=spread.freedom,
+                redundancy=spread.redundancy, scale=spread.scale, noise=_found_noise(problem),
+                derivatives=derivatives,
                 shapes=shapes, x=x[best], x_covariance=spread.covariance, x_slope=spread.slope,
-                bounds=torch.stack(parameters.limits, -1), transform=T, readings=readings, jacobian=J[best], problem=problem)
+                bounds=torch.stack(parameters.limits, -1), transform=T, readings=readings,
+                jacobian=J[best], problem=problem)
+    # fmt: on
 
 
 def _found_noise(problem: FitProblem) -> dict[str, float]:
     """Deviations of the channels whose own were found."""
-    return dict(zip(problem.noise.names, problem.deviations.tolist(), strict=True)) if problem.sigma_given else {}
+    return (
+        dict(zip(problem.noise.names, problem.deviations.tolist(), strict=True))
+        if problem.sigma_given
+        else {}
+    )
 
 
 def _everywhere(problem: FitProblem, known: Tensor) -> Tensor:
     """(all numbers,) of what is known where something was measured, NaN elsewhere."""
-    values_everywhere = torch.full(problem.known.shape, torch.nan, dtype=known.dtype, device=known.device)
+    values_everywhere = torch.full(
+        problem.known.shape, torch.nan, dtype=known.dtype, device=known.device
+    )
     values_everywhere[problem.known] = known
     return values_everywhere
 
 
 def _known(problem: FitProblem, r: Tensor) -> Tensor:
-    """The model's values (all numbers,) from residuals (T,), NaN where nothing was measured; offsets and drifts are in them."""
+    """The model's values (all numbers,) from residuals (T,), NaN where nothing was measured;
+    offsets and drifts are in them.
+    """
     return _everywhere(problem, (r + problem.target[0]) / problem.weight)
 
 
 def _values(problem: FitProblem, x: Tensor, r: Tensor) -> Tensor:
-    """The model's values (all numbers,) at coordinates (p,); it is asked for those alone that residuals do not tell."""
+    """The model's values (all numbers,) at coordinates (p,); it is asked for those alone that
+    residuals do not tell.
+    """
     if problem.known.all():
         return _known(problem, r)
     theta = problem.parameters.transform.theta(x)
-    return problem.values(theta[None])[0] + theta[problem.parameters.model:] @ problem.nuisance
+    return problem.values(theta[None])[0] + theta[problem.parameters.model :] @ problem.nuisance
 
 
-def _readings(problem: FitProblem, values: Tensor, deviation: Tensor | None = None) -> tuple[Readings, ...]:
+def _readings(
+    problem: FitProblem, values: Tensor, deviation: Tensor | None = None
+) -> tuple[Readings, ...]:
     """Data beside the model's values (all numbers,), by measurement; without rows of priors."""
     every = problem.measurements
     off = [None] * len(every) if deviation is None else problem.by_measurement(deviation)
-    return tuple(Readings(e.name, m.labels, m.times, m.values, y, m.sigma, d)
-                 for (e, m), y, d in zip(every, problem.by_measurement(values), off, strict=True) if e.measured)
+    return tuple(
+        Readings(e.name, m.labels, m.times, m.values, y, m.sigma, d)
+        for (e, m), y, d in zip(every, problem.by_measurement(values), off, strict=True)
+        if e.measured
+    )
 
 
 def _as_given(readings: tuple[Readings, ...], problem: FitProblem) -> Any:

@@ -17,28 +17,42 @@ Run = Callable[[FitProblem, Tensor, Tensor], Found]  # of coordinates (N, p) of 
 
 
 def search_by_channel(problem: FitProblem, x: Tensor, run: Run) -> tuple[FitProblem, Found]:
-    """The problem with weights of the noise, and what is found from coordinates x (S, p): the deviation of each channel is the
-    root of its squares over its redundancy, which at the end is restricted maximum likelihood (Foerstner 1979, Zeitschrift fuer
-    Vermessungswesen 104, 149; Patterson and Thompson 1971, Biometrika 58, 545). The best start goes through the rounds, the
+    """The problem with weights of the noise, and what is found from coordinates x (S, p): the
+    deviation of each channel is the root of its squares over its redundancy, which at the end is
+    restricted maximum likelihood (Foerstner 1979, Zeitschrift fuer Vermessungswesen 104, 149;
+    Patterson and Thompson 1971, Biometrika 58, 545). The best start goes through the rounds, the
     others follow with the last weights.
 
     Raises ValueError where the parameters leave a channel no reading to know its noise by.
     """
     every = torch.arange(len(x), device=x.device)
-    begun, first, least = problem, run(problem, x, every), problem.deviations * torch.finfo(x.dtype).eps**0.5
+    begun, first = problem, run(problem, x, every)
+    least = problem.deviations * torch.finfo(x.dtype).eps ** 0.5
     best = _best(begun, first)
-    search_result = first.of(every[best:best + 1])
+    search_result = first.of(every[best : best + 1])
     for _ in range(ROUNDS):
         factor = _factor(problem, search_result, least)
         problem, settled = problem.reweighted(factor), bool(factor.log().abs().max() < SAME)
-        search_result = run(problem, search_result.x, every[best:best + 1])
+        search_result = run(problem, search_result.x, every[best : best + 1])
         if settled:
             break
-    last = search_result if len(x) == 1 else run(problem, first.x.index_put((every[best],), search_result.x[0]), every)
-    status = last.status if settled else torch.where(last.status == CONVERGED, UNFINISHED, last.status)
-    start = None if first.first is None else (first.first + begun.target) / begun.weight * problem.weight - problem.target
+    last = (
+        search_result
+        if len(x) == 1
+        else run(problem, first.x.index_put((every[best],), search_result.x[0]), every)
+    )
+    status = (
+        last.status if settled else torch.where(last.status == CONVERGED, UNFINISHED, last.status)
+    )
+    start = (
+        None
+        if first.first is None
+        else (first.first + begun.target) / begun.weight * problem.weight - problem.target
+    )
     history = torch.cat((first.history, last.history[1:]))
-    return problem, Found(last.x, last.r, last.J, status, history, first.raised + last.raised, start)
+    return problem, Found(
+        last.x, last.r, last.J, status, history, first.raised + last.raised, start
+    )
 
 
 def _best(problem: FitProblem, search_result: Found) -> int:
@@ -48,7 +62,9 @@ def _best(problem: FitProblem, search_result: Found) -> int:
 
 
 def _factor(problem: FitProblem, search_result: Found, least: Tensor) -> Tensor:
-    """(channels,) by which deviations are to be larger, of what one start found; they are `least` at least."""
+    """(channels,) by which deviations are to be larger, of what one start found; they are `least`
+    at least.
+    """
     spread = Spread.of(problem, search_result, 0)
     problem.noise.refuse(spread.redundancy, problem.known)
     squares = problem.noise.sums(search_result.r[0].square(), problem.known)

@@ -14,16 +14,19 @@ from ...core.validation import Value, as_tensor, increasing, shown
 
 @dataclass(frozen=True, eq=False)
 class Smoothness:
-    """A field of n numbers is smooth: its derivative of an order is normally distributed about zero (Tikhonov 1963).
+    """A field of n numbers is smooth: its derivative of an order is normally distributed about zero
+    (Tikhonov 1963).
 
-    order  of the derivative: 1, a field is about constant; 2, about a straight line; 0, about its start. A field of order 1 or
-           2 needs data that tell its mean, or line
-    sharp  large derivatives are rare but not excluded: Student's t with one degree of freedom in place of the normal law, by
-           reweighting (Lange, Little and Taylor 1989, JASA 84, 881). For dents and steps, which a normal law smears
-    at     (n,) places of the numbers, increasing (arc length, time); None = evenly spaced. Only their proportions count
+    order  of the derivative: 1, a field is about constant; 2, about a straight line; 0, about its
+           start. A field of order 1 or 2 needs data that tell its mean, or line
+    sharp  large derivatives are rare but not excluded: Student's t with one degree of freedom in
+           place of the normal law, by reweighting (Lange, Little and Taylor 1989, JASA 84, 881).
+           For dents and steps, which a normal law smears
+    at     (n,) places of the numbers, increasing (arc length, time); None = evenly spaced. Only
+           their proportions count
 
-    The penalty is weight / 2 times the integral of the squared derivative over places from 0 to 1, of theta or, where a
-    parameter is searched by its logarithm, of log theta.
+    The penalty is weight / 2 times the integral of the squared derivative over places from 0 to 1,
+    of theta or, where a parameter is searched by its logarithm, of log theta.
     """
 
     order: int = 1
@@ -36,20 +39,28 @@ class Smoothness:
         boolean("sharp", self.sharp)
 
     def rows(self, like: Tensor) -> Tensor:
-        """(n - order, n) for a field `like` (n,). Raises ValueError for too few numbers, or other places."""
+        """(n - order, n) for a field `like` (n,). Raises ValueError for too few numbers, or other
+        places.
+        """
         n = len(like)
         if n < self.order + 2:
-            raise ValueError(f"smoothness of order {self.order} was given for a field of {n} numbers; {self.order + 2} or more "
-                             "are wanted")
+            raise ValueError(
+                f"smoothness of order {self.order} was given for a field of {n} numbers; "
+                f"{self.order + 2} or more are wanted"
+            )
         if self.at is None:
             at = torch.linspace(0, 1, n).to(like)
         else:
             at = increasing("at", as_tensor(self.at, like.dtype, like.device))
             if at.shape != (n,):
-                raise ValueError(f"places of shape {tuple(at.shape)} were given for a field of {n} numbers; ({n},) are wanted")
+                raise ValueError(
+                    f"places of shape {tuple(at.shape)} were given for a field of {n} numbers; "
+                    f"({n},) are wanted"
+                )
             at = (at - at[0]) / (at[-1] - at[0])
         operator = torch.eye(n).to(like)
-        width = torch.cat((at[1:2] - at[:1], (at[2:] - at[:-2]) / 2, at[-1:] - at[-2:-1]))  # about each place
+        # about each place
+        width = torch.cat((at[1:2] - at[:1], (at[2:] - at[:-2]) / 2, at[-1:] - at[-2:-1]))
         for _ in range(self.order):
             width = at.diff()
             operator = operator.diff(dim=0) / width[:, None]
@@ -58,15 +69,18 @@ class Smoothness:
 
     @staticmethod
     def factors(squares: Tensor) -> Tensor:
-        """(rows,) by which rows count where they are `sharp`, from their squares over the prior's variance: (n + 1) / (n + d^2)
-        of Student's t with n = 1, so that those of the prior's own size count as they are.
+        """(rows,) by which rows count where they are `sharp`, from their squares over the prior's
+        variance: (n + 1) / (n + d^2) of Student's t with n = 1, so that those of the prior's own
+        size count as they are.
         """
         return 2 / (1 + squares)
 
 
 @dataclass(frozen=True, eq=False)
 class SmoothnessRows:
-    """Model of one field's smoothness: rows L (rows, n) times the field, or its logarithm. It reads no data, but a prior's."""
+    """Model of one field's smoothness: rows L (rows, n) times the field, or its logarithm. It reads
+    no data, but a prior's.
+    """
 
     name: str
     L: Tensor

@@ -1,4 +1,6 @@
-"""Coordinates in which parameters are searched: themselves, logarithms, or logits between bounds."""
+"""Coordinates in which parameters are searched: themselves, logarithms, or logits between
+bounds.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ class Transform:
 
     @property
     def additive(self) -> Tensor:
-        """(p,) bool: coordinates whose zero means nothing: a change of 1 is large, wherever it starts."""
+        """(p,) bool: coordinates whose zero means nothing: a change of 1 is large, wherever it
+        starts.
+        """
         return self.log | self.logit
 
     def theta(self, x: Tensor) -> Tensor:

@@ -1,4 +1,6 @@
-"""What data do not tell: parameters that ran away, and directions of parameters that leave the misfit as it is, in words."""
+"""What data do not tell: parameters that ran away, and directions of parameters that leave the
+misfit as it is, in words.
+"""
 
 from __future__ import annotations
 
@@ -10,20 +12,33 @@ from torch import Tensor
 SHOWN = 0.1  # of a direction: smaller parts are not named
 
 
-def undetermined(names: Sequence[str], theta: Tensor, start: Tensor, away: Tensor, J: Tensor, least: Tensor,
-                 resolution: float) -> tuple[tuple[str, ...], Tensor]:
+def undetermined(
+    names: Sequence[str],
+    theta: Tensor,
+    start: Tensor,
+    away: Tensor,
+    J: Tensor,
+    least: Tensor,
+    resolution: float,
+) -> tuple[tuple[str, ...], Tensor]:
     """Sentences about where one start ended, and which parameters (p,) bool they are about.
 
     theta, start  (p,);  away (p,) bool: which ran away;  J (T, p) by the parameters' own sizes
-    least         change of the weighted values that could be seen;  resolution  relative accuracy of J
+    least         change of the weighted values that could be seen;  resolution  relative accuracy
+                  of J
 
-    Named are parameters that ran away; those that change the values by no more than `least`; changes of several together that
-    do so: right singular vectors of J, its columns scaled to one.
+    Named are parameters that ran away; those that change the values by no more than `least`;
+    changes of several together that do so: right singular vectors of J, its columns scaled to one.
     """
     change = torch.linalg.vector_norm(J, dim=0)
-    said = [f"{names[j]} ran away, from {start[j].item():.4g} to {theta[j].item():.4g}" for j in _true(away)]
-    said += [f"the misfit does not change with {names[j]} (here {theta[j].item():.4g})"
-             for j in _true((change <= least) & ~away)]
+    said = [
+        f"{names[j]} ran away, from {start[j].item():.4g} to {theta[j].item():.4g}"
+        for j in _true(away)
+    ]
+    said += [
+        f"the misfit does not change with {names[j]} (here {theta[j].item():.4g})"
+        for j in _true((change <= least) & ~away)
+    ]
     open_ = away | (change <= least)
     some = _true(~open_)
     if len(some) > 1:

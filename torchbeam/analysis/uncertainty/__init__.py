@@ -1,1 +1,3 @@
-"""Uncertainty: laws of random parameters, samples in chunks, answers with errors, sensitivities, rare events."""
+"""Uncertainty: laws of random parameters, samples in chunks, answers with errors, sensitivities,
+rare events.
+"""

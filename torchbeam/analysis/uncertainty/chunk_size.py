@@ -18,23 +18,27 @@ CHUNKS = 64  # of a run, at least, before its chunks grow: so many workers have 
 
 
 def usual_chunk(n: int) -> int:
-    """Samples a call of a run of n samples: the same wherever it is computed, and little memory, as what y takes on its way is
-    not known.
+    """Samples a call of a run of n samples: the same wherever it is computed, and little memory, as
+    what y takes on its way is not known.
     """
     least, most = USUAL
     return min(max(2 ** max((n // CHUNKS).bit_length() - 1, 0), least), most)
 
 
 def chunk_size(work: Any) -> int:
-    """Samples a call for an `Evaluation`: of 32, 128, 512 ... the least whose throughput is within a tenth of the best, as long
-    as a chunk takes less than LONGEST seconds, and all cores together less than half of the free memory.
+    """Samples a call for an `Evaluation`: of 32, 128, 512 ... the least whose throughput is within
+    a tenth of the best, as long as a chunk takes less than LONGEST seconds, and all cores together
+    less than half of the free memory.
 
-    It is measured in this process, at the first samples of the design, an eighth of all at most: larger chunks may be worth
-    native code, which smaller ones are not. The first call of each size, which may compile, does not count where it is short.
-    With an executor there are at least four chunks a core.
+    It is measured in this process, at the first samples of the design, an eighth of all at most:
+    larger chunks may be worth native code, which smaller ones are not. The first call of each size,
+    which may compile, does not count where it is short. With an executor there are at least four
+    chunks a core.
     """
     n = work.total
-    workers = 1 if work.executor is None else getattr(work.executor, "_max_workers", os.cpu_count() or 1)
+    workers = (
+        1 if work.executor is None else getattr(work.executor, "_max_workers", os.cpu_count() or 1)
+    )
     most = max(min(MOST, n // 8 if work.executor is None else n // (8 * workers)), LEAST)
     free, size, rates = available(), LEAST, {}
     while True:
@@ -43,7 +47,8 @@ def chunk_size(work: Any) -> int:
         if seconds < LONGEST:
             seconds = min(seconds, _seconds(work, size))
         rates[size] = size / seconds
-        taken = max(most_held() - before, 0)  # what so many more take; the next size takes STEP times as much, or more
+        # what so many more take; the next size takes STEP times as much, or more
+        taken = max(most_held() - before, 0)
         crowded = free is not None and 2 * STEP * taken * workers > SHARE * free
         if crowded or STEP * seconds > LONGEST or STEP * size > most:
             best = max(rates.values())

@@ -19,9 +19,15 @@ from ...core.warning import warn
 from ..fingerprint import NoFingerprint, fingerprint
 
 FORMAT = 2  # of run.json and the chunks
-NAMES = dict(format="files of another release", laws="other laws", sobol="another Sobol sequence",
-             versions="other versions", version="another version of the function", points="replicates of another size",
-             theta="other samples")
+NAMES = dict(
+    format="files of another release",
+    laws="other laws",
+    sobol="another Sobol sequence",
+    versions="other versions",
+    version="another version of the function",
+    points="replicates of another size",
+    theta="other samples",
+)
 KEYS = ("format", "design")  # compared first
 OWN = {"function", "parts", "run"}  # compared by themselves, or not at all
 T = TypeVar("T")
@@ -33,20 +39,28 @@ class ChunkFolder:
     """Chunks of one run, a file each.
 
     path   holds run.json and a file chunk-FIRST.pt for each chunk
-    label  what run.json says: what the run is, and "run", a digest of that; each chunk carries it, with its place and a
-           checksum of its content
+    label  what run.json says: what the run is, and "run", a digest of that; each chunk carries it,
+           with its place and a checksum of its content
     """
 
     path: Path
     label: dict[str, Any]
 
     @classmethod
-    def of(cls, path: str | Path, function: Callable, laws: dict[str, Any], version: str | None,
-           **settings: Any) -> ChunkFolder:
-        """The folder, made and labelled; ValueError where it is no folder, or another run's, and says what differs.
+    def of(
+        cls,
+        path: str | Path,
+        function: Callable,
+        laws: dict[str, Any],
+        version: str | None,
+        **settings: Any,
+    ) -> ChunkFolder:
+        """The folder, made and labelled; ValueError where it is no folder, or another run's, and
+        says what differs.
 
-        The run is known by the laws, in their order, by the settings (seed, chunk, dtype ...), by the version of this library,
-        and by the function: its fingerprint and the versions of what it uses, or `version` where that is given.
+        The run is known by the laws, in their order, by the settings (seed, chunk, dtype ...), by
+        the version of this library, and by the function: its fingerprint and the versions of what
+        it uses, or `version` where that is given.
         """
         path = Path(path)
         label = _label(function, laws, version, settings)
@@ -56,8 +70,10 @@ class ChunkFolder:
             there = {**label, "run": hashlib.sha256(json.dumps(label).encode()).hexdigest()}
             _write_label(path, there)
         elif what := _difference(there, label):
-            raise ValueError(f"the folder {str(path)!r} of a run with {what[0]} was given ({what[1]}); another folder is "
-                             "wanted")
+            raise ValueError(
+                f"the folder {str(path)!r} of a run with {what[0]} was given ({what[1]}); another "
+                "folder is wanted"
+            )
         return cls(path, there)
 
     @staticmethod
@@ -69,9 +85,10 @@ class ChunkFolder:
             return None
 
     def get(self, first: int, count: int) -> Chunk | None:
-        """The chunk that starts with sample `first`, if at least `count` samples of it are there. One that is damaged is none,
-        with a warning.
+        """The chunk that starts with sample `first`, if at least `count` samples of it are there.
+        One that is damaged is none, with a warning.
         """
+
         def content(stored: dict[str, Any]) -> Chunk:
             chunk = stored["theta"], stored["y"], stored["status"]
             if stored["run"] != self.label["run"] or stored["first"] != first:
@@ -81,12 +98,20 @@ class ChunkFolder:
             return chunk
 
         chunk = loaded(self._file(first), content)
-        return chunk if chunk is not None and len(chunk[0]) >= count else None  # the last chunk of a smaller n is shorter
+        # the last chunk of a smaller n is shorter
+        return chunk if chunk is not None and len(chunk[0]) >= count else None
 
     def put(self, first: int, chunk: Chunk) -> None:
         """Write a chunk, whole or not at all; NotWritten where that fails."""
-        save(self._file(first), dict(zip(("theta", "y", "status"), chunk, strict=True), run=self.label["run"], first=first,
-                                     checksum=self._checksum(first, chunk)))
+        save(
+            self._file(first),
+            dict(
+                zip(("theta", "y", "status"), chunk, strict=True),
+                run=self.label["run"],
+                first=first,
+                checksum=self._checksum(first, chunk),
+            ),
+        )
 
     @property
     def reachable(self) -> bool:
@@ -98,9 +123,13 @@ class ChunkFolder:
         folder(self.path)
 
     def finish(self, function: Callable, laws: dict[str, Any]) -> None:
-        """Called after a run: what the run itself changed (a counter, a cache) does not count as part of the function."""
+        """Called after a run: what the run itself changed (a counter, a cache) does not count as
+        part of the function.
+        """
         known, (now, _) = self.label["parts"], _parts(function, laws, self.label["version"])
-        parts = {name: value if now.get(name, value) == value else None for name, value in known.items()}
+        parts = {
+            name: value if now.get(name, value) == value else None for name, value in known.items()
+        }
         if parts != known:
             _write_label(self.path, {**self.label, "parts": parts})
 
@@ -116,8 +145,9 @@ class ChunkFolder:
 
 
 def loaded(path: Path, content: Callable[[dict[str, Any]], T]) -> T | None:
-    """What `content` makes of the dict in a file; None where there is no file, and, with a warning, where it is damaged: cannot
-    be read, or has content that is not what it should be, of which a ValueError says why.
+    """What `content` makes of the dict in a file; None where there is no file, and, with a warning,
+    where it is damaged: cannot be read, or has content that is not what it should be, of which a
+    ValueError says why.
     """
     try:
         return content(torch.load(io.BytesIO(path.read_bytes()), weights_only=True))
@@ -129,19 +159,31 @@ def loaded(path: Path, content: Callable[[dict[str, Any]], T]) -> T | None:
         return None
 
 
-def _label(function: Callable, laws: dict[str, Any], version_: str | None, settings: dict[str, Any]) -> dict[str, Any]:
+def _label(
+    function: Callable, laws: dict[str, Any], version_: str | None, settings: dict[str, Any]
+) -> dict[str, Any]:
     parts, versions = _parts(function, laws, version_)
     try:
         own = version("torchbeam")
     except PackageNotFoundError:  # runs without being installed
         own = "unknown"
-    return dict(format=FORMAT, function=getattr(function, "__qualname__", type(function).__name__), version=version_,
-                laws=[[name, _shown(law)] for name, law in laws.items()], **settings,
-                versions={**(versions if version_ is None else {}), "torchbeam": own}, parts=parts)
+    return dict(
+        format=FORMAT,
+        function=getattr(function, "__qualname__", type(function).__name__),
+        version=version_,
+        laws=[[name, _shown(law)] for name, law in laws.items()],
+        **settings,
+        versions={**(versions if version_ is None else {}), "torchbeam": own},
+        parts=parts,
+    )
 
 
-def _parts(function: Callable, laws: dict[str, Any], version_: str | None) -> tuple[dict[str, str], dict[str, str]]:
-    """Digests of the laws, and of the function unless a version stands for it, part by part; versions of what they use."""
+def _parts(
+    function: Callable, laws: dict[str, Any], version_: str | None
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Digests of the laws, and of the function unless a version stands for it, part by part;
+    versions of what they use.
+    """
     parts, versions = {}, {}
     given = [(f"the law of {name!r}", law) for name, law in laws.items()]
     for what, value in given if version_ is not None else [("", function), *given]:
@@ -150,9 +192,13 @@ def _parts(function: Callable, laws: dict[str, Any], version_: str | None) -> tu
         except NoFingerprint as error:
             if version_ is not None:
                 continue
-            raise ValueError(f"{what or 'a function'} that holds {error}, which may change unseen, was given with a folder; "
-                             "version= is wanted, another one for each change") from None
-        parts |= {" ".join(filter(None, (what, name))): digest for name, digest in fingerprint_of.items()}
+            raise ValueError(
+                f"{what or 'a function'} that holds {error}, which may change unseen, was given "
+                "with a folder; version= is wanted, another one for each change"
+            ) from None
+        parts |= {
+            " ".join(filter(None, (what, name))): digest for name, digest in fingerprint_of.items()
+        }
         versions |= used
     return parts, versions
 
@@ -169,16 +215,20 @@ def _there(path: Path) -> dict[str, Any] | None:
     if not names:
         return None
     if "run.json" not in names:
-        raise ValueError(f"the folder {str(path)!r}, which holds {min(names)!r} and no run.json, was given; an empty or a new "
-                         "one, or that of an earlier run, is wanted")
+        raise ValueError(
+            f"the folder {str(path)!r}, which holds {min(names)!r} and no run.json, was given; an "
+            "empty or a new one, or that of an earlier run, is wanted"
+        )
     try:
         there = json.loads((path / "run.json").read_text())
         wanted = dict(parts=dict, run=str) if there["format"] == FORMAT else {}
         if not all(isinstance(there.get(key), kind) for key, kind in wanted.items()):
             raise ValueError
     except (OSError, ValueError, TypeError, KeyError):
-        raise ValueError(f"the folder {str(path)!r} was given, whose run.json is damaged or of another release; another folder "
-                         "is wanted") from None
+        raise ValueError(
+            f"the folder {str(path)!r} was given, whose run.json is damaged or of another release; "
+            "another folder is wanted"
+        ) from None
     return there
 
 
@@ -193,9 +243,19 @@ def _difference(there: dict[str, Any], label: dict[str, Any]) -> tuple[str, str]
             return NAMES.get(key, f"another {key}"), _both(there.get(key), label.get(key))
     old, new = there["parts"], label["parts"]
     pairs = {name: {old.get(name, ""), new.get(name, "")} for name in (*old, *new)}
-    changed = [name or "its code" for name, pair in pairs.items() if len(pair) > 1 and None not in pair]  # None: by itself
+    # None: by itself
+    changed = [
+        name or "its code" for name, pair in pairs.items() if len(pair) > 1 and None not in pair
+    ]
     laws = [name for name in changed if name.startswith("the law of ")]
-    return ("other laws" if laws else "another function", f"changed: {', '.join((laws or changed)[:3])}") if changed else None
+    return (
+        (
+            "other laws" if laws else "another function",
+            f"changed: {', '.join((laws or changed)[:3])}",
+        )
+        if changed
+        else None
+    )
 
 
 def _both(old: Any, new: Any) -> str:

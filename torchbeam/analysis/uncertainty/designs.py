@@ -1,4 +1,6 @@
-"""Designs: where samples lie. Point i of a design is a function of the design and i alone, whoever asks."""
+"""Designs: where samples lie. Point i of a design is a function of the design and i alone, whoever
+asks.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +19,8 @@ SOBOL_POINTS = 2**30  # of one sequence
 
 @dataclass(frozen=True)
 class Sobol:
-    """Sobol sequences, scrambled by random lower triangular matrices and a digital shift (Matousek 1998, as torch has it), one
-    after the other: `points` of the first, as many of the second ...
+    """Sobol sequences, scrambled by random lower triangular matrices and a digital shift (Matousek
+    1998, as torch has it), one after the other: `points` of the first, as many of the second ...
 
     dimension  of a point;  seed of the first sequence: those of the others follow from it
     points     of each sequence; None = there is one
@@ -52,13 +54,15 @@ class Sobol:
     @property
     def label(self) -> dict[str, Any]:
         """What a folder is known by, beside the seed."""
-        start = sobol(max(self.dimension, 1), self.seed, 0, 4)[:, :self.dimension].tolist()
+        start = sobol(max(self.dimension, 1), self.seed, 0, 4)[:, : self.dimension].tolist()
         return {"sobol": start, **({} if self.points is None else {"points": self.points})}
 
 
 @dataclass(frozen=True)
 class Plain:
-    """Independent points, by a counter-based generator (Philox; Salmon et al. 2011): no two chunks share a stream."""
+    """Independent points, by a counter-based generator (Philox; Salmon et al. 2011): no two chunks
+    share a stream.
+    """
 
     dimension: int
     seed: int
@@ -70,7 +74,9 @@ class Plain:
         blocks = max(-(-self.dimension // 4), 1)  # the generator counts by four numbers
         bits = np.random.Philox(key=self.seed)
         bits.advance(first * blocks)
-        raw = bits.random_raw((last - first) * 4 * blocks).reshape(last - first, -1)[:, :self.dimension]
+        raw = bits.random_raw((last - first) * 4 * blocks).reshape(last - first, -1)[
+            :, : self.dimension
+        ]
         return torch.from_numpy(((raw >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53)
 
     theta, part = Sobol.theta, Sobol.part
@@ -82,7 +88,9 @@ class Plain:
 
 @dataclass(frozen=True)
 class Given:
-    """Samples of the user's own, taken as independent: theta (n, columns); `offset`, the number of its first row."""
+    """Samples of the user's own, taken as independent: theta (n, columns); `offset`, the number of
+    its first row.
+    """
 
     values: Tensor
     offset: int = 0
@@ -91,14 +99,19 @@ class Given:
     points = None
 
     def theta(self, joint: JointLaw, first: int, last: int) -> Tensor:
-        return self.values[first - self.offset:last - self.offset]
+        return self.values[first - self.offset : last - self.offset]
 
     def part(self, first: int, last: int) -> Given:
-        return replace(self, values=self.values[first - self.offset:last - self.offset].clone(), offset=first)
+        return replace(
+            self, values=self.values[first - self.offset : last - self.offset].clone(), offset=first
+        )
 
     @property
     def label(self) -> dict[str, Any]:
-        return {"design": "given", "theta": hashlib.sha256(self.values.contiguous().numpy().tobytes()).hexdigest()}
+        return {
+            "design": "given",
+            "theta": hashlib.sha256(self.values.contiguous().numpy().tobytes()).hexdigest(),
+        }
 
 
 @dataclass(frozen=True)
@@ -111,8 +124,9 @@ class Scores(Given):
 
 @dataclass(frozen=True)
 class Exchanged:
-    """Samples in groups of `parts` + 2: one of A, one of B, and A with one part exchanged for B's, for each part in turn.
-    (Saltelli et al. 2010.) A and B are halves of the points of `base`, whose dimension is twice that of the laws.
+    """Samples in groups of `parts` + 2: one of A, one of B, and A with one part exchanged for B's,
+    for each part in turn. (Saltelli et al. 2010.) A and B are halves of the points of `base`, whose
+    dimension is twice that of the laws.
 
     parts  (parts, dimension) which variates belong to which part
     """
@@ -129,31 +143,43 @@ class Exchanged:
         A, B = self.base.uniform(begin, end).chunk(2, -1)
         exchanged = torch.where(self.parts[:, None], B, A)
         rows = torch.cat((A[None], B[None], exchanged)).transpose(0, 1).flatten(0, 1)
-        return joint.of_uniform(rows[first - begin * size:last - begin * size])
+        return joint.of_uniform(rows[first - begin * size : last - begin * size])
 
     def part(self, first: int, last: int) -> Exchanged:
         return self
 
     @property
     def label(self) -> dict[str, Any]:
-        return {"design": "exchanged", **{f"base {key}": value for key, value in self.base.label.items()}}
+        return {
+            "design": "exchanged",
+            **{f"base {key}": value for key, value in self.base.label.items()},
+        }
 
 
 def replicate_seed(seed: int, k: int) -> int:
     """Seed of the k-th sequence: that of the first is the seed itself."""
-    return seed if k == 0 else int.from_bytes(hashlib.sha256(f"{seed} {k}".encode()).digest()[:8], "big") >> 1
+    return (
+        seed
+        if k == 0
+        else int.from_bytes(hashlib.sha256(f"{seed} {k}".encode()).digest()[:8], "big") >> 1
+    )
 
 
 def sobol(dimension: int, seed: int, first: int, last: int) -> Tensor:
-    """Points first to last - 1 of the scrambled Sobol sequence in (0, 1)^dimension, (last - first, dimension) float64."""
+    """Points first to last - 1 of the scrambled Sobol sequence in (0, 1)^dimension,
+    (last - first, dimension) float64.
+    """
     engine = torch.quasirandom.SobolEngine(max(dimension, 1), scramble=True, seed=seed)
-    if first:  # the engine itself walks to the point before, one by one; each bit of its Gray code is an exclusive or
+    # the engine itself walks to the point before, one by one; each bit of its Gray code is an
+    # exclusive or
+    if first:
         gray = first - 1 ^ first - 1 >> 1
         for bit in range(gray.bit_length()):
             if gray >> bit & 1:
                 engine.quasi ^= engine.sobolstate[:, bit]
         engine.num_generated = first
-    start = engine.quasi.double() / 2**engine.MAXBIT  # the engine itself keeps its first point in the default dtype
+    # the engine itself keeps its first point in the default dtype
+    start = engine.quasi.double() / 2**engine.MAXBIT
     u = engine.draw(last - first, dtype=torch.float64)
     u = torch.cat((start[None], u[1:])) if first == 0 else u
     return (u + 2.0**-31)[:, :dimension]  # multiples of 2^-30: now never 0, and never 1

@@ -24,11 +24,22 @@ class Empirical(TwoTails):
 
     def __post_init__(self) -> None:
         values = finite("Empirical's values", as_tensor(self.values, torch.float64)).cpu()
-        weights = torch.ones_like(values) if self.weights is None else as_tensor(self.weights, torch.float64).cpu()
-        if values.ndim != 1 or not len(values) or weights.shape != values.shape or not (weights > 0).all() or not (
-                torch.isfinite(weights).all()):
-            raise ValueError(f"values {tuple(values.shape)} and weights {tuple(weights.shape)} were given to Empirical; (K,) "
-                             "finite values, and positive weights of as many, are wanted")
+        weights = (
+            torch.ones_like(values)
+            if self.weights is None
+            else as_tensor(self.weights, torch.float64).cpu()
+        )
+        if (
+            values.ndim != 1
+            or not len(values)
+            or weights.shape != values.shape
+            or not (weights > 0).all()
+            or not (torch.isfinite(weights).all())
+        ):
+            raise ValueError(
+                f"values {tuple(values.shape)} and weights {tuple(weights.shape)} were given to "
+                "Empirical; (K,) finite values, and positive weights of as many, are wanted"
+            )
         values, order = values.sort()
         weights = weights[order] / weights.max()
         set_fields(self, values=values, weights=weights / weights.sum())
@@ -51,4 +62,7 @@ class Empirical(TwoTails):
         return below / below[-1]
 
     def __repr__(self) -> str:
-        return f"Empirical({len(self.values)} values from {self.values[0].item():.4g} to {self.values[-1].item():.4g})"
+        return (
+            f"Empirical({len(self.values)} values from {self.values[0].item():.4g} to "
+            f"{self.values[-1].item():.4g})"
+        )

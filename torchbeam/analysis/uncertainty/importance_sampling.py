@@ -12,12 +12,15 @@ from .estimate import student_half
 from .limit_state import LimitState
 
 
-def importance_sampling(limit: LimitState, points: DesignPoints, n: int, replicates: int, seed: int) -> Tensor:
+def importance_sampling(
+    limit: LimitState, points: DesignPoints, n: int, replicates: int, seed: int
+) -> Tensor:
     """Probability (replicates,) of y > threshold by each of several Sobol sequences.
 
-    Samples follow the mixture of normal laws around the points, h(z) = sum_i w_i phi(z - z_i), w_i as Phi(-beta_i) (Melchers
-    1989): p = mean([y > threshold] phi(z)/h(z)), and phi(z)/h(z) = 1/sum_i w_i exp(z . z_i - |z_i|^2/2). Where the medians lie
-    within the event, it is the rest that the points are next to, and p = 1 - mean([y <= threshold] phi(z)/h(z)).
+    Samples follow the mixture of normal laws around the points, h(z) = sum_i w_i phi(z - z_i), w_i
+    as Phi(-beta_i) (Melchers 1989): p = mean([y > threshold] phi(z)/h(z)), and
+    phi(z)/h(z) = 1/sum_i w_i exp(z . z_i - |z_i|^2/2). Where the medians lie within the event, it
+    is the rest that the points are next to, and p = 1 - mean([y <= threshold] phi(z)/h(z)).
     """
     d, each = limit.work.joint.dimension, n // replicates
     share = normal_probability(-points.beta.abs())
@@ -34,7 +37,9 @@ def importance_sampling(limit: LimitState, points: DesignPoints, n: int, replica
 
 
 def interval(each: Tensor, level: float) -> tuple[float, float, float]:
-    """Mean of replicates and Student's interval of it; from 0 to 1 where no sample was within the event, or none outside."""
+    """Mean of replicates and Student's interval of it; from 0 to 1 where no sample was within the
+    event, or none outside.
+    """
     mean = each.mean().item()
     if mean in (0.0, 1.0):
         return mean, 0.0, 1.0

@@ -24,12 +24,13 @@ Correlation = Any  # (p, p) over the laws in their order, or {("EI", "mass"): 0.
 class JointLaw:
     """Laws by name, in the order of theta's columns, and the correlation of their normal scores.
 
-    correlation  (p, p), unit diagonal, positive definite, or None: independent. The score of a parameter is the standard
-                 normal variable of the same probability, z = ndtri(F(x)); all scores together are normal (Nataf 1962).
-                 Spearman's rank correlation is then 6/pi asin(correlation/2)
+    correlation  (p, p), unit diagonal, positive definite, or None: independent. The score of a
+                 parameter is the standard normal variable of the same probability, z = ndtri(F(x));
+                 all scores together are normal (Nataf 1962). Spearman's rank correlation is then
+                 6/pi asin(correlation/2)
 
-    A sample is made of `dimension` variates: u uniform in (0, 1) or z normal, one for each law, none for a `Constant`, several
-    for a `RandomField`.
+    A sample is made of `dimension` variates: u uniform in (0, 1) or z normal, one for each law,
+    none for a `Constant`, several for a `RandomField`.
     """
 
     laws: dict[str, Law]
@@ -37,7 +38,9 @@ class JointLaw:
 
     @classmethod
     def of(cls, laws: Any, correlation: Correlation = None) -> JointLaw:
-        """From what a user gives; ValueError where that is no dict of laws, or no correlation of them."""
+        """From what a user gives; ValueError where that is no dict of laws, or no correlation of
+        them.
+        """
         if not isinstance(laws, Mapping):
             raise ValueError(f"laws = {shown(laws)} was given; a dict, name -> law, is wanted")
         if not laws:
@@ -48,18 +51,27 @@ class JointLaw:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of theta's columns; of a field, with the number of the place."""
-        return tuple(name if size is None else f"{name}[{k}]" for name, size in self.sizes.items() for k in range(size or 1))
+        return tuple(
+            name if size is None else f"{name}[{k}]"
+            for name, size in self.sizes.items()
+            for k in range(size or 1)
+        )
 
     @cached_property
     def sizes(self) -> dict[str, int | None]:
         """Columns of each law; None = one number."""
-        return {name: getattr(law, "size", None) if hasattr(law, "of_scores") else None for name, law in self.laws.items()}
+        return {
+            name: getattr(law, "size", None) if hasattr(law, "of_scores") else None
+            for name, law in self.laws.items()
+        }
 
     @cached_property
     def dimensions(self) -> dict[str, int]:
         """Variates that each law takes."""
-        return {name: law.dimension if hasattr(law, "of_scores") else int(not isinstance(law, Constant))
-                for name, law in self.laws.items()}
+        return {
+            name: law.dimension if hasattr(law, "of_scores") else int(not isinstance(law, Constant))
+            for name, law in self.laws.items()
+        }
 
     @property
     def dimension(self) -> int:
@@ -94,32 +106,50 @@ class JointLaw:
         if self.correlation is None or not mixed:
             return scores
         root = torch.linalg.cholesky(self.correlation[mixed][:, mixed])
-        for k, column in zip(mixed, (torch.cat([scores[k] for k in mixed], -1) @ root.mT).split(1, -1), strict=True):
+        for k, column in zip(
+            mixed, (torch.cat([scores[k] for k in mixed], -1) @ root.mT).split(1, -1), strict=True
+        ):
             scores[k] = column
         return scores
 
     def named(self, theta: Tensor) -> dict[str, Tensor]:
         """Columns by the names of laws: (N,), of a field (N, places)."""
         parts = theta.split([size or 1 for size in self.sizes.values()], -1)
-        return {name: part if size is not None else part[:, 0]
-                for (name, size), part in zip(self.sizes.items(), parts, strict=True)}
+        return {
+            name: part if size is not None else part[:, 0]
+            for (name, size), part in zip(self.sizes.items(), parts, strict=True)
+        }
 
     def _columns(self, v: Tensor, one: Any, scores: Any) -> Tensor:
         columns = []
-        for (name, law), part in zip(self.laws.items(), v.split(list(self.dimensions.values()), -1), strict=True):
+        for (name, law), part in zip(
+            self.laws.items(), v.split(list(self.dimensions.values()), -1), strict=True
+        ):
             if hasattr(law, "of_scores"):
                 column, wanted = law.of_scores(scores(part)), (len(v), law.size)
             elif isinstance(law, Constant):
                 column, wanted = v.new_zeros(len(v)) + law.value, (len(v),)
             else:
                 column, wanted = one(law, part[:, 0]), (len(v),)
-            wrong = (f"a {type(column).__name__}" if not isinstance(column, Tensor) else
-                     f"{tuple(column.shape)}" if column.shape != wanted else
-                     "numbers that are not finite" if not torch.isfinite(column).all() else None)
+            wrong = (
+                f"a {type(column).__name__}"
+                if not isinstance(column, Tensor)
+                else f"{tuple(column.shape)}"
+                if column.shape != wanted
+                else "numbers that are not finite"
+                if not torch.isfinite(column).all()
+                else None
+            )
             if wrong:
-                raise ValueError(f"a law of {name!r} that gave {wrong} for u ({len(v)},) was given; finite numbers "
-                                 f"({', '.join(map(str, wanted))},) are wanted" if len(wanted) == 1 else
-                                 f"a field of {name!r} that gave {wrong} was given; finite numbers {wanted} are wanted")
+                raise ValueError(
+                    f"a law of {name!r} that gave {wrong} for u ({len(v)},) was given; finite "
+                    f"numbers ({', '.join(map(str, wanted))},) are wanted"
+                    if len(wanted) == 1
+                    else (
+                        f"a field of {name!r} that gave {wrong} was given; finite numbers "
+                        f"{wanted} are wanted"
+                    )
+                )
             columns.append(column.cpu().double().reshape(len(v), -1))
         return torch.cat(columns, -1)
 
@@ -136,24 +166,45 @@ def _correlation(given: Correlation, laws: dict[str, Law]) -> Tensor:
     if isinstance(given, Mapping):
         matrix = torch.eye(p, dtype=torch.float64)
         for pair, value in given.items():
-            if not isinstance(pair, tuple) or len(pair) != 2 or any(one not in names for one in pair) or pair[0] == pair[1]:
-                raise ValueError(f"a correlation of {shown(pair)} was given; two of {', '.join(names)} are wanted")
+            if (
+                not isinstance(pair, tuple)
+                or len(pair) != 2
+                or any(one not in names for one in pair)
+                or pair[0] == pair[1]
+            ):
+                raise ValueError(
+                    f"a correlation of {shown(pair)} was given; two of {', '.join(names)} are "
+                    "wanted"
+                )
             if pair[::-1] in given:
-                raise ValueError(f"a correlation of {pair!r} and one of {pair[::-1]!r} were given; one of the two is wanted")
+                raise ValueError(
+                    f"a correlation of {pair!r} and one of {pair[::-1]!r} were given; one of the "
+                    "two is wanted"
+                )
             i, j = map(names.index, pair)
             matrix[i, j] = matrix[j, i] = number(f"the correlation of {pair!r}", value)
     else:
         matrix = as_tensor(given, torch.float64).cpu()
     finite("correlation", matrix)
     if matrix.shape != (p, p):
-        raise ValueError(f"a correlation {tuple(matrix.shape)} was given for {p} laws; ({p}, {p}) is wanted")
+        raise ValueError(
+            f"a correlation {tuple(matrix.shape)} was given for {p} laws; ({p}, {p}) is wanted"
+        )
     if (matrix - matrix.mT).abs().max() > 1e-12 or (matrix.diagonal() - 1).abs().max() > 1e-12:
-        raise ValueError("a correlation that is not symmetric, or whose diagonal is not 1, was given")
+        raise ValueError(
+            "a correlation that is not symmetric, or whose diagonal is not 1, was given"
+        )
     least = torch.linalg.eigvalsh(matrix)[0].item()
     if least <= 1e-12:
-        raise ValueError(f"a correlation with the eigenvalue {least:.3g} was given; a positive definite matrix is wanted")
+        raise ValueError(
+            f"a correlation with the eigenvalue {least:.3g} was given; a positive definite "
+            "matrix is wanted"
+        )
     for k, (name, law) in enumerate(laws.items()):
         if not JointLaw._mixes(law) and (matrix[k].abs().sum() > 1):
             kind = "constant" if isinstance(law, Constant) else "random field"
-            raise ValueError(f"a correlation of {name!r} was given, which is a {kind}; only random laws of one number have one")
+            raise ValueError(
+                f"a correlation of {name!r} was given, which is a {kind}; only random laws of "
+                "one number have one"
+            )
     return (matrix + matrix.mT) / 2

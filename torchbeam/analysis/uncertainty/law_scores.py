@@ -1,4 +1,6 @@
-"""Normal scores of any law: of the laws here, exact in both tails; of others by their probabilities."""
+"""Normal scores of any law: of the laws here, exact in both tails; of others by their
+probabilities.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ TORCHS = {
 
 
 def as_own(law: Any) -> Any:
-    """The same law as one that tells scores, where it is a pair or one of torch's that are known here; as it is otherwise."""
+    """The same law as one that tells scores, where it is a pair or one of torch's that are known
+    here; as it is otherwise.
+    """
     if isinstance(law, (tuple, list)):
         return Uniform(*law)
     make = TORCHS.get(type(law))
@@ -45,7 +49,9 @@ def as_own(law: Any) -> Any:
 
 
 def why_none(law: Any) -> str | None:
-    """Why a law with `icdf` is none of one number, as a distribution of torch may be; None where it is one."""
+    """Why a law with `icdf` is none of one number, as a distribution of torch may be; None where it
+    is one.
+    """
     if not isinstance(law, distributions.Distribution):
         return None
     if law.event_shape or law.batch_shape.numel() != 1:
@@ -58,15 +64,17 @@ def why_none(law: Any) -> str | None:
 
 
 def has_tails(law: Any) -> bool:
-    """Whether a law tells values of scores, and so both tails; a `Truncated` or `ExpTransformed` one does as its own law does.
+    """Whether a law tells values of scores, and so both tails; a `Truncated` or `ExpTransformed`
+    one does as its own law does.
     """
     own = as_own(law)
     return hasattr(own, "of_score") and (not hasattr(own, "law") or has_tails(own.law))
 
 
 def of_score(law: Any, z: Tensor) -> Tensor:
-    """Values (N,) of normal scores z (N,). A law that does not tell scores is asked for the value of a probability, which is 1
-    but for rounding from z = 8 on; where it has none of a small one, it is that of rounding, at z = -8.
+    """Values (N,) of normal scores z (N,). A law that does not tell scores is asked for the value
+    of a probability, which is 1 but for rounding from z = 8 on; where it has none of a small one,
+    it is that of rounding, at z = -8.
     """
     law = as_own(law)
     if hasattr(law, "of_score"):
@@ -75,7 +83,11 @@ def of_score(law: Any, z: Tensor) -> Tensor:
     rounding = torch.finfo(z.dtype).eps / 2
     u = normal_probability(z).clamp(torch.finfo(z.dtype).tiny, 1 - rounding)
     x = value(u)
-    lost = ~torch.isfinite(x) if isinstance(x, Tensor) and x.shape == u.shape else torch.zeros_like(u, dtype=torch.bool)
+    lost = (
+        ~torch.isfinite(x)
+        if isinstance(x, Tensor) and x.shape == u.shape
+        else torch.zeros_like(u, dtype=torch.bool)
+    )
     return value(torch.where(lost, u.clamp_min(rounding), u)) if lost.any() else x
 
 
@@ -91,7 +103,14 @@ def score(law: Any, x: Tensor) -> Tensor:
 def _inside(law: Any, x: Tensor) -> Tensor:
     """x, moved into the support of a distribution of torch, which refuses others."""
     support = getattr(law, "support", None)
-    low, high = (float(getattr(support, name, at)) for name, at in (("lower_bound", -math.inf), ("upper_bound", math.inf)))
-    eps, tiny = torch.finfo(x.dtype).eps, torch.finfo(x.dtype).tiny  # a bound may be outside of the support
-    inside = (at if math.isinf(at) else at + side * max(abs(at) * eps, tiny) for at, side in ((low, 1), (high, -1)))
+    low, high = (
+        float(getattr(support, name, at))
+        for name, at in (("lower_bound", -math.inf), ("upper_bound", math.inf))
+    )
+    # a bound may be outside of the support
+    eps, tiny = torch.finfo(x.dtype).eps, torch.finfo(x.dtype).tiny
+    inside = (
+        at if math.isinf(at) else at + side * max(abs(at) * eps, tiny)
+        for at, side in ((low, 1), (high, -1))
+    )
     return x.clamp(*inside)

@@ -1,7 +1,8 @@
 """Laws of random parameters.
 
-A law is (least, largest), uniform between; one of the classes here; anything with `icdf`, as torch.distributions have; or a
-function of u (N,), uniform in (0, 1). `RandomField` is a law of many numbers.
+A law is (least, largest), uniform between; one of the classes here; anything with `icdf`, as
+torch.distributions have; or a function of u (N,), uniform in (0, 1). `RandomField` is a law of many
+numbers.
 """
 
 from __future__ import annotations
@@ -14,7 +15,17 @@ from .parametric_laws import Constant, Gumbel, LogNormal, Normal, Triangular, Un
 from .random_field import RandomField
 from .truncated_law import Truncated
 
-__all__ = ["Constant", "Empirical", "Gumbel", "LogNormal", "Normal", "RandomField", "Triangular", "Truncated", "Uniform",
-           "Weibull"]
+__all__ = [
+    "Constant",
+    "Empirical",
+    "Gumbel",
+    "LogNormal",
+    "Normal",
+    "RandomField",
+    "Triangular",
+    "Truncated",
+    "Uniform",
+    "Weibull",
+]
 entry_points(globals(), __all__)
 Law = Any

@@ -1,4 +1,6 @@
-"""Limit state of a rare event in the space of normal scores: y of a function, there and its gradient."""
+"""Limit state of a rare event in the space of normal scores: y of a function, there and its
+gradient.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,8 @@ STEP = 1e-4  # of a normal score, for central differences
 
 @dataclass
 class LimitState:
-    """y of a function at normal scores z (N, d): the event is y > threshold. Counts evaluations, and failures by reason.
+    """y of a function at normal scores z (N, d): the event is y > threshold. Counts evaluations,
+    and failures by reason.
 
     work  the function, its laws and how it is evaluated; z take the place of the design
     """
@@ -29,21 +32,32 @@ class LimitState:
 
     def __call__(self, z: Tensor) -> Tensor:
         """y (N,) float64; -inf where the sample failed: it is not counted as the event."""
-        parts = [(_one_number(y).double(), status) for _, y, status in replace(self.work, design=Scores(z)).chunks(0, len(z))]
+        parts = [
+            (_one_number(y).double(), status)
+            for _, y, status in replace(self.work, design=Scores(z)).chunks(0, len(z))
+        ]
         y, status = (torch.cat(part) for part in zip(*parts, strict=True))
         self.evaluations += len(z)
         self.failures.update(reasons_of(y, status, {}))
         return torch.where(status == 0, y, -torch.inf)
 
     def gradient(self, z: Tensor) -> tuple[Tensor, Tensor]:
-        """y (N,) and dy/dz (N, d): by reverse mode, or by central differences where y carries no gradient by z."""
+        """y (N,) and dy/dz (N, d): by reverse mode, or by central differences where y carries no
+        gradient by z.
+        """
         z, work = z.detach().requires_grad_(), self.work
-        y, status = called(work.function, work.joint, work.joint.of_score(z).to(work.dtype), work.by_name)
+        y, status = called(
+            work.function, work.joint, work.joint.of_score(z).to(work.dtype), work.by_name
+        )
         self.evaluations += len(z)
         y = _one_number(y)
         self.failures.update(reasons_of(y.detach().cpu(), status.cpu(), {}))
         value = torch.where(status == 0, y.detach(), -torch.inf).cpu().double()
-        slope, = torch.autograd.grad(torch.where(status == 0, y, 0).sum(), z, allow_unused=True) if y.requires_grad else (None,)
+        (slope,) = (
+            torch.autograd.grad(torch.where(status == 0, y, 0).sum(), z, allow_unused=True)
+            if y.requires_grad
+            else (None,)
+        )
         if slope is not None:
             return value, slope.double()
         at = z.detach()
@@ -54,6 +68,8 @@ class LimitState:
 
 def _one_number(y: Tensor) -> Tensor:
     if y.ndim > 2 or (y.ndim == 2 and y.shape[1] != 1):
-        raise ValueError(f"a function that gave y {tuple(y.shape)} was given for a rare event; one number a sample, "
-                         f"({len(y)},), is wanted")
+        raise ValueError(
+            f"a function that gave y {tuple(y.shape)} was given for a rare event; one number a "
+            f"sample, ({len(y)},), is wanted"
+        )
     return y.reshape(len(y))

@@ -1,4 +1,6 @@
-"""Derivatives of moments by the parameters of laws, sample by sample along the path of the reparameterisation."""
+"""Derivatives of moments by the parameters of laws, sample by sample along the path of the
+reparameterisation.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,8 @@ from .samples import reasons_of
 
 @dataclass(frozen=True)
 class MomentDerivatives:
-    """Moments of y (...) and their derivatives by the parameters q (m,) of laws, each an `Estimate`.
+    """Moments of y (...) and their derivatives by the parameters q (m,) of laws, each an
+    `Estimate`.
 
     mean, deviation          (...) and (...)
     mean_by, deviation_by    (m, ...) their derivatives
@@ -35,29 +38,52 @@ class MomentDerivatives:
     deviation_by: Estimate
 
     def __repr__(self) -> str:
-        return f"MomentDerivatives(mean {self.mean!r}; by {self.mean_by.estimate.shape[0]} parameters)"
+        return (
+            f"MomentDerivatives(mean {self.mean!r}; by {self.mean_by.estimate.shape[0]} parameters)"
+        )
 
 
-def moment_derivatives(function: Function, laws: Callable[[Tensor], Mapping[str, Law]], q: Value, n: int, *,
-                       replicates: int = 16, interval: float = 0.95, correlation: Correlation | None = None, seed: int = 0,
-                       chunk: int = 256, by_name: bool = False) -> MomentDerivatives:
-    """Mean and standard deviation of y, and their derivatives by parameters of the laws, such as the deviation of a stiffness.
+def moment_derivatives(
+    function: Function,
+    laws: Callable[[Tensor], Mapping[str, Law]],
+    q: Value,
+    n: int,
+    *,
+    replicates: int = 16,
+    interval: float = 0.95,
+    correlation: Correlation | None = None,
+    seed: int = 0,
+    chunk: int = 256,
+    by_name: bool = False,
+) -> MomentDerivatives:
+    """Mean and standard deviation of y, and their derivatives by parameters of the laws, such as
+    the deviation of a stiffness.
 
     function  as `monte_carlo` has it, and differentiable by theta: y carries gradients
-    laws      q (m,) -> dict of laws, differentiable: such as lambda q: {"EI": torch.distributions.Normal(q[0], q[1])}, or a
-              function of u
+    laws      q (m,) -> dict of laws, differentiable: such as lambda q: {"EI":
+              torch.distributions.Normal(q[0], q[1])}, or a function of u
     q         (m,) where the derivatives are taken
-    n, replicates, correlation, seed, chunk, by_name   as `monte_carlo` has them; n is a multiple of the replicates
+    n, replicates, correlation, seed, chunk, by_name   as `monte_carlo` has them; n is a multiple of
+    the replicates
 
-    theta = F^-1(u; q) at fixed u, so that d mean/dq = mean(dy/dtheta dtheta/dq) (pathwise derivatives; Glasserman 2003, section
-    7.2): y has to be continuous in theta. Computed here, in the dtype of q, without an executor: gradients do not travel.
-    Samples that failed count neither in values nor in derivatives. Raises ValueError as `monte_carlo` does, and for a y without
+    theta = F^-1(u; q) at fixed u, so that d mean/dq = mean(dy/dtheta dtheta/dq) (pathwise
+    derivatives; Glasserman 2003, section 7.2): y has to be continuous in theta. Computed here, in
+    the dtype of q, without an executor: gradients do not travel. Samples that failed count neither
+    in values nor in derivatives. Raises ValueError as `monte_carlo` does, and for a y without
     gradient.
     """
     level = level_of("interval", interval)
     checked_function("laws", laws, "q")
     boolean("by_name", by_name)
-    q = finite("q", as_tensor(q, q.dtype if isinstance(q, Tensor) and q.is_floating_point() else torch.get_default_dtype()))
+    q = finite(
+        "q",
+        as_tensor(
+            q,
+            q.dtype
+            if isinstance(q, Tensor) and q.is_floating_point()
+            else torch.get_default_dtype(),
+        ),
+    )
     if q.ndim != 1:
         raise ValueError(f"q {tuple(q.shape)} was given; (m,) is wanted")
     q = q.detach().clone().requires_grad_()
@@ -71,28 +97,47 @@ def moment_derivatives(function: Function, laws: Callable[[Tensor], Mapping[str,
             last = min(first + chunk, (k + 1) * points)
             joint = JointLaw.of(laws(q), correlation)  # a graph of its own
             with one_of(n / (last - first)):
-                part, y, status, about = _sums(function, joint, plan, first, last, q, by_name, about)
-            total = part if total is None else tuple(a + b for a, b in zip(total, part, strict=True))
+                part, y, status, about = _sums(
+                    function, joint, plan, first, last, q, by_name, about
+                )
+            total = (
+                part if total is None else tuple(a + b for a, b in zip(total, part, strict=True))
+            )
             lost.append((y, status))
         sums.append(total)
     reasons = reasons_of(*(torch.cat(part) for part in zip(*lost, strict=True)), {})
     good = [total for total in sums if total[0] > 1]
     if len(good) < 2:
-        raise ValueError(f"nearly all {n} samples failed ({', '.join(reasons)}); there are no moments of so few")
+        raise ValueError(
+            f"nearly all {n} samples failed ({', '.join(reasons)}); there are no moments of so few"
+        )
     each = [torch.stack(part) for part in zip(*map(_moments, good), strict=True)]
     pooled = list(_moments(tuple(sum(part) for part in zip(*sums, strict=True))))
     pooled[0] = pooled[0] + about
     samples = int(sum(total[0] for total in sums))
     halves = [student_half(scatter, level) for scatter in each]
     method = f"{len(good)} replicates"
-    return MomentDerivatives(*(Estimate(centre, centre - half, centre + half, level, samples, method, reasons)
-                               for centre, half in zip(pooled, halves, strict=True)))
+    return MomentDerivatives(
+        *(
+            Estimate(centre, centre - half, centre + half, level, samples, method, reasons)
+            for centre, half in zip(pooled, halves, strict=True)
+        )
+    )
 
 
-def _sums(function: Function, joint: JointLaw, plan: Sobol, first: int, last: int, q: Tensor, by_name: bool,
-          about: Tensor | None) -> tuple[tuple[Tensor, ...], Tensor, Tensor, Tensor | None]:
-    """Number of good samples; sums of d = y - about and of d^2 (...), and of their derivatives (m, ...); y and status of all;
-    about (...), the mean of the first chunk that has good samples: squares of y itself cancel where its mean is large.
+def _sums(
+    function: Function,
+    joint: JointLaw,
+    plan: Sobol,
+    first: int,
+    last: int,
+    q: Tensor,
+    by_name: bool,
+    about: Tensor | None,
+) -> tuple[tuple[Tensor, ...], Tensor, Tensor, Tensor | None]:
+    """Number of good samples; sums of d = y - about and of d^2 (...), and of their derivatives
+    (m, ...); y and status of all; about (...), the mean of the first chunk that has good samples:
+    squares of y itself cancel where its mean is large.
     """
     theta = joint.of_uniform(plan.uniform(first, last)).to(q.dtype)
     y, status = called(function, joint, theta, by_name)
@@ -100,15 +145,32 @@ def _sums(function: Function, joint: JointLaw, plan: Sobol, first: int, last: in
     about = good.detach().mean(0) if about is None and len(good) else about
     values = (good if about is None else good - about).reshape(len(good), math.prod(y.shape[1:]))
     moments = (values.sum(0), values.square().sum(0))
-    by = [[torch.autograd.grad(number, q, retain_graph=True, allow_unused=True)[0] for number in moment.unbind()]
-          for moment in moments] if y.requires_grad else [[None]]
+    by = (
+        [
+            [
+                torch.autograd.grad(number, q, retain_graph=True, allow_unused=True)[0]
+                for number in moment.unbind()
+            ]
+            for moment in moments
+        ]
+        if y.requires_grad
+        else [[None]]
+    )
     if all(one is None for one in by[0]):
-        raise ValueError("a function whose y carries no gradient by q was given; one of torch operations, and laws that depend "
-                         "on q, are wanted")
-    by = [torch.stack([torch.zeros_like(q) if one is None else one for one in moment], -1) for moment in by]
+        raise ValueError(
+            "a function whose y carries no gradient by q was given; one of torch operations, and "
+            "laws that depend on q, are wanted"
+        )
+    by = [
+        torch.stack([torch.zeros_like(q) if one is None else one for one in moment], -1)
+        for moment in by
+    ]
     shape = y.shape[1:]
-    sums = (torch.tensor(float(len(values)), dtype=torch.float64),
-            *(m.detach().reshape(shape) for m in moments), *(b.double().reshape(len(q), *shape) for b in by))
+    sums = (
+        torch.tensor(float(len(values)), dtype=torch.float64),
+        *(m.detach().reshape(shape) for m in moments),
+        *(b.double().reshape(len(q), *shape) for b in by),
+    )
     return sums, y.detach().cpu(), status.cpu(), about
 
 
@@ -119,5 +181,11 @@ def _moments(sums: tuple[Tensor, ...]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     variance = (squares / n - mean.square()) * n / (n - 1)
     variance_by = (squares_by / n - 2 * mean * mean_by) * n / (n - 1)
     deviation = variance.clamp_min(0).sqrt()
-    still = deviation == 0  # of a number that does not vary, as at an instant at rest: neither does its deviation
-    return mean, deviation, mean_by, torch.where(still, 0.0, variance_by / torch.where(still, 1.0, 2 * deviation))
+    # of a number that does not vary, as at an instant at rest: neither does its deviation
+    still = deviation == 0
+    return (
+        mean,
+        deviation,
+        mean_by,
+        torch.where(still, 0.0, variance_by / torch.where(still, 1.0, 2 * deviation)),
+    )

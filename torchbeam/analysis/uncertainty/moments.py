@@ -10,7 +10,8 @@ from torch import Tensor
 
 @dataclass
 class Moments:
-    """Number of samples, mean (...), sums of the second to fourth powers of the distance from it, least and largest.
+    """Number of samples, mean (...), sums of the second to fourth powers of the distance from it,
+    least and largest.
 
     Parts are merged by Pebay's formulas (2008), which do not cancel where the mean is large.
     """
@@ -37,12 +38,19 @@ class Moments:
         d = other.mean - self.mean
         second = self.second + other.second + d**2 * (a * b / n)
         third = (self.third + other.third + d**3 * (a * b * (a - b) / n**2)
-                 + 3 * d * (a * other.second - b * self.second) / n)
+                 + 3 * d * (a * other.second - b * self.second) / n)  # fmt: skip
         fourth = (self.fourth + other.fourth + d**4 * (a * b * (a * a - a * b + b * b) / n**3)
                   + 6 * d**2 * (a * a * other.second + b * b * self.second) / n**2
-                  + 4 * d * (a * other.third - b * self.third) / n)
-        return Moments(n, self.mean + d * (b / n), second, third, fourth, torch.minimum(self.least, other.least),
-                       torch.maximum(self.largest, other.largest))
+                  + 4 * d * (a * other.third - b * self.third) / n)  # fmt: skip
+        return Moments(
+            n,
+            self.mean + d * (b / n),
+            second,
+            third,
+            fourth,
+            torch.minimum(self.least, other.least),
+            torch.maximum(self.largest, other.largest),
+        )
 
     @property
     def deviation(self) -> Tensor:

@@ -30,18 +30,33 @@ EVERY = 10.0  # seconds from one writing of the summary to the next
 FILE = "stream.pt"
 
 
-def monte_carlo_stream(function: Function, laws: Mapping[str, Law], n: int, *, replicates: int = 16,
-                       correlation: Correlation | None = None, design: str = "sobol", seed: int = 0, chunk: int = 4096,
-                       executor: Executor | None = None, out: str | Path | None = None, dtype: torch.dtype | None = None,
-                       version: str | int | None = None, by_name: bool = False, sentences: Mapping[int, str] | None = None,
-                       progress: Report | bool | None = None) -> Stream:
-    """Evaluate a function at n samples as `monte_carlo` does, and keep a summary of y in place of the samples.
+def monte_carlo_stream(
+    function: Function,
+    laws: Mapping[str, Law],
+    n: int,
+    *,
+    replicates: int = 16,
+    correlation: Correlation | None = None,
+    design: str = "sobol",
+    seed: int = 0,
+    chunk: int = 4096,
+    executor: Executor | None = None,
+    out: str | Path | None = None,
+    dtype: torch.dtype | None = None,
+    version: str | int | None = None,
+    by_name: bool = False,
+    sentences: Mapping[int, str] | None = None,
+    progress: Report | bool | None = None,
+) -> Stream:
+    """Evaluate a function at n samples as `monte_carlo` does, and keep a summary of y in place of
+    the samples.
 
-    n         a multiple of `replicates`, independent Sobol sequences from whose scatter intervals come. Memory does not grow
-              with it: 70 kB for each number of y in each replicate
-    out       a folder: the summary is written there every ten seconds, with the place in the sequence, and at the end; the same
-              call goes on from it and ends with the same numbers
-    function, laws, correlation, design, seed, chunk, executor, dtype, version, by_name, sentences, progress   as `monte_carlo`
+    n         a multiple of `replicates`, independent Sobol sequences from whose scatter intervals
+              come. Memory does not grow with it: 70 kB for each number of y in each replicate
+    out       a folder: the summary is written there every ten seconds, with the place in the
+              sequence, and at the end; the same call goes on from it and ends with the same numbers
+    function, laws, correlation, design, seed, chunk, executor, dtype, version, by_name, sentences,
+    progress   as `monte_carlo`
               has them
 
     Raises what `monte_carlo` raises.
@@ -53,13 +68,38 @@ def monte_carlo_stream(function: Function, laws: Mapping[str, Law], n: int, *, r
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
     points = points_of(n, replicates)
     plan = DESIGNS[design](joint.dimension, seed, points)
-    folder = folder_of(out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype),
-                       **{**plan.label, "kept": "summary", "points": points})
-    stream, done = (Stream(joint.names, plan.independent), 0) if folder is None else _taken_up(folder, joint, plan.independent)
+    folder = folder_of(
+        out,
+        function,
+        joint,
+        version,
+        seed=seed,
+        chunk=chunk,
+        dtype=str(dtype),
+        **{**plan.label, "kept": "summary", "points": points},
+    )
+    stream, done = (
+        (Stream(joint.names, plan.independent), 0)
+        if folder is None
+        else _taken_up(folder, joint, plan.independent)
+    )
     if done > n:
-        raise ValueError(f"n = {n} was given for a folder with the summary of {done} samples; at least as many are wanted")
-    work = Evaluation(function, joint, plan, dtype, chunk, by_name, executor, total=n, points=points,
-                      reduce=Summarise(checked_sentences(sentences)))
+        raise ValueError(
+            f"n = {n} was given for a folder with the summary of {done} samples; at least as "
+            "many are wanted"
+        )
+    work = Evaluation(
+        function,
+        joint,
+        plan,
+        dtype,
+        chunk,
+        by_name,
+        executor,
+        total=n,
+        points=points,
+        reduce=Summarise(checked_sentences(sentences)),
+    )
     at, written = progress_of(progress, n), time.monotonic()
     if at is not None and done:
         at.add(done, stream.failed, True)
@@ -77,14 +117,22 @@ def monte_carlo_stream(function: Function, laws: Mapping[str, Law], n: int, *, r
 
 def _write(folder: ChunkFolder, stream: Stream, done: int) -> None:
     state = _state(stream)
-    save(folder.path / FILE, dict(state, done=done, run=folder.label["run"], checksum=_checksum(state, done, folder)))
+    save(
+        folder.path / FILE,
+        dict(state, done=done, run=folder.label["run"], checksum=_checksum(state, done, folder)),
+    )
 
 
 def _taken_up(folder: ChunkFolder, joint: JointLaw, independent: bool) -> tuple[Stream, int]:
-    """Summary in the folder, and how many samples it is of; an empty one where there is none, or a damaged one."""
+    """Summary in the folder, and how many samples it is of; an empty one where there is none, or a
+    damaged one.
+    """
+
     def content(stored: dict[str, Any]) -> tuple[Stream, int]:
         done = stored.pop("done")
-        if stored.pop("run") != folder.label["run"] or stored.pop("checksum") != _checksum(stored, done, folder):
+        if stored.pop("run") != folder.label["run"] or stored.pop("checksum") != _checksum(
+            stored, done, folder
+        ):
             raise ValueError("it is another run's, or its checksum is wrong")
         return _stream(stored, joint, independent), done
 
@@ -97,18 +145,29 @@ def _taken_up(folder: ChunkFolder, joint: JointLaw, independent: bool) -> tuple[
 
 def _stream(saved: dict[str, Any], joint: JointLaw, independent: bool) -> Stream:
     """Stream that a file holds."""
-    return Stream(joint.names, independent, None if saved["shape"] is None else tuple(saved["shape"]),
-                  [None if one is None else Moments(*one) for one in saved["moments"]],
-                  [[Sketch(*sketch) for sketch in sketches] for sketches in saved["sketches"]], saved["samples"], saved["reasons"])
+    return Stream(
+        joint.names,
+        independent,
+        None if saved["shape"] is None else tuple(saved["shape"]),
+        [None if one is None else Moments(*one) for one in saved["moments"]],
+        [[Sketch(*sketch) for sketch in sketches] for sketches in saved["sketches"]],
+        saved["samples"],
+        saved["reasons"],
+    )
 
 
 def _state(stream: Stream) -> dict[str, Any]:
     """What a file holds of a stream: numbers, texts and tensors."""
-    return dict(shape=None if stream.shape is None else list(stream.shape), samples=stream.samples, reasons={**stream.reasons},
-                moments=[None if moment is None else [moment.n, moment.mean, moment.second, moment.third, moment.fourth, moment.least, moment.largest]
+    # fmt: off
+    return dict(shape=None if stream.shape is None else list(stream.shape), samples=stream.samples,
+                reasons={**stream.reasons},
+                moments=[None if moment is None else [moment.n, moment.mean, moment.second,
+                    moment.third, moment.fourth, moment.least, moment.largest]
                          for moment in stream.moments],
-                sketches=[[[sketch.most, sketch.keys, sketch.counts, sketch.least, sketch.largest, sketch.joined] for sketch in sketches]
+                sketches=[[[sketch.most, sketch.keys, sketch.counts, sketch.least, sketch.largest,
+                            sketch.joined] for sketch in sketches]
                           for sketches in stream.sketches])
+    # fmt: on
 
 
 def _checksum(state: Any, done: int, folder: ChunkFolder) -> str:
@@ -116,7 +175,10 @@ def _checksum(state: Any, done: int, folder: ChunkFolder) -> str:
 
     def walk(value: Any) -> None:
         if isinstance(value, Tensor):
-            sum_.update(f"{value.dtype} {tuple(value.shape)}".encode() + value.contiguous().numpy().tobytes())
+            sum_.update(
+                f"{value.dtype} {tuple(value.shape)}".encode()
+                + value.contiguous().numpy().tobytes()
+            )
         elif isinstance(value, dict):
             walk(sorted(value.items()))
         elif isinstance(value, Sequence) and not isinstance(value, str):

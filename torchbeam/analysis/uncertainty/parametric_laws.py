@@ -1,7 +1,8 @@
 """Laws of one random number by their parameters, which may be tensors (0-dim) with gradients.
 
-Each has `icdf` of a uniform variate u, `of_score` of a normal score z, the standard normal variable of the same probability,
-and undoes them by `cdf` and `score`. Scores tell both tails, u only the lower one: close to 1 it has no digits left.
+Each has `icdf` of a uniform variate u, `of_score` of a normal score z, the standard normal variable
+of the same probability, and undoes them by `cdf` and `score`. Scores tell both tails, u only the
+lower one: close to 1 it has no digits left.
 """
 
 from __future__ import annotations
@@ -14,7 +15,12 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import number
-from ...math.distributions import log_normal_probability, normal_probability, normal_score, score_of_tails
+from ...math.distributions import (
+    log_normal_probability,
+    normal_probability,
+    normal_score,
+    score_of_tails,
+)
 
 
 class TwoTails:
@@ -59,7 +65,11 @@ class Uniform(TwoTails):
 
     def of_score(self, z: Tensor) -> Tensor:
         width = self.largest - self.least
-        return torch.where(z < 0, self.least + width * normal_probability(z), self.largest - width * normal_probability(-z))
+        return torch.where(
+            z < 0,
+            self.least + width * normal_probability(z),
+            self.largest - width * normal_probability(-z),
+        )
 
     def _tails(self, x: Tensor) -> tuple[Tensor, Tensor]:
         width = self.largest - self.least
@@ -91,7 +101,8 @@ class Normal:
 
 @dataclass(frozen=True)
 class LogNormal:
-    """exp of a normal variable, with the `mean` and standard `deviation` of the variable itself, both positive.
+    """exp of a normal variable, with the `mean` and standard `deviation` of the variable itself,
+    both positive.
 
     sigma^2 = ln(1 + (deviation/mean)^2), mu = ln(mean) - sigma^2/2
     """
@@ -139,8 +150,10 @@ class Triangular(TwoTails):
         _ordered(self, "least", "largest")
         set_fields(self, mode=checked_number("Triangular's mode", self.mode))
         if not self.least <= self.mode <= self.largest:
-            raise ValueError(f"Triangular's mode = {self.mode:g} was given for {self.least:g} to {self.largest:g}; one between "
-                             "is wanted")
+            raise ValueError(
+                f"Triangular's mode = {self.mode:g} was given for {self.least:g} to "
+                f"{self.largest:g}; one between is wanted"
+            )
 
     def icdf(self, u: Tensor) -> Tensor:
         return self._of_tails(u, 1 - u)
@@ -161,7 +174,9 @@ class Triangular(TwoTails):
         rise, fall = self.mode - self.least, self.largest - self.mode
         below = (x - self.least) ** 2 / (width * rise) if rise else torch.zeros_like(x)
         above = (self.largest - x) ** 2 / (width * fall) if fall else torch.zeros_like(x)
-        return torch.where(x < self.mode, below, 1 - above), torch.where(x < self.mode, 1 - below, above)
+        return torch.where(x < self.mode, below, 1 - above), torch.where(
+            x < self.mode, 1 - below, above
+        )
 
 
 @dataclass(frozen=True)
@@ -187,7 +202,9 @@ class Weibull(TwoTails):
 
 @dataclass(frozen=True)
 class Gumbel(TwoTails):
-    """Largest of many: P(X <= x) = exp(-exp(-(x - location)/scale)); the mean is location + 0.57722 scale."""
+    """Largest of many: P(X <= x) = exp(-exp(-(x - location)/scale)); the mean is location + 0.57722
+    scale.
+    """
 
     location: float
     scale: float
@@ -207,13 +224,17 @@ class Gumbel(TwoTails):
 
 
 def checked_number(name: str, value: Any) -> float | Tensor:
-    """One finite number; as the tensor that was given where it carries a gradient. ValueError otherwise."""
+    """One finite number; as the tensor that was given where it carries a gradient. ValueError
+    otherwise.
+    """
     checked = number(name, value)
     return value if isinstance(value, Tensor) and value.requires_grad else checked
 
 
 def plain_number(name: str, value: Any, *, infinite: bool = False) -> float:
-    """One number that has no derivatives; ValueError otherwise, and for a tensor that carries a gradient."""
+    """One number that has no derivatives; ValueError otherwise, and for a tensor that carries a
+    gradient.
+    """
     if isinstance(value, Tensor) and value.requires_grad:
         raise ValueError(f"{name} that carries a gradient was given; a number is wanted")
     return number(name, value, infinite=infinite)
@@ -226,14 +247,28 @@ def set_fields(law: Any, /, **values: Any) -> None:
 
 def _ordered(law: Any, low: str, high: str) -> None:
     kind = type(law).__name__
-    set_fields(law, **{name: checked_number(f"{kind}'s {name}", getattr(law, name)) for name in (low, high)})
+    set_fields(
+        law,
+        **{name: checked_number(f"{kind}'s {name}", getattr(law, name)) for name in (low, high)},
+    )
     if not getattr(law, low) < getattr(law, high):
-        raise ValueError(f"{kind} from {getattr(law, low):g} to {getattr(law, high):g} was given; {low} below {high} is wanted")
+        raise ValueError(
+            f"{kind} from {getattr(law, low):g} to {getattr(law, high):g} was given; {low} below "
+            f"{high} is wanted"
+        )
 
 
 def _positive(law: Any, *any_: str, **positive: bool) -> None:
     kind = type(law).__name__
-    set_fields(law, **{name: checked_number(f"{kind}'s {name}", getattr(law, name)) for name in (*any_, *positive)})
+    set_fields(
+        law,
+        **{
+            name: checked_number(f"{kind}'s {name}", getattr(law, name))
+            for name in (*any_, *positive)
+        },
+    )
     for name in positive:
         if not getattr(law, name) > 0:
-            raise ValueError(f"{kind}'s {name} = {getattr(law, name):g} was given; a positive number is wanted")
+            raise ValueError(
+                f"{kind}'s {name} = {getattr(law, name):g} was given; a positive number is wanted"
+            )

@@ -16,7 +16,8 @@ EVERY, LOG = 0.5, 10.0  # seconds between two lines on a terminal, and in a file
 
 @dataclass
 class Progress:
-    """done of total samples, `found` of them in the folder; failed; rate, samples a second of those computed; eta, s.
+    """done of total samples, `found` of them in the folder; failed; rate, samples a second of those
+    computed; eta, s.
 
     total   the most there will be
     report  called after each chunk; True: a line on the terminal (standard error)
@@ -41,10 +42,18 @@ class Progress:
         self.failed += failed
         if self.report is not True:
             self.report(self)
-        elif time.monotonic() - self._told > (EVERY if sys.stderr.isatty() else LOG) or self.done >= self.total:
+        elif (
+            time.monotonic() - self._told > (EVERY if sys.stderr.isatty() else LOG)
+            or self.done >= self.total
+        ):
             self._told = time.monotonic()
             over = sys.stderr.isatty() and self.done < self.total
-            print(f"\r{self}" if sys.stderr.isatty() else self, end="" if over else "\n", file=sys.stderr, flush=True)
+            print(
+                f"\r{self}" if sys.stderr.isatty() else self,
+                end="" if over else "\n",
+                file=sys.stderr,
+                flush=True,
+            )
 
     @property
     def seconds(self) -> float:
@@ -58,11 +67,20 @@ class Progress:
     @property
     def eta(self) -> float:
         """Seconds to go, infinite while none was computed."""
-        return (self.total - self.done) / self.rate if self.rate else 0.0 if self.done >= self.total else float("inf")
+        return (
+            (self.total - self.done) / self.rate
+            if self.rate
+            else 0.0
+            if self.done >= self.total
+            else float("inf")
+        )
 
     def __str__(self) -> str:
-        return (f"{self.done:,} of {self.total:,} samples, {100 * self.done / self.total:.0f} %; {self.rate:,.0f}/s, "
-                f"{_clock(self.eta)} to go; {self.failed} failed" + (f"; {self.found:,} were there" if self.found else ""))
+        return (
+            f"{self.done:,} of {self.total:,} samples, {100 * self.done / self.total:.0f} %; "
+            f"{self.rate:,.0f}/s, {_clock(self.eta)} to go; {self.failed} failed"
+            + (f"; {self.found:,} were there" if self.found else "")
+        )
 
 
 def _clock(seconds: float) -> str:

@@ -1,4 +1,6 @@
-"""Rare events: probabilities of 1e-3 to 1e-9, by subset simulation or by importance sampling from design points."""
+"""Rare events: probabilities of 1e-3 to 1e-9, by subset simulation or by importance sampling from
+design points.
+"""
 
 from __future__ import annotations
 
@@ -27,11 +29,12 @@ METHODS = ("subset", "importance")
 class RareEvent:
     """Probability of y > threshold, and its interval from `low` to `high` at `level`.
 
-    method       "subset" or "importance";  evaluations of the function;  failed of them, by reason in `reasons`: they count as
-                 not the event
+    method       "subset" or "importance";  evaluations of the function;  failed of them, by reason
+                 in `reasons`: they count as not the event
     thresholds   (levels,) of y that the runs of subset simulation passed on the way, on average
-    points       (k, p) theta at the design points, the likeliest first;  beta (k,) their distances from the medians in normal
-                 scores;  form: the first-order probability Phi(-beta) of the likeliest, of importance sampling
+    points       (k, p) theta at the design points, the likeliest first;  beta (k,) their distances
+                 from the medians in normal scores;  form: the first-order probability Phi(-beta) of
+                 the likeliest, of importance sampling
     """
 
     names: tuple[str, ...]
@@ -52,31 +55,55 @@ class RareEvent:
         return sum(self.reasons.values())
 
     def __repr__(self) -> str:
-        method = (f"{len(self.thresholds)} thresholds on the way" if self.points is None else
-               f"{len(self.points)} design points, FORM {self.form:.3g}")
-        return (f"RareEvent({self.probability:.3g}, {self.low:.3g} to {self.high:.3g} at {100 * self.level:g} %; "
-                f"{self.method}, {method}; {self.evaluations} evaluations, {self.failed} failed)")
+        method = (
+            f"{len(self.thresholds)} thresholds on the way"
+            if self.points is None
+            else f"{len(self.points)} design points, FORM {self.form:.3g}"
+        )
+        return (
+            f"RareEvent({self.probability:.3g}, {self.low:.3g} to {self.high:.3g} at "
+            f"{100 * self.level:g} %; {self.method}, {method}; {self.evaluations} evaluations, "
+            f"{self.failed} failed)"
+        )
 
 
-def rare_event(function: Function, laws: Mapping[str, Law], threshold: float, n: int, *, method: str = "subset",
-               interval: float = 0.95, replicates: int | None = None, correlation: Correlation | None = None,
-               starts: int = 4, seed: int = 0, chunk: int = 1024, executor: Executor | None = None,
-               dtype: torch.dtype | None = None, by_name: bool = False) -> RareEvent:
+def rare_event(
+    function: Function,
+    laws: Mapping[str, Law],
+    threshold: float,
+    n: int,
+    *,
+    method: str = "subset",
+    interval: float = 0.95,
+    replicates: int | None = None,
+    correlation: Correlation | None = None,
+    starts: int = 4,
+    seed: int = 0,
+    chunk: int = 1024,
+    executor: Executor | None = None,
+    dtype: torch.dtype | None = None,
+    by_name: bool = False,
+) -> RareEvent:
     """Probability that a function of random parameters exceeds a threshold.
 
     function   as `monte_carlo` has it, y (N,): one number a sample
-    n          samples: of each level of subset simulation, all runs together; of importance sampling
-    method     "subset": subset simulation (Au and Beck 2001), which asks nothing of the function; about n (1 + 0.9 levels)
-               evaluations, a level for each factor of ten. Best 500 or more of n a run: of 100 the estimate is too large by a
-               fifth at 1e-4, and by a third at 1e-6. "importance": importance sampling around design points, which are
-               found by gradients (FORM): fewer evaluations, for a y that is smooth, and a few regions of failure; a region that
-               no start leads to is missed
-    replicates independent runs from whose scatter the interval comes: 10 of subset simulation, 16 of importance sampling
+    n          samples: of each level of subset simulation, all runs together; of importance
+               sampling
+    method     "subset": subset simulation (Au and Beck 2001), which asks nothing of the function;
+               about n (1 + 0.9 levels) evaluations, a level for each factor of ten. Best 500 or
+               more of n a run: of 100 the estimate is too large by a fifth at 1e-4, and by a third
+               at 1e-6. "importance": importance sampling around design points, which are found by
+               gradients (FORM): fewer evaluations, for a y that is smooth, and a few regions of
+               failure; a region that no start leads to is missed
+    replicates independent runs from whose scatter the interval comes: 10 of subset simulation, 16
+    of importance sampling
     starts     of the search for design points: the medians, and random ones
-    laws, correlation, seed, chunk, executor, dtype, by_name   as `monte_carlo` has them; gradients are taken here
+    laws, correlation, seed, chunk, executor, dtype, by_name   as `monte_carlo` has them; gradients
+    are taken here
 
-    Raises ValueError as `monte_carlo` does, for a y of several numbers, and where nothing leads to the threshold:
-    a y that is one value for a tenth of the samples, or more, on the way is none for subset simulation.
+    Raises ValueError as `monte_carlo` does, for a y of several numbers, and where nothing leads to
+    the threshold: a y that is one value for a tenth of the samples, or more, on the way is none for
+    subset simulation.
     """
     joint, threshold = JointLaw.of(laws, correlation), number("threshold", threshold)
     level = level_of("interval", interval)
@@ -84,20 +111,48 @@ def rare_event(function: Function, laws: Mapping[str, Law], threshold: float, n:
     choice("method", method, METHODS)
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, None)
     joint.random()  # there is one
-    limit = LimitState(Evaluation(function, joint, None, dtype, chunk, by_name, executor, total=n), threshold)
-    runs = (10 if method == "subset" else 16) if replicates is None else count("replicates", replicates, 2)
+    limit = LimitState(
+        Evaluation(function, joint, None, dtype, chunk, by_name, executor, total=n), threshold
+    )
+    runs = (
+        (10 if method == "subset" else 16)
+        if replicates is None
+        else count("replicates", replicates, 2)
+    )
     if method == "subset":
         least = round(5 / SHARE)
         each = n // runs // round(1 / SHARE) * round(1 / SHARE)
         if each < least:
-            raise ValueError(f"n = {n} was given for {runs} runs of subset simulation; at least {least * runs} are wanted")
+            raise ValueError(
+                f"n = {n} was given for {runs} runs of subset simulation; at least "
+                f"{least * runs} are wanted"
+            )
         estimates = subset_simulation(limit, each, runs, seed)
         thresholds = estimates.thresholds.nanmean(-1)
-        return RareEvent(joint.names, *estimates.interval(level), level, method, limit.evaluations, dict(limit.failures),
-                         thresholds[~thresholds.isnan()])
+        return RareEvent(
+            joint.names,
+            *estimates.interval(level),
+            level,
+            method,
+            limit.evaluations,
+            dict(limit.failures),
+            thresholds[~thresholds.isnan()],
+        )
     if n < 2 * runs:
-        raise ValueError(f"n = {n} was given for {runs} replicates of importance sampling; at least {2 * runs} are wanted")
+        raise ValueError(
+            f"n = {n} was given for {runs} replicates of importance sampling; at least "
+            f"{2 * runs} are wanted"
+        )
     points = design_points(limit, count("starts", starts), seed)
     each = importance_sampling(limit, points, n, runs, seed)
-    return RareEvent(joint.names, *importance_interval(each, level), level, method, limit.evaluations, dict(limit.failures),
-                     points=joint.of_score(points.z), beta=points.beta, form=normal_probability(-points.beta[0]).item())
+    return RareEvent(
+        joint.names,
+        *importance_interval(each, level),
+        level,
+        method,
+        limit.evaluations,
+        dict(limit.failures),
+        points=joint.of_score(points.z),
+        beta=points.beta,
+        form=normal_probability(-points.beta[0]).item(),
+    )

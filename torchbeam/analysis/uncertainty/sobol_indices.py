@@ -28,10 +28,12 @@ class SobolIndices:
     """Shares of the variance of y (...) by law, p of them by `names`.
 
     first     (p, ...) S_i = Var(E(y | x_i))/Var(y): what knowing parameter i would take away
-    total     (p, ...) T_i = E(Var(y | all but x_i))/Var(y): what would be left if all others were known
+    total     (p, ...) T_i = E(Var(y | all but x_i))/Var(y): what would be left if all others were
+              known
     low, high (2, p, ...) intervals of first, low[0] to high[0], and of total, low[1] to high[1]
     level     of the intervals;  variance (...) of y
-    evaluations of the function; failed: groups of them left out, because one failed, by reason in `reasons`
+    evaluations of the function; failed: groups of them left out, because one failed, by reason in
+    `reasons`
     """
 
     names: tuple[str, ...]
@@ -47,35 +49,66 @@ class SobolIndices:
 
     def __repr__(self) -> str:
         if self.first.ndim > 1:
-            return f"SobolIndices({len(self.names)} laws; y {tuple(self.first.shape[1:])}; {self.evaluations} evaluations)"
+            return (
+                f"SobolIndices({len(self.names)} laws; y {tuple(self.first.shape[1:])}; "
+                f"{self.evaluations} evaluations)"
+            )
         columns = (self.first, self.low[0], self.high[0], self.total, self.low[1], self.high[1])
-        rows = [f"{name} first {a:.3f} ({b:.3f} to {c:.3f}), total {d:.3f} ({e:.3f} to {f:.3f})"
-                for name, a, b, c, d, e, f in zip(self.names, *(x.tolist() for x in columns), strict=True)]
-        return f"SobolIndices({'; '.join(rows)}; {self.evaluations} evaluations, {self.failed} groups failed)"
+        rows = [
+            f"{name} first {a:.3f} ({b:.3f} to {c:.3f}), total {d:.3f} ({e:.3f} to {f:.3f})"
+            for name, a, b, c, d, e, f in zip(
+                self.names, *(x.tolist() for x in columns), strict=True
+            )
+        ]
+        return (
+            f"SobolIndices({'; '.join(rows)}; {self.evaluations} evaluations, {self.failed} "
+            "groups failed)"
+        )
 
 
-def sobol_indices(function: Function, laws: Mapping[str, Law], n: int, *, replicates: int = 16, interval: float = 0.95,
-                  seed: int = 0, chunk: int | None = None, executor: Executor | None = None,
-                  out: str | Path | None = None, dtype: torch.dtype | None = None, version: str | int | None = None,
-                  by_name: bool = False, progress: Report | bool | None = None, correlation: None = None) -> SobolIndices:
+def sobol_indices(
+    function: Function,
+    laws: Mapping[str, Law],
+    n: int,
+    *,
+    replicates: int = 16,
+    interval: float = 0.95,
+    seed: int = 0,
+    chunk: int | None = None,
+    executor: Executor | None = None,
+    out: str | Path | None = None,
+    dtype: torch.dtype | None = None,
+    version: str | int | None = None,
+    by_name: bool = False,
+    progress: Report | bool | None = None,
+    correlation: None = None,
+) -> SobolIndices:
     """First and total Sobol indices of a function of independent random parameters.
 
-    n           points of each of the two samples A and B, shared out to the replicates: a multiple of them, best by a power of
-                two. The function is evaluated n (p + 2) times, p laws that are random; a `RandomField` is one of them
-    replicates  independent Sobol sequences, from whose scatter the intervals come (Student's, of jackknife values)
-    function, laws, seed, chunk, executor, out, dtype, version, by_name, progress   as `monte_carlo` has them
+    n           points of each of the two samples A and B, shared out to the replicates: a multiple
+                of them, best by a power of two. The function is evaluated n (p + 2) times, p laws
+                that are random; a `RandomField` is one of them
+    replicates  independent Sobol sequences, from whose scatter the intervals come (Student's, of
+                jackknife values)
+    function, laws, seed, chunk, executor, out, dtype, version, by_name, progress   as `monte_carlo`
+    has them
 
-    With y_A, y_B and y_i of A, of B, and of A with parameter i exchanged for B's, and V the variance of y_A and y_B together:
+    With y_A, y_B and y_i of A, of B, and of A with parameter i exchanged for B's, and V the
+    variance of y_A and y_B together:
         first = mean((y_B - mean)(y_i - y_A))/V        (Saltelli et al. 2010)
         total = mean((y_A - y_i)^2)/(2 V)              (Jansen 1999)
 
-    A group of p + 2 in which one failed is left out. Indices of a y that does not vary are NaN; intervals are infinite where
-    one replicate alone has good groups. Raises ValueError as `monte_carlo` does, for a `correlation`, with which indices do not
-    share out the variance, and where all groups failed.
+    A group of p + 2 in which one failed is left out. Indices of a y that does not vary are NaN;
+    intervals are infinite where one replicate alone has good groups. Raises ValueError as
+    `monte_carlo` does, for a `correlation`, with which indices do not share out the variance, and
+    where all groups failed.
     """
     if correlation is not None:
-        raise ValueError("correlation was given to sobol_indices, whose shares of the variance are those of independent "
-                         "parameters; laws of independent ones are wanted, of which the function makes the others")
+        raise ValueError(
+            "correlation was given to sobol_indices, whose shares of the variance are those of "
+            "independent parameters; laws of independent ones are wanted, of which the function "
+            "makes the others"
+        )
     joint = JointLaw.of(laws)
     boolean("by_name", by_name)
     level = level_of("interval", interval)
@@ -90,32 +123,59 @@ def sobol_indices(function: Function, laws: Mapping[str, Law], n: int, *, replic
     plan = Exchanged(Sobol(2 * joint.dimension, seed, points), parts)
     size = len(names) + 2
     chunk = (chunk_of(out) or usual_chunk(n * size)) if own else chunk
-    work = Evaluation(function, joint, plan, dtype, chunk, by_name, executor,
-                      folder_of(out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype), **plan.label),
-                      n * size)
+    work = Evaluation(
+        function,
+        joint,
+        plan,
+        dtype,
+        chunk,
+        by_name,
+        executor,
+        folder_of(
+            out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype), **plan.label
+        ),
+        n * size,
+    )
     chunks = list(work.chunks(0, n * size, progress_of(progress, n * size)))
     one_kind((k * chunk, part) for k, part in enumerate(chunks))
     _, y, status = (torch.cat(part) for part in zip(*chunks, strict=True))
     good = (status == 0).reshape(n, size).all(-1)
     reasons = reasons_of(y, status, {})
     if not good.any():
-        raise ValueError(f"all {n} groups have samples that failed ({', '.join(reasons)}); there are no indices of none")
+        raise ValueError(
+            f"all {n} groups have samples that failed ({', '.join(reasons)}); there are no "
+            "indices of none"
+        )
     values = y.double().reshape(n, size, *y.shape[1:])
-    groups = [g[ok] for g, ok in zip(values.chunk(replicates), good.chunk(replicates), strict=True) if ok.any()]
+    groups = [
+        g[ok]
+        for g, ok in zip(values.chunk(replicates), good.chunk(replicates), strict=True)
+        if ok.any()
+    ]
     indices = _indices(torch.cat(groups))  # (2, p, ...)
     half = _half(groups, indices, level)
-    return SobolIndices(names, indices[0], indices[1], indices - half, indices + half, level, _variance(values[good]), n * size,
-                        int((~good).sum()), reasons)
+    return SobolIndices(
+        names,
+        indices[0],
+        indices[1],
+        indices - half,
+        indices + half,
+        level,
+        _variance(values[good]),
+        n * size,
+        int((~good).sum()),
+        reasons,
+    )
 
 
 def _half(groups: list[Tensor], indices: Tensor, level: float) -> Tensor:
-    """Half the interval (2, p, ...) of the indices found in all groups of replicates, by the jackknife; infinite where groups
-    are good in one replicate alone.
+    """Half the interval (2, p, ...) of the indices found in all groups of replicates, by the
+    jackknife; infinite where groups are good in one replicate alone.
     """
     R = len(groups)
     if R == 1:
         return indices.abs() + torch.inf
-    without = torch.stack([_indices(torch.cat(groups[:k] + groups[k + 1:])) for k in range(R)])
+    without = torch.stack([_indices(torch.cat(groups[:k] + groups[k + 1 :])) for k in range(R)])
     return student_half(R * indices - (R - 1) * without, level)
 
 

@@ -1,4 +1,6 @@
-"""Tornado table: what y does when one parameter after the other goes from a low to a high quantile."""
+"""Tornado table: what y does when one parameter after the other goes from a low to a high
+quantile.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +20,12 @@ from .laws import Law
 
 @dataclass(frozen=True)
 class Tornado:
-    """y (...) with one parameter at its low or high quantile and the others at their medians; laws by `names`, those of the
-    largest swing (of the largest number of y) first.
+    """y (...) with one parameter at its low or high quantile and the others at their medians; laws
+    by `names`, those of the largest swing (of the largest number of y) first.
 
     base       (...) all at their medians
-    low, high  (p, ...) the parameter at its low and its high quantile;  at (p, 2) where it was (NaN for a field)
+    low, high  (p, ...) the parameter at its low and its high quantile;  at (p, 2) where it was
+               (NaN for a field)
     swing      (p, ...) |high - low|
     status     (2 p + 1,) of the base, of low and high by turns, as they were computed
     """
@@ -41,22 +44,39 @@ class Tornado:
     def rows(self) -> list[tuple[str, float, float, float, float]]:
         """name, low and high of the parameter, low and high of y: of a y that is one number."""
         if self.base.numel() != 1:
-            raise ValueError(f"the rows of a y {tuple(self.base.shape)} were asked for; one number is wanted")
-        return [(name, *at, a.item(), b.item()) for name, at, a, b in zip(self.names, self.at.tolist(), self.low, self.high,
-                                                                         strict=True)]
+            raise ValueError(
+                f"the rows of a y {tuple(self.base.shape)} were asked for; one number is wanted"
+            )
+        return [
+            (name, *at, a.item(), b.item())
+            for name, at, a, b in zip(
+                self.names, self.at.tolist(), self.low, self.high, strict=True
+            )
+        ]
 
     def __repr__(self) -> str:
-        return f"Tornado({len(self.names)} laws, the largest swing that of {self.names[0]}; y {tuple(self.base.shape)})"
+        return (
+            f"Tornado({len(self.names)} laws, the largest swing that of {self.names[0]}; y "
+            f"{tuple(self.base.shape)})"
+        )
 
 
-def tornado(function: Function, laws: Mapping[str, Law], *, level: float = 0.9, dtype: torch.dtype | None = None,
-            by_name: bool = False) -> Tornado:
-    """Effect of each parameter by itself, from its (1 - level)/2 to its (1 + level)/2 quantile, in one batch of 2 p + 1.
+def tornado(
+    function: Function,
+    laws: Mapping[str, Law],
+    *,
+    level: float = 0.9,
+    dtype: torch.dtype | None = None,
+    by_name: bool = False,
+) -> Tornado:
+    """Effect of each parameter by itself, from its (1 - level)/2 to its (1 + level)/2 quantile, in
+    one batch of 2 p + 1.
 
-    function, laws, dtype, by_name   as `monte_carlo` has them. A `RandomField` moves as a whole: all of its first term
+    function, laws, dtype, by_name   as `monte_carlo` has them. A `RandomField` moves as a whole:
+                                     all of its first term
 
-    A screening, not a share of the variance: interactions do not show. Failed samples are NaN. Raises ValueError as
-    `monte_carlo` does.
+    A screening, not a share of the variance: interactions do not show. Failed samples are NaN.
+    Raises ValueError as `monte_carlo` does.
     """
     joint, level = JointLaw.of(laws), level_of("level", level)
     boolean("by_name", by_name)
@@ -71,9 +91,17 @@ def tornado(function: Function, laws: Mapping[str, Law], *, level: float = 0.9, 
     y, status = evaluated(function, joint, theta, by_name)
     y = torch.where((status == 0).reshape(-1, *[1] * (y.ndim - 1)), y.double(), torch.nan)
     values = joint.named(theta.double())
-    at = torch.stack([values[name][1 + 2 * k:3 + 2 * k] if joint.sizes[name] is None else torch.full((2,), torch.nan).double()
-                      for k, name in enumerate(names)])
+    at = torch.stack(
+        [
+            values[name][1 + 2 * k : 3 + 2 * k]
+            if joint.sizes[name] is None
+            else torch.full((2,), torch.nan).double()
+            for k, name in enumerate(names)
+        ]
+    )
     low, high = y[1::2], y[2::2]
     size = (high - low).abs().reshape(len(names), -1).nan_to_num(torch.inf).amax(-1)
     order = size.argsort(descending=True, stable=True)
-    return Tornado(tuple(names[k] for k in order.tolist()), y[0], low[order], high[order], at[order], status)
+    return Tornado(
+        tuple(names[k] for k in order.tolist()), y[0], low[order], high[order], at[order], status
+    )

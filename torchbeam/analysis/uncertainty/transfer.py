@@ -1,7 +1,8 @@
 """Results on their way from one process to another: bytes, in which tensors are arrays.
 
-Between processes of one machine torch itself sends a file descriptor for each tensor, by a connection of its own, and both ends
-keep it open as long as the tensor lives: a run of some hundred chunks would have more open files than a process may have.
+Between processes of one machine torch itself sends a file descriptor for each tensor, by a
+connection of its own, and both ends keep it open as long as the tensor lives: a run of some hundred
+chunks would have more open files than a process may have.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from torch import Tensor
 
 class _Pickler(pickle.Pickler):
     def reducer_override(self, obj: Any) -> Any:
-        if isinstance(obj, Tensor) and obj.dtype is not torch.bfloat16:  # which NumPy has not: torch's own, slower, bytes
+        # which NumPy has not: torch's own, slower, bytes
+        if isinstance(obj, Tensor) and obj.dtype is not torch.bfloat16:
             return torch.from_numpy, (obj.numpy(),)
         return NotImplemented
 

@@ -10,35 +10,62 @@ import torch
 from torch import Tensor
 
 from ...core.validation import shown
-from ...math.distributions import normal_probability, normal_score, probability_between, score_of_tails
+from ...math.distributions import (
+    normal_probability,
+    normal_score,
+    probability_between,
+    score_of_tails,
+)
 from .law_scores import has_tails, of_score, score, why_none
 from .parametric_laws import TwoTails, Uniform, plain_number, set_fields
 
-LEAST = 1e-12  # probability of the range, where a law does not tell its upper tail: fewer digits than four are left of less
+# probability of the range, where a law does not tell its upper tail: fewer digits than four are
+# left of less
+LEAST = 1e-12
 
 
 @dataclass(frozen=True)
 class Truncated(TwoTails):
-    """A law with both `cdf` and `icdf`, or (least, largest), on condition that the value lies between `least` and `largest`."""
+    """A law with both `cdf` and `icdf`, or (least, largest), on condition that the value lies
+    between `least` and `largest`.
+    """
 
     law: Any
     least: float = -math.inf
     largest: float = math.inf
 
     def __post_init__(self) -> None:
-        law = Uniform(*self.law) if isinstance(self.law, (tuple, list)) and len(self.law) == 2 else self.law
+        law = (
+            Uniform(*self.law)
+            if isinstance(self.law, (tuple, list)) and len(self.law) == 2
+            else self.law
+        )
         if not hasattr(law, "icdf") or not hasattr(law, "cdf"):
-            raise ValueError(f"the law {shown(self.law)} was given to Truncated; one with both cdf and icdf is wanted")
-        set_fields(self, law=law, least=plain_number("Truncated's least", self.least, infinite=True),
-                   largest=plain_number("Truncated's largest", self.largest, infinite=True))
+            raise ValueError(
+                f"the law {shown(self.law)} was given to Truncated; one with both cdf and icdf "
+                "is wanted"
+            )
+        set_fields(
+            self,
+            law=law,
+            least=plain_number("Truncated's least", self.least, infinite=True),
+            largest=plain_number("Truncated's largest", self.largest, infinite=True),
+        )
         if not self.least < self.largest:
-            raise ValueError(f"Truncated from {self.least:g} to {self.largest:g} was given; least below largest is wanted")
+            raise ValueError(
+                f"Truncated from {self.least:g} to {self.largest:g} was given; least below "
+                "largest is wanted"
+            )
         if why := why_none(law):
-            raise ValueError(f"the law {shown(law)} was given to Truncated, which {why}; another is wanted")
+            raise ValueError(
+                f"the law {shown(law)} was given to Truncated, which {why}; another is wanted"
+            )
         within = probability_between(*self._ends(torch.ones(1, dtype=torch.float64)))
         if not within > (0.0 if has_tails(law) else LEAST):
-            raise ValueError(f"Truncated from {self.least:g} to {self.largest:g} was given, where {shown(law)} lies with the "
-                             f"probability {within.item():.1g}; a wider range is wanted")
+            raise ValueError(
+                f"Truncated from {self.least:g} to {self.largest:g} was given, where {shown(law)} "
+                f"lies with the probability {within.item():.1g}; a wider range is wanted"
+            )
 
     def icdf(self, u: Tensor) -> Tensor:
         return self.of_score(normal_score(u))
@@ -52,16 +79,24 @@ class Truncated(TwoTails):
 
     def _tails(self, x: Tensor) -> tuple[Tensor, Tensor]:
         low, high = self._ends(x)
-        at = torch.minimum(torch.maximum(score(self.law, x.clamp(self._below, self.largest)), low), high)
+        at = torch.minimum(
+            torch.maximum(score(self.law, x.clamp(self._below, self.largest)), low), high
+        )
         within = probability_between(low, high)
         return probability_between(low, at) / within, probability_between(at, high) / within
 
     @property
     def _below(self) -> float:
-        """The next number below `least`, which is itself within: an `Empirical` value may lie there."""
+        """The next number below `least`, which is itself within: an `Empirical` value may lie
+        there.
+        """
         return math.nextafter(self.least, -math.inf)
 
     def _ends(self, like: Tensor) -> tuple[Tensor, Tensor]:
         """Normal scores of the law just below `least` and at `largest`."""
-        return tuple(like.new_full((1,), x) if math.isinf(x) else score(self.law, like.new_tensor([x])).to(like.dtype)
-                     for x in (self._below, self.largest))
+        return tuple(
+            like.new_full((1,), x)
+            if math.isinf(x)
+            else score(self.law, like.new_tensor([x])).to(like.dtype)
+            for x in (self._below, self.largest)
+        )

@@ -1,1 +1,3 @@
-"""Compiled midpoint step: its local functions, and the native pass over the chain that calls them."""
+"""Compiled midpoint step: its local functions, and the native pass over the chain that calls
+them.
+"""

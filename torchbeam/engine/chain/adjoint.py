@@ -1,4 +1,6 @@
-"""Adjoint program: the derivatives of a step's local functions, for the constants that want them."""
+"""Adjoint program: the derivatives of a step's local functions, for the constants that want
+them.
+"""
 
 from __future__ import annotations
 
@@ -27,68 +29,125 @@ class AdjointProgram(NativeProgram):
 
     driver = AdjointDriver
 
-    def __init__(self, local: LocalFunctions, kinds: Kinds, held: bool, wanted: frozenset[str],
-                 key: str | None = None, traced: Traced | None = None) -> None:
+    def __init__(
+        self,
+        local: LocalFunctions,
+        kinds: Kinds,
+        held: bool,
+        wanted: frozenset[str],
+        key: str | None = None,
+        traced: Traced | None = None,
+    ) -> None:
         self.wanted = wanted
         super().__init__(local, kinds, held, key, traced)
 
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         wanted, w, shapes, node = sorted(self.wanted), self.w, self.shapes, traced.node
         start = (*self.state, *wanted)
-        functions = {"solution": traced(local.solution, {
-            "position": shapes["position"], "rotation": shapes["rotation"], "after_position": shapes["position"],
-            "after_rotation": shapes["rotation"]})}
+        functions = {
+            "solution": traced(
+                local.solution,
+                {
+                    "position": shapes["position"],
+                    "rotation": shapes["rotation"],
+                    "after_position": shapes["position"],
+                    "after_rotation": shapes["rotation"],
+                },
+            )
+        }
         nodes, elements, finishes = [], [], []
         for k, kind in enumerate(self.kinds.nodes):
             nodes.append(whole := traced(partial(local.node, kind), node))
             functions[f"node bar {k}"] = _derivative(whole.only(["balance"]), start)
             finishes.append(finish := traced(partial(local.finish, kind), node))
-            functions[f"finish bar {k}"] = _derivative(finish, (*start, "u", "m", "found", "last"), keep=("u", "m"))
+            functions[f"finish bar {k}"] = _derivative(
+                finish, (*start, "u", "m", "found", "last"), keep=("u", "m")
+            )
             update = traced(partial(local.update, kind), {**node, "move": (w,)})
             if "move" in update.inputs:  # a clamp that moves goes its own way
-                functions[f"update bar {k}"] = vjp(update, ["move"]).with_constants({"move": [0.0] * w})
+                functions[f"update bar {k}"] = vjp(update, ["move"]).with_constants(
+                    {"move": [0.0] * w}
+                )
         if "kinetic" in local.element_ends:
             project = traced(local.project, dict.fromkeys(("defect", "kinetic", "rise"), ()))
             scaled = traced(local.scaled, {**{name: shapes[name] for name in ENDED}, "scale": ()})
-            functions |= {"project": project.only(["scale"]), "project bar": vjp(project, ["defect", "kinetic", "rise"]),
-                      "scaled bar": vjp(scaled, [*ENDED, "scale"])}
-            functions |= {f"ended {k}": finish.only([*ENDED, *ENERGIES]) for k, finish in enumerate(finishes)}
-        ends = [f"{side}.{name}" for side in self.sides for name in start if not name.startswith(("element", "common"))]
+            functions |= {
+                "project": project.only(["scale"]),
+                "project bar": vjp(project, ["defect", "kinetic", "rise"]),
+                "scaled bar": vjp(scaled, [*ENDED, "scale"]),
+            }
+            functions |= {
+                f"ended {k}": finish.only([*ENDED, *ENERGIES]) for k, finish in enumerate(finishes)
+            }
+        ends = [
+            f"{side}.{name}"
+            for side in self.sides
+            for name in start
+            if not name.startswith(("element", "common"))
+        ]
         ended = [f"{side}.{name}" for side in self.sides for name in ("u", "m")]
-        ends += [*local.element_state, *(name for name in wanted if name.startswith(("element", "common")))]
+        ends += [
+            *local.element_state,
+            *(name for name in wanted if name.startswith(("element", "common"))),
+        ]
         for k, kind in enumerate(self.kinds.elements):
             elements.append(whole := traced(partial(local.element, kind), traced.element))
-            functions[f"element bar {k}"] = _derivative(whole.only([*(f"{side}.balance" for side in self.sides), "gap"]), ends)
+            functions[f"element bar {k}"] = _derivative(
+                whole.only([*(f"{side}.balance" for side in self.sides), "gap"]), ends
+            )
             if local.element_ends:
                 finish = traced(partial(local.finish_element, kind), traced.element)
                 if "kinetic" in finish.outputs:
                     functions[f"ended element {k}"] = finish
                 functions[f"finish element bar {k}"] = _derivative(finish, [*ends, *ended])
         own = Packing(OWN, nodes, ["D"])
-        blocks = [*(f"{side}.D" for side in self.sides), *(name for name in midsides.BLOCKS if name in whole.outputs)]
+        blocks = [
+            *(f"{side}.D" for side in self.sides),
+            *(name for name in midsides.BLOCKS if name in whole.outputs),
+        ]
         between = Packing(BETWEEN if self.order == 1 else INNER, elements, blocks)
         nodes = [one.only([OWN]) for one in own.made()]
         elements = [one.only([between.name, "E", "hB"]) for one in between.made()]
-        nodes, elements = self.with_ends(nodes, elements, (*self.state, "u", "m"), traced.constants["common"])
+        nodes, elements = self.with_ends(
+            nodes, elements, (*self.state, "u", "m"), traced.constants["common"]
+        )
         functions |= {f"block {k}": one for k, one in enumerate(nodes)}
         functions |= {f"blocks {k}": element for k, element in enumerate(elements)}
         law = {name: whole.outputs[name].shape for name in ("gap", "E", "hB")}
         moves = {f"{side}.move": (w,) for side in self.sides}
-        functions["stress bar"] = vjp(traced(local.stress, {**traced.element, **law, **moves}), ["gap", *moves])
+        functions["stress bar"] = vjp(
+            traced(local.stress, {**traced.element, **law, **moves}), ["gap", *moves]
+        )
         functions["pushed bar"] = vjp(traced(local.pushed, {**traced.element, **law}), ["gap"])
         if self.order == 2:
-            inner = {"own.D": (w, w), "right": (w,), **{f"element.{name}": whole.outputs[name].shape for name in blocks}}
+            inner = {
+                "own.D": (w, w),
+                "right": (w,),
+                **{f"element.{name}": whole.outputs[name].shape for name in blocks},
+            }
             condense = {"condense": traced(partial(local.transposed_condense, False), inner)}
             if self.held:
                 held = inner | {"free": (w,), "push": (w,)}
                 condense["held condense"] = traced(partial(local.transposed_condense, True), held)
-            restore = traced(local.transposed_restore, {
-                "own": (w,), "by_i": (w, w), "by_j": (w, w), "before": (w,), "after": (w,)})
+            restore = traced(
+                local.transposed_restore,
+                {"own": (w,), "by_i": (w, w), "by_j": (w, w), "before": (w,), "after": (w,)},
+            )
             more, between, _ = midsides.eliminating(condense, restore, own, between)
             functions |= more
-        row = {"own.D": (w, w), "left.D": (w, w), "right.D": (w, w), "left.U": (w, w), "right.L": (w, w), "right": (w,),
-               "ahead": (w, w), "y": (w,)}
-        near = {f"{name}_{at}": (w,) for name in ("free", "push") for at in ("before", "here", "after")}
+        row = {
+            "own.D": (w, w),
+            "left.D": (w, w),
+            "right.D": (w, w),
+            "left.U": (w, w),
+            "right.L": (w, w),
+            "right": (w,),
+            "ahead": (w, w),
+            "y": (w,),
+        }
+        near = {
+            f"{name}_{at}": (w,) for name in ("free", "push") for at in ("before", "here", "after")
+        }
         sides = {"left.D": "j.D", "left.U": "U", "right.D": "i.D", "right.L": "L"}
 
         def packed(function: Function) -> Function:
@@ -99,16 +158,27 @@ class AdjointProgram(NativeProgram):
             functions["held row"] = packed(traced(partial(local.transposed_row, True), row | near))
             functions["push"] = traced(local.push, {"reaction_bar": (w,), "free": (w,)})
         functions["back"] = traced(local.back, {"ahead": (w, w), "y": (w,), "next": (w,)})
-        functions["balance_bar"] = traced(local.balance_bar, {"move": (w,), "push": (w,), "free": (w,)})
+        functions["balance_bar"] = traced(
+            local.balance_bar, {"move": (w,), "push": (w,), "free": (w,)}
+        )
         return {name: function.only(function.outputs) for name, function in functions.items()}
 
     def _layout(self) -> Layout:
         w, k, layout = self.w, self.k, Layout()
         state = [(name, prod(self.shapes[name])) for name in self.state]
-        for kind, rows in (("node", NODES), ("element", ELEMENTS), ("common", ONE), *((("support", SUPPORTS),) * self.held)):
-            outputs = (output for name in self.functions for output in self.outputs(name))  # a derivative need not read what it is by
-            fields = {name: size for out, size in outputs
-                     if (name := without_side(out).removesuffix("_bar")).startswith(f"{kind}.")}
+        for kind, rows in (
+            ("node", NODES),
+            ("element", ELEMENTS),
+            ("common", ONE),
+            *((("support", SUPPORTS),) * self.held),
+        ):
+            # a derivative need not read what it is by
+            outputs = (output for name in self.functions for output in self.outputs(name))
+            fields = {
+                name: size
+                for out, size in outputs
+                if (name := without_side(out).removesuffix("_bar")).startswith(f"{kind}.")
+            }
             layout.record(kind, rows, self.constants(kind))
             layout.record(f"{kind}_bar", rows, sorted(fields.items()))
         for name in ("state", "state_bar", "state_grad", "start_bar"):
@@ -127,7 +197,9 @@ class AdjointProgram(NativeProgram):
             layout.record("ended", NODES, [(name, prod(self.shapes[name])) for name in ENDED])
             bars = [*ENERGIES, "scale", *(f"{name}_bar" for name in (*ENERGIES, "scale"))]
             layout.record("energy", ONE, [(name, 1) for name in bars])
-            layout.record("sample", ONE, [(name, 1) for name in ("defect", "defect_bar", "defect_grad")])
+            layout.record(
+                "sample", ONE, [(name, 1) for name in ("defect", "defect_bar", "defect_grad")]
+            )
         for name in ("asked", "push", "move", "found"):
             layout.record(name, MOVES, [(name, w)])
         layout.record("law", ELEMENTS, [*self.outputs("blocks 0", "E", "hB"), ("gap_bar", k)])
@@ -138,7 +210,9 @@ class AdjointProgram(NativeProgram):
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w + k))])
         change = layout.record("change", ONE, [("gap_bar", k)])
         for name in self.functions:
-            if name.startswith(("node bar", "finish bar", "stress bar", "ended", "scaled bar", "project bar")):
+            if name.startswith(
+                ("node bar", "finish bar", "stress bar", "ended", "scaled bar", "project bar")
+            ):
                 for out in self.outputs(name):
                     change.add(*out)
         of_element = layout.record("of_element", ONE)
@@ -157,9 +231,16 @@ class AdjointProgram(NativeProgram):
         return layout
 
 
-def _derivative(function: Function, by: tuple[str, ...] | list[str], keep: tuple[str, ...] = ()) -> Function:
-    """Cotangents of the inputs `by` that the function has; without those that are zero, but for `keep`."""
+def _derivative(
+    function: Function, by: tuple[str, ...] | list[str], keep: tuple[str, ...] = ()
+) -> Function:
+    """Cotangents of the inputs `by` that the function has; without those that are zero, but for
+    `keep`.
+    """
     derivative = vjp(function, [name for name in by if name in function.inputs])
     zero = derivative.graph.zero
-    return derivative.only(name for name, out in derivative.outputs.items()
-                      if name in map(bar, keep) or any(node != zero for node in out.nodes))
+    return derivative.only(
+        name
+        for name, out in derivative.outputs.items()
+        if name in map(bar, keep) or any(node != zero for node in out.nodes)
+    )

@@ -1,6 +1,8 @@
-"""Local functions of a generalized-alpha step: those of the midpoint step, of another local problem.
+"""Local functions of a generalized-alpha step: those of the midpoint step, of another local
+problem.
 
-A node's state has its accelerations as well, and an element's, where strains are damped, their rates.
+A node's state has its accelerations as well, and an element's, where strains are damped, their
+rates.
 """
 
 from __future__ import annotations
@@ -25,7 +27,9 @@ STRAINING = "straining"
 
 @dataclass(frozen=True)
 class LocalAlphaProblem(Given, GeneralizedAlphaProblem):
-    """A step of one node, or of one element; before: conditions at its start, None = they are the same there."""
+    """A step of one node, or of one element; before: conditions at its start, None = they are the
+    same there.
+    """
 
     before: Conditions | None = None
 
@@ -34,12 +38,18 @@ class LocalAlphaProblem(Given, GeneralizedAlphaProblem):
         return replace(self.before or self.given, t=self.t - self.dt)
 
     def straining(self, kinematics: EndKinematics) -> Tensor:
-        return super().straining(kinematics) if self.model.topology.element_count else self.start.straining
+        return (
+            super().straining(kinematics)
+            if self.model.topology.element_count
+            else self.start.straining
+        )
 
 
 @dataclass(frozen=True)
 class AlphaFunctions(LocalFunctions):
-    """Functions of nodes, of elements, of rows of the chain, of samples; and those of the adjoint."""
+    """Functions of nodes, of elements, of rows of the chain, of samples; and those of the
+    adjoint.
+    """
 
     rho_inf: float = 0.8
 
@@ -62,15 +72,35 @@ class AlphaFunctions(LocalFunctions):
         common = self._common(fields)
         if common.before is None:
             return problem, x
-        before = self._conditions(problem.model, kind, self._of_node(fields).before, common, common.before, None, ())
+        before = self._conditions(
+            problem.model, kind, self._of_node(fields).before, common, common.before, None, ()
+        )
         return replace(problem, before=before), x
 
-    def _stepping(self, rows: Rows, start: State, common: Common, given: Fields, now: Conditions, C: Tensor | None
-                  ) -> LocalAlphaProblem:
+    def _stepping(
+        self,
+        rows: Rows,
+        start: State,
+        common: Common,
+        given: Fields,
+        now: Conditions,
+        C: Tensor | None,
+    ) -> LocalAlphaProblem:
         stations = rows.topology.element_count * self.order
-        straining = given.get(STRAINING, start.position.new_zeros(stations, 2 * rows.space.dims.strain))
+        straining = given.get(
+            STRAINING, start.position.new_zeros(stations, 2 * rows.space.dims.strain)
+        )
         start = AlphaState(**vars(start), acceleration=given["acceleration"], straining=straining)
-        return LocalAlphaProblem(rows, start, common.dt, common.t, common.inputs, rho_inf=self.rho_inf, given=now, stiffness=C)
+        return LocalAlphaProblem(
+            rows,
+            start,
+            common.dt,
+            common.t,
+            common.inputs,
+            rho_inf=self.rho_inf,
+            given=now,
+            stiffness=C,
+        )
 
     def finish_element(self, kind: Any, **fields: Tensor) -> Fields:
         """The element's state at the end of the step."""
@@ -78,6 +108,11 @@ class AlphaFunctions(LocalFunctions):
         x = problem.apply_supports(x)
         return {STRAINING: problem.straining(problem.motion.kinematics(x.u, x.m))}
 
-    def solution(self, position: Tensor, rotation: Tensor, after_position: Tensor, after_rotation: Tensor) -> Fields:
+    def solution(
+        self, position: Tensor, rotation: Tensor, after_position: Tensor, after_rotation: Tensor
+    ) -> Fields:
         space = self.model.space
-        return {"u": after_position - position, "m": space.multiply(space.inverse(rotation), after_rotation)}
+        return {
+            "u": after_position - position,
+            "m": space.multiply(space.inverse(rotation), after_rotation),
+        }

@@ -1,4 +1,6 @@
-"""Calls of a native program: tables of the tensors that it reads and writes, its memory, its arguments."""
+"""Calls of a native program: tables of the tensors that it reads and writes, its memory, its
+arguments.
+"""
 
 from __future__ import annotations
 
@@ -19,13 +21,15 @@ from .node_kinds import Kinds
 from .transfers import ENTRY
 
 CPU = torch.device("cpu")  # whatever the default device is
-WORK = 4096  # samples times elements times steps that are worth a thread of their own (about a millisecond)
+# samples times elements times steps that are worth a thread of their own (about a millisecond)
+WORK = 4096
 
 
 class Field(NamedTuple):
-    """A tensor that stands for a field of a record: `axes` of its own, of which the first are the record's rows, if it has any;
-    before them the samples', and before these, where it has more, one of steps. flat: the samples' axes are one; every: so many
-    steps have one place, that is the last one's.
+    """A tensor that stands for a field of a record: `axes` of its own, of which the first are the
+    record's rows, if it has any; before them the samples', and before these, where it has more, one
+    of steps. flat: the samples' axes are one; every: so many steps have one place, that is the last
+    one's.
     """
 
     record: str
@@ -37,19 +41,29 @@ class Field(NamedTuple):
 
 
 class Chain:
-    """A model with nodes and elements of these kinds in the memory of a program. free (N+1, w) bool: what supports leave of the
-    nodes.
+    """A model with nodes and elements of these kinds in the memory of a program. free (N+1, w)
+    bool: what supports leave of the nodes.
     """
 
     def __init__(self, program: NativeProgram, model: Model, kinds: Kinds) -> None:
         self.program, self.dtype = program, model.length.dtype
-        self.N, self.supports, self.free = model.scene.beam.element_count, model.constraints.nodes, model.constraints.moving
+        self.N, self.supports, self.free = (
+            model.scene.beam.element_count,
+            model.constraints.nodes,
+            model.constraints.moving,
+        )
         records, order, nodes = program.layout.records, program.order, range(model.node_count)
         bases, self.size = program.layout.bases(order, self.N, len(self.supports))
         self.base = dict(zip(records, bases, strict=True))
         support_of = [self.supports.index(j) if j in self.supports else -1 for j in nodes]
-        near = [int(any(i in self.supports for i in ((j,) if j % order else (j - order, j, j + order)))) for j in nodes]
-        nodes, elements = ([there.index(kind) for kind in own] for there, own in zip(program.kinds, kinds, strict=True))
+        near = [
+            int(any(i in self.supports for i in ((j,) if j % order else (j - order, j, j + order))))
+            for j in nodes
+        ]
+        nodes, elements = (
+            [there.index(kind) for kind in own]
+            for there, own in zip(program.kinds, kinds, strict=True)
+        )
         lists = bases, nodes, elements, near, support_of, [*self.supports, 0]
         self.lists = dict(zip(POINTERS[1:], map(_integers, lists), strict=True))
         self._blocks: dict[int, list[Tensor]] = {}  # of memory that no call uses, by lanes
@@ -59,7 +73,9 @@ class Chain:
 
     def rows(self, record: str) -> int:
         """How many there are."""
-        return self.program.layout.rows(self.program.layout.records[record], self.program.order, self.N, len(self.supports))
+        return self.program.layout.rows(
+            self.program.layout.records[record], self.program.order, self.N, len(self.supports)
+        )
 
     def lanes(self, samples: int) -> int:
         """As this processor has them; one for a sample alone."""
@@ -77,15 +93,24 @@ class Chain:
 
 
 class TransferTable:
-    """Where a program finds fields, or puts them: rows of integers, see `transfers.ENTRY`. Fields that the program does not
-    have are left out. varying: how many of them, the first, are other tensors at each call, of the same shapes and strides;
-    constants: how many of the next are told by `holding`.
+    """Where a program finds fields, or puts them: rows of integers, see `transfers.ENTRY`. Fields
+    that the program does not have are left out. varying: how many of them, the first, are other
+    tensors at each call, of the same shapes and strides; constants: how many of the next are told
+    by `holding`.
     """
 
-    def __init__(self, chain: Chain, fields: Sequence[Field], batch: torch.Size, varying: int, constants: int = 0) -> None:
+    def __init__(
+        self,
+        chain: Chain,
+        fields: Sequence[Field],
+        batch: torch.Size,
+        varying: int,
+        constants: int = 0,
+    ) -> None:
         self.chain, self.batch = chain, batch
         self.held: list[Tensor] = []
-        # of those that vary, and of constants: (which integer, which of these fields, itself where it is copied)
+        # of those that vary, and of constants: (which integer, which of these fields, itself where
+        # it is copied)
         self.places: list[tuple[int, int, Field | None]] = []
         self.constants: list[tuple[int, int, Field | None]] = []
         rows: list[int] = []
@@ -93,7 +118,11 @@ class TransferTable:
             if chain.has(field.record, field.name):
                 x = self._fitted(field, field.value)
                 if k < varying + constants:
-                    copied = field._replace(value=None) if x.data_ptr() != field.value.data_ptr() else None
+                    copied = (
+                        field._replace(value=None)
+                        if x.data_ptr() != field.value.data_ptr()
+                        else None
+                    )
                     places, first = (self.places, 0) if k < varying else (self.constants, varying)
                     places.append((len(rows), k - first, copied))
                 else:
@@ -109,12 +138,18 @@ class TransferTable:
         return other
 
     def fill(self, rows: Any, values: Sequence[Tensor], held: list[Any]) -> None:
-        """Write where the values of varying fields lie into a copy of `rows`; what has to last as long as the call is put into
-        `held`.
+        """Write where the values of varying fields lie into a copy of `rows`; what has to last as
+        long as the call is put into `held`.
         """
         self._fill(self.places, rows, values, held)
 
-    def _fill(self, places: list[tuple[int, int, Field | None]], rows: Any, values: Sequence[Tensor], held: list[Any]) -> None:
+    def _fill(
+        self,
+        places: list[tuple[int, int, Field | None]],
+        rows: Any,
+        values: Sequence[Tensor],
+        held: list[Any],
+    ) -> None:
         for place, k, copied in places:
             x = values[k]
             if copied is not None:
@@ -123,11 +158,13 @@ class TransferTable:
             rows[place] = x.data_ptr()
 
     def _fitted(self, field: Field, x: Tensor) -> Tensor:
-        """The tensor as (steps, samples, rows, components), the components one after the other in memory."""
+        """The tensor as (steps, samples, rows, components), the components one after the other in
+        memory.
+        """
         x, record = x.detach(), self.chain.program.layout.records[field.record]
         components = record.fields[field.name][1]
         batch = torch.Size((self.batch.numel(),)) if field.flat else self.batch
-        lead, own = x.shape[:x.ndim - field.axes], x.shape[x.ndim - field.axes:]
+        lead, own = x.shape[: x.ndim - field.axes], x.shape[x.ndim - field.axes :]
         steps, lead = (lead[0], lead[1:]) if len(lead) > len(batch) else (1, lead)
         samples = lead.numel()
         if x.dtype != self.chain.dtype:
@@ -136,7 +173,8 @@ class TransferTable:
             x, samples = x.reshape(steps, *lead, *own).expand(steps, *batch, *own), batch.numel()
         rows = own.numel() // components
         if not rows and own[0] == 1:  # all stations of all elements have it in common
-            x, rows = x.expand(*x.shape[:x.ndim - field.axes], self.chain.program.order, *own[1:]), 1
+            x = x.expand(*x.shape[: x.ndim - field.axes], self.chain.program.order, *own[1:])
+            rows = 1
         x = x.reshape(steps, samples, rows, components)
         return x.contiguous() if components > 1 and x.stride(-1) != 1 else x
 
@@ -144,9 +182,20 @@ class TransferTable:
         chain = self.chain
         record = chain.program.layout.records[field.record]
         first, components = record.fields[field.name]
-        step, sample, row = (0 if n == 1 else stride for n, stride in zip(x.shape[:3], x.stride()[:3], strict=True))
-        return (x.data_ptr(), sample, step, field.every, row, chain.rows(field.record), components,
-                chain.base[field.record] + first, record.size)
+        step, sample, row = (
+            0 if n == 1 else stride for n, stride in zip(x.shape[:3], x.stride()[:3], strict=True)
+        )
+        return (
+            x.data_ptr(),
+            sample,
+            step,
+            field.every,
+            row,
+            chain.rows(field.record),
+            components,
+            chain.base[field.record] + first,
+            record.size,
+        )
 
 
 class Arguments(NamedTuple):
@@ -157,8 +206,9 @@ class Arguments(NamedTuple):
 
 
 class Call:
-    """K steps of a batch of samples of a chain; lanes: None = as this processor has them. It may be run any number of times,
-    also at once by several threads, with tensors of the shapes and strides that it was `bound` to.
+    """K steps of a batch of samples of a chain; lanes: None = as this processor has them. It may be
+    run any number of times, also at once by several threads, with tensors of the shapes and strides
+    that it was `bound` to.
     """
 
     def __init__(self, chain: Chain, batch: torch.Size, K: int, lanes: int | None = None) -> None:
@@ -173,20 +223,32 @@ class Call:
         """For a flat field that is written."""
         return torch.empty(*(self.K,) * steps, self.B, *own, dtype=self.chain.dtype, device=CPU)
 
-    def bound(self, varying: dict[str, int], constants: dict[str, int] | None = None, **tables: Iterable[Field]) -> Call:
-        """This call with tables of these fields, by the names of the driver's arguments; varying: of how many of each, the
-        first, the tensors are told by `run`; constants: of how many of the next by `holding`.
+    def bound(
+        self,
+        varying: dict[str, int],
+        constants: dict[str, int] | None = None,
+        **tables: Iterable[Field],
+    ) -> Call:
+        """This call with tables of these fields, by the names of the driver's arguments; varying:
+        of how many of each, the first, the tensors are told by `run`; constants: of how many of the
+        next by `holding`.
         """
         constants = constants or {}
-        self.tables = {name: TransferTable(self.chain, [*fields], self.batch, varying.get(name, 0), constants.get(name, 0))
-                       for name, fields in tables.items()}
+        self.tables = {
+            name: TransferTable(
+                self.chain, [*fields], self.batch, varying.get(name, 0), constants.get(name, 0)
+            )
+            for name, fields in tables.items()
+        }
         return self
 
     def holding(self, **constants: Sequence[Tensor]) -> Call:
         """This call with these constants, by table."""
         other = copy(self)
         other._arguments = []
-        other.tables = self.tables | {name: self.tables[name].holding(values) for name, values in constants.items()}
+        other.tables = self.tables | {
+            name: self.tables[name].holding(values) for name, values in constants.items()
+        }
         return other
 
     def run(self, limit: int = 0, **values: Sequence[Tensor]) -> None:
@@ -211,8 +273,14 @@ class Call:
 
     def _new_arguments(self) -> Arguments:
         tables = {name: _copied(table.rows) for name, table in self.tables.items()}
-        numbers = {"samples": self.B, "steps": self.K, "elements": self.chain.N, "supports": len(self.chain.supports),
-                   "end_group": self.groups, **{name: ctypes.addressof(x) for name, x in self.chain.lists.items()}}
+        numbers = {
+            "samples": self.B,
+            "steps": self.K,
+            "elements": self.chain.N,
+            "supports": len(self.chain.supports),
+            "end_group": self.groups,
+            **{name: ctypes.addressof(x) for name, x in self.chain.lists.items()},
+        }
         for name, rows in tables.items():
             numbers |= {name: ctypes.addressof(rows), f"{name[:-1]}_count": self.tables[name].count}
         return Arguments(_integers(numbers.get(name, 0) for name in self.place), tables)
@@ -232,7 +300,9 @@ class Call:
             thread.join()
 
     def _part(self, run: Callable[[Any], None], numbers: Any, held: Any) -> None:
-        """Some groups of the samples; a thread of its own keeps what is `held`, should nobody wait for it."""
+        """Some groups of the samples; a thread of its own keeps what is `held`, should nobody wait
+        for it.
+        """
         block = self.chain.taken(self.lanes)
         numbers[self.place["memory"]] = block.data_ptr()
         run(numbers)
@@ -245,7 +315,9 @@ def like(shape: Sequence[int], dtype: torch.dtype) -> Tensor:
 
 
 def made_like(tensors: Iterable[Tensor]) -> list[Tensor]:
-    """Memory for tensors of the same shapes, in a third of the time that it takes by shape and dtype."""
+    """Memory for tensors of the same shapes, in a third of the time that it takes by shape and
+    dtype.
+    """
     return [torch.empty_like(x, memory_format=torch.contiguous_format) for x in tensors]
 
 

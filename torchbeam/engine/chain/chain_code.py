@@ -1,4 +1,6 @@
-"""Native code for passes over a chain: where the fields of records lie, calls of functions, masks, transfers."""
+"""Native code for passes over a chain: where the fields of records lie, calls of functions, masks,
+transfers.
+"""
 
 from __future__ import annotations
 
@@ -19,14 +21,27 @@ POINTERS = ("memory", "bases", "kinds", "element_kinds", "held", "support_of", "
 
 
 class ChainCode:
-    """Text of `run(ptr args)`, with 64-bit integers and pointers in the order of `ARGS`, for functions by name; those of kinds
-    of nodes, or of elements, end with the number of the kind.
+    """Text of `run(ptr args)`, with 64-bit integers and pointers in the order of `ARGS`, for
+    functions by name; those of kinds of nodes, or of elements, end with the number of the kind.
     """
 
     ARGS: tuple[str, ...] = ()
 
-    def __init__(self, module: Module, functions: dict[str, Function], layout: Layout, kinds: Kinds, held: bool) -> None:
-        self.module, self.functions, self.layout, self.kinds, self.held = module, functions, layout, kinds, held
+    def __init__(
+        self,
+        module: Module,
+        functions: dict[str, Function],
+        layout: Layout,
+        kinds: Kinds,
+        held: bool,
+    ) -> None:
+        self.module, self.functions, self.layout, self.kinds, self.held = (
+            module,
+            functions,
+            layout,
+            kinds,
+            held,
+        )
         self.lanes, self.order = module.lanes, len(kinds.elements[0]) - 1
         self.bytes = self.lanes.count * self.lanes.bytes  # of a component
         self.code = Code("chain", ["ptr %args"])
@@ -60,13 +75,21 @@ class ChainCode:
         layout_record = self.layout.records[record]
         first = 0 if field is None else layout_record.place(field)
         if isinstance(index, int):
-            return self.code.at(self.base[record], (index * layout_record.size + first) * self.bytes, "i8")
+            return self.code.at(
+                self.base[record], (index * layout_record.size + first) * self.bytes, "i8"
+            )
         begin = self.code.mul(index, layout_record.size * self.bytes)
         return self.code.at(self.code.at(self.base[record], begin, "i8"), first * self.bytes, "i8")
 
     def _call(self, name: str, where: Callable[[str], str]) -> None:
         function = self.functions[name]
-        self.code.call(name, *(where(field) for field in (*function.inputs, *(f"> {field}" for field in function.outputs))))
+        self.code.call(
+            name,
+            *(
+                where(field)
+                for field in (*function.inputs, *(f"> {field}" for field in function.outputs))
+            ),
+        )
 
     def _of_node(self, field: str, j: str) -> str:
         """A field that is held at a node, or by its support, or by all."""
@@ -81,7 +104,11 @@ class ChainCode:
         """A field that is held by element e, or at one of its nodes, or by all."""
         side, _, name = field.partition(".")
         if side in SIDES[self.order]:
-            return self.at("at_end", self._turn(e, side)) if name == END else self._of_node(name, self._node_of(e, side))
+            return (
+                self.at("at_end", self._turn(e, side))
+                if name == END
+                else self._of_node(name, self._node_of(e, side))
+            )
         for record in ("element", "stress", "law", "element_state"):
             if field in self.layout.fields(record):
                 return self.at(record, e, field)
@@ -105,7 +132,9 @@ class ChainCode:
         return self._odd(e if side == "i" else self.code.add(e, 1)) if side in SIDES[1] else 2
 
     def _move_of(self, node: str, ahead: int = 0) -> str:
-        """Which of the nodes' moves is that of a node, or of one so far ahead; on either side of the chain some do not move."""
+        """Which of the nodes' moves is that of a node, or of one so far ahead; on either side of
+        the chain some do not move.
+        """
         return self.code.add(node, self.order + ahead)
 
     def _near(self, v: str) -> dict[str, str]:
@@ -113,8 +142,10 @@ class ChainCode:
         code = self.code
         before = code.choose(code.compare("eq", v, 0), 0, code.sub(v, 1))
         after = code.choose(code.compare("eq", v, self.args["elements"]), v, code.add(v, 1))
-        return {f"free_{name}": self.at("free", self._end(at), "free")
-                for name, at in (("before", before), ("here", v), ("after", after))}
+        return {
+            f"free_{name}": self.at("free", self._end(at), "free")
+            for name, at in (("before", before), ("here", v), ("after", after))
+        }
 
     def _row_before(self, field: str, v: str) -> str:
         """ahead or y of the row before; zeros in front of the first."""
@@ -124,10 +155,15 @@ class ChainCode:
         return code.choose(first, self.at("nothing"), at, "ptr")
 
     def _sides(self, v: str) -> tuple[str, str, str]:
-        """Whether end v is the last; what the elements before and behind it leave, zeros where there is none."""
+        """Whether end v is the last; what the elements before and behind it leave, zeros where
+        there is none.
+        """
         code = self.code
-        last, odd, nothing = code.compare("eq", v, self.args["elements"]), self._odd(v), self.at("nothing")
-        left = code.choose(code.compare("eq", v, 0), nothing, self.at("between", code.sub(1, odd)), "ptr")
+        last, odd = code.compare("eq", v, self.args["elements"]), self._odd(v)
+        nothing = self.at("nothing")
+        left = code.choose(
+            code.compare("eq", v, 0), nothing, self.at("between", code.sub(1, odd)), "ptr"
+        )
         return last, left, code.choose(last, nothing, self.at("between", odd), "ptr")
 
     def _odd(self, v: str) -> str:
@@ -136,8 +172,16 @@ class ChainCode:
 
     # Pieces
 
-    def _call_held(self, name: str, j: str, where: Callable[[str], str], after: Callable[[], None] = lambda: None) -> None:
-        """A function of node j; where supports hold nodes, "held" in front of its name, and what comes `after` it at those."""
+    def _call_held(
+        self,
+        name: str,
+        j: str,
+        where: Callable[[str], str],
+        after: Callable[[], None] = lambda: None,
+    ) -> None:
+        """A function of node j; where supports hold nodes, "held" in front of its name, and what
+        comes `after` it at those.
+        """
         if not self.held:
             self._call(name, where)
             return
@@ -150,20 +194,25 @@ class ChainCode:
             after()
 
     def _restore(self, record: str, then: Callable[[str], None] = lambda node: None) -> None:
-        """Moves of midside nodes, if there are any, from what a record has for their elements' ends; `then`: what is to be done
-        with each.
+        """Moves of midside nodes, if there are any, from what a record has for their elements'
+        ends; `then`: what is to be done with each.
         """
         if self.order == 1:
             return
         with self.code.loop(0, self.args["elements"]) as e:
             node = self._node_of(e, "m")
-            places = {"before": (record, self._move_of(node, -1)), "after": (record, self._move_of(node, 1)),
-                      "> move": ("move", self._move_of(node))}
+            places = {
+                "before": (record, self._move_of(node, -1)),
+                "after": (record, self._move_of(node, 1)),
+                "> move": ("move", self._move_of(node)),
+            }
             self._call("restore", lambda f: self.at(*places.get(f, ("middle", e))))
             then(node)
 
     def _kind(self, j: str) -> AbstractContextManager[Iterator[int]]:
-        """The kinds of nodes one after the other; what is written for each runs where node j is of it."""
+        """The kinds of nodes one after the other; what is written for each runs where node j is of
+        it.
+        """
         return self._each("kinds", len(self.kinds.nodes), j)
 
     def _element_kind(self, e: str) -> AbstractContextManager[Iterator[int]]:
@@ -215,22 +264,37 @@ class ChainCode:
         for name in ENERGIES if "energy" in self.layout.records else ():
             self._add(self.at("energy", 0, name), self.at("change", 0, name), 1)
 
-    def _transfer(self, name: str, table: str, first: str, step: str | int, begin: str | int = 0) -> None:
-        """`gather`, `scatter`, or `drain` (scatter, and leave zeros), as a table says, at a step of those that begin so."""
+    def _transfer(
+        self, name: str, table: str, first: str, step: str | int, begin: str | int = 0
+    ) -> None:
+        """`gather`, `scatter`, or `drain` (scatter, and leave zeros), as a table says, at a step of
+        those that begin so.
+        """
         pointer = self.code.new(f"inttoptr i64 {self.args[table + 's']} to ptr")
-        self.code.line(f'call void @"{name}"(ptr {pointer}, i64 {self.args[table + "_count"]}, ptr {self.args["memory"]}, '
-                       f'i64 {first}, i64 {self.args["samples"]}, i64 {step}, i64 {begin})')
+        self.code.line(
+            f'call void @"{name}"(ptr {pointer}, i64 {self.args[table + "_count"]}, ptr '
+            f"{self.args['memory']}, "
+            f"i64 {first}, i64 {self.args['samples']}, i64 {step}, i64 {begin})"
+        )
 
     def _loops(self) -> list[str]:
         """Small functions of lanes."""
-        V, T, scalar, W, size = self.lanes.vector, self.lanes.truth, self.lanes.scalar, self.lanes.count, self.lanes.bytes
+        V, T, scalar, W = self.lanes.vector, self.lanes.truth, self.lanes.scalar, self.lanes.count
+        size = self.lanes.bytes
         zero, one, align = self.lanes.constant(0.0), self.lanes.constant(1.0), f"align {size}"
         load = "{0} = load " + V + ", ptr {1}, " + align
-        volatile = load.replace("load", "load volatile")  # else what is chosen becomes a masked store, which is slow
+        # else what is chosen becomes a masked store, which is slow
+        volatile = load.replace("load", "load volatile")
 
         def straight(name: str, given: str, *lines: str) -> str:
-            return "\n".join((f'define internal void @"{name}"({given}) alwaysinline nounwind {{', *("  " + x for x in lines),
-                              "  ret void", "}"))
+            return "\n".join(
+                (
+                    f'define internal void @"{name}"({given}) alwaysinline nounwind {{',
+                    *("  " + x for x in lines),
+                    "  ret void",
+                    "}",
+                )
+            )
 
         def over(name: str, given: list[str], *lines: str) -> str:
             """A loop over components: %0, %1 ... point to those of the given pointers."""
@@ -239,35 +303,63 @@ class ChainCode:
                 places = {p: code.at(f"%{p}", k, V) for p in ("to", "source") if p in given}
                 for text in lines:
                     code.line(text.format(**places))
-            return code.text().replace("define void", "define internal void").replace(") nounwind", ") alwaysinline nounwind")
+            return (
+                code.text()
+                .replace("define void", "define internal void")
+                .replace(") nounwind", ") alwaysinline nounwind")
+            )
 
         def chosen(name: str, compared: str) -> str:
-            return over(name, ["to", "source", "mask"], load.format("%m", "%mask"), volatile.format("%a", "{to}"),
-                        load.format("%b", "{source}"), f"%c = fcmp {compared} {V} %m, {zero}",
-                        f"%r = select {T} %c, {V} %b, {V} %a", f"store {V} %r, ptr {{to}}, {align}")
+            return over(
+                name,
+                ["to", "source", "mask"],
+                load.format("%m", "%mask"),
+                volatile.format("%a", "{to}"),
+                load.format("%b", "{source}"),
+                f"%c = fcmp {compared} {V} %m, {zero}",
+                f"%r = select {T} %c, {V} %b, {V} %a",
+                f"store {V} %r, ptr {{to}}, {align}",
+            )
 
         def extreme(name: str, compared: str) -> str:
-            return straight(name, "ptr %to, ptr %source", volatile.format("%a", "%to"), load.format("%b", "%source"),
-                            f"%c = fcmp {compared} {V} %a, %b", f"%n = fcmp uno {V} %a, %a", f"%d = or {T} %c, %n",
-                            f"%r = select {T} %d, {V} %a, {V} %b", f"store {V} %r, ptr %to, {align}")
+            return straight(
+                name,
+                "ptr %to, ptr %source",
+                volatile.format("%a", "%to"),
+                load.format("%b", "%source"),
+                f"%c = fcmp {compared} {V} %a, %b",
+                f"%n = fcmp uno {V} %a, %a",
+                f"%d = or {T} %c, %n",
+                f"%r = select {T} %d, {V} %a, {V} %b",
+                f"store {V} %r, ptr %to, {align}",
+            )
 
         each = Code("all", ["ptr %mask", "ptr %result"])
         left = each.slot()
         each.store(1, left)
         with each.loop(0, W) as lane:
             one_of = each.load(each.at("%mask", lane, scalar), scalar)
-            each.store(each.choose(each.new(f"fcmp une {scalar} {one_of}, 0.0"), each.load(left), 0), left)
+            each.store(
+                each.choose(each.new(f"fcmp une {scalar} {one_of}, 0.0"), each.load(left), 0), left
+            )
         each.store(each.load(left), "%result")
+        # fmt: off
         return [
             over("zero", ["to"], f"store {V} {zero}, ptr {{to}}, {align}"),
-            over("copy", ["to", "source"], load.format("%a", "{source}"), f"store {V} %a, ptr {{to}}, {align}"),
-            chosen("keep", "oeq"), chosen("take", "one"), extreme("largest", "ogt"), extreme("least", "olt"),
-            straight("opposite", "ptr %to, ptr %source", load.format("%a", "%source"), f"%r = fsub {V} {one}, %a",
+            over("copy", ["to", "source"], load.format("%a", "{source}"),
+                 f"store {V} %a, ptr {{to}}, {align}"),
+            chosen("keep", "oeq"), chosen("take", "one"), extreme("largest", "ogt"),
+            extreme("least", "olt"),
+            straight("opposite", "ptr %to, ptr %source", load.format("%a", "%source"),
+                     f"%r = fsub {V} {one}, %a",
                      f"store {V} %r, ptr %to, {align}"),
-            over("sum", ["to", "source", "mask"], load.format("%m", "%mask"), volatile.format("%a", "{to}"),
-                 load.format("%b", "{source}"), f"%c = fcmp one {V} %m, {zero}", f"%s = fadd {V} %a, %b",
+            over("sum", ["to", "source", "mask"], load.format("%m", "%mask"),
+                 volatile.format("%a", "{to}"),
+                 load.format("%b", "{source}"), f"%c = fcmp one {V} %m, {zero}",
+                 f"%s = fadd {V} %a, %b",
                  f"%r = select {T} %c, {V} %s, {V} %a", f"store {V} %r, ptr {{to}}, {align}"),
             over("add", ["to", "source"], load.format("%a", "{to}"), load.format("%b", "{source}"),
                  f"%s = fadd {V} %a, %b", f"store {V} %s, ptr {{to}}, {align}"),
             each.text().replace("define void", "define internal void"),
             *Transfers(self.lanes).functions()]
+        # fmt: on

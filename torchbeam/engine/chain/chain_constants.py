@@ -1,4 +1,6 @@
-"""Trees of a chain's constants: `Rows` and `Conditions` by nodes, elements, supports, and what all have in common."""
+"""Trees of a chain's constants: `Rows` and `Conditions` by nodes, elements, supports, and what all
+have in common.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +19,9 @@ HELD = ("position", "rotation", "velocity", "spin")  # of a support
 
 @dataclass(frozen=True)
 class NodeConditions(Tree):
-    """What is of each node in `Conditions`. dead (..., N+1, w): loads that depend on no motion, None = none; loads: those of
-    `CommonConditions` that have values by place, rows in each of their leaves, None in the place of the others.
+    """What is of each node in `Conditions`. dead (..., N+1, w): loads that depend on no motion,
+    None = none; loads: those of `CommonConditions` that have values by place, rows in each of their
+    leaves, None in the place of the others.
     """
 
     dead: Tensor | None = leaf(2)
@@ -27,7 +30,9 @@ class NodeConditions(Tree):
 
 @dataclass(frozen=True)
 class NodeConstants(Tree):
-    """Rows of nodes. before: conditions at the start of the step, None = they are the same there, or not asked for."""
+    """Rows of nodes. before: conditions at the start of the step, None = they are the same there,
+    or not asked for.
+    """
 
     rows: NodeRows
     now: NodeConditions
@@ -36,7 +41,9 @@ class NodeConstants(Tree):
 
 @dataclass(frozen=True)
 class ElementConstants(Tree):
-    """Rows of elements. C: the law's stiffness in the tangent of this step; eigenstrain (..., N, k), None = none."""
+    """Rows of elements. C: the law's stiffness in the tangent of this step; eigenstrain
+    (..., N, k), None = none.
+    """
 
     rows: ElementRows
     C: Tensor = leaf(3)
@@ -55,8 +62,8 @@ class SupportPose(Tree):
 
 @dataclass(frozen=True)
 class CommonConditions(Tree):
-    """What is of all nodes alike in `Conditions`: the loads that are evaluated natively (None in the place of those of
-    `NodeConditions`), and where a root's support stands.
+    """What is of all nodes alike in `Conditions`: the loads that are evaluated natively (None in
+    the place of those of `NodeConditions`), and where a root's support stands.
     """
 
     loads: tuple[Any, ...]
@@ -65,8 +72,8 @@ class CommonConditions(Tree):
 
 @dataclass(frozen=True)
 class Captured(Tree):
-    """A tensor that users' functions read beside their arguments, as an input of the program, with its number of own axes, and
-    of those before them, which are a batch's.
+    """A tensor that users' functions read beside their arguments, as an input of the program, with
+    its number of own axes, and of those before them, which are a batch's.
     """
 
     value: Tensor = leaf(lambda one: one.axes)
@@ -76,9 +83,10 @@ class Captured(Tree):
 
 @dataclass(frozen=True)
 class Common(Tree):
-    """One of all nodes: dt and t (...) s of the step and of the instant at which it takes its loads, inputs, the place of a
-    plane; of frame a, in the middle of the step, its velocity and angular velocity (..., 3) and its orientation, see
-    `State.frame`, None = at rest; now, before: see `NodeConstants`; captured: what users' functions read.
+    """One of all nodes: dt and t (...) s of the step and of the instant at which it takes its
+    loads, inputs, the place of a plane; of frame a, in the middle of the step, its velocity and
+    angular velocity (..., 3) and its orientation, see `State.frame`, None = at rest; now, before:
+    see `NodeConstants`; captured: what users' functions read.
     """
 
     dt: Tensor = leaf(0)
@@ -95,8 +103,9 @@ class Common(Tree):
 
 @dataclass(frozen=True)
 class SupportConstants(Tree):
-    """Rows of supports at the end of the step: position (..., S, 3) m and quaternion (..., S, 4) of those that move, velocity
-    (..., S, 3) m/s, absolute, frame a, and spin (..., S, 3) rad/s, absolute, section axes, of clamps; zeros of the others.
+    """Rows of supports at the end of the step: position (..., S, 3) m and quaternion (..., S, 4) of
+    those that move, velocity (..., S, 3) m/s, absolute, frame a, and spin (..., S, 3) rad/s,
+    absolute, section axes, of clamps; zeros of the others.
     """
 
     position: Tensor = leaf(2)

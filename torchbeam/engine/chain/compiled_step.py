@@ -31,17 +31,26 @@ from .program import NOTHING, StepProgram, adjoint_of, program_of
 from .step_structure import FORMS, Form, StepStructure, keep_structure, key_of, known_structure
 from .user_functions import by_function, by_sample, known
 
-FUNCTIONS = {("midpoint", False): LocalFunctions, ("midpoint", True): ConservingFunctions,
-             ("generalized_alpha", False): AlphaFunctions}  # by the method, and whether it conserves energy
+# by the method, and whether it conserves energy
+FUNCTIONS = {
+    ("midpoint", False): LocalFunctions,
+    ("midpoint", True): ConservingFunctions,
+    ("generalized_alpha", False): AlphaFunctions,
+}
 TRIED = 1e-6  # s, of the step that is traced; functions of time are asked near 0
-CLOSURE = "a function of the motion holds a tensor that carries gradient; tb.Load(values=) takes it natively"
-RIGID = ("a gradient is asked for where strains are impossible, or next to, in this dtype; lower stiffnesses of stretching and "
-         "shear, or float64, are wanted")
+CLOSURE = (
+    "a function of the motion holds a tensor that carries gradient; tb.Load(values=) takes "
+    "it natively"
+)
+RIGID = (
+    "a gradient is asked for where strains are impossible, or next to, in this dtype; lower "
+    "stiffnesses of stretching and shear, or float64, are wanted"
+)
 
 
 class Steps(NamedTuple):
-    """Fields of the state, status and iterations after one step (...), or after each of K (K, ...); whether all went well;
-    every: fields are those after every so many of the K steps.
+    """Fields of the state, status and iterations after one step (...), or after each of K (K, ...);
+    whether all went well; every: fields are those after every so many of the K steps.
     """
 
     fields: dict[str, Tensor]
@@ -53,18 +62,29 @@ class Steps(NamedTuple):
     @property
     def leading(self) -> int:
         """How many of the first of K steps no sample has failed in."""
-        return [*(self.status == SUCCESS).reshape(len(self.status), -1).all(1).tolist(), False].index(False)
+        return [
+            *(self.status == SUCCESS).reshape(len(self.status), -1).all(1).tolist(),
+            False,
+        ].index(False)
 
 
 class CompiledStep:
-    """Steps of a model. Its program is traced at once, so that what cannot be traced is refused here (`NotTraceable`), and
-    compiled at the first step.
+    """Steps of a model. Its program is traced at once, so that what cannot be traced is refused
+    here (`NotTraceable`), and compiled at the first step.
 
-    What holds for all steps is looked up once; should a tensor of the scene be written to, it is looked up again.
+    What holds for all steps is looked up once; should a tensor of the scene be written to, it is
+    looked up again.
     """
 
-    def __init__(self, model: Model, method: str = "midpoint", conserve: bool = False, *, around: Surroundings | None = None,
-                 **options: Any) -> None:
+    def __init__(
+        self,
+        model: Model,
+        method: str = "midpoint",
+        conserve: bool = False,
+        *,
+        around: Surroundings | None = None,
+        **options: Any,
+    ) -> None:
         functions_of = self._functions = FUNCTIONS[method, conserve]
         self.model, self.batch = model, model.scene.batch_shape
         self._own, self._options = options, {"method": method, "conserve": conserve, **options}
@@ -87,20 +107,27 @@ class CompiledStep:
         self._forms: dict[tuple, Form] = {}
 
     def _traced(self, around: Surroundings | None) -> tuple[StepStructure, Trees]:
-        """The structure, by a look at all trees; its program is that of an earlier one, or traced."""
+        """The structure, by a look at all trees; its program is that of an earlier one, or
+        traced.
+        """
         model, instant = self.model, self._functions.INSTANT
         nothing = {name: self.none.new_zeros(size) for name, size in model.scene.inputs.items()}
         dt = torch.full_like(self.none, TRIED)
         values = self.constants.changing(dt, instant * dt, nothing, self.constants.orientation)
-        values = {name: x.clone() for name, x in values.items()}  # one tensor each, by which their fields are found
+        # one tensor each, by which their fields are found
+        values = {name: x.clone() for name, x in values.items()}
         trees = self.constants.trees(values)
-        self.function = any(leaf.axes is None for leaf in functions((trees[0].now.loads, trees[2].now.loads)))
+        self.function = any(
+            leaf.axes is None for leaf in functions((trees[0].now.loads, trees[2].now.loads))
+        )
         by_user = self.function or not all(map(of_library, self.constants.loads))
         self.around = NOTHING if around is None and not by_user else around
         kinds = kinds_of(model, self.constants.loads)
         program = program_of(self.local(trees), kinds, bool(model.constraints.nodes), self.around)
         if self.around is not None and not self.around.unchanged():
-            raise NotTraceable("a function of the motion writes to what it reads; one without memory is wanted")
+            raise NotTraceable(
+                "a function of the motion writes to what it reads; one without memory is wanted"
+            )
         return StepStructure(program, model, kinds, trees, values, self.constants.asks), trees
 
     def local(self, trees: Trees) -> LocalFunctions:
@@ -120,44 +147,88 @@ class CompiledStep:
         """Copies, also in other processes, are made from the model."""
         return partial(_again, **self._options), (self.model,)
 
-    def __call__(self, start: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, tolerance: float,
-                 least: float, limit: int, K: int | None = None, lanes: int | None = None, every: int = 1
-                 ) -> Steps | None:
+    def __call__(
+        self,
+        start: State,
+        dt: Tensor,
+        t: Tensor | None,
+        inputs: Inputs,
+        moving: Tensor | None,
+        tolerance: float,
+        least: float,
+        limit: int,
+        K: int | None = None,
+        lanes: int | None = None,
+        every: int = 1,
+    ) -> Steps | None:
         """A step from `start`, in the space's coordinates, or K; differentiable once, backwards.
 
-        dt, t   (...) s: lengths of the step, and its middle (None = not wanted, see `takes_time`); of K steps (K) or (K, ...)
-        inputs  by name, (..., size) held over all steps; or (K, ..., size), with as many axes between as `moving`
-        moving  (...) bool: samples that step; one whose step fails keeps its state and stops; None = all
-        every   a divisor of K: the states after every so many steps are enough, where they are less work
+        dt, t   (...) s: lengths of the step, and its middle (None = not wanted, see `takes_time`);
+                of K steps (K) or (K, ...)
+        inputs  by name, (..., size) held over all steps; or (K, ..., size), with as many axes
+                between as `moving`
+        moving  (...) bool: samples that step; one whose step fails keeps its state and stops;
+                None = all
+        every   a divisor of K: the states after every so many steps are enough, where they are less
+                work
         least   cosine of half the largest angle that a node may have turned by at mid step
 
-        A sample's status is 0 while it goes well, and for one that does not move; its iterations in a step that it does not
-        make are 0. None where torch alone can do it: forward mode, torch.func, functions of the motion that hold what
-        carries gradient, and gradients where strains are impossible, or next to.
+        A sample's status is 0 while it goes well, and for one that does not move; its iterations in
+        a step that it does not make are 0. None where torch alone can do it: forward mode,
+        torch.func, functions of the motion that hold what carries gradient, and gradients where
+        strains are impossible, or next to.
         """
-        structure, t, dims, self.eager_because = self.structure, self.none if t is None else t, 0, None
+        structure, t, dims, self.eager_because = (
+            self.structure,
+            self.none if t is None else t,
+            0,
+            None,
+        )
         if K is not None:
             axes = start.status.ndim if moving is None else moving.ndim
             dims = max(axes, structure.dims)
-            dt, t = (x if x.ndim == 0 else x.reshape(K, *(1,) * (dims + 1 - x.ndim), *x.shape[1:]) for x in (dt, t))
-            inputs = {name: x.reshape(K, *(1,) * (dims + 2 - x.ndim), *x.shape[1:]) if x.ndim > axes + 1 else x
-                      for name, x in inputs.items()}
-        states = [self.constants.internal_rows(start.internal) if name == INTERNAL else getattr(start, name)
-                  for name in structure.state]
+            dt, t = (
+                x if x.ndim == 0 else x.reshape(K, *(1,) * (dims + 1 - x.ndim), *x.shape[1:])
+                for x in (dt, t)
+            )
+            inputs = {
+                name: x.reshape(K, *(1,) * (dims + 2 - x.ndim), *x.shape[1:])
+                if x.ndim > axes + 1
+                else x
+                for name, x in inputs.items()
+            }
+        states = [
+            self.constants.internal_rows(start.internal)
+            if name == INTERNAL
+            else getattr(start, name)
+            for name in structure.state
+        ]
         if functorch.peek_interpreter_stack() is not None:
             return None
-        if forward_ad._current_level >= 0 and any(forward_ad.unpack_dual(x).tangent is not None for x in (
-                *self.sources, dt, t, *inputs.values(), *states)):
+        if forward_ad._current_level >= 0 and any(
+            forward_ad.unpack_dual(x).tangent is not None
+            for x in (*self.sources, dt, t, *inputs.values(), *states)
+        ):
             return None
         recorded = torch.is_grad_enabled()
         self._look()
-        middle, frame = (None, None) if start.frame is None else self._orientations(start.frame, dt, t, K, dims)
+        middle, frame = (
+            (None, None) if start.frame is None else self._orientations(start.frame, dt, t, K, dims)
+        )
         values = self.constants.changing(dt, t, inputs, middle)
         given = [values[name] for _, name in structure.changing]
-        if forward_ad._current_level >= 0 and any(forward_ad.unpack_dual(x).tangent is not None for x in given):
+        if forward_ad._current_level >= 0 and any(
+            forward_ad.unpack_dual(x).tangent is not None for x in given
+        ):
             return None
-        known = self.around is not None and forward_ad._current_level < 0  # what carries gradient is an input
-        if recorded and self.function and not known and wants_gradient(*self.constants.closures(values)):
+        # what carries gradient is an input
+        known = self.around is not None and forward_ad._current_level < 0
+        if (
+            recorded
+            and self.function
+            and not known
+            and wants_gradient(*self.constants.closures(values))
+        ):
             self.eager_because = CLOSURE
             return None
         held = [*given, *(one.value for one in self.constant), *states] if recorded else []
@@ -173,31 +244,47 @@ class CompiledStep:
         *outputs, status, iterations = outputs
         if wanted:
             good = status == 0 if moving is None else (status == 0) & moving.expand(status.shape)
-            changing = [one._replace(value=x) for (one, _), x in zip(structure.changing, given, strict=True)]
+            changing = [
+                one._replace(value=x) for (one, _), x in zip(structure.changing, given, strict=True)
+            ]
             known = [*changing, *self.constant]
             chain = self.adjoint(frozenset(known[k].name for k in wanted if k < len(known)), values)
-            adjoint = Adjoint(chain, form.call, form.adjoints, changing, self.constant, good.reshape(form.call.K, -1), wanted)
+            adjoint = Adjoint(
+                chain,
+                form.call,
+                form.adjoints,
+                changing,
+                self.constant,
+                good.reshape(form.call.K, -1),
+                wanted,
+            )
             outputs = Differentiated.apply(adjoint, states, outputs, *(held[k] for k in wanted))
         fields = dict(zip(structure.state, outputs, strict=True))
         if INTERNAL in fields:
             fields[INTERNAL] = self.constants.of_rows(fields[INTERNAL])
         if frame is not None:
-            steps, extra = status.shape[:K is not None], max(0, frame.ndim - 1 - status.ndim)
-            frame = frame.reshape(*steps, *frame.shape[len(steps) + extra:])
+            steps, extra = status.shape[: K is not None], max(0, frame.ndim - 1 - status.ndim)
+            frame = frame.reshape(*steps, *frame.shape[len(steps) + extra :])
             good = status == 0 if moving is None else (status == 0) & moving
             fields["frame"] = torch.where(good[..., None], frame, start.frame)
         failed = status.item() if status.numel() == 1 else status.numpy().any()
         return Steps(fields, status.long(), iterations.long(), not failed, every)
 
-    def _orientations(self, start: Tensor, dt: Tensor, t: Tensor, K: int | None, dims: int) -> tuple[Tensor, Tensor]:
+    def _orientations(
+        self, start: Tensor, dt: Tensor, t: Tensor, K: int | None, dims: int
+    ) -> tuple[Tensor, Tensor]:
         """See `Constants.orientations`; of one step without the axis of steps."""
         if K is not None:
-            return self.constants.orientations(start, dt.expand(K, *(1,) * dims) if dt.ndim == 0 else dt, t)
+            return self.constants.orientations(
+                start, dt.expand(K, *(1,) * dims) if dt.ndim == 0 else dt, t
+            )
         frame = self.model.frame(t)
         return frame.orientation(start, dt / 2), frame.orientation(start, dt)
 
     def _look(self) -> None:
-        """Take afresh what was looked up, where a tensor that it came from has been written to since."""
+        """Take afresh what was looked up, where a tensor that it came from has been written to
+        since.
+        """
         try:
             seen = tuple([x._version for x in self.sources])
         except RuntimeError:  # tensors of inference mode do not count
@@ -207,7 +294,9 @@ class CompiledStep:
             self._forms.clear()
             self._seen = seen
 
-    def _form(self, tensors: list[Tensor], K: int | None, dims: int, options: tuple[Any, ...]) -> Form:
+    def _form(
+        self, tensors: list[Tensor], K: int | None, dims: int, options: tuple[Any, ...]
+    ) -> Form:
         """Of the structure, with this model's constants."""
         key = (K, dims, options, *[(x.shape, x.stride(), x.dtype) for x in tensors])
         form = self._forms.get(key)
@@ -216,15 +305,24 @@ class CompiledStep:
                 self._forms.pop(next(iter(self._forms)), None)
             constants = [*self.constant, *self._lengths]
             form = self.structure.form(tensors, constants, K, dims, options)
-            form = form._replace(call=form.call.holding(inputs=[constant.value for constant in constants]))
+            form = form._replace(
+                call=form.call.holding(inputs=[constant.value for constant in constants])
+            )
             self._forms[key] = form
         return form
 
     def adjoint(self, names: frozenset[str], values: dict[str, Tensor]) -> Chain:
         """Of the cotangents of constants of these names; values: of those that change."""
-        return self.structure.adjoint(names, self.model, lambda: adjoint_of(
-            self.program, self.local(self.constants.trees(values)), names))
+        return self.structure.adjoint(
+            names,
+            self.model,
+            lambda: adjoint_of(self.program, self.local(self.constants.trees(values)), names),
+        )
 
 
 def _again(model: Model, **options: Any) -> CompiledStep:
-    return by_sample(lambda around: CompiledStep(model, around=around, **options), model, known(by_function(model)))
+    return by_sample(
+        lambda around: CompiledStep(model, around=around, **options),
+        model,
+        known(by_function(model)),
+    )

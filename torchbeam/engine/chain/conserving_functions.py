@@ -1,4 +1,6 @@
-"""Local functions of a midpoint step that closes the energy balance: with the energies of a node and of an element."""
+"""Local functions of a midpoint step that closes the energy balance: with the energies of a node
+and of an element.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +20,9 @@ ENERGIES = ("kinetic", "rise")
 
 @dataclass(frozen=True)
 class ConservingFunctions(LocalFunctions):
-    """Functions of nodes, of elements, of rows of the chain, of samples. kinetic: energy at the end of the step; rise: of
-    kinetic and strain energy, with what damping takes and less the work of the loads.
+    """Functions of nodes, of elements, of rows of the chain, of samples. kinetic: energy at the end
+    of the step; rise: of kinetic and strain energy, with what damping takes and less the work of
+    the loads.
     """
 
     @property

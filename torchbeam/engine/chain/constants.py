@@ -39,43 +39,70 @@ from .chain_constants import (
 
 
 class Constants:
-    """Of a model's steps (or, without `steps`, of what stands still in it), in two parts: trees of what holds for all of them,
-    and values by name of what changes. instant: of a step, when it takes its loads; 1 = those of its start are asked for too;
-    around: what users' functions read, some of it inputs of the program.
+    """Of a model's steps (or, without `steps`, of what stands still in it), in two parts: trees of
+    what holds for all of them, and values by name of what changes. instant: of a step, when it
+    takes its loads; 1 = those of its start are asked for too; around: what users' functions read,
+    some of it inputs of the program.
 
-    loads  those that are evaluated natively: of the motion, with internal states, and the library's own whose values are inputs
+    loads  those that are evaluated natively: of the motion, with internal states, and the library's
+           own whose values are inputs
     asks   whether anything is evaluated at t in torch
     orientation  of frame a at rest, None = it does not turn
     sources  tensors that values are made from
     """
 
-    def __init__(self, model: Model, steps: bool = True, instant: float = 0.5, around: Surroundings | None = None) -> None:
+    def __init__(
+        self,
+        model: Model,
+        steps: bool = True,
+        instant: float = 0.5,
+        around: Surroundings | None = None,
+    ) -> None:
         self.model, self.prescribes = model, steps and model.scene.has_prescribed_motion
         moving, dead = model.loads
         self.loads = (*moving, *(load for load in dead if load.internal or _by_inputs(load)))
         dead = [load for load in dead if load not in self.loads]
-        self.given = tuple(load for load in dead if _given(load) and not (model.turning and load.wants_axes))
+        self.given = tuple(
+            load for load in dead if _given(load) and not (model.turning and load.wants_axes)
+        )
         self.asked = tuple(load for load in dead if load not in self.given)
         none = {name: model.length.new_zeros(size) for name, size in model.scene.inputs.items()}
         zero, elements = model.length.new_zeros(()), model.scene.beam.element_count
-        self.by_place = tuple(load.at_sites(model.s, zero, none, elements) is not None for load in self.loads)
+        self.by_place = tuple(
+            load.at_sites(model.s, zero, none, elements) is not None for load in self.loads
+        )
         self.valued = tuple(self._valued(load, zero, none) for load in self.loads)
         self.nodes, self.elements = model.nodes, model.elements
         self.wants_support = any(load.wants_support for load in self.loads)
         self.given_eigenstrain = all(_given(effect) for effect in model.scene.eigenstrains)
         self.rests = not model.scene.has_prescribed_motion and model.scene.root is None
-        by_time = bool(self.asked or any(map(_by_time, self.loads, self.by_place)) or (self.wants_support and not self.rests))
+        by_time = bool(
+            self.asked
+            or any(map(_by_time, self.loads, self.by_place))
+            or (self.wants_support and not self.rests)
+        )
         self.asks = by_time or not self.given_eigenstrain or not self.rests
         self.instant, self.before = instant, instant == 1 and by_time
         scene = model.scene
         by_place = tuple(load for load, own in zip(self.loads, self.by_place, strict=True) if own)
         prescribed = () if self.rests else (scene.frame, scene.root)
-        held = (self.given, by_place, prescribed, scene.eigenstrains, scene.beam, scene.supports, model.law, model.inertia)
+        held = (
+            self.given,
+            by_place,
+            prescribed,
+            scene.eigenstrains,
+            scene.beam,
+            scene.supports,
+            model.law,
+            model.inertia,
+        )
         self.sources = [x for x, _ in flattened(held)]
         self.sources += [model.length, model.section_mass, model.tributary_length]
         batched = {} if around is None else around.batched
-        self.captured = tuple(Captured(x, x.ndim - (axes := batched.get(id(x), 0)), axes)
-                              for x in (() if around is None else around.inputs))
+        self.captured = tuple(
+            Captured(x, x.ndim - (axes := batched.get(id(x), 0)), axes)
+            for x in (() if around is None else around.inputs)
+        )
         self._kept: dict[Any, Any] = {}
 
     @cached
@@ -97,38 +124,61 @@ class Constants:
         """Take values afresh: a tensor that they were made from has been written to."""
         self._kept = {}
 
-    def changing(self, dt: Tensor, t: Tensor, inputs: Inputs, frame: Tensor | None = None) -> dict[str, Tensor]:
-        """Values by name for steps of dt (...) with loads as at t (...), which broadcast with the batch of the model; frame:
-        orientation of frame a at t, None = it does not turn.
+    def changing(
+        self, dt: Tensor, t: Tensor, inputs: Inputs, frame: Tensor | None = None
+    ) -> dict[str, Tensor]:
+        """Values by name for steps of dt (...) with loads as at t (...), which broadcast with the
+        batch of the model; frame: orientation of frame a at t, None = it does not turn.
         """
         model = self.model
         C, exact = self._tangent(dt)
         values = {"dt": dt, "t": t, "C": C, "exact": exact}
         values |= self._loads(t, inputs, frame)
         if self.before:
-            values |= {f"before {name}": x for name, x in self._loads(t - dt, inputs, frame).items()}
+            values |= {
+                f"before {name}": x for name, x in self._loads(t - dt, inputs, frame).items()
+            }
         if model.scene.eigenstrains:
             values["eigenstrain"] = (
                 self._held("eigenstrain", lambda: model.eigenstrain(t, inputs))
-                if self.given_eigenstrain else model.eigenstrain(t, inputs))
+                if self.given_eigenstrain
+                else model.eigenstrain(t, inputs)
+            )
         for name, x in inputs.items():
             values[f"input {name}"] = x
-        velocities = zip(("frame velocity", "frame angular_velocity"), model.prescribed_motion.frame(t), strict=True)
+        velocities = zip(
+            ("frame velocity", "frame angular_velocity"),
+            model.prescribed_motion.frame(t),
+            strict=True,
+        )
         values |= {name: x for name, x in velocities if x is not None}
         values |= {} if frame is None else {"frame": frame}
         return values | self._prescribed(t + (1 - self.instant) * dt) if self.prescribes else values
 
     def _loads(self, t: Tensor, inputs: Inputs, frame: Tensor | None) -> dict[str, Tensor]:
-        """Those that are dead, what the others have by time, and where the root's support stands."""
+        """Those that are dead, what the others have by time, and where the root's support
+        stands.
+        """
         model, values = self.model, {}
         if self.given or self.asked:
             dead = self._held("dead", lambda: self._dead(t, inputs))
             asked = conditions(model, t, inputs, loads=self.asked)
-            values["dead"] = external(model, self.still._replace(frame=frame), asked, total=dead) if self.asked else dead
+            values["dead"] = (
+                external(model, self.still._replace(frame=frame), asked, total=dead)
+                if self.asked
+                else dead
+            )
         if self.wants_support:
-            pose = (self._held("support", lambda: model.prescribed_motion.root_pose(t)) if self.rests
-                    else model.prescribed_motion.root_pose(t))
-            values |= {f"support {name}": x for name, x in zip(pose._fields, pose, strict=True) if x is not None}
+            pose = (
+                self._held("support", lambda: model.prescribed_motion.root_pose(t))
+                if self.rests
+                else model.prescribed_motion.root_pose(t)
+            )
+            values |= {
+                f"support {name}": x
+                for name, x in zip(pose._fields, pose, strict=True)
+                if x is not None
+            }
         for k, (load, known) in enumerate(zip(self.loads, self.valued, strict=True)):
             if known is not load:
                 values |= self._values(k, load, t, inputs)
@@ -142,6 +192,7 @@ class Constants:
 
     def _values(self, k: int, load: Any, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """Of a load that holds more than numbers."""
+
         def values() -> list[Tensor]:
             return [x for x, _ in flattened(self._valued(load, t, inputs))]
 
@@ -155,17 +206,22 @@ class Constants:
         """The motion of supports at the time `end`."""
         like, values = self.model.length, {}
         still = (like.new_zeros(3), like.new_zeros(4)), (like.new_zeros(3),) * 2
-        rows = [(*(support.pose or still[0]), *(support.motion or still[1])) for support in supports(self.model, end)]
+        rows = [
+            (*(support.pose or still[0]), *(support.motion or still[1]))
+            for support in supports(self.model, end)
+        ]
         for name, parts in zip(HELD, zip(*rows, strict=True), strict=rows != []):
             values[f"held {name}"] = torch.stack(torch.broadcast_tensors(*parts), -2)
         return values
 
     def orientations(self, start: Tensor, dt: Tensor, t: Tensor) -> tuple[Tensor, Tensor]:
-        """Of frame a in the middle and at the end of K steps of dt (K, ...) with the middles t, from `start` (...), in the
-        space's coordinates, (K, ..., q).
+        """Of frame a in the middle and at the end of K steps of dt (K, ...) with the middles t,
+        from `start` (...), in the space's coordinates, (K, ..., q).
         """
         space, frame = self.model.space, self.model.frame(t)
-        turns, half = (frame.orientation(space.identity(start[..., 1:]), part * dt) for part in (1.0, 0.5))
+        turns, half = (
+            frame.orientation(space.identity(start[..., 1:]), part * dt) for part in (1.0, 0.5)
+        )
         size = 1
         while size < len(turns):  # each is that of all steps up to its own
             turns = torch.cat((turns[:size], space.multiply(turns[:-size], turns[size:])))
@@ -178,11 +234,14 @@ class Constants:
     def _internal(self) -> dict[int, slice]:
         """Where the internal states of each load are among those of all, by the load's id."""
         scene = self.model.scene
-        return {id(one.load): one.internal for one in acting(self.model, scene.loads, scene.internal_states)}
+        return {
+            id(one.load): one.internal
+            for one in acting(self.model, scene.loads, scene.internal_states)
+        }
 
     def internal_rows(self, internal: Tensor) -> Tensor:
-        """Internal states (..., z) of a state as rows of nodes (..., N+1, Z): of each load in turn, zeros where it does not
-        act.
+        """Internal states (..., z) of a state as rows of nodes (..., N+1, Z): of each load in turn,
+        zeros where it does not act.
         """
         nodes, states, places = self.model.node_count, [], self._internal
         for load in self.loads:
@@ -195,9 +254,13 @@ class Constants:
     def of_rows(self, rows: Tensor) -> Tensor:
         """The inverse."""
         remembering, places = [load for load in self.loads if load.internal], self._internal
-        parts = zip(remembering, rows.split([load.internal for load in remembering], -1), strict=True)
-        states = {places[id(load)].start: own.flatten(-2) if load.node is None else own[..., load.node, :]
-                 for load, own in parts}
+        parts = zip(
+            remembering, rows.split([load.internal for load in remembering], -1), strict=True
+        )
+        states = {
+            places[id(load)].start: own.flatten(-2) if load.node is None else own[..., load.node, :]
+            for load, own in parts
+        }
         return torch.cat([states[first] for first in sorted(states)], -1)
 
     def at(self, dt: Tensor, t: Tensor, inputs: Inputs, frame: Tensor | None = None) -> Trees:
@@ -211,37 +274,75 @@ class Constants:
         place = self.model.space.place if isinstance(self.model.space, Planar) else None
         inputs = {name: values[f"input {name}"] for name in self.model.scene.inputs}
         frame = (values.get(name) for name in ("frame velocity", "frame angular_velocity", "frame"))
-        supports = SupportConstants(*(values[f"held {name}"] for name in HELD)) if f"held {HELD[0]}" in values else None
-        return (NodeConstants(self.nodes, now[0], before[0]),
-                ElementConstants(self.elements, values["C"], values.get("eigenstrain")),
-                Common(values["dt"], values["t"], inputs, place, *frame, now[1], before[1], self.captured), supports)
+        supports = (
+            SupportConstants(*(values[f"held {name}"] for name in HELD))
+            if f"held {HELD[0]}" in values
+            else None
+        )
+        return (
+            NodeConstants(self.nodes, now[0], before[0]),
+            ElementConstants(self.elements, values["C"], values.get("eigenstrain")),
+            Common(
+                values["dt"], values["t"], inputs, place, *frame, now[1], before[1], self.captured
+            ),
+            supports,
+        )
 
-    def _conditions(self, values: dict[str, Tensor], when: str = "") -> tuple[NodeConditions, CommonConditions]:
-        own = tuple(load if known is load else filled(known, lambda i, k=k: values[f"{when}load {k} {i}"])
-                    for k, (load, known) in enumerate(zip(self.loads, self.valued, strict=True)))
-        rows, loads = (tuple(load if by_place == wanted else None for load, by_place in zip(own, self.by_place, strict=True))
-                       for wanted in (True, False))
-        support = (SupportPose(*(values.get(f"{when}support {name}") for name in Pose._fields)) if self.wants_support
-                   else None)
+    def _conditions(
+        self, values: dict[str, Tensor], when: str = ""
+    ) -> tuple[NodeConditions, CommonConditions]:
+        own = tuple(
+            load if known is load else filled(known, lambda i, k=k: values[f"{when}load {k} {i}"])
+            for k, (load, known) in enumerate(zip(self.loads, self.valued, strict=True))
+        )
+        rows, loads = (
+            tuple(
+                load if by_place == wanted else None
+                for load, by_place in zip(own, self.by_place, strict=True)
+            )
+            for wanted in (True, False)
+        )
+        support = (
+            SupportPose(*(values.get(f"{when}support {name}") for name in Pose._fields))
+            if self.wants_support
+            else None
+        )
         return NodeConditions(values.get(f"{when}dead"), rows), CommonConditions(loads, support)
 
     def closures(self, values: dict[str, Tensor]) -> tuple[Any, ...]:
-        """Loads (..., N+1, w) by functions of the motion, of the beam undeformed and at rest, and their internal states, whose
-        gradient is that of what these functions close over.
+        """Loads (..., N+1, w) by functions of the motion, of the beam undeformed and at rest, and
+        their internal states, whose gradient is that of what these functions close over.
         """
         nodes, _, common, _ = map(detached, self.trees(values))
         loads = (row or load for row, load in zip(nodes.now.loads, common.now.loads, strict=True))
         model = detached(self.model)
-        model = with_values(model, scene=with_values(model.scene, effects=tuple(load for load in loads if functions(load))))
+        model = with_values(
+            model,
+            scene=with_values(
+                model.scene, effects=tuple(load for load in loads if functions(load))
+            ),
+        )
         position, rotation = (x.detach() for x in self.still[:2])
-        zero, turn = torch.zeros_like(position), torch.zeros_like(position[..., :model.space.dims.spin])
-        still = Nodes(position, rotation, zero, turn, common.frame, position.new_zeros(model.internal_states), common.dt, zero,
-                      turn)
+        zero = torch.zeros_like(position)
+        turn = torch.zeros_like(position[..., : model.space.dims.spin])
+        still = Nodes(
+            position,
+            rotation,
+            zero,
+            turn,
+            common.frame,
+            position.new_zeros(model.internal_states),
+            common.dt,
+            zero,
+            turn,
+        )
         now = conditions(model, common.t, common.inputs, loads=model.scene.loads)
         return external(model, still, now), advanced(model, still, now)
 
     def _held(self, name: str, value: Callable[[], Any]) -> Any:
-        """A value that is the same at all steps: kept, unless a derivative by what it is made from is recorded."""
+        """A value that is the same at all steps: kept, unless a derivative by what it is made from
+        is recorded.
+        """
         if torch.is_grad_enabled() and any(x.requires_grad for x in self.sources):
             return value()
         if name not in self._kept:
@@ -250,12 +351,19 @@ class Constants:
         return self._kept[name]
 
     def _tangent(self, dt: Tensor) -> tuple[Tensor, Tensor]:
-        """C of the tangent, and whether it is the law's; those of the last two dt are kept, between which midpoint4 goes to and
-        fro where damping is strong.
+        """C of the tangent, and whether it is the law's; those of the last two dt are kept, between
+        which midpoint4 goes to and fro where damping is strong.
         """
         known = dt is concrete(dt)
         cached_tangents = self._kept.setdefault("tangents", []) if known else []
-        tangent = next((cached_tangent for cached_tangent in cached_tangents if torch.equal(cached_tangent[0], dt)), None)
+        tangent = next(
+            (
+                cached_tangent
+                for cached_tangent in cached_tangents
+                if torch.equal(cached_tangent[0], dt)
+            ),
+            None,
+        )
         if tangent is None:
             with lasting(), torch.no_grad():  # no solution depends on its tangent
                 C = self.model.tangent_stiffness(dt.detach())
@@ -266,7 +374,11 @@ class Constants:
 
 def _by_time(load: Any, by_place: bool) -> bool:
     """Whether what a load holds is asked at t."""
-    return not _unchanging(load) if by_place else any(leaf.axes == 1 and callable(leaf.value) for leaf in own_leaves(load))
+    return (
+        not _unchanging(load)
+        if by_place
+        else any(leaf.axes == 1 and callable(leaf.value) for leaf in own_leaves(load))
+    )
 
 
 def _unchanging(load: Any) -> bool:
@@ -282,5 +394,9 @@ def _given(effect: Any) -> bool:
 def _by_inputs(load: Any) -> bool:
     """Whether a load is one of the library's, and holds inputs beside plain numbers."""
     values = [leaf.value for leaf in own_leaves(load) if leaf.value is not None]
-    return (of_library(load) and any(isinstance(x, Input) for x in values)
-            and all(isinstance(x, (Tensor, Input)) for x in values) and not load.inputs)
+    return (
+        of_library(load)
+        and any(isinstance(x, Input) for x in values)
+        and all(isinstance(x, (Tensor, Input)) for x in values)
+        and not load.inputs
+    )

@@ -1,4 +1,6 @@
-"""Cotangents: steps that native code has made, as a function that torch differentiates backwards."""
+"""Cotangents: steps that native code has made, as a function that torch differentiates
+backwards.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +21,13 @@ WHOLE = ("stress", "reaction")  # parts of a state whose cotangents have records
 
 def state_fields(program: NativeProgram) -> dict[str, tuple[str, str]]:
     """Record and field of what a program's steps change."""
-    return {**{name: ("state", name) for name in program.state}, "stress": ("start_stress", "stress"),
-            "reaction": ("support", "last"), **{name: ("element_state", name) for name in program.element_state},
-            **{name: ("sample", name) for name in program.sample_state}}
+    return {
+        **{name: ("state", name) for name in program.state},
+        "stress": ("start_stress", "stress"),
+        "reaction": ("support", "last"),
+        **{name: ("element_state", name) for name in program.element_state},
+        **{name: ("sample", name) for name in program.sample_state},
+    }
 
 
 def constant_fields(trees: tuple[Any, ...]) -> Iterator[Field]:
@@ -32,8 +38,9 @@ def constant_fields(trees: tuple[Any, ...]) -> Iterator[Field]:
 
 
 class Backward(NamedTuple):
-    """Calls of the adjoint with tensors of the same shapes: the call, and tensors like the cotangents that it makes, by their
-    numbers among what is wanted, of all steps together and of each.
+    """Calls of the adjoint with tensors of the same shapes: the call, and tensors like the
+    cotangents that it makes, by their numbers among what is wanted, of all steps together and of
+    each.
     """
 
     call: Call
@@ -42,37 +49,65 @@ class Backward(NamedTuple):
 
 
 class Adjoint:
-    """What the cotangents of K steps that a call has made are found from: chain of the adjoint program; fields of the
-    constants, those that change and those that do not; good (K, B): which samples moved; wanted: numbers, among these fields
-    and then the parts of the start, of what cotangents are asked of; calls: those bound before.
+    """What the cotangents of K steps that a call has made are found from: chain of the adjoint
+    program; fields of the constants, those that change and those that do not; good (K, B): which
+    samples moved; wanted: numbers, among these fields and then the parts of the start, of what
+    cotangents are asked of; calls: those bound before.
     """
 
-    def __init__(self, chain: Chain, call: Call, calls: dict[Any, Backward], changing: list[Field], constant: list[Field],
-                 good: Tensor, wanted: list[int]) -> None:
+    def __init__(
+        self,
+        chain: Chain,
+        call: Call,
+        calls: dict[Any, Backward],
+        changing: list[Field],
+        constant: list[Field],
+        good: Tensor,
+        wanted: list[int],
+    ) -> None:
         self.chain, self.call, self.calls, self.good, self.wanted = chain, call, calls, good, wanted
         self.changing, self.constant, self.state = changing, constant, state_fields(chain.program)
 
-    def cotangents(self, start: Sequence[Tensor], made: Sequence[Tensor], grads: Sequence[Tensor | None]
-                   ) -> list[Tensor | None]:
+    def cotangents(
+        self, start: Sequence[Tensor], made: Sequence[Tensor], grads: Sequence[Tensor | None]
+    ) -> list[Tensor | None]:
         """Of what is wanted, from those of the states after each step, None = zero."""
-        fields = [*self.changing, Field("sample", "good", self.good, 0, flat=True), *self._steps(start, made, grads)]
+        fields = [
+            *self.changing,
+            Field("sample", "good", self.good, 0, flat=True),
+            *self._steps(start, made, grads),
+        ]
         form = (*self.wanted, None, *[grad is None for grad in grads])
         if form not in self.calls:
             self.calls[form] = self._backward(fields, start)
         call, whole, stepwise = self.calls[form]
         call = call.holding(inputs=[one.value for one in self.constant])
-        whole, stepwise = (dict(zip(cotangents, made_like(cotangents.values()), strict=True)) for cotangents in (whole, stepwise))
-        call.run(inputs=[field.value for field in fields], outputs=[*whole.values()], stepwises=[*stepwise.values()])
+        whole, stepwise = (
+            dict(zip(cotangents, made_like(cotangents.values()), strict=True))
+            for cotangents in (whole, stepwise)
+        )
+        call.run(
+            inputs=[field.value for field in fields],
+            outputs=[*whole.values()],
+            stepwises=[*stepwise.values()],
+        )
         cotangents = {k: x.reshape((*call.batch, *x.shape[1:])) for k, x in whole.items()}
-        cotangents |= {k: x.reshape((call.K, *call.batch, *x.shape[2:])) for k, x in stepwise.items()}
+        cotangents |= {
+            k: x.reshape((call.K, *call.batch, *x.shape[2:])) for k, x in stepwise.items()
+        }
         given = [*(one.value for one in (*self.changing, *self.constant)), *start]
-        return [cotangents[k].sum_to_size(given[k].shape) if k in cotangents else None for k in self.wanted]
+        return [
+            cotangents[k].sum_to_size(given[k].shape) if k in cotangents else None
+            for k in self.wanted
+        ]
 
-    def _steps(self, start: Sequence[Tensor], made: Sequence[Tensor], grads: Sequence[Tensor | None]) -> Iterator[Field]:
+    def _steps(
+        self, start: Sequence[Tensor], made: Sequence[Tensor], grads: Sequence[Tensor | None]
+    ) -> Iterator[Field]:
         """The states that each step lies between, and the cotangents of what it made."""
         K, B = self.good.shape
         for name, x, after, grad in zip(self.state, start, made, grads, strict=True):
-            own = after.shape[after.ndim - self._axes(name):]
+            own = after.shape[after.ndim - self._axes(name) :]
             grad = after.new_zeros(own) if grad is None else grad.reshape(K, B, *own).contiguous()
             yield Field(*self._place(name, "_grad"), grad, len(own), flat=True)
             after = after.reshape(K, B, *own).contiguous()
@@ -93,7 +128,11 @@ class Adjoint:
     def _place(self, name: str, what: str) -> tuple[str, str]:
         """Record and field of the "_bar" or "_grad" of a part of the state."""
         record = self.state[name][0]
-        return (record, f"{name}{what}") if record == "sample" else (f"{name if name in WHOLE else record}{what}", name)
+        return (
+            (record, f"{name}{what}")
+            if record == "sample"
+            else (f"{name if name in WHOLE else record}{what}", name)
+        )
 
     def _backward(self, fields: list[Field], start: Sequence[Tensor]) -> Backward:
         """The call with such fields, which are other tensors each time."""
@@ -104,43 +143,69 @@ class Adjoint:
         for k in self.wanted:
             if k < len(known):
                 one = known[k]
-                record, name, axes, place = f"{one.record}_bar", one.name, one.axes, one.value.ndim - one.axes
+                record, name, axes = f"{one.record}_bar", one.name, one.axes
+                place = one.value.ndim - one.axes
                 if not chain.has(record, name):
                     continue
                 rows, steps = one.record != "common", place > len(call.batch)
-                own = one.value.shape[place + rows:]
+                own = one.value.shape[place + rows :]
                 if rows:
                     components = chain.program.layout.records[record].fields[name][1]
                     own = (chain.rows(record) * components // own.numel(), *own)
             else:
                 x, part, steps = start[k - len(known)], [*self.state][k - len(known)], False
                 (record, name), axes = self._place(part, "_bar"), self._axes(part)
-                own = x.shape[x.ndim - axes:]
-            (stepwises if steps else outputs)[k] = Field(record, name, call.empty(*own, steps=steps), axes, flat=True)
+                own = x.shape[x.ndim - axes :]
+            (stepwises if steps else outputs)[k] = Field(
+                record, name, call.empty(*own, steps=steps), axes, flat=True
+            )
         inputs = [*fields, *self.constant, Field("free", "free", chain.free, 2)]
-        call.bound({"inputs": len(fields), "outputs": len(outputs), "stepwises": len(stepwises)},
-                   {"inputs": len(self.constant)}, inputs=inputs,
-                   outputs=outputs.values(), stepwises=stepwises.values())
-        return Backward(call, *({k: like(one.value.shape, chain.dtype) for k, one in found.items()}
-                                for found in (outputs, stepwises)))
+        call.bound(
+            {"inputs": len(fields), "outputs": len(outputs), "stepwises": len(stepwises)},
+            {"inputs": len(self.constant)},
+            inputs=inputs,
+            outputs=outputs.values(),
+            stepwises=stepwises.values(),
+        )
+        return Backward(
+            call,
+            *(
+                {k: like(one.value.shape, chain.dtype) for k, one in found.items()}
+                for found in (outputs, stepwises)
+            ),
+        )
 
 
 class Differentiated(torch.autograd.Function):
-    """The states after steps that were made, as functions of what is wanted of the constants and the start."""
+    """The states after steps that were made, as functions of what is wanted of the constants and
+    the start.
+    """
 
     @staticmethod
-    def forward(ctx: Any, adjoint: Adjoint, start: list[Tensor], made: list[Tensor], *wanted: Tensor) -> tuple[Tensor, ...]:
+    def forward(
+        ctx: Any, adjoint: Adjoint, start: list[Tensor], made: list[Tensor], *wanted: Tensor
+    ) -> tuple[Tensor, ...]:
         ctx.adjoint = adjoint
         ctx.set_materialize_grads(False)
-        # constants are read by where they lie: saved, so that torch refuses those that were written to in the meantime
-        ctx.save_for_backward(*start, *made, *(one.value for one in (*adjoint.changing, *adjoint.constant)))
+        # constants are read by where they lie: saved, so that torch refuses those that were written
+        # to in the meantime
+        ctx.save_for_backward(
+            *start, *made, *(one.value for one in (*adjoint.changing, *adjoint.constant))
+        )
         return tuple(made)
 
     @staticmethod
     def backward(ctx: Any, *grads: Tensor | None) -> tuple[Tensor | None, ...]:
         adjoint, saved, count = ctx.adjoint, ctx.saved_tensors, len(grads)
-        start, made, known = saved[:count], saved[count:2 * count], saved[2 * count:]
+        start, made, known = saved[:count], saved[count : 2 * count], saved[2 * count :]
         with torch.no_grad(), without_autocast():  # it may be on where backward is called
             cotangents = adjoint.cotangents(start, made, grads)
-        sources = [grad for grad in grads if grad is not None] + [(*known, *start)[k] for k in adjoint.wanted]
-        return None, None, None, *(None if x is None else first_only(x, *sources) for x in cotangents)
+        sources = [grad for grad in grads if grad is not None] + [
+            (*known, *start)[k] for k in adjoint.wanted
+        ]
+        return (
+            None,
+            None,
+            None,
+            *(None if x is None else first_only(x, *sources) for x in cotangents),
+        )

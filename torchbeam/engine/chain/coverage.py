@@ -20,12 +20,17 @@ from .user_functions import by_function, by_sample, known, surroundings
 ENGINES = ("auto", "eager", "compiled")
 VARIABLE = "TORCHBEAM_ENGINE"  # of the environment: what "auto" means
 MISSING = "llvmlite is not installed: `pip install torchbeam[fast]`"
-VALUES = ("; numbers that change are wanted by tb.Load(values=), others in numbers, tensors, lists, dictionaries, modules of "
-          "torch.nn or attributes of objects, which the function reads and does not write")
+VALUES = (
+    "; numbers that change are wanted by tb.Load(values=), others in numbers, tensors, lists, "
+    "dictionaries, modules of torch.nn or attributes of objects, which the function reads and "
+    "does not write"
+)
 
 
 def refusal(model: Model, method: str, conserve: bool = False, **options: Any) -> str | None:
-    """Why steps of a model are not compiled; None where they are. Functions that a user wrote are tried by `compiled_step`."""
+    """Why steps of a model are not compiled; None where they are. Functions that a user wrote are
+    tried by `compiled_step`.
+    """
     scene = model.scene
     reasons = {
         "a structure of several parts": bool(scene.beam.parts),
@@ -36,31 +41,46 @@ def refusal(model: Model, method: str, conserve: bool = False, **options: Any) -
 
 
 def why_eager(model: Model, method: str, **options: Any) -> str | None:
-    """Why "auto" steps a model eagerly, in words that `describe` shows, and whether "compiled" takes it, which is tried; None
-    where "auto" takes native code.
+    """Why "auto" steps a model eagerly, in words that `describe` shows, and whether "compiled"
+    takes it, which is tried; None where "auto" takes native code.
     """
-    reason = refusal(model, method, **options) or (MISSING if find_spec("llvmlite") is None else None)
+    reason = refusal(model, method, **options) or (
+        MISSING if find_spec("llvmlite") is None else None
+    )
     if reason is not None:
         return reason
     untraced = why_not_traced(model, method, **options)
-    reason = f"{VARIABLE} is 'eager'" if meaning() == "eager" else unsteady(model) if meaning() == "auto" else None
+    reason = (
+        f"{VARIABLE} is 'eager'"
+        if meaning() == "eager"
+        else unsteady(model)
+        if meaning() == "auto"
+        else None
+    )
     if reason is None or untraced is not None:
         return untraced
     return f"{reason}; 'compiled' takes it, as it is"
 
 
 def unsteady(model: Model) -> str | None:
-    """What a user's function of the motion reads that may change unnoticed, in words; None where there is none."""
+    """What a user's function of the motion reads that may change unnoticed, in words; None where
+    there is none.
+    """
     own = by_function(model)
     try:
         surroundings(own)
     except Unsteady as reason:
-        return f"{own[0].called} by a function of the motion that reads {reason}, which may change{place(own[0])}"
+        return (
+            f"{own[0].called} by a function of the motion that reads {reason}, which may "
+            f"change{place(own[0])}"
+        )
     return None
 
 
 def why_not_traced(model: Model, method: str, **options: Any) -> str | None:
-    """Why what users wrote is not traced, by name and line, or what it raises; None where it is traced."""
+    """Why what users wrote is not traced, by name and line, or what it raises; None where it is
+    traced.
+    """
     own = by_function(model)
     try:
         if own:
@@ -75,10 +95,18 @@ def untraceable(load: Any, error: Exception) -> str:
 
 
 def place(load: Any) -> str:
-    """File and line of the first function that a load is made of, in brackets; of a class of the user's own its name."""
-    functions = [leaf.value for leaf in own_leaves(load) if isinstance(leaf.value, types.FunctionType)]
+    """File and line of the first function that a load is made of, in brackets; of a class of the
+    user's own its name.
+    """
+    functions = [
+        leaf.value for leaf in own_leaves(load) if isinstance(leaf.value, types.FunctionType)
+    ]
     if not functions:
-        return f" (class {type(load).__qualname__} of {type(load).__module__})" if not of_library(load) else ""
+        return (
+            f" (class {type(load).__qualname__} of {type(load).__module__})"
+            if not of_library(load)
+            else ""
+        )
     code = functions[0].__code__
     return f" ({code.co_filename}:{code.co_firstlineno})"
 
@@ -98,12 +126,17 @@ def compiled_step(model: Model, method: str, **options: Any) -> CompiledStep:
             return _made(model, method, by_function(model), **options)
     except NotTraceable as error:
         reason = str(error)
-    raise ValueError(f"engine = 'compiled' was given, which does not take this scene ({reason}); 'eager' does")
+    raise ValueError(
+        f"engine = 'compiled' was given, which does not take this scene ({reason}); 'eager' does"
+    )
 
 
-def automatic_step(model: Model, method: str, **options: Any) -> tuple[CompiledStep | None, str | None]:
-    """Steps of a model by native code where "auto" takes it; else None, and why it is to be said that steps are eager, None =
-    that is meant. What a user's function raises, of the motion or of time, is raised by the eager step, before a word is said.
+def automatic_step(
+    model: Model, method: str, **options: Any
+) -> tuple[CompiledStep | None, str | None]:
+    """Steps of a model by native code where "auto" takes it; else None, and why it is to be said
+    that steps are eager, None = that is meant. What a user's function raises, of the motion or of
+    time, is raised by the eager step, before a word is said.
     """
     if refusal(model, method, **options) is not None or meaning() == "eager":
         return None, None
@@ -119,7 +152,9 @@ def automatic_step(model: Model, method: str, **options: Any) -> tuple[CompiledS
 
 
 def _made(model: Model, method: str, own: list[Any], **options: Any) -> CompiledStep:
-    return by_sample(lambda around: CompiledStep(model, method, around=around, **options), model, known(own))
+    return by_sample(
+        lambda around: CompiledStep(model, method, around=around, **options), model, known(own)
+    )
 
 
 def given_up(error: Exception, what: str = "steps are made") -> None:

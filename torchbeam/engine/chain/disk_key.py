@@ -1,7 +1,8 @@
-"""Programs on disk: what calls need of one that another process has traced, by a key of its structure.
+"""Programs on disk: what calls need of one that another process has traced, by a key of its
+structure.
 
-The key is made of the structure, of torchbeam's own source, and of the versions of torch and Python: whatever a trace depends
-on. The layout is kept as JSON beside the object code.
+The key is made of the structure, of torchbeam's own source, and of the versions of torch and
+Python: whatever a trace depends on. The layout is kept as JSON beside the object code.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ IMPORTED = time.time()
 
 
 def key_on_disk(structure: tuple) -> str | None:
-    """None where a structure holds what may be another thing in another process: classes that a user wrote, functions."""
+    """None where a structure holds what may be another thing in another process: classes that a
+    user wrote, functions.
+    """
     source, words = source_key(), _words(structure)
     if source is None or words is None:
         return None
@@ -33,7 +36,11 @@ def key_on_disk(structure: tuple) -> str | None:
 
 def _words(x: Any) -> str | None:
     if isinstance(x, type):
-        return f"{x.__module__}.{x.__qualname__}" if x.__module__.startswith(f"{PACKAGE.name}.") else None
+        return (
+            f"{x.__module__}.{x.__qualname__}"
+            if x.__module__.startswith(f"{PACKAGE.name}.")
+            else None
+        )
     if isinstance(x, tuple):
         parts = [_words(part) for part in x]
         return None if None in parts else f"({', '.join(parts)})"
@@ -42,12 +49,20 @@ def _words(x: Any) -> str | None:
 
 @cache
 def source_key() -> str | None:
-    """Of the package's source; None where it cannot be read, or was written to since it was imported."""
+    """Of the package's source; None where it cannot be read, or was written to since it was
+    imported.
+    """
     try:
         files = sorted(PACKAGE.rglob("*.py"))
         if any(file.stat().st_mtime > IMPORTED for file in files):
             return None
-        return key_of(*(part for file in files for part in (str(file.relative_to(PACKAGE)), file.read_bytes())))
+        return key_of(
+            *(
+                part
+                for file in files
+                for part in (str(file.relative_to(PACKAGE)), file.read_bytes())
+            )
+        )
     except OSError:
         return None
 

@@ -1,10 +1,12 @@
-"""Native driver of a step: for each group of samples, a lane each, Newton's method on a chain, step by step.
+"""Native driver of a step: for each group of samples, a lane each, Newton's method on a chain, step
+by step.
 
-One iteration is one pass over the chain. Its rows, those of the ends of elements, are eliminated as they come: end v + 1, the
-element before it, of whose nodes the one between its ends is eliminated at once, then row v from end v and from the elements on
-either side (records of two rows, which take turns), so that no block of the matrix is kept. Back substitution, and the updates
-of unknowns that are not over yet. Everything that is computed is in the functions of `LocalFunctions`; here is only in which
-order, and where their fields lie.
+One iteration is one pass over the chain. Its rows, those of the ends of elements, are eliminated as
+they come: end v + 1, the element before it, of whose nodes the one between its ends is eliminated
+at once, then row v from end v and from the elements on either side (records of two rows, which take
+turns), so that no block of the matrix is kept. Back substitution, and the updates of unknowns that
+are not over yet. Everything that is computed is in the functions of `LocalFunctions`; here is only
+in which order, and where their fields lie.
 """
 
 from __future__ import annotations
@@ -21,8 +23,26 @@ SUMS = ("force", "moment", "strain", "left_force", "left_moment", "left_strain")
 class Driver(ChainCode):
     """Steps of Newton's method."""
 
-    ARGS = ("inputs", "input_count", "outputs", "output_count", "samples", "steps", "elements", "memory", "bases", "kinds",
-            "element_kinds", "held", "support_of", "support_nodes", "supports", "limit", "first_group", "end_group")
+    ARGS = (
+        "inputs",
+        "input_count",
+        "outputs",
+        "output_count",
+        "samples",
+        "steps",
+        "elements",
+        "memory",
+        "bases",
+        "kinds",
+        "element_kinds",
+        "held",
+        "support_of",
+        "support_nodes",
+        "supports",
+        "limit",
+        "first_group",
+        "end_group",
+    )
 
     def _group(self, first: str) -> None:
         with self.code.loop(0, self.args["steps"]) as step:
@@ -37,10 +57,17 @@ class Driver(ChainCode):
         with code.loop(0, self.args["nodes"]) as j:
             with self._kind(j) as kinds:
                 for k in kinds:
-                    self._call(f"predictor {k}", lambda f: self.at("unknown", j, f[2:]) if f[0] == ">" else self._of_node(f, j))
+                    self._call(
+                        f"predictor {k}",
+                        lambda f: (
+                            self.at("unknown", j, f[2:]) if f[0] == ">" else self._of_node(f, j)
+                        ),
+                    )
         self._hoisted()
         with code.loop(0, N) as e:
-            self._copy_to(self.at("stress", e), self.at("start_stress", e), self.layout.records["stress"].size)
+            self._copy_to(
+                self.at("stress", e), self.at("start_stress", e), self.layout.records["stress"].size
+            )
         for name in ("over", "done"):
             code.call("opposite", self.at("sample", 0, name), self.at("sample", 0, "moving"))
         self._border()
@@ -53,7 +80,10 @@ class Driver(ChainCode):
         with code.loop(0, self.args["nodes"]) as j:
             with self._kind(j) as kinds:
                 for k in kinds:
-                    self._call(f"before node {k}", lambda f: self.at("before node", j) if f[0] == ">" else self._of_node(f, j))
+                    self._call(
+                        f"before node {k}",
+                        lambda f: self.at("before node", j) if f[0] == ">" else self._of_node(f, j),
+                    )
         with code.loop(0, N) as e:
             with self._element_kind(e) as kinds:
                 for k in kinds:
@@ -80,8 +110,12 @@ class Driver(ChainCode):
             iterations = code.add(code.load(count), 1)
             code.store(iterations, count)
             code.call("all", self.at("sample", 0, "over"), result := code.slot())
-            ends.append(code.new(f"or i1 {code.compare('sge', iterations, self.args['limit'])}, "
-                                 f"{code.compare('ne', code.load(result), 0)}"))
+            ends.append(
+                code.new(
+                    f"or i1 {code.compare('sge', iterations, self.args['limit'])}, "
+                    f"{code.compare('ne', code.load(result), 0)}"
+                )
+            )
 
     def _pass(self) -> None:
         """Balance and elimination, from the first node to the last."""
@@ -109,17 +143,35 @@ class Driver(ChainCode):
         """Balance of node j, and what is computed there for the elements at it."""
         with self._kind(j) as kinds:
             for k in kinds:
-                self._call(f"node {k}", lambda f: self.at("at_end", turn) if f == f"> {END}" else
-                           self.at("at_node", turn) if f[0] == ">" else
-                           self.at("before node", j) if f == HOISTED else self._of_node(f, j))
+                self._call(
+                    f"node {k}",
+                    lambda f: (
+                        self.at("at_end", turn)
+                        if f == f"> {END}"
+                        else self.at("at_node", turn)
+                        if f[0] == ">"
+                        else self.at("before node", j)
+                        if f == HOISTED
+                        else self._of_node(f, j)
+                    ),
+                )
 
     def _condense(self, e: str) -> None:
         """What element e gives its ends, once its midside node is eliminated."""
         node = self._node_of(e, "m")
-        places = {"element.inner": ("inner",), f"own.{OWN}": ("at_node", self._turn(e, "m")), "free": ("free", node),
-                  f"> {BETWEEN}": ("between", self._odd(e)), f"> {MIDDLE}": ("middle", e)}
-        self._call_held("condense", node, lambda f: self.at(*places.get(f, ("at_middle", 0, f[2:]))),
-                        lambda: self._keep_rows("at_middle", node))
+        places = {
+            "element.inner": ("inner",),
+            f"own.{OWN}": ("at_node", self._turn(e, "m")),
+            "free": ("free", node),
+            f"> {BETWEEN}": ("between", self._odd(e)),
+            f"> {MIDDLE}": ("middle", e),
+        }
+        self._call_held(
+            "condense",
+            node,
+            lambda f: self.at(*places.get(f, ("at_middle", 0, f[2:]))),
+            lambda: self._keep_rows("at_middle", node),
+        )
         for name in self.layout.records["sums"].fields:
             self._largest(name, "at_middle")
 
@@ -128,8 +180,11 @@ class Driver(ChainCode):
         support = self._support_of(node)
         with self.code.when(self.code.compare("sge", support, 0)):
             for name in ("rows", "asked"):
-                self._copy_to(self.at("support", support, name), self.at(record, 0, name),
-                              self.layout.records["support"].fields[name][1])
+                self._copy_to(
+                    self.at("support", support, name),
+                    self.at(record, 0, name),
+                    self.layout.records["support"].fields[name][1],
+                )
 
     def _of_element(self, field: str, e: str) -> str:
         if field.removeprefix("> ") == HOISTED:
@@ -146,7 +201,11 @@ class Driver(ChainCode):
         def where(field: str) -> str:
             side, name = field.partition(".")[0], field[2:]
             if field[0] == ">":
-                return self.at("row", v, name) if name in ("ahead", "y") else self.at("at_row", 0, name)
+                return (
+                    self.at("row", v, name)
+                    if name in ("ahead", "y")
+                    else self.at("at_row", 0, name)
+                )
             if side in sides:
                 return sides[side]
             return near[field] if field in near else self._row_before(field, v)
@@ -159,26 +218,48 @@ class Driver(ChainCode):
         with code.loop(N, -1, -1) as v:
             node = self._end(v)
             places = {"next": self._move_of(node, self.order), "> move": self._move_of(node)}
-            self._call("back", lambda f: self.at("move", places[f], "move") if f in places else self.at("row", v, f))
+            self._call(
+                "back",
+                lambda f: (
+                    self.at("move", places[f], "move") if f in places else self.at("row", v, f)
+                ),
+            )
         self._restore("move")
         over = self.at("sample", 0, "over")
         if self.held:
             with code.loop(0, self.args["supports"]) as k:
                 node = code.load(code.at(self.args["support_nodes"], k))
-                reach = 1 if self.order == 1 else code.sub(2, self._odd(node))  # of a midside node its element's ends
+                # of a midside node its element's ends
+                reach = 1 if self.order == 1 else code.sub(2, self._odd(node))
                 here = self._move_of(node)
-                places = {"before": code.sub(here, reach), "here": here, "after": code.add(here, reach)}
+                places = {
+                    "before": code.sub(here, reach),
+                    "here": here,
+                    "after": code.add(here, reach),
+                }
 
-                def of_support(f: str, k: str = k, node: str = node, places: dict[str, str] = places) -> str:
+                def of_support(
+                    f: str, k: str = k, node: str = node, places: dict[str, str] = places
+                ) -> str:
                     if f in places:
                         return self.at("move", places[f], "move")
-                    return self.at("free", node, "free") if f == "free" else self.at("support", k, f.removeprefix("> "))
+                    return (
+                        self.at("free", node, "free")
+                        if f == "free"
+                        else self.at("support", k, f.removeprefix("> "))
+                    )
 
                 self._call("reaction", of_support)
-                self._blend(self.at("support", k, "found"), self.at("support", k, "reaction"), over,
-                            self.layout.records["support"].fields["reaction"][1])
+                self._blend(
+                    self.at("support", k, "found"),
+                    self.at("support", k, "reaction"),
+                    over,
+                    self.layout.records["support"].fields["reaction"][1],
+                )
         with code.loop(0, N) as e:
-            moves = {f"{side}.move": self._move_of(self._node_of(e, side)) for side in SIDES[self.order]}
+            moves = {
+                f"{side}.move": self._move_of(self._node_of(e, side)) for side in SIDES[self.order]
+            }
 
             def of_law(f: str) -> str:
                 if f in moves:
@@ -191,12 +272,25 @@ class Driver(ChainCode):
                 return self.at("common", 0, f)
 
             self._call("stress", of_law)
-            self._blend(self.at("stress", e), self.at("change", 0, "stress"), over, self.layout.records["stress"].size)
+            self._blend(
+                self.at("stress", e),
+                self.at("change", 0, "stress"),
+                over,
+                self.layout.records["stress"].size,
+            )
         with code.loop(0, self.args["nodes"]) as j:
             with self._kind(j) as kinds:
                 for k in kinds:
-                    self._call(f"update {k}", lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else
-                               self.at("move", self._move_of(j), "move") if f == "move" else self._of_node(f, j))
+                    self._call(
+                        f"update {k}",
+                        lambda f: (
+                            self.at("change", 0, f[2:])
+                            if f[0] == ">"
+                            else self.at("move", self._move_of(j), "move")
+                            if f == "move"
+                            else self._of_node(f, j)
+                        ),
+                    )
             for name, (_, size) in self.layout.records["unknown"].fields.items():
                 self._blend(self.at("unknown", j, name), self.at("change", 0, name), over, size)
 
@@ -204,7 +298,13 @@ class Driver(ChainCode):
         def where(f: str) -> str:
             if f[0] == ">":
                 return self.at("judged", 0, f[2:])
-            record = "sums" if f in SUMS else "sample" if f in self.layout.records["sample"].fields else "common"
+            record = (
+                "sums"
+                if f in SUMS
+                else "sample"
+                if f in self.layout.records["sample"].fields
+                else "common"
+            )
             return self.at(record, 0, f)
 
         self._call("judge", where)
@@ -216,16 +316,28 @@ class Driver(ChainCode):
             self.code.call("largest", self.at("sums", 0, name), self.at(record, 0, name))
 
     def _finish(self) -> None:
-        code, N, nodes, records = self.code, self.args["elements"], self.args["nodes"], self.layout.records
+        code, N, nodes = self.code, self.args["elements"], self.args["nodes"]
+        records = self.layout.records
         cosine = self.at("sample", 0, "cosine")
         with code.loop(0, nodes) as j:
-            self._call("cosine", lambda f: self.at("change", 0, "cosine") if f[0] == ">" else self.at("unknown", j, f))
+            self._call(
+                "cosine",
+                lambda f: (
+                    self.at("change", 0, "cosine") if f[0] == ">" else self.at("unknown", j, f)
+                ),
+            )
             with code.when(code.compare("eq", j, 0)):
                 self._copy_to(cosine, self.at("change", 0, "cosine"), 1)
             code.call("least", cosine, self.at("change", 0, "cosine"))
         places = {"before": "last_status", "> status": "found_status", "> moving": "good"}
-        self._call("outcome", lambda f: self.at("common", 0, f) if f in records["common"].fields else
-                   self.at("sample", 0, places.get(f, f)))
+        self._call(
+            "outcome",
+            lambda f: (
+                self.at("common", 0, f)
+                if f in records["common"].fields
+                else self.at("sample", 0, places.get(f, f))
+            ),
+        )
         for name, source in (("last_status", "found_status"), ("moving", "good")):
             self._copy_to(self.at("sample", 0, name), self.at("sample", 0, source), 1)
         good = self.at("sample", 0, "good")
@@ -235,15 +347,28 @@ class Driver(ChainCode):
             with code.loop(0, N) as e:
                 with self._element_kind(e) as kinds:
                     for k in kinds:
-                        self._call(f"finish element {k}", lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else
-                                   self._of_element(f, e))
+                        self._call(
+                            f"finish element {k}",
+                            lambda f: (
+                                self.at("change", 0, f[2:])
+                                if f[0] == ">"
+                                else self._of_element(f, e)
+                            ),
+                        )
                 for name, (_, size) in self.layout.fields("element_state").items():
-                    self._take(self.at("element_state", e, name), self.at("change", 0, name), good, size)
+                    self._take(
+                        self.at("element_state", e, name), self.at("change", 0, name), good, size
+                    )
                 self._add_energies()
         with code.loop(0, nodes) as j:
             with self._kind(j) as kinds:
                 for k in kinds:
-                    self._call(f"finish {k}", lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else self._of_node(f, j))
+                    self._call(
+                        f"finish {k}",
+                        lambda f: (
+                            self.at("change", 0, f[2:]) if f[0] == ">" else self._of_node(f, j)
+                        ),
+                    )
             for name, (_, size) in records["state"].fields.items():
                 self._take(self.at("state", j, name), self.at("change", 0, name), good, size)
             self._sum(self.at("sample", 0, "work"), self.at("change", 0, "work"), good, 1)
@@ -256,21 +381,44 @@ class Driver(ChainCode):
         """Stress, and the loads of supports, of what has gone well."""
         records = self.layout.records
         with self.code.loop(0, self.args["elements"]) as e:
-            self._take(self.at("start_stress", e), self.at("stress", e), good, records["stress"].size)
+            self._take(
+                self.at("start_stress", e), self.at("stress", e), good, records["stress"].size
+            )
         if self.held:
             with self.code.loop(0, self.args["supports"]) as k:
-                self._take(self.at("support", k, "last"), self.at("support", k, "found"), good,
-                           records["support"].fields["last"][1])
+                self._take(
+                    self.at("support", k, "last"),
+                    self.at("support", k, "found"),
+                    good,
+                    records["support"].fields["last"][1],
+                )
 
     def _project(self, good: str) -> None:
         """Scale the velocities of the step's end."""
         code, fields = self.code, self.layout.records["state"].fields
-        self._call("project", lambda f: self.at("energy", 0, "scale") if f == "> scale" else
-                   self.at("change", 0, "defect") if f[0] == ">" else
-                   self.at("sample" if f == "defect" else "energy", 0, f))
+        self._call(
+            "project",
+            lambda f: (
+                self.at("energy", 0, "scale")
+                if f == "> scale"
+                else self.at("change", 0, "defect")
+                if f[0] == ">"
+                else self.at("sample" if f == "defect" else "energy", 0, f)
+            ),
+        )
         self._take(self.at("sample", 0, "defect"), self.at("change", 0, "defect"), good, 1)
         with code.loop(0, self.args["nodes"]) as j:
-            self._call("scaled", lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else
-                       self.at("energy", 0, f) if f == "scale" else self.at("state", j, f))
+            self._call(
+                "scaled",
+                lambda f: (
+                    self.at("change", 0, f[2:])
+                    if f[0] == ">"
+                    else self.at("energy", 0, f)
+                    if f == "scale"
+                    else self.at("state", j, f)
+                ),
+            )
             for name in ("velocity", "spin"):
-                self._take(self.at("state", j, name), self.at("change", 0, name), good, fields[name][1])
+                self._take(
+                    self.at("state", j, name), self.at("change", 0, name), good, fields[name][1]
+                )

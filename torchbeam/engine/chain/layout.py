@@ -1,4 +1,6 @@
-"""Layout of a step's memory: records of fields, one of each node or element, and what of them is taken from tensors."""
+"""Layout of a step's memory: records of fields, one of each node or element, and what of them is
+taken from tensors.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +8,21 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-NODES, ENDS, ELEMENTS, SUPPORTS, MOVES = "nodes", "ends", "elements", "supports", "moves"  # rows of a record: ends of elements
-ONE, TWO, TURNS = "one", "two", "turns"  # by turns for the two ends of an element, and for each node between them
-OWN, BETWEEN, LAW = "own", "between", "law"  # packed: what a node gives its row, an element its ends' rows, and its stress
-INNER, MIDDLE = "inner", "middle"  # what an element of three nodes gives their rows, and what its midside node follows by
+# rows of a record: ends of elements
+NODES, ENDS, ELEMENTS, SUPPORTS, MOVES = "nodes", "ends", "elements", "supports", "moves"
+# by turns for the two ends of an element, and for each node between them
+ONE, TWO, TURNS = "one", "two", "turns"
+# packed: what a node gives its row, an element its ends' rows, and its stress
+OWN, BETWEEN, LAW = "own", "between", "law"
+# what an element of three nodes gives their rows, and what its midside node follows by
+INNER, MIDDLE = "inner", "middle"
 
 
 @dataclass
 class Record:
-    """Fields one after the other: name -> (first component, components); `rows` says how many records there are."""
+    """Fields one after the other: name -> (first component, components); `rows` says how many
+    records there are.
+    """
 
     name: str
     rows: str
@@ -32,7 +40,9 @@ class Record:
 
 
 class Layout:
-    """Records by name. Where the records of a chain begin is told by `bases`: the same code serves any number of elements."""
+    """Records by name. Where the records of a chain begin is told by `bases`: the same code serves
+    any number of elements.
+    """
 
     def __init__(self) -> None:
         self.records: dict[str, Record] = {}
@@ -48,10 +58,20 @@ class Layout:
         return self.records[record].fields if record in self.records else {}
 
     def rows(self, record: Record, order: int, elements: int, supports: int) -> int:
-        """How many there are, of elements of this order; of the nodes' moves an element's more on either side of the chain."""
+        """How many there are, of elements of this order; of the nodes' moves an element's more on
+        either side of the chain.
+        """
         nodes = order * elements + 1
-        return {NODES: nodes, ENDS: elements + 1, ELEMENTS: elements, SUPPORTS: supports, MOVES: nodes + 2 * order,
-                ONE: 1, TWO: 2, TURNS: order + 1}[record.rows]
+        return {
+            NODES: nodes,
+            ENDS: elements + 1,
+            ELEMENTS: elements,
+            SUPPORTS: supports,
+            MOVES: nodes + 2 * order,
+            ONE: 1,
+            TWO: 2,
+            TURNS: order + 1,
+        }[record.rows]
 
     def bases(self, order: int, elements: int, supports: int) -> tuple[list[int], int]:
         """First component of each record's first row, in order; components in all."""
@@ -63,7 +83,10 @@ class Layout:
 
     def numbers(self) -> list[list[Any]]:
         """As plain lists, names and integers."""
-        return [[record.name, record.rows, [[name, size] for name, (_, size) in record.fields.items()]] for record in self.records.values()]
+        return [
+            [record.name, record.rows, [[name, size] for name, (_, size) in record.fields.items()]]
+            for record in self.records.values()
+        ]
 
     @classmethod
     def of(cls, numbers: list[list[Any]]) -> Layout:

@@ -34,12 +34,14 @@ from .program import NOTHING, program_of
 from .steady_functions import SteadyFunctions
 from .user_functions import by_function, by_sample, known, surroundings
 
-WORTH = 2**15  # samples times elements that "auto" compiles for: eager ones then take longer than tracing and loading
+# samples times elements that "auto" compiles for: eager ones then take longer than tracing and
+# loading
+WORTH = 2**15
 
 
 class Climbed(NamedTuple):
-    """Shape, reaction and status as of `load_steps.climb`; doubtful (...): whether the tangent there is not positive definite,
-    None = not asked for.
+    """Shape, reaction and status as of `load_steps.climb`; doubtful (...): whether the tangent
+    there is not positive definite, None = not asked for.
     """
 
     x: Configuration
@@ -59,10 +61,18 @@ def refusal(model: Model) -> str | None:
     return next((reason for reason, given in reasons.items() if given), None)
 
 
-def climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None, judged: bool,
-          lanes: int | None = None) -> Climbed | None:
-    """Raise the load from 0 to 1, see `load_steps.climb`; judged: whether to look at the tangent at the end. None where torch
-    alone can do it: within torch.func. Raises ValueError for what native code does not take.
+def climb(
+    model: Model,
+    t: Tensor,
+    inputs: Inputs,
+    x: Configuration,
+    tolerance: float | None,
+    judged: bool,
+    lanes: int | None = None,
+) -> Climbed | None:
+    """Raise the load from 0 to 1, see `load_steps.climb`; judged: whether to look at the tangent at
+    the end. None where torch alone can do it: within torch.func. Raises ValueError for what native
+    code does not take.
     """
     reason = refusal(model)
     try:
@@ -70,25 +80,39 @@ def climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: 
             return _climbed(model, t, inputs, x, tolerance, judged, lanes)
     except NotTraceable as error:
         reason = str(error)
-    raise ValueError(f"engine = 'compiled' was given, which does not take this scene ({reason}); 'eager' does")
+    raise ValueError(
+        f"engine = 'compiled' was given, which does not take this scene ({reason}); 'eager' does"
+    )
 
 
-def automatic_climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None, judged: bool
-                    ) -> Climbed | None:
-    """The same where "auto" takes native code: for many samples of what it takes, those of all calls of a run, but for
-    what may change unnoticed. What is not taken is warned of; None where it is to be done eagerly.
+def automatic_climb(
+    model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None, judged: bool
+) -> Climbed | None:
+    """The same where "auto" takes native code: for many samples of what it takes, those of all
+    calls of a run, but for what may change unnoticed. What is not taken is warned of; None where it
+    is to be done eagerly.
     """
     if meaning() == "compiled":
         return climb(model, t, inputs, x, tolerance, judged)
-    samples = broadcast("a scene, a start and inputs", model.scene.batch_shape, *(v.shape[:-2] for v in x),
-                        *(v.shape[:-1] for v in inputs.values())).numel()
+    samples = broadcast(
+        "a scene, a start and inputs",
+        model.scene.batch_shape,
+        *(v.shape[:-2] for v in x),
+        *(v.shape[:-1] for v in inputs.values()),
+    ).numel()
     samples *= repetitions()
-    if meaning() == "eager" or samples * model.station_count < WORTH or model.scene.device.type != "cpu":
+    if (
+        meaning() == "eager"
+        or samples * model.station_count < WORTH
+        or model.scene.device.type != "cpu"
+    ):
         return None
     reason, own = refusal(model), by_function(model)
     if reason is None and (reason := unsteady(model)) is None:
         try:
-            return _climbed(model, t, inputs, x, tolerance, judged, None, surroundings(own) if own else NOTHING)
+            return _climbed(
+                model, t, inputs, x, tolerance, judged, None, surroundings(own) if own else NOTHING
+            )
         except NotCompiled as error:
             given_up(error, "equilibria are found")
             return None
@@ -103,34 +127,71 @@ def automatic_climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, t
 
 
 @torch.no_grad()
-def _climbed(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None, judged: bool,
-             lanes: int | None, around: Surroundings | None = None) -> Climbed | None:
+def _climbed(
+    model: Model,
+    t: Tensor,
+    inputs: Inputs,
+    x: Configuration,
+    tolerance: float | None,
+    judged: bool,
+    lanes: int | None,
+    around: Surroundings | None = None,
+) -> Climbed | None:
     if functorch.peek_interpreter_stack() is not None:
         return None
     if around is None:
         around = known(by_function(model)) if by_function(model) else NOTHING
-    return by_sample(lambda own: _called(model, t, inputs, x, tolerance, judged, lanes, own), model, around)
+    return by_sample(
+        lambda own: _called(model, t, inputs, x, tolerance, judged, lanes, own), model, around
+    )
 
 
-def _called(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None, judged: bool,
-            lanes: int | None, around: Surroundings | None) -> Climbed:
+def _called(
+    model: Model,
+    t: Tensor,
+    inputs: Inputs,
+    x: Configuration,
+    tolerance: float | None,
+    judged: bool,
+    lanes: int | None,
+    around: Surroundings | None,
+) -> Climbed:
     constants = Constants(model, steps=False, around=around)
-    nodes, elements, common, supports = constants.at(t.new_ones(()), t, inputs, model.orientation(t))
+    nodes, elements, common, supports = constants.at(
+        t.new_ones(()), t, inputs, model.orientation(t)
+    )
     trees = nodes, replace(elements, C=model.tangent_stiffness()), common, supports
     kinds = kinds_of(model, constants.loads, rest=True)
-    program = program_of(SteadyFunctions(model, *trees), kinds, bool(model.constraints.nodes), around,
-                         JudgedProgram if judged else LoadProgram)
+    program = program_of(
+        SteadyFunctions(model, *trees),
+        kinds,
+        bool(model.constraints.nodes),
+        around,
+        JudgedProgram if judged else LoadProgram,
+    )
     chain = Chain(program, model, kinds)
     like, one = model.length, model.length.new_tensor
     p, least = model.space.dims.position, rounding_stress(model)
-    numbers = {"total": like.sum((-1, -2)), "longest": like.amax((-1, -2)), "exact": same_law(trees[1].C, model.law.C),
-               "tolerance": one(tolerance or TOLERANCE[like.dtype]),
-               "least_force": least[..., :p].amax((-1, -2)), "least_moment": least[..., p:].amax((-1, -2))}
+    numbers = {
+        "total": like.sum((-1, -2)),
+        "longest": like.amax((-1, -2)),
+        "exact": same_law(trees[1].C, model.law.C),
+        "tolerance": one(tolerance or TOLERANCE[like.dtype]),
+        "least_force": least[..., :p].amax((-1, -2)),
+        "least_moment": least[..., p:].amax((-1, -2)),
+    }
     start = x._asdict()
-    given = [*constant_fields(trees), *_poses(model, t), *(Field("common", name, v, 0) for name, v in numbers.items()),
-             *(Field("start_stress" if name == "stress" else "kept", name, v, 2) for name, v in start.items())]
+    given = [
+        *constant_fields(trees),
+        *_poses(model, t),
+        *(Field("common", name, v, 0) for name, v in numbers.items()),
+        *(
+            Field("start_stress" if name == "stress" else "kept", name, v, 2)
+            for name, v in start.items()
+        ),
+    ]
     given = [one for one in given if chain.has(one.record, one.name)]
-    batch = broadcast_shapes(*(one.value.shape[:one.value.ndim - one.axes] for one in given))
+    batch = broadcast_shapes(*(one.value.shape[: one.value.ndim - one.axes] for one in given))
     call = Call(chain, batch, 1, lanes)
     states = {name: call.empty(*v.shape[-2:], steps=False) for name, v in start.items()}
     states["reaction"] = call.empty(*model.constraints.fixed.shape, steps=False)
@@ -141,7 +202,9 @@ def _called(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance
     call.bound({}, inputs=[*given, Field("free", "free", chain.free, 2)], outputs=out).run(LIMIT)
     *shape, reaction = (v.reshape(*batch, *v.shape[1:]) for v in states.values())
     status, indefinite = (v.reshape(batch) for v in outputs.values())
-    return Climbed(Configuration(*shape), reaction, status.long(), indefinite != 0 if judged else None)
+    return Climbed(
+        Configuration(*shape), reaction, status.long(), indefinite != 0 if judged else None
+    )
 
 
 def _poses(model: Model, t: Tensor) -> list[Field]:
@@ -151,6 +214,10 @@ def _poses(model: Model, t: Tensor) -> list[Field]:
     for name in ("displacement", "turn"):
         poses[name] = torch.zeros_like(beam.nodes)
     for support in model.scene.supports:
-        for name, value in zip(("displacement", "turn"), model.prescribed_motion.displacement(support, t), strict=True):
-            poses[name] = poses[name] if value is None else set_node(poses[name], support.node, value)
+        for name, value in zip(
+            ("displacement", "turn"), model.prescribed_motion.displacement(support, t), strict=True
+        ):
+            poses[name] = (
+                poses[name] if value is None else set_node(poses[name], support.node, value)
+            )
     return [Field("pose", f"pose.{name}", value, 2) for name, value in poses.items()]

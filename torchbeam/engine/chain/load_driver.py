@@ -1,4 +1,5 @@
-"""Native driver of load stepping: for each group of samples, a lane each, Newton's method on a chain under more and more load.
+"""Native driver of load stepping: for each group of samples, a lane each, Newton's method on a
+chain under more and more load.
 
 What is computed is in `SteadyFunctions`; here is only in which order, and where the fields lie.
 """
@@ -12,7 +13,8 @@ class LoadDriver(Driver):
     """Equilibria, each sample at its own pace."""
 
     def _group(self, first: str) -> None:
-        self.known = self.code.slot()  # whether the balance and elimination at hand are of the shape and load at hand
+        # whether the balance and elimination at hand are of the shape and load at hand
+        self.known = self.code.slot()
         self.code.store(0, self.known)
         self._transfer("gather", "input", first, 0)
         self._begin()
@@ -34,7 +36,9 @@ class LoadDriver(Driver):
 
     def _rule(self, name: str) -> None:
         """A function of samples, which changes what it reads."""
-        self._call(name, lambda f: self.at("ruled", 0, f[2:]) if f[0] == ">" else self._of_sample(f))
+        self._call(
+            name, lambda f: self.at("ruled", 0, f[2:]) if f[0] == ">" else self._of_sample(f)
+        )
         for field in self.functions[name].outputs:
             self._copy_to(self._of_sample(field), self.at("ruled", 0, field), 1)
 
@@ -44,15 +48,17 @@ class LoadDriver(Driver):
         self.code.store(0, self.known)
 
     def _begin(self) -> None:
-        """The first step, by the moves that all of the load would bring about; where that is all of the load for all samples,
-        Newton's method has its first balance.
+        """The first step, by the moves that all of the load would bring about; where that is all of
+        the load for all samples, Newton's method has its first balance.
         """
         code = self.code
         self._hoisted()
         self._border()
         if self.held:
             with code.loop(0, self.args["supports"]) as k:
-                self._fill(self.at("support", k, "last"), self.layout.records["support"].fields["last"][1])
+                self._fill(
+                    self.at("support", k, "last"), self.layout.records["support"].fields["last"][1]
+                )
         for name in ("reached", "last_status", "turn"):
             self._fill(self.at("sample", 0, name), 1)
         for name in ("load_factor", "over"):
@@ -62,7 +68,14 @@ class LoadDriver(Driver):
         self._pass()
         self._back()
         with code.loop(0, self.args["nodes"]) as j:
-            self._call("turn", lambda f: self.at("change", 0, "turn") if f[0] == ">" else self.at("move", self._move_of(j), f))
+            self._call(
+                "turn",
+                lambda f: (
+                    self.at("change", 0, "turn")
+                    if f[0] == ">"
+                    else self.at("move", self._move_of(j), f)
+                ),
+            )
             code.call("largest", self.at("sample", 0, "turn"), self.at("change", 0, "turn"))
         self._rule("first_step")
         self._rule("shares")
@@ -75,7 +88,9 @@ class LoadDriver(Driver):
         with code.loop(0, self.args["nodes"]) as j:
             self._copy_to(self.at("unknown", j), self.at("kept", j), size)
         with code.loop(0, N) as e:
-            self._copy_to(self.at("stress", e), self.at("start_stress", e), self.layout.records["stress"].size)
+            self._copy_to(
+                self.at("stress", e), self.at("start_stress", e), self.layout.records["stress"].size
+            )
 
     def _place(self) -> None:
         """Supports where they have to be."""
@@ -87,8 +102,14 @@ class LoadDriver(Driver):
             with self._kind(node) as kinds:
                 for kind in kinds:
                     if f"place {kind}" in self.functions:
-                        self._call(f"place {kind}", lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else
-                                   self._of_node(f, node))
+                        self._call(
+                            f"place {kind}",
+                            lambda f: (
+                                self.at("change", 0, f[2:])
+                                if f[0] == ">"
+                                else self._of_node(f, node)
+                            ),
+                        )
             for name, (_, size) in self.layout.records["unknown"].fields.items():
                 self._copy_to(self.at("unknown", node, name), self.at("change", 0, name), size)
 
@@ -109,8 +130,16 @@ class LoadDriver(Driver):
         """The least cosine of the nodes' turns in a load step."""
         code, cosine = self.code, self.at("sample", 0, "cosine")
         with code.loop(0, self.args["nodes"]) as j:
-            self._call("cosine", lambda f: self.at("change", 0, "cosine") if f[0] == ">" else
-                       self.at("kept", j, "rotation") if f == "before" else self.at("unknown", j, f))
+            self._call(
+                "cosine",
+                lambda f: (
+                    self.at("change", 0, "cosine")
+                    if f[0] == ">"
+                    else self.at("kept", j, "rotation")
+                    if f == "before"
+                    else self.at("unknown", j, f)
+                ),
+            )
             with code.when(code.compare("eq", j, 0)):
                 self._copy_to(cosine, self.at("change", 0, "cosine"), 1)
             code.call("least", cosine, self.at("change", 0, "cosine"))
@@ -122,5 +151,3 @@ class LoadDriver(Driver):
         with code.loop(0, self.args["nodes"]) as j:
             self._take(self.at("kept", j), self.at("unknown", j), good, records["unknown"].size)
         self._keep_forces(good)
-
-

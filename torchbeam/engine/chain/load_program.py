@@ -1,4 +1,6 @@
-"""Program of load stepping: the functions of Newton's method on a chain, and the rules of the load's steps."""
+"""Program of load stepping: the functions of Newton's method on a chain, and the rules of the
+load's steps.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +13,37 @@ from .program import ChainProgram
 from .steady_functions import POSE, SteadyFunctions
 from .tracing import Tracing
 
-SAMPLE = ("over", "done", "before", "iterations", "status", "cosine", "turn", "climbing", "reached", "step", "good",
-          "last_status", "whole", "indefinite")
-RULES = {"first_step": ("turn",), "shares": ("reached", "step", "last_status"),
-         "advanced": ("climbing", "load_factor", "reached", "step", "last_status", "done", "status", "cosine",
-                      "iterations")}
+SAMPLE = (
+    "over",
+    "done",
+    "before",
+    "iterations",
+    "status",
+    "cosine",
+    "turn",
+    "climbing",
+    "reached",
+    "step",
+    "good",
+    "last_status",
+    "whole",
+    "indefinite",
+)
+RULES = {
+    "first_step": ("turn",),
+    "shares": ("reached", "step", "last_status"),
+    "advanced": (
+        "climbing",
+        "load_factor",
+        "reached",
+        "step",
+        "last_status",
+        "done",
+        "status",
+        "cosine",
+        "iterations",
+    ),
+}
 
 
 class LoadProgram(ChainProgram):
@@ -31,20 +59,28 @@ class LoadProgram(ChainProgram):
     def _of_nodes(self, traced: Tracing, local: SteadyFunctions) -> dict[str, Function]:
         w, q = self.w, self.shapes["rotation"]
         node = {**traced.node, "load_factor": ()}
-        functions = {"cosine": traced(local.cosine, {"before": q, "rotation": q}), "turn": traced(local.turn, {"move": (w,)})}
+        functions = {
+            "cosine": traced(local.cosine, {"before": q, "rotation": q}),
+            "turn": traced(local.turn, {"move": (w,)}),
+        }
         for k, kind in enumerate(self.kinds.nodes):
             functions[f"node {k}"] = traced(partial(local.node, kind), node)
             functions[f"update {k}"] = traced(partial(local.update, kind), {**node, "move": (w,)})
             if kind.placed is not None:
                 pose = {f"pose.{name}": (size,) for name, size in POSE.items()}
                 functions[f"place {k}"] = traced(partial(local.place, kind), node | pose)
-        return functions | {name: traced(getattr(local, name), dict.fromkeys(fields, ())) for name, fields in RULES.items()}
+        return functions | {
+            name: traced(getattr(local, name), dict.fromkeys(fields, ()))
+            for name, fields in RULES.items()
+        }
 
     def _functions(self, traced: Tracing, local: SteadyFunctions) -> dict[str, Function]:
         functions = super()._functions(traced, local)
         for name in ("row", "held row"):
             if name in functions and not self.judged:
-                functions[name] = functions[name].only(field for field in functions[name].outputs if field != "indefinite")
+                functions[name] = functions[name].only(
+                    field for field in functions[name].outputs if field != "indefinite"
+                )
         return functions
 
     def _layout(self) -> Layout:

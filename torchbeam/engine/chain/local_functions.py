@@ -1,12 +1,14 @@
-"""Local functions of an implicit step, the midpoint's as they are: what one node and one element do, by named fields.
+"""Local functions of an implicit step, the midpoint's as they are: what one node and one element
+do, by named fields.
 
-They are those of `local_problem`; an element condenses its stress. A chain's balance and its blocks are the sums of both. The
-midside node of an element of three nodes is eliminated (`condense`) with what the node itself adds: to its row of the chain an
-element of any order is one between two nodes.
+They are those of `local_problem`; an element condenses its stress. A chain's balance and its blocks
+are the sums of both. The midside node of an element of three nodes is eliminated (`condense`) with
+what the node itself adds: to its row of the chain an element of any order is one between two nodes.
 
-Fields have no axes of the batch: of a node's `node.k`, `common.k` and `support.k` (the tensors of `NodeConstants`, `Common` and
-`SupportConstants`, in order), position, rotation, velocity, spin and internal states at the start, u and m; of an element's
-`element.k` and the stress, with an axis of its stations, and the same of its nodes, behind `i.` and `j.`, or `i.`, `m.`, `j.`.
+Fields have no axes of the batch: of a node's `node.k`, `common.k` and `support.k` (the tensors of
+`NodeConstants`, `Common` and `SupportConstants`, in order), position, rotation, velocity, spin and
+internal states at the start, u and m; of an element's `element.k` and the stress, with an axis of
+its stations, and the same of its nodes, behind `i.` and `j.`, or `i.`, `m.`, `j.`.
 """
 
 from __future__ import annotations
@@ -30,7 +32,9 @@ from .node_kinds import ElementKind, NodeKind
 
 @dataclass(frozen=True)
 class LocalFunctions(LocalProblems):
-    """Functions of nodes, of elements, of rows of the chain, of samples; and those of the adjoint."""
+    """Functions of nodes, of elements, of rows of the chain, of samples; and those of the
+    adjoint.
+    """
 
     @property
     def loaded(self) -> bool:
@@ -46,7 +50,9 @@ class LocalFunctions(LocalProblems):
         return {"u": x.u[0], "m": x.m[0]}
 
     def node(self, kind: NodeKind, **fields: Tensor) -> Fields:
-        """Balance (w) of the node's inertia and loads, its derivative D (w, w); both terms apart."""
+        """Balance (w) of the node's inertia and loads, its derivative D (w, w); both terms
+        apart.
+        """
         problem, x = self.of_node(fields, kind)
         x = problem.apply_supports(x)  # they are; but so that derivatives know it
         kinematics, inertia, load = problem.node_balance(x)
@@ -54,8 +60,12 @@ class LocalFunctions(LocalProblems):
         load, D = unbatched(load + x[0].new_zeros(1, w), 2)[0], x[0].new_zeros(w, w)
         terms = {} if inertia is None else {"inertia": inertia.wrench[0]}
         balance = -load if inertia is None else inertia.wrench[0] - load
-        return {"balance": balance, "D": D if matrix is None else D + matrix.diagonal[0], **terms,
-                **({"load": load} if self.loaded else {})}
+        return {
+            "balance": balance,
+            "D": D if matrix is None else D + matrix.diagonal[0],
+            **terms,
+            **({"load": load} if self.loaded else {}),
+        }
 
     def update(self, kind: NodeKind, move: Tensor, **fields: Tensor) -> Fields:
         """The unknowns of a node after a move (w), supports applied."""
@@ -68,14 +78,29 @@ class LocalFunctions(LocalProblems):
         return {"cosine": self.model.space.cosine(m)}
 
     def finish(self, kind: NodeKind, **fields: Tensor) -> Fields:
-        """The node at the end of the step, and the work done on it; `found` (w): the reaction of its support."""
+        """The node at the end of the step, and the work done on it; `found` (w): the reaction of
+        its support.
+        """
         problem, x = self.of_node(fields, kind)
-        reaction = x.u.new_zeros(0, self.model.space.unknowns) if kind.support is None else fields["found"][None]
+        reaction = (
+            x.u.new_zeros(0, self.model.space.unknowns)
+            if kind.support is None
+            else fields["found"][None]
+        )
         after = problem.finish(x, reaction)
         fields_after = {name: getattr(after, name)[0] for name in self.NODE} | {"work": after.work}
         if INTERNAL in self.state:
-            own = {} if after.internal is None else dict(zip(
-                kind.acting, unbatched(after.internal, 1).split([self.internal[k] for k in kind.acting]), strict=True))
+            own = (
+                {}
+                if after.internal is None
+                else dict(
+                    zip(
+                        kind.acting,
+                        unbatched(after.internal, 1).split([self.internal[k] for k in kind.acting]),
+                        strict=True,
+                    )
+                )
+            )
             still = fields[INTERNAL].split(self.internal)
             fields_after[INTERNAL] = torch.cat([own.get(k, still[k]) for k in range(len(still))])
         return fields_after | self.energies(problem, after)
@@ -87,37 +112,66 @@ class LocalFunctions(LocalProblems):
     # Functions of an element
 
     def element(self, kind: ElementKind, **fields: Tensor) -> Fields:
-        """What an element gives its nodes: balance (w), `asked` (w), the same with what its condensed stress adds, and the
-        blocks D (w, w), each by node, U from i to j and L back, or between i, m and j (2, w, w), far_U and far_L then from i to
-        j and back; gap (stations, k) and E (stations, k, numbers of a station), by which its stress follows the moves; inertia
+        """What an element gives its nodes: balance (w), `asked` (w), the same with what its
+        condensed stress adds, and the blocks D (w, w), each by node, U from i to j and L back, or
+        between i, m and j (2, w, w), far_U and far_L then from i to j and back; gap (stations, k)
+        and E (stations, k, numbers of a station), by which its stress follows the moves; inertia
         (w) by node, if it has any; the largest force, moment, gap and strain in it.
         """
         problem, x = self.of_element(fields, kind)
         x = problem.apply_supports(x)
         kinematics, inertia, load = problem.node_balance(x)
         element = problem.element_balance(x, kinematics)
-        tangent, own, wrench = problem.tangent(x, kinematics, element, inertia), problem.eigenstrain, None
+        tangent, own = problem.tangent(x, kinematics, element, inertia), problem.eigenstrain
+        wrench = None
         if self.elements.rows.coupling is not None:
-            wrench = inertia.wrench if inertia is not None else None if isinstance(load, float) else -load
+            wrench = (
+                inertia.wrench
+                if inertia is not None
+                else None
+                if isinstance(load, float)
+                else -load
+            )
         model, p, assembly = problem.model, self.model.space.dims.position, problem.model.assembly
         balance = assembly.to_nodes(element.forces)
-        asked = balance + assembly.to_nodes(pushed_by(tangent.force_operator, tangent.stiffness, element.constitutive_residual))
+        asked = balance + assembly.to_nodes(
+            pushed_by(tangent.force_operator, tangent.stiffness, element.constitutive_residual)
+        )
         if wrench is not None:
             balance, asked = balance + wrench, asked + wrench
         forces, effective_strain = [element.forces], [element.effective_strain]
         if isinstance(own, Tensor):
             forces.append(restrained_forces(model, element.acting, own, model.length))
             effective_strain.append(own)
-        forces, effective_strain = (torch.cat([x.expand(self.order, x.shape[-1]) for x in part], -2).abs() for part in (forces, effective_strain))
+        forces, effective_strain = (
+            torch.cat([x.expand(self.order, x.shape[-1]) for x in part], -2).abs()
+            for part in (forces, effective_strain)
+        )
         D, U, L, *far = tangent.matrix.tensors
-        found = {"D": D, "balance": balance, "asked": asked, **({} if wrench is None else {"inertia": wrench})}
-        found = {f"{side}.{name}": value[k] for name, value in found.items() for k, side in enumerate(self.sides)}
+        found = {
+            "D": D,
+            "balance": balance,
+            "asked": asked,
+            **({} if wrench is None else {"inertia": wrench}),
+        }
+        found = {
+            f"{side}.{name}": value[k]
+            for name, value in found.items()
+            for k, side in enumerate(self.sides)
+        }
         if far:
             found |= {"far_U": far[0][0], "far_L": far[1][0]}
         return found | {
-            "U": U if far else U[0], "L": L if far else L[0], "gap": element.constitutive_residual, "E": tangent.strain_by_move, "hB": tangent.force_operator,
-            "force": forces[..., :p].amax(), "moment": forces[..., p:].amax(), "left_strain": element.constitutive_residual.abs().amax(),
-            "strain": effective_strain.amax()}
+            "U": U if far else U[0],
+            "L": L if far else L[0],
+            "gap": element.constitutive_residual,
+            "E": tangent.strain_by_move,
+            "hB": tangent.force_operator,
+            "force": forces[..., :p].amax(),
+            "moment": forces[..., p:].amax(),
+            "left_strain": element.constitutive_residual.abs().amax(),
+            "strain": effective_strain.amax(),
+        }
 
     def stress(self, stress: Tensor, gap: Tensor, E: Tensor, **fields: Tensor) -> Fields:
         """The stress (stations, k) after the moves of its nodes, `i.move` and so on (w)."""
@@ -128,12 +182,18 @@ class LocalFunctions(LocalProblems):
     # Functions of an element's midside node
 
     def condense(self, held: bool, **fields: Tensor) -> Fields:
-        """What an element of three nodes gives its ends without the one between, as one of two nodes does: from the fields of
-        `node` of the midside node (own.) and those of the element (element.). With it own (w), by_i and by_j (w, w), see
-        `restore`; the largest force and moment in the midside node's terms, and left of its balance. Where a support holds it
-        (`held`): with what is free (w, 1 or 0) of it; and its whole rows (w, 3 w) and balance, for a reaction.
+        """What an element of three nodes gives its ends without the one between, as one of two
+        nodes does: from the fields of `node` of the midside node (own.) and those of the element
+        (element.). With it own (w), by_i and by_j (w, w), see `restore`; the largest force and
+        moment in the midside node's terms, and left of its balance. Where a support holds it
+        (`held`): with what is free (w, 1 or 0) of it; and its whole rows (w, 3 w) and balance, for
+        a reaction.
         """
-        element = {name.removeprefix("element."): x for name, x in fields.items() if name.startswith("element.")}
+        element = {
+            name.removeprefix("element."): x
+            for name, x in fields.items()
+            if name.startswith("element.")
+        }
         (D, U, L, *far), balance = self._blocks(fields), fields["own.balance"]
         asked = torch.stack((element["i.asked"], element["m.asked"] + balance, element["j.asked"]))
         left, rows = balance + element["m.balance"], torch.cat((L[0], D[1], U[1]), -1)
@@ -142,7 +202,11 @@ class LocalFunctions(LocalProblems):
             free = _between_free(fields["free"])
             D, U, L, *far = masked(self.order, free, D, U, L, *far)
             left, asked = left * free[1], asked * free
-        sizes = self._sizes(fields.get("own.load"), _total(fields.get("own.inertia"), element.get("m.inertia")), left)
+        sizes = self._sizes(
+            fields.get("own.load"),
+            _total(fields.get("own.inertia"), element.get("m.inertia")),
+            left,
+        )
         outputs |= self.pivot(D[1]) | sizes
         D, L, U, middle = condensed(D, L, U, *far)
         ends, own = middle.condense(-asked)
@@ -153,22 +217,36 @@ class LocalFunctions(LocalProblems):
         return outputs | {"U": U[0], "L": L[0], "own": own[0]}
 
     def _blocks(self, fields: Fields) -> tuple[Tensor, ...]:
-        """(D, U, L, far upper, far lower) of a chain of one element, with D of its midside node's own."""
-        D = torch.stack((fields["element.i.D"], fields["element.m.D"] + fields["own.D"], fields["element.j.D"]))
-        return D, fields["element.U"], fields["element.L"], fields["element.far_U"][None], fields["element.far_L"][None]
+        """(D, U, L, far upper, far lower) of a chain of one element, with D of its midside node's
+        own.
+        """
+        D = torch.stack(
+            (fields["element.i.D"], fields["element.m.D"] + fields["own.D"], fields["element.j.D"])
+        )
+        return (
+            D,
+            fields["element.U"],
+            fields["element.L"],
+            fields["element.far_U"][None],
+            fields["element.far_L"][None],
+        )
 
-    def restore(self, own: Tensor, by_i: Tensor, by_j: Tensor, before: Tensor, after: Tensor) -> Fields:
+    def restore(
+        self, own: Tensor, by_i: Tensor, by_j: Tensor, before: Tensor, after: Tensor
+    ) -> Fields:
         """The move (w) of a midside node from those of its element's ends."""
         return {"move": following(own, by_i, by_j, before, after)}
 
     # Functions of the chain's rows
 
     def row(self, held: bool, **fields: Tensor) -> Fields:
-        """A row of the elimination, from the fields of `node` (own.) and of the elements on either side, whose nodes j and i it
-        is: ahead (w, w) and y (w), see `block_tridiagonal.eliminated`; the largest force and moment in the node's terms, and
-        left of its balance. Where supports hold the node or its neighbours (`held`): with what is free (w, 1 or 0) of it, the
-        node before and the next; and the whole rows (w, 3 w) and balance of the node, for a reaction.
+        """A row of the elimination, from the fields of `node` (own.) and of the elements on either
+        side, whose nodes j and i it is: ahead (w, w) and y (w), see `block_tridiagonal.eliminated`;
+        the largest force and moment in the node's terms, and left of its balance. Where supports
+        hold the node or its neighbours (`held`): with what is free (w, 1 or 0) of it, the node
+        before and the next; and the whole rows (w, 3 w) and balance of the node, for a reaction.
         """
+
         def total(name: str) -> Tensor | None:
             return _total(*(fields.get(f"{side}.{name}") for side in ("own", "left", "right")))
 
@@ -188,11 +266,17 @@ class LocalFunctions(LocalProblems):
         """The largest force and moment in a node's terms, and left of its balance (w)."""
         p = self.model.space.dims.position
         terms, left = torch.stack(self.terms(load, inertia)).abs(), left.abs()
-        return {"force": terms[:, :p].amax(), "moment": terms[:, p:].amax(), "left_force": left[:p].amax(),
-                "left_moment": left[p:].amax()}
+        return {
+            "force": terms[:, :p].amax(),
+            "moment": terms[:, p:].amax(),
+            "left_force": left[:p].amax(),
+            "left_moment": left[p:].amax(),
+        }
 
     def terms(self, load: Tensor | None, inertia: Tensor | None) -> list[Tensor]:
-        """Those of a node's balance (w) that its largest are looked for in, beside the elements'."""
+        """Those of a node's balance (w) that its largest are looked for in, beside the
+        elements'.
+        """
         return [x for x in (load, inertia) if x is not None]
 
     def pivot(self, block: Tensor) -> Fields:
@@ -203,13 +287,22 @@ class LocalFunctions(LocalProblems):
         """The move of a node, from that of the next."""
         return {"move": y - (ahead @ next[:, None])[:, 0]}
 
-    def reaction(self, rows: Tensor, asked: Tensor, free: Tensor, before: Tensor, here: Tensor, after: Tensor) -> Fields:
-        """The balance (w) of a support after the moves of the node before, of its own and of the next."""
-        return {"reaction": (1 - free) * (asked + (rows @ torch.cat((before, here, after))[:, None])[:, 0])}
+    def reaction(
+        self, rows: Tensor, asked: Tensor, free: Tensor, before: Tensor, here: Tensor, after: Tensor
+    ) -> Fields:
+        """The balance (w) of a support after the moves of the node before, of its own and of the
+        next.
+        """
+        return {
+            "reaction": (1 - free)
+            * (asked + (rows @ torch.cat((before, here, after))[:, None])[:, 0])
+        }
 
     # Functions of the adjoint
 
-    def solution(self, position: Tensor, rotation: Tensor, after_position: Tensor, after_rotation: Tensor) -> Fields:
+    def solution(
+        self, position: Tensor, rotation: Tensor, after_position: Tensor, after_rotation: Tensor
+    ) -> Fields:
         """u and m of a step between two states of a node."""
         space = self.model.space
         turn = space.multiply(space.inverse(rotation), after_rotation)
@@ -217,13 +310,15 @@ class LocalFunctions(LocalProblems):
 
     def pushed(self, gap: Tensor, hB: Tensor, **fields: Tensor) -> Fields:
         """What an element's strain gap asks of its nodes (w)."""
-        pushed = self.element_assembly.to_nodes(pushed_by(hB, self.element_constants(fields).C, gap))
+        pushed = self.element_assembly.to_nodes(
+            pushed_by(hB, self.element_constants(fields).C, gap)
+        )
         return dict(zip(self.sides, pushed, strict=True))
 
     def transposed_condense(self, held: bool, right: Tensor, **fields: Tensor) -> Fields:
-        """As `condense`, of the transposed matrix, for what moves are asked for of the midside node (w): the blocks of the ends
-        as they are, not transposed, and what is added to what is asked of them; where a support holds it, also for what its
-        balance is (`push`).
+        """As `condense`, of the transposed matrix, for what moves are asked for of the midside node
+        (w): the blocks of the ends as they are, not transposed, and what is added to what is asked
+        of them; where a support holds it, also for what its balance is (`push`).
         """
         D, U, L, *far = self._blocks(fields)
         sides = torch.zeros_like(D[:2, 0])
@@ -233,28 +328,42 @@ class LocalFunctions(LocalProblems):
             sides = torch.stack(((L[0].mT @ push)[:, 0], (U[1].mT @ push)[:, 0]))
             D, U, L, *far = masked(self.order, free, D, U, L, *far)
         D, U, L, middle = condensed(D.mT, U.mT, L.mT, *(x.mT for x in reversed(far)))
-        ends, own = middle.condense(torch.stack((torch.zeros_like(right), right, torch.zeros_like(right))))
+        ends, own = middle.condense(
+            torch.stack((torch.zeros_like(right), right, torch.zeros_like(right)))
+        )
         outputs = {"U": U[0].mT, "L": L[0].mT, "own": own[0]}
         for k, (side, by) in enumerate(zip("ij", (middle.by_i, middle.by_j), strict=True)):
-            outputs |= {f"{side}.D": D[k].mT, f"by_{side}": by[0], f"right_{side}": ends[k] + sides[k]}
+            outputs |= {
+                f"{side}.D": D[k].mT,
+                f"by_{side}": by[0],
+                f"right_{side}": ends[k] + sides[k],
+            }
         return outputs
 
-    def transposed_restore(self, own: Tensor, by_i: Tensor, by_j: Tensor, before: Tensor, after: Tensor) -> Fields:
+    def transposed_restore(
+        self, own: Tensor, by_i: Tensor, by_j: Tensor, before: Tensor, after: Tensor
+    ) -> Fields:
         """As `restore`, of the transposed matrix, from the cotangents of its ends' balances (w)."""
         return self.restore(own, by_i, by_j, -before, -after)
 
     def transposed_row(self, held: bool, right: Tensor, **fields: Tensor) -> Fields:
-        """A row of the elimination of the transposed matrix, see `row`, for what moves are asked for (w); where supports are
-        near, also for what their balances are (`push_` before, here, after).
+        """A row of the elimination of the transposed matrix, see `row`, for what moves are asked
+        for (w); where supports are near, also for what their balances are (`push_` before, here,
+        after).
         """
         D = fields["own.D"] + fields["left.D"] + fields["right.D"]
         below, above = fields["left.U"].mT, fields["right.L"].mT
         if held:
             pushes = (fields[f"push_{name}"] for name in ("before", "here", "after"))
-            right = right + sum((block @ push[:, None])[:, 0] for block, push in zip((below, D.mT, above), pushes, strict=True))
+            right = right + sum(
+                (block @ push[:, None])[:, 0]
+                for block, push in zip((below, D.mT, above), pushes, strict=True)
+            )
             right = right * fields["free_here"]
             D, below, above = _masked_row(D, below, above, fields)
-        ahead, y = eliminated(D.mT, above, right[:, None], below, fields["ahead"], fields["y"][:, None])
+        ahead, y = eliminated(
+            D.mT, above, right[:, None], below, fields["ahead"], fields["y"][:, None]
+        )
         return {"ahead": ahead, "y": y[:, 0]}
 
     def push(self, reaction_bar: Tensor, free: Tensor) -> Fields:
@@ -267,25 +376,63 @@ class LocalFunctions(LocalProblems):
 
     # Functions of a sample
 
-    def judge(self, force: Tensor, moment: Tensor, strain: Tensor, left_force: Tensor, left_moment: Tensor,
-              left_strain: Tensor, total: Tensor, longest: Tensor, exact: Tensor, tolerance: Tensor, before: Tensor,
-              over: Tensor, done: Tensor, status: Tensor, iterations: Tensor, foresee: Tensor | None = None) -> Fields:
-        """What `newton` asks of an iteration's largest numbers: size of the residual, which samples are done or over,
-        iterations, and the status of those that are not done (that of the first iteration, when `iterations` was 0).
+    def judge(
+        self,
+        force: Tensor,
+        moment: Tensor,
+        strain: Tensor,
+        left_force: Tensor,
+        left_moment: Tensor,
+        left_strain: Tensor,
+        total: Tensor,
+        longest: Tensor,
+        exact: Tensor,
+        tolerance: Tensor,
+        before: Tensor,
+        over: Tensor,
+        done: Tensor,
+        status: Tensor,
+        iterations: Tensor,
+        foresee: Tensor | None = None,
+    ) -> Fields:
+        """What `newton` asks of an iteration's largest numbers: size of the residual, which samples
+        are done or over, iterations, and the status of those that are not done (that of the first
+        iteration, when `iterations` was 0).
         """
-        size = scaled(left_force, left_moment, left_strain, *mixed(force, moment, total, longest), strain)
+        size = scaled(
+            left_force, left_moment, left_strain, *mixed(force, moment, total, longest), strain
+        )
         finite = torch.isfinite(size)
         first = torch.where(finite, float(DIVERGED), float(BROKEN))
         going = over == 0
-        done = torch.where(going & converged(size, before, exact != 0, tolerance, foresee), torch.ones_like(done), done)
-        return {"before": size, "done": done, "over": ((done != 0) | ~finite).to(done),
-                "status": torch.where(iterations == 0, first, status), "iterations": iterations + going.to(iterations)}
+        done = torch.where(
+            going & converged(size, before, exact != 0, tolerance, foresee),
+            torch.ones_like(done),
+            done,
+        )
+        return {
+            "before": size,
+            "done": done,
+            "over": ((done != 0) | ~finite).to(done),
+            "status": torch.where(iterations == 0, first, status),
+            "iterations": iterations + going.to(iterations),
+        }
 
-    def outcome(self, moving: Tensor, done: Tensor, status: Tensor, before: Tensor, cosine: Tensor, least: Tensor) -> Fields:
-        """The status (that of `before` where a sample does not move): it has converged and no node has turned too far; and
-        whether it moves on.
+    def outcome(
+        self,
+        moving: Tensor,
+        done: Tensor,
+        status: Tensor,
+        before: Tensor,
+        cosine: Tensor,
+        least: Tensor,
+    ) -> Fields:
+        """The status (that of `before` where a sample does not move): it has converged and no node
+        has turned too far; and whether it moves on.
         """
-        status = torch.where(done != 0, torch.where(cosine < least, float(DIVERGED), float(SUCCESS)), status)
+        status = torch.where(
+            done != 0, torch.where(cosine < least, float(DIVERGED), float(SUCCESS)), status
+        )
         status = torch.where(moving != 0, status, before)
         return {"status": status, "moving": ((status == SUCCESS) & (moving != 0)).to(moving)}
 
@@ -304,4 +451,8 @@ def _between_free(free: Tensor) -> Tensor:
 def _masked_row(D: Tensor, L: Tensor, U: Tensor, fields: Fields) -> tuple[Tensor, Tensor, Tensor]:
     """A row of the chain's matrix, see `masked`."""
     before, free, after = (fields[f"free_{name}"] for name in ("before", "here", "after"))
-    return D * free[:, None] * free + torch.diag_embed(1 - free), L * free[:, None] * before, U * free[:, None] * after
+    return (
+        D * free[:, None] * free + torch.diag_embed(1 - free),
+        L * free[:, None] * before,
+        U * free[:, None] * after,
+    )

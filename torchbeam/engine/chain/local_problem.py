@@ -1,5 +1,6 @@
-"""Local problem: the house's own step, `MidpointProblem`, of the rows of one node alone, or of one element and its nodes,
-without mass. An element knows what mass its nodes share; a node its inertia and its loads.
+"""Local problem: the house's own step, `MidpointProblem`, of the rows of one node alone, or of one
+element and its nodes, without mass. An element knows what mass its nodes share; a node its inertia
+and its loads.
 """
 
 from __future__ import annotations
@@ -44,7 +45,9 @@ INTERNAL = "internal"
 
 @dataclass(frozen=True)
 class Given(Tree):
-    """A problem of rows, under conditions that are given: stiffness is S^-1 of the tangent, None = there are no elements."""
+    """A problem of rows, under conditions that are given: stiffness is S^-1 of the tangent,
+    None = there are no elements.
+    """
 
     given: Conditions = field(kw_only=True)
     stiffness: Tensor | None = leaf(3, kw_only=True)
@@ -60,10 +63,11 @@ class LocalProblem(Given, MidpointProblem):
 
 @dataclass(frozen=True)
 class LocalProblems:
-    """Of a model's nodes and elements; the trees say which fields exist, their values do not matter. supports: None where
-    nothing moves them.
+    """Of a model's nodes and elements; the trees say which fields exist, their values do not
+    matter. supports: None where nothing moves them.
 
-    A node's internal states are those of all loads that have some, one after the other, whichever act there.
+    A node's internal states are those of all loads that have some, one after the other, whichever
+    act there.
     """
 
     model: Model
@@ -90,13 +94,21 @@ class LocalProblems:
 
     @property
     def element_rows(self) -> list[int]:
-        """How many rows each of the constants of elements has for one element: of most one a station."""
-        return [1 if x is self.elements.rows.coupling else self.order for x, _ in flattened(self.elements)]
+        """How many rows each of the constants of elements has for one element: of most one a
+        station.
+        """
+        return [
+            1 if x is self.elements.rows.coupling else self.order
+            for x, _ in flattened(self.elements)
+        ]
 
     @property
     def internal(self) -> tuple[int, ...]:
         """How many internal states each of the loads has at a node."""
-        return tuple((row or load).internal for row, load in zip(self.nodes.now.loads, self.common.now.loads, strict=True))
+        return tuple(
+            (row or load).internal
+            for row, load in zip(self.nodes.now.loads, self.common.now.loads, strict=True)
+        )
 
     NODE = NODE
     SAMPLE: ClassVar[tuple[str, ...]] = ()  # fields of a sample that the problem asks for
@@ -146,15 +158,23 @@ class LocalProblems:
 
     def of_element(self, fields: Fields, kind: ElementKind) -> tuple[BalanceProblem, Any]:
         """The same of one element."""
+
         def nodes(name: str) -> Tensor:
             return torch.stack([fields[f"{side}.{name}"] for side in self.sides])
 
         own = filled(self.nodes.rows, lambda k: nodes(f"node.{k}"))  # they come first
         own = replace(own, mass=torch.zeros_like(own.mass), J=None)
-        given = {name: nodes(name) for name in (*self.NODE, "u", "m") if f"{self.sides[0]}.{name}" in fields}
+        given = {
+            name: nodes(name)
+            for name in (*self.NODE, "u", "m")
+            if f"{self.sides[0]}.{name}" in fields
+        }
         given |= {name: fields[name] for name in ("stress", *self.element_state, *self.SAMPLE)}
-        supports = tuple(self._support(fields, f"{side}.", k, one.support)
-                         for k, (side, one) in enumerate(zip(self.sides, kind, strict=True)) if one.support is not None)
+        supports = tuple(
+            self._support(fields, f"{side}.", k, one.support)
+            for k, (side, one) in enumerate(zip(self.sides, kind, strict=True))
+            if one.support is not None
+        )
         element, common = self.element_constants(fields), self._common(fields)
         rows = self._rows(own, element.rows, common, supports, _hinges(*kind))
         now = self._conditions(rows, None, None, common, common.now, element.eigenstrain, supports)
@@ -166,50 +186,116 @@ class LocalProblems:
 
     def _support(self, fields: Fields, of: str, node: int, kind: SupportKind) -> SupportConditions:
         at = filled(self.supports, lambda k: fields[f"{of}support.{k}"])
-        return SupportConditions(node, at.position.new_tensor(kind.fixed), (at.position, at.rotation) if kind.moves else None,
-                                 (at.velocity, at.spin) if kind.clamp else None)
+        return SupportConditions(
+            node,
+            at.position.new_tensor(kind.fixed),
+            (at.position, at.rotation) if kind.moves else None,
+            (at.velocity, at.spin) if kind.clamp else None,
+        )
 
     def _common(self, fields: Fields) -> Common:
         return filled(self.common, lambda k: fields[f"common.{k}"])
 
-    def _rows(self, nodes: NodeRows, element: ElementRows | None, common: Common, supports: tuple[SupportConditions, ...],
-              hinges: tuple[tuple[int, tuple[float, ...]], ...]) -> Rows:
+    def _rows(
+        self,
+        nodes: NodeRows,
+        element: ElementRows | None,
+        common: Common,
+        supports: tuple[SupportConditions, ...],
+        hinges: tuple[tuple[int, tuple[float, ...]], ...],
+    ) -> Rows:
         space = self.model.space
         space = replace(space, place=common.place) if isinstance(space, Planar) else space
-        held = Held(tuple(support.node for support in supports), tuple(support.fixed for support in supports),
-                    tuple((node, nodes.mass.new_tensor(axis)) for node, axis in hinges))
-        return Rows.of(space, self.order, nodes, element, held, getattr(self.model.inertia.translational, "difference", None))
+        held = Held(
+            tuple(support.node for support in supports),
+            tuple(support.fixed for support in supports),
+            tuple((node, nodes.mass.new_tensor(axis)) for node, axis in hinges),
+        )
+        return Rows.of(
+            space,
+            self.order,
+            nodes,
+            element,
+            held,
+            getattr(self.model.inertia.translational, "difference", None),
+        )
 
-    def _conditions(self, rows: Rows, kind: NodeKind | None, nodes: NodeConditions | None, common: Common,
-                    alike: CommonConditions, eigenstrain: Tensor | None, supports: tuple[SupportConditions, ...]) -> Conditions:
+    def _conditions(
+        self,
+        rows: Rows,
+        kind: NodeKind | None,
+        nodes: NodeConditions | None,
+        common: Common,
+        alike: CommonConditions,
+        eigenstrain: Tensor | None,
+        supports: tuple[SupportConditions, ...],
+    ) -> Conditions:
         """Of a node of a kind, or of an element (None): on that no loads act."""
         velocities = common.velocity, common.angular_velocity
         root = None if alike.support is None else Pose(*vars(alike.support).values())
-        loads, dead = ((), None) if nodes is None else (acting_loads(kind, nodes.loads, alike.loads), nodes.dead)
+        loads, dead = (
+            ((), None)
+            if nodes is None
+            else (acting_loads(kind, nodes.loads, alike.loads), nodes.dead)
+        )
         if any(one.batch for one in common.captured):
             loads = tuple(map(_of_one_sample, loads))
         return Conditions(
-            common.t, common.inputs, frame_of(rows.space, *velocities), velocities,
-            acting(rows, loads, tuple(load.internal for load in loads), 0), 0.0 if dead is None else dead,
-            0.0 if eigenstrain is None else eigenstrain, supports, root, common.frame, self.model.scene.beam.element_count)
+            common.t,
+            common.inputs,
+            frame_of(rows.space, *velocities),
+            velocities,
+            acting(rows, loads, tuple(load.internal for load in loads), 0),
+            0.0 if dead is None else dead,
+            0.0 if eigenstrain is None else eigenstrain,
+            supports,
+            root,
+            common.frame,
+            self.model.scene.beam.element_count,
+        )
 
-    def _problem(self, rows: Rows, element: ElementConstants | None, common: Common, given: Fields, now: Conditions
-                 ) -> tuple[BalanceProblem, Any]:
+    def _problem(
+        self,
+        rows: Rows,
+        element: ElementConstants | None,
+        common: Common,
+        given: Fields,
+        now: Conditions,
+    ) -> tuple[BalanceProblem, Any]:
         stress = given.get("stress", given["position"].new_zeros(0, rows.space.dims.strain))
-        return self._solved(rows, common, {**given, "stress": stress}, now, None if element is None else element.C)
+        return self._solved(
+            rows, common, {**given, "stress": stress}, now, None if element is None else element.C
+        )
 
-    def _solved(self, rows: Rows, common: Common, given: Fields, now: Conditions, C: Tensor | None
-                ) -> tuple[BalanceProblem, Any]:
+    def _solved(
+        self, rows: Rows, common: Common, given: Fields, now: Conditions, C: Tensor | None
+    ) -> tuple[BalanceProblem, Any]:
         """The problem of rows under conditions, and its unknowns."""
         position, stress = given["position"], given["stress"]
         zero = position.new_zeros(())
-        start = State(*(given[name] for name in NODE), stress, position.new_zeros(0, rows.space.unknowns), zero, zero, zero,
-                      zero, frame=common.frame, internal=given.get(INTERNAL))
+        start = State(
+            *(given[name] for name in NODE),
+            stress,
+            position.new_zeros(0, rows.space.unknowns),
+            zero,
+            zero,
+            zero,
+            zero,
+            frame=common.frame,
+            internal=given.get(INTERNAL),
+        )
         x = self.UNKNOWNS(given.get("u"), given.get("m"), stress)
         return self._stepping(rows, start, common, given, now, C), x
 
-    def _stepping(self, rows: Rows, start: State, common: Common, given: Fields, now: Conditions, C: Tensor | None
-                  ) -> StepProblem:
+    def _stepping(
+        self,
+        rows: Rows,
+        start: State,
+        common: Common,
+        given: Fields,
+        now: Conditions,
+        C: Tensor | None,
+    ) -> StepProblem:
         return LocalProblem(rows, start, common.dt, common.t, common.inputs, given=now, stiffness=C)
 
 
@@ -217,7 +303,9 @@ class OwnBatch(NotTraceable):
     """A function that closes over a batch, of this shape."""
 
     def __init__(self, batch: torch.Size) -> None:
-        super().__init__(f"a function has a batch {tuple(batch)} of its own; values= of a tb.Load take one")
+        super().__init__(
+            f"a function has a batch {tuple(batch)} of its own; values= of a tb.Load take one"
+        )
         self.batch = batch
 
 
@@ -229,7 +317,9 @@ def unbatched(value: Tensor, axes: int) -> Tensor:
 
 
 def _of_one_sample(load: Any) -> Any:
-    """A load whose functions read tensors by sample, each a batch of one: without that batch's axes in what they return."""
+    """A load whose functions read tensors by sample, each a batch of one: without that batch's axes
+    in what they return.
+    """
     axes = 2 if vars(load).get("node") is None else 1
 
     def one(x: Any) -> Any:
@@ -239,8 +329,14 @@ def _of_one_sample(load: Any) -> Any:
             x = x[0]
         return x
 
-    return with_values(load, **{own.name: lambda *args, f=own.value, **named: one(f(*args, **named))
-                                for own in own_leaves(load) if own.axes is None and callable(own.value)})
+    return with_values(
+        load,
+        **{
+            own.name: lambda *args, f=own.value, **named: one(f(*args, **named))
+            for own in own_leaves(load)
+            if own.axes is None and callable(own.value)
+        },
+    )
 
 
 def acting_loads(kind: NodeKind, rows: tuple[Any, ...], loads: tuple[Any, ...]) -> tuple[Any, ...]:

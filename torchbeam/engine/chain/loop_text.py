@@ -1,4 +1,6 @@
-"""Text of native code for loops: counters, pointers into records, calls. What is computed is in traced functions alone."""
+"""Text of native code for loops: counters, pointers into records, calls. What is computed is in
+traced functions alone.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +9,14 @@ from contextlib import contextmanager
 
 
 class Code:
-    """Body of one function. Values are names of 64-bit integers, truth values or pointers; numbers are plain int."""
+    """Body of one function. Values are names of 64-bit integers, truth values or pointers; numbers
+    are plain int.
+    """
 
     def __init__(self, name: str, given: list[str]) -> None:
         self.name, self.given = name, given
-        self.first: list[str] = []  # memory of counters, where the optimiser turns it into registers
+        # memory of counters, where the optimiser turns it into registers
+        self.first: list[str] = []
         self.lines: list[str] = []
         self.count = 0
 
@@ -93,7 +98,9 @@ class Code:
 
     @contextmanager
     def until(self) -> Iterator[list[str]]:
-        """A loop that ends after a round in which the truth value, that the body appends to the list, holds."""
+        """A loop that ends after a round in which the truth value, that the body appends to the
+        list, holds.
+        """
         body, done, ends = self.label(), self.label(), []
         self.go(body)
         self.begin(body)
@@ -103,5 +110,13 @@ class Code:
 
     def text(self) -> str:
         given = ", ".join(self.given)
-        return "\n".join((f'define void @"{self.name}"({given}) nounwind {{', "entry:", *self.first, *self.lines, "  ret void",
-                          "}"))
+        return "\n".join(
+            (
+                f'define void @"{self.name}"({given}) nounwind {{',
+                "entry:",
+                *self.first,
+                *self.lines,
+                "  ret void",
+                "}",
+            )
+        )

@@ -1,4 +1,6 @@
-"""Midside nodes in a program: the functions by which they are eliminated, element by element, and follow their ends."""
+"""Midside nodes in a program: the functions by which they are eliminated, element by element, and
+follow their ends.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,8 @@ from .layout import BETWEEN, ELEMENTS, INNER, MIDDLE, ONE, TWO, Layout
 from .node_kinds import SIDES
 
 BLOCKS = ("U", "L", "far_U", "far_L")  # of an element, beside those of its nodes
-FOLLOWING = ("own", "by_i", "by_j")  # what a midside node's move is made from, beside the moves of its element's ends
+# what a midside node's move is made from, beside the moves of its element's ends
+FOLLOWING = ("own", "by_i", "by_j")
 
 
 def to_nodes(names: Iterable[str]) -> list[str]:
@@ -18,13 +21,18 @@ def to_nodes(names: Iterable[str]) -> list[str]:
     return [name for name in names if name in BLOCKS or name.partition(".")[0] in SIDES[max(SIDES)]]
 
 
-def eliminating(condense: dict[str, Function], restore: Function, own: Packing, inner: Packing
-                ) -> tuple[dict[str, Function], Packing, dict[str, tuple[int, ...]]]:
-    """Functions of midside nodes by name, from those that eliminate them, which take fields of the midside node (own.) and of
-    the element (element.), and the one that restores them; what elements then give their ends, and the shapes of that.
+def eliminating(
+    condense: dict[str, Function], restore: Function, own: Packing, inner: Packing
+) -> tuple[dict[str, Function], Packing, dict[str, tuple[int, ...]]]:
+    """Functions of midside nodes by name, from those that eliminate them, which take fields of the
+    midside node (own.) and of the element (element.), and the one that restores them; what elements
+    then give their ends, and the shapes of that.
     """
     names = {f"element.{name}": name for name in inner.fields}
-    makers = [inner.taken(own.taken(one, {f"own.{name}": name for name in own.fields}), names) for one in condense.values()]
+    makers = [
+        inner.taken(own.taken(one, {f"own.{name}": name for name in own.fields}), names)
+        for one in condense.values()
+    ]
     between = Packing(BETWEEN, makers, to_nodes(makers[0].outputs))
     middle = Packing(MIDDLE, between.made(), FOLLOWING)
     functions = dict(zip(condense, middle.made(), strict=True))
@@ -34,6 +42,7 @@ def eliminating(condense: dict[str, Function], restore: Function, own: Packing, 
 
 def record(layout: Layout, functions: dict[str, Function], element: str) -> None:
     """Records of what elements give, by the function of that name, and of their midside nodes."""
+
     def size(function: str, field: str) -> list[tuple[str, int]]:
         return [(field, len(functions[function].outputs[field].nodes))]
 
@@ -45,5 +54,12 @@ def record(layout: Layout, functions: dict[str, Function], element: str) -> None
     layout.record("middle", ELEMENTS, size("condense", MIDDLE))
     for name in ("condense", "held condense"):
         if name in functions:
-            layout.record("at_middle", ONE, [(field, len(out.nodes)) for field, out in functions[name].outputs.items()
-                                             if field not in (BETWEEN, MIDDLE)])
+            layout.record(
+                "at_middle",
+                ONE,
+                [
+                    (field, len(out.nodes))
+                    for field, out in functions[name].outputs.items()
+                    if field not in (BETWEEN, MIDDLE)
+                ],
+            )

@@ -35,9 +35,10 @@ class NotCompiled(RuntimeError):
 
 
 class NativeProgram:
-    """kinds: that there are of nodes and elements; held: whether there are supports; key: of the structure, by which the
-    layout and the object code are kept on disk, so that another process need not trace; None = by the code's text alone.
-    traced: by a program of the same structure, see `Tracing`, for what users wrote may read other things than it did then.
+    """kinds: that there are of nodes and elements; held: whether there are supports; key: of the
+    structure, by which the layout and the object code are kept on disk, so that another process
+    need not trace; None = by the code's text alone. traced: by a program of the same structure, see
+    `Tracing`, for what users wrote may read other things than it did then.
 
     functions  by name, as the driver calls them
     w, k       numbers of a node's unknowns, and of an element's stress
@@ -47,11 +48,21 @@ class NativeProgram:
 
     driver: type[ChainCode]
 
-    def __init__(self, local: LocalFunctions, kinds: Kinds, held: bool, key: str | None = None, traced: Traced | None = None
-                 ) -> None:
+    def __init__(
+        self,
+        local: LocalFunctions,
+        kinds: Kinds,
+        held: bool,
+        key: str | None = None,
+        traced: Traced | None = None,
+    ) -> None:
         self.traced: Traced | None = {} if traced is None and key is None else traced
         self.kinds, self.held, self.dtype = kinds, held, local.model.length.dtype
-        self.state, self.element_state, self.sample_state = local.state, local.element_state, local.sample_state
+        self.state, self.element_state, self.sample_state = (
+            local.state,
+            local.element_state,
+            local.sample_state,
+        )
         self.key, self.seconds = key, 0.0
         self.order, self.sides = local.order, local.sides
         self.w, self.k = local.model.space.unknowns, local.order * local.model.space.dims.strain
@@ -63,7 +74,10 @@ class NativeProgram:
             if key is not None:
                 store_layout(key, layout)
         else:
-            self._untraced = replace(local, **{field.name: detached(getattr(local, field.name)) for field in fields(local)})
+            self._untraced = replace(
+                local,
+                **{field.name: detached(getattr(local, field.name)) for field in fields(local)},
+            )
         self.layout = layout
 
     @cached_property
@@ -86,19 +100,29 @@ class NativeProgram:
         raise NotImplementedError
 
     def run(self, lanes: int) -> Callable[[Any], None]:
-        """The native function for so many lanes: it takes an array of its arguments, see `ChainCode.ARGS`. Raises NotCompiled
-        where the compiler fails.
+        """The native function for so many lanes: it takes an array of its arguments, see
+        `ChainCode.ARGS`. Raises NotCompiled where the compiler fails.
         """
         if lanes not in self._libraries:
             begin = time.perf_counter()
             try:
-                library = Library(partial(self.text, lanes), ObjectCache(), None if self.key is None else f"{self.key} {lanes}")
+                library = Library(
+                    partial(self.text, lanes),
+                    ObjectCache(),
+                    None if self.key is None else f"{self.key} {lanes}",
+                )
             except Exception as error:
                 raise NotCompiled(f"{type(error).__name__}: {error}") from error
             function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(library.address("run"))
             self._libraries[lanes] = library, function
-            LOG.info("%s for %d sample(s) at once: traced in %.2f s, %s in %.2f s", type(self).__name__, lanes, self.seconds,
-                     "compiled" if library.compiled else "loaded", time.perf_counter() - begin)
+            LOG.info(
+                "%s for %d sample(s) at once: traced in %.2f s, %s in %.2f s",
+                type(self).__name__,
+                lanes,
+                self.seconds,
+                "compiled" if library.compiled else "loaded",
+                time.perf_counter() - begin,
+            )
         return self._libraries[lanes][1]
 
     def lanes(self) -> int:
@@ -110,12 +134,18 @@ class NativeProgram:
         module = Module(lanes, self.dtype)
         for name, function in self.functions.items():
             module.define(name, function, inline=function.operations() <= SMALL)
-        module.added.append(self.driver(module, self.functions, self.layout, self.kinds, self.held).text())
+        module.added.append(
+            self.driver(module, self.functions, self.layout, self.kinds, self.held).text()
+        )
         return module.text()
 
     def given(self, record: str) -> list[tuple[str, int]]:
         """(field, its number among the constants) of those that a record holds."""
-        return [(name, int(name.rpartition(".")[2])) for name in self.layout.records[record].fields if "." in name]
+        return [
+            (name, int(name.rpartition(".")[2]))
+            for name in self.layout.records[record].fields
+            if "." in name
+        ]
 
     def outputs(self, name: str, *fields: str) -> list[tuple[str, int]]:
         """(field, components) of a function's outputs, all or those of `fields` that it has."""
@@ -123,22 +153,39 @@ class NativeProgram:
         return [(field, sizes[field]) for field in fields or sizes if field in sizes]
 
     def largest(self, name: str, count: int, field: str) -> list[tuple[str, int]]:
-        """(field, components) of a record that takes this output of the functions "name 0", "name 1" ... of all kinds."""
-        return [(field, max(size for k in range(count) for _, size in self.outputs(f"{name} {k}", field)))]
+        """(field, components) of a record that takes this output of the functions "name 0", "name
+        1" ... of all kinds.
+        """
+        return [
+            (
+                field,
+                max(size for k in range(count) for _, size in self.outputs(f"{name} {k}", field)),
+            )
+        ]
 
-    def with_ends(self, nodes: list[Function], elements: list[Function], unknown: Iterable[str], common: Iterable[str]
-                  ) -> tuple[list[Function], list[Function]]:
-        """Functions of each kind of nodes and of elements, where what an element computes of one of its nodes alone is computed
-        by that node; see `share_ends`.
+    def with_ends(
+        self,
+        nodes: list[Function],
+        elements: list[Function],
+        unknown: Iterable[str],
+        common: Iterable[str],
+    ) -> tuple[list[Function], list[Function]]:
+        """Functions of each kind of nodes and of elements, where what an element computes of one of
+        its nodes alone is computed by that node; see `share_ends`.
         """
         sides = [dict(zip(self.sides, kind, strict=True)) for kind in self.kinds.elements]
         rests, ends = share_ends([*zip(elements, sides, strict=True)], unknown, common)
-        return [node.joined(ends[kind.end]) for node, kind in zip(nodes, self.kinds.nodes, strict=True)], rests
+        return [
+            node.joined(ends[kind.end]) for node, kind in zip(nodes, self.kinds.nodes, strict=True)
+        ], rests
 
     def constants(self, kind: str) -> list[tuple[str, int]]:
         """(field, components) of the constants of a kind that functions read."""
-        read = {without_side(field): prod(shape)
-                for function in self.functions.values() for field, shape in function.inputs.items()}
+        read = {
+            without_side(field): prod(shape)
+            for function in self.functions.values()
+            for field, shape in function.inputs.items()
+        }
         return sorted((name, size) for name, size in read.items() if name.startswith(f"{kind}."))
 
 

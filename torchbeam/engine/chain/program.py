@@ -1,4 +1,6 @@
-"""Program of a step: the functions of Newton's method on a chain; one for all scenes of a structure."""
+"""Program of a step: the functions of Newton's method on a chain; one for all scenes of a
+structure.
+"""
 
 from __future__ import annotations
 
@@ -21,20 +23,47 @@ from . import midsides
 from .adjoint import AdjointProgram
 from .disk_key import key_on_disk
 from .driver import SUMS, Driver
-from .layout import BETWEEN, ELEMENTS, ENDS, INNER, LAW, MOVES, NODES, ONE, OWN, SUPPORTS, TURNS, Layout
+from .layout import (
+    BETWEEN,
+    ELEMENTS,
+    ENDS,
+    INNER,
+    LAW,
+    MOVES,
+    NODES,
+    ONE,
+    OWN,
+    SUPPORTS,
+    TURNS,
+    Layout,
+)
 from .local_functions import LocalFunctions
 from .native import NativeProgram
 from .node_kinds import Kinds
 from .tracing import Tracing
 
-SAMPLE = ("over", "done", "before", "iterations", "status", "moving", "cosine", "good", "found_status", "last_status", "work")
+SAMPLE = (
+    "over",
+    "done",
+    "before",
+    "iterations",
+    "status",
+    "moving",
+    "cosine",
+    "good",
+    "found_status",
+    "last_status",
+    "work",
+)
 
 
 class ChainProgram(NativeProgram):
-    """Newton's method on a chain. Subclasses say what nodes do (`_of_nodes`), and add records of their own (`_layout`).
+    """Newton's method on a chain. Subclasses say what nodes do (`_of_nodes`), and add records of
+    their own (`_layout`).
 
-    unknown  fields that an iteration changes, of a node; varying: others that are not the same throughout a call;
-             numbers: those that stay, of a sample; judging: those of a sample by which it is judged
+    unknown  fields that an iteration changes, of a node; varying: others that are not the same
+             throughout a call; numbers: those that stay, of a sample; judging: those of a sample by
+             which it is judged
     """
 
     unknown: tuple[str, ...]
@@ -50,51 +79,82 @@ class ChainProgram(NativeProgram):
         w, functions = self.w, self._of_nodes(traced, local)
         nodes = [functions[f"node {k}"] for k in range(len(self.kinds.nodes))]
         own = Packing(OWN, nodes, nodes[0].outputs)
-        elements = [traced(partial(local.element, kind), traced.element | {name: () for name in self.varying})
-                    for kind in self.kinds.elements]
+        elements = [
+            traced(
+                partial(local.element, kind), traced.element | {name: () for name in self.varying}
+            )
+            for kind in self.kinds.elements
+        ]
         shapes = {name: out.shape for name, out in elements[0].outputs.items()}
-        between = Packing(BETWEEN if self.order == 1 else INNER, elements, midsides.to_nodes(shapes))
+        between = Packing(
+            BETWEEN if self.order == 1 else INNER, elements, midsides.to_nodes(shapes)
+        )
         law = Packing(LAW, between.made(), ("gap", "E"))
         elements = [one.only(name for name in one.outputs if name != "hB") for one in law.made()]
         self._iterated(functions, own.made(), elements, traced)
 
         moves = {f"{side}.move": (w,) for side in self.sides}
-        stress = traced(local.stress, {**traced.element, **{name: shapes[name] for name in law.fields}, **moves})
+        stress = traced(
+            local.stress, {**traced.element, **{name: shapes[name] for name in law.fields}, **moves}
+        )
         functions["stress"] = law.taken(stress, {name: name for name in law.fields})
         given = {f"own.{name}": out.shape for name, out in nodes[0].outputs.items()}
         if self.order == 2:
             inner = given | {f"element.{name}": shapes[name] for name in between.fields}
             condense = {"condense": traced(partial(local.condense, False), inner)}
             if self.held:
-                condense["held condense"] = traced(partial(local.condense, True), inner | {"free": (w,)})
-            restore = traced(local.restore, {"own": (w,), "by_i": (w, w), "by_j": (w, w), "before": (w,), "after": (w,)})
+                condense["held condense"] = traced(
+                    partial(local.condense, True), inner | {"free": (w,)}
+                )
+            restore = traced(
+                local.restore,
+                {"own": (w,), "by_i": (w, w), "by_j": (w, w), "before": (w,), "after": (w,)},
+            )
             more, between, shapes = midsides.eliminating(condense, restore, own, between)
             functions |= more
         row = dict(given)
         sides = {
-            f"{side}.{name.removeprefix(f'{end}.')}": name for side, end, block in (("left", "j", "L"), ("right", "i", "U"))
-            for name in between.fields if name.startswith(f"{end}.") or name == block}
+            f"{side}.{name.removeprefix(f'{end}.')}": name
+            for side, end, block in (("left", "j", "L"), ("right", "i", "U"))
+            for name in between.fields
+            if name.startswith(f"{end}.") or name == block
+        }
         row |= {called: shapes[name] for called, name in sides.items()}
         row |= {"ahead": (w, w), "y": (w,)}
 
         def packed(function: Function) -> Function:
-            return between.taken(own.taken(function, {f"own.{name}": name for name in own.fields}), sides)
+            return between.taken(
+                own.taken(function, {f"own.{name}": name for name in own.fields}), sides
+            )
 
         functions["row"] = packed(traced(partial(local.row, False), row))
         functions["back"] = traced(local.back, {"ahead": (w, w), "y": (w,), "next": (w,)})
         if self.held:
             free = {f"free_{name}": (w,) for name in ("before", "here", "after")}
             functions["held row"] = packed(traced(partial(local.row, True), row | free))
-            functions["reaction"] = traced(local.reaction, {
-                "rows": (w, 3 * w), **{name: (w,) for name in ("asked", "free", "before", "here", "after")}})
+            functions["reaction"] = traced(
+                local.reaction,
+                {
+                    "rows": (w, 3 * w),
+                    **{name: (w,) for name in ("asked", "free", "before", "here", "after")},
+                },
+            )
         functions["judge"] = traced(local.judge, dict.fromkeys(self.judging, ()))
         return functions
 
-    def _iterated(self, functions: dict[str, Function], nodes: list[Function], elements: list[Function], traced: Tracing) -> None:
-        """What each iteration computes of nodes and elements: what is of one of an element's nodes alone is computed there, and
-        before the iterations what does not depend on the unknowns.
+    def _iterated(
+        self,
+        functions: dict[str, Function],
+        nodes: list[Function],
+        elements: list[Function],
+        traced: Tracing,
+    ) -> None:
+        """What each iteration computes of nodes and elements: what is of one of an element's nodes
+        alone is computed there, and before the iterations what does not depend on the unknowns.
         """
-        nodes, elements = self.with_ends(nodes, elements, self.unknown, (*traced.constants["common"], *self.varying))
+        nodes, elements = self.with_ends(
+            nodes, elements, self.unknown, (*traced.constants["common"], *self.varying)
+        )
         for k, one in enumerate(nodes):
             _split(functions, f"node {k}", one, (*self.unknown, *self.varying))
         changing = [f"{side}.{name}" for side in self.sides for name in (*self.unknown, END)]
@@ -106,18 +166,28 @@ class ChainProgram(NativeProgram):
         layout, row = Layout(), "held row" if self.held else "row"
         layout.record("node", NODES, inputs("node"))
         layout.record("element", ELEMENTS, inputs("element"))
-        layout.record("common", ONE, [*inputs("common"), *((name, 1) for name in (*self.numbers, *self.varying))])
+        layout.record(
+            "common",
+            ONE,
+            [*inputs("common"), *((name, 1) for name in (*self.numbers, *self.varying))],
+        )
         layout.record("unknown", NODES, outputs("update 0"))
         for name in ("stress", "start_stress"):
             layout.record(name, ELEMENTS, [("stress", k)])
-        for name, rows, kinds in zip(("before node", "before element"), (NODES, ELEMENTS), self.kinds, strict=True):
+        for name, rows, kinds in zip(
+            ("before node", "before element"), (NODES, ELEMENTS), self.kinds, strict=True
+        ):
             layout.record(name, rows, self.largest(name, len(kinds), HOISTED))
         layout.record("at_node", TURNS, outputs("node 0", OWN))
         layout.record("at_end", TURNS, self.largest("node", len(self.kinds.nodes), END))
-        layout.record("at_element", ONE, outputs("element 0", "force", "moment", "strain", "left_strain"))
+        layout.record(
+            "at_element", ONE, outputs("element 0", "force", "moment", "strain", "left_strain")
+        )
         midsides.record(layout, self.functions, "element 0")
         layout.record("row", ENDS, outputs(row, "ahead", "y"))
-        layout.record("at_row", ONE, [output for output in outputs(row) if output[0] not in ("ahead", "y")])
+        layout.record(
+            "at_row", ONE, [output for output in outputs(row) if output[0] not in ("ahead", "y")]
+        )
         layout.record("strain_law", ELEMENTS, outputs("element 0", LAW))
         layout.record("move", MOVES, [("move", w)])
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w))])
@@ -126,8 +196,15 @@ class ChainProgram(NativeProgram):
         layout.record("sums", ONE, [(name, 1) for name in SUMS])
         if self.held:
             layout.record("free", NODES, [("free", w)])
-            layout.record("support", SUPPORTS, [*inputs("support"), *outputs(row, "rows", "asked"), *((name, w) for name in (
-                "reaction", "found", "last"))])
+            layout.record(
+                "support",
+                SUPPORTS,
+                [
+                    *inputs("support"),
+                    *outputs(row, "rows", "asked"),
+                    *((name, w) for name in ("reaction", "found", "last")),
+                ],
+            )
         return layout
 
 
@@ -137,7 +214,9 @@ class StepProgram(ChainProgram):
     driver = Driver
     unknown = "u", "m"
 
-    def __init__(self, local: LocalFunctions, kinds: Kinds, held: bool, key: str | None = None) -> None:
+    def __init__(
+        self, local: LocalFunctions, kinds: Kinds, held: bool, key: str | None = None
+    ) -> None:
         super().__init__(local, kinds, held, key)
         self.adjoints: dict[frozenset[str], AdjointProgram] = {}
 
@@ -151,14 +230,20 @@ class StepProgram(ChainProgram):
             functions[f"update {k}"] = traced(partial(local.update, kind), {**node, "move": (w,)})
             functions[f"finish {k}"] = traced(partial(local.finish, kind), node)
         if "kinetic" in local.element_ends:
-            functions["project"] = traced(local.project, dict.fromkeys(("defect", "kinetic", "rise"), ()))
+            functions["project"] = traced(
+                local.project, dict.fromkeys(("defect", "kinetic", "rise"), ())
+            )
             shapes = {name: self.shapes[name] for name in ("velocity", "spin")}
             functions["scaled"] = traced(local.scaled, shapes | {"scale": ()})
         if local.element_ends:
             for k, kind in enumerate(self.kinds.elements):
-                functions[f"finish element {k}"] = traced(partial(local.finish_element, kind), traced.element)
-        functions["outcome"] = traced(local.outcome, {name: () for name in (
-            "moving", "done", "status", "before", "cosine", "least")})
+                functions[f"finish element {k}"] = traced(
+                    partial(local.finish_element, kind), traced.element
+                )
+        functions["outcome"] = traced(
+            local.outcome,
+            {name: () for name in ("moving", "done", "status", "before", "cosine", "least")},
+        )
         return functions
 
     def _layout(self) -> Layout:
@@ -169,7 +254,9 @@ class StepProgram(ChainProgram):
         if "finish element 0" in self.functions:
             layout.record("change", ONE, self.outputs("finish element 0"))
         if self.element_state:
-            layout.record("element_state", ELEMENTS, self.outputs("finish element 0", *self.element_state))
+            layout.record(
+                "element_state", ELEMENTS, self.outputs("finish element 0", *self.element_state)
+            )
         layout.record("sample", ONE, [(name, 1) for name in SAMPLE])
         if "project" in self.functions:
             layout.record("energy", ONE, [(name, 1) for name in ("kinetic", "rise", "scale")])
@@ -178,7 +265,9 @@ class StepProgram(ChainProgram):
         return layout
 
 
-def _split(functions: dict[str, Function], name: str, function: Function, unknown: tuple[str, ...]) -> None:
+def _split(
+    functions: dict[str, Function], name: str, function: Function, unknown: tuple[str, ...]
+) -> None:
     """The function in two, of which the first does not depend on the unknowns."""
     before, rest = split(function, [field for field in function.inputs if field not in unknown])
     functions[f"before {name}"], functions[name] = before.only(before.outputs), rest
@@ -189,10 +278,16 @@ NOTHING = Surroundings()
 KEPT = 64  # of them; the one that was not asked for for longest goes first
 
 
-def program_of(local: LocalFunctions, kinds: Kinds, held: bool, around: Surroundings | None = NOTHING,
-               made: type[ChainProgram] = StepProgram) -> ChainProgram:
-    """The program of a structure, that of an earlier scene if there was one. kinds: of all nodes and elements; around: what
-    users' functions read, which is part of it; None = that is not known, and the program one of its own.
+def program_of(
+    local: LocalFunctions,
+    kinds: Kinds,
+    held: bool,
+    around: Surroundings | None = NOTHING,
+    made: type[ChainProgram] = StepProgram,
+) -> ChainProgram:
+    """The program of a structure, that of an earlier scene if there was one. kinds: of all nodes
+    and elements; around: what users' functions read, which is part of it; None = that is not known,
+    and the program one of its own.
     """
     kinds = kinds.distinct()
     if around is None:
@@ -200,40 +295,64 @@ def program_of(local: LocalFunctions, kinds: Kinds, held: bool, around: Surround
     key = made, around.key, *structure(local, kinds, held)
     entry = PROGRAMS.pop(key, None)  # other threads may ask too: at worst two of them make it
     if entry is None:
-        entry = made(local, kinds, held, key_on_disk(key)), around  # which keeps what its key is made of
-        for oldest in [*PROGRAMS][:max(0, len(PROGRAMS) + 1 - KEPT)]:
+        # which keeps what its key is made of
+        entry = made(local, kinds, held, key_on_disk(key)), around
+        for oldest in [*PROGRAMS][: max(0, len(PROGRAMS) + 1 - KEPT)]:
             PROGRAMS.pop(oldest, None)
     PROGRAMS[key] = entry
     return entry[0]
 
 
-def adjoint_of(program: StepProgram, local: LocalFunctions, wanted: frozenset[str]) -> AdjointProgram:
-    """The adjoint of a program, for these constants: of what users' functions were when it was made."""
+def adjoint_of(
+    program: StepProgram, local: LocalFunctions, wanted: frozenset[str]
+) -> AdjointProgram:
+    """The adjoint of a program, for these constants: of what users' functions were when it was
+    made.
+    """
     if wanted not in program.adjoints:
         key = None if program.key is None else key_of(program.key, *sorted(wanted))
-        program.adjoints[wanted] = AdjointProgram(local, program.kinds, program.held, wanted, key, program.traced)
+        program.adjoints[wanted] = AdjointProgram(
+            local, program.kinds, program.held, wanted, key, program.traced
+        )
     return program.adjoints[wanted]
 
 
 def structure(local: LocalFunctions, kinds: Kinds, held: bool) -> tuple:
-    """What the program of a step depends on; never the values of tensors, nor how many elements there are."""
+    """What the program of a step depends on; never the values of tensors, nor how many elements
+    there are.
+    """
     model = local.model
     space = model.space
     plane = (space.name, space.section_axes) if isinstance(space, Planar) else None
     trees = (local.nodes, 1), (local.elements, 1), (local.common, 0), (local.supports, 1)
-    return (type(local), local.options, type(space), plane, model.length.dtype, model.scene.beam.offset,
-            bool(model.scene.loads), kinds, held, *(_static(_shapes(tree, rows)) for tree, rows in trees))
+    return (
+        type(local),
+        local.options,
+        type(space),
+        plane,
+        model.length.dtype,
+        model.scene.beam.offset,
+        bool(model.scene.loads),
+        kinds,
+        held,
+        *(_static(_shapes(tree, rows)) for tree, rows in trees),
+    )
 
 
 def _shapes(tree: Any, rows: int) -> Any:
-    return map_leaves(lambda x, axes: x.shape[x.ndim - axes + rows:] if isinstance(x, Tensor) else x, tree)
+    return map_leaves(
+        lambda x, axes: x.shape[x.ndim - axes + rows :] if isinstance(x, Tensor) else x, tree
+    )
 
 
 def _static(x: Any) -> Any:
     """What a tree holds, as something that can be a key."""
     if isinstance(x, Tree):
-        return type(x), tuple((name, value is None if name == "node" else _static(value)) for name, value in vars(x).items()
-                              if not cache_of(x, name))
+        return type(x), tuple(
+            (name, value is None if name == "node" else _static(value))
+            for name, value in vars(x).items()
+            if not cache_of(x, name)
+        )
     if isinstance(x, dict):
         return tuple((name, _static(value)) for name, value in x.items())
     if isinstance(x, FunctionType):

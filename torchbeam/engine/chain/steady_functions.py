@@ -1,7 +1,8 @@
-"""Local functions of load stepping: what one node and one element do in an equilibrium, and the rules of a sample.
+"""Local functions of load stepping: what one node and one element do in an equilibrium, and the
+rules of a sample.
 
-They are those of a step where nothing moves: `SteadyProblem` in the place of `MidpointProblem`. Unknowns of a node are its
-position and rotation; the load factor is a field of the sample.
+They are those of a step where nothing moves: `SteadyProblem` in the place of `MidpointProblem`.
+Unknowns of a node are its position and rotation; the load factor is a field of the sample.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from .local_functions import LocalFunctions
 from .local_problem import Fields, Given
 from .node_kinds import NodeKind
 
-POSE = {"position": 3, "frame": 4, "displacement": 3, "turn": 3}  # fields of a support's node, and their sizes
+# fields of a support's node, and their sizes
+POSE = {"position": 3, "frame": 4, "displacement": 3, "turn": 3}
 
 
 @dataclass(frozen=True)
@@ -48,26 +50,33 @@ class SteadyFunctions(LocalFunctions):
     def loaded(self) -> bool:
         return True  # of which inertia is a part
 
-    def _solved(self, rows: Rows, common: Common, given: Fields, now: Conditions, C: Tensor | None
-                ) -> tuple[LocalSteadyProblem, Configuration]:
+    def _solved(
+        self, rows: Rows, common: Common, given: Fields, now: Conditions, C: Tensor | None
+    ) -> tuple[LocalSteadyProblem, Configuration]:
         x = Configuration(given["position"], given["rotation"], given["stress"])
         load_factor = given.get("load_factor", common.t.new_ones(()))  # a move asks for none
-        return LocalSteadyProblem(rows, common.t, common.inputs, load_factor, given=now, stiffness=C), x
+        return LocalSteadyProblem(
+            rows, common.t, common.inputs, load_factor, given=now, stiffness=C
+        ), x
 
     def place(self, kind: NodeKind, load_factor: Tensor, **fields: Tensor) -> Fields:
-        """Position and rotation of a support's node where it has to be; of the node undeformed `pose.position` and
-        `pose.frame`, and by all of the load `pose.displacement` and `pose.turn`.
+        """Position and rotation of a support's node where it has to be; of the node undeformed
+        `pose.position` and `pose.frame`, and by all of the load `pose.displacement` and
+        `pose.turn`.
         """
         problem, x = self.of_node(fields, kind)
         space, (slides, turns) = problem.model.space.of_nodes(0), kind.placed.displaced
         still = fields["pose.position"], fields["pose.frame"]
-        displacement, turn = fields["pose.displacement"] if slides else None, fields["pose.turn"] if turns else None
+        displacement = fields["pose.displacement"] if slides else None
+        turn = fields["pose.turn"] if turns else None
         pose = moved(*still, displacement, turn, load_factor)
         fixed = x.position.new_tensor(kind.placed.fixed)
         position, rotation = placed(space, fixed, pose, x.position[0], x.rotation[0])
         rotation = x.rotation[0] if rotation is None else rotation
         if kind.placed.hinge is not None:
-            rotation = space.hinged(rotation, space.pose(*still)[1], fixed.new_tensor(kind.placed.hinge))
+            rotation = space.hinged(
+                rotation, space.pose(*still)[1], fixed.new_tensor(kind.placed.hinge)
+            )
         return {"position": position, "rotation": rotation}
 
     def cosine(self, before: Tensor, rotation: Tensor) -> Fields:
@@ -77,14 +86,16 @@ class SteadyFunctions(LocalFunctions):
 
     def turn(self, move: Tensor) -> Fields:
         """Angle by which a move (w) turns a node."""
-        return {"turn": torch.linalg.vector_norm(move[self.model.space.dims.position:])}
+        return {"turn": torch.linalg.vector_norm(move[self.model.space.dims.position :])}
 
     def terms(self, load: Tensor | None, inertia: Tensor | None) -> list[Tensor]:
         """Loads less all inertia, of which `inertia` is what neighbours share."""
         return [load if inertia is None else load - inertia]
 
     def pivot(self, block: Tensor) -> Fields:
-        """Whether a pivot block of the elimination is not positive definite (1 or 0), by those of its own elimination."""
+        """Whether a pivot block of the elimination is not positive definite (1 or 0), by those of
+        its own elimination.
+        """
         block, least = block + block.mT, None
         while len(block):
             first = block[0, 0]
@@ -94,9 +105,18 @@ class SteadyFunctions(LocalFunctions):
 
     # Rules of a sample
 
-    def judge(self, whole: Tensor, force: Tensor, moment: Tensor, least_force: Tensor, least_moment: Tensor, **fields: Tensor
-              ) -> Fields:
-        """See `LocalFunctions.judge`; where it is all of the load, nothing is foreseen. The least: see `rounding_stress`."""
+    def judge(
+        self,
+        whole: Tensor,
+        force: Tensor,
+        moment: Tensor,
+        least_force: Tensor,
+        least_moment: Tensor,
+        **fields: Tensor,
+    ) -> Fields:
+        """See `LocalFunctions.judge`; where it is all of the load, nothing is foreseen. The least:
+        see `rounding_stress`.
+        """
         force, moment = torch.maximum(force, least_force), torch.maximum(moment, least_moment)
         return super().judge(force, moment, **fields, foresee=whole == 0)
 
@@ -105,16 +125,34 @@ class SteadyFunctions(LocalFunctions):
         return {"step": load_steps.first_step(turn)}
 
     def shares(self, reached: Tensor, step: Tensor, last_status: Tensor) -> Fields:
-        """See `load_steps`; over, done: of samples that are not on their way; whole: whether it is all of the load."""
+        """See `load_steps`; over, done: of samples that are not on their way; whole: whether it is
+        all of the load.
+        """
         climbing, share = load_steps.shares(reached, step, last_status)
         resting = (~climbing).to(share)
-        return {"climbing": climbing.to(share), "load_factor": share, "over": resting, "done": resting,
-                "whole": (share >= 1).to(share)}
+        return {
+            "climbing": climbing.to(share),
+            "load_factor": share,
+            "over": resting,
+            "done": resting,
+            "whole": (share >= 1).to(share),
+        }
 
-    def advanced(self, climbing: Tensor, load_factor: Tensor, reached: Tensor, step: Tensor, last_status: Tensor, done: Tensor,
-                 status: Tensor, cosine: Tensor, iterations: Tensor) -> Fields:
+    def advanced(
+        self,
+        climbing: Tensor,
+        load_factor: Tensor,
+        reached: Tensor,
+        step: Tensor,
+        last_status: Tensor,
+        done: Tensor,
+        status: Tensor,
+        cosine: Tensor,
+        iterations: Tensor,
+    ) -> Fields:
         """See `load_steps`; status: of the samples for which Newton's method is not done."""
         status_after = torch.where(done != 0, float(SUCCESS), status)
-        good, reached, step, status = load_steps.advanced(climbing != 0, load_factor, reached, step, last_status, status_after, cosine,
-                                                          iterations)
+        good, reached, step, status = load_steps.advanced(
+            climbing != 0, load_factor, reached, step, last_status, status_after, cosine, iterations
+        )
         return {"good": good.to(step), "reached": reached, "step": step, "last_status": status}

@@ -1,4 +1,6 @@
-"""Step structure: what native steps of scenes of one structure have in common, whatever the values of their tensors are."""
+"""Step structure: what native steps of scenes of one structure have in common, whatever the values
+of their tensors are.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ STRUCTURES = 64  # likewise
 
 
 class Form(NamedTuple):
-    """Calls with tensors of the same shapes and strides: the call, tensors like those that it makes, calls of the adjoint."""
+    """Calls with tensors of the same shapes and strides: the call, tensors like those that it
+    makes, calls of the adjoint.
+    """
 
     call: Call
     made: list[Tensor]
@@ -35,75 +39,148 @@ class Form(NamedTuple):
 
 
 class StepStructure:
-    """Of the trees of a model's constants, which `values` by name are in, each a tensor of its own: those of a step, the other
-    fields hold for all steps. asks: whether values are evaluated at a time in torch.
+    """Of the trees of a model's constants, which `values` by name are in, each a tensor of its own:
+    those of a step, the other fields hold for all steps. asks: whether values are evaluated at a
+    time in torch.
     """
 
-    def __init__(self, program: StepProgram, model: Model, kinds: Kinds, trees: Trees, values: dict[str, Tensor], asks: bool
-                 ) -> None:
+    def __init__(
+        self,
+        program: StepProgram,
+        model: Model,
+        kinds: Kinds,
+        trees: Trees,
+        values: dict[str, Tensor],
+        asks: bool,
+    ) -> None:
         self.program, self.kinds, self.chain = program, kinds, Chain(program, model, kinds)
         self.state = state_fields(program)
         self.axes = {name: 0 if name in program.sample_state else 2 for name in self.state}
         names = {id(x): name for name, x in values.items()}
         fields = [*constant_fields(trees)]
-        # axes that functions of t may bring along; one at least, so that none of theirs is taken for that of steps
+        # axes that functions of t may bring along; one at least, so that none of theirs is taken
+        # for that of steps
         self.dims = max(1, *(field.value.ndim - field.axes for field in fields))
         self.values, self.places = tuple(values), [names.get(id(field.value)) for field in fields]
-        self.changing = [(field._replace(value=None), name) for field, name in zip(fields, self.places, strict=True)
-                         if name is not None]
-        self.takes_time = asks or any(self.chain.has(one.record, one.name) for one, name in self.changing if name == "t")
+        self.changing = [
+            (field._replace(value=None), name)
+            for field, name in zip(fields, self.places, strict=True)
+            if name is not None
+        ]
+        self.takes_time = asks or any(
+            self.chain.has(one.record, one.name) for one, name in self.changing if name == "t"
+        )
         self.forms: dict[Any, Form] = {}
         self.adjoints: dict[frozenset[str], Chain] = {}
 
     def constant(self, trees: Trees) -> list[Field]:
         """The fields of a model's trees that hold for all steps."""
-        return [constant_field for constant_field, name in zip(constant_fields(trees), self.places, strict=True) if name is None]
+        return [
+            constant_field
+            for constant_field, name in zip(constant_fields(trees), self.places, strict=True)
+            if name is None
+        ]
 
-    def adjoint(self, names: frozenset[str], model: Model, program: Callable[[], AdjointProgram]) -> Chain:
+    def adjoint(
+        self, names: frozenset[str], model: Model, program: Callable[[], AdjointProgram]
+    ) -> Chain:
         """Of the cotangents of constants of these names."""
         if names not in self.adjoints:
             self.adjoints[names] = Chain(program(), model, self.kinds)
         return self.adjoints[names]
 
-    def form(self, tensors: list[Tensor], constants: list[Field], K: int | None, dims: int, options: tuple[Any, ...]) -> Form:
-        """Of K steps with such tensors: those that change, `exact`, `moving`, and the state's; constants: values of `constant`,
-        and the lengths. dims: axes of the samples.
+    def form(
+        self,
+        tensors: list[Tensor],
+        constants: list[Field],
+        K: int | None,
+        dims: int,
+        options: tuple[Any, ...],
+    ) -> Form:
+        """Of K steps with such tensors: those that change, `exact`, `moving`, and the state's;
+        constants: values of `constant`, and the lengths. dims: axes of the samples.
         """
-        key = K, dims, options, *[(x.shape, x.stride(), x.dtype) for x in (*tensors, *(constant.value for constant in constants))]
+        key = (
+            K,
+            dims,
+            options,
+            *[
+                (x.shape, x.stride(), x.dtype)
+                for x in (*tensors, *(constant.value for constant in constants))
+            ],
+        )
         found = self.forms.get(key)
         if found is None:
-            for oldest in [*self.forms][:max(0, len(self.forms) + 1 - FORMS)]:
+            for oldest in [*self.forms][: max(0, len(self.forms) + 1 - FORMS)]:
                 self.forms.pop(oldest, None)
             found = self.forms[key] = self._form(tensors, constants, K, dims, *options)
         return found
 
     @torch.no_grad()
-    def _form(self, tensors: list[Tensor], constants: list[Field], K: int | None, dims: int, tolerance: float, least: float,
-              lanes: int | None, every: int) -> Form:
-        *given, exact, moving = tensors[:-len(self.state)]
-        state = dict(zip(self.state, tensors[-len(self.state):], strict=True))
+    def _form(
+        self,
+        tensors: list[Tensor],
+        constants: list[Field],
+        K: int | None,
+        dims: int,
+        tolerance: float,
+        least: float,
+        lanes: int | None,
+        every: int,
+    ) -> Form:
+        *given, exact, moving = tensors[: -len(self.state)]
+        state = dict(zip(self.state, tensors[-len(self.state) :], strict=True))
         if any(x.device.type != "cpu" for x in tensors):
             device = next(x.device for x in tensors if x.device.type != "cpu")
-            raise ValueError(f"a state, or an active, on {device} meets a scene on the CPU; one device is wanted")
+            raise ValueError(
+                f"a state, or an active, on {device} meets a scene on the CPU; one device is wanted"
+            )
         changing = [one._replace(value=x) for (one, _), x in zip(self.changing, given, strict=True)]
         none = torch.zeros((), dtype=self.chain.dtype)
-        numbers = {"tolerance": torch.full_like(none, tolerance), "least": torch.full_like(none, least)}
-        fields = [*changing, Field("common", "exact", exact, 0), Field("sample", "moving", moving, 0),
-                  *(Field(*self.state[name], x, self.axes[name]) for name, x in state.items()), *constants,
-                  *(Field("common", name, x, 0) for name, x in numbers.items()),
-                  Field("free", "free", self.chain.free, 2), Field("sample", "last_status", none, 0)]
-        leads = [field.value.shape[:field.value.ndim - field.axes] for field in fields if field.record != "free"]
-        batch = broadcast_shapes(*(lead if K is None else lead[len(lead) > dims:] for lead in leads))
+        numbers = {
+            "tolerance": torch.full_like(none, tolerance),
+            "least": torch.full_like(none, least),
+        }
+        fields = [
+            *changing,
+            Field("common", "exact", exact, 0),
+            Field("sample", "moving", moving, 0),
+            *(Field(*self.state[name], x, self.axes[name]) for name, x in state.items()),
+            *constants,
+            *(Field("common", name, x, 0) for name, x in numbers.items()),
+            Field("free", "free", self.chain.free, 2),
+            Field("sample", "last_status", none, 0),
+        ]
+        leads = [
+            field.value.shape[: field.value.ndim - field.axes]
+            for field in fields
+            if field.record != "free"
+        ]
+        batch = broadcast_shapes(
+            *(lead if K is None else lead[len(lead) > dims :] for lead in leads)
+        )
         call = Call(self.chain, batch, K or 1, lanes)
         axes, own = moving.ndim or state["work"].ndim, batch
-        if K is not None and batch[:dims - axes].numel() == 1:
-            own = batch[dims - axes:]
-        parts = [*((x.shape[x.ndim - self.axes[name]:], every) for name, x in state.items()), *[((), 1)] * len(NUMBERS)]
-        outputs = [Field(*place, call.empty(*part, steps=K is not None), len(part), flat=True, every=each)
-                   for place, (part, each) in zip((self.state | NUMBERS).values(), parts, strict=True)]
-        call.bound({"inputs": len(tensors), "outputs": len(outputs)}, {"inputs": len(constants)}, inputs=fields,
-                   outputs=outputs)
-        made = [like((*(() if K is None else (K // each,)), *own, *part), self.chain.dtype) for part, each in parts]
+        if K is not None and batch[: dims - axes].numel() == 1:
+            own = batch[dims - axes :]
+        parts = [
+            *((x.shape[x.ndim - self.axes[name] :], every) for name, x in state.items()),
+            *[((), 1)] * len(NUMBERS),
+        ]
+        outputs = [
+            Field(*place, call.empty(*part, steps=K is not None), len(part), flat=True, every=each)
+            for place, (part, each) in zip((self.state | NUMBERS).values(), parts, strict=True)
+        ]
+        call.bound(
+            {"inputs": len(tensors), "outputs": len(outputs)},
+            {"inputs": len(constants)},
+            inputs=fields,
+            outputs=outputs,
+        )
+        made = [
+            like((*(() if K is None else (K // each,)), *own, *part), self.chain.dtype)
+            for part, each in parts
+        ]
         return Form(call, made, {})
 
 
@@ -111,14 +188,22 @@ _STRUCTURES: dict[Hashable, StepStructure] = {}
 
 
 def key_of(model: Model, *options: Any) -> Hashable | None:
-    """What the structure of a model's steps with these options follows from, without a look at its trees; None where it takes
-    one: a function, or an effect of a user's own, is asked for what it gives.
+    """What the structure of a model's steps with these options follows from, without a look at its
+    trees; None where it takes one: a function, or an effect of a user's own, is asked for what it
+    gives.
     """
     scene, space = model.scene, model.space
     if scene.numbers is None or not isinstance(model.topology, ChainTopology):
         return None
     plane = space.section_axes if isinstance(space, Planar) else None
-    key = structure_of(scene, []), type(space), plane, type(model.inertia.translational), model.topology, options
+    key = (
+        structure_of(scene, []),
+        type(space),
+        plane,
+        type(model.inertia.translational),
+        model.topology,
+        options,
+    )
     try:
         hash(key)
     except TypeError:
@@ -129,13 +214,15 @@ def key_of(model: Model, *options: Any) -> Hashable | None:
 def known_structure(key: Hashable | None) -> StepStructure | None:
     """As long as its program is kept."""
     found = _STRUCTURES.get(key)
-    kept = found is not None and any(program is found.program for program, _ in programs.PROGRAMS.values())
+    kept = found is not None and any(
+        program is found.program for program, _ in programs.PROGRAMS.values()
+    )
     return found if kept else None
 
 
 def keep_structure(key: Hashable | None, structure: StepStructure) -> None:
     if key is not None:
         _STRUCTURES.pop(key, None)
-        for oldest in [*_STRUCTURES][:max(0, len(_STRUCTURES) + 1 - STRUCTURES)]:
+        for oldest in [*_STRUCTURES][: max(0, len(_STRUCTURES) + 1 - STRUCTURES)]:
             _STRUCTURES.pop(oldest, None)
         _STRUCTURES[key] = structure

@@ -20,9 +20,10 @@ OF_LOADS = ("node", "finish")  # functions that ask loads, and so what users wro
 
 
 class Tracing:
-    """shapes: of the states' and unknowns' fields; constants: of a node's, an element's, the common and a support's ones; node,
-    element: all that a function of a node, or of an element, may read; known: functions of `OF_LOADS` that were traced before,
-    and are not traced again, to which those that are traced now are added; None = none are to be known.
+    """shapes: of the states' and unknowns' fields; constants: of a node's, an element's, the common
+    and a support's ones; node, element: all that a function of a node, or of an element, may read;
+    known: functions of `OF_LOADS` that were traced before, and are not traced again, to which those
+    that are traced now are added; None = none are to be known.
     """
 
     def __init__(self, local: LocalFunctions, known: Traced | None = None) -> None:
@@ -30,27 +31,55 @@ class Tracing:
         space = local.model.space
         p, s, k = space.dims.position, space.dims.spin, space.dims.strain
         q = space.identity(self.like.new_zeros(p)).shape[-1]
-        self.shapes: Shapes = {"position": (p,), "rotation": (q,), "velocity": (p,), "spin": (s,), "u": (p,), "m": (q,),
-                               "stress": (local.order, k)}
+        self.shapes: Shapes = {
+            "position": (p,),
+            "rotation": (q,),
+            "velocity": (p,),
+            "spin": (s,),
+            "u": (p,),
+            "m": (q,),
+            "stress": (local.order, k),
+        }
         if INTERNAL in local.state:
             self.shapes[INTERNAL] = (sum(local.internal),)
         self.shapes |= {"acceleration": (2 * (p + s),), "straining": (local.order, 2 * k)}
-        trees = ("node", local.nodes, 1), ("common", local.common, 0), ("support", local.supports, 1)
-        self.constants = {kind: {f"{kind}.{i}": tuple(x.shape[x.ndim - axes + rows:])
-                                 for i, (x, axes) in enumerate(flattened(tree))} for kind, tree, rows in trees}
+        trees = (
+            ("node", local.nodes, 1),
+            ("common", local.common, 0),
+            ("support", local.supports, 1),
+        )
+        self.constants = {
+            kind: {
+                f"{kind}.{i}": tuple(x.shape[x.ndim - axes + rows :])
+                for i, (x, axes) in enumerate(flattened(tree))
+            }
+            for kind, tree, rows in trees
+        }
         elements = zip(flattened(local.elements), local.element_rows, strict=True)
-        self.constants["element"] = {f"element.{i}": (rows, *x.shape[x.ndim - axes + 1:])
-                                     for i, ((x, axes), rows) in enumerate(elements)}
-        own = {**self.constants["node"], **{name: self.shapes[name] for name in (*local.state, "u", "m")},
-               **self.constants["support"]}
+        self.constants["element"] = {
+            f"element.{i}": (rows, *x.shape[x.ndim - axes + 1 :])
+            for i, ((x, axes), rows) in enumerate(elements)
+        }
+        own = {
+            **self.constants["node"],
+            **{name: self.shapes[name] for name in (*local.state, "u", "m")},
+            **self.constants["support"],
+        }
         support = {"found": (p + s,), "last": (p + s,)} if local.supports is not None else {}
         self.node = {**own, **self.constants["common"], **support}
-        self.element = {**self.constants["element"], **self.constants["common"],
-                        **{name: self.shapes[name] for name in ("stress", *local.element_state)},
-                        **{f"{side}.{name}": shape for side in local.sides for name, shape in own.items()}}
+        self.element = {
+            **self.constants["element"],
+            **self.constants["common"],
+            **{name: self.shapes[name] for name in ("stress", *local.element_state)},
+            **{f"{side}.{name}": shape for side in local.sides for name, shape in own.items()},
+        }
 
         own = [x for one in local.common.captured for x, _ in flattened(one)]
-        self.captured = {f"common.{i}": x for i, (x, _) in enumerate(flattened(local.common)) if any(x is y for y in own)}
+        self.captured = {
+            f"common.{i}": x
+            for i, (x, _) in enumerate(flattened(local.common))
+            if any(x is y for y in own)
+        }
 
     def __call__(self, function: Callable, shapes: Shapes) -> Function:
         """The function of fields of these shapes, without those that it does not read."""
@@ -64,6 +93,9 @@ class Tracing:
 
     def _traced(self, function: Callable, shapes: Shapes, captured: dict[str, Tensor]) -> Function:
         generator = torch.Generator().manual_seed(0)
-        given = {name: torch.rand(shape, generator=generator, dtype=self.like.dtype) for name, shape in shapes.items()}
+        given = {
+            name: torch.rand(shape, generator=generator, dtype=self.like.dtype)
+            for name, shape in shapes.items()
+        }
         traced = trace(function, given, {name: x for name, x in captured.items() if name in shapes})
         return traced.only(traced.outputs)

@@ -1,6 +1,7 @@
 """Native code for transfers between tensors and memory.
 
-A table says what is taken from tensors, or written to them: rows of 64-bit integers in the order of `ENTRY`.
+A table says what is taken from tensors, or written to them: rows of 64-bit integers in the order of
+`ENTRY`.
 """
 
 from __future__ import annotations
@@ -8,13 +9,16 @@ from __future__ import annotations
 from ..compiler.llvm import Lanes
 from .loop_text import Code
 
-# address of a tensor's first number; its strides in numbers, of samples, steps and rows, and how many steps have one place; how
-# many rows and components there are; the first component's place in memory, and how many the record has
+# address of a tensor's first number; its strides in numbers, of samples, steps and rows, and how
+# many steps have one place; how many rows and components there are; the first component's place in
+# memory, and how many the record has
 ENTRY = ("pointer", "sample", "step", "every", "row", "rows", "components", "place", "row_size")
 
 
 class Transfers:
-    """Text of the functions `gather`, `scatter`, and `drain` (scatter, and leave zeros), which `ChainCode` calls."""
+    """Text of the functions `gather`, `scatter`, and `drain` (scatter, and leave zeros), which
+    `ChainCode` calls.
+    """
 
     NAMES = "gather", "scatter", "drain"
 
@@ -25,11 +29,23 @@ class Transfers:
         return [self._function(name) for name in self.NAMES]
 
     def _function(self, name: str) -> str:
-        """Numbers between tensors and memory, as a table says. What does not change from step to step is gathered at the first
-        alone; what has one place for all steps, or for `every` few, is scattered at each, so that the last one's stays. Lanes
-        beyond the samples have the last one's numbers, and are not scattered.
+        """Numbers between tensors and memory, as a table says. What does not change from step to
+        step is gathered at the first alone; what has one place for all steps, or for `every` few,
+        is scattered at each, so that the last one's stays. Lanes beyond the samples have the last
+        one's numbers, and are not scattered.
         """
-        code = Code(name, ["ptr %table", "i64 %count", "ptr %memory", "i64 %first", "i64 %samples", "i64 %step", "i64 %begin"])
+        code = Code(
+            name,
+            [
+                "ptr %table",
+                "i64 %count",
+                "ptr %memory",
+                "i64 %first",
+                "i64 %samples",
+                "i64 %step",
+                "i64 %begin",
+            ],
+        )
         scalar, W, bytes = self.lanes.scalar, self.lanes.count, self.lanes.count * self.lanes.bytes
         whole = code.compare("sle", code.add("%first", W), "%samples")
         last = code.sub("%samples", 1)
@@ -38,12 +54,20 @@ class Transfers:
             numbers = (code.load(code.at(entry, i)) for i in range(len(ENTRY)))
             pointer, sample, step, every, row, rows, components, place, size = numbers
             slot = code.new(f"sdiv i64 %step, {every}")
-            pointer = code.at(code.new(f"inttoptr i64 {pointer} to ptr"), code.mul(step, slot), scalar)
-            inside = [code.compare("slt", code.add("%first", lane), "%samples") for lane in range(W)]
-            samples = [code.choose(one, code.add("%first", lane), last) for lane, one in enumerate(inside)]
+            pointer = code.at(
+                code.new(f"inttoptr i64 {pointer} to ptr"), code.mul(step, slot), scalar
+            )
+            inside = [
+                code.compare("slt", code.add("%first", lane), "%samples") for lane in range(W)
+            ]
+            samples = [
+                code.choose(one, code.add("%first", lane), last) for lane, one in enumerate(inside)
+            ]
             places = [code.at(pointer, code.mul(one, sample), scalar) for one in samples]
-            fresh = code.new(f"or i1 {code.compare('eq', '%step', '%begin')}, "
-                             f"{'true' if name == 'scatter' else code.compare('ne', step, 0)}")
+            fresh = code.new(
+                f"or i1 {code.compare('eq', '%step', '%begin')}, "
+                f"{'true' if name == 'scatter' else code.compare('ne', step, 0)}"
+            )
             with code.when(fresh), code.loop(0, rows) as r:
                 there = code.mul(r, row)
                 here = code.at("%memory", code.mul(code.add(place, code.mul(r, size)), bytes), "i8")
@@ -58,21 +82,39 @@ class Transfers:
         return code.text().replace("define void", "define internal void")
 
     def _read(self, code: Code, places: list[str], here: str, components: str, alike: str) -> None:
-        """Components of each lane from its own place, or of all lanes, where they are alike, from one."""
+        """Components of each lane from its own place, or of all lanes, where they are alike, from
+        one.
+        """
         scalar = self.lanes.scalar
         with code.when(alike), code.loop(0, components) as c:
-            self._joined(code, [code.load(code.at(places[0], c, scalar), scalar)] * len(places), here, c)
+            self._joined(
+                code, [code.load(code.at(places[0], c, scalar), scalar)] * len(places), here, c
+            )
         with code.when(code.new(f"xor i1 {alike}, true")), code.loop(0, components) as c:
-            self._joined(code, [code.load(code.at(place, c, scalar), scalar) for place in places], here, c)
+            self._joined(
+                code, [code.load(code.at(place, c, scalar), scalar) for place in places], here, c
+            )
 
-    def _write(self, code: Code, places: list[str], here: str, components: str, whole: str, inside: list[str]) -> None:
-        """Components of each lane to its own place; of those inside, where not all are (`whole`)."""
+    def _write(
+        self,
+        code: Code,
+        places: list[str],
+        here: str,
+        components: str,
+        whole: str,
+        inside: list[str],
+    ) -> None:
+        """Components of each lane to its own place; of those inside, where not all are
+        (`whole`).
+        """
         scalar = self.lanes.scalar
         with code.when(whole), code.loop(0, components) as c:
             for place, value in zip(places, self._parted(code, here, c), strict=True):
                 code.store(value, code.at(place, c, scalar), scalar)
         with code.when(code.new(f"xor i1 {whole}, true")), code.loop(0, components) as c:
-            for place, is_inside, value in zip(places, inside, self._parted(code, here, c), strict=True):
+            for place, is_inside, value in zip(
+                places, inside, self._parted(code, here, c), strict=True
+            ):
                 with code.when(is_inside):
                     code.store(value, code.at(place, c, scalar), scalar)
 
@@ -90,4 +132,8 @@ class Transfers:
         """The numbers of all lanes of a component."""
         V, W = self.lanes.vector, self.lanes.count
         whole = code.new(f"load {V}, ptr {code.at(here, component, V)}, align {self.lanes.bytes}")
-        return [whole] if W == 1 else [code.new(f"extractelement {V} {whole}, i64 {lane}") for lane in range(W)]
+        return (
+            [whole]
+            if W == 1
+            else [code.new(f"extractelement {V} {whole}, i64 {lane}") for lane in range(W)]
+        )

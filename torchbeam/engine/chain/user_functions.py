@@ -26,14 +26,21 @@ Made = TypeVar("Made")
 def by_function(model: Model) -> list[Any]:
     """Loads that depend on the motion and are functions that a user wrote, or hold such."""
     loads = (*model.loads[0], *(load for load in model.loads[1] if load.internal))
-    return [load for load in loads if not of_library(load) or any(leaf.axes is None for leaf in own_leaves(load))]
+    return [
+        load
+        for load in loads
+        if not of_library(load) or any(leaf.axes is None for leaf in own_leaves(load))
+    ]
 
 
 def surroundings(loads: list[Any]) -> Surroundings:
-    """What functions of the motion that a user wrote read beside the motion. Raises Unsteady for what may change unnoticed."""
+    """What functions of the motion that a user wrote read beside the motion. Raises Unsteady for
+    what may change unnoticed.
+    """
     reads: list[Read] = []
     for load in loads:
-        own, functions = not of_library(load), {leaf.name for leaf in own_leaves(load) if leaf.axes is None}
+        own = not of_library(load)
+        functions = {leaf.name for leaf in own_leaves(load) if leaf.axes is None}
         for one in fields(load):
             if one.name in functions or (own and AXES not in one.metadata):
                 reads.append((one.name, lambda load=load, name=one.name: getattr(load, name)))
@@ -49,9 +56,12 @@ def known(loads: list[Any]) -> Surroundings | None:
         return None
 
 
-def by_sample(make: Callable[[Surroundings | None], Made], model: Model, around: Surroundings | None) -> Made:
-    """make(around); where functions close over a batch, with the tensors that hold it as inputs, each sample its row of them,
-    as `values=` of a load are. Raises OwnBatch where no tensors are found of which each sample reads its own row alone.
+def by_sample(
+    make: Callable[[Surroundings | None], Made], model: Model, around: Surroundings | None
+) -> Made:
+    """make(around); where functions close over a batch, with the tensors that hold it as inputs,
+    each sample its row of them, as `values=` of a load are. Raises OwnBatch where no tensors are
+    found of which each sample reads its own row alone.
     """
     try:
         return make(around)
@@ -65,25 +75,38 @@ def by_sample(make: Callable[[Surroundings | None], Made], model: Model, around:
 
 
 def _rows(model: Model, around: Surroundings, batch: torch.Size) -> list[Tensor]:
-    """Tensors with the batch's axes whose rows are each read by their sample alone, as if it were one of one: with other
-    numbers of their size in their place, a change in the first row changes what functions give the first sample, and that
-    alone; and the first and the last are in the batch what they are alone, by these numbers and by their own. None where it is
-    not so.
+    """Tensors with the batch's axes whose rows are each read by their sample alone, as if it were
+    one of one: with other numbers of their size in their place, a change in the first row changes
+    what functions give the first sample, and that alone; and the first and the last are in the
+    batch what they are alone, by these numbers and by their own. None where it is not so.
     """
     generator, still, axes = torch.Generator().manual_seed(0), Constants(model).still, len(batch)
-    shift = torch.rand(*batch, *still.position.shape[-2:], dtype=model.length.dtype, generator=generator)
-    sizes = {id(x): torch.where(x.abs().amax() > 0, x.abs().amax(), 1.0) for x in around.tensors if x.numel()}
-    numbers = {id(x): (x, x + sizes[id(x)] * torch.rand(x.shape, dtype=x.dtype, generator=generator)) for x in around.tensors
-               if x.shape[:axes].numel() > 1 and x.ndim >= axes
-               and all(n in (1, size) for n, size in zip(x.shape, batch, strict=False))}
+    shift = torch.rand(
+        *batch, *still.position.shape[-2:], dtype=model.length.dtype, generator=generator
+    )
+    sizes = {
+        id(x): torch.where(x.abs().amax() > 0, x.abs().amax(), 1.0)
+        for x in around.tensors
+        if x.numel()
+    }
+    numbers = {
+        id(x): (x, x + sizes[id(x)] * torch.rand(x.shape, dtype=x.dtype, generator=generator))
+        for x in around.tensors
+        if x.shape[:axes].numel() > 1
+        and x.ndim >= axes
+        and all(n in (1, size) for n, size in zip(x.shape, batch, strict=False))
+    }
 
     def given(stand: dict[int, Tensor], shift: Tensor) -> Tensor:
         """What functions give (..., numbers), with the axes of the batch."""
         lead = shift.shape[:axes]
         with Readings(lambda x: False, stand):
             load, internal = _in_motion(model, still, shift)
-        parts = [x.expand(*lead, *x.shape[x.ndim - own:]).flatten(axes) for x, own in ((load, 2), (internal, 1))
-                 if isinstance(x, Tensor)]
+        parts = [
+            x.expand(*lead, *x.shape[x.ndim - own :]).flatten(axes)
+            for x, own in ((load, 2), (internal, 1))
+            if isinstance(x, Tensor)
+        ]
         return torch.cat(parts, -1)
 
     def row(x: Tensor, k: int) -> Tensor:
@@ -92,7 +115,8 @@ def _rows(model: Model, around: Surroundings, batch: torch.Size) -> list[Tensor]
     stand = {name: x for name, (_, x) in numbers.items()}
     whole, found = given(stand, shift), []
     for name, x in stand.items():
-        other, own = x.clone(), torch.zeros(*(1 if n == 1 else size for n, size in zip(x.shape, batch, strict=False)))
+        other = x.clone()
+        own = torch.zeros(*(1 if n == 1 else size for n, size in zip(x.shape, batch, strict=False)))
         row(other, 0).add_(sizes[name])
         row(own, 0).add_(1.0)
         changed = (given({**stand, name: other}, shift) != whole).any(-1)
@@ -108,11 +132,18 @@ def _rows(model: Model, around: Surroundings, batch: torch.Size) -> list[Tensor]
 
 
 def _in_motion(model: Model, still: Nodes, shift: Tensor) -> tuple[Tensor | float, Tensor | float]:
-    """Users' loads, (..., N+1, w), and internal states after a step, of a beam in some motion by `shift` (..., N+1, p)."""
+    """Users' loads, (..., N+1, w), and internal states after a step, of a beam in some motion by
+    `shift` (..., N+1, p).
+    """
     turn = shift[..., :1].expand(*shift.shape[:-1], model.space.dims.spin)
     internal = shift[..., 0, :1].expand(*shift.shape[:-2], model.internal_states)
-    t, inputs = shift.new_zeros(()), {name: shift.new_zeros(size) for name, size in model.scene.inputs.items()}
+    t = shift.new_zeros(())
+    inputs = {name: shift.new_zeros(size) for name, size in model.scene.inputs.items()}
     rotation = model.space.normalize(model.space.multiply(model.space.cayley(turn), still.rotation))
-    nodes = Nodes(still.position + shift, rotation, shift, turn, still.frame, internal, t + 0.01, shift, turn)
-    return (external(model, nodes, conditions(model, t, inputs, loads=tuple(by_function(model)))),
-            advanced(model, nodes, conditions(model, t, inputs, loads=model.scene.loads)))
+    nodes = Nodes(
+        still.position + shift, rotation, shift, turn, still.frame, internal, t + 0.01, shift, turn
+    )
+    return (
+        external(model, nodes, conditions(model, t, inputs, loads=tuple(by_function(model)))),
+        advanced(model, nodes, conditions(model, t, inputs, loads=model.scene.loads)),
+    )

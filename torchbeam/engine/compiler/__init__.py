@@ -1,1 +1,3 @@
-"""Compiled engine: functions of small tensors traced to scalar operations, differentiated, and run as native code."""
+"""Compiled engine: functions of small tensors traced to scalar operations, differentiated, and run
+as native code.
+"""

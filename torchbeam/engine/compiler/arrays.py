@@ -1,7 +1,7 @@
 """Operations of torch on whole arrays of nodes: what moves elements about, products, inverses.
 
-`STRUCTURAL` ones torch itself does to nodes, as it does them to numbers; node 0 is the number 0, which they fill up with.
-`OTHER` are written here.
+`STRUCTURAL` ones torch itself does to nodes, as it does them to numbers; node 0 is the number 0,
+which they fill up with. `OTHER` are written here.
 """
 
 from __future__ import annotations
@@ -20,19 +20,31 @@ from .graph import Graph
 UNKNOWN = -1  # in the place of a node: depends on inputs, and nothing says how
 
 # Name -> which arguments hold elements; the others are indices and sizes.
+# fmt: off
 STRUCTURAL: dict[str, tuple[int, ...]] = {
-    "cat": (0,), "stack": (0,), "clone": (0,), "index": (0,), "index_select": (0,), "flip": (0,), "roll": (0,), "repeat": (0,),
-    "_unsafe_view": (0,), "_reshape_copy": (0,), "slice_backward": (0,), "select_backward": (0,), "diagonal_backward": (0,),
-    "diag_embed": (0,), "tril": (0,), "triu": (0,), "slice_scatter": (0, 1), "select_scatter": (0, 1),
-    "diagonal_scatter": (0, 1), "index_put": (0, 2), "block_diag": (0,), "take": (0,), "gather": (0,),
+    "cat": (0,), "stack": (0,), "clone": (0,), "index": (0,), "index_select": (0,), "flip": (0,),
+    "roll": (0,), "repeat": (0,),
+    "_unsafe_view": (0,), "_reshape_copy": (0,), "slice_backward": (0,), "select_backward": (0,),
+    "diagonal_backward": (0,),
+    "diag_embed": (0,), "tril": (0,), "triu": (0,), "slice_scatter": (0, 1),
+    "select_scatter": (0, 1),
+    "diagonal_scatter": (0, 1), "index_put": (0, 2), "block_diag": (0,), "take": (0,),
+    "gather": (0,),
 }
+# fmt: on
 
 
 def accumulated(g: Graph, x: Tensor, places: list[Tensor | None], values: Tensor) -> Tensor:
-    """x with values added at places, of which one may come several times: `index_put` that accumulates."""
-    at = torch.arange(x.numel()).reshape(x.shape)[tuple(slice(None) if p is None else p for p in places)]
+    """x with values added at places, of which one may come several times: `index_put` that
+    accumulates.
+    """
+    at = torch.arange(x.numel()).reshape(x.shape)[
+        tuple(slice(None) if p is None else p for p in places)
+    ]
     sums = x.flatten().tolist()
-    for place, value in zip(at.flatten().tolist(), values.expand(at.shape).flatten().tolist(), strict=True):
+    for place, value in zip(
+        at.flatten().tolist(), values.expand(at.shape).flatten().tolist(), strict=True
+    ):
         sums[place] = g.make("add", sums[place], value)
     return torch.tensor(sums, dtype=torch.long).reshape(x.shape)
 
@@ -43,13 +55,23 @@ def _matrix_product(g: Graph, a: Tensor, b: Tensor) -> Tensor:
     m, n, k = a.shape[-2], b.shape[-1], a.shape[-1]
     rows = a.expand(*lead, m, k).reshape(-1, m, k).tolist()
     columns = b.mT.expand(*lead, n, k).reshape(-1, n, k).tolist()
-    products = [g.dot(row, column) for one, other in zip(rows, columns, strict=True) for row, column in product(one, other)]
+    products = [
+        g.dot(row, column)
+        for one, other in zip(rows, columns, strict=True)
+        for row, column in product(one, other)
+    ]
     return torch.tensor(products, dtype=torch.long).reshape(*lead, m, n)
 
 
 def _plus(g: Graph, x: Tensor, term: Tensor, beta: float = 1, alpha: float = 1) -> Tensor:
-    return elementwise(g, lambda g, a, b: g.make("add", g.make("mul", g.const(float(beta)), a),
-                                                 g.make("mul", g.const(float(alpha)), b)), x, term)
+    return elementwise(
+        g,
+        lambda g, a, b: g.make(
+            "add", g.make("mul", g.const(float(beta)), a), g.make("mul", g.const(float(alpha)), b)
+        ),
+        x,
+        term,
+    )
 
 
 def _cross(g: Graph, a: Tensor, b: Tensor, dim: int = -1) -> Tensor:
@@ -62,17 +84,22 @@ def _cross(g: Graph, a: Tensor, b: Tensor, dim: int = -1) -> Tensor:
     return torch.stack([elementwise(g, minor, *xs) for xs in parts]).movedim(0, dim)
 
 
-def _vector_norm(g: Graph, x: Tensor, ord: float = 2, dim: object = None, keepdim: bool = False, **_: object) -> Tensor:
-    rules = {1: lambda g, xs: g.total(g.make("abs", x) for x in xs), 2: lambda g, xs: g.make("norm", g.dot(xs, xs)),
-             math.inf: lambda g, xs: g.make("max", *(g.make("abs", x) for x in xs))}
+def _vector_norm(
+    g: Graph, x: Tensor, ord: float = 2, dim: object = None, keepdim: bool = False, **_: object
+) -> Tensor:
+    rules = {
+        1: lambda g, xs: g.total(g.make("abs", x) for x in xs),
+        2: lambda g, xs: g.make("norm", g.dot(xs, xs)),
+        math.inf: lambda g, xs: g.make("max", *(g.make("abs", x) for x in xs)),
+    }
     if ord not in rules:
         return NotImplemented
     return reduction(g, rules[ord], x, dim, keepdim)
 
 
 def _solved(g: Graph, A: list[list[int]], B: list[list[int]]) -> list[list[int]]:
-    """A^-1 B by elimination: up to 3 with exchange of rows, for any matrix; from 4 without, for matrices whose leading minors
-    are regular (symmetric positive definite, diagonally dominant).
+    """A^-1 B by elimination: up to 3 with exchange of rows, for any matrix; from 4 without, for
+    matrices whose leading minors are regular (symmetric positive definite, diagonally dominant).
     """
     n, mul, sub = len(A), lambda x, y: g.make("mul", x, y), lambda x, y: g.make("sub", x, y)
     rows = [[*a, *b] for a, b in zip(A, B, strict=True)]
@@ -84,21 +111,25 @@ def _solved(g: Graph, A: list[list[int]], B: list[list[int]]) -> list[list[int]]
         pivots.append(g.make("div", g.one, rows[k][k]))
         for i in range(k + 1, n):
             factor = mul(rows[i][k], pivots[k])
-            left = zip(rows[i][k + 1:], rows[k][k + 1:], strict=True)
+            left = zip(rows[i][k + 1 :], rows[k][k + 1 :], strict=True)
             rows[i] = [g.zero] * (k + 1) + [sub(x, mul(factor, y)) for x, y in left]
     solution = [row[n:] for row in rows]
     for k in reversed(range(n)):
         for c in range(len(solution[k])):
-            known = g.dot(rows[k][k + 1:n], [solution[i][c] for i in range(k + 1, n)])
+            known = g.dot(rows[k][k + 1 : n], [solution[i][c] for i in range(k + 1, n)])
             solution[k][c] = mul(sub(solution[k][c], known), pivots[k])
     return solution
 
 
-def _largest_first(g: Graph, first: list[int], other: list[int], column: int) -> tuple[list[int], list[int]]:
+def _largest_first(
+    g: Graph, first: list[int], other: list[int], column: int
+) -> tuple[list[int], list[int]]:
     """Two rows, the one with the larger number in that column first."""
     swap = g.make("lt", g.make("abs", first[column]), g.make("abs", other[column]))
     pairs = list(zip(first, other, strict=True))
-    return [g.make("select", swap, b, a) for a, b in pairs], [g.make("select", swap, a, b) for a, b in pairs]
+    return [g.make("select", swap, b, a) for a, b in pairs], [
+        g.make("select", swap, a, b) for a, b in pairs
+    ]
 
 
 def _solve(g: Graph, A: Tensor, B: Tensor, *, left: bool = True, **_: object) -> tuple[Tensor, ...]:
@@ -107,14 +138,21 @@ def _solve(g: Graph, A: Tensor, B: Tensor, *, left: bool = True, **_: object) ->
     vector = B.ndim == A.ndim - 1 and B.shape == A.shape[:-1]
     columns = B[..., None] if vector else B
     lead, n, m = broadcast_shapes(A.shape[:-2], columns.shape[:-2]), A.shape[-1], columns.shape[-1]
-    pairs = zip(A.expand(*lead, n, n).reshape(-1, n, n).tolist(), columns.expand(*lead, n, m).reshape(-1, n, m).tolist(),
-                strict=True)
-    solutions = torch.tensor([_solved(g, a, b) for a, b in pairs], dtype=torch.long).reshape(*lead, n, m)
+    pairs = zip(
+        A.expand(*lead, n, n).reshape(-1, n, n).tolist(),
+        columns.expand(*lead, n, m).reshape(-1, n, m).tolist(),
+        strict=True,
+    )
+    solutions = torch.tensor([_solved(g, a, b) for a, b in pairs], dtype=torch.long).reshape(
+        *lead, n, m
+    )
     factors = elementwise(g, _factor, A)
     return solutions[..., 0] if vector else solutions, factors, *[torch.full((), UNKNOWN)] * 2
 
 
-def _solve_again(g: Graph, factors: Tensor, B: Tensor, *, left: bool = True, adjoint: bool = False) -> Tensor:
+def _solve_again(
+    g: Graph, factors: Tensor, B: Tensor, *, left: bool = True, adjoint: bool = False
+) -> Tensor:
     """By the factors of a matrix, which stand for it. B (..., n, m)."""
     if not all(g.ops[x] == "factor" for x in factors.flatten().tolist()):
         raise NotImplementedError("factors that no solve has left")
@@ -133,31 +171,51 @@ def _log_determinant(g: Graph, A: Tensor, **_: object) -> tuple[Tensor, ...]:
     def of(rows: list[list[int]]) -> int:
         if not rows:
             return g.one
-        terms = [g.make("mul", x, of([[*row[:k], *row[k + 1:]] for row in rows[1:]])) for k, x in enumerate(rows[0])]
+        terms = [
+            g.make("mul", x, of([[*row[:k], *row[k + 1 :]] for row in rows[1:]]))
+            for k, x in enumerate(rows[0])
+        ]
         return g.total(g.make("neg", x) if k % 2 else x for k, x in enumerate(terms))
 
-    values = torch.tensor([of(a) for a in A.reshape(-1, n, n).tolist()], dtype=torch.long).reshape(A.shape[:-2])
+    values = torch.tensor([of(a) for a in A.reshape(-1, n, n).tolist()], dtype=torch.long).reshape(
+        A.shape[:-2]
+    )
     size = elementwise(g, lambda g, x: g.make("log", g.make("abs", x)), values)
-    return elementwise(g, ELEMENTWISE["sign"], values), size, elementwise(g, _factor, A), torch.full((), UNKNOWN)
+    return (
+        elementwise(g, ELEMENTWISE["sign"], values),
+        size,
+        elementwise(g, _factor, A),
+        torch.full((), UNKNOWN),
+    )
 
 
 def _factor(g: Graph, a: int) -> int:
     return g.make("factor", a)
 
 
-def _largest(g: Graph, x: Tensor, dim: int | None = None, keepdim: bool = False) -> Tensor | tuple[Tensor, ...]:
+def _largest(
+    g: Graph, x: Tensor, dim: int | None = None, keepdim: bool = False
+) -> Tensor | tuple[Tensor, ...]:
     """And where it is, along an axis."""
     largest = reduction(g, REDUCTIONS["amax"], x, dim, keepdim)
-    return largest if dim is None else (largest, reduction(g, REDUCTIONS["argmax"], x, dim, keepdim))
+    return (
+        largest if dim is None else (largest, reduction(g, REDUCTIONS["argmax"], x, dim, keepdim))
+    )
 
 
-def _smallest(g: Graph, x: Tensor, dim: int | None = None, keepdim: bool = False) -> Tensor | tuple[Tensor, ...]:
+def _smallest(
+    g: Graph, x: Tensor, dim: int | None = None, keepdim: bool = False
+) -> Tensor | tuple[Tensor, ...]:
     smallest = reduction(g, REDUCTIONS["amin"], x, dim, keepdim)
-    return smallest if dim is None else (smallest, reduction(g, REDUCTIONS["argmin"], x, dim, keepdim))
+    return (
+        smallest if dim is None else (smallest, reduction(g, REDUCTIONS["argmin"], x, dim, keepdim))
+    )
 
 
 def _inverse(g: Graph, A: Tensor, **_: object) -> tuple[Tensor, ...]:
-    eye = torch.tensor([[g.one if i == j else g.zero for j in range(A.shape[-1])] for i in range(A.shape[-1])])
+    eye = torch.tensor(
+        [[g.one if i == j else g.zero for j in range(A.shape[-1])] for i in range(A.shape[-1])]
+    )
     return _solve(g, A, eye.expand(A.shape))[0], torch.full((), UNKNOWN)
 
 
@@ -165,7 +223,9 @@ def _gathered(g: Graph, x: Tensor, dim: int, at: Tensor, **_: object) -> Tensor:
     """By places that depend on inputs: a choice among all."""
     rows = x.movedim(dim, -1)
     lead = at.movedim(dim, -1)
-    rows = rows[tuple(slice(n) for n in lead.shape[:-1])][..., None, :].expand(*lead.shape, rows.shape[-1])
+    rows = rows[tuple(slice(n) for n in lead.shape[:-1])][..., None, :].expand(
+        *lead.shape, rows.shape[-1]
+    )
 
     def choice(g: Graph, place: int, *xs: int) -> int:
         chosen = xs[-1]
@@ -187,14 +247,20 @@ def _cumulative(g: Graph, x: Tensor, dim: int, **_: object) -> Tensor:
     return torch.stack(rows, dim)
 
 
+# fmt: off
 OTHER: dict[str, Callable[..., Tensor | tuple[Tensor, ...]]] = {
-    "mm": _matrix_product, "bmm": _matrix_product, "mv": lambda g, a, x: _matrix_product(g, a, x[:, None])[:, 0],
+    "mm": _matrix_product, "bmm": _matrix_product, "mv": lambda g, a,
+    x: _matrix_product(g, a, x[:, None])[:, 0],
     "dot": lambda g, x, y: _matrix_product(g, x[None], y[:, None])[0, 0],
     "addmm": lambda g, x, a, b, **k: _plus(g, x, _matrix_product(g, a, b), **k),
     "baddbmm": lambda g, x, a, b, **k: _plus(g, x, _matrix_product(g, a, b), **k),
-    "linalg_cross": _cross, "linalg_vector_norm": _vector_norm, "_linalg_solve_ex": _solve, "linalg_lu_solve": _solve_again,
-    "linalg_inv_ex": _inverse, "_linalg_slogdet": _log_determinant, "max": _largest, "min": _smallest,
+    "linalg_cross": _cross, "linalg_vector_norm": _vector_norm, "_linalg_solve_ex": _solve,
+    "linalg_lu_solve": _solve_again,
+    "linalg_inv_ex": _inverse, "_linalg_slogdet": _log_determinant, "max": _largest,
+    "min": _smallest,
     "gather": _gathered, "constant_pad_nd": _padded, "cumsum": _cumulative,
-    "zero": lambda g, x: torch.full(x.shape, g.zero), "fill": lambda g, x, value: value.expand(x.shape),
+    "zero": lambda g, x: torch.full(x.shape, g.zero), "fill": lambda g, x,
+    value: value.expand(x.shape),
     "copy": lambda g, x, other, **_: other.expand(x.shape),
 }
+# fmt: on

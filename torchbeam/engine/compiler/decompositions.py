@@ -1,6 +1,8 @@
-"""Operations of torch by simpler ones, where torch itself has no such form, or none that can be traced: `DECOMPOSED`, by name.
+"""Operations of torch by simpler ones, where torch itself has no such form, or none that can be
+traced: `DECOMPOSED`, by name.
 
-They take what the operation takes. Values, and derivatives where the operation has kinks, are torch's.
+They take what the operation takes. Values, and derivatives where the operation has kinks, are
+torch's.
 """
 
 from __future__ import annotations
@@ -12,16 +14,26 @@ from typing import Any
 import torch
 from torch import Tensor
 
-TABLE = 256  # entries of a table that is looked up at places that depend on inputs: all of them are looked at
+# entries of a table that is looked up at places that depend on inputs: all of them are looked at
+TABLE = 256
 
 
-def _vector_norm(x: Tensor, ord: float = 2, dim: Any = None, keepdim: bool = False, **_: Any) -> Tensor:
+def _vector_norm(
+    x: Tensor, ord: float = 2, dim: Any = None, keepdim: bool = False, **_: Any
+) -> Tensor:
     dims = tuple(range(x.ndim)) if dim is None else dim
     return (x.abs() ** ord).sum(dims, keepdim) ** (1 / ord)
 
 
-def _variance(x: Tensor, dim: Any = None, unbiased: bool | float | None = None, *, correction: float | None = None,
-              keepdim: bool = False, **_: Any) -> Tensor:
+def _variance(
+    x: Tensor,
+    dim: Any = None,
+    unbiased: bool | float | None = None,
+    *,
+    correction: float | None = None,
+    keepdim: bool = False,
+    **_: Any,
+) -> Tensor:
     """unbiased: whether it is, or as torch's own decompositions have it, the correction."""
     if unbiased is not None:
         correction = float(unbiased)
@@ -30,18 +42,35 @@ def _variance(x: Tensor, dim: Any = None, unbiased: bool | float | None = None, 
     return (x - x.mean(dims, True)).square().sum(dims, keepdim) / count
 
 
-def _batch_norm(x: Tensor, weight: Tensor | None, bias: Tensor | None, mean: Tensor | None, variance: Tensor | None,
-                training: bool, momentum: float, eps: float) -> tuple[Tensor, Tensor, Tensor]:
+def _batch_norm(
+    x: Tensor,
+    weight: Tensor | None,
+    bias: Tensor | None,
+    mean: Tensor | None,
+    variance: Tensor | None,
+    training: bool,
+    momentum: float,
+    eps: float,
+) -> tuple[Tensor, Tensor, Tensor]:
     if training or mean is None or variance is None:
-        raise NotImplementedError("it mixes the samples of a batch, and counts them; the module in eval mode is wanted")
+        raise NotImplementedError(
+            "it mixes the samples of a batch, and counts them; the module in eval mode is wanted"
+        )
     shape = (-1, *(1,) * (x.ndim - 2))
     out = (x - mean.reshape(shape)) / (variance.reshape(shape) + eps).sqrt()
     out = out if weight is None else out * weight.reshape(shape)
     return out if bias is None else out + bias.reshape(shape), mean.new_zeros(0), mean.new_zeros(0)
 
 
-def _searchsorted(sequence: Tensor, x: Tensor | float, *, out_int32: bool = False, right: bool = False, side: str | None = None,
-                  sorter: Tensor | None = None) -> Tensor:
+def _searchsorted(
+    sequence: Tensor,
+    x: Tensor | float,
+    *,
+    out_int32: bool = False,
+    right: bool = False,
+    side: str | None = None,
+    sorter: Tensor | None = None,
+) -> Tensor:
     if sorter is not None or sequence.shape[-1] > TABLE:
         raise NotImplementedError(f"a sorted table of at most {TABLE} numbers is wanted")
     x = torch.as_tensor(x, dtype=sequence.dtype)[..., None]
@@ -68,17 +97,25 @@ def _index(x: Tensor, places: list[Tensor | None]) -> Tensor:
     rows = rows.reshape(*rows.shape[:-1], *(1,) * at.ndim, count).expand(*lead, count)
     chosen = torch.gather(rows, -1, at.expand(lead)[..., None])[..., 0]
     behind = x.ndim - last
-    return chosen.movedim(tuple(range(first, first + behind)), tuple(range(-behind, 0))) if behind else chosen
+    return (
+        chosen.movedim(tuple(range(first, first + behind)), tuple(range(-behind, 0)))
+        if behind
+        else chosen
+    )
 
 
-def _index_put(x: Tensor, places: list[Tensor | None], values: Tensor, accumulate: bool = False) -> Tensor:
+def _index_put(
+    x: Tensor, places: list[Tensor | None], values: Tensor, accumulate: bool = False
+) -> Tensor:
     """One entry, or several one after the other, of one axis."""
     axes = [k for k, place in enumerate(places) if place is not None]
     if len(axes) != 1 or places[axes[0]].dtype == torch.bool:
         raise NotImplementedError("places on one axis are wanted")
     axis, at = axes[0], places[axes[0]]
     here = torch.arange(x.shape[axis]).reshape(-1, *(1,) * (x.ndim - axis - 1))
-    values = values.expand(*x.shape[:axis], *at.shape, *x.shape[axis + 1:]).flatten(axis, axis + at.ndim - 1)
+    values = values.expand(*x.shape[:axis], *at.shape, *x.shape[axis + 1 :]).flatten(
+        axis, axis + at.ndim - 1
+    )
     for k, place in enumerate(at.flatten().unbind()):
         value = values.narrow(axis, k, 1)
         x = torch.where(here == place, x + value if accumulate else value, x)
@@ -110,13 +147,15 @@ def _bounded(x: Tensor, low: float = -1, high: float = 1) -> Tensor:
 
 
 def determinant(A: Tensor) -> Tensor:
-    """By minors of the first row, of small matrices: torch differentiates its own by what a graph does not have."""
+    """By minors of the first row, of small matrices: torch differentiates its own by what a graph
+    does not have.
+    """
     n = A.shape[-1]
     if n > 5:
         raise NotImplementedError("a determinant of more than 5 rows")
     if n == 1:
         return A[..., 0, 0]
-    minors = (determinant(torch.cat((A[..., 1:, :k], A[..., 1:, k + 1:]), -1)) for k in range(n))
+    minors = (determinant(torch.cat((A[..., 1:, :k], A[..., 1:, k + 1 :]), -1)) for k in range(n))
     return sum((-1) ** k * A[..., 0, k] * minor for k, minor in enumerate(minors))
 
 
@@ -137,19 +176,23 @@ def _signed(size: Tensor, sign: Tensor | float) -> Tensor:
 
 def _extreme(larger: bool) -> Callable[[Tensor, Tensor], Tensor]:
     """The number where the other is none."""
+
     def extreme(a: Tensor, b: Tensor) -> Tensor:
         first = ((a >= b) if larger else (a <= b)) | b.isnan()
         return torch.where(first, a, b)
+
     return extreme
 
 
+# fmt: off
 DECOMPOSED: dict[str, Callable[..., Any]] = {
     "linalg_vector_norm": _vector_norm, "var": _variance, "sinc": _sinc, "copysign": _signed,
     "std": lambda *args, **settings: _variance(*args, **settings).sqrt(),
     "native_batch_norm": _batch_norm, "_native_batch_norm_legit": _batch_norm,
     "_native_batch_norm_legit_no_training": lambda x, w, b, mean, var, momentum, eps: _batch_norm(
         x, w, b, mean, var, False, momentum, eps),
-    "searchsorted": _searchsorted, "bucketize": lambda x, edges, **settings: _searchsorted(edges, x, **settings),
+    "searchsorted": _searchsorted, "bucketize": lambda x, edges,
+    **settings: _searchsorted(edges, x, **settings),
     "index": _index, "_unsafe_index": _index, "scatter": _scatter, "index_put": _index_put,
     "embedding": lambda table, at, *_, **__: table[at],
     "softshrink_backward": _shrink_backward(True), "hardshrink_backward": _shrink_backward(False),
@@ -157,16 +200,24 @@ DECOMPOSED: dict[str, Callable[..., Any]] = {
     "hardswish": lambda x: torch.where(x <= -3, 0.0, torch.where(x < 3, x * (x + 3) / 6, x)),
     "fmax": _extreme(True), "fmin": _extreme(False),
 }
-FUNCTIONS = dict.fromkeys((torch.det, torch.linalg.det, Tensor.det), determinant)  # in the place of torch's own
+# fmt: on
+# in the place of torch's own
+FUNCTIONS = dict.fromkeys((torch.det, torch.linalg.det, Tensor.det), determinant)
+# fmt: off
 INSTEAD = {  # name of an operation -> what to write
-    "sort": "comparisons by torch.maximum and torch.minimum are", "topk": "torch.amax or torch.amin is",
+    "sort": "comparisons by torch.maximum and torch.minimum are",
+    "topk": "torch.amax or torch.amin is",
     "median": "torch.maximum and torch.minimum are", "convolution": "a matrix product is",
-    "_linalg_eigh": "a closed form of a small matrix is", "_linalg_svd": "torch.linalg.vector_norm, or a closed form, is",
-    "_linalg_eigvals": "a closed form of a small matrix is", "linalg_eig": "a closed form of a small matrix is",
-    "linalg_matrix_exp": "the closed form of a rotation, by sin and cos, is", "linalg_lstsq": "torch.linalg.solve is",
+    "_linalg_eigh": "a closed form of a small matrix is",
+    "_linalg_svd": "torch.linalg.vector_norm, or a closed form, is",
+    "_linalg_eigvals": "a closed form of a small matrix is",
+    "linalg_eig": "a closed form of a small matrix is",
+    "linalg_matrix_exp": "the closed form of a rotation, by sin and cos, is",
+    "linalg_lstsq": "torch.linalg.solve is",
     "linalg_cholesky_ex": "torch.linalg.solve is", "linalg_pinv": "torch.linalg.solve of A^T A is",
     "_fft_c2c": "sums of sin and cos are", "_fft_r2c": "sums of sin and cos are",
-    **dict.fromkeys(("lgamma", "digamma", "erf_inv", "erfinv", "bessel_i0", "bessel_j0", "erfcx", "i0", "polygamma"),
+    **dict.fromkeys(("lgamma", "digamma", "erf_inv", "erfinv", "bessel_i0", "bessel_j0", "erfcx",
+                     "i0", "polygamma"),
                     "a polynomial, or a table with torch.searchsorted, is"),
     "complex": "real numbers by sin and cos are", "imag": "real numbers by sin and cos are",
     "real": "real numbers by sin and cos are", "view_as_real": "real numbers by sin and cos are",
@@ -174,3 +225,4 @@ INSTEAD = {  # name of an operation -> what to write
     "_trilinear": "torch.einsum is",
     "masked_select": "torch.where is", "nonzero": "torch.where is", "_unique2": "torch.where is",
 }
+# fmt: on

@@ -1,7 +1,9 @@
-"""Derivatives of functions on their graphs: products of the Jacobian with cotangents (vjp) and with tangents (jvp).
+"""Derivatives of functions on their graphs: products of the Jacobian with cotangents (vjp) and with
+tangents (jvp).
 
-What is piecewise has the derivative that torch gives it: of select that of the chosen branch, of max and min equal shares among
-equal arguments, of abs 0 at 0, of norm 0 at 0, of floor, round and comparisons 0. (Griewank and Walther 2008, chapter 3.)
+What is piecewise has the derivative that torch gives it: of select that of the chosen branch, of
+max and min equal shares among equal arguments, of abs 0 at 0, of norm 0 at 0, of floor, round and
+comparisons 0. (Griewank and Walther 2008, chapter 3.)
 """
 
 from __future__ import annotations
@@ -15,18 +17,29 @@ from .graph import Graph
 Linear = Callable[[int], int]  # of a scalar: the same forward and backward
 
 
-
 def _over(root: bool, sign: str, shift: float) -> Callable[[Graph, int, int, int], int]:
     """v / (shift +- x^2), or by its root."""
+
     def scaled(g: Graph, v: int, x: int, node: int) -> int:
-        square = g.make(sign, *((g.const(shift), g.make("mul", x, x)) if shift > 0 else (g.make("mul", x, x), g.one)))
+        square = g.make(
+            sign,
+            *((g.const(shift), g.make("mul", x, x)) if shift > 0 else (g.make("mul", x, x), g.one)),
+        )
         return g.make("div", v, g.make("sqrt", square) if root else square)
+
     return scaled
 
 
 def _bell(sign: float) -> Callable[[Graph, int, int, int], int]:
-    return lambda g, v, x, node: g.make("mul", v, g.make("mul", g.const(sign * 2 / math.sqrt(math.pi)), g.make(
-        "exp", g.make("neg", g.make("mul", x, x)))))
+    return lambda g, v, x, node: g.make(
+        "mul",
+        v,
+        g.make(
+            "mul",
+            g.const(sign * 2 / math.sqrt(math.pi)),
+            g.make("exp", g.make("neg", g.make("mul", x, x))),
+        ),
+    )
 
 
 # operations of one number: v times the derivative at x, where the operation gives `node`
@@ -38,8 +51,11 @@ SMOOTH: dict[str, Callable[[Graph, int, int, int], int]] = {
     "tanh": lambda g, v, x, node: g.make("mul", v, g.make("sub", g.one, g.make("mul", node, node))),
     "sinh": lambda g, v, x, node: g.make("mul", v, g.make("cosh", x)),
     "cosh": lambda g, v, x, node: g.make("mul", v, g.make("sinh", x)),
-    "asinh": _over(True, "add", 1.0), "acosh": _over(True, "sub", -1.0), "atanh": _over(False, "sub", 1.0),
-    "erf": _bell(1.0), "erfc": _bell(-1.0),
+    "asinh": _over(True, "add", 1.0),
+    "acosh": _over(True, "sub", -1.0),
+    "atanh": _over(False, "sub", 1.0),
+    "erf": _bell(1.0),
+    "erfc": _bell(-1.0),
 }
 
 
@@ -54,8 +70,9 @@ def dot(field: str) -> str:
 
 
 def vjp(function: Function, wrt: Iterable[str], of: Iterable[str] | None = None) -> Function:
-    """The inputs of `function` and the cotangents bar(name) of the outputs `of` (default: all) -> bar(name) of each input in
-    `wrt`, the gradient. Inputs that no gradient depends on stay among the inputs.
+    """The inputs of `function` and the cotangents bar(name) of the outputs `of`
+    (default: all) -> bar(name) of each input in `wrt`, the gradient. Inputs that no gradient
+    depends on stay among the inputs.
     """
     graph, of, wrt = function.graph, tuple(function.outputs if of is None else of), tuple(wrt)
     active = _active(function, wrt)
@@ -63,27 +80,52 @@ def vjp(function: Function, wrt: Iterable[str], of: Iterable[str] | None = None)
     for name in of:
         for k, node in enumerate(function.outputs[name].nodes):
             if node in active:
-                bars[node] = graph.make("add", bars.get(node, graph.zero), graph.input(bar(name), k))
+                bars[node] = graph.make(
+                    "add", bars.get(node, graph.zero), graph.input(bar(name), k)
+                )
     for node in sorted(active, reverse=True):
         if node in bars:
             for x, scale in partials(graph, node):
                 if x in active:
                     bars[x] = graph.make("add", bars.get(x, graph.zero), scale(bars[node]))
-    outputs = {bar(name): Output(function.inputs[name], tuple(bars.get(x, graph.zero) for x in function.components(name)))
-               for name in wrt}
-    return Function(graph, {**function.inputs, **{bar(name): function.outputs[name].shape for name in of}}, outputs)
+    outputs = {
+        bar(name): Output(
+            function.inputs[name], tuple(bars.get(x, graph.zero) for x in function.components(name))
+        )
+        for name in wrt
+    }
+    return Function(
+        graph,
+        {**function.inputs, **{bar(name): function.outputs[name].shape for name in of}},
+        outputs,
+    )
 
 
 def jvp(function: Function, wrt: Iterable[str], of: Iterable[str] | None = None) -> Function:
-    """The inputs of `function` and the tangents dot(name) of those in `wrt` -> dot(name) of each output in `of`."""
+    """The inputs of `function` and the tangents dot(name) of those in `wrt` -> dot(name) of each
+    output in `of`.
+    """
     graph, of, wrt = function.graph, tuple(function.outputs if of is None else of), tuple(wrt)
     active = _active(function, wrt)
-    dots = {x: graph.input(dot(name), k) for name in wrt for k, x in enumerate(function.components(name))}
+    dots = {
+        x: graph.input(dot(name), k)
+        for name in wrt
+        for k, x in enumerate(function.components(name))
+    }
     for node in sorted(active - set(dots)):
-        dots[node] = graph.total(scale(dots[x]) for x, scale in partials(graph, node) if x in active)
-    outputs = {dot(name): Output(function.outputs[name].shape,
-                                 tuple(dots.get(x, graph.zero) for x in function.outputs[name].nodes)) for name in of}
-    return Function(graph, {**function.inputs, **{dot(name): function.inputs[name] for name in wrt}}, outputs)
+        dots[node] = graph.total(
+            scale(dots[x]) for x, scale in partials(graph, node) if x in active
+        )
+    outputs = {
+        dot(name): Output(
+            function.outputs[name].shape,
+            tuple(dots.get(x, graph.zero) for x in function.outputs[name].nodes),
+        )
+        for name in of
+    }
+    return Function(
+        graph, {**function.inputs, **{dot(name): function.inputs[name] for name in wrt}}, outputs
+    )
 
 
 def _active(function: Function, wrt: tuple[str, ...]) -> set[int]:
@@ -114,7 +156,12 @@ def partials(graph: Graph, node: int) -> Iterator[tuple[int, Linear]]:
         yield args[0], lambda v: make("mul", graph.const(0.5), make("div", v, node))
     elif op == "norm":
         none = make("eq", node, graph.zero)
-        yield args[0], lambda v: make("select", none, graph.zero, make("mul", graph.const(0.5), make("div", v, node)))
+        yield (
+            args[0],
+            lambda v: make(
+                "select", none, graph.zero, make("mul", graph.const(0.5), make("div", v, node))
+            ),
+        )
     elif op == "sin":
         yield args[0], lambda v: make("mul", v, make("cos", args[0]))
     elif op == "cos":
@@ -123,10 +170,23 @@ def partials(graph: Graph, node: int) -> Iterator[tuple[int, Linear]]:
         yield args[0], lambda v: SMOOTH[op](graph, v, args[0], node)
     elif op == "pow":
         x, y = args
-        none, at_zero = make("eq", y, graph.zero), make("and", make("eq", x, graph.zero), make("le", graph.zero, y))
-        yield x, lambda v: make("select", none, graph.zero, make(
-            "mul", v, make("mul", y, make("pow", x, make("sub", y, graph.one)))))
-        yield y, lambda v: make("select", at_zero, graph.zero, make("mul", v, make("mul", node, make("log", x))))
+        none = make("eq", y, graph.zero)
+        at_zero = make("and", make("eq", x, graph.zero), make("le", graph.zero, y))
+        yield (
+            x,
+            lambda v: make(
+                "select",
+                none,
+                graph.zero,
+                make("mul", v, make("mul", y, make("pow", x, make("sub", y, graph.one)))),
+            ),
+        )
+        yield (
+            y,
+            lambda v: make(
+                "select", at_zero, graph.zero, make("mul", v, make("mul", node, make("log", x)))
+            ),
+        )
     elif op == "atan2":
         y, x = args
         square = graph.dot((y, x), (y, x))
@@ -134,7 +194,10 @@ def partials(graph: Graph, node: int) -> Iterator[tuple[int, Linear]]:
         yield x, lambda v: make("neg", make("div", make("mul", v, y), square))
     elif op == "abs":
         minus, none = make("lt", args[0], graph.zero), make("eq", args[0], graph.zero)
-        yield args[0], lambda v: make("select", none, graph.zero, make("select", minus, make("neg", v), v))
+        yield (
+            args[0],
+            lambda v: make("select", none, graph.zero, make("select", minus, make("neg", v), v)),
+        )
     elif op == "select":
         yield args[1], lambda v: make("select", args[0], v, graph.zero)
         yield args[2], lambda v: make("select", args[0], graph.zero, v)
@@ -142,6 +205,11 @@ def partials(graph: Graph, node: int) -> Iterator[tuple[int, Linear]]:
         taken = [make("eq", x, node) for x in args]
         count = graph.total(graph.number(x) for x in taken)
         for x, chosen in zip(args, taken, strict=True):
-            yield x, lambda v, chosen=chosen: make("select", chosen, make("div", v, count), graph.zero)
+            yield (
+                x,
+                lambda v, chosen=chosen: make("select", chosen, make("div", v, count), graph.zero),
+            )
     elif op in ("exponent", "mantissa", "power2"):
-        raise NotImplementedError(f"{op} was differentiated; it is for functions that are already lowered")
+        raise NotImplementedError(
+            f"{op} was differentiated; it is for functions that are already lowered"
+        )

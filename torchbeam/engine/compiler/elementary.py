@@ -1,9 +1,10 @@
-"""Elementary functions as graphs of arithmetic (`RULES`), in float64, for any number of lanes at once.
+"""Elementary functions as graphs of arithmetic (`RULES`), in float64, for any number of lanes at
+once.
 
 Errors in units in the last place, with and without fused products:
 
-    sin, cos    < 1 for |x| <= 1e6 (reduced by Cody and Waite's three parts of pi/2, with its remainder); beyond it the error
-                grows, and inf gives NaN
+    sin, cos    < 1 for |x| <= 1e6 (reduced by Cody and Waite's three parts of pi/2, with its
+                remainder); beyond it the error grows, and inf gives NaN
     atan2       < 2, the signs of zeros aside: atan2(0, 0) = 0 and atan2(+-0, x < 0) = pi
     exp         < 1; above 709.79 inf, below -745.2 zero
     log         < 1; of 0 -inf, of what is negative NaN
@@ -11,10 +12,12 @@ Errors in units in the last place, with and without fused products:
     expm1, log1p, sinh, cosh, asinh, acosh, atanh   < 4; sinh and cosh are inf above 709.79
     erf         < 2
     erfc        < 8, but for numbers below 1e-290
-    pow         < 2 + |y log x|: x^y is exp(y log|x|); 0^0 = 1, and of x < 0 NaN, unless y is a whole number
+    pow         < 2 + |y log x|: x^y is exp(y log|x|); 0^0 = 1, and of x < 0 NaN, unless y is a
+                whole number
 
-Polynomials interpolate at Chebyshev points of the reduced interval (to 1e-17 of the result). Reductions and compensated sums as
-in W. J. Cody and W. Waite, Software Manual for the Elementary Functions, 1980, and P. T. P. Tang, ACM TOMS 15 (1989).
+Polynomials interpolate at Chebyshev points of the reduced interval (to 1e-17 of the result).
+Reductions and compensated sums as in W. J. Cody and W. Waite, Software Manual for the Elementary
+Functions, 1980, and P. T. P. Tang, ACM TOMS 15 (1989).
 """
 
 from __future__ import annotations
@@ -26,39 +29,110 @@ from functools import cache
 from .function import Function, Output
 from .graph import Graph
 
-HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)  # two of 33 bits: exact times 2^20
+# two of 33 bits: exact times 2^20
+HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
 QUARTER_PI = (0.7853981633974483, 3.061616997868383e-17)  # the first of 50 bits: exact times 3
 LOG_2 = (0.6931471803691238, 1.9082149292705877e-10)  # the first of 32 bits
 # (sin(r)/r - 1)/z and (cos(r) - 1 + z/2)/z^2 by z = r^2, |r| <= pi/4
-SIN = (-0.16666666666666666, 0.008333333333333331, -0.00019841269841265063, 2.7557319219337312e-06, -2.5052106231802837e-08,
-       1.6058531516797758e-10, -7.586691094197958e-13)
-COS = (0.041666666666666664, -0.0013888888888887398, 2.480158729876456e-05, -2.7557317271145144e-07, 2.087614614655861e-09,
-       -1.1382623647474604e-11)
+SIN = (
+    -0.16666666666666666,
+    0.008333333333333331,
+    -0.00019841269841265063,
+    2.7557319219337312e-06,
+    -2.5052106231802837e-08,
+    1.6058531516797758e-10,
+    -7.586691094197958e-13,
+)
+COS = (
+    0.041666666666666664,
+    -0.0013888888888887398,
+    2.480158729876456e-05,
+    -2.7557317271145144e-07,
+    2.087614614655861e-09,
+    -1.1382623647474604e-11,
+)
 # (atan(t)/t - 1)/z by z = t^2, |t| <= tan(pi/8)
-ATAN = (-0.3333333333333333, 0.19999999999999804, -0.14285714285659779, 0.11111111105150588, -0.09090908753259112,
-        0.07692296368042296, -0.0666642476020052, 0.05878927554473807, -0.05230443640686948, 0.045515447340221615,
-        -0.03456931506332609, 0.016284375050043393)
+ATAN = (
+    -0.3333333333333333,
+    0.19999999999999804,
+    -0.14285714285659779,
+    0.11111111105150588,
+    -0.09090908753259112,
+    0.07692296368042296,
+    -0.0666642476020052,
+    0.05878927554473807,
+    -0.05230443640686948,
+    0.045515447340221615,
+    -0.03456931506332609,
+    0.016284375050043393,
+)
 # (exp(r) - 1 - r)/r^2, |r| <= log(2)/2
-EXP = (0.5000000000000001, 0.16666666666666669, 0.04166666666662413, 0.008333333333330062, 0.0013888888917213717,
-       0.00019841269863053618, 2.4801521295954376e-05, 2.7557268459997064e-06, 2.7620088445409746e-07, 2.510038549551032e-08)
+EXP = (
+    0.5000000000000001,
+    0.16666666666666669,
+    0.04166666666662413,
+    0.008333333333330062,
+    0.0013888888917213717,
+    0.00019841269863053618,
+    2.4801521295954376e-05,
+    2.7557268459997064e-06,
+    2.7620088445409746e-07,
+    2.510038549551032e-08,
+)
 # (2 atanh(s) - 2 s)/s^3 by z = s^2, s = (m - 1)/(m + 1), 1/sqrt(2) <= m <= sqrt(2)
-LOG = (0.666666666666667, 0.39999999999899444, 0.2857142862600327, 0.22222211130259878, 0.18182889455674947,
-       0.15331710618210773, 0.14616585424888623)
+LOG = (
+    0.666666666666667,
+    0.39999999999899444,
+    0.2857142862600327,
+    0.22222211130259878,
+    0.18182889455674947,
+    0.15331710618210773,
+    0.14616585424888623,
+)
 # (tanh(x)/x - 1)/z by z = x^2, |x| <= 0.55
-TANH = (-0.3333333333333333, 0.13333333333332714, -0.053968253967434016, 0.021869488493666944, -0.008863234397814355,
-        0.003592110378689024, -0.001455661830100716, 0.0005889360520074057, -0.0002346347410887237, 8.511313685577672e-05,
-        -2.060276537636634e-05)
+TANH = (
+    -0.3333333333333333,
+    0.13333333333332714,
+    -0.053968253967434016,
+    0.021869488493666944,
+    -0.008863234397814355,
+    0.003592110378689024,
+    -0.001455661830100716,
+    0.0005889360520074057,
+    -0.0002346347410887237,
+    8.511313685577672e-05,
+    -2.060276537636634e-05,
+)
 
 # (erf(x)/x - 1) by z = x^2, |x| <= 1
-ERF = (0.1283791670955126, -0.37612638903183754, 0.1128379167095512, -0.02686617064512984, 0.0052239776254232985,
-       -0.000854832702193483, 0.00012055332902888736, -1.4925647567519332e-05, 1.6462045441468418e-06, -1.6364642158167616e-07,
-       1.4792401209404813e-08, -1.216456005728345e-09, 8.709045129053106e-11, -4.230945824295338e-12)
+ERF = (
+    0.1283791670955126,
+    -0.37612638903183754,
+    0.1128379167095512,
+    -0.02686617064512984,
+    0.0052239776254232985,
+    -0.000854832702193483,
+    0.00012055332902888736,
+    -1.4925647567519332e-05,
+    1.6462045441468418e-06,
+    -1.6364642158167616e-07,
+    1.4792401209404813e-08,
+    -1.216456005728345e-09,
+    8.709045129053106e-11,
+    -4.230945824295338e-12,
+)
 # x exp(x^2) erfc(x) by u = (x - 2)/(x + 2), x >= 1
-ERFC = (0.5107913526210115, 0.1672110104141063, -0.20384429592887915, 0.12151493052455939, -0.02897644669799631,
-        -0.007515738408858598, 0.004784898551337755, 0.0011266579427659145, -0.0007501843836468299, -0.00031435053213594867,
-        8.941415921264815e-05, 8.93146521390379e-05, 6.2851111694745675e-06, -1.9040085378746178e-05, -8.770319326645683e-06,
-        2.1437502696196356e-06, 1.9464797102460743e-06, -2.6852844588524854e-07, 3.8729664775111e-06, -5.026768059014121e-06,
+# fmt: off
+ERFC = (0.5107913526210115, 0.1672110104141063, -0.20384429592887915, 0.12151493052455939,
+        -0.02897644669799631,
+        -0.007515738408858598, 0.004784898551337755, 0.0011266579427659145, -0.0007501843836468299,
+        -0.00031435053213594867,
+        8.941415921264815e-05, 8.93146521390379e-05, 6.2851111694745675e-06,
+        -1.9040085378746178e-05, -8.770319326645683e-06,
+        2.1437502696196356e-06, 1.9464797102460743e-06, -2.6852844588524854e-07,
+        3.8729664775111e-06, -5.026768059014121e-06,
         2.1715574679016404e-06, -2.698937709226579e-07, -2.3635972958792134e-08)
+# fmt: on
 
 
 class _Number:
@@ -144,7 +218,9 @@ def _arctangent(y: _Number, x: _Number) -> _Number:
 
 
 def _reduced(x: _Number) -> tuple[_Number, _Number, _Number]:
-    """exp(x) - 1 of what is left of x beside k log(2); 2^k as a product: it may be too large, or too small, for one number."""
+    """exp(x) - 1 of what is left of x beside k log(2); 2^k as a product: it may be too large, or
+    too small, for one number.
+    """
     x = (x < -800.0).where(-800.0, x)
     x = -((-x) < -800.0).where(-800.0, -x)
     k = (x * (1 / math.log(2))).make("round")
@@ -194,9 +270,11 @@ def _hyperbolic_tangent(x: _Number) -> _Number:
 
 def _odd(rule: Callable[[_Number], _Number]) -> Callable[[_Number], _Number]:
     """A function with f(-x) = -f(x), from that of |x|."""
+
     def both(x: _Number) -> _Number:
         value = rule(x.make("abs"))
         return (x < 0.0).where(-value, value)
+
     return both
 
 
@@ -237,10 +315,14 @@ def _complement(x: _Number) -> _Number:
     size = (-size < -40.0).where(40.0, size)
     head = size * (2.0**27 + 1)
     head = head - (head - size)  # of 26 bits: its square is exact
-    far = _beyond(size, _exponential(-(head * head)) * _exponential(-((size - head) * (size + head))))
+    far = _beyond(
+        size, _exponential(-(head * head)) * _exponential(-((size - head) * (size + head)))
+    )
     far = (x < 0.0).where(-(far - 2.0), far)
     near = -((x + x * z.polynomial(ERF)) - 1.0)
-    return (size < 1.0).where((x < 0.5).where(near, -((x - 0.5) + (x * z.polynomial(ERF) - 0.5))), far)
+    return (size < 1.0).where(
+        (x < 0.5).where(near, -((x - 0.5) + (x * z.polynomial(ERF) - 0.5))), far
+    )
 
 
 def _beyond(x: _Number, power: _Number) -> _Number:
@@ -251,17 +333,23 @@ def _beyond(x: _Number, power: _Number) -> _Number:
 
 def _power(x: _Number, y: _Number) -> _Number:
     size = _exponential(y * _logarithm(x.make("abs")))
-    whole, odd = y.make("floor").make("eq", y), (y * 0.5).make("floor").make("eq", y * 0.5).make("not")
+    whole = y.make("floor").make("eq", y)
+    odd = (y * 0.5).make("floor").make("eq", y * 0.5).make("not")
     value = (x < 0.0).where(whole.where(odd.where(-size, size), math.nan), size)
     return y.make("eq", 0.0).where(1.0, value)
 
 
+# fmt: off
 RULES: dict[str, Callable[..., _Number]] = {
-    "sin": lambda x: _sine(x, 0), "cos": lambda x: _sine(x, 1), "atan2": _arctangent, "exp": _exponential, "log": _logarithm,
-    "tanh": _hyperbolic_tangent, "expm1": _exponential_less_one, "log1p": _logarithm_of_one_more, "pow": _power,
-    "sinh": _odd(_hyperbolic_sine), "cosh": _hyperbolic_cosine, "asinh": _odd(_inverse_sine), "acosh": _inverse_cosine,
+    "sin": lambda x: _sine(x, 0), "cos": lambda x: _sine(x, 1), "atan2": _arctangent,
+    "exp": _exponential, "log": _logarithm,
+    "tanh": _hyperbolic_tangent, "expm1": _exponential_less_one, "log1p": _logarithm_of_one_more,
+    "pow": _power,
+    "sinh": _odd(_hyperbolic_sine), "cosh": _hyperbolic_cosine, "asinh": _odd(_inverse_sine),
+    "acosh": _inverse_cosine,
     "atanh": _odd(_inverse_tangent), "erf": _odd(_error), "erfc": _complement,
 }
+# fmt: on
 
 
 @cache
@@ -270,4 +358,6 @@ def elementary(name: str) -> Function:
     graph = Graph()
     fields = {"atan2": ("y", "x"), "pow": ("x", "y")}.get(name, ("x",))
     args = [_Number(graph, graph.input(field, 0)) for field in fields]
-    return Function(graph, {field: () for field in fields}, {"out": Output((), (RULES[name](*args).node,))})
+    return Function(
+        graph, {field: () for field in fields}, {"out": Output((), (RULES[name](*args).node,))}
+    )

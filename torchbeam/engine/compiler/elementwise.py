@@ -1,8 +1,10 @@
-"""Operations of torch that work element by element, and over axes, on arrays of nodes: int64 tensors.
+"""Operations of torch that work element by element, and over axes, on arrays of nodes: int64
+tensors.
 
-`ELEMENTWISE` are functions of scalars, broadcast; `REDUCTIONS` functions of several scalars, over axes. Where they are not
-smooth, or an argument is NaN, they are torch's; but half powers of -inf are NaN here, a bound of clamp that is NaN does not
-bound, and the largest of what holds NaN is the last.
+`ELEMENTWISE` are functions of scalars, broadcast; `REDUCTIONS` functions of several scalars, over
+axes. Where they are not smooth, or an argument is NaN, they are torch's; but half powers of -inf
+are NaN here, a bound of clamp that is NaN does not bound, and the largest of what holds NaN is the
+last.
 """
 
 from __future__ import annotations
@@ -22,12 +24,16 @@ def _arithmetic(op: str) -> Callable[..., int]:
 
 
 def _scaled(op: str) -> Callable[..., int]:
-    return lambda g, a, b, *, alpha=1: g.make(op, g.number(a), g.make("mul", g.const(float(alpha)), g.number(b)))
+    return lambda g, a, b, *, alpha=1: g.make(
+        op, g.number(a), g.make("mul", g.const(float(alpha)), g.number(b))
+    )
 
 
 def _sum(g: Graph, a: int, b: int, *, alpha: float = 1) -> int:
     """Of truth values, whether one of them is true."""
-    return g.make("or", a, b) if g.truths[a] and g.truths[b] else _scaled("add")(g, a, b, alpha=alpha)
+    return (
+        g.make("or", a, b) if g.truths[a] and g.truths[b] else _scaled("add")(g, a, b, alpha=alpha)
+    )
 
 
 def _logical(op: str) -> Callable[..., int]:
@@ -39,6 +45,7 @@ def _compared(op: str, swapped: bool = False, negated: bool = False) -> Callable
         a, b = g.number(a), g.number(b)
         result = g.make(op, b, a) if swapped else g.make(op, a, b)
         return g.make("not", result) if negated else result
+
     return compared
 
 
@@ -74,10 +81,20 @@ def _sign(g: Graph, x: int) -> int:
 
 def _whole(op: str) -> Callable[..., int]:
     """floor, or towards zero."""
+
     def whole(g: Graph, x: int) -> int:
         down = g.make("floor", x)
-        return down if op == "floor" else g.make("select", g.make("lt", x, g.zero), g.make(
-            "neg", g.make("floor", g.make("neg", x))), down)
+        return (
+            down
+            if op == "floor"
+            else g.make(
+                "select",
+                g.make("lt", x, g.zero),
+                g.make("neg", g.make("floor", g.make("neg", x))),
+                down,
+            )
+        )
+
     return whole
 
 
@@ -88,7 +105,9 @@ def _divided(g: Graph, a: int, b: int, *, rounding_mode: str | None = None) -> i
 
 def _left(rounding_mode: str) -> Callable[..., int]:
     """What a division to a whole number leaves."""
-    return lambda g, a, b: g.make("sub", a, g.make("mul", b, _divided(g, a, b, rounding_mode=rounding_mode)))
+    return lambda g, a, b: g.make(
+        "sub", a, g.make("mul", b, _divided(g, a, b, rounding_mode=rounding_mode))
+    )
 
 
 def _arcsine(g: Graph, x: int, cosine: bool = False) -> int:
@@ -107,48 +126,70 @@ def _finite(g: Graph, x: int) -> int:
 def _unlike(op: str) -> Callable[..., int]:
     """Of numbers an arithmetic operation, of truth values a logical one."""
     names = {"mul": "and", "max": "or", "min": "and"}
-    return lambda g, a, b: g.make(names[op], a, b) if g.truths[a] and g.truths[b] else _arithmetic(op)(g, a, b)
+    return lambda g, a, b: (
+        g.make(names[op], a, b) if g.truths[a] and g.truths[b] else _arithmetic(op)(g, a, b)
+    )
 
 
+# fmt: off
 ELEMENTWISE: dict[str, Callable[..., int]] = {
     "add": _sum, "sub": _scaled("sub"), "rsub": lambda g, a, b: _scaled("sub")(g, b, a),
     "mul": _unlike("mul"), "div": _divided, "true_divide": _divided,
-    **{name: _arithmetic(name) for name in ("neg", "sqrt", "sin", "cos", "atan2", "exp", "log", "tanh", "abs", "floor", "expm1",
-                                            "log1p", "sinh", "cosh", "asinh", "acosh", "atanh", "erf", "erfc")},
-    "round": lambda g, x, *, decimals=0: g.make("div", g.make("round", g.make("mul", x, g.const(10.0**decimals))),
+    **{name: _arithmetic(name) for name in ("neg", "sqrt", "sin", "cos", "atan2", "exp", "log",
+                                            "tanh", "abs", "floor", "expm1",
+                                            "log1p", "sinh", "cosh", "asinh", "acosh", "atanh",
+                                            "erf", "erfc")},
+    "round": lambda g, x, *,
+    decimals=0: g.make("div", g.make("round", g.make("mul", x, g.const(10.0**decimals))),
                                                 g.const(10.0**decimals)),
-    "special_erf": _arithmetic("erf"), "special_erfc": _arithmetic("erfc"), "trunc": _whole("trunc"),
-    "floor_divide": lambda g, a, b: _divided(g, a, b, rounding_mode="floor"), "remainder": _left("floor"),
-    "fmod": _left("trunc"), "log2": lambda g, x: g.make("mul", g.make("log", x), g.const(1 / math.log(2))),
+    "special_erf": _arithmetic("erf"), "special_erfc": _arithmetic("erfc"),
+    "trunc": _whole("trunc"),
+    "floor_divide": lambda g, a, b: _divided(g, a, b, rounding_mode="floor"),
+    "remainder": _left("floor"),
+    "fmod": _left("trunc"), "log2": lambda g,
+    x: g.make("mul", g.make("log", x), g.const(1 / math.log(2))),
     "log10": lambda g, x: g.make("mul", g.make("log", x), g.const(1 / math.log(10))),
     "exp2": lambda g, x: g.make("exp", g.make("mul", x, g.const(math.log(2)))),
     "maximum": _unlike("max"), "minimum": _unlike("min"),
-    "reciprocal": lambda g, x: g.make("div", g.one, x), "rsqrt": lambda g, x: g.make("div", g.one, g.make("sqrt", x)),
-    "square": lambda g, x: g.make("mul", x, x), "tan": lambda g, x: g.make("div", g.make("sin", x), g.make("cos", x)),
+    "reciprocal": lambda g, x: g.make("div", g.one, x), "rsqrt": lambda g,
+    x: g.make("div", g.one, g.make("sqrt", x)),
+    "square": lambda g, x: g.make("mul", x, x), "tan": lambda g,
+    x: g.make("div", g.make("sin", x), g.make("cos", x)),
     "ceil": lambda g, x: g.make("neg", g.make("floor", g.make("neg", x))),
-    "atan": lambda g, x: g.make("atan2", x, g.one), "asin": _arcsine, "acos": lambda g, x: _arcsine(g, x, True),
+    "atan": lambda g, x: g.make("atan2", x, g.one), "asin": _arcsine, "acos": lambda g,
+    x: _arcsine(g, x, True),
     "hypot": lambda g, a, b: g.make("sqrt", g.dot((a, b), (a, b))), "sigmoid": _sigmoid,
-    "sign": lambda g, x: _sign(g, g.number(x)), "sgn": lambda g, x: _sign(g, g.number(x)), "pow": _power,
+    "sign": lambda g, x: _sign(g, g.number(x)), "sgn": lambda g, x: _sign(g, g.number(x)),
+    "pow": _power,
     "clamp": _clamp, "clamp_min": _clamp, "clamp_max": lambda g, x, high: _clamp(g, x, None, high),
     "relu": lambda g, x: g.make("select", g.make("le", x, g.zero), g.zero, x), "where": _where,
     "masked_fill": lambda g, x, mask, value: _where(g, mask, value, x),
     "lerp": lambda g, a, b, w: g.make("add", a, g.make("mul", w, g.make("sub", b, a))),
-    "addcmul": lambda g, x, a, b, *, value=1: _scaled("add")(g, x, g.make("mul", a, b), alpha=value),
-    "addcdiv": lambda g, x, a, b, *, value=1: _scaled("add")(g, x, g.make("div", a, b), alpha=value),
-    "lt": _compared("lt"), "le": _compared("le"), "gt": _compared("lt", swapped=True), "ge": _compared("le", swapped=True),
-    "eq": _compared("eq"), "ne": _compared("eq", negated=True), "isnan": lambda g, x: g.make("not", g.make("eq", x, x)),
+    "addcmul": lambda g, x, a, b, *,
+    value=1: _scaled("add")(g, x, g.make("mul", a, b), alpha=value),
+    "addcdiv": lambda g, x, a, b, *,
+    value=1: _scaled("add")(g, x, g.make("div", a, b), alpha=value),
+    "lt": _compared("lt"), "le": _compared("le"), "gt": _compared("lt", swapped=True),
+    "ge": _compared("le", swapped=True),
+    "eq": _compared("eq"), "ne": _compared("eq", negated=True), "isnan": lambda g,
+    x: g.make("not", g.make("eq", x, x)),
     "isfinite": _finite, "isinf": lambda g, x: g.make("eq", g.make("abs", x), g.const(math.inf)),
     "logical_and": _logical("and"), "logical_or": _logical("or"), "logical_not": _logical("not"),
     "bitwise_and": _logical("and"), "bitwise_or": _logical("or"), "bitwise_not": _logical("not"),
     "logical_xor": lambda g, a, b: _where(g, a, g.make("not", g.truth(b)), g.truth(b)),
 }
+# fmt: on
 
 
-def elementwise(g: Graph, rule: Callable[..., int], *args: Tensor | None, **settings: float) -> Tensor:
+def elementwise(
+    g: Graph, rule: Callable[..., int], *args: Tensor | None, **settings: float
+) -> Tensor:
     shape = broadcast_shapes(*(x.shape for x in args if x is not None))
     count = math.prod(shape)
     lists = [[None] * count if x is None else x.expand(shape).flatten().tolist() for x in args]
-    return torch.tensor([rule(g, *xs, **settings) for xs in zip(*lists, strict=True)], dtype=torch.long).reshape(shape)
+    return torch.tensor(
+        [rule(g, *xs, **settings) for xs in zip(*lists, strict=True)], dtype=torch.long
+    ).reshape(shape)
 
 
 def _mean(g: Graph, xs: Sequence[int]) -> int:
@@ -161,6 +202,7 @@ def _chained(op: str, start: bool | float) -> Callable[[Graph, Sequence[int]], i
         for x in xs:
             result = g.make(op, result, g.truth(x) if isinstance(start, bool) else g.number(x))
         return result
+
     return chained
 
 
@@ -171,26 +213,50 @@ def _extreme(op: str) -> Callable[[Graph, Sequence[int]], int]:
 
 def _position(op: str) -> Callable[[Graph, Sequence[int]], int]:
     """Of the largest, or smallest; the first, where there are several."""
+
     def position(g: Graph, xs: Sequence[int]) -> int:
         extreme, place = g.make(op, *xs), g.const(float(len(xs) - 1))
         for k in reversed(range(len(xs) - 1)):
             place = g.make("select", g.make("eq", xs[k], extreme), g.const(float(k)), place)
         return place
+
     return position
 
 
 REDUCTIONS: dict[str, Callable[[Graph, Sequence[int]], int]] = {
-    "sum": lambda g, xs: g.total(g.number(x) for x in xs), "mean": _mean, "prod": _chained("mul", 1.0),
-    "amax": _extreme("max"), "amin": _extreme("min"),
-    "any": _chained("or", False), "all": _chained("and", True), "argmax": _position("max"), "argmin": _position("min"),
+    "sum": lambda g, xs: g.total(g.number(x) for x in xs),
+    "mean": _mean,
+    "prod": _chained("mul", 1.0),
+    "amax": _extreme("max"),
+    "amin": _extreme("min"),
+    "any": _chained("or", False),
+    "all": _chained("and", True),
+    "argmax": _position("max"),
+    "argmin": _position("min"),
 }
 
 
-def reduction(g: Graph, rule: Callable[[Graph, Sequence[int]], int], x: Tensor, dim: int | Sequence[int] | None = None,
-              keepdim: bool = False, **_: object) -> Tensor:
-    dims = range(x.ndim) if dim is None or (not isinstance(dim, int) and not dim) else [dim] if isinstance(dim, int) else dim
+def reduction(
+    g: Graph,
+    rule: Callable[[Graph, Sequence[int]], int],
+    x: Tensor,
+    dim: int | Sequence[int] | None = None,
+    keepdim: bool = False,
+    **_: object,
+) -> Tensor:
+    dims = (
+        range(x.ndim)
+        if dim is None or (not isinstance(dim, int) and not dim)
+        else [dim]
+        if isinstance(dim, int)
+        else dim
+    )
     dims = [d % x.ndim for d in dims] if x.ndim else []
     others = [d for d in range(x.ndim) if d not in dims]
     rows = x.permute([*others, *dims]).reshape(math.prod(x.shape[d] for d in others), -1).tolist()
-    shape = [1 if d in dims else n for d, n in enumerate(x.shape)] if keepdim else [x.shape[d] for d in others]
+    shape = (
+        [1 if d in dims else n for d, n in enumerate(x.shape)]
+        if keepdim
+        else [x.shape[d] for d in others]
+    )
     return torch.tensor([rule(g, row) for row in rows], dtype=torch.long).reshape(shape)

@@ -20,7 +20,9 @@ class Output(NamedTuple):
 
 @dataclass(frozen=True)
 class Function:
-    """inputs: field -> shape; outputs: field -> `Output`. Component k of the input x is the graph's node input(x, k)."""
+    """inputs: field -> shape; outputs: field -> `Output`. Component k of the input x is the graph's
+    node input(x, k).
+    """
 
     graph: Graph
     inputs: dict[str, tuple[int, ...]]
@@ -50,11 +52,14 @@ class Function:
         """The function of fewer outputs; inputs that nothing depends on any more are left out."""
         few = replace(self, outputs={name: self.outputs[name] for name in outputs})
         used = {field for field, _ in few.read()}
-        return replace(few, inputs={name: shape for name, shape in self.inputs.items() if name in used})
+        return replace(
+            few, inputs={name: shape for name, shape in self.inputs.items() if name in used}
+        )
 
     def into(self, graph: Graph, inputs: Mapping[str, Sequence[int]]) -> dict[str, list[int]]:
-        """The nodes of the outputs in another graph, or the same, with `inputs` (field -> nodes there) in place of the
-        function's; a field that is not named stays an input by that name.
+        """The nodes of the outputs in another graph, or the same, with `inputs`
+        (field -> nodes there) in place of the function's; a field that is not named stays an input
+        by that name.
         """
         own, there = self.graph, {}
         for x in self.live():
@@ -65,17 +70,24 @@ class Function:
                 there[x] = graph.again(own.ops[x], [there[y] for y in own.args[x]], own.values[x])
         return {name: [there[x] for x in out.nodes] for name, out in self.outputs.items()}
 
-    def taking(self, places: Mapping[int, tuple[str, int]], fields: Mapping[str, tuple[int, ...]]) -> Function:
-        """The function that takes some of its nodes from elsewhere: `places` node -> (field, component) of the new inputs
-        `fields`, with their shapes.
+    def taking(
+        self, places: Mapping[int, tuple[str, int]], fields: Mapping[str, tuple[int, ...]]
+    ) -> Function:
+        """The function that takes some of its nodes from elsewhere: `places`
+        node -> (field, component) of the new inputs `fields`, with their shapes.
         """
         own, graph = self.graph, Graph()
         there = {x: graph.input(*place) for x, place in places.items()}
         there = {x: graph.truth(y) if own.truths[x] else y for x, y in there.items()}
-        for x in own.live({x for out in self.outputs.values() for x in out.nodes}, known=set(there)):
+        for x in own.live(
+            {x for out in self.outputs.values() for x in out.nodes}, known=set(there)
+        ):
             if x not in there:
                 there[x] = graph.again(own.ops[x], [there[y] for y in own.args[x]], own.values[x])
-        outputs = {name: Output(out.shape, tuple(there[x] for x in out.nodes)) for name, out in self.outputs.items()}
+        outputs = {
+            name: Output(out.shape, tuple(there[x] for x in out.nodes))
+            for name, out in self.outputs.items()
+        }
         return Function(graph, {**fields, **self.inputs}, outputs).only(outputs)
 
     def joined(self, other: Function) -> Function:
@@ -83,12 +95,24 @@ class Function:
         graph, outputs = Graph(), {}
         for one in (self, other):
             nodes = one.into(graph, {})
-            outputs |= {name: Output(out.shape, tuple(nodes[name])) for name, out in one.outputs.items()}
+            outputs |= {
+                name: Output(out.shape, tuple(nodes[name])) for name, out in one.outputs.items()
+            }
         return Function(graph, {**self.inputs, **other.inputs}, outputs)
 
     def with_constants(self, values: Mapping[str, Sequence[float]]) -> Function:
-        """The function with constants (flat, in the order of memory) in place of some inputs; folded anew."""
+        """The function with constants (flat, in the order of memory) in place of some inputs;
+        folded anew.
+        """
         graph = Graph()
-        nodes = self.into(graph, {name: [graph.const(v) for v in value] for name, value in values.items()})
-        outputs = {name: Output(out.shape, tuple(nodes[name])) for name, out in self.outputs.items()}
-        return Function(graph, {name: shape for name, shape in self.inputs.items() if name not in values}, outputs)
+        nodes = self.into(
+            graph, {name: [graph.const(v) for v in value] for name, value in values.items()}
+        )
+        outputs = {
+            name: Output(out.shape, tuple(nodes[name])) for name, out in self.outputs.items()
+        }
+        return Function(
+            graph,
+            {name: shape for name, shape in self.inputs.items() if name not in values},
+            outputs,
+        )

@@ -1,11 +1,13 @@
 """Graph of scalar operations: what a function of small tensors does, number by number.
 
-A node is an integer; the nodes that it reads have smaller ones. Equal nodes are one node. A node is a number, or a truth
-value; the two never mix but by `number` and `truth`. What is made of constants is computed at once, and rules of arithmetic
-shorten the rest. They change results by rounding at most, with two exceptions, both taken because structural zeros (of skew
-matrices, identities, absent masses) are most of what local physics multiplies with:
+A node is an integer; the nodes that it reads have smaller ones. Equal nodes are one node. A node is
+a number, or a truth value; the two never mix but by `number` and `truth`. What is made of constants
+is computed at once, and rules of arithmetic shorten the rest. They change results by rounding at
+most, with two exceptions, both taken because structural zeros (of skew matrices, identities, absent
+masses) are most of what local physics multiplies with:
 
-    0 x = 0 and 0 / x = 0     for every x: a NaN or inf in x does not come through a factor that is zero by structure
+    0 x = 0 and 0 / x = 0
+    for every x: a NaN or inf in x does not come through a factor that is zero by structure
     -0 = 0                    signs of zeros are not kept
 
 x - x, x / x and x == x are left alone: the first is the test for NaN and inf.
@@ -18,28 +20,38 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
+# fmt: off
 FOLDED: dict[str, Callable] = {
-    "add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide, "neg": np.negative, "sqrt": np.sqrt,
-    "norm": np.sqrt, "sin": np.sin, "cos": np.cos, "atan2": np.arctan2, "exp": np.exp, "log": np.log, "tanh": np.tanh,
-    "expm1": np.expm1, "log1p": np.log1p, "sinh": np.sinh, "cosh": np.cosh, "asinh": np.arcsinh, "acosh": np.arccosh,
-    "atanh": np.arctanh, "erf": lambda x: math.erf(x), "erfc": lambda x: math.erfc(x), "pow": np.power, "abs": np.abs,
+    "add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide, "neg": np.negative,
+    "sqrt": np.sqrt,
+    "norm": np.sqrt, "sin": np.sin, "cos": np.cos, "atan2": np.arctan2, "exp": np.exp,
+    "log": np.log, "tanh": np.tanh,
+    "expm1": np.expm1, "log1p": np.log1p, "sinh": np.sinh, "cosh": np.cosh, "asinh": np.arcsinh,
+    "acosh": np.arccosh,
+    "atanh": np.arctanh, "erf": lambda x: math.erf(x), "erfc": lambda x: math.erfc(x),
+    "pow": np.power, "abs": np.abs,
     "floor": np.floor, "round": np.rint, "max": lambda *x: np.max(x), "min": lambda *x: np.min(x),
-    "lt": np.less, "le": np.less_equal, "eq": np.equal, "and": np.logical_and, "or": np.logical_or, "not": np.logical_not,
-    "exponent": lambda x: np.frexp(x)[1] - 1.0, "mantissa": lambda x: 2 * np.frexp(x)[0], "power2": np.exp2,
+    "lt": np.less, "le": np.less_equal, "eq": np.equal, "and": np.logical_and, "or": np.logical_or,
+    "not": np.logical_not,
+    "exponent": lambda x: np.frexp(x)[1] - 1.0, "mantissa": lambda x: 2 * np.frexp(x)[0],
+    "power2": np.exp2,
 }
+# fmt: on
 TRUTHS = {"lt", "le", "eq", "and", "or", "not"}
 COMMUTATIVE = {"add", "mul", "eq", "and", "or", "max", "min"}
 
 
 class Graph:
-    """Nodes in lists that only grow. Of node n: ops[n] its operation, args[n] the nodes it reads, values[n] the value of a
-    constant, or (field, component) of an input.
+    """Nodes in lists that only grow. Of node n: ops[n] its operation, args[n] the nodes it reads,
+    values[n] the value of a constant, or (field, component) of an input.
 
-    Operations: const, input; add, sub, mul, div, neg, abs, sqrt, norm (the square root of a sum of squares, whose derivative
-    at 0 is 0), sin, cos, atan2, exp, log, tanh, expm1, log1p, sinh, cosh, asinh, acosh, atanh, erf, erfc, pow, floor, round
-    (half to even); max, min of any number (NaN wins); lt, le, eq; and, or, not; select(truth, a, b). Of a normal number, to
-    lower functions: exponent (floor of log2|x|) and mantissa (in [1, 2)); power2(k) = 2^k of an integral k from -1022 to 1023.
-    While tracing: factor(x), an element of the factors of a matrix, which stands for that of the matrix.
+    Operations: const, input; add, sub, mul, div, neg, abs, sqrt, norm (the square root of a sum of
+    squares, whose derivative at 0 is 0), sin, cos, atan2, exp, log, tanh, expm1, log1p, sinh, cosh,
+    asinh, acosh, atanh, erf, erfc, pow, floor, round (half to even); max, min of any number
+    (NaN wins); lt, le, eq; and, or, not; select(truth, a, b). Of a normal number, to lower
+    functions: exponent (floor of log2|x|) and mantissa (in [1, 2)); power2(k) = 2^k of an integral
+    k from -1022 to 1023. While tracing: factor(x), an element of the factors of a matrix, which
+    stands for that of the matrix.
     """
 
     def __init__(self) -> None:
@@ -48,12 +60,20 @@ class Graph:
         self.values: list[float | bool | tuple[str, int] | None] = []
         self.truths: list[bool] = []
         self._known: dict[tuple, int] = {}
-        self._rules = {op: getattr(self, f"_{op}") for op in (*FOLDED, "select") if hasattr(self, f"_{op}")}
+        self._rules = {
+            op: getattr(self, f"_{op}") for op in (*FOLDED, "select") if hasattr(self, f"_{op}")
+        }
         self.zero = self.const(0.0)  # node 0
         self.one = self.const(1.0)
 
-    def _intern(self, key: tuple, op: str, args: tuple[int, ...], value: float | bool | tuple[str, int] | None, truth: bool
-                ) -> int:
+    def _intern(
+        self,
+        key: tuple,
+        op: str,
+        args: tuple[int, ...],
+        value: float | bool | tuple[str, int] | None,
+        truth: bool,
+    ) -> int:
         node = self._known.get(key)
         if node is None:
             node = self._known[key] = len(self.ops)
@@ -77,9 +97,18 @@ class Graph:
 
     def make(self, op: str, *args: int) -> int:
         """The node of an operation, or a shorter one that is equal."""
-        if self.ops[args[0]] == "const" and op in FOLDED and all(self.ops[x] == "const" for x in args):
+        if (
+            self.ops[args[0]] == "const"
+            and op in FOLDED
+            and all(self.ops[x] == "const" for x in args)
+        ):
             with np.errstate(all="ignore"):
-                value = FOLDED[op](*(np.float64(self.values[x]) if not self.truths[x] else self.values[x] for x in args))
+                value = FOLDED[op](
+                    *(
+                        np.float64(self.values[x]) if not self.truths[x] else self.values[x]
+                        for x in args
+                    )
+                )
             return self.const(bool(value) if op in TRUTHS else float(value))
         rule = self._rules.get(op)
         simpler = None if rule is None else rule(*args)
@@ -87,11 +116,21 @@ class Graph:
             return simpler
         if op in COMMUTATIVE:
             args = tuple(sorted(args))
-        return self._intern((op, args), op, args, None, op in TRUTHS or (op == "select" and self.truths[args[1]]))
+        return self._intern(
+            (op, args), op, args, None, op in TRUTHS or (op == "select" and self.truths[args[1]])
+        )
 
-    def again(self, op: str, args: Sequence[int], value: float | bool | tuple[str, int] | None) -> int:
+    def again(
+        self, op: str, args: Sequence[int], value: float | bool | tuple[str, int] | None
+    ) -> int:
         """A node of another graph, with the nodes here that its own are."""
-        return self.const(value) if op == "const" else self.input(*value) if op == "input" else self.make(op, *args)
+        return (
+            self.const(value)
+            if op == "const"
+            else self.input(*value)
+            if op == "input"
+            else self.make(op, *args)
+        )
 
     # Rules: a node, or None where there is nothing shorter
 
@@ -105,7 +144,9 @@ class Graph:
         if self.ops[a] == self.ops[b] == "select" and self.args[a][0] == self.args[b][0]:
             (truth, *xs), (_, *ys) = self.args[a], self.args[b]
             if all(self.zero in pair for pair in zip(xs, ys, strict=True)):
-                return self.make("select", truth, *(self.make("add", *pair) for pair in zip(xs, ys, strict=True)))
+                return self.make(
+                    "select", truth, *(self.make("add", *pair) for pair in zip(xs, ys, strict=True))
+                )
         return None
 
     def _sub(self, a: int, b: int) -> int | None:
@@ -132,7 +173,8 @@ class Graph:
                 inner, x = self.args[b]
                 if _power_of_two(value) or _power_of_two(self.values[inner]):
                     return self.make("mul", self.const(value * self.values[inner]), x)
-            return self._intern(("mul", (a, b)), "mul", (a, b), None, False)  # the constant first, whichever is older
+            # the constant first, whichever is older
+            return self._intern(("mul", (a, b)), "mul", (a, b), None, False)
         for x, y in ((a, b), (b, a)):
             if self.ops[x] == "neg":
                 return self.make("neg", self.make("mul", self.args[x][0], y))
@@ -160,11 +202,23 @@ class Graph:
         return None
 
     def _abs(self, a: int) -> int | None:
-        return self.make("abs", self.args[a][0]) if self.ops[a] == "neg" else a if self.ops[a] in ("abs", "sqrt") else None
+        return (
+            self.make("abs", self.args[a][0])
+            if self.ops[a] == "neg"
+            else a
+            if self.ops[a] in ("abs", "sqrt")
+            else None
+        )
 
     def _max(self, *args: int, op: str = "max") -> int | None:
         distinct = tuple(dict.fromkeys(args))
-        return None if len(distinct) == len(args) > 1 else distinct[0] if len(distinct) == 1 else self.make(op, *distinct)
+        return (
+            None
+            if len(distinct) == len(args) > 1
+            else distinct[0]
+            if len(distinct) == 1
+            else self.make(op, *distinct)
+        )
 
     def _min(self, *args: int) -> int | None:
         return self._max(*args, op="min")
@@ -221,8 +275,12 @@ class Graph:
     def dot(self, xs: Iterable[int], ys: Iterable[int]) -> int:
         return self.total(self.make("mul", x, y) for x, y in zip(xs, ys, strict=True))
 
-    def live(self, ends: Iterable[int], known: frozenset[int] | set[int] = frozenset()) -> list[int]:
-        """What the nodes `ends` need, themselves among it, in order; of what is known nothing is needed."""
+    def live(
+        self, ends: Iterable[int], known: frozenset[int] | set[int] = frozenset()
+    ) -> list[int]:
+        """What the nodes `ends` need, themselves among it, in order; of what is known nothing is
+        needed.
+        """
         live = set(ends)
         todo = list(live)
         while todo:
@@ -234,4 +292,9 @@ class Graph:
 
 
 def _power_of_two(value: float) -> bool:
-    return math.isfinite(value) and value != 0 and abs(math.frexp(value)[0]) == 0.5 and 1e-300 < abs(value) < 1e300
+    return (
+        math.isfinite(value)
+        and value != 0
+        and abs(math.frexp(value)[0]) == 0.5
+        and 1e-300 < abs(value) < 1e300
+    )

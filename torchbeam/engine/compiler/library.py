@@ -1,6 +1,7 @@
 """Native code: LLVM's text compiled for this processor, loaded, and kept by its object.
 
-llvmlite, the compiler library, is imported here when code is first asked for; the extra `fast` installs it.
+llvmlite, the compiler library, is imported here when code is first asked for; the extra `fast`
+installs it.
 """
 
 from __future__ import annotations
@@ -13,11 +14,17 @@ from .object_cache import ObjectCache, key_of
 
 
 class Library:
-    """Functions of one module in memory; they stay as long as this object does. cache: None = nothing is kept on disk; name:
-    what determines the text, which is then asked for only where there is no object by that name, None = the text itself.
+    """Functions of one module in memory; they stay as long as this object does. cache:
+    None = nothing is kept on disk; name: what determines the text, which is then asked for only
+    where there is no object by that name, None = the text itself.
     """
 
-    def __init__(self, text: str | Callable[[], str], cache: ObjectCache | None = None, name: str | None = None) -> None:
+    def __init__(
+        self,
+        text: str | Callable[[], str],
+        cache: ObjectCache | None = None,
+        name: str | None = None,
+    ) -> None:
         binding = _binding()
         machine = _machine()
         if callable(text) and name is None:
@@ -38,13 +45,15 @@ class Library:
         """Of a function. Raises ValueError where there is none of that name."""
         address = self._engine.get_function_address(name)
         if not address:
-            raise ValueError(f"no function {name!r} in this library; a name that it defines is wanted")
+            raise ValueError(
+                f"no function {name!r} in this library; a name that it defines is wanted"
+            )
         return address
 
 
 def _object(text: str, machine: Any) -> bytes:
-    """Of functions whose numbers are computed once, in the order in which they are to be: of LLVM's usual passes only few are
-    worth their time.
+    """Of functions whose numbers are computed once, in the order in which they are to be: of LLVM's
+    usual passes only few are worth their time.
     """
     binding = _binding()
     module = binding.parse_assembly(text)
@@ -56,7 +65,9 @@ def _object(text: str, machine: Any) -> bytes:
     passes.add_instruction_combine_pass()
     passes.add_reassociate_pass()  # of commuted operands: flags forbid that sums are reordered
     passes.add_simplify_cfg_pass()
-    passes.run(module, binding.create_pass_builder(machine, binding.create_pipeline_tuning_options()))
+    passes.run(
+        module, binding.create_pass_builder(machine, binding.create_pipeline_tuning_options())
+    )
     return machine.emit_object(module)
 
 
@@ -66,7 +77,9 @@ def _binding() -> Any:
     try:
         import llvmlite.binding as binding
     except ImportError as error:
-        raise ImportError("native code was asked for without llvmlite; `pip install torchbeam[fast]` is wanted") from error
+        raise ImportError(
+            "native code was asked for without llvmlite; `pip install torchbeam[fast]` is wanted"
+        ) from error
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
     return binding
@@ -78,11 +91,16 @@ def _host() -> tuple[str, str, str]:
     import llvmlite
 
     binding = _binding()
-    return llvmlite.__version__, binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
+    return (
+        llvmlite.__version__,
+        binding.get_host_cpu_name(),
+        binding.get_host_cpu_features().flatten(),
+    )
 
 
 def _machine() -> Any:
     binding = _binding()
     _, processor, features = _host()
     return binding.Target.from_default_triple().create_target_machine(
-        cpu=processor, features=features, opt=3, codemodel="jitdefault", jit=True)
+        cpu=processor, features=features, opt=3, codemodel="jitdefault", jit=True
+    )

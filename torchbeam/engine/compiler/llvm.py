@@ -1,11 +1,13 @@
 """LLVM's language for functions: straight code for W samples at once, a lane each.
 
-    void NAME(ptr input 0, ..., ptr output 0, ...)      fields in the order of `Function.inputs` and `.outputs`
+    void NAME(ptr input 0, ..., ptr output 0, ...)
+    fields in the order of `Function.inputs` and `.outputs`
 
-A field lies in memory as [component][lane], float64 or float32, aligned to its numbers; what is written overlaps nothing else.
-Truth values are 0 and 1 there. W = 1 is plain scalars. Products may be fused, reciprocals taken and signs of zeros lost
-(contract, arcp, nsz); NaN and inf are kept, and no sum is reordered: x - x is the test for both. Elementary functions are
-those of `elementary`, in float64 whatever the lanes are.
+A field lies in memory as [component][lane], float64 or float32, aligned to its numbers; what is
+written overlaps nothing else. Truth values are 0 and 1 there. W = 1 is plain scalars. Products may
+be fused, reciprocals taken and signs of zeros lost (contract, arcp, nsz); NaN and inf are kept, and
+no sum is reordered: x - x is the test for both. Elementary functions are those of `elementary`, in
+float64 whatever the lanes are.
 """
 
 from __future__ import annotations
@@ -40,7 +42,9 @@ class Lanes:
 
     def all(self, scalar: str, value: str) -> str:
         """A constant with the same value in each lane."""
-        return "<" + ", ".join([f"{scalar} {value}"] * self.count) + ">" if self.count > 1 else value
+        return (
+            "<" + ", ".join([f"{scalar} {value}"] * self.count) + ">" if self.count > 1 else value
+        )
 
     def constant(self, value: float | bool) -> str:
         if isinstance(value, bool):
@@ -51,7 +55,9 @@ class Lanes:
 
 
 class Module:
-    """Text of one module: functions by `define`, and what they call. `added` takes any other definitions as they are."""
+    """Text of one module: functions by `define`, and what they call. `added` takes any other
+    definitions as they are.
+    """
 
     def __init__(self, lanes: int, dtype: torch.dtype = torch.float64) -> None:
         self.lanes = Lanes(lanes, dtype)
@@ -60,7 +66,9 @@ class Module:
         self._declarations: dict[str, str] = {}
 
     def define(self, name: str, function: Function, inline: bool = False) -> None:
-        """A function, as above; `inline`: written into those that call it. Raises ValueError for a second one of that name."""
+        """A function, as above; `inline`: written into those that call it. Raises ValueError for a
+        second one of that name.
+        """
         if name in self._definitions:
             raise ValueError(f"a second function {name!r} was given; another name is wanted")
         lanes, graph = self.lanes, function.graph
@@ -99,9 +107,14 @@ class Module:
                     body.operation(node)
             (out,) = function.outputs["out"].nodes
             given = ", ".join(f"{lanes.vector} %{field}" for field in function.inputs)
-            self._definitions[called] = "\n".join((
-                f'define internal {lanes.vector} @"{called}"({given}) alwaysinline nounwind {{', *body.lines,
-                f"  ret {lanes.vector} {body.name(out)}", "}"))
+            self._definitions[called] = "\n".join(
+                (
+                    f'define internal {lanes.vector} @"{called}"({given}) alwaysinline nounwind {{',
+                    *body.lines,
+                    f"  ret {lanes.vector} {body.name(out)}",
+                    "}",
+                )
+            )
         return f'@"{called}"'
 
     def intrinsic(self, name: str, lanes: Lanes) -> str:
@@ -110,7 +123,10 @@ class Module:
         return called
 
     def text(self) -> str:
-        return "\n\n".join((*self._declarations.values(), *self._definitions.values(), *self.added)) + "\n"
+        return (
+            "\n\n".join((*self._declarations.values(), *self._definitions.values(), *self.added))
+            + "\n"
+        )
 
 
 class _Body:
@@ -140,7 +156,10 @@ class _Body:
         """Where a component of a field lies."""
         if not component:
             return pointer
-        return self.new(f"getelementptr inbounds i8, ptr {pointer}, i64 {component * self.lanes.count * self.lanes.bytes}")
+        return self.new(
+            f"getelementptr inbounds i8, ptr {pointer}, i64 "
+            f"{component * self.lanes.count * self.lanes.bytes}"
+        )
 
     def operation(self, node: int) -> None:
         op, lanes = self.graph.ops[node], self.lanes
@@ -161,7 +180,10 @@ class _Body:
             kind = lanes.truth if self.graph.truths[node] else vector
             text = f"select {lanes.truth} {args[0]}, {kind} {args[1]}, {kind} {args[2]}"
         elif op in INTRINSICS:
-            text = f"call {FLAGS} {vector} {self.module.intrinsic(INTRINSICS[op], lanes)}({vector} {args[0]})"
+            text = (
+                f"call {FLAGS} {vector} "
+                f"{self.module.intrinsic(INTRINSICS[op], lanes)}({vector} {args[0]})"
+            )
         elif op in ("max", "min"):
             text = self._extreme("ogt" if op == "max" else "olt", args)
         elif op in RULES:
@@ -176,7 +198,10 @@ class _Body:
         for k, other in enumerate(args[1:]):
             beyond = self.new(f"fcmp {compared} {vector} {best}, {other}")
             no_number = self.new(f"fcmp uno {vector} {best}, {best}")
-            text = f"select {truth} {self.new(f'or {truth} {beyond}, {no_number}')}, {vector} {best}, {vector} {other}"
+            text = (
+                f"select {truth} {self.new(f'or {truth} {beyond}, {no_number}')}, {vector} "
+                f"{best}, {vector} {other}"
+            )
             best = self.new(text) if k < len(args) - 2 else best
         return text
 
@@ -195,17 +220,28 @@ class _Body:
     def _exponent(self, x: str) -> str:
         lanes, long, short = self.lanes, self.lanes.of("i64"), self.lanes.of("i32")
         shifted = self.new(f"lshr {long} {self._bits(x)}, {lanes.all('i64', '52')}")
-        held = self.new(f"and {short} {self.new(f'trunc {long} {shifted} to {short}')}, {lanes.all('i32', '2047')}")
+        held = self.new(
+            f"and {short} {self.new(f'trunc {long} {shifted} to {short}')}, "
+            f"{lanes.all('i32', '2047')}"
+        )
         whole = self.new(f"sub {short} {held}, {lanes.all('i32', '1023')}")
         return f"sitofp {short} {whole} to {lanes.vector}"
 
     def _mantissa(self, x: str) -> str:
         lanes, long = self.lanes, self.lanes.of("i64")
         kept = self.new(f"and {long} {self._bits(x)}, {lanes.all('i64', str(2**52 - 1))}")
-        return f"bitcast {long} {self.new(f'or {long} {kept}, ' + lanes.all('i64', str(1023 << 52)))} to {lanes.vector}"
+        return (
+            f"bitcast {long} "
+            f"{self.new(f'or {long} {kept}, ' + lanes.all('i64', str(1023 << 52)))} to "
+            f"{lanes.vector}"
+        )
 
     def _power2(self, k: str) -> str:
         """The last bits of a large number are k + 1023: shifted to the exponent's."""
         lanes, long = self.lanes, self.lanes.of("i64")
         large = self.new(f"fadd {lanes.vector} {k}, {lanes.constant(1.5 * 2.0**52 + 1023)}")
-        return f"bitcast {long} {self.new(f'shl {long} {self._bits(large)}, ' + lanes.all('i64', '52'))} to {lanes.vector}"
+        return (
+            f"bitcast {long} "
+            f"{self.new(f'shl {long} {self._bits(large)}, ' + lanes.all('i64', '52'))} to "
+            f"{lanes.vector}"
+        )

@@ -1,11 +1,13 @@
 """Compiled objects on disk, so that a process need not compile again what another one has.
 
-A file a key, in $TORCHBEAM_CACHE, else $XDG_CACHE_HOME/torchbeam, else ~/.cache/torchbeam (on Windows in %LOCALAPPDATA%), each
-beginning with the checksum of its key and of what follows. Written beside and renamed, so that no reader sees a part. A file
-that is damaged, or another key's, is as none; where the folder cannot be written, objects live in memory alone.
+A file a key, in $TORCHBEAM_CACHE, else $XDG_CACHE_HOME/torchbeam, else ~/.cache/torchbeam (on
+Windows in %LOCALAPPDATA%), each beginning with the checksum of its key and of what follows. Written
+beside and renamed, so that no reader sees a part. A file that is damaged, or another key's, is as
+none; where the folder cannot be written, objects live in memory alone.
 
-What lies there runs in one's own process, and a checksum is no secret: the folder is made for its owner alone, and what another
-user owns, or may write to, is not read (where the system knows owners).
+What lies there runs in one's own process, and a checksum is no secret: the folder is made for its
+owner alone, and what another user owns, or may write to, is not read (where the system knows
+owners).
 """
 
 from __future__ import annotations
@@ -36,7 +38,9 @@ def checksum(key: str, data: bytes) -> bytes:
 
 
 def own(path: Path, status: os.stat_result) -> bool:
-    """Whether a file or folder is this user's, and nobody else may write to it; a warning says so where not."""
+    """Whether a file or folder is this user's, and nobody else may write to it; a warning says so
+    where not.
+    """
     user = getattr(os, "geteuid", None)  # Windows has none: folders of users are closed there
     if user is None:
         return True
@@ -52,14 +56,21 @@ def own(path: Path, status: os.stat_result) -> bool:
 @cache
 def _not_read(path: Path, why: str) -> None:
     """Warn, once."""
-    LOG.warning("compiled code in %s is neither read nor kept, for it %s; TORCHBEAM_CACHE names another folder", path, why)
+    LOG.warning(
+        "compiled code in %s is neither read nor kept, for it %s; TORCHBEAM_CACHE names another "
+        "folder",
+        path,
+        why,
+    )
 
 
 def default_folder() -> Path:
     own = os.environ.get("TORCHBEAM_CACHE")
     if own:
         return Path(own)
-    shared = os.environ.get("XDG_CACHE_HOME") or (os.environ.get("LOCALAPPDATA") if os.name == "nt" else None)
+    shared = os.environ.get("XDG_CACHE_HOME") or (
+        os.environ.get("LOCALAPPDATA") if os.name == "nt" else None
+    )
     return (Path(shared) if shared else Path(os.path.expanduser("~")) / ".cache") / "torchbeam"
 
 
@@ -80,10 +91,16 @@ class ObjectCache:
         return self._held[key]
 
     def _stored(self, path: Path) -> bytes | None:
-        """What is in a file that nobody else may have written; of the file that was opened, should another take its place."""
+        """What is in a file that nobody else may have written; of the file that was opened, should
+        another take its place.
+        """
         try:
             with path.open("rb") as file:
-                return file.read() if own(self.folder, self.folder.stat()) and own(path, os.fstat(file.fileno())) else None
+                return (
+                    file.read()
+                    if own(self.folder, self.folder.stat()) and own(path, os.fstat(file.fileno()))
+                    else None
+                )
         except OSError:
             return None
 
@@ -99,6 +116,10 @@ class ObjectCache:
                 file.write(checksum(key, data) + data)
             os.replace(beside, self.folder / f"{key}.o")
         except OSError as error:
-            LOG.warning("compiled code cannot be kept in %s (%s): TORCHBEAM_CACHE names another folder", self.folder, error)
+            LOG.warning(
+                "compiled code cannot be kept in %s (%s): TORCHBEAM_CACHE names another folder",
+                self.folder,
+                error,
+            )
             if beside is not None:
                 Path(beside).unlink(missing_ok=True)

@@ -19,7 +19,9 @@ LIBRARIES = (os.path.dirname(torch.__file__) + os.sep, os.path.dirname(__file__)
 
 
 class NotTraceable(Exception):
-    """What a function does depends on the values of its inputs in a way that no graph of scalar operations can tell."""
+    """What a function does depends on the values of its inputs in a way that no graph of scalar
+    operations can tell.
+    """
 
 
 def line() -> str:
@@ -27,34 +29,51 @@ def line() -> str:
     frame = sys._getframe(1)
     while frame is not None and frame.f_code.co_filename.startswith(LIBRARIES):
         frame = frame.f_back
-    return "" if frame is None else f"{frame.f_code.co_filename}:{frame.f_lineno}, in {frame.f_code.co_name}"
+    return (
+        ""
+        if frame is None
+        else f"{frame.f_code.co_filename}:{frame.f_lineno}, in {frame.f_code.co_name}"
+    )
 
 
 class Readings(TorchFunctionMode):
-    """Refuses what reads a traced tensor's memory beside torch's operations, and puts inputs in the place of tensors that a
-    function reads beside its arguments. traced: whether a tensor is; stand: by the id of a tensor what stands for it.
+    """Refuses what reads a traced tensor's memory beside torch's operations, and puts inputs in the
+    place of tensors that a function reads beside its arguments. traced: whether a tensor is; stand:
+    by the id of a tensor what stands for it.
     """
 
     def __init__(self, traced: Callable[[Any], bool], stand: dict[int, Tensor]) -> None:
         super().__init__()
         self.traced, self.stand = traced, stand
 
-    def __torch_function__(self, func: Callable, types: Any, args: tuple = (), kwargs: dict | None = None) -> Any:
+    def __torch_function__(
+        self, func: Callable, types: Any, args: tuple = (), kwargs: dict | None = None
+    ) -> Any:
         kwargs = kwargs or {}
         if self.stand:
             args, kwargs = self._standing(args), self._standing(kwargs)
         if func in READ and self.traced(args[0]):
-            raise NotTraceable(f"{func.__name__} of a traced tensor was asked for at {line()}; a graph has no values")
+            raise NotTraceable(
+                f"{func.__name__} of a traced tensor was asked for at {line()}; a graph has no "
+                "values"
+            )
         if func is torch.Tensor.__getitem__:
             return self._picked(*args)
         func = FUNCTIONS.get(func, func)
         return func(*args, **kwargs)
 
     def _picked(self, x: Tensor, places: Any) -> Tensor:
-        """x[places]; a traced place without axes, whose value torch would ask for, as one of one."""
+        """x[places]; a traced place without axes, whose value torch would ask for, as one of
+        one.
+        """
         listed = places if isinstance(places, tuple) else (places,)
-        single = [isinstance(p, Tensor) and p.ndim == 0 and p.dtype in (torch.int64, torch.int32) and self.traced(p)
-                  for p in listed]
+        single = [
+            isinstance(p, Tensor)
+            and p.ndim == 0
+            and p.dtype in (torch.int64, torch.int32)
+            and self.traced(p)
+            for p in listed
+        ]
         if not any(single):
             return x[places]
         chosen = x[tuple(p[None] if one else p for p, one in zip(listed, single, strict=True))]
@@ -65,7 +84,11 @@ class Readings(TorchFunctionMode):
             return self.stand.get(id(value), value)
         if type(value) in (tuple, list):
             return type(value)(map(self._standing, value))
-        return {name: self._standing(part) for name, part in value.items()} if type(value) is dict else value
+        return (
+            {name: self._standing(part) for name, part in value.items()}
+            if type(value) is dict
+            else value
+        )
 
 
 def memory(x: Tensor) -> int:

@@ -18,42 +18,71 @@ from .function import Function, Output
 from .graph import Graph
 from .readings import NotTraceable, Readings, line, memory
 
-FRESH = {"zeros_like", "ones_like", "full_like", "empty_like", "new_zeros", "new_ones", "new_full", "new_empty",
-         "new_empty_strided"}  # of a traced tensor they read the shape alone
-RESHAPED = {"squeeze_", "unsqueeze_", "transpose_", "t_", "swapaxes_", "swapdims_", "detach_"}  # no memory is written
+# of a traced tensor they read the shape alone
+FRESH = {
+    "zeros_like",
+    "ones_like",
+    "full_like",
+    "empty_like",
+    "new_zeros",
+    "new_ones",
+    "new_full",
+    "new_empty",
+    "new_empty_strided",
+}
+# no memory is written
+RESHAPED = {"squeeze_", "unsqueeze_", "transpose_", "t_", "swapaxes_", "swapdims_", "detach_"}
 CASTS = (torch.float64, torch.float32, torch.int64, torch.int32, torch.bool)
 
 
-def trace(function: Callable[..., Any], inputs: dict[str, Tensor], captured: dict[str, Tensor] | None = None) -> Function:
-    """`function(**inputs)` as a graph. Values of the inputs do not matter, but that the function must take them; shapes and
-    dtype do. It returns a tensor (the field is called "out"), or tensors in dictionaries and (named) tuples, whose fields are
-    called by keys, names and places, joined by dots; None is left out.
+def trace(
+    function: Callable[..., Any],
+    inputs: dict[str, Tensor],
+    captured: dict[str, Tensor] | None = None,
+) -> Function:
+    """`function(**inputs)` as a graph. Values of the inputs do not matter, but that the function
+    must take them; shapes and dtype do. It returns a tensor (the field is called "out"), or tensors
+    in dictionaries and (named) tuples, whose fields are called by keys, names and places, joined by
+    dots; None is left out.
 
-    Tensors that do not come from inputs are constants: their values are read. Operations that read nothing else run as they
-    are, in the inputs' dtype by default. Raises NotTraceable for an operation that is not known, for control flow by, and
-    reading of, traced values, and for a constant that carries gradient, which would be lost. The graph is the same beside hooks
-    on saved tensors (torch.utils.checkpoint), which the function does not see.
+    Tensors that do not come from inputs are constants: their values are read. Operations that read
+    nothing else run as they are, in the inputs' dtype by default. Raises NotTraceable for an
+    operation that is not known, for control flow by, and reading of, traced values, and for a
+    constant that carries gradient, which would be lost. The graph is the same beside hooks on saved
+    tensors (torch.utils.checkpoint), which the function does not see.
 
-    captured: by the names of inputs, tensors that the function reads beside its arguments: it reads these inputs instead. An
-    input of fewer axes stands for one of its samples: it is read with axes of 1 in the place of those that it has not.
+    captured: by the names of inputs, tensors that the function reads beside its arguments: it reads
+    these inputs instead. An input of fewer axes stands for one of its samples: it is read with axes
+    of 1 in the place of those that it has not.
     """
     captured = captured or {}
     own = set(inputs)
     read = {name: x[(0,) * (x.ndim - inputs.get(name, x).ndim)] for name, x in captured.items()}
     inputs = inputs | read
-    given = {name: value.detach().clone(memory_format=torch.contiguous_format) for name, value in inputs.items()}
+    given = {
+        name: value.detach().clone(memory_format=torch.contiguous_format)
+        for name, value in inputs.items()
+    }
     tracer = _Tracer({memory(x) for x in captured.values()})
-    stand = {id(x): given[name][(None,) * (x.ndim - given[name].ndim)] for name, x in captured.items()}
+    stand = {
+        id(x): given[name][(None,) * (x.ndim - given[name].ndim)] for name, x in captured.items()
+    }
     for name, value in given.items():
         nodes = [tracer.graph.input(name, k) for k in range(value.numel())]
         tracer.hold(value, torch.tensor(nodes, dtype=torch.long).reshape(value.shape))
 
     def run() -> Any:
         with torch.no_grad(), Readings(tracer.traced, stand), tracer:
-            return function(**{name: given[name] for name in inputs if name not in captured or name in own})
+            return function(
+                **{name: given[name] for name in inputs if name not in captured or name in own}
+            )
 
     before = torch.get_default_dtype()
-    floating = {value.dtype for name, value in given.items() if value.is_floating_point() and name not in captured}
+    floating = {
+        value.dtype
+        for name, value in given.items()
+        if value.is_floating_point() and name not in captured
+    }
     try:
         torch.set_default_dtype(floating.pop() if len(floating) == 1 else before)
         result = beside_hooks(run)
@@ -62,12 +91,18 @@ def trace(function: Callable[..., Any], inputs: dict[str, Tensor], captured: dic
     outputs = {}
     for name, value in _fields(result, ""):
         if not isinstance(value, Tensor):
-            raise NotTraceable(f"{type(value).__name__} was returned as {name!r}; tensors are wanted")
+            raise NotTraceable(
+                f"{type(value).__name__} was returned as {name!r}; tensors are wanted"
+            )
         nodes = tracer.nodes(value)
         if (nodes == UNKNOWN).any():
-            raise NotTraceable(f"the output {name!r} cannot be traced: it is an index, or a factorisation")
+            raise NotTraceable(
+                f"the output {name!r} cannot be traced: it is an index, or a factorisation"
+            )
         outputs[name] = Output(tuple(value.shape), tuple(nodes.flatten().tolist()))
-    traced = Function(tracer.graph, {name: tuple(value.shape) for name, value in given.items()}, outputs)
+    traced = Function(
+        tracer.graph, {name: tuple(value.shape) for name, value in given.items()}, outputs
+    )
     if any(tracer.graph.ops[x] == "factor" for x in traced.live()):
         raise NotTraceable("the factors of a matrix were read; what solves with them is wanted")
     return traced
@@ -76,25 +111,34 @@ def trace(function: Callable[..., Any], inputs: dict[str, Tensor], captured: dic
 def _fields(value: Any, name: str) -> Iterator[tuple[str, Any]]:
     """(name, tensor) of what a function returns."""
     if isinstance(value, (dict, tuple, list)):
-        keys = value.keys() if isinstance(value, dict) else getattr(value, "_fields", range(len(value)))
-        for key, part in zip(keys, value.values() if isinstance(value, dict) else value, strict=True):
+        keys = (
+            value.keys()
+            if isinstance(value, dict)
+            else getattr(value, "_fields", range(len(value)))
+        )
+        for key, part in zip(
+            keys, value.values() if isinstance(value, dict) else value, strict=True
+        ):
             yield from _fields(part, f"{name}.{key}" if name else str(key))
     elif value is not None:
         yield name or "out", value
 
 
 class _Tracer(TorchDispatchMode):
-    """Runs operations on tensors and, beside them, on the nodes of their elements. Nodes lie beside memory, not tensors: for
-    each storage one array, so that views, and writes through them, find what they show.
+    """Runs operations on tensors and, beside them, on the nodes of their elements. Nodes lie beside
+    memory, not tensors: for each storage one array, so that views, and writes through them, find
+    what they show.
     """
 
     def __init__(self, captured: set[int]) -> None:
         """captured: memory in whose place inputs stand."""
         super().__init__()
         self.captured, self.graph = captured, Graph()
-        self.beside: dict[int, tuple[Tensor, Tensor]] = {}  # storage -> a tensor on it, which keeps it alive; its nodes
+        # storage -> a tensor on it, which keeps it alive; its nodes
+        self.beside: dict[int, tuple[Tensor, Tensor]] = {}
         self.fresh: set[int] = set()  # memory of constants that the function made
-        self.differentiable: dict[int, Tensor] = {}  # likewise, of constants made of what carries gradient
+        # likewise, of constants made of what carries gradient
+        self.differentiable: dict[int, Tensor] = {}
 
     @classmethod
     def _should_skip_dynamo(cls) -> bool:
@@ -107,13 +151,19 @@ class _Tracer(TorchDispatchMode):
         """Write nodes beside a tensor's memory."""
         storage = value.untyped_storage()
         if storage._cdata not in self.beside:
-            self.beside[storage._cdata] = value, torch.full((storage.nbytes() // value.element_size(),), UNKNOWN)
+            self.beside[storage._cdata] = (
+                value,
+                torch.full((storage.nbytes() // value.element_size(),), UNKNOWN),
+            )
         self._shown(value).copy_(nodes)
 
     def _shown(self, value: Tensor) -> Tensor:
         first, nodes = self.beside[value.untyped_storage()._cdata]
         if first.element_size() != value.element_size():
-            raise NotTraceable(f"memory of {first.dtype} was read as {value.dtype} at {line()}; one dtype is wanted")
+            raise NotTraceable(
+                f"memory of {first.dtype} was read as {value.dtype} at {line()}; one dtype is "
+                "wanted"
+            )
         return nodes.as_strided(value.shape, value.stride(), value.storage_offset())
 
     def _carries_gradient(self, value: Tensor) -> bool:
@@ -124,32 +174,51 @@ class _Tracer(TorchDispatchMode):
         if isinstance(value, Tensor) and value._is_zerotensor():
             value = torch.zeros(value.shape)
         if isinstance(value, complex):
-            raise NotTraceable(f"the number {value} met a traced tensor at {line()}; real numbers are wanted")
+            raise NotTraceable(
+                f"the number {value} met a traced tensor at {line()}; real numbers are wanted"
+            )
         if not isinstance(value, Tensor):
-            return torch.tensor(self.graph.const(value if isinstance(value, bool) else float(value)))
+            return torch.tensor(
+                self.graph.const(value if isinstance(value, bool) else float(value))
+            )
         if self.traced(value):
             return self._shown(value)
         if self._carries_gradient(value):
-            raise NotTraceable(f"a tensor that carries gradient met a traced one at {line()}; it is wanted as an input")
+            raise NotTraceable(
+                f"a tensor that carries gradient met a traced one at {line()}; it is wanted as "
+                "an input"
+            )
         if value.is_complex():
-            raise NotTraceable(f"a tensor of {value.dtype} met a traced one at {line()}; real numbers are wanted")
+            raise NotTraceable(
+                f"a tensor of {value.dtype} met a traced one at {line()}; real numbers are wanted"
+            )
         flat = [self.graph.const(v) for v in value.detach().flatten().tolist()]
         return torch.tensor(flat, dtype=torch.long).reshape(value.shape)
 
-    def __torch_dispatch__(self, func: Any, types: Any, args: tuple = (), kwargs: dict | None = None) -> Any:
+    def __torch_dispatch__(
+        self, func: Any, types: Any, args: tuple = (), kwargs: dict | None = None
+    ) -> Any:
         kwargs = dict(kwargs or {})
         schema, given = func._schema, list(_tensors((args, kwargs)))
         name = schema.name.split("::")[-1]
         if torch.Tag.nondeterministic_seeded in func.tags:
-            raise NotTraceable(f"random numbers were drawn by {func} at {line()}; numbers that are drawn before are wanted")
+            raise NotTraceable(
+                f"random numbers were drawn by {func} at {line()}; numbers that are drawn before "
+                "are wanted"
+            )
         if self.captured and any(memory(x) in self.captured for x in given):
-            raise NotTraceable(f"{func} at {line()} reads the memory of a parameter by another tensor; the parameter itself is "
-                               "wanted")
+            raise NotTraceable(
+                f"{func} at {line()} reads the memory of a parameter by another tensor; the "
+                "parameter itself is wanted"
+            )
         if name in FRESH or name in RESHAPED:
             return self._made(func(*args, **kwargs), () if name in FRESH else given)
         if not any(self.traced(x) for x in given):
-            written = [x for x, a in zip(args, schema.arguments, strict=False) if a.alias_info is not None
-                       and a.alias_info.is_write and isinstance(x, Tensor)]
+            written = [
+                x
+                for x, a in zip(args, schema.arguments, strict=False)
+                if a.alias_info is not None and a.alias_info.is_write and isinstance(x, Tensor)
+            ]
             for x in written:
                 self._own(func, x)
             out = self._made(func(*args, **kwargs), () if name == "lift_fresh" else given)
@@ -159,24 +228,30 @@ class _Tracer(TorchDispatchMode):
         if name == "_linalg_check_errors":
             return None
         if name in ("_local_scalar_dense", "equal", "is_nonzero", "nonzero", "masked_select"):
-            raise NotTraceable(f"the value of a traced tensor was asked for by {name.strip('_')} at {line()}; control flow by "
-                               "values cannot be traced")
-        if schema.returns and all(r.alias_info is not None and not r.alias_info.is_write for r in schema.returns):
+            raise NotTraceable(
+                f"the value of a traced tensor was asked for by {name.strip('_')} at {line()}; "
+                "control flow by values cannot be traced"
+            )
+        if schema.returns and all(
+            r.alias_info is not None and not r.alias_info.is_write for r in schema.returns
+        ):
             shown = func(*args, **kwargs)  # a view: its nodes are those of the memory
             if all(self.traced(x) for x in _tensors(shown)):
                 if any(x.dtype != args[0].dtype for x in _tensors(shown)):
                     raise self._unknown(func, "it reads numbers by their bits")
                 return shown
             return self._decomposed(func, args, kwargs)  # it has made a copy
-        written = [a for a in schema.arguments if a.alias_info is not None and a.alias_info.is_write]
+        written = [
+            a for a in schema.arguments if a.alias_info is not None and a.alias_info.is_write
+        ]
         if name in DECOMPOSED and written:
             return self._decomposed(func, args, kwargs)
         if written and (written[0] is not schema.arguments[0] or len(written) > 1):
             raise self._unknown(func)
         if written and not self.traced(args[0]):
             self._own(func, args[0])
-        behind = [a for a in schema.arguments[len(args):] if not a.kwarg_only]
-        behind = behind[:max((k + 1 for k, a in enumerate(behind) if a.name in kwargs), default=0)]
+        behind = [a for a in schema.arguments[len(args) :] if not a.kwarg_only]
+        behind = behind[: max((k + 1 for k, a in enumerate(behind) if a.name in kwargs), default=0)]
         args = [*args, *(kwargs.pop(a.name, a.default_value) for a in behind)]
         result = self._applied(func, name.rstrip("_") if written else name, args, kwargs)
         if result is NotImplemented:
@@ -188,7 +263,8 @@ class _Tracer(TorchDispatchMode):
                 self.hold(whole, self.nodes(whole))
             self.hold(args[0], result)
             return out
-        outs, founds = out if isinstance(out, (tuple, list)) else (out,), result if isinstance(result, tuple) else (result,)
+        outs = out if isinstance(out, (tuple, list)) else (out,)
+        founds = result if isinstance(result, tuple) else (result,)
         for k, one in enumerate(outs):
             self.hold(one, founds[k] if k < len(founds) else torch.full((), UNKNOWN))
         return out
@@ -196,18 +272,23 @@ class _Tracer(TorchDispatchMode):
     def _own(self, func: Any, x: Tensor) -> None:
         """Refuses to write to what was there before the function."""
         if memory(x) not in self.fresh:
-            raise NotTraceable(f"{func} at {line()} writes to a tensor that the function did not make; a function without "
-                               "memory is wanted")
+            raise NotTraceable(
+                f"{func} at {line()} writes to a tensor that the function did not make; a function "
+                "without memory is wanted"
+            )
 
     def _made(self, out: Any, given: Sequence[Tensor]) -> Any:
-        """What an operation on nothing that is traced gave; its memory is new, where it is none of what was given."""
+        """What an operation on nothing that is traced gave; its memory is new, where it is none of
+        what was given.
+        """
         known = {memory(x) for x in given}
         self.fresh |= {memory(x) for x in _tensors(out)} - known
         return out
 
     def _decomposed(self, func: Any, args: Sequence, kwargs: dict) -> Any:
-        """An operation by the operations that it is composed of, which under inference mode only come to light here, or that
-        torch itself knows it by; one that writes by the one that does not.
+        """An operation by the operations that it is composed of, which under inference mode only
+        come to light here, or that torch itself knows it by; one that writes by the one that does
+        not.
         """
         own = DECOMPOSED.get(func._schema.name.split("::")[-1])
         with self:
@@ -218,7 +299,9 @@ class _Tracer(TorchDispatchMode):
             if result is NotImplemented and func in decomposition_table:
                 result = decomposition_table[func](*args, **kwargs)
             if result is NotImplemented and func._schema.name.endswith("_"):
-                result = args[0].copy_(getattr(torch, func._schema.name.split("::")[-1].rstrip("_"))(*args, **kwargs))
+                result = args[0].copy_(
+                    getattr(torch, func._schema.name.split("::")[-1].rstrip("_"))(*args, **kwargs)
+                )
         if result is NotImplemented:
             raise self._unknown(func)
         return result
@@ -226,7 +309,9 @@ class _Tracer(TorchDispatchMode):
     def _unknown(self, func: Any, why: object = "") -> NotTraceable:
         instead = INSTEAD.get(func._schema.name.split("::")[-1].rstrip("_"))
         instead = f"; {instead} wanted" if instead else ""
-        return NotTraceable(f"{func} at {line()} cannot be traced{f': {why}' if why else ''}{instead}")
+        return NotTraceable(
+            f"{func} at {line()} cannot be traced{f': {why}' if why else ''}{instead}"
+        )
 
     def _applied(self, func: Any, name: str, args: list, settings: dict) -> Any:
         """Nodes of an operation's results; NotImplemented where it is not known."""
@@ -235,7 +320,12 @@ class _Tracer(TorchDispatchMode):
         try:
             if name in STRUCTURAL and not (name == "gather" and self.traced(args[2])):
                 at = STRUCTURAL[name]
-                if any(self.traced(x) for k, arg in enumerate(args) if k not in at for x in _tensors((arg,))):
+                if any(
+                    self.traced(x)
+                    for k, arg in enumerate(args)
+                    if k not in at
+                    for x in _tensors((arg,))
+                ):
                     if name in DECOMPOSED:
                         return NotImplemented
                     raise NotImplementedError("places that depend on inputs")
@@ -244,13 +334,23 @@ class _Tracer(TorchDispatchMode):
                     return accumulated(graph, *moved[:3])
                 if func._schema.name.endswith("_"):
                     moved[0] = moved[0].clone()
-                return func(*moved, **({"memory_format": torch.preserve_format} if name == "clone" else settings))
+                return func(
+                    *moved,
+                    **({"memory_format": torch.preserve_format} if name == "clone" else settings),
+                )
             if name == "_to_copy":
                 dtype = settings.get("dtype", args[0].dtype)
                 if dtype not in CASTS:
-                    raise NotImplementedError(f"numbers of {dtype}; torch.float64 or torch.float32 is wanted")
-                rule = (type(graph).truth if dtype == torch.bool else type(graph).number if dtype.is_floating_point
-                        else ELEMENTWISE["trunc"])
+                    raise NotImplementedError(
+                        f"numbers of {dtype}; torch.float64 or torch.float32 is wanted"
+                    )
+                rule = (
+                    type(graph).truth
+                    if dtype == torch.bool
+                    else type(graph).number
+                    if dtype.is_floating_point
+                    else ELEMENTWISE["trunc"]
+                )
                 return elementwise(graph, rule, self._known(func, args[0]))
             if name in ELEMENTWISE:
                 known = [None if x is None else self._known(func, x) for x in args]
@@ -274,7 +374,9 @@ class _Tracer(TorchDispatchMode):
             return [self._known(func, x) for x in value]
         nodes = self.nodes(value)
         if (nodes == UNKNOWN).any():
-            raise self._unknown(func, "it reads an index, or a factorisation, that depends on inputs")
+            raise self._unknown(
+                func, "it reads an index, or a factorisation, that depends on inputs"
+            )
         return nodes
 
 

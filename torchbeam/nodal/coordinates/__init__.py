@@ -1,1 +1,3 @@
-"""The unknowns of a node and the strains of an element: in space, in a plane, and for small rotations."""
+"""The unknowns of a node and the strains of an element: in space, in a plane, and for small
+rotations.
+"""

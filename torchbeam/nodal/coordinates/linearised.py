@@ -1,6 +1,7 @@
 """Linearised coordinates: small displacements and rotations about the undeformed beam.
 
-A rotation is a rotation vector in the section's undeformed axes; two of them add. Strains are B_0 times the nodes' moves.
+A rotation is a rotation vector in the section's undeformed axes; two of them add. Strains are B_0
+times the nodes' moves.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from .spatial import Spatial
 
 
 class Moves(NamedTuple):
-    """Of an element, (..., 9): dr_j - dr_i m, frame a, and the rotation vectors of the nodes i and j rad, section axes; of a
-    station of three nodes, (..., 12): dr' and three vectors.
+    """Of an element, (..., 9): dr_j - dr_i m, frame a, and the rotation vectors of the nodes i and
+    j rad, section axes; of a station of three nodes, (..., 12): dr' and three vectors.
     """
 
     numbers: Tensor
@@ -33,10 +34,11 @@ class Moves(NamedTuple):
 
 @dataclass(frozen=True)
 class LinearElement(Tree):
-    """Elements as they are undeformed: chord r_j - r_i (..., N, 3) m; B (..., N, 6, 9) the strain operator by spins in
-    frame a; B_section by rotations in section axes.
+    """Elements as they are undeformed: chord r_j - r_i (..., N, 3) m; B (..., N, 6, 9) the strain
+    operator by spins in frame a; B_section by rotations in section axes.
 
-    interpolation, finite  between the nodes of an element, see `Spatial`; its functions where rotations are large
+    interpolation, finite  between the nodes of an element, see `Spatial`; its functions where
+                           rotations are large
     """
 
     chord: Tensor = leaf(2)
@@ -50,16 +52,29 @@ class LinearElement(Tree):
     def of(cls, topology: Topology, nodes: Tensor, frames: Tensor, length: Tensor) -> LinearElement:
         assembly = Assembly(topology, cls.interpolation, 3)
         positions, rotations = assembly.ends(nodes), assembly.ends(frames)
-        B = cls.finite.strain_operator(cls.finite.kinematics(*positions, *rotations, length), length)
+        B = cls.finite.strain_operator(
+            cls.finite.kinematics(*positions, *rotations, length), length
+        )
         by_r, *by_spin = cls.interpolation.by_spins(B, 3)
-        turned = torch.broadcast_tensors(by_r, *(by @ quat.matrix(q) for by, q in zip(by_spin, rotations, strict=True)))
+        turned = torch.broadcast_tensors(
+            by_r, *(by @ quat.matrix(q) for by, q in zip(by_spin, rotations, strict=True))
+        )
         return cls(cls.interpolation.slopes(*positions), B, torch.cat(turned, -1))
 
     def kinematics(self, *given: Tensor) -> Moves:
-        """Positions m and rotation vectors rad (section axes) of the nodes of each element, (..., 3); lengths, not needed."""
+        """Positions m and rotation vectors rad (section axes) of the nodes of each element,
+        (..., 3); lengths, not needed.
+        """
         *ends, _ = given
-        positions, rotations = ends[:len(ends) // 2], ends[len(ends) // 2:]
-        return Moves(torch.cat(torch.broadcast_tensors(self.interpolation.slopes(*positions) - self.chord, *rotations), -1))
+        positions, rotations = ends[: len(ends) // 2], ends[len(ends) // 2 :]
+        return Moves(
+            torch.cat(
+                torch.broadcast_tensors(
+                    self.interpolation.slopes(*positions) - self.chord, *rotations
+                ),
+                -1,
+            )
+        )
 
     def strains(self, kin: Moves, length: Tensor, reference: Tensor | float = 0.0) -> Tensor:
         return (self.B_section @ kin.numbers[..., None])[..., 0] - reference
@@ -68,7 +83,9 @@ class LinearElement(Tree):
         return length * (self.B.mT @ stress[..., None])[..., 0]
 
     def strain_operator(self, kin: Moves, length: Tensor) -> Tensor:
-        return self.B.expand(*broadcast_shapes(self.B.shape[:-2], kin.numbers.shape[:-1]), *self.B.shape[-2:])
+        return self.B.expand(
+            *broadcast_shapes(self.B.shape[:-2], kin.numbers.shape[:-1]), *self.B.shape[-2:]
+        )
 
     def geometric_stiffness(self, kin: Moves, stress: Tensor, length: Tensor) -> Tensor:
         return torch.zeros_like(kin.numbers[..., None] + kin.numbers[..., None, :])
@@ -76,7 +93,9 @@ class LinearElement(Tree):
 
 @dataclass(frozen=True)
 class Linearised(Spatial):
-    """frames (..., N+1, 4), R (..., N+1, 3, 3): undeformed section axes -> frame a of each node; element: each one's own."""
+    """frames (..., N+1, 4), R (..., N+1, 3, 3): undeformed section axes -> frame a of each node;
+    element: each one's own.
+    """
 
     frames: Tensor = leaf(2)
     R: Tensor = leaf(3)
@@ -96,7 +115,9 @@ class Linearised(Spatial):
 
     def to_reduced(self, state: State) -> State:
         if state.frame is not None:
-            raise ValueError("a state in a frame that turns was given; small rotations want one that does not")
+            raise ValueError(
+                "a state in a frame that turns was given; small rotations want one that does not"
+            )
         return replace(state, rotation=self.to_reduced_rotation(state.rotation))
 
     def to_public(self, state: State) -> State:

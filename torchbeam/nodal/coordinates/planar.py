@@ -1,7 +1,8 @@
 """A beam that moves in a plane: two positions, one angle and three strains of the same mathematics.
 
-The plane has the axes e_1, e_2 (two of frame a) and the normal e_3; a section has its axes 1 (along the beam), t in the plane
-and n = e_3. A rotation is (cos(phi/2), sin(phi/2)): what is left of the quaternion. Strains are [gamma_1, gamma_t, kappa_n].
+The plane has the axes e_1, e_2 (two of frame a) and the normal e_3; a section has its axes 1
+(along the beam), t in the plane and n = e_3. A rotation is (cos(phi/2), sin(phi/2)): what is left
+of the quaternion. Strains are [gamma_1, gamma_t, kappa_n].
 """
 
 from __future__ import annotations
@@ -23,8 +24,13 @@ from ...state.state import State
 from . import planar_element as element
 from .spatial import Dimensions, Spatial
 
-PLANES = {"xy": ((1.0, 0, 0), (0, 1.0, 0), (0, 0, 1.0)), "xz": ((1.0, 0, 0), (0, 0, 1.0), (0, -1.0, 0))}  # e_1, e_2, e_3
-INSIDE, OUTSIDE = [0, 1, 5], [2, 3, 4]  # of [1 t n 1 t n]: strains that a plane has, and those it has not
+# e_1, e_2, e_3
+PLANES = {
+    "xy": ((1.0, 0, 0), (0, 1.0, 0), (0, 0, 1.0)),
+    "xz": ((1.0, 0, 0), (0, 0, 1.0), (0, -1.0, 0)),
+}
+# of [1 t n 1 t n]: strains that a plane has, and those it has not
+INSIDE, OUTSIDE = [0, 1, 5], [2, 3, 4]
 CLOSE = {torch.float64: 1e-9, torch.float32: 1e-5}
 LEFT_OUT = {torch.float64: 1e-6, torch.float32: 1e-3}  # of a state given to start from
 
@@ -60,14 +66,24 @@ class Planar(Spatial):
         beam = scene.beam
         numbers = (x.detach() for x in (beam.nodes, beam.frames, beam.elements, beam.length))
         plane = remembered(cls._through, name, bool(beam.parts), *numbers)
-        for what, given, whole in (("compliance", beam.compliance, beam.coupled),
-                                   ("mass", beam.mass, beam.offset or beam.rotary)):
+        for what, given, whole in (
+            ("compliance", beam.compliance, beam.coupled),
+            ("mass", beam.mass, beam.offset or beam.rotary),
+        ):
             if whole:
                 plane._check_section(what, given.detach())
         return plane
 
     @classmethod
-    def _through(cls, name: str, several: bool, nodes: Tensor, frames: Tensor, elements: Tensor, length: Tensor) -> Planar:
+    def _through(
+        cls,
+        name: str,
+        several: bool,
+        nodes: Tensor,
+        frames: Tensor,
+        elements: Tensor,
+        length: Tensor,
+    ) -> Planar:
         """Of a beam's nodes, see `Beam`; several: whether it has parts."""
         close = CLOSE.get(nodes.dtype, 1e-5)
         basis = torch.tensor(PLANES[name], dtype=nodes.dtype, device=nodes.device).mT
@@ -75,13 +91,21 @@ class Planar(Spatial):
         place = nodes @ normal
         size = length.sum(-1).amax()
         if concrete((place - place.flatten()[0]).abs() > close * size).any():
-            raise ValueError(f"nodes out of the plane {name!r} were given; a beam in a plane of that direction is wanted")
-        across = torch.cat([(quat.matrix(q).mT @ normal).flatten(0, -2) for q in (frames, elements)])
-        n = concrete(across[0]).reshape(-1, 3)[0].round()  # within torch.func.vmap that of all samples
+            raise ValueError(
+                f"nodes out of the plane {name!r} were given; a beam in a plane of that "
+                "direction is wanted"
+            )
+        across = torch.cat(
+            [(quat.matrix(q).mT @ normal).flatten(0, -2) for q in (frames, elements)]
+        )
+        # within torch.func.vmap that of all samples
+        n = concrete(across[0]).reshape(-1, 3)[0].round()
         if concrete((across - n).abs() > close).any() or n[0] != 0:
             alike = ", the same in all parts (up= turns it)," if several else ""
-            raise ValueError(f"section axes at an angle to the plane {name!r} were given; y or z of every section{alike} is "
-                             "wanted along its normal")
+            raise ValueError(
+                f"section axes at an angle to the plane {name!r} were given; y or z of every "
+                f"section{alike} is wanted along its normal"
+            )
         e = torch.zeros_like(n)
         e[0] = 1
         section = torch.stack((e, torch.linalg.cross(n, e), n), -1)
@@ -94,9 +118,13 @@ class Planar(Spatial):
         scale = local.diagonal(dim1=-2, dim2=-1).abs().sqrt()
         coupling = local[..., INSIDE, :][..., OUTSIDE].abs()
         close = CLOSE.get(given.dtype, 1e-5)
-        if concrete(coupling > close * scale[..., INSIDE][..., :, None] * scale[..., OUTSIDE][..., None, :]).any():
-            raise ValueError(f"a section whose {what} couples the plane {self.name!r} to what is out of it was given; "
-                             "plane=None takes it")
+        if concrete(
+            coupling > close * scale[..., INSIDE][..., :, None] * scale[..., OUTSIDE][..., None, :]
+        ).any():
+            raise ValueError(
+                f"a section whose {what} couples the plane {self.name!r} to what is out of it was "
+                "given; plane=None takes it"
+            )
 
     @cached
     def _rotation_map(self) -> Tensor:
@@ -122,16 +150,25 @@ class Planar(Spatial):
 
     @cached
     def reversible(self) -> bool:
-        """Whether a state that went to 3D comes back to the bit: the maps move numbers, and change signs at most."""
+        """Whether a state that went to 3D comes back to the bit: the maps move numbers, and change
+        signs at most.
+        """
         maps = self.basis, self.section, self._rotation_map
         return all(bool(((x == 0) | (x.abs() == 1)).all()) for x in maps)
 
     def to_reduced(self, state: State) -> State:
         position, rotation = self.pose(state.position, state.rotation)
         velocity, spin = self.motion(state.velocity, state.spin)
-        return replace(state, position=position, rotation=rotation, velocity=velocity, spin=spin,
-                       stress=state.stress @ self._stress_map, reaction=state.reaction @ self._load_map,
-                       frame=None if state.frame is None else self.reduced_frame(state.frame))
+        return replace(
+            state,
+            position=position,
+            rotation=rotation,
+            velocity=velocity,
+            spin=spin,
+            stress=state.stress @ self._stress_map,
+            reaction=state.reaction @ self._load_map,
+            frame=None if state.frame is None else self.reduced_frame(state.frame),
+        )
 
     def start(self, state: State) -> State:
         inside = self.to_reduced(state)
@@ -140,8 +177,10 @@ class Planar(Spatial):
             given, reduced = (getattr(x, name).detach() for x in (state, there))
             size = given.abs().amax() + (name != "rotation") * state.position.detach().abs().amax()
             if concrete((given - reduced).abs() > LEFT_OUT[given.dtype] * size).any():
-                raise ValueError(f"an initial state whose {name} leaves the plane {self.name!r} was given; one in it is "
-                                 "wanted, or plane=None")
+                raise ValueError(
+                    f"an initial state whose {name} leaves the plane {self.name!r} was given; one "
+                    "in it is wanted, or plane=None"
+                )
         return inside
 
     def public_frame(self, q: Tensor) -> Tensor:
@@ -149,10 +188,16 @@ class Planar(Spatial):
 
     def to_public(self, state: State) -> State:
         frame = None if state.frame is None else self.public_frame(state.frame)
-        return replace(state, position=self.public_position(state.position),
-                       rotation=state.rotation @ self._rotation_map, velocity=self.public_vector(state.velocity),
-                       spin=state.spin @ self.section[:, 2:].mT, stress=state.stress @ self._stress_map.mT,
-                       reaction=state.reaction @ self._load_map.mT, frame=frame)
+        return replace(
+            state,
+            position=self.public_position(state.position),
+            rotation=state.rotation @ self._rotation_map,
+            velocity=self.public_vector(state.velocity),
+            spin=state.spin @ self.section[:, 2:].mT,
+            stress=state.stress @ self._stress_map.mT,
+            reaction=state.reaction @ self._load_map.mT,
+            frame=frame,
+        )
 
     def reduced_frame(self, q: Tensor) -> Tensor:
         return torch.cat((q[..., :1], q[..., 1:] @ self.basis[:, 2:]), -1)
@@ -252,4 +297,6 @@ class Planar(Spatial):
         return element.turned(x)[..., None]
 
     def skew(self, omega: Tensor) -> Tensor:
-        return omega[..., None] * torch.tensor(((0.0, -1), (1, 0)), dtype=omega.dtype, device=omega.device)
+        return omega[..., None] * torch.tensor(
+            ((0.0, -1), (1, 0)), dtype=omega.dtype, device=omega.device
+        )

@@ -1,6 +1,8 @@
-"""Beam element of two nodes in a plane, see `planar` for its axes and `element` for the names. With J x = e_3 x x:
+"""Beam element of two nodes in a plane, see `planar` for its axes and `element` for the names. With
+J x = e_3 x x:
 
-    d(gamma) = R^T (d(d) - (alpha + beta)/2 J d)      d(phi) = beta - alpha      c = h F x d      m_i = c/2 - M    m_j = c/2 + M
+d(gamma) = R^T (d(d) - (alpha + beta)/2 J d)      d(phi) = beta - alpha      c = h F x d
+m_i = c/2 - M    m_j = c/2 + M
 """
 
 from __future__ import annotations
@@ -15,7 +17,9 @@ from ..element import halved
 
 
 class Kinematics(NamedTuple):
-    """An element at one configuration, leading axes (..., N): R (2, 2), d (2), half angle phi/2 (1), J d (2)."""
+    """An element at one configuration, leading axes (..., N): R (2, 2), d (2), half angle phi/2
+    (1), J d (2).
+    """
 
     R: Tensor
     d: Tensor
@@ -38,7 +42,12 @@ def kinematics(r_i: Tensor, r_j: Tensor, q_i: Tensor, q_j: Tensor, length: Tenso
 
 def strains(kin: Kinematics, length: Tensor, reference: Tensor | float = 0.0) -> Tensor:
     gamma = (kin.d[..., None, :] @ kin.R)[..., 0, :]
-    return torch.cat(torch.broadcast_tensors(gamma[..., :1], gamma[..., 1:], 2 / length * kin.half), -1) - reference
+    return (
+        torch.cat(
+            torch.broadcast_tensors(gamma[..., :1], gamma[..., 1:], 2 / length * kin.half), -1
+        )
+        - reference
+    )
 
 
 def _resolved(kin: Kinematics, stress: Tensor) -> tuple[Tensor, Tensor]:
@@ -86,7 +95,9 @@ def inverse(q: Tensor) -> Tensor:
 def matrix(q: Tensor) -> Tensor:
     """(..., 2, 2) [[c, -s], [s, c]] of the whole angle."""
     q2 = multiply(q, q)
-    return (q2 @ torch.tensor(((1.0, 0, 0, 1), (0, -1, 1, 0)), dtype=q.dtype, device=q.device)).unflatten(-1, (2, 2))
+    return (
+        q2 @ torch.tensor(((1.0, 0, 0, 1), (0, -1, 1, 0)), dtype=q.dtype, device=q.device)
+    ).unflatten(-1, (2, 2))
 
 
 def _dot(x: Tensor, y: Tensor) -> Tensor:

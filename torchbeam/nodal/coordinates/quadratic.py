@@ -1,4 +1,6 @@
-"""Coordinates of beams whose elements have three nodes: the same unknowns of a node, with another element between nodes."""
+"""Coordinates of beams whose elements have three nodes: the same unknowns of a node, with another
+element between nodes.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ class QuadraticPlanar(Planar):
 
 @dataclass(frozen=True)
 class LinearQuadraticElement(LinearElement):
-    """chord: dr/dx of the undeformed beam at the stations; numbers of a station as in `QuadraticInterpolation`."""
+    """chord: dr/dx of the undeformed beam at the stations; numbers of a station as in
+    `QuadraticInterpolation`.
+    """
 
     interpolation: ClassVar[Any] = QuadraticInterpolation()
     finite: ClassVar[Any] = quadratic_element

@@ -19,19 +19,24 @@ def in_space(beam: Beam) -> Spatial:
 
 
 def space_of(scene: Scene, topology: Topology) -> Spatial:
-    """The space of a scene whose plane is not "auto". Raises ValueError where the beam, the motion of its frame or follower
-    loads do not fit it.
+    """The space of a scene whose plane is not "auto". Raises ValueError where the beam, the motion
+    of its frame or follower loads do not fit it.
     """
     quadratic = scene.beam.order == 2
     if scene.small:
         if scene.plane is not None:
             raise ValueError("plane and small were given; one of them is wanted")
         if turning(scene):
-            raise ValueError("small=True in a frame that turns was given; large rotations (small=False) are wanted there")
+            raise ValueError(
+                "small=True in a frame that turns was given; large rotations (small=False) are "
+                "wanted there"
+            )
         for load in scene.loads:
             if load.follower or load.wants_support:
-                raise ValueError(f"small=True with {load.called} was given, whose load turns with the beam; dead loads "
-                                 "are wanted")
+                raise ValueError(
+                    f"small=True with {load.called} was given, whose load turns with the beam; "
+                    "dead loads are wanted"
+                )
         return (QuadraticLinearised if quadratic else Linearised).of(scene, topology)
     if scene.plane is None:
         return in_space(scene.beam)

@@ -1,5 +1,6 @@
-"""Coordinates of nodes in space: their rotations, and the functions of the element between two of them. See `planar` for fewer
-unknowns, and `linearised` for small rotations, of the same mathematics.
+"""Coordinates of nodes in space: their rotations, and the functions of the element between two of
+them. See `planar` for fewer unknowns, and `linearised` for small rotations, of the same
+mathematics.
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ class Dimensions(NamedTuple):
 
 
 class Spatial(Tree):
-    """Rotations are unit quaternions, spins are 3-vectors. A spin is expressed in the section's axes or in those of frame a."""
+    """Rotations are unit quaternions, spins are 3-vectors. A spin is expressed in the section's
+    axes or in those of frame a.
+    """
 
     plane: ClassVar[str | None] = None  # that it lies in, "xy" or "xz"; None = in space
     turns: ClassVar[bool] = True  # whether what is fixed to a section turns with it
@@ -70,7 +73,9 @@ class Spatial(Tree):
         return state
 
     def start(self, state: State) -> State:
-        """`to_reduced` of a state that a user gave; ValueError where these coordinates do not hold it."""
+        """`to_reduced` of a state that a user gave; ValueError where these coordinates do not hold
+        it.
+        """
         return self.to_reduced(state)
 
     def pose(self, position: Tensor, rotation: Tensor) -> tuple[Tensor, Tensor]:
@@ -160,15 +165,15 @@ class Spatial(Tree):
         return self.multiply(q, pad(spin / 2, (1, 0)))
 
     def hinged(self, q: Tensor, rest: Tensor, axis: Tensor) -> Tensor:
-        """The rotation q of a node that may turn from `rest` about one axis of frame a alone, a mask (3,): its turn about the
-        others is taken out.
+        """The rotation q of a node that may turn from `rest` about one axis of frame a alone, a
+        mask (3,): its turn about the others is taken out.
         """
         turn = self.multiply(q, self.inverse(rest)) * pad(axis, (1, 0), value=1.0)
         return self.multiply(self.normalize(turn), rest)
 
     def hinged_turn(self, m: Tensor, q: Tensor, axis: Tensor) -> Tensor:
-        """The turn m of a node at the rotation q, section axes, of which a hinge leaves what is about its axis of frame a, a
-        mask (3,); one that is none stays none, to the last bit.
+        """The turn m of a node at the rotation q, section axes, of which a hinge leaves what is
+        about its axis of frame a, a mask (3,); one that is none stays none, to the last bit.
         """
         return self.normalize(torch.cat((m[..., :1], self.about(q, m[..., 1:], axis)), -1))
 
@@ -203,7 +208,9 @@ class Spatial(Tree):
         s2 = q[..., 1:].square().sum(-1, keepdim=True)
         small = s2 < 1e-6
         g = quat.arc_ratio(q[..., :1], s2)
-        k = torch.where(small, 1 / 12 + s2 / 180, (1 - g * q[..., :1]) / torch.where(small, 1.0, 4 * g**2 * s2))
+        k = torch.where(
+            small, 1 / 12 + s2 / 180, (1 - g * q[..., :1]) / torch.where(small, 1.0, 4 * g**2 * s2)
+        )
         return eye + psi / 2 + k[..., None] * psi @ psi
 
     def cosine(self, q: Tensor) -> Tensor:

@@ -1,12 +1,13 @@
 """Effects: loads, damping, added masses and eigenstrains. Only what a scene names exists.
 
 An effect is a small frozen dataclass with one kind:
-    load         force and moment at load points of the beam: `wrench(point, t, inputs)`, `tangent(site, t, inputs)`
+    load         force and moment at load points of the beam: `wrench(point, t, inputs)`,
+                 `tangent(site, t, inputs)`
     strain       `Damping`: stress that follows the strain rate
     inertia      `PointMass`: mass at a node
     eigenstrain  `Actuation`: strain and curvature of the unloaded beam
-A load acts on one node (`node` is an index) or along the beam, per unit length (`node` is None). Load points may be
-nodes or elements, by the form of the beam.
+A load acts on one node (`node` is an index) or along the beam, per unit length (`node` is None).
+Load points may be nodes or elements, by the form of the beam.
 """
 
 from .actuation import Actuation

@@ -18,10 +18,11 @@ from .values import Along, Inputs, LoadValue, PerElement, load_value, value_at
 
 @dataclass(frozen=True)
 class Actuation(Effect):
-    """Intrinsic curvature and strain of a beam bent by tendons, piezo patches, heat: [F; M] = S^-1 (strain - intrinsic).
+    """Intrinsic curvature and strain of a beam bent by tendons, piezo patches, heat: [F; M] = S^-1
+    (strain - intrinsic).
 
-    curvature  (..., 3) 1/m, twist and bending about y and z, frame B: numbers, a function of t, an `Input`, or
-               `PerElement` (..., N, 3)
+    curvature  (..., 3) 1/m, twist and bending about y and z, frame B: numbers, a function of t, an
+               `Input`, or `PerElement` (..., N, 3)
     strain     (..., 3) likewise: stretch, shear along y and z
     elements   which elements: None = all, a range, a slice, or their numbers from the root
     on         name of a beam of a structure; None = all
@@ -38,39 +39,65 @@ class Actuation(Effect):
 
     def __post_init__(self) -> None:
         if self.curvature is None and self.strain is None:
-            raise ValueError("Actuation with neither curvature nor strain was given; one of them is wanted")
+            raise ValueError(
+                "Actuation with neither curvature nor strain was given; one of them is wanted"
+            )
         for name in ("curvature", "strain"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, load_value(f"Actuation's {name}", getattr(self, name), along=True))
+                object.__setattr__(
+                    self, name, load_value(f"Actuation's {name}", getattr(self, name), along=True)
+                )
         if isinstance(self.strain, Along) or isinstance(self.curvature, Along):
-            raise ValueError("Actuation with a function Along the beam was given; PerElement gives each element its own")
+            raise ValueError(
+                "Actuation with a function Along the beam was given; PerElement gives each "
+                "element its own"
+            )
         if self.elements is not None and not isinstance(self.elements, slice):
             given = listed(self.elements)
-            object.__setattr__(self, "elements", tuple(whole("an element", element) for element in given))
+            object.__setattr__(
+                self, "elements", tuple(whole("an element", element) for element in given)
+            )
             if not given:
-                raise ValueError("Actuation of no elements was given; the numbers of some, or None for all, are wanted")
+                raise ValueError(
+                    "Actuation of no elements was given; the numbers of some, or None for all, "
+                    "are wanted"
+                )
 
     @property
     def by_place(self) -> bool:
-        return self.elements is not None or any(isinstance(value, PerElement) for value in (self.curvature, self.strain))
+        return self.elements is not None or any(
+            isinstance(value, PerElement) for value in (self.curvature, self.strain)
+        )
 
     def eigenstrain(self, t: Tensor, inputs: Inputs, like: Tensor, count: int) -> Tensor:
-        """[gamma; kappa] (..., N or 1, 6) of the unloaded beam at time t; `count` = N, dtype and device of `like`."""
-        parts = [like.new_zeros(1, 3) if v is None else self._value(v, t, inputs, like, count)
-                 for v in (self.strain, self.curvature)]
+        """[gamma; kappa] (..., N or 1, 6) of the unloaded beam at time t; `count` = N, dtype and
+        device of `like`.
+        """
+        parts = [
+            like.new_zeros(1, 3) if v is None else self._value(v, t, inputs, like, count)
+            for v in (self.strain, self.curvature)
+        ]
         lead = broadcast_shapes(*(p.shape[:-1] for p in parts))
         both = torch.cat([p.expand(*lead, 3) for p in parts], -1)
         if self.elements is None:
             return both
-        at = torch.arange(count)[self.elements] if isinstance(self.elements, slice) else torch.tensor(self.elements)
+        at = (
+            torch.arange(count)[self.elements]
+            if isinstance(self.elements, slice)
+            else torch.tensor(self.elements)
+        )
         if at.numel() == 0 or (at < -count).any() or (at >= count).any():
-            raise ValueError(f"elements = {self.elements!r} was given for a beam of {count}; numbers from 0 to {count - 1} are "
-                             "wanted")
+            raise ValueError(
+                f"elements = {self.elements!r} was given for a beam of {count}; numbers from 0 to "
+                f"{count - 1} are wanted"
+            )
         here = torch.zeros(count, 1, dtype=like.dtype, device=like.device)
         here[at] = 1
         return here * both
 
-    def _value(self, value: LoadValue, t: Tensor, inputs: Inputs, like: Tensor, count: int) -> Tensor:
+    def _value(
+        self, value: LoadValue, t: Tensor, inputs: Inputs, like: Tensor, count: int
+    ) -> Tensor:
         if isinstance(value, PerElement):
             return value(like.new_empty(count), t, inputs, count)
         return value_at(value, t, inputs, like)[..., None, :]

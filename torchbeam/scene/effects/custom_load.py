@@ -16,7 +16,17 @@ from ...core.leaves import leaf, with_values
 from ...core.validation import Value, broadcast, finite, shown
 from ...math.shapes import broadcast_shapes
 from ..beam import Beam
-from .load_point import INERTIAL, INTERNAL, MOTION, READS, LoadEffect, LoadPoint, Wrench, derivatives, jacobians
+from .load_point import (
+    INERTIAL,
+    INTERNAL,
+    MOTION,
+    READS,
+    LoadEffect,
+    LoadPoint,
+    Wrench,
+    derivatives,
+    jacobians,
+)
 from .loads import whole_node
 from .values import Input, Inputs, plain, to_sites, value_at
 
@@ -25,36 +35,47 @@ PLACE = "s"  # may be asked for in `of`, and is no motion
 
 @dataclass(frozen=True)
 class Load(LoadEffect):
-    """A load by a function of the motion: `function(position, rotation, velocity, spin, t, **named)` -> (force, moment).
+    """A load by a function of the motion:
+    `function(position, rotation, velocity, spin, t, **named)` -> (force, moment).
 
-    function  position (..., 3) m, rotation (..., 3, 3) section axes -> frame a, velocity (..., 3) m/s absolute, spin (..., 3)
-              rad/s, all in frame a; t (0-dim) s. Returns force and moment (..., 3) in frame a, N and N m, per metre along the
-              beam, tensors or sequences of numbers; None = absent. Written in torch operations; what it returns for a site
-              depends on that site alone. Where samples stand at different times it is called once for each of these.
-    node      counts from the root, -1 is the tip; None = along the beam, where the arguments are (..., sites, ...)
-    inputs    `Input`s, or names with sizes {"u": 2}: the function takes them by name, with as many axes as the motion
-    values    parameters by name, numbers or tensors, which the function takes by that name: (...) at a node; along the beam one
-              for each element (..., N), for each node (..., N+1) or for all (..., 1), handed over as (..., sites), where a node
-              takes the mean of its elements by their lengths
-    internal  how many internal states z it has (actuator lag, inflow), along the beam at each site; the function then takes `z`
-              by name, (..., internal) or (..., sites, internal)
-    rate      z' = rate(z, position, rotation, velocity, spin, t, **named), 1/s of z, z by its place; z starts at zero
-    of        what the function and the rate depend on, of "position", "rotation", "velocity", "spin": the others are given as
-              None, and their derivatives are not taken. Empty: a load of t, inputs, values and z. Handed over by name
-              are "acceleration" (..., 3) m/s^2 and "angular_acceleration" (..., 3) rad/s^2, absolute, frame a, and along the
-              beam the arclength "s" (..., sites) m from the root
+    function  position (..., 3) m, rotation (..., 3, 3) section axes -> frame a, velocity (..., 3)
+              m/s absolute, spin (..., 3) rad/s, all in frame a; t (0-dim) s. Returns force and
+              moment (..., 3) in frame a, N and N m, per metre along the beam, tensors or sequences
+              of numbers; None = absent. Written in torch operations; what it returns for a site
+              depends on that site alone. Where samples stand at different times it is called once
+              for each of these.
+    node      counts from the root, -1 is the tip; None = along the beam, where the arguments are
+              (..., sites, ...)
+    inputs    `Input`s, or names with sizes {"u": 2}: the function takes them by name, with as many
+              axes as the motion
+    values    parameters by name, numbers or tensors, which the function takes by that name: (...)
+              at a node; along the beam one for each element (..., N), for each node (..., N+1) or
+              for all (..., 1), handed over as (..., sites), where a node takes the mean of its
+              elements by their lengths
+    internal  how many internal states z it has (actuator lag, inflow), along the beam at each site;
+              the function then takes `z` by name, (..., internal) or (..., sites, internal)
+    rate      z' = rate(z, position, rotation, velocity, spin, t, **named), 1/s of z, z by its
+              place; z starts at zero
+    of        what the function and the rate depend on, of "position", "rotation", "velocity",
+              "spin": the others are given as None, and their derivatives are not taken. Empty: a
+              load of t, inputs, values and z. Handed over by name are "acceleration" (..., 3) m/s^2
+              and "angular_acceleration" (..., 3) rad/s^2, absolute, frame a, and along the beam the
+              arclength "s" (..., sites) m from the root
     on        along the beam: name of a beam of a structure; None = all
 
-    The tangent comes by automatic differentiation. In an implicit step z is taken at mid step, linearly implicit,
+    The tangent comes by automatic differentiation. In an implicit step z is taken at mid step,
+    linearly implicit,
 
         z_mid = z_n + (I - dt/2 dg/dz)^-1 dt/2 g(z_n, ...),    z_{n+1} = 2 z_mid - z_n
 
-    which for a linear law is the midpoint rule, and is stable for any lag (Rosenbrock 1963). An equilibrium, and each of a
-    `path`, has z where it comes to rest. A load of accelerations adds mass, its derivative by them; an explicit method wants it
-    linear in them. In `State.internal` the loads' states stand one load after the other, (sites x internal) row by row.
+    which for a linear law is the midpoint rule, and is stable for any lag (Rosenbrock 1963). An
+    equilibrium, and each of a `path`, has z where it comes to rest. A load of accelerations adds
+    mass, its derivative by them; an explicit method wants it linear in them. In `State.internal`
+    the loads' states stand one load after the other, (sites x internal) row by row.
 
-    Raises ValueError for internal states without a rate, a rate without them, unknown names in `of`, "s" at a node, or two
-    arguments of one name; when it acts, for a function that returns anything but force and moment of the right shape.
+    Raises ValueError for internal states without a rate, a rate without them, unknown names in
+    `of`, "s" at a node, or two arguments of one name; when it acts, for a function that returns
+    anything but force and moment of the right shape.
     """
 
     function: Callable[..., tuple[Tensor | None, Tensor | None]] = leaf(None)
@@ -74,32 +95,65 @@ class Load(LoadEffect):
             whole_node(self.node)
         count("internal", self.internal, least=0)
         if bool(self.internal) != (self.rate is not None):
-            given = "internal states without a rate" if self.internal else "a rate without internal states"
+            given = (
+                "internal states without a rate"
+                if self.internal
+                else "a rate without internal states"
+            )
             raise ValueError(f"{given} was given to Load; both or neither are wanted")
         given = self.inputs
-        inputs = [Input(n, size) for n, size in given.items()] if isinstance(given, dict) else listed(given)
+        inputs = (
+            [Input(n, size) for n, size in given.items()]
+            if isinstance(given, dict)
+            else listed(given)
+        )
         if not all(isinstance(i, Input) for i in inputs):
-            raise ValueError(f"{shown(given)} was given as Load's inputs; Inputs, or names with sizes, are wanted")
+            raise ValueError(
+                f"{shown(given)} was given as Load's inputs; Inputs, or names with sizes, are "
+                "wanted"
+            )
         of = listed(self.of)
         for name in of:
             choice("of", name, (*MOTION, PLACE))
         if PLACE in of and self.node is not None:
-            raise ValueError("the arclength 's' was asked for by a Load at a node; one along the beam, node=None, has it")
+            raise ValueError(
+                "the arclength 's' was asked for by a Load at a node; one along the beam, "
+                "node=None, has it"
+            )
         if not (self.values is None or isinstance(self.values, dict)):
-            raise ValueError(f"{shown(self.values)} was given as Load's values; numbers or tensors by name are wanted")
+            raise ValueError(
+                f"{shown(self.values)} was given as Load's values; numbers or tensors by name "
+                "are wanted"
+            )
         for name, value in (self.values or {}).items():
             if isinstance(value, Input) or callable(value):
-                raise ValueError(f"{type(value).__name__} was given as Load's value {name!r}; numbers or a tensor are wanted")
+                raise ValueError(
+                    f"{type(value).__name__} was given as Load's value {name!r}; numbers or a "
+                    "tensor are wanted"
+                )
         values = {name: plain(value) for name, value in (self.values or {}).items()}
         for name, value in values.items():
             finite(f"Load's value {name!r}", torch.as_tensor(value))
-        names = [*(i.name for i in inputs), *values, *(["z"] if self.internal else []), *(n for n in of if n not in READS)]
+        names = [
+            *(i.name for i in inputs),
+            *values,
+            *(["z"] if self.internal else []),
+            *(n for n in of if n not in READS),
+        ]
         for name in {n for n in names if names.count(n) > 1}:
-            raise ValueError(f"two arguments of the name {name!r} were given to Load; one is wanted")
+            raise ValueError(
+                f"two arguments of the name {name!r} were given to Load; one is wanted"
+            )
         motion = ("position", "rotation", "velocity", "spin", "t")
         check_function("Load's function", self.function, *motion, named=names)
         if self.rate is not None:
-            check_function("Load's rate", self.rate, "z", *motion, named=[name for name in names if name != "z"])
+            check_function(
+                "Load's rate",
+                self.rate,
+                "z",
+                *motion,
+                named=[name for name in names if name != "z"],
+            )
         for name, value in dict(inputs=tuple(inputs), of=tuple(of), values=values).items():
             object.__setattr__(self, name, value)
 
@@ -117,16 +171,33 @@ class Load(LoadEffect):
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
         z = None
         if self.internal:
-            z = point.internal if point.dt is None else self.advance(point, point.internal, t, inputs, point.dt)
+            z = (
+                point.internal
+                if point.dt is None
+                else self.advance(point, point.internal, t, inputs, point.dt)
+            )
         motion, named, lead = self._arguments(point, t, inputs, z)
 
         def wrench(now: Tensor) -> Wrench:
             returned = self.function(*motion, now, **named)
-            if not isinstance(returned, (tuple, list)) or len(returned) != 2 or all(w is None for w in returned):
-                given = f"{len(returned)} values" if isinstance(returned, (tuple, list)) and len(returned) != 2 else shown(returned)
-                raise ValueError(f"a Load's function that returns {given} was given; (force, moment) is wanted, one of them "
-                                 "None where it is absent")
-            return tuple(None if w is None else _returned("a Load's function", w, 3, lead, point.R) for w in returned)
+            if (
+                not isinstance(returned, (tuple, list))
+                or len(returned) != 2
+                or all(w is None for w in returned)
+            ):
+                given = (
+                    f"{len(returned)} values"
+                    if isinstance(returned, (tuple, list)) and len(returned) != 2
+                    else shown(returned)
+                )
+                raise ValueError(
+                    f"a Load's function that returns {given} was given; (force, moment) is wanted, "
+                    "one of them None where it is absent"
+                )
+            return tuple(
+                None if w is None else _returned("a Load's function", w, 3, lead, point.R)
+                for w in returned
+            )
 
         return at_time(wrench, t, own=1 if self.node is not None else 2)
 
@@ -136,7 +207,10 @@ class Load(LoadEffect):
 
     def _values_at(self, s: Tensor, elements: int) -> dict[str, Tensor]:
         """Parameters (..., sites)."""
-        return {name: to_sites(f"Load's value {name!r}", v, s, elements) for name, v in self.values.items()}
+        return {
+            name: to_sites(f"Load's value {name!r}", v, s, elements)
+            for name, v in self.values.items()
+        }
 
     def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         return super().tangent(point, t, inputs) if self.depends else {}
@@ -147,14 +221,22 @@ class Load(LoadEffect):
         z = named.pop("z")
 
         def rate(now: Tensor) -> Tensor:
-            g = _returned("a Load's rate", self.rate(z, *motion, now, **named), self.internal, lead, z)
+            g = _returned(
+                "a Load's rate", self.rate(z, *motion, now, **named), self.internal, lead, z
+            )
             return g.expand(broadcast_shapes(g.shape, z.shape))
 
         return at_time(rate, t, own=1 if self.node is not None else 2)
 
     def rates_tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
-        """Derivative (..., internal, 3 or internal) of z' by each name that the load depends on, as in `tangent`, and by z."""
-        return derivatives(lambda at: self.rates(at, at.internal, t, inputs), point, (*sorted(self.depends), INTERNAL))
+        """Derivative (..., internal, 3 or internal) of z' by each name that the load depends on, as
+        in `tangent`, and by z.
+        """
+        return derivatives(
+            lambda at: self.rates(at, at.internal, t, inputs),
+            point,
+            (*sorted(self.depends), INTERNAL),
+        )
 
     def advance(self, point: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs, dt: Tensor) -> Tensor:
         """z at the middle of a step of dt (...) that starts with z; the motion as at its middle."""
@@ -164,12 +246,16 @@ class Load(LoadEffect):
         eye = torch.eye(self.internal, dtype=g.dtype, device=g.device)
         return z + torch.linalg.solve(eye - half[..., None] * slope, (half * g)[..., None])[..., 0]
 
-    def _arguments(self, point: LoadPoint, t: Tensor, inputs: Inputs, z: Tensor | None
-                   ) -> tuple[tuple[Tensor | None, ...], dict[str, Tensor], torch.Size]:
-        """Position, rotation, velocity, spin (None where they are not used); the others by name; their axes before their
-        own. All have as many of these, so that they can be stacked; along the beam one of them is for the sites.
+    def _arguments(
+        self, point: LoadPoint, t: Tensor, inputs: Inputs, z: Tensor | None
+    ) -> tuple[tuple[Tensor | None, ...], dict[str, Tensor], torch.Size]:
+        """Position, rotation, velocity, spin (None where they are not used); the others by name;
+        their axes before their own. All have as many of these, so that they can be stacked; along
+        the beam one of them is for the sites.
         """
-        motion = dict(position=point.position, rotation=point.R, velocity=point.velocity, spin=point.spin)
+        motion = dict(
+            position=point.position, rotation=point.R, velocity=point.velocity, spin=point.spin
+        )
         motion = tuple(v if name in self.of else None for name, v in motion.items())
         named = {i.name: value_at(i, t, inputs, point.R) for i in self.inputs}
         numbers = self.values
@@ -179,18 +265,37 @@ class Load(LoadEffect):
             numbers |= {PLACE: point.s} if PLACE in self.of else {}
         for name in INERTIAL:
             if name in self.of:
-                named[name] = torch.zeros_like(point.R[..., 0]) if getattr(point, name) is None else getattr(point, name)
+                named[name] = (
+                    torch.zeros_like(point.R[..., 0])
+                    if getattr(point, name) is None
+                    else getattr(point, name)
+                )
         if z is not None:
             named["z"] = z
         own = (1, 2, 1, 1)
-        axes = max([point.R.ndim - 2, *(x.ndim - k for x, k in zip(motion, own, strict=True) if x is not None),
-                    *(x.ndim - 1 for x in named.values()), *(x.ndim for x in numbers.values())])
-        lead = broadcast_shapes(point.R.shape[:-2], *(x.shape[:-1] for x in named.values()),
-                                *(x.shape for x in numbers.values()))
+        axes = max(
+            [
+                point.R.ndim - 2,
+                *(x.ndim - k for x, k in zip(motion, own, strict=True) if x is not None),
+                *(x.ndim - 1 for x in named.values()),
+                *(x.ndim for x in numbers.values()),
+            ]
+        )
+        lead = broadcast_shapes(
+            point.R.shape[:-2],
+            *(x.shape[:-1] for x in named.values()),
+            *(x.shape for x in numbers.values()),
+        )
         named = {name: _with_axes(x, axes + 1) for name, x in named.items()}
         numbers = {name: _with_axes(x, axes) for name, x in numbers.items()}
-        return (tuple(None if x is None else _with_axes(x, axes + k) for x, k in zip(motion, own, strict=True)),
-                named | numbers, lead)
+        return (
+            tuple(
+                None if x is None else _with_axes(x, axes + k)
+                for x, k in zip(motion, own, strict=True)
+            ),
+            named | numbers,
+            lead,
+        )
 
 
 def _with_axes(x: Tensor, count: int) -> Tensor:
@@ -199,9 +304,14 @@ def _with_axes(x: Tensor, count: int) -> Tensor:
 
 
 def _returned(whose: str, value: Any, size: int, lead: torch.Size, like: Tensor) -> Tensor:
-    """Value that a function of the motion returned, (..., size), if its axes fit the arguments'; ValueError otherwise."""
+    """Value that a function of the motion returned, (..., size), if its axes fit the arguments';
+    ValueError otherwise.
+    """
     if not isinstance(value, (Tensor, tuple, list)):
-        raise ValueError(f"{whose} that returns {shown(value)} was given; tensors (..., {size}) are wanted")
+        raise ValueError(
+            f"{whose} that returns {shown(value)} was given; tensors (..., {size}) are wanted"
+        )
     value = taken(f"{whose}'s value", value, like, size)
-    broadcast(f"{whose}'s value and arguments", value.shape[:-1], lead)  # the function may bring axes of its own
+    # the function may bring axes of its own
+    broadcast(f"{whose}'s value and arguments", value.shape[:-1], lead)
     return value

@@ -1,4 +1,6 @@
-"""Damping proportional to stiffness (stress by strain rate) and to mass (force against velocity)."""
+"""Damping proportional to stiffness (stress by strain rate) and to mass
+(force against velocity).
+"""
 
 from __future__ import annotations
 
@@ -21,10 +23,11 @@ from .values import Inputs, parameter, plain
 class Damping(Effect):
     """Stiffness-proportional damping: [F; M] = S^-1 (strain + tau * strain rate).
 
-    tau  (...) s, one value; or six in a Python sequence, one for each strain [gamma1..3, kappa1..3]: then the damping matrix
-         is D^1/2 S^-1 D^1/2 with D = diag(tau), which is symmetric and never pumps energy.
-    six  whether tau (..., 6) has a value for each strain. Default: a sequence has, a tensor or an array is one value with
-         batch axes, six samples as well as five.
+    tau  (...) s, one value; or six in a Python sequence, one for each strain
+         [gamma1..3, kappa1..3]: then the damping matrix is D^1/2 S^-1 D^1/2 with D = diag(tau),
+         which is symmetric and never pumps energy.
+    six  whether tau (..., 6) has a value for each strain. Default: a sequence has, a tensor or an
+         array is one value with batch axes, six samples as well as five.
 
     on   name of a beam of a structure; None = all. Each beam may have one of its own
 
@@ -43,21 +46,25 @@ class Damping(Effect):
         positive("tau", torch.as_tensor(tau), zero=True)
         six = sequence if self.six is None else boolean("six", self.six)
         if six and (tau.ndim == 0 or tau.shape[-1] != 6):
-            raise ValueError(f"tau of shape {tuple(tau.shape)} was given; one value (a batch is a tensor), or one for each of "
-                             "six strains, is wanted")
+            raise ValueError(
+                f"tau of shape {tuple(tau.shape)} was given; one value (a batch is a tensor), or "
+                "one for each of six strains, is wanted"
+            )
         object.__setattr__(self, "tau", tau)
         object.__setattr__(self, "six", six)
 
 
 @dataclass(frozen=True)
 class MassDamping(LoadEffect):
-    """Mass-proportional damping: force and moment -alpha R Mass R^T [velocity; spin], against the absolute motion, of all that
-    has mass: per length of the beam, and of each `PointMass` at its node.
+    """Mass-proportional damping: force and moment -alpha R Mass R^T [velocity; spin], against the
+    absolute motion, of all that has mass: per length of the beam, and of each `PointMass` at its
+    node.
 
     alpha  (...) 1/s; a free vibration decays as exp(-alpha t / 2), whatever its frequency
     on     name of a beam or a body of a structure; None = all
 
-    A rigid motion is damped too: it models the air around a beam, not the beam. Raises ValueError for a negative alpha.
+    A rigid motion is damped too: it models the air around a beam, not the beam. Raises ValueError
+    for a negative alpha.
     """
 
     alpha: Value = leaf(0)
@@ -71,8 +78,11 @@ class MassDamping(LoadEffect):
         object.__setattr__(self, "alpha", parameter("alpha", self.alpha))
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
-        motion = torch.stack(torch.broadcast_tensors(point.velocity, point.spin), -2) @ point.R  # rows R^T v and R^T w
-        momenta = (point.mass @ motion.flatten(-2)[..., None]).unflatten(-2, (2, 3))[..., 0] @ point.R.mT
+        # rows R^T v and R^T w
+        motion = torch.stack(torch.broadcast_tensors(point.velocity, point.spin), -2) @ point.R
+        momenta = (point.mass @ motion.flatten(-2)[..., None]).unflatten(-2, (2, 3))[
+            ..., 0
+        ] @ point.R.mT
         return tuple((-self.alpha[..., None, None, None] * momenta).unbind(-2))
 
     def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
@@ -90,44 +100,63 @@ class MassDamping(LoadEffect):
         return -self.alpha[..., None, None, None] * (both @ point.mass @ both.mT)
 
 
-def rayleigh(frequency: Sequence[Value] | Tensor, ratio: Sequence[Value] | Tensor) -> tuple[MassDamping, Damping]:
-    """Rayleigh damping, a pair of `MassDamping` and `Damping`, for given damping ratios of two modes, or nearest in the sum of
-    squares to those of more: ratio = alpha/(2 w) + tau w/2 (Rayleigh 1877).
+def rayleigh(
+    frequency: Sequence[Value] | Tensor, ratio: Sequence[Value] | Tensor
+) -> tuple[MassDamping, Damping]:
+    """Rayleigh damping, a pair of `MassDamping` and `Damping`, for given damping ratios of two
+    modes, or nearest in the sum of squares to those of more: ratio = alpha/(2 w) + tau w/2
+    (Rayleigh 1877).
 
     frequency  two or more w, rad/s, (...) each; or (..., n), as in `modes(scene).frequency`
-    ratio      of each mode, likewise; 1 = critical. A mode between two is damped less than they are, modes beyond them more
+    ratio      of each mode, likewise; 1 = critical. A mode between two is damped less than they
+               are, modes beyond them more
 
-    Which modal damping a beam can have: this one, whatever the way it moves; and, for kinds of motion that strain it in
-    different ways, a tau of their own: `Damping` of six values damps stretching, shear, torsion and bending about y and z by
-    tau w/2 each, with w the frequency of the mode meant. A damping matrix made of the modes themselves would tie every node
-    to every other, and would hold for small motions about one shape alone.
+    Which modal damping a beam can have: this one, whatever the way it moves; and, for kinds of
+    motion that strain it in different ways, a tau of their own: `Damping` of six values damps
+    stretching, shear, torsion and bending about y and z by tau w/2 each, with w the frequency of
+    the mode meant. A damping matrix made of the modes themselves would tie every node to every
+    other, and would hold for small motions about one shape alone.
 
-    Raises ValueError for fewer than two different frequencies, and where the fit takes a negative coefficient: the ratios are
-    then too different for the frequencies.
+    Raises ValueError for fewer than two different frequencies, and where the fit takes a negative
+    coefficient: the ratios are then too different for the frequencies.
     """
     plainly = not has_dtype([frequency, ratio])
     dtype = torch.float64 if plainly else common_dtype(frequency, ratio)[0]
-    w, z = (finite(name, as_tensor(v, dtype)) for name, v in (("frequency", frequency), ("ratio", ratio)))
+    w, z = (
+        finite(name, as_tensor(v, dtype))
+        for name, v in (("frequency", frequency), ("ratio", ratio))
+    )
     if w.ndim == 0 or w.shape[-1] < 2 or z.ndim == 0 or z.shape[-1] != w.shape[-1]:
-        raise ValueError(f"rayleigh with frequencies of shape {tuple(w.shape)} and ratios of shape {tuple(z.shape)} was given; "
-                         "(..., n) of both is wanted, n = 2 or more")
+        raise ValueError(
+            f"rayleigh with frequencies of shape {tuple(w.shape)} and ratios of shape "
+            f"{tuple(z.shape)} was given; (..., n) of both is wanted, n = 2 or more"
+        )
     if not (w > 0).all() or (w == w[..., :1]).all(-1).any():
-        raise ValueError("rayleigh with equal frequencies, or with one that is not positive, was given; positive ones that "
-                         "differ are wanted")
+        raise ValueError(
+            "rayleigh with equal frequencies, or with one that is not positive, was given; "
+            "positive ones that differ are wanted"
+        )
     scale = w.mean(-1, keepdim=True)
     shares = torch.stack((scale / (2 * w), w / (2 * scale)), -1)
     alpha, tau = (torch.linalg.pinv(shares) @ z.to(w)[..., None])[..., 0].unbind(-1)
     if (tau < 0).any() or (alpha < 0).any():
-        raise ValueError("rayleigh with ratios that take a negative coefficient was given; ratios nearer to each other are "
-                         "wanted")
+        raise ValueError(
+            "rayleigh with ratios that take a negative coefficient was given; ratios nearer to "
+            "each other are wanted"
+        )
     coefficients = alpha * scale[..., 0], tau / scale[..., 0]
-    alpha, tau = (numbers(x.tolist()) for x in coefficients) if plainly else coefficients  # numbers have no dtype of their own
+    # numbers have no dtype of their own
+    alpha, tau = (numbers(x.tolist()) for x in coefficients) if plainly else coefficients
     return MassDamping(alpha), Damping(tau, six=False)
 
 
 def geometric_means(tau: Tensor) -> Tensor:
-    """(tau_i tau_j)^1/2 (..., 6, 6); the diagonal is tau itself, so that a zero has a derivative there (none beside it)."""
+    """(tau_i tau_j)^1/2 (..., 6, 6); the diagonal is tau itself, so that a zero has a derivative
+    there (none beside it).
+    """
     some = tau > 0
-    root = torch.where(some, torch.where(some, tau, torch.ones_like(tau)).sqrt(), torch.zeros_like(tau))
+    root = torch.where(
+        some, torch.where(some, tau, torch.ones_like(tau)).sqrt(), torch.zeros_like(tau)
+    )
     own = torch.eye(tau.shape[-1], dtype=torch.bool, device=tau.device)
     return torch.where(own, tau[..., None], root[..., :, None] * root[..., None, :])

@@ -15,40 +15,57 @@ from ...core.leaves import leaf
 from ...core.validation import Value
 from ...math.quaternions import skew
 from ...math.shapes import broadcast_shapes
-from .load_point import ACCELERATION, POSITION, ROTATION, VELOCITY, LoadEffect, LoadPoint, Wrench, jacobians
+from .load_point import (
+    ACCELERATION,
+    POSITION,
+    ROTATION,
+    VELOCITY,
+    LoadEffect,
+    LoadPoint,
+    Wrench,
+    jacobians,
+)
 from .values import Input, Inputs, load_value, optional, parameter
 
 
 @dataclass(frozen=True)
 class Drag(LoadEffect):
-    """Quadratic drag per unit length (Morison et al. 1950; across and along the axis after Taylor 1952):
+    """Quadratic drag per unit length (Morison et al. 1950; across and along the axis after Taylor
+    1952):
 
-        f = -1/2 rho d (C_n |v_n| v_n + pi C_t |v_t| v_t) - C_a rho pi d^2/4 a_n,    v = velocity - flow
+        f = -1/2 rho d (C_n |v_n| v_n + pi C_t |v_t| v_t) - C_a rho pi d^2/4 a_n,
+        v = velocity - flow
 
-    with v_t along the section's x axis, the normal of the deformed cross-section, v_n across it, and a_n across it of the
-    acceleration: the flow is uniform and steady where there is an added mass. The axis of the beam leaves that normal by the
-    shear strain, an angle that is small unless the beam is soft in shear; so much of v_t counts as v_n, and the other way round
+    with v_t along the section's x axis, the normal of the deformed cross-section, v_n across it,
+    and a_n across it of the acceleration: the flow is uniform and steady where there is an added
+    mass. The axis of the beam leaves that normal by the shear strain, an angle that is small unless
+    the beam is soft in shear; so much of v_t counts as v_n, and the other way round
 
-    density   (...) kg/m^3 of the fluid;  diameter (...) m: width across the flow, pi d the wetted circumference
-    normal, tangential  (...) C_n and C_t; a smooth circular cylinder has C_n near 1.2 below and 0.4 above the drag crisis
-    flow      m/s: (..., 3) in inertial axes, as Gravity's g; or function(position, t) -> (..., sites, 3), both in frame a;
-              None = still
-    added_mass  (...) C_a of the fluid that moves along; a circular cylinder in potential flow has 1. None or 0: none
+    density   (...) kg/m^3 of the fluid;  diameter (...) m: width across the flow, pi d the wetted
+              circumference
+    normal, tangential  (...) C_n and C_t; a smooth circular cylinder has C_n near 1.2 below and 0.4
+                        above the drag crisis
+    flow      m/s: (..., 3) in inertial axes, as Gravity's g; or
+              function(position, t) -> (..., sites, 3), both in frame a; None = still
+    added_mass  (...) C_a of the fluid that moves along; a circular cylinder in potential flow
+                has 1. None or 0: none
 
     on        name of a beam of a structure; None = all
 
-    The fluid's inertia is a load: its work is in `energy.work`, and `energy.kinetic` is the beam's alone.
+    The fluid's inertia is a load: its work is in `energy.work`, and `energy.kinetic` is the beam's
+    alone.
 
-    Raises ValueError for a negative density, diameter or coefficient, or an added mass in a flow that is a function (whose own
-    acceleration would push as well).
+    Raises ValueError for a negative density, diameter or coefficient, or an added mass in a flow
+    that is a function (whose own acceleration would push as well).
     """
 
     density: Value = leaf(0)
     diameter: Value = leaf(0)
     normal: Value = leaf(0, default=1.2)
     tangential: Value = leaf(0, default=0.0)
-    flow: Value | Callable[[Tensor, Tensor], Tensor] | None = leaf(lambda drag: None if callable(drag.flow) else 1,
-                                                                   default=None)
+    flow: Value | Callable[[Tensor, Tensor], Tensor] | None = leaf(
+        lambda drag: None if callable(drag.flow) else 1, default=None
+    )
     added_mass: Value | None = leaf(0, default=None)
     on: str | None = field(default=None, kw_only=True)
 
@@ -59,14 +76,19 @@ class Drag(LoadEffect):
         for name in ("density", "diameter", "normal", "tangential"):
             object.__setattr__(self, name, parameter(f"Drag's {name}", getattr(self, name)))
         if isinstance(self.flow, Input):
-            raise ValueError("Drag's flow as an Input was given; a value, or a function of position and t, is wanted")
+            raise ValueError(
+                "Drag's flow as an Input was given; a value, or a function of position and t, "
+                "is wanted"
+            )
         if callable(self.flow):
             check_function("Drag's flow", self.flow, "position", "t")
         elif self.flow is not None:
             object.__setattr__(self, "flow", load_value("Drag's flow", self.flow))
         if self.carries and callable(self.flow):
-            raise ValueError("Drag with an added mass in a flow that is a function was given; with an added mass the flow is "
-                             "uniform and steady")
+            raise ValueError(
+                "Drag with an added mass in a flow that is a function was given; with an added "
+                "mass the flow is uniform and steady"
+            )
 
     @property
     def carries(self) -> bool:
@@ -102,9 +124,9 @@ class Drag(LoadEffect):
     def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """With e the axis, P = e e^T and u = v.e:
 
-            d(|v_n| v_n) = (|v_n| I + v_n v_n^T/|v_n|) d(v_n),    d(v_n) = (I - P) dv - (e v^T + u I) de
-            d(|u| u e) = 2 |u| P dv + |u| (2 e v^T + u I) de,    de = spin x e
-            d(a_n) = (I - P) da - (e a^T + (a.e) I) de
+        d(|v_n| v_n) = (|v_n| I + v_n v_n^T/|v_n|) d(v_n),    d(v_n) = (I - P) dv - (e v^T + u I) de
+        d(|u| u e) = 2 |u| P dv + |u| (2 e v^T + u I) de,    de = spin x e
+        d(a_n) = (I - P) da - (e a^T + (a.e) I) de
         """
         axis, u, across = self._parts(point, t, inputs)
         normal, tangential = (c[..., None] for c in self._factors())
@@ -114,7 +136,9 @@ class Drag(LoadEffect):
         grow = normal * (size[..., None] * eye + outer(across, unit))
         along = 2 * tangential * u.abs()[..., None]
         by_axis = outer(axis, u * axis + across) + u[..., None] * eye  # -d(v_n)/de
-        turn = (along / 2 * (u[..., None] * eye + 2 * outer(axis, u * axis + across)) - grow @ by_axis) @ -skew(axis)
+        turn = (
+            along / 2 * (u[..., None] * eye + 2 * outer(axis, u * axis + across)) - grow @ by_axis
+        ) @ -skew(axis)
         P = outer(axis, axis)
         by_velocity = grow @ (eye - P) + along * P
         derivatives = {ROTATION: turn, VELOCITY: by_velocity}
@@ -123,7 +147,9 @@ class Drag(LoadEffect):
             derivatives[ACCELERATION] = -added * (eye - P)
             if a is not None:
                 along_a = (a * axis).sum(-1, keepdim=True)[..., None]
-                derivatives[ROTATION] = turn + added * (outer(axis, a) + along_a * eye) @ -skew(axis)
+                derivatives[ROTATION] = turn + added * (outer(axis, a) + along_a * eye) @ -skew(
+                    axis
+                )
         if callable(self.flow):
             at = point.position.expand(*broadcast_shapes(point.position.shape, axis.shape))
             (slope,) = jacobians(lambda x: torch.broadcast_tensors(self._flow(x, t), x)[0], at)
@@ -132,12 +158,19 @@ class Drag(LoadEffect):
 
     def _flow(self, position: Tensor, t: Tensor) -> Tensor:
         """(..., sites, 3) m/s, frame a, of a flow that is a function."""
-        return at_time(lambda now: taken("a flow function's value", self.flow(position, now), position, 3), t, own=2)
+        return at_time(
+            lambda now: taken("a flow function's value", self.flow(position, now), position, 3),
+            t,
+            own=2,
+        )
 
     def _factors(self) -> tuple[Tensor, Tensor]:
         """-1/2 rho d C_n and -1/2 rho d pi C_t, (..., 1, 1)."""
         pressure = -self.density * self.diameter
-        return tuple(v[..., None, None] for v in (pressure * self.normal / 2, pressure * self.tangential * (math.pi / 2)))
+        return tuple(
+            v[..., None, None]
+            for v in (pressure * self.normal / 2, pressure * self.tangential * (math.pi / 2))
+        )
 
     def _parts(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> tuple[Tensor, Tensor, Tensor]:
         """The axis (..., 3), the relative velocity along it (..., 1) and across it (..., 3)."""
@@ -154,7 +187,9 @@ def norm(v: Tensor) -> Tensor:
     """|v| (..., 1), with derivative 0 at v = 0."""
     square = v.square().sum(-1, keepdim=True)
     some = square > 0
-    return torch.where(some, torch.where(some, square, torch.ones_like(square)).sqrt(), torch.zeros_like(square))
+    return torch.where(
+        some, torch.where(some, square, torch.ones_like(square)).sqrt(), torch.zeros_like(square)
+    )
 
 
 def outer(x: Tensor, y: Tensor) -> Tensor:

@@ -9,16 +9,20 @@ from ...core.leaves import Tree
 
 
 class Effect(Tree):
-    """Base of all effects; what is asked of them is answered by attributes, these unless a class has its own.
+    """Base of all effects; what is asked of them is answered by attributes, these unless a class
+    has its own.
 
     kind    "load", "strain", "inertia" or "eigenstrain": see `torchbeam.scene.effects`
-    node    number of the node that it acts on, a class's attribute or a field; None = along the beam
-    on      name of the part of a structure along which it acts, a field of effects without a node; None = of all of them
+    node    number of the node that it acts on, a class's attribute or a field; None = along the
+            beam
+    on      name of the part of a structure along which it acts, a field of effects without a node;
+            None = of all of them
     inputs  `Input`s that it takes beside those in its leaves
     by_place  of one without a node: whether it differs along the beam
     by_mass   whether it acts on what has mass, bodies as well; else on beams alone, per length
 
-    Raises TypeError, when the class is defined, for a field `node` without a value: it would take None from here.
+    Raises TypeError, when the class is defined, for a field `node` without a value: it would take
+    None from here.
     """
 
     kind: ClassVar[str] = ""
@@ -31,8 +35,10 @@ class Effect(Tree):
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         if "node" in vars(cls).get("__annotations__", {}) and "node" not in vars(cls):
-            raise TypeError(f"{cls.__name__}.node is a field without a value; node: int = dataclasses.field() is wanted, or a "
-                            "default")
+            raise TypeError(
+                f"{cls.__name__}.node is a field without a value; node: int = dataclasses.field() "
+                "is wanted, or a default"
+            )
 
 
 def of_library(effect: Any) -> bool:

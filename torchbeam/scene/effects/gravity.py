@@ -45,7 +45,9 @@ class Gravity(LoadEffect):
 
     def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         turned = point.mass[..., :3] @ point.R.mT @ skew(self._here(point, t, inputs))
-        parts = zip((turned[..., :3, :], turned[..., 3:, :]), self.wrench(point, t, inputs), strict=True)
+        parts = zip(
+            (turned[..., :3, :], turned[..., 3:, :]), self.wrench(point, t, inputs), strict=True
+        )
         return {ROTATION: torch.cat([point.R @ part - skew(w) for part, w in parts], -2)}
 
     def _here(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:

@@ -14,12 +14,14 @@ from ...core.validation import Value, as_tensor, common_dtype, finite, increasin
 
 @dataclass(frozen=True)
 class History(FunctionOfTime):
-    """A load's value as a function of t: straight lines between samples, the first and the last held outside.
+    """A load's value as a function of t: straight lines between samples, the first and the last
+    held outside.
 
     t       (n,) s, strictly increasing
     values  (..., n, 3)
 
-    Its rate, which the block rate form needs, is the slope of the line. Differentiable in t and in both tensors.
+    Its rate, which the block rate form needs, is the slope of the line. Differentiable in t and in
+    both tensors.
     """
 
     t: Tensor = leaf(1)
@@ -40,15 +42,16 @@ class History(FunctionOfTime):
 
 @dataclass(frozen=True)
 class Accelerogram(FunctionOfTime):
-    """A displacement (..., 3) m as a function of t whose acceleration is sampled: the record of a shaker or an earthquake, for
-    `RootMotion(displacement=...)`.
+    """A displacement (..., 3) m as a function of t whose acceleration is sampled: the record of a
+    shaker or an earthquake, for `RootMotion(displacement=...)`.
 
     t             (n,) s, strictly increasing
     acceleration  (..., n, 3) m/s^2, frame a: straight lines between the samples
 
-    Displacement and velocity are zero at the first sample and before; after the last the velocity stays. A cubic between
-    samples, exact: u = u_k + v_k h + a_k h^2/2 + (a_{k+1} - a_k) h^3/(6 dt). Differentiable in t and in both tensors. A record
-    with an offset drifts as its square: take the offset off before.
+    Displacement and velocity are zero at the first sample and before; after the last the velocity
+    stays. A cubic between samples, exact: u = u_k + v_k h + a_k h^2/2 + (a_{k+1} - a_k) h^3/(6 dt).
+    Differentiable in t and in both tensors. A record with an offset drifts as its square: take the
+    offset off before.
     """
 
     t: Tensor = leaf(1)
@@ -57,7 +60,8 @@ class Accelerogram(FunctionOfTime):
     _displacement: Tensor = leaf(2, init=False)
 
     def __post_init__(self) -> None:
-        t, a = (x.clone() for x in _sampled("an Accelerogram's", self.t, self.acceleration))  # velocities are of these
+        # velocities are of these
+        t, a = (x.clone() for x in _sampled("an Accelerogram's", self.t, self.acceleration))
         dt = t.diff()[:, None]
         before, after = a[..., :-1, :], a[..., 1:, :]
         v = pad((dt * (before + after) / 2).cumsum(-2), (0, 0, 1, 0))
@@ -84,11 +88,18 @@ def _sampled(whose: str, t: Value, values: Value) -> tuple[Tensor, Tensor]:
     t, values = (as_tensor(v, dtype, device) for v in (t, values))
     increasing(f"{whose} t", t)
     if values.ndim < 2 or values.shape[-2:] != (len(t), 3):
-        raise ValueError(f"{whose} values of shape {tuple(values.shape)} were given; (..., {len(t)}, 3) are wanted")
+        raise ValueError(
+            f"{whose} values of shape {tuple(values.shape)} were given; (..., {len(t)}, 3) are "
+            "wanted"
+        )
     return t, finite(f"{whose} values", values)
 
 
 def _interval(samples: Tensor, t: Tensor) -> Tensor:
-    """Number (1,) of the interval that t lies in, the first or last outside; a tensor all along: no number leaves torch."""
-    k = (torch.searchsorted(samples.detach(), t.detach().to(samples), right=True) - 1).clamp(0, len(samples) - 2)
+    """Number (1,) of the interval that t lies in, the first or last outside; a tensor all along: no
+    number leaves torch.
+    """
+    k = (torch.searchsorted(samples.detach(), t.detach().to(samples), right=True) - 1).clamp(
+        0, len(samples) - 2
+    )
     return k.reshape(1)

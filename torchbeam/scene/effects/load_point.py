@@ -1,4 +1,6 @@
-"""Load points, where and how a load acts at one instant, and loads in general: force, moment, tangent."""
+"""Load points, where and how a load acts at one instant, and loads in general: force, moment,
+tangent.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +22,8 @@ Wrench = tuple[Tensor | None, Tensor | None]  # force and moment (..., 3), frame
 
 
 class Pose(NamedTuple):
-    """Pose and motion of a support: position (..., 3) m, R (..., 3, 3) its axes -> frame a, velocity (..., 3) m/s and
-    spin (..., 3) rad/s absolute, frame a; None = at rest.
+    """Pose and motion of a support: position (..., 3) m, R (..., 3, 3) its axes -> frame a,
+    velocity (..., 3) m/s and spin (..., 3) rad/s absolute, frame a; None = at rest.
     """
 
     position: Tensor
@@ -32,23 +34,26 @@ class Pose(NamedTuple):
 
 @dataclass(frozen=True)
 class LoadPoint:
-    """Point where a load acts at one instant (of an implicit step: its middle), frame a: (..., sites, ...) along the beam,
-    (...) at one node.
+    """Point where a load acts at one instant (of an implicit step: its middle), frame a:
+    (..., sites, ...) along the beam, (...) at one node.
 
     R         (..., 3, 3) section axes -> frame a
-    mass      (..., 6, 6) mass per length about the site, point masses included, section axes; only along the beam
-    position  (..., 3) m;  velocity (..., 3) m/s absolute;  spin (..., 3) rad/s absolute angular velocity, frame a's axes:
-              None unless the effect reads them
-    acceleration  (..., 3) m/s^2 and angular_acceleration (..., 3) rad/s^2, absolute, likewise; None also where they are not
+    mass      (..., 6, 6) mass per length about the site, point masses included, section axes; only
+              along the beam
+    position  (..., 3) m;  velocity (..., 3) m/s absolute;  spin (..., 3) rad/s absolute angular
+              velocity, frame a's axes: None unless the effect reads them
+    acceleration  (..., 3) m/s^2 and angular_acceleration (..., 3) rad/s^2, absolute, likewise; None
+                  also where they are not
               known: an explicit form takes the derivative by them as a mass
     s         (..., sites) m, arclength of the sites from the root; only along the beam
     axes      (..., 3, 3) inertial axes -> frame a at this instant; None = they coincide
     support   node 0's prescribed pose, for effects that want it (`wants_support`)
-    internal  (..., z), along the beam (..., sites, z): internal states of this effect at the start of the step, or at this
-              instant where there is no step
+    internal  (..., z), along the beam (..., sites, z): internal states of this effect at the start
+              of the step, or at this instant where there is no step
     dt        (...) s, length of the step whose middle this is; None = there is no step
     elements  of the beam; only along it
-    frame     velocity m/s of frame a and its angular velocity rad/s (..., 3), in its axes, each None = it has none, for effects
+    frame     velocity m/s of frame a and its angular velocity rad/s (..., 3), in its axes, each
+              None = it has none, for effects
               that want them (`wants_frame`)
     """
 
@@ -83,8 +88,8 @@ INTERNAL = "internal"
 
 
 class LoadEffect(Effect):
-    """Base of all loads. A load declares what its wrench depends on (`depends`); its tangent comes by automatic differentiation
-    unless it writes its own.
+    """Base of all loads. A load declares what its wrench depends on (`depends`); its tangent comes
+    by automatic differentiation unless it writes its own.
     """
 
     kind = "load"
@@ -99,62 +104,82 @@ class LoadEffect(Effect):
     depends: frozenset[str] = frozenset()
 
     def depends_on(self, offset: bool) -> frozenset[str]:
-        """Names among `MOTION`: what the wrench depends on; empty = a dead load. `offset`: whether a centre of mass, of a
-        section or of a point mass, lies off its node.
+        """Names among `MOTION`: what the wrench depends on; empty = a dead load. `offset`: whether
+        a centre of mass, of a section or of a point mass, lies off its node.
         """
         return self.depends
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
-        """Force and moment in frame a, N and N m (per metre along the beam); None where absent. t is 0-dim, or (...) where the
-        samples stand at different times: see `functions_of_time.at_time`.
+        """Force and moment in frame a, N and N m (per metre along the beam); None where absent. t
+        is 0-dim, or (...) where the samples stand at different times: see
+        `functions_of_time.at_time`.
         """
         raise NotImplementedError
 
     def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
-        """Derivative (..., 6, 3) of [force; moment] by each name the wrench depends on: by displacement, by the spin s that
-        turns R into (1 + ~s) R, by velocity, by angular velocity and by the accelerations, all in frame a.
+        """Derivative (..., 6, 3) of [force; moment] by each name the wrench depends on: by
+        displacement, by the spin s that turns R into (1 + ~s) R, by velocity, by angular velocity
+        and by the accelerations, all in frame a.
         """
-        return derivatives(lambda at: together(self.wrench(at, t, inputs), at.R), point,
-                           [name for name in MOTION if name in self.depends])
+        return derivatives(
+            lambda at: together(self.wrench(at, t, inputs), at.R),
+            point,
+            [name for name in MOTION if name in self.depends],
+        )
 
     def internal_states(self, beam: Beam) -> int:
         """How many numbers it remembers."""
         return self.internal
 
     def at_sites(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> LoadEffect | None:
-        """Of a load along the beam: the same with numbers for each of the sites with the arclengths s (..., sites), or for all
-        (..., 1), in each of its leaves, at time t; None where all that it holds is the same everywhere.
+        """Of a load along the beam: the same with numbers for each of the sites with the arclengths
+        s (..., sites), or for all (..., 1), in each of its leaves, at time t; None where all that
+        it holds is the same everywhere.
         """
         return None
 
     def resolved(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> LoadEffect:
-        """The same with numbers in the place of functions of t, of inputs and of values by place, see `at_sites`; itself where
-        there are none.
+        """The same with numbers in the place of functions of t, of inputs and of values by place,
+        see `at_sites`; itself where there are none.
         """
         here = self.at_sites(s, t, inputs, elements)
         if here is not None:
             return here
-        asked = {leaf.name: leaf.value for leaf in own_leaves(self)
-                 if leaf.axes == 1 and (callable(leaf.value) or isinstance(leaf.value, Input))}
-        return with_values(self, **{name: value_at(value, t, inputs, s) for name, value in asked.items()}) if asked else self
+        asked = {
+            leaf.name: leaf.value
+            for leaf in own_leaves(self)
+            if leaf.axes == 1 and (callable(leaf.value) or isinstance(leaf.value, Input))
+        }
+        return (
+            with_values(
+                self, **{name: value_at(value, t, inputs, s) for name, value in asked.items()}
+            )
+            if asked
+            else self
+        )
 
     def in_free_vibration(self) -> LoadEffect | None:
-        """What of it is left in a free vibration about the beam at rest: the load itself where it is a stiffness, the mass of a
-        fluid that moves along; None = nothing.
+        """What of it is left in a free vibration about the beam at rest: the load itself where it
+        is a stiffness, the mass of a fluid that moves along; None = nothing.
         """
         return None
 
 
-def derivatives(function: Callable[[LoadPoint], Tensor], point: LoadPoint, names: Sequence[str]) -> dict[str, Tensor]:
-    """Derivative (..., m, n) of a function (..., m) of the site by each name of it, see `LoadEffect.tangent`; sites do not
-    mix.
+def derivatives(
+    function: Callable[[LoadPoint], Tensor], point: LoadPoint, names: Sequence[str]
+) -> dict[str, Tensor]:
+    """Derivative (..., m, n) of a function (..., m) of the site by each name of it, see
+    `LoadEffect.tangent`; sites do not mix.
     """
-    at = [getattr(point, n, None) for n in names]  # nothing is known of a turn, or of an acceleration: 0
+    # nothing is known of a turn, or of an acceleration: 0
+    at = [getattr(point, n, None) for n in names]
     at = [point.R.new_zeros(*point.R.shape[:-2], 3) if x is None else x for x in at]
 
     def of(*xs: Tensor) -> Tensor:
-        moved = {("R" if n == ROTATION else n): point.R + skew(x) @ point.R if n == ROTATION else x
-                 for n, x in zip(names, xs, strict=True)}
+        moved = {
+            ("R" if n == ROTATION else n): point.R + skew(x) @ point.R if n == ROTATION else x
+            for n, x in zip(names, xs, strict=True)
+        }
         return function(replace(point, **moved))
 
     return dict(zip(names, jacobians(of, *at), strict=True))
@@ -167,9 +192,10 @@ def together(wrench: Wrench, like: Tensor) -> Tensor:
 
 
 def jacobians(function: Callable[..., Tensor], *xs: Tensor) -> tuple[Tensor, ...]:
-    """Derivatives (..., m, n) of function(*xs) (..., m) by each x (..., n), where the leading axes do not mix. By reverse
-    mode: all x for the price of m cotangents; works where derivatives are switched off, and is differentiable itself. By
-    forward mode where a graph is checkpointed: torch.func has no reverse mode beside hooks on saved tensors.
+    """Derivatives (..., m, n) of function(*xs) (..., m) by each x (..., n), where the leading axes
+    do not mix. By reverse mode: all x for the price of m cotangents; works where derivatives are
+    switched off, and is differentiable itself. By forward mode where a graph is checkpointed:
+    torch.func has no reverse mode beside hooks on saved tensors.
     """
     if saves_by_hooks():
         if within_dual_numbers():
@@ -179,7 +205,11 @@ def jacobians(function: Callable[..., Tensor], *xs: Tensor) -> tuple[Tensor, ...
     lead, m = out.shape[:-1], out.shape[-1]
     if any(x.shape[:-1] != lead for x in xs):
         out, pull = torch.func.vjp(function, *(x.expand(*lead, x.shape[-1]) for x in xs))
-    one_hot = torch.eye(m, dtype=out.dtype, device=out.device).reshape(m, *(1,) * len(lead), m).expand(m, *lead, m)
+    one_hot = (
+        torch.eye(m, dtype=out.dtype, device=out.device)
+        .reshape(m, *(1,) * len(lead), m)
+        .expand(m, *lead, m)
+    )
     return tuple(g.movedim(0, -2) for g in torch.func.vmap(pull)(one_hot))
 
 
@@ -188,6 +218,8 @@ def _by_forward_mode(function: Callable[..., Tensor], xs: tuple[Tensor, ...]) ->
     columns = torch.eye(sum(sizes), dtype=xs[0].dtype, device=xs[0].device).split(sizes, -1)
 
     def along(*tangents: Tensor) -> Tensor:
-        return torch.func.jvp(function, xs, tuple(v + torch.zeros_like(x) for v, x in zip(tangents, xs, strict=True)))[1]
+        return torch.func.jvp(
+            function, xs, tuple(v + torch.zeros_like(x) for v, x in zip(tangents, xs, strict=True))
+        )[1]
 
     return torch.func.vmap(along, out_dims=-1)(*columns).split(sizes, -1)

@@ -19,9 +19,11 @@ from .values import AtSites, ByPlace, Inputs, LoadValue, load_value, value_along
 
 @dataclass(frozen=True, kw_only=True)
 class GivenLoad(LoadEffect):
-    """Force and moment with a value each: a tensor (..., 3), a function t -> (..., 3), an `Input`, or None = absent.
+    """Force and moment with a value each: a tensor (..., 3), a function t -> (..., 3), an `Input`,
+    or None = absent.
 
-    A dead load keeps its direction in frame a; a follower load is given in section axes and turns with the section.
+    A dead load keeps its direction in frame a; a follower load is given in section axes and turns
+    with the section.
     """
 
     force: Value | None = leaf(1, default=None)
@@ -30,10 +32,15 @@ class GivenLoad(LoadEffect):
 
     def __post_init__(self) -> None:
         if self.force is None and self.moment is None:
-            raise ValueError(f"{type(self).__name__} with neither force nor moment was given; one of them is wanted")
+            raise ValueError(
+                f"{type(self).__name__} with neither force nor moment was given; one of them is "
+                "wanted"
+            )
         for name in ("force", "moment"):
             if (value := getattr(self, name)) is not None:
-                value = load_value(f"{type(self).__name__}'s {name}", value, along=self.node is None)
+                value = load_value(
+                    f"{type(self).__name__}'s {name}", value, along=self.node is None
+                )
                 object.__setattr__(self, name, value)
         boolean(f"{type(self).__name__}'s follower", self.follower)
 
@@ -43,18 +50,27 @@ class GivenLoad(LoadEffect):
 
     @property
     def conservative(self) -> bool:
-        """Whether its work is independent of the path: that of a dead force is, that of a dead moment is not."""
+        """Whether its work is independent of the path: that of a dead force is, that of a dead
+        moment is not.
+        """
         return self.moment is None and not self.follower
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
-        values = [None if v is None else self._at_sites(v, point, t, inputs) for v in (self.force, self.moment)]
+        values = [
+            None if v is None else self._at_sites(v, point, t, inputs)
+            for v in (self.force, self.moment)
+        ]
         return tuple(point.rotate(v) if self.follower and v is not None else v for v in values)
 
     def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """d(R f) = spin x R f."""
         if not self.follower:
             return {}
-        return {ROTATION: -torch.cat([skew(w) for w in together(self.wrench(point, t, inputs), point.R).split(3, -1)], -2)}
+        return {
+            ROTATION: -torch.cat(
+                [skew(w) for w in together(self.wrench(point, t, inputs), point.R).split(3, -1)], -2
+            )
+        }
 
     def _at_sites(self, value: LoadValue, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
         return value_at(value, t, inputs, point.R)
@@ -85,8 +101,8 @@ class TipLoad(PointLoad):
 
 @dataclass(frozen=True)
 class LineLoad(GivenLoad):
-    """Force (N/m) and moment (N) per unit length along the whole beam: the same everywhere, `Along(function)` of s and t, or
-    `PerElement(values)`.
+    """Force (N/m) and moment (N) per unit length along the whole beam: the same everywhere,
+    `Along(function)` of s and t, or `PerElement(values)`.
 
     on  name of a beam of a structure; None = all
     """
@@ -100,9 +116,18 @@ class LineLoad(GivenLoad):
     def at_sites(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> LineLoad | None:
         if not self.by_place:
             return None
-        given = {name: value for name in ("force", "moment") if (value := getattr(self, name)) is not None}
-        return with_values(self, **{name: AtSites(value_along(value, s, t, inputs, s, elements))
-                                    for name, value in given.items()})
+        given = {
+            name: value
+            for name in ("force", "moment")
+            if (value := getattr(self, name)) is not None
+        }
+        return with_values(
+            self,
+            **{
+                name: AtSites(value_along(value, s, t, inputs, s, elements))
+                for name, value in given.items()
+            },
+        )
 
     def _at_sites(self, value: LoadValue, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
         return value_along(value, point.s, t, inputs, point.R, point.elements)

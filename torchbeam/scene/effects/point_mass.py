@@ -22,18 +22,21 @@ from .values import plain
 class PointMass(Effect):
     """A rigid body at a node.
 
-    mass     (...) kg; or its 6x6 mass matrix (..., 6, 6) about the node, [velocity; spin], section axes: then it is the whole
-    inertia  (..., 3) principal or (..., 3, 3) moments about its own centre, kg m^2, section axes; None = a point. A
-             sequence of three has principal moments; a tensor whose shape ends in (3, 3) has matrices: principal moments of
-             three bodies in one tensor go by `torch.diag_embed`
+    mass     (...) kg; or its 6x6 mass matrix (..., 6, 6) about the node, [velocity; spin], section
+             axes: then it is the whole
+    inertia  (..., 3) principal or (..., 3, 3) moments about its own centre, kg m^2, section axes;
+             None = a point. A sequence of three has principal moments; a tensor whose shape ends in
+             (3, 3) has matrices: principal moments of three bodies in one tensor go by
+             `torch.diag_embed`
     offset   (..., 3) m of its centre from the node, section axes; None = at the node
     node     counts from the root, -1 is the tip
 
-    Weight acts on it where the scene has `Gravity`. After construction mass is (...), offset (..., 3) or None, inertia
-    (..., 3, 3) or None, whichever way they were given.
+    Weight acts on it where the scene has `Gravity`. After construction mass is (...), offset
+    (..., 3) or None, inertia (..., 3, 3) or None, whichever way they were given.
 
-    Raises ValueError for a negative mass, an inertia that is not symmetric, has a negative principal moment or one above the
-    sum of the others, or a 6x6 matrix that no rigid body has (a mass that depends on the direction).
+    Raises ValueError for a negative mass, an inertia that is not symmetric, has a negative
+    principal moment or one above the sum of the others, or a 6x6 matrix that no rigid body has (a
+    mass that depends on the direction).
     """
 
     mass: Value = leaf(0)
@@ -45,28 +48,47 @@ class PointMass(Effect):
 
     def __post_init__(self) -> None:
         whole_node(self.node)
-        mass, inertia, offset = (plain(self.mass), *(None if v is None else plain(v) for v in (self.inertia, self.offset)))
+        mass, inertia, offset = (
+            plain(self.mass),
+            *(None if v is None else plain(v) for v in (self.inertia, self.offset)),
+        )
         if mass.ndim >= 2 and mass.shape[-2:] == (6, 6):
             if inertia is not None or offset is not None:
-                raise ValueError("PointMass with a 6x6 mass and an inertia or offset was given; the matrix holds them")
+                raise ValueError(
+                    "PointMass with a 6x6 mass and an inertia or offset was given; the matrix "
+                    "holds them"
+                )
             mass, inertia, offset = _rigid_body(mass)
         positive("PointMass's mass", torch.as_tensor(mass), zero=True)
         if offset is not None:
-            finite("PointMass's offset", torch.as_tensor(axis_last("PointMass's offset", offset, 3)))
+            finite(
+                "PointMass's offset", torch.as_tensor(axis_last("PointMass's offset", offset, 3))
+            )
         if inertia is not None:
             axis_last("PointMass's inertia", inertia, 3)
-            flat = isinstance(self.inertia, (list, tuple)) and not isinstance(self.inertia[0], (list, tuple))
+            flat = isinstance(self.inertia, (list, tuple)) and not isinstance(
+                self.inertia[0], (list, tuple)
+            )
             if flat or inertia.ndim < 2 or inertia.shape[-2] != 3:
-                inertia = torch.diag_embed(inertia) if isinstance(inertia, Tensor) else inertia[..., None] * np.eye(3)
+                inertia = (
+                    torch.diag_embed(inertia)
+                    if isinstance(inertia, Tensor)
+                    else inertia[..., None] * np.eye(3)
+                )
             J, m = torch.as_tensor(inertia), torch.as_tensor(mass)
             arm = torch.zeros(()) if offset is None else torch.as_tensor(offset).square().sum(-1)
             _check_inertia(J, m.detach() * arm.detach())
-        for name, value in (("mass", mass), ("inertia", inertia), ("offset", offset)):  # its own: a model's inertia is of these
-            object.__setattr__(self, name, value.clone() if isinstance(value, Tensor) else copy(value))
+        # its own: a model's inertia is of these
+        for name, value in (("mass", mass), ("inertia", inertia), ("offset", offset)):
+            object.__setattr__(
+                self, name, value.clone() if isinstance(value, Tensor) else copy(value)
+            )
 
     @property
     def about_node(self) -> Tensor:
-        """The 6x6 mass (..., 6, 6) about the node, section axes: with ~c of the offset, [[m I, -m ~c], [m ~c, J - m ~c ~c]]."""
+        """The 6x6 mass (..., 6, 6) about the node, section axes: with ~c of the offset,
+        [[m I, -m ~c], [m ~c, J - m ~c ~c]].
+        """
         m = self.mass[..., None, None]
         eye = torch.eye(3, dtype=m.dtype, device=m.device)
         c = torch.zeros_like(eye) if self.offset is None else skew(self.offset)
@@ -80,7 +102,10 @@ def _check_inertia(J: Tensor, moved: Tensor) -> None:
     finite("PointMass's inertia", J)
     size = J.detach().abs().amax((-1, -2), keepdim=True)
     if concrete((J - J.mT).abs() > ROUNDING * size).any():
-        raise ValueError("a PointMass's inertia that is not symmetric was given; moments of inertia are symmetric")
+        raise ValueError(
+            "a PointMass's inertia that is not symmetric was given; moments of inertia are "
+            "symmetric"
+        )
     check_inertia("a PointMass's inertia", J, size[..., 0, 0] + moved.to(J))
 
 
@@ -92,9 +117,19 @@ def _rigid_body(matrix: Tensor | np.ndarray) -> tuple:
     size = M.detach().abs().amax((-1, -2), keepdim=True)
     eye = torch.eye(3, dtype=M.dtype, device=M.device)
     mc = (M[..., 3:, :3] - M[..., 3:, :3].mT) / 2  # m ~c
-    c = torch.stack((mc[..., 2, 1], mc[..., 0, 2], mc[..., 1, 0]), -1) / torch.where(m > 0, m, torch.ones_like(m))[..., None]
+    c = (
+        torch.stack((mc[..., 2, 1], mc[..., 0, 2], mc[..., 1, 0]), -1)
+        / torch.where(m > 0, m, torch.ones_like(m))[..., None]
+    )
     J = M[..., 3:, 3:] + m[..., None, None] * skew(c) @ skew(c)
-    body = torch.cat((torch.cat((m[..., None, None] * eye, -mc), -1), torch.cat((mc, M[..., 3:, 3:]), -1)), -2)
+    body = torch.cat(
+        (torch.cat((m[..., None, None] * eye, -mc), -1), torch.cat((mc, M[..., 3:, 3:]), -1)), -2
+    )
     if concrete((body - M).abs() > ROUNDING * size).any():
-        raise ValueError("a PointMass's 6x6 mass that no rigid body has was given; [[m I, -m ~c], [m ~c, J]] is wanted")
-    return (m, J, c) if isinstance(matrix, Tensor) else tuple(numbers(x.tolist()) for x in (m, J, c))
+        raise ValueError(
+            "a PointMass's 6x6 mass that no rigid body has was given; [[m I, -m ~c], [m ~c, J]] "
+            "is wanted"
+        )
+    return (
+        (m, J, c) if isinstance(matrix, Tensor) else tuple(numbers(x.tolist()) for x in (m, J, c))
+    )

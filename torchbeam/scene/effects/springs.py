@@ -30,19 +30,24 @@ class Rate(FunctionOfTime):
     function: Callable[[Tensor], Tensor] = leaf(1)
 
     def __call__(self, t: Tensor) -> Tensor:
-        return with_user_rate("a Spring's point", lambda now: taken("a Spring's point", self.function(now), now, 3), t)[1]
+        return with_user_rate(
+            "a Spring's point", lambda now: taken("a Spring's point", self.function(now), now, 3), t
+        )[1]
 
 
 @dataclass(frozen=True)
 class Spring(LoadEffect):
-    """Spring between a node and a point: force -(k (|d| - length) + c d|d|/dt) d/|d|, d from the point to the node.
+    """Spring between a node and a point: force -(k (|d| - length) + c d|d|/dt) d/|d|, d from the
+    point to the node.
 
     node       counts from the root, -1 is the tip
     stiffness  (...) k, N/m
-    to         (..., 3) m, frame a, or a function t -> (..., 3): the point, which moves with frame a and in it
-    length     (...) m unstretched; None, or the number 0, makes it linear: -k d - c d', d' the rate of d in frame a
-    damping    (...) c, N s/m; the point's rate is then the function's, by forward mode, so that it is written in torch. None,
-               or the number 0: none
+    to         (..., 3) m, frame a, or a function t -> (..., 3): the point, which moves with frame a
+               and in it
+    length     (...) m unstretched; None, or the number 0, makes it linear: -k d - c d', d' the rate
+               of d in frame a
+    damping    (...) c, N s/m; the point's rate is then the function's, by forward mode, so that it
+               is written in torch. None, or the number 0: none
 
     Raises ValueError for a negative stiffness, length or damping.
     """
@@ -60,7 +65,9 @@ class Spring(LoadEffect):
         for name in ("length", "damping"):
             object.__setattr__(self, name, optional(f"Spring's {name}", getattr(self, name)))
         object.__setattr__(self, "to", load_value("Spring's to", self.to))
-        object.__setattr__(self, "moving", Rate(self.to) if self.damped and callable(self.to) else None)
+        object.__setattr__(
+            self, "moving", Rate(self.to) if self.damped and callable(self.to) else None
+        )
 
     @property
     def linear(self) -> bool:
@@ -90,7 +97,9 @@ class Spring(LoadEffect):
         return frozenset({POSITION, *({VELOCITY} if self.damped else ())})
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
-        k, length, c = (None if v is None else v[..., None] for v in (self.stiffness, self.length, self.damping))
+        k, length, c = (
+            None if v is None else v[..., None] for v in (self.stiffness, self.length, self.damping)
+        )
         d = point.position - value_at(self.to, t, inputs, point.R)
         if self.linear:
             return -k * d - (c * self._rate(point, t, inputs) if self.damped else 0), None
@@ -113,7 +122,10 @@ class Spring(LoadEffect):
         """Undamped: -k (I - length/|d| (I - n n^T))."""
         if self.damped and not self.linear:
             return super().tangent(point, t, inputs)
-        k, length, c = (None if v is None else v[..., None, None] for v in (self.stiffness, self.length, self.damping))
+        k, length, c = (
+            None if v is None else v[..., None, None]
+            for v in (self.stiffness, self.length, self.damping)
+        )
         eye = torch.eye(3, dtype=point.R.dtype, device=point.R.device)
         by_r = -k * eye
         if not self.linear:
@@ -134,14 +146,16 @@ def _direction(d: Tensor) -> tuple[Tensor, Tensor]:
 
 @dataclass(frozen=True)
 class RootSpring(LoadEffect):
-    """An elastic, damped clamp: node 0 hangs in its support by six springs, from the energy 1/2 d^T k d + 1/2 phi^T k phi.
+    """An elastic, damped clamp: node 0 hangs in its support by six springs, from the energy 1/2 d^T
+    k d + 1/2 phi^T k phi.
 
-    stiffness  (..., 6) N/m and N m/rad along and about the support's axes, or a pair (forces, moments) of numbers,
-               (..., 1) or triples (..., 3)
+    stiffness  (..., 6) N/m and N m/rad along and about the support's axes, or a pair
+               (forces, moments) of numbers, (..., 1) or triples (..., 3)
     damping    the same, N s/m and N m s/rad, on the motion against the support; None = none
 
-    d is the displacement and phi the rotation vector (|phi| < pi) of node 0 from its support, in the support's axes, which are
-    the section's at rest. The support stays where the beam has node 0, or moves as the scene's root does.
+    d is the displacement and phi the rotation vector (|phi| < pi) of node 0 from its support, in
+    the support's axes, which are the section's at rest. The support stays where the beam has node
+    0, or moves as the scene's root does.
 
     Raises ValueError for a negative or infinite stiffness or damping.
     """
@@ -156,7 +170,9 @@ class RootSpring(LoadEffect):
     def __post_init__(self) -> None:
         for name in ("stiffness", "damping"):
             if name == "stiffness" or self.damping is not None:
-                object.__setattr__(self, name, parameter(f"RootSpring's {name}", _six(name, getattr(self, name))))
+                object.__setattr__(
+                    self, name, parameter(f"RootSpring's {name}", _six(name, getattr(self, name)))
+                )
 
     @property
     def conservative(self) -> bool:
@@ -167,10 +183,14 @@ class RootSpring(LoadEffect):
 
     @property
     def depends(self) -> frozenset[str]:
-        return frozenset({POSITION, ROTATION, *((VELOCITY, SPIN) if self.damping is not None else ())})
+        return frozenset(
+            {POSITION, ROTATION, *((VELOCITY, SPIN) if self.damping is not None else ())}
+        )
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
-        """force -k d; moment -T^-T k phi, where T^-1 spin = d(phi)/dt: T^-T = I + ~phi/2 + c ~phi ~phi."""
+        """force -k d; moment -T^-T k phi, where T^-1 spin = d(phi)/dt: T^-T = I + ~phi/2 + c ~phi
+        ~phi.
+        """
         support = _spread(point)
         back = support.R.mT
         k = self.stiffness
@@ -190,35 +210,46 @@ class RootSpring(LoadEffect):
         return tuple(-(support.R @ w)[..., 0] for w in (force, moment))
 
     def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
-        """With p = k phi:  d(T^-T p) = (T^-T k - ~p/2 - c (~(phi x p) + ~phi ~p) + 2 c' (phi x (phi x p)) phi^T) T^-1 spin."""
+        """With p = k phi:  d(T^-T p) = (T^-T k - ~p/2 - c (~(phi x p) + ~phi ~p) + 2 c' (phi x
+        (phi x p)) phi^T) T^-1 spin.
+        """
         support = _spread(point)
         k = self.stiffness
         turn = _Turn.of(support.R.mT @ point.R)
         p = k[..., 3:] * turn.phi
         tilde, across = skew(turn.phi), torch.linalg.cross(turn.phi, p)
         twice = (tilde @ across[..., None])[..., 0]
-        by_phi = (turn.back * k[..., None, 3:] - skew(p) / 2 - turn.c[..., None] * (skew(across) + tilde @ skew(p))
-                  + 2 * outer(turn.slope * twice, turn.phi))
-        derivatives = {POSITION: _turned(support.R, torch.diag_embed(k[..., :3])),
-                 ROTATION: _turned(support.R, by_phi @ turn.back.mT)}
+        by_phi = (turn.back * k[..., None, 3:] - skew(p) / 2
+                  - turn.c[..., None] * (skew(across) + tilde @ skew(p))
+                  + 2 * outer(turn.slope * twice, turn.phi))  # fmt: skip
+        derivatives = {
+            POSITION: _turned(support.R, torch.diag_embed(k[..., :3])),
+            ROTATION: _turned(support.R, by_phi @ turn.back.mT),
+        }
         if self.damping is not None:
             c = torch.diag_embed(self.damping.unflatten(-1, (2, 3)))
-            derivatives[VELOCITY], derivatives[SPIN] = (_turned(support.R, part) for part in c.unbind(-3))
+            derivatives[VELOCITY], derivatives[SPIN] = (
+                _turned(support.R, part) for part in c.unbind(-3)
+            )
             if support.spin is not None:
-                derivatives[POSITION] = derivatives[POSITION] - derivatives[VELOCITY] @ skew(support.spin)
+                derivatives[POSITION] = derivatives[POSITION] - derivatives[VELOCITY] @ skew(
+                    support.spin
+                )
         pads = {POSITION: (0, 3), VELOCITY: (0, 3), ROTATION: (3, 0), SPIN: (3, 0)}
         return {name: -pad(part, (0, 0, *pads[name])) for name, part in derivatives.items()}
 
 
 def _spread(point: LoadPoint) -> Pose:
-    """The support with the site's batch axes: one matrix times a batch rounds otherwise than a batch times a batch."""
+    """The support with the site's batch axes: one matrix times a batch rounds otherwise than a
+    batch times a batch.
+    """
     shape = broadcast_shapes(point.support.R.shape, point.R.shape)
     return point.support._replace(R=point.support.R.expand(shape))
 
 
 class _Turn(NamedTuple):
-    """A rotation by |phi| < pi: its vector phi (..., 3); T^-T (..., 3, 3); with x = |phi|/2 and y = |phi|^2 the coefficient
-    c = (1 - x cot x)/y and its slope dc/dy (..., 1).
+    """A rotation by |phi| < pi: its vector phi (..., 3); T^-T (..., 3, 3); with x = |phi|/2 and
+    y = |phi|^2 the coefficient c = (1 - x cot x)/y and its slope dc/dy (..., 1).
     """
 
     phi: Tensor
@@ -247,14 +278,18 @@ def _turned(R: Tensor, matrix: Tensor) -> Tensor:
 
 
 def _six(name: str, value: Value) -> Value:
-    """Six values (..., 6) from six, or from a pair of numbers, of (..., 1) or of triples (..., 3)."""
+    """Six values (..., 6) from six, or from a pair of numbers, of (..., 1) or of triples
+    (..., 3).
+    """
     if isinstance(value, (list, tuple)) and len(value) == 2:
         own = has_dtype(value)
         parts = [as_tensor(p, common_dtype(value)[0]) if own else numbers(p) for p in value]
         for p in parts:
             if p.ndim and p.shape[-1] not in (1, 3):
-                raise ValueError(f"RootSpring's {name} with a part of shape {tuple(p.shape)} was given; one number, (..., 1) "
-                                 "of a batch, or (..., 3) is wanted")
+                raise ValueError(
+                    f"RootSpring's {name} with a part of shape {tuple(p.shape)} was given; one "
+                    "number, (..., 1) of a batch, or (..., 3) is wanted"
+                )
         lead = broadcast_shapes(*(p.shape[:-1] for p in parts))
         if own:
             return torch.cat([p.expand(*lead, 3) for p in parts], -1)

@@ -1,5 +1,5 @@
-"""Values of effects: a tensor, numbers, a function of t, an Input; along the beam also a function of s, or a value for
-each element.
+"""Values of effects: a tensor, numbers, a function of t, an Input; along the beam also a function
+of s, or a value for each element.
 """
 
 from __future__ import annotations
@@ -16,13 +16,26 @@ from ...core.arguments import count
 from ...core.arguments import function as check_function
 from ...core.functions_of_time import at_time, taken
 from ...core.leaves import Placeholder, Tree, leaf, leaves
-from ...core.validation import Value, as_tensor, axis_last, common_dtype, finite, has_dtype, numbers, positive, real, shown
+from ...core.validation import (
+    Value,
+    as_tensor,
+    axis_last,
+    common_dtype,
+    finite,
+    has_dtype,
+    numbers,
+    positive,
+    real,
+    shown,
+)
 from .effect import Effect
 
 
 @dataclass(frozen=True)
 class Input(Placeholder):
-    """In place of a load's value: `size` numbers by `name`, given at each step (or call) and held over it."""
+    """In place of a load's value: `size` numbers by `name`, given at each step (or call) and held
+    over it.
+    """
 
     name: str
     size: int
@@ -37,8 +50,8 @@ torch.serialization.add_safe_globals([Input])
 
 
 class ByPlace(Tree):
-    """A line load's value that differs from site to site: it is asked for the sites (..., sites, 3) with the arclengths s
-    (..., sites) at time t, of a beam of so many elements.
+    """A line load's value that differs from site to site: it is asked for the sites (..., sites, 3)
+    with the arclengths s (..., sites) at time t, of a beam of so many elements.
     """
 
     def __call__(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> Tensor:
@@ -57,9 +70,11 @@ class AtSites(ByPlace):
 
 @dataclass(frozen=True)
 class Along(ByPlace):
-    """A line load's value as a function of place and time: `function(s, t)` -> (..., sites, 3) per metre.
+    """A line load's value as a function of place and time: `function(s, t)` -> (..., sites, 3) per
+    metre.
 
-    s (..., sites) m is the arclength from the root, t (0-dim) s. It may return a tensor or a (nested) sequence.
+    s (..., sites) m is the arclength from the root, t (0-dim) s. It may return a tensor or a
+    (nested) sequence.
     """
 
     function: Callable[[Tensor, Tensor], Tensor] = leaf(None)
@@ -67,16 +82,21 @@ class Along(ByPlace):
     def __post_init__(self) -> None:
         check_function("Along's function", self.function, "s", "t")
 
-    def __call__(self, s: Tensor, t: Tensor, inputs: Inputs | None = None, elements: int | None = None) -> Tensor:
-        return at_time(lambda now: taken("an Along function's value", self.function(s, now), s, 3), t, own=2)
+    def __call__(
+        self, s: Tensor, t: Tensor, inputs: Inputs | None = None, elements: int | None = None
+    ) -> Tensor:
+        return at_time(
+            lambda now: taken("an Along function's value", self.function(s, now), s, 3), t, own=2
+        )
 
 
 @dataclass(frozen=True)
 class PerElement(ByPlace):
-    """A line load's value for each element: (..., N, 3) per metre, a function t -> (..., N, 3), or an `Input` of size 3 N, the
-    elements' components one element after the other.
+    """A line load's value for each element: (..., N, 3) per metre, a function t -> (..., N, 3), or
+    an `Input` of size 3 N, the elements' components one element after the other.
 
-    A node takes the mean of its two elements, by the lengths that they give it: all nodes together bear what the elements do.
+    A node takes the mean of its two elements, by the lengths that they give it: all nodes together
+    bear what the elements do.
     """
 
     value: Value | Callable[[Tensor], Tensor] = leaf(2)
@@ -89,36 +109,56 @@ class PerElement(ByPlace):
             return
         value = plain(self.value)
         if value.ndim < 2 or value.shape[-1] != 3:
-            raise ValueError(f"PerElement of shape {tuple(value.shape)} was given; (..., N, 3) is wanted")
+            raise ValueError(
+                f"PerElement of shape {tuple(value.shape)} was given; (..., N, 3) is wanted"
+            )
         finite("PerElement's value", torch.as_tensor(value))
         object.__setattr__(self, "value", value)
 
     def checked(self, value: Any, elements: int) -> Any:
-        """`value` if it has a row for each of the elements, or is an Input of as many numbers; ValueError otherwise."""
+        """`value` if it has a row for each of the elements, or is an Input of as many numbers;
+        ValueError otherwise.
+        """
         if isinstance(value, Input):
             if value.size != 3 * elements:
-                raise ValueError(f"PerElement with an Input of size {value.size} was given; size {3 * elements} is wanted, "
-                                 f"three of each of {elements} elements")
+                raise ValueError(
+                    f"PerElement with an Input of size {value.size} was given; size {3 * elements} "
+                    f"is wanted, three of each of {elements} elements"
+                )
             return value
         if value.ndim < 2 or tuple(value.shape[-2:]) != (elements, 3):
-            raise ValueError(f"PerElement of shape {tuple(value.shape)} was given; (..., {elements}, 3) is wanted, one of each "
-                             "element")
+            raise ValueError(
+                f"PerElement of shape {tuple(value.shape)} was given; (..., {elements}, 3) is "
+                "wanted, one of each element"
+            )
         return value
 
     def __call__(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> Tensor:
-        """(..., sites, 3) at sites with the arclengths s (..., sites), of a beam of so many elements: its elements or nodes."""
-        def rows(now: Tensor) -> Tensor:
-            return self.checked(taken("a PerElement function's value", self.value(now), s), elements)
+        """(..., sites, 3) at sites with the arclengths s (..., sites), of a beam of so many
+        elements: its elements or nodes.
+        """
 
-        value = at_time(rows, t, own=2) if callable(self.value) else self.checked(self.value, elements)
-        value = input_at(value, inputs).unflatten(-1, (elements, 3)) if isinstance(value, Input) else value
+        def rows(now: Tensor) -> Tensor:
+            return self.checked(
+                taken("a PerElement function's value", self.value(now), s), elements
+            )
+
+        value = (
+            at_time(rows, t, own=2) if callable(self.value) else self.checked(self.value, elements)
+        )
+        value = (
+            input_at(value, inputs).unflatten(-1, (elements, 3))
+            if isinstance(value, Input)
+            else value
+        )
         return value if s.shape[-1] == elements else _mean_of_elements(value, s)
 
 
 def _mean_of_elements(value: Tensor, s: Tensor) -> Tensor:
-    """At the nodes with the arclengths s (..., N+1), (..., N+1, c), from values (..., N, c) of the elements; of two elements by
-    the lengths that they give the node, see `Model.tributary_length`: half of each, or with a midside node at the distances a
-    and b from the ends a/2 - b/6 at the first of these and b/2 - a/6 at the other.
+    """At the nodes with the arclengths s (..., N+1), (..., N+1, c), from values (..., N, c) of the
+    elements; of two elements by the lengths that they give the node, see `Model.tributary_length`:
+    half of each, or with a midside node at the distances a and b from the ends a/2 - b/6 at the
+    first of these and b/2 - a/6 at the other.
     """
     first = last = s.diff(dim=-1)[..., None]
     midside = first.shape[-2] > value.shape[-2]
@@ -127,7 +167,8 @@ def _mean_of_elements(value: Tensor, s: Tensor) -> Tensor:
         first, last = 3 * a - b, 3 * b - a
     none = torch.zeros_like(first[..., :1, :])
     before, after = torch.cat((none, last), -2), torch.cat((first, none), -2)
-    left, right = torch.cat((value[..., :1, :], value), -2), torch.cat((value, value[..., -1:, :]), -2)
+    left = torch.cat((value[..., :1, :], value), -2)
+    right = torch.cat((value, value[..., -1:, :]), -2)
     mean = (before * left + after * right) / (before + after)
     if not midside:
         return mean
@@ -136,9 +177,9 @@ def _mean_of_elements(value: Tensor, s: Tensor) -> Tensor:
 
 
 def to_sites(name: str, value: Tensor, s: Tensor, elements: int) -> Tensor:
-    """A parameter (..., sites) at the sites with the arclengths s (..., sites), elements or nodes of a beam of so many
-    elements: from one without axes or (..., 1) for all, from (..., N) of the elements or (..., N+1) of the nodes. Raises
-    ValueError for another size.
+    """A parameter (..., sites) at the sites with the arclengths s (..., sites), elements or nodes
+    of a beam of so many elements: from one without axes or (..., 1) for all, from (..., N) of the
+    elements or (..., N+1) of the nodes. Raises ValueError for another size.
     """
     sites, given = s.shape[-1], value.shape[-1] if value.ndim else 1
     if given in (1, sites):
@@ -147,8 +188,10 @@ def to_sites(name: str, value: Tensor, s: Tensor, elements: int) -> Tensor:
         return _mean_of_elements(value[..., None], s)[..., 0]
     if given == elements + 1 and sites == elements:
         return (value[..., 1:] + value[..., :-1]) / 2
-    raise ValueError(f"{name} of shape {tuple(value.shape)} was given; one number for all, for each of the {elements} elements "
-                     f"or for each of the {elements + 1} nodes is wanted")
+    raise ValueError(
+        f"{name} of shape {tuple(value.shape)} was given; one number for all, for each of the "
+        f"{elements} elements or for each of the {elements + 1} nodes is wanted"
+    )
 
 
 def inputs_of(effect: Effect | Tree) -> list[Input]:
@@ -158,11 +201,13 @@ def inputs_of(effect: Effect | Tree) -> list[Input]:
 
 
 Inputs = dict[str, Tensor]
-LoadValue = Tensor | np.ndarray | Callable[..., Tensor] | Input  # an array: plain numbers, of no dtype of their own
+# an array: plain numbers, of no dtype of their own
+LoadValue = Tensor | np.ndarray | Callable[..., Tensor] | Input
 
 
 def value_at(value: LoadValue, t: Tensor, inputs: Inputs, like: Tensor) -> Tensor:
-    """The load's value (..., 3) at time t, 0-dim or each sample's own; an `Input` is looked up by name.
+    """The load's value (..., 3) at time t, 0-dim or each sample's own; an `Input` is looked up by
+    name.
 
     Raises ValueError where an input is missing or has the wrong last axis.
     """
@@ -174,7 +219,9 @@ def value_at(value: LoadValue, t: Tensor, inputs: Inputs, like: Tensor) -> Tenso
 
 
 def input_at(value: Input, inputs: Inputs) -> Tensor:
-    """An input's value (..., size) among those given by name. Raises ValueError where it is missing or of another size."""
+    """An input's value (..., size) among those given by name. Raises ValueError where it is missing
+    or of another size.
+    """
     if value.name not in inputs:
         given = ", ".join(sorted(inputs)) or "none"
         raise ValueError(f"the input {value.name!r} is wanted at each step; given were: {given}")
@@ -183,8 +230,8 @@ def input_at(value: Input, inputs: Inputs) -> Tensor:
 
 @dataclass(frozen=True)
 class PerInterval(Tree):
-    """An input's values (..., K, size), each held over one of the K intervals between output times, or of the steps of a
-    rollout. Given in place of an input's value.
+    """An input's values (..., K, size), each held over one of the K intervals between output times,
+    or of the steps of a rollout. Given in place of an input's value.
     """
 
     value: Value = leaf(2)
@@ -192,24 +239,38 @@ class PerInterval(Tree):
     def __post_init__(self) -> None:
         value = plain(self.value)
         if value.ndim < 2:
-            raise ValueError(f"PerInterval of shape {tuple(value.shape)} was given; (..., intervals, size) is wanted")
+            raise ValueError(
+                f"PerInterval of shape {tuple(value.shape)} was given; (..., intervals, size) is "
+                "wanted"
+            )
         object.__setattr__(self, "value", value)
 
 
 def inputs_at(inputs: dict[str, Any], t: Tensor, like: Tensor, interval: int = 0) -> dict[str, Any]:
-    """Inputs by name at the time t: functions of it evaluated, values of the interval taken, the others as they are."""
+    """Inputs by name at the time t: functions of it evaluated, values of the interval taken, the
+    others as they are.
+    """
+
     def value(name: str, v: Any) -> Any:
         if isinstance(v, PerInterval):
             return v.value[..., interval, :]
-        return at_time(lambda now: taken(f"the input {name!r}", v(now), like), t) if callable(v) else v
+        return (
+            at_time(lambda now: taken(f"the input {name!r}", v(now), like), t) if callable(v) else v
+        )
 
     return {name: value(name, v) for name, v in inputs.items()}
 
 
-def inputs_over(inputs: dict[str, Any], steps: range, instant: Callable[[int], Tensor], interval: Callable[[int], int],
-                like: Tensor) -> dict[str, Any]:
-    """Inputs by name over steps, at the instant and in the interval of each: what differs from step to step as `PerInterval`
-    of these steps, where there are several, the others as they are. Intervals rise with the steps, by one or none.
+def inputs_over(
+    inputs: dict[str, Any],
+    steps: range,
+    instant: Callable[[int], Tensor],
+    interval: Callable[[int], int],
+    like: Tensor,
+) -> dict[str, Any]:
+    """Inputs by name over steps, at the instant and in the interval of each: what differs from step
+    to step as `PerInterval` of these steps, where there are several, the others as they are.
+    Intervals rise with the steps, by one or none.
     """
     if len(steps) == 1:
         return inputs_at(inputs, instant(steps[0]), like, interval(steps[0]))
@@ -223,35 +284,56 @@ def inputs_over(inputs: dict[str, Any], steps: range, instant: Callable[[int], T
         if not callable(v):
             return v
         each = [inputs_at({name: v}, instant(k), like)[name] for k in steps]
-        return PerInterval(torch.stack(torch.broadcast_tensors(*each), -2)) if each[0].ndim else each[0]  # of no size
+        # of no size
+        return (
+            PerInterval(torch.stack(torch.broadcast_tensors(*each), -2))
+            if each[0].ndim
+            else each[0]
+        )
 
     return {name: value(name, v) for name, v in inputs.items()}
 
 
 def first_of(inputs: dict[str, Any]) -> dict[str, Any]:
     """Inputs by name in the first of the steps that they are for."""
-    return {name: v.value[..., 0, :] if isinstance(v, PerInterval) else v for name, v in inputs.items()}
+    return {
+        name: v.value[..., 0, :] if isinstance(v, PerInterval) else v for name, v in inputs.items()
+    }
 
 
 def changing(inputs: dict[str, Any], intervals: int) -> bool:
-    """Whether inputs by name change over so many intervals. Raises ValueError where one has values for another number."""
+    """Whether inputs by name change over so many intervals. Raises ValueError where one has values
+    for another number.
+    """
     for name, v in inputs.items():
         if isinstance(v, PerInterval) and v.value.shape[-2] != intervals:
-            raise ValueError(f"the input {name!r} was given for {v.value.shape[-2]} intervals; there are {intervals}")
+            raise ValueError(
+                f"the input {name!r} was given for {v.value.shape[-2]} intervals; there are "
+                f"{intervals}"
+            )
     return any(isinstance(v, PerInterval) or callable(v) for v in inputs.values())
 
 
-def value_along(value: LoadValue | ByPlace, s: Tensor | None, t: Tensor, inputs: Inputs, like: Tensor,
-                elements: int) -> Tensor:
-    """The same (..., sites or 1, 3) at sites along the beam of so many elements, at the arclengths s (..., sites)."""
+def value_along(
+    value: LoadValue | ByPlace,
+    s: Tensor | None,
+    t: Tensor,
+    inputs: Inputs,
+    like: Tensor,
+    elements: int,
+) -> Tensor:
+    """The same (..., sites or 1, 3) at sites along the beam of so many elements, at the arclengths
+    s (..., sites).
+    """
     if isinstance(value, ByPlace):
         return value(s, t, inputs, elements)
     return value_at(value, t, inputs, like)[..., None, :]
 
 
 def plain(value: Value) -> Tensor | np.ndarray:
-    """A tensor as it is, NumPy's floating numbers and a sequence that holds tensors as one, and plain numbers as an array: they
-    take the dtype of what they meet. Raises ValueError for what is no real number.
+    """A tensor as it is, NumPy's floating numbers and a sequence that holds tensors as one, and
+    plain numbers as an array: they take the dtype of what they meet. Raises ValueError for what is
+    no real number.
     """
     if isinstance(value, Tensor):
         return real(value)
@@ -259,16 +341,23 @@ def plain(value: Value) -> Tensor | np.ndarray:
 
 
 def load_value(name: str, value: Value, *, along: bool = False) -> LoadValue:
-    """`value` checked: (..., 3), a function of t, an Input of size 3; `along` the beam also Along and PerElement."""
+    """`value` checked: (..., 3), a function of t, an Input of size 3; `along` the beam also Along
+    and PerElement.
+    """
     if isinstance(value, ByPlace):
         if not along:
-            raise ValueError(f"{name} as {type(value).__name__} was given; only what acts along the beam takes it")
+            raise ValueError(
+                f"{name} as {type(value).__name__} was given; only what acts along the beam "
+                "takes it"
+            )
         return value
     if callable(value):
         return check_function(name, value, "t")
     if isinstance(value, Input):
         if value.size != 3:
-            raise ValueError(f"{name} with an Input of size {value.size} was given; size 3 is wanted")
+            raise ValueError(
+                f"{name} with an Input of size {value.size} was given; size 3 is wanted"
+            )
         return value
     value = axis_last(name, plain(value), 3)
     finite(name, torch.as_tensor(value))
@@ -283,8 +372,9 @@ def parameter(name: str, value: Value, *, zero: bool = True) -> Tensor | np.ndar
 
 
 def optional(name: str, value: Value | None) -> Tensor | np.ndarray | None:
-    """The same, or None where it is absent: not given, or the plain number 0. A tensor is always there. (None stays None where
-    an effect that a scene has bound to tensors is made again by `dataclasses.replace`; a 0 would have become a tensor.)
+    """The same, or None where it is absent: not given, or the plain number 0. A tensor is always
+    there. (None stays None where an effect that a scene has bound to tensors is made again by
+    `dataclasses.replace`; a 0 would have become a tensor.)
     """
     value = None if value is None else parameter(name, value)
     return value if isinstance(value, Tensor) or (value is not None and value.any()) else None

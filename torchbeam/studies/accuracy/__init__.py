@@ -1,4 +1,6 @@
-"""Work and precision: which setting is cheapest for an error, over motions, elements and methods."""
+"""Work and precision: which setting is cheapest for an error, over motions, elements and
+methods.
+"""
 
 from .command import main
 

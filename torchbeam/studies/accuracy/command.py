@@ -28,14 +28,16 @@ ERRORS = 0.25  # of a motion's, for errors of meshes and of steps
 BASE_WEIGHT = 3.0  # what all others are compared with may take so many times as long
 QUICK, QUICK_SECONDS = ("follower",), 4.0
 QUICK_PAIRS = BASE, ("linear", "midpoint4")
-QUICK_ABOUT = "one motion by two methods with linear elements, errors of 5 and 1 %%, no batch: some seconds"
+QUICK_ABOUT = (
+    "one motion by two methods with linear elements, errors of 5 and 1 %%, no batch: some seconds"
+)
 TRIES = 3  # of a setting whose error is more than the sum of what its mesh and its step are off by
 PAYS = 3.0  # a setting is tried where so many times what it is expected to take is there
 ABOUT = (
-    "Work and precision: five motions by every element, method and form, at errors from 5 % to 1e-6; what is cheapest, "
-    "alone and in a batch of 256, forward and with a gradient, beside the second-order setting (linear elements, midpoint "
-    "steps) of equal error. One thread, float64, about 13 minutes; with matplotlib also pictures, accuracy.png and "
-    "orders.png."
+    "Work and precision: five motions by every element, method and form, at errors from 5 % to "
+    "1e-6; what is cheapest, alone and in a batch of 256, forward and with a gradient, beside the "
+    "second-order setting (linear elements, midpoint steps) of equal error. One thread, float64, "
+    "about 13 minutes; with matplotlib also pictures, accuracy.png and orders.png."
 )
 
 
@@ -53,11 +55,18 @@ class Progress:
         bar = ("#" * round(20 * done)).ljust(20, ".")
         line = f"[{bar}] {100 * done:3.0f} %  {what}"
         shown = sys.stderr.isatty()
-        print(f"\r{line:<100}" if shown else line, end="" if shown else "\n", file=sys.stderr, flush=True)
+        print(
+            f"\r{line:<100}" if shown else line,
+            end="" if shown else "\n",
+            file=sys.stderr,
+            flush=True,
+        )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Which setting is cheapest for an error: elements, methods and forms over five motions, beside other programs."""
+    """Which setting is cheapest for an error: elements, methods and forms over five motions, beside
+    other programs.
+    """
     given, out = study(argv, "accuracy", ABOUT, QUICK_ABOUT, _options, instead="references")
     with threads(1):
         if given.references is not None:
@@ -69,34 +78,65 @@ def main(argv: Sequence[str] | None = None) -> int:
     heading["versions"] |= versions("llvmlite")
     text = "\n\n".join((markdown(rows, known, others), sentence(heading)))
     print(text)
-    data = {**heading, "quick": given.quick, "rows": [asdict(row) for row in rows], "peers": others,
-            "agreement": {name: (one.agreement, one.gradient_agreement) for name, one in known.items()},
-            "errors": {name: dict(space=curve.space, time=curve.time) for name, curve in curves.items()}}
+    data = {
+        **heading,
+        "quick": given.quick,
+        "rows": [asdict(row) for row in rows],
+        "peers": others,
+        "agreement": {name: (one.agreement, one.gradient_agreement) for name, one in known.items()},
+        "errors": {
+            name: dict(space=curve.space, time=curve.time) for name, curve in curves.items()
+        },
+    }
     write(out, "accuracy", text, data, COLUMNS, (asdict(row).values() for row in rows))
     pictures(rows, curves, known, others, out)
     return 0
 
 
 def _options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--motions", nargs="+", metavar="MOTION", choices=[motion.name for motion in MOTIONS],
-                        help=f"of {', '.join(repr(motion.name) for motion in MOTIONS)} (default: all)")
-    parser.add_argument("--seconds", type=float, default=SECONDS, help="CPU time, about (default: %(default)g)")
+    parser.add_argument(
+        "--motions",
+        nargs="+",
+        metavar="MOTION",
+        choices=[motion.name for motion in MOTIONS],
+        help=f"of {', '.join(repr(motion.name) for motion in MOTIONS)} (default: all)",
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=SECONDS, help="CPU time, about (default: %(default)g)"
+    )
     peers.options(parser)
-    parser.add_argument("--references", type=Path, metavar="FILE",
-                        help="only make the references anew, by runs finer than any setting here: some minutes")
+    parser.add_argument(
+        "--references",
+        type=Path,
+        metavar="FILE",
+        help="only make the references anew, by runs finer than any setting here: some minutes",
+    )
 
 
-def _measured(given: argparse.Namespace) -> tuple[list[AccuracyRun], dict[str, errors.Errors], dict[str, references.Reference],
-                                                  list[dict[str, Any]]]:
-    """Rows, errors of space and time by motion, references, and what other programs have measured."""
+def _measured(
+    given: argparse.Namespace,
+) -> tuple[
+    list[AccuracyRun],
+    dict[str, errors.Errors],
+    dict[str, references.Reference],
+    list[dict[str, Any]],
+]:
+    """Rows, errors of space and time by motion, references, and what other programs have
+    measured.
+    """
     known = references.load()
     wanted = given.motions or (QUICK if given.quick else [motion.name for motion in MOTIONS])
     motions = [motion for motion in MOTIONS if motion.name in wanted]
     seconds = QUICK_SECONDS if given.quick and given.seconds == SECONDS else given.seconds
     progress, rows, curves = Progress(seconds), [], {}
     for motion in motions:
-        measured = _motion(motion, known[motion.reference], (1.0 if given.quick else 1 - EXPLICIT) * seconds / len(motions),
-                       given.quick, progress)
+        measured = _motion(
+            motion,
+            known[motion.reference],
+            (1.0 if given.quick else 1 - EXPLICIT) * seconds / len(motions),
+            given.quick,
+            progress,
+        )
         curves[motion.name] = next(measured)
         rows += measured
     if not given.quick:
@@ -104,12 +144,21 @@ def _measured(given: argparse.Namespace) -> tuple[list[AccuracyRun], dict[str, e
     others = []
     if given.peers is not None:
         progress.say("other programs")
-        others = list(peers.measured(given.peers, given.python, "--quick" if given.quick else "--ladder"))
+        others = list(
+            peers.measured(given.peers, given.python, "--quick" if given.quick else "--ladder")
+        )
     progress.say("done\n" if sys.stderr.isatty() else "done")
-    return rows, curves, {name: known[name] for name in {motion.reference for motion in motions}}, others
+    return (
+        rows,
+        curves,
+        {name: known[name] for name in {motion.reference for motion in motions}},
+        others,
+    )
 
 
-def _motion(motion: Motion, reference: references.Reference, seconds: float, quick: bool, progress: Progress) -> Iterator[Any]:
+def _motion(
+    motion: Motion, reference: references.Reference, seconds: float, quick: bool, progress: Progress
+) -> Iterator[Any]:
     """The errors of space and time, then rows."""
     pairs = [pair for pair in product(KINDS, METHODS) if not quick or pair in QUICK_PAIRS]
     refused = {}
@@ -121,7 +170,11 @@ def _motion(motion: Motion, reference: references.Reference, seconds: float, qui
             refused[pair] = str(error)
     taken = [pair for pair in pairs if pair not in refused]
     progress.say(f"{motion.name}: errors of meshes and of steps")
-    curves = errors.measure(motion, ERRORS * seconds, *(list(dict.fromkeys(names)) for names in zip(*taken, strict=True)))
+    curves = errors.measure(
+        motion,
+        ERRORS * seconds,
+        *(list(dict.fromkeys(names)) for names in zip(*taken, strict=True)),
+    )
     yield curves
     end = time.process_time() + (1 - ERRORS) * seconds
     for (element, method), why in refused.items():
@@ -133,9 +186,18 @@ def _motion(motion: Motion, reference: references.Reference, seconds: float, qui
         yield from _pair(motion, curves, element, method, reference, allowed, quick)
 
 
-def _pair(motion: Motion, curves: errors.Errors, element: str, method: str, reference: references.Reference, seconds: float,
-          quick: bool) -> Iterator[AccuracyRun]:
-    """Rows of an element and a method: the cheapest setting of each error, while there is time for it."""
+def _pair(
+    motion: Motion,
+    curves: errors.Errors,
+    element: str,
+    method: str,
+    reference: references.Reference,
+    seconds: float,
+    quick: bool,
+) -> Iterator[AccuracyRun]:
+    """Rows of an element and a method: the cheapest setting of each error, while there is time for
+    it.
+    """
     end, pair_made, targets = time.process_time() + seconds, {}, TARGETS[:2] if quick else TARGETS
     for k, target in enumerate(targets):
         if target < 2 * reference.agreement:
@@ -159,5 +221,7 @@ def _pair(motion: Motion, curves: errors.Errors, element: str, method: str, refe
             continue
         if pair_made[setting][1] is not None:
             row, sol, first = pair_made[setting]
-            yield measurement.costs(motion, setting, reference, row, sol, first, left / (len(targets) - k), not quick)
+            yield measurement.costs(
+                motion, setting, reference, row, sol, first, left / (len(targets) - k), not quick
+            )
             pair_made[setting] = row, None, first  # it is measured

@@ -1,4 +1,6 @@
-"""Explicit methods over the same motions, in each form of the beam: what they cost, where that can be paid for."""
+"""Explicit methods over the same motions, in each form of the beam: what they cost, where that can
+be paid for.
+"""
 
 from __future__ import annotations
 
@@ -21,17 +23,25 @@ from .settings import EXPLICIT, FORMS, OUTPUTS
 RTOL = 1e-5
 MESHES = 4, 8, 16
 GENEROUS = 2.0  # times its equal share of the time that is left, which a run may take
-PIECE = 1e-4  # of a motion, by which it is seen what the whole would take; ten times as much until it takes a while
+# of a motion, by which it is seen what the whole would take; ten times as much until it takes a
+# while
+PIECE = 1e-4
 WHILE, EVALUATIONS, LONG = 0.15, 100, 2.0  # s of CPU time, and evaluations; but no longer than that
-FRACTIONS = 0.3, 0.42, 0.6, 0.85, 1.2, 1.7, 2.4, 3.4  # steps of rk4 over those of dopri5; of the ones that are stable the least
+# steps of rk4 over those of dopri5; of the ones that are stable the least
+FRACTIONS = 0.3, 0.42, 0.6, 0.85, 1.2, 1.7, 2.4, 3.4
 NEAR = 0.1  # of what the tip has moved: less than what is not stable is off by
 
 
-def rows(motions: Sequence[Motion], known: Mapping[str, Reference], seconds: float, say: Callable[[str], None]
-         ) -> Iterator[AccuracyRun]:
-    """Methods and forms over motions, each with finer meshes as long as the whole motion is expected to take no more than its
-    share of the CPU seconds (what others leave of theirs is shared out); of one that has no such mesh the first part of the
-    motion, scaled up, without an error.
+def rows(
+    motions: Sequence[Motion],
+    known: Mapping[str, Reference],
+    seconds: float,
+    say: Callable[[str], None],
+) -> Iterator[AccuracyRun]:
+    """Methods and forms over motions, each with finer meshes as long as the whole motion is
+    expected to take no more than its share of the CPU seconds (what others leave of theirs is
+    shared out); of one that has no such mesh the first part of the motion, scaled up, without an
+    error.
     """
     runs = list(product(motions, FORMS, EXPLICIT))
     end = time.process_time() + seconds
@@ -41,13 +51,16 @@ def rows(motions: Sequence[Motion], known: Mapping[str, Reference], seconds: flo
         yield from _meshes(motion, form, method, known[motion.reference], allowed)
 
 
-def _meshes(motion: Motion, form: str, method: str, reference: Reference, seconds: float) -> Iterator[AccuracyRun]:
+def _meshes(
+    motion: Motion, form: str, method: str, reference: Reference, seconds: float
+) -> Iterator[AccuracyRun]:
     end = time.process_time() + seconds
     for elements in MESHES:
         row = AccuracyRun(motion.name, form, method, elements, RTOL)
         try:
             row = _piece(motion, row)
-        except (ValueError, RuntimeError) as error:  # what the form does not take, and a method that fails
+        except (ValueError, RuntimeError) as error:
+            # what the form does not take, and a method that fails
             yield replace(row, note=str(error))
             return
         if row.seconds > end - time.process_time() or row.note:
@@ -62,15 +75,26 @@ def _meshes(motion: Motion, form: str, method: str, reference: Reference, second
         if why:
             yield replace(row, note=why)
             return
-        row = replace(row, steps=sol.stats.evaluations, seconds=spent, seconds_median=spent, repeats=1, scaled=1.0)
-        row = replace(row, error=difference(sol.tip.position, reference.tip[::INTERVALS // OUTPUTS]))
+        row = replace(
+            row,
+            steps=sol.stats.evaluations,
+            seconds=spent,
+            seconds_median=spent,
+            repeats=1,
+            scaled=1.0,
+        )
+        row = replace(
+            row, error=difference(sol.tip.position, reference.tip[:: INTERVALS // OUTPUTS])
+        )
         if 6 * spent < end - time.process_time():
             row = _gradient(motion, row, reference)
         yield row
 
 
 def _piece(motion: Motion, row: AccuracyRun) -> AccuracyRun:
-    """What the whole motion would take, by the first part of it; fineness of rk4: steps that are stable."""
+    """What the whole motion would take, by the first part of it; fineness of rk4: steps that are
+    stable.
+    """
     share = PIECE
     while True:
         t = share * motion.instants(1)
@@ -93,19 +117,37 @@ def _piece(motion: Motion, row: AccuracyRun) -> AccuracyRun:
         else:
             row = replace(row, note="no stable step was found")
     whole = spent / share
-    return replace(row, steps=round(sol.stats.evaluations / share), seconds=whole, seconds_median=whole, repeats=1,
-                   scaled=1 / share)
+    return replace(
+        row,
+        steps=round(sol.stats.evaluations / share),
+        seconds=whole,
+        seconds_median=whole,
+        repeats=1,
+        scaled=1 / share,
+    )
 
 
 def _gradient(motion: Motion, row: AccuracyRun, reference: Reference) -> AccuracyRun:
-    spent, (_, gradient) = timed(lambda: differentiated(
-        motion, lambda by: _run(motion, row, motion.instants(LOSS), by)[0].tip.position))
-    return replace(row, gradient=spent, gradient_median=spent, gradient_error=apart(gradient, reference.gradient))
+    spent, (_, gradient) = timed(
+        lambda: differentiated(
+            motion, lambda by: _run(motion, row, motion.instants(LOSS), by)[0].tip.position
+        )
+    )
+    return replace(
+        row,
+        gradient=spent,
+        gradient_median=spent,
+        gradient_error=apart(gradient, reference.gradient),
+    )
 
 
-def _run(motion: Motion, row: AccuracyRun, t: Tensor, by: Tensor | None = None) -> tuple[Solution, float]:
+def _run(
+    motion: Motion, row: AccuracyRun, t: Tensor, by: Tensor | None = None
+) -> tuple[Solution, float]:
     """The motion at the instants t, and CPU seconds."""
-    options: dict[str, Any] = dict(method=row.method, form="nodal" if row.element == FORMS[0] else row.element)
+    options: dict[str, Any] = dict(
+        method=row.method, form="nodal" if row.element == FORMS[0] else row.element
+    )
     if row.method == "rk4":
         options["options"] = dict(step_size=motion.duration / row.fineness)
     else:

@@ -1,4 +1,6 @@
-"""Measurements of a setting: its error, and what the motion and a gradient cost, alone and in a batch."""
+"""Measurements of a setting: its error, and what the motion and a gradient cost, alone and in a
+batch.
+"""
 
 from __future__ import annotations
 
@@ -26,12 +28,15 @@ ENOUGH = 0.08  # s that a part of a motion is to take by a batch
 
 @dataclass(frozen=True)
 class AccuracyRun:
-    """What was found of a setting. Times are CPU s of one thread, least and median of the repeats; those of a batch are a
-    sample's share of the whole motion, of which a part was made. None: not measured.
+    """What was found of a setting. Times are CPU s of one thread, least and median of the repeats;
+    those of a batch are a sample's share of the whole motion, of which a part was made. None: not
+    measured.
 
-    fineness  number of steps, or rtol;  error: RMS distance of the tip from the reference, over RMS displacement
+    fineness  number of steps, or rtol;  error: RMS distance of the tip from the reference, over RMS
+              displacement
     gradient  s: forward and backward;  gradient_error: of the gradient, relative
-    scaled    how many times as long the motion is as what of it was made (an explicit method that would take too long)
+    scaled    how many times as long the motion is as what of it was made (an explicit method that
+              would take too long)
     """
 
     motion: str
@@ -60,10 +65,13 @@ COLUMNS = tuple(f.name for f in fields(AccuracyRun))
 
 
 def warm(motion: Motion, element: str, method: str, many: int) -> None:
-    """Make the native code that measurements of an element and a method will use, alone and in a batch of so many (1 = none),
-    forward and gradient. Raises ValueError where the method does not take the motion.
+    """Make the native code that measurements of an element and a method will use, alone and in a
+    batch of so many (1 = none), forward and gradient. Raises ValueError where the method does not
+    take the motion.
     """
-    options = dict(rtol=0.3) if method == "adaptive" else dict(method=method, step=1e-3 * motion.duration)
+    options = (
+        dict(rtol=0.3) if method == "adaptive" else dict(method=method, step=1e-3 * motion.duration)
+    )
     for plane, batch in ((True, ()), (False, ()), (False, (many,))):
         for gradient in (False, True) if not plane else (False,):
             if (plane and not motion.flat) or (batch and (method == "adaptive" or many == 1)):
@@ -71,26 +79,49 @@ def warm(motion: Motion, element: str, method: str, many: int) -> None:
             by = torch.ones(*batch, 3, dtype=torch.float64, requires_grad=gradient)
             with torch.set_grad_enabled(gradient), warnings.catch_warnings():
                 warnings.simplefilter("ignore", RuntimeWarning)
-                sol = simulate(motion.scene(element, 4, by, flat=plane), 2e-3 * motion.instants(1), **options)
+                sol = simulate(
+                    motion.scene(element, 4, by, flat=plane), 2e-3 * motion.instants(1), **options
+                )
                 if gradient:
                     sol.tip.position.square().sum().backward()
 
 
-def forward(motion: Motion, setting: Setting, reference: Reference) -> tuple[AccuracyRun, Solution | None, list[float]]:
+def forward(
+    motion: Motion, setting: Setting, reference: Reference
+) -> tuple[AccuracyRun, Solution | None, list[float]]:
     """Error and the first time of a setting; no solution where it failed."""
-    row = AccuracyRun(motion.name, setting.element, setting.method, setting.elements, setting.fineness)
+    row = AccuracyRun(
+        motion.name, setting.element, setting.method, setting.elements, setting.fineness
+    )
     with torch.no_grad():
         seconds, sol = timed(lambda: setting.run(motion))
     steps = int(sol.stats.steps)
     if sol.status.any():
-        return replace(row, steps=steps, seconds=seconds, note=next(iter(sol.stats.reason.values()), "failed")), None, []
+        return (
+            replace(
+                row,
+                steps=steps,
+                seconds=seconds,
+                note=next(iter(sol.stats.reason.values()), "failed"),
+            ),
+            None,
+            [],
+        )
     every = (len(reference.tip) - 1) // setting.instants()
     error = difference(sol.tip.position, reference.tip[::every])
     return replace(row, steps=steps, error=error), sol, [seconds]
 
 
-def costs(motion: Motion, setting: Setting, reference: Reference, row: AccuracyRun, sol: Solution, seconds: list[float], allowed: float,
-          batch: bool = True) -> AccuracyRun:
+def costs(
+    motion: Motion,
+    setting: Setting,
+    reference: Reference,
+    row: AccuracyRun,
+    sol: Solution,
+    seconds: list[float],
+    allowed: float,
+    batch: bool = True,
+) -> AccuracyRun:
     """The row with all that a setting costs, within about as many CPU seconds as are allowed."""
     end = time.process_time() + allowed
 
@@ -127,20 +158,32 @@ def again(run: Callable[[], Any], allowed: float) -> list[float]:
     return times_taken
 
 
-def _gradient(motion: Motion, setting: Setting, reference: Reference, row: AccuracyRun, allowed: float) -> AccuracyRun:
+def _gradient(
+    motion: Motion, setting: Setting, reference: Reference, row: AccuracyRun, allowed: float
+) -> AccuracyRun:
     """With the gradient of the loss by the parameters."""
     gradients = []
 
     def run() -> None:
-        gradients.append(differentiated(motion, lambda by: setting.run(motion, LOSS, by).tip.position)[1])
+        gradients.append(
+            differentiated(motion, lambda by: setting.run(motion, LOSS, by).tip.position)[1]
+        )
 
     seconds = again(run, allowed)
-    return replace(row, gradient=min(seconds), gradient_median=median(seconds),
-                   gradient_error=apart(gradients[-1], reference.gradient))
+    return replace(
+        row,
+        gradient=min(seconds),
+        gradient_median=median(seconds),
+        gradient_error=apart(gradients[-1], reference.gradient),
+    )
 
 
-def _batch(motion: Motion, setting: Setting, row: AccuracyRun, sol: Solution, allowed: float) -> AccuracyRun:
-    """With times of a batch: of a part of the motion from its middle, or of adaptive steps the whole."""
+def _batch(
+    motion: Motion, setting: Setting, row: AccuracyRun, sol: Solution, allowed: float
+) -> AccuracyRun:
+    """With times of a batch: of a part of the motion from its middle, or of adaptive steps the
+    whole.
+    """
     whole, step = setting.method == "adaptive", motion.duration / setting.fineness
     many = int(min(BATCH, max(1.0, 2 * allowed / row.seconds) // 8 * 8)) if whole else BATCH
     if many < 8:
@@ -153,10 +196,18 @@ def _batch(motion: Motion, setting: Setting, row: AccuracyRun, sol: Solution, al
 
     def run(steps: int, gradient: bool) -> None:
         by = spread.clone().requires_grad_(gradient)
-        t = motion.instants(OUTPUTS if not gradient else LOSS) if whole else begin + step * torch.tensor(
-            [0.0, steps], dtype=torch.float64)
+        t = (
+            motion.instants(OUTPUTS if not gradient else LOSS)
+            if whole
+            else begin + step * torch.tensor([0.0, steps], dtype=torch.float64)
+        )
         with torch.set_grad_enabled(gradient):
-            solution = simulate(motion.scene(setting.element, setting.elements, by), t, start, **setting.options(motion))
+            solution = simulate(
+                motion.scene(setting.element, setting.elements, by),
+                t,
+                start,
+                **setting.options(motion),
+            )
             tip = solution.tip.position
             if gradient:
                 tip.square().sum().backward()

@@ -1,4 +1,6 @@
-"""Breakdown of a step: native code, of it assembly, elimination and the rest, and what is around it."""
+"""Breakdown of a step: native code, of it assembly, elimination and the rest, and what is around
+it.
+"""
 
 from __future__ import annotations
 
@@ -25,15 +27,19 @@ from .measurement import Measured, progress
 PART, STEP, STEPS = "breakdown", 0.005, 400
 CALLS = 1000  # of a function by itself
 ELEMENTS, BATCHES = {"3D": 10, "plane": 12}, {"3D": (1, 256), "plane": (1, 1024)}
-ASSEMBLY, ELIMINATION = ("element", "node", "before element", "before node"), ("row", "held row", "back")
-ITERATED = {"element", "node", "row", "held row", "back", "stress", "update", "reaction", "judge"}  # the others once a step
-OF_ELEMENTS, OF_SAMPLES, OF_SUPPORTS = {"element", "before element", "stress"}, {"judge", "outcome"}, {"reaction"}
+ASSEMBLY = ("element", "node", "before element", "before node")
+ELIMINATION = ("row", "held row", "back")
+# the others once a step
+ITERATED = {"element", "node", "row", "held row", "back", "stress", "update", "reaction", "judge"}
+OF_ELEMENTS, OF_SAMPLES = {"element", "before element", "stress"}, {"judge", "outcome"}
+OF_SUPPORTS = {"reaction"}
 NEAR = 2  # nodes that the clamp holds, or a neighbour of
 
 
 def rows(quick: bool) -> Iterator[Measured]:
-    """CPU microseconds of a step of the whole batch: in all, native, of this what the traced functions take by themselves, and
-    the wrapper. What is native beside them is the driver: loops, masks, transfers between tensors and memory.
+    """CPU microseconds of a step of the whole batch: in all, native, of this what the traced
+    functions take by themselves, and the wrapper. What is native beside them is the driver: loops,
+    masks, transfers between tensors and memory.
     """
     case, steps = Case.load(), 40 if quick else STEPS
     for space, plane in SPACES.items():
@@ -41,35 +47,61 @@ def rows(quick: bool) -> Iterator[Measured]:
             N = ELEMENTS[space]
             scene = case.scene(N, plane)
             program = Stepper(scene, STEP, engine="compiled").compiled.program
-            start, t = rest(scene, () if batch == 1 else (batch,)), case.t.new_tensor((0.0, steps * STEP))
+            start = rest(scene, () if batch == 1 else (batch,))
+            t = case.t.new_tensor((0.0, steps * STEP))
             best = float("inf"), 0.0, 0.0
             for _ in range(2 if quick else 4):
                 with torch.no_grad(), clocked(program) as clock:
                     begun = time.process_time()
                     solution = simulate(scene, t, start, step=STEP, engine="compiled")
                     seconds = time.process_time() - begun
-                best = min(best, (seconds, clock["seconds"], solution.stats.iterations.double().mean().item()))
+                best = min(
+                    best,
+                    (seconds, clock["seconds"], solution.stats.iterations.double().mean().item()),
+                )
             whole, native, iterations = best
             lanes = 1 if batch == 1 else program.lanes()
-            parts = {name: seconds * -(-batch // lanes) * calls(name, N, iterations)
-                     for name, seconds in by_themselves(program, lanes).items()}
+            parts = {
+                name: seconds * -(-batch // lanes) * calls(name, N, iterations)
+                for name, seconds in by_themselves(program, lanes).items()
+            }
 
             def share(names: tuple[str, ...], parts: dict[str, float] = parts) -> float:
                 return sum(s for name, s in parts.items() if name.rstrip(" 0123456789") in names)
 
             assembly, elimination = share(ASSEMBLY), share(ELIMINATION)
             others = sum(parts.values()) - assembly - elimination
-            shares_of = {"in all": whole / steps, "wrapper": (whole - native) / steps, "native": native / steps,
-                     "native: assembly": assembly, "native: elimination": elimination, "native: other functions": others,
-                     "native: driver": native / steps - assembly - elimination - others}
+            shares_of = {
+                "in all": whole / steps,
+                "wrapper": (whole - native) / steps,
+                "native": native / steps,
+                "native: assembly": assembly,
+                "native: elimination": elimination,
+                "native: other functions": others,
+                "native: driver": native / steps - assembly - elimination - others,
+            }
             for what, seconds in shares_of.items():
-                yield Measured.of(PART, what, 1e6 * seconds, "CPU us a step", engine="compiled", space=space, elements=N,
-                             step_ms=1e3 * STEP, batch=batch)
-            progress(f"{space}, batch {batch}: {1e6 * whole / steps:.0f} us a step, {1 - native / whole:.0%} of it not native")
+                yield Measured.of(
+                    PART,
+                    what,
+                    1e6 * seconds,
+                    "CPU us a step",
+                    engine="compiled",
+                    space=space,
+                    elements=N,
+                    step_ms=1e3 * STEP,
+                    batch=batch,
+                )
+            progress(
+                f"{space}, batch {batch}: {1e6 * whole / steps:.0f} us a step, "
+                f"{1 - native / whole:.0%} of it not native"
+            )
 
 
 def calls(name: str, elements: int, iterations: float) -> float:
-    """How often a step calls a function, for each group of samples; the clamp holds the first of the nodes."""
+    """How often a step calls a function, for each group of samples; the clamp holds the first of
+    the nodes.
+    """
     base = name.rstrip(" 0123456789")
     held = NEAR if base == "held row" else -NEAR if base == "row" else 0
     count = held if held > 0 else elements + 1 + held
@@ -100,7 +132,9 @@ def clocked(program: NativeProgram) -> Iterator[dict[str, float]]:
 
 
 def by_themselves(program: NativeProgram, lanes: int) -> dict[str, float]:
-    """CPU seconds of a call of each function of a program, for so many lanes, with all that it reads in the nearest cache."""
+    """CPU seconds of a call of each function of a program, for so many lanes, with all that it
+    reads in the nearest cache.
+    """
     module = Module(lanes, program.dtype)
     for name, function in program.functions.items():
         module.define(name, function)
@@ -111,14 +145,23 @@ def by_themselves(program: NativeProgram, lanes: int) -> dict[str, float]:
             code.call(name, *(f"%p{k}" for k in range(count)))
         module.added.append(code.text())
     library = Library(module.text())
-    return {name: _seconds(library, name, function, program.dtype, lanes) for name, function in program.functions.items()}
+    return {
+        name: _seconds(library, name, function, program.dtype, lanes)
+        for name, function in program.functions.items()
+    }
 
 
-def _seconds(library: Library, name: str, function: Function, dtype: torch.dtype, lanes: int) -> float:
+def _seconds(
+    library: Library, name: str, function: Function, dtype: torch.dtype, lanes: int
+) -> float:
     generator = torch.Generator().manual_seed(0)
-    sizes = [prod(shape) for shape in function.inputs.values()] + [len(out.nodes) for out in function.outputs.values()]
+    sizes = [prod(shape) for shape in function.inputs.values()] + [
+        len(out.nodes) for out in function.outputs.values()
+    ]
     fields = [torch.rand(size, lanes, generator=generator, dtype=dtype) for size in sizes]
-    native = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * len(fields), ctypes.c_int64)(library.address(f"repeat {name}"))
+    native = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * len(fields), ctypes.c_int64)(
+        library.address(f"repeat {name}")
+    )
     best = float("inf")
     for _ in range(5):
         begun = time.process_time()

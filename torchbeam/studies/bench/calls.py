@@ -1,4 +1,6 @@
-"""What a call costs: `simulate` beside `rollout` of the same steps, which has its scene's model and native code at hand."""
+"""What a call costs: `simulate` beside `rollout` of the same steps, which has its scene's model and
+native code at hand.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ ELEMENTS, STEP, STEPS = 4, 0.01, 50
 
 
 def rows(quick: bool) -> Iterator[Measured]:
-    """CPU milliseconds of each call, and its ratio to that of `rollout`; without a gradient, and with one and its backward."""
+    """CPU milliseconds of each call, and its ratio to that of `rollout`; without a gradient, and
+    with one and its backward.
+    """
     case, repeats = Case.load(), 5 if quick else 60
     for space in ("plane",) if quick else SPACES:
         for gradient in (False, True):
@@ -37,7 +41,8 @@ def rows(quick: bool) -> Iterator[Measured]:
 
 def _runs(case: Case, space: str, gradient: bool, count: int) -> dict[str, Callable[[], None]]:
     """Calls by name; those of other values have a scene of its own for each of so many times."""
-    t, EI = STEP * torch.arange(STEPS + 1, dtype=case.t.dtype), case.t.new_ones((), requires_grad=gradient)
+    t = STEP * torch.arange(STEPS + 1, dtype=case.t.dtype)
+    EI = case.t.new_ones((), requires_grad=gradient)
     values = iter(1 + 1e-3 * k for k in range(1000 * count))
 
     def scene() -> Scene:
@@ -54,6 +59,8 @@ def _runs(case: Case, space: str, gradient: bool, count: int) -> dict[str, Calla
     return {
         "rollout": lambda: finished(rollout(stepper, start, STEPS).tip.position),
         "simulate, the same scene": lambda: finished(simulate(same, t, step=STEP).tip.position),
-        "simulate, other values": lambda: finished(simulate(others.pop(), t, step=STEP).tip.position),
+        "simulate, other values": lambda: finished(
+            simulate(others.pop(), t, step=STEP).tip.position
+        ),
         "a new scene and simulate": lambda: finished(simulate(scene(), t, step=STEP).tip.position),
     }

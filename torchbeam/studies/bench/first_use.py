@@ -1,4 +1,6 @@
-"""First use: seconds until a scene's first step and first gradient, with an empty cache and from the cache."""
+"""First use: seconds until a scene's first step and first gradient, with an empty cache and from
+the cache.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ def rows(quick: bool) -> Iterator[Measured]:
             for what in ("cold", "from the cache"):
                 seconds_apart = apart(first, space, TORCHBEAM_CACHE=folder)
                 for name, seconds in seconds_apart.items():
-                    yield Measured.of(PART, f"{what}: {name}", seconds, "s", engine="compiled", space=space)
+                    yield Measured.of(
+                        PART, f"{what}: {name}", seconds, "s", engine="compiled", space=space
+                    )
                 progress(f"{space}, {what}: {sum(seconds_apart.values()):.2f} s")
 
 

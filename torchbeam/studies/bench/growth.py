@@ -1,4 +1,6 @@
-"""Growth: time of the compiled case against elements, batch and horizon, with the exponent that fits."""
+"""Growth: time of the compiled case against elements, batch and horizon, with the exponent that
+fits.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,11 @@ from ..common_case import SPACES, Case
 from .measurement import Measured, exponent, progress, timed
 
 PART, STEP = "growth", 0.005
-LADDERS = {"elements": (16, 32, 64, 128, 256), "batch": (256, 512, 1024, 2048, 4096), "steps": (64, 128, 256, 512, 1024)}
+LADDERS = {
+    "elements": (16, 32, 64, 128, 256),
+    "batch": (256, 512, 1024, 2048, 4096),
+    "steps": (64, 128, 256, 512, 1024),
+}
 USUAL = {"elements": 10, "batch": 256, "steps": 64}
 
 
@@ -25,12 +31,22 @@ def rows(quick: bool) -> Iterator[Measured]:
             runs = [_run(case, space, **USUAL | {what: size}) for size in sizes]
             for size, times in zip(sizes, timed(runs, repeats), strict=True):
                 now = USUAL | {what: size}
-                row = times.row(PART, f"{now['steps']} steps, by {what}", "cpu", engine="compiled", space=space,
-                                elements=now["elements"], step_ms=1e3 * STEP, batch=now["batch"])
+                row = times.row(
+                    PART,
+                    f"{now['steps']} steps, by {what}",
+                    "cpu",
+                    engine="compiled",
+                    space=space,
+                    elements=now["elements"],
+                    step_ms=1e3 * STEP,
+                    batch=now["batch"],
+                )
                 seconds.append(row.best)
                 yield row
             power = exponent(sizes, seconds)
-            yield Measured.of(PART, f"exponent of {what}", power, "", engine="compiled", space=space)
+            yield Measured.of(
+                PART, f"exponent of {what}", power, "", engine="compiled", space=space
+            )
             progress(f"{space}: time grows with {what} to the power {power:.2f}")
 
 

@@ -25,7 +25,9 @@ REPEATS = 3
 
 
 class LoadRow(NamedTuple):
-    """A load, the engine of its steps, their times in ms, eager over native, and why it is eager ("" = it is not)."""
+    """A load, the engine of its steps, their times in ms, eager over native, and why it is eager
+    ("" = it is not).
+    """
 
     name: str
     engine: str
@@ -36,7 +38,9 @@ class LoadRow(NamedTuple):
 
 
 def of_file(path: Path) -> dict[str, Callable[[], Any]]:
-    """`LOADS` of a Python file: name -> function that makes a load. Raises ValueError where there is none."""
+    """`LOADS` of a Python file: name -> function that makes a load. Raises ValueError where there
+    is none.
+    """
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if not path.is_file() or spec is None or spec.loader is None:
         raise ValueError(f"--loads {path} was given; a Python file is wanted")
@@ -45,7 +49,10 @@ def of_file(path: Path) -> dict[str, Callable[[], Any]]:
     spec.loader.exec_module(module)
     loads = getattr(module, "LOADS", None)
     if not isinstance(loads, dict):
-        raise ValueError(f"--loads {path} was given; a file with LOADS, functions that make a load by name, is wanted")
+        raise ValueError(
+            f"--loads {path} was given; a file with LOADS, functions that make a load by name, "
+            "is wanted"
+        )
     return loads
 
 
@@ -69,16 +76,31 @@ def _row(name: str, scene: Scene) -> LoadRow:
             begin = time.process_time()
             simulate(scene, torch.tensor([0.0, STEP * steps]), step=STEP, engine=engine)
             if repeat:
-                best[engine] = min(best.get(engine, float("inf")), 1e3 * (time.process_time() - begin) / steps)
+                best[engine] = min(
+                    best.get(engine, float("inf")), 1e3 * (time.process_time() - begin) / steps
+                )
     native, eager = best.get("compiled", ""), best["eager"]
-    return LoadRow(name, "eager" if reason else "native", native, eager, eager / native if native else "", reason)
+    return LoadRow(
+        name,
+        "eager" if reason else "native",
+        native,
+        eager,
+        eager / native if native else "",
+        reason,
+    )
 
 
 def markdown(rows: list[LoadRow]) -> str:
     """A table, and how many are native."""
-    lines = ["| load | engine | native, ms a step | eager | eager over native |", "|---|---|---:|---:|---:|"]
+    lines = [
+        "| load | engine | native, ms a step | eager | eager over native |",
+        "|---|---|---:|---:|---:|",
+    ]
     for one in rows:
-        numbers = (f"{x:.3g}" if isinstance(x, float) else x for x in (one.native_ms, one.eager_ms, one.ratio))
+        numbers = (
+            f"{x:.3g}" if isinstance(x, float) else x
+            for x in (one.native_ms, one.eager_ms, one.ratio)
+        )
         lines.append(f"| {' | '.join((one.name, one.engine, *numbers))} |")
     lines += ["", f"{sum(one.engine == 'native' for one in rows)} of {len(rows)} are native."]
     return "\n".join([*lines, *(f"- {row.name}: {row.reason}" for row in rows if row.reason)])

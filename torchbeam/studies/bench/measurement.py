@@ -1,4 +1,6 @@
-"""Measurements of the benchmark: one row each, times of runs in turns, functions that run in a process of their own."""
+"""Measurements of the benchmark: one row each, times of runs in turns, functions that run in a
+process of their own.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +19,9 @@ CPU, WALL = "simulated s per CPU s", "simulated s per s"  # rates by the clock
 
 
 class Measured(NamedTuple):
-    """One number. part: of the benchmark; best and median: of the repeats, both the number itself where it is not a time;
-    engine: "eager", "compiled", or another program's name; error: of the tip, relative RMS; element: which one.
+    """One number. part: of the benchmark; best and median: of the repeats, both the number itself
+    where it is not a time; engine: "eager", "compiled", or another program's name; error: of the
+    tip, relative RMS; element: which one.
     """
 
     part: str
@@ -47,14 +50,28 @@ class Times(NamedTuple):
     cpu: list[float]
     wall: list[float]
 
-    def row(self, part: str, what: str, clock: str = "wall", unit: str = "s", per: float | None = None, **where: Any) -> Measured:
+    def row(
+        self,
+        part: str,
+        what: str,
+        clock: str = "wall",
+        unit: str = "s",
+        per: float | None = None,
+        **where: Any,
+    ) -> Measured:
         """The time, or how much of `per` is done in a second."""
-        values = [per / s for s in getattr(self, clock)] if per is not None else getattr(self, clock)
-        return Measured(part, what, (min if per is None else max)(values), median(values), unit, **where)
+        values = (
+            [per / s for s in getattr(self, clock)] if per is not None else getattr(self, clock)
+        )
+        return Measured(
+            part, what, (min if per is None else max)(values), median(values), unit, **where
+        )
 
 
 def timed(runs: Sequence[Callable[[], Any]], repeats: int) -> list[Times]:
-    """Times of each run, after one to warm up, in turns: what else the machine does falls on all alike."""
+    """Times of each run, after one to warm up, in turns: what else the machine does falls on all
+    alike.
+    """
     measured = [Times([], []) for _ in runs]
     for k in range(repeats + 1):
         for run, times in zip(runs, measured, strict=True):
@@ -72,15 +89,26 @@ def thread_counts() -> tuple[int, ...]:
     return (1, 2) if (os.cpu_count() or 1) > 1 else (1,)
 
 
-def apart(function: Callable[..., dict[str, Any]], *args: Any, limit: float | None = None, **environment: str
-          ) -> dict[str, Any]:
-    """What a function of this package finds in a new process, with one thread and more environment variables. Raises
-    RuntimeError where it fails, subprocess.TimeoutExpired after `limit` s.
+def apart(
+    function: Callable[..., dict[str, Any]],
+    *args: Any,
+    limit: float | None = None,
+    **environment: str,
+) -> dict[str, Any]:
+    """What a function of this package finds in a new process, with one thread and more environment
+    variables. Raises RuntimeError where it fails, subprocess.TimeoutExpired after `limit` s.
     """
-    code = (f"import json, sys; from {function.__module__} import {function.__name__} as run; "
-            "print(json.dumps(run(*json.loads(sys.argv[1]))))")
-    done = subprocess.run([sys.executable, "-c", code, json.dumps(args)], capture_output=True, text=True, timeout=limit,
-                          env={**os.environ, "OMP_NUM_THREADS": "1", **environment})
+    code = (
+        f"import json, sys; from {function.__module__} import {function.__name__} as run; "
+        "print(json.dumps(run(*json.loads(sys.argv[1]))))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, json.dumps(args)],
+        capture_output=True,
+        text=True,
+        timeout=limit,
+        env={**os.environ, "OMP_NUM_THREADS": "1", **environment},
+    )
     if done.returncode:
         raise RuntimeError(f"{function.__name__} failed in a process of its own:\n{done.stderr}")
     return json.loads(done.stdout.splitlines()[-1])

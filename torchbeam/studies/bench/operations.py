@@ -1,5 +1,5 @@
-"""Operations: how many numbers the traced functions compute, and how many tensor operations a step is. They are the same on
-every machine, so that growth is found without a clock.
+"""Operations: how many numbers the traced functions compute, and how many tensor operations a step
+is. They are the same on every machine, so that growth is found without a clock.
 """
 
 from __future__ import annotations
@@ -23,17 +23,22 @@ Counts = dict[str, int]  # by name: space, what
 
 
 def counts() -> Counts:
-    """Of the common dynamic case: of each traced function for a sample, the whole of an element, a node and a row in one
-    iteration and in the adjoint; tensor operations of a call of `Stepper`, at batch 1 and in motion.
+    """Of the common dynamic case: of each traced function for a sample, the whole of an element, a
+    node and a row in one iteration and in the adjoint; tensor operations of a call of `Stepper`, at
+    batch 1 and in motion.
     """
     case, operations = Case.load(), {}
     for space, plane in SPACES.items():
-        EI, force = case.t.new_tensor(1.0, requires_grad=True), case.t.new_tensor((0.0, 1.0, 0.0), requires_grad=True)
+        EI = case.t.new_tensor(1.0, requires_grad=True)
+        force = case.t.new_tensor((0.0, 1.0, 0.0), requires_grad=True)
         scene = case.scene(4, plane, EI, force)
-        steppers = {engine: Stepper(scene, 0.005, engine=engine) for engine in ("eager", "compiled")}
+        steppers = {
+            engine: Stepper(scene, 0.005, engine=engine) for engine in ("eager", "compiled")
+        }
         stepper = steppers["compiled"]
         program = stepper.compiled.program
-        known, program.adjoints = program.adjoints, {}  # those of other scenes are of other constants
+        # those of other scenes are of other constants
+        known, program.adjoints = program.adjoints, {}
         state = stepper(stepper.rest())
         state.tip.position.sum().backward()
         (adjoint,) = program.adjoints.values()
@@ -42,9 +47,14 @@ def counts() -> Counts:
         with torch.no_grad():
             for engine, stepper in steppers.items():
                 stepper(state)  # what it keeps is made
-                operations[f"{space}: {engine} step, tensor operations"] = tensor_operations(partial(stepper, state))
+                operations[f"{space}: {engine} step, tensor operations"] = tensor_operations(
+                    partial(stepper, state)
+                )
         for kind, one in {"step": program, "adjoint": adjoint}.items():
-            operations |= {f"{space}: {kind}, {name}": function.operations() for name, function in one.functions.items()}
+            operations |= {
+                f"{space}: {kind}, {name}": function.operations()
+                for name, function in one.functions.items()
+            }
     return operations
 
 
@@ -59,7 +69,10 @@ def stored(path: Path) -> Counts:
     try:
         return json.loads(path.read_text())
     except (OSError, ValueError):
-        raise ValueError(f"{str(path)!r} was given; a file of operation counts that --update has written is wanted") from None
+        raise ValueError(
+            f"{str(path)!r} was given; a file of operation counts that --update has written is "
+            "wanted"
+        ) from None
 
 
 def store(path: Path, operations: Counts) -> None:
@@ -67,8 +80,16 @@ def store(path: Path, operations: Counts) -> None:
 
 
 def grown(operations: Counts, before: Counts) -> list[str]:
-    """A sentence on each count that has grown by more than `GROWTH`, and on names that only one of the two has."""
-    said = [f"{name}: {count} operations, {count / max(before[name], 1) - 1:+.1%} of the {before[name]} stored"
-            for name, count in operations.items() if name in before and count > before[name] * (1 + GROWTH)]
+    """A sentence on each count that has grown by more than `GROWTH`, and on names that only one of
+    the two has.
+    """
+    said = [
+        f"{name}: {count} operations, {count / max(before[name], 1) - 1:+.1%} of the "
+        f"{before[name]} stored"
+        for name, count in operations.items()
+        if name in before and count > before[name] * (1 + GROWTH)
+    ]
     said += [f"{name}: counted now, and not stored" for name in operations if name not in before]
-    return said + [f"{name}: stored, and not counted any more" for name in before if name not in operations]
+    return said + [
+        f"{name}: stored, and not counted any more" for name in before if name not in operations
+    ]

@@ -1,5 +1,5 @@
-"""Measurements from elsewhere: of packages built on torchbeam, found by entry point, and of other programs, by scripts that
-print rows.
+"""Measurements from elsewhere: of packages built on torchbeam, found by entry point, and of other
+programs, by scripts that print rows.
 
 A package adds a function of `quick` that gives rows:
 
@@ -29,7 +29,20 @@ def peers(folder: Path, python: str, quick: bool) -> Iterator[Measured]:
     """Rows of the scripts of a folder, see `measured`."""
     for one in measured(folder, python, *["--quick"] * quick):
         whole = one["rate"] * one["best_cpu_s"]
-        yield Measured(PEERS, "rate by CPU time", one["rate"], whole / one["median_cpu_s"], CPU, engine=one["peer"],
-                  space=one["space"], elements=one["elements"], step_ms=one["step_ms"], batch=1, error=one["error"],
-                  element=one["element"])
-        progress(f"{one['peer']}: {one['rate']:.4g} simulated s per CPU s at {100 * one['error']:.2f} %")
+        yield Measured(
+            PEERS,
+            "rate by CPU time",
+            one["rate"],
+            whole / one["median_cpu_s"],
+            CPU,
+            engine=one["peer"],
+            space=one["space"],
+            elements=one["elements"],
+            step_ms=one["step_ms"],
+            batch=1,
+            error=one["error"],
+            element=one["element"],
+        )
+        progress(
+            f"{one['peer']}: {one['rate']:.4g} simulated s per CPU s at {100 * one['error']:.2f} %"
+        )

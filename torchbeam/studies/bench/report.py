@@ -19,23 +19,65 @@ def markdown(rows: Sequence[Measured]) -> str:
 
 
 def _throughput(rows: Sequence[Measured]) -> str:
-    rates = {((r.space, r.elements, r.step_ms, r.batch, r.element), (r.engine, r.unit, r.threads)): r
-             for r in rows if r.part == throughput.PART}
+    rates = {
+        ((r.space, r.elements, r.step_ms, r.batch, r.element), (r.engine, r.unit, r.threads)): r
+        for r in rows
+        if r.part == throughput.PART
+    }
     peers = {r.space: r for r in rows if r.part == PEERS}
     lines = []
     for case in dict.fromkeys(case for case, _ in rates):
-        compiled, eager, one, two = (rates.get((case, how)) for how in (
-            ("compiled", CPU, 1), ("eager", CPU, 1), ("compiled", WALL, 1), ("compiled", WALL, 2)))
+        compiled, eager, one, two = (
+            rates.get((case, how))
+            for how in (
+                ("compiled", CPU, 1),
+                ("eager", CPU, 1),
+                ("compiled", WALL, 1),
+                ("compiled", WALL, 2),
+            )
+        )
         peer = peers.get(case[0])
-        lines.append((case[0], f"{case[1]}, {case[4]}", f"{case[2]:.3g}", f"{100 * compiled.error:.2f} %", f"{case[3]}",
-                      _rate(eager), _rate(compiled), "" if eager is None else f"{compiled.best / eager.best:.0f}",
-                      "" if two is None else f"{two.best / one.best:.2f}",
-                      *([f"{compiled.best / peer.best:.1f}" if peer else ""] if peers else [])))
+        lines.append(
+            (
+                case[0],
+                f"{case[1]}, {case[4]}",
+                f"{case[2]:.3g}",
+                f"{100 * compiled.error:.2f} %",
+                f"{case[3]}",
+                _rate(eager),
+                _rate(compiled),
+                "" if eager is None else f"{compiled.best / eager.best:.0f}",
+                "" if two is None else f"{two.best / one.best:.2f}",
+                *([f"{compiled.best / peer.best:.1f}" if peer else ""] if peers else []),
+            )
+        )
     for r in peers.values():
-        lines.append((f"{r.engine}, {r.space}", f"{r.elements}, {r.element}", f"{r.step_ms:.3g}", f"{100 * r.error:.2f} %",
-                      "1", "", _rate(r), "", "", ""))
-    heads = ("case", "elements", "step, ms", "error", "batch", "eager: simulated s per CPU s", "compiled, or the peer",
-             "over eager", "2 threads over 1", *(["over the peer"] if peers else []))
+        lines.append(
+            (
+                f"{r.engine}, {r.space}",
+                f"{r.elements}, {r.element}",
+                f"{r.step_ms:.3g}",
+                f"{100 * r.error:.2f} %",
+                "1",
+                "",
+                _rate(r),
+                "",
+                "",
+                "",
+            )
+        )
+    heads = (
+        "case",
+        "elements",
+        "step, ms",
+        "error",
+        "batch",
+        "eager: simulated s per CPU s",
+        "compiled, or the peer",
+        "over eager",
+        "2 threads over 1",
+        *(["over the peer"] if peers else []),
+    )
     return _table(heads, lines, words=1)
 
 
@@ -55,24 +97,43 @@ def _number(value: float) -> str:
 
 def _gradients(rows: Sequence[Measured]) -> str:
     rows = [r for r in rows if r.part == gradients.PART]
-    lines = [(_case(r), r.what, *(f"{_number(x)} {r.unit}".strip() for x in (r.best, r.median))) for r in rows]
+    lines = [
+        (_case(r), r.what, *(f"{_number(x)} {r.unit}".strip() for x in (r.best, r.median)))
+        for r in rows
+    ]
     return _table(("case", "", "best", "median"), lines, words=2)
 
 
 def _elsewhere(rows: Sequence[Measured]) -> str:
-    known = {throughput.PART, gradients.PART, calls.PART, first_use.PART, breakdown.PART, growth.PART, operations.PART, PEERS}
-    lines = [(r.what, f"{r.batch}", _number(r.best), _number(r.median), r.unit) for r in rows if r.part not in known]
+    known = {
+        throughput.PART,
+        gradients.PART,
+        calls.PART,
+        first_use.PART,
+        breakdown.PART,
+        growth.PART,
+        operations.PART,
+        PEERS,
+    }
+    lines = [
+        (r.what, f"{r.batch}", _number(r.best), _number(r.median), r.unit)
+        for r in rows
+        if r.part not in known
+    ]
     return _table(("environment", "batch", "best", "median", "unit"), lines, words=1)
 
 
 def _pairs(part: str, head: str, unit: str) -> Callable[[Sequence[Measured]], str]:
     """A table of what was measured (rows) by case (columns)."""
+
     def make(rows: Sequence[Measured]) -> str:
         rows = [r for r in rows if r.part == part]
         cases = list(dict.fromkeys(_case(r) for r in rows))
         values = {(r.what, _case(r)): r.best for r in rows}
-        lines = [(what, *(_number(values[what, c]) if (what, c) in values else "" for c in cases))
-                 for what in dict.fromkeys(r.what for r in rows)]
+        lines = [
+            (what, *(_number(values[what, c]) if (what, c) in values else "" for c in cases))
+            for what in dict.fromkeys(r.what for r in rows)
+        ]
         return _table((f"{head}{unit}", *cases), lines, words=1)
 
     return make
@@ -84,26 +145,52 @@ def _case(row: Measured) -> str:
 
 def _growth(rows: Sequence[Measured]) -> str:
     return _pairs(growth.PART, "time grows with", ", to the power")(
-        [r._replace(what=r.what.removeprefix("exponent of ")) for r in rows if r.what.startswith("exponent of ")])
+        [
+            r._replace(what=r.what.removeprefix("exponent of "))
+            for r in rows
+            if r.what.startswith("exponent of ")
+        ]
+    )
 
 
 def _operations(rows: Sequence[Measured]) -> str:
-    names = {"element", "before element", "node", "row", "back", "element bar", "blocks", "law", "node bar", "block"}
-    shown = [r for r in rows if r.what.endswith("tensor operations")
-             or r.what.partition(", ")[2].rstrip(" 0123456789") in names]
+    names = {
+        "element",
+        "before element",
+        "node",
+        "row",
+        "back",
+        "element bar",
+        "blocks",
+        "law",
+        "node bar",
+        "block",
+    }
+    shown = [
+        r
+        for r in rows
+        if r.what.endswith("tensor operations")
+        or r.what.partition(", ")[2].rstrip(" 0123456789") in names
+    ]
     return _pairs(operations.PART, "function", ", operations")(shown)
 
 
 TABLES = {
-    "Throughput, one thread: best (median)": _throughput, "Gradients": _gradients,
-    "Calls": _pairs(calls.PART, "", f"{calls.STEPS} steps, {calls.ELEMENTS} elements"), "Environments": _elsewhere,
-    "First use": _pairs(first_use.PART, "", "seconds"), "Breakdown": _pairs(breakdown.PART, "", "CPU us a step of the batch"),
-    "Growth": _growth, "Operations": _operations,
+    "Throughput, one thread: best (median)": _throughput,
+    "Gradients": _gradients,
+    "Calls": _pairs(calls.PART, "", f"{calls.STEPS} steps, {calls.ELEMENTS} elements"),
+    "Environments": _elsewhere,
+    "First use": _pairs(first_use.PART, "", "seconds"),
+    "Breakdown": _pairs(breakdown.PART, "", "CPU us a step of the batch"),
+    "Growth": _growth,
+    "Operations": _operations,
 }
 
 
 def picture(rows: Sequence[Measured], path: Path) -> None:
-    """Throughput by batch, shares of a step, time against size. Raises ImportError without matplotlib."""
+    """Throughput by batch, shares of a step, time against size. Raises ImportError without
+    matplotlib.
+    """
     first, second, third = grid(1, 3, (14.0, 4.0))
     legend = dict(frameon=False, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     rates = [r for r in rows if r.part in (throughput.PART, PEERS) and r.unit == CPU]
@@ -115,17 +202,31 @@ def picture(rows: Sequence[Measured], path: Path) -> None:
     for engine in dict.fromkeys(engine for _, engine in best):
         given = [(cases.index(name), r.best) for (name, e), r in best.items() if e == engine]
         first.plot([value for _, value in given], [place for place, _ in given], "o", label=engine)
-    first.set(xscale="log", xlabel="simulated s per CPU s, one thread", yticks=range(len(cases)), yticklabels=cases)
+    first.set(
+        xscale="log",
+        xlabel="simulated s per CPU s, one thread",
+        yticks=range(len(cases)),
+        yticklabels=cases,
+    )
     first.grid(True, color="0.9")
     if rates:
         first.legend(**legend)
-    shares = [r for r in rows if r.part == breakdown.PART and (r.what == "wrapper" or r.what.startswith("native: "))]
+    shares = [
+        r
+        for r in rows
+        if r.part == breakdown.PART and (r.what == "wrapper" or r.what.startswith("native: "))
+    ]
     cases, left = list(dict.fromkeys(map(_case, shares))), {}
     whole = {case: sum(r.best for r in shares if _case(r) == case) for case in cases}
     for what in dict.fromkeys(r.what for r in shares):
-        widths = [sum(r.best for r in shares if (r.what, _case(r)) == (what, case)) / whole[case] for case in cases]
+        widths = [
+            sum(r.best for r in shares if (r.what, _case(r)) == (what, case)) / whole[case]
+            for case in cases
+        ]
         second.barh(cases, widths, left=[left.get(case, 0.0) for case in cases], label=what)
-        left = {case: left.get(case, 0.0) + width for case, width in zip(cases, widths, strict=True)}
+        left = {
+            case: left.get(case, 0.0) + width for case, width in zip(cases, widths, strict=True)
+        }
     second.set(xlabel="share of a step", xlim=(0, 1))
     if shares:
         second.legend(**legend)
@@ -133,8 +234,21 @@ def picture(rows: Sequence[Measured], path: Path) -> None:
         if r.what.startswith("exponent of "):
             what = r.what.removeprefix("exponent of ")
             line = [x for x in timed if x.space == r.space and x.what.endswith(f"by {what}")]
-            sizes = [x.elements if what == "elements" else x.batch if what == "batch" else int(x.what.split()[0]) for x in line]
-            third.loglog(sizes, [x.best for x in line], "o-", ms=3, label=f"{r.space}, {what}: power {r.best:.2f}")
+            sizes = [
+                x.elements
+                if what == "elements"
+                else x.batch
+                if what == "batch"
+                else int(x.what.split()[0])
+                for x in line
+            ]
+            third.loglog(
+                sizes,
+                [x.best for x in line],
+                "o-",
+                ms=3,
+                label=f"{r.space}, {what}: power {r.best:.2f}",
+            )
     third.set(xlabel="elements, batch or steps", ylabel="CPU s")
     third.grid(True, color="0.9")
     third.tick_params(which="minor", labelbottom=False, labelleft=False)

@@ -11,18 +11,27 @@ import torchbeam as tb
 
 from .case import Answer
 
-BASE = dict(EA=4e4, GA=1.48e4, GJ=0.769, EI=1.0, mass=0.2, inertia=5e-6)  # a strip of L/h = 115 with L = 1: T1 = 0.8 s
+# a strip of L/h = 115 with L = 1: T1 = 0.8 s
+BASE = dict(EA=4e4, GA=1.48e4, GJ=0.769, EI=1.0, mass=0.2, inertia=5e-6)
 
 
 def section(p: Tensor, **changed: Any) -> tb.Section:
     """The base section with some values changed, in p's dtype."""
+
     def tensors(v):
         return [p.new_tensor(x) for x in v] if isinstance(v, tuple) else p.new_tensor(v)
-    return tb.Section.from_stiffness(**{name: tensors(v) for name, v in {**BASE, **changed}.items()})
+
+    return tb.Section.from_stiffness(
+        **{name: tensors(v) for name, v in {**BASE, **changed}.items()}
+    )
 
 
-def cantilever(p: Tensor, elements: int, *effects: Any, L: float = 1.0, of: Any = None, **changed: Any) -> tb.Scene:
-    return tb.Scene(tb.Beam.straight(p.new_tensor(L), elements, of or section(p, **changed)), effects)
+def cantilever(
+    p: Tensor, elements: int, *effects: Any, L: float = 1.0, of: Any = None, **changed: Any
+) -> tb.Scene:
+    return tb.Scene(
+        tb.Beam.straight(p.new_tensor(L), elements, of or section(p, **changed)), effects
+    )
 
 
 def vector(p: Tensor, *v: float) -> Tensor:
@@ -41,7 +50,8 @@ def tip_moment(p: Tensor, *v: float) -> tb.TipLoad:
 def motion(scene: tb.Scene, steps: int, dt: float, **options: Any) -> tb.Solution:
     """From rest (or `initial`) over `steps` steps; at most 20 outputs after the start."""
     outputs = next(n for n in range(min(steps, 20), 0, -1) if steps % n == 0)
-    # as exact as it can be in single precision, so that each output interval is a whole number of steps
+    # as exact as it can be in single precision, so that each output interval is a whole number of
+    # steps
     t = (torch.arange(outputs + 1, dtype=torch.float64) * (steps // outputs * dt)).to(scene.dtype)
     return tb.simulate(scene, t, step=dt * 1.0001, **options)
 
@@ -57,11 +67,18 @@ def energy_error(sol: tb.Solution) -> Tensor:
 
 def moved(sol: tb.Solution, error: Tensor | None = None) -> Answer:
     """Value: the tip at the end. Error: the energy's unless another is given."""
-    return Answer(sol.status, sol.tip.position[-1], energy_error(sol) if error is None else error,
-                  sol.stats.iterations.double().mean().item(), next(iter(sol.stats.reason.values()), ""))
+    return Answer(
+        sol.status,
+        sol.tip.position[-1],
+        energy_error(sol) if error is None else error,
+        sol.stats.iterations.double().mean().item(),
+        next(iter(sol.stats.reason.values()), ""),
+    )
 
 
 def held(state: tb.State, error: Tensor) -> Answer:
     """Of an equilibrium. Value: the tip."""
     failed = bool((state.status != 0).any())
-    return Answer(state.status, state.tip.position, error, why="no equilibrium was found" if failed else "")
+    return Answer(
+        state.status, state.tip.position, error, why="no equilibrium was found" if failed else ""
+    )

@@ -1,1 +1,3 @@
-"""An independent oracle: rods described once, solved by the library and by a dense reference that shares no line with it."""
+"""An independent oracle: rods described once, solved by the library and by a dense reference that
+shares no line with it.
+"""

@@ -1,4 +1,6 @@
-"""Balances of a motion: momentum, angular momentum and energy, by a quadrature of its own over what nodes do."""
+"""Balances of a motion: momentum, angular momentum and energy, by a quadrature of its own over what
+nodes do.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +16,9 @@ from .rotations import Array, cross, exponential, logarithm, turn
 
 @dataclass(frozen=True)
 class Motion:
-    """What nodes do: t (T,) in equal steps from 0; r, v (T, n, 3), w (T, n, 3) absolute spin, all in frame a, R (T, n, 3, 3);
-    reactions (T, k, 6) by support, the mean over the step before t. elements of order 1 or 2, equal.
+    """What nodes do: t (T,) in equal steps from 0; r, v (T, n, 3), w (T, n, 3) absolute spin, all
+    in frame a, R (T, n, 3, 3); reactions (T, k, 6) by support, the mean over the step before t.
+    elements of order 1 or 2, equal.
     """
 
     case: Case
@@ -48,30 +51,59 @@ class Motion:
         v0, omega = self.case.frame()
         t = self.t[:, None]
         a = np.gradient(self.v, self.t, axis=0, edge_order=2) + cross(omega + 0 * self.v, self.v)
-        alpha = np.gradient(self.w, self.t, axis=0, edge_order=2) + cross(omega + 0 * self.w, self.w)
-        return Point(self.x, t, self.r, self.R, self.v, self.w, a, alpha, (v0, omega), exponential(-t[..., None] * omega),
-                     lambda: _support(self.case, t[:, 0]))
+        alpha = np.gradient(self.w, self.t, axis=0, edge_order=2) + cross(
+            omega + 0 * self.w, self.w
+        )
+        return Point(
+            self.x,
+            t,
+            self.r,
+            self.R,
+            self.v,
+            self.w,
+            a,
+            alpha,
+            (v0, omega),
+            exponential(-t[..., None] * omega),
+            lambda: _support(self.case, t[:, 0]),
+        )
 
     def node(self, p: Point, x: float) -> Point:
         """One node of them, (T, .)."""
         i = round(x * (self.r.shape[1] - 1))
-        return replace(p, x=np.asarray(x), t=p.t[:, 0], inertial=p.inertial[:, 0],
-                       **{name: getattr(p, name)[:, i] for name in ("r", "R", "v", "w", "a", "alpha")})
+        return replace(
+            p,
+            x=np.asarray(x),
+            t=p.t[:, 0],
+            inertial=p.inertial[:, 0],
+            **{name: getattr(p, name)[:, i] for name in ("r", "R", "v", "w", "a", "alpha")},
+        )
 
 
 def _support(case: Case, t: Array) -> tuple[Array, Array, Array, Array]:
-    """Place, axes, velocity and spin (T, .) of what an elastic clamp hangs in; rates of it by differences."""
+    """Place, axes, velocity and spin (T, .) of what an elastic clamp hangs in; rates of it by
+    differences.
+    """
     v0, omega = case.frame()
     pose = [np.stack(z) for z in zip(*(support_pose(case, 0.0, now) for now in t), strict=True)]
     d = 1e-5 * t[-1]
-    (r_1, R_1), (r_0, R_0) = ([np.stack(z) for z in zip(*(support_pose(case, 0.0, now + e) for now in t), strict=True)]
-                              for e in (d, -d))
+    (r_1, R_1), (r_0, R_0) = (
+        [np.stack(z) for z in zip(*(support_pose(case, 0.0, now + e) for now in t), strict=True)]
+        for e in (d, -d)
+    )
     spin = logarithm(R_1 @ np.swapaxes(R_0, -1, -2)) / (2 * d)
-    return pose[0], pose[1], (r_1 - r_0) / (2 * d) + v0 + cross(omega + 0 * r_0, pose[0]), spin + omega
+    return (
+        pose[0],
+        pose[1],
+        (r_1 - r_0) / (2 * d) + v0 + cross(omega + 0 * r_0, pose[0]),
+        spin + omega,
+    )
 
 
 def wrenches(motion: Motion) -> Iterator[tuple[Any, Array, Array, Array, Array, Array]]:
-    """Of every load, on every node that it acts on: the effect, r, v, w, force and moment, (T, k, 3) each."""
+    """Of every load, on every node that it acts on: the effect, r, v, w, force and moment,
+    (T, k, 3) each.
+    """
     case, p = motion.case, motion.points()
     weight = motion.weights()[:, None]
     for effect in case.along():
@@ -100,19 +132,25 @@ def carriers(motion: Motion) -> Iterator[tuple[Point, Array]]:
 
 
 def momenta(motion: Motion) -> tuple[Array, Array, Array]:
-    """Linear and angular momentum (T, 3) about the origin of frame a, in its axes, and kinetic energy (T,)."""
+    """Linear and angular momentum (T, 3) about the origin of frame a, in its axes, and kinetic
+    energy (T,).
+    """
     P = H = T = 0.0
     for p, weight in carriers(motion):
         linear, angular = p.momentum()
         angular, energy = cross(p.r, linear) + angular, p.kinetic()
         if weight.ndim:
-            linear, angular, energy = (weight[:, None] * linear).sum(1), (weight[:, None] * angular).sum(1), energy @ weight
+            linear, angular = (weight[:, None] * linear).sum(1), (weight[:, None] * angular).sum(1)
+            energy = energy @ weight
         P, H, T = P + linear, H + angular, T + energy
     return P, H, T
 
 
 def strains(motion: Motion) -> Array:
-    """(T, n - 1, 6) from node to node, less those at rest: of the chord, in the axes half way, and of the turn."""
+    """(T, n - 1, 6) from node to node, less those at rest: of the chord, in the axes half way, and
+    of the turn.
+    """
+
     def of(r: Array, R: Array) -> Array:
         h = motion.case.rod.length / (r.shape[-2] - 1)
         phi = logarithm(np.swapaxes(R[..., :-1, :, :], -1, -2) @ R[..., 1:, :, :])
@@ -124,11 +162,14 @@ def strains(motion: Motion) -> Array:
 
 
 def balances(motion: Motion) -> dict[str, Array]:
-    """What is left of each balance since t = 0, over the largest term in it: (T, 3) of momentum and of angular momentum about
-    the origin, (T,) of energy. And "work" (T,) J, done by loads and moving supports, "kinetic" and "strain" (T,) J.
+    """What is left of each balance since t = 0, over the largest term in it: (T, 3) of momentum and
+    of angular momentum about the origin, (T,) of energy. And "work" (T,) J, done by loads and
+    moving supports, "kinetic" and "strain" (T,) J.
 
-        P - P(0) + int omega x P = int forces        H - H(0) + int (omega x H + v0 x P) = int moments
-        T + U - (T + U)(0) = int (power of loads and supports - dissipation - stress . rate of the eigenstrain)
+        P - P(0) + int omega x P = int forces
+        H - H(0) + int (omega x H + v0 x P) = int moments
+        T + U - (T + U)(0)
+            = int (power of loads and supports - dissipation - stress . rate of the eigenstrain)
     """
     case, t = motion.case, motion.t
     v0, omega = (z + np.zeros((len(t), 3)) for z in case.frame())
@@ -137,7 +178,9 @@ def balances(motion: Motion) -> dict[str, Array]:
     for _, r, v, w, f, m in wrenches(motion):
         force, moment = force + f.sum(1), moment + (m + cross(r, f)).sum(1)
         power = power + (dot_(f, v) + dot_(m, w)).sum(1)
-    held = [round(x * (motion.r.shape[1] - 1)) for x, s in sorted(case.supports.items()) if s.held.any()]
+    held = [
+        round(x * (motion.r.shape[1] - 1)) for x, s in sorted(case.supports.items()) if s.held.any()
+    ]
     push, couple = motion.reactions[1:, :, :3], motion.reactions[1:, :, 3:]
     r, v, w = (_means(z[:, held]) for z in (motion.r, motion.v, motion.w))
     impulse = _sum(t, force) + _steps(t, push.sum(1))
@@ -147,15 +190,28 @@ def balances(motion: Motion) -> dict[str, Array]:
     linear = P - P[0] + _sum(t, cross(omega, P)) - impulse
     angular = H - H[0] + _sum(t, cross(omega, H) + cross(v0, P)) - twist
     energy = T + strain - (T + strain)[0] - work + dissipated - driven
-    size = [max(np.abs(z).max() for z in terms) for terms in (
-        (P, _sum(t, cross(omega, P)), impulse), (H, _sum(t, cross(omega, H)), twist), (T - T[0], strain - strain[0], work))]
+    size = [
+        max(np.abs(z).max() for z in terms)
+        for terms in (
+            (P, _sum(t, cross(omega, P)), impulse),
+            (H, _sum(t, cross(omega, H)), twist),
+            (T - T[0], strain - strain[0], work),
+        )
+    ]
     left = (z / s for z, s in zip((linear, angular, energy), size, strict=True))
-    return {**dict(zip(("momentum", "angular momentum", "energy"), left, strict=True)), "size": np.array(size[2]),
-            "work": work, "kinetic": T, "strain": strain}
+    return {
+        **dict(zip(("momentum", "angular momentum", "energy"), left, strict=True)),
+        "size": np.array(size[2]),
+        "work": work,
+        "kinetic": T,
+        "strain": strain,
+    }
 
 
 def _elastic(motion: Motion) -> tuple[Array, Array, Array]:
-    """(T,) J: strain energy, what damping has dissipated, and what a change of the eigenstrain has brought in."""
+    """(T,) J: strain energy, what damping has dissipated, and what a change of the eigenstrain has
+    brought in.
+    """
     case, t = motion.case, motion.t
     flexible = case.rod.S.diagonal() > 0
     K = np.zeros((6, 6))
@@ -173,7 +229,9 @@ def _elastic(motion: Motion) -> tuple[Array, Array, Array]:
     if tau is not None:
         T = np.diag(np.sqrt(tau))
         step = np.diff(total, axis=0)
-        dissipated = np.concatenate((zero, np.cumsum(h * dot_(step, turn(T @ K @ T, step)).sum(1) / np.diff(t))))
+        dissipated = np.concatenate(
+            (zero, np.cumsum(h * dot_(step, turn(T @ K @ T, step)).sum(1) / np.diff(t)))
+        )
     return strain, dissipated, np.concatenate((zero, np.cumsum(change)))
 
 

@@ -18,17 +18,22 @@ from .vibrations import POINTS, eigenvalues
 MESHES = {1: (16, 32, 64), 2: (4, 8, 16), "linked": (16, 32, 64)}
 QUARTERS = np.array((0.25, 0.5, 0.75, 1.0))
 MODES, DAMPED_MODES = 6, 18
-OSCILLATES = 0.05  # imaginary part over size; where stress depends on the strain rate much else creeps
-RIGID = 5e-5  # relative: modes take an infinite stiffness for a very large one, as they say; the fastest feel it most
+# imaginary part over size; where stress depends on the strain rate much else creeps
+OSCILLATES = 0.05
+# relative: modes take an infinite stiffness for a very large one, as they say; the fastest feel it
+# most
+RIGID = 5e-5
 STEPS, SPAN = 40, 0.5  # of the coarsest motion; in units of sqrt(m L^4/EI)
 FLOOR = {"statics": 1e-7, "vibrations": 2e-7, "motion": 1e-7}  # of the oracle itself
-CAP = {"statics": 3e-5, "vibrations": 2e-4, "motion": 1e-3}  # no answer that settles more slowly is taken
+# no answer that settles more slowly is taken
+CAP = {"statics": 3e-5, "vibrations": 2e-4, "motion": 1e-3}
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """An answer of the library in the limit of fine meshes (and steps): its distance from the oracle's, relative to the size of
-    what it is, what is accepted, and by what the mesh's own answer still changed.
+    """An answer of the library in the limit of fine meshes (and steps): its distance from the
+    oracle's, relative to the size of what it is, what is accepted, and by what the mesh's own
+    answer still changed.
     """
 
     net: str
@@ -46,20 +51,25 @@ class Comparison:
 
 
 def limit(values: list[Array], order: int) -> tuple[Array, float]:
-    """What three values, by halved elements or steps, tend to (Richardson 1911), and by how much the last changed that."""
+    """What three values, by halved elements or steps, tend to (Richardson 1911), and by how much
+    the last changed that.
+    """
     coarse, fine = ((2**order * b - a) / (2**order - 1) for a, b in itertools.pairwise(values))
     return fine, float(np.abs(fine - coarse).max())
 
 
 def tolerance(net: str, change: float, own: float = 0.0) -> float:
-    """Accepted error: the last change of the extrapolated answer, which a sequence whose changes halve or better stays within
-    (of the right order they fall to a fifteenth), the oracle's own, and what else is known to be off.
+    """Accepted error: the last change of the extrapolated answer, which a sequence whose changes
+    halve or better stays within (of the right order they fall to a fifteenth), the oracle's own,
+    and what else is known to be off.
     """
     return min(change + FLOOR[net] + own, CAP[net])
 
 
 def statics(case: Case) -> list[tuple[str, float, float, float]]:
-    """(quantity, error, tolerance, change): positions over the length, axes, and reactions over the largest of them."""
+    """(quantity, error, tolerance, change): positions over the length, axes, and reactions over the
+    largest of them.
+    """
     solution = equilibrium(case)
     r, R, _, _ = solution.at(QUARTERS)
     exact = {"position": r, "axes": R}
@@ -68,19 +78,25 @@ def statics(case: Case) -> list[tuple[str, float, float, float]]:
         exact["reaction"] = np.stack([solution.reaction(x) for x in held])
     L = case.rod.length
     F0 = 1 / (case.rod.S.diagonal()[3:].max() * L**2)
-    size = {"position": L, "axes": 1.0, "reaction": max(F0 * min(L, 1.0), *np.abs(exact.get("reaction", 0.0)).flatten(), 0.0)}
+    size = {
+        "position": L,
+        "axes": 1.0,
+        "reaction": max(F0 * min(L, 1.0), *np.abs(exact.get("reaction", 0.0)).flatten(), 0.0),
+    }
     meshes = [scenes.static(case, N)[1] for N in MESHES[case.order]]
     rows = []
     for name, value in exact.items():
-        here, change = limit([mesh[name] / size[name] for mesh in meshes], 4 if case.order == 2 else 2)
+        here, change = limit(
+            [mesh[name] / size[name] for mesh in meshes], 4 if case.order == 2 else 2
+        )
         error = float(np.abs(here - value / size[name]).max())
         rows.append((name, error, tolerance("statics", change), change))
     return rows
 
 
 def vibrations(case: Case) -> list[tuple[str, float, float, float]]:
-    """The eigenvalues that oscillate, each against the oracle's nearest, over its size; and how many of the oracle's below the
-    fastest of them are not among them.
+    """The eigenvalues that oscillate, each against the oracle's nearest, over its size; and how
+    many of the oracle's below the fastest of them are not among them.
     """
     solution = equilibrium(case)
     exact, finer = eigenvalues(solution, POINTS), eigenvalues(solution, POINTS + 6)
@@ -95,20 +111,43 @@ def vibrations(case: Case) -> list[tuple[str, float, float, float]]:
         here, change = limit([np.array(x) for x in own], 4 if case.order == 2 else 2)
         size = abs(value)
         reference = 2 * np.abs(exact - value).min() / size + rigid * RIGID
-        rows.append((f"eigenvalue {i + 1}", abs(here - value) / size, tolerance("vibrations", change / size, reference),
-                     change / size))
+        rows.append(
+            (
+                f"eigenvalue {i + 1}",
+                abs(here - value) / size,
+                tolerance("vibrations", change / size, reference),
+                change / size,
+            )
+        )
         partners.add(int(np.abs(finer - value).argmin()))
     if case.plane is None and chosen:
-        top, size = 0.98 * max(x.imag for x in near), 0.98 * np.abs(meshes[-1]).max()  # the slowest are those of least size
-        below = {i for i, x in enumerate(finer) if OSCILLATES * abs(x) < x.imag < top and abs(x) < size}
-        rows.append(("eigenvalues missing", float(len(below - partners) + len(chosen) - len(partners)), 0.0, 0.0))
+        # the slowest are those of least size
+        top, size = 0.98 * max(x.imag for x in near), 0.98 * np.abs(meshes[-1]).max()
+        below = {
+            i for i, x in enumerate(finer) if OSCILLATES * abs(x) < x.imag < top and abs(x) < size
+        }
+        rows.append(
+            (
+                "eigenvalues missing",
+                float(len(below - partners) + len(chosen) - len(partners)),
+                0.0,
+                0.0,
+            )
+        )
     return rows
 
 
-def motion(case: Case, meshes: tuple[int, ...] | None = None, steps: int = STEPS, span: float = SPAN
-           ) -> list[tuple[str, float, float, float]]:
-    """What is left of each balance, and energies and work beside the library's, over the largest term in them."""
-    meshes = tuple(N // (1 if case.order == 2 else 2) for N in MESHES[case.order]) if meshes is None else meshes
+def motion(
+    case: Case, meshes: tuple[int, ...] | None = None, steps: int = STEPS, span: float = SPAN
+) -> list[tuple[str, float, float, float]]:
+    """What is left of each balance, and energies and work beside the library's, over the largest
+    term in them.
+    """
+    meshes = (
+        tuple(N // (1 if case.order == 2 else 2) for N in MESHES[case.order])
+        if meshes is None
+        else meshes
+    )
     span = span * np.sqrt(case.rod.mass) * case.rod.length**2
     differences: dict[str, list[Array]] = {}
     for k, N in enumerate(meshes):
@@ -118,7 +157,7 @@ def motion(case: Case, meshes: tuple[int, ...] | None = None, steps: int = STEPS
         for name, value in own.items():
             if name in said:
                 value = (value - value[0] - said[name] + said[name][0]) / size
-            differences.setdefault(name, []).append(value[::2**k])
+            differences.setdefault(name, []).append(value[:: 2**k])
     rows = []
     for name, values in differences.items():
         left, change = limit(values, 2)

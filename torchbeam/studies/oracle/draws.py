@@ -11,11 +11,23 @@ from . import effects as fx
 from .rod import Case, Rod, Support, Value
 from .rotations import Array, exponential, skew
 
-SUPPORTS = ("clamp", "elastic clamp", "clamp and pin", "hinge and pin", "clamp and slide", "two clamps, moved", "clamp, moved")
+SUPPORTS = (
+    "clamp",
+    "elastic clamp",
+    "clamp and pin",
+    "hinge and pin",
+    "clamp and slide",
+    "two clamps, moved",
+    "clamp, moved",
+)
 SHAPES = ("straight", "arc", "helix", "pretwisted")
 SECTIONS = ("plain", "coupled", "rotated", "rigid", "tapered")
 RIGID = ((1, 2), (0, 1, 2), (0,), (3,))
-PLANES = {"xy": (np.array((1.0, 1.0, 0.0)), (0, 1, 5)), "xz": (np.array((1.0, 0.0, 1.0)), (0, 2, 4))}  # axes and strains in it
+# axes and strains in it
+PLANES = {
+    "xy": (np.array((1.0, 1.0, 0.0)), (0, 1, 5)),
+    "xz": (np.array((1.0, 0.0, 1.0)), (0, 2, 4)),
+}
 
 
 @dataclass(frozen=True)
@@ -47,7 +59,9 @@ class Draw:
 
 
 def section(draw: Draw, kind: str, L: float) -> tuple[Array, float, Array, Array]:
-    """Compliance, mass per length, centre and inertia about the axis of a section with bending stiffnesses near 1 N m^2."""
+    """Compliance, mass per length, centre and inertia about the axis of a section with bending
+    stiffnesses near 1 N m^2.
+    """
     EI = np.array((draw(0.5, 1.5), draw(0.6, 1.2), draw(0.7, 2.0)))  # GJ, EI_y, EI_z
     K = np.diag([*(draw.log(50, 2000) / L**2 * np.array((1.0, 0.3, 0.5))), *EI])
     mass, centre = draw(0.2, 1.0), np.zeros(3)
@@ -80,25 +94,46 @@ def rod(draw: Draw, shape: str, kind: str) -> Rod:
     axes = np.eye(3) if draw.plane is not None else exponential(draw.vector(draw(0.0, 3.0)))
     root = draw.vector(draw(0.0, 1.0))
     across = np.array((0.0, 1.0, 0.0)) if draw.plane == "xz" else np.array((0.0, 0.0, 1.0))
-    curvature = {"straight": np.zeros(3), "arc": across * draw(0.5, 2.0) / L,
-                 "helix": draw.vector(draw(0.5, 2.5) / L, across=True),
-                 "pretwisted": np.array((draw(0.4, 2.0), 0, 0)) / L}[shape]
-    return Rod(L, root, axes, curvature, S, mass, centre, inertia, draw(0.2, 0.5) if kind == "tapered" else 0.0)
+    curvature = {
+        "straight": np.zeros(3),
+        "arc": across * draw(0.5, 2.0) / L,
+        "helix": draw.vector(draw(0.5, 2.5) / L, across=True),
+        "pretwisted": np.array((draw(0.4, 2.0), 0, 0)) / L,
+    }[shape]
+    return Rod(
+        L,
+        root,
+        axes,
+        curvature,
+        S,
+        mass,
+        centre,
+        inertia,
+        draw(0.2, 0.5) if kind == "tapered" else 0.0,
+    )
 
 
 def effect(draw: Draw, name: str, rod: Rod, force: float, moving: bool) -> Any:
-    """An effect by name, that bends a rod of EI/L^2 = force much; one that changes in time where it is moving."""
+    """An effect by name, that bends a rod of EI/L^2 = force much; one that changes in time where it
+    is moving.
+    """
     L, at = rod.length, draw.one(0.25, 0.5, 0.75)
-    rate = np.sqrt(force / rod.mass) / L if moving else None  # sqrt(EI/(m L^4)), a third of the first frequency
+    # sqrt(EI/(m L^4)), a third of the first frequency
+    rate = np.sqrt(force / rod.mass) / L if moving else None
 
     def value(size: float, across: bool = False, along: bool = False) -> Value:
         frequency = rate * draw(1.0, 5.0) if moving else None
-        return Value(draw.vector(draw(0.3, 1.0) * size, across), draw(-1.5, 1.5) if along else 0.0, frequency)
+        return Value(
+            draw.vector(draw(0.3, 1.0) * size, across), draw(-1.5, 1.5) if along else 0.0, frequency
+        )
 
     def given(scale: float, along: bool = False) -> dict[str, Any]:
         which = draw.one("force", "moment", "both")
-        return dict(force=None if which == "moment" else value(scale * force, along=along),
-                    moment=None if which == "force" else value(scale * force * L, True, along), follower=draw.chance(0.5))
+        return dict(
+            force=None if which == "moment" else value(scale * force, along=along),
+            moment=None if which == "force" else value(scale * force * L, True, along),
+            follower=draw.chance(0.5),
+        )
 
     def inertia(mass: float) -> Array:
         turned = np.eye(3) if draw.plane is not None else exponential(draw.vector(1.0))
@@ -107,53 +142,77 @@ def effect(draw: Draw, name: str, rod: Rod, force: float, moving: bool) -> Any:
     free = rod.rest(np.array(at))[0]
     body = draw(0.05, 0.4) * rod.mass * L
     speed = np.sqrt(force / rod.mass)
+    # fmt: off
     make = {
-        "LineLoad": lambda: fx.LineLoad(**{k: v if k == "follower" or v is None else Value(v.vector / L, v.along, v.frequency)
+        "LineLoad": lambda: fx.LineLoad(**{k: v if k == "follower" or v is None
+                                           else Value(v.vector / L, v.along, v.frequency)
                                            for k, v in given(1.0, draw.chance(0.5)).items()}),
         "PointLoad": lambda: fx.PointLoad(**given(1.5), at=at),
         "TipLoad": lambda: fx.TipLoad(**given(0.8)),
         "Gravity": lambda: fx.Gravity(draw.vector(draw(0.3, 2.0) * force / (rod.mass * L))),
         "MassDamping": lambda: fx.MassDamping(draw(0.2, 2.0)),
-        "Drag": lambda: fx.Drag(draw(0.3, 1.0) * force / L / speed**2 / 0.1, 0.1, draw(0.5, 1.5), draw(0.0, 0.1),
-                                draw.vector(speed), draw.one(0.0, draw(0.1, 1.0) * rod.mass / (force / speed**2))),
-        "PointMass": lambda: fx.PointMass(body, inertia(body), draw.vector(0.1 * L), draw.one(at, 1.0)),
-        "Spring": lambda: fx.Spring(draw(0.5, 3.0) * force / L, free + draw.vector(draw(0.2, 0.6) * L),
+        "Drag": lambda: fx.Drag(draw(0.3, 1.0) * force / L / speed**2 / 0.1, 0.1, draw(0.5, 1.5),
+                                draw(0.0, 0.1),
+                                draw.vector(speed),
+                                draw.one(0.0, draw(0.1, 1.0) * rod.mass / (force / speed**2))),
+        "PointMass": lambda: fx.PointMass(body, inertia(body), draw.vector(0.1 * L),
+                                          draw.one(at, 1.0)),
+        "Spring": lambda: fx.Spring(draw(0.5, 3.0) * force / L,
+                                    free + draw.vector(draw(0.2, 0.6) * L),
                                     draw.one(None, draw(0.1, 0.4) * L),
                                     draw.one(0.0, draw(0.02, 0.1) * np.sqrt(force * rod.mass)), at),
         "RootSpring": lambda: fx.RootSpring(
-            np.array([draw(20, 80) * force / L for _ in range(3)] + [draw(3, 10) * force * L for _ in range(3)]),
-            np.array([draw(0, 0.05) for _ in range(3)] + [draw(0, 0.05) * L**2 for _ in range(3)]) * np.sqrt(force * rod.mass)),
-        "Actuation": lambda: fx.Actuation(value(1.0 / L, True), Value(draw.vector(0.02), frequency=rate and 2 * rate)),
-        "Damping": lambda: fx.Damping(np.array([draw(0.002, 0.02) for _ in range(6)] if rod.S.diagonal().all() else
-                                               [draw(0.002, 0.02)] * 6) * (1 / rate if moving else 1.0)),
-        "Load": lambda: fx.Load(draw(0.2, 1.0) * force / L, free + draw.vector(0.2 * L), draw(0, 0.1) * rod.mass / L,
-                                0.0 if draw.plane == "xz" else draw(-0.5, 0.5) * force, draw(0, 0.02) * rod.mass * L**2,
-                                draw.vector(0.0 if draw.plane == "xy" else 0.3 * force * L), at) if draw.chance(0.5) else
-                       fx.Load(draw(0.2, 1.0) * force / L**2, free + draw.vector(0.2 * L), draw(0, 0.1) * rod.mass / L**2,
-                               0.0 if draw.plane == "xz" else draw(-0.5, 0.5) * force / L, draw(0, 0.02) * rod.mass * L,
+            np.array([draw(20, 80) * force / L for _ in range(3)] + [draw(3,
+                10) * force * L for _ in range(3)]),
+            np.array([draw(0, 0.05) for _ in range(3)] + [draw(0,
+                0.05) * L**2 for _ in range(3)]) * np.sqrt(force * rod.mass)),
+        "Actuation": lambda: fx.Actuation(value(1.0 / L, True),
+                                          Value(draw.vector(0.02), frequency=rate and 2 * rate)),
+        "Damping": lambda: fx.Damping(np.array([draw(0.002,
+            0.02) for _ in range(6)] if rod.S.diagonal().all() else
+                                               [draw(0.002,
+                                                     0.02)] * 6) * (1 / rate if moving else 1.0)),
+        "Load": lambda: fx.Load(draw(0.2, 1.0) * force / L, free + draw.vector(0.2 * L),
+                                draw(0, 0.1) * rod.mass / L,
+                                0.0 if draw.plane == "xz" else draw(-0.5, 0.5) * force,
+                                draw(0, 0.02) * rod.mass * L**2,
+                                draw.vector(0.0 if draw.plane == "xy" else 0.3 * force * L),
+                                at) if draw.chance(0.5) else
+                       fx.Load(draw(0.2, 1.0) * force / L**2, free + draw.vector(0.2 * L),
+                               draw(0, 0.1) * rod.mass / L**2,
+                               0.0 if draw.plane == "xz" else draw(-0.5, 0.5) * force / L,
+                               draw(0, 0.02) * rod.mass * L,
                                draw.vector(0.0 if draw.plane == "xy" else 0.3 * force), None),
     }
+    # fmt: on
     return make[name]()
 
 
 def supports(draw: Draw, kind: str, rod: Rod, moving: bool, rate: float) -> dict[float, Support]:
     """By place."""
+
     def value(size: float, across: bool = False) -> Value:
         return Value(draw.vector(size, across), frequency=rate * draw(1.0, 4.0) if moving else None)
 
     moved = dict(displacement=value(0.05 * rod.length), turn=value(draw(0.1, 0.5), True))
     hinge = {"xy": "xy", "xz": "xz", None: draw.one("xy", "yz", "xz")}[draw.plane]
     slide = {"xy": "y", "xz": "z", None: draw.one("yz", "x", "y", "xz")}[draw.plane]
-    return {"clamp": {0.0: Support()}, "elastic clamp": {0.0: Support("", "", **moved)},
-            "clamp and pin": {0.0: Support(), 1.0: Support("xyz", "")},
-            "hinge and pin": {0.0: Support("xyz", hinge), 1.0: Support("xyz", "")},
-            "clamp and slide": {0.0: Support(), 1.0: Support(slide, "")},
-            "two clamps, moved": {0.0: Support(), 1.0: Support(**moved)}, "clamp, moved": {0.0: Support(**moved)}}[kind]
+    return {
+        "clamp": {0.0: Support()},
+        "elastic clamp": {0.0: Support("", "", **moved)},
+        "clamp and pin": {0.0: Support(), 1.0: Support("xyz", "")},
+        "hinge and pin": {0.0: Support("xyz", hinge), 1.0: Support("xyz", "")},
+        "clamp and slide": {0.0: Support(), 1.0: Support(slide, "")},
+        "two clamps, moved": {0.0: Support(), 1.0: Support(**moved)},
+        "clamp, moved": {0.0: Support(**moved)},
+    }[kind]
 
 
-def case(random: np.random.Generator, number: int = 0, moving: bool = False, every: bool = False) -> Case:
-    """A random case. Numbers in a row take all effects, supports and sections in turn, the rest at random. every: all effects
-    at once, in space.
+def case(
+    random: np.random.Generator, number: int = 0, moving: bool = False, every: bool = False
+) -> Case:
+    """A random case. Numbers in a row take all effects, supports and sections in turn, the rest at
+    random. every: all effects at once, in space.
     """
     plane = None if every or random.uniform() < 0.75 else str(random.choice(("xy", "xz")))
     draw = Draw(random, plane)
@@ -166,15 +225,34 @@ def case(random: np.random.Generator, number: int = 0, moving: bool = False, eve
     force = 1 / own.length**2
     rate = float(np.sqrt(force / own.mass) / own.length)  # sqrt(EI/(m L^4))
     names = [name for name in fx.ROWS if name != "RootSpring"]
-    chosen = {names[number % len(names)], names[int(random.integers(len(names)))], draw.one("TipLoad", "LineLoad", "Gravity")}
+    chosen = {
+        names[number % len(names)],
+        names[int(random.integers(len(names)))],
+        draw.one("TipLoad", "LineLoad", "Gravity"),
+    }
     if every:
         chosen = set(fx.ROWS)
     elif hold == "elastic clamp":
         chosen.add("RootSpring")
     spin = draw.vector(draw(0.2, 1.0) * rate, across=True) if draw.chance(0.4) else None
-    velocity = draw.vector(draw(0.2, 1.0) * rate * own.length) if spin is not None and draw.chance(0.5) else None
+    velocity = (
+        draw.vector(draw(0.2, 1.0) * rate * own.length)
+        if spin is not None and draw.chance(0.5)
+        else None
+    )
     acting = tuple(effect(draw, name, own, force, moving) for name in sorted(chosen))
     order = draw.one(2, 2, 1)
-    text = ", ".join([shape, kind, hold, *sorted(chosen), *([f"plane {plane}"] if plane else []),
-                      *(["turning"] if spin is not None else []), f"order {order}"])
-    return Case(own, acting, supports(draw, hold, own, moving, rate), velocity, spin, order, plane, text)
+    text = ", ".join(
+        [
+            shape,
+            kind,
+            hold,
+            *sorted(chosen),
+            *([f"plane {plane}"] if plane else []),
+            *(["turning"] if spin is not None else []),
+            f"order {order}",
+        ]
+    )
+    return Case(
+        own, acting, supports(draw, hold, own, moving, rate), velocity, spin, order, plane, text
+    )

@@ -1,4 +1,6 @@
-"""Effects as the oracle has them, a row each: the force and the moment on a point, from what the documentation says."""
+"""Effects as the oracle has them, a row each: the force and the moment on a point, from what the
+documentation says.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,8 @@ from .rotations import Array, back, cross, dot, length, logarithm, skew, turn
 
 
 class OracleEffect:
-    """kind: load, body, damping or eigenstrain.  at: its place x = s/L, None = along the rod.  on_mass: it acts on whatever
+    """kind: load, body, damping or eigenstrain.  at: its place x = s/L, None = along the rod.
+    on_mass: it acts on whatever
     has mass, bodies too.  holds: it is a support's part.
     """
 
@@ -73,7 +76,9 @@ class MassDamping(OracleEffect):
 
 @dataclass(frozen=True)
 class Drag(OracleEffect):
-    """Morison's equation: pressure across the axis, friction along it, and the mass of the fluid across."""
+    """Morison's equation: pressure across the axis, friction along it, and the mass of the fluid
+    across.
+    """
 
     density: float
     diameter: float
@@ -87,7 +92,10 @@ class Drag(OracleEffect):
         u = dot(v, axis)
         across, a = v - u * axis, p.a - dot(p.a, axis) * axis
         pressure = self.density * self.diameter / 2
-        force = -pressure * (self.normal * length(across) * across + np.pi * self.tangential * np.sqrt(u * u) * u * axis)
+        force = -pressure * (
+            self.normal * length(across) * across
+            + np.pi * self.tangential * np.sqrt(u * u) * u * axis
+        )
         fluid = self.added_mass * self.density * np.pi * self.diameter**2 / 4
         return force - fluid * a, np.zeros_like(force)
 
@@ -104,7 +112,11 @@ class PointMass(OracleEffect):
 
     def body(self) -> tuple[float, Array, Array]:
         """Mass, centre, inertia about the node."""
-        return self.mass, self.offset, self.inertia - self.mass * skew(self.offset) @ skew(self.offset)
+        return (
+            self.mass,
+            self.offset,
+            self.inertia - self.mass * skew(self.offset) @ skew(self.offset),
+        )
 
 
 @dataclass(frozen=True)
@@ -125,14 +137,17 @@ class Spring(OracleEffect):
             force = -self.stiffness * d - self.damping * rate
         else:
             n = d / length(d)
-            force = -(self.stiffness * (length(d) - self.free_length) + self.damping * dot(n, rate)) * n
+            force = (
+                -(self.stiffness * (length(d) - self.free_length) + self.damping * dot(n, rate)) * n
+            )
         return force, np.zeros_like(force)
 
 
 @dataclass(frozen=True)
 class RootSpring(OracleEffect):
-    """An elastic clamp: -k d and -T^-T k phi, with the displacement and the rotation vector of node 0 in the support's axes;
-    T^-T = I + ~phi/2 + (1 - |phi|/2 cot(|phi|/2))/|phi|^2 ~phi ~phi. Dampers act on the motion relative to the support.
+    """An elastic clamp: -k d and -T^-T k phi, with the displacement and the rotation vector of node
+    0 in the support's axes; T^-T = I + ~phi/2 + (1 - |phi|/2 cot(|phi|/2))/|phi|^2 ~phi ~phi.
+    Dampers act on the motion relative to the support.
     """
 
     stiffness: Array
@@ -147,10 +162,16 @@ class RootSpring(OracleEffect):
         square = dot(phi, phi)
         small = np.abs(square) < 1e-4
         half = np.sqrt(np.where(small, 1.0, square)) / 2
-        c = np.where(small, 1 / 12 + square / 720 + square**2 / 30240, (1 - half / np.tan(half)) / (4 * half**2))
+        c = np.where(
+            small,
+            1 / 12 + square / 720 + square**2 / 30240,
+            (1 - half / np.tan(half)) / (4 * half**2),
+        )
         couple, K = self.stiffness[3:] * phi, skew(phi)
         couple = couple + turn(K, couple) / 2 + c * turn(K, turn(K, couple))
-        force = self.stiffness[:3] * back(axes, arm) + self.damping[:3] * back(axes, p.v - velocity - cross(spin, arm))
+        force = self.stiffness[:3] * back(axes, arm) + self.damping[:3] * back(
+            axes, p.v - velocity - cross(spin, arm)
+        )
         return -turn(axes, force), -turn(axes, couple + self.damping[3:] * back(axes, p.w - spin))
 
 
@@ -176,7 +197,9 @@ class Damping(OracleEffect):
 
 @dataclass(frozen=True)
 class Load(OracleEffect):
-    """A law of the motion: force -k (r - to) - c |v|^2 v + push R e_y, moment -d w + twist x (R e_z)."""
+    """A law of the motion: force -k (r - to) - c |v|^2 v + push R e_y, moment -d w + twist x
+    (R e_z).
+    """
 
     k: float
     to: Array
@@ -191,5 +214,20 @@ class Load(OracleEffect):
         return force, -self.d * p.w + cross(self.twist, p.R[..., 2])
 
 
-ROWS: dict[str, type[Any]] = {row.__name__: row for row in (
-    Actuation, Damping, Drag, Gravity, LineLoad, Load, MassDamping, PointLoad, PointMass, RootSpring, Spring, TipLoad)}
+ROWS: dict[str, type[Any]] = {
+    row.__name__: row
+    for row in (
+        Actuation,
+        Damping,
+        Drag,
+        Gravity,
+        LineLoad,
+        Load,
+        MassDamping,
+        PointLoad,
+        PointMass,
+        RootSpring,
+        Spring,
+        TipLoad,
+    )
+}

@@ -1,4 +1,6 @@
-"""A neutral description of a rod, what holds and moves it, and the Cosserat equations of a point of it."""
+"""A neutral description of a rod, what holds and moves it, and the Cosserat equations of a point of
+it.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ E1 = np.array((1.0, 0.0, 0.0))
 
 @dataclass(frozen=True)
 class Value:
-    """A vector (3,), `along` (1 + along x) of its place x = s/L, in time (1 - cos(frequency t))/2, or constant."""
+    """A vector (3,), `along` (1 + along x) of its place x = s/L, in time (1 - cos(frequency t))/2,
+    or constant.
+    """
 
     vector: Array
     along: float = 0.0
@@ -35,13 +39,15 @@ class Value:
 
 @dataclass(frozen=True)
 class Rod:
-    """An axis that is straight, an arc or a helix at rest, and a section that is the same everywhere or thins out.
+    """An axis that is straight, an arc or a helix at rest, and a section that is the same
+    everywhere or thins out.
 
     length     m
     root       (3,) m, frame a;  axes (3, 3) of the section there, columns in frame a
     curvature  (3,) 1/m at rest, section axes: twist, and turning about y and z
     S          (6, 6) compliance of [F; M] at the root, zero rows where a strain is impossible
-    mass       kg/m;  centre (3,) m of it in section axes, its x = 0;  inertia (3, 3) kg m about the axis' point
+    mass       kg/m;  centre (3,) m of it in section axes, its x = 0;  inertia (3, 3) kg m about the
+               axis' point
     taper      the stiffness and the mass per length are (1 - taper s/L) of those at the root
     """
 
@@ -60,7 +66,9 @@ class Rod:
         return 1 - self.taper * np.asarray(x)
 
     def rest(self, x: Array) -> tuple[Array, Array]:
-        """Position (..., 3) and axes (..., 3, 3) at rest at x = s/L (...): a screw about the axis of curvature."""
+        """Position (..., 3) and axes (..., 3, 3) at rest at x = s/L (...): a screw about the axis
+        of curvature.
+        """
         s = self.length * np.asarray(x)[..., None]
         size = np.linalg.norm(self.curvature)
         turned = exponential(s * self.curvature)
@@ -69,13 +77,17 @@ class Rod:
         else:  # integral of exp(s ~k) e1
             n = self.curvature / size
             a = size * s
-            along = (np.sin(a) * E1 + (1 - np.cos(a)) * cross(n, E1) + (a - np.sin(a)) * (n @ E1) * n) / size
+            along = (
+                np.sin(a) * E1 + (1 - np.cos(a)) * cross(n, E1) + (a - np.sin(a)) * (n @ E1) * n
+            ) / size
         return self.root + along @ self.axes.T, self.axes @ turned
 
 
 @dataclass(frozen=True)
 class Support:
-    """What holds a node: letters of the held components of its position and rotation, frame a, and where it holds them."""
+    """What holds a node: letters of the held components of its position and rotation, frame a, and
+    where it holds them.
+    """
 
     position: str = "xyz"
     rotation: str = "xyz"
@@ -90,7 +102,8 @@ class Support:
 
 @dataclass(frozen=True)
 class Case:
-    """A rod, what acts on it, what holds its ends (x = 0 or 1 -> `Support`), and the motion of its frame.
+    """A rod, what acts on it, what holds its ends (x = 0 or 1 -> `Support`), and the motion of its
+    frame.
 
     velocity, spin  (3,) of frame a in its own axes, or None
     order           of the elements that the library is to take, or "linked"
@@ -130,9 +143,11 @@ class Case:
 
 @dataclass(frozen=True)
 class Point:
-    """Motion of points of a rod, (..., 3) each in frame a, absolute; R (..., 3, 3) section axes. x = s/L and t (...).
+    """Motion of points of a rod, (..., 3) each in frame a, absolute; R (..., 3, 3) section axes.
+    x = s/L and t (...).
 
-    mass (..., 1) kg or kg/m, centre (..., 3) m and inertia (..., 3, 3) about the point, section axes: what moves there
+    mass (..., 1) kg or kg/m, centre (..., 3) m and inertia (..., 3, 3) about the point, section
+    axes: what moves there
     frame: velocity and spin of frame a;  inertial (..., 3, 3): inertial axes -> frame a
     support: place, axes, velocity and spin of what an elastic clamp hangs in
     """
@@ -159,7 +174,10 @@ class Point:
     def momentum(self) -> tuple[Array, Array]:
         """Linear and angular momentum about the point, frame a."""
         e, I = self._body()
-        return (self.mass * (self.v + cross(self.w, e)), self.mass * cross(e, self.v) + turn(I, self.w))
+        return (
+            self.mass * (self.v + cross(self.w, e)),
+            self.mass * cross(e, self.v) + turn(I, self.w),
+        )
 
     def inertia_force(self) -> tuple[Array, Array]:
         """Rate of momentum, and the moment about the point that the motion asks for:
@@ -167,7 +185,9 @@ class Point:
         """
         e, I = self._body()
         force = self.mass * (self.a + cross(self.alpha, e) + cross(self.w, cross(self.w, e)))
-        return force, self.mass * cross(e, self.a) + turn(I, self.alpha) + cross(self.w, turn(I, self.w))
+        return force, self.mass * cross(e, self.a) + turn(I, self.alpha) + cross(
+            self.w, turn(I, self.w)
+        )
 
     def kinetic(self) -> Array:
         """(...) energy."""
@@ -186,15 +206,30 @@ def dot_(x: Array, y: Array) -> Array:
 
 
 def carried(case: Case, x: Array | float, r: Array, R: Array, share: float = 1.0) -> Point:
-    """Points that stand in frame a at t = 0, which turns steadily: w = omega, v = v0 + omega x r, a = omega x v."""
+    """Points that stand in frame a at t = 0, which turns steadily: w = omega, v = v0 + omega x r,
+    a = omega x v.
+    """
     v0, omega = case.frame()
     v, still = v0 + cross(omega, r), np.zeros_like(r) + omega
-    return Point(np.asarray(x), np.zeros(()), r, R, v, still, cross(omega, v), np.zeros_like(still), (v0, omega), np.eye(3),
-                 lambda: carried_support(case, share))
+    return Point(
+        np.asarray(x),
+        np.zeros(()),
+        r,
+        R,
+        v,
+        still,
+        cross(omega, v),
+        np.zeros_like(still),
+        (v0, omega),
+        np.eye(3),
+        lambda: carried_support(case, share),
+    )
 
 
 def carried_support(case: Case, share: float = 1.0) -> tuple[Array, Array, Array, Array]:
-    """Place, axes, velocity and spin of what an elastic clamp hangs in, as it stands in frame a at t = 0."""
+    """Place, axes, velocity and spin of what an elastic clamp hangs in, as it stands in frame a at
+    t = 0.
+    """
     v0, omega = case.frame()
     place, axes = support_pose(case, 0.0, share=share)
     return place, axes, v0 + cross(omega, place), omega
@@ -208,15 +243,22 @@ def with_section(case: Case, p: Point) -> Point:
 
 
 def strain(case: Case, p: Point, n: Array, m: Array, share: float = 1.0) -> Array:
-    """[gamma; kappa] (..., 6) under the stress resultants n, m (..., 3), frame a, and a share of the eigenstrain."""
+    """[gamma; kappa] (..., 6) under the stress resultants n, m (..., 3), frame a, and a share of
+    the eigenstrain.
+    """
     stress = np.concatenate((back(p.R, n), back(p.R, m)), -1)
-    return turn(case.rod.S, stress) / case.rod.thinned(p.x)[..., None] + share * case.eigenstrain(p.t)
+    return turn(case.rod.S, stress) / case.rod.thinned(p.x)[..., None] + share * case.eigenstrain(
+        p.t
+    )
 
 
-def rates(case: Case, p: Point, strain: Array, n: Array, share: float = 1.0) -> tuple[Array, Array, Array, Array]:
-    """r', the curvature (section axes), n' and m', by s (..., 3), of points under a share of what acts.
+def rates(
+    case: Case, p: Point, strain: Array, n: Array, share: float = 1.0
+) -> tuple[Array, Array, Array, Array]:
+    """r', the curvature (section axes), n' and m', by s (..., 3), of points under a share of what
+    acts.
 
-        r' = R (e1 + gamma)     R' = R ~(k0 + kappa)     n' = inertia - f     m' = inertia - mu - r' x n
+    r' = R (e1 + gamma)     R' = R ~(k0 + kappa)     n' = inertia - f     m' = inertia - mu - r' x n
     """
     tangent = turn(p.R, E1 + strain[..., :3])
     p = with_section(case, p)
@@ -233,14 +275,18 @@ def bodies(case: Case, x: float) -> list[Any]:
 
 
 def node_loads(case: Case, x: float) -> list[tuple[Any, Any]]:
-    """What loads the node at x: pairs of an effect and the body that it acts on, None = the node itself."""
+    """What loads the node at x: pairs of an effect and the body that it acts on, None = the node
+    itself.
+    """
     loads = [e for e in case.effects if e.kind == "load"]
-    return [(e, None) for e in loads if e.at == x] + [(e, b) for e in loads if e.on_mass for b in bodies(case, x)]
+    return [(e, None) for e in loads if e.at == x] + [
+        (e, b) for e in loads if e.on_mass for b in bodies(case, x)
+    ]
 
 
 def at_node(case: Case, x: float, p: Point, share: float = 1.0) -> tuple[Array, Array]:
-    """Force and moment (..., 3), frame a, on the node at x: point loads, less what bodies there ask for. An elastic clamp is
-    there whatever the share of the others.
+    """Force and moment (..., 3), frame a, on the node at x: point loads, less what bodies there ask
+    for. An elastic clamp is there whatever the share of the others.
     """
     force, moment = np.zeros_like(p.r), np.zeros_like(p.r)
     for body in bodies(case, x):

@@ -1,4 +1,6 @@
-"""Rotations and vectors as the oracle has them: NumPy arrays, last axes fixed; analytic, so that complex steps go through."""
+"""Rotations and vectors as the oracle has them: NumPy arrays, last axes fixed; analytic, so that
+complex steps go through.
+"""
 
 from __future__ import annotations
 
@@ -50,21 +52,34 @@ def exponential(phi: Array) -> Array:
 
 def logarithm(R: Array) -> Array:
     """The rotation vector (..., 3) of a rotation below pi."""
-    axial = np.stack((R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]), -1) / 2
+    axial = (
+        np.stack(
+            (R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]),
+            -1,
+        )
+        / 2
+    )
     square, cosine = dot(axial, axial), (np.trace(R, axis1=-2, axis2=-1)[..., None] - 1) / 2
     small = np.abs(square) < 1e-8
     sine = np.sqrt(np.where(small, 1.0, square))
-    ratio = np.where(small & (cosine.real > 0), 1 + square / 6 + 3 * square**2 / 40, 2 * np.arctan(sine / (1 + cosine)) / sine)
+    ratio = np.where(
+        small & (cosine.real > 0),
+        1 + square / 6 + 3 * square**2 / 40,
+        2 * np.arctan(sine / (1 + cosine)) / sine,
+    )
     return ratio * axial
 
 
 def quaternion(R: Array) -> Array:
-    """A unit quaternion (..., 4), scalar first, of rotations (..., 3, 3): the eigenvector of Bar-Itzhack's matrix (2000)."""
+    """A unit quaternion (..., 4), scalar first, of rotations (..., 3, 3): the eigenvector of
+    Bar-Itzhack's matrix (2000).
+    """
     t = np.trace(R, axis1=-2, axis2=-1)
     K = np.empty((*R.shape[:-2], 4, 4))
     K[..., 0, 0] = t
-    K[..., 0, 1:] = K[..., 1:, 0] = np.stack((R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0],
-                                             R[..., 1, 0] - R[..., 0, 1]), -1)
+    K[..., 0, 1:] = K[..., 1:, 0] = np.stack(
+        (R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]), -1
+    )
     K[..., 1:, 1:] = R + np.swapaxes(R, -1, -2) - t[..., None, None] * np.eye(3)
     q = np.linalg.eigh(K)[1][..., -1]
     return q * np.where(q[..., :1] < 0, -1.0, 1.0)

@@ -1,4 +1,6 @@
-"""A described case as a scene of the library, by its public names alone, and what the library says of it."""
+"""A described case as a scene of the library, by its public names alone, and what the library says
+of it.
+"""
 
 from __future__ import annotations
 
@@ -30,8 +32,13 @@ def node(at: float, elements: int, case: Case) -> int:
 def section(case: Case) -> tb.Section | Callable[[Tensor], tb.Section]:
     """The rod's section, or the function of s that it is where it thins out."""
     rod = case.rod
-    c = rod.mass * np.array(((0, -rod.centre[2], rod.centre[1]), (rod.centre[2], 0, -rod.centre[0]),
-                             (-rod.centre[1], rod.centre[0], 0)))
+    c = rod.mass * np.array(
+        (
+            (0, -rod.centre[2], rod.centre[1]),
+            (rod.centre[2], 0, -rod.centre[0]),
+            (-rod.centre[1], rod.centre[0], 0),
+        )
+    )
     S, mass = tensor(rod.S), tensor(np.block([[rod.mass * np.eye(3), -c], [c, rod.inertia]]))
     if not rod.taper:
         return tb.Section(S, mass)
@@ -46,8 +53,12 @@ def section(case: Case) -> tb.Section | Callable[[Tensor], tb.Section]:
 def beam(case: Case, elements: int) -> tb.Beam:
     """The rod in so many elements."""
     rod, own = case.rod, section(case)
-    placed = dict(direction=tensor(rod.axes[:, 0]), up=tensor(rod.axes[:, 2]), root=tensor(rod.root),
-                  order=2 if case.order == 2 else 1)
+    placed = dict(
+        direction=tensor(rod.axes[:, 0]),
+        up=tensor(rod.axes[:, 2]),
+        root=tensor(rod.root),
+        order=2 if case.order == 2 else 1,
+    )
     k, L = rod.curvature, tensor(rod.length)
     if not k.any():
         straight = tb.Beam.straight(L, elements, own, **placed)
@@ -70,7 +81,9 @@ def _value(value: Value | None, rod: Any, along: bool = False) -> Any:
         return 1.0 if value.frequency is None else (1 - torch.cos(value.frequency * t)) / 2
 
     if along and value.along:
-        return tb.Along(lambda s, t: (1 + value.along * s / rod.length)[..., None] * shape(t) * vector)
+        return tb.Along(
+            lambda s, t: (1 + value.along * s / rod.length)[..., None] * shape(t) * vector
+        )
     return vector if value.frequency is None else lambda t: shape(t) * vector
 
 
@@ -78,7 +91,11 @@ def _law(load: fx.Load) -> Callable[..., tuple[Tensor, Tensor]]:
     to, twist = tensor(load.to), tensor(load.twist)
 
     def law(r: Tensor, R: Tensor, v: Tensor, w: Tensor, t: Tensor) -> tuple[Tensor, Tensor]:
-        force = -load.k * (r - to) - load.c * v.square().sum(-1, keepdim=True) * v + load.push * R[..., 1]
+        force = (
+            -load.k * (r - to)
+            - load.c * v.square().sum(-1, keepdim=True) * v
+            + load.push * R[..., 1]
+        )
         return force, -load.d * w + torch.linalg.cross(twist.expand_as(w), R[..., 2])
 
     return law
@@ -86,11 +103,16 @@ def _law(load: fx.Load) -> Callable[..., tuple[Tensor, Tensor]]:
 
 def effects(case: Case, elements: int) -> list[Any]:
     """The effects in the library's terms."""
+
     def at(e: Any) -> int:
         return node(e.at, elements, case)
 
     def given(e: Any, along: bool = False) -> dict[str, Any]:
-        return dict(force=_value(e.force, case.rod, along), moment=_value(e.moment, case.rod, along), follower=e.follower)
+        return dict(
+            force=_value(e.force, case.rod, along),
+            moment=_value(e.moment, case.rod, along),
+            follower=e.follower,
+        )
 
     make: dict[type, Callable[[Any], Any]] = {
         fx.LineLoad: lambda e: tb.LineLoad(**given(e, along=True)),
@@ -98,11 +120,17 @@ def effects(case: Case, elements: int) -> list[Any]:
         fx.TipLoad: lambda e: tb.TipLoad(**given(e)),
         fx.Gravity: lambda e: tb.Gravity(tensor(e.g)),
         fx.MassDamping: lambda e: tb.MassDamping(e.alpha),
-        fx.Drag: lambda e: tb.Drag(e.density, e.diameter, e.normal, e.tangential, tensor(e.flow), e.added_mass),
+        fx.Drag: lambda e: tb.Drag(
+            e.density, e.diameter, e.normal, e.tangential, tensor(e.flow), e.added_mass
+        ),
         fx.PointMass: lambda e: tb.PointMass(e.mass, tensor(e.inertia), tensor(e.offset), at(e)),
-        fx.Spring: lambda e: tb.Spring(at(e), e.stiffness, tensor(e.to), e.free_length or 0.0, e.damping),
+        fx.Spring: lambda e: tb.Spring(
+            at(e), e.stiffness, tensor(e.to), e.free_length or 0.0, e.damping
+        ),
         fx.RootSpring: lambda e: tb.RootSpring(tensor(e.stiffness), tensor(e.damping)),
-        fx.Actuation: lambda e: tb.Actuation(_value(e.curvature, case.rod), _value(e.strain, case.rod)),
+        fx.Actuation: lambda e: tb.Actuation(
+            _value(e.curvature, case.rod), _value(e.strain, case.rod)
+        ),
         fx.Damping: lambda e: tb.Damping(tuple(e.tau) if np.ptp(e.tau) else e.tau[0]),
         fx.Load: lambda e: tb.Load(_law(e), None if e.at is None else at(e)),
     }
@@ -118,19 +146,27 @@ def scene(case: Case, elements: int) -> tb.Scene:
             supports.append(tb.Support(node(x, elements, case), s.position, s.rotation, **moved))
         else:  # the place of an elastic clamp
             root = tb.RootMotion(moved["displacement"], moved["turn"])
-    frame = None if case.spin is None and case.velocity is None else tb.Frame(
-        *(None if x is None else tensor(x) for x in (case.velocity, case.spin)))
+    frame = (
+        None
+        if case.spin is None and case.velocity is None
+        else tb.Frame(*(None if x is None else tensor(x) for x in (case.velocity, case.spin)))
+    )
     held = tuple(supports) if supports else None
     return tb.Scene(beam(case, elements), effects(case, elements), frame, root, case.plane, held)
 
 
 def static(case: Case, elements: int) -> tuple[Any, dict[str, Array]]:
-    """The equilibrium of a mesh, its state and numbers of it: at the nodes of the quarters, and the reactions."""
+    """The equilibrium of a mesh, its state and numbers of it: at the nodes of the quarters, and the
+    reactions.
+    """
     own_scene = scene(case, elements)
     state = tb.equilibrium(own_scene)
     at = [node(x, elements, case) for x in (0.25, 0.5, 0.75, 1.0)]
-    return (own_scene, state), {"position": state.position[at].numpy(), "axes": state.axes[at].numpy(),
-                           "reaction": state.reaction.numpy()}
+    return (own_scene, state), {
+        "position": state.position[at].numpy(),
+        "axes": state.axes[at].numpy(),
+        "reaction": state.reaction.numpy(),
+    }
 
 
 def vibrations(case: Case, elements: int, count: int) -> Array:
@@ -143,12 +179,20 @@ def motion(case: Case, elements: int, span: float, steps: int) -> tuple[Motion, 
     """A motion from equilibrium in so many steps, and its energies as the library has them."""
     own_scene = scene(case, elements)
     t = torch.linspace(0, span, steps + 1, dtype=torch.float64)
-    solution = tb.simulate(own_scene, t, initial=tb.equilibrium(own_scene), step=1.01 * span / steps)
+    solution = tb.simulate(
+        own_scene, t, initial=tb.equilibrium(own_scene), step=1.01 * span / steps
+    )
     if int(solution.status):
         raise RuntimeError(str(solution.stats.reason))
     state, energy = solution.state, solution.energy
     axes = state.axes
     spin = (axes @ state.spin[..., None])[..., 0]
     moving = [x.numpy() for x in (t, state.position, axes, state.velocity, spin, state.reaction)]
-    return (Motion(case, *moving, 2 if case.order == 2 else 1),
-            {"work": energy.work.numpy(), "kinetic": energy.kinetic.numpy(), "strain": energy.strain.numpy()})
+    return (
+        Motion(case, *moving, 2 if case.order == 2 else 1),
+        {
+            "work": energy.work.numpy(),
+            "kinetic": energy.kinetic.numpy(),
+            "strain": energy.strain.numpy(),
+        },
+    )

@@ -1,4 +1,6 @@
-"""Equilibria of a rod: the Cosserat equations as a boundary value problem of ordinary differential equations."""
+"""Equilibria of a rod: the Cosserat equations as a boundary value problem of ordinary differential
+equations.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +12,10 @@ import numpy as np
 from .rod import Case, at_node, carried, rates, strain, support_pose
 from .rotations import Array, cross, dot, matrix, quaternion, quaternion_rate
 
-WAYS_UP = (0.5, 1.0), (0.2, 0.4, 0.6, 0.8, 1.0), tuple(np.linspace(0.05, 1, 20))  # shares of what acts, one after the other
-TOLERANCE, COARSE = 1e-7, 1e-3  # relative residual of the last and of those before; the solution's error is a tenth
+# shares of what acts, one after the other
+WAYS_UP = (0.5, 1.0), (0.2, 0.4, 0.6, 0.8, 1.0), tuple(np.linspace(0.05, 1, 20))
+# relative residual of the last and of those before; the solution's error is a tenth
+TOLERANCE, COARSE = 1e-7, 1e-3
 NODES = 20_000
 
 
@@ -21,7 +25,8 @@ class NotFound(RuntimeError):
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """Functions of x = s/L (...): position (..., 3), axes (..., 3, 3), force and moment (..., 3) on the cut, frame a.
+    """Functions of x = s/L (...): position (..., 3), axes (..., 3, 3), force and moment (..., 3) on
+    the cut, frame a.
 
     A place where something acts belongs to the part before it, `after` to that behind.
     """
@@ -32,7 +37,9 @@ class Equilibrium:
     def at(self, x: Array | float, after: bool = False) -> tuple[Array, Array, Array, Array]:
         x = np.asarray(x, dtype=float)
         breaks = np.array(self.case.breaks)
-        which = np.clip(np.searchsorted(breaks, x, "right" if after else "left") - 1, 0, len(breaks) - 2)
+        which = np.clip(
+            np.searchsorted(breaks, x, "right" if after else "left") - 1, 0, len(breaks) - 2
+        )
         y = np.empty((*x.shape, 13))
         for k in range(len(breaks) - 1):
             y[which == k] = self.part(k, (x[which == k] - breaks[k]) / (breaks[k + 1] - breaks[k]))
@@ -47,10 +54,12 @@ class Equilibrium:
 
 
 def equilibrium(case: Case) -> Equilibrium:
-    """The equilibrium at t = 0, steady in frame a, that the rod comes to as the loads grow from nothing.
+    """The equilibrium at t = 0, steady in frame a, that the rod comes to as the loads grow from
+    nothing.
 
-    Unknowns are position, quaternion, force and moment of each part between two points where something acts, over lengths,
-    and the part's share of the length; forces over EI/L^2. Raises NotFound where a share of the loads has none.
+    Unknowns are position, quaternion, force and moment of each part between two points where
+    something acts, over lengths, and the part's share of the length; forces over EI/L^2. Raises
+    NotFound where a share of the loads has none.
     """
     from scipy.integrate import solve_bvp
 
@@ -63,25 +72,35 @@ def equilibrium(case: Case) -> Equilibrium:
         def rate(xi: Array, y: Array) -> Array:
             parts = []
             for k, h in enumerate(span):
-                r, q, n, m = np.split(unit * y[13 * k:13 * k + 13].T, (3, 7, 10), axis=-1)
+                r, q, n, m = np.split(unit * y[13 * k : 13 * k + 13].T, (3, 7, 10), axis=-1)
                 R, x = matrix(q), breaks[k] + h * xi
                 p = carried(case, x, r, R, share)
                 own = strain(case, p, n, m, share)
                 r_s, kappa, n_s, m_s = rates(case, p, own, n, share)
-                parts.append(h * rod.length * np.concatenate((r_s, quaternion_rate(q, kappa), n_s, m_s), -1) / unit)
+                parts.append(
+                    h
+                    * rod.length
+                    * np.concatenate((r_s, quaternion_rate(q, kappa), n_s, m_s), -1)
+                    / unit
+                )
             return np.concatenate(parts, -1).T
+
         return rate
 
     def conditions(share: float) -> Callable[[Array, Array], Array]:
         def gaps(first: Array, last: Array) -> Array:
             first, last = (unit * y.reshape(-1, 13) for y in (first, last))
-            gaps_at_ends = [_end(case, 0.0, share, first[0], -1.0, unit), [dot(first[0, 3:7], first[0, 3:7])[0] - 1],
-                     _end(case, 1.0, share, last[-1], 1.0, unit)]
+            gaps_at_ends = [
+                _end(case, 0.0, share, first[0], -1.0, unit),
+                [dot(first[0, 3:7], first[0, 3:7])[0] - 1],
+                _end(case, 1.0, share, last[-1], 1.0, unit),
+            ]
             for x, before, after in zip(breaks[1:-1], last, first[1:], strict=False):
                 p = carried(case, x, before[:3], matrix(before[3:7]), share)
                 jump = np.concatenate((np.zeros(7), *at_node(case, x, p, share)))
                 gaps_at_ends.append((after - before + jump) / unit)
             return np.concatenate(gaps_at_ends)
+
         return gaps
 
     r, R = rod.rest(breaks[:-1, None] + span[:, None] * np.linspace(0, 1, 11))
@@ -90,12 +109,23 @@ def equilibrium(case: Case) -> Equilibrium:
         q[:, k] *= np.sign((q[:, k] * q[:, k - 1]).sum(-1, keepdims=True))
     for k in range(1, len(q)):
         q[k] *= np.sign(q[k, 0] @ q[k - 1, -1])
-    y = np.concatenate((r / rod.length, q, np.zeros((*r.shape[:-1], 6))), -1).swapaxes(-1, -2).reshape(-1, r.shape[1])
+    y = (
+        np.concatenate((r / rod.length, q, np.zeros((*r.shape[:-1], 6))), -1)
+        .swapaxes(-1, -2)
+        .reshape(-1, r.shape[1])
+    )
     for shares in WAYS_UP:
         xi, guess = np.linspace(0, 1, 11), y
         for share in shares:
             last = share == shares[-1]
-            solution = solve_bvp(slopes(share), conditions(share), xi, guess, tol=TOLERANCE if last else COARSE, max_nodes=NODES)
+            solution = solve_bvp(
+                slopes(share),
+                conditions(share),
+                xi,
+                guess,
+                tol=TOLERANCE if last else COARSE,
+                max_nodes=NODES,
+            )
             if not solution.success:
                 break
             xi = np.linspace(0, 1, 21)
@@ -106,7 +136,7 @@ def equilibrium(case: Case) -> Equilibrium:
         raise NotFound(f"no equilibrium under {share:g} of the loads: {solution.message}")
 
     def part(k: int, at: Array) -> Array:
-        return unit * solution.sol(at)[13 * k:13 * k + 13].T
+        return unit * solution.sol(at)[13 * k : 13 * k + 13].T
 
     return Equilibrium(case, part)
 
@@ -119,10 +149,13 @@ def _end(case: Case, x: float, share: float, y: Array, outward: float, unit: Arr
     balance = (outward * y[7:] - loads) / unit[7:]
     held = case.supports[x].held if x in case.supports else np.zeros(6, dtype=bool)
     turned = R @ axes.T  # from the support's axes, frame a
-    away = np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]) / 2
+    away = (
+        np.array(
+            [turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]
+        )
+        / 2
+    )
     if held[3:].sum() == 2:  # about the third axis alone: that one stays where it is
         free = np.flatnonzero(~held[3:])[0]
         away = cross(np.eye(3)[free], turned[:, free])
     return np.where(held, np.concatenate(((r - place) / unit[0], away)), balance)
-
-

@@ -1,9 +1,11 @@
-"""Small vibrations of a rod about an equilibrium: its linearised equations by collocation, as a quadratic eigenproblem.
+"""Small vibrations of a rod about an equilibrium: its linearised equations by collocation, as a
+quadratic eigenproblem.
 
-Unknowns are the displacement dr, the turn dphi (spatial: dR = ~dphi R) and the changes dn, dm of force and moment at Chebyshev
-points of each part, (12) each; the equations hold at Gauss points, one fewer. Where the stress depends on the strain rate, the
-changes of the strain at the Gauss points are unknowns too. Derivatives of the equations of a point are complex steps, exact
-to rounding (Squire and Trapp 1998).
+Unknowns are the displacement dr, the turn dphi (spatial: dR = ~dphi R) and the changes dn, dm of
+force and moment at Chebyshev points of each part, (12) each; the equations hold at Gauss points,
+one fewer. Where the stress depends on the strain rate, the changes of the strain at the Gauss
+points are unknowns too. Derivatives of the equations of a point are complex steps, exact to
+rounding (Squire and Trapp 1998).
 """
 
 from __future__ import annotations
@@ -23,9 +25,12 @@ MOTION = ("r", "phi", "v", "w", "a", "alpha")
 
 
 def eigenvalues(at: Equilibrium, points: int = POINTS) -> Array:
-    """(n,) complex 1/s with imaginary part >= 0, by frequency; those of the fastest vibrations, among them, are not right."""
+    """(n,) complex 1/s with imaginary part >= 0, by frequency; those of the fastest vibrations,
+    among them, are not right.
+    """
     K, D, M, moving = pencil(at, points)
-    scale = np.sqrt(np.linalg.norm(K[:, moving]) / np.linalg.norm(M))  # of the eigenvalues, to shift a rigid motion off 0
+    # of the eigenvalues, to shift a rigid motion off 0
+    scale = np.sqrt(np.linalg.norm(K[:, moving]) / np.linalg.norm(M))
     shift = 1e-4 * scale
     shifted = np.linalg.inv(_padded(K, moving, D, M, shift))
     A, B = (-(shifted @ x)[moving] for x in (D + 2 * shift * M, M))
@@ -35,7 +40,9 @@ def eigenvalues(at: Equilibrium, points: int = POINTS) -> Array:
     mu = np.linalg.eigvals(companion)
     mu = mu[np.abs(mu) > 1e-12 * np.abs(mu).max()]
     eigenvalues = shift + 1 / mu
-    return eigenvalues[eigenvalues.imag >= -1e-9 * scale][np.argsort(eigenvalues.imag[eigenvalues.imag >= -1e-9 * scale], kind="stable")]
+    return eigenvalues[eigenvalues.imag >= -1e-9 * scale][
+        np.argsort(eigenvalues.imag[eigenvalues.imag >= -1e-9 * scale], kind="stable")
+    ]
 
 
 def _padded(K: Array, moving: Array, D: Array, M: Array, shift: float) -> Array:
@@ -46,7 +53,9 @@ def _padded(K: Array, moving: Array, D: Array, M: Array, shift: float) -> Array:
 
 
 def pencil(at: Equilibrium, points: int) -> tuple[Array, Array, Array, Array]:
-    """K (n, n), D and M (n, m) of K x + lambda D x[moving] + lambda^2 M x[moving] = 0, moving (m,) the unknowns in motion."""
+    """K (n, n), D and M (n, m) of K x + lambda D x[moving] + lambda^2 M x[moving] = 0, moving (m,)
+    the unknowns in motion.
+    """
     case = at.case
     breaks = np.array(case.breaks)
     parts, tau = len(breaks) - 1, case.damping()
@@ -62,9 +71,13 @@ def pencil(at: Equilibrium, points: int) -> tuple[Array, Array, Array, Array]:
         columns = slice(k * width, (k + 1) * width)
         rows = slice(row, row + 12 * (points - 1))
         spread = np.einsum("gj,ab->gajb", slope * 2 / h, np.eye(12)).reshape(rows.stop - row, width)
-        flow = [np.einsum("gj,gab->gajb", to, A).reshape(rows.stop - row, width) for A in (A0, A1, A2)]
+        flow = [
+            np.einsum("gj,gab->gajb", to, A).reshape(rows.stop - row, width) for A in (A0, A1, A2)
+        ]
         if tau is None:
-            flow[0] = flow[0] + np.einsum("gj,gab->gajb", to, by_strain @ S @ stress).reshape(rows.stop - row, width)
+            flow[0] = flow[0] + np.einsum("gj,gab->gajb", to, by_strain @ S @ stress).reshape(
+                rows.stop - row, width
+            )
         K[rows, columns], D[rows, columns], M[rows, columns] = spread - flow[0], -flow[1], -flow[2]
         row = rows.stop
         if tau is not None:  # strain + S T S^-1 T strain rate = S stress, T^2 = diag(tau)
@@ -92,19 +105,24 @@ def pencil(at: Equilibrium, points: int) -> tuple[Array, Array, Array, Array]:
 
 
 def collocation(points: int) -> tuple[Array, Array, Array]:
-    """Chebyshev points (n,) in [-1, 1], and the matrices (n - 1, n) of values and slopes at the Gauss points in between."""
+    """Chebyshev points (n,) in [-1, 1], and the matrices (n - 1, n) of values and slopes at the
+    Gauss points in between.
+    """
     from numpy.polynomial import chebyshev, legendre
 
     grid = -np.cos(np.pi * np.arange(points) / (points - 1))
     inner = legendre.leggauss(points - 1)[0]
     fit = np.linalg.inv(chebyshev.chebvander(grid, points - 1))
-    slopes = np.stack([chebyshev.chebval(inner, chebyshev.chebder(row)) for row in np.eye(points)], -1)
+    slopes = np.stack(
+        [chebyshev.chebval(inner, chebyshev.chebder(row)) for row in np.eye(points)], -1
+    )
     return grid, chebyshev.chebvander(inner, points - 1) @ fit, slopes @ fit
 
 
 def linear_rates(at: Equilibrium, x: Array) -> tuple[list[Array], Array, Array, Array]:
-    """Derivatives of [r', R kappa, n', m'] (g, 12, .) at x (g,): by [dr, dphi, dn, dm], their rates and second rates; by the
-    strain (g, 12, 6); of the stress [F; M] by the first (g, 6, 12); and the compliance (g, 6, 6).
+    """Derivatives of [r', R kappa, n', m'] (g, 12, .) at x (g,): by [dr, dphi, dn, dm], their rates
+    and second rates; by the strain (g, 12, 6); of the stress [F; M] by the first (g, 6, 12); and
+    the compliance (g, 6, 6).
     """
     case = at.case
     r, R, n, m = at.at(x)
@@ -113,28 +131,47 @@ def linear_rates(at: Equilibrium, x: Array) -> tuple[list[Array], Array, Array, 
 
     def local(p: Point, n: Array, m: Array, eps: Array) -> tuple[Array, Array]:
         along, kappa, n_s, m_s = rates(case, p, eps, n)
-        return (np.concatenate((along, turn(R, kappa), n_s, m_s), -1), np.concatenate((back(p.R, n), back(p.R, m)), -1))
+        return (
+            np.concatenate((along, turn(R, kappa), n_s, m_s), -1),
+            np.concatenate((back(p.R, n), back(p.R, m)), -1),
+        )
 
-    by = {name: _columns(lambda d, name=name: local(moved(p, name, d), n, m, eps)[0], r) for name in MOTION}
-    by_n, by_m = (_columns(lambda d, i=i: local(p, n + (1 - i) * d, m + i * d, eps)[0], r) for i in (0, 1))
+    by = {
+        name: _columns(lambda d, name=name: local(moved(p, name, d), n, m, eps)[0], r)
+        for name in MOTION
+    }
+    by_n, by_m = (
+        _columns(lambda d, i=i: local(p, n + (1 - i) * d, m + i * d, eps)[0], r) for i in (0, 1)
+    )
     by_strain = _columns(lambda d: local(p, n, m, eps + d)[0], eps)
-    stress = [np.zeros((*x.shape, 6, 3)), _columns(lambda d: local(moved(p, "phi", d), n, m, eps)[1], r),
-              *(_columns(lambda d, i=i: local(p, n + (1 - i) * d, m + i * d, eps)[1], r) for i in (0, 1))]
+    stress = [
+        np.zeros((*x.shape, 6, 3)),
+        _columns(lambda d: local(moved(p, "phi", d), n, m, eps)[1], r),
+        *(_columns(lambda d, i=i: local(p, n + (1 - i) * d, m + i * d, eps)[1], r) for i in (0, 1)),
+    ]
     S = case.rod.S / case.rod.thinned(x)[:, None, None]
     zero = np.zeros((*x.shape, 12, 6))
     A0, A1, A2 = _by_moves(by, p.frame[1])
     A0 = np.concatenate((A0, by_n, by_m), -1)
-    return [A0, *(np.concatenate((A, zero), -1) for A in (A1, A2))], by_strain, np.concatenate(stress, -1), S
+    return (
+        [A0, *(np.concatenate((A, zero), -1) for A in (A1, A2))],
+        by_strain,
+        np.concatenate(stress, -1),
+        S,
+    )
 
 
 def _by_moves(by: dict[str, Array], omega: Array) -> tuple[Array, Array, Array]:
-    """By [dr, dphi] and their first and second rates in frame a, from derivatives by absolute motion: dv = dr_t + omega x dr,
-    dw = dphi_t, da = dr_tt + 2 omega x dr_t + omega x (omega x dr), dalpha = dphi_tt + omega x dphi_t.
+    """By [dr, dphi] and their first and second rates in frame a, from derivatives by absolute
+    motion: dv = dr_t + omega x dr, dw = dphi_t, da = dr_tt + 2 omega x dr_t + omega x (omega x dr),
+    dalpha = dphi_tt + omega x dphi_t.
     """
     W = skew(omega)
-    return (np.concatenate((by["r"] + by["v"] @ W + by["a"] @ W @ W, by["phi"]), -1),
-            np.concatenate((by["v"] + 2 * by["a"] @ W, by["w"] + by["alpha"] @ W), -1),
-            np.concatenate((by["a"], by["alpha"]), -1))
+    return (
+        np.concatenate((by["r"] + by["v"] @ W + by["a"] @ W @ W, by["phi"]), -1),
+        np.concatenate((by["v"] + 2 * by["a"] @ W, by["w"] + by["alpha"] @ W), -1),
+        np.concatenate((by["a"], by["alpha"]), -1),
+    )
 
 
 def moved(p: Point, name: str, d: Array) -> Point:
@@ -158,14 +195,30 @@ def _diagonal(blocks: Array) -> Array:
     return matrix.reshape(g * a, g * b)
 
 
-def _conditions(at: Equilibrium, x: float, k: int, parts: int, points: int, matrices: tuple[Array, ...], row: int) -> int:
-    """Rows of the place x: what holds it, what joins two parts, what acts there. Returns the next row."""
+def _conditions(
+    at: Equilibrium,
+    x: float,
+    k: int,
+    parts: int,
+    points: int,
+    matrices: tuple[Array, ...],
+    row: int,
+) -> int:
+    """Rows of the place x: what holds it, what joins two parts, what acts there. Returns the next
+    row.
+    """
     case = at.case
     r, R, _, _ = at.at(x)
     p = carried(case, x, r, R)
-    by = {name: _columns(lambda d, name=name: np.concatenate(at_node(case, x, moved(p, name, d)), -1), r) for name in MOTION}
+    by = {
+        name: _columns(
+            lambda d, name=name: np.concatenate(at_node(case, x, moved(p, name, d)), -1), r
+        )
+        for name in MOTION
+    }
     loads = _by_moves(by, p.frame[1])
-    before, after = (None if k == 0 else 12 * (k * points - 1)), (None if k == parts else 12 * k * points)
+    before = None if k == 0 else 12 * (k * points - 1)
+    after = None if k == parts else 12 * k * points
     K = matrices[0]
     first = before if before is not None else after
     held = case.supports[x].held if x in case.supports else np.zeros(6, dtype=bool)
@@ -182,6 +235,6 @@ def _conditions(at: Equilibrium, x: float, k: int, parts: int, points: int, matr
             if before is not None:
                 K[row, before + 6 + i] -= 1
             for matrix, load in zip(matrices, loads, strict=True):
-                matrix[row, first:first + 6] += load[i]
+                matrix[row, first : first + 6] += load[i]
         row += 1
     return row

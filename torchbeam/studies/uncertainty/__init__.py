@@ -1,1 +1,3 @@
-"""Uncertainty from the command line: runs by a configuration file, coverage of intervals, cost of samples."""
+"""Uncertainty from the command line: runs by a configuration file, coverage of intervals, cost of
+samples.
+"""

@@ -24,7 +24,9 @@ class SchedulerLost(CancelledError):
 
 
 class WorkersLost(BrokenExecutor):
-    """Error: a chunk was on several workers that died, as of too little memory or of a crash in the function."""
+    """Error: a chunk was on several workers that died, as of too little memory or of a crash in the
+    function.
+    """
 
 
 class Cluster:
@@ -42,7 +44,9 @@ class Cluster:
 
 
 class Waiting:
-    """The future of a chunk that gives up where the client has had no scheduler for PATIENCE seconds."""
+    """The future of a chunk that gives up where the client has had no scheduler for PATIENCE
+    seconds.
+    """
 
     def __init__(self, cluster: Cluster, job: Job, future: Future) -> None:
         self.cluster, self.job, self.future = cluster, job, future
@@ -60,8 +64,10 @@ class Waiting:
                 if now - seen > PATIENCE:
                     raise SchedulerLost("the scheduler does not answer") from None
             except self.cluster.killed as error:
-                raise WorkersLost(f"samples {self.job.first} to {self.job.last - 1} were on "
-                                  f"{error.allowed_failures + 1} workers that died") from None
+                raise WorkersLost(
+                    f"samples {self.job.first} to {self.job.last - 1} were on "
+                    f"{error.allowed_failures + 1} workers that died"
+                ) from None
 
     def cancel(self) -> None:
         if self.cluster.client.status == "running":
@@ -70,8 +76,8 @@ class Waiting:
 
 @contextmanager
 def connected(address: str, modules: tuple[ModuleType, ...]) -> Iterator[Cluster]:
-    """Executor of the cluster whose scheduler is at `address`, or has written the .json file of that name; workers, those that
-    join late too, get the modules' files.
+    """Executor of the cluster whose scheduler is at `address`, or has written the .json file of
+    that name; workers, those that join late too, get the modules' files.
 
     Raises ImportError without distributed, OSError where there is no scheduler.
     """
@@ -98,5 +104,7 @@ def _awaited(file: Path) -> None:
     end = time.monotonic() + BEGINNING
     while not file.exists():
         if time.monotonic() > end:
-            raise FileNotFoundError(f"no scheduler has written the file {str(file)!r} in {BEGINNING:.0f} s")
+            raise FileNotFoundError(
+                f"no scheduler has written the file {str(file)!r} in {BEGINNING:.0f} s"
+            )
         time.sleep(POLL)

@@ -1,4 +1,6 @@
-"""python -m torchbeam montecarlo: a run by a configuration file, here, on all cores, or on a cluster; taken up again."""
+"""python -m torchbeam montecarlo: a run by a configuration file, here, on all cores, or on a
+cluster; taken up again.
+"""
 
 from __future__ import annotations
 
@@ -27,18 +29,35 @@ ROWS = 40  # of the table on the terminal
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Monte Carlo run of a configuration file: samples in a folder, answers with their errors."""
-    parser = argparse.ArgumentParser(prog="python -m torchbeam montecarlo", description=(
-        "Evaluates a function at samples of random parameters, and writes the samples, summary.json and summary.csv. The same "
-        "command goes on with a run that was stopped."))
-    parser.add_argument("config", type=Path, metavar="CONFIG",
-                        help="a .py file with function, laws and n, and options of tb.monte_carlo; or .json or .toml with the "
-                             "same, where function is \"FILE.py:NAME\"")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for samples and answers")
+    parser = argparse.ArgumentParser(
+        prog="python -m torchbeam montecarlo",
+        description=(
+            "Evaluates a function at samples of random parameters, and writes the samples, "
+            "summary.json and summary.csv. The same command goes on with a run that was stopped."
+        ),
+    )
+    parser.add_argument(
+        "config",
+        type=Path,
+        metavar="CONFIG",
+        help="a .py file with function, laws and n, and options of tb.monte_carlo; or .json or "
+        ".toml with the "
+        'same, where function is "FILE.py:NAME"',
+    )
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder for samples and answers"
+    )
     parser.add_argument("--n", type=int, help="samples, in place of those of the configuration")
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--scheduler", metavar="ADDRESS",
-                       help="of a Dask cluster: tcp://HOST:8786, or the .json file that its scheduler writes (extra mc)")
-    where.add_argument("--workers", type=int, default=None, metavar="N", help="processes here, of one thread each")
+    where.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="of a Dask cluster: tcp://HOST:8786, or the .json file that its scheduler writes "
+        "(extra mc)",
+    )
+    where.add_argument(
+        "--workers", type=int, default=None, metavar="N", help="processes here, of one thread each"
+    )
     parser.add_argument("--quiet", action="store_true", help="no progress on the terminal")
     given = parser.parse_args(argv)
     if given.workers is not None and given.workers < 1:
@@ -59,7 +78,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 130
     except (CancelledError, BrokenExecutor, OSError) as error:
         why = ": ".join(filter(None, (type(error).__name__, str(error))))
-        print(f"\nthe workers were lost ({why}); the same command goes on where it was", file=sys.stderr)
+        print(
+            f"\nthe workers were lost ({why}); the same command goes on where it was",
+            file=sys.stderr,
+        )
         return 1
     _report(config, result, out)
     return 0
@@ -69,7 +91,9 @@ def _run(config: Config, given: argparse.Namespace, out: Path) -> Any:
     """Samples or stream of a configuration."""
     run: Callable[..., Any] = monte_carlo if config.keep else monte_carlo_stream
     if unknown := [name for name in config.options if name not in signature(run).parameters]:
-        raise ValueError(f"{unknown[0]!r} was given with keep = {config.keep}; {run.__name__} has no such option")
+        raise ValueError(
+            f"{unknown[0]!r} was given with keep = {config.keep}; {run.__name__} has no such option"
+        )
     n = config.n if given.n is None else given.n
     if n is None and "theta" not in config.options:
         raise ValueError("a configuration without n was given; n, or --n, is wanted")
@@ -77,8 +101,15 @@ def _run(config: Config, given: argparse.Namespace, out: Path) -> Any:
         before = _files(out)
         with _executor(given, config) as executor:
             try:
-                return run(config.function, config.laws, *(() if n is None else (n,)), out=out, executor=executor,
-                           progress=None if given.quiet else True, **config.options)
+                return run(
+                    config.function,
+                    config.laws,
+                    *(() if n is None else (n,)),
+                    out=out,
+                    executor=executor,
+                    progress=None if given.quiet else True,
+                    **config.options,
+                )
             except BrokenExecutor:
                 if given.workers is None or (trial == AGAIN - 1 and _files(out) == before):
                     raise
@@ -115,8 +146,13 @@ def _report(config: Config, result: Any, out: Path) -> None:
         write_found(out / f"summary.{kind}", summary)
     print(result)
     columns, statistics = ("quantity", "y", "estimate", "low", "high"), summary["statistics"]
-    rows = [[*(row[key] for key in columns[:2]), *("-" if row[key] is None else f"{row[key]:.6g}" for key in columns[2:])]
-            for row in statistics[:ROWS]]
+    rows = [
+        [
+            *(row[key] for key in columns[:2]),
+            *("-" if row[key] is None else f"{row[key]:.6g}" for key in columns[2:]),
+        ]
+        for row in statistics[:ROWS]
+    ]
     print(table(columns, rows, 2))
     if len(statistics) > ROWS:
         print(f"and {len(statistics) - ROWS} more rows in {out / 'summary.csv'}")

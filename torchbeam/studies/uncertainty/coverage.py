@@ -1,6 +1,7 @@
-"""Coverage of every interval: how often it holds the truth, over many repeats of cases whose answers are known.
+"""Coverage of every interval: how often it holds the truth, over many repeats of cases whose
+answers are known.
 
-    python -m torchbeam coverage
+python -m torchbeam coverage
 """
 
 from __future__ import annotations
@@ -32,19 +33,21 @@ MU, SIGMA = P.mu - EI.mu - math.log(3), math.hypot(P.sigma, EI.sigma)  # of ln w
 MEAN = math.exp(MU + SIGMA**2 / 2)
 DEVIATION = MEAN * math.sqrt(math.expm1(SIGMA**2))
 ABOUT = (
-    "Tip deflection w = P L^3/(3 EI) of a strip under a small load, EI lognormal with a coefficient of variation of 20 %, P "
-    "with 30 %, independent, so that w is lognormal and all answers are known. Each row: {repeats} repeats with other seeds. "
-    "Covered: share of the 95 % intervals that hold the truth; of intervals that hold it in 95 % of all runs this is within "
-    "{low:.0f} to {high:.0f} % in 95 of 100 rows. Width: mean width of the interval over the true value. Error: RMS error "
-    "over the true value. Events, rare and likely: P(w > x), and a linear limit state in five normal variables."
+    "Tip deflection w = P L^3/(3 EI) of a strip under a small load, EI lognormal with a "
+    "coefficient of variation of 20 %, P with 30 %, independent, so that w is lognormal and all "
+    "answers are known. Each row: {repeats} repeats with other seeds. Covered: share of the 95 % "
+    "intervals that hold the truth; of intervals that hold it in 95 % of all runs this is within "
+    "{low:.0f} to {high:.0f} % in 95 of 100 rows. Width: mean width of the interval over the true "
+    "value. Error: RMS error over the true value. Events, rare and likely: P(w > x), and a linear "
+    "limit state in five normal variables."
 )
 COLUMNS = ("answer", "how", "samples", "covered", "width", "error")
 
 
 @dataclass(frozen=True)
 class AnswerCoverage:
-    """Answer, how it was found, evaluations of one repeat; share of intervals that hold the truth; mean width and RMS error,
-    over the true value.
+    """Answer, how it was found, evaluations of one repeat; share of intervals that hold the truth;
+    mean width and RMS error, over the true value.
     """
 
     answer: str
@@ -55,8 +58,13 @@ class AnswerCoverage:
     error: float
 
     def cells(self) -> list[str]:
-        return [self.answer, self.how, f"{self.samples:,}", f"{100 * self.covered:.1f} %",
-                *(f"{100 * x:.3g} %" for x in (self.width, self.error))]
+        return [
+            self.answer,
+            self.how,
+            f"{self.samples:,}",
+            f"{100 * self.covered:.1f} %",
+            *(f"{100 * x:.3g} %" for x in (self.width, self.error)),
+        ]
 
 
 @dataclass(frozen=True)
@@ -78,13 +86,25 @@ def quantile(level: float) -> float:
 
 def cases() -> Iterator[Case]:
     """All cases; what each answers, and the truth."""
-    truth = {"mean": MEAN, "deviation": DEVIATION, "median": quantile(0.5), "95 % quantile": quantile(0.95),
-             "99 % quantile": quantile(0.99), "P = 0.1": 0.1, "P = 0.01": 0.01}
+    truth = {
+        "mean": MEAN,
+        "deviation": DEVIATION,
+        "median": quantile(0.5),
+        "95 % quantile": quantile(0.95),
+        "99 % quantile": quantile(0.99),
+        "P = 0.1": 0.1,
+        "P = 0.01": 0.01,
+    }
 
     def of(samples: Any) -> dict[str, Any]:
-        intervals = {"mean": samples.mean_interval(LEVEL), "median": samples.quantile(0.5, LEVEL),
-                 "95 % quantile": samples.quantile(0.95, LEVEL), "99 % quantile": samples.quantile(0.99, LEVEL),
-                 "P = 0.1": samples.exceedance(quantile(0.9), LEVEL), "P = 0.01": samples.exceedance(quantile(0.99), LEVEL)}
+        intervals = {
+            "mean": samples.mean_interval(LEVEL),
+            "median": samples.quantile(0.5, LEVEL),
+            "95 % quantile": samples.quantile(0.95, LEVEL),
+            "99 % quantile": samples.quantile(0.99, LEVEL),
+            "P = 0.1": samples.exceedance(quantile(0.9), LEVEL),
+            "P = 0.01": samples.exceedance(quantile(0.99), LEVEL),
+        }
         if hasattr(samples, "deviation_interval"):
             intervals["deviation"] = samples.deviation_interval(LEVEL)
         return intervals
@@ -93,6 +113,7 @@ def cases() -> Iterator[Case]:
         def one(seed: int) -> tuple[int, dict[str, Any]]:
             samples = monte_carlo(deflection, LAWS, seed=seed, chunk=2**16, **options)
             return len(samples), of(samples)
+
         return one
 
     def stream(seed: int) -> tuple[int, dict[str, Any]]:
@@ -105,8 +126,16 @@ def cases() -> Iterator[Case]:
     yield Case("plain", run(n=1024, design="plain"), truth)
     yield Case("16 Sobol sequences", run(n=1024, replicates=16), truth)
     yield Case("16 Sobol sequences", run(n=4096, replicates=16), truth)
-    yield Case("1 Sobol sequence", run(n=1024), {name: truth[name] for name in truth if name != "deviation"})
-    yield Case("stream of 16 Sobol sequences", stream, {name: truth[name] for name in truth if name != "deviation"})
+    yield Case(
+        "1 Sobol sequence",
+        run(n=1024),
+        {name: truth[name] for name in truth if name != "deviation"},
+    )
+    yield Case(
+        "stream of 16 Sobol sequences",
+        stream,
+        {name: truth[name] for name in truth if name != "deviation"},
+    )
     yield Case("until 0.2 %", until, {"mean": MEAN})
     yield from sensitivities()
     yield from rare()
@@ -115,15 +144,23 @@ def cases() -> Iterator[Case]:
 def sensitivities() -> Iterator[Case]:
     """Sobol indices of w, and the derivatives of its moments by the deviation of EI."""
     a, b, both = (math.expm1(s**2) for s in (EI.sigma, P.sigma, SIGMA))
-    shares = {"first index of EI": a / both, "first index of P": b / both, "total index of EI": 1 - b / both,
-              "total index of P": 1 - a / both}
+    shares = {
+        "first index of EI": a / both,
+        "first index of P": b / both,
+        "total index of EI": 1 - b / both,
+        "total index of P": 1 - a / both,
+    }
 
     def indices(seed: int) -> tuple[int, dict[str, Any]]:
         estimate = sobol_indices(deflection, LAWS, 1024, seed=seed, chunk=2**16, interval=LEVEL)
         rows = {}
         for k, kind in enumerate(("first", "total")):
             for j, name in enumerate(estimate.names):
-                rows[f"{kind} index of {name}"] = getattr(estimate, kind)[j], estimate.low[k, j], estimate.high[k, j]
+                rows[f"{kind} index of {name}"] = (
+                    getattr(estimate, kind)[j],
+                    estimate.low[k, j],
+                    estimate.high[k, j],
+                )
         return estimate.evaluations, rows
 
     q = torch.tensor([0.2], dtype=torch.float64, requires_grad=True)
@@ -133,14 +170,26 @@ def sensitivities() -> Iterator[Case]:
     by = [torch.autograd.grad(y, q, retain_graph=True)[0].item() for y in (mean, deviation)]
 
     def derivatives(seed: int) -> tuple[int, dict[str, Any]]:
-        estimate = moment_derivatives(deflection, lambda q: {"EI": LogNormal(1.0, q[0]), "P": P}, q.detach(), 1024, seed=seed,
-                                   chunk=2**16, interval=LEVEL)
-        return 1024, {"d mean/d deviation of EI": [x[0] for x in estimate.mean_by],
-                      "d deviation/d deviation of EI": [x[0] for x in estimate.deviation_by]}
+        estimate = moment_derivatives(
+            deflection,
+            lambda q: {"EI": LogNormal(1.0, q[0]), "P": P},
+            q.detach(),
+            1024,
+            seed=seed,
+            chunk=2**16,
+            interval=LEVEL,
+        )
+        return 1024, {
+            "d mean/d deviation of EI": [x[0] for x in estimate.mean_by],
+            "d deviation/d deviation of EI": [x[0] for x in estimate.deviation_by],
+        }
 
     yield Case("16 Sobol sequences", indices, shares)
-    yield Case("16 Sobol sequences", derivatives, dict(zip(("d mean/d deviation of EI", "d deviation/d deviation of EI"), by,
-                                                           strict=True)))
+    yield Case(
+        "16 Sobol sequences",
+        derivatives,
+        dict(zip(("d mean/d deviation of EI", "d deviation/d deviation of EI"), by, strict=True)),
+    )
 
 
 def rare() -> Iterator[Case]:
@@ -153,12 +202,27 @@ def rare() -> Iterator[Case]:
     for answer, p in (("P = 0.99", 0.99), ("P = 1e-4", 1e-4), ("P = 1e-6", 1e-6)):
         beta = -normal_score(torch.tensor(p, dtype=torch.float64)).item()
         for method, n in (("subset", 5000), ("importance", 1024)):
-            for name, function, laws, x in (("strip", deflection, LAWS, math.exp(MU + SIGMA * beta)),
-                                            ("linear", linear, normals, beta)):
-                def one(seed: int, method: str = method, n: int = n, function: Any = function, laws: Any = laws, x: float = x,
-                        answer: str = f"{answer}, {name}") -> tuple[int, dict[str, Any]]:
-                    estimate = rare_event(function, laws, x, n, method=method, seed=seed, chunk=2**16, interval=LEVEL)
-                    return estimate.evaluations, {answer: (estimate.probability, estimate.low, estimate.high)}
+            for name, function, laws, x in (
+                ("strip", deflection, LAWS, math.exp(MU + SIGMA * beta)),
+                ("linear", linear, normals, beta),
+            ):
+
+                def one(
+                    seed: int,
+                    method: str = method,
+                    n: int = n,
+                    function: Any = function,
+                    laws: Any = laws,
+                    x: float = x,
+                    answer: str = f"{answer}, {name}",
+                ) -> tuple[int, dict[str, Any]]:
+                    estimate = rare_event(
+                        function, laws, x, n, method=method, seed=seed, chunk=2**16, interval=LEVEL
+                    )
+                    return estimate.evaluations, {
+                        answer: (estimate.probability, estimate.low, estimate.high)
+                    }
+
                 yield Case(f"{method}, n = {n}", one, {f"{answer}, {name}": p})
 
 
@@ -175,34 +239,54 @@ def measured(case: Case, repeats: int) -> list[AnswerCoverage]:
     for name, truth in case.truth.items():
         inside = sum(low <= truth <= high for _, low, high in intervals[name]) / repeats
         width = sum(high - low for _, low, high in intervals[name]) / repeats / abs(truth)
-        error = math.sqrt(sum((x - truth) ** 2 for x, _, _ in intervals[name]) / repeats) / abs(truth)
-        rows.append(AnswerCoverage(name, case.how, round(evaluations / repeats), inside, width, error))
+        error = math.sqrt(sum((x - truth) ** 2 for x, _, _ in intervals[name]) / repeats) / abs(
+            truth
+        )
+        rows.append(
+            AnswerCoverage(name, case.how, round(evaluations / repeats), inside, width, error)
+        )
     return rows
 
 
 def expected(repeats: int) -> tuple[float, float]:
-    """Range of the covered share, in 95 of 100 rows, of intervals that cover 95 %: Clopper and Pearson's about it."""
+    """Range of the covered share, in 95 of 100 rows, of intervals that cover 95 %: Clopper and
+    Pearson's about it.
+    """
     return binomial_interval(LEVEL * repeats, repeats, 0.95)
 
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Coverage of every interval over 200 repeats of cases whose answers are known."""
-    given, out = study(argv, "coverage", "How often each 95 % interval of monte_carlo, sobol_indices, moment_derivatives and "
-                       "rare_event holds the truth.", f"{QUICK} repeats, for a test of the command")
+    given, out = study(
+        argv,
+        "coverage",
+        "How often each 95 % interval of monte_carlo, sobol_indices, moment_derivatives and "
+        "rare_event holds the truth.",
+        f"{QUICK} repeats, for a test of the command",
+    )
     repeats = QUICK if given.quick else REPEATS
     rows = []
     with threads(1):
         for case in cases():
             rows += measured(case, repeats)
-            for row in rows[-len(case.truth):]:
+            for row in rows[-len(case.truth) :]:
                 print(f"{row.answer}, {row.how}: {100 * row.covered:.1f} %", file=sys.stderr)
     heading = {**measured_on(threads=1), "repeats": repeats}
     low, high = expected(repeats)
-    text = "\n\n".join((
-        ABOUT.format(repeats=repeats, low=100 * low, high=100 * high),
-        table(COLUMNS, [row.cells() for row in rows], 2),
-        sentence(heading)))
-    write(out, "coverage", text, {**heading, "rows": [asdict(row) for row in rows]}, COLUMNS,
-          [tuple(asdict(row).values()) for row in rows])
+    text = "\n\n".join(
+        (
+            ABOUT.format(repeats=repeats, low=100 * low, high=100 * high),
+            table(COLUMNS, [row.cells() for row in rows], 2),
+            sentence(heading),
+        )
+    )
+    write(
+        out,
+        "coverage",
+        text,
+        {**heading, "rows": [asdict(row) for row in rows]},
+        COLUMNS,
+        [tuple(asdict(row).values()) for row in rows],
+    )
     print(text)
     print(f"wrote {out}")

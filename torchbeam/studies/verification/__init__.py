@@ -1,1 +1,3 @@
-"""Verification against closed forms, published figures and other codes; run by `python -m torchbeam verify` and the tests."""
+"""Verification against closed forms, published figures and other codes; run by
+`python -m torchbeam verify` and the tests.
+"""

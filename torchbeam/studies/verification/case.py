@@ -66,15 +66,28 @@ def run(case: Case) -> Result:
     try:
         with warnings.catch_warnings(), torch.no_grad():
             warnings.simplefilter("ignore", RuntimeWarning)
-            ours, reference = (x.detach().double().flatten() for x in torch.broadcast_tensors(*case.solve()))
+            ours, reference = (
+                x.detach().double().flatten() for x in torch.broadcast_tensors(*case.solve())
+            )
     finally:
         torch.set_default_dtype(before)
     seconds = time.perf_counter() - begin
     error = (ours - reference).abs() / (reference.abs() if case.scale is None else case.scale)
     error = torch.where(torch.isfinite(error), error, torch.inf)
     at = int(error.argmax())
-    return Result(case.name, case.source, case.quantity, reference[at].item(), ours[at].item(), error[at].item(), case.bound,
-                  error.numel(), case.mesh, seconds, case.why)
+    return Result(
+        case.name,
+        case.source,
+        case.quantity,
+        reference[at].item(),
+        ours[at].item(),
+        error[at].item(),
+        case.bound,
+        error.numel(),
+        case.mesh,
+        seconds,
+        case.why,
+    )
 
 
 @cache

@@ -20,14 +20,20 @@ def frequencies(slender: bool, N: int) -> tuple[Tensor, Tensor]:
     """The first three of Euler and Bernoulli's beam, or of three stocky ones of Timoshenko's."""
     values = reference("cantilever_frequencies")["values"]
     values = values[:1] if slender else values[1:]
-    ours = [tb.modes(cantilever(N, of=planar(GA=1 / v["s2"] if v["s2"] else INF, inertia=v["r2"])), count=3).frequency
-            for v in values]
+    ours = [
+        tb.modes(
+            cantilever(N, of=planar(GA=1 / v["s2"] if v["s2"] else INF, inertia=v["r2"])), count=3
+        ).frequency
+        for v in values
+    ]
     return torch.stack(ours), torch.tensor([v["omega"][:3] for v in values])
 
 
 def torsion(N: int) -> tuple[Tensor, Tensor]:
     rod = section(GJ=0.8, EI=INF, mass=0.2, inertia=1e-3)
-    return tb.modes(cantilever(N, of=rod), count=1).frequency[0], torch.tensor(math.pi / 2 * math.sqrt(0.8 / 2e-3))
+    return tb.modes(cantilever(N, of=rod), count=1).frequency[0], torch.tensor(
+        math.pi / 2 * math.sqrt(0.8 / 2e-3)
+    )
 
 
 def axial(N: int) -> tuple[Tensor, Tensor]:
@@ -40,14 +46,19 @@ def step_load(N: int, dt: float) -> tuple[Tensor, Tensor]:
     data = reference("dynamic_step_load")
     t, tip = torch.tensor(data["t"]), torch.tensor(data["tip"])
     strip = tb.Section.from_stiffness(EA=4e4, GA=1.4835e4, GJ=0.769, EI=1.0, mass=0.2, inertia=5e-6)
-    ours = tb.simulate(cantilever(N, tb.TipLoad(force=(0, 1.0, 0)), of=strip, plane="xy"), t, step=dt).tip.position
+    ours = tb.simulate(
+        cantilever(N, tb.TipLoad(force=(0, 1.0, 0)), of=strip, plane="xy"), t, step=dt
+    ).tip.position
     away, size = ((x.square().sum(-1).mean()).sqrt() for x in (ours - tip, tip - tip[0]))
     return away / size, torch.tensor(0.0)
 
 
 def semidiscrete() -> tuple[Tensor, Tensor]:
     """The derivation's own element, N = 4: the tip to 0.1 s, under a ramped and a sudden load."""
-    stored = [reference("semidiscrete_trajectories")["values"][name] for name in ("ramp_planar_N4", "step_planar_N4")]
+    stored = [
+        reference("semidiscrete_trajectories")["values"][name]
+        for name in ("ramp_planar_N4", "step_planar_N4")
+    ]
     compliance = torch.diag(1 / torch.tensor([1e3, 400, 400, 0.8, 1, 2]))
     mass = torch.diag(torch.tensor([1, 1, 1, 0.02, 0.01, 0.01]))
 
@@ -56,25 +67,46 @@ def semidiscrete() -> tuple[Tensor, Tensor]:
         return along(2, 3 * torch.stack((1 - (1 - s) ** 2 * (1 + 2 * s), torch.ones_like(t))))
 
     scene = cantilever(4, tb.TipLoad(force=force), of=tb.Section(compliance, mass))
-    sol = tb.simulate(scene, stored[0]["t"][:2], method="dopri8", form="minimal", rtol=1e-9, atol=1e-10)
-    return sol.tip.position - torch.tensor([1.0, 0, 0]), torch.tensor([s["tip_u"][:2] for s in stored]).transpose(0, 1)
+    sol = tb.simulate(
+        scene, stored[0]["t"][:2], method="dopri8", form="minimal", rtol=1e-9, atol=1e-10
+    )
+    return sol.tip.position - torch.tensor([1.0, 0, 0]), torch.tensor(
+        [s["tip_u"][:2] for s in stored]
+    ).transpose(0, 1)
 
 
-def case(name: str, source: str, quantity: str, mesh: str, solve: Callable, bound: float, why: str = ORDER,
-         scale: float | None = None) -> Case:
+def case(
+    name: str,
+    source: str,
+    quantity: str,
+    mesh: str,
+    solve: Callable,
+    bound: float,
+    why: str = ORDER,
+    scale: float | None = None,
+) -> Case:
     return Case(name, source, quantity, mesh, solve, bound, why, scale)
 
 
+# fmt: off
 CASES = [
-    case("slender cantilever", "Euler and Bernoulli, 1e-9", "frequencies 1 to 3", "64 elements", lambda: frequencies(True, 64),
+    case("slender cantilever", "Euler and Bernoulli, 1e-9", "frequencies 1 to 3", "64 elements",
+         lambda: frequencies(True, 64),
          1.03e-3),
-    case("stocky cantilevers", "Timoshenko, 1e-9", "frequencies 1 to 3 of three beams", "64 elements",
+    case("stocky cantilevers", "Timoshenko, 1e-9", "frequencies 1 to 3 of three beams",
+         "64 elements",
          lambda: frequencies(False, 64), 8e-4),
-    case("torsion of a rod", "closed form", "frequency 1", "32 elements", lambda: torsion(32), 1.1e-4),
-    case("stretching of a rod", "closed form", "frequency 1", "32 elements", lambda: axial(32), 1.4e-8,
+    case("torsion of a rod", "closed form", "frequency 1", "32 elements", lambda: torsion(32),
+         1.1e-4),
+    case("stretching of a rod", "closed form", "frequency 1", "32 elements", lambda: axial(32),
+         1.4e-8,
          "mass coupled to neighbours by 1/12 makes it fourth order"),
-    case("sudden tip load, 2 s", "two independent codes, 3e-4", "tip, RMS distance over RMS displacement",
-         "16 elements, 5 ms", lambda: step_load(16, 0.005), 4.5e-3, "mesh and step: see the table of accuracy", 1.0),
-    case("the derivation's element, ramped and sudden load", "the same equations, 1e-8", "tip displacement to 0.1 s over L",
+    case("sudden tip load, 2 s", "two independent codes, 3e-4",
+         "tip, RMS distance over RMS displacement",
+         "16 elements, 5 ms", lambda: step_load(16, 0.005), 4.5e-3,
+         "mesh and step: see the table of accuracy", 1.0),
+    case("the derivation's element, ramped and sudden load", "the same equations, 1e-8",
+         "tip displacement to 0.1 s over L",
          "4 elements, dopri8", semidiscrete, 1e-9, "time integration at 1e-9", 1.0),
 ]
+# fmt: on

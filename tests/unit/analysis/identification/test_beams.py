@@ -1,4 +1,6 @@
-"""Identification through solutions: sensors, delays and clocks; a static and a dynamic experiment together."""
+"""Identification through solutions: sensors, delays and clocks; a static and a dynamic experiment
+together.
+"""
 
 import pytest
 import torch
@@ -15,7 +17,10 @@ SPEED = tb.sensors.TipVelocity()["z"]
 
 def scene(theta, pull=0.0):
     section = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=1.0, EI=theta["EI"], mass=0.2)
-    effects = [tb.Damping(theta["tau"]), tb.TipLoad(force=lambda t: (0, 0, pull + torch.sin(t / 0.06) ** 2))]
+    effects = [
+        tb.Damping(theta["tau"]),
+        tb.TipLoad(force=lambda t: (0, 0, pull + torch.sin(t / 0.06) ** 2)),
+    ]
     return tb.Scene(tb.Beam.straight(1.0, 3, section), effects, plane="xz")
 
 
@@ -29,8 +34,9 @@ def sag(theta):
 
 @pytest.mark.steps
 def test_delay_and_clock_are_parameters():
-    """Accelerations and positions of one motion by two instruments with another delay and clock each, missing readings, and
-    the sag, which tells the stiffness without a clock: all come back, and the motion is simulated once a trial.
+    """Accelerations and positions of one motion by two instruments with another delay and clock
+    each, missing readings, and the sag, which tells the stiffness without a clock: all come back,
+    and the motion is simulated once a trial.
     """
     true = {name: torch.tensor([value]) for name, value in TRUE.items()}
     moved = motion(true)
@@ -43,27 +49,48 @@ def test_delay_and_clock_are_parameters():
         sizes.append(len(theta["EI"]))
         return motion(theta)
 
-    data = {"motion": [tb.Measurement(late, 0.1, TIMES, SPEED, rate=True, delay="delay"),
-                       tb.Measurement(fast, 1e-3, TIMES, tb.sensors.TipPosition(), clock="clock", name="camera")],
-            "sag": tb.Measurement(sag(true)[0], 1e-3)}
-    start = {"EI": tb.Parameter(1.0, "log"), "tau": tb.Parameter(0.02, "log"), "delay": tb.Parameter(0.0, scale=0.01),
-             "clock": tb.Parameter(0.0, prior=Normal(0.0, 0.01))}
+    data = {
+        "motion": [
+            tb.Measurement(late, 0.1, TIMES, SPEED, rate=True, delay="delay"),
+            tb.Measurement(
+                fast, 1e-3, TIMES, tb.sensors.TipPosition(), clock="clock", name="camera"
+            ),
+        ],
+        "sag": tb.Measurement(sag(true)[0], 1e-3),
+    }
+    start = {
+        "EI": tb.Parameter(1.0, "log"),
+        "tau": tb.Parameter(0.02, "log"),
+        "delay": tb.Parameter(0.0, scale=0.01),
+        "clock": tb.Parameter(0.0, prior=Normal(0.0, 0.01)),
+    }
     fit = tb.identify({"motion": model, "sag": sag}, data, start)
     assert fit.derivatives == "difference" and fit.status == 0 and set(sizes) <= {9, 8, 1}
     pull = (fit.deviation[3] / 0.01).square()  # of the prior, which has its mean at zero
-    assert_close(fit.theta, torch.tensor(list(TRUE.values())) * torch.stack((*torch.ones(3), 1 - pull)), rtol=2e-3, atol=0)
+    assert_close(
+        fit.theta,
+        torch.tensor(list(TRUE.values())) * torch.stack((*torch.ones(3), 1 - pull)),
+        rtol=2e-3,
+        atol=0,
+    )
     position, camera = fit.y["motion"]
     assert position.shape == (60, 1) and camera.shape == (60, 3)
     assert_close(camera, fast, rtol=0, atol=1e-5)
 
 
 def test_samples_of_a_solution_that_fail():
-    """A beam whose Newton iteration fails in part of the batch: these trials are not taken, without a word."""
+    """A beam whose Newton iteration fails in part of the batch: these trials are not taken, without
+    a word.
+    """
+
     def model(theta):
         load = torch.where(theta["EI"] > 1.2, torch.nan, 0.2)
         section = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=1.0, EI=theta["EI"], mass=0.2)
         force = torch.stack((0 * load, 0 * load, load), -1)
-        state = tb.equilibrium(tb.Scene(tb.Beam.straight(1.0, 3, section), [tb.TipLoad(force=lambda t: force)]), throw=False)
+        state = tb.equilibrium(
+            tb.Scene(tb.Beam.straight(1.0, 3, section), [tb.TipLoad(force=lambda t: force)]),
+            throw=False,
+        )
         return state.tip.position[:, 2], state.status
 
     data = model({"EI": torch.tensor([1.1])})[0][0]

@@ -11,7 +11,9 @@ from tests.cases.wave_cases import T
 from torchbeam.math.distributions import student_quantile
 
 X = torch.stack((torch.ones_like(T), T, T**2), -1)
-DATA = X @ torch.tensor([1.0, -0.5, 0.2]) + 0.05 * torch.randn(40, generator=torch.Generator().manual_seed(5))
+DATA = X @ torch.tensor([1.0, -0.5, 0.2]) + 0.05 * torch.randn(
+    40, generator=torch.Generator().manual_seed(5)
+)
 
 
 def line(theta):
@@ -20,9 +22,9 @@ def line(theta):
 
 @pytest.mark.parametrize("sigma", [0.05, None])
 def test_a_bound_holds_a_parameter(sigma):
-    """A parabola whose slope may not be as steep as the data say, -0.45: offset and curvature are those of a fit without it,
-    its degree of freedom being the noise's; its interval goes to where the least chi^2 rises by z^2 (or t^2), a parabola in
-    it. All by normal equations.
+    """A parabola whose slope may not be as steep as the data say, -0.45: offset and curvature are
+    those of a fit without it, its degree of freedom being the noise's; its interval goes to where
+    the least chi^2 rises by z^2 (or t^2), a parabola in it. All by normal equations.
     """
     least, largest = torch.full((3,), -math.inf), torch.full((3,), math.inf)
     least[1] = -0.45
@@ -36,10 +38,17 @@ def test_a_bound_holds_a_parameter(sigma):
 
     bottom = squares(fit.theta[1])
     variance = bottom / 38 if sigma is None else torch.tensor(sigma**2)
-    assert_close(fit.covariance[[0, 2]][:, [0, 2]], variance * torch.linalg.inv(free.T @ free), rtol=1e-5, atol=0)
+    assert_close(
+        fit.covariance[[0, 2]][:, [0, 2]],
+        variance * torch.linalg.inv(free.T @ free),
+        rtol=1e-5,
+        atol=0,
+    )
     assert (fit.covariance[1] == 0).all() and fit.correlation[0, 1] == 0
     assert_close(fit.correlation.diagonal(), torch.ones(3))
-    assert_close(fit.freedom, torch.full((3,), 38.0 if sigma is None else math.inf), rtol=1e-9, atol=0)
+    assert_close(
+        fit.freedom, torch.full((3,), 38.0 if sigma is None else math.inf), rtol=1e-9, atol=0
+    )
     t, near, far = student_quantile(0.975, fit.freedom[1].item()), -0.45, 1.0
     for _ in range(60):
         middle = (near + far) / 2
@@ -47,11 +56,16 @@ def test_a_bound_holds_a_parameter(sigma):
     assert_close(fit.interval()[1], torch.tensor([-0.45, near]), rtol=1e-4, atol=0)
     assert_close(fit.interval(method="profile")[1], torch.tensor([-0.45, near]), rtol=2e-3, atol=0)
     assert_close(fit.interval(method="profile")[[0, 2]], fit.interval()[[0, 2]], rtol=0, atol=0.3)
-    assert "theta[1] is at its bound, -0.45" in fit.message and "at its bound" in fit.summary().splitlines()[3]
+    assert (
+        "theta[1] is at its bound, -0.45" in fit.message
+        and "at its bound" in fit.summary().splitlines()[3]
+    )
 
 
 def test_repeats_at_a_bound():
-    """The held parameter stays, and its interval is that of the covariance; the others' scatter as theirs says."""
+    """The held parameter stays, and its interval is that of the covariance; the others' scatter as
+    theirs says.
+    """
     bounds = (torch.tensor([-9.0, -0.45, -9.0]), torch.full((3,), 9.0))
     fit = tb.identify(line, DATA, (1.0, 0.0, 0.0), bounds=bounds, sigma=0.05)
     found = fit.bootstrap(1000)
@@ -65,7 +79,9 @@ def test_repeats_at_a_bound():
 def test_all_are_held():
     """Nothing is left to be uncertain; intervals begin at the bounds, by each method."""
     for sigma in (0.05, None):
-        fit = tb.identify(lambda theta: theta[:, :1] * T, -T + 0.05 * DATA, (1.0,), bounds=(0.0, 2.0), sigma=sigma)
+        fit = tb.identify(
+            lambda theta: theta[:, :1] * T, -T + 0.05 * DATA, (1.0,), bounds=(0.0, 2.0), sigma=sigma
+        )
         assert fit.status == 0 and fit.held.all() and fit.covariance == 0
         for method in ("laplace", "profile", "bootstrap"):
             low, high = fit.interval(method=method)[0]

@@ -20,16 +20,18 @@ def decay(theta, times=TIMES):
 
 def measured(random, times=TIMES, sigma=0.05, beside=0.0):
     """Of a decay, with noise of 0.05 and what stands beside it."""
-    values = 2.0 * torch.exp(-0.7 * times) + 0.05 * torch.randn(len(times), generator=random) + beside
+    values = (
+        2.0 * torch.exp(-0.7 * times) + 0.05 * torch.randn(len(times), generator=random) + beside
+    )
     return tb.Measurement(values, sigma, times, name="gauge")
 
 
 @pytest.mark.parametrize("sigma", [0.05, None])
 @pytest.mark.parametrize("times", ["regular", "irregular", "gaps"])
 def test_a_line_that_the_model_misses(times, sigma):
-    """A line of 0.7 deviations of the noise at 5 Hz, in 200 readings: on average 1 + 200 0.7^2 / 4 = 25 times what noise has
-    there (deviation 7), which all noise of 100 frequencies has in one of 10^9 fits. It is found to half a step of frequency,
-    0.25 Hz.
+    """A line of 0.7 deviations of the noise at 5 Hz, in 200 readings: on average 1 + 200
+    0.7^2 / 4 = 25 times what noise has there (deviation 7), which all noise of 100 frequencies has
+    in one of 10^9 fits. It is found to half a step of frequency, 0.25 Hz.
     """
     random = torch.Generator().manual_seed(0)
     at = TIMES if times != "irregular" else 2 * torch.rand(200, generator=random)
@@ -43,13 +45,16 @@ def test_a_line_that_the_model_misses(times, sigma):
 
 
 def test_air_that_the_model_leaves_out():
-    """A strip that rings in air, read at its tip with noise of 2 % of its motion, and a model without air: E and m three
-    deviations off, the damping time seventy, and a misfit only 7 % above sigma.
+    """A strip that rings in air, read at its tip with noise of 2 % of its motion, and a model
+    without air: E and m three deviations off, the damping time seventy, and a misfit only 7 % above
+    sigma.
     """
     pytest.importorskip("llvmlite")
 
     def motion(theta, *air):
-        section = tb.Section.from_stiffness(EA=4e4, GA=1.5e4, GJ=0.8, EI=theta["E"], mass=theta["m"], inertia=5e-6)
+        section = tb.Section.from_stiffness(
+            EA=4e4, GA=1.5e4, GJ=0.8, EI=theta["E"], mass=theta["m"], inertia=5e-6
+        )
         push = tb.TipLoad(force=lambda t: (0, 0, 3 * torch.sin(t / 0.08).clamp(min=0) * (t < 0.25)))
         beam = tb.Beam.straight(1.0, 4, section).linked()
         scene = tb.Scene(beam, [push, tb.Damping(theta["tau"]), *air], plane="xz")
@@ -60,7 +65,11 @@ def test_air_that_the_model_leaves_out():
     clean = tb.observe(motion(true, tb.Drag(1.2, 0.02, normal=2.0)), tip, times)[:, 0]
     sigma = 0.02 * clean.std().item()
     values = clean + sigma * torch.randn(clean.shape, generator=torch.Generator().manual_seed(0))
-    start = {"E": tb.Parameter(1.2, "log"), "m": tb.Parameter(0.18, "log"), "tau": tb.Parameter(0.006, "log")}
+    start = {
+        "E": tb.Parameter(1.2, "log"),
+        "m": tb.Parameter(0.18, "log"),
+        "tau": tb.Parameter(0.006, "log"),
+    }
     fit = tb.identify(motion, tb.Measurement(values, sigma, times, sensor=tip, name="tip"), start)
     off = (fit.theta - torch.cat([*true.values()])).abs() / fit.deviation
     assert fit.status == 0 and fit.misfit < 1.1 and (off > 3).all() and off[2] > 50
@@ -69,7 +78,9 @@ def test_air_that_the_model_leaves_out():
 
 
 def test_a_channel_that_is_noisier():
-    """One of two channels has twice the noise that its sigma says: it is named, and the other is not."""
+    """One of two channels has twice the noise that its sigma says: it is named, and the other is
+    not.
+    """
     random = torch.Generator().manual_seed(1)
     values = torch.stack((decay({"a": torch.tensor([2.0]), "b": torch.tensor([0.7])})[0],) * 2, -1)
     noise = torch.randn(200, 2, generator=random)
@@ -77,23 +88,32 @@ def test_a_channel_that_is_noisier():
     fit = tb.identify(lambda theta: decay(theta)[..., None].expand(-1, -1, 2), data, START)
     whole, channel = fit.doubts
     assert whole.startswith("the misfit is 1.") and channel.startswith("the misfit of 'gauge 1' is")
-    free = tb.identify(lambda theta: decay(theta)[..., None].expand(-1, -1, 2), data, START, absolute_sigma=False)
+    free = tb.identify(
+        lambda theta: decay(theta)[..., None].expand(-1, -1, 2), data, START, absolute_sigma=False
+    )
     assert not free.doubts  # the size of the noise is not stated
 
 
 def test_what_is_small_beside_sigma_is_no_doubt():
-    """Data without noise, or of a model that errs by a hundredth of sigma: nothing that intervals do not hold."""
+    """Data without noise, or of a model that errs by a hundredth of sigma: nothing that intervals
+    do not hold.
+    """
     exact = CLEAN + 5e-4 * torch.sin(6 * T)
     for data, sigma in ((CLEAN, None), (CLEAN, 0.05), (exact, 0.05)):
         assert not tb.identify(wave, tb.Measurement(data, sigma, T), START).hints
-    assert tb.identify(wave, tb.Measurement(exact, None, T), START).doubts  # all of what is left is no noise
+    # all of what is left is no noise
+    assert tb.identify(wave, tb.Measurement(exact, None, T), START).doubts
 
 
 def test_intervals_warn():
-    """Of doubts alone, in one sentence that names ways out; the summary and the object's text tell them without a warning."""
+    """Of doubts alone, in one sentence that names ways out; the summary and the object's text tell
+    them without a warning.
+    """
     wrong = tb.identify(wave, tb.Measurement(CLEAN + 0.3 * torch.sin(6 * T), 0.05, T), START)
     for method in ("laplace", "profile"):
-        with pytest.warns(UserWarning, match=r"times what sigma says.*absolute_sigma=False") as told:
+        with pytest.warns(
+            UserWarning, match=r"times what sigma says.*absolute_sigma=False"
+        ) as told:
             wrong.interval(method=method)
         assert told[0].filename == __file__
     with warnings.catch_warnings():
@@ -103,15 +123,22 @@ def test_intervals_warn():
 
 
 def test_a_field_of_a_model_that_is_too_coarse():
-    """Ten numbers of a curve, read through a model that leaves out what is a hundredth of it, five deviations of the noise:
-    the object's text begins with the misfit, and intervals warn.
+    """Ten numbers of a curve, read through a model that leaves out what is a hundredth of it, five
+    deviations of the noise: the object's text begins with the misfit, and intervals warn.
     """
     places = torch.linspace(0, 1, 10)
-    blur = torch.exp(-((torch.linspace(0, 1, 60)[:, None] - places) / 0.2) ** 2)
+    blur = torch.exp(-(((torch.linspace(0, 1, 60)[:, None] - places) / 0.2) ** 2))
     noise = 2e-3 * torch.randn(60, generator=torch.Generator().manual_seed(0))
     true, bent = blur @ (1 + places), 0.01 * torch.sin(40 * torch.linspace(0, 1, 60))
-    fits = [tb.identify_fields(lambda theta: theta["x"] @ blur.T, tb.Measurement(true + more + noise, 2e-3),
-                               {"x": torch.ones(10)}, {"x": tb.Smoothness()}) for more in (0 * bent, bent)]
+    fits = [
+        tb.identify_fields(
+            lambda theta: theta["x"] @ blur.T,
+            tb.Measurement(true + more + noise, 2e-3),
+            {"x": torch.ones(10)},
+            {"x": tb.Smoothness()},
+        )
+        for more in (0 * bent, bent)
+    ]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         fits[0].interval("x")
@@ -122,8 +149,9 @@ def test_a_field_of_a_model_that_is_too_coarse():
 
 
 def false_alarms(repeats, seed):
-    """Of so many fits of models that are right: two channels of one measurement at irregular times, with gaps, an offset and a
-    drift, beside a third channel whose noise is not known; in turn with sigma, with weights alone, and with few readings.
+    """Of so many fits of models that are right: two channels of one measurement at irregular times,
+    with gaps, an offset and a drift, beside a third channel whose noise is not known; in turn with
+    sigma, with weights alone, and with few readings.
     """
     random, found = torch.Generator().manual_seed(seed), 0
     for k in range(repeats):
@@ -138,21 +166,32 @@ def false_alarms(repeats, seed):
             y = decay(theta, times)
             return torch.stack((y, -y), -1), y
 
-        data = [tb.Measurement(values, 0.05, times, name="gauge", offset=k % 4 == 0, drift=k % 8 == 0),
-                tb.Measurement(other, None if k % 5 == 0 else 0.02, times, name="laser")]
-        fit = tb.identify(model, data, START, **({"noise": "channel"} if k % 5 == 0 else {"absolute_sigma": k % 5 != 1}))
+        data = [
+            tb.Measurement(values, 0.05, times, name="gauge", offset=k % 4 == 0, drift=k % 8 == 0),
+            tb.Measurement(other, None if k % 5 == 0 else 0.02, times, name="laser"),
+        ]
+        fit = tb.identify(
+            model,
+            data,
+            START,
+            **({"noise": "channel"} if k % 5 == 0 else {"absolute_sigma": k % 5 != 1}),
+        )
         found += bool(fit.doubts)
     return found
 
 
 def test_false_alarms():
-    """At most one of a hundred: of 60 fits none or one, two in one of eight series of them, three in one of forty."""
+    """At most one of a hundred: of 60 fits none or one, two in one of eight series of them, three
+    in one of forty.
+    """
     assert false_alarms(60, 0) <= 2
 
 
 @pytest.mark.long
 def test_false_alarms_counted():
-    """Of 1,500 fits 15 at most are to be expected, and 10 were found; 27 are three deviations of Poisson's law above."""
+    """Of 1,500 fits 15 at most are to be expected, and 10 were found; 27 are three deviations of
+    Poisson's law above.
+    """
     count = false_alarms(1500, 1)
     print(f"{count} false alarms in 1500 fits")
     assert count <= 27

@@ -9,9 +9,20 @@ from tests.cases.wave_cases import CLEAN, NOISE, T, wave
 
 
 def test_a_summary_and_a_file(tmp_path):
-    fit = tb.identify({"one": wave}, {"one": tb.Measurement(CLEAN + NOISE, 0.05, T, offset=True)}, {"a": 1.0, "b": 1.0})
+    fit = tb.identify(
+        {"one": wave},
+        {"one": tb.Measurement(CLEAN + NOISE, 0.05, T, offset=True)},
+        {"a": 1.0, "b": 1.0},
+    )
     text = fit.summary()
-    for part in ("parameter", "95 % interval", "one.offset", "misfit (RMS)", "sigma of 40 data, 3 parameters", "converged in"):
+    for part in (
+        "parameter",
+        "95 % interval",
+        "one.offset",
+        "misfit (RMS)",
+        "sigma of 40 data, 3 parameters",
+        "converged in",
+    ):
         assert part in text
     fit.save(tmp_path / "fit.pt")
     back = tb.Fit.load(tmp_path / "fit.pt")
@@ -32,12 +43,17 @@ def test_hints():
     with pytest.warns(UserWarning, match="is a unit off by 1000") as told:
         fit = tb.identify(wave, 1000 * CLEAN, start)
     assert told[0].filename == __file__
-    assert "times the model's at the start" in fit.hints[0] and "off by\n  1000 (mm" in fit.summary()
+    assert (
+        "times the model's at the start" in fit.hints[0] and "off by\n  1000 (mm" in fit.summary()
+    )
     with pytest.warns(UserWarning, match="is a unit off by 1000"):
         fit = tb.identify(wave, 1e-3 * CLEAN, start)
     assert "times the data's" in fit.hints[0]
     fit = tb.identify(wave, tb.Measurement(CLEAN + 0.3 * torch.sin(6 * T), 0.05, T), start)
-    assert "times what sigma says" in fit.hints[0] and "residuals of neighbouring readings are alike" in fit.hints[1]
+    assert (
+        "times what sigma says" in fit.hints[0]
+        and "residuals of neighbouring readings are alike" in fit.hints[1]
+    )
     assert tb.identify(wave, tb.Measurement(CLEAN + NOISE, 0.05, T), start).hints == ()
 
 
@@ -48,8 +64,8 @@ def test_a_line_of_progress(capsys):
 
 
 def test_a_fit_refined_by_a_finer_model():
-    """The fit of one model carried over to another: where a search with that ends, to a hundredth of a deviation, at one sample
-    an evaluation; a model that has little to do with it is refused.
+    """The fit of one model carried over to another: where a search with that ends, to a hundredth
+    of a deviation, at one sample an evaluation; a model that has little to do with it is refused.
     """
     asked = []
 
@@ -72,9 +88,14 @@ def test_a_fit_refined_by_a_finer_model():
 
 
 def test_a_fit_at_a_bound_is_refined_along_it():
-    """b is held where the coarse fit left it; a goes to the finer model's best for that b, linear least squares."""
+    """b is held where the coarse fit left it; a goes to the finer model's best for that b, linear
+    least squares.
+    """
     start = {"a": 1.0, "b": tb.Parameter(0.2, bounds=(0.0, 0.5))}
-    fit = tb.identify(wave, CLEAN + NOISE, start, sigma=0.05).refined(lambda theta: 0.98 * wave(theta))
+    fit = tb.identify(wave, CLEAN + NOISE, start, sigma=0.05).refined(
+        lambda theta: 0.98 * wave(theta)
+    )
     shape = 0.98 * torch.exp(-0.5 * T)
     assert fit.status == 0 and fit["b"] == 0.5
-    assert_close(fit["a"], shape @ (CLEAN + NOISE) / (shape @ shape), rtol=1e-3, atol=0)  # a hundredth of a deviation
+    # a hundredth of a deviation
+    assert_close(fit["a"], shape @ (CLEAN + NOISE) / (shape @ shape), rtol=1e-3, atol=0)

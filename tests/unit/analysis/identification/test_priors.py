@@ -11,14 +11,23 @@ from tests.cases.wave_cases import CLEAN, T, wave
 
 
 @pytest.mark.parametrize("derivatives", ["difference", "forward", "adjoint"])
-@pytest.mark.parametrize("prior", [Normal(1.0, 0.1), LogNormal(0.0, 0.05), Gamma(50.0, 40.0)], ids=lambda p: type(p).__name__)
+@pytest.mark.parametrize(
+    "prior",
+    [Normal(1.0, 0.1), LogNormal(0.0, 0.05), Gamma(50.0, 40.0)],
+    ids=lambda p: type(p).__name__,
+)
 def test_priors(prior, derivatives):
-    """The mode of the posterior of a mean: the root of its derivative, found by bisection; and, of a normal prior, the known
-    mean and deviation.
+    """The mode of the posterior of a mean: the root of its derivative, found by bisection; and, of
+    a normal prior, the known mean and deviation.
     """
     data, sigma = torch.tensor([1.5, 1.7, 1.3]), 0.2
-    fit = tb.identify(lambda theta: theta["m"][:, None].expand(-1, 3), data, {"m": tb.Parameter(1.0, "log", prior=prior)},
-                      sigma=sigma, derivatives=derivatives)
+    fit = tb.identify(
+        lambda theta: theta["m"][:, None].expand(-1, 3),
+        data,
+        {"m": tb.Parameter(1.0, "log", prior=prior)},
+        sigma=sigma,
+        derivatives=derivatives,
+    )
 
     def slope(m):
         m = torch.tensor(m, requires_grad=True)
@@ -27,47 +36,77 @@ def test_priors(prior, derivatives):
 
     low, high = 0.5, 3.0
     for _ in range(60):
-        low, high = ((low + high) / 2, high) if slope((low + high) / 2) < 0 else (low, (low + high) / 2)
+        low, high = (
+            ((low + high) / 2, high) if slope((low + high) / 2) < 0 else (low, (low + high) / 2)
+        )
     assert fit.status == 0
     assert_close(fit["m"].item(), low, rtol=1e-4 if derivatives == "adjoint" else 1e-6, atol=0)
     if isinstance(prior, Normal):
         precision = 3 / sigma**2 + 1 / 0.1**2
-        assert_close(fit["m"].item(), (data.sum().item() / sigma**2 + 1.0 / 0.1**2) / precision, rtol=1e-4, atol=0)
+        assert_close(
+            fit["m"].item(),
+            (data.sum().item() / sigma**2 + 1.0 / 0.1**2) / precision,
+            rtol=1e-4,
+            atol=0,
+        )
         assert_close(fit.deviation.item(), precision**-0.5, rtol=1e-4, atol=0)
 
 
 def test_a_prior_tells_what_data_do_not():
-    """A product of two: with a prior on one, both are determined, the other's deviation that of the prior."""
+    """A product of two: with a prior on one, both are determined, the other's deviation that of the
+    prior.
+    """
+
     def model(theta):
         return (theta["a"] * theta["b"])[:, None] * T
 
-    start = {"a": tb.Parameter(1.0, "log"), "b": tb.Parameter(1.5, "log", prior=LogNormal(0.0, 0.1))}
+    start = {
+        "a": tb.Parameter(1.0, "log"),
+        "b": tb.Parameter(1.5, "log", prior=LogNormal(0.0, 0.1)),
+    }
     fit = tb.identify(model, 2 * T, start, sigma=1e-3)
     assert fit.status == 0 and not fit.unidentifiable
     assert_close(fit.deviation / fit.theta, torch.tensor([0.1, 0.1]), rtol=1e-2, atol=0)
 
 
 def test_fewer_data_than_parameters_with_priors():
-    """One reading of a sum: each number gives way as its prior is wide; mean and covariance of the conditional normal law."""
+    """One reading of a sum: each number gives way as its prior is wide; mean and covariance of the
+    conditional normal law.
+    """
     prior = {"a": Normal(1.0, 0.3), "b": Normal(0.5, 0.4)}
     start = {name: tb.Parameter(0.7, prior=law) for name, law in prior.items()}
-    fit = tb.identify(lambda theta: (theta["a"] + theta["b"])[:, None], torch.tensor([2.0]), start, sigma=0.1)
+    fit = tb.identify(
+        lambda theta: (theta["a"] + theta["b"])[:, None], torch.tensor([2.0]), start, sigma=0.1
+    )
     variance, total = torch.tensor([0.09, 0.16]), 0.09 + 0.16 + 0.01
     assert fit.status == 0 and not fit.hints
     assert_close(fit.theta, torch.tensor([1.0, 0.5]) + variance / total * 0.5, rtol=1e-5, atol=0)
-    assert_close(fit.covariance, variance.diag() - torch.outer(variance, variance) / total, rtol=1e-5, atol=0)
+    assert_close(
+        fit.covariance, variance.diag() - torch.outer(variance, variance) / total, rtol=1e-5, atol=0
+    )
     with pytest.raises(ValueError, match="1 data were given for 2 parameters"):
-        tb.identify(lambda theta: (theta["a"] + theta["b"])[:, None], torch.tensor([2.0]), {"a": 1.0, "b": 0.5}, sigma=0.1)
+        tb.identify(
+            lambda theta: (theta["a"] + theta["b"])[:, None],
+            torch.tensor([2.0]),
+            {"a": 1.0, "b": 0.5},
+            sigma=0.1,
+        )
 
 
 def test_priors_of_a_batch_are_each_sample_by_itself():
-    """One sample outside of the support is infinitely unlikely, and the others are as likely as alone."""
+    """One sample outside of the support is infinitely unlikely, and the others are as likely as
+    alone.
+    """
     start = {"a": 1.0, "b": tb.Parameter(torch.tensor([0.2, 0.3]), prior=LogNormal(0.0, 0.5))}
-    problem = tb.identify(lambda theta: wave({"a": theta["a"], "b": theta["b"].sum(-1)}), CLEAN, start, sigma=0.01).problem
+    problem = tb.identify(
+        lambda theta: wave({"a": theta["a"], "b": theta["b"].sum(-1)}), CLEAN, start, sigma=0.01
+    ).problem
     x = torch.tensor([[1.0, 0.4, 0.6], [1.0, -0.1, 0.6], [1.0, 2.0, 0.1]])
     value, gradient, curvature = problem.prior(x)
     for k in (0, 2):
-        for batch, (alone,) in zip((value, gradient, curvature), problem.prior(x[k:k + 1]), strict=True):
+        for batch, (alone,) in zip(
+            (value, gradient, curvature), problem.prior(x[k : k + 1]), strict=True
+        ):
             assert_close(batch[k], alone, rtol=1e-12, atol=0)
     assert_close(value[0], -LogNormal(0.0, 0.5).log_prob(x[0, 1:]).sum(), rtol=1e-6, atol=0)
     assert value[1] == torch.inf and gradient[0, 1] != 0
@@ -77,14 +116,33 @@ def test_priors_of_a_batch_are_each_sample_by_itself():
 def test_a_prior_without_a_variance():
     """A transformed distribution has none: the size of a change is that of the start."""
     law = TransformedDistribution(Normal(0.0, 1.0), [SigmoidTransform()])
-    assert tb.Parameter(0.3, prior=law).size == 0.3 and tb.Parameter(0.0, prior=Normal(0.0, 2.0)).size == 2
+    assert (
+        tb.Parameter(0.3, prior=law).size == 0.3
+        and tb.Parameter(0.0, prior=Normal(0.0, 2.0)).size == 2
+    )
 
 
 def test_outside_of_the_prior_is_not_gone():
-    """The end of a uniform prior is a bound: the search goes along it, to the best amplitude for that rate."""
+    """The end of a uniform prior is a bound: the search goes along it, to the best amplitude for
+    that rate.
+    """
     shape = torch.exp(-0.5 * T)
     for transform in (None, "log"):
-        fit = tb.identify(wave, CLEAN, {"a": 1.0, "b": tb.Parameter(0.2, transform, prior=Uniform(0.0, 0.5))}, sigma=0.01)
-        assert (fit.history[..., 1] < 0.5).all() and fit.status == 0 and fit.held.tolist() == [False, True]
-        assert_close(fit.theta, torch.stack((shape @ CLEAN / (shape @ shape), torch.tensor(0.5))), rtol=1e-6, atol=0)
+        fit = tb.identify(
+            wave,
+            CLEAN,
+            {"a": 1.0, "b": tb.Parameter(0.2, transform, prior=Uniform(0.0, 0.5))},
+            sigma=0.01,
+        )
+        assert (
+            (fit.history[..., 1] < 0.5).all()
+            and fit.status == 0
+            and fit.held.tolist() == [False, True]
+        )
+        assert_close(
+            fit.theta,
+            torch.stack((shape @ CLEAN / (shape @ shape), torch.tensor(0.5))),
+            rtol=1e-6,
+            atol=0,
+        )
         assert fit.interval()[1, 1] < 0.5

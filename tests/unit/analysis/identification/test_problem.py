@@ -11,14 +11,26 @@ from tests.cases.wave_cases import CLEAN, NOISE, T, wave
 
 
 def test_experiments_share_parameters():
-    """Two experiments, one decay rate, amplitudes of their own: what one fit of both together by hand gives."""
-    data = {"one": 2 * torch.exp(-0.7 * T) + NOISE, "two": 5 * torch.exp(-0.7 * T[:30]) - NOISE[:30]}
+    """Two experiments, one decay rate, amplitudes of their own: what one fit of both together by
+    hand gives.
+    """
+    data = {
+        "one": 2 * torch.exp(-0.7 * T) + NOISE,
+        "two": 5 * torch.exp(-0.7 * T[:30]) - NOISE[:30],
+    }
     models = {"one": wave, "two": lambda theta: wave(theta)[:, :30]}
     fit = tb.identify(models, data, {"b": 1.0, "a": tb.Parameter(1.0, own=True)})
-    assert fit.names == ("b", "one.a", "two.a") and set(fit.y) == {"one", "two"} and fit.y["two"].shape == (30,)
+    assert (
+        fit.names == ("b", "one.a", "two.a")
+        and set(fit.y) == {"one", "two"}
+        and fit.y["two"].shape == (30,)
+    )
 
     def both(theta):
-        return torch.cat([theta[:, k:k + 1] * torch.exp(-theta[:, :1] * t) for k, t in ((1, T), (2, T[:30]))], -1)
+        return torch.cat(
+            [theta[:, k : k + 1] * torch.exp(-theta[:, :1] * t) for k, t in ((1, T), (2, T[:30]))],
+            -1,
+        )
 
     known = tb.identify(both, torch.cat(tuple(data.values())), (1.0, 1.0, 1.0))
     assert_close(fit.theta, known.theta, rtol=1e-6, atol=0)
@@ -26,7 +38,9 @@ def test_experiments_share_parameters():
 
 
 def test_offset_and_drift_are_parameters_of_the_instrument():
-    """Each channel's constant and slope come back, with the covariance of linear least squares; trials cost no more."""
+    """Each channel's constant and slope come back, with the covariance of linear least squares;
+    trials cost no more.
+    """
     asked = []
 
     def model(theta):
@@ -38,7 +52,12 @@ def test_offset_and_drift_are_parameters_of_the_instrument():
     data[5:9, 1] = math.nan
     record = tb.Measurement(data, 0.01, T, offset=True, drift=True, name="laser")
     fit = tb.identify(model, record, {"a": 1.0, "b": 1.0})
-    assert fit.names[2:] == ("offset of laser 0", "offset of laser 1", "drift of laser 0", "drift of laser 1")
+    assert fit.names[2:] == (
+        "offset of laser 0",
+        "offset of laser 1",
+        "drift of laser 0",
+        "drift of laser 1",
+    )
     assert_close(fit.theta, torch.tensor([2.0, 0.7, 0.3, -1.0, 0.0, 0.2]), rtol=1e-6, atol=1e-6)
     assert max(asked) == 2 * 2 + 1
     X = torch.zeros(40, 2, 6)
@@ -52,7 +71,10 @@ def test_offset_and_drift_are_parameters_of_the_instrument():
 
 
 def test_a_status_is_a_trial_that_failed():
-    """(y, status): samples that failed do not count, whatever their numbers say, and the start counts as failed too."""
+    """(y, status): samples that failed do not count, whatever their numbers say, and the start
+    counts as failed too.
+    """
+
     def model(theta):
         bad = theta["b"] < 0.3
         return torch.where(bad[:, None], CLEAN, wave(theta)), bad.long()
@@ -60,16 +82,25 @@ def test_a_status_is_a_trial_that_failed():
     fit = tb.identify(model, CLEAN, {"a": 1.0, "b": 3.0})
     assert fit.status == 0 and (fit.history[..., 1] >= 0.3).all()
     assert_close(fit.theta, torch.tensor([2.0, 0.7]), rtol=1e-6, atol=0)
-    vector = tb.identify(lambda x: model({"a": x[:, 0], "b": x[:, 1]}), CLEAN, torch.tensor([[1.0, 0.1], [1.0, 1.0]]))
-    assert vector.statuses.tolist() == [4, 0] and "the model failed at 1 of 2 starts" in vector.message
+    vector = tb.identify(
+        lambda x: model({"a": x[:, 0], "b": x[:, 1]}), CLEAN, torch.tensor([[1.0, 0.1], [1.0, 1.0]])
+    )
+    assert (
+        vector.statuses.tolist() == [4, 0] and "the model failed at 1 of 2 starts" in vector.message
+    )
     with pytest.raises(ValueError, match="a start"):
         tb.identify(model, CLEAN, {"a": 1.0, "b": 0.1})
 
 
 def test_sigma_that_only_weighs():
-    """absolute_sigma=False: any factor of sigma gives the same fit, covariance and intervals, those of the misfit."""
+    """absolute_sigma=False: any factor of sigma gives the same fit, covariance and intervals, those
+    of the misfit.
+    """
     sigma, start = 0.05 * (1 + T), {"a": 1.0, "b": 1.0}
-    fits = [tb.identify(wave, CLEAN + NOISE, start, sigma=c * sigma, absolute_sigma=False) for c in (1.0, 7.0)]
+    fits = [
+        tb.identify(wave, CLEAN + NOISE, start, sigma=c * sigma, absolute_sigma=False)
+        for c in (1.0, 7.0)
+    ]
     assert_close(fits[0].interval(), fits[1].interval(), rtol=1e-6, atol=0)
     absolute = tb.identify(wave, CLEAN + NOISE, start, sigma=sigma)
     assert_close(fits[0].theta, absolute.theta, rtol=1e-6, atol=0)
@@ -80,13 +111,18 @@ def test_sigma_that_only_weighs():
 
 
 def test_automatic_derivatives():
-    """Differences where they are good; forward mode, with a warning, where noise of the model, here 1e-5, spoils them."""
+    """Differences where they are good; forward mode, with a warning, where noise of the model, here
+    1e-5, spoils them.
+    """
+
     def rough(theta):
         return wave(theta) + 1e-5 * torch.sin(1e9 * (theta["a"] + theta["b"])).detach()[:, None]
 
     start = {"a": 1.0, "b": 1.0}
     assert tb.identify(wave, CLEAN, start).derivatives == "difference"
-    with pytest.warns(tb.SlowPathWarning, match="forward mode, .* differences of '[ab]' depend on their step"):
+    with pytest.warns(
+        tb.SlowPathWarning, match="forward mode, .* differences of '[ab]' depend on their step"
+    ):
         fit = tb.identify(rough, CLEAN, start, tolerance=1e-4)
     assert fit.derivatives == "forward"
     assert_close(fit.theta, torch.tensor([2.0, 0.7]), rtol=1e-4, atol=0)

@@ -1,4 +1,6 @@
-"""The folder of monte_carlo: nothing old is taken for new, nothing damaged or half written for whole."""
+"""The folder of monte_carlo: nothing old is taken for new, nothing damaged or half written for
+whole.
+"""
 
 import errno
 import json
@@ -14,7 +16,9 @@ from torchbeam.core import files
 
 A, B = (0.0, 1.0), (5.0, 6.0)
 LAWS = {"a": A, "b": B}
-NORMAL = torch.distributions.Normal(torch.tensor(1.0, dtype=torch.float64), torch.tensor(0.2, dtype=torch.float64))
+NORMAL = torch.distributions.Normal(
+    torch.tensor(1.0, dtype=torch.float64), torch.tensor(0.2, dtype=torch.float64)
+)
 
 
 def total(theta):
@@ -29,6 +33,7 @@ def run(folder, function=total, laws=LAWS, n=24, **options):
     return tb.monte_carlo(function, laws, n, **{**dict(chunk=8, out=folder), **options})
 
 
+# fmt: off
 OTHERS = {
     "laws in another order": (dict(laws={"b": B, "a": A}), "other laws was given"),
     "a law's name": (dict(laws={"a": A, "c": B}), "other laws"),
@@ -37,10 +42,14 @@ OTHERS = {
     "one law more": (dict(laws={**LAWS, "c": A}), "other laws"),
     "seed": (dict(seed=1), r"another seed was given \(0 there, 1 here\)"),
     "chunk": (dict(chunk=4), r"another chunk was given \(8 there, 4 here\)"),
-    "dtype": (dict(dtype=torch.float32), r"another dtype was given \(torch.float64 there, torch.float32 here\)"),
-    "function": (dict(function=lambda theta: theta.prod(-1)), r"another function was given \(changed: its code"),
-    "version": (dict(version=2), r"another version of the function was given \(null there, 2 here\)"),
+    "dtype": (dict(dtype=torch.float32),
+              r"another dtype was given \(torch.float64 there, torch.float32 here\)"),
+    "function": (dict(function=lambda theta: theta.prod(-1)),
+                 r"another function was given \(changed: its code"),
+    "version": (dict(version=2),
+                r"another version of the function was given \(null there, 2 here\)"),
 }
+# fmt: on
 
 
 @pytest.mark.parametrize("name", OTHERS)
@@ -69,19 +78,31 @@ def test_a_library_or_sequence_of_another_release_is_refused(tmp_path):
     run(tmp_path, laws=laws)
     label = json.loads((tmp_path / "run.json").read_text())
     used = label["versions"]
-    for changed, sentence in ((dict(versions={**used, "torchbeam": "0"}), r"other versions was given \(torchbeam 0"),
-                              (dict(versions={**used, "torch": "1.0"}), r"other versions was given \(torch 1.0"),
-                              (dict(sobol=[[0.0]]), "another Sobol sequence"), (dict(format=1), "files of another release")):
+    for changed, sentence in (
+        (dict(versions={**used, "torchbeam": "0"}), r"other versions was given \(torchbeam 0"),
+        (dict(versions={**used, "torch": "1.0"}), r"other versions was given \(torch 1.0"),
+        (dict(sobol=[[0.0]]), "another Sobol sequence"),
+        (dict(format=1), "files of another release"),
+    ):
         (tmp_path / "run.json").write_text(json.dumps({**label, **changed}))
         with pytest.raises(ValueError, match=sentence):
             run(tmp_path, laws=laws)
 
 
-@pytest.mark.parametrize("by", [(2.0, 3.0), ([2.0], [3.0]), (torch.tensor(2.0), torch.tensor(3.0)), ({"k": 2}, {"k": 3})])
+@pytest.mark.parametrize(
+    "by", [(2.0, 3.0), ([2.0], [3.0]), (torch.tensor(2.0), torch.tensor(3.0)), ({"k": 2}, {"k": 3})]
+)
 def test_a_function_is_known_by_what_it_closes_over(by, tmp_path):
     """The same code under the same name, another constant around it."""
+
     def closing(value):
-        number = next(iter(value.values())) if isinstance(value, dict) else value[0] if isinstance(value, list) else value
+        number = (
+            next(iter(value.values()))
+            if isinstance(value, dict)
+            else value[0]
+            if isinstance(value, list)
+            else value
+        )
         return lambda theta: number * theta.sum(-1) if value is not None else None
 
     run(tmp_path, closing(by[0]))
@@ -91,7 +112,9 @@ def test_a_function_is_known_by_what_it_closes_over(by, tmp_path):
 
 
 def test_what_a_function_counts_is_not_what_it_is(tmp_path):
-    """It appends to a list that it closes over: the next call reads its chunks, and an interrupted one is taken up."""
+    """It appends to a list that it closes over: the next call reads its chunks, and an interrupted
+    one is taken up.
+    """
     calls = []
 
     def counted(theta):
@@ -108,23 +131,31 @@ def test_what_a_function_counts_is_not_what_it_is(tmp_path):
 
 
 def test_a_version_stands_for_the_function(tmp_path):
-    """Another function under the same version is taken for the same; one without a fingerprint wants a version."""
+    """Another function under the same version is taken for the same; one without a fingerprint
+    wants a version.
+    """
     first = run(tmp_path / "version", scaled(1.0), version="1")
     assert (run(tmp_path / "version", scaled(2.0), version="1").y == first.y).all()
-    with pytest.raises(ValueError, match=r"another version of the function was given \(1 there, 2 here\)"):
+    with pytest.raises(
+        ValueError, match=r"another version of the function was given \(1 there, 2 here\)"
+    ):
         run(tmp_path / "version", scaled(2.0), version=2)
     with open(os.devnull) as file:
+
         def holds(theta):
             return theta.sum(-1) if file else None
 
-        with pytest.raises(ValueError, match=r"holds a _io.TextIOWrapper, which may change unseen.*version= is wanted"):
+        with pytest.raises(
+            ValueError,
+            match=r"holds a _io.TextIOWrapper, which may change unseen.*version= is wanted",
+        ):
             run(tmp_path / "file", holds)
         assert (run(tmp_path / "file", holds, version=1).y == first.y).all()
 
 
 def test_a_damaged_chunk_is_computed_anew(tmp_path):
-    """One bit of 40 in turn, all over the file; a file cut short, empty, of something else, of another place: the samples are
-    those of before, with a warning wherever content was lost.
+    """One bit of 40 in turn, all over the file; a file cut short, empty, of something else, of
+    another place: the samples are those of before, with a warning wherever content was lost.
     """
     whole, path = run(tmp_path), tmp_path / "chunk-000000008.pt"
     good = path.read_bytes()
@@ -160,7 +191,9 @@ def test_a_flipped_number_is_noticed(tmp_path):
 
 
 def test_a_full_disk(tmp_path, monkeypatch):
-    """The third chunk does not fit: one sentence, two chunks and no other file; with room, the same call goes on."""
+    """The third chunk does not fit: one sentence, two chunks and no other file; with room, the same
+    call goes on.
+    """
     real, synced = os.fsync, []
 
     def full(file):
@@ -170,24 +203,44 @@ def test_a_full_disk(tmp_path, monkeypatch):
         real(file)
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(files.NotWritten, match=r"chunk-000000016.pt' could not be written: No space left on device"):
+    with pytest.raises(
+        files.NotWritten, match=r"chunk-000000016.pt' could not be written: No space left on device"
+    ):
         run(tmp_path)
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["chunk-000000000.pt", "chunk-000000008.pt", "run.json"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "chunk-000000000.pt",
+        "chunk-000000008.pt",
+        "run.json",
+    ]
     monkeypatch.undo()
     assert (run(tmp_path).y == run(None).y).all()
 
 
 def test_foreign_folders(tmp_path):
-    """A file, a folder below a file, one with two parents missing, one of something else, a run.json that is none."""
+    """A file, a folder below a file, one with two parents missing, one of something else, a
+    run.json that is none.
+    """
     file = tmp_path / "file"
     file.write_text("")
-    for path, sentence in ((file, "the file '.*file' was given for a folder"), (file / "x", "is no folder; one in a folder"),
-                           (tmp_path / "no" / "run", "no' is no folder"), (tmp_path, "holds 'file' and no run.json")):
+    for path, sentence in (
+        (file, "the file '.*file' was given for a folder"),
+        (file / "x", "is no folder; one in a folder"),
+        (tmp_path / "no" / "run", "no' is no folder"),
+        (tmp_path, "holds 'file' and no run.json"),
+    ):
         with pytest.raises(ValueError, match=sentence):
             run(path)
     assert not (tmp_path / "no").exists()
     file.unlink()
-    for text in ("", "{", "[]", "{}", '{"format": 2}', '{"format": 2, "parts": {}, "run": 3}', "\x00"):
+    for text in (
+        "",
+        "{",
+        "[]",
+        "{}",
+        '{"format": 2}',
+        '{"format": 2, "parts": {}, "run": 3}',
+        "\x00",
+    ):
         (tmp_path / "run.json").write_text(text)
         with pytest.raises(ValueError, match=r"run.json is damaged or of another release"):
             run(tmp_path)

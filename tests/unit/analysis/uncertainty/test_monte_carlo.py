@@ -17,7 +17,9 @@ from torch.testing import assert_close
 import torchbeam as tb
 from torchbeam.core.repetition import repetitions
 
-NORMAL = torch.distributions.Normal(torch.tensor(1.0, dtype=torch.float64), torch.tensor(0.2, dtype=torch.float64))
+NORMAL = torch.distributions.Normal(
+    torch.tensor(1.0, dtype=torch.float64), torch.tensor(0.2, dtype=torch.float64)
+)
 LAWS = {"a": (0.0, 2.0), "b": NORMAL, "c": torch.exp}
 CALLS = []
 
@@ -28,11 +30,15 @@ def product(theta):
 
 
 def test_laws():
-    """Mean and deviation of each column: uniform on (0, 2), normal, exp of uniform. n = 1024 of a scrambled Sobol sequence:
-    means are good to 1e-3 (plain sampling: 2e-2).
+    """Mean and deviation of each column: uniform on (0, 2), normal, exp of uniform. n = 1024 of a
+    scrambled Sobol sequence: means are good to 1e-3 (plain sampling: 2e-2).
     """
     found = tb.monte_carlo(product, LAWS, 1024)
-    assert found.names == ("a", "b", "c") and found.theta.shape == (1024, 3) and found.y.shape == (1024, 1)
+    assert (
+        found.names == ("a", "b", "c")
+        and found.theta.shape == (1024, 3)
+        and found.y.shape == (1024, 1)
+    )
     assert_close(found.theta.mean(0), torch.tensor([1.0, 1.0, math.e - 1]), rtol=0, atol=1e-3)
     assert_close(found.theta.std(0)[:2], torch.tensor([2 / 12**0.5, 0.2]), rtol=1e-2, atol=0)
     assert_close(found.mean, torch.tensor([math.e - 1]), rtol=0, atol=5e-3)
@@ -43,8 +49,11 @@ def test_chunks_do_not_matter():
     """Any chunk size, an executor, a longer run: the same samples, to the bit."""
     whole = tb.monte_carlo(product, LAWS, 100, chunk=100)
     with ThreadPoolExecutor(2) as pool:
-        others = [tb.monte_carlo(product, LAWS, 100, chunk=7), tb.monte_carlo(product, LAWS, 100, chunk=32, executor=pool),
-                  tb.monte_carlo(product, LAWS, 130, chunk=64)]
+        others = [
+            tb.monte_carlo(product, LAWS, 100, chunk=7),
+            tb.monte_carlo(product, LAWS, 100, chunk=32, executor=pool),
+            tb.monte_carlo(product, LAWS, 130, chunk=64),
+        ]
     for other in others:
         assert (other.theta[:100] == whole.theta).all() and (other.y[:100] == whole.y).all()
     assert not (tb.monte_carlo(product, LAWS, 100, seed=1).theta == whole.theta).any()
@@ -55,16 +64,28 @@ def test_the_default_dtype_does_not_matter():
     here = tb.monte_carlo(product, LAWS, 8)
     torch.set_default_dtype(torch.float32)
     there = tb.monte_carlo(product, LAWS, 8, dtype=torch.float64)
-    assert (here.theta == there.theta).all() and tb.monte_carlo(product, LAWS, 8).y.dtype == torch.float32
+    assert (here.theta == there.theta).all() and tb.monte_carlo(
+        product, LAWS, 8
+    ).y.dtype == torch.float32
 
 
 def test_other_processes():
-    """Two spawned workers: what this process gets, to the bit; and no open file stays behind a chunk."""
+    """Two spawned workers: what this process gets, to the bit; and no open file stays behind a
+    chunk.
+    """
     before, opened = _open_files(), []
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        there = tb.monte_carlo(torch.sin, LAWS, 64, chunk=1, executor=pool, progress=lambda _: opened.append(_open_files()))
+        there = tb.monte_carlo(
+            torch.sin,
+            LAWS,
+            64,
+            chunk=1,
+            executor=pool,
+            progress=lambda _: opened.append(_open_files()),
+        )
     assert (there.y == tb.monte_carlo(torch.sin, LAWS, 64, chunk=1).y).all()
-    assert max(opened) < before + 32  # pipes of two processes, and nothing that is left of each chunk
+    # pipes of two processes, and nothing that is left of each chunk
+    assert max(opened) < before + 32
 
 
 def _open_files():
@@ -83,12 +104,18 @@ def test_a_cluster_that_loses_a_worker(tmp_path):
     with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
         victim = next(iter(client.run(os.getpid).values()))
         Timer(0.7, os.kill, (victim, signal.SIGKILL)).start()
-        there = tb.monte_carlo(_doze, LAWS, 64, chunk=8, executor=client.get_executor(retries=3), out=tmp_path)
-    assert (there.y == tb.monte_carlo(torch.sin, LAWS, 64).y).all() and len(list(tmp_path.iterdir())) == 9
+        there = tb.monte_carlo(
+            _doze, LAWS, 64, chunk=8, executor=client.get_executor(retries=3), out=tmp_path
+        )
+    assert (there.y == tb.monte_carlo(torch.sin, LAWS, 64).y).all() and len(
+        list(tmp_path.iterdir())
+    ) == 9
 
 
 def test_taken_up_again(tmp_path):
-    """A file a chunk; a missing one alone is computed again, a larger n adds, a smaller one reads; nothing half written."""
+    """A file a chunk; a missing one alone is computed again, a larger n adds, a smaller one reads;
+    nothing half written.
+    """
     whole = tb.monte_carlo(product, LAWS, 40, chunk=16, out=tmp_path)
     files = sorted(p.name for p in tmp_path.iterdir())
     assert files == ["chunk-000000000.pt", "chunk-000000016.pt", "chunk-000000032.pt", "run.json"]
@@ -99,11 +126,16 @@ def test_taken_up_again(tmp_path):
     assert CALLS == [16] and (again.y == whole.y).all()
     longer = tb.monte_carlo(product, LAWS, 70, chunk=16, out=tmp_path)
     assert CALLS == [16, 16, 16, 6] and (longer.y[:40] == whole.y).all()  # the third chunk had 8
-    assert (tb.monte_carlo(product, LAWS, 20, chunk=16, out=tmp_path).y == whole.y[:20]).all() and len(CALLS) == 4
+    assert (
+        tb.monte_carlo(product, LAWS, 20, chunk=16, out=tmp_path).y == whole.y[:20]
+    ).all() and len(CALLS) == 4
 
 
 def test_failed_samples_keep_their_place():
-    """y that is not finite, and what the function itself says failed; statistics are of the others."""
+    """y that is not finite, and what the function itself says failed; statistics are of the
+    others.
+    """
+
     def half(theta):
         y = torch.where(theta[:, 0] > 1.5, torch.nan, theta[:, 0])
         return y, (theta[:, 0] < 0.5).long() * 3
@@ -117,6 +149,7 @@ def test_failed_samples_keep_their_place():
 
 def test_an_error_leaves_what_was_done(tmp_path):
     """The function raises in the third chunk: the first two are there."""
+
     def fails(theta):
         if len(list(tmp_path.glob("chunk-*.pt"))) == 2:
             raise RuntimeError("out of luck")
@@ -128,10 +161,18 @@ def test_an_error_leaves_what_was_done(tmp_path):
 
 
 def test_beams():
-    """Deflections of beams of scattered stiffness: small loads, w = P L^3/(3 EI)(1 + 1/(2 N^2))^-1..., mean of 1/EI known."""
+    """Deflections of beams of scattered stiffness: small loads, w = P
+    L^3/(3 EI)(1 + 1/(2 N^2))^-1..., mean of 1/EI known.
+    """
+
     def deflection(theta):
-        section = tb.Section.from_stiffness(EA=math.inf, GA=math.inf, GJ=1.0, EI=theta[:, 0], mass=1.0)
-        state = tb.equilibrium(tb.Scene(tb.Beam.straight(1.0, 4, section), [tb.TipLoad(force=(0, 0, 1e-4))]), throw=False)
+        section = tb.Section.from_stiffness(
+            EA=math.inf, GA=math.inf, GJ=1.0, EI=theta[:, 0], mass=1.0
+        )
+        state = tb.equilibrium(
+            tb.Scene(tb.Beam.straight(1.0, 4, section), [tb.TipLoad(force=(0, 0, 1e-4))]),
+            throw=False,
+        )
         return state.tip.position[:, 2], state.status
 
     found = tb.monte_carlo(deflection, {"EI": (1.0, 2.0)}, 64)
@@ -140,7 +181,9 @@ def test_beams():
 
 
 def test_chunks_that_nobody_chose(tmp_path):
-    """256; of many samples up to 1,024, and in a folder what that has. What the function calls knows how many there are."""
+    """256; of many samples up to 1,024, and in a folder what that has. What the function calls
+    knows how many there are.
+    """
     sizes = []
 
     def noted(theta):
@@ -170,10 +213,12 @@ def test_half_precision_is_kept_as_single():
     assert found.y.dtype == torch.float32 and torch.isfinite(found.mean)
 
 
+# fmt: off
 CASES = {
     "no laws": (dict(laws={}), "no laws were given"),
     "no function": (dict(function=3), "function = 3 was given"),
-    "complex numbers": (dict(function=lambda theta: 1j * theta), "gave a complex y was given; real numbers"),
+    "complex numbers": (dict(function=lambda theta: 1j * theta),
+                        "gave a complex y was given; real numbers"),
     "law as a number": (dict(laws={"a": 1.0}), "the law 1.0 was given for 'a'"),
     "law upside down": (dict(laws={"a": (2.0, 1.0)}), r"\(least, largest\) is wanted"),
     "no samples": (dict(n=0), "n = 0"),
@@ -181,9 +226,11 @@ CASES = {
     "laws as a list": (dict(laws=[(0.0, 1.0)]), r"laws = \[\(0.0, 1.0\)\] was given; a dict"),
     "law without a name": (dict(laws={0: (0.0, 1.0)}), "a law was given for 0; a name"),
     "law without end": (dict(laws={"a": (0.0, math.inf)}), r"\(least, largest\) is wanted"),
-    "law of one number": (dict(laws={"a": lambda u: u.mean()}), r"a law of 'a' that gave \(\) for u \(8,\)"),
+    "law of one number": (dict(laws={"a": lambda u: u.mean()}),
+                          r"a law of 'a' that gave \(\) for u \(8,\)"),
     "law that is no tensor": (dict(laws={"a": lambda u: 1.0}), "a law of 'a' that gave a float"),
-    "law that fails": (dict(laws={"a": lambda u: (u - 0.5).log()}), "a law of 'a' that gave numbers that are not finite"),
+    "law that fails": (dict(laws={"a": lambda u: (u - 0.5).log()}),
+                       "a law of 'a' that gave numbers that are not finite"),
     "seed": (dict(seed="a"), "seed = 'a' was given"),
     "negative seed": (dict(seed=-1), "seed = -1 was given"),
     "dtype": (dict(dtype=torch.int64), "torch.int64 was given"),
@@ -191,27 +238,43 @@ CASES = {
     "executor": (dict(executor=4), "executor = 4 was given"),
     "version": (dict(version=1.5), "version = 1.5 was given"),
     "y that is no tensor": (dict(function=lambda theta: theta.tolist()), "gave y as a list"),
-    "a status too short": (dict(function=lambda theta: (theta, torch.zeros(3))), r"gave a status \(3,\) was given; \(8,\)"),
-    "sentences": (dict(sentences="buckled"), "sentences = 'buckled' were given; a dict, status -> text"),
+    "a status too short": (dict(function=lambda theta: (theta, torch.zeros(3))),
+                           r"gave a status \(3,\) was given; \(8,\)"),
+    "sentences": (dict(sentences="buckled"),
+                  "sentences = 'buckled' were given; a dict, status -> text"),
     "sentences by text": (dict(sentences={"3": "buckled"}), "a dict, status -> text, is wanted"),
-    "constants with a correlation": (dict(laws={"a": tb.laws.Constant(1.0), "b": tb.laws.Constant(2.0)},
-                                          correlation={("a", "b"): 0.5}), "of 'a' was given, which is a constant"),
-    "several correlations": (dict(correlation={("a", "b"): [0.1, 0.2]}), r"the correlation of \('a', 'b'\) = \[0.1, 0.2\] was"),
-    "a correlation of lists": (dict(correlation={(("a",), "b"): 0.1}), r"a correlation of \(\('a',\), 'b'\) was given; two of"),
+    "constants with a correlation": (dict(laws={"a": tb.laws.Constant(1.0),
+                                                "b": tb.laws.Constant(2.0)},
+                                          correlation={("a", "b"): 0.5}),
+                                     "of 'a' was given, which is a constant"),
+    "several correlations": (dict(correlation={("a", "b"): [0.1, 0.2]}),
+                             r"the correlation of \('a', 'b'\) = \[0.1, 0.2\] was"),
+    "a correlation of lists": (dict(correlation={(("a",), "b"): 0.1}),
+                               r"a correlation of \(\('a',\), 'b'\) was given; two of"),
     "path": (dict(out=3), "out = 3 was given; a path is wanted"),
     "no path": (dict(out=""), "out = '' was given; a path is wanted"),
-    "chunk as an array": (dict(chunk=np.array([1, 2])), r"chunk = array\(\[1, 2\]\) was given; a whole number"),
-    "progress as a tensor": (dict(progress=torch.ones(2)), "progress = tensor.* was given; a function of progress is wanted"),
+    "chunk as an array": (dict(chunk=np.array([1, 2])),
+                          r"chunk = array\(\[1, 2\]\) was given; a whole number"),
+    "progress as a tensor": (dict(progress=torch.ones(2)),
+                             "progress = tensor.* was given; a function of progress is wanted"),
     "y without numbers": (dict(function=lambda theta: theta[:, :0]), r"gave y \(8, 0\) was given"),
     "y on no device": (dict(function=lambda theta: theta.to("meta")), "on meta was given; numbers"),
-    "a sparse y": (dict(function=lambda theta: theta.to_sparse()), "in the layout torch.sparse_coo"),
-    "half a status": (dict(function=lambda theta: (theta, theta[:, 0] * 0 + 0.5)), "a status between whole numbers"),
-    "a complex status": (dict(function=lambda theta: (theta, theta[:, 0] * 1j)), "a complex status was given"),
-    "law without quantiles": (dict(laws={"a": torch.distributions.Gamma(1.0, 2.0)}), r"which has no quantiles \(icdf\); an"),
-    "law of as many numbers": (dict(laws={"a": torch.distributions.Normal(torch.zeros(8), 1.0)}), r"which has \(8,\) numbers"),
-    "y of two kinds": (dict(function=lambda theta: theta.new_zeros(len(theta), len(theta)), chunk=5), "from sample 5 on"),
-    "another y": (dict(function=lambda theta: theta[:2]), r"y \(2, 3\) was given; \(8, ...\) is wanted"),
+    "a sparse y": (dict(function=lambda theta: theta.to_sparse()),
+                   "in the layout torch.sparse_coo"),
+    "half a status": (dict(function=lambda theta: (theta, theta[:, 0] * 0 + 0.5)),
+                      "a status between whole numbers"),
+    "a complex status": (dict(function=lambda theta: (theta, theta[:, 0] * 1j)),
+                         "a complex status was given"),
+    "law without quantiles": (dict(laws={"a": torch.distributions.Gamma(1.0, 2.0)}),
+                              r"which has no quantiles \(icdf\); an"),
+    "law of as many numbers": (dict(laws={"a": torch.distributions.Normal(torch.zeros(8), 1.0)}),
+                               r"which has \(8,\) numbers"),
+    "y of two kinds": (dict(function=lambda theta: theta.new_zeros(len(theta), len(theta)),
+                            chunk=5), "from sample 5 on"),
+    "another y": (dict(function=lambda theta: theta[:2]),
+                  r"y \(2, 3\) was given; \(8, ...\) is wanted"),
 }
+# fmt: on
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -28,7 +28,9 @@ def function(theta):
 @pytest.fixture(scope="module", params=["sobol", "plain"])
 def both(request):
     options = dict(replicates=16, design=request.param, sentences={7: "buckled"})
-    return tb.monte_carlo(function, LAWS, 2**14, **options), tb.monte_carlo_stream(function, LAWS, 2**14, chunk=300, **options)
+    return tb.monte_carlo(function, LAWS, 2**14, **options), tb.monte_carlo_stream(
+        function, LAWS, 2**14, chunk=300, **options
+    )
 
 
 def test_moments(both):
@@ -50,23 +52,30 @@ def test_quantiles_and_probabilities(both):
     assert_close(stream.quantile(levels), kept.quantile(levels), rtol=2 * stream.error, atol=1e-3)
     a, b = stream.quantile(levels, 0.95), kept.quantile(levels, 0.95)
     assert ((a.high - a.low) < 1.3 * (b.high - b.low) + 4 * stream.error * b.estimate.abs()).all()
-    assert ((a.low - b.low).abs() <= 4 * stream.error * b.low.abs() + 2e-3).all() and a.reasons == kept.reasons
+    assert (
+        (a.low - b.low).abs() <= 4 * stream.error * b.low.abs() + 2e-3
+    ).all() and a.reasons == kept.reasons
     x = torch.tensor([1.0, 2.0])
     a, b = stream.exceedance(x), kept.exceedance(x)
     assert_close(a.estimate, b.estimate, rtol=0, atol=2e-3)
     assert ((a.high - a.low) < 1.3 * (b.high - b.low) + 4e-3).all()
     assert (a.low <= b.estimate).all() and (b.estimate <= a.high).all()
-    assert stream.exceedance([[1.0], [2.0]]).low.shape == (2, 2) and stream.quantile(0.5).shape == (2,)
+    assert stream.exceedance([[1.0], [2.0]]).low.shape == (2, 2) and stream.quantile(0.5).shape == (
+        2,
+    )
     edges = torch.linspace(-6, 60, 12)
-    wanted = torch.stack([torch.histc(y, 11, -6, 60) for y in kept.good.unbind(-1)]) / len(kept.good)
+    wanted = torch.stack([torch.histc(y, 11, -6, 60) for y in kept.good.unbind(-1)]) / len(
+        kept.good
+    )
     assert_close(stream.histogram(edges), wanted, rtol=0, atol=2e-3)
     assert "buckled" in repr(stream) and stream.failed == kept.failed
 
 
 def test_shares_at_the_least_and_the_largest_value():
-    """y = u between 0.3 and 0.6, which three and four samples of ten hold to: all of them lie between these edges, and none
-    beyond; of a y of one value alike.
+    """y = u between 0.3 and 0.6, which three and four samples of ten hold to: all of them lie
+    between these edges, and none beyond; of a y of one value alike.
     """
+
     def held(theta):
         return theta[:, 0].clamp(0.3, 0.6)
 
@@ -74,27 +83,38 @@ def test_shares_at_the_least_and_the_largest_value():
     share = stream.histogram((stream.all.least.item(), 0.4, 0.5, stream.all.largest.item()))
     assert_close(share, torch.tensor([0.4, 0.1, 0.5]), rtol=0, atol=2e-3)
     assert_close(share.sum(), torch.tensor(1.0), rtol=0, atol=1e-12)
-    beyond, below = stream.exceedance(stream.all.largest), stream.exceedance(stream.all.least - 1e-12)
+    beyond = stream.exceedance(stream.all.largest)
+    below = stream.exceedance(stream.all.least - 1e-12)
     assert beyond.estimate == 0 and beyond.high < 2e-3 and below.estimate == 1 and below.low > 0.998
     still = tb.monte_carlo_stream(lambda theta: 0 * theta[:, 0] + 2, {"u": (0.0, 1.0)}, 64)
     assert_close(still.histogram((1.5, 2.0, 2.5)), torch.tensor([0.0, 1.0]), rtol=0, atol=0)
 
 
 def test_probability_beyond_one_of_a_few_values():
-    """y of -2, -1, 0, 1 and 2 alike: P(y > x) is without the samples that are x, as `Samples` has it."""
+    """y of -2, -1, 0, 1 and 2 alike: P(y > x) is without the samples that are x, as `Samples` has
+    it.
+    """
+
     def whole(theta):
         return (theta[:, 0] * 5).floor() - 2
 
-    kept, stream = (run(whole, {"u": (0.0, 1.0)}, 1024, replicates=16) for run in (tb.monte_carlo, tb.monte_carlo_stream))
+    kept, stream = (
+        run(whole, {"u": (0.0, 1.0)}, 1024, replicates=16)
+        for run in (tb.monte_carlo, tb.monte_carlo_stream)
+    )
     for x in (-3.0, -2.0, -1.0, 0.0, 1.0, 1.5, 2.0):
         assert stream.exceedance(x).estimate == kept.exceedance(x).estimate
     assert stream.quantile((0.1, 0.3, 0.9)).tolist() == [-2.0, -1.0, 2.0]
 
 
 def test_sketches_are_read_once(both, monkeypatch):
-    """An interval of three quantiles of two numbers: two times per number for those of all, once for each of 16 replicates."""
+    """An interval of three quantiles of two numbers: two times per number for those of all, once
+    for each of 16 replicates.
+    """
     read, at_ranks, above = [], Sketch.at_ranks, Sketch.above
-    monkeypatch.setattr(Sketch, "at_ranks", lambda self, ranks: (read.append(self), at_ranks(self, ranks))[1])
+    monkeypatch.setattr(
+        Sketch, "at_ranks", lambda self, ranks: (read.append(self), at_ranks(self, ranks))[1]
+    )
     monkeypatch.setattr(Sketch, "above", lambda self, x: (read.append(self), above(self, x))[1])
     stream = both[1]
     stream.quantile((0.05, 0.5, 0.95), 0.95)
@@ -105,13 +125,24 @@ def test_methods(both):
     """It says how an interval was found, number by number where they differ."""
     stream = both[1]
     if not stream.independent:
-        assert stream.quantile(0.5, 0.95).method == "16 replicates" and stream.quantile(0.9999, 0.95).method == "counts"
-        assert stream.quantile((0.5, 0.9999), 0.95).method == "16 replicates, or counts where they are few"
-        assert stream.exceedance(1e9).method == "counts" and stream.exceedance(1.0).method == "16 replicates"
+        assert (
+            stream.quantile(0.5, 0.95).method == "16 replicates"
+            and stream.quantile(0.9999, 0.95).method == "counts"
+        )
+        assert (
+            stream.quantile((0.5, 0.9999), 0.95).method
+            == "16 replicates, or counts where they are few"
+        )
+        assert (
+            stream.exceedance(1e9).method == "counts"
+            and stream.exceedance(1.0).method == "16 replicates"
+        )
 
 
 def test_taken_up_again(tmp_path, monkeypatch):
-    """Stopped on the way: the same call goes on, computes no sample twice, and ends with the same numbers, to the bit."""
+    """Stopped on the way: the same call goes on, computes no sample twice, and ends with the same
+    numbers, to the bit.
+    """
     calls, stopped = [], []
 
     def counted(theta):
@@ -122,11 +153,16 @@ def test_taken_up_again(tmp_path, monkeypatch):
         return theta.exp()
 
     monkeypatch.setattr(module, "EVERY", -1.0)
-    run = dict(function=counted, laws=LAWS, n=4096, replicates=8, chunk=200, out=tmp_path, version=1)
+    run = dict(
+        function=counted, laws=LAWS, n=4096, replicates=8, chunk=200, out=tmp_path, version=1
+    )
     with pytest.raises(RuntimeError, match="out of luck"):
         tb.monte_carlo_stream(**run)
     found = tb.monte_carlo_stream(**run)
-    assert sum(calls) == 4096 + 112 and sorted(p.name for p in tmp_path.iterdir()) == ["run.json", "stream.pt"]
+    assert sum(calls) == 4096 + 112 and sorted(p.name for p in tmp_path.iterdir()) == [
+        "run.json",
+        "stream.pt",
+    ]
     whole = tb.monte_carlo_stream(**{**run, "out": None})
     assert (found.mean == whole.mean).all() and (found.quantile(0.9) == whole.quantile(0.9)).all()
     calls.clear()
@@ -135,8 +171,11 @@ def test_taken_up_again(tmp_path, monkeypatch):
     assert sum(calls) == 4096 and longer.samples == 8192
     with pytest.raises(ValueError, match="with the summary of 8192 samples; at least as many"):
         tb.monte_carlo_stream(**run)
-    for other, sentence in ((dict(n=2048), "another size"), (dict(seed=1), "another seed"),
-                            (dict(design="plain"), "another design")):
+    for other, sentence in (
+        (dict(n=2048), "another size"),
+        (dict(seed=1), "another seed"),
+        (dict(design="plain"), "another design"),
+    ):
         with pytest.raises(ValueError, match=sentence):
             tb.monte_carlo_stream(**{**run, **other})
     with pytest.raises(ValueError, match="another kept was given"):
@@ -158,7 +197,9 @@ def test_a_damaged_summary_is_computed_anew(tmp_path):
 
 
 def test_a_full_disk(tmp_path, monkeypatch):
-    """The summary does not fit: one sentence, nothing half written; with room, the same call ends with the same numbers."""
+    """The summary does not fit: one sentence, nothing half written; with room, the same call ends
+    with the same numbers.
+    """
     run = dict(function=torch.sin, laws=LAWS, n=512, chunk=32, out=tmp_path)
     real, synced = os.fsync, []
 
@@ -170,15 +211,21 @@ def test_a_full_disk(tmp_path, monkeypatch):
 
     monkeypatch.setattr(module, "EVERY", -1.0)
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(files.NotWritten, match=r"stream.pt' could not be written: No space left on device"):
+    with pytest.raises(
+        files.NotWritten, match=r"stream.pt' could not be written: No space left on device"
+    ):
         tb.monte_carlo_stream(**run)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["run.json", "stream.pt"]
     monkeypatch.undo()
-    assert (tb.monte_carlo_stream(**run).mean == tb.monte_carlo_stream(**{**run, "out": None}).mean).all()
+    assert (
+        tb.monte_carlo_stream(**run).mean == tb.monte_carlo_stream(**{**run, "out": None}).mean
+    ).all()
 
 
 def test_no_worker_waits_for_the_end_of_a_replicate():
-    """All chunks of all replicates are given to an executor before the first of them is wanted; none is of two replicates."""
+    """All chunks of all replicates are given to an executor before the first of them is wanted;
+    none is of two replicates.
+    """
     given, at_first = [], []
 
     class Lazy:
@@ -196,10 +243,16 @@ def test_no_worker_waits_for_the_end_of_a_replicate():
     class Executor:
         submit = Lazy
 
-    there = tb.monte_carlo_stream(function, LAWS, 4 * 40, replicates=4, chunk=16, executor=Executor())
-    assert given == [(40 * k + a, 40 * k + b) for k in range(4) for a, b in ((0, 16), (16, 32), (32, 40))]
+    there = tb.monte_carlo_stream(
+        function, LAWS, 4 * 40, replicates=4, chunk=16, executor=Executor()
+    )
+    assert given == [
+        (40 * k + a, 40 * k + b) for k in range(4) for a, b in ((0, 16), (16, 32), (32, 40))
+    ]
     assert at_first[0] == len(given)
-    assert torch.equal(there.mean, tb.monte_carlo_stream(function, LAWS, 4 * 40, replicates=4, chunk=16).mean)
+    assert torch.equal(
+        there.mean, tb.monte_carlo_stream(function, LAWS, 4 * 40, replicates=4, chunk=16).mean
+    )
 
 
 def test_all_failed():
@@ -224,9 +277,14 @@ print(found.mean.item().hex(), found.quantile(0.99).item().hex())
 
 @pytest.mark.long
 def test_killed(tmp_path):
-    """kill -9 three times on the way: the fourth call ends with the numbers of an undisturbed run."""
+    """kill -9 three times on the way: the fourth call ends with the numbers of an undisturbed
+    run.
+    """
+
     def begin(folder):
-        return subprocess.Popen([sys.executable, "-c", KILLED, str(folder)], stdout=subprocess.PIPE, text=True)
+        return subprocess.Popen(
+            [sys.executable, "-c", KILLED, str(folder)], stdout=subprocess.PIPE, text=True
+        )
 
     for wait in (0.5, 0.6, 0.7):
         process = begin(tmp_path / "killed")
@@ -235,7 +293,9 @@ def test_killed(tmp_path):
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
     assert (tmp_path / "killed" / "stream.pt").exists()
-    results = [begin(tmp_path / name).communicate()[0].splitlines()[-1] for name in ("killed", "whole")]
+    results = [
+        begin(tmp_path / name).communicate()[0].splitlines()[-1] for name in ("killed", "whole")
+    ]
     assert results[0] == results[1]
 
 
@@ -255,8 +315,14 @@ print(after - before, found.mean.item(), *[x.item() for x in found.mean_interval
 
 @pytest.mark.long
 def test_ten_million_in_constant_memory():
-    """Not 40 MB more than for a 40th of that, where y alone would be 80; the mean is (1 + c^2)/3."""
-    given = subprocess.run([sys.executable, "-c", MEMORY], capture_output=True, text=True, check=True).stdout.split()
+    """Not 40 MB more than for a 40th of that, where y alone would be 80; the mean is
+    (1 + c^2)/3.
+    """
+    given = subprocess.run(
+        [sys.executable, "-c", MEMORY], capture_output=True, text=True, check=True
+    ).stdout.split()
     assert int(given[0]) < 40_000
-    assert float(given[1]) == pytest.approx(1.04 / 3, rel=1e-6) and float(given[3]) <= 1.04 / 3 <= float(given[4])
+    assert float(given[1]) == pytest.approx(1.04 / 3, rel=1e-6) and float(
+        given[3]
+    ) <= 1.04 / 3 <= float(given[4])
     assert math.isfinite(float(given[2]))

@@ -1,4 +1,5 @@
-"""Ways in which a function holds a number: a run of another number is never answered from the folder of the first.
+"""Ways in which a function holds a number: a run of another number is never answered from the
+folder of the first.
 
 Each way gives a function, of theta times its number, and what puts another number there.
 """
@@ -144,7 +145,10 @@ def global_():
 @way
 def global_of_a_namespace_without_a_name():
     names = {}
-    exec("k = 2.0\nclass Of:\n    def __call__(self, theta):\n        return k * theta.sum(-1)", names)
+    exec(
+        "k = 2.0\nclass Of:\n    def __call__(self, theta):\n        return k * theta.sum(-1)",
+        names,
+    )
     return names["Of"](), lambda: names.update(k=3.0)
 
 
@@ -194,6 +198,7 @@ def nested_function():
     def function(theta):
         def inner(x):
             return k[0] * x
+
         return inner(theta).sum(-1)
 
     return function, lambda: k.__setitem__(0, 3.0)
@@ -361,7 +366,9 @@ def attribute_put_on_torch():
 @way
 def function_put_on_a_part_of_torch():
     torch.linalg.users_k = lambda x: 2 * x
-    return lambda theta: torch.linalg.users_k(theta.sum(-1)), lambda: setattr(torch.linalg, "users_k", lambda x: 3 * x)
+    return lambda theta: torch.linalg.users_k(theta.sum(-1)), lambda: setattr(
+        torch.linalg, "users_k", lambda x: 3 * x
+    )
 
 
 @way
@@ -403,14 +410,22 @@ def as_it_was():
 
 @pytest.mark.parametrize("name", WAYS)
 def test_another_number(name, tmp_path):
-    """Unchanged: from the folder, which is not written to; changed: refused there, and another answer elsewhere."""
+    """Unchanged: from the folder, which is not written to; changed: refused there, and another
+    answer elsewhere.
+    """
     function, change = WAYS[name]()
 
     def run(folder="there"):
-        return tb.monte_carlo(function, {"a": (0.0, 1.0), "b": (5.0, 6.0)}, 16, chunk=8, out=tmp_path / folder).y
+        return tb.monte_carlo(
+            function, {"a": (0.0, 1.0), "b": (5.0, 6.0)}, 16, chunk=8, out=tmp_path / folder
+        ).y
 
     def written():
-        return {path: path.stat().st_mtime_ns for path in (tmp_path / "there").rglob("*") if path.suffix == ".pt"}
+        return {
+            path: path.stat().st_mtime_ns
+            for path in (tmp_path / "there").rglob("*")
+            if path.suffix == ".pt"
+        }
 
     first, files = run(), written()
     assert files and torch.equal(run(), first) and written() == files

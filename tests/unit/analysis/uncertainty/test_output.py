@@ -24,9 +24,15 @@ def samples():
 def test_pandas(samples):
     pytest.importorskip("pandas")
     table = samples.to_pandas()
-    assert list(table.columns) == ["a", "f[0]", "f[1]", "y[0]", "y[1]", "status", "replicate"] and len(table) == 256
+    assert (
+        list(table.columns) == ["a", "f[0]", "f[1]", "y[0]", "y[1]", "status", "replicate"]
+        and len(table) == 256
+    )
     assert (torch.from_numpy(table["y[0]"].to_numpy().copy()) == samples.y[:, 0]).all()
-    assert table["replicate"].value_counts().tolist() == [32] * 8 and (table["status"] != 0).sum() == samples.failed
+    assert (
+        table["replicate"].value_counts().tolist() == [32] * 8
+        and (table["status"] != 0).sum() == samples.failed
+    )
     assert list(tb.monte_carlo(lambda theta: theta[:, 0], LAWS, 8).to_pandas().columns)[3] == "y"
 
 
@@ -46,7 +52,10 @@ def test_xarray(samples):
     with pytest.raises(ValueError, match="a name for each axis"):
         samples.to_xarray(dims=())
     for coords in (3, {"a": [0.0, 1.0]}):
-        with pytest.raises(ValueError, match=r"coords = .* were given; a dict, name -> places, of other names than a, f\[0\]"):
+        with pytest.raises(
+            ValueError,
+            match=r"coords = .* were given; a dict, name -> places, of other names than a, f\[0\]",
+        ):
             samples.to_xarray(coords=coords)
 
 
@@ -61,16 +70,29 @@ def test_summary(samples, tmp_path):
     """JSON and CSV: the same numbers as the statistics'; a bound that is not there is null."""
     path = samples.write_summary(tmp_path / "summary.json", levels=(0.5, 0.999), interval=0.9)
     found = json.loads(path.read_text())
-    assert found["samples"] == 256 and found["failed"] == samples.failed and found["reasons"] == samples.reasons
+    assert (
+        found["samples"] == 256
+        and found["failed"] == samples.failed
+        and found["reasons"] == samples.reasons
+    )
     rows = {(row["quantity"], row["y"]): row for row in found["statistics"]}
     mean = samples.mean_interval(0.9)
-    assert [rows["mean", "y[1]"][key] for key in ("estimate", "low", "high", "level")] == [*(x[1].item() for x in mean), 0.9]
-    assert rows["quantile 0.999", "y[0]"]["high"] is None and rows["quantile 0.5", "y[0]"]["high"] is not None
+    assert [rows["mean", "y[1]"][key] for key in ("estimate", "low", "high", "level")] == [
+        *(x[1].item() for x in mean),
+        0.9,
+    ]
+    assert (
+        rows["quantile 0.999", "y[0]"]["high"] is None
+        and rows["quantile 0.5", "y[0]"]["high"] is not None
+    )
     with open(samples.write_summary(tmp_path / "new" / "summary.csv", levels=(0.5,))) as file:
         lines = list(csv.DictReader(file))
     assert len(lines) == 6 and float(lines[0]["estimate"]) == pytest.approx(samples.mean[0].item())
     stream = tb.monte_carlo_stream(function, LAWS, 256, replicates=8)
     assert stream.summary()["statistics"][0]["estimate"] == pytest.approx(samples.mean[0].item())
-    assert json.loads(stream.write_summary(tmp_path / "stream.json").read_text())["failed"] == samples.failed
+    assert (
+        json.loads(stream.write_summary(tmp_path / "stream.json").read_text())["failed"]
+        == samples.failed
+    )
     with pytest.raises(ValueError, match=r"'summary.txt' was given; one that ends in"):
         samples.write_summary(tmp_path / "summary.txt")

@@ -1,4 +1,6 @@
-"""Random fields: eigenvalues of the exponential correlation in closed form, covariance along the beam; refusals."""
+"""Random fields: eigenvalues of the exponential correlation in closed form, covariance along the
+beam; refusals.
+"""
 
 import math
 
@@ -12,8 +14,10 @@ import torchbeam as tb
 
 def exponential_eigenvalues(length, c, count):
     """Of exp(-|x - y|/c) on an interval, over its length: 2 c/(1 + (w c)^2)/length, where w solves
-    (w^2 - 1/c^2) tan(w length) = 2 w/c. (Ghanem and Spanos 1991, section 2.3.3, both families in one equation.)
+    (w^2 - 1/c^2) tan(w length) = 2 w/c. (Ghanem and Spanos 1991, section 2.3.3, both families in
+    one equation.)
     """
+
     def g(w):  # w c = x: ((w c)^2 - 1) sin(w L) - 2 w c cos(w L)
         return ((w * c) ** 2 - 1) * math.sin(w * length) - 2 * w * c * math.cos(w * length)
 
@@ -38,7 +42,9 @@ def test_eigenvalues(c):
 
 @pytest.mark.parametrize("kernel, share", [("exponential", 0.98), ("gaussian", 0.99)])
 def test_covariance(kernel, share):
-    """That of the expansion is the kernel, up to what the terms leave out, most of it at the ends; so is that of samples."""
+    """That of the expansion is the kernel, up to what the terms leave out, most of it at the ends;
+    so is that of samples.
+    """
     s = torch.linspace(0.05, 0.95, 10)
     field = tb.laws.RandomField(s, 5.0, 2.0, 0.4, kernel=kernel, marginal="normal")
     r = (s[:, None] - s).abs() / 0.4
@@ -54,7 +60,9 @@ def test_covariance(kernel, share):
 
 
 def test_mean_with_few_terms():
-    """Two terms of a rough lognormal field hold a half of its variance at the ends, and all of its mean (Gauss and Hermite)."""
+    """Two terms of a rough lognormal field hold a half of its variance at the ends, and all of its
+    mean (Gauss and Hermite).
+    """
     field = tb.laws.RandomField(torch.linspace(0, 1, 5), 3.0, 1.5, 0.3, terms=2)
     x, w = (torch.from_numpy(v) for v in np.polynomial.hermite_e.hermegauss(24))
     weights = (w[:, None] * w).flatten() / (2 * math.pi)
@@ -64,7 +72,9 @@ def test_mean_with_few_terms():
 
 
 def test_lognormal():
-    """Positive, with the mean and deviation of the field itself, less what is left out of the logarithm's variance."""
+    """Positive, with the mean and deviation of the field itself, less what is left out of the
+    logarithm's variance.
+    """
     field = tb.laws.RandomField(torch.linspace(0, 1, 5), 3.0, 1.5, 1.0, kernel="gaussian", terms=8)
     y = tb.monte_carlo(lambda theta: theta, {"f": field}, 8192, chunk=8192).y
     assert (y > 0).all()
@@ -87,4 +97,9 @@ REFUSED = {
 def test_refused(name):
     changed, sentence = REFUSED[name]
     with pytest.raises(ValueError, match=sentence):
-        tb.laws.RandomField(**{**dict(s=[0.0, 0.5, 1.0], mean=1.0, deviation=0.1, correlation_length=2.0), **changed})
+        tb.laws.RandomField(
+            **{
+                **dict(s=[0.0, 0.5, 1.0], mean=1.0, deviation=0.1, correlation_length=2.0),
+                **changed,
+            }
+        )

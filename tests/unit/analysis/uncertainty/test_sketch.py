@@ -33,7 +33,9 @@ def test_quantiles(name):
     found = sketch(x)
     ranks = torch.tensor([0, 1, 137, 5000, 10000, 19998, 19999])
     wanted = x.sort().values[ranks]
-    assert ((found.at_ranks(ranks) - wanted).abs() <= found.error * wanted.abs() * (1 + 1e-9) + 1e-300).all()
+    assert (
+        (found.at_ranks(ranks) - wanted).abs() <= found.error * wanted.abs() * (1 + 1e-9) + 1e-300
+    ).all()
     assert len(found.keys) <= 500 and found.total == 20000 and (found.keys.diff() > 0).all()
     assert found.error < 1e-2 or name in ("over 600 decades", "of both signs", "with zeros")
 
@@ -48,7 +50,13 @@ def test_between_whole_ranks():
 def test_above(name):
     """Between the counts that a threshold's bin leaves open, which are few."""
     x, found = SETS[name], sketch(SETS[name])
-    for at in (*x[:20], torch.tensor(0.0), torch.tensor(math.pi), torch.tensor(-1e9), torch.tensor(1e200)):
+    for at in (
+        *x[:20],
+        torch.tensor(0.0),
+        torch.tensor(math.pi),
+        torch.tensor(-1e9),
+        torch.tensor(1e200),
+    ):
         least, most = found.above(at)
         assert least <= (x > at).sum() <= most
     if name == "whole numbers":  # each alone in its bin
@@ -81,4 +89,8 @@ def test_moments():
     assert_close(merged.deviation, x.std(0), rtol=1e-9, atol=0)
     assert_close(merged.skewness, (d**3).mean(0) / (d**2).mean(0) ** 1.5, rtol=1e-8, atol=0)
     assert_close(merged.kurtosis, (d**4).mean(0) / (d**2).mean(0) ** 2, rtol=1e-8, atol=0)
-    assert (merged.least == x.amin(0)).all() and (merged.largest == x.amax(0)).all() and merged.n == 5000
+    assert (
+        (merged.least == x.amin(0)).all()
+        and (merged.largest == x.amax(0)).all()
+        and merged.n == 5000
+    )

@@ -1,4 +1,6 @@
-"""Gradients of compiled steps beside those of eager ones: by everything that a scene holds, by its start, inputs and times."""
+"""Gradients of compiled steps beside those of eager ones: by everything that a scene holds, by its
+start, inputs and times.
+"""
 
 from dataclasses import replace
 
@@ -20,38 +22,72 @@ def wanted(*shape):
 def all_effects(batch, **where):
     """A scene and what it is differentiated by."""
     by = {name: wanted() for name in ("EI", "mass", "length", "tau", "stiffness", "alpha", "body")}
-    by |= {name: wanted(3) for name in ("follower", "offset", "to", "push")} | {"u": wanted(*batch, 3)}
-    section = tb.Section.from_stiffness(EA=2e3, GA=8e2, GJ=2.0, EI=3 * by["EI"], mass=by["mass"], inertia=1e-3)
-    return tb.Scene(tb.Beam.straight(by["length"], 3, section), [
-        tb.Gravity((0, 0, -9.81)), tb.Damping(0.01 * by["tau"]), tb.TipLoad(force=tb.Input("u", 3)),
-        tb.TipLoad(force=by["follower"], follower=True), tb.PointMass(0.2 * by["body"], offset=0.03 * by["offset"]),
-        tb.Spring(1, 30 * by["stiffness"], by["to"], length=0.1, damping=0.2), tb.MassDamping(by["alpha"]),
-        tb.PointLoad(node=2, force=lambda t: torch.sin(9 * t) * by["push"]), tb.Drag(1000.0, 0.02)], **where), by
+    by |= {name: wanted(3) for name in ("follower", "offset", "to", "push")} | {
+        "u": wanted(*batch, 3)
+    }
+    section = tb.Section.from_stiffness(
+        EA=2e3, GA=8e2, GJ=2.0, EI=3 * by["EI"], mass=by["mass"], inertia=1e-3
+    )
+    return tb.Scene(
+        tb.Beam.straight(by["length"], 3, section),
+        [
+            tb.Gravity((0, 0, -9.81)),
+            tb.Damping(0.01 * by["tau"]),
+            tb.TipLoad(force=tb.Input("u", 3)),
+            tb.TipLoad(force=by["follower"], follower=True),
+            tb.PointMass(0.2 * by["body"], offset=0.03 * by["offset"]),
+            tb.Spring(1, 30 * by["stiffness"], by["to"], length=0.1, damping=0.2),
+            tb.MassDamping(by["alpha"]),
+            tb.PointLoad(node=2, force=lambda t: torch.sin(9 * t) * by["push"]),
+            tb.Drag(1000.0, 0.02),
+        ],
+        **where,
+    ), by
 
 
 def bent(batch, **where):
     """A bow in the plane xz, each sample with its own."""
     by = {"EI": wanted(*batch), "u": wanted(3), "bow": wanted(*batch)}
-    section = tb.Section.from_stiffness(EA=2e3, GA=8e2, GJ=2.0, EI=3 * by["EI"], mass=0.5, inertia=1e-3)
+    section = tb.Section.from_stiffness(
+        EA=2e3, GA=8e2, GJ=2.0, EI=3 * by["EI"], mass=0.5, inertia=1e-3
+    )
     x, bow = torch.linspace(0, 1, 4), by["bow"][..., None]
     nodes = torch.stack((x + 0 * bow, 0 * x * bow, 0.2 * bow * x**2), -1)
-    return tb.Scene(tb.Beam.from_nodes(nodes, section), [tb.TipLoad(force=tb.Input("u", 3))], **where), by
+    return tb.Scene(
+        tb.Beam.from_nodes(nodes, section), [tb.TipLoad(force=tb.Input("u", 3))], **where
+    ), by
 
 
 HINGES = [tb.Support(0, rotation="xz"), tb.Support(-1, position="z", rotation="")]
 # "hinges" as a long run: test_compiled_scenes "supports that move" has more of them
-CASES = {"all effects": (all_effects, {}), "in a plane": (bent, dict(plane="xz")), "small": (bent, dict(small=True)),
-         "hinges": (bent, dict(supports=HINGES))}
+CASES = {
+    "all effects": (all_effects, {}),
+    "in a plane": (bent, dict(plane="xz")),
+    "small": (bent, dict(small=True)),
+    "hinges": (bent, dict(supports=HINGES)),
+}
 
 
 def loss(state):
     """A number that depends on every field."""
     generator = torch.Generator().manual_seed(3)
-    return sum((torch.randn(x.shape, generator=generator) * x).sum() for x in (
-        state.position, state.rotation, state.velocity, state.spin, state.stress, state.reaction, state.work))
+    return sum(
+        (torch.randn(x.shape, generator=generator) * x).sum()
+        for x in (
+            state.position,
+            state.rotation,
+            state.velocity,
+            state.spin,
+            state.stress,
+            state.reaction,
+            state.work,
+        )
+    )
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name == "hinges")) for name in CASES])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.long] * (name == "hinges")) for name in CASES]
+)
 def test_gradients_of_a_rollout_are_the_eager_ones(name):
     """Five steps of samples that move differently: each gradient to 1e-9 of its largest number."""
     make, where = CASES[name]
@@ -62,8 +98,14 @@ def test_gradients_of_a_rollout_are_the_eager_ones(name):
             start = moving(scene, (3,), size=0.3)
         by["velocity"] = start.velocity.clone().requires_grad_()
         by["t"] = torch.tensor([0, 0.01, 0.04, 0.05], requires_grad=True)
-        solution = tb.simulate(scene, by["t"], replace(start, velocity=by["velocity"]), step=0.01, inputs={"u": by["u"]},
-                               engine=engine)
+        solution = tb.simulate(
+            scene,
+            by["t"],
+            replace(start, velocity=by["velocity"]),
+            step=0.01,
+            inputs={"u": by["u"]},
+            engine=engine,
+        )
         value = loss(solution.state) + solution.energy.kinetic.sum()
         first = torch.autograd.grad(value, list(by.values()), retain_graph=True)
         found.append(dict(zip(by, first, strict=True)))
@@ -71,7 +113,13 @@ def test_gradients_of_a_rollout_are_the_eager_ones(name):
             assert torch.equal(a, b)  # the graph serves twice
     eager, compiled = found
     for key, x in eager.items():
-        assert_close(compiled[key], x, rtol=0, atol=1e-9 * float(x.abs().max()), msg=lambda text, key=key: f"{key}: {text}")
+        assert_close(
+            compiled[key],
+            x,
+            rtol=0,
+            atol=1e-9 * float(x.abs().max()),
+            msg=lambda text, key=key: f"{key}: {text}",
+        )
 
 
 def test_a_failed_sample_is_differentiated_as_standing_still_and_harms_nobody():
@@ -80,11 +128,17 @@ def test_a_failed_sample_is_differentiated_as_standing_still_and_harms_nobody():
         u = u.clone().requires_grad_()
         start = tb.rest(scene, (3,))
         velocity = start.velocity.clone().requires_grad_()
-        after = tb.Stepper(scene, 0.01, engine=engine, halvings=0)(replace(start, velocity=velocity), u=u)
-        return after.status, *torch.autograd.grad(after.position.sum() + after.velocity.square().sum(), (u, velocity))
+        after = tb.Stepper(scene, 0.01, engine=engine, halvings=0)(
+            replace(start, velocity=velocity), u=u
+        )
+        return after.status, *torch.autograd.grad(
+            after.position.sum() + after.velocity.square().sum(), (u, velocity)
+        )
 
     u = torch.tensor([[0.1, 0, 0.2], [torch.nan, 0, 0], [0.3, 0, 0.1]])
-    (status, *compiled), (expected, *eager) = (slopes(engine, u) for engine in ("compiled", "eager"))
+    (status, *compiled), (expected, *eager) = (
+        slopes(engine, u) for engine in ("compiled", "eager")
+    )
     assert status.tolist() == expected.tolist() and status[1] != 0
     for a, b in zip(compiled, eager, strict=True):
         assert_close(a, b, rtol=1e-10, atol=1e-12)
@@ -93,10 +147,18 @@ def test_a_failed_sample_is_differentiated_as_standing_still_and_harms_nobody():
 
 def test_what_native_code_cannot_differentiate_is_made_eagerly():
     """Forward mode, and the gradients where strains are impossible."""
+
     def slope(engine, **section):
-        beam = tb.Beam.straight(1.0, 2, tb.Section.from_stiffness(
-            **{**dict(EA=2e3, GA=8e2, GJ=2.0, EI=3.0, mass=0.5, inertia=1e-3), **section}))
-        stepper = tb.Stepper(tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3))], plane="xz"), 0.01, engine=engine)
+        beam = tb.Beam.straight(
+            1.0,
+            2,
+            tb.Section.from_stiffness(
+                **{**dict(EA=2e3, GA=8e2, GJ=2.0, EI=3.0, mass=0.5, inertia=1e-3), **section}
+            ),
+        )
+        stepper = tb.Stepper(
+            tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3))], plane="xz"), 0.01, engine=engine
+        )
         u = torch.tensor([0.1, 0.0, 0.3])
 
         def tip(u):
@@ -112,28 +174,42 @@ def test_what_native_code_cannot_differentiate_is_made_eagerly():
 
 @pytest.mark.parametrize("engine", ["compiled", "auto"])
 def test_a_checkpoint_makes_the_same_gradients(engine):
-    """What native steps keep from the first run is no part of a graph, which the second run would miss; nor are they made only
-    then, with what that saves.
+    """What native steps keep from the first run is no part of a graph, which the second run would
+    miss; nor are they made only then, with what that saves.
     """
     found = []
     for checkpoint in (False, True):
         scene, by = bent((), plane="xz")
-        solution = tb.simulate(scene, torch.linspace(0, 0.2, 5), step=0.05, inputs={"u": by.pop("u")}, checkpoint=checkpoint,
-                               engine=engine)
+        solution = tb.simulate(
+            scene,
+            torch.linspace(0, 0.2, 5),
+            step=0.05,
+            inputs={"u": by.pop("u")},
+            checkpoint=checkpoint,
+            engine=engine,
+        )
         found.append(torch.autograd.grad(loss(solution.state[-1]), tuple(by.values())))
     assert_close(found[1], found[0], rtol=1e-12, atol=0)
 
 
 def test_an_adjoint_that_is_first_wanted_in_a_checkpoint_is_compiled(monkeypatch, tmp_path):
-    """Of a load whose tangent is by automatic differentiation, with no program kept; the engine does not change on the way."""
+    """Of a load whose tangent is by automatic differentiation, with no program kept; the engine
+    does not change on the way.
+    """
     monkeypatch.setattr("torchbeam.engine.chain.program.PROGRAMS", {})
     monkeypatch.setenv("TORCHBEAM_CACHE", str(tmp_path))
     found = []
     for checkpoint in (True, False):
         length = torch.tensor(0.1, requires_grad=True)
         section = tb.Section.from_stiffness(EA=2e3, GA=8e2, GJ=2.0, EI=3.0, mass=0.5, inertia=1e-3)
-        scene = tb.Scene(tb.Beam.straight(1.0, 1, section), [tb.Spring(1, 30.0, (1, 0.3, 0), length, 0.2)], plane="xy")
-        solution = tb.simulate(scene, [0.0, 0.02, 0.04], step=0.02, checkpoint=checkpoint, engine="compiled")
+        scene = tb.Scene(
+            tb.Beam.straight(1.0, 1, section),
+            [tb.Spring(1, 30.0, (1, 0.3, 0), length, 0.2)],
+            plane="xy",
+        )
+        solution = tb.simulate(
+            scene, [0.0, 0.02, 0.04], step=0.02, checkpoint=checkpoint, engine="compiled"
+        )
         found.append(torch.autograd.grad(solution.tip.position[-1, 1], length)[0])
     assert_close(found[0], found[1], rtol=1e-12, atol=0)
 
@@ -144,5 +220,8 @@ def test_the_text_is_the_same_in_whatever_order_cotangents_are_asked_for():
     names, dt = sorted(one.name for one in step.constant), torch.tensor(0.01)
     nothing = {name: torch.zeros(size) for name, size in step.model.scene.inputs.items()}
     local = step.local(step.constants.at(dt, dt / 2, nothing))
-    texts = [AdjointProgram(local, step.program.kinds, True, order).text(1) for order in (names, names[::-1])]
+    texts = [
+        AdjointProgram(local, step.program.kinds, True, order).text(1)
+        for order in (names, names[::-1])
+    ]
     assert texts[0] == texts[1]

@@ -1,4 +1,6 @@
-"""Equilibria by native code beside the eager ones: the same shapes, stresses, reactions and statuses, and their gradients."""
+"""Equilibria by native code beside the eager ones: the same shapes, stresses, reactions and
+statuses, and their gradients.
+"""
 
 import gc
 import warnings
@@ -18,7 +20,17 @@ from torchbeam.equations.steady import Configuration, SteadyProblem
 from torchbeam.nodal.discretise import discretise
 
 pytest.importorskip("llvmlite")
-FIELDS = ("position", "rotation", "velocity", "spin", "stress", "reaction", "t", "frame", "internal")
+FIELDS = (
+    "position",
+    "rotation",
+    "velocity",
+    "spin",
+    "stress",
+    "reaction",
+    "t",
+    "frame",
+    "internal",
+)
 
 
 def same(found, wanted, tolerance=1e-12):
@@ -28,90 +40,196 @@ def same(found, wanted, tolerance=1e-12):
         if y is None:
             assert x is None, name
             continue
-        assert_close(x, y, rtol=0, atol=tolerance * max(float(y.abs().nan_to_num().max()) if y.numel() else 0, 1e-3),
-                     equal_nan=True, msg=lambda text, name=name: f"{name}: {text}")
+        assert_close(
+            x,
+            y,
+            rtol=0,
+            atol=tolerance * max(float(y.abs().nan_to_num().max()) if y.numel() else 0, 1e-3),
+            equal_nan=True,
+            msg=lambda text, name=name: f"{name}: {text}",
+        )
     assert_close(found.status, wanted.status)
 
 
 def both(scene, u=None, **options):
     options |= {} if u is None else {"inputs": {"u": u}}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of unstable samples, which a test of its own compares
-        return [tb.equilibrium(scene, throw=False, engine=engine, **options) for engine in ("compiled", "eager")]
+        # of unstable samples, which a test of its own compares
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return [
+            tb.equilibrium(scene, throw=False, engine=engine, **options)
+            for engine in ("compiled", "eager")
+        ]
 
 
 def cantilever(N=8, order=1, **options):
-    return tb.Scene(straight(N, order=order), [tb.TipLoad(force=tb.Input("u", 3))], plane="xz", **options)
+    return tb.Scene(
+        straight(N, order=order), [tb.TipLoad(force=tb.Input("u", 3))], plane="xz", **options
+    )
 
 
 def curved():
-    """Bent in space, coupled, with dead and follower loads; an eigenstrain, springs at the root and elsewhere."""
+    """Bent in space, coupled, with dead and follower loads; an eigenstrain, springs at the root and
+    elsewhere.
+    """
     scene = nodal_cases.scene(effects=())
-    return tb.Scene(scene.beam, [
-        tb.Gravity((0, 0, -0.02)), tb.TipLoad(force=tb.Input("u", 3)), tb.TipLoad(moment=(0.01, 0, 0.02), follower=True),
-        tb.PointLoad(node=2, force=lambda t: 0.1 * torch.stack((t, 0 * t, torch.sin(t))), follower=True),
-        tb.LineLoad(force=tb.Along(lambda s, t: torch.stack((0 * s, 0.01 * s * t, 0 * s), -1))),
-        tb.LineLoad(moment=(0.01, 0, 0), follower=True), tb.Actuation(curvature=(0, 0.1, 0.05)),
-        tb.Spring(1, 0.2, (0.3, 0.2, 0.4), length=0.1, damping=0.3), tb.RootSpring((30.0, 20.0)),
-        tb.Load(lambda r, R, v, w, t: (-0.01 * r * t, 0.01 * R[..., 0])), tb.Damping(0.1), tb.Drag(1000.0, 0.02)])
+    return tb.Scene(
+        scene.beam,
+        [
+            tb.Gravity((0, 0, -0.02)),
+            tb.TipLoad(force=tb.Input("u", 3)),
+            tb.TipLoad(moment=(0.01, 0, 0.02), follower=True),
+            tb.PointLoad(
+                node=2, force=lambda t: 0.1 * torch.stack((t, 0 * t, torch.sin(t))), follower=True
+            ),
+            tb.LineLoad(force=tb.Along(lambda s, t: torch.stack((0 * s, 0.01 * s * t, 0 * s), -1))),
+            tb.LineLoad(moment=(0.01, 0, 0), follower=True),
+            tb.Actuation(curvature=(0, 0.1, 0.05)),
+            tb.Spring(1, 0.2, (0.3, 0.2, 0.4), length=0.1, damping=0.3),
+            tb.RootSpring((30.0, 20.0)),
+            tb.Load(lambda r, R, v, w, t: (-0.01 * r * t, 0.01 * R[..., 0])),
+            tb.Damping(0.1),
+            tb.Drag(1000.0, 0.02),
+        ],
+    )
 
 
 def tapered():
     """Between stations; a hinge, a support in the middle and one at the end that moves."""
-    stations = tb.Stations((0.0, 0.5, 1.0), [section(), section(EI=(2.0, 1.0)), section(EI=(1.0, 0.5))])
-    return tb.Scene(straight(4, stations), [tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=(0, 0.3, 0))], supports=[
-        tb.Support(0, rotation="xz"), tb.Support(2, position="yz", rotation=""),
-        tb.Support(-1, position="z", displacement=lambda t: torch.stack((0 * t, 0 * t, 0.2 * t)),
-                   turn=torch.tensor([0.0, 0.3, 0.0]))])
+    stations = tb.Stations(
+        (0.0, 0.5, 1.0), [section(), section(EI=(2.0, 1.0)), section(EI=(1.0, 0.5))]
+    )
+    return tb.Scene(
+        straight(4, stations),
+        [tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=(0, 0.3, 0))],
+        supports=[
+            tb.Support(0, rotation="xz"),
+            tb.Support(2, position="yz", rotation=""),
+            tb.Support(
+                -1,
+                position="z",
+                displacement=lambda t: torch.stack((0 * t, 0 * t, 0.2 * t)),
+                turn=torch.tensor([0.0, 0.3, 0.0]),
+            ),
+        ],
+    )
 
 
 def small():
-    return tb.Scene(straight(), [tb.TipLoad(force=tb.Input("u", 3)), tb.LineLoad(force=(0, 0, -0.5))], small=True,
-                    supports=[tb.Support(0), tb.Support(-1, position="y", rotation="xy")])
+    return tb.Scene(
+        straight(),
+        [tb.TipLoad(force=tb.Input("u", 3)), tb.LineLoad(force=(0, 0, -0.5))],
+        small=True,
+        supports=[tb.Support(0), tb.Support(-1, position="y", rotation="xy")],
+    )
 
 
 def inextensible():
-    return tb.Scene(straight(4, section(EA=torch.inf, GA=torch.inf)), [tb.TipLoad(force=(0, 0, 4.0))], plane="xz")
+    return tb.Scene(
+        straight(4, section(EA=torch.inf, GA=torch.inf)),
+        [tb.TipLoad(force=(0, 0, 4.0))],
+        plane="xz",
+    )
 
 
 def unshearable():
-    return tb.Scene(straight(4, section(GA=torch.inf)), [tb.TipLoad(force=tb.Input("u", 3))], plane="xy")
+    return tb.Scene(
+        straight(4, section(GA=torch.inf)), [tb.TipLoad(force=tb.Input("u", 3))], plane="xy"
+    )
 
 
 def turning():
-    """In a frame that moves and turns, with a centre of mass off its node, and loads that see the motion."""
-    return tb.Scene(straight(), [
-        tb.TipLoad(force=tb.Input("u", 3)), tb.PointMass(0.3, offset=(0.02, 0.05, 0.01)), tb.Gravity((0, 0, -9.81)),
-        tb.Drag(1000.0, 0.02, flow=(0.1, 0.2, 0.0), added_mass=1.0)], frame=tb.Frame(
-            velocity=(0.1, 0.2, 0.3), angular_velocity=lambda t: torch.stack((0.2 * t, t + 1, 2 + 0 * t))))
+    """In a frame that moves and turns, with a centre of mass off its node, and loads that see the
+    motion.
+    """
+    return tb.Scene(
+        straight(),
+        [
+            tb.TipLoad(force=tb.Input("u", 3)),
+            tb.PointMass(0.3, offset=(0.02, 0.05, 0.01)),
+            tb.Gravity((0, 0, -9.81)),
+            tb.Drag(1000.0, 0.02, flow=(0.1, 0.2, 0.0), added_mass=1.0),
+        ],
+        frame=tb.Frame(
+            velocity=(0.1, 0.2, 0.3),
+            angular_velocity=lambda t: torch.stack((0.2 * t, t + 1, 2 + 0 * t)),
+        ),
+    )
 
 
 def lagging():
-    """Loads with internal states, which come to rest with the beam: at the tip, along the beam, without any motion."""
-    return tb.Scene(straight(2), [
-        tb.Load(lambda r, R, v, w, t, z, k: (k * z, None), internal=3, of=("position",), values=dict(k=torch.tensor(2.0)),
-                rate=lambda z, r, R, v, w, t, k: (-k * r - z) / 0.02),
-        tb.Load(lambda r, R, v, w, t, z: (0.1 * z * r, R[..., 0] * z * 0.01), node=None, internal=1,
-                of=("position", "rotation"), rate=lambda z, r, R, v, w, t: (r * r).sum(-1, keepdim=True) - 3 * z),
-        tb.Load(lambda r, R, v, w, t, z: (torch.cat((z, z[..., :1]), -1), None), node=1, internal=2, of=(),
-                rate=lambda z, r, R, v, w, t: 0.2 - z)])
+    """Loads with internal states, which come to rest with the beam: at the tip, along the beam,
+    without any motion.
+    """
+    return tb.Scene(
+        straight(2),
+        [
+            tb.Load(
+                lambda r, R, v, w, t, z, k: (k * z, None),
+                internal=3,
+                of=("position",),
+                values=dict(k=torch.tensor(2.0)),
+                rate=lambda z, r, R, v, w, t, k: (-k * r - z) / 0.02,
+            ),
+            tb.Load(
+                lambda r, R, v, w, t, z: (0.1 * z * r, R[..., 0] * z * 0.01),
+                node=None,
+                internal=1,
+                of=("position", "rotation"),
+                rate=lambda z, r, R, v, w, t: (r * r).sum(-1, keepdim=True) - 3 * z,
+            ),
+            tb.Load(
+                lambda r, R, v, w, t, z: (torch.cat((z, z[..., :1]), -1), None),
+                node=1,
+                internal=2,
+                of=(),
+                rate=lambda z, r, R, v, w, t: 0.2 - z,
+            ),
+        ],
+    )
 
 
 def quadratic():
-    """Elements of order 2 in a plane, conservatively loaded; a support between the ends of one of them moves."""
-    return tb.Scene(straight(2, order=2), [
-        tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=tb.Input("u", 3)), tb.Actuation(curvature=(0, 0.2, 0))], plane="xz",
-        supports=[tb.Support(0), tb.Support(3, position="z", rotation="", displacement=(0.0, 0.0, 0.05))])
+    """Elements of order 2 in a plane, conservatively loaded; a support between the ends of one of
+    them moves.
+    """
+    return tb.Scene(
+        straight(2, order=2),
+        [
+            tb.Gravity((0, 0, -9.81)),
+            tb.TipLoad(force=tb.Input("u", 3)),
+            tb.Actuation(curvature=(0, 0.2, 0)),
+        ],
+        plane="xz",
+        supports=[
+            tb.Support(0),
+            tb.Support(3, position="z", rotation="", displacement=(0.0, 0.0, 0.05)),
+        ],
+    )
 
 
-@pytest.mark.parametrize("scene, tolerance", [
-    (curved, 1e-12), pytest.param(tapered, 1e-12, marks=pytest.mark.long), pytest.param(small, 1e-12, marks=pytest.mark.long),
-    (inextensible, 1e-10), (unshearable, 1e-10), (turning, 1e-12), (lagging, 1e-12), (quadratic, 1e-12)])
+@pytest.mark.parametrize(
+    "scene, tolerance",
+    [
+        (curved, 1e-12),
+        pytest.param(tapered, 1e-12, marks=pytest.mark.long),
+        pytest.param(small, 1e-12, marks=pytest.mark.long),
+        (inextensible, 1e-10),
+        (unshearable, 1e-10),
+        (turning, 1e-12),
+        (lagging, 1e-12),
+        (quadratic, 1e-12),
+    ],
+)
 @torch.no_grad()
 def test_an_equilibrium_is_the_eager_one(scene, tolerance):
-    """Of nine samples, to 1e-12 of each field; where strains are impossible to 1e-10, pivots having a condition of 1e8."""
+    """Of nine samples, to 1e-12 of each field; where strains are impossible to 1e-10, pivots having
+    a condition of 1e8.
+    """
     scene = scene()
-    found, wanted = both(scene, t=0.7, inputs={name: 0.1 * u for name, u in inputs_of(scene, (9,)).items()})
+    found, wanted = both(
+        scene, t=0.7, inputs={name: 0.1 * u for name, u in inputs_of(scene, (9,)).items()}
+    )
     assert not wanted.status.any()
     same(found, wanted, tolerance)
 
@@ -123,19 +241,28 @@ def pulls(samples, size):
 
 @torch.no_grad()
 def test_each_sample_takes_the_load_in_steps_of_its_own():
-    """Forces of 1e-3 to 1e3 N (EI/L^2 is 3 N), along the beam, more than Newton's method can follow, NaN and inf: the same
-    statuses, and the shapes that were reached to 1e-10: tens of load steps on the way.
+    """Forces of 1e-3 to 1e3 N (EI/L^2 is 3 N), along the beam, more than Newton's method can
+    follow, NaN and inf: the same statuses, and the shapes that were reached to 1e-10: tens of load
+    steps on the way.
     """
     u = pulls(16, 1.0) * torch.logspace(-3, 3, 16)[:, None]
-    u[5], u[9], u[11], u[13] = torch.tensor([[torch.nan, 0, 1], [0, 0, torch.inf], [-30.0, 0, 0], [3.0, 0, 1e5]])
+    u[5], u[9], u[11], u[13] = torch.tensor(
+        [[torch.nan, 0, 1], [0, 0, torch.inf], [-30.0, 0, 0], [3.0, 0, 1e5]]
+    )
     found, wanted = both(cantilever(), u=u)
-    assert wanted.status.nonzero()[:, 0].tolist() == [5, 9, 13] and set(wanted.status.tolist()) == {0, 1, 2}
+    assert wanted.status.nonzero()[:, 0].tolist() == [5, 9, 13] and set(wanted.status.tolist()) == {
+        0,
+        1,
+        2,
+    }
     same(found, wanted, 1e-10)
 
 
 @torch.no_grad()
 def test_a_sample_alone_is_the_same_in_any_batch():
-    """To 1e-13: lanes do not mix, scalars and vectors may fuse other products. What is not a number harms nobody."""
+    """To 1e-13: lanes do not mix, scalars and vectors may fuse other products. What is not a number
+    harms nobody.
+    """
     u = pulls(300, 4.0)
     u[7] = torch.nan
     whole = both(cantilever(), u=u)[0]
@@ -144,15 +271,20 @@ def test_a_sample_alone_is_the_same_in_any_batch():
     for count in (1, 5):
         same(both(cantilever(), u=u[:count])[0], whole[:count], 1e-13)
     same(both(cantilever(), u=u[6])[0], whole[6], 1e-13)
-    same(both(cantilever(), u=u[:6].unflatten(0, (2, 3)))[0], whole[:6].map(lambda x: x.unflatten(0, (2, 3))), 1e-13)
+    same(
+        both(cantilever(), u=u[:6].unflatten(0, (2, 3)))[0],
+        whole[:6].map(lambda x: x.unflatten(0, (2, 3))),
+        1e-13,
+    )
 
 
 @pytest.mark.filterwarnings("ignore:.*unstable equilibrium")
 @pytest.mark.parametrize("engine", ["compiled", "eager"])
 @torch.no_grad()
 def test_what_is_left_of_an_equilibrium_is_below_its_tolerance(engine):
-    """The scaled residual of 200 shapes, measured where they are given back: where the last one was foreseen, 15 of them were
-    above 1e-8. The last update, made once it is below, leaves but rounding.
+    """The scaled residual of 200 shapes, measured where they are given back: where the last one was
+    foreseen, 15 of them were above 1e-8. The last update, made once it is below, leaves but
+    rounding.
     """
     scene, u = cantilever(), pulls(200, 4.0)
     model, found = discretise(scene), tb.equilibrium(scene, inputs={"u": u}, engine=engine)
@@ -175,7 +307,9 @@ def test_from_another_shape_and_to_another_tolerance():
 @torch.no_grad()
 def test_single_precision():
     numbers = [torch.tensor(x, dtype=torch.float32) for x in (2e3, 8e2, 2.0, 3.0, 0.5, 1e-3)]
-    beam = tb.Beam.straight(torch.tensor(1.0, dtype=torch.float32), 4, tb.Section.from_stiffness(*numbers))
+    beam = tb.Beam.straight(
+        torch.tensor(1.0, dtype=torch.float32), 4, tb.Section.from_stiffness(*numbers)
+    )
     scene = tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3))], plane="xz")
     found, wanted = both(scene, u=pulls(5, 3.0).float())
     assert found.position.dtype == torch.float32
@@ -183,18 +317,28 @@ def test_single_precision():
 
 
 def test_gradients_are_the_eager_ones():
-    """By force, EI and a support's displacement to 1e-9 of the largest, beside a failed sample; forward mode; torch.func, which
-    is eager.
+    """By force, EI and a support's displacement to 1e-9 of the largest, beside a failed sample;
+    forward mode; torch.func, which is eager.
     """
+
     def slopes(engine):
-        u, EI = pulls(5, 3.0), torch.rand(5, generator=torch.Generator().manual_seed(1)).add_(2.0).requires_grad_()
+        u = pulls(5, 3.0)
+        EI = torch.rand(5, generator=torch.Generator().manual_seed(1)).add_(2.0).requires_grad_()
         u[3] = torch.nan
         u.requires_grad_()
         moved = torch.tensor([0.0, 0.0, 0.1], requires_grad=True)
-        scene = tb.Scene(straight(8, section(EI=EI)), [tb.TipLoad(force=tb.Input("u", 3))], plane="xz", supports=[
-            tb.Support(0), tb.Support(4, position="z", rotation="", displacement=moved)])
+        scene = tb.Scene(
+            straight(8, section(EI=EI)),
+            [tb.TipLoad(force=tb.Input("u", 3))],
+            plane="xz",
+            supports=[tb.Support(0), tb.Support(4, position="z", rotation="", displacement=moved)],
+        )
         state = tb.equilibrium(scene, inputs={"u": u}, throw=False, engine=engine)
-        value = (state.position.square().sum((-1, -2)) + state.stress.sum((-1, -2)) + state.reaction.square().sum((-1, -2)))
+        value = (
+            state.position.square().sum((-1, -2))
+            + state.stress.sum((-1, -2))
+            + state.reaction.square().sum((-1, -2))
+        )
         return torch.autograd.grad(value[state.status == 0].sum(), (u, EI, moved))
 
     for a, b in zip(slopes("compiled"), slopes("eager"), strict=True):
@@ -204,7 +348,10 @@ def test_gradients_are_the_eager_ones():
         return lambda u: tb.equilibrium(cantilever(4), inputs={"u": u}, engine=engine).tip.position
 
     u = pulls(1, 3.0)[0]
-    for derivative in (lambda f: torch.func.jvp(f, (u,), (torch.ones(3),))[1], lambda f: torch.func.jacrev(f)(u)):
+    for derivative in (
+        lambda f: torch.func.jvp(f, (u,), (torch.ones(3),))[1],
+        lambda f: torch.func.jacrev(f)(u),
+    ):
         assert_close(derivative(tip("compiled")), derivative(tip("eager")), rtol=1e-9, atol=1e-12)
 
 
@@ -229,7 +376,9 @@ def test_unstable_samples_are_named_alike(N, order):
 
 @torch.no_grad()
 def test_what_fails_is_raised_alike():
-    scene = tb.Scene(straight(3), [tb.TipLoad(force=(0.2, 1.0, 0))], supports=[tb.Support(0, rotation="")])
+    scene = tb.Scene(
+        straight(3), [tb.TipLoad(force=(0.2, 1.0, 0))], supports=[tb.Support(0, rotation="")]
+    )
     for engine in ("compiled", "eager"):
         with pytest.raises(RuntimeError, match="nothing holds"):
             tb.equilibrium(scene, engine=engine)
@@ -237,14 +386,20 @@ def test_what_fails_is_raised_alike():
 
 @torch.no_grad()
 def test_auto_compiles_for_many_samples(monkeypatch):
-    """Functions of the motion too, as long as what they read is steady; TORCHBEAM_ENGINE says otherwise; what is not taken, and
-    a failed compiler, are warned of.
+    """Functions of the motion too, as long as what they read is steady; TORCHBEAM_ENGINE says
+    otherwise; what is not taken, and a failed compiler, are warned of.
     """
     natively, found = compiled._climbed, []
-    monkeypatch.setattr(compiled, "_climbed", lambda *args: found.append(natively(*args)) or found[-1])
+    monkeypatch.setattr(
+        compiled, "_climbed", lambda *args: found.append(natively(*args)) or found[-1]
+    )
     u, dead = pulls(4, 3.0), tb.TipLoad(force=tb.Input("u", 3))
     own = tb.Scene(straight(8), [dead, tb.Load(lambda r, R, v, w, t: (-r, None))], plane="xz")
-    refused = tb.Scene(straight(8), [tb.Load(lambda r, R, v, w, t: (r if r.sum() > 9 else -r, None)), dead], plane="xz")
+    refused = tb.Scene(
+        straight(8),
+        [tb.Load(lambda r, R, v, w, t: (r if r.sum() > 9 else -r, None)), dead],
+        plane="xz",
+    )
 
     def made(scene=None, **options):
         found.clear()
@@ -257,9 +412,14 @@ def test_auto_compiles_for_many_samples(monkeypatch):
         assert made() == 1
     monkeypatch.setattr(compiled, "WORTH", 32)
     assert made() == made(own) == 1 and made(engine="eager") == made(relax=True) == 0
-    unsteady = tb.Scene(straight(8), [tb.Load(lambda r, R, v, w, t: (-gc.isenabled() * r, None)), dead], plane="xz")
+    unsteady = tb.Scene(
+        straight(8), [tb.Load(lambda r, R, v, w, t: (-gc.isenabled() * r, None)), dead], plane="xz"
+    )
     for scene, reason in ((refused, "control flow"), (unsteady, r"'gc' \(a module\)")):
-        with pytest.warns(tb.SlowPathWarning, match=f"equilibria are found eagerly.*{reason}.*test_compiled_equilibrium"):
+        with pytest.warns(
+            tb.SlowPathWarning,
+            match=f"equilibria are found eagerly.*{reason}.*test_compiled_equilibrium",
+        ):
             assert made(scene) == 0
     monkeypatch.setenv("TORCHBEAM_ENGINE", "eager")
     assert made() == 0
@@ -277,13 +437,24 @@ def raises(error):
     raise error
 
 
-@pytest.mark.parametrize("reason, scene, options", [
-    ("relax=True", cantilever, dict(relax=True)),
-    ("control flow", lambda: tb.Scene(straight(2), [tb.Load(lambda r, R, v, w, t: (r if r.sum() > 9 else -r, None))]), {}),
-])
+@pytest.mark.parametrize(
+    "reason, scene, options",
+    [
+        ("relax=True", cantilever, dict(relax=True)),
+        (
+            "control flow",
+            lambda: tb.Scene(
+                straight(2), [tb.Load(lambda r, R, v, w, t: (r if r.sum() > 9 else -r, None))]
+            ),
+            {},
+        ),
+    ],
+)
 def test_what_is_not_covered_is_refused_by_name(reason, scene, options):
     scene = scene()
-    with pytest.raises(ValueError, match=f"engine = 'compiled' was given.*({reason}).*'eager' does"):
+    with pytest.raises(
+        ValueError, match=f"engine = 'compiled' was given.*({reason}).*'eager' does"
+    ):
         tb.equilibrium(scene, engine="compiled", inputs=inputs_of(scene), **options)
 
 
@@ -297,10 +468,16 @@ def test_without_llvmlite_the_extra_is_named(monkeypatch):
 
 def test_within_torch_func_the_answer_is_eager():
     def tip(stiffness, engine="compiled"):
-        section = tb.Section.from_stiffness(EA=1e3, GA=400.0, GJ=0.8, EI=stiffness, mass=1.0, inertia=0.01)
-        scene = tb.Scene(tb.Beam.straight(1.0, 3, section), [tb.TipLoad(force=(0.0, 0.3, 0.0))], plane="xy")
+        section = tb.Section.from_stiffness(
+            EA=1e3, GA=400.0, GJ=0.8, EI=stiffness, mass=1.0, inertia=0.01
+        )
+        scene = tb.Scene(
+            tb.Beam.straight(1.0, 3, section), [tb.TipLoad(force=(0.0, 0.3, 0.0))], plane="xy"
+        )
         return tb.equilibrium(scene, engine=engine).tip.position
 
     one = torch.tensor(1.0)
     found = torch.func.jvp(tip, (one,), (one,))
-    torch.testing.assert_close(found, torch.func.jvp(lambda x: tip(x, "eager"), (one,), (one,)), rtol=0, atol=0)
+    torch.testing.assert_close(
+        found, torch.func.jvp(lambda x: tip(x, "eager"), (one,), (one,)), rtol=0, atol=0
+    )

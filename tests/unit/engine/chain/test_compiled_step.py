@@ -1,4 +1,6 @@
-"""The compiled step beside the eager one: the same states, statuses and iterations, whatever is in the batch."""
+"""The compiled step beside the eager one: the same states, statuses and iterations, whatever is in
+the batch.
+"""
 
 import pickle
 from copy import deepcopy
@@ -14,31 +16,46 @@ from tests.cases.compiled_step_cases import SCENES, everything, inputs_of, movin
 pytest.importorskip("llvmlite")
 FIELDS = ("position", "rotation", "velocity", "spin", "stress", "reaction", "work", "t")
 GRADIENT = torch.tensor(0.3, requires_grad=True)
-SCENES = {"everything": everything, "everything in a plane": lambda: everything(plane="xz"),
-          "everything small": lambda: everything(small=True), **{name: SCENES[name] for name in (
-              "curved, all loads", "hinges", "inextensible")}}
-LONG = "everything small", "curved, all loads", "hinges"  # test_adjoint: "small", test_compiled_scenes: the others
+SCENES = {
+    "everything": everything,
+    "everything in a plane": lambda: everything(plane="xz"),
+    "everything small": lambda: everything(small=True),
+    **{name: SCENES[name] for name in ("curved, all loads", "hinges", "inextensible")},
+}
+# test_adjoint: "small", test_compiled_scenes: the others
+LONG = "everything small", "curved, all loads", "hinges"
 
 
 def same(found, wanted, tolerance=1e-12):
     """Each field to `tolerance` of its largest number."""
     for name in FIELDS:
         x, y = getattr(found, name), getattr(wanted, name)
-        assert_close(x, y, rtol=0, atol=tolerance * max(float(y.abs().nan_to_num().max()) if y.numel() else 0, 1e-3),
-                     equal_nan=True, msg=lambda text, name=name: f"{name}: {text}")
+        assert_close(
+            x,
+            y,
+            rtol=0,
+            atol=tolerance * max(float(y.abs().nan_to_num().max()) if y.numel() else 0, 1e-3),
+            equal_nan=True,
+            msg=lambda text, name=name: f"{name}: {text}",
+        )
     assert_close(found.status, wanted.status)
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in SCENES])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in SCENES]
+)
 @torch.no_grad()
 def test_a_rollout_is_the_eager_one(name):
-    """Seven steps of nine samples that move differently, as many iterations: to 1e-12 of each field; where strains are
-    impossible to 1e-11, as the tangent's condition is 1e7.
+    """Seven steps of nine samples that move differently, as many iterations: to 1e-12 of each
+    field; where strains are impossible to 1e-11, as the tangent's condition is 1e7.
     """
     scene = SCENES[name]()
     start, inputs = moving(scene, (9,)), inputs_of(scene, (9,))
     t = torch.tensor([0, 0.01, 0.05, 0.07])
-    wanted, found = (tb.simulate(scene, t, start, step=0.01, inputs=inputs, engine=engine) for engine in ("eager", "compiled"))
+    wanted, found = (
+        tb.simulate(scene, t, start, step=0.01, inputs=inputs, engine=engine)
+        for engine in ("eager", "compiled")
+    )
     assert wanted.stats.iterations.min() >= 1 and not wanted.status.any()
     same(found.state, wanted.state, 1e-11 if name == "inextensible" else 1e-12)
     assert_close(found.stats.iterations, wanted.stats.iterations)
@@ -46,7 +63,9 @@ def test_a_rollout_is_the_eager_one(name):
 
 
 def arm(**options):
-    return tb.Scene(straight(4), [tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=tb.Input("u", 3))], **options)
+    return tb.Scene(
+        straight(4), [tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=tb.Input("u", 3))], **options
+    )
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +81,11 @@ def stepped(stepper, state, steps=3, **given):
 
 @pytest.fixture(scope="module")
 def quadratic():
-    scene = tb.Scene(straight(2, order=2), [tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=tb.Input("u", 3))], plane="xz")
+    scene = tb.Scene(
+        straight(2, order=2),
+        [tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=tb.Input("u", 3))],
+        plane="xz",
+    )
     return tb.Stepper(scene, 0.01, engine="compiled")
 
 
@@ -71,13 +94,19 @@ def quadratic():
 def test_a_sample_alone_is_the_same_in_any_batch(name, request):
     """Lanes do not mix: to 1e-13, as scalars and vectors may fuse other products."""
     stepper = request.getfixturevalue(name)
-    start, u = moving(stepper.scene, (17,)), torch.randn(17, 3) * torch.tensor([1.0, stepper.scene.plane is None, 1.0])
+    start = moving(stepper.scene, (17,))
+    u = torch.randn(17, 3) * torch.tensor([1.0, stepper.scene.plane is None, 1.0])
     whole = stepped(stepper, start, u=u)
     for count in (1, 3, 8, 9):
         same(stepped(stepper, start[:count], u=u[:count]), whole[:count], 1e-13)
     same(stepped(stepper, start[0], u=u[0]), whole[0], 1e-13)
-    same(stepped(stepper, start.map(lambda x: x[:6].unflatten(0, (2, 3))), u=u[:6].unflatten(0, (2, 3))),
-         whole[:6].map(lambda x: x.unflatten(0, (2, 3))), 1e-13)
+    same(
+        stepped(
+            stepper, start.map(lambda x: x[:6].unflatten(0, (2, 3))), u=u[:6].unflatten(0, (2, 3))
+        ),
+        whole[:6].map(lambda x: x.unflatten(0, (2, 3))),
+        1e-13,
+    )
 
 
 @torch.no_grad()
@@ -96,11 +125,14 @@ def test_what_is_no_number_harms_nobody(stepper):
 
 @torch.no_grad()
 def test_hard_steps_end_as_eager_ones(stepper):
-    """Forces of 0.1 to 1e6 N, NaN and inf, steps of 5 to 100 ms: the same statuses, and the same counts, of the parts that a
-    failed step is made in too. What has converged is the same to 1e-10: hundreds of iterations on the way.
+    """Forces of 0.1 to 1e6 N, NaN and inf, steps of 5 to 100 ms: the same statuses, and the same
+    counts, of the parts that a failed step is made in too. What has converged is the same to 1e-10:
+    hundreds of iterations on the way.
     """
     eager = tb.Stepper(stepper.scene, 0.01)
-    u = torch.tensor([0.1, 10.0, 1e3, 1e4, 1e6, torch.nan, torch.inf])[:, None] * torch.tensor([0.0, 1.0, 0.3])
+    u = torch.tensor([0.1, 10.0, 1e3, 1e4, 1e6, torch.nan, torch.inf])[:, None] * torch.tensor(
+        [0.0, 1.0, 0.3]
+    )
     for dt in (0.005, 0.1):
         start = stepper.rest((7,))
         wanted, found = eager(start, dt=dt, u=u), stepper(start, dt=dt, u=u)
@@ -114,7 +146,10 @@ def test_failures_within_a_rollout_are_made_as_by_themselves():
     u = torch.tensor([[0.0, 1.0, 0.3], [0.0, 4e3, 0.0], [torch.nan, 0.0, 0.0]])
     t = torch.linspace(0, 0.1, 6)
     with pytest.warns(RuntimeWarning):
-        wanted, found = (tb.simulate(scene, t, inputs={"u": u}, step=0.01, engine=engine) for engine in ("eager", "compiled"))
+        wanted, found = (
+            tb.simulate(scene, t, inputs={"u": u}, step=0.01, engine=engine)
+            for engine in ("eager", "compiled")
+        )
     same(found.state, wanted.state, 1e-10)
     assert_close(found.stats.iterations, wanted.stats.iterations)
 
@@ -141,11 +176,18 @@ def test_copies_step_alike(stepper):
 @torch.no_grad()
 def test_single_precision(N, order, plane):
     numbers = [torch.tensor(x, dtype=torch.float32) for x in (2e3, 8e2, 2.0, 3.0, 0.5, 1e-3)]
-    beam = tb.Beam.straight(torch.tensor(1.0, dtype=torch.float32), N, tb.Section.from_stiffness(*numbers), order=order)
-    scene = tb.Scene(beam, [tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=tb.Input("u", 3))], plane=plane)
+    beam = tb.Beam.straight(
+        torch.tensor(1.0, dtype=torch.float32), N, tb.Section.from_stiffness(*numbers), order=order
+    )
+    scene = tb.Scene(
+        beam, [tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=tb.Input("u", 3))], plane=plane
+    )
     start = moving(scene, (5,))
     u = torch.randn(5, 3, dtype=torch.float32) * torch.tensor([1.0, plane is None, 1.0])
-    found, wanted = (stepped(tb.Stepper(scene, 0.01, engine=engine), start, u=u) for engine in ("compiled", "eager"))
+    found, wanted = (
+        stepped(tb.Stepper(scene, 0.01, engine=engine), start, u=u)
+        for engine in ("compiled", "eager")
+    )
     assert found.position.dtype == torch.float32
     same(found, wanted, 2e-4)  # the tolerance of Newton's method is 1e-4
 
@@ -154,11 +196,17 @@ def test_functions_bring_axes_of_their_own():
     """Fast enough that a velocity is no rounding of places of 1 m over a step of 10 ms."""
     many = 100 * torch.randn(4, 1, 3)
     scene = tb.Scene(straight(2), [tb.TipLoad(force=lambda t: many * t)])
-    found, wanted = (tb.Stepper(scene, 0.01, engine=engine)(tb.rest(scene)) for engine in ("compiled", "eager"))
+    found, wanted = (
+        tb.Stepper(scene, 0.01, engine=engine)(tb.rest(scene)) for engine in ("compiled", "eager")
+    )
     same(found.broadcast(), wanted.broadcast())
-    for method in ("midpoint", "generalized_alpha"):  # of which the trial step brings them along before
+    # of which the trial step brings them along before
+    for method in ("midpoint", "generalized_alpha"):
         t = [0.0, 0.01, 0.03]
-        runs = [tb.simulate(scene, t, method=method, step=0.01, engine=engine) for engine in ("compiled", "eager")]
+        runs = [
+            tb.simulate(scene, t, method=method, step=0.01, engine=engine)
+            for engine in ("compiled", "eager")
+        ]
         assert all(run.status.shape == (4, 1) for run in runs)
         same(runs[0].state.broadcast(), runs[1].state.broadcast())
 
@@ -179,19 +227,47 @@ def test_what_a_load_closes_over_is_taken_when_the_stepper_is_made():
 @pytest.mark.long  # test_compiled_scenes "line loads" has it too
 @torch.no_grad()
 def test_a_moving_load_along_the_beam_by_place_and_time():
-    scene = tb.Scene(straight(2), [tb.LineLoad(force=tb.Along(lambda s, t: torch.stack((s * t, torch.cos(s), 0 * s), -1)),
-                                               follower=True)])
-    found, wanted = (tb.Stepper(scene, 0.01, engine=engine)(moving(scene)) for engine in ("compiled", "eager"))
+    scene = tb.Scene(
+        straight(2),
+        [
+            tb.LineLoad(
+                force=tb.Along(lambda s, t: torch.stack((s * t, torch.cos(s), 0 * s), -1)),
+                follower=True,
+            )
+        ],
+    )
+    found, wanted = (
+        tb.Stepper(scene, 0.01, engine=engine)(moving(scene)) for engine in ("compiled", "eager")
+    )
     same(found, wanted)
 
 
-@pytest.mark.parametrize("reason, scene", [
-    ("control flow", lambda: tb.Scene(straight(2), [tb.Load(lambda r, R, v, w, t: (v if v.sum() > 0 else -v, None))])),
-    ("carries gradient", lambda: tb.Scene(straight(2), [tb.Load(  # what else the function does is not known
-        lambda r, R, v, w, t: (GRADIENT * v + 0 * (print() or 0), None))])),
-])
+@pytest.mark.parametrize(
+    "reason, scene",
+    [
+        (
+            "control flow",
+            lambda: tb.Scene(
+                straight(2), [tb.Load(lambda r, R, v, w, t: (v if v.sum() > 0 else -v, None))]
+            ),
+        ),
+        (
+            "carries gradient",
+            lambda: tb.Scene(
+                straight(2),
+                [
+                    tb.Load(  # what else the function does is not known
+                        lambda r, R, v, w, t: (GRADIENT * v + 0 * (print() or 0), None)
+                    )
+                ],
+            ),
+        ),
+    ],
+)
 def test_what_is_not_covered_is_refused_by_name(reason, scene):
-    with pytest.raises(ValueError, match=f"engine = 'compiled' was given.*({reason}).*'eager' does"):
+    with pytest.raises(
+        ValueError, match=f"engine = 'compiled' was given.*({reason}).*'eager' does"
+    ):
         tb.Stepper(scene(), 0.01, engine="compiled")
     tb.Stepper(scene(), 0.01)
 

@@ -1,4 +1,6 @@
-"""Programs on disk: a second process neither traces nor compiles; what is damaged, or a user's own, is made anew."""
+"""Programs on disk: a second process neither traces nor compiles; what is damaged, or a user's own,
+is made anew.
+"""
 
 import pytest
 import torch
@@ -107,7 +109,9 @@ def test_source_that_was_written_to_since_is_not_the_process_own(monkeypatch):
 
 
 def test_programs_that_were_not_asked_for_for_longest_go_first(monkeypatch):
-    """Three of four structures, told apart by what is held, are kept; the one asked for again is among them."""
+    """Three of four structures, told apart by what is held, are kept; the one asked for again is
+    among them.
+    """
     monkeypatch.setattr(program, "PROGRAMS", {})
     monkeypatch.setattr(program, "KEPT", 3)
     monkeypatch.setattr(program, "structure", lambda local, kinds, held: (held,))

@@ -1,4 +1,6 @@
-"""Which engine "auto" takes, and why; what a call of the compiled step costs beside its native code; copies and threads."""
+"""Which engine "auto" takes, and why; what a call of the compiled step costs beside its native
+code; copies and threads.
+"""
 
 import logging
 import multiprocessing
@@ -25,7 +27,11 @@ FIELDS = ("position", "rotation", "velocity", "spin", "stress", "reaction", "wor
 
 
 def arm(*more, N=3, **options):
-    return tb.Scene(straight(N), [tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=tb.Input("u", 3)), *more], **options)
+    return tb.Scene(
+        straight(N),
+        [tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=tb.Input("u", 3)), *more],
+        **options,
+    )
 
 
 def engine_line(scene):
@@ -57,21 +63,39 @@ class Brake(LoadEffect):
 Brake = dataclass(frozen=True)(Brake)
 
 
-@pytest.mark.parametrize("scene, reason", [
-    (lambda: arm(), None),
-    (lambda: arm(tb.PointLoad(node=1, force=lambda t: torch.stack((t, t, t)))), None),
-    (lambda: arm(tb.Load(own_load)), None),
-    (lambda: arm(Brake()), None),
-    (lambda: arm(tb.Load(lambda r, R, v, w, t: (-held[0] * v, None))), None),
-    (lambda: arm(tb.Load(lambda r, R, v, w, t: (-os.getpid() * v, None))), r"Load by a function of the motion that reads 'os' "
-     r"\(a module\), which may change \(.*test_engine_choice.py:\d+\); 'compiled' takes it, as it is"),
-    (lambda: arm(tb.Load(lambda r, R, v, w, t: (-os.getpid() * v if v.sum() > 0 else v, None))), "Load by a function of the "
-     "motion: (?!.*takes it)"),
-    (lambda: arm(tb.Load(lambda r, R, v, w, t: (v if v.sum() > 0 else -v, None))), "Load by a function of the motion: .* in "
-     "<lambda>; control flow by values cannot be traced"),
-    (lambda: arm(tb.LineLoad(force=tb.Along(lambda s, t: torch.stack((s, s, s), -1)), follower=True)), None),
-    (lambda: arm(frame=tb.Frame(angular_velocity=(0, 0, 1.0))), None),
-])
+@pytest.mark.parametrize(
+    "scene, reason",
+    [
+        (lambda: arm(), None),
+        (lambda: arm(tb.PointLoad(node=1, force=lambda t: torch.stack((t, t, t)))), None),
+        (lambda: arm(tb.Load(own_load)), None),
+        (lambda: arm(Brake()), None),
+        (lambda: arm(tb.Load(lambda r, R, v, w, t: (-held[0] * v, None))), None),
+        (
+            lambda: arm(tb.Load(lambda r, R, v, w, t: (-os.getpid() * v, None))),
+            r"Load by a function of the motion that reads 'os' \(a module\), which may change "
+            r"\(.*test_engine_choice.py:\d+\); 'compiled' takes it, as it is",
+        ),
+        (
+            lambda: arm(
+                tb.Load(lambda r, R, v, w, t: (-os.getpid() * v if v.sum() > 0 else v, None))
+            ),
+            "Load by a function of the motion: (?!.*takes it)",
+        ),
+        (
+            lambda: arm(tb.Load(lambda r, R, v, w, t: (v if v.sum() > 0 else -v, None))),
+            "Load by a function of the motion: .* in "
+            "<lambda>; control flow by values cannot be traced",
+        ),
+        (
+            lambda: arm(
+                tb.LineLoad(force=tb.Along(lambda s, t: torch.stack((s, s, s), -1)), follower=True)
+            ),
+            None,
+        ),
+        (lambda: arm(frame=tb.Frame(angular_velocity=(0, 0, 1.0))), None),
+    ],
+)
 def test_auto_takes_native_code_where_it_can_and_describe_says_so(auto, scene, reason):
     scene = scene()
     stepper = tb.Stepper(scene, 0.01)
@@ -117,29 +141,64 @@ def pushing(x):
 NUMBERS, TENSORS = (0.5, 2.0), (torch.tensor([0.5, 0.3, 0.8]), torch.tensor([0.2, 0.3, 1.8]))
 
 
-@pytest.mark.parametrize("engine, load, values", [  # each with each as a long run
-    pytest.param(engine, load, values, id=f"{engine}-{load.__name__}-{word}", marks=[] if (engine, load, word) in (
-        ("auto", flowing, "tensors"), ("compiled", flowing, "numbers"), ("auto", pushing, "numbers")) else [pytest.mark.long])
-    for engine in ("auto", "compiled") for load in (flowing, pushing)
-    for word, values in (("numbers", NUMBERS), ("tensors", TENSORS))])
-def test_functions_of_the_same_code_that_close_over_other_values_are_different_loads(auto, engine, load, values):
-    """Steps and equilibria of one scene after the other: each is of its own values, as eager ones are."""
+@pytest.mark.parametrize(
+    "engine, load, values",
+    [  # each with each as a long run
+        pytest.param(
+            engine,
+            load,
+            values,
+            id=f"{engine}-{load.__name__}-{word}",
+            marks=[]
+            if (engine, load, word)
+            in (
+                ("auto", flowing, "tensors"),
+                ("compiled", flowing, "numbers"),
+                ("auto", pushing, "numbers"),
+            )
+            else [pytest.mark.long],
+        )
+        for engine in ("auto", "compiled")
+        for load in (flowing, pushing)
+        for word, values in (("numbers", NUMBERS), ("tensors", TENSORS))
+    ],
+)
+def test_functions_of_the_same_code_that_close_over_other_values_are_different_loads(
+    auto, engine, load, values
+):
+    """Steps and equilibria of one scene after the other: each is of its own values, as eager ones
+    are.
+    """
     for x in values:
         scene = tb.Scene(straight(2), [load(x)])
         native, eager = (tb.Stepper(scene, 0.05, engine=name) for name in (engine, "eager"))
-        assert_close(native(native.rest()).velocity, eager(eager.rest()).velocity, rtol=1e-9, atol=1e-12)
-        assert_close(tb.equilibrium(scene, engine=engine).position, tb.equilibrium(scene, engine="eager").position,
-                     rtol=1e-8, atol=1e-10)
+        assert_close(
+            native(native.rest()).velocity, eager(eager.rest()).velocity, rtol=1e-9, atol=1e-12
+        )
+        assert_close(
+            tb.equilibrium(scene, engine=engine).position,
+            tb.equilibrium(scene, engine="eager").position,
+            rtol=1e-8,
+            atol=1e-10,
+        )
 
 
 BATCH = torch.tensor([[0.0, 1.0, 0.0], [0.0, 2.0, 0.0]])
 
 
 @torch.no_grad()
-@pytest.mark.parametrize("load", [
-    lambda x: tb.Load(lambda r, R, v, w, t: (x - v, None)),
-    lambda x: tb.Drag(1.5, 0.25, flow=lambda position, t: x[..., None, :].expand(*x.shape[:-1], *position.shape[-2:]))],
-    ids=["Load", "Drag flow"])
+@pytest.mark.parametrize(
+    "load",
+    [
+        lambda x: tb.Load(lambda r, R, v, w, t: (x - v, None)),
+        lambda x: tb.Drag(
+            1.5,
+            0.25,
+            flow=lambda position, t: x[..., None, :].expand(*x.shape[:-1], *position.shape[-2:]),
+        ),
+    ],
+    ids=["Load", "Drag flow"],
+)
 def test_a_batch_that_a_function_closes_over_is_one_of_native_steps(auto, load):
     """Each sample is as it is alone, whether the state has the batch's axis or not."""
     scene = tb.Scene(straight(2), [load(BATCH)])
@@ -157,7 +216,9 @@ def by_a_list(position, rotation, velocity, spin, t):
 
 @pytest.mark.parametrize("function", [own_load, by_a_list])
 def test_a_first_gradient_after_a_change_is_that_of_what_was_taken(auto, monkeypatch, function):
-    """What a function reads, be it followed or not, changes between a stepper and its first gradient."""
+    """What a function reads, be it followed or not, changes between a stepper and its first
+    gradient.
+    """
     scene = tb.Scene(straight(2), [tb.Load(function)])
 
     def gradient(stepper):
@@ -165,7 +226,8 @@ def test_a_first_gradient_after_a_change_is_that_of_what_was_taken(auto, monkeyp
         start = replace(moving(scene), velocity=velocity)
         return torch.autograd.grad(stepper(start).position.square().sum(), velocity)[0]
 
-    stepper, wanted = tb.Stepper(scene, 0.01, engine="compiled"), gradient(tb.Stepper(scene, 0.01, engine="eager"))
+    stepper = tb.Stepper(scene, 0.01, engine="compiled")
+    wanted = gradient(tb.Stepper(scene, 0.01, engine="eager"))
     monkeypatch.setattr(stepper.compiled.program, "adjoints", {})
     monkeypatch.setitem(globals(), "drag", 50.0)
     held[0] = 50.0
@@ -177,7 +239,9 @@ def test_a_first_gradient_after_a_change_is_that_of_what_was_taken(auto, monkeyp
 
 
 def test_what_was_written_to_before_the_gradient_is_refused():
-    """A push that is written to after the steps that it was given to: torch says so, as it does of eager ones."""
+    """A push that is written to after the steps that it was given to: torch says so, as it does of
+    eager ones.
+    """
     push = torch.tensor([0.0, 1.0, 2.0], requires_grad=True)
     scene = tb.Scene(straight(2), [tb.TipLoad(force=tb.Input("u", 3), follower=True)])
     for engine in ("eager", "compiled"):
@@ -213,7 +277,9 @@ def test_compiled_takes_what_a_class_reads_once_for_each_stepper(monkeypatch):
     scene, state = tb.Scene(straight(2), [Listed()]), moving(tb.Scene(straight(2)))
     for value in (0.5, 50.0):
         monkeypatch.setitem(globals(), "held", [value])
-        found, wanted = (tb.Stepper(scene, 0.01, engine=engine)(state) for engine in ("compiled", "eager"))
+        found, wanted = (
+            tb.Stepper(scene, 0.01, engine=engine)(state) for engine in ("compiled", "eager")
+        )
         assert_close(found.velocity, wanted.velocity, rtol=1e-10, atol=1e-10)
 
 
@@ -223,7 +289,14 @@ class Tether(LoadEffect):
     node, depends = -1, frozenset({"position"})
 
     def wrench(self, point, t, inputs):
-        return torch.stack((0 * point.position[..., 0], 0 * point.position[..., 0], height - point.position[..., 2]), -1), None
+        return torch.stack(
+            (
+                0 * point.position[..., 0],
+                0 * point.position[..., 0],
+                height - point.position[..., 2],
+            ),
+            -1,
+        ), None
 
 
 Tether, height = dataclass(frozen=True)(Tether), 0.01
@@ -233,7 +306,9 @@ def test_compiled_equilibria_are_of_what_a_class_reads_now(monkeypatch):
     scene = tb.Scene(straight(2), [Tether()])
     for value in (0.01, 0.02):
         monkeypatch.setitem(globals(), "height", value)
-        found, wanted = (tb.equilibrium(scene, engine=engine).position for engine in ("compiled", "eager"))
+        found, wanted = (
+            tb.equilibrium(scene, engine=engine).position for engine in ("compiled", "eager")
+        )
         assert_close(found, wanted, rtol=1e-6, atol=1e-9)
 
 
@@ -252,7 +327,8 @@ def test_the_environment_says_what_auto_means(monkeypatch):
         assert (tb.Stepper(arm(), 0.01).compiled is not None) == compiled
         assert tb.Stepper(arm(), 0.01, engine="eager").compiled is None
         assert tb.Stepper(arm(), 0.01, engine="compiled").compiled is not None
-    with pytest.raises(ValueError, match="engine = 'compiled' was given"):  # as it is with that argument
+    # as it is with that argument
+    with pytest.raises(ValueError, match="engine = 'compiled' was given"):
         tb.Stepper(arm(tb.Load(lambda r, R, v, w, t: (v if v.sum() > 0 else -v, None))), 0.01)
     monkeypatch.setenv("TORCHBEAM_ENGINE", "eager")
     assert "TORCHBEAM_ENGINE is 'eager'; 'compiled' takes it" in engine_line(arm())
@@ -333,9 +409,13 @@ def test_a_call_is_a_few_torch_operations():
 
 @torch.no_grad()
 def test_what_was_looked_up_does_not_go_stale():
-    """Loads that are written to in place are read at each call, as eagerly; so are the stepper's own numbers."""
+    """Loads that are written to in place are read at each call, as eagerly; so are the stepper's
+    own numbers.
+    """
     force, stiffness = torch.tensor([0.0, 1.0, 0.5]), torch.tensor(20.0)
-    scene = tb.Scene(straight(3), [tb.TipLoad(force=force), tb.Spring(1, stiffness, (0.3, 0.1, 0.2))])
+    scene = tb.Scene(
+        straight(3), [tb.TipLoad(force=force), tb.Spring(1, stiffness, (0.3, 0.1, 0.2))]
+    )
     steppers = [tb.Stepper(scene, 0.01, engine=engine) for engine in ("compiled", "eager")]
     start = moving(scene)
     seen = []
@@ -359,7 +439,9 @@ def test_what_was_looked_up_without_gradient_has_one_when_it_is_asked_for():
         with torch.no_grad():
             start = stepper(stepper.rest())
         after = stepper(stepper(start))
-        found.append(torch.autograd.grad(after.position.square().sum() + after.reaction.sum(), mass)[0])
+        found.append(
+            torch.autograd.grad(after.position.square().sum() + after.reaction.sum(), mass)[0]
+        )
     assert_close(*found, rtol=1e-9, atol=0)
 
 
@@ -378,7 +460,8 @@ def test_threads_change_no_bit(monkeypatch):
     """Forwards and backwards, of 37 samples in groups of lanes, one of which is not full."""
     monkeypatch.setattr(call, "WORK", 1)
     scene = arm()
-    start, u = moving(scene, (37,), size=0.3), torch.randn(37, 3, generator=torch.Generator().manual_seed(1))
+    start = moving(scene, (37,), size=0.3)
+    u = torch.randn(37, 3, generator=torch.Generator().manual_seed(1))
     found = []
     for threads in (1, 3):
         monkeypatch.setattr(torch, "get_num_threads", lambda threads=threads: threads)
@@ -386,7 +469,12 @@ def test_threads_change_no_bit(monkeypatch):
         stepper, state = tb.Stepper(scene, 0.01, engine="compiled"), start
         for _ in range(3):
             state = stepper(state, u=given)
-        found.append((*(getattr(state, name) for name in FIELDS), torch.autograd.grad(state.position.square().sum(), given)[0]))
+        found.append(
+            (
+                *(getattr(state, name) for name in FIELDS),
+                torch.autograd.grad(state.position.square().sum(), given)[0],
+            )
+        )
     for one, other in zip(*found, strict=True):
         assert torch.equal(one, other)
 
@@ -406,7 +494,9 @@ def test_repeated_steps_are_the_same_as_single_ones():
     found, wanted = stepper.repeat(start, 2, {"u": u}), stepper(stepper(start, u=u), u=u)
     assert torch.equal(found.status, wanted.status) and torch.equal(found.t, wanted.t)
     resting = torch.tensor([True, False, True, True, True])
-    assert torch.equal(stepper.repeat(start, 2, {"u": torch.ones(5, 3)}, resting).position[1], start.position[1])
+    assert torch.equal(
+        stepper.repeat(start, 2, {"u": torch.ones(5, 3)}, resting).position[1], start.position[1]
+    )
 
 
 def test_a_stepper_that_inference_mode_used_first_has_gradients_later():
@@ -429,7 +519,8 @@ def test_a_stepper_that_inference_mode_used_first_has_gradients_later():
 def test_a_call_is_made_by_several_threads_at_once():
     """One stepper, each thread with loads of its own; native code runs outside of Python's lock."""
     stepper = tb.Stepper(arm(), 0.01, engine="compiled")
-    start, loads = stepper.rest((9,)), torch.randn(4, 9, 3, generator=torch.Generator().manual_seed(1))
+    start = stepper.rest((9,))
+    loads = torch.randn(4, 9, 3, generator=torch.Generator().manual_seed(1))
     wanted = [stepper(start, u=u).position for u in loads]
     with ThreadPoolExecutor(4) as pool:
         found = [*pool.map(lambda k: stepper(start, u=loads[k % 4]).position, range(40))]
@@ -447,7 +538,10 @@ def test_steppers_work_in_forked_processes_and_as_pickles(auto):
     start = stepper.rest()
     wanted = stepper(start, u=torch.ones(3)).tip.position.tolist()
     copied = pickle.loads(pickle.dumps(stepper))
-    assert copied(start, u=torch.ones(3)).tip.position.tolist() == wanted and copied.compiled is not None
+    assert (
+        copied(start, u=torch.ones(3)).tip.position.tolist() == wanted
+        and copied.compiled is not None
+    )
     context = multiprocessing.get_context("fork")
     queue = context.Queue()
     child = context.Process(target=_tip, args=(stepper, start, queue))
@@ -457,11 +551,15 @@ def test_steppers_work_in_forked_processes_and_as_pickles(auto):
 
 
 def test_importing_torchbeam_imports_no_compiler():
-    code = ("import sys, torchbeam as tb; scene = tb.Scene(tb.Beam.straight(1.0, 2, tb.Section.from_stiffness("
-            "EA=1.0, GA=1.0, GJ=1.0, EI=1.0, mass=1.0, inertia=1.0))); tb.Stepper(scene, 0.1); tb.describe(scene); "
-            "print('llvmlite' in sys.modules)")
+    code = (
+        "import sys, torchbeam as tb; scene = tb.Scene(tb.Beam.straight(1.0, 2, "
+        "tb.Section.from_stiffness(EA=1.0, GA=1.0, GJ=1.0, EI=1.0, mass=1.0, inertia=1.0))); "
+        "tb.Stepper(scene, 0.1); tb.describe(scene); print('llvmlite' in sys.modules)"
+    )
     env = {name: value for name, value in os.environ.items() if name != "TORCHBEAM_ENGINE"}
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env, timeout=120)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=env, timeout=120
+    )
     assert done.stdout.strip() == "False", done.stderr
 
 
@@ -482,8 +580,12 @@ def test_derivatives_that_native_code_has_not_are_made_eagerly_by_auto(auto):
 @pytest.mark.parametrize("engine", ["auto", "compiled"])
 def test_steppers_that_are_made_within_torch_func_step_eagerly(auto, engine, recwarn):
     def tip(stiffness, engine=engine):
-        section = tb.Section.from_stiffness(EA=1e3, GA=400.0, GJ=0.8, EI=stiffness, mass=1.0, inertia=0.01)
-        scene = tb.Scene(tb.Beam.straight(1.0, 3, section), [tb.TipLoad(force=(0.0, 0.3, 0.0))], plane="xy")
+        section = tb.Section.from_stiffness(
+            EA=1e3, GA=400.0, GJ=0.8, EI=stiffness, mass=1.0, inertia=0.01
+        )
+        scene = tb.Scene(
+            tb.Beam.straight(1.0, 3, section), [tb.TipLoad(force=(0.0, 0.3, 0.0))], plane="xy"
+        )
         stepper = tb.Stepper(scene, 0.05, engine=engine)
         return stepper(stepper(stepper.rest())).tip.position
 

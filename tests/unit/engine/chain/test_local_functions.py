@@ -1,4 +1,6 @@
-"""Local functions of a step: what nodes and elements do, summed along the chain, is what the step does."""
+"""Local functions of a step: what nodes and elements do, summed along the chain, is what the step
+does.
+"""
 
 import pytest
 import torch
@@ -12,8 +14,9 @@ from torchbeam.nodal.discretise import discretise
 
 @pytest.mark.parametrize("name", SCENES)
 def test_local_functions_make_the_steps_of_newtons_method(name):
-    """Two iterates, the scaled residual, the reactions and the state at the end, each to 1e-12 of its largest number; where
-    strains are impossible to 1e-7, as the tangent's condition is 1e7 and these iterates have not converged.
+    """Two iterates, the scaled residual, the reactions and the state at the end, each to 1e-12 of
+    its largest number; where strains are impossible to 1e-7, as the tangent's condition is 1e7 and
+    these iterates have not converged.
     """
     tolerance = 1e-7 if name.startswith("inextensible") else 1e-12
     scene = SCENES[name]()
@@ -26,7 +29,8 @@ def test_local_functions_make_the_steps_of_newtons_method(name):
         *change, reaction = problem.linearise(x, *about).solve(residual.nodes, residual.strain)
         x = problem.update(x, *change)
         size, reactions = chain.iterate()
-        assert_close(size, residual.measure(), rtol=1e3 * tolerance, atol=1e-11)  # of what has converged, rounding is left
+        # of what has converged, rounding is left
+        assert_close(size, residual.measure(), rtol=1e3 * tolerance, atol=1e-11)
         for found, wanted in zip((*chain.x, reactions), (*x, reaction), strict=True):
             close(found, wanted, tolerance)
     after = problem.finish(x, reaction)
@@ -35,4 +39,9 @@ def test_local_functions_make_the_steps_of_newtons_method(name):
 
 
 def close(found, wanted, tolerance):
-    assert_close(found, wanted, rtol=0, atol=tolerance * float(wanted.abs().max() + 1e-3 if wanted.numel() else 1))
+    assert_close(
+        found,
+        wanted,
+        rtol=0,
+        atol=tolerance * float(wanted.abs().max() + 1e-3 if wanted.numel() else 1),
+    )

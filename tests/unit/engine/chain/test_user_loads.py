@@ -1,4 +1,6 @@
-"""Loads as users write them run natively, as eager ones: values, gradients by numbers of the beam and of networks."""
+"""Loads as users write them run natively, as eager ones: values, gradients by numbers of the beam
+and of networks.
+"""
 
 import re
 from copy import deepcopy
@@ -14,12 +16,15 @@ from torchbeam.engine.chain.coverage import why_eager, why_not_traced
 from torchbeam.nodal.discretise import discretise
 
 pytest.importorskip("llvmlite")
-# One of each kind: two seconds each, to compile. Functions one by one are in engine/compiler, holders of numbers, partials and
-# methods in properties/test_metamorphic.py.
+# One of each kind: two seconds each, to compile. Functions one by one are in engine/compiler,
+# holders of numbers, partials and methods in properties/test_metamorphic.py.
+# fmt: off
 SHORT = {
     "cylinder", "LuGre", "stalling wing", "table", "spline in s",
-    "linear solve", "gradient of a potential", "writes into its own", "method of a dataclass", "class of one's own",
+    "linear solve", "gradient of a potential", "writes into its own", "method of a dataclass",
+    "class of one's own",
     "network, residual", "network, float32"}
+# fmt: on
 
 
 @pytest.fixture(autouse=True)
@@ -29,18 +34,32 @@ def auto(monkeypatch):
 
 def scene(load, EI=1.0):
     section = tb.Section.from_stiffness(EA=1e3, GA=4e2, GJ=0.8, EI=EI, mass=0.3, inertia=1e-4)
-    return tb.Scene(tb.Beam.straight(1.0, 2, section), [load, tb.TipLoad(force=(0.2, 0, 0.8)), tb.MassDamping(0.3)], plane="xz")
+    return tb.Scene(
+        tb.Beam.straight(1.0, 2, section),
+        [load, tb.TipLoad(force=(0.2, 0, 0.8)), tb.MassDamping(0.3)],
+        plane="xz",
+    )
 
 
 def parameters(load):
     """Of networks that a load closes over."""
     cells = getattr(getattr(load, "function", None), "__closure__", None) or ()
-    return [p for cell in cells if isinstance(cell.cell_contents, torch.nn.Module) for p in cell.cell_contents.parameters()]
+    return [
+        p
+        for cell in cells
+        if isinstance(cell.cell_contents, torch.nn.Module)
+        for p in cell.cell_contents.parameters()
+    ]
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[] if name in SHORT else [pytest.mark.long]) for name in LOADS])
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[] if name in SHORT else [pytest.mark.long]) for name in LOADS],
+)
 def test_loads_that_users_write_run_natively_as_they_stand(name):
-    """Three steps of 10 ms. float32: eager steps round the network's numbers, native ones do not."""
+    """Three steps of 10 ms. float32: eager steps round the network's numbers, native ones do
+    not.
+    """
     load, found = LOADS[name](), {}
     single = any(p.dtype == torch.float32 for p in parameters(load))
     for engine in ("compiled", "eager"):
@@ -57,7 +76,12 @@ def test_loads_that_users_write_run_natively_as_they_stand(name):
     (value, slopes), (expected, gradient) = found.values()
     assert_close(value, expected, rtol=0, atol=1e-6 if single else 1e-12)
     for x, y in zip(slopes, gradient, strict=True):
-        assert_close(x, y, rtol=1e-4 if single else 1e-9, atol=1e-4 if single else 1e-9 * max(1e-3, float(y.abs().max())))
+        assert_close(
+            x,
+            y,
+            rtol=1e-4 if single else 1e-9,
+            atol=1e-4 if single else 1e-9 * max(1e-3, float(y.abs().max())),
+        )
     assert why_eager(discretise(run), "midpoint") is None  # "auto" takes it
 
 
@@ -111,17 +135,33 @@ def test_forward_mode_through_what_a_function_closes_over():
     assert found[0].abs().max() > 1e-3
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[] if name in (
-    "batch by places", "batch of an object", "batch of lags", "batch of a flow") else [pytest.mark.long]) for name in BATCHES])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(
+            name,
+            marks=[]
+            if name in ("batch by places", "batch of an object", "batch of lags", "batch of a flow")
+            else [pytest.mark.long],
+        )
+        for name in BATCHES
+    ],
+)
 def test_a_batch_that_a_function_closes_over_is_a_row_for_each_sample(name):
-    """Natively as eagerly: two steps, iterations, the gradient by the batch. Three samples, as vectors have components."""
+    """Natively as eagerly: two steps, iterations, the gradient by the batch. Three samples, as
+    vectors have components.
+    """
     found = []
     for engine in ("auto", "eager"):
         k = THREE.clone().requires_grad_()
         stepper, state = stepped(BATCHES[name](k), engine)
-        assert stepper.engine == ("native" if engine == "auto" else engine) and state.batch_shape == (3,)
+        assert stepper.engine == (
+            "native" if engine == "auto" else engine
+        ) and state.batch_shape == (3,)
         value = state.tip.position + 0.1 * state.tip.velocity
-        found.append((value.detach(), stepper.iterations, torch.autograd.grad(value.square().sum(), k)[0]))
+        found.append(
+            (value.detach(), stepper.iterations, torch.autograd.grad(value.square().sum(), k)[0])
+        )
     (value, iterations, slope), (expected, counted, gradient) = found
     assert_close(value, expected, rtol=0, atol=1e-12)
     assert (iterations == counted).all()
@@ -129,7 +169,9 @@ def test_a_batch_that_a_function_closes_over_is_a_row_for_each_sample(name):
 
 
 def test_a_closed_over_batch_that_changes_is_read_anew():
-    """Written to in place, and another of other numbers: by the program that there is; equilibria too."""
+    """Written to in place, and another of other numbers: by the program that there is; equilibria
+    too.
+    """
     k = THREE.clone()
     load = BATCHES["closed-over batch"](k)
     stepper, _ = stepped(load)
@@ -139,13 +181,17 @@ def test_a_closed_over_batch_that_changes_is_read_anew():
     assert_close(state.velocity, stepped(load, "eager")[1].velocity, rtol=0, atol=1e-12)
     other = stepped(BATCHES["closed-over batch"](3 * THREE))[0]
     assert other.compiled.program is stepper.compiled.program
-    shapes = [tb.equilibrium(scene(load), engine=engine).position for engine in ("compiled", "eager")]
+    shapes = [
+        tb.equilibrium(scene(load), engine=engine).position for engine in ("compiled", "eager")
+    ]
     assert shapes[0].shape[0] == 3
     assert_close(*shapes, rtol=0, atol=1e-9)
 
 
 def test_samples_that_a_function_mixes_are_stepped_eagerly():
-    assert re.search(r"a batch \(3,\) of its own", why_eager(discretise(scene(mixing(THREE))), "midpoint"))
+    assert re.search(
+        r"a batch \(3,\) of its own", why_eager(discretise(scene(mixing(THREE))), "midpoint")
+    )
     assert stepped(mixing(THREE))[0].engine == "eager"
 
 

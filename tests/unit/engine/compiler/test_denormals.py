@@ -22,7 +22,10 @@ HALVED = """define void @"halved"(ptr %x) noinline nounwind {
 def test_a_number_next_to_zero_is_zero_within_and_stays_without():
     library = Library(HALVED + flushing("run", "halved"))
     tiny = sys.float_info.min
-    for name, left in (("run", 0.0 if platform.machine().lower() in X86 else tiny / 2), ("halved", tiny / 2)):
+    for name, left in (
+        ("run", 0.0 if platform.machine().lower() in X86 else tiny / 2),
+        ("halved", tiny / 2),
+    ):
         x = ctypes.c_double(tiny)
         ctypes.CFUNCTYPE(None, ctypes.c_void_p)(library.address(name))(ctypes.addressof(x))
         assert x.value == left

@@ -1,4 +1,6 @@
-"""Derivatives on the graph against torch.autograd: of each operation, of special points, of torchbeam's local functions."""
+"""Derivatives on the graph against torch.autograd: of each operation, of special points, of
+torchbeam's local functions.
+"""
 
 import pytest
 import torch
@@ -11,30 +13,51 @@ from torchbeam.engine.compiler.trace import trace
 
 
 def gradients(function, given, bars):
-    """Of the sum of outputs times cotangents, by autograd; zero where nothing depends on an input."""
+    """Of the sum of outputs times cotangents, by autograd; zero where nothing depends on an
+    input.
+    """
     given = {name: x.detach().clone().requires_grad_() for name, x in given.items()}
     found = fields(function(**given))
     total = sum((x * bars[name]).sum() for name, x in found.items())
     got = torch.autograd.grad(total, list(given.values()), allow_unused=True)
-    return {name: torch.zeros_like(x) if g is None else g for (name, x), g in zip(given.items(), got, strict=True)}
+    return {
+        name: torch.zeros_like(x) if g is None else g
+        for (name, x), g in zip(given.items(), got, strict=True)
+    }
 
 
 def fields(value, name=""):
     if isinstance(value, torch.Tensor):
         return {name or "out": value}
-    pairs = value.items() if isinstance(value, dict) else zip(getattr(value, "_fields", range(len(value))), value, strict=True)
-    return {k: v for key, part in pairs if part is not None for k, v in fields(part, f"{name}.{key}".strip(".")).items()}
+    pairs = (
+        value.items()
+        if isinstance(value, dict)
+        else zip(getattr(value, "_fields", range(len(value))), value, strict=True)
+    )
+    return {
+        k: v
+        for key, part in pairs
+        if part is not None
+        for k, v in fields(part, f"{name}.{key}".strip(".")).items()
+    }
 
 
+# fmt: off
 SCALARS = {
-    "add": lambda x, y: x + 2 * y, "sub": lambda x, y: x - y, "mul": lambda x, y: x * y * x, "div": lambda x, y: x / y,
-    "neg": lambda x, y: -x * y, "sqrt": lambda x, y: (x * x + y * y).sqrt(), "sin": lambda x, y: torch.sin(x * y),
-    "cos": lambda x, y: torch.cos(x * y), "exp": lambda x, y: torch.exp(x * y), "log": lambda x, y: torch.log(x * x + 1),
-    "atan2": lambda x, y: torch.atan2(x, y), "tanh": lambda x, y: torch.tanh(x * y), "abs": lambda x, y: x.abs() * y,
+    "add": lambda x, y: x + 2 * y, "sub": lambda x, y: x - y, "mul": lambda x, y: x * y * x,
+    "div": lambda x, y: x / y,
+    "neg": lambda x, y: -x * y, "sqrt": lambda x, y: (x * x + y * y).sqrt(), "sin": lambda x,
+    y: torch.sin(x * y),
+    "cos": lambda x, y: torch.cos(x * y), "exp": lambda x, y: torch.exp(x * y), "log": lambda x,
+    y: torch.log(x * x + 1),
+    "atan2": lambda x, y: torch.atan2(x, y), "tanh": lambda x, y: torch.tanh(x * y),
+    "abs": lambda x, y: x.abs() * y,
     "max": lambda x, y: torch.maximum(x, y) * x, "min": lambda x, y: torch.minimum(x, y) * x,
-    "select": lambda x, y: torch.where(x < y, x * x, y * x), "clamp": lambda x, y: x.clamp(-0.5, 0.5) * y,
+    "select": lambda x, y: torch.where(x < y, x * x, y * x), "clamp": lambda x,
+    y: x.clamp(-0.5, 0.5) * y,
     "floor": lambda x, y: x.floor() * y, "pow": lambda x, y: x**3 / y**2,
 }
+# fmt: on
 
 
 @pytest.mark.parametrize("name", SCALARS)
@@ -49,13 +72,20 @@ def test_each_operation_has_torchs_derivative(name):
 
 
 SPECIAL = {
-    "norm at 0": (lambda x: torch.linalg.vector_norm(x), torch.zeros(3)), "abs at 0": (lambda x: x.abs(), torch.zeros(3)),
+    "norm at 0": (lambda x: torch.linalg.vector_norm(x), torch.zeros(3)),
+    "abs at 0": (lambda x: x.abs(), torch.zeros(3)),
     "the largest of equals": (lambda x: x.amax(), torch.tensor([1.0, 2.0, 2.0, 2.0])),
     "maximum of equals": (lambda x: torch.maximum(x, torch.ones(2)), torch.ones(2)),
     "the smallest of equals": (lambda x: x.amin(), torch.tensor([1.0, 1.0, 2.0])),
     "clamp at its bound": (lambda x: x.clamp(0.0, 1.0), torch.tensor([0.0, 1.0])),
-    "a branch that is not taken": (lambda x: torch.where(x > 0, x, -x.sqrt()), torch.tensor([1.0, -2.0])),
-    "a branch that is not taken, unguarded": (lambda x: torch.where(x > 0, x, x * torch.nan), torch.ones(2)),
+    "a branch that is not taken": (
+        lambda x: torch.where(x > 0, x, -x.sqrt()),
+        torch.tensor([1.0, -2.0]),
+    ),
+    "a branch that is not taken, unguarded": (
+        lambda x: torch.where(x > 0, x, x * torch.nan),
+        torch.ones(2),
+    ),
 }
 
 
@@ -63,14 +93,18 @@ SPECIAL = {
 def test_derivatives_at_special_points_are_torchs(name):
     function, x = SPECIAL[name]
     bars = {"out": torch.full(function(x).shape, 1.5)}
-    found = evaluate(vjp(trace(function, {"x": x}), ["x"]), {"x": x, bar("out"): bars["out"]})[bar("x")]
+    found = evaluate(vjp(trace(function, {"x": x}), ["x"]), {"x": x, bar("out"): bars["out"]})[
+        bar("x")
+    ]
     expected = gradients(function, {"x": x}, bars)["x"]
     assert_close(found, expected, rtol=1e-14, atol=0, equal_nan=True)
 
 
 @pytest.mark.parametrize("name", cases())
 def test_products_with_the_jacobian_of_local_functions(name):
-    """vjp against autograd; jvp by <bar, J dot> = <J^T bar, dot>: to rounding of sums of some hundred terms."""
+    """vjp against autograd; jvp by <bar, J dot> = <J^T bar, dot>: to rounding of sums of some
+    hundred terms.
+    """
     torch.manual_seed(1)
     function, inputs = cases()[name]
     traced, given = trace(function, inputs()), inputs(3)
@@ -81,7 +115,9 @@ def test_products_with_the_jacobian_of_local_functions(name):
     for field in given:
         assert_close(found[bar(field)], expected[field], rtol=1e-12, atol=1e-12 * size)
     dots = {field: torch.randn_like(x) for field, x in given.items()}
-    forward = evaluate(jvp(traced, given), {**given, **{dot(field): x for field, x in dots.items()}})
+    forward = evaluate(
+        jvp(traced, given), {**given, **{dot(field): x for field, x in dots.items()}}
+    )
     left = sum((forward[dot(field)] * x).sum() for field, x in bars.items())
     right = sum((found[bar(field)] * x).sum() for field, x in dots.items())
     assert_close(left, right, rtol=1e-12, atol=1e-12 * size)
@@ -89,7 +125,9 @@ def test_products_with_the_jacobian_of_local_functions(name):
 
 def test_only_what_is_asked_for_is_differentiated():
     """What the gradient does not need is dead; an input that nothing depends on has a zero."""
-    function = trace(lambda x, y, z: (x * y, torch.sin(z)), {name: torch.tensor(1.0) for name in "xyz"})
+    function = trace(
+        lambda x, y, z: (x * y, torch.sin(z)), {name: torch.tensor(1.0) for name in "xyz"}
+    )
     found = vjp(function, ["x", "z"], ["0"])
     assert set(found.outputs) == {"x_bar", "z_bar"} and found.operations() == 1
     assert found.read() == {("y", 0), ("0_bar", 0)}

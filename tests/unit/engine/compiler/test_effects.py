@@ -1,4 +1,6 @@
-"""Effects are traced as they stand: wrench and tangent of a load, the tangent by automatic differentiation among them."""
+"""Effects are traced as they stand: wrench and tangent of a load, the tangent by automatic
+differentiation among them.
+"""
 
 from dataclasses import replace
 
@@ -18,7 +20,9 @@ MOTION = ("R", "position", "velocity", "spin", "internal")
 
 
 def user(position, rotation, velocity, spin, t, u):
-    return rotation[..., :, 2] * (position * velocity).sum(-1, keepdim=True) + u * t, torch.linalg.cross(spin, position)
+    return rotation[..., :, 2] * (position * velocity).sum(
+        -1, keepdim=True
+    ) + u * t, torch.linalg.cross(spin, position)
 
 
 def lagged(position, rotation, velocity, spin, t, z):
@@ -26,7 +30,13 @@ def lagged(position, rotation, velocity, spin, t, z):
 
 
 def lag(z, position, rotation, velocity, spin, t):
-    return torch.cat((position[..., :1] - 3 * z[..., :1], z[..., :1] - z[..., 1:] * (1 + velocity[..., :1] ** 2)), -1)
+    return torch.cat(
+        (
+            position[..., :1] - 3 * z[..., :1],
+            z[..., :1] - z[..., 1:] * (1 + velocity[..., :1] ** 2),
+        ),
+        -1,
+    )
 
 
 def wind(x, t):
@@ -35,8 +45,10 @@ def wind(x, t):
 
 EFFECTS = {
     "a follower": fx.PointLoad(1, force=(1.0, 2, 3), moment=(0.3, 0.2, 0.1), follower=True),
-    "a line load": fx.LineLoad(force=(1.0, 2, 3), follower=True), "gravity": fx.Gravity((0.0, 0.1, -9.81)),
-    "mass damping": fx.MassDamping(0.3), "drag": fx.Drag(1000.0, 0.1, normal=1.1, tangential=0.1, flow=wind),
+    "a line load": fx.LineLoad(force=(1.0, 2, 3), follower=True),
+    "gravity": fx.Gravity((0.0, 0.1, -9.81)),
+    "mass damping": fx.MassDamping(0.3),
+    "drag": fx.Drag(1000.0, 0.1, normal=1.1, tangential=0.1, flow=wind),
     "a spring": fx.Spring(-1, 2.0, to=(0.1, 0.2, 0.3), length=0.5, damping=0.1),
     "a root spring": fx.RootSpring((2.0, 3.0), damping=(0.2, 0.1)),
     "a user's load": fx.Load(user, inputs={"u": 3}),
@@ -50,8 +62,17 @@ def site_of(effect, batch):
     lead = (batch, 1) if effect.node is None else (batch,)
     support = fx.Pose(torch.zeros(3), torch.eye(3), torch.full((3,), 0.1), torch.full((3,), 0.2))
     rotation = quat.matrix(quat.exponential(torch.randn(*lead, 3)))
-    return fx.LoadPoint(rotation, spd(), *(torch.randn(*lead, 3) for _ in range(3)), s=torch.tensor([0.4]), support=support,
-                        axes=torch.eye(3), internal=torch.randn(*lead, 2), dt=torch.tensor(0.1), elements=1)
+    return fx.LoadPoint(
+        rotation,
+        spd(),
+        *(torch.randn(*lead, 3) for _ in range(3)),
+        s=torch.tensor([0.4]),
+        support=support,
+        axes=torch.eye(3),
+        internal=torch.randn(*lead, 2),
+        dt=torch.tensor(0.1),
+        elements=1,
+    )
 
 
 @pytest.mark.parametrize("name", EFFECTS)

@@ -1,4 +1,6 @@
-"""Native code against torch: each operation and elementary function, local functions by lanes, and lanes apart."""
+"""Native code against torch: each operation and elementary function, local functions by lanes, and
+lanes apart.
+"""
 
 import math
 
@@ -21,8 +23,28 @@ pytest.importorskip("llvmlite")
 
 SPECIAL = torch.tensor([math.nan, math.inf, -math.inf, 0.0, -1.0, 1.0, -0.3, 0.5])
 X, Y = (x.flatten() for x in torch.meshgrid(SPECIAL, SPECIAL, indexing="ij"))
-ONE = ("neg", "sqrt", "norm", "abs", "floor", "round", "sin", "cos", "exp", "log", "tanh", "expm1", "log1p", "sinh", "cosh",
-       "asinh", "acosh", "atanh", "erf", "erfc")
+ONE = (
+    "neg",
+    "sqrt",
+    "norm",
+    "abs",
+    "floor",
+    "round",
+    "sin",
+    "cos",
+    "exp",
+    "log",
+    "tanh",
+    "expm1",
+    "log1p",
+    "sinh",
+    "cosh",
+    "asinh",
+    "acosh",
+    "atanh",
+    "erf",
+    "erfc",
+)
 TWO = ("add", "sub", "mul", "div", "max", "min", "atan2")
 
 
@@ -31,13 +53,22 @@ def operations():
     graph = Graph()
     x, y = graph.input("x", 0), graph.input("y", 0)
     lt, le, eq = (graph.make(op, x, y) for op in ("lt", "le", "eq"))
+    # fmt: off
     nodes = {
-        **{op: graph.make(op, x) for op in ONE}, **{op: graph.make(op, x, y) for op in TWO}, "lt": lt, "le": le, "eq": eq,
-        "and": graph.make("and", lt, graph.make("lt", x, graph.zero)), "or": graph.make("or", eq, lt),
-        "not": graph.make("not", lt), "truth": graph.truth(x), "finite": graph.make("eq", graph.make("sub", x, x), graph.zero),
-        "select": graph.make("select", le, x, y), "select of truths": graph.make("select", lt, eq, le),
-        "largest": graph.make("max", x, graph.const(0.2), y), "smallest": graph.make("min", x, graph.const(0.2), y)}
-    return Function(graph, {"x": (), "y": ()}, {name: Output((), (node,)) for name, node in nodes.items()})
+        **{op: graph.make(op, x) for op in ONE}, **{op: graph.make(op, x, y) for op in TWO},
+        "lt": lt, "le": le, "eq": eq,
+        "and": graph.make("and", lt, graph.make("lt", x, graph.zero)),
+        "or": graph.make("or", eq, lt),
+        "not": graph.make("not", lt), "truth": graph.truth(x),
+        "finite": graph.make("eq", graph.make("sub", x, x), graph.zero),
+        "select": graph.make("select", le, x, y),
+        "select of truths": graph.make("select", lt, eq, le),
+        "largest": graph.make("max", x, graph.const(0.2), y),
+        "smallest": graph.make("min", x, graph.const(0.2), y)}
+    # fmt: on
+    return Function(
+        graph, {"x": (), "y": ()}, {name: Output((), (node,)) for name, node in nodes.items()}
+    )
 
 
 @pytest.mark.parametrize("lanes", [1, 8])
@@ -50,39 +81,58 @@ def test_operations_are_torchs_at_special_values(lanes, dtype):
     parts = [slice(k, k + lanes) for k in range(0, len(x), lanes)]
     found = [native(function, {"x": x[some], "y": y[some]}, dtype, loaded=loaded) for some in parts]
     for name, value in expected.items():
-        assert_close(torch.cat([part[name] for part in found]), value.to(dtype), rtol=2 * torch.finfo(dtype).eps, atol=0,
-                     equal_nan=True, msg=lambda text, name=name: f"{name}: {text}")
+        assert_close(
+            torch.cat([part[name] for part in found]),
+            value.to(dtype),
+            rtol=2 * torch.finfo(dtype).eps,
+            atol=0,
+            equal_nan=True,
+            msg=lambda text, name=name: f"{name}: {text}",
+        )
 
 
-# Arguments of every size, also next to multiples of pi/2; and the largest error, in units in the last place.
+# Arguments of every size, also next to multiples of pi/2; and the largest error, in units in the
+# last place.
 DRAW = np.random.default_rng(0)
 SIZES = 10.0 ** DRAW.integers(-5, 6, 1000)
-ANGLES = np.concatenate([DRAW.uniform(-size, size, 300) for size in (1e6, 3.0, 1e-3)]
-                        + [DRAW.integers(-600000, 600000, 100) * (np.pi / 2)])
+ANGLES = np.concatenate(
+    [DRAW.uniform(-size, size, 300) for size in (1e6, 3.0, 1e-3)]
+    + [DRAW.integers(-600000, 600000, 100) * (np.pi / 2)]
+)
+# fmt: off
 ARGUMENTS = {
     "sin": ((ANGLES,), 1), "cos": ((ANGLES,), 1),
     "atan2": ((DRAW.normal(size=1000) * SIZES, DRAW.normal(size=1000) * SIZES[::-1].copy()), 2),
     "tanh": ((np.concatenate([DRAW.uniform(-size, size, 320) for size in (30.0, 1.0, 1e-3)]),), 2),
     "exp": ((np.concatenate([DRAW.uniform(-size, size, 500) for size in (700.0, 1.0)]),), 1),
-    "log": ((np.concatenate((np.exp(DRAW.uniform(-740, 709, 500)), 1 + DRAW.uniform(-0.3, 0.42, 500))),), 1),
+    "log": ((np.concatenate((np.exp(DRAW.uniform(-740, 709, 500)),
+                             1 + DRAW.uniform(-0.3, 0.42, 500))),), 1),
     "expm1": ((DRAW.normal(size=1000) * SIZES.clip(1e-5, 100),), 4),
-    "log1p": ((np.concatenate((DRAW.uniform(-1, 1, 400) * SIZES[:400].clip(1e-5, 1), SIZES[400:])),), 4),
+    "log1p": ((np.concatenate((DRAW.uniform(-1, 1, 400) * SIZES[:400].clip(1e-5, 1), SIZES[400:])),
+               ), 4),
     "sinh": ((DRAW.uniform(-1, 1, 1000) * SIZES.clip(1e-5, 100),), 4),
     "cosh": ((DRAW.normal(size=1000) * SIZES.clip(1e-5, 100),), 4),
-    "asinh": ((DRAW.normal(size=1000) * SIZES,), 4), "acosh": ((1 + DRAW.uniform(0, 1, 1000) * SIZES,), 4),
+    "asinh": ((DRAW.normal(size=1000) * SIZES,), 4),
+    "acosh": ((1 + DRAW.uniform(0, 1, 1000) * SIZES,), 4),
     "atanh": ((DRAW.uniform(-1, 1, 1000) * SIZES.clip(1e-5, 1),), 4),
     "erf": ((DRAW.normal(size=1000) * SIZES.clip(1e-5, 5),), 2),
     "erfc": ((DRAW.uniform(-1, 1, 1000) * SIZES.clip(1e-5, 25),), 8)}
+# fmt: on
 
 
 @pytest.mark.parametrize("name", ARGUMENTS)
 def test_elementary_functions_are_exact_to_a_unit_or_two(name):
     """With fused products, as compiled, and without, in torch; against 200 bits."""
     args, units = ARGUMENTS[name]
-    given = {field: torch.from_numpy(x) for field, x in zip("yx" if len(args) == 2 else "x", args, strict=True)}
+    given = {
+        field: torch.from_numpy(x)
+        for field, x in zip("yx" if len(args) == 2 else "x", args, strict=True)
+    }
     graph = Graph()
     node = graph.make(name, *(graph.input(field, 0) for field in given))
-    compiled = native_rows(Function(graph, dict.fromkeys(given, ()), {"out": Output((), (node,))}), given)
+    compiled = native_rows(
+        Function(graph, dict.fromkeys(given, ()), {"out": Output((), (node,))}), given
+    )
     in_torch = evaluate(elementary(name), given)["out"]
     with mpmath.workprec(200):
         for k, numbers in enumerate(zip(*args, strict=True)):
@@ -95,40 +145,70 @@ def test_elementary_functions_are_exact_to_a_unit_or_two(name):
 def native_rows(function, given):
     """A compiled function of many samples, eight at a time."""
     library = {}
-    rows = [native(function, {name: x[k:k + 8] for name, x in given.items()}, loaded=library)["out"]
-            for k in range(0, len(next(iter(given.values()))), 8)]
+    rows = [
+        native(function, {name: x[k : k + 8] for name, x in given.items()}, loaded=library)["out"]
+        for k in range(0, len(next(iter(given.values()))), 8)
+    ]
     return torch.cat(rows)
 
 
-@pytest.mark.parametrize(("name", "x", "expected"), [
-    ("exp", [710.0, -746.0, -740.0, math.inf, -math.inf, 0.0], [math.inf, 0.0, math.exp(-740.0), math.inf, 0.0, 1.0]),
-    ("tanh", [800.0, -800.0, -math.inf, 0.0], [1.0, -1.0, -1.0, 0.0]),
-    ("expm1", [710.0, -800.0, math.inf, -math.inf, 0.0], [math.inf, -1.0, math.inf, -1.0, 0.0]),
-    ("log1p", [-1.0, math.inf, 0.0, 5e-324], [-math.inf, math.inf, 0.0, 5e-324]),
-    ("erf", [40.0, -math.inf, math.inf, 0.0], [1.0, -1.0, 1.0, 0.0]), ("erfc", [40.0, -math.inf, math.inf], [0.0, 2.0, 0.0]),
-    ("sinh", [-math.inf, math.inf, 0.0], [-math.inf, math.inf, 0.0]), ("cosh", [-math.inf, math.inf], [math.inf, math.inf]),
-    ("asinh", [-math.inf, math.inf, 0.0], [-math.inf, math.inf, 0.0]), ("acosh", [1.0, math.inf], [0.0, math.inf]),
-    ("atanh", [-1.0, 1.0, 0.0], [-math.inf, math.inf, 0.0]),
-    ("log", [0.0, 5e-324, math.inf, 1.0], [-math.inf, math.log(5e-324), math.inf, 0.0])])
+@pytest.mark.parametrize(
+    ("name", "x", "expected"),
+    [
+        (
+            "exp",
+            [710.0, -746.0, -740.0, math.inf, -math.inf, 0.0],
+            [math.inf, 0.0, math.exp(-740.0), math.inf, 0.0, 1.0],
+        ),
+        ("tanh", [800.0, -800.0, -math.inf, 0.0], [1.0, -1.0, -1.0, 0.0]),
+        ("expm1", [710.0, -800.0, math.inf, -math.inf, 0.0], [math.inf, -1.0, math.inf, -1.0, 0.0]),
+        ("log1p", [-1.0, math.inf, 0.0, 5e-324], [-math.inf, math.inf, 0.0, 5e-324]),
+        ("erf", [40.0, -math.inf, math.inf, 0.0], [1.0, -1.0, 1.0, 0.0]),
+        ("erfc", [40.0, -math.inf, math.inf], [0.0, 2.0, 0.0]),
+        ("sinh", [-math.inf, math.inf, 0.0], [-math.inf, math.inf, 0.0]),
+        ("cosh", [-math.inf, math.inf], [math.inf, math.inf]),
+        ("asinh", [-math.inf, math.inf, 0.0], [-math.inf, math.inf, 0.0]),
+        ("acosh", [1.0, math.inf], [0.0, math.inf]),
+        ("atanh", [-1.0, 1.0, 0.0], [-math.inf, math.inf, 0.0]),
+        ("log", [0.0, 5e-324, math.inf, 1.0], [-math.inf, math.log(5e-324), math.inf, 0.0]),
+    ],
+)
 def test_elementary_functions_at_the_ends_of_their_range(name, x, expected):
     found = evaluate(elementary(name), {"x": torch.tensor(x)})["out"]
     assert_close(found, torch.tensor(expected), rtol=1e-15, atol=0)
 
 
 def test_powers_are_exact_to_what_their_exponent_tells():
-    """x^y = exp(y log x): to 2 + |y log x| units; signs, zeros and whole exponents as torch has them."""
-    x, y = torch.from_numpy(np.exp(DRAW.normal(size=500) * 3)), torch.from_numpy(DRAW.normal(size=500) * 4)
+    """x^y = exp(y log x): to 2 + |y log x| units; signs, zeros and whole exponents as torch has
+    them.
+    """
+    x = torch.from_numpy(np.exp(DRAW.normal(size=500) * 3))
+    y = torch.from_numpy(DRAW.normal(size=500) * 4)
     found = evaluate(elementary("pow"), {"x": x, "y": y})["out"]
     assert (found / x**y - 1).abs().sub((3 + (y * x.log()).abs()) * 2.3e-16).max() < 0
-    x, y = (v.flatten() for v in torch.meshgrid(torch.tensor([0.0, -2.0, -0.5, 1.0, 3.0]),
-                                                torch.tensor([0.0, 1.0, 2.0, 3.0, -1.0, -2.0, 0.5, 1.5]), indexing="ij"))
-    assert_close(evaluate(elementary("pow"), {"x": x, "y": y})["out"], x**y, rtol=1e-14, atol=0, equal_nan=True)
+    x, y = (
+        v.flatten()
+        for v in torch.meshgrid(
+            torch.tensor([0.0, -2.0, -0.5, 1.0, 3.0]),
+            torch.tensor([0.0, 1.0, 2.0, 3.0, -1.0, -2.0, 0.5, 1.5]),
+            indexing="ij",
+        )
+    )
+    assert_close(
+        evaluate(elementary("pow"), {"x": x, "y": y})["out"],
+        x**y,
+        rtol=1e-14,
+        atol=0,
+        equal_nan=True,
+    )
 
 
 @pytest.mark.parametrize("lanes", [1, 4, 8])
 @pytest.mark.parametrize("name", cases())
 def test_local_functions(name, lanes):
-    """Compiled = torch, to some units in the last place of the largest number: fused products, sums of some ten terms."""
+    """Compiled = torch, to some units in the last place of the largest number: fused products, sums
+    of some ten terms.
+    """
     torch.manual_seed(0)
     function, inputs = cases()[name]
     traced, given = trace(function, inputs()), inputs(lanes)
@@ -147,14 +227,18 @@ def native_of(name, lanes, dtype, traced, given):
 
 @pytest.mark.parametrize("name", cases())
 def test_local_functions_in_single_precision(name):
-    """Of 16 lanes, against the same in float64: a few units of float32, more where a strain is a difference."""
+    """Of 16 lanes, against the same in float64: a few units of float32, more where a strain is a
+    difference.
+    """
     torch.manual_seed(0)
     function, inputs = cases()[name]
     traced, given = trace(function, inputs()), inputs(16)
     given = {field: x.float().double() for field, x in given.items()}
     found = native_of(name, 16, torch.float32, traced, given)
     for field, expected in evaluate(traced, given).items():
-        assert_close(found[field].double(), expected, rtol=0, atol=3e-5 * float(expected.abs().max()))
+        assert_close(
+            found[field].double(), expected, rtol=0, atol=3e-5 * float(expected.abs().max())
+        )
 
 
 @pytest.mark.parametrize("name", ["element in a plane", "node in a space"])
@@ -181,7 +265,9 @@ def test_gradients_are_compiled_too():
     given |= {bar(name): torch.randn(4, *out.shape) for name, out in traced.outputs.items()}
     found = native(backward, given)
     for field, expected in evaluate(backward, given).items():
-        assert_close(found[field], expected, rtol=0, atol=1e-14 * max(float(expected.abs().max()), 1e-300))
+        assert_close(
+            found[field], expected, rtol=0, atol=1e-14 * max(float(expected.abs().max()), 1e-300)
+        )
 
 
 def test_what_cannot_be_emitted_is_refused():

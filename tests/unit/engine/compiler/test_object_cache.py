@@ -1,4 +1,6 @@
-"""Compiled objects: found again, compiled anew where they are damaged, and kept in memory where nothing can be written."""
+"""Compiled objects: found again, compiled anew where they are damaged, and kept in memory where
+nothing can be written.
+"""
 
 import logging
 import os
@@ -34,7 +36,12 @@ def test_an_object_is_found_again_by_another_process(tmp_path):
     given = {"x": torch.rand(4, 2)}
     found = native(function(), given, cache=ObjectCache(tmp_path))["out"]
     assert_close(found, torch.sin(given["x"]) + given["x"].sqrt(), rtol=1e-15, atol=0)
-    for damage in (file.read_bytes()[:-1], b"", b"\x00" * 5000, file.read_bytes()[:40] + b"!" + file.read_bytes()[41:]):
+    for damage in (
+        file.read_bytes()[:-1],
+        b"",
+        b"\x00" * 5000,
+        file.read_bytes()[:40] + b"!" + file.read_bytes()[41:],
+    ):
         file.write_bytes(damage)
         assert Library(text(), ObjectCache(tmp_path)).compiled
         assert not Library(text(), ObjectCache(tmp_path)).compiled
@@ -92,7 +99,9 @@ class TestOfOneUser:
 
     @pytest.mark.parametrize("which", ["folder", "file"])
     @pytest.mark.parametrize("how", ["another owner", "group", "others"])
-    def test_what_another_may_have_written_is_not_read(self, tmp_path, monkeypatch, caplog, which, how):
+    def test_what_another_may_have_written_is_not_read(
+        self, tmp_path, monkeypatch, caplog, which, how
+    ):
         cache = ObjectCache(tmp_path / "cache")
         cache.put("key", b"object")
         path = cache.folder if which == "folder" else cache.folder / "key.o"
@@ -100,15 +109,24 @@ class TestOfOneUser:
         if how == "another owner":
             user, found = os.geteuid(), path.stat()
             of = object_cache.own
-            monkeypatch.setattr(object_cache, "own", lambda path, stat: of(path, os.stat_result(
-                (*stat[:4], user + (stat.st_ino == found.st_ino), *stat[5:]))))
+            monkeypatch.setattr(
+                object_cache,
+                "own",
+                lambda path, stat: of(
+                    path,
+                    os.stat_result((*stat[:4], user + (stat.st_ino == found.st_ino), *stat[5:])),
+                ),
+            )
         else:
             path.chmod(path.stat().st_mode | (0o020 if how == "group" else 0o002))
         with caplog.at_level(logging.WARNING, logger="torchbeam"):
             assert ObjectCache(cache.folder).get("key") is None
             assert ObjectCache(cache.folder).get("key") is None
         (warning,) = caplog.messages  # once
-        assert str(path) in warning and ("another user" if how == "another owner" else "chmod go-w") in warning
+        assert (
+            str(path) in warning
+            and ("another user" if how == "another owner" else "chmod go-w") in warning
+        )
         if which == "folder":
             ObjectCache(cache.folder).put("other", b"object")
             assert not (cache.folder / "other.o").exists()

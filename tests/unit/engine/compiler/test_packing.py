@@ -12,7 +12,8 @@ from torchbeam.engine.compiler.trace import trace
 def maker(x):
     """Of nine numbers of A and b three are different ones: x, 0, and the difference."""
     zero = torch.zeros_like(x[0])
-    first, second = torch.stack((x[0].sin(), zero, x[0] - x[1])), torch.stack((-x[0].sin(), x[1] - x[0], zero))
+    first = torch.stack((x[0].sin(), zero, x[0] - x[1]))
+    second = torch.stack((-x[0].sin(), x[1] - x[0], zero))
     return {"A": torch.stack((first, second)), "b": -first, "kept": x}
 
 
@@ -23,10 +24,15 @@ def unlike(x):
 
 
 def reader(**x):
-    return {"sum": x["left.A"].sum(0) + x["right.b"], "product": x["left.A"] @ x["right.b"] + x["left.b"][:2]}
+    return {
+        "sum": x["left.A"].sum(0) + x["right.b"],
+        "product": x["left.A"] @ x["right.b"] + x["left.b"][:2],
+    }
 
 
-@pytest.mark.parametrize(("makers", "size"), [([maker], 2), ([maker, unlike], 5), ([unlike, maker], 5)])
+@pytest.mark.parametrize(
+    ("makers", "size"), [([maker], 2), ([maker, unlike], 5), ([unlike, maker], 5)]
+)
 def test_what_is_handed_over_is_small_and_whole(makers, size):
     torch.manual_seed(0)
     x = torch.randn(2, 4, 2, dtype=torch.float64)
@@ -34,7 +40,10 @@ def test_what_is_handed_over_is_small_and_whole(makers, size):
     packing = Packing("packed", traced, ("A", "b"))
     assert packing.size == size
     names = {f"{side}.{name}": name for side in ("left", "right") for name in ("A", "b")}
-    whole = trace(reader, {called: torch.rand(traced[0].outputs[name].shape) for called, name in names.items()})
+    whole = trace(
+        reader,
+        {called: torch.rand(traced[0].outputs[name].shape) for called, name in names.items()},
+    )
     taken = packing.taken(whole, names)
     assert set(taken.inputs) == {"left.packed", "right.packed"}
     for one, made in zip(traced, packing.made(), strict=True):
@@ -50,5 +59,8 @@ def test_what_is_handed_over_is_small_and_whole(makers, size):
 
 def test_where_there_is_no_maker_all_is_zero():
     packing = Packing("packed", [trace(maker, {"x": torch.rand(2)})], ("A", "b"))
-    taken = packing.taken(trace(lambda A, b: A @ b - b[:2], {"A": torch.rand(2, 3), "b": torch.rand(3)}), {"A": "A", "b": "b"})
+    taken = packing.taken(
+        trace(lambda A, b: A @ b - b[:2], {"A": torch.rand(2, 3), "b": torch.rand(3)}),
+        {"A": "A", "b": "b"},
+    )
     assert not evaluate(taken, {"packed": torch.zeros(packing.size)})["out"].any()

@@ -1,4 +1,6 @@
-"""Splitting: what some inputs settle alone is computed before, and before with the rest gives the whole."""
+"""Splitting: what some inputs settle alone is computed before, and before with the rest gives the
+whole.
+"""
 
 import pytest
 import torch
@@ -13,7 +15,13 @@ from torchbeam.engine.compiler.trace import trace
 def both(function, fixed, given):
     before, rest = split(function, fixed)
     handed = evaluate(before, {name: given[name] for name in before.inputs})
-    return before, rest, evaluate(rest, {**{name: given[name] for name in rest.inputs if name != HOISTED}, **handed})
+    return (
+        before,
+        rest,
+        evaluate(
+            rest, {**{name: given[name] for name in rest.inputs if name != HOISTED}, **handed}
+        ),
+    )
 
 
 @pytest.mark.parametrize("name", cases())
@@ -22,11 +30,17 @@ def test_before_and_rest_are_the_whole(name):
     torch.manual_seed(0)
     function, inputs = cases()[name]
     traced, given = trace(function, inputs()), inputs(3)
-    free = ("u", "m") if "node" in name else ("r_i", "r_j", "q_i", "q_j", "qe_i", "qe_j", "stress", "half_i", "half_j")
+    free = (
+        ("u", "m")
+        if "node" in name
+        else ("r_i", "r_j", "q_i", "q_j", "qe_i", "qe_j", "stress", "half_i", "half_j")
+    )
     before, rest, found = both(traced, set(given) - set(free), given)
     for field, expected in evaluate(traced, given).items():
         assert_close(found[field], expected, rtol=1e-13, atol=1e-13 * float(expected.abs().max()))
-    assert rest.operations() < traced.operations() and before.read() and set(free) <= set(rest.inputs)
+    assert (
+        rest.operations() < traced.operations() and before.read() and set(free) <= set(rest.inputs)
+    )
     assert before.outputs[HOISTED].shape == (rest.inputs[HOISTED])
     if "node" in name:
         assert rest.operations() < 0.9 * traced.operations()
@@ -45,14 +59,20 @@ def test_an_output_that_is_settled_comes_through():
     assert_close(found["1"], 2 * given["fixed"], rtol=0, atol=0)
 
 
-@pytest.mark.parametrize(("function", "handed"), [
-    (lambda a, x: x * a.sin() + a.sin() * 2, 3),  # 2 sin a is a product away
-    (lambda a, x: (x < a.exp()) * x + (x < -a.exp()) * 2 * x, 3),
-    (lambda a, x: torch.outer(a[:2].sin(), a[1:].cos()).flatten().repeat(2)[:3] * x, 3),  # three products of three numbers
-    (lambda a, x: torch.outer(a.sin(), a.cos()) * x, 6),  # nine products of six numbers
-    (lambda a, x: x * a, 0),  # inputs are read as they are
-    (lambda a, x: torch.where(a.exp() < 2, x, -x), 3),  # truth values
-])
+@pytest.mark.parametrize(
+    ("function", "handed"),
+    [
+        (lambda a, x: x * a.sin() + a.sin() * 2, 3),  # 2 sin a is a product away
+        (lambda a, x: (x < a.exp()) * x + (x < -a.exp()) * 2 * x, 3),
+        (
+            lambda a, x: torch.outer(a[:2].sin(), a[1:].cos()).flatten().repeat(2)[:3] * x,
+            3,
+        ),  # three products of three numbers
+        (lambda a, x: torch.outer(a.sin(), a.cos()) * x, 6),  # nine products of six numbers
+        (lambda a, x: x * a, 0),  # inputs are read as they are
+        (lambda a, x: torch.where(a.exp() < 2, x, -x), 3),  # truth values
+    ],
+)
 def test_what_is_handed_over_is_small(function, handed):
     torch.manual_seed(1)
     given = {"a": torch.randn(5, 3), "x": torch.randn(5)}

@@ -1,4 +1,6 @@
-"""Tracing: what a function of tensors does, as scalars; it evaluates to the same, and what has no graph is refused by name."""
+"""Tracing: what a function of tensors does, as scalars; it evaluates to the same, and what has no
+graph is refused by name.
+"""
 
 import math
 from pathlib import Path
@@ -17,31 +19,49 @@ SPECIAL = torch.tensor([math.nan, math.inf, -math.inf, 0.0, -1.0, 1.0, -0.3, 0.3
 X, Y = torch.meshgrid(SPECIAL, SPECIAL, indexing="ij")
 M, V, S = torch.randn(3, 3), torch.randn(3), 3 * torch.eye(6) + 0.3 * torch.randn(6, 6)
 
+# fmt: off
 ELEMENTWISE = {
-    "add": lambda x, y: torch.add(x, y, alpha=2), "sub": lambda x, y: x - y, "rsub": lambda x, y: 1.5 - y,
-    "mul": lambda x, y: x * y, "div": lambda x, y: x / (y + 4.25), "neg": lambda x, y: -x, "abs": lambda x, y: x.abs(),
-    "sqrt": lambda x, y: x.sqrt(), "rsqrt": lambda x, y: x.rsqrt(), "square": lambda x, y: x.square(),
-    "cube": lambda x, y: x**3, "inverse cube": lambda x, y: x**-3, "power 1.5": lambda x, y: x.abs()**1.5,
-    "power -0.5": lambda x, y: x.abs()**-0.5, "reciprocal": lambda x, y: (x + 7).reciprocal(), "sin": lambda x, y: x.sin(),
-    "cos": lambda x, y: x.cos(), "tan": lambda x, y: x.tan(), "exp": lambda x, y: x.exp(), "log": lambda x, y: x.log(),
-    "tanh": lambda x, y: x.tanh(), "atan2": lambda x, y: torch.atan2(x, y), "atan": lambda x, y: x.atan(),
-    "asin": lambda x, y: x.asin(), "acos": lambda x, y: x.acos(), "hypot": lambda x, y: torch.hypot(x, 0.5 * x),
-    "sigmoid": lambda x, y: x.sigmoid(), "floor": lambda x, y: x.floor(), "ceil": lambda x, y: x.ceil(),
-    "round": lambda x, y: x.round(), "sign": lambda x, y: x.sign(), "maximum": lambda x, y: torch.maximum(x, y),
+    "add": lambda x, y: torch.add(x, y, alpha=2), "sub": lambda x, y: x - y, "rsub": lambda x,
+    y: 1.5 - y,
+    "mul": lambda x, y: x * y, "div": lambda x, y: x / (y + 4.25), "neg": lambda x, y: -x,
+    "abs": lambda x, y: x.abs(),
+    "sqrt": lambda x, y: x.sqrt(), "rsqrt": lambda x, y: x.rsqrt(), "square": lambda x,
+    y: x.square(),
+    "cube": lambda x, y: x**3, "inverse cube": lambda x, y: x**-3, "power 1.5": lambda x,
+    y: x.abs()**1.5,
+    "power -0.5": lambda x, y: x.abs()**-0.5, "reciprocal": lambda x, y: (x + 7).reciprocal(),
+    "sin": lambda x, y: x.sin(),
+    "cos": lambda x, y: x.cos(), "tan": lambda x, y: x.tan(), "exp": lambda x, y: x.exp(),
+    "log": lambda x, y: x.log(),
+    "tanh": lambda x, y: x.tanh(), "atan2": lambda x, y: torch.atan2(x, y), "atan": lambda x,
+    y: x.atan(),
+    "asin": lambda x, y: x.asin(), "acos": lambda x, y: x.acos(), "hypot": lambda x,
+    y: torch.hypot(x, 0.5 * x),
+    "sigmoid": lambda x, y: x.sigmoid(), "floor": lambda x, y: x.floor(), "ceil": lambda x,
+    y: x.ceil(),
+    "round": lambda x, y: x.round(), "sign": lambda x, y: x.sign(), "maximum": lambda x,
+    y: torch.maximum(x, y),
     "minimum": lambda x, y: torch.minimum(x, y), "clamp": lambda x, y: x.clamp(-0.5, 0.7),
-    "clamp by tensors": lambda x, y: x.clamp(min=torch.tensor(-0.1)), "clamp_min": lambda x, y: x.clamp_min(0.2),
-    "clamp_max": lambda x, y: x.clamp_max(0.2), "relu": lambda x, y: x.relu(), "where": lambda x, y: torch.where(x < y, x, 2.0),
-    "lt": lambda x, y: x < y, "le": lambda x, y: x <= y, "gt": lambda x, y: x > y, "ge": lambda x, y: x >= y,
-    "eq": lambda x, y: x == y, "ne": lambda x, y: x != y, "isnan": lambda x, y: x.isnan(), "isinf": lambda x, y: x.isinf(),
+    "clamp by tensors": lambda x, y: x.clamp(min=torch.tensor(-0.1)), "clamp_min": lambda x,
+    y: x.clamp_min(0.2),
+    "clamp_max": lambda x, y: x.clamp_max(0.2), "relu": lambda x, y: x.relu(), "where": lambda x,
+    y: torch.where(x < y, x, 2.0),
+    "lt": lambda x, y: x < y, "le": lambda x, y: x <= y, "gt": lambda x, y: x > y, "ge": lambda x,
+    y: x >= y,
+    "eq": lambda x, y: x == y, "ne": lambda x, y: x != y, "isnan": lambda x, y: x.isnan(),
+    "isinf": lambda x, y: x.isinf(),
     "isfinite": lambda x, y: x.isfinite(), "xor": lambda x, y: torch.logical_xor(x > 0, y > 0),
     "logic": lambda x, y: ((x > 0) & ~(y > 0)) | torch.logical_and(x < 1, y < 1),
     "masked_fill": lambda x, y: x.masked_fill(y > 0, 3.0),
     "truth as number": lambda x, y: (x > 0).to(x) + (y > 0) * x.clamp(-3, 3) + y,
-    "product of truths": lambda x, y: (x > 0) * (y > 0), "sum of truths": lambda x, y: (x > 0) + (y > 0),
+    "product of truths": lambda x, y: (x > 0) * (y > 0), "sum of truths": lambda x,
+    y: (x > 0) + (y > 0),
     "lerp": lambda x, y: torch.lerp(x, y + 1, 0.25),
-    "addcmul": lambda x, y: torch.addcmul(x, x, y, value=0.5), "addcdiv": lambda x, y: torch.addcdiv(x, x, y + 9, value=0.5),
+    "addcmul": lambda x, y: torch.addcmul(x, x, y, value=0.5), "addcdiv": lambda x,
+    y: torch.addcdiv(x, x, y + 9, value=0.5),
     "in place": lambda x, y: (x * 2).add_(y).mul_(3).clamp_(max=4.0),
 }
+# fmt: on
 
 
 @pytest.mark.parametrize("name", ELEMENTWISE)
@@ -53,32 +73,45 @@ def test_elementwise_operations_are_torchs(name):
         assert_close(found, ELEMENTWISE[name](x, y), rtol=1e-14, atol=1e-15, equal_nan=True)
 
 
+# fmt: off
 ARRAYS = {
-    "reductions": lambda a, b: (a.sum(), a.sum(-1), b.mean(0, keepdim=True), a.amax(-1), a.amin((0, 1)), a.prod(0), a.max(),
+    "reductions": lambda a,
+    b: (a.sum(), a.sum(-1), b.mean(0, keepdim=True), a.amax(-1), a.amin((0, 1)), a.prod(0), a.max(),
                                 a.cumsum(1)),
     "truths reduced": lambda a, b: ((a > 0).any(-1), (a < 1).all(), (a > 0).sum()),
-    "products": lambda a, b: (a @ b, a @ V, V @ a, a.mT @ M, torch.einsum("ij,kj->ik", a, b), V @ a[0], torch.addmm(a, a, b)),
-    "batches of products": lambda a, b: (torch.stack((a, b)) @ a, torch.baddbmm(a[None], a[None], b[None])),
+    "products": lambda a,
+    b: (a @ b, a @ V, V @ a, a.mT @ M, torch.einsum("ij,kj->ik", a, b), V @ a[0],
+        torch.addmm(a, a, b)),
+    "batches of products": lambda a,
+    b: (torch.stack((a, b)) @ a, torch.baddbmm(a[None], a[None], b[None])),
     "cross, norms": lambda a, b: (
-        torch.linalg.cross(a, b), torch.linalg.cross(a, b, dim=0), torch.linalg.vector_norm(a, dim=-1),
+        torch.linalg.cross(a, b), torch.linalg.cross(a, b, dim=0),
+        torch.linalg.vector_norm(a, dim=-1),
         torch.linalg.vector_norm(b, ord=math.inf), torch.linalg.norm(a)),
     "structure": lambda a, b: (
-        torch.cat((a, b), -1), torch.stack((a, V.expand(3, 3)), 1), a[1:, [2, 0]], a.flip(0), a.roll(1, 0), a.repeat(2, 1),
-        torch.diag_embed(a), torch.tril(b), torch.block_diag(a, b), a.flatten()[None], a.unbind(1)[1], a.diagonal(),
+        torch.cat((a, b), -1), torch.stack((a, V.expand(3, 3)), 1), a[1:, [2, 0]], a.flip(0),
+        a.roll(1, 0), a.repeat(2, 1),
+        torch.diag_embed(a), torch.tril(b), torch.block_diag(a, b), a.flatten()[None],
+        a.unbind(1)[1], a.diagonal(),
         a.T.reshape(-1), torch.nn.functional.pad(a, (1, 0, 0, 2), value=1.5)),
-    "from nothing": lambda a, b: (torch.zeros_like(a) + b, a.new_ones(2, 3), torch.eye(3) @ a, torch.full_like(a, 2.0) * b),
+    "from nothing": lambda a,
+    b: (torch.zeros_like(a) + b, a.new_ones(2, 3), torch.eye(3) @ a, torch.full_like(a, 2.0) * b),
     "inverses": lambda a, b: (
-        torch.linalg.inv(a + 4 * torch.eye(3)), torch.linalg.solve(b + 4 * torch.eye(3), a), torch.linalg.inv(a[:1, :1] + 3),
+        torch.linalg.inv(a + 4 * torch.eye(3)), torch.linalg.solve(b + 4 * torch.eye(3), a),
+        torch.linalg.inv(a[:1, :1] + 3),
         torch.linalg.solve((a + 4 * torch.eye(3))[:2, :2], b[:2, 0]),
         torch.linalg.solve(S + torch.block_diag(a, b) / 9, torch.cat((a, b)))),
-    "a solve that is differentiated": lambda a, b: torch.func.jacrev(lambda x: torch.linalg.solve(x + 4 * torch.eye(3), b))(a),
-    "places of the largest": lambda a, b: torch.gather(a, 1, b.argmax(1, keepdim=True).expand(3, 2)),
+    "a solve that is differentiated": lambda a,
+    b: torch.func.jacrev(lambda x: torch.linalg.solve(x + 4 * torch.eye(3), b))(a),
+    "places of the largest": lambda a,
+    b: torch.gather(a, 1, b.argmax(1, keepdim=True).expand(3, 2)),
     "constant places": lambda a, b: (torch.gather(a, 1, torch.tensor([[0], [2], [1]])),
                                      a.index_select(0, torch.tensor([2, 2]))),
     "places that come twice": lambda a, b: (
         a.index_put((torch.tensor([2, 0, 2]),), b, accumulate=True),
         torch.func.grad(lambda x: (x[:, [0, 0, 2]] ** 3 * b).sum())(a)),
 }
+# fmt: on
 
 
 def written(a, b):
@@ -93,7 +126,9 @@ def written(a, b):
 def inferred(a, b):
     """Where torch leaves composed operations whole."""
     with torch.inference_mode():
-        return torch.linalg.inv(a @ b.mT + 9 * torch.eye(3)).unflatten(0, (3, 1)).flatten(), torch.linalg.multi_dot((a, b, a))
+        return torch.linalg.inv(a @ b.mT + 9 * torch.eye(3)).unflatten(
+            0, (3, 1)
+        ).flatten(), torch.linalg.multi_dot((a, b, a))
 
 
 ARRAYS["writes through views"], ARRAYS["inference mode"] = written, inferred
@@ -102,7 +137,9 @@ ARRAYS["writes through views"], ARRAYS["inference mode"] = written, inferred
 @pytest.mark.parametrize("name", ARRAYS)
 def test_operations_on_arrays_are_torchs(name):
     torch.manual_seed(1)
-    one, many = (dict(a=torch.randn(*lead, 3, 3), b=torch.randn(*lead, 3, 3)) for lead in ((), (4,)))
+    one, many = (
+        dict(a=torch.randn(*lead, 3, 3), b=torch.randn(*lead, 3, 3)) for lead in ((), (4,))
+    )
     function = trace(ARRAYS[name], one)
     found = evaluate(function, many)
     for k in range(4):
@@ -115,21 +152,33 @@ def test_operations_on_arrays_are_torchs(name):
 
 @pytest.mark.parametrize("sizes", [(1e9, 2.0), (1e9, 2.0, 1.0), (1e9, 1e8, 1.0)])
 def test_small_matrices_are_solved_whatever_their_condition(sizes):
-    """Of a condition of 1e9, with one soft direction or two: to 1e9 roundings; rows in any order, zeros on the diagonal too."""
+    """Of a condition of 1e9, with one soft direction or two: to 1e9 roundings; rows in any order,
+    zeros on the diagonal too.
+    """
     torch.manual_seed(4)
     n = len(sizes)
     Q = torch.linalg.qr(torch.randn(20, n, n))[0]
     A, x = Q @ torch.diag(torch.tensor(sizes)) @ Q.mT, torch.randn(20, n, 1)
     function = trace(torch.linalg.solve, {"A": A[0], "B": x[0]})
-    for matrix, tolerance in ((A, 1e9 * 1e-15), (A.flip(-2), 1e9 * 1e-15), (torch.eye(n).roll(1, 0).expand(20, n, n), 0)):
+    for matrix, tolerance in (
+        (A, 1e9 * 1e-15),
+        (A.flip(-2), 1e9 * 1e-15),
+        (torch.eye(n).roll(1, 0).expand(20, n, n), 0),
+    ):
         found = evaluate(function, {"A": matrix, "B": matrix @ x})["out"]
         assert_close(found, x, rtol=0, atol=tolerance * float(x.abs().max()))
 
 
 ROTATIONS = {
-    "skew": (quat.skew, "v"), "multiply": (quat.multiply, "qp"), "matrix": (quat.matrix, "q"), "rotate": (quat.rotate, "qv"),
-    "exponential": (quat.exponential, "v"), "logarithm": (quat.logarithm, "q"), "half_way": (quat.half_way, "qp"),
-    "spin_of_vector": (quat.spin_of_vector, "vw"), "from_matrix": (lambda q: quat.from_matrix(quat.matrix(q)), "q"),
+    "skew": (quat.skew, "v"),
+    "multiply": (quat.multiply, "qp"),
+    "matrix": (quat.matrix, "q"),
+    "rotate": (quat.rotate, "qv"),
+    "exponential": (quat.exponential, "v"),
+    "logarithm": (quat.logarithm, "q"),
+    "half_way": (quat.half_way, "qp"),
+    "spin_of_vector": (quat.spin_of_vector, "vw"),
+    "from_matrix": (lambda q: quat.from_matrix(quat.matrix(q)), "q"),
 }
 
 
@@ -137,17 +186,22 @@ ROTATIONS = {
 def test_rotations_are_traced_as_they_stand(name):
     torch.manual_seed(2)
     function, letters = ROTATIONS[name]
-    values = {**{n: torch.randn(5, 3) for n in "vw"}, **{n: quat.normalize(torch.randn(5, 4)) for n in "qp"}}
+    values = {
+        **{n: torch.randn(5, 3) for n in "vw"},
+        **{n: quat.normalize(torch.randn(5, 4)) for n in "qp"},
+    }
     values["v"][0] = values["w"][0] = 0  # where series stand
     given = {n: values[n] for n in letters}
-    found = evaluate(trace(lambda **x: function(*x.values()), {n: x[0] for n, x in given.items()}), given)
+    found = evaluate(
+        trace(lambda **x: function(*x.values()), {n: x[0] for n, x in given.items()}), given
+    )
     assert_close(found["out"], function(*given.values()), rtol=1e-14, atol=1e-15)
 
 
 @pytest.mark.parametrize("name", cases())
 def test_local_functions_are_traced_as_they_stand(name):
-    """Element and node of the midpoint step, of another batch than the one that was traced: to rounding of sums of some ten
-    terms.
+    """Element and node of the midpoint step, of another batch than the one that was traced: to
+    rounding of sums of some ten terms.
     """
     torch.manual_seed(3)
     function, inputs = cases()[name]
@@ -156,14 +210,28 @@ def test_local_functions_are_traced_as_they_stand(name):
     expected = trace_fields(function(**given))
     assert list(found) == list(expected)
     for field, x in found.items():
-        assert_close(x, expected[field].expand_as(x), rtol=1e-13, atol=1e-13 * float(expected[field].abs().max()))
+        assert_close(
+            x,
+            expected[field].expand_as(x),
+            rtol=1e-13,
+            atol=1e-13 * float(expected[field].abs().max()),
+        )
 
 
 def trace_fields(value, name=""):
     if isinstance(value, torch.Tensor):
         return {name: value}
-    pairs = value.items() if isinstance(value, dict) else zip(getattr(value, "_fields", range(len(value))), value, strict=True)
-    return {k: v for key, part in pairs if part is not None for k, v in trace_fields(part, f"{name}.{key}".strip(".")).items()}
+    pairs = (
+        value.items()
+        if isinstance(value, dict)
+        else zip(getattr(value, "_fields", range(len(value))), value, strict=True)
+    )
+    return {
+        k: v
+        for key, part in pairs
+        if part is not None
+        for k, v in trace_fields(part, f"{name}.{key}".strip(".")).items()
+    }
 
 
 def test_values_of_the_example_do_not_matter():
@@ -174,7 +242,9 @@ def test_values_of_the_example_do_not_matter():
 
 
 def test_hooks_on_saved_tensors_change_no_graph():
-    """Derivatives within the function, which torch has not by reverse mode beside such hooks, are traced as ever."""
+    """Derivatives within the function, which torch has not by reverse mode beside such hooks, are
+    traced as ever.
+    """
     x, length = torch.tensor([1.0, 2.0, 3.0]), torch.tensor([0.5])
 
     def function(x):
@@ -215,9 +285,14 @@ REFUSED = {
     "what a parameter gives": (lambda x: x * (2 * PARAMETER)[1], "carries gradient"),
     "bits": (lambda x: x.view(torch.int64) + 1, "by their bits"),
     "a part of bits": (lambda x: x.view(torch.int32), "by their bits"),
-    "factors that are read": (lambda x: 2 * torch.ops.aten._linalg_solve_ex(torch.diag(x), x)[1], "the factors of a matrix"),
-    "control flow": (branching, "control flow by values"), "item": (lambda x: x * x[0].item(), "local_scalar_dense"),
-    "tolist": (lambda x: torch.tensor(x.tolist()), "tolist"), "numpy": (lambda x: torch.tensor(x.numpy()), "numpy"),
+    "factors that are read": (
+        lambda x: 2 * torch.ops.aten._linalg_solve_ex(torch.diag(x), x)[1],
+        "the factors of a matrix",
+    ),
+    "control flow": (branching, "control flow by values"),
+    "item": (lambda x: x * x[0].item(), "local_scalar_dense"),
+    "tolist": (lambda x: torch.tensor(x.tolist()), "tolist"),
+    "numpy": (lambda x: torch.tensor(x.numpy()), "numpy"),
     "eigenvalues": (lambda x: torch.linalg.eigh(torch.outer(x, x))[0], "aten._linalg_eigh"),
     "sort": (lambda x: x.sort()[0], "aten.sort"),
     "a traced mask": (lambda x: x[x > 0], "aten.index"),
@@ -239,5 +314,7 @@ def test_what_has_no_graph_is_refused_by_name(name):
 
 
 def test_the_shape_of_a_parameter_may_be_read():
-    function = trace(lambda x: x + torch.ones_like(PARAMETER) + PARAMETER.new_zeros(3), {"x": torch.zeros(3)})
+    function = trace(
+        lambda x: x + torch.ones_like(PARAMETER) + PARAMETER.new_zeros(3), {"x": torch.zeros(3)}
+    )
     assert evaluate(function, {"x": torch.zeros(3)})["out"].tolist() == [1.0, 1.0, 1.0]

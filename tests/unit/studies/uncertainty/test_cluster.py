@@ -1,4 +1,6 @@
-"""Waiting for a cluster: results, the function's own errors, a scheduler that is lost; without distributed."""
+"""Waiting for a cluster: results, the function's own errors, a scheduler that is lost; without
+distributed.
+"""
 
 import math
 from concurrent.futures import ThreadPoolExecutor

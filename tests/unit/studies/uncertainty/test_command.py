@@ -1,4 +1,6 @@
-"""python -m torchbeam montecarlo: configurations, processes, a cluster; stopped and taken up again."""
+"""python -m torchbeam montecarlo: configurations, processes, a cluster; stopped and taken up
+again.
+"""
 
 import json
 import os
@@ -39,6 +41,7 @@ thresholds = (2.5,)
 @pytest.fixture
 def model(tmp_path, request):
     """A configuration whose name no other test has loaded."""
+
     def write(wait=0.0, **changed):
         path = tmp_path / f"model_{request.node.name.partition('[')[0]}.py"
         text = MODEL.format(wait=wait)
@@ -56,21 +59,33 @@ def summary(folder):
 
 
 def test_python(model, tmp_path, capsys):
-    """The numbers are those of the function's own call; files and table; a second call computes nothing."""
+    """The numbers are those of the function's own call; files and table; a second call computes
+    nothing.
+    """
     path = model()
     assert main([str(path), "--out", str(tmp_path / "out"), "--quiet"]) == 0
     config = read(path)
     wanted = tb.monte_carlo(config.function, config.laws, 512, replicates=8)
     found = summary(tmp_path / "out")
-    assert found["statistics"][0]["estimate"] == wanted.mean.item() and found["reasons"] == {"buckled": wanted.failed}
+    assert found["statistics"][0]["estimate"] == wanted.mean.item() and found["reasons"] == {
+        "buckled": wanted.failed
+    }
     printed = capsys.readouterr().out
     beyond = next(row for row in found["statistics"] if row["quantity"] == "P(y > 2.5)")
-    assert [beyond[key] for key in ("estimate", "low", "high")] == [x.item() for x in wanted.exceedance(2.5)]
-    assert "P(y > 2.5)" in printed and "quantile 0.95" in printed and (tmp_path / "out" / "summary.csv").exists()
+    assert [beyond[key] for key in ("estimate", "low", "high")] == [
+        x.item() for x in wanted.exceedance(2.5)
+    ]
+    assert (
+        "P(y > 2.5)" in printed
+        and "quantile 0.95" in printed
+        and (tmp_path / "out" / "summary.csv").exists()
+    )
     before = {p: p.stat().st_mtime_ns for p in (tmp_path / "out" / "samples").glob("chunk*")}
     assert len(before) == 32
     assert main([str(path), "--out", str(tmp_path / "out")]) == 0
-    assert {p: p.stat().st_mtime_ns for p in before} == before and "512 were there" in capsys.readouterr().err
+    assert {
+        p: p.stat().st_mtime_ns for p in before
+    } == before and "512 were there" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("ending", ["json", "toml"])
@@ -78,27 +93,44 @@ def test_text(model, tmp_path, ending, monkeypatch):
     """Laws by name, a correlation by pairs, a stream."""
     model()
     if ending == "json":
-        text = json.dumps({"function": "model_test_text.py:function", "n": 512, "keep": False, "replicates": 8,
-                           "dtype": "float64", "laws": {"a": [0, 2], "b": {"law": "normal", "mean": 1, "deviation": 0.2}},
-                           "correlation": {"a, b": 0.5}, "sentences": {"7": "buckled"}})
+        text = json.dumps(
+            {
+                "function": "model_test_text.py:function",
+                "n": 512,
+                "keep": False,
+                "replicates": 8,
+                "dtype": "float64",
+                "laws": {"a": [0, 2], "b": {"law": "normal", "mean": 1, "deviation": 0.2}},
+                "correlation": {"a, b": 0.5},
+                "sentences": {"7": "buckled"},
+            }
+        )
     else:
         pytest.importorskip("tomllib")
-        text = ('function = "model_test_text.py:function"\nn = 512\nkeep = false\nreplicates = 8\ndtype = "float64"\n'
-                '[laws]\na = [0, 2]\nb = {law = "normal", mean = 1, deviation = 0.2}\n[correlation]\n"a,b" = 0.5\n'
-                '[sentences]\n7 = "buckled"\n')
+        text = (
+            'function = "model_test_text.py:function"\nn = 512\nkeep = false\nreplicates = '
+            '8\ndtype = "float64"\n[laws]\na = [0, 2]\nb = {law = "normal", mean = 1, deviation = '
+            '0.2}\n[correlation]\n"a,b" = 0.5\n[sentences]\n7 = "buckled"\n'
+        )
     path = tmp_path / f"run.{ending}"
     path.write_text(text)
     assert main([str(path), "--out", str(tmp_path / "out"), "--quiet"]) == 0
     laws = {"a": (0.0, 2.0), "b": tb.laws.Normal(1.0, 0.2)}
-    wanted = tb.monte_carlo_stream(read(path).function, laws, 512, replicates=8, correlation={("a", "b"): 0.5})
+    wanted = tb.monte_carlo_stream(
+        read(path).function, laws, 512, replicates=8, correlation={("a", "b"): 0.5}
+    )
     found = summary(tmp_path / "out")
-    assert found["statistics"][0]["estimate"] == wanted.mean.item() and list(found["reasons"]) == ["buckled"]
+    assert found["statistics"][0]["estimate"] == wanted.mean.item() and list(found["reasons"]) == [
+        "buckled"
+    ]
 
 
 def config(**changed):
     """run.json and its text; what is None is left out."""
     whole = {"function": "torch:sin", "laws": {"a": [0, 1]}, "n": 16, **changed}
-    return "run.json", json.dumps({name: value for name, value in whole.items() if value is not None})
+    return "run.json", json.dumps(
+        {name: value for name, value in whole.items() if value is not None}
+    )
 
 
 BAD = {
@@ -116,7 +148,10 @@ BAD = {
     "dtype": (*config(dtype="half"), "float32 or float64"),
     "no n": (*config(n=None), "without n was given"),
     "levels": (*config(levels=0.5), "levels = 0.5 was given; a list of numbers"),
-    "no probabilities": (*config(levels=[5, 95]), "levels = (5.0, 95.0) were given in run.json; prob"),
+    "no probabilities": (
+        *config(levels=[5, 95]),
+        "levels = (5.0, 95.0) were given in run.json; prob",
+    ),
     "thresholds": (*config(thresholds=["x"]), "'x' was given; numbers"),
     "interval": (*config(interval=95), "interval = 95 was given; a probability between 0 and 1"),
     "keep": (*config(keep="no"), "keep = 'no' was given"),
@@ -145,13 +180,19 @@ def test_no_samples(model, tmp_path, capsys):
 
 def command(path, out, *further):
     code = "import sys; from torchbeam.studies.uncertainty.command import main; sys.exit(main())"
-    return subprocess.Popen([sys.executable, "-c", code, str(path), "--out", str(out), *further], stdout=subprocess.PIPE,
-                            stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen(
+        [sys.executable, "-c", code, str(path), "--out", str(out), *further],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
 
 
 @pytest.mark.long
 def test_processes_of_which_one_is_killed(model, tmp_path):
-    """Two workers; one is killed with SIGKILL, then the command itself; the same command ends with the same numbers."""
+    """Two workers; one is killed with SIGKILL, then the command itself; the same command ends with
+    the same numbers.
+    """
     path = model(wait=0.1)
     whole = command(path, tmp_path / "whole", "--workers", "2")
     assert whole.wait(120) == 0
@@ -170,8 +211,8 @@ def test_processes_of_which_one_is_killed(model, tmp_path):
 
 @pytest.mark.long
 def test_cluster(model, tmp_path):
-    """Dask's own programs: one worker is killed with SIGKILL, one joins late, then the scheduler is lost; the run is resumed
-    with a new one: the same numbers as without any of that.
+    """Dask's own programs: one worker is killed with SIGKILL, one joins late, then the scheduler is
+    lost; the run is resumed with a new one: the same numbers as without any of that.
     """
     pytest.importorskip("distributed")
     path = model(wait=0.15)
@@ -198,8 +239,16 @@ class Cluster:
 
     def __init__(self, folder, workers):
         self.file = folder / f"scheduler-{time.monotonic_ns()}.json"
-        self.scheduler = self._begin("scheduler", "--scheduler-file", self.file, "--port", "0", "--no-dashboard",
-                                     "--host", "127.0.0.1")
+        self.scheduler = self._begin(
+            "scheduler",
+            "--scheduler-file",
+            self.file,
+            "--port",
+            "0",
+            "--no-dashboard",
+            "--host",
+            "127.0.0.1",
+        )
         until(self.file.exists, self.scheduler)
         time.sleep(0.2)  # written whole
         self.address = json.loads(self.file.read_text())["address"]
@@ -208,12 +257,25 @@ class Cluster:
             self.add()
 
     def add(self):
-        self.workers.append(self._begin("worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard",
-                                        "--death-timeout", "60"))
+        self.workers.append(
+            self._begin(
+                "worker",
+                self.address,
+                "--nthreads",
+                "1",
+                "--no-nanny",
+                "--no-dashboard",
+                "--death-timeout",
+                "60",
+            )
+        )
 
     def _begin(self, *words):
-        return subprocess.Popen([sys.executable, "-m", "distributed.cli.dask_" + words[0], *map(str, words[1:])],
-                                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        return subprocess.Popen(
+            [sys.executable, "-m", "distributed.cli.dask_" + words[0], *map(str, words[1:])],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
 
     def __enter__(self):
         return self
@@ -229,16 +291,32 @@ def test_no_scheduler(model, tmp_path, capsys, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("torchbeam.studies.uncertainty.cluster.BEGINNING", 0.0)
     monkeypatch.setattr("torchbeam.studies.uncertainty.cluster.POLL", 0.0)
-    assert main([str(model()), "--out", str(tmp_path / "out"), "--quiet", "--scheduler", str(tmp_path / "scheduler.json")]) == 1
+    assert (
+        main(
+            [
+                str(model()),
+                "--out",
+                str(tmp_path / "out"),
+                "--quiet",
+                "--scheduler",
+                str(tmp_path / "scheduler.json"),
+            ]
+        )
+        == 1
+    )
     assert "no scheduler has written the file" in capsys.readouterr().err
 
 
 def test_a_chunk_that_kills_its_workers():
-    """Dask gives up after some of them: an error of lost workers, with the samples that it was about."""
+    """Dask gives up after some of them: an error of lost workers, with the samples that it was
+    about.
+    """
     killed = pytest.importorskip("distributed.scheduler").KilledWorker
     future = Future()
     future.set_exception(killed("a task", SimpleNamespace(address="tcp://host:1"), 3))
-    client = SimpleNamespace(get_executor=lambda **options: SimpleNamespace(submit=lambda job: future))
+    client = SimpleNamespace(
+        get_executor=lambda **options: SimpleNamespace(submit=lambda job: future)
+    )
     with pytest.raises(BrokenExecutor, match=r"^samples 16 to 31 were on 4 workers that died$"):
         Workers(client, killed).submit(SimpleNamespace(first=16, last=32)).result()
 
@@ -266,18 +344,29 @@ def cmdline(pid):
 
 
 def test_a_folder_that_workers_do_not_see(tmp_path):
-    """A worker on another machine: the caller writes its chunks; the dtype there is the caller's."""
+    """A worker on another machine: the caller writes its chunks; the dtype there is the
+    caller's.
+    """
     from dataclasses import replace
 
     class Elsewhere:
         def submit(self, job):
             future = Future()
-            there = replace(job, folder=replace(job.folder, path=tmp_path / "nowhere"), caller=("another", 1))
+            there = replace(
+                job, folder=replace(job.folder, path=tmp_path / "nowhere"), caller=("another", 1)
+            )
             torch.set_default_dtype(torch.float32)
             future.set_result(there())
             return future
 
     laws = {"a": (0.0, 1.0), "b": (0.0, 1.0)}
-    found = tb.monte_carlo(lambda theta: theta * torch.ones(2), laws, 64, chunk=16, out=tmp_path / "run", executor=Elsewhere())
+    found = tb.monte_carlo(
+        lambda theta: theta * torch.ones(2),
+        laws,
+        64,
+        chunk=16,
+        out=tmp_path / "run",
+        executor=Elsewhere(),
+    )
     assert found.y.dtype == torch.float64 and len(list((tmp_path / "run").glob("chunk*"))) == 4
     assert not (tmp_path / "nowhere").exists()

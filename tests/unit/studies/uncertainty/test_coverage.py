@@ -5,7 +5,14 @@ import json
 import pytest
 
 from torchbeam.studies.uncertainty import coverage
-from torchbeam.studies.uncertainty.coverage import AnswerCoverage, Case, cases, expected, main, measured
+from torchbeam.studies.uncertainty.coverage import (
+    AnswerCoverage,
+    Case,
+    cases,
+    expected,
+    main,
+    measured,
+)
 
 
 def test_rows():
@@ -20,7 +27,9 @@ def test_rows():
 
 def test_command(tmp_path, monkeypatch):
     """The cheapest case through the command: files and table."""
-    monkeypatch.setattr(coverage, "cases", lambda: [case for case in cases() if case.how == "until 0.2 %"])
+    monkeypatch.setattr(
+        coverage, "cases", lambda: [case for case in cases() if case.how == "until 0.2 %"]
+    )
     main(["--out", str(tmp_path), "--quick"])
     rows = json.loads((tmp_path / "coverage.json").read_text())["rows"]
     assert [row["answer"] for row in rows] == ["mean"] and rows[0]["covered"] > 0.6
@@ -29,8 +38,9 @@ def test_command(tmp_path, monkeypatch):
 
 @pytest.mark.long
 def test_every_interval():
-    """200 repeats: at least 90 %, which three rows in a thousand fall short of where 95 % are covered; deviations and their
-    derivatives by replicates, whose scatter is skew, and streams, 88 %.
+    """200 repeats: at least 90 %, which three rows in a thousand fall short of where 95 % are
+    covered; deviations and their derivatives by replicates, whose scatter is skew, and streams, 88
+    %.
     """
     for case in cases():
         for row in measured(case, 200):
