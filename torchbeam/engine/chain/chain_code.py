@@ -13,7 +13,7 @@ from ..compiler.llvm import Module
 from ..compiler.shared_ends import END
 from .conserving_functions import ENERGIES
 from .layout import Layout
-from .loop_text import Code
+from ..compiler.loop_text import Code
 from .node_kinds import SIDES, Kinds
 from .transfers import Transfers
 

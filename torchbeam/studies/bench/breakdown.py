@@ -15,7 +15,7 @@ import torch
 
 from ...dynamics.simulate import simulate
 from ...dynamics.stepper import Stepper
-from ...engine.chain.loop_text import Code
+from ...engine.compiler.loop_text import Code
 from ...engine.chain.native import NativeProgram
 from ...engine.compiler.function import Function
 from ...engine.compiler.library import Library
