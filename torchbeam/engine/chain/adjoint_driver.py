@@ -319,7 +319,7 @@ class AdjointDriver(ChainCode):
         """Of an element: what it adds to the matrix, and what its stress's cotangent asks of its
         nodes' moves.
         """
-        packed = {f"> {BETWEEN}": ("between", self._odd(e)), f"> {INNER}": ("inner",)}
+        packed = {f"> {BETWEEN}": ("between", self._between(e)), f"> {INNER}": ("inner",)}
         with self._element_kind(e) as kinds:
             for k in kinds:
                 self._call(
@@ -366,7 +366,7 @@ class AdjointDriver(ChainCode):
             "right": ("asked", move),
             "free": ("free", node),
             "push": ("push", move),
-            f"> {BETWEEN}": ("between", self._odd(e)),
+            f"> {BETWEEN}": ("between", self._between(e)),
             f"> {MIDDLE}": ("middle", e),
         }
         self._call_held(

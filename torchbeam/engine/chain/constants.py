@@ -17,6 +17,7 @@ from ...math.shapes import broadcast_shapes
 from ...nodal.balance import same_law
 from ...nodal.conditions import acting, conditions, supports
 from ...nodal.coordinates.planar import Planar
+from ...nodal.joint_motion import JointValues
 from ...nodal.loads import Nodes, advanced, external
 from ...nodal.model import Model
 from ...scene.effects import Input, Inputs, Pose
@@ -28,6 +29,7 @@ from .chain_constants import (
     Common,
     CommonConditions,
     ElementConstants,
+    JointConstants,
     NodeConditions,
     NodeConstants,
     SupportConstants,
@@ -58,7 +60,8 @@ class Constants:
         instant: float = 0.5,
         around: Surroundings | None = None,
     ) -> None:
-        self.model, self.prescribes = model, steps and model.scene.has_prescribed_motion
+        self.model, self.steps = model, steps
+        self.prescribes = steps and model.scene.has_prescribed_motion
         moving, dead = model.loads
         self.loads = (*moving, *(load for load in dead if load.internal or _by_inputs(load)))
         dead = [load for load in dead if load not in self.loads]
@@ -81,7 +84,9 @@ class Constants:
             or any(map(_by_time, self.loads, self.by_place))
             or (self.wants_support and not self.rests)
         )
+        drives = [x for joint in model.scene.joints for x in (joint.effort, joint.prescribed)]
         self.asks = by_time or not self.given_eigenstrain or not self.rests
+        self.asks = self.asks or any(map(callable, drives))
         self.instant, self.before = instant, instant == 1 and by_time
         scene = model.scene
         by_place = tuple(load for load, own in zip(self.loads, self.by_place, strict=True) if own)
@@ -95,6 +100,8 @@ class Constants:
             scene.supports,
             model.law,
             model.inertia,
+            model.joints,
+            scene.joints,
         )
         self.sources = [x for x, _ in flattened(held)]
         self.sources += [model.length, model.section_mass, model.tributary_length]
@@ -152,8 +159,11 @@ class Constants:
             strict=True,
         )
         values |= {name: x for name, x in velocities if x is not None}
+        end = t + (1 - self.instant) * dt if self.steps else t
+        joints = model.joints.values(model.scene.joints, t, inputs, end)
+        values |= {f"joint {name}": x for name, x in joints._asdict().items() if x is not None}
         values |= {} if frame is None else {"frame": frame}
-        return values | self._prescribed(t + (1 - self.instant) * dt) if self.prescribes else values
+        return values | self._prescribed(end) if self.prescribes else values
 
     def _loads(self, t: Tensor, inputs: Inputs, frame: Tensor | None) -> dict[str, Tensor]:
         """Those that are dead, what the others have by time, and where the root's support
@@ -286,7 +296,16 @@ class Constants:
                 values["dt"], values["t"], inputs, place, *frame, now[1], before[1], self.captured
             ),
             supports,
+            self._joints(values),
         )
+
+    def _joints(self, values: dict[str, Tensor]) -> JointConstants | None:
+        joints = self.model.joints
+        if not joints.count:
+            return None
+        laws = getattr(joints, "laws", None)
+        given = (values.get(f"joint {name}") for name in JointValues._fields)
+        return JointConstants(joints.v, joints.w, joints.c, joints.across, laws, *given)
 
     def _conditions(
         self, values: dict[str, Tensor], when: str = ""
@@ -313,7 +332,7 @@ class Constants:
         """Loads (..., N+1, w) by functions of the motion, of the beam undeformed and at rest, and
         their internal states, whose gradient is that of what these functions close over.
         """
-        nodes, _, common, _ = map(detached, self.trees(values))
+        nodes, _, common, *_ = map(detached, self.trees(values))
         loads = (row or load for row, load in zip(nodes.now.loads, common.now.loads, strict=True))
         model = detached(self.model)
         model = with_values(

@@ -16,6 +16,10 @@ from .call import Call, Chain, Field, like, made_like
 from .chain_constants import flattened
 from .native import NativeProgram
 
+RECORDS = "node", "element", "common", "support", "joint"  # of the trees
+# what a joint's forces are called beside the stress of elements, whose rows they follow in a state
+FORCES = "joint_force"
+OF_JOINTS = {FORCES: ("joint_state", "last_force"), "joints": ("joint_state", "joints")}
 WHOLE = ("stress", "reaction")  # parts of a state whose cotangents have records of their own
 
 
@@ -27,12 +31,15 @@ def state_fields(program: NativeProgram) -> dict[str, tuple[str, str]]:
         "reaction": ("support", "last"),
         **{name: ("element_state", name) for name in program.element_state},
         **{name: ("sample", name) for name in program.sample_state},
+        **(OF_JOINTS if program.kinds.joints else {}),
     }
 
 
 def constant_fields(trees: tuple[Any, ...]) -> Iterator[Field]:
-    """The tensors of the trees of nodes, elements, what they have in common, and supports."""
-    for record, tree in zip(("node", "element", "common", "support"), trees, strict=True):
+    """The tensors of the trees of nodes, elements, what they have in common, supports and
+    joints.
+    """
+    for record, tree in zip(RECORDS, trees, strict=True):
         for k, (x, axes) in enumerate(flattened(tree)):
             yield Field(record, f"{record}.{k}", x, axes)
 

@@ -19,7 +19,8 @@ class BlockElimination:
 
         eliminate(ptr memory, ptr table, i64 groups)    see `BlockPattern.elimination`
         substitute(ptr memory, ptr table, i64 groups)   see `BlockPattern.substitution`
-        add_block(ptr to, i64 stride, ptr source)           to += source
+        add_block(ptr to, i64 stride, ptr source)           to += source, (w, w)
+        add_column(ptr to, i64 stride, ptr source)          to += source, (w, 1)
         subtract(ptr to, i64 to_stride, ptr a, i64 a_stride, i64 inner, ptr b, i64 b_stride,
                  i64 columns)                               to -= a b
 
@@ -31,7 +32,7 @@ class BlockElimination:
 
     def functions(self) -> list[str]:
         # fmt: off
-        return [self._add_block(), self._subtract(), self._pivot(), self._eliminate(),
+        return [self._add("block", self.w), self._add("column", 1), self._subtract(), self._pivot(), self._eliminate(),
                 self._substitute()]
         # fmt: on
 
@@ -76,14 +77,14 @@ class BlockElimination:
 
     # Functions
 
-    def _add_block(self) -> str:
-        code = Code("add_block", ["ptr %to", "i64 %stride", "ptr %source"])
+    def _add(self, name: str, columns: int) -> str:
+        code = Code(f"add_{name}", ["ptr %to", "i64 %stride", "ptr %source"])
         with code.loop(0, self.w) as i:
             row, source = (
                 self._at(code, "%to", code.mul(i, "%stride")),
-                self._at(code, "%source", code.mul(i, self.w)),
+                self._at(code, "%source", code.mul(i, columns)),
             )
-            for k in range(self.w):
+            for k in range(columns):
                 at = self._at(code, row, k)
                 part = self._load(code, self._at(code, source, k))
                 self._store(code, self._make(code, "fadd", self._load(code, at), part), at)
