@@ -31,6 +31,11 @@ class ActingLoad(NamedTuple):
     internal: slice | None
     elements: int | None = None
 
+    def acts_on(self, row: int) -> bool:
+        if isinstance(self.node, slice):
+            return self.node.start <= row < self.node.stop
+        return self.node is None or self.node == row
+
     @property
     def along(self) -> bool:
         """Whether it acts along rows, per length."""
@@ -124,6 +129,14 @@ def by_part(beam: Beam, one: ActingLoad) -> tuple[ActingLoad, ...]:
     return tuple(found)
 
 
+def parts_acting(model: Model) -> tuple[ActingLoad, ...]:
+    """All loads of a scene; of a structure in the pieces in which they act along its parts."""
+    acts = acting(model, model.scene.loads, model.scene.internal_states)
+    if not model.scene.beam.parts:
+        return acts
+    return tuple(part for act in acts for part in by_part(model.scene.beam, act))
+
+
 def conditions(
     model: Model,
     t: Tensor,
@@ -134,10 +147,7 @@ def conditions(
     """Of all of a model at t (...), its supports at the time `end` (...); loads: these of the
     scene's alone, without what the beam bends by itself, None = all.
     """
-    acts = acting(model, model.scene.loads, model.scene.internal_states)
-    motion, eigenstrain = model.prescribed_motion, 0.0
-    if model.scene.beam.parts:
-        acts = tuple(part for act in acts for part in by_part(model.scene.beam, act))
+    acts, motion, eigenstrain = parts_acting(model), model.prescribed_motion, 0.0
     if loads is None:
         eigenstrain = model.eigenstrain(t, inputs)
     else:

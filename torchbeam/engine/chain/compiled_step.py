@@ -126,7 +126,7 @@ class CompiledStep:
         )
         by_user = self.function or not all(map(of_library, self.constants.loads))
         self.around = NOTHING if around is None and not by_user else around
-        kinds = kinds_of(model, self.constants.loads)
+        kinds = kinds_of(model, self.constants.acts)
         program = program_of(self.local(trees), kinds, bool(model.constraints.nodes), self.around)
         if self.around is not None and not self.around.unchanged():
             raise NotTraceable(

@@ -15,7 +15,7 @@ from ...core.surroundings import Surroundings
 from ...core.validation import concrete
 from ...math.shapes import broadcast_shapes
 from ...nodal.balance import same_law
-from ...nodal.conditions import acting, conditions, supports
+from ...nodal.conditions import ActingLoad, conditions, parts_acting, supports
 from ...nodal.coordinates.planar import Planar
 from ...nodal.joint_motion import JointValues
 from ...nodal.loads import Nodes, advanced, external
@@ -62,19 +62,22 @@ class Constants:
     ) -> None:
         self.model, self.steps = model, steps
         self.prescribes = steps and model.scene.has_prescribed_motion
-        moving, dead = model.loads
-        self.loads = (*moving, *(load for load in dead if load.internal or _by_inputs(load)))
-        dead = [load for load in dead if load not in self.loads]
+        acts = parts_acting(model)
+        natively = [act for act in acts if act.load.internal or _by_inputs(act.load)]
+        self.acts = tuple(act for act in acts if act.reads)
+        self.acts += tuple(act for act in natively if not act.reads)
+        self.loads = tuple(act.load for act in self.acts)
+        dead = [load for load in model.loads[1] if load not in self.loads]
         self.given = tuple(
             load for load in dead if _given(load) and not (model.turning and load.wants_axes)
         )
         self.asked = tuple(load for load in dead if load not in self.given)
         none = {name: model.length.new_zeros(size) for name, size in model.scene.inputs.items()}
-        zero, elements = model.length.new_zeros(()), model.scene.beam.element_count
+        zero = model.length.new_zeros(())
         self.by_place = tuple(
-            load.at_sites(model.s, zero, none, elements) is not None for load in self.loads
+            act.load.at_sites(*self._places(act, zero, none)) is not None for act in self.acts
         )
-        self.valued = tuple(self._valued(load, zero, none) for load in self.loads)
+        self.valued = tuple(self._valued(act, zero, none) for act in self.acts)
         self.nodes, self.elements = model.nodes, model.elements
         self.wants_support = any(load.wants_support for load in self.loads)
         self.given_eigenstrain = all(_given(effect) for effect in model.scene.eigenstrains)
@@ -189,9 +192,9 @@ class Constants:
                 for name, x in zip(pose._fields, pose, strict=True)
                 if x is not None
             }
-        for k, (load, known) in enumerate(zip(self.loads, self.valued, strict=True)):
-            if known is not load:
-                values |= self._values(k, load, t, inputs)
+        for k, (act, known) in enumerate(zip(self.acts, self.valued, strict=True)):
+            if known is not act.load:
+                values |= self._values(k, act, t, inputs)
         return values
 
     def _dead(self, t: Tensor, inputs: Inputs) -> Tensor | float:
@@ -200,17 +203,32 @@ class Constants:
         still = Nodes(*model.space.pose(beam.nodes, beam.frames))
         return external(model, still, conditions(model, t, inputs, loads=self.given))
 
-    def _values(self, k: int, load: Any, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+    def _values(self, k: int, act: ActingLoad, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """Of a load that holds more than numbers."""
 
         def values() -> list[Tensor]:
-            return [x for x, _ in flattened(self._valued(load, t, inputs))]
+            return [self._of_all(k, *x) for x in flattened(self._valued(act, t, inputs))]
 
-        found = self._held(f"load {k}", values) if _unchanging(load) else values()
+        found = self._held(f"load {k}", values) if _unchanging(act.load) else values()
         return {f"load {k} {i}": x for i, x in enumerate(found)}
 
-    def _valued(self, load: Any, t: Tensor, inputs: Inputs) -> Any:
-        return load.resolved(self.model.s, t, inputs, self.model.scene.beam.element_count)
+    def _valued(self, act: ActingLoad, t: Tensor, inputs: Inputs) -> Any:
+        return act.load.resolved(*self._places(act, t, inputs))
+
+    def _places(self, act: ActingLoad, t: Tensor, inputs: Inputs) -> tuple[Any, ...]:
+        """What a load is asked for its values by."""
+        s = self.model.s[..., act.node] if isinstance(act.node, slice) else self.model.s
+        return s, t, inputs, act.elements or self.model.scene.beam.element_count
+
+    def _of_all(self, k: int, x: Tensor, axes: int) -> Tensor:
+        """A value of a load; by place, where it acts on some rows, with zeros on the others."""
+        node = self.acts[k].node
+        if not self.by_place[k] or not isinstance(node, slice):
+            return x
+        count = node.stop - node.start
+        x = x.movedim(-axes, -1)
+        x = pad(x.expand(*x.shape[:-1], count), (node.start, self.model.node_count - node.stop))
+        return x.movedim(-1, -axes)
 
     def _prescribed(self, end: Tensor) -> dict[str, Tensor]:
         """The motion of supports at the time `end`."""
@@ -241,37 +259,35 @@ class Constants:
         return space.multiply(begin, half), end
 
     @property
-    def _internal(self) -> dict[int, slice]:
-        """Where the internal states of each load are among those of all, by the load's id."""
-        scene = self.model.scene
-        return {
-            id(one.load): one.internal
-            for one in acting(self.model, scene.loads, scene.internal_states)
-        }
+    def _remembering(self) -> list[ActingLoad]:
+        return [act for act in self.acts if act.internal is not None]
 
     def internal_rows(self, internal: Tensor) -> Tensor:
         """Internal states (..., z) of a state as rows of nodes (..., N+1, Z): of each load in turn,
         zeros where it does not act.
         """
-        nodes, states, places = self.model.node_count, [], self._internal
-        for load in self.loads:
-            if load.internal:
-                j = 0 if load.node is None else load.node % nodes
-                rows = internal[..., places[id(load)]].unflatten(-1, (-1, load.internal))
-                states.append(rows if load.node is None else pad(rows, (0, 0, j, nodes - 1 - j)))
+        states = []
+        for act in self._remembering:
+            rows = internal[..., act.internal].unflatten(-1, (-1, act.load.internal))
+            nodes = self._nodes_of(act)
+            states.append(pad(rows, (0, 0, nodes.start, self.model.node_count - nodes.stop)))
         return torch.cat(states, -1)
 
     def of_rows(self, rows: Tensor) -> Tensor:
         """The inverse."""
-        remembering, places = [load for load in self.loads if load.internal], self._internal
-        parts = zip(
-            remembering, rows.split([load.internal for load in remembering], -1), strict=True
-        )
+        remembering = self._remembering
+        parts = rows.split([act.load.internal for act in remembering], -1)
         states = {
-            places[id(load)].start: own.flatten(-2) if load.node is None else own[..., load.node, :]
-            for load, own in parts
+            act.internal.start: own[..., self._nodes_of(act), :].flatten(-2)
+            for act, own in zip(remembering, parts, strict=True)
         }
         return torch.cat([states[first] for first in sorted(states)], -1)
+
+    def _nodes_of(self, act: ActingLoad) -> slice:
+        """Those that a load acts on."""
+        if isinstance(act.node, slice):
+            return act.node
+        return slice(0, self.model.node_count) if act.node is None else slice(act.node, act.node + 1)
 
     def at(self, dt: Tensor, t: Tensor, inputs: Inputs, frame: Tensor | None = None) -> Trees:
         """The trees at once."""

@@ -161,7 +161,7 @@ def _called(
         t.new_ones(()), t, inputs, model.orientation(t)
     )
     trees = nodes, replace(elements, C=model.tangent_stiffness()), common, supports
-    kinds = kinds_of(model, constants.loads, rest=True)
+    kinds = kinds_of(model, constants.acts, rest=True)
     program = program_of(
         SteadyFunctions(model, *trees),
         kinds,

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from torch import Tensor
 
+from ...nodal.conditions import ActingLoad
 from ...nodal.model import Model
 from ...topology.framework import Framework
 
@@ -146,7 +147,7 @@ def _shifts(shift: Tensor) -> list[tuple[float | None, ...]]:
     ]
 
 
-def kinds_of(model: Model, loads: tuple[Any, ...], rest: bool = False) -> Kinds:
+def kinds_of(model: Model, loads: tuple[ActingLoad, ...], rest: bool = False) -> Kinds:
     """Of a model's nodes, on which these loads act, and elements: in a step, or at rest."""
     nodes, supports = model.node_count, {}
     hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
@@ -160,9 +161,7 @@ def kinds_of(model: Model, loads: tuple[Any, ...], rest: bool = False) -> Kinds:
             supports[support.node] = SupportKind(fixed, support.moves, support.clamp)
 
     def kind(j: int) -> NodeKind:
-        acting = tuple(
-            k for k, load in enumerate(loads) if load.node is None or load.node % nodes == j
-        )
+        acting = tuple(k for k, load in enumerate(loads) if load.acts_on(j))
         return (
             NodeKind(acting, placed=supports.get(j))
             if rest
