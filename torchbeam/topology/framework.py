@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ..math.shapes import broadcast_shapes
 from .chain import Chain
-from .cut import places
+from .cut import Cut, cut, places
 from .framework_matrix import FrameworkMatrix
 from .framework_unknowns import FrameworkUnknowns
 from .protocols import Blocks
@@ -65,6 +65,12 @@ class Framework:
         """The nodes that are inside no element."""
         middle = set(self.elements[1]) if self.order == 2 else ()
         return tuple(node for node in range(self.node_count) if node not in middle)
+
+    @property
+    def cut(self) -> Cut:
+        """Of the nodes that are inside no element."""
+        ends = self.of_ends
+        return cut(ends.chains, ends.singles, ends.joints)
 
     @cached_property
     def of_ends(self) -> Framework:

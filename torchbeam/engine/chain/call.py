@@ -69,7 +69,7 @@ class Chain:
         ]
         nodes, elements, joints = (
             [there.index(kind) for kind in own or ()]
-            for there, own in zip(program.kinds, kinds, strict=True)
+            for there, own in zip(program.kinds[:3], kinds[:3], strict=True)
         )
         lists = bases, nodes, elements, near, support_of, [*self.supports, 0]
         self.lists = dict(zip(POINTERS[1:], map(_integers, lists), strict=True))

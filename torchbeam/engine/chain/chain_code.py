@@ -148,6 +148,12 @@ class ChainCode:
         """
         return self.code.add(node, self.order + ahead)
 
+    def _reach(self, node: str) -> str | int:
+        """How far it is to the nodes that a node's row has blocks of: of a midside node its
+        element's ends.
+        """
+        return 1 if self.order == 1 else self.code.sub(2, self._odd(node))
+
     def _near(self, v: str) -> dict[str, str]:
         """What is free of the end before, of end v and of the next, where there are any."""
         code = self.code

@@ -287,7 +287,9 @@ class Constants:
         """Those that a load acts on."""
         if isinstance(act.node, slice):
             return act.node
-        return slice(0, self.model.node_count) if act.node is None else slice(act.node, act.node + 1)
+        return (
+            slice(0, self.model.node_count) if act.node is None else slice(act.node, act.node + 1)
+        )
 
     def at(self, dt: Tensor, t: Tensor, inputs: Inputs, frame: Tensor | None = None) -> Trees:
         """The trees at once."""

@@ -239,8 +239,7 @@ class Driver(ChainCode):
         if self.held:
             with code.loop(0, self.args["supports"]) as k:
                 node = code.load(code.at(self.args["support_nodes"], k))
-                # of a midside node its element's ends
-                reach = 1 if self.order == 1 else code.sub(2, self._odd(node))
+                reach = self._reach(node)
                 here = self._move_of(node)
                 places = {
                     "before": code.sub(here, reach),

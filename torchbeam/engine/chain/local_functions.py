@@ -35,8 +35,7 @@ from .node_kinds import ElementKind, NodeKind
 
 class WholeRow(NamedTuple):
     """A row of the chain's matrix, however it is eliminated: D, L, U (w, w); what is asked of it
-    and left of its balance (w); its terms of inertia (w), None = none; where supports hold nodes,
-    the whole row and balance by name.
+    and left of its balance (w); where supports hold nodes, the whole row and balance by name.
     """
 
     D: Tensor
@@ -44,7 +43,6 @@ class WholeRow(NamedTuple):
     U: Tensor
     asked: Tensor
     left: Tensor
-    inertia: Tensor | None
     blocks: Fields
 
 
@@ -275,7 +273,7 @@ class LocalFunctions(JointFunctions):
             right = torch.cat((right, torch.zeros_like(D)), -1)
             y = torch.cat((y, fields["side"]), -1)
         ahead, y = eliminated(D, U, right, L, fields["ahead"], y)
-        sizes = self._sizes(fields.get("own.load"), row.inertia, row.left)
+        sizes = self._sizes(fields.get("own.load"), _of_row(fields, "inertia"), row.left)
         outputs = row.blocks | self.pivot(D - L @ fields["ahead"]) | {"ahead": ahead, "y": y[:, 0]}
         return outputs | ({"side": y[:, 1:]} if "side" in fields else {}) | sizes
 
@@ -284,15 +282,16 @@ class LocalFunctions(JointFunctions):
         of it (`right`, w); sizes, and for a reaction its whole row and balance, as in `row`.
         """
         row = self._whole_row(held, fields)
-        sizes = self._sizes(fields.get("own.load"), row.inertia, row.left)
+        sizes = self._sizes(fields.get("own.load"), _of_row(fields, "inertia"), row.left)
         return {"D": row.D, "L": row.L, "U": row.U, "right": -row.asked} | row.blocks | sizes
 
     def _whole_row(self, held: bool, fields: Fields) -> WholeRow:
-        def total(name: str) -> Tensor | None:
-            return _total(*(fields.get(f"{side}.{name}") for side in ("own", "left", "right")))
-
-        balance, D = total("balance"), total("D")
-        asked, U, L = total("asked") + fields["own.balance"], fields["right.U"], fields["left.L"]
+        balance, D = _of_row(fields, "balance"), _of_row(fields, "D")
+        asked, U, L = (
+            _of_row(fields, "asked") + fields["own.balance"],
+            fields["right.U"],
+            fields["left.L"],
+        )
         if "push" in fields:
             balance, asked = balance + fields["push"], asked + fields["push"]
         blocks, left = {}, balance
@@ -301,7 +300,7 @@ class LocalFunctions(JointFunctions):
             blocks = {"rows": torch.cat((L, D, U), -1), "asked": asked}
             left, asked = balance * free, asked * free
             D, L, U = _masked_row(D, L, U, fields)
-        return WholeRow(D, L, U, asked, left, total("inertia"), blocks)
+        return WholeRow(D, L, U, asked, left, blocks)
 
     def _sizes(self, load: Tensor | None, inertia: Tensor | None, left: Tensor) -> Fields:
         """The largest force and moment in a node's terms, and left of its balance (w)."""
@@ -497,6 +496,11 @@ def _total(*parts: Tensor | None) -> Tensor | None:
     """Of those that are there."""
     there = [x for x in parts if x is not None]
     return sum(there[1:], there[0]) if there else None
+
+
+def _of_row(fields: Fields, name: str) -> Tensor | None:
+    """Of a row's node and the elements on either side."""
+    return _total(*(fields.get(f"{side}.{name}") for side in ("own", "left", "right")))
 
 
 def _between_free(free: Tensor) -> Tensor:

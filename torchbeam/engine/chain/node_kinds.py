@@ -90,12 +90,14 @@ def without_side(field: str) -> str:
 
 class Kinds(NamedTuple):
     """Of all nodes, of all elements and of all joints; or those that there are. joints: None = the
-    nodes are those of one chain.
+    nodes are those of one chain; runs: of a structure, how some of its nodes are eliminated, see
+    `Run.manner`.
     """
 
     nodes: tuple[NodeKind, ...]
     elements: tuple[ElementKind, ...]
     joints: tuple[JointKind, ...] | None = None
+    runs: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, nodes: list[NodeKind], model: Model) -> Kinds:
@@ -110,7 +112,8 @@ class Kinds(NamedTuple):
         elements = tuple(
             tuple(held[node] for node in own) for own in zip(*topology.elements, strict=True)
         )
-        return cls(tuple(nodes), elements, _of_joints(model, held))
+        manners = {run.manner for runs in topology.cut.runs for run in runs}
+        return cls(tuple(nodes), elements, _of_joints(model, held), tuple(sorted(manners)))
 
     def distinct(self) -> Kinds:
         return Kinds(*(None if own is None else tuple(dict.fromkeys(own)) for own in self))

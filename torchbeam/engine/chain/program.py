@@ -132,7 +132,8 @@ class ChainProgram(NativeProgram):
         functions["back"] = traced(local.back, {"ahead": (w, w), "y": (w,), "next": (w,)})
         free = {f"free_{name}": (w,) for name in ("before", "here", "after")}
         if self.kinds.joints is not None:
-            functions |= structures.of_rows(local, traced, packed, row, free, self.held)
+            around = free if self.held else None
+            functions |= structures.of_rows(local, traced, packed, row, around, self.kinds.runs)
             functions |= self._joints(traced, local)
         if self.held:
             functions["held row"] = packed(traced(partial(local.row, True), row | free))

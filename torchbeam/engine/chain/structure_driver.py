@@ -77,6 +77,16 @@ class StructureCode(ChainCode):
     def _between(self, e: str) -> str:
         return e
 
+    def _reach(self, node: str) -> str | int:
+        if self.order == 1:
+            return 1
+        code = self.code
+        sides = (
+            code.load(code.at(self.args[f"{side}_elements"], node)) for side in ("left", "right")
+        )
+        inside = code.compare("slt", code.new(f"and i64 {next(sides)}, {next(sides)}"), 0)
+        return code.choose(inside, 1, self.order)
+
     def _near(self, node: str) -> dict[str, str]:
         code, order = self.code, self.order
         before, after = code.sub(node, order), code.add(node, order)
@@ -175,9 +185,11 @@ class StructurePasses(StructureCode):
         with self._entries("direct") as (_, (i, j, *places)):
             self._add_block(*places[:2], self.at("interface", i, "U"))
             self._add_block(*places[2:], self.at("interface", j, "L"))
-        self._runs("forward")
-        self._runs("backward")
-        self._bordered_runs()
+        for manner in self.kinds.runs:
+            if manner == "bordered":
+                self._bordered_runs()
+            else:
+                self._runs(manner)
         if self.kinds.joints:
             with self._entries("joint") as (k, entry):
                 self._join(k, entry)
@@ -351,6 +363,8 @@ class StructurePasses(StructureCode):
             with self._entries("joint") as (k, (*_, solution)):
                 self._copy_to(self.at("joint_move", k), self._matrix(solution), w)
         for table, step in (("forward", self.order), ("backward", -self.order)):
+            if table not in self.kinds.runs:
+                continue
             with self._entries(table) as (_, (first, count, p, *_)):
                 free = code.compare("slt", p, 0)
                 with code.loop(code.sub(count, 1), -1, -1) as t:
@@ -359,6 +373,8 @@ class StructurePasses(StructureCode):
                     after = self.at("move", self._move_of(code.add(node, step)))
                     places = {"next": code.choose(end, self.at("nothing"), after, "ptr")}
                     self._back_to("back", node, places)
+        if "bordered" not in self.kinds.runs:
+            return
         with self._entries("bordered") as (_, (first, count, *_)):
             front = self.at("move", self._move_of(code.sub(first, self.order)))
             with code.loop(code.sub(count, 1), -1, -1) as t:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from ...nodal.model import Model
-from ...topology.cut import Joints, cut
+from ...topology.cut import Joints
 from ...topology.framework import Framework
 from ..compiler.block_pattern import BlockPattern
 from .joint_functions import BLOCKS
@@ -41,14 +41,14 @@ class StructureTables:
 def _tables(
     framework: Framework, w: int, supported: tuple[int, ...], held: tuple[int, ...], dense: bool
 ) -> StructureTables:
-    order, ends = framework.order, framework.ends
-    how = cut(framework.of_ends.chains, framework.singles, framework.of_ends.joints)
+    how, ends = framework.cut, framework.ends
     nodes, J = [ends[end] for end in how.interface], len(how.joints)
     couplings = [(i, j) for _, i, j in how.direct]
     runs = [run for runs in how.runs for run in runs]
-    bordered = [run for run in runs if run.before is not None and run.after is not None]
-    backward = [run for run in runs if run.before is not None and run.after is None]
-    forward = [run for run in runs if run.before is None]
+    forward, backward, bordered = (
+        [run for run in runs if run.manner == manner]
+        for manner in ("forward", "backward", "bordered")
+    )
     couplings += [(run.before, run.after) for run in bordered]
     for k, pair in enumerate(how.joints):
         there = [place for place in pair if place is not None]

@@ -25,30 +25,32 @@ def of_rows(
     traced: Tracing,
     packed: Callable[[Function], Function],
     row: Shapes,
-    free: Shapes,
-    held: bool,
+    free: Shapes | None,
+    runs: tuple[str, ...],
 ) -> dict[str, Function]:
-    """Rows beside those of a chain: eliminated `backward`, from the last node on; those of a
-    `bordered` run, between two nodes of the interface; and those of the interface. packed: takes
-    what nodes and elements give as they give it; row, free: fields of a row.
+    """Rows beside those of a chain: those of the interface, and of runs that are eliminated
+    `backward`, from the last node on, or are `bordered`, between two nodes of the interface. packed:
+    takes what nodes and elements give as they give it; row, free: fields of a row, and what is free
+    around it, None = all is.
     """
-    w = local.model.space.unknowns
-    square = {"side": (w, w)}
+    w, functions = local.model.space.unknowns, {}
     own = {name: shape for name, shape in row.items() if name not in ("ahead", "y")}
-    functions = {}
-    for name, more in {"": {}, "held ": free}.items():
-        if more and not held:
-            continue
-        how = bool(more)
-        functions |= {
-            f"{name}row backward": packed(traced(partial(local.row, how, True), row | more)),
-            f"{name}row bordered": packed(traced(partial(local.row, how), row | more | square)),
-            f"{name}interface": packed(
-                traced(partial(local.interface, how), own | more | {"push": (w,)})
-            ),
+    for held in (False, True) if free else (False,):
+        more = free if held else {}
+        rows = {
+            "interface": (partial(local.interface, held), own | {"push": (w,)}),
+            "row backward": (partial(local.row, held, True), row),
+            "row bordered": (partial(local.row, held), row | {"side": (w, w)}),
         }
-    back = {"ahead": (w, w), "y": (w,), "next": (w,), "side": (w, w), "first": (w,)}
-    return functions | {"back bordered": traced(local.back, back)}
+        functions |= {
+            f"held {name}" if held else name: packed(traced(function, shapes | more))
+            for name, (function, shapes) in rows.items()
+            if name == "interface" or name.removeprefix("row ") in runs
+        }
+    if "bordered" in runs:
+        back = {"ahead": (w, w), "y": (w,), "next": (w,), "side": (w, w), "first": (w,)}
+        functions["back bordered"] = traced(local.back, back)
+    return functions
 
 
 def of_joints(
