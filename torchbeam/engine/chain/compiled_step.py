@@ -43,7 +43,6 @@ CLOSURE = (
     "a function of the motion holds a tensor that carries gradient; tb.Load(values=) takes "
     "it natively"
 )
-STRUCTURE = "a gradient is asked for of a structure of several parts"
 RIGID = (
     "a gradient is asked for where strains are impossible, or next to, in this dtype; lower "
     "stiffnesses of stretching and shear, or float64, are wanted"
@@ -233,9 +232,6 @@ class CompiledStep:
             return None
         held = [*given, *(one.value for one in self.constant), *states] if recorded else []
         wanted = [k for k, x in enumerate(held) if x.requires_grad]
-        if wanted and self.model.scene.beam.parts:
-            self.eager_because = STRUCTURE
-            return None
         if wanted and not values["exact"].all():
             self.eager_because = RIGID
             return None

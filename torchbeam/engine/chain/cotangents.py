@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ...core.entry_point import without_autocast
 from ...math.first_derivative import first_only
-from .call import Call, Chain, Field, like, made_like
+from .call import Call, Chain, Field, like, made_like, structure_fields
 from .chain_constants import flattened
 from .native import NativeProgram
 
@@ -122,6 +122,8 @@ class Adjoint:
                 yield Field("support", "found", after, 2, flat=True)
             elif name == "stress":
                 yield Field("stress", "stress", after, 2, flat=True)
+            elif name == FORCES:
+                yield Field("joint_after", "force", after, 2, flat=True)
             elif self.state[name][0] == "state":
                 yield Field("after", f"after_{name}", after, 2, flat=True)
             before = self.state[name]
@@ -167,6 +169,7 @@ class Adjoint:
                 record, name, call.empty(*own, steps=steps), axes, flat=True
             )
         inputs = [*fields, *self.constant, Field("free", "free", chain.free, 2)]
+        inputs += structure_fields(chain)
         call.bound(
             {"inputs": len(fields), "outputs": len(outputs), "stepwises": len(stepwises)},
             {"inputs": len(self.constant)},

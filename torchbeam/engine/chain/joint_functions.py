@@ -23,6 +23,15 @@ BLOCKS = {
 }
 
 
+# what each is the transposed of
+_TRANSPOSED = {
+    "ij": "ji",
+    "ji": "ij",
+    **{f"{side}.force": f"{side}.constraint" for side in SIDES[1]},
+    **{f"{side}.constraint": f"{side}.force" for side in SIDES[1]},
+}
+
+
 @dataclass(frozen=True)
 class JointFunctions(LocalProblems):
     """Functions of a joint."""
@@ -81,6 +90,42 @@ class JointFunctions(LocalProblems):
         reaction = x.u.new_zeros(len(problem.support_motions.nodes), x.stress.shape[-1])
         after = problem.finish(x, reaction)
         return {"force": after.stress[0], "joints": after.joints[0], "work": after.work}
+
+    def joint_solution(self, kind: JointKind, **fields: Tensor) -> Fields:
+        """The unknown forces of a step (w), from those that have acted in it (`after_force`)."""
+        force = fields.pop("after_force")
+        if not any(kind.prescribed or ()):
+            return {"force": force}
+        problem, x = self.of_joint(fields | {"force": force}, kind)
+        kinematics, *_ = problem.node_balance(problem.apply_supports(x))
+        joints = problem.model.joints
+        return {
+            "force": force
+            + joints.held[0] * joints.driven(problem.joint_poses(kinematics)).effort[0]
+        }
+
+    def transposed_joint(self, held: bool, kind: JointKind, **fields: Tensor) -> Fields:
+        """Blocks of a joint in the transposed matrix, by name as in `joint`, and what is asked of
+        its forces (`right`, w): `force_bar`; where supports hold nodes, with what their balances are
+        (`push`) of the ends, also what is asked of an end's moves (`asked`, w).
+        """
+        pushes = {side: fields.pop(f"{side}.reaction") for side in kind.sides if held}
+        right = fields.pop("force_bar")
+        outputs = self.joint(held, kind, **fields)
+        blocks = {name: outputs[name] for name in BLOCKS if name in outputs}
+        turned = {name: blocks[_TRANSPOSED.get(name, name)].mT for name in blocks}
+        asked = {}
+        w = right.shape[-1]
+        for side, push in pushes.items():
+            parts = (push @ outputs[f"{side}.row"]).split(w)
+            *moves, force = parts
+            right = right + force
+            for end, part in zip(kind.sides, moves, strict=True):
+                asked[end] = asked.get(end, 0.0) + part
+        held_rows = right.new_tensor(kind.held)
+        return (
+            turned | {"right": right * held_rows} | {f"{end}.asked": x for end, x in asked.items()}
+        )
 
     def joint_update(self, force: Tensor, move: Tensor) -> Fields:
         """The forces of a joint (w) after they have changed."""

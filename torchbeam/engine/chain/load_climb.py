@@ -157,10 +157,8 @@ def _called(
     around: Surroundings | None,
 ) -> Climbed:
     constants = Constants(model, steps=False, around=around)
-    nodes, elements, common, supports = constants.at(
-        t.new_ones(()), t, inputs, model.orientation(t)
-    )
-    trees = nodes, replace(elements, C=model.tangent_stiffness()), common, supports
+    nodes, elements, *others = constants.at(t.new_ones(()), t, inputs, model.orientation(t))
+    trees = nodes, replace(elements, C=model.tangent_stiffness()), *others
     kinds = kinds_of(model, constants.acts, rest=True)
     program = program_of(
         SteadyFunctions(model, *trees),

@@ -396,10 +396,33 @@ class LocalFunctions(JointFunctions):
         """As `restore`, of the transposed matrix, from the cotangents of its ends' balances (w)."""
         return self.restore(own, by_i, by_j, -before, -after)
 
-    def transposed_row(self, held: bool, right: Tensor, **fields: Tensor) -> Fields:
+    def transposed_row(
+        self, held: bool, right: Tensor, backward: bool = False, **fields: Tensor
+    ) -> Fields:
         """A row of the elimination of the transposed matrix, see `row`, for what moves are asked
         for (w); where supports are near, also for what their balances are (`push_` before, here,
         after).
+        """
+        D, below, above, right = self._transposed_whole_row(held, right, fields)
+        if backward:
+            below, above = above, below
+        right, y = right[:, None], fields["y"][:, None]
+        if "side" in fields:
+            right = torch.cat((right, torch.zeros_like(D)), -1)
+            y = torch.cat((y, fields["side"]), -1)
+        ahead, y = eliminated(D.mT, above, right, below, fields["ahead"], y)
+        return {"ahead": ahead, "y": y[:, 0]} | ({"side": y[:, 1:]} if "side" in fields else {})
+
+    def transposed_interface(self, held: bool, right: Tensor, **fields: Tensor) -> Fields:
+        """As `interface`, of the transposed matrix."""
+        D, below, above, right = self._transposed_whole_row(held, right, fields)
+        return {"D": D.mT, "L": below, "U": above, "right": right}
+
+    def _transposed_whole_row(
+        self, held: bool, right: Tensor, fields: Fields
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """D as it is, what couples the transposed row to the one before and to the next, and what
+        is asked of it (w).
         """
         D = fields["own.D"] + fields["left.D"] + fields["right.D"]
         below, above = fields["left.U"].mT, fields["right.L"].mT
@@ -411,10 +434,7 @@ class LocalFunctions(JointFunctions):
             )
             right = right * fields["free_here"]
             D, below, above = _masked_row(D, below, above, fields)
-        ahead, y = eliminated(
-            D.mT, above, right[:, None], below, fields["ahead"], fields["y"][:, None]
-        )
-        return {"ahead": ahead, "y": y[:, 0]}
+        return D, below, above, right
 
     def push(self, reaction_bar: Tensor, free: Tensor) -> Fields:
         """What the cotangent of a reaction is to the balance of its node (w)."""

@@ -7,7 +7,7 @@ interface's, whose system is solved by `BlockElimination`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from ..compiler.block_elimination import BlockElimination
@@ -163,10 +163,9 @@ class StructurePasses(StructureCode):
     def _pass(self) -> None:
         code, N = self.code, self.args["elements"]
         self._fill(self.at("sums"), self.layout.records["sums"].size)
-        w = self.layout.records["move"].size
         with code.loop(0, self.args["nodes"]) as j:
             self._node(j, j)
-            self._fill(self.at("push", j), w)
+            self._fill(self.at("push", j), self.layout.records["push"].size)
         with code.loop(0, N) as e:
             with self._element_kind(e) as kinds:
                 for k in kinds:
@@ -175,9 +174,12 @@ class StructurePasses(StructureCode):
                 self._largest(name, "at_element")
             if self.order == 2:
                 self._condense(e)
-        if self.kinds.joints:
-            with code.loop(0, self.args["joint_count"]) as k:
-                self._joint(k)
+        self._each_joint(self._joint)
+        self._eliminate()
+
+    def _eliminate(self) -> None:
+        """Of what nodes, elements and joints give."""
+        code = self.code
         with code.loop(0, self.args["entry_count"]) as k:
             self._fill(self.at("matrix", k), 1)
         with self._entries("interface") as (p, entry):
@@ -198,28 +200,46 @@ class StructurePasses(StructureCode):
             f"i64 {self.args['group_count']})"
         )
 
-    def _joint(self, k: str) -> None:
+    def _each_joint(self, then: Callable[[str, int], None], alike: bool = False) -> None:
+        """then(joint, its kind) of each; alike: the same of all kinds."""
+        if not self.kinds.joints:
+            return
+        with self.code.loop(0, self.args["joint_count"]) as k:
+            if alike:
+                then(k, 0)
+                return
+            with self._joint_kind(k) as kinds:
+                for kind in kinds:
+                    then(k, kind)
+
+    def _around(self, node: str) -> dict[str, str]:
+        """What a row of a node takes beside what nodes and elements give."""
+        return (self._near(node) if self.held else {}) | {"push": self.at("push", node)}
+
+    def _row_kept(self, node: str) -> None:
+        """Where a support holds a node: what its reaction takes."""
+        self._keep_rows("at_row", node)
+
+    def _row_judged(self) -> None:
+        """Sizes of a row."""
+        for name in self.layout.fields("sums"):
+            self._largest(name, "at_row")
+
+    def _joint(self, k: str, kind: int) -> None:
         """Its balance and blocks, and its push on the nodes."""
 
         def where(f: str) -> str:
             name = f[2:]
             if f[0] == ">":
-                return (
-                    self.at("at_joint", 0, name)
-                    if name in GAPS
-                    else self.at("joint_blocks", k, name)
-                )
+                record = ("at_joint", 0) if name in GAPS else ("joint_blocks", k)
+                return self.at(*record, name)
             return self.at("before joint", k) if f == HOISTED else self._of_joint(f, k)
 
-        with self._joint_kind(k) as kinds:
-            for kind in kinds:
-                self._call(f"joint {kind}", where)
-                for side in self.kinds.joints[kind].sides:
-                    self._add(
-                        self.at("push", self._joint_node(k, side)),
-                        self.at("joint_blocks", k, f"{side}.push"),
-                        self.layout.records["push"].size,
-                    )
+        self._call(f"joint {kind}", where)
+        for side in self.kinds.joints[kind].sides:
+            push = self.at("push", self._joint_node(k, side))
+            size = self.layout.records["push"].size
+            self._add(push, self.at("joint_blocks", k, f"{side}.push"), size)
         for name in GAPS:
             self._largest(name, "at_joint")
 
@@ -235,39 +255,22 @@ class StructurePasses(StructureCode):
 
     def _interface(self, p: str, entry: list[str]) -> None:
         node, *places, _ = entry
-        sides, near = self._sides_of(node), self._near(node) if self.held else {}
-        own = self.layout.records["interface"].fields
-
-        def where(f: str) -> str:
-            side = f.partition(".")[0]
-            if f[0] == ">":
-                return (
-                    self.at("interface", p, f[2:]) if f[2:] in own else self.at("at_row", 0, f[2:])
-                )
-            if side in sides:
-                return sides[side]
-            return self.at("push", node) if f == "push" else near[f]
-
-        self._call_held("interface", node, where, lambda: self._keep_rows("at_row", node))
-        for name in self.layout.records["sums"].fields:
-            self._largest(name, "at_row")
+        self._row_of("interface", node, ("interface", p), {})
         self._add_block(*places[:2], self.at("interface", p, "D"))
         self._add_column(*places[2:], self.at("interface", p, "right"))
 
-    def _eliminated(self, name: str, node: str, before: dict[str, str]) -> None:
-        """Row of a node, from the row before."""
-        sides, near = self._sides_of(node), self._near(node) if self.held else {}
-        own = self.layout.records["row"].fields
+    def _row_of(self, name: str, node: str, to: tuple[str, str], before: dict[str, str]) -> None:
+        """Row of a node by the function `name`, from the row `before`; to: its record."""
+        sides, places = self._sides_of(node), self._around(node) | before
+        own = self.layout.records[to[0]].fields
 
         def where(f: str) -> str:
-            side = f.partition(".")[0]
             if f[0] == ">":
-                return self.at("row", node, f[2:]) if f[2:] in own else self.at("at_row", 0, f[2:])
-            return sides.get(side) or near.get(f) or before[f]
+                return self.at(*to, f[2:]) if f[2:] in own else self.at("at_row", 0, f[2:])
+            return places[f] if f in places else sides[f.partition(".")[0]]
 
-        self._call_held(name, node, where, lambda: self._keep_rows("at_row", node))
-        for name in self.layout.records["sums"].fields:
-            self._largest(name, "at_row")
+        self._call_held(name, node, where, lambda: self._row_kept(node))
+        self._row_judged()
 
     def _run(self, first: str, t: str, step: int) -> tuple[str, str, str]:
         """Whether node t of a run is its first, the node, the one before."""
@@ -291,7 +294,9 @@ class StructurePasses(StructureCode):
         with self._entries(table) as (_, (first, count, p, *places)):
             with code.loop(0, count) as t:
                 is_first, node, before = self._run(first, t, step)
-                self._eliminated(name, node, self._before(("ahead", "y"), is_first, before))
+                self._row_of(
+                    name, node, ("row", node), self._before(("ahead", "y"), is_first, before)
+                )
             with code.when(code.compare("sge", p, 0)):
                 last = code.add(first, code.mul(code.sub(count, 1), step))
                 self._leave(self.at("interface", p, coupling), last, *places)
@@ -323,7 +328,7 @@ class StructurePasses(StructureCode):
                 fields["side"] = code.choose(
                     is_first, self.at("edge", 0, "start"), self.at("row", previous, "side"), "ptr"
                 )
-                self._eliminated("row bordered", node, fields)
+                self._row_of("row bordered", node, ("row", node), fields)
                 D, right = (self._matrix(place) for place in before[::2])
                 self._subtract(D, before[1], E, self.at("row", node, "side"), w)
                 self._subtract(right, before[3], E, self.at("row", node, "y"), 1)

@@ -63,7 +63,7 @@ class Tracing:
             f"element.{i}": (rows, *x.shape[x.ndim - axes + 1 :])
             for i, ((x, axes), rows) in enumerate(elements)
         }
-        free = {"free": (p + s,)}
+        free = {"free": (p + s,), "reaction": (p + s,)}
         own = {
             **self.constants["node"],
             **{name: self.shapes[name] for name in (*local.state, "u", "m")},
@@ -82,6 +82,8 @@ class Tracing:
             **self.constants["common"],
             "force": (p + s,),
             "joints": (JOINT_READINGS,),
+            "after_force": (p + s,),
+            "force_bar": (p + s,),
             **{
                 f"{side}.{name}": shape for side in SIDES[1] for name, shape in (own | free).items()
             },
