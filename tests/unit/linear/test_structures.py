@@ -155,3 +155,19 @@ def test_vmap_over_equilibria_is_the_batch():
 
     EI = torch.tensor([1.0, 2.0])
     assert_close(torch.func.vmap(tip)(EI), tip(EI), rtol=0, atol=1e-7)
+
+
+def test_modes_of_a_batch_are_those_of_each():
+    """Of halves on a hinge with three springs: more modes than samples, and fewer."""
+
+    def of(k):
+        hinge = tb.Hinge(("a", -1), ("b", 0), axis=(0, 1, 0), stiffness=k)
+        return tb.Scene(halves(), joints=[hinge], supports=[tb.Support(("a", 0))], plane="xz")
+
+    k = torch.tensor([0.5, 1.0, 2.0])
+    for count in (2, 4):
+        together = tb.modes(of(k), count=count)
+        for i, own in enumerate(k):
+            alone = tb.modes(of(own), count=count)
+            assert_close(together.frequency[i], alone.frequency, rtol=1e-9, atol=0)
+            assert_close(together.shape[i].abs(), alone.shape.abs(), rtol=0, atol=1e-6)
