@@ -140,8 +140,9 @@ def of_nodes(
 
 
 def moves(model: Model, free: Tensor, basis: Tensor | None = None) -> Tensor:
-    """Free moves (..., n), in their `basis`, what stands behind them left out -> displacement and
-    spin of all nodes (..., N+1, 6), frame a, zero where constrained.
+    """Free moves (..., n), in their `basis` (..., moves that supports leave free, n), of the same
+    leading axes, what stands behind them left out -> displacement and spin of all nodes
+    (..., N+1, 6), frame a, zero where constrained.
     """
     at = model.constraints.moving.flatten()
     if basis is not None:

@@ -292,3 +292,19 @@ def test_what_a_linear_model_of_a_structure_has_not():
     given = {"angle": tb.Input("bend", 1), "stiffness": None, "damping": None, "torque": None}
     with pytest.raises(ValueError, match="a Hinge whose coordinate is an Input was given"):
         tb.linearize(arm(**given), inputs={"F": (0, 0, 0), "motors": 0.0, "bend": 0.1})
+
+
+def test_modes_of_a_batch_are_those_of_each():
+    """Of halves on a hinge with three springs: more modes than samples, and fewer."""
+
+    def of(k):
+        hinge = tb.Hinge(("a", -1), ("b", 0), axis=(0, 1, 0), stiffness=k)
+        return tb.Scene(halves(), joints=[hinge], supports=[tb.Support(("a", 0))], plane="xz")
+
+    k = torch.tensor([0.5, 1.0, 2.0])
+    for count in (2, 4):
+        together = tb.modes(of(k), count=count)
+        for i, own in enumerate(k):
+            alone = tb.modes(of(own), count=count)
+            assert_close(together.frequency[i], alone.frequency, rtol=1e-9, atol=0)
+            assert_close(together.shape[i].abs(), alone.shape.abs(), rtol=0, atol=1e-6)
