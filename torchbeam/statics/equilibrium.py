@@ -19,6 +19,7 @@ from ..core.validation import concrete
 from ..core.warning import warn
 from ..engine.chain import load_climb as compiled
 from ..engine.chain.coverage import ENGINES
+from ..engine.chain.path_balance import native_balance
 from ..equations.load_steps import climb
 from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.balance import Linearisation
@@ -135,9 +136,9 @@ def equilibrium(
         if concrete(unstable).any():
             doubtful = None
             with no_derivatives():
-                *stable, states = stable_branch(
-                    model, LoadedProblem(model, time, given), start, unstable, tolerance
-                )
+                native = native_balance(problem, None, engine)
+                loaded = LoadedProblem(model, time, given, native=native)
+                *stable, states = stable_branch(model, loaded, start, unstable, tolerance)
             x, reaction = where(states, tuple(stable), (x, reaction))
     if model.internal_states:
         problem, x, reaction, status = resting(problem, x, reaction, status, good, tolerance)

@@ -6,20 +6,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from ..core.arguments import boolean, instant, number
+from ..core.arguments import boolean, choice, instant, number
 from ..core.arguments import count as check_count
 from ..core.arguments import function as check_function
 from ..core.arguments import tolerance as check_tolerance
 from ..core.derivatives import no_derivatives
 from ..core.summary import counted, kind, lines, span, statuses
 from ..core.validation import as_tensor, concrete, finite, shown
-from ..equations.steady import Configuration
+from ..engine.chain.coverage import ENGINES
+from ..engine.chain.path_balance import native_balance
+from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.scene import Scene
@@ -132,6 +134,7 @@ def path(
     t: float = 0.0,
     tolerance: float | None = None,
     inputs: dict[str, Any] | None = None,
+    engine: str = "auto",
 ) -> Path:
     """The equilibria of a scene from no load on, as its load factor changes.
 
@@ -150,6 +153,9 @@ def path(
              been going, however little
     initial  an equilibrium at factor 0; None = the undeformed beam
     inputs   by name, (..., size)
+    engine   "auto", "eager" or "compiled": what finds the balance at each point. "auto" takes
+             native code for all but structures, supports that go with the factor, a `load`, and
+             loads with internal states
 
     Each sample goes its own way at its own pace. Without derivatives: `equilibrium` has those.
 
@@ -158,6 +164,7 @@ def path(
     """
     model = discretise(scene)
     boolean("branch", branch)
+    choice("engine", engine, ENGINES)
     step = check_tolerance("step", step)
     if control is not None:
         check_function("control", control, "state")
@@ -186,6 +193,8 @@ def path(
     time = instant("t", t, scene.beam.nodes)
 
     loaded = LoadedProblem(model, time, given, load)
+    still = SteadyProblem(model, time, given, time.new_zeros(()))
+    loaded = replace(loaded, native=native_balance(still, load, engine))
 
     def read(x: Configuration) -> Tensor:
         zero = torch.zeros_like(x.stress[..., 0, 0])
