@@ -4,6 +4,7 @@ for the residual and for its slope by the load factor.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -12,7 +13,7 @@ from torch import Tensor
 
 from ...equations.balance_problem import BalanceProblem
 from ...nodal.balance import mixed, scaled
-from ..compiler.derivative import dot, or_slope
+from ..compiler.derivative import dot, jvp
 from ..compiler.function import Function
 from .driver import SUMS, Driver
 from .layout import ELEMENTS, ENDS, NODES, ONE, Layout
@@ -79,6 +80,27 @@ def _led(fields: Fields, side: str) -> Fields:
     return {**fields, name: fields[name] + (fields["load_factor"] - fields["reached"]) * rate}
 
 
+def _or_else(
+    function: Function, inputs: dict[str, tuple[int, ...]], others: dict[str, Sequence[int]]
+) -> Function:
+    """The function of these inputs that gives, where `slope` is not 0, these other nodes of its
+    graph in the place of its outputs.
+    """
+    graph = function.graph
+    still = graph.make("eq", graph.input("slope", 0), graph.zero)
+    chosen = {
+        name: function.outputs[name]._replace(
+            nodes=tuple(
+                graph.make("select", still, *pair)
+                for pair in zip(function.outputs[name].nodes, nodes, strict=True)
+            )
+        )
+        for name, nodes in others.items()
+    }
+    whole = Function(graph, {**inputs, "slope": ()}, {**function.outputs, **chosen})
+    return whole.with_constants({dot("load_factor"): (1.0,)}).only(whole.outputs)
+
+
 class PathDriver(LoadDriver):
     """One pass a step: in the first `slope` is 0, in the second 1."""
 
@@ -115,10 +137,9 @@ class PathProgram(ChainProgram):
     numbers = "total", "longest", "least_force", "least_moment"
     judging = (*SUMS, *numbers)
 
-    def _or_slope(self, function: Function, local: PathFunctions, of: list[str]) -> Function:
-        by = [name for name in function.inputs if without_side(name) in local.rising]
-        chosen = or_slope(function, by, "slope", of).with_constants({dot("load_factor"): (1.0,)})
-        return chosen.only(chosen.outputs)
+    def _slopes(self, function: Function, local: PathFunctions, of: list[str]) -> Function:
+        """Of such outputs, by all that rises: on the function's graph."""
+        return jvp(function, (x for x in function.inputs if without_side(x) in local.rising), of)
 
     def _of_nodes(self, traced: Tracing, local: PathFunctions) -> dict[str, Function]:
         w, functions = self.w, {}
@@ -126,7 +147,9 @@ class PathProgram(ChainProgram):
         led = {RATE: self.shapes["position"], "reached": ()} if local.led else {}
         for k, kind in enumerate(self.kinds.nodes):
             balance = traced(partial(local.node, kind), node | led)
-            functions[f"node {k}"] = self._or_slope(balance, local, ["balance"])
+            slope = self._slopes(balance, local, ["balance"])
+            others = {"balance": slope.outputs[dot("balance")].nodes}
+            functions[f"node {k}"] = _or_else(balance, slope.inputs, others)
             functions[f"update {k}"] = traced(partial(local.update, kind), {**node, "move": (w,)})
             if kind.placed is not None:
                 pose = {f"pose.{name}": (size,) for name, size in POSE.items()}
@@ -138,8 +161,21 @@ class PathProgram(ChainProgram):
         if local.led:
             given |= {f"{side}.{RATE}": self.shapes["position"] for side in self.sides}
         element = traced(partial(local.element, kind), traced.element | given)
-        asked = [name for name in element.outputs if name.endswith(".asked")]
-        return self._or_slope(element, local, ["gap", *asked])
+        graph, outputs = element.graph, element.outputs
+        slope = self._slopes(element, local, ["gap", *(f"{side}.balance" for side in self.sides)])
+        slopes = {name: out.nodes for name, out in slope.outputs.items()}
+        fields = {name: outputs[name].shape for name in ("gap", "hB")}
+        pushed = traced(local.pushed, fields | traced.element).into(
+            graph, {"gap": slopes[dot("gap")], "hB": outputs["hB"].nodes}
+        )
+        others = {
+            f"{side}.asked": [
+                graph.make("add", *pair)
+                for pair in zip(slopes[dot(f"{side}.balance")], pushed[side], strict=True)
+            ]
+            for side in self.sides
+        }
+        return _or_else(element, slope.inputs, {"gap": slopes[dot("gap")], **others})
 
     def _layout(self) -> Layout:
         layout = super()._layout()

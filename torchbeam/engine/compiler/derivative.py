@@ -128,26 +128,6 @@ def jvp(function: Function, wrt: Iterable[str], of: Iterable[str] | None = None)
     )
 
 
-def or_slope(function: Function, by: Iterable[str], switch: str, of: Iterable[str]) -> Function:
-    """The function that gives, where the number `switch`, one input more, is not 0, the tangents of
-    its outputs `of` in their place: by those of the inputs `by`, see `jvp`.
-    """
-    graph, of = function.graph, tuple(of)
-    slopes = jvp(function, by, of)
-    still = graph.make("eq", graph.input(switch, 0), graph.zero)
-    chosen = {
-        name: Output(
-            value.shape,
-            tuple(
-                graph.make("select", still, *pair)
-                for pair in zip(value.nodes, slopes.outputs[dot(name)].nodes, strict=True)
-            ),
-        )
-        for name, value in ((name, function.outputs[name]) for name in of)
-    }
-    return Function(graph, {**slopes.inputs, switch: ()}, {**function.outputs, **chosen})
-
-
 def _active(function: Function, wrt: tuple[str, ...]) -> set[int]:
     """Numbers that depend on the inputs `wrt`, these among them."""
     graph = function.graph
