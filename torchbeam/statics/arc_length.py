@@ -21,6 +21,7 @@ from ..nodal.balance import Linearisation, Residual
 from ..nodal.model import Model
 from ..scene.effects import Inputs
 from .internal_states import linearised
+from .mechanism import braced, stressed, with_braces
 
 
 class PathPoint(NamedTuple):
@@ -42,19 +43,27 @@ class PathPoint(NamedTuple):
 @dataclass(frozen=True)
 class LoadedProblem(Tree):
     """The balance as a function of the load factor (...): of all loads, or of the input `load`
-    beside loads that stay.
+    beside loads that stay; braces: see `mechanism`, None = there are none.
     """
 
     model: Model
     t: Tensor = leaf(0)
     inputs: Inputs = leaf(1)
     load: str | None = None
+    braces: Tensor | None = leaf(3, default=None)
 
     def __call__(self, factor: Tensor) -> SteadyProblem:
-        if self.load is None:
-            return SteadyProblem(self.model, self.t, self.inputs, factor)
-        inputs = {**self.inputs, self.load: factor[..., None] * self.inputs[self.load]}
-        return SteadyProblem(self.model, self.t, inputs, torch.ones_like(factor))
+        inputs, raised = self.inputs, factor
+        if self.load is not None:
+            inputs = {**inputs, self.load: factor[..., None] * inputs[self.load]}
+            raised = torch.ones_like(factor)
+        return with_braces(SteadyProblem(self.model, self.t, inputs, raised), self.braces)
+
+    def braced(self, start: Configuration) -> LoadedProblem:
+        """The same with braces for rigid motions that the whole load does not hold either."""
+        whole = self(self.t.new_ones(()))
+        braces = braced(whole, stressed(whole, start)[0])
+        return replace(self, braces=getattr(braces, "braces", None))
 
     def at(self, x: PathPoint) -> SteadyProblem:
         """The same at a point of the path, with laws of internal states linearised where these come

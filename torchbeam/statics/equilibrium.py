@@ -136,7 +136,11 @@ def equilibrium(
             doubtful = None
             with no_derivatives():
                 *stable, states = stable_branch(
-                    model, LoadedProblem(model, time, given), start, unstable, tolerance
+                    model,
+                    LoadedProblem(model, time, given).braced(start),
+                    start,
+                    unstable,
+                    tolerance,
                 )
             x, reaction = where(states, tuple(stable), (x, reaction))
     if model.internal_states:
