@@ -17,11 +17,13 @@ from torch import Tensor
 from ..core.derivatives import cached
 from ..core.functions_of_time import rate_along
 from ..core.leaves import Tree, leaf
+from ..engine.chain.path_balance import native_balance
 from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.balance import Linearisation, Residual
 from ..nodal.model import Model
 from ..scene.effects import Inputs
 from .internal_states import linearised
+from .mechanism import braced, stressed, with_braces
 
 
 class PathPoint(NamedTuple):
@@ -62,21 +64,34 @@ class PointBalance(Protocol):
 @dataclass(frozen=True)
 class LoadedProblem(Tree):
     """The balance as a function of the load factor (...): of all loads, or of the input `load`
-    beside loads that stay. native: finds it at a point of the path by (position, rotation, stress,
-    factor), None = eagerly.
+    beside loads that stay; braces: see `mechanism`, None = there are none; native: finds it at a
+    point of the path by (position, rotation, stress, factor), None = eagerly.
     """
 
     model: Model
     t: Tensor = leaf(0)
     inputs: Inputs = leaf(1)
     load: str | None = None
+    braces: Tensor | None = leaf(3, default=None)
     native: Callable[..., PointBalance] | None = leaf(None, default=None)
 
     def __call__(self, factor: Tensor) -> SteadyProblem:
-        if self.load is None:
-            return SteadyProblem(self.model, self.t, self.inputs, factor)
-        inputs = {**self.inputs, self.load: factor[..., None] * self.inputs[self.load]}
-        return SteadyProblem(self.model, self.t, inputs, torch.ones_like(factor))
+        inputs, raised = self.inputs, factor
+        if self.load is not None:
+            inputs = {**inputs, self.load: factor[..., None] * inputs[self.load]}
+            raised = torch.ones_like(factor)
+        return with_braces(SteadyProblem(self.model, self.t, inputs, raised), self.braces)
+
+    def braced(self, start: Configuration) -> LoadedProblem:
+        """The same with braces for rigid motions that the whole load does not hold either."""
+        whole = self(self.t.new_ones(()))
+        braces = braced(whole, stressed(whole, start)[0])
+        return replace(self, braces=getattr(braces, "braces", None))
+
+    def by(self, engine: str) -> LoadedProblem:
+        """The same by an engine, see `native_balance`."""
+        still = replace(self, load=None)(self.t.new_zeros(()))
+        return replace(self, native=native_balance(still, self.load, engine))
 
     def at(self, x: PathPoint) -> SteadyProblem:
         """The same at a point of the path, with laws of internal states linearised where these come

@@ -267,6 +267,7 @@ class Continuation:
 def move_weights(model: Model) -> Tensor:
     """(..., 1, w) of the squares of a node's displacement and turn in the square of a step."""
     L = model.length.detach().sum(-2, keepdim=True)
+    L = L if model.station_count else model.scene.beam.extent.detach()[..., None, None]
     wide, turn = (
         L.expand(*L.shape[:-1], size) for size in (model.space.dims.position, model.space.dims.spin)
     )

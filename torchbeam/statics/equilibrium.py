@@ -19,7 +19,6 @@ from ..core.validation import concrete
 from ..core.warning import warn
 from ..engine.chain import load_climb as compiled
 from ..engine.chain.coverage import ENGINES
-from ..engine.chain.path_balance import native_balance
 from ..equations.load_steps import climb
 from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.balance import Linearisation
@@ -136,8 +135,7 @@ def equilibrium(
         if concrete(unstable).any():
             doubtful = None
             with no_derivatives():
-                native = native_balance(problem, None, engine)
-                loaded = LoadedProblem(model, time, given, native=native)
+                loaded = LoadedProblem(model, time, given).braced(start).by(engine)
                 *stable, states = stable_branch(model, loaded, start, unstable, tolerance)
             x, reaction = where(states, tuple(stable), (x, reaction))
     if model.internal_states:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -19,9 +19,9 @@ from ..core.arguments import tolerance as check_tolerance
 from ..core.derivatives import no_derivatives
 from ..core.summary import counted, kind, lines, span, statuses
 from ..core.validation import as_tensor, concrete, finite, shown
+from ..core.warning import warn
 from ..engine.chain.coverage import ENGINES
-from ..engine.chain.path_balance import native_balance
-from ..equations.steady import Configuration, SteadyProblem
+from ..equations.steady import Configuration
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.scene import Scene
@@ -30,6 +30,7 @@ from .arc_length import LoadedProblem, PathPoint
 from .balance_check import check_balance
 from .continuation import BRANCH_POINT, LIMIT_POINT, REGULAR, Attempt, Continuation, move_weights
 from .internal_states import linearised
+from .mechanism import unheld
 
 STEP, STEPS = 0.1, 200  # of the way to a stable branch
 
@@ -192,9 +193,10 @@ def path(
         )
     time = instant("t", t, scene.beam.nodes)
 
-    loaded = LoadedProblem(model, time, given, load)
-    still = SteadyProblem(model, time, given, time.new_zeros(()))
-    loaded = replace(loaded, native=native_balance(still, load, engine))
+    with no_derivatives():
+        start = model.space.start(rest(scene) if initial is None else check_state(initial, scene))
+        start = Configuration(start.position, start.rotation, start.stress)
+        loaded = LoadedProblem(model, time, given, load).braced(start).by(engine)
 
     def read(x: Configuration) -> Tensor:
         zero = torch.zeros_like(x.stress[..., 0, 0])
@@ -216,13 +218,17 @@ def path(
         move_weights(model),
     )
     with no_derivatives():
-        start = model.space.start(rest(scene) if initial is None else check_state(initial, scene))
-        start = Configuration(start.position, start.rotation, start.stress)
         if initial is not None:
             still = loaded(time.new_zeros(()))
             check_balance(linearised(still, start) if model.internal_states else still, start)
-        record = walk(start, check_count("steps", steps))
-        return Path.of(loaded, *record)
+        record, *ends = walk(start, check_count("steps", steps))
+        loose = "" if concrete(record[0][0].sound).all() else unheld(model, time, given)[1]
+        if loose:
+            warn(
+                f"the path has no beginning, for nothing holds {loose} there; a support, or loads "
+                "that stay (load= names the others) with their equilibrium as initial, are wanted"
+            )
+        return Path.of(loaded, record, *ends)
 
 
 def stable_branch(

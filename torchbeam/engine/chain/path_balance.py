@@ -12,7 +12,6 @@ from ...core.functions_of_time import rate_along
 from ...core.surroundings import Surroundings
 from ...equations.steady import Configuration, SteadyProblem
 from ...nodal.balance import same_law
-from ...nodal.model import Model
 from ...state.state import rest
 from ..compiler.derivative import dot
 from ..compiler.trace import NotTraceable
@@ -171,8 +170,9 @@ def _rate(problem: SteadyProblem) -> Tensor:
     return rate_along(position, (zero,), (torch.ones_like(zero),))[1]
 
 
-def path_refusal(model: Model, load: str | None) -> str | None:
+def path_refusal(problem: SteadyProblem, load: str | None) -> str | None:
     """Why the balances of a path are not found by native code; None where they are."""
+    model = problem.model
     turned = any(one.turn is not None for one in model.scene.supports)
     # of which it is not known that they are linear in their inputs
     own = any(map(written, (*model.loads[1], *model.scene.eigenstrains)))
@@ -180,6 +180,7 @@ def path_refusal(model: Model, load: str | None) -> str | None:
         f"the factor of {load!r} beside functions without motion": load is not None and own,
         "supports that turn with the load's factor": load is None and turned,
         "loads with internal states": bool(model.internal_states),
+        "a rigid motion that nothing holds": type(problem) is not SteadyProblem,
     }
     return refusal(model) or next((reason for reason, given in reasons.items() if given), None)
 
@@ -193,7 +194,7 @@ def native_balance(problem: SteadyProblem, load: str | None, engine: str) -> Nat
     if engine == "eager":
         return None
     model = problem.model
-    reason, own = path_refusal(model, load), by_function(model)
+    reason, own = path_refusal(problem, load), by_function(model)
     told = engine == "compiled"
     try:
         if reason is None and not told and (reason := unsteady(model)) is not None:
