@@ -113,14 +113,11 @@ class Planar(Spatial):
 
     def _check_section(self, what: str, given: Tensor) -> None:
         """Refuse a section's matrix that couples what is in the plane to what is out of it."""
-        both = torch.block_diag(self.section, self.section)
-        local = both.mT @ given @ both
+        local = self._section_map.mT @ given @ self._section_map
         scale = local.diagonal(dim1=-2, dim2=-1).abs().sqrt()
-        coupling = local[..., INSIDE, :][..., OUTSIDE].abs()
-        close = CLOSE.get(given.dtype, 1e-5)
-        if concrete(
-            coupling > close * scale[..., INSIDE][..., :, None] * scale[..., OUTSIDE][..., None, :]
-        ).any():
+        inside, outside = scale[..., : len(INSIDE), None], scale[..., None, len(INSIDE) :]
+        coupling = local[..., : len(INSIDE), len(INSIDE) :].abs()
+        if concrete(coupling > CLOSE.get(given.dtype, 1e-5) * inside * outside).any():
             raise ValueError(
                 f"a section whose {what} couples the plane {self.name!r} to what is out of it was "
                 "given; plane=None takes it"
@@ -134,9 +131,14 @@ class Planar(Spatial):
         return quat.multiply(quat.multiply(outer[0], units), outer[1])
 
     @cached
+    def _section_map(self) -> Tensor:
+        """(6, 6): the six of a section from those inside the plane, then those outside."""
+        return torch.block_diag(self.section, self.section)[:, INSIDE + OUTSIDE]
+
+    @cached
     def _stress_map(self) -> Tensor:
         """(6, 3)"""
-        return torch.block_diag(self.section, self.section)[:, INSIDE]
+        return self._section_map[:, : len(INSIDE)]
 
     @cached
     def _load_map(self) -> Tensor:
@@ -231,8 +233,8 @@ class Planar(Spatial):
         return diagonal @ self._stress_map.abs()
 
     def project_inertia(self, J: Tensor) -> Tensor:
-        n = self.section[:, 2:]
-        return n.mT @ J @ n
+        n = self.section[:, 2]  # a unit vector of the section, whatever its sign
+        return (J @ n * n).sum(-1)[..., None, None]
 
     def project_offset(self, e: Tensor) -> Tensor:
         return e @ self.section[:, :2]
