@@ -17,7 +17,7 @@ WEIGHT = tb.Gravity((0, 0, -9.81))
 
 def last(scene, t, steps, **more):
     """State after so many steps from rest."""
-    stepper, state = tb.Stepper(scene, t / steps, **more), tb.rest(scene)
+    stepper, state = tb.Stepper(scene, t / steps, engine="eager", **more), tb.rest(scene)
     for _ in range(steps):
         state = stepper(state)
     assert not state.status.any()

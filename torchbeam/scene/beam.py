@@ -127,7 +127,7 @@ class Beam(BeamRows):
         root       (..., 3) m, position of node 0, frame a
         twist      rad by which the section axes at rest are turned about the beam: a number (...)
                    for that of the tip, growing evenly from none at the root; or a function of s
-                   (..., m) m that gives (..., m), a `TransferTable` for one
+                   (..., m) m that gives (..., m), a `Table` for one
         order      1: elements of two nodes. 2: of three, with a node in the middle of each and two
                    stations of stress, whose error falls with the fourth power of their length: few
                    of them do where the solution is smooth

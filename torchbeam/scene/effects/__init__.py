@@ -2,7 +2,7 @@
 
 An effect is a small frozen dataclass with one kind:
     load         force and moment at load points of the beam: `wrench(point, t, inputs)`,
-                 `tangent(site, t, inputs)`
+                 `tangent(point, t, inputs)`
     strain       `Damping`: stress that follows the strain rate
     inertia      `PointMass`: mass at a node
     eigenstrain  `Actuation`: strain and curvature of the unloaded beam
