@@ -8,7 +8,7 @@ of the quaternion. Strains are [gamma_1, gamma_t, kappa_n].
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -50,7 +50,8 @@ class Planar(Spatial):
     place: Tensor = leaf(0)
 
     dims: ClassVar[Dimensions] = Dimensions(position=2, spin=1, strain=3)
-    functions: ClassVar[Any] = element
+
+    functions = property(lambda self: self.element.planar)
 
     multiply = staticmethod(element.multiply)
     inverse = staticmethod(element.inverse)
@@ -65,7 +66,7 @@ class Planar(Spatial):
         """Raises ValueError where the beam or a section leaves the plane `name`."""
         beam = scene.beam
         numbers = (x.detach() for x in (beam.nodes, beam.frames, beam.elements, beam.length))
-        plane = remembered(cls._through, name, bool(beam.parts), *numbers)
+        plane = remembered(cls._through, name, beam.order, bool(beam.parts), *numbers)
         for what, given, whole in (
             ("compliance", beam.compliance, beam.coupled),
             ("mass", beam.mass, beam.offset or beam.rotary),
@@ -78,6 +79,7 @@ class Planar(Spatial):
     def _through(
         cls,
         name: str,
+        order: int,
         several: bool,
         nodes: Tensor,
         frames: Tensor,
@@ -109,7 +111,7 @@ class Planar(Spatial):
         e = torch.zeros_like(n)
         e[0] = 1
         section = torch.stack((e, torch.linalg.cross(n, e), n), -1)
-        return cls(name, basis, section, place.flatten()[0])
+        return cls(name, basis, section, place.flatten()[0], order=order)
 
     def _check_section(self, what: str, given: Tensor) -> None:
         """Refuse a section's matrix that couples what is in the plane to what is out of it."""
