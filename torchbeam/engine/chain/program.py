@@ -330,6 +330,7 @@ def structure(local: LocalFunctions, kinds: Kinds, held: bool) -> tuple:
         type(local),
         local.options,
         type(space),
+        space.order,
         plane,
         model.length.dtype,
         model.scene.beam.offset,
