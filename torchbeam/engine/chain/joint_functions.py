@@ -40,10 +40,10 @@ class JointFunctions(LocalProblems):
         """What a joint gives the nodes at its ends and its own row: its push (w) on their balances,
         by end; what its constraints are to change by
         (`right`, w); blocks (w, w), those of both ends by their
-        moves (ii, ij, ji, jj), of an end by the joint's forces (`force`), of the constraints by an
-        end's moves (`constraint`), and `idle`, 1 for forces that it has not; the largest gap and
-        turn. Where supports hold nodes (`held`), blocks of what is free (w, 1 or 0) of the ends, and
-        an end's whole row (w, 2 w or 3 w): by the moves of the ends and the forces.
+        moves (ii, ij, ji, jj), of an end by the joint's forces (`force`), of the constraints by
+        an end's moves (`constraint`), and `idle`, 1 for forces that it has not; the largest gap and
+        turn. Where supports hold nodes (`held`), blocks of what is free (w, 1 or 0) of the ends,
+        and an end's whole row (w, 2 w or 3 w): by the moves of the ends and the forces.
         """
         problem, x = self.of_joint(fields, kind)
         x, joints, p = (
@@ -106,8 +106,9 @@ class JointFunctions(LocalProblems):
 
     def transposed_joint(self, held: bool, kind: JointKind, **fields: Tensor) -> Fields:
         """Blocks of a joint in the transposed matrix, by name as in `joint`, and what is asked of
-        its forces (`right`, w): `force_bar`; where supports hold nodes, with what their balances are
-        (`push`) of the ends, also what is asked of an end's moves (`asked`, w).
+        its forces (`right`, w): `force_bar`; where supports hold nodes, with what cotangents of
+        their reactions are to the balances (`reaction`) of the ends, also what is asked of an end's
+        moves (`asked`, w).
         """
         pushes = {side: fields.pop(f"{side}.reaction") for side in kind.sides if held}
         right = fields.pop("force_bar")
@@ -115,10 +116,8 @@ class JointFunctions(LocalProblems):
         blocks = {name: outputs[name] for name in BLOCKS if name in outputs}
         turned = {name: blocks[_TRANSPOSED.get(name, name)].mT for name in blocks}
         asked = {}
-        w = right.shape[-1]
         for side, push in pushes.items():
-            parts = (push @ outputs[f"{side}.row"]).split(w)
-            *moves, force = parts
+            *moves, force = (push @ outputs[f"{side}.row"]).split(len(right))
             right = right + force
             for end, part in zip(kind.sides, moves, strict=True):
                 asked[end] = asked.get(end, 0.0) + part

@@ -468,8 +468,8 @@ class LocalFunctions(JointFunctions):
     ) -> Fields:
         """What `newton` asks of an iteration's largest numbers: size of the residual, which samples
         are done or over, iterations, and the status of those that are not done (that of the first
-        iteration, when `iterations` was 0). joints: the largest gap and turn of joints, and the size
-        of what they connect.
+        iteration, when `iterations` was 0). joints: the largest gap and turn of joints, and the
+        size of what they connect.
         """
         size = scaled(
             left_force, left_moment, left_strain, *mixed(force, moment, total, longest), strain

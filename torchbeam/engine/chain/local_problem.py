@@ -37,6 +37,7 @@ from .chain_constants import (
     NodeConditions,
     NodeConstants,
     SupportConstants,
+    Trees,
     filled,
     flattened,
 )
@@ -83,9 +84,13 @@ class LocalProblems:
     joints: JointConstants | None = None
 
     @property
+    def trees(self) -> Trees:
+        return self.nodes, self.elements, self.common, self.supports, self.joints
+
+    @property
     def order(self) -> int:
         """Of the elements: an element has as many stations, and one node more."""
-        return self.model.scene.beam.order
+        return self.model.space.order
 
     @cached
     def element_assembly(self) -> Assembly:
@@ -276,7 +281,6 @@ class LocalProblems:
         )
         return Rows.of(
             space,
-            self.order,
             nodes,
             element,
             held,

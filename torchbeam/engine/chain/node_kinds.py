@@ -62,8 +62,8 @@ ElementKind = tuple[EndKind, ...]  # of its nodes, in order
 
 class JointKind(NamedTuple):
     """What code of a joint depends on: what holds its two ends, None = it is the ground; its rows
-    of `Joints.held`, `angles`, `travels` and, where there are any, `prescribed`; the shift of its two
-    vectors, row by row, None = a value.
+    of `Joints.held`, `angles`, `travels` and, where there are any, `prescribed`; the shift of its
+    two vectors, row by row, None = a value.
     """
 
     ends: tuple[EndKind | None, EndKind | None]

@@ -344,7 +344,7 @@ class StructurePasses(StructureCode):
 
     def _join(self, k: str, entry: list[str]) -> None:
         """Blocks of a joint, and what its constraints are to change by."""
-        code, w = self.code, self.layout.records["move"].size
+        code = self.code
         for i, name in enumerate(BLOCKS):
             if name not in self.layout.records["joint_blocks"].fields:
                 continue

@@ -29,8 +29,8 @@ class StructureTables:
 
     @staticmethod
     def of(model: Model, dense: bool) -> StructureTables:
-        """dense: whether all of the interface's unknowns are eliminated as one group, where parts of
-        it may be singular by themselves.
+        """dense: whether all of the interface's unknowns are eliminated as one group, where parts
+        of it may be singular by themselves.
         """
         joints = model.joints
         held = tuple(map(int, joints.held.sum(-1))) if joints.count else ()

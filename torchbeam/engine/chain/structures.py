@@ -29,9 +29,9 @@ def of_rows(
     transposed: bool = False,
 ) -> dict[str, Function]:
     """Rows beside those of a chain: those of the interface, and of runs that are eliminated
-    `backward`, from the last node on, or are `bordered`, between two nodes of the interface. packed:
-    takes what nodes and elements give as they give it; row: fields of a row; around: those of what
-    supports hold, None = there are none.
+    `backward`, from the last node on, or are `bordered`, between two nodes of the interface.
+    packed: takes what nodes and elements give as they give it; row: fields of a row; around: those
+    of what supports hold, None = there are none.
     """
     w, functions = local.model.space.unknowns, {}
     of_run = local.transposed_row if transposed else local.row

@@ -11,8 +11,6 @@ from __future__ import annotations
 from .llvm import FLAGS, Lanes
 from .loop_text import Code
 
-NAMES = "eliminate", "substitute"
-
 
 class BlockElimination:
     """Text of the functions
@@ -31,10 +29,14 @@ class BlockElimination:
         self.lanes, self.w = lanes, w
 
     def functions(self) -> list[str]:
-        # fmt: off
-        return [self._add("block", self.w), self._add("column", 1), self._subtract(), self._pivot(), self._eliminate(),
-                self._substitute()]
-        # fmt: on
+        return [
+            self._add("block", self.w),
+            self._add("column", 1),
+            self._subtract(),
+            self._pivot(),
+            self._eliminate(),
+            self._substitute(),
+        ]
 
     # Pieces
 

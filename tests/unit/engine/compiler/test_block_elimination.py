@@ -73,8 +73,8 @@ def test_as_torch_solves_it(lanes, dtype, w):
 
 
 def test_a_singular_lane_leaves_others_alone():
-    """A lane of zeros has no finite solution; its neighbour's is that of the same lane twice, by the
-    same instructions.
+    """A lane of zeros has no finite solution; its neighbour's is that of the same lane
+    twice, by the same instructions.
     """
     pattern, units, w = BlockPattern(2, [(0, 1)], [(0, 1)]), 2, 2
     generator = torch.Generator().manual_seed(3)
