@@ -8,8 +8,12 @@ passed over.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from .llvm import FLAGS, Lanes
 from .loop_text import Code
+
+CHUNKS = 4, 2  # columns of one sample at once
 
 
 class BlockElimination:
@@ -43,14 +47,37 @@ class BlockElimination:
     def _at(self, code: Code, pointer: str, index: str | int) -> str:
         return code.at(pointer, index, self.lanes.vector)
 
-    def _load(self, code: Code, pointer: str) -> str:
-        return code.new(f"load {self.lanes.vector}, ptr {pointer}, align {self.lanes.bytes}")
+    def _load(self, code: Code, pointer: str, lanes: Lanes | None = None) -> str:
+        lanes = lanes or self.lanes
+        return code.new(f"load {lanes.vector}, ptr {pointer}, align {lanes.bytes}")
 
-    def _store(self, code: Code, value: str, pointer: str) -> None:
-        code.line(f"store {self.lanes.vector} {value}, ptr {pointer}, align {self.lanes.bytes}")
+    def _store(self, code: Code, value: str, pointer: str, lanes: Lanes | None = None) -> None:
+        lanes = lanes or self.lanes
+        code.line(f"store {lanes.vector} {value}, ptr {pointer}, align {lanes.bytes}")
 
-    def _make(self, code: Code, operation: str, a: str, b: str) -> str:
-        return code.new(f"{operation} {FLAGS} {self.lanes.vector} {a}, {b}")
+    def _make(self, code: Code, operation: str, a: str, b: str, lanes: Lanes | None = None) -> str:
+        return code.new(f"{operation} {FLAGS} {(lanes or self.lanes).vector} {a}, {b}")
+
+    def _columns(self, code: Code, first: str | int, end: str) -> Iterator[tuple[str, Lanes]]:
+        """What is written for each runs for all columns from `first` on: of one sample, whose
+        numbers lie side by side, several columns at once, a lane each.
+        """
+        for count in CHUNKS if self.lanes.count == 1 else ():
+            rest = code.new(f"and i64 {code.sub(end, first)}, {-count}")
+            middle = code.add(first, rest)
+            with code.loop(first, middle, count) as j:
+                yield j, Lanes(count, self.lanes.dtype)
+            first = middle
+        with code.loop(first, end) as j:
+            yield j, self.lanes
+
+    def _in_all(self, code: Code, x: str, lanes: Lanes) -> str:
+        """A number of one sample in the lanes of several columns."""
+        if lanes is self.lanes:
+            return x
+        V, scalar, W = lanes.vector, lanes.scalar, lanes.count
+        first = code.new(f"insertelement {V} poison, {scalar} {x}, i64 0")
+        return code.new(f"shufflevector {V} {first}, {V} poison, <{W} x i32> zeroinitializer")
 
     def _size(self, code: Code, x: str) -> str:
         negative = code.new(f"fcmp olt {self.lanes.vector} {x}, {self.lanes.constant(0.0)}")
@@ -70,12 +97,10 @@ class BlockElimination:
 
     def _number(self, code: Code, k: str) -> str:
         """An index in all lanes."""
-        V, scalar, W = self.lanes.vector, self.lanes.scalar, self.lanes.count
-        one = code.new(f"sitofp i64 {k} to {scalar}")
-        if W == 1:
+        one = code.new(f"sitofp i64 {k} to {self.lanes.scalar}")
+        if self.lanes.count == 1:
             return one
-        first = code.new(f"insertelement {V} poison, {scalar} {one}, i64 0")
-        return code.new(f"shufflevector {V} {first}, {V} poison, <{W} x i32> zeroinitializer")
+        return self._in_all(code, one, Lanes(self.lanes.count, self.lanes.dtype))
 
     # Functions
 
@@ -107,23 +132,24 @@ class BlockElimination:
                 "i64 %columns",
             ],
         )
-        V = self.lanes.vector
-        sums = [code.slot(V) for _ in range(self.w)]
         rows = [self._at(code, "%to", code.mul("%to_stride", i)) for i in range(self.w)]
         factors = [self._at(code, "%a", code.mul("%a_stride", i)) for i in range(self.w)]
-        with code.loop(0, "%columns") as j:
+        for j, lanes in self._columns(code, 0, "%columns"):
+            V = lanes.vector
+            sums = [code.slot(V) for _ in rows]
             for row, total in zip(rows, sums, strict=True):
-                code.store(self._load(code, self._at(code, row, j)), total, V)
+                code.store(self._load(code, self._at(code, row, j), lanes), total, V)
             column = self._at(code, "%b", j)
             with code.loop(0, "%inner") as k:
-                other = self._load(code, self._at(code, column, code.mul(k, "%b_stride")))
+                at = self._at(code, column, code.mul(k, "%b_stride"))
+                other = self._load(code, at, lanes)
                 for factor, total in zip(factors, sums, strict=True):
-                    part = self._make(
-                        code, "fmul", self._load(code, self._at(code, factor, k)), other
-                    )
-                    code.store(self._make(code, "fsub", code.load(total, V), part), total, V)
+                    one = self._in_all(code, self._load(code, self._at(code, factor, k)), lanes)
+                    part = self._make(code, "fmul", one, other, lanes)
+                    rest = self._make(code, "fsub", code.load(total, V), part, lanes)
+                    code.store(rest, total, V)
             for row, total in zip(rows, sums, strict=True):
-                self._store(code, code.load(total, V), self._at(code, row, j))
+                self._store(code, code.load(total, V), self._at(code, row, j), lanes)
         return _internal(code)
 
     def _pivot(self) -> str:
@@ -159,9 +185,10 @@ class BlockElimination:
             inverse = self._make(
                 code, "fdiv", self.lanes.constant(1.0), self._load(code, self._at(code, here, k))
             )
-            with code.loop(after, "%columns") as j:
-                at = self._at(code, here, j)
-                self._store(code, self._make(code, "fmul", self._load(code, at), inverse), at)
+            for j, lanes in self._columns(code, after, "%columns"):
+                at, by = self._at(code, here, j), self._in_all(code, inverse, lanes)
+                scaled = self._make(code, "fmul", self._load(code, at, lanes), by, lanes)
+                self._store(code, scaled, at, lanes)
             with code.loop(after, "%n") as i:
                 self._row_less(code, row(i), here, k, after, zero)
         last = code.sub("%n", 1)
@@ -174,10 +201,13 @@ class BlockElimination:
         """A row from a column on, less its factor at column k times the pivot's."""
         factor = self._load(code, self._at(code, row, k))
         there = code.new(f"fcmp une {self.lanes.vector} {factor}, {zero}")
-        with code.when(self._any(code, there)), code.loop(first, "%columns") as j:
-            at = self._at(code, row, j)
-            part = self._make(code, "fmul", factor, self._load(code, self._at(code, pivot, j)))
-            self._store(code, self._make(code, "fsub", self._load(code, at), part), at)
+        with code.when(self._any(code, there)):
+            for j, lanes in self._columns(code, first, "%columns"):
+                at, other = self._at(code, row, j), self._at(code, pivot, j)
+                by = self._in_all(code, factor, lanes)
+                part = self._make(code, "fmul", by, self._load(code, other, lanes), lanes)
+                rest = self._make(code, "fsub", self._load(code, at, lanes), part, lanes)
+                self._store(code, rest, at, lanes)
 
     def _eliminate(self) -> str:
         code = Code("eliminate", ["ptr %memory", "ptr %table", "i64 %groups"])
