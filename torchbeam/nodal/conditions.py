@@ -145,11 +145,14 @@ def conditions(
     loads: tuple[Any, ...] | None = None,
 ) -> Conditions:
     """Of all of a model at t (...), its supports at the time `end` (...); loads: these of the
-    scene's alone, without what the beam bends by itself, None = all.
+    scene's alone, without what the beam bends by itself and what acts in joints, None = all.
     """
     acts, motion, eigenstrain = parts_acting(model), model.prescribed_motion, 0.0
+    joints = NO_VALUES
     if loads is None:
         eigenstrain = model.eigenstrain(t, inputs)
+        until = t if end is None else end
+        joints = model.joints.values(model.scene.joints, t, inputs, until)
     else:
         acts = tuple(act for act in acts if any(act.load is load for load in loads))
     acts = tuple(act._replace(load=_valued(model, act, t, inputs)) for act in acts)
@@ -168,7 +171,7 @@ def conditions(
         root,
         None,
         model.scene.beam.element_count,
-        model.joints.values(model.scene.joints, t, inputs, t if end is None else end),
+        joints,
     )
 
 

@@ -177,7 +177,7 @@ class AdjointProgram(NativeProgram):
                 local, traced, packed, row, around, self.kinds.runs, transposed=True
             )
             by = [name for name in ends if name.partition(".")[0] in (*SIDES[1], "common")]
-            by += ["joints", *(name for name in wanted if name.startswith("joint"))]
+            by += ["joints", "last_force", *(name for name in wanted if name.startswith("joint"))]
             functions |= structures.adjoint_of_joints(
                 local, traced, self.kinds.joints, self.held, by, _derivative
             )

@@ -200,6 +200,8 @@ class LocalProblems:
             if f"{kind.sides[0]}.{name}" in fields
         }
         given |= {"stress": fields["force"][None], "joints": fields["joints"][None]}
+        if "last_force" in fields:
+            given["last_stress"] = fields["last_force"][None]
         given |= {name: fields[name] for name in self.SAMPLE}
         ends = [(k, side, kind.ends[SIDES[1].index(side)]) for k, side in enumerate(kind.sides)]
         supports = tuple(
@@ -343,8 +345,8 @@ class LocalProblems:
         zero = position.new_zeros(())
         start = State(
             *(given[name] for name in NODE),
-            stress,
-            position.new_zeros(0, rows.space.unknowns),
+            given.get("last_stress", stress),
+            position.new_zeros(len(now.supports), rows.space.unknowns),
             zero,
             zero,
             zero,

@@ -162,8 +162,9 @@ class StructureAdjoint(StructurePasses, AdjointDriver):
                 at = self._support_of(at) if record == "support_bar" else at
             elif field == "force":
                 record = "joint_asked"
-            elif field == "joints":
+            elif field in ("joints", "last_force"):
                 record = "joint_start_bar"
+                field = "joints" if field == "joints" else "joint_force"
             else:
                 record = f"{side}_bar"
                 at = 0 if side == "common" else k

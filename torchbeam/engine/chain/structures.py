@@ -142,7 +142,8 @@ def record_adjoint(
     _of_system(layout, functions, w, held)
     if not kinds:
         return
-    layout.record("joint_state", JOINTS, [("joints", JOINT_READINGS)])
+    read = any("last_force" in function.inputs for function in functions.values())
+    layout.record("joint_state", JOINTS, [("joints", JOINT_READINGS), *[("last_force", w)] * read])
     layout.record("joint_after", JOINTS, [("force", w)])
     layout.record("joint_unknown", JOINTS, [("force", w)])
     layout.record("joint_asked", JOINTS, [("force", w)])

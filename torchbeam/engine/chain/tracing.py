@@ -82,6 +82,7 @@ class Tracing:
             **self.constants["common"],
             "force": (p + s,),
             "joints": (JOINT_READINGS,),
+            "last_force": (p + s,),
             "after_force": (p + s,),
             "force_bar": (p + s,),
             **{
