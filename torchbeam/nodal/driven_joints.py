@@ -73,6 +73,8 @@ class DrivenJoints(Joints):
             rate = None if self.laws.friction is None else self.rate(motion.start, *drive.moving())
             step = CoordinateStep(before, after, self.angles > 0, drive.dt[..., None, None], rate)
         effort, by = self.laws.effort(step)
+        if drive.dt is None and drive.moving is not None and self.dissipative:
+            effort = effort - self.laws.damper * self.rate(motion.end, *drive.moving())
         if drive.values.effort is not None:
             effort = effort + drive.raised(drive.values.effort)
         acting = self.turned(self._middle(step))

@@ -323,7 +323,7 @@ def _largest(x: Tensor) -> Tensor:
 
 def _parts_in_words(motions: Tensor, bases: list[Base]) -> str:
     """Which parts rigid motions (m, 6 of each part) move."""
-    moved = motions.unflatten(-1, (len(bases), 6)).abs().amax((0, -1)) > NONE**0.5
+    moved = (motions.unflatten(-1, (len(bases), 6)).abs() > NONE**0.5).any(0).any(-1)
     names = _list(
         [repr(base.name) for base, there in zip(bases, moved.tolist(), strict=True) if there]
     )

@@ -125,3 +125,26 @@ def test_a_body_that_turns_freely_on_its_axle():
     torch.testing.assert_close(found["arm"].position, mass.position, rtol=0, atol=1e-9)
     assert len(tb.modes(wheel, found, count=2).frequency) == 2
     assert int(tb.path(wheel, step=0.5).state.status[-1]) != 0  # it has no braces, and says so
+
+
+def test_a_held_structure_without_equilibrium_says_so():
+    """Two inextensible halves, welded, and pinned at ends that stand further apart than they
+    reach: nothing is loose, and the sentence names nothing that is.
+    """
+    halves = {
+        "a": tb.Beam.straight(0.5, 1, STIFF),
+        "b": tb.Beam.straight(0.5, 1, STIFF, root=(0.5, 0, 0)),
+    }
+    scene = tb.Scene(
+        halves,
+        [tb.PointLoad(("a", -1), force=(0, 0, 1.0))],
+        joints=[tb.Weld(("a", -1), ("b", 0))],
+        supports=[
+            tb.Support(("a", 0), rotation="xz"),
+            tb.Support(("b", -1), rotation="", displacement=(0.1, 0, 0)),
+        ],
+        plane="xz",
+    )
+    with pytest.raises(RuntimeError) as refusal:
+        tb.equilibrium(scene, engine="eager")
+    assert "nothing holds" not in str(refusal.value)
