@@ -56,6 +56,10 @@ class DrivenJoints(Joints):
         """Whether there is damping or friction."""
         return self.laws.dissipative
 
+    @property
+    def smooth(self) -> bool:
+        return self.laws.friction is None and self.laws.limit_stiffness is None
+
     def driven(self, motion: JointMotion) -> Driven:
         drive = motion.drive
         goal = (

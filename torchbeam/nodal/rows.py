@@ -205,6 +205,14 @@ class Rows(Tree):
         """From nodes to elements and back."""
         return Assembly(self.topology, self.space.interpolation, self.space.dims.position)
 
+    @property
+    def smooth(self) -> bool:
+        """Whether a step's residual falls as smooth ones do. Friction turns within a slip speed,
+        and limits of joints within a hundredth of their range: what is left is measured there, not
+        foreseen.
+        """
+        return self.joints.smooth and self.tendons.smooth
+
     def depends_on(self, load: Any) -> frozenset[str]:
         """What a load's wrench depends on."""
         return load.depends_on(self.inertia.offset.present)

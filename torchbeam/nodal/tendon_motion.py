@@ -37,6 +37,7 @@ class NoTendons(Tree):
     """None: balances and tangents are those of nodes, elements and joints alone."""
 
     dissipative = False
+    smooth = True
 
     def loaded(self, nodes: Tensor, motion: Callable[[], TendonMotion]) -> Tensor:
         """The nodes' balances (..., nodes, w), with the forces of these."""

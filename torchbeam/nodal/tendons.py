@@ -46,6 +46,10 @@ class Tendons(NoTendons):
         """Whether there is friction."""
         return any(rope.friction is not None for rope in self.ropes)
 
+    @property
+    def smooth(self) -> bool:
+        return not self.dissipative
+
     def eyelets(self, position: Tensor, rotation: Tensor) -> Eyelets:
         """From nodes, in the space's coordinates."""
         at = [node or 0 for node in self.nodes]

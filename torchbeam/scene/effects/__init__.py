@@ -36,7 +36,7 @@ from .load_point import (
 from .loads import LineLoad, PointLoad, TipLoad
 from .point_mass import PointMass
 from .springs import RootSpring, Spring
-from .tendon import Tendon
+from .tendon import Eyelet, Tendon
 from .values import (
     Along,
     Input,
@@ -68,6 +68,7 @@ __all__ = [
     "Damping",
     "Drag",
     "Effect",
+    "Eyelet",
     "Gravity",
     "History",
     "Input",

@@ -179,7 +179,7 @@ class Tendon(Effect):
         )
         near = off <= APART[off.dtype] * (size.amax(-1) + off.sum(-1))[..., None]
         if concrete(near).any():
-            k = int(concrete(near).flatten(0, -2).any(0).nonzero()[0, 0])
+            k = int(concrete(near).nonzero()[0, -1])
             raise ValueError(
                 f"a Tendon whose eyelets {k} and {k + 1} are at one point was given; points that "
                 "are apart are wanted"
