@@ -103,12 +103,7 @@ def test_elastic_tendon_keeps_energy(order, plane):
         tb.Beam.straight(0.3, 4 // order, SECTION, order=order), plane, stiffness=k, length=length
     )
     solution = tb.simulate(
-        scene,
-        torch.linspace(0, 0.2, 21),
-        step=0.01,
-        engine="eager",
-        conserve=True,
-        tolerance=1e-12,
+        scene, torch.linspace(0, 0.2, 21), step=0.01, engine="eager", conserve=True, tolerance=1e-12
     )
     energy, stretch = solution.energy, (solution.state.tendons[..., 0, 2] - length).clamp(min=0)
     assert (stretch == 0).any() and (stretch > 0).any()

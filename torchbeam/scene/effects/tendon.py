@@ -9,10 +9,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.arguments import listed
+from ...core.arguments import function as check_function
+from ...core.arguments import instance, listed
 from ...core.leaves import Tree, leaf, with_values
 from ...core.validation import Value, axis_last, concrete, finite, shown
 from ...math import quaternions as quat
+from ..beam import Beam
 from .effect import Effect
 from .values import parameter, plain, scalar_value
 
@@ -123,10 +125,12 @@ class Tendon(Effect):
         name   of the beam in a structure
         given  what else a Tendon takes
         """
+        instance("a beam", beam, Beam)
         s = beam.topology.arclength(beam.length)[..., :: beam.order]
         count = s.shape[-1]
         if callable(point):
-            places = list(axis_last("a Tendon's point", plain(point(s)), 3).unbind(-2))
+            point = check_function("a Tendon's point", point, "s")(s)
+            places = list(axis_last("a Tendon's point", plain(point), 3).unbind(-2))
         else:
             places = [point] * count
         nodes = range(0, beam.order * count, beam.order)
