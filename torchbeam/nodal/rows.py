@@ -4,7 +4,7 @@ of a beam: of all nodes and elements of a model, or of one node or one element o
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import torch
@@ -102,21 +102,20 @@ class Rows(Tree):
     def of(
         cls,
         space: Spatial,
-        order: int,
         nodes: NodeRows,
         elements: ElementRows | None,
         held: Held,
         difference: tuple[float, ...] | None = None,
     ) -> Rows:
-        """Of one node alone (elements None), or of one element of this order and its nodes; space:
-        as it is elsewhere, but for what rows say of it; difference: see `SharedMass`.
+        """Of one node alone (elements None), or of one element and its nodes; space: as it is
+        elsewhere, but for what rows say of it; difference: see `SharedMass`.
         """
         length, reference, law, coupling, linear = (
             (None,) * 5 if elements is None else vars(elements).values()
         )
         if isinstance(space, Linearised):
-            space = type(space)(nodes.frames, nodes.R, linear)
-        topology = Chain(order, 0 if elements is None else 1)
+            space = replace(space, frames=nodes.frames, R=nodes.R, linear_element=linear)
+        topology = Chain(space.order, 0 if elements is None else 1)
         free = torch.ones(topology.node_count, space.unknowns, dtype=torch.bool)
         fixed = torch.stack(held.fixed) if held.fixed else nodes.mass.new_zeros(0, space.unknowns)
         constraints = Constraints(
@@ -175,7 +174,7 @@ class Rows(Tree):
     @property
     def elements(self) -> ElementRows:
         """All of them."""
-        linear = self.space.element if isinstance(self.space, Linearised) else None
+        linear = self.space.linear_element if isinstance(self.space, Linearised) else None
         return ElementRows(
             self.length,
             self.reference,

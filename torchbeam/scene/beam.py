@@ -59,7 +59,7 @@ class Beam(BeamRows):
     def __repr__(self) -> str:
         mass = (self.mass[..., 0, 0] * self.length).sum(-1)
         elements = counted(self.element_count, "element") + (
-            " of order 2" if self.order == 2 else ""
+            f" of order {self.order}" if self.order > 1 else ""
         )
         size = [elements, f"{span(self.length.sum(-1))} m long", f"{span(mass)} kg"]
         shape = ["curved or twisted at rest"] * self.curved + [

@@ -10,7 +10,7 @@ balance, the solution and its derivatives are those without the brace.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import torch
@@ -145,11 +145,17 @@ def _braced(problem: SteadyProblem, x: Configuration, free: Tensor) -> BracedPro
         braces = braces.expand(*brace.shape[:-2], *braces.shape[-3:]).clone()
         braces[..., base.node, :, :] = brace
         free = free - V.mT @ V
-    fields = {
-        name: getattr(problem, name)
-        for name in ("model", "t", "inputs", "load_factor", "internal", "near")
-    }
-    return BracedProblem(**fields, braces=braces)
+    return with_braces(problem, braces)
+
+
+def with_braces(problem: SteadyProblem, braces: Tensor | None) -> SteadyProblem:
+    """The problem with these braces, None = none."""
+    if braces is None:
+        return problem
+    return BracedProblem(
+        **{field.name: getattr(problem, field.name) for field in fields(SteadyProblem)},
+        braces=braces,
+    )
 
 
 class Base(NamedTuple):

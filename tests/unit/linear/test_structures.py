@@ -100,6 +100,16 @@ def test_what_damps_a_joint_damps_its_mode(rub):
     )
 
 
+def test_modes_without_any_stiffness_are_rigid_motions():
+    """Of a wheel, and of a body that nothing holds: no frequency, each motion its own."""
+    wheel = tb.Scene({"wheel": tb.Body(0.3, 0.01)}, joints=[tb.Hinge(None, "wheel")])
+    adrift = tb.Scene({"body": tb.Body(0.3, (0.01, 0.02, 0.03))})
+    assert_close(tb.modes(wheel, count=1).frequency, torch.zeros(1))
+    found = tb.modes(adrift, count=6)
+    assert_close(found.frequency, torch.zeros(6))
+    assert torch.linalg.matrix_rank(found.shape.real.flatten(1)) == 6
+
+
 @pytest.mark.parametrize("damping", [None, 0.1])
 def test_an_inverted_pendulum_falls(damping):
     """A body that a spring of k holds up, pushed down by a force on its centre at the height h: F
