@@ -1,4 +1,4 @@
-"""A tendon-driven arm: a soft rod that hangs, with three tendons beside its axis, which can only pull.
+"""A tendon-driven arm: a soft rod that hangs, with three tendons beside its axis.
 
 Inverse kinematics: Newton's method on the tensions, whose mean is kept, through `tb.equilibrium`,
 for places of the tip across the axis, three in one batch. The first check is how well
@@ -91,17 +91,19 @@ print(f"one tendon alone: curvature {bent[0].item():.3f} 1/m, {apart:.1e} from t
 
 
 def draw(path: Path = options.picture) -> None:
-    view = tb.plot.axes((6, 5), three=True)
-    for k in range(3):
-        one = state[k]
-        tb.plot.shape(one, view, color=f"C{k}", nodes=False, label=f"target {k + 1}")
-        for tendon, tension in zip(scene(tensions).tendons, tensions[k], strict=True):
-            line = tendon.at(one.position, one.rotation)
-            view.plot(*line.T, color="0.3", lw=0.4 + 1.5 * tension.item())
-        view.plot(*WANTED[k], one.tip.position[2], "k+", ms=12)
-    view.set_title("Three tendons bring the tip to the crosses; thick ones pull more", fontsize=9)
-    view.legend(loc="upper left", fontsize=8)
-    print("wrote", tb.plot.save(view, path))
+    views = tb.plot.grid(1, 3, (11, 4.5), three=range(3))
+    for k, view in enumerate(views):
+        for tendon, pull in zip(scene(tensions).tendons, tensions[k], strict=True):
+            line = tendon.at(state[k].position, state[k].rotation)
+            view.plot(*line.T, color="C1", lw=0.3 + 2.5 * pull.item())
+        tb.plot.shape(state[k], view, color="C0", nodes=False, alpha=0.5)
+        view.plot(*WANTED[k], state[k].tip.position[2], "k+", ms=14)
+        view.set(
+            xticks=(0,), yticks=(0,), zticks=(-0.2, -0.1, 0), xlabel="x", ylabel="y", zlabel=""
+        )
+        view.set_title(", ".join(f"{x:.2f}" for x in tensions[k]) + " N", fontsize=10)
+    views[0].figure.suptitle("Three tendons bring the tip of a soft rod to the cross", fontsize=11)
+    print("wrote", tb.plot.save(views[0], path))
 
 
 if __name__ == "__main__":
