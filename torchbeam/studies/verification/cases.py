@@ -1,6 +1,6 @@
 """The list of verification cases."""
 
-from . import motion, rotating, stability, statics, tendons, wing
+from . import motion, rotating, stability, statics, structures, tendons, wing
 
 CASES = [
     *statics.CASES,
@@ -8,5 +8,6 @@ CASES = [
     *wing.CASES,
     *motion.CASES,
     *rotating.CASES,
+    *structures.CASES,
     *tendons.CASES,
 ]
