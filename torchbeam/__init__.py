@@ -5,13 +5,16 @@ import torch
 from . import plot, sensors
 from .analysis.advise import Advice, advise
 from .analysis.describe import Description, describe
+from .analysis.identification.bootstrap import Bootstrap
 from .analysis.identification.fields import FieldFit, identify_fields
 from .analysis.identification.fit import Fit
 from .analysis.identification.identify import identify
 from .analysis.identification.measurement import Measurement
 from .analysis.identification.parameter import Parameter
 from .analysis.identification.prediction import Prediction
+from .analysis.identification.profile import Profile
 from .analysis.identification.smoothness import Smoothness
+from .analysis.identification.transform import Transform
 from .analysis.uncertainty import laws
 from .analysis.uncertainty.estimate import Estimate
 from .analysis.uncertainty.moment_derivatives import MomentDerivatives, moment_derivatives
@@ -56,6 +59,7 @@ from .scene.effects import (
     PointMass,
     RootSpring,
     Spring,
+    Tendon,
     TipLoad,
     rayleigh,
 )
@@ -83,7 +87,7 @@ __all__ = [
     "RareEvent", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "Slider",
     "SlowPathWarning", "Smoothness",
     "SobolIndices", "Solution", "Spring", "State", "Stations", "Stats", "Stepper", "Stream",
-    "Support", "Table", "TipLoad",
+    "Support", "Table", "Tendon", "TipLoad",
     "Tornado", "Universal", "Weld", "advise", "block_rate", "consistent_state", "critical_load",
     "describe", "equilibrium",
     "identify", "identify_fields", "laws", "linearize", "modal_assurance", "modes",
@@ -98,6 +102,7 @@ __all__ = [
 torch.serialization.add_safe_globals(
     [
         Advice,
+        Bootstrap,
         Critical,
         Description,
         Estimate,
@@ -106,9 +111,12 @@ torch.serialization.add_safe_globals(
         PairedModes,
         Path,
         Prediction,
+        Profile,
         RareEvent,
         SobolIndices,
         Tornado,
+        Transform,
+        *(getattr(laws, name) for name in laws.__all__),
         slice,
     ]
 )
