@@ -97,6 +97,10 @@ class BalanceProblem(Tree):
         """
         raise NotImplementedError
 
+    def element_loads(self, kinematics: Any) -> tuple[Tensor, ...] | None:
+        """Loads between nodes, on each node of the elements (..., N, w); None = there are none."""
+        raise NotImplementedError
+
     def joint_poses(self, kinematics: Any) -> JointMotion:
         """Where joints are, and what acts in them."""
         raise NotImplementedError
@@ -120,10 +124,12 @@ class BalanceProblem(Tree):
         model = self.model
         x = self.apply_supports(x)
         kinematics, inertia, load = self.node_balance(x)
-        element = self.element_balance(x, kinematics)
+        element, between = self.element_balance(x, kinematics), self.element_loads(kinematics)
         nodes = model.assembly.to_nodes(element.forces)
         asked = () if inertia is None else (inertia.wrench,)
         nodes = sum(asked, nodes if isinstance(load, float) else nodes - load)
+        if between is not None:
+            nodes = nodes - model.topology.scatter(between)
         nodes, constitutive_residual = model.joints.balance(
             nodes, element.constitutive_residual, x.stress, lambda: self.joint_poses(kinematics)
         )
@@ -134,6 +140,7 @@ class BalanceProblem(Tree):
             element.forces,
             load,
             *asked,
+            *(between or ()),
             restrained,
             *self.least,
         )

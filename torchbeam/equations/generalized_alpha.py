@@ -33,6 +33,7 @@ from ..core.derivatives import cached
 from ..core.leaves import leaf
 from ..nodal import loads as external
 from ..nodal.conditions import Conditions, conditions
+from ..nodal.element_loads import at_nodes
 from ..nodal.joint_motion import JointMotion
 from ..state.state import State, plain
 from .alpha_kinematics import EndKinematics, EndMotion, EndTangent, GeneralizedAlpha
@@ -147,7 +148,7 @@ class GeneralizedAlphaProblem(StepProblem):
         v, true, a = kinematics.v, kinematics.true, kinematics.algorithmic
         p = space.dims.position
         moves = torch.cat((x.u, space.to_frame(kinematics.q_end, space.logarithm(x.m))), -1)
-        work, load = start.work, self.external(kinematics)
+        work, load = start.work, self.all_loads(kinematics)
         if not isinstance(load, float):
             work = work + ((self.external_before() + load) / 2 * moves).sum((-1, -2))
         for k, node in enumerate(self.support_motions.nodes):
@@ -191,9 +192,9 @@ class GeneralizedAlphaProblem(StepProblem):
     def external_before(self) -> Tensor | float:
         """Loads at the nodes (..., N+1, w), at the start."""
         before = self.conditions_before
-        return external.external(
-            self.model, self.motion.nodes_before(before.reads), before, total=before.dead
-        )
+        nodes = self.motion.nodes_before(before.reads)
+        load = external.external(self.model, nodes, before, total=before.dead)
+        return load + at_nodes(self.model, nodes, before) if before.between else load
 
     def straining(self, kinematics: EndKinematics) -> Tensor:
         """See `AlphaState`, at the end; nothing asks for it where strains are not damped."""

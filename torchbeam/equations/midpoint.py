@@ -111,7 +111,7 @@ class MidpointProblem(StepProblem):
         x = self.apply_supports(x)
         kinematics = self.motion.kinematics(x.u, x.m)
         spin, velocity = kinematics.spin_end, kinematics.velocity_end
-        load = self.external(kinematics)
+        load = self.all_loads(kinematics)
         work, turn = start.work, space.to_frame(kinematics.q, kinematics.theta)
         if not isinstance(load, float):
             work = work + (load * torch.cat((self.h * kinematics.velocity, turn), -1)).sum((-1, -2))

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..core.leaves import leaf
+from ..nodal import element_loads
 from ..nodal import loads as external
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.constitutive_law import times
@@ -160,14 +161,24 @@ class SteadyProblem(BalanceProblem):
         load = self.motion.less(load, *x[:2])
         return load if isinstance(load, float) else self.load_factor[..., None, None] * load
 
+    def element_loads(self, kinematics: Configuration) -> tuple[Tensor, ...] | None:
+        now = self.conditions
+        if not now.between:
+            return None
+        loads = element_loads.element_loads(self.model, self.nodes(kinematics), now)
+        return tuple(self.load_factor[..., None, None] * load for load in loads)
+
     def load_tangent(self, x: Configuration) -> Matrix | None:
         """What that adds to the tangent; None = nothing."""
         model, load_factor = self.model, self.load_factor[..., None, None, None]
         inertia = self.motion.tangent(*x[:2])
         inertia = None if inertia is None else inertia.each(lambda block: load_factor * block)
+        by = self.frame.steady_jacobian()
+        if self.conditions.between:
+            matrix = element_loads.element_matrix(model, self.nodes(x), self.conditions, by)
+            inertia = total(inertia, matrix.each(lambda block: -load_factor * block))
         if not self.conditions.moving:
             return inertia
-        by = self.frame.steady_jacobian()
         tangent = external.tangent(model, self.nodes(x), self.conditions, by)
         return (
             inertia

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..core.leaves import leaf
+from ..nodal import element_loads
 from ..nodal import loads as external
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.inertia import InertiaForces
@@ -23,7 +24,7 @@ from ..nodal.loads import Nodes
 from ..scene.effects import Inputs
 from ..state.state import State
 from ..state.supported_nodes import set_node
-from ..topology.protocols import Matrix
+from ..topology.protocols import Matrix, total
 from .balance_problem import BalanceProblem
 from .support_motion import SupportMotions, support_motions
 
@@ -150,7 +151,8 @@ class StepProblem(BalanceProblem):
     def nodes(self, kinematics: Any) -> Nodes:
         """What loads see."""
         nodes = self.motion.nodes(kinematics, self.conditions.reads)
-        return nodes._replace(frame=self._frame_middle, internal=self.start.internal, dt=self.dt)
+        dt = self.dt if self.INSTANT == 0.5 else None
+        return nodes._replace(frame=self._frame_middle, internal=self.start.internal, dt=dt)
 
     def seen(self, x: Any) -> Nodes:
         """`nodes` of the unknowns."""
@@ -166,6 +168,17 @@ class StepProblem(BalanceProblem):
             else self._dead
         )
 
+    def element_loads(self, kinematics: Any) -> tuple[Tensor, ...] | None:
+        now = self.conditions
+        if not now.between:
+            return None
+        return element_loads.element_loads(self.model, self.nodes(kinematics), now)
+
+    def all_loads(self, kinematics: Any) -> Tensor | float:
+        """`external` with the loads between nodes."""
+        load, between = self.external(kinematics), self.element_loads(kinematics)
+        return load if between is None else load + self.model.topology.scatter(between)
+
     def node_balance(self, x: Any) -> tuple[Any, InertiaForces, Tensor | float]:
         kinematics = self.motion.kinematics(x.u, x.m)
         return kinematics, self.motion.balance(kinematics), self.external(kinematics)
@@ -173,7 +186,9 @@ class StepProblem(BalanceProblem):
     def node_tangent(self, kinematics: Any, inertia: InertiaForces) -> tuple[Any, Matrix]:
         nodes = self.TANGENT(self.motion, kinematics)
         matrix = nodes.inertia(inertia)
-        return nodes, matrix.minus(self.load_tangent(nodes)) if self.conditions.moving else matrix
+        if self.conditions.moving:
+            matrix = matrix.minus(self.load_tangent(nodes))
+        return nodes, total(matrix, self.element_load_tangent(nodes))
 
     @cached
     def joint_drive(self) -> JointDrive:
@@ -194,3 +209,12 @@ class StepProblem(BalanceProblem):
         """Derivative of `external` by the nodes' moves, (..., N+1, w, w)."""
         by = external.motion_jacobian(nodes, self.conditions.reads)
         return external.tangent(self.model, self.nodes(nodes.kinematics), self.conditions, by)
+
+    def element_load_tangent(self, nodes: Any) -> Matrix | None:
+        """What loads between nodes add to the tangent; None = nothing."""
+        now = self.conditions
+        if not now.between:
+            return None
+        by = external.motion_jacobian(nodes, now.reads)
+        matrix = element_loads.element_matrix(self.model, self.nodes(nodes.kinematics), now, by)
+        return matrix.each(torch.neg)

@@ -24,7 +24,8 @@ from .coordinates.selection import in_space, only_numbers, space_of
 from .coordinates.spatial import Spatial
 from .inertia import inertia_of
 from .joint_constraints import joints_of
-from .loads import Nodes, external
+from .element_loads import all_loads
+from .loads import Nodes
 from .model import Model
 from .redundant import refuse_redundant
 
@@ -118,7 +119,7 @@ def check_plane(model: Model, whole: Model) -> None:
     t = still.new_zeros(())
     for load in scene.loads:
         if constant(load):
-            wrench = external(
+            wrench = all_loads(
                 whole,
                 Nodes(beam.nodes, beam.frames, still, still),
                 conditions(whole, t, {}, loads=(load,)),

@@ -11,6 +11,7 @@ Load points may be nodes or elements, by the form of the beam.
 """
 
 from .actuation import Actuation
+from .contact import Contact
 from .custom_load import Load
 from .damping import Damping, MassDamping, rayleigh
 from .drag import Drag
@@ -33,6 +34,7 @@ from .load_point import (
     together,
 )
 from .loads import LineLoad, PointLoad, TipLoad
+from .obstacles import Box, Capsule, Cylinder, Obstacle, Plane, Sphere
 from .point_mass import PointMass
 from .springs import RootSpring, Spring
 from .values import (
@@ -63,6 +65,10 @@ __all__ = [
     "Accelerogram",
     "Actuation",
     "Along",
+    "Box",
+    "Capsule",
+    "Contact",
+    "Cylinder",
     "Damping",
     "Drag",
     "Effect",
@@ -76,12 +82,15 @@ __all__ = [
     "LoadPoint",
     "LoadValue",
     "MassDamping",
+    "Obstacle",
     "PerElement",
     "PerInterval",
+    "Plane",
     "PointLoad",
     "PointMass",
     "Pose",
     "RootSpring",
+    "Sphere",
     "Spring",
     "TipLoad",
     "Wrench",
