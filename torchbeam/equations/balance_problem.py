@@ -101,6 +101,18 @@ class BalanceProblem(Tree):
         """Loads between nodes, on each node of the elements (..., N, w); None = there are none."""
         raise NotImplementedError
 
+    def element_load_matrix(self, kinematics: Any, nodes: Any = None) -> Matrix | None:
+        """What they add to the tangent; None = nothing. nodes: the derivatives of the motion, where
+        they are known.
+        """
+        raise NotImplementedError
+
+    def passed(self, kinematics: Any) -> Tensor | None:
+        """(...) bool: whether the beam would pass through what it touches; None = it moves through
+        nothing.
+        """
+        return None
+
     def joint_poses(self, kinematics: Any) -> JointMotion:
         """Where joints are, and what acts in them."""
         raise NotImplementedError

@@ -147,10 +147,8 @@ class GeneralizedAlphaProblem(StepProblem):
         kinematics = self.motion.kinematics(x.u, x.m)
         v, true, a = kinematics.v, kinematics.true, kinematics.algorithmic
         p = space.dims.position
-        moves = torch.cat((x.u, space.to_frame(kinematics.q_end, space.logarithm(x.m))), -1)
-        work, load = start.work, self.all_loads(kinematics)
-        if not isinstance(load, float):
-            work = work + ((self.external_before() + load) / 2 * moves).sum((-1, -2))
+        moves = self.moves(kinematics)
+        work = start.work + self.work(kinematics)
         for k, node in enumerate(self.support_motions.nodes):
             work = work + (
                 (start.reaction[..., k, :] + reaction[..., k, :]) / 2 * moves[..., node, :]
@@ -183,6 +181,19 @@ class GeneralizedAlphaProblem(StepProblem):
                 start.stress,
             ),
         )
+
+    def moves(self, kinematics: EndKinematics) -> Tensor:
+        """(..., N+1, w) m and rad, by which loads do work over the step."""
+        space, shift = self.model.space, kinematics.position_end - self.start.position
+        turn = space.to_frame(kinematics.q_end, space.logarithm(kinematics.m))
+        return torch.cat((shift, turn), -1)
+
+    def work(self, kinematics: EndKinematics) -> Tensor | float:
+        """(...) J of all loads over the step."""
+        load = self.all_loads(kinematics)
+        if isinstance(load, float):
+            return load
+        return ((self.external_before() + load) / 2 * self.moves(kinematics)).sum((-1, -2))
 
     @cached
     def conditions_before(self) -> Conditions:

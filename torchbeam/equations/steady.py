@@ -168,15 +168,20 @@ class SteadyProblem(BalanceProblem):
         loads = element_loads.element_loads(self.model, self.nodes(kinematics), now)
         return tuple(self.load_factor[..., None, None] * load for load in loads)
 
+    def element_load_matrix(self, kinematics: Configuration, nodes: None = None) -> Matrix | None:
+        now, by = self.conditions, self.frame.steady_jacobian()
+        if not now.between:
+            return None
+        matrix = element_loads.element_matrix(self.model, self.nodes(kinematics), now, by)
+        return matrix.each(lambda block: -self.load_factor[..., None, None, None] * block)
+
     def load_tangent(self, x: Configuration) -> Matrix | None:
         """What that adds to the tangent; None = nothing."""
         model, load_factor = self.model, self.load_factor[..., None, None, None]
         inertia = self.motion.tangent(*x[:2])
         inertia = None if inertia is None else inertia.each(lambda block: load_factor * block)
         by = self.frame.steady_jacobian()
-        if self.conditions.between:
-            matrix = element_loads.element_matrix(model, self.nodes(x), self.conditions, by)
-            inertia = total(inertia, matrix.each(lambda block: -load_factor * block))
+        inertia = total(inertia, self.element_load_matrix(x))
         if not self.conditions.moving:
             return inertia
         tangent = external.tangent(model, self.nodes(x), self.conditions, by)

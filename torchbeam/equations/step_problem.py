@@ -188,7 +188,7 @@ class StepProblem(BalanceProblem):
         matrix = nodes.inertia(inertia)
         if self.conditions.moving:
             matrix = matrix.minus(self.load_tangent(nodes))
-        return nodes, total(matrix, self.element_load_tangent(nodes))
+        return nodes, total(matrix, self.element_load_matrix(kinematics, nodes))
 
     @cached
     def joint_drive(self) -> JointDrive:
@@ -210,11 +210,17 @@ class StepProblem(BalanceProblem):
         by = external.motion_jacobian(nodes, self.conditions.reads)
         return external.tangent(self.model, self.nodes(nodes.kinematics), self.conditions, by)
 
-    def element_load_tangent(self, nodes: Any) -> Matrix | None:
-        """What loads between nodes add to the tangent; None = nothing."""
+    def element_load_matrix(self, kinematics: Any, nodes: Any = None) -> Matrix | None:
         now = self.conditions
         if not now.between:
             return None
+        nodes = self.TANGENT(self.motion, kinematics) if nodes is None else nodes
         by = external.motion_jacobian(nodes, now.reads)
-        matrix = element_loads.element_matrix(self.model, self.nodes(nodes.kinematics), now, by)
+        matrix = element_loads.element_matrix(self.model, self.nodes(kinematics), now, by)
         return matrix.each(torch.neg)
+
+    def passed(self, kinematics: Any) -> Tensor | None:
+        now = self.conditions
+        if not now.between:
+            return None
+        return element_loads.passed(self.model, self.nodes(kinematics), now)

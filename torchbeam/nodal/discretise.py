@@ -22,9 +22,9 @@ from .constraints import Constraints
 from .coordinates.planar import PLANES, Planar
 from .coordinates.selection import in_space, only_numbers, space_of
 from .coordinates.spatial import Spatial
+from .element_loads import all_loads
 from .inertia import inertia_of
 from .joint_constraints import joints_of
-from .element_loads import all_loads
 from .loads import Nodes
 from .model import Model
 from .redundant import refuse_redundant

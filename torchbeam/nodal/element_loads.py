@@ -75,6 +75,20 @@ def all_loads(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor | float:
     return total + at_nodes(rows, nodes, now) if now.between else total
 
 
+def idle(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor:
+    """(...) bool: whether none of these loads does anything, over the step either."""
+    each = [acting.load.idle(point).all(-1).all(-1) for acting, point in _points(rows, nodes, now)]
+    return torch.stack(torch.broadcast_tensors(*each)).all(0)
+
+
+def passed(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor:
+    """(...) bool: whether a step leads through something that it is to touch."""
+    each = [
+        acting.load.passed(point).any(-1).any(-1) for acting, point in _points(rows, nodes, now)
+    ]
+    return torch.stack(torch.broadcast_tensors(*each)).any(0)
+
+
 def load_point(rows: Rows, acting: ActingLoad, nodes: Nodes, now: Conditions) -> LoadPoint:
     """The points (..., points, 3) of the elements along which a load acts, one after the other."""
     space = rows.space

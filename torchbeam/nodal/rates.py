@@ -19,8 +19,8 @@ from ..scene.supports import Support
 from ..state.state import State
 from .conditions import Conditions, conditions
 from .discretise import discretise
-from .inertia import Inertia
 from .element_loads import all_loads
+from .inertia import Inertia
 from .loads import Nodes, added_mass, advanced_rates
 from .model import Model
 

@@ -234,6 +234,17 @@ class ChainCode:
 
         yield each()
 
+    @contextmanager
+    def _touching(self, k: int, e: str) -> Iterator[None]:
+        """What is written runs where loads between the nodes of element e, of kind k, do anything
+        in one of the samples.
+        """
+        code, far = self.code, self.at("at_load", 0, "far")
+        self._call(f"far {k}", lambda f: far if f[0] == ">" else self._of_element(f, e))
+        code.call("all", far, result := code.slot())
+        with code.when(code.compare("eq", code.load(result), 0)):
+            yield
+
     def _sized(self, name: str, size: int, *pointers: str) -> None:
         given = ", ".join(f"ptr {p}" for p in pointers)
         self.code.line(f'call void @"{name}"({given}, i64 {size})')

@@ -133,11 +133,30 @@ class Driver(ChainCode):
                         self._call(f"element {k}", lambda f: self._of_element(f, v))
                 for name in ("force", "moment", "strain", "left_strain"):
                     self._largest(name, "at_element")
+                self._element_load(v)
                 if self.order == 2:
                     self._condense(v)
             self._row(v, left, right)
             for name in self.layout.records["sums"].fields:
                 self._largest(name, "at_row")
+
+    def _element_load(self, e: str) -> None:
+        """What loads between the nodes of element e add to what it gives them."""
+        if "at_load" not in self.layout.records:
+            return
+        packed = BETWEEN if self.order == 1 else INNER
+
+        def where(f: str) -> str:
+            return self.at("at_load", 0, f[2:]) if f[0] == ">" else self._of_element(f, e)
+
+        with self._element_kind(e) as kinds:
+            for k in kinds:
+                with self._touching(k, e):
+                    self._call(f"element load {k}", where)
+                    at, size = where(f"> {packed}"), self.layout.fields("at_load")[packed][1]
+                    self._add(self._of_element(f"> {packed}", e), at, size)
+                    for name in ("force", "moment", "passed"):
+                        self._largest(name, "at_load")
 
     def _node(self, j: str, turn: str | int) -> None:
         """Balance of node j, and what is computed there for the elements at it."""
@@ -335,6 +354,8 @@ class Driver(ChainCode):
             lambda f: (
                 self.at("common", 0, f)
                 if f in records["common"].fields
+                else self.at("sums", 0, f)
+                if f in records["sums"].fields
                 else self.at("sample", 0, places.get(f, f))
             ),
         )
@@ -360,6 +381,9 @@ class Driver(ChainCode):
                         self.at("element_state", e, name), self.at("change", 0, name), good, size
                     )
                 self._add_energies()
+        if "finish element load 0" in self.functions:
+            with code.loop(0, N) as e:
+                self._finish_element_load(e, good)
         with code.loop(0, nodes) as j:
             with self._kind(j) as kinds:
                 for k in kinds:
@@ -376,6 +400,21 @@ class Driver(ChainCode):
         if "energy" in records:
             self._project(good)
         self._keep_forces(good)
+
+    def _finish_element_load(self, e: str, good: str) -> None:
+        """Work of the loads between the nodes of element e."""
+        with self._element_kind(e) as kinds:
+            for k in kinds:
+                with self._touching(k, e):
+                    self._call(
+                        f"finish element load {k}",
+                        lambda f: (
+                            self.at("change", 0, f[2:]) if f[0] == ">" else self._of_element(f, e)
+                        ),
+                    )
+                    self._sum(self.at("sample", 0, "work"), self.at("change", 0, "work"), good, 1)
+                    if "energy" in self.layout.records:
+                        self._add(self.at("energy", 0, "rise"), self.at("change", 0, "rise"), 1)
 
     def _keep_forces(self, good: str) -> None:
         """Stress, and the loads of supports, of what has gone well."""

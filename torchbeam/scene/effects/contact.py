@@ -12,6 +12,7 @@ from ...core.arguments import boolean
 from ...core.leaves import leaf
 from ...core.validation import Value, concrete, shown
 from .contact_law import damped, pressure, rubbing
+from .drag import norm
 from .load_point import POSITION, SPIN, VELOCITY, LoadEffect, LoadPoint, Wrench, at_instant
 from .obstacles import Obstacle
 from .values import Inputs, optional, parameter
@@ -167,6 +168,24 @@ class Contact(LoadEffect):
         slip = self.slip(point, normal)
         rub = -_each(self.friction) * p * rubbing(slip, _each(self.slip_speed))
         return Touch(d - y, normal, p, slip, rub)
+
+    def idle(self, point: LoadPoint) -> Tensor:
+        """(..., points, 1) bool: whether no surface comes near, over the step either."""
+        room = self.gap(point.position) - _each(self.thickness)
+        if point.dt is None:
+            return room >= 0
+        return room >= _each(point.dt).abs() / 2 * norm(self.approach(point))
+
+    def passed(self, point: LoadPoint) -> Tensor:
+        """(..., points, 1) bool: whether a step leads through the obstacle: inside in between, and
+        outside at both ends, or out on another side than in.
+        """
+        x, half = point.position, _each(point.dt) / 2 * self.approach(point)
+        start, end = x - half, x + half
+        inside = sum((self.gap(x + share * half) < 0).to(x) for share in (-0.5, 0.0, 0.5)) > 0
+        out = torch.minimum(self.gap(start), self.gap(end)) > 0
+        turned = (self.obstacle.gradient(start) * self.obstacle.gradient(end)).sum(-1, keepdim=True)
+        return inside & (out | (turned < 0))
 
     @property
     def slope(self) -> Tensor:

@@ -1,7 +1,7 @@
 """Obstacles: rigid bodies that a beam may touch, each by its signed distance, positive outside of
-what is solid. All that a contact asks of one is that `distance`, its `gradient`, and the velocity of
-its points. Places and directions (..., 3) are in frame a, or functions of t, written in torch, that
-give them: what moves so carries its surface along.
+what is solid. A contact asks for that `distance`, its `gradient`, and the velocity of its points.
+Places and directions (..., 3) are in frame a, or functions of t, written in torch, that give them:
+what moves so carries its surface along.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ...core.leaves import FunctionOfTime, Tree, leaf
 from ...core.validation import Value, axis_last, concrete, finite
 from ...math import quaternions as quat
 from .drag import norm
-from .values import Input, load_value, optional, parameter, plain
+from .values import Input, load_value, parameter, plain
 
 
 @dataclass(frozen=True)
