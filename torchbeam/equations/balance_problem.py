@@ -107,6 +107,10 @@ class BalanceProblem(Tree):
         """
         raise NotImplementedError
 
+    def idle(self, kinematics: Any) -> Tensor:
+        """(...) bool: whether none of them does anything."""
+        raise NotImplementedError
+
     def passed(self, kinematics: Any) -> Tensor | None:
         """(...) bool: whether the beam would pass through what it touches; None = it moves through
         nothing.

@@ -168,6 +168,9 @@ class SteadyProblem(BalanceProblem):
         loads = element_loads.element_loads(self.model, self.nodes(kinematics), now)
         return tuple(self.load_factor[..., None, None] * load for load in loads)
 
+    def idle(self, kinematics: Configuration) -> Tensor:
+        return element_loads.idle(self.model, self.nodes(kinematics), self.conditions)
+
     def element_load_matrix(self, kinematics: Configuration, nodes: None = None) -> Matrix | None:
         now, by = self.conditions, self.frame.steady_jacobian()
         if not now.between:

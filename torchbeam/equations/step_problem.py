@@ -223,4 +223,14 @@ class StepProblem(BalanceProblem):
         now = self.conditions
         if not now.between:
             return None
-        return element_loads.passed(self.model, self.nodes(kinematics), now)
+        return element_loads.passed(self.model, self._way(kinematics), now)
+
+    def idle(self, kinematics: Any) -> Tensor:
+        return element_loads.idle(self.model, self._way(kinematics), self.conditions)
+
+    def _way(self, kinematics: Any) -> Nodes:
+        """Nodes on their straight way over the step: in its middle, with the mean velocity."""
+        start, end = self.start.position, kinematics.position_end
+        middle, relative = (start + end) / 2, (end - start) / self.h
+        velocity = self.frame.velocity(relative, middle)
+        return Nodes(middle, kinematics.q_end, velocity, dt=self.dt)

@@ -142,19 +142,11 @@ class Driver(ChainCode):
 
     def _element_load(self, e: str) -> None:
         """What loads between the nodes of element e add to what it gives them."""
-        if "at_load" not in self.layout.records:
-            return
         packed = BETWEEN if self.order == 1 else INNER
-
-        def where(f: str) -> str:
-            return self.at("at_load", 0, f[2:]) if f[0] == ">" else self._of_element(f, e)
-
         with self._element_kind(e) as kinds:
             for k in kinds:
-                with self._touching(k, e):
-                    self._call(f"element load {k}", where)
-                    at, size = where(f"> {packed}"), self.layout.fields("at_load")[packed][1]
-                    self._add(self._of_element(f"> {packed}", e), at, size)
+                for _ in self._touching(k, e):
+                    self._add_load(f"element load {k}", e, self._of_element(f"> {packed}", e))
                     for name in ("force", "moment", "passed"):
                         self._largest(name, "at_load")
 
@@ -381,7 +373,7 @@ class Driver(ChainCode):
                         self.at("element_state", e, name), self.at("change", 0, name), good, size
                     )
                 self._add_energies()
-        if "finish element load 0" in self.functions:
+        if "at_load" in records:
             with code.loop(0, N) as e:
                 self._finish_element_load(e, good)
         with code.loop(0, nodes) as j:
@@ -405,16 +397,9 @@ class Driver(ChainCode):
         """Work of the loads between the nodes of element e."""
         with self._element_kind(e) as kinds:
             for k in kinds:
-                with self._touching(k, e):
-                    self._call(
-                        f"finish element load {k}",
-                        lambda f: (
-                            self.at("change", 0, f[2:]) if f[0] == ">" else self._of_element(f, e)
-                        ),
-                    )
+                for _ in self._touching(k, e):
+                    self._add_rise(f"finish element load {k}", e)
                     self._sum(self.at("sample", 0, "work"), self.at("change", 0, "work"), good, 1)
-                    if "energy" in self.layout.records:
-                        self._add(self.at("energy", 0, "rise"), self.at("change", 0, "rise"), 1)
 
     def _keep_forces(self, good: str) -> None:
         """Stress, and the loads of supports, of what has gone well."""

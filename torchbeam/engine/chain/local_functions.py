@@ -23,7 +23,6 @@ from ...core.status import BROKEN, DIVERGED, SUCCESS
 from ...equations.balance_problem import BalanceProblem
 from ...equations.step_problem import StepProblem
 from ...math.block_tridiagonal import eliminated
-from ...nodal import element_loads
 from ...nodal.balance import dstress, mixed, pushed_by, restrained_forces, scaled
 from ...solvers.newton import converged
 from ...state.state import State
@@ -181,8 +180,7 @@ class LocalFunctions(LocalProblems):
     def far(self, kind: ElementKind, **fields: Tensor) -> Fields:
         """1 where these loads do nothing."""
         problem, kinematics = self._between(fields, kind)
-        idle = element_loads.idle(problem.model, problem.nodes(kinematics), problem.conditions)
-        return {"far": idle.to(problem.t)}
+        return {"far": problem.idle(kinematics).to(problem.t)}
 
     def element_load(self, kind: ElementKind, **fields: Tensor) -> Fields:
         """What they add to what `element` gives its nodes; the largest force and moment; in a step
