@@ -1,4 +1,4 @@
-"""Loads between nodes: at two Gauss points of each element, by its nodes' motion there, which is
+"""Loads between nodes: at some Gauss points of each element, by its nodes' motion there, which is
 interpolated as their places are. Each gives an element's nodes their shares, and its tangent blocks
 between them. Elements do not mix.
 
@@ -15,25 +15,21 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..math.quadratic import VALUES, X
+from ..math.quadratic import X, gauss_points, values_at
 from ..scene.effects import LoadPoint
 from ..topology.protocols import Blocks, Matrix
 from .conditions import ActingLoad, Conditions
 from .loads import STAYS, MotionJacobian, Nodes, chained, external, wrench, wrench_blocks
 from .rows import Rows
 
-# N_a of an element's nodes (points, nodes), by its order
-SHARES = {1: torch.tensor(((1 + X, 1 - X), (1 - X, 1 + X)), dtype=torch.float64) / 2, 2: VALUES}
-POINTS = 2  # of an element
-
 
 def element_loads(rows: Rows, nodes: Nodes, now: Conditions) -> tuple[Tensor, ...]:
     """Force N and moment N m (..., N, w), frame a, on each node of all elements."""
     total = 0.0
     for acting, point in _points(rows, nodes, now):
-        weights, shares = _weights(rows, acting), _shares(rows)
+        weights, shares = _weights(rows, acting), _shares(rows, acting)
         f = weights * wrench(rows.space, acting.load, point, now.t, now.inputs)
-        own = shares.mT @ f.unflatten(-2, (-1, POINTS))  # (..., N, nodes, w)
+        own = shares.mT @ f.unflatten(-2, (-1, len(shares)))  # (..., N, nodes, w)
         total = total + _padded(rows, acting, own, 2)
     return total.unbind(-2)
 
@@ -45,12 +41,12 @@ def element_blocks(rows: Rows, nodes: Nodes, now: Conditions, by: MotionJacobian
     count = rows.space.interpolation.order + 1
     total = [[0.0] * count for _ in range(count)]
     for acting, point in _points(rows, nodes, now):
-        weights, shares = _weights(rows, acting)[..., None], _shares(rows)
+        weights, shares = _weights(rows, acting)[..., None], _shares(rows, acting)
         blocks = wrench_blocks(rows.space, acting.load, point, now.t, now.inputs, by)
         for b in range(count):
             ways = {name: _of_node(rows, acting, x, b) for name, x in by.items()}
             by_b = sum(chained(rows.space, name, x, ways) for name, x in blocks.items())
-            by_b = (weights * by_b).unflatten(-3, (-1, POINTS))
+            by_b = (weights * by_b).unflatten(-3, (-1, len(shares)))
             for a in range(count):
                 share = (shares[:, a] * shares[:, b])[:, None, None]
                 total[a][b] = total[a][b] + _padded(rows, acting, (share * by_b).sum(-3), 2)
@@ -120,7 +116,7 @@ def _points(rows: Rows, nodes: Nodes, now: Conditions) -> Iterator[tuple[ActingL
 def _at_points(rows: Rows, acting: ActingLoad, x: Tensor) -> Tensor:
     """Values (..., N+1, *) at nodes -> (..., points, *)."""
     parts = torch.stack(rows.topology.gather(x), -2)[..., _elements(rows, acting), :, :]
-    return (_shares(rows) @ parts).flatten(-3, -2)
+    return (_shares(rows, acting) @ parts).flatten(-3, -2)
 
 
 def _of_node(rows: Rows, acting: ActingLoad, x: Tensor, b: int) -> Tensor:
@@ -130,19 +126,27 @@ def _of_node(rows: Rows, acting: ActingLoad, x: Tensor, b: int) -> Tensor:
     if x.shape[-3] == 1:
         return x
     own = rows.topology.gather(x, 2)[b][..., _elements(rows, acting), :, :]
-    return own.repeat_interleave(POINTS, -3)
+    return own.repeat_interleave(acting.load.points, -3)
 
 
-def _shares(rows: Rows) -> Tensor:
+def _shares(rows: Rows, acting: ActingLoad) -> Tensor:
     """N_a (points, nodes) of one element."""
-    return SHARES[rows.space.interpolation.order].to(rows.length)
+    x, _ = gauss_points(acting.load.points)
+    return values_at(x, rows.space.interpolation.order).to(rows.length)
 
 
 def _weights(rows: Rows, acting: ActingLoad) -> Tensor:
-    """(..., points, 1) m"""
+    """(..., points, 1) m: ds/dx of an element, which is linear between the lengths that its
+    stations stand for.
+    """
+    x, weights = (part.to(rows.length) for part in gauss_points(acting.load.points))
     length = rows.length if acting.node is None else rows.length[..., acting.node, :]
-    stations = rows.space.interpolation.order  # of an element; of two, each is one of its points
-    return length if stations == POINTS else (length / POINTS).repeat_interleave(POINTS, -2)
+    if rows.space.interpolation.order == 1:
+        slopes = length / 2 * torch.ones_like(x)
+    else:
+        first, second = length.unflatten(-2, (-1, 2)).unbind(-2)
+        slopes = (first + second) / 2 + (second - first) / (2 * X) * x
+    return (weights * slopes).flatten(-2)[..., None]
 
 
 def _elements(rows: Rows, acting: ActingLoad) -> slice:

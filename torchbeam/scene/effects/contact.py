@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ...core.arguments import boolean
+from ...core.arguments import boolean, count
 from ...core.leaves import leaf
 from ...core.validation import Value, concrete, shown
 from .contact_law import damped, pressure, rubbing
@@ -52,10 +52,12 @@ class Contact(LoadEffect):
                under a share x of that by slip_speed (1 - (1 - x)^(1/2)). Wanted with friction
     damping    (...) s: p is multiplied by a + (1 + a^2)^(1/2), a = damping (rate of approach)/
                thickness, which never pulls; None or the number 0: none
+    points     of an element at which surfaces may meet, Gauss's: what is smaller than the distance
+               between two of them can slip through there
     push_out   whether a motion may start inside of the obstacle, which then pushes the beam out,
                with the energy that it has there
 
-    The force acts between nodes, at two points of each element. In a midpoint step it is the
+    In a midpoint step it is the
     difference of its potential over that of the gap, so that a rebound without friction and damping
     keeps the energy; friction is that of the slip, and of the pressure, in the middle of the step
     itself.
@@ -74,6 +76,7 @@ class Contact(LoadEffect):
     friction: Value | None = leaf(0, default=None, kw_only=True)
     slip_speed: Value | None = leaf(0, default=None, kw_only=True)
     damping: Value | None = leaf(0, default=None, kw_only=True)
+    points: int = field(default=2, kw_only=True)
     push_out: bool = field(default=False, kw_only=True)
     on: str | None = field(default=None, kw_only=True)
 
@@ -115,6 +118,7 @@ class Contact(LoadEffect):
         if self.slip_speed is not None:
             value = parameter("Contact's slip_speed", self.slip_speed, zero=False)
             object.__setattr__(self, "slip_speed", value)
+        count("Contact's points", self.points)
         boolean("Contact's push_out", self.push_out)
         room = self.obstacle.room
         if room is not None and self.radius is not None:

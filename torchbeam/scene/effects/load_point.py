@@ -103,6 +103,7 @@ class LoadEffect(Effect):
     wants_step = False  # whether it reads site.dt, though it has no internal states
     # whether it acts between nodes, at points of elements, see `torchbeam.nodal.element_loads`
     between_nodes = False
+    points = 2  # of an element, where it does
     anchor = None  # (..., 3) m, frame a: a point that its node is tied to
     depends: frozenset[str] = frozenset()
 
