@@ -169,7 +169,9 @@ class SteadyProblem(BalanceProblem):
         return tuple(self.load_factor[..., None, None] * load for load in loads)
 
     def idle(self, kinematics: Configuration) -> Tensor:
-        return element_loads.idle(self.model, self.nodes(kinematics), self.conditions)
+        return element_loads.idle(
+            self.model, element_loads.Way(kinematics.position), self.conditions
+        )
 
     def element_load_matrix(self, kinematics: Configuration, nodes: None = None) -> Matrix | None:
         now, by = self.conditions, self.frame.steady_jacobian()

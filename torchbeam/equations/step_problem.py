@@ -228,9 +228,10 @@ class StepProblem(BalanceProblem):
     def idle(self, kinematics: Any) -> Tensor:
         return element_loads.idle(self.model, self._way(kinematics), self.conditions)
 
-    def _way(self, kinematics: Any) -> Nodes:
-        """Nodes on their straight way over the step: in its middle, with the mean velocity."""
-        start, end = self.start.position, kinematics.position_end
-        middle, relative = (start + end) / 2, (end - start) / self.h
-        velocity = self.frame.velocity(relative, middle)
-        return Nodes(middle, kinematics.q_end, velocity, dt=self.dt)
+    def _way(self, kinematics: Any) -> element_loads.Way:
+        """Of the nodes over the step, in frame a."""
+        start = self.start.position
+        if self.PART == 0.5:
+            return element_loads.Way(kinematics.position, kinematics.position - start, self.dt)
+        half = (kinematics.position_end - start) / 2
+        return element_loads.Way(start + half, half, self.dt)

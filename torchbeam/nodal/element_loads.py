@@ -10,6 +10,7 @@ With N_a of node a and the weight w (m) of a point, and f its wrench per length:
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -71,17 +72,55 @@ def all_loads(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor | float:
     return total + at_nodes(rows, nodes, now) if now.between else total
 
 
-def idle(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor:
-    """(...) bool: whether none of these loads does anything, over the step either."""
-    each = [acting.load.idle(point).all(-1).all(-1) for acting, point in _points(rows, nodes, now)]
+class Way(NamedTuple):
+    """Straight ways of nodes over a step of dt (...) s: by `half` (..., N+1, p) m on either side of
+    the `middle` (..., N+1, p) m, in the space's coordinates; None = they rest.
+    """
+
+    middle: Tensor
+    half: Tensor | None = None
+    dt: Tensor | None = None
+
+
+def idle(rows: Rows, way: Way, now: Conditions) -> Tensor:
+    """(...) bool: whether none of these loads does anything, wherever nodes are on their way: by
+    the squares of how far an element's points are from its centre, and of how far they move. The
+    shares of nodes in a point have squares that sum up to 1 at most.
+    """
+    each = []
+    for acting in now.between:
+        load, corners = acting.load, _corners(rows, acting, way.middle)
+        centre, spread = _hull(corners)
+        x = rows.space.public_position(centre)
+        if way.half is not None:
+            moves = _corners(rows, acting, way.half)
+            shifts = [part.square().sum(-1) for part in moves]
+            carried = [load.carried(rows.space.public_position(part), way.dt) for part in corners]
+            shifts += [2 * part.square().sum(-1) for part in carried if part is not None]
+            share = 1 if len(shifts) == len(moves) else 2
+            spread = spread + share * sum(shifts[1:], shifts[0])
+        each.append(load.idle(x, 2 * spread).all(-1))
     return torch.stack(torch.broadcast_tensors(*each)).all(0)
 
 
-def passed(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor:
-    """(...) bool: whether a step leads through something that it is to touch."""
-    each = [
-        acting.load.passed(point).any(-1).any(-1) for acting, point in _points(rows, nodes, now)
-    ]
+def _hull(corners: tuple[Tensor, ...]) -> tuple[Tensor, Tensor]:
+    """Centre (..., N, p) m of elements, and the square (..., N) m^2 of how far from it their points
+    are at most.
+    """
+    first, *middle, last = corners
+    if middle:
+        return middle[0], sum((x - middle[0]).square().sum(-1) for x in (first, last))
+    half = (last - first) / 2
+    return first + half, half.square().sum(-1)
+
+
+def passed(rows: Rows, way: Way, now: Conditions) -> Tensor:
+    """(...) bool: whether that way leads a point through something that it is to touch."""
+    each = []
+    for acting in now.between:
+        x = rows.space.public_position(_at_points(rows, acting, way.middle))
+        half = rows.space.public_vector(_at_points(rows, acting, way.half))
+        each.append(acting.load.passed(x, half, way.dt).any(-1))
     return torch.stack(torch.broadcast_tensors(*each)).any(0)
 
 
@@ -113,10 +152,15 @@ def _points(rows: Rows, nodes: Nodes, now: Conditions) -> Iterator[tuple[ActingL
         yield acting, load_point(rows, acting, nodes, now)
 
 
+def _corners(rows: Rows, acting: ActingLoad, x: Tensor) -> tuple[Tensor, ...]:
+    """Values (..., N+1, *) at nodes -> those of each of the elements' nodes (..., N, *)."""
+    return tuple(part[..., _elements(rows, acting), :] for part in rows.topology.gather(x))
+
+
 def _at_points(rows: Rows, acting: ActingLoad, x: Tensor) -> Tensor:
     """Values (..., N+1, *) at nodes -> (..., points, *)."""
-    parts = torch.stack(rows.topology.gather(x), -2)[..., _elements(rows, acting), :, :]
-    return (_shares(rows, acting) @ parts).flatten(-3, -2)
+    corners = torch.stack(_corners(rows, acting, x), -2)
+    return (_shares(rows, acting) @ corners).flatten(-3, -2)
 
 
 def _of_node(rows: Rows, acting: ActingLoad, x: Tensor, b: int) -> Tensor:

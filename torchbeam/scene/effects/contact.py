@@ -12,7 +12,6 @@ from ...core.arguments import boolean, count
 from ...core.leaves import leaf
 from ...core.validation import Value, concrete, shown
 from .contact_law import damped, pressure, rubbing
-from .drag import norm
 from .load_point import POSITION, SPIN, VELOCITY, LoadEffect, LoadPoint, Wrench, at_instant
 from .obstacles import Obstacle
 from .values import Inputs, optional, parameter
@@ -173,23 +172,30 @@ class Contact(LoadEffect):
         rub = -_each(self.friction) * p * rubbing(slip, _each(self.slip_speed))
         return Touch(d - y, normal, p, slip, rub)
 
-    def idle(self, point: LoadPoint) -> Tensor:
-        """(..., points, 1) bool: whether no surface comes near, over the step either."""
-        room = self.gap(point.position) - _each(self.thickness)
-        if point.dt is None:
-            return room >= 0
-        return room >= _each(point.dt).abs() / 2 * norm(self.approach(point))
-
-    def passed(self, point: LoadPoint) -> Tensor:
-        """(..., points, 1) bool: whether a step leads through the obstacle: inside in between, and
-        outside at both ends, or out on another side than in.
+    def idle(self, x: Tensor, reach: Tensor) -> Tensor:
+        """(..., n) bool: whether nothing presses in balls about x (..., n, 3) m, of radii whose
+        squares are reach (..., n) m^2.
         """
-        x, half = point.position, _each(point.dt) / 2 * self.approach(point)
+        room = (self.gap(x) - _each(self.thickness))[..., 0]
+        return (room > 0) & (room * room >= reach)
+
+    def passed(self, x: Tensor, half: Tensor, dt: Tensor) -> Tensor:
+        """(..., n) bool: whether the way of points, by `half` (..., n, 3) m on either side of x, in
+        dt (...) s, leads through the obstacle: inside in between, and outside at both ends, or out
+        on another side than in.
+        """
+        carried = self.carried(x, dt)
+        half = half if carried is None else half - carried
         start, end = x - half, x + half
         inside = sum((self.gap(x + share * half) < 0).to(x) for share in (-0.5, 0.0, 0.5)) > 0
         out = torch.minimum(self.gap(start), self.gap(end)) > 0
         turned = (self.obstacle.gradient(start) * self.obstacle.gradient(end)).sum(-1, keepdim=True)
-        return inside & (out | (turned < 0))
+        return (inside & (out | (turned < 0)))[..., 0]
+
+    def carried(self, x: Tensor, dt: Tensor) -> Tensor | None:
+        """(..., n, 3) m by which the obstacle moves at x in half of a step; None = it stands."""
+        moves = self.obstacle.velocity(x)
+        return None if moves is None else _each(dt) / 2 * moves
 
     @property
     def slope(self) -> Tensor:

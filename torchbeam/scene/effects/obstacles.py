@@ -33,6 +33,16 @@ class Drift(FunctionOfTime):
 
 
 @dataclass(frozen=True)
+class Unit(FunctionOfTime):
+    """A direction of length 1, by a function of t that gives one of any."""
+
+    direction: Callable[[Tensor], Tensor] = leaf(1)
+
+    def __call__(self, t: Tensor) -> Tensor:
+        return _unit(taken("an obstacle's direction", self.direction(t), t, 3))
+
+
+@dataclass(frozen=True)
 class Turning(FunctionOfTime):
     """Angular velocity (..., 3) rad/s, across it, of the direction (..., 3) from one place to
     another, of which one at least is a function of t; origin: None = the end is the direction.
@@ -121,11 +131,16 @@ class Obstacle(Tree):
             object.__setattr__(self, name, load_value(f"{self.called}'s {name}", value))
 
     def _direction(self, name: str) -> None:
-        """The same: a direction, of any length but 0."""
+        """The same: a direction, of any length but 0; kept of length 1."""
         self._places(name)
         value = getattr(self, name)
-        if not callable(value) and not torch.as_tensor(value).any(-1).all():
+        if callable(value):
+            object.__setattr__(self, name, value if isinstance(value, Unit) else Unit(value))
+            return
+        if not (torch.as_tensor(value) != 0).any(-1).all():
             raise ValueError(f"{self.called}'s {name} of length 0 was given; a direction is wanted")
+        size = (value * value).sum(-1)[..., None] ** 0.5
+        object.__setattr__(self, name, value / size)
 
     def _size(self, name: str) -> None:
         """The same: a length above 0."""
@@ -159,10 +174,10 @@ class Plane(Obstacle):
         self._moves(Turning(self.normal) if callable(self.normal) else None)
 
     def distance(self, x: Tensor) -> Tensor:
-        return (self._from(x) * _unit(self.normal)[..., None, :]).sum(-1, keepdim=True)
+        return (self._from(x) * self.normal[..., None, :]).sum(-1, keepdim=True)
 
     def gradient(self, x: Tensor) -> Tensor:
-        return _unit(self.normal)[..., None, :] + torch.zeros_like(self._from(x))
+        return self.normal[..., None, :] + torch.zeros_like(self._from(x))
 
 
 @dataclass(frozen=True)
@@ -236,7 +251,7 @@ class Cylinder(Obstacle):
 
     @property
     def spinning(self) -> Tensor | None:
-        return None if self.spin is None else self.spin[..., None] * _unit(self.axis)
+        return None if self.spin is None else self.spin[..., None] * self.axis
 
     def distance(self, x: Tensor) -> Tensor:
         out = norm(self._across(x)) - _each(self.radius)
@@ -248,7 +263,7 @@ class Cylinder(Obstacle):
 
     def _across(self, x: Tensor) -> Tensor:
         """(..., points, 3) from the axis."""
-        axis, d = _unit(self.axis)[..., None, :], self._from(x)
+        axis, d = self.axis[..., None, :], self._from(x)
         return d - (d * axis).sum(-1, keepdim=True) * axis
 
 
