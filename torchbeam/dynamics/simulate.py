@@ -25,6 +25,7 @@ from ..core.validation import as_tensor, broadcast, concrete, increasing, shown
 from ..core.warning import warn
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
+from ..nodal.penetration import refuse_penetration
 from ..nodal.rates import Rates
 from ..scene.effects import PerInterval, changing, inputs_at
 from ..scene.prescribed_motion import oriented
@@ -452,7 +453,9 @@ def _begin(model: Model, initial: State | None, t: Tensor) -> State:
     start = with_optional_fields(start.broadcast(), scene)
     if start.frame is not None:  # it turns on from the state's own time
         start = replace(start, frame=oriented(scene, start.frame, start.t, t))
-    return (start if initial is None else on_supports(start, scene, t).broadcast()).at(t)
+    start = (start if initial is None else on_supports(start, scene, t).broadcast()).at(t)
+    refuse_penetration(model, start, t)
+    return start
 
 
 def _energy(

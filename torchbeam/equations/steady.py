@@ -162,11 +162,11 @@ class SteadyProblem(BalanceProblem):
         return load if isinstance(load, float) else self.load_factor[..., None, None] * load
 
     def element_loads(self, kinematics: Configuration) -> tuple[Tensor, ...] | None:
+        """What the beam meets, however far loads are raised."""
         now = self.conditions
         if not now.between:
             return None
-        loads = element_loads.element_loads(self.model, self.nodes(kinematics), now)
-        return tuple(self.load_factor[..., None, None] * load for load in loads)
+        return element_loads.element_loads(self.model, self.nodes(kinematics), now)
 
     def idle(self, kinematics: Configuration) -> Tensor:
         return element_loads.idle(
@@ -178,7 +178,7 @@ class SteadyProblem(BalanceProblem):
         if not now.between:
             return None
         matrix = element_loads.element_matrix(self.model, self.nodes(kinematics), now, by)
-        return matrix.each(lambda block: -self.load_factor[..., None, None, None] * block)
+        return matrix.each(torch.neg)
 
     def load_tangent(self, x: Configuration) -> Matrix | None:
         """What that adds to the tangent; None = nothing."""

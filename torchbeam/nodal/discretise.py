@@ -125,6 +125,11 @@ def check_plane(model: Model, whole: Model) -> None:
                 conditions(whole, t, {}, loads=(load,)),
             )
             _refuse(space, load.called, wrench, space.embed(space.project(wrench)))
+        if load.between_nodes and constant(load):
+            pushed = load.directions(beam.nodes)
+            _refuse(
+                space, load.called, pushed, space.project_vector(pushed) @ space.basis[:, :2].mT
+            )
         if isinstance(load.anchor, Tensor):  # slack at rest, a spring pulls nowhere
             to = load.anchor - beam.nodes[..., load.node, :]
             _refuse(

@@ -138,8 +138,9 @@ class Contact(LoadEffect):
         turns = self.friction is not None and self.radius is not None
         return frozenset({POSITION, VELOCITY, *({SPIN} if turns else ())})
 
-    def in_free_vibration(self) -> LoadEffect:
-        return self
+    @property
+    def rubs(self) -> bool:
+        return self.friction is not None
 
     def resolved(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> Contact:
         return at_instant(self, t, inputs, s, obstacle=at_instant(self.obstacle, t, inputs, s))
@@ -196,6 +197,10 @@ class Contact(LoadEffect):
         """(..., n, 3) m by which the obstacle moves at x in half of a step; None = it stands."""
         moves = self.obstacle.velocity(x)
         return None if moves is None else _each(dt) / 2 * moves
+
+    def directions(self, x: Tensor) -> Tensor:
+        """(..., n, 3) in which it pushes at points."""
+        return self.obstacle.gradient(x)
 
     @property
     def slope(self) -> Tensor:
