@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ..core.derivatives import cached
 from ..core.leaves import leaf
@@ -22,6 +23,7 @@ from ..nodal.inertia import InertiaForces
 from ..nodal.joint_motion import JointDrive
 from ..nodal.loads import Nodes
 from ..scene.effects import Inputs
+from ..solvers.newton import TOLERANCE
 from ..state.state import State
 from ..state.supported_nodes import set_node
 from ..topology.protocols import Matrix, total
@@ -224,6 +226,19 @@ class StepProblem(BalanceProblem):
         if not now.between:
             return None
         return element_loads.passed(self.model, self._way(kinematics), now)
+
+    @cached
+    def least(self) -> tuple[Tensor, ...]:
+        """Of a beam that flies on from what it touched, the rounding of its momentum over a step is
+        all that there is: so small forces (..., N, w) count as none.
+        """
+        if not self.conditions.between:
+            return ()
+        model, velocity = self.model, self.start.velocity[..., :-1, :].detach()
+        mass = (model.section_mass[..., :-1, 0, :1] * model.tributary_length[..., :-1, :]).detach()
+        share = 10 * torch.finfo(velocity.dtype).eps / TOLERANCE[velocity.dtype]
+        force = mass * velocity.abs() * (share / self.h)
+        return (pad(force, (0, model.space.dims.spin)),)
 
     def idle(self, kinematics: Any) -> Tensor:
         return element_loads.idle(self.model, self._way(kinematics), self.conditions)

@@ -101,7 +101,8 @@ class AdjointProgram(NativeProgram):
                     functions[f"ended element {k}"] = finish
                 functions[f"finish element bar {k}"] = _derivative(finish, [*ends, *ended])
             if local.between:
-                functions[f"far {k}"] = traced(partial(local.far, kind), traced.element)
+                far = traced(partial(local.far, kind), traced.element)
+                functions[f"far {k}"] = far.only(["far"])
                 loads.append(load := traced(partial(local.element_load, kind), traced.element))
                 functions[f"element load bar {k}"] = _derivative(
                     load.only(f"{side}.balance" for side in self.sides), ends

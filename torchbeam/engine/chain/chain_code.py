@@ -241,7 +241,12 @@ class ChainCode:
         if "at_load" not in self.layout.records:
             return
         code, far = self.code, self.at("at_load", 0, "far")
-        self._call(f"far {k}", lambda f: far if f[0] == ">" else self._of_element(f, e))
+        self._call(
+            f"far {k}",
+            lambda f: self.at("at_load", 0, f[2:]) if f[0] == ">" else self._of_element(f, e),
+        )
+        if "force" in self.functions[f"far {k}"].outputs:
+            code.call("largest", self.at("sums", 0, "force"), self.at("at_load", 0, "force"))
         code.call("all", far, result := code.slot())
         with code.when(code.compare("eq", code.load(result), 0)):
             yield

@@ -178,9 +178,12 @@ class LocalFunctions(LocalProblems):
     # Functions of the loads between an element's nodes
 
     def far(self, kind: ElementKind, **fields: Tensor) -> Fields:
-        """1 where these loads do nothing."""
+        """1 where these loads do nothing; the largest force that counts as none, in a step."""
         problem, kinematics = self._between(fields, kind)
-        return {"far": problem.idle(kinematics).to(problem.t)}
+        found = {"far": problem.idle(kinematics).to(problem.t)}
+        if isinstance(problem, StepProblem):
+            found["force"] = problem.least[0].amax()
+        return found
 
     def element_load(self, kind: ElementKind, **fields: Tensor) -> Fields:
         """What they add to what `element` gives its nodes; the largest force and moment; in a step
