@@ -21,6 +21,18 @@ HINGED = tb.rest(
         supports=[tb.Support(("arm", 0))],
     )
 )
+LEANING = tb.Scene(
+    BEAM,
+    [
+        tb.Contact(
+            tb.Plane((0.0, 0, -0.1), (0, 0, 1.0)),
+            thickness=0.2,
+            force=1.0,
+            friction=0.1,
+            slip_speed=0.1,
+        )
+    ],
+)
 SOLUTION = tb.simulate(SCENE, [0.0, 0.1, 0.2], step=0.1)
 EQUILIBRIUM = tb.equilibrium(SCENE)
 MODES = tb.modes(SCENE)
@@ -150,6 +162,10 @@ CALLS = {
             push_out=False,
         ),
     ),
+    **{
+        name: (getattr(S, name), dict(scene=LEANING, contact=0))
+        for name in ("ContactForce", "ContactForces", "ContactGap", "ContactSlip")
+    },
     "Plane": (tb.Plane, dict(point=FORCE, normal=FORCE)),
     "Sphere": (tb.Sphere, dict(centre=FORCE, radius=0.1, spin=FORCE)),
     "Cylinder": (tb.Cylinder, dict(point=FORCE, axis=FORCE, radius=0.1, inside=True, spin=0.1)),

@@ -28,7 +28,7 @@ def element_loads(rows: Rows, nodes: Nodes, now: Conditions) -> tuple[Tensor, ..
     """Force N and moment N m (..., N, w), frame a, on each node of all elements."""
     total = 0.0
     for acting, point in _points(rows, nodes, now):
-        weights, shares = _weights(rows, acting), _shares(rows, acting)
+        weights, shares = point_weights(rows, acting), _shares(rows, acting)
         f = weights * wrench(rows.space, acting.load, point, now.t, now.inputs)
         own = shares.mT @ f.unflatten(-2, (-1, len(shares)))  # (..., N, nodes, w)
         total = total + _padded(rows, acting, own, 2)
@@ -42,7 +42,7 @@ def element_blocks(rows: Rows, nodes: Nodes, now: Conditions, by: MotionJacobian
     count = rows.space.interpolation.order + 1
     total = [[0.0] * count for _ in range(count)]
     for acting, point in _points(rows, nodes, now):
-        weights, shares = _weights(rows, acting)[..., None], _shares(rows, acting)
+        weights, shares = point_weights(rows, acting)[..., None], _shares(rows, acting)
         blocks = wrench_blocks(rows.space, acting.load, point, now.t, now.inputs, by)
         for b in range(count):
             ways = {name: _of_node(rows, acting, x, b) for name, x in by.items()}
@@ -179,7 +179,7 @@ def _shares(rows: Rows, acting: ActingLoad) -> Tensor:
     return values_at(x, rows.space.interpolation.order).to(rows.length)
 
 
-def _weights(rows: Rows, acting: ActingLoad) -> Tensor:
+def point_weights(rows: Rows, acting: ActingLoad) -> Tensor:
     """(..., points, 1) m: ds/dx of an element, which is linear between the lengths that its
     stations stand for.
     """
