@@ -62,6 +62,7 @@ from .scene.effects import (
     RootSpring,
     Sphere,
     Spring,
+    Tendon,
     TipLoad,
     rayleigh,
 )
@@ -89,7 +90,7 @@ __all__ = [
     "RareEvent", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "Slider",
     "SlowPathWarning", "Smoothness",
     "SobolIndices", "Solution", "Sphere", "Spring", "State", "Stations", "Stats", "Stepper",
-    "Stream", "Support", "Table", "TipLoad",
+    "Stream", "Support", "Table", "Tendon", "TipLoad",
     "Tornado", "Universal", "Weld", "advise", "block_rate", "consistent_state", "critical_load",
     "describe", "equilibrium",
     "identify", "identify_fields", "laws", "linearize", "modal_assurance", "modes",

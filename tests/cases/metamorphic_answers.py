@@ -1,4 +1,4 @@
-"""What is asked of a random scene: a `FitProblem`, and answers to it, each number with its
+"""What is asked of a random scene: a `Problem`, and answers to it, each number with its
 `Quantity`.
 """
 

@@ -17,6 +17,7 @@ LONG = {
     "identify_field",
     "identify_nuts",
     "mpc",
+    "two_link",
     "uncertainty_controller",
 }
 

@@ -149,7 +149,7 @@ def _beam(scene: Scene) -> Iterator[str]:
         return
     beam = scene.beam
     length = beam.length.sum(-1)
-    order = " of order 2" if beam.order == 2 else ""
+    order = f" of order {beam.order}" if beam.order > 1 else ""
     shape = ", curved or twisted at rest" if beam.curved else ""
     yield f"{beam.element_count} elements{order}, {_number(length)} m long{shape}"
     known = notes(beam)

@@ -19,7 +19,7 @@ detach and `to`.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import MISSING, Field, field
 from functools import cache, cached_property
 from typing import Any, ClassVar, NamedTuple
@@ -121,48 +121,62 @@ class Leaf(NamedTuple):
         return torch.Size(self.value.shape[: max(self.value.ndim - self.axes, 0)])
 
 
-def own_leaves(tree: Tree) -> Iterator[Leaf]:
+def own_leaves(tree: Tree) -> list[Leaf]:
     """The leaves that a tree declares itself, None among them; a tree in the place of a leaf as it
     is.
     """
-    declared = _declared(type(tree))
+    declared, own = _declared(type(tree)), []
     for name, value in vars(tree).items():
         if (axes := declared.get(name, BRANCH)) is not BRANCH:
             axes = axes(tree) if callable(axes) else axes
-            parts = (
-                value.values()
-                if isinstance(value, dict)
-                else value
-                if hasattr(value, "_fields")
-                else (value,)
-            )
-            yield from (Leaf(tree, name, part, axes) for part in parts)
+            own += [Leaf(tree, name, part, axes) for part in _parts(value)]
+    return own
 
 
-def leaves(tree: Any) -> Iterator[Leaf]:
+def _parts(value: Any) -> Iterable[Any]:
+    """What a leaf's field holds: a dictionary or named tuple of values, or one."""
+    if value is None or isinstance(value, Tensor):
+        return (value,)
+    if isinstance(value, dict):
+        return value.values()
+    return value if hasattr(value, "_fields") else (value,)
+
+
+def leaves(tree: Any) -> list[Leaf]:
     """All leaves of a tree, of trees in tuples, lists and dictionaries, but for None; what stands
     in two places comes twice.
     """
+    found: list[Leaf] = []
+    _add_leaves(tree, found)
+    return found
+
+
+def _add_leaves(tree: Any, found: list[Leaf]) -> None:
     if isinstance(tree, Tree):
         for leaf in own_leaves(tree):
             if isinstance(leaf.value, Tree):
-                yield from leaves(leaf.value)
+                _add_leaves(leaf.value, found)
             elif leaf.value is not None:
-                yield leaf
+                found.append(leaf)
         declared = _declared(type(tree))
         for name, value in vars(tree).items():
             if declared.get(name) is BRANCH:
-                yield from leaves(value)
+                _add_leaves(value, found)
     elif isinstance(tree, (tuple, list, dict)):
         for part in tree.values() if isinstance(tree, dict) else tree:
-            yield from leaves(part)
+            _add_leaves(part, found)
 
 
-def leaves_in_order(tree: Any, seen: set[int] | None = None) -> Iterator[tuple[Any, int | None]]:
+def leaves_in_order(tree: Any) -> list[tuple[Any, int | None]]:
     """Values and own axes of all leaves that `map_leaves` meets, in that order: an object in
     several places once.
     """
-    seen = set() if seen is None else seen
+    found: list[tuple[Any, int | None]] = []
+    _add_in_order(tree, found, set())
+    return found
+
+
+def _add_in_order(tree: Any, found: list[tuple[Any, int | None]], seen: set[int]) -> None:
     if isinstance(tree, Tree):
         if id(tree) in seen:
             return
@@ -173,20 +187,13 @@ def leaves_in_order(tree: Any, seen: set[int] | None = None) -> Iterator[tuple[A
                 continue
             axes = declared[name]
             if axes is BRANCH or isinstance(value, Tree):
-                yield from leaves_in_order(value, seen)
+                _add_in_order(value, found, seen)
             elif value is not None:
                 axes = axes(tree) if callable(axes) else axes
-                parts = (
-                    value.values()
-                    if isinstance(value, dict)
-                    else value
-                    if hasattr(value, "_fields")
-                    else (value,)
-                )
-                yield from ((part, axes) for part in parts)
+                found += [(part, axes) for part in _parts(value)]
     elif isinstance(tree, (tuple, list, dict)):
         for part in tree.values() if isinstance(tree, dict) else tree:
-            yield from leaves_in_order(part, seen)
+            _add_in_order(part, found, seen)
 
 
 def map_leaves(

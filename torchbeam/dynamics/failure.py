@@ -1,5 +1,6 @@
 """What is wrong with an implicit step that no smaller one helps: an effect that is not finite, or
-jumps. Asked once a run has failed, so that its cost does not matter.
+jumps, or a motion that nothing resists. Asked once a run has failed, so that its cost does not
+matter.
 """
 
 from __future__ import annotations
@@ -24,10 +25,12 @@ from ..solvers.newton import newton
 from ..state.state import State
 from .method import Method
 from .step_inputs import HeldInputs
+from .unresisted_motion import unresisted_motion
 
 ITERATES = 6  # of Newton's method that are looked at
 # of the way between two of them: what then still changes by half of the whole has a jump
 HALVES = 30
+RESIST = "a section with rotary inertia, or a support or joint that holds it, is wanted"
 
 
 class Failure(NamedTuple):
@@ -73,7 +76,8 @@ class Failure(NamedTuple):
                         f"{name} jumps in time, and no smaller step helps; let it rise over "
                         "some steps"
                     )
-        return None
+            motion = unresisted_motion(problem, self.failed)
+            return motion and f"neither stiffness nor inertia resists {motion}; {RESIST}"
 
     def _iterates(self) -> list[Any]:
         problem, x = self.problem, self.problem.predictor()

@@ -450,10 +450,12 @@ def _begin(model: Model, initial: State | None, t: Tensor) -> State:
     start = rest(scene, t=t) if initial is None else check_state(initial, scene)
     if initial is not None or scene.has_prescribed_motion:
         model.space.start(start)  # says so where it does not fit
+    if initial is None:
+        return start
     start = with_optional_fields(start.broadcast(), scene)
     if start.frame is not None:  # it turns on from the state's own time
         start = replace(start, frame=oriented(scene, start.frame, start.t, t))
-    start = (start if initial is None else on_supports(start, scene, t).broadcast()).at(t)
+    start = on_supports(start, scene, t).broadcast().at(t)
     refuse_penetration(model, start, t)
     return start
 

@@ -16,8 +16,10 @@ from ..math.dense import inverse_unchecked, solve_unchecked
 from ..math.shapes import broadcast_shapes
 from ..nodal.assembly import Assembly
 from ..nodal.coordinates.spatial import Spatial
+from ..nodal.joint_motion import NoJoints
 from ..nodal.model import Model
 from ..state.state import State
+from .minimal_moves import pivots
 
 ITERATIONS = 30
 
@@ -29,10 +31,13 @@ class Chart:
 
         B q = strain - strain of own,    q of the base node = its displacement and turn, frame a
 
+    Each part of a structure has a base. There q has as many moves as joints leave, and is told by
+    the joints' coordinates, by strains and by bases as far as it takes these, in this order.
+
     length (..., N, 1) m, of the elements
-    base   the node that holds the beam
-    strain (..., N, k) of `own`;  solve (..., w (N+1), w (N+1)): from displacement and turn of the
-                                  base and strains to q
+    bases  the nodes that hold the beams
+    strain (..., N, k) of `own`;  solve (..., w (N+1), r): from displacements and turns of the
+                                  bases, strains and coordinates of joints to q
     free   (n,) places of the moves that supports leave free among the nodes' w (N+1)
     """
 
@@ -40,15 +45,16 @@ class Chart:
     space: Spatial
     own: State
     length: Tensor
-    base: int
+    joints: NoJoints
+    bases: tuple[int, ...]
     strain: Tensor
     solve: Tensor
     free: Tensor
 
     @classmethod
-    def of(cls, model: Model, state: State) -> Chart:
+    def of(cls, model: Model, state: State, moves: Tensor) -> Chart:
+        """moves (..., w (N+1), n): by the coordinates that joints leave, where there are joints."""
         space, own = model.space, model.space.to_reduced(state)
-        base = min(model.constraints.nodes, default=0)
         kinematics = model.kinematics(own.position, own.rotation)
         strain, none = space.strains(kinematics, model.length), torch.empty(0)
         chart = cls(
@@ -56,23 +62,30 @@ class Chart:
             space,
             own,
             model.length,
-            base,
+            model.joints,
+            _bases(model),
             strain,
             none,
             model.constraints.moving.flatten().nonzero()[:, 0],
         )
-        return replace(chart, solve=inverse_unchecked(chart._rows(kinematics)))
+        rows = chart._rows(own.position, own.rotation)
+        solve = chart._told_by(moves, rows) if model.joints.count else inverse_unchecked(rows)
+        return replace(chart, solve=solve)
 
-    def __call__(self, position: Tensor, rotation: Tensor) -> Tensor:
-        """q (..., w (N+1)) of a configuration in the space's coordinates."""
-        space, own, base = self.space, self.own, self.base
+    def __call__(self, position: Tensor, rotation: Tensor, joints: Tensor | None = None) -> Tensor:
+        """q (..., w (N+1)) of a configuration in the space's coordinates; joints: as in `State`."""
+        space, own, bases = self.space, self.own, list(self.bases)
         turn = space.logarithm(space.multiply(rotation, space.inverse(own.rotation)))
         turn = turn if space.turns else space.to_frame(own.rotation, turn)
         strain = space.strains(self._kinematics(position, rotation), self.length) - self.strain
+        displacement = (position - own.position)[..., bases, :]
+        turn = turn[..., bases, :]
+        lead = broadcast_shapes(displacement.shape[:-2], turn.shape[:-2])
+        moved = torch.cat([x.expand(*lead, *x.shape[-2:]) for x in (displacement, turn)], -1)
         parts = (
-            position[..., base, :] - own.position[..., base, :],
-            turn[..., base, :],
+            moved.flatten(-2),
             strain.flatten(-2),
+            *self._of_joints(position, rotation, joints),
         )
         lead = broadcast_shapes(*(x.shape[:-1] for x in parts))
         return (self.solve @ torch.cat([x.expand(*lead, -1) for x in parts], -1)[..., None])[..., 0]
@@ -86,7 +99,7 @@ class Chart:
             @ self._velocity(state).flatten(-2)[..., None]
         )[..., 0]
         lags = () if self.own.internal is None else (state.internal - self.own.internal,)
-        parts = (self(state.position, state.rotation), rate, *lags)
+        parts = (self(state.position, state.rotation, state.joints), rate, *lags)
         lead = broadcast_shapes(*(x.shape[:-1] for x in parts))
         return torch.cat([x.expand(*lead, -1) for x in parts], -1)
 
@@ -95,6 +108,7 @@ class Chart:
         in the space's coordinates; what supports hold stays as `near` has it, and so do stress,
         reaction, time. First derivatives by `by` are exact. Raises ValueError where there is none.
         """
+        self._of_one_beam("a state at coordinates")
         space, own = self.space, self.own
         w = self.solve.shape[-1]
         q, rate, lags = (self.coordinates(near) + by).split((w, w, by.shape[-1] - 2 * w), -1)
@@ -118,13 +132,15 @@ class Chart:
         """J (..., w (N+1), w (N+1)): dq by moves of the nodes at a configuration, displacement and
         turn, frame a.
         """
-        rows = self._rows(self._kinematics(position, rotation))
+        rows = self._rows(position, rotation)
         p, w = self.space.dims.position, self.space.unknowns
-        base, turn, strains = rows.split((p, w - p, rows.shape[-2] - w), -2)
-        turn = self._by_turn(rotation) @ turn
-        return self.solve @ torch.cat(
-            [x.expand(*turn.shape[:-2], -1, -1) for x in (base, turn, strains)], -2
-        )
+        parts = []
+        for k, base in enumerate(self.bases):
+            moved, turn = rows[..., k * w : k * w + p, :], rows[..., k * w + p : (k + 1) * w, :]
+            parts += [moved, self._by_turn(rotation, base) @ turn]
+        parts.append(rows[..., len(self.bases) * w :, :])
+        lead = broadcast_shapes(*(x.shape[:-2] for x in parts))
+        return self.solve @ torch.cat([x.expand(*lead, -1, -1) for x in parts], -2)
 
     def slopes(self, state: State) -> tuple[Tensor, Tensor]:
         """Derivatives of `coordinates` by a move of the state (see `nodal.moves`), (..., 2 w
@@ -134,6 +150,7 @@ class Chart:
             dq = J m        dq' = J (v - W m) + d(J u)/dm m
             (W: what the model's own spin makes of a displacement)
         """
+        self._of_one_beam("derivatives of a step")
         space, u, free = self.space, self._velocity(state), self.free
         J = self.by_moves(state.position, state.rotation)
         before = space.to_frame(self.own.rotation, self.own.spin)
@@ -156,7 +173,7 @@ class Chart:
         The geometric stiffness of a stress is the derivative of h B^T stress: that of a unit
         stress, times u, is that of the rate of its strain.
         """
-        space, length, base = self.space, self.length, self.base
+        space, length, base = self.space, self.length, self.bases[0]
         kinematics = self._kinematics(state.position, state.rotation)
         own = self.assembly.to_elements(u)
         eye = torch.eye(space.dims.strain, dtype=u.dtype, device=u.device)
@@ -173,7 +190,7 @@ class Chart:
         root = strains.new_zeros(*strains.shape[:-2], w, strains.shape[-1])
         if space.turns and space.dims.spin > 1:
             by_turn = _rate_of_turn(
-                space.of_nodes(base), self._turned(state.rotation), u[..., base, p:]
+                space.of_nodes(base), self._turned(state.rotation, base), u[..., base, p:]
             )
             root[..., p:, base * w + p : (base + 1) * w] = by_turn
         return self.solve @ torch.cat((root, strains), -2)
@@ -224,17 +241,53 @@ class Chart:
     def _kinematics(self, position: Tensor, rotation: Tensor) -> Any:
         return self.space.kinematics(*self.assembly.poses(position, rotation), self.length)
 
-    def _rows(self, kinematics: Any) -> Tensor:
-        """(..., w (N+1), w (N+1)): displacement and turn of the base and strains by moves of the
-        nodes, frame a.
+    def _rows(self, position: Tensor, rotation: Tensor) -> Tensor:
+        """(..., r, w (N+1)): displacements and turns of the bases, strains and coordinates of
+        joints by moves of the nodes, frame a.
         """
         w, moves = self.space.unknowns, self._moves()
-        B = self.space.strain_operator(kinematics, self.length)
+        B = self.space.strain_operator(self._kinematics(position, rotation), self.length)
         rows = torch.einsum("...eij,mej->...eim", B, moves).flatten(-3, -2)
-        root = torch.eye(len(moves), dtype=rows.dtype, device=rows.device)[self.base * w :][
-            :w
-        ].expand(*rows.shape[:-2], w, -1)
-        return torch.cat((root, rows), -2)
+        eye = torch.eye(len(moves), dtype=rows.dtype, device=rows.device).unflatten(0, (-1, w))
+        parts = [eye[list(self.bases)].flatten(0, 1), rows]
+        if self.joints.count:
+            parts.append(self.joints.coordinate_rows(self.joints.pose(position, rotation)))
+        lead = broadcast_shapes(*(x.shape[:-2] for x in parts))
+        return torch.cat([x.expand(*lead, *x.shape[-2:]) for x in parts], -2)
+
+    def _of_joints(
+        self, position: Tensor, rotation: Tensor, joints: Tensor | None
+    ) -> tuple[Tensor, ...]:
+        """Coordinates (..., c) of joints less those of `own`."""
+        if not self.joints.count:
+            return ()
+        now, before = (
+            self.joints.coordinates(self.joints.pose(*pose), counted[..., 0])
+            for pose, counted in (
+                ((position, rotation), joints),
+                ((self.own.position, self.own.rotation), self.own.joints),
+            )
+        )
+        return (now - before,)
+
+    def _told_by(self, moves: Tensor, rows: Tensor) -> Tensor:
+        """`solve` of fewer coordinates, of moves (..., w (N+1), n), by as many of the rows."""
+        rows, w, bases = rows @ moves, self.space.unknowns, len(self.bases)
+        at = torch.arange(rows.shape[-2], device=rows.device)
+        strains = bases * w + self.strain.shape[-2:].numel()
+        place = at % w < self.space.dims.position
+        groups = at >= strains, (at >= bases * w) & (at < strains), ~place & (at < bases * w), place
+        chosen = pivots(rows.mT, groups)
+        told = moves @ inverse_unchecked(rows[..., chosen, :])
+        return told.new_zeros(*told.shape[:-1], len(at)).index_copy(-1, chosen, told)
+
+    def _of_one_beam(self, what: str) -> None:
+        """ValueError for a structure."""
+        if self.joints.count or len(self.bases) > 1:
+            raise ValueError(
+                f"{what} was asked for of a structure, where there are none; a linear model of one "
+                "beam is wanted"
+            )
 
     def _moves(self) -> Tensor:
         """(w (N+1), N, numbers) of the elements, by unit moves of the nodes."""
@@ -244,15 +297,13 @@ class Chart:
         )
         return self.assembly.to_elements(eye.unflatten(-1, (-1, w)))
 
-    def _turned(self, rotation: Tensor) -> Tensor:
+    def _turned(self, rotation: Tensor, base: int) -> Tensor:
         """The base's rotation from its own."""
-        return self.space.multiply(rotation, self.space.inverse(self.own.rotation))[
-            ..., self.base, :
-        ]
+        return self.space.multiply(rotation, self.space.inverse(self.own.rotation))[..., base, :]
 
-    def _by_turn(self, rotation: Tensor) -> Tensor:
+    def _by_turn(self, rotation: Tensor, base: int) -> Tensor:
         """Derivative of the base's turn by a turn that comes on top, from the left."""
-        return self.space.of_nodes(self.base).logarithm_by_turn(self._turned(rotation)).mT
+        return self.space.of_nodes(base).logarithm_by_turn(self._turned(rotation, base)).mT
 
     def _velocity(self, state: State) -> Tensor:
         """Velocity and spin (..., N+1, w) of the nodes, frame a, beside those of the model's own
@@ -268,6 +319,15 @@ class Chart:
     def _carried(self, spin: Tensor, position: Tensor) -> Tensor:
         """What the model's own spin (frame a) makes of a displacement."""
         return (self.space.skew(spin) @ (position - self.own.position)[..., None])[..., 0]
+
+
+def _bases(model: Model) -> tuple[int, ...]:
+    """The first node of each part that a support holds, or else its first."""
+    parts = [part.nodes for part in model.scene.beam.parts] or [slice(0, model.node_count)]
+    held = model.constraints.nodes
+    return tuple(
+        min((n for n in held if part.start <= n < part.stop), default=part.start) for part in parts
+    )
 
 
 def _of_each(blocks: Tensor) -> Tensor:

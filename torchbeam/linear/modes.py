@@ -169,4 +169,4 @@ def modes(
             shape
             / sum((x * (x @ M)).sum(-1, keepdim=True) for x in (shape.real, shape.imag)).sqrt()
         )
-    return Modes(value, moves(model, shape, basis))
+    return Modes(value, moves(model, shape, None if basis is None else basis[..., None, :, :]))

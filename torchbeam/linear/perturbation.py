@@ -13,6 +13,7 @@ from torch.nn.functional import pad
 
 from ..core.functions_of_time import rate_along
 from ..equations.steady import Configuration, SteadyProblem
+from ..nodal.joint_motion import JointMotion
 from ..nodal.loads import advanced_rates
 from ..nodal.model import Model
 from ..state.state import State
@@ -25,7 +26,8 @@ NO_INERTIA = 1e-12  # of the largest of a node's three moments of inertia
 class Perturbation:
     """Point of linearisation, in the coordinates of the model's space. free (n,): the free
     unknowns' places among the nodes' w (N+1); axes (..., n, n): turns in section axes -> frame a,
-    where all three of a node are free.
+    where all three of a node are free; of fewer coordinates, where joints hold, all free moves by
+    these.
     """
 
     model: Model
@@ -71,8 +73,16 @@ class Perturbation:
             -1, (nodes, w)
         )
 
+    def moves(self) -> Tensor:
+        """(..., w (N+1), n): the nodes' moves of q, frame a."""
+        rows = self.model.node_count * self.model.space.unknowns
+        full = self.axes.new_zeros(*self.axes.shape[:-2], rows, self.axes.shape[-1])
+        return full.index_copy(-2, self.free, self.axes)
+
     def depends_on(self) -> Tensor:
-        """(..., n, w (N+1)): q of the nodes' moves, the inverse of `nodes`."""
+        """(..., n, w (N+1)): q of the nodes' moves, the inverse of `moves` where q are all free
+        ones.
+        """
         moves = self.model.node_count * self.model.space.unknowns
         full = torch.zeros(
             *self.axes.shape[:-1], moves, dtype=self.axes.dtype, device=self.axes.device
@@ -105,9 +115,16 @@ class Perturbation:
             self.model, self.t, inputs, one, internal=held if self.model.internal_states else None
         )
 
-    def at(self, q: Tensor, v: Tensor, inputs: dict[str, Tensor], z: Tensor | None = None) -> State:
-        """The state after a small move q with rates v, and z of internal states, under these
-        inputs; exact to first order.
+    def at(
+        self,
+        q: Tensor,
+        v: Tensor,
+        inputs: dict[str, Tensor],
+        z: Tensor | None = None,
+        force: Tensor | None = None,
+    ) -> State:
+        """The state after a small move q with rates v, z of internal states, and a change of the
+        joints' forces (..., m), under these inputs; exact to first order.
         """
         model, state, problem = self.model, self.state, self.problem(inputs, z)
         start = Configuration(state.position, state.rotation, state.stress)
@@ -115,21 +132,31 @@ class Perturbation:
 
         def gap(move: Tensor) -> Tensor:
             x = problem.update(start, move, torch.zeros_like(state.stress))
-            return problem.residual(x)[0].strain
+            return model.joints.split(problem.residual(x)[0].strain)[0]
 
         bent = gap(move)
         effective_strain = model.law.effective_strain(
             bent, lambda: rate_along(gap, (move,), (rate,))[1]
         )
-        x = problem.update(start, move, model.law.stress(effective_strain))
+        change = model.joints.with_forces(model.law.stress(effective_strain), force)
+        x = problem.update(start, move, change)
         space, p = model.space, model.space.dims.position
         spin = space.to_frame(state.rotation, state.spin)  # absolute, frame a
+
+        def rates() -> tuple[Tensor, Tensor]:
+            return rate[..., :p], rate[..., p:]
+
+        def joint_motion() -> JointMotion:
+            motion = problem.joint_poses(x)
+            return motion._replace(
+                drive=motion.drive._replace(turns=state.joints[..., 0], moving=rates)
+            )
+
         return space.to_public(
             replace(
                 state,
                 position=x.position,
                 rotation=x.rotation,
-                stress=x.stress,
                 internal=problem.internal,
                 velocity=state.velocity
                 + rate[..., :p]
@@ -137,11 +164,14 @@ class Perturbation:
                 spin=space.to_section(x.rotation, spin + rate[..., p:]),
                 reaction=model.constraints.fixed
                 * problem.residual(x)[0].nodes[..., list(model.constraints.nodes), :],
+                **model.joints.finished(x.stress, joint_motion, rates),
             )
         )
 
     def by_inputs(self, outputs: tuple[Sensor, ...]) -> tuple[Tensor, Tensor]:
-        """G (..., n + Z, m), of moves and internal states, and Y_u (..., p, m)."""
+        """Loads (..., n + Z, m) along the free moves of the nodes, frame a, and of internal states,
+        and Y_u (..., p, m), at the same forces of joints.
+        """
         names = list(self.inputs)
         held = tuple(
             self.inputs[name].expand(*self.shape, self.inputs[name].shape[-1]).clone()
@@ -155,13 +185,13 @@ class Perturbation:
             start = Configuration(self.state.position, self.state.rotation, self.state.stress)
             # zero; an input may be a strain that the beam takes by itself
             bent = problem.residual(start)[0].strain
-            start = start._replace(stress=start.stress + self.model.law.stress(bent))
+            own = self.model.law.stress(self.model.joints.split(bent)[0])
+            start = start._replace(stress=start.stress + self.model.joints.with_forces(own, None))
             load = (
                 -problem.residual(start)[0]
                 .nodes.expand(*self.shape, -1, -1)
                 .flatten(-2)[..., self.free]
             )
-            load = (self.axes.mT @ load[..., None])[..., 0]
             if problem.internal is not None:
                 rates = advanced_rates(self.model, problem.nodes(start), problem.conditions)
                 load = torch.cat((load, rates.expand(*self.shape, -1)), -1)
@@ -177,27 +207,28 @@ class Perturbation:
                 columns.append(rate_along(both, held, tuple(tangents))[1])
         if not columns:
             p = self.read(outputs, self.at(zero, zero, {}))[0].shape[-1]
-            rows = zero.shape[-1] + self.model.internal_states
+            rows = len(self.free) + self.model.internal_states
             return zero.new_zeros(*self.shape, rows, 0), zero.new_zeros(*self.shape, p, 0)
         G, Y_u = (torch.stack(c, -1) for c in zip(*columns, strict=True))
         return G, Y_u
 
     def by_moves(
         self, outputs: tuple[Sensor, ...]
-    ) -> tuple[Tensor, Tensor, Tensor, tuple[slice, ...]]:
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor, tuple[slice, ...]]:
         """Output (..., p), Y and Y_v (..., p, n + Z) by moves and internal states and by their
-        rates; each sensor's rows.
+        rates, Y_force (..., p, m) by the forces of joints; each sensor's rows.
         """
         zero = self.zero()
         still = zero.new_zeros(*self.shape, self.model.internal_states)
+        slack = zero.new_zeros(*self.shape, self.model.joints.held_count)
         rows: tuple[slice, ...] = ()
 
-        def read(q: Tensor, v: Tensor, z: Tensor) -> Tensor:
+        def read(q: Tensor, v: Tensor, z: Tensor, force: Tensor) -> Tensor:
             nonlocal rows
-            value, rows = self.read(outputs, self.at(q, v, self.inputs, z))
+            value, rows = self.read(outputs, self.at(q, v, self.inputs, z, force))
             return value
 
-        value, back = torch.func.vjp(read, zero, zero, still)
+        value, back = torch.func.vjp(read, zero, zero, still, slack)
         slopes = [
             back(
                 torch.zeros_like(value).index_fill(-1, torch.tensor([i], device=value.device), 1.0)
@@ -206,9 +237,10 @@ class Perturbation:
         ]
         if not slopes:
             none = torch.cat((zero, still), -1)[..., None, :][..., :0, :]
-            return value, none, none, rows
-        Y, Y_v, Y_z = (torch.stack(s, -2) for s in zip(*slopes, strict=True))
-        return value, torch.cat((Y, Y_z), -1), torch.cat((Y_v, torch.zeros_like(Y_z)), -1), rows
+            return value, none, none, slack[..., None, :][..., :0, :], rows
+        Y, Y_v, Y_z, Y_force = (torch.stack(s, -2) for s in zip(*slopes, strict=True))
+        Y, Y_v = torch.cat((Y, Y_z), -1), torch.cat((Y_v, torch.zeros_like(Y_z)), -1)
+        return value, Y, Y_v, Y_force, rows
 
     def read(self, outputs: tuple[Sensor, ...], state: State) -> tuple[Tensor, tuple[slice, ...]]:
         """Readings (..., p) of all sensors, and the rows of each."""
@@ -231,5 +263,5 @@ class Perturbation:
 
     def zero(self) -> Tensor:
         return torch.zeros(
-            *self.shape, len(self.free), dtype=self.axes.dtype, device=self.axes.device
+            *self.shape, self.axes.shape[-1], dtype=self.axes.dtype, device=self.axes.device
         )

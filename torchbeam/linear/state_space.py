@@ -9,6 +9,11 @@ Coordinates q_0 without inertia (turns of a section without rotary inertia) have
 motion. Undamped they follow the others, K_00 q_0 = G_0 du - K_01 q_1; damped they creep,
 D_00 q_0' = G_0 du - K_00 q_0 - K_01 q_1 - D_01 q_1'. Internal states of loads are such coordinates,
 see `system_matrices`; they also follow accelerations, - M_01 q_1'' on the right.
+
+Of a structure q are those of the moves by which the others follow, q_d = -G_d^-1 G_i q, with G the
+derivatives of the joints' constraints; the joints' forces are what the others' balances lack,
+lambda = G_d^-T (G du - K q - D q' - M q'')_d. Moves without inertia depend on others as far as they
+can: what is left of them has none.
 """
 
 from __future__ import annotations
@@ -27,13 +32,15 @@ from ..core.leaves import wants_gradient
 from ..core.validation import unmapped
 from ..math.dense import solve
 from ..nodal.discretise import discretise
+from ..scene.effects.values import Input
 from ..scene.scene import Scene
 from ..state.state import State
 from ..statics.equilibrium import equilibrium
 from .chart import Chart
 from .linear_model import Linear
+from .minimal_moves import following, others, pivots
 from .perturbation import Perturbation, Sensor
-from .system_matrices import at_rest, matrices
+from .system_matrices import at_rest, augmented, dense, of_nodes
 
 SINGULAR = 1e-13
 
@@ -57,19 +64,25 @@ def linearize(
     lumped   as in `Stepper`
     inputs   by name, (..., size), at the equilibrium
 
+    Of a structure z are moves that joints leave free, a choice of the nodes' by which the others
+    follow; angles and travels that are prescribed stand as they do at t. Forces of joints are
+    those of the motion, with the inertia of what they move.
+
     Dense: n = 12 a free node. Differentiable; a derivative by a rotary inertia that is 0, or by
     damping of what has none, lacks what would follow the rate of an input, that of a moment on such
     a turn: a small inertia has all of it. A load that turns with the beam is in A. An infinite
     stiffness is a very large one here. Raises ValueError for what the nodal form does not take, for
-    a state that moves or is no equilibrium (where that could bend the beam by 1e-3 rad), for
-    damping that leaves a coordinate without inertia undamped, where internal states of loads follow
-    the rate of one that is undamped, or within torch.func.vmap.
+    a state that moves or is no equilibrium (where that could bend the beam by 1e-3 rad), for a
+    joint's coordinate that is an `Input`, which would act by its acceleration, for damping that
+    leaves a coordinate without inertia undamped, where internal states of loads follow the rate of
+    one that is undamped, or within torch.func.vmap.
     """
     model = discretise(scene, lumped)
-    if scene.beam.parts:
+    held = [joint.called for joint in scene.joints if isinstance(joint.prescribed, Input)]
+    if held:
         raise ValueError(
-            "a structure was given to linearize, which takes a scene of one beam; modes and "
-            "critical_load take structures"
+            f"a {held[0]} whose coordinate is an Input was given to linearize, where it would act "
+            "by its acceleration; a torque or a force as Input, or a function of t, is wanted"
         )
     given = scene.tensors(inputs)
     time = instant("t", t, scene.beam.nodes)
@@ -78,34 +91,48 @@ def linearize(
         if state is None
         else at_rest(model, state, time, given, lumped)
     ).broadcast()
-    M, D, K = matrices(model, state, time, given)
+    M, D, K, lags = of_nodes(model, state, time, given)
+    G = K.constraints() if model.joints.count else None
+    M, D, K = augmented(
+        model, *(None if X is None else dense(model, X) for X in (M, D, K)), lags, None
+    )
     M, K = torch.broadcast_tensors(M, K)
     near = Perturbation.of(model, state, time, given, M.shape[:-2])
-    free, states = len(near.free), model.internal_states
+    massless = near.without_inertia(M[..., : len(near.free), : len(near.free)])
+    moves, forces = near.depends_on(), None
+    if G is not None:
+        near, massless, moves, forces = _minimal(near, massless, moves, G)
+    free, states = near.axes.shape[-1], model.internal_states
     T = (
         near.axes
         if not states
         else _both(near.axes, torch.eye(states, dtype=K.dtype, device=K.device))
     )
+    nodal = M, D, K
     M, K = unmapped("linearize", T.mT @ M @ T), unmapped("linearize", T.mT @ K @ T)
     D = torch.zeros_like(K) if D is None else T.mT @ D @ T
     outputs = (outputs,) if callable(outputs) else listed(outputs)
     for sensor in outputs:
         check_function("a sensor", sensor, "state")
-    G, Y_u = near.by_inputs(outputs)
-    value, Y, Y_v, rows = near.by_moves(outputs)
+    loads, Y_u = near.by_inputs(outputs)
+    value, Y, Y_v, Y_force, rows = near.by_moves(outputs)
     names, columns = {}, 0
     for name, size in scene.inputs.items():
         names[name] = slice(columns, columns + size)
         columns += size
-    massless = near.without_inertia(M[..., :free, :free])
     sensed = Y.shape[-2]  # behind the sensors: all free moves
     Y, Y_v = torch.cat((Y, _free(Y, free)), -2), pad(Y_v, (0, 0, 0, free))
     Y_u = pad(Y_u, (0, 0, 0, free))
-    A, B, C, D, creeps, mass = _assemble(M, D, K, G, Y, Y_v, Y_u, massless, states)
+    A, B, C, D, creeps, mass = _assemble(M, D, K, T.mT @ loads, Y, Y_v, Y_u, massless, states)
+    if forces is not None and sensed:
+        by_z, by_u = _out_of_balance(nodal, T, loads, A, B, C[..., sensed:, :], D[..., sensed:, :])
+        Y_force = pad(Y_force @ forces, (0, 0, 0, free))
+        C, D = (
+            C + Y_force @ by_z[..., : forces.shape[-1], :],
+            D + Y_force @ by_u[..., : forces.shape[-1], :],
+        )
     massive = (~massless).nonzero()[:, 0]
     first = torch.cat((massive, massless.nonzero()[:, 0])) if creeps else massive
-    moves = near.depends_on()
     zero = torch.zeros_like(moves)
     reads = torch.cat(
         (
@@ -114,7 +141,7 @@ def linearize(
         ),
         -2,
     )
-    writes = moves.mT @ C[..., sensed:, :]
+    writes = near.moves() @ C[..., sensed:, :]
     writes = torch.cat((writes, writes @ A), -2)
     if states:
         own = torch.eye(A.shape[-1], dtype=A.dtype, device=A.device)[-states:]
@@ -132,7 +159,7 @@ def linearize(
         outputs=rows,
         reads=reads,
         space=model.space,
-        chart=Chart.of(model, state),
+        chart=Chart.of(model, state, near.moves()),
         mass=mass,
         moves=writes,
     )
@@ -143,6 +170,54 @@ def _free(Y: Tensor, free: int) -> Tensor:
     return torch.eye(free, Y.shape[-1], dtype=Y.dtype, device=Y.device).expand(
         *Y.shape[:-2], -1, -1
     )
+
+
+def _minimal(
+    near: Perturbation, massless: Tensor, moves: Tensor, G: Tensor
+) -> tuple[Perturbation, Tensor, Tensor, Tensor]:
+    """Of the moves that joints with G (..., m, w (N+1)) leave, those without inertia depending on
+    others as far as they can: the perturbation by these, which of them have none, how they are read
+    from the nodes' moves, and the joints' forces (..., m, n) by what is out of balance.
+    """
+    model, G = near.model, G[..., near.free] @ near.axes
+    p, w = model.space.dims.position, model.space.unknowns
+    size = model.joints.size[..., None]
+    scale = torch.where(near.free % w < p, size, 1.0)[..., None, :]
+    dependent = pivots(G * scale, (massless, ~massless))
+    independent = others(dependent, len(massless))
+    forces = solve(G[..., dependent].mT, near.axes.mT[..., dependent, :])
+    return (
+        replace(near, axes=near.axes @ following(G, dependent)),
+        massless[independent],
+        moves[..., independent, :],
+        forces,
+    )
+
+
+def _out_of_balance(
+    nodal: tuple[Tensor, Tensor | None, Tensor],
+    T: Tensor,
+    loads: Tensor,
+    A: Tensor,
+    B: Tensor,
+    C: Tensor,
+    D: Tensor,
+) -> tuple[Tensor, Tensor]:
+    """What the free nodes' balances (..., n + Z, ...) lack in motion, by z and by the inputs: f u -
+    K q - D q' - M q'', where C z + D u are the free moves, which joints' forces make up for.
+    """
+    states = T.shape[-1] - C.shape[-2]
+    if states:
+        own = torch.eye(A.shape[-1], dtype=A.dtype, device=A.device)[-states:]
+        C = torch.cat((C, own.expand(*C.shape[:-2], -1, -1)), -2)
+        D = pad(D, (0, 0, 0, states))
+    M, damping, K = nodal
+    rate = T @ C @ A
+    by_z = -K @ T @ C - M @ rate @ A
+    by_u = loads - K @ T @ D - M @ rate @ B
+    if damping is not None:
+        by_z, by_u = by_z - damping @ rate, by_u - damping @ (T @ C @ B)
+    return by_z, by_u
 
 
 def _assemble(

@@ -51,19 +51,13 @@ def at_rest(
     return state
 
 
-def matrices(
-    model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]
-) -> tuple[Tensor, Tensor | None, Tensor]:
-    """M, D (None without damping or rotation) and K (..., n, n) at an equilibrium, of the free
-    moves, see `moves`, and the internal states of loads.
-    """
-    return in_basis(model, state, t, inputs)[0]
-
-
 def in_basis(
     model: Model, state: State, t: Tensor, inputs: dict[str, Tensor], near: Tensor | None = None
 ) -> tuple[tuple[Tensor, Tensor | None, Tensor], Tensor | None]:
-    """The same, with the basis of the moves, see `free_moves`."""
+    """M, D (None without damping or rotation) and K (..., n, n) at an equilibrium, of the free
+    moves, see `moves`, and the internal states of loads; with the basis of the moves, see
+    `free_moves`.
+    """
     M, D, K, lagging = of_nodes(model, state, t, inputs)
     basis = free_moves(model, K, near)
     own = (None if one is None else dense(model, one, basis) for one in (M, D, K))
@@ -148,12 +142,14 @@ def of_nodes(
     dampers = model.joints.damping(lambda: problem.joint_poses(x))
     if dampers is not None:
         D = model.joints.alone(dampers) if D is None else D.joined(dampers)
-    return M, D, model.joints.matrix(K, x.stress, lambda: problem.joint_poses(x)), lagging
+    K = model.joints.matrix(K, x.stress, lambda: problem.joint_poses(x))
+    return M, D, model.tendons.matrix(K, lambda: problem.tendon_motion(x)), lagging
 
 
 def moves(model: Model, free: Tensor, basis: Tensor | None = None) -> Tensor:
-    """Free moves (..., n), in their `basis`, what stands behind them left out -> displacement and
-    spin of all nodes (..., N+1, 6), frame a, zero where constrained.
+    """Free moves (..., n), in their `basis` (..., moves that supports leave free, n), of the same
+    leading axes, what stands behind them left out -> displacement and spin of all nodes
+    (..., N+1, 6), frame a, zero where constrained.
     """
     at = model.constraints.moving.flatten()
     if basis is not None:

@@ -87,9 +87,12 @@ def _shift(M: Any, K: Any) -> Tensor:
 
 
 def rounding(M: Any, K: Any) -> Tensor:
-    """(...) what rounding of the stiffness makes of the square of an eigenvalue."""
+    """(...) what rounding of the stiffness makes of the square of an eigenvalue; where there is no
+    stiffness at all any number does.
+    """
     size = _size(K)
-    return torch.finfo(size.dtype).eps * size / _size(M)
+    square = torch.where(size > 0, size / _size(M), 1.0)
+    return torch.finfo(size.dtype).eps * square
 
 
 def _plus(K: Any, shift: Tensor, M: Any) -> Any:

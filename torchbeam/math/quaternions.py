@@ -16,6 +16,7 @@ _HAT = torch.tensor(
     ),
     dtype=torch.float64,
 )
+_EYE = torch.eye(3, dtype=torch.float64)
 _LEFT = torch.tensor(
     (
         (1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1),
@@ -59,8 +60,7 @@ def normalize(q: Tensor) -> Tensor:
 def matrix(q: Tensor) -> Tensor:
     """R (..., 3, 3) = I + 2 q0 ~qv + 2 ~qv ~qv."""
     qv = skew(q[..., 1:])
-    eye = torch.eye(3, dtype=q.dtype, device=q.device)
-    return eye + 2 * (q[..., :1, None] * qv + qv @ qv)
+    return _EYE.to(q) + 2 * (q[..., :1, None] * qv + qv @ qv)
 
 
 def rotate(q: Tensor, v: Tensor) -> Tensor:

@@ -249,9 +249,9 @@ def _refuse(scene: Scene, form: str) -> None:
             f"supports other than a clamp at node 0 alone were given for form={form!r}; "
             "form='nodal' takes them"
         )
-    if beam.order == 2:
+    if beam.order > 1:
         raise ValueError(
-            f"elements of order 2 were given for form={form!r}, with one strain each; "
+            f"elements of order {beam.order} were given for form={form!r}, with one strain each; "
             "form='nodal' takes them"
         )
     if scene.small:

@@ -33,14 +33,13 @@ from ..core.remembered import remembered
 from ..core.validation import concrete
 from ..core.warning import warn
 from ..math import quaternions as quat
-from ..math.quadratic import X
 from ..math.quaternions import skew
 from ..scene.beam import Beam
 from ..scene.scene import Scene
 from ..topology.protocols import Matrix
 from .assembly import Assembly
 from .coordinates.spatial import Spatial
-from .mass import COUPLING, LumpedMass, SharedMass
+from .mass import LumpedMass, SharedMass
 from .mass_offset import MassOffset, NoMassOffset
 from .quadrature import gregory, too_uneven, trapezoidal
 from .rotary import NoRotaryInertia, RotaryInertia
@@ -146,19 +145,23 @@ def inertia_of(
     remembered(_check_mass, beam.mass.detach(), beam.offset)
     m = beam.mass[..., :1, 0]
     part = h[..., None] * beam.mass
-    parts = (part,) * (beam.order + 1)
+    interpolation = assembly.interpolation
+    alike = interpolation.order + 1  # nodes of an element, which all see the same
+    parts = (part,) * alike
     if beam.curved:  # the section's mass, seen from the axes of the element's nodes
         parts = tuple(
             _turned(part, quat.multiply(quat.conjugate(q), own))
-            for q, own in zip(assembly.ends(beam.frames), _axes_at_nodes(beam), strict=True)
+            for q, own in zip(
+                assembly.ends(beam.frames), interpolation.axes_at_nodes(beam.elements), strict=True
+            )
         )
-    mass, tributary_length = assembly.shared(parts, 2), assembly.shared((h,) * (beam.order + 1))
-    if beam.order == 2:
+    mass, tributary_length = assembly.shared(parts, 2), assembly.shared((h,) * alike)
+    if not interpolation.positive:
         own = concrete(mass.diagonal(dim1=-2, dim2=-1))
         if (own < -NEGATIVE * own.abs().amax(-2, keepdim=True)).any():
             raise ValueError(
-                "a mass or inertia that changes more than threefold within an element of order 2 "
-                "was given; more elements are wanted"
+                "a mass or inertia that changes more than threefold within an element of order "
+                f"{beam.order} was given; more elements are wanted"
             )
     if beam.linked_interpolation:
         density = m[..., 0]
@@ -190,12 +193,9 @@ def inertia_of(
     if lumped or beam.linked_interpolation:
         translational = LumpedMass(assembly.topology, whole)
     else:
-        of_elements = (m * h).unflatten(-2, (-1, beam.order)).sum(-2)
+        of_elements = (m * h).unflatten(-2, (-1, interpolation.order)).sum(-2)
         translational = SharedMass(
-            assembly.topology,
-            whole,
-            COUPLING[beam.order] * of_elements,
-            assembly.interpolation.difference,
+            assembly.topology, whole, interpolation.coupling * of_elements, interpolation.difference
         )
     if offset and scene.bodies:
         J = J + _swung(translational, e - _vector(beam_mass[..., 3:, :3]) / beam_mass[..., 0, :1])
@@ -227,20 +227,6 @@ def _of_nodes(beam: Beam, weights: list[Tensor]) -> Tensor:
         return weights[0] if len(weights) == 1 else torch.cat(weights, -1)
     shape = weights[0].shape[:-1] if weights else ()
     return torch.cat((*weights, beam.nodes.new_ones(*shape, len(beam.masses))), -1)
-
-
-def _axes_at_nodes(beam: Beam) -> tuple[Tensor, ...]:
-    """Axes (..., intervals, 4) that an element has at each of its nodes: of order 1 its own, of
-    order 2 those that a turn at a constant rate through its two stations has there. They are the
-    nodes' but for a kink, however much the beam is twisted, so that a section that is the same
-    everywhere gives every node its own inertia.
-    """
-    if beam.order == 1:
-        return beam.elements, beam.elements
-    first, second = beam.elements.unflatten(-2, (-1, 2)).unbind(-2)
-    turn = quat.logarithm(quat.multiply(quat.conjugate(first), second))
-    at = (quat.multiply(first, quat.exponential((x / X + 1) / 2 * turn)) for x in (-1.0, 0.0, 1.0))
-    return tuple(q.repeat_interleave(2, -2) for q in at)
 
 
 def _swung(mass: LumpedMass, x: Tensor) -> Tensor:

@@ -42,7 +42,8 @@ NO_VALUES = JointValues()
 class JointDrive(NamedTuple):
     """What acts in joints: values; turns (..., J) rad before, None = unknown; dt (...) s,
     None = laws of an instant, at rest; share (...), as far as loads are raised, None = all;
-    moving() velocity and spin (..., N+1, *) of nodes before the step, as seen in frame a.
+    moving() velocity and spin (..., N+1, *) of nodes before the step, or at an instant, None = at
+    rest, as seen in frame a.
     """
 
     values: JointValues
@@ -105,11 +106,18 @@ class NoJoints(Tree):
 
     count = 0
     dissipative = False
+    smooth = True
     held_count = 0
 
     def split(self, stress: Tensor) -> tuple[Tensor, Tensor | None]:
         """Stress or gaps: (of the elements (..., N, k), of the joints (..., J, k))."""
         return stress, None
+
+    def with_forces(self, stress: Tensor, forces: Tensor | None) -> Tensor:
+        """Stress of the elements, and behind it rows of joints with the forces (..., m) of what
+        they hold, None = 0.
+        """
+        return stress
 
     def balance(
         self, nodes: Tensor, gap: Tensor, stress: Tensor, poses: Callable[[], tuple[Any, Any]]

@@ -83,6 +83,13 @@ class Joints(NoJoints):
         N = stress.shape[-2] - self.count
         return stress.narrow(-2, 0, N), stress.narrow(-2, N, self.count)
 
+    def with_forces(self, stress: Tensor, forces: Tensor | None) -> Tensor:
+        rows = torch.zeros_like(self.held).flatten()
+        if forces is not None:
+            held = self.held.flatten().nonzero()[:, 0]
+            rows = rows.expand(*forces.shape[:-1], -1).index_copy(-1, held, forces)
+        return stacked(stress, rows.unflatten(-1, self.held.shape))
+
     def balance(
         self, nodes: Tensor, gap: Tensor, stress: Tensor, poses: Callable[[], tuple[Pose, Pose]]
     ) -> tuple[Tensor, Tensor]:
@@ -197,6 +204,23 @@ class Joints(NoJoints):
             torch.where(turns, (v.value * across).sum(-1), 1.0),
         )
         return ((self.angles + self.travels) / size)[..., None] * self._gradient(v, w)
+
+    def coordinate_rows(self, pose: Pose) -> Tensor:
+        """(..., c, w nodes) derivatives by the nodes' moves of all c coordinates of joints."""
+        by = (
+            self.coordinate_by(pose, self.coordinate(pose))
+            @ torch.block_diag(self.moves, self.moves).mT
+        )
+        columns = by.unflatten(-1, (2, -1)).movedim(-2, -3)  # (..., J, 2, m, w)
+        none = torch.zeros_like(columns)
+        return self.alone(
+            JointBlocks(self.angles + self.travels, none[..., None, :, :], none.mT, columns)
+        ).constraints()
+
+    def coordinates(self, pose: Pose, near: Tensor) -> Tensor:
+        """(..., c) m, or rad within half a turn of `near` (..., J): those of `coordinate_rows`."""
+        q = self.coordinate(pose, near[..., None] * self.angles)
+        return q.flatten(-2)[..., (self.angles + self.travels).flatten().nonzero()[:, 0]]
 
     def rate(self, pose: Pose, velocity: Tensor, spin: Tensor) -> Tensor:
         """(..., J, w) m/s or rad/s of nodes that move so (..., N+1, *), frame a; 0 in rows of

@@ -24,14 +24,23 @@ class LinearInterpolation:
     """One element knows its two nodes and nothing of the others."""
 
     order = 1
-    # of its nodes' values: what its consistent mass differs from the lumped one by
-    difference = (-1.0, 1.0)
+    # see `mass`: b, of its nodes' values, and c of an element's mass
+    difference, coupling = (-1.0, 1.0), 1 / 12
+    positive = True  # whether no share of a node can be less than nothing
     poses = Ends
 
     @staticmethod
     def at_stations(parts: tuple[Tensor, ...], axes: int = 1) -> tuple[Tensor, ...]:
         """Values at the nodes of elements, for each station of these."""
         return parts
+
+    @staticmethod
+    def axes_at_nodes(q: Tensor) -> tuple[Tensor, ...]:
+        """Axes (..., stations, 4) that an element whose stations have the axes q (..., stations, 4)
+        has at each of its nodes. They are the nodes' but for a kink, however much the beam is
+        twisted, so that a section that is the same everywhere gives every node its own inertia.
+        """
+        return q, q
 
     @staticmethod
     def shares(parts: tuple[Tensor, ...], axes: int = 1) -> tuple[Tensor, ...]:

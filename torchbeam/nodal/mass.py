@@ -20,8 +20,6 @@ from torch import Tensor
 from ..core.leaves import Tree, leaf
 from ..topology.protocols import Matrix, Topology
 
-COUPLING = {1: 1 / 12, 2: -1 / 30}  # c of an element's mass, by its order
-
 
 @dataclass(frozen=True)
 class LumpedMass(Tree):

@@ -20,9 +20,8 @@ from ..topology.chain_unknowns import ChainUnknowns
 from ..topology.framework import Framework
 from ..topology.framework_unknowns import FrameworkUnknowns
 from .assembly import Assembly
+from .coordinates.elements import ELEMENTS
 from .frame import FixedFrame, frame_of
-from .linear_interpolation import LinearInterpolation
-from .quadratic_interpolation import QuadraticInterpolation
 from .rows import Rows
 
 # beside trees: what a model that was saved holds, for torch.load(weights_only=True)
@@ -33,8 +32,7 @@ torch.serialization.add_safe_globals(
         ChainUnknowns,
         Framework,
         FrameworkUnknowns,
-        LinearInterpolation,
-        QuadraticInterpolation,
+        *(type(element.interpolation) for element in ELEMENTS.values()),
     ]
 )
 

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ..math.quadratic import SLOPES, at_points
+from ..math import quaternions as quat
+from ..math.quadratic import SLOPES, X, at_points
 
 
 def _moved(p: int, s: int) -> Tensor:
@@ -49,12 +50,22 @@ class QuadraticInterpolation:
     """See `LinearInterpolation`."""
 
     order = 2
-    difference = (1.0, -2.0, 1.0)
+    difference, coupling = (1.0, -2.0, 1.0), -1 / 30
+    positive = False  # of what changes more than threefold within an element
     poses = Trio
 
     @staticmethod
     def at_stations(parts: tuple[Tensor, ...], axes: int = 1) -> tuple[Tensor, ...]:
         return tuple(part.repeat_interleave(2, -1 - axes) for part in parts)
+
+    @staticmethod
+    def axes_at_nodes(q: Tensor) -> tuple[Tensor, ...]:
+        """Those that a turn at a constant rate through both stations has there."""
+        first, second = q.unflatten(-2, (-1, 2)).unbind(-2)
+        turn = quat.logarithm(quat.multiply(quat.conjugate(first), second))
+        parts = ((x / X + 1) / 2 for x in (-1.0, 0.0, 1.0))
+        at = (quat.multiply(first, quat.exponential(part * turn)) for part in parts)
+        return tuple(here.repeat_interleave(2, -2) for here in at)
 
     @staticmethod
     def shares(parts: tuple[Tensor, ...], axes: int = 1) -> tuple[Tensor, ...]:

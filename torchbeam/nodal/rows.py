@@ -4,7 +4,7 @@ of a beam: of all nodes and elements of a model, or of one node or one element o
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import torch
@@ -24,6 +24,7 @@ from .joint_motion import NoJoints
 from .mass import LumpedMass, SharedMass
 from .mass_offset import MassOffset, NoMassOffset
 from .rotary import NoRotaryInertia, RotaryInertia
+from .tendon_motion import NoTendons
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,7 @@ class Rows(Tree):
     tributary_length  (..., N+1, 1) m of beam that belong to each node, 1 of a body
     s          (..., N+1) m, arclength of the nodes
     joints     between nodes
+    tendons    likewise
     """
 
     space: Spatial
@@ -94,26 +96,26 @@ class Rows(Tree):
     tributary_length: Tensor = leaf(2)
     s: Tensor = leaf(1)
     joints: NoJoints = field(default_factory=NoJoints, kw_only=True)
+    tendons: NoTendons = field(default_factory=NoTendons, kw_only=True)
 
     @classmethod
     def of(
         cls,
         space: Spatial,
-        order: int,
         nodes: NodeRows,
         elements: ElementRows | None,
         held: Held,
         difference: tuple[float, ...] | None = None,
     ) -> Rows:
-        """Of one node alone (elements None), or of one element of this order and its nodes; space:
-        as it is elsewhere, but for what rows say of it; difference: see `SharedMass`.
+        """Of one node alone (elements None), or of one element and its nodes; space: as it is
+        elsewhere, but for what rows say of it; difference: see `SharedMass`.
         """
         length, reference, law, coupling, linear = (
             (None,) * 5 if elements is None else vars(elements).values()
         )
         if isinstance(space, Linearised):
-            space = type(space)(nodes.frames, nodes.R, linear)
-        topology = Chain(order, 0 if elements is None else 1)
+            space = replace(space, frames=nodes.frames, R=nodes.R, linear_element=linear)
+        topology = Chain(space.order, 0 if elements is None else 1)
         free = torch.ones(topology.node_count, space.unknowns, dtype=torch.bool)
         fixed = torch.stack(held.fixed) if held.fixed else nodes.mass.new_zeros(0, space.unknowns)
         constraints = Constraints(
@@ -172,7 +174,7 @@ class Rows(Tree):
     @property
     def elements(self) -> ElementRows:
         """All of them."""
-        linear = self.space.element if isinstance(self.space, Linearised) else None
+        linear = self.space.linear_element if isinstance(self.space, Linearised) else None
         return ElementRows(
             self.length,
             self.reference,
@@ -201,6 +203,14 @@ class Rows(Tree):
     def assembly(self) -> Assembly:
         """From nodes to elements and back."""
         return Assembly(self.topology, self.space.interpolation, self.space.dims.position)
+
+    @property
+    def smooth(self) -> bool:
+        """Whether a step's residual falls as smooth ones do. Friction turns within a slip speed,
+        and limits of joints within a hundredth of their range: what is left is measured there, not
+        foreseen.
+        """
+        return self.joints.smooth and self.tendons.smooth
 
     def depends_on(self, load: Any) -> frozenset[str]:
         """What a load's wrench depends on."""

@@ -59,7 +59,7 @@ class Beam(BeamRows):
     def __repr__(self) -> str:
         mass = (self.mass[..., 0, 0] * self.length).sum(-1)
         elements = counted(self.element_count, "element") + (
-            " of order 2" if self.order == 2 else ""
+            f" of order {self.order}" if self.order > 1 else ""
         )
         size = [elements, f"{span(self.length.sum(-1))} m long", f"{span(mass)} kg"]
         shape = ["curved or twisted at rest"] * self.curved + [
@@ -127,7 +127,7 @@ class Beam(BeamRows):
         root       (..., 3) m, position of node 0, frame a
         twist      rad by which the section axes at rest are turned about the beam: a number (...)
                    for that of the tip, growing evenly from none at the root; or a function of s
-                   (..., m) m that gives (..., m), a `TransferTable` for one
+                   (..., m) m that gives (..., m), a `Table` for one
         order      1: elements of two nodes. 2: of three, with a node in the middle of each and two
                    stations of stress, whose error falls with the fourth power of their length: few
                    of them do where the solution is smooth

@@ -115,7 +115,7 @@ class _Along(OnPart):
         values = self.of_elements(state)
         if self.weights is not None:
             return (self.weights[..., None, :] @ values)[..., 0, :]
-        values = values if self.beam.order == 1 else values.unflatten(-2, (-1, 2)).mean(-2)
+        values = values.unflatten(-2, (-1, self.beam.order)).mean(-2)
         return values[..., self.element, :]
 
 

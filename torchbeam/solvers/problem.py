@@ -37,7 +37,7 @@ class Tangent(Protocol):
         ...
 
     def solve(self, nodes: Tensor, strain: Tensor) -> tuple[Tensor, ...]:
-        """What a residual asks for: the arguments of `FitProblem.update`, and last the reaction
+        """What a residual asks for: the arguments of `Problem.update`, and last the reaction
         (..., K, w) after it.
         """
         ...

@@ -44,8 +44,8 @@ class ReducedStates:
         nodes = self.parts[0].position.shape[-2]
         at = slice(index % nodes, index % nodes + 1)
         return Point(
-            lambda: self._of({"position": at}, at).position[..., 0, :],
-            lambda: self._of({"velocity": at}, at).velocity[..., 0, :],
+            lambda: self.space.public_position(self._field("position", index)),
+            lambda: self.space.public_vector(self._field("velocity", index)),
             lambda: self._of({"rotation": at}, at).axes[..., 0, :, :],
             lambda: self._of(dict.fromkeys(AT_NODES, at), at).row(0).spin,
         )
@@ -53,7 +53,7 @@ class ReducedStates:
     @property
     def nodes(self) -> Tensor:
         """(..., N+1, 3) m, frame a."""
-        return self._of({"position": slice(None)}).position
+        return self.space.public_position(self._field("position", slice(None)))
 
     @property
     def root(self) -> Reaction:
@@ -63,6 +63,10 @@ class ReducedStates:
     @property
     def status(self) -> Tensor:
         return joined(*(part.status for part in self.parts))
+
+    def _field(self, name: str, nodes: slice | int) -> Tensor:
+        """Of these nodes alone, (time, ..., *)."""
+        return joined(*(getattr(part, name)[..., nodes, :] for part in self.parts))
 
     def _of(self, rows: dict[str, slice], nodes: slice = slice(0)) -> Any:
         """With these rows of these fields, and none of the others."""

@@ -9,18 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import torch
 from torch import Tensor
 
+from ..core.derivatives import cached
 from ..core.functions_of_time import rate_along
 from ..core.leaves import Tree, leaf
+from ..engine.chain.path_balance import native_balance
 from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.balance import Linearisation, Residual
 from ..nodal.model import Model
 from ..scene.effects import Inputs
 from .internal_states import linearised
+from .mechanism import braced, stressed, with_braces
 
 
 class PathPoint(NamedTuple):
@@ -39,22 +42,56 @@ class PathPoint(NamedTuple):
         return Configuration(self.position, self.rotation, self.stress)
 
 
+Answer = tuple[Tensor, Tensor, Tensor]  # move, dstress, reaction: see `Linearisation.solve`
+
+
+class PointBalance(Protocol):
+    """The balance at a point of a path, and what its tangent gives: for the residual, for the
+    residual's slope by the factor, and its pivots (see `System.pivots`).
+    """
+
+    @property
+    def residual(self) -> Any: ...
+    @property
+    def exact(self) -> Tensor: ...
+    @property
+    def by_residual(self) -> Answer: ...
+    @property
+    def by_factor(self) -> Answer: ...
+    def pivots(self) -> tuple[Tensor, Tensor]: ...
+
+
 @dataclass(frozen=True)
 class LoadedProblem(Tree):
     """The balance as a function of the load factor (...): of all loads, or of the input `load`
-    beside loads that stay.
+    beside loads that stay; braces: see `mechanism`, None = there are none; native: finds it at a
+    point of the path by (position, rotation, stress, factor), None = eagerly.
     """
 
     model: Model
     t: Tensor = leaf(0)
     inputs: Inputs = leaf(1)
     load: str | None = None
+    braces: Tensor | None = leaf(3, default=None)
+    native: Callable[..., PointBalance] | None = leaf(None, default=None)
 
     def __call__(self, factor: Tensor) -> SteadyProblem:
-        if self.load is None:
-            return SteadyProblem(self.model, self.t, self.inputs, factor)
-        inputs = {**self.inputs, self.load: factor[..., None] * self.inputs[self.load]}
-        return SteadyProblem(self.model, self.t, inputs, torch.ones_like(factor))
+        inputs, raised = self.inputs, factor
+        if self.load is not None:
+            inputs = {**inputs, self.load: factor[..., None] * inputs[self.load]}
+            raised = torch.ones_like(factor)
+        return with_braces(SteadyProblem(self.model, self.t, inputs, raised), self.braces)
+
+    def braced(self, start: Configuration) -> LoadedProblem:
+        """The same with braces for rigid motions that the whole load does not hold either."""
+        whole = self(self.t.new_ones(()))
+        braces = braced(whole, stressed(whole, start)[0])
+        return replace(self, braces=getattr(braces, "braces", None))
+
+    def by(self, engine: str) -> LoadedProblem:
+        """The same by an engine, see `native_balance`."""
+        still = replace(self, load=None)(self.t.new_zeros(()))
+        return replace(self, native=native_balance(still, self.load, engine))
 
     def at(self, x: PathPoint) -> SteadyProblem:
         """The same at a point of the path, with laws of internal states linearised where these come
@@ -62,6 +99,51 @@ class LoadedProblem(Tree):
         """
         still = self(x.factor[..., 0, 0])
         return linearised(still, x.shape) if self.model.internal_states else still
+
+    def balance(self, x: PathPoint) -> PointBalance:
+        """At a point of the path."""
+        if self.native is None:
+            return EagerPoint(self, x)
+        return self.native(*x.shape, x.factor[..., 0, 0])
+
+
+@dataclass(frozen=True)
+class EagerPoint:
+    """See `PointBalance`: what is not asked for is not computed."""
+
+    loaded: LoadedProblem
+    x: PathPoint
+
+    @cached
+    def problem(self) -> SteadyProblem:
+        return self.loaded.at(self.x)
+
+    @cached
+    def _balance(self) -> tuple[Any, ...]:
+        return self.problem.residual(self.x.shape)
+
+    @property
+    def residual(self) -> Residual:
+        return self._balance[0]
+
+    @cached
+    def tangent(self) -> Linearisation:
+        return self.problem.linearise(self.x.shape, *self._balance[1:])
+
+    @property
+    def exact(self) -> Tensor:
+        return self.tangent.exact
+
+    @cached
+    def by_residual(self) -> Answer:
+        return self.tangent.solve(self.residual.nodes, self.residual.strain)
+
+    @cached
+    def by_factor(self) -> Answer:
+        return self.tangent.solve(*load_slope(self.loaded, self.problem, self.x))
+
+    def pivots(self) -> tuple[Tensor, Tensor]:
+        return self.tangent.system.pivots()
 
 
 class Balance(NamedTuple):
@@ -97,23 +179,22 @@ class ArcLengthProblem(Tree):
     size: Tensor = leaf(0)  # what `goal` is measured against
     control: Callable[[Configuration], Tensor] | None = leaf(None, default=None)
 
-    def residual(self, x: PathPoint) -> tuple[Any, ...]:
-        still = self.loaded.at(x)
-        residual, *about = still.residual(x.shape)
+    def residual(self, x: PathPoint) -> tuple[Balance, PointBalance, Tensor, Tensor]:
+        point = self.loaded.balance(x)
         if self.control is None:
             row = self.row
             said = (self.row * x.way).sum((-1, -2)) + self.by_factor * (
                 x.factor[..., 0, 0] - self.start
             )
         else:
-            said, row = gradient(still, x.shape, self.control)
-        return Balance(residual, self.goal - said, self.size), row, self.goal - said, *about
+            said, row = gradient(self.loaded(x.factor[..., 0, 0]), x.shape, self.control)
+        missing = self.goal - said
+        return Balance(point.residual, missing, self.size), point, row, missing
 
     def linearise(
-        self, x: PathPoint, row: Tensor, missing: Tensor, *about: Any
+        self, x: PathPoint, point: PointBalance, row: Tensor, missing: Tensor
     ) -> ArcLengthTangent:
-        inner = self.loaded.at(x).linearise(x.shape, *about)
-        return ArcLengthTangent(inner, *load_slope(self.loaded, x), row, self.by_factor, missing)
+        return ArcLengthTangent(point, row, self.by_factor, missing)
 
     def update(self, x: PathPoint, move: Tensor, dstress: Tensor, dfactor: Tensor) -> PathPoint:
         shape = self.loaded(x.factor[..., 0, 0]).update(x.shape, move, dstress)
@@ -121,20 +202,20 @@ class ArcLengthProblem(Tree):
 
 
 class ArcLengthTangent(NamedTuple):
-    inner: Linearisation
-    load: Tensor
-    load_strain: Tensor
+    """At a point, for the residual there."""
+
+    point: PointBalance
     row: Tensor
     by_factor: Tensor
     missing: Tensor
 
     @property
     def exact(self) -> Tensor:
-        return self.inner.exact
+        return self.point.exact
 
     def solve(self, g: Tensor, g_strain: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        move, dstress, root = self.inner.solve(g, g_strain)
-        by_move, by_dstress, by_root = self.inner.solve(self.load, self.load_strain)
+        move, dstress, root = self.point.by_residual
+        by_move, by_dstress, by_root = self.point.by_factor
         pivot = (self.row * by_move).sum((-1, -2)) + self.by_factor
         change = (self.missing - (self.row * move).sum((-1, -2))) / pivot
         wide = change[..., None, None]
@@ -150,14 +231,15 @@ def where(mask: Tensor, a: Any, b: Any) -> Any:
     return type(a)(*parts) if hasattr(a, "_fields") else tuple(parts)
 
 
-def load_slope(loaded: LoadedProblem, x: PathPoint) -> tuple[Tensor, Tensor]:
+def load_slope(
+    loaded: LoadedProblem, problem: SteadyProblem, x: PathPoint
+) -> tuple[Tensor, Tensor]:
     """Derivatives of the residual, nodes (..., N+1, w) and strain (..., N, k), by the factor: with
     it go loads, eigenstrain and the motion of supports.
     """
-    near = loaded.at(x).near
 
     def residual(factor: Tensor) -> tuple[Tensor, Tensor]:
-        balance = replace(loaded(factor), near=near).residual(x.shape)[0]
+        balance = replace(loaded(factor), near=problem.near).residual(x.shape)[0]
         return balance.nodes, balance.strain
 
     factor = x.factor[..., 0, 0].contiguous()

@@ -26,7 +26,7 @@ from ..equations.steady import Configuration
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..solvers.newton import newton
-from .arc_length import ArcLengthProblem, LoadedProblem, PathPoint, load_slope, where
+from .arc_length import ArcLengthProblem, EagerPoint, LoadedProblem, PathPoint, where
 
 REGULAR, LIMIT_POINT, BRANCH_POINT = range(3)
 TURN = 1.0  # rad that a node may turn in one step
@@ -200,26 +200,24 @@ class Continuation:
         supports where that of `x` has them; the tangent leads on.
         """
         x = PathPoint(*self.loaded(x.factor[..., 0, 0]).apply_supports(x.shape), x.factor, x.way)
-        still = self.loaded.at(x)
-        residual, *about = still.residual(x.shape)
-        tangent = still.linearise(x.shape, *about)
+        point = self.loaded.balance(x)
         # where one is not, the point is no place to stop at
-        blocks, sound = tangent.system.pivots()
-        shape = residual.measure().shape
+        blocks, sound = point.pivots()
+        shape = point.residual.measure().shape
         eigenvalues = torch.linalg.eigvalsh((blocks + blocks.mT) / 2).expand(
             *shape, *blocks.shape[-3:-1]
         )
         least = eigenvalues.amin((-1, -2)).clamp(min=0) if least is None else least
         negative = (eigenvalues < -NEUTRAL * least[..., None, None]).sum((-1, -2))
         sign = torch.linalg.slogdet(blocks).sign.prod(-1).long().expand(shape)
-        move, _, root = tangent.solve(*load_slope(self.loaded, x))
+        move = point.by_factor[0]
         sound = sound & torch.isfinite(move).all(-1).all(-1)
         length = ((self.size * move**2).sum((-1, -2)) + 1 / self.span[1] ** 2).sqrt()
         on = (self.size * move * x.way).sum((-1, -2)) + (x.factor[..., 0, 0] - before) / self.span[
             1
         ] ** 2
         length = torch.where(on < 0, -length, length)
-        reaction = root if reaction is None else reaction
+        reaction = point.by_residual[2] if reaction is None else reaction
         return PathState(
             x,
             reaction,
@@ -254,16 +252,14 @@ class Continuation:
         """The critical shape, by inverse iteration, of unit length, to the side to which the beam
         went before.
         """
-        still = self.loaded.at(now.place)
-        residual, *about = still.residual(now.place.shape)
-        tangent = still.linearise(now.place.shape, *about)
+        point = EagerPoint(self.loaded, now.place)
         any_ = torch.cos(
             1.7 * torch.arange(now.move.shape[-2:].numel(), device=now.move.device) + 0.3
         )
         # of several shapes, that which the beam leans to
         v = behind.move + TRACE * any_.to(now.move).unflatten(0, (-1, now.move.shape[-1]))
         for _ in range(MODE):
-            v = tangent.solve(-v, torch.zeros_like(residual.strain))[0]
+            v = point.tangent.solve(-v, torch.zeros_like(point.residual.strain))[0]
             v = v / (self.size * v**2).sum((-1, -2), keepdim=True).sqrt()
         return torch.where((self.size * behind.move * v).sum((-1, -2), keepdim=True) < 0, -v, v)
 
@@ -271,6 +267,7 @@ class Continuation:
 def move_weights(model: Model) -> Tensor:
     """(..., 1, w) of the squares of a node's displacement and turn in the square of a step."""
     L = model.length.detach().sum(-2, keepdim=True)
+    L = L if model.station_count else model.scene.beam.extent.detach()[..., None, None]
     wide, turn = (
         L.expand(*L.shape[:-1], size) for size in (model.space.dims.position, model.space.dims.spin)
     )

@@ -137,9 +137,8 @@ def equilibrium(
         if concrete(unstable).any():
             doubtful = None
             with no_derivatives():
-                *stable, states = stable_branch(
-                    model, LoadedProblem(model, time, given), start, unstable, tolerance
-                )
+                loaded = LoadedProblem(model, time, given).braced(start).by(engine)
+                *stable, states = stable_branch(model, loaded, start, unstable, tolerance)
             x, reaction = where(states, tuple(stable), (x, reaction))
     if model.internal_states:
         problem, x, reaction, status = resting(problem, x, reaction, status, good, tolerance)

@@ -10,7 +10,7 @@ balance, the solution and its derivatives are those without the brace.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import torch
@@ -146,11 +146,17 @@ def _braced(problem: SteadyProblem, x: Configuration, free: Tensor) -> BracedPro
         braces = braces.expand(*brace.shape[:-2], *braces.shape[-3:]).clone()
         braces[..., base.node, :, :] = brace
         free = free - V.mT @ V
-    fields = {
-        name: getattr(problem, name)
-        for name in ("model", "t", "inputs", "load_factor", "internal", "near")
-    }
-    return BracedProblem(**fields, braces=braces)
+    return with_braces(problem, braces)
+
+
+def with_braces(problem: SteadyProblem, braces: Tensor | None) -> SteadyProblem:
+    """The problem with these braces, None = none."""
+    if braces is None:
+        return problem
+    return BracedProblem(
+        **{field.name: getattr(problem, field.name) for field in fields(SteadyProblem)},
+        braces=braces,
+    )
 
 
 class Base(NamedTuple):
@@ -293,6 +299,13 @@ def _stiffness(problem: SteadyProblem, x: Configuration, moves: Tensor) -> tuple
         rigid = moves.flatten(-2)
         work = work - rigid @ blocks @ rigid.mT
         size = torch.maximum(size, blocks.abs().amax((-1, -2), keepdim=True))
+    if model.scene.tendons:
+        none = moves.new_zeros(model.node_count, *moves.shape[-1:] * 2)
+        tied = model.tendons.matrix(
+            model.topology.diagonal(none), lambda: problem.tendon_motion(x)
+        ).dense()
+        work = work + moves.flatten(-2) @ tied @ moves.flatten(-2).mT
+        size = torch.maximum(size, tied.abs().amax((-1, -2), keepdim=True))
     if problem.conditions.moving:
         by = external.tangent(model, problem.nodes(x), problem.conditions)
         if not isinstance(by, float):
@@ -322,7 +335,7 @@ def _largest(x: Tensor) -> Tensor:
 
 def _parts_in_words(motions: Tensor, bases: list[Base]) -> str:
     """Which parts rigid motions (m, 6 of each part) move."""
-    moved = motions.unflatten(-1, (len(bases), 6)).abs().amax((0, -1)) > NONE**0.5
+    moved = (motions.unflatten(-1, (len(bases), 6)).abs() > NONE**0.5).any(0).any(-1)
     names = _list(
         [repr(base.name) for base, there in zip(bases, moved.tolist(), strict=True) if there]
     )

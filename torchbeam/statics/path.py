@@ -12,13 +12,15 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.arguments import boolean, instant, number
+from ..core.arguments import boolean, choice, instant, number
 from ..core.arguments import count as check_count
 from ..core.arguments import function as check_function
 from ..core.arguments import tolerance as check_tolerance
 from ..core.derivatives import no_derivatives
 from ..core.summary import counted, kind, lines, span, statuses
 from ..core.validation import as_tensor, concrete, finite, shown
+from ..core.warning import warn
+from ..engine.chain.coverage import ENGINES
 from ..equations.steady import Configuration
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
@@ -29,6 +31,7 @@ from .balance_check import check_balance
 from .continuation import BRANCH_POINT, LIMIT_POINT, REGULAR, Attempt, Continuation, move_weights
 from .friction import refuse_friction
 from .internal_states import linearised
+from .mechanism import unheld
 
 STEP, STEPS = 0.1, 200  # of the way to a stable branch
 
@@ -133,6 +136,7 @@ def path(
     t: float = 0.0,
     tolerance: float | None = None,
     inputs: dict[str, Any] | None = None,
+    engine: str = "auto",
 ) -> Path:
     """The equilibria of a scene from no load on, as its load factor changes.
 
@@ -151,6 +155,9 @@ def path(
              been going, however little
     initial  an equilibrium at factor 0; None = the undeformed beam
     inputs   by name, (..., size)
+    engine   "auto", "eager" or "compiled": what finds the balance at each point. "auto" takes
+             native code for all but structures, supports that go with the factor, a `load`, and
+             loads with internal states
 
     Each sample goes its own way at its own pace. Without derivatives: `equilibrium` has those.
 
@@ -160,6 +167,7 @@ def path(
     refuse_friction(scene)
     model = discretise(scene)
     boolean("branch", branch)
+    choice("engine", engine, ENGINES)
     step = check_tolerance("step", step)
     if control is not None:
         check_function("control", control, "state")
@@ -187,7 +195,10 @@ def path(
         )
     time = instant("t", t, scene.beam.nodes)
 
-    loaded = LoadedProblem(model, time, given, load)
+    with no_derivatives():
+        start = model.space.start(rest(scene) if initial is None else check_state(initial, scene))
+        start = Configuration(start.position, start.rotation, start.stress)
+        loaded = LoadedProblem(model, time, given, load).braced(start).by(engine)
 
     def read(x: Configuration) -> Tensor:
         zero = torch.zeros_like(x.stress[..., 0, 0])
@@ -209,13 +220,17 @@ def path(
         move_weights(model),
     )
     with no_derivatives():
-        start = model.space.start(rest(scene) if initial is None else check_state(initial, scene))
-        start = Configuration(start.position, start.rotation, start.stress)
         if initial is not None:
             still = loaded(time.new_zeros(()))
             check_balance(linearised(still, start) if model.internal_states else still, start)
-        record = walk(start, check_count("steps", steps))
-        return Path.of(loaded, *record)
+        record, *ends = walk(start, check_count("steps", steps))
+        loose = "" if concrete(record[0][0].sound).all() else unheld(model, time, given)[1]
+        if loose:
+            warn(
+                f"the path has no beginning, for nothing holds {loose} there; a support, or loads "
+                "that stay (load= names the others) with their equilibrium as initial, are wanted"
+            )
+        return Path.of(loaded, record, *ends)
 
 
 def stable_branch(

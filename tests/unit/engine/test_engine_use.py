@@ -72,6 +72,21 @@ def test_many_eager_steps_are_warned_of_once_at_the_users_line(function, reason)
         run(tb.Load(function))
 
 
+def test_steps_of_a_structure_that_are_eager_are_warned_of_once():
+    """As long as native code takes no structures: what, why, and how to silence it."""
+    beam = tb.Beam.straight(1.0, 1, tb.Section.circle(0.01, E=2e9, nu=0.3, rho=1200))
+    parts = tb.Scene({"arm": beam, "hub": tb.Body(0.1, 1e-4)}, supports=[tb.Support(("arm", 0))])
+
+    def run(**options):
+        return tb.simulate(parts, torch.linspace(0, 0.5, SOLVES + 1), step=0.025, **options)
+
+    found = said(run)
+    assert len(found) == 1 and found[0].filename == __file__
+    for part in ("steps are made eagerly", "a structure of several parts", "engine='eager'"):
+        assert part in str(found[0].message)
+    assert said(lambda: run(engine="eager")) == []
+
+
 def test_what_is_meant_or_few_is_not_warned_of():
     """A handful of steps, engine="eager", explicit methods, forward mode, and of course native
     code.

@@ -106,8 +106,8 @@ def element_of(problem, space, k):
         **more,
     )
     return (
-        replace(found, space=replace(space, element=one(space.element, k)))
-        if hasattr(space, "element")
+        replace(found, space=replace(space, linear_element=one(space.linear_element, k)))
+        if hasattr(space, "linear_element")
         else found
     )
 

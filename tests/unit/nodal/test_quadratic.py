@@ -19,7 +19,7 @@ from torchbeam.math.quadratic import at_points, threes
 from torchbeam.nodal.assembly import Assembly
 from torchbeam.nodal.conditions import conditions
 from torchbeam.nodal.coordinates.planar import Planar
-from torchbeam.nodal.coordinates.quadratic import QuadraticPlanar, QuadraticSpatial
+from torchbeam.nodal.coordinates.spatial import Spatial
 from torchbeam.nodal.discretise import discretise
 from torchbeam.nodal.loads import Nodes, external
 from torchbeam.scene.stations import stations_of
@@ -52,9 +52,9 @@ def element(kind):
     length = 0.5 + torch.rand(*BATCH, 2 * N, 1)
     signs = torch.where(torch.rand(*BATCH, nodes, 1) < 0.5, -1.0, 1.0)
     if kind == "space":
-        space, (position, rotation) = QuadraticSpatial(), shape(nodes, BATCH)
+        space, (position, rotation) = Spatial(order=2), shape(nodes, BATCH)
     else:
-        space = QuadraticPlanar("xy", torch.eye(3), torch.eye(3), torch.tensor(0.0))
+        space = Planar("xy", torch.eye(3), torch.eye(3), torch.tensor(0.0), order=2)
         position = torch.randn(*BATCH, nodes, 2)
         rotation = space.exponential(0.4 * torch.randn(*BATCH, nodes, 1))
     return (

@@ -7,6 +7,7 @@ import pickle
 import pytest
 import torch
 from torch.testing import assert_close
+from torch.utils._python_dispatch import TorchDispatchMode
 
 import torchbeam as tb
 
@@ -49,6 +50,22 @@ def test_a_solution_reads_what_its_states_hold(options):
             assert_close(found[name], value, rtol=0, atol=1e-15, msg=name)
     assert_close(again.energy.strain, energy.strain)
     assert "4 instants" in repr(solution) and "State of 3 nodes" in repr(solution)
+
+
+def test_reading_the_tip_makes_no_other_field():
+    """Operations of torch: those of one node's position (a cut and a join of each part, and two or
+    three of the plane), whatever else the states hold.
+    """
+
+    class Counted(TorchDispatchMode):
+        def __torch_dispatch__(self, function, types, args=(), kwargs=None):
+            counted.append(function)
+            return function(*args, **(kwargs or {}))
+
+    counted, solution = [], swing(plane="xz")
+    with Counted():
+        _ = solution.tip.position
+    assert len(counted) <= 6 * len(solution.states.parts) + 6
 
 
 def test_a_gradient_survives_what_was_read_without():

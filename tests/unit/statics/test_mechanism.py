@@ -124,4 +124,47 @@ def test_a_body_that_turns_freely_on_its_axle():
     mass = tb.equilibrium(tb.Scene(beam, [gravity, tb.PointMass(0.2, node=-1)]))
     torch.testing.assert_close(found["arm"].position, mass.position, rtol=0, atol=1e-9)
     assert len(tb.modes(wheel, found, count=2).frequency) == 2
-    assert int(tb.path(wheel, step=0.5).state.status[-1]) != 0  # it has no braces, and says so
+    way = tb.path(wheel, step=0.5)
+    assert way.reached
+    torch.testing.assert_close(way.state.position[-1], found.position, rtol=0, atol=1e-8)
+
+
+def test_a_held_structure_without_equilibrium_says_so():
+    """Two inextensible halves, welded, and pinned at ends that stand further apart than they
+    reach: nothing is loose, and the sentence names nothing that is.
+    """
+    halves = {
+        "a": tb.Beam.straight(0.5, 1, STIFF),
+        "b": tb.Beam.straight(0.5, 1, STIFF, root=(0.5, 0, 0)),
+    }
+    scene = tb.Scene(
+        halves,
+        [tb.PointLoad(("a", -1), force=(0, 0, 1.0))],
+        joints=[tb.Weld(("a", -1), ("b", 0))],
+        supports=[
+            tb.Support(("a", 0), rotation="xz"),
+            tb.Support(("b", -1), rotation="", displacement=(0.1, 0, 0)),
+        ],
+        plane="xz",
+    )
+    with pytest.raises(RuntimeError) as refusal:
+        tb.equilibrium(scene, engine="eager")
+    assert "nothing holds" not in str(refusal.value)
+
+
+def test_the_path_of_a_body_that_hangs():
+    """Drawn aside by a force of up to its weight: 45 degrees; at no load nothing holds it, and a
+    warning says so."""
+
+    def hung(*loads):
+        hinge = tb.Hinge(None, "bob", at=(0, 0, 0))
+        return tb.Scene({"bob": tb.Body(1.0, 0.01, position=(0, 0, -1))}, loads, joints=[hinge])
+
+    aside = tb.PointLoad("bob", force=tb.Input("F", 3))
+    scene = hung(tb.PointLoad("bob", force=(0, 0, -2.0)), aside)
+    hangs = tb.equilibrium(scene, inputs={"F": (0, 0, 0)})
+    found = tb.path(scene, load="F", initial=hangs, step=0.3, inputs={"F": (2.0, 0, 0)})
+    wanted = torch.tensor([0.5**0.5, 0, -(0.5**0.5)])
+    torch.testing.assert_close(found.state.position[-1, 0], wanted, rtol=0, atol=1e-8)
+    with pytest.warns(RuntimeWarning, match="nothing holds one motion of 'bob' there"):
+        tb.path(hung(tb.PointLoad("bob", force=(0.3, 0, -2.0))))

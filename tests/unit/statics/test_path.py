@@ -13,6 +13,7 @@ from torch.testing import assert_close
 import torchbeam as tb
 from torchbeam.statics.continuation import BRANCH_POINT, LIMIT_POINT, REGULAR
 
+pytestmark = pytest.mark.steps
 INF = math.inf
 # Timoshenko and Gere, Theory of Elastic Stability (1961), table 2.4: angle of the tip, P/Pcr, x/L,
 # y/L
@@ -66,6 +67,7 @@ def test_a_named_input_alone_is_scaled():
     bent = tb.equilibrium(scene, inputs={"u": torch.zeros(3)})
     u = torch.tensor([0.0, 1.0, 0])
     path = tb.path(scene, load="u", initial=bent, inputs={"u": u})
+    assert_close(path.state.reaction[0], bent.reaction, rtol=0, atol=1e-7)  # of 1 N
     want = tb.equilibrium(scene, inputs={"u": u}).tip.position
     assert_close(path.state.tip.position[0], bent.tip.position, rtol=0, atol=1e-12)
     assert_close(path.state.tip.position[-1], want, rtol=0, atol=1e-6)  # 1e-8 of the load, times 12

@@ -34,6 +34,7 @@ def refusal(model: Model, method: str, conserve: bool = False, **options: Any) -
     scene = model.scene
     reasons = {
         "a structure of several parts": bool(scene.beam.parts),
+        "a Tendon": bool(scene.tendons),
         f"method {method!r}": (method, conserve) not in FUNCTIONS,
         f"the device {scene.device}": scene.device.type != "cpu",
     }
@@ -135,13 +136,16 @@ def automatic_step(
     model: Model, method: str, **options: Any
 ) -> tuple[CompiledStep | None, str | None]:
     """Steps of a model by native code where "auto" takes it; else None, and why it is to be said
-    that steps are eager, None = that is meant. What a user's function raises, of the motion or of
-    time, is raised by the eager step, before a word is said.
+    that steps are eager, None = that is meant: by the environment, or by the device. What a user's
+    function raises, of the motion or of time, is raised by the eager step, before a word is said.
     """
-    if refusal(model, method, **options) is not None or meaning() == "eager":
+    if model.scene.device.type != "cpu" or meaning() == "eager":
         return None, None
-    if find_spec("llvmlite") is None:
-        return None, MISSING
+    reason = refusal(model, method, **options) or (
+        MISSING if find_spec("llvmlite") is None else None
+    )
+    if reason is not None:
+        return None, reason
     own, reason = by_function(model), unsteady(model) if meaning() == "auto" else None
     if reason is not None:
         return None, reason + VALUES

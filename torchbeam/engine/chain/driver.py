@@ -214,7 +214,7 @@ class Driver(ChainCode):
             if field[0] == ">":
                 return (
                     self.at("row", v, name)
-                    if name in ("ahead", "y")
+                    if name in self.layout.records["row"].fields
                     else self.at("at_row", 0, name)
                 )
             if side in sides:

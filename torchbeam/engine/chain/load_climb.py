@@ -24,13 +24,14 @@ from ...state.supported_nodes import set_node
 from ..compiler.trace import NotTraceable
 from ..engine_use import slow_path
 from .call import Call, Chain, Field
+from .chain_constants import Trees
 from .constants import Constants
 from .cotangents import constant_fields
 from .coverage import MISSING, given_up, meaning, unsteady, untraceable
 from .load_program import JudgedProgram, LoadProgram
 from .native import NotCompiled
 from .node_kinds import kinds_of
-from .program import NOTHING, program_of
+from .program import NOTHING, ChainProgram, program_of
 from .steady_functions import SteadyFunctions
 from .user_functions import by_function, by_sample, known, surroundings
 
@@ -157,40 +158,20 @@ def _called(
     around: Surroundings | None,
 ) -> Climbed:
     constants = Constants(model, steps=False, around=around)
-    nodes, elements, common, supports = constants.at(
-        t.new_ones(()), t, inputs, model.orientation(t)
-    )
-    trees = nodes, replace(elements, C=model.tangent_stiffness()), common, supports
-    kinds = kinds_of(model, constants.loads, rest=True)
-    program = program_of(
-        SteadyFunctions(model, *trees),
-        kinds,
-        bool(model.constraints.nodes),
-        around,
-        JudgedProgram if judged else LoadProgram,
-    )
-    chain = Chain(program, model, kinds)
-    like, one = model.length, model.length.new_tensor
-    p, least = model.space.dims.position, rounding_stress(model)
-    numbers = {
-        "total": like.sum((-1, -2)),
-        "longest": like.amax((-1, -2)),
-        "exact": same_law(trees[1].C, model.law.C),
-        "tolerance": one(tolerance or TOLERANCE[like.dtype]),
-        "least_force": least[..., :p].amax((-1, -2)),
-        "least_moment": least[..., p:].amax((-1, -2)),
-    }
+    local = SteadyFunctions(model, *trees_at_rest(constants, t, inputs))
+    chain, fields = prepared(local, constants, t, around, JudgedProgram if judged else LoadProgram)
+    exact = same_law(local.elements.C, model.law.C)
+    tolerance = model.length.new_tensor(tolerance or TOLERANCE[model.length.dtype])
     start = x._asdict()
     given = [
-        *constant_fields(trees),
-        *_poses(model, t),
-        *(Field("common", name, v, 0) for name, v in numbers.items()),
+        *fields,
+        Field("common", "exact", exact, 0),
+        Field("common", "tolerance", tolerance, 0),
         *(
             Field("start_stress" if name == "stress" else "kept", name, v, 2)
             for name, v in start.items()
         ),
     ]
-    given = [one for one in given if chain.has(one.record, one.name)]
     batch = broadcast_shapes(*(one.value.shape[: one.value.ndim - one.axes] for one in given))
     call = Call(chain, batch, 1, lanes)
     states = {name: call.empty(*v.shape[-2:], steps=False) for name, v in start.items()}
@@ -205,6 +186,40 @@ def _called(
     return Climbed(
         Configuration(*shape), reaction, status.long(), indefinite != 0 if judged else None
     )
+
+
+def trees_at_rest(constants: Constants, t: Tensor, inputs: Inputs) -> Trees:
+    """Those of what stands still."""
+    model = constants.model
+    nodes, elements, *others = constants.at(t.new_ones(()), t, inputs, model.orientation(t))
+    return nodes, replace(elements, C=model.tangent_stiffness()), *others
+
+
+def prepared(
+    local: SteadyFunctions,
+    constants: Constants,
+    t: Tensor,
+    around: Surroundings | None,
+    made: type[ChainProgram],
+) -> tuple[Chain, list[Field]]:
+    """A model at rest in a program of this class, and the fields that are the same throughout."""
+    model = local.model
+    kinds = kinds_of(model, constants.loads, rest=True)
+    program = program_of(local, kinds, bool(model.constraints.nodes), around, made)
+    chain = Chain(program, model, kinds)
+    like, p, least = model.length, model.space.dims.position, rounding_stress(model)
+    numbers = {
+        "total": like.sum((-1, -2)),
+        "longest": like.amax((-1, -2)),
+        "least_force": least[..., :p].amax((-1, -2)),
+        "least_moment": least[..., p:].amax((-1, -2)),
+    }
+    fields = [
+        *constant_fields((local.nodes, local.elements, local.common, local.supports)),
+        *_poses(model, t),
+        *(Field("common", name, v, 0) for name, v in numbers.items()),
+    ]
+    return chain, [one for one in fields if chain.has(one.record, one.name)]
 
 
 def _poses(model: Model, t: Tensor) -> list[Field]:

@@ -79,7 +79,7 @@ class LocalProblems:
     @property
     def order(self) -> int:
         """Of the elements: an element has as many stations, and one node more."""
-        return self.model.scene.beam.order
+        return self.model.space.order
 
     @cached
     def element_assembly(self) -> Assembly:
@@ -226,7 +226,6 @@ class LocalProblems:
         )
         return Rows.of(
             space,
-            self.order,
             nodes,
             element,
             held,

@@ -39,7 +39,7 @@ from .layout import (
 )
 from .local_functions import LocalFunctions
 from .native import NativeProgram
-from .node_kinds import Kinds
+from .node_kinds import ElementKind, Kinds
 from .tracing import Tracing
 
 SAMPLE = (
@@ -75,16 +75,17 @@ class ChainProgram(NativeProgram):
         """Functions that are not of all chains, `node` and `update` of each kind among them."""
         raise NotImplementedError
 
+    def _of_element(self, traced: Tracing, local: LocalFunctions, kind: ElementKind) -> Function:
+        """`element` of a kind."""
+        return traced(
+            partial(local.element, kind), traced.element | {name: () for name in self.varying}
+        )
+
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         w, functions = self.w, self._of_nodes(traced, local)
         nodes = [functions[f"node {k}"] for k in range(len(self.kinds.nodes))]
         own = Packing(OWN, nodes, nodes[0].outputs)
-        elements = [
-            traced(
-                partial(local.element, kind), traced.element | {name: () for name in self.varying}
-            )
-            for kind in self.kinds.elements
-        ]
+        elements = [self._of_element(traced, local, kind) for kind in self.kinds.elements]
         shapes = {name: out.shape for name, out in elements[0].outputs.items()}
         names = midsides.to_nodes(shapes)
         loads = self._of_loads_between(functions, traced, local, {n: shapes[n] for n in names})
@@ -360,6 +361,7 @@ def structure(local: LocalFunctions, kinds: Kinds, held: bool) -> tuple:
         type(local),
         local.options,
         type(space),
+        space.order,
         plane,
         model.length.dtype,
         model.scene.beam.offset,

@@ -26,11 +26,12 @@ Made = TypeVar("Made")
 def by_function(model: Model) -> list[Any]:
     """Loads that depend on the motion and are functions that a user wrote, or hold such."""
     loads = (*model.loads[0], *(load for load in model.loads[1] if load.internal))
-    return [
-        load
-        for load in loads
-        if not of_library(load) or any(leaf.axes is None for leaf in own_leaves(load))
-    ]
+    return [load for load in loads if written(load)]
+
+
+def written(effect: Any) -> bool:
+    """Whether an effect is of a class that a user wrote, or holds such a function of the motion."""
+    return not of_library(effect) or any(leaf.axes is None for leaf in own_leaves(effect))
 
 
 def surroundings(loads: list[Any]) -> Surroundings:

@@ -7,7 +7,7 @@ times the nodes' moves.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
@@ -18,9 +18,8 @@ from ...math.shapes import broadcast_shapes
 from ...scene.scene import Scene
 from ...state.state import State
 from ...topology.protocols import Topology
-from .. import element
 from ..assembly import Assembly
-from ..linear_interpolation import LinearInterpolation
+from .elements import ELEMENTS
 from .spatial import Spatial
 
 
@@ -37,29 +36,30 @@ class LinearElement(Tree):
     """Elements as they are undeformed: chord r_j - r_i (..., N, 3) m; B (..., N, 6, 9) the strain
     operator by spins in frame a; B_section by rotations in section axes.
 
-    interpolation, finite  between the nodes of an element, see `Spatial`; its functions where
-                           rotations are large
+    Of three nodes chord is dr/dx of the undeformed beam at the stations, and numbers are those of a
+    station, see `QuadraticInterpolation`. order: of the elements
     """
 
     chord: Tensor = leaf(2)
     B: Tensor = leaf(3)
     B_section: Tensor = leaf(3)
+    order: int
 
-    interpolation: ClassVar[Any] = LinearInterpolation()
-    finite: ClassVar[Any] = element
+    interpolation = property(lambda self: ELEMENTS[self.order].interpolation)
 
     @classmethod
-    def of(cls, topology: Topology, nodes: Tensor, frames: Tensor, length: Tensor) -> LinearElement:
-        assembly = Assembly(topology, cls.interpolation, 3)
+    def of(
+        cls, topology: Topology, order: int, nodes: Tensor, frames: Tensor, length: Tensor
+    ) -> LinearElement:
+        interpolation, finite, _ = ELEMENTS[order]
+        assembly = Assembly(topology, interpolation, 3)
         positions, rotations = assembly.ends(nodes), assembly.ends(frames)
-        B = cls.finite.strain_operator(
-            cls.finite.kinematics(*positions, *rotations, length), length
-        )
-        by_r, *by_spin = cls.interpolation.by_spins(B, 3)
+        B = finite.strain_operator(finite.kinematics(*positions, *rotations, length), length)
+        by_r, *by_spin = interpolation.by_spins(B, 3)
         turned = torch.broadcast_tensors(
             by_r, *(by @ quat.matrix(q) for by, q in zip(by_spin, rotations, strict=True))
         )
-        return cls(cls.interpolation.slopes(*positions), B, torch.cat(turned, -1))
+        return cls(interpolation.slopes(*positions), B, torch.cat(turned, -1), order)
 
     def kinematics(self, *given: Tensor) -> Moves:
         """Positions m and rotation vectors rad (section axes) of the nodes of each element,
@@ -94,21 +94,22 @@ class LinearElement(Tree):
 @dataclass(frozen=True)
 class Linearised(Spatial):
     """frames (..., N+1, 4), R (..., N+1, 3, 3): undeformed section axes -> frame a of each node;
-    element: each one's own.
+    linear_element: each one's own.
     """
 
     frames: Tensor = leaf(2)
     R: Tensor = leaf(3)
-    element: LinearElement
+    linear_element: LinearElement
 
     turns: ClassVar[bool] = False
-    linear: ClassVar[type[LinearElement]] = LinearElement
 
     @classmethod
     def of(cls, scene: Scene, topology: Topology) -> Linearised:
         beam = scene.beam
-        element = cls.linear.of(topology, beam.nodes, beam.frames, beam.length[..., None])
-        return cls(beam.frames, quat.matrix(beam.frames), element)
+        element = LinearElement.of(
+            topology, beam.order, beam.nodes, beam.frames, beam.length[..., None]
+        )
+        return cls(beam.frames, quat.matrix(beam.frames), element, order=beam.order)
 
     def of_nodes(self, nodes: slice | int) -> Linearised:
         return replace(self, frames=self.frames[..., nodes, :], R=self.R[..., nodes, :, :])
@@ -132,7 +133,7 @@ class Linearised(Spatial):
     def hinged_turn(self, m: Tensor, q: Tensor, axis: Tensor) -> Tensor:
         return self.about(q, m, axis)
 
-    functions = property(lambda self: self.element)
+    functions = property(lambda self: self.linear_element)
 
     # Rotations
 

@@ -8,7 +8,7 @@ of the quaternion. Strains are [gamma_1, gamma_t, kappa_n].
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -50,7 +50,8 @@ class Planar(Spatial):
     place: Tensor = leaf(0)
 
     dims: ClassVar[Dimensions] = Dimensions(position=2, spin=1, strain=3)
-    functions: ClassVar[Any] = element
+
+    functions = property(lambda self: self.element.planar)
 
     multiply = staticmethod(element.multiply)
     inverse = staticmethod(element.inverse)
@@ -65,7 +66,7 @@ class Planar(Spatial):
         """Raises ValueError where the beam or a section leaves the plane `name`."""
         beam = scene.beam
         numbers = (x.detach() for x in (beam.nodes, beam.frames, beam.elements, beam.length))
-        plane = remembered(cls._through, name, bool(beam.parts), *numbers)
+        plane = remembered(cls._through, name, beam.order, bool(beam.parts), *numbers)
         for what, given, whole in (
             ("compliance", beam.compliance, beam.coupled),
             ("mass", beam.mass, beam.offset or beam.rotary),
@@ -78,6 +79,7 @@ class Planar(Spatial):
     def _through(
         cls,
         name: str,
+        order: int,
         several: bool,
         nodes: Tensor,
         frames: Tensor,
@@ -109,18 +111,15 @@ class Planar(Spatial):
         e = torch.zeros_like(n)
         e[0] = 1
         section = torch.stack((e, torch.linalg.cross(n, e), n), -1)
-        return cls(name, basis, section, place.flatten()[0])
+        return cls(name, basis, section, place.flatten()[0], order=order)
 
     def _check_section(self, what: str, given: Tensor) -> None:
         """Refuse a section's matrix that couples what is in the plane to what is out of it."""
-        both = torch.block_diag(self.section, self.section)
-        local = both.mT @ given @ both
+        local = self._section_map.mT @ given @ self._section_map
         scale = local.diagonal(dim1=-2, dim2=-1).abs().sqrt()
-        coupling = local[..., INSIDE, :][..., OUTSIDE].abs()
-        close = CLOSE.get(given.dtype, 1e-5)
-        if concrete(
-            coupling > close * scale[..., INSIDE][..., :, None] * scale[..., OUTSIDE][..., None, :]
-        ).any():
+        inside, outside = scale[..., : len(INSIDE), None], scale[..., None, len(INSIDE) :]
+        coupling = local[..., : len(INSIDE), len(INSIDE) :].abs()
+        if concrete(coupling > CLOSE.get(given.dtype, 1e-5) * inside * outside).any():
             raise ValueError(
                 f"a section whose {what} couples the plane {self.name!r} to what is out of it was "
                 "given; plane=None takes it"
@@ -134,9 +133,14 @@ class Planar(Spatial):
         return quat.multiply(quat.multiply(outer[0], units), outer[1])
 
     @cached
+    def _section_map(self) -> Tensor:
+        """(6, 6): the six of a section from those inside the plane, then those outside."""
+        return torch.block_diag(self.section, self.section)[:, INSIDE + OUTSIDE]
+
+    @cached
     def _stress_map(self) -> Tensor:
         """(6, 3)"""
-        return torch.block_diag(self.section, self.section)[:, INSIDE]
+        return self._section_map[:, : len(INSIDE)]
 
     @cached
     def _load_map(self) -> Tensor:
@@ -231,8 +235,8 @@ class Planar(Spatial):
         return diagonal @ self._stress_map.abs()
 
     def project_inertia(self, J: Tensor) -> Tensor:
-        n = self.section[:, 2:]
-        return n.mT @ J @ n
+        n = self.section[:, 2]  # a unit vector of the section, whatever its sign
+        return (J @ n * n).sum(-1)[..., None, None]
 
     def project_offset(self, e: Tensor) -> Tensor:
         return e @ self.section[:, :2]

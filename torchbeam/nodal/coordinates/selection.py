@@ -9,20 +9,18 @@ from ...scene.scene import Scene
 from ...topology.protocols import Topology
 from .linearised import Linearised
 from .planar import Planar
-from .quadratic import QuadraticLinearised, QuadraticPlanar, QuadraticSpatial
 from .spatial import Spatial
 
 
 def in_space(beam: Beam) -> Spatial:
     """3D coordinates of a beam."""
-    return QuadraticSpatial() if beam.order == 2 else Spatial()
+    return Spatial(order=beam.order)
 
 
 def space_of(scene: Scene, topology: Topology) -> Spatial:
     """The space of a scene whose plane is not "auto". Raises ValueError where the beam, the motion
     of its frame or follower loads do not fit it.
     """
-    quadratic = scene.beam.order == 2
     if scene.small:
         if scene.plane is not None:
             raise ValueError("plane and small were given; one of them is wanted")
@@ -37,10 +35,10 @@ def space_of(scene: Scene, topology: Topology) -> Spatial:
                     f"small=True with {load.called} was given, whose load turns with the beam; "
                     "dead loads are wanted"
                 )
-        return (QuadraticLinearised if quadratic else Linearised).of(scene, topology)
+        return Linearised.of(scene, topology)
     if scene.plane is None:
         return in_space(scene.beam)
-    return (QuadraticPlanar if quadratic else Planar).of(scene, scene.plane)
+    return Planar.of(scene, scene.plane)
 
 
 def only_numbers(scene: Scene) -> bool:

@@ -5,7 +5,8 @@ mathematics.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, NamedTuple
+from dataclasses import dataclass, field
+from typing import ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
@@ -14,8 +15,7 @@ from torch.nn.functional import pad
 from ...core.leaves import Tree
 from ...math import quaternions as quat
 from ...state.state import State
-from .. import element
-from ..linear_interpolation import LinearInterpolation
+from .elements import ELEMENTS
 
 
 class Dimensions(NamedTuple):
@@ -26,16 +26,23 @@ class Dimensions(NamedTuple):
     strain: int
 
 
+@dataclass(frozen=True)
 class Spatial(Tree):
     """Rotations are unit quaternions, spins are 3-vectors. A spin is expressed in the section's
     axes or in those of frame a.
+
+    order   of the elements between the nodes
     """
+
+    order: int = field(default=1, kw_only=True)
 
     plane: ClassVar[str | None] = None  # that it lies in, "xy" or "xz"; None = in space
     turns: ClassVar[bool] = True  # whether what is fixed to a section turns with it
     dims: ClassVar[Dimensions] = Dimensions(position=3, spin=3, strain=6)
-    interpolation: ClassVar[Any] = LinearInterpolation()  # between the nodes of an element
-    functions: ClassVar[Any] = element  # of the element, those named below
+
+    element = property(lambda self: ELEMENTS[self.order])
+    interpolation = property(lambda self: self.element.interpolation)
+    functions = property(lambda self: self.element.spatial)  # of the element, those named below
 
     kinematics = property(lambda self: self.functions.kinematics)
     strains = property(lambda self: self.functions.strains)

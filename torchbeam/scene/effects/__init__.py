@@ -2,10 +2,11 @@
 
 An effect is a small frozen dataclass with one kind:
     load         force and moment at load points of the beam: `wrench(point, t, inputs)`,
-                 `tangent(site, t, inputs)`
+                 `tangent(point, t, inputs)`
     strain       `Damping`: stress that follows the strain rate
     inertia      `PointMass`: mass at a node
     eigenstrain  `Actuation`: strain and curvature of the unloaded beam
+    tendon       `Tendon`: forces between points of several nodes
 A load acts on one node (`node` is an index) or along the beam, per unit length (`node` is None).
 Load points may be nodes or elements, by the form of the beam.
 """
@@ -37,6 +38,7 @@ from .loads import LineLoad, PointLoad, TipLoad
 from .obstacles import Box, Capsule, Cylinder, Obstacle, Plane, Sphere
 from .point_mass import PointMass
 from .springs import RootSpring, Spring
+from .tendon import Eyelet, Tendon
 from .values import (
     Along,
     Input,
@@ -72,6 +74,7 @@ __all__ = [
     "Damping",
     "Drag",
     "Effect",
+    "Eyelet",
     "Gravity",
     "History",
     "Input",
@@ -92,6 +95,7 @@ __all__ = [
     "RootSpring",
     "Sphere",
     "Spring",
+    "Tendon",
     "TipLoad",
     "Wrench",
     "changing",

@@ -1,0 +1,222 @@
+"""Balance at the points of a path by native code, from tensors to tensors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ...core.functions_of_time import rate_along
+from ...core.surroundings import Surroundings
+from ...equations.steady import Configuration, SteadyProblem
+from ...nodal.balance import same_law
+from ...state.state import rest
+from ..compiler.derivative import dot
+from ..compiler.trace import NotTraceable
+from ..engine_use import slow_path
+from .call import Call, Field
+from .chain_constants import Trees
+from .constants import Constants
+from .cotangents import constant_fields
+from .coverage import given_up, meaning, unsteady, untraceable
+from .load_climb import prepared, refusal, trees_at_rest
+from .native import NotCompiled
+from .path_program import PIVOT, RATE, PathFunctions, PathProgram
+from .program import NOTHING
+from .user_functions import by_function, by_sample, known, surroundings, written
+
+Answer = tuple[Tensor, Tensor, Tensor]
+
+
+class Size(NamedTuple):
+    """A residual of which the scaled size (...) is known."""
+
+    size: Tensor
+    nodes: None = None
+    strain: None = None
+
+    def measure(self) -> Tensor:
+        return self.size
+
+
+class NativePoint(NamedTuple):
+    """See `statics.arc_length.PointBalance`."""
+
+    residual: Size
+    exact: Tensor
+    by_residual: Answer
+    by_factor: Answer
+    blocks: Tensor
+
+    def pivots(self) -> tuple[Tensor, Tensor]:
+        sound = torch.isfinite(self.blocks)
+        return torch.where(sound, self.blocks, 0.0), sound.flatten(-3).all(-1)
+
+
+class NativeBalance:
+    """The balance of a model at rest, and what its tangent asks for, by the load factor: of all
+    loads, or of the input `load`.
+    """
+
+    def __init__(
+        self, problem: SteadyProblem, load: str | None, around: Surroundings | None
+    ) -> None:
+        """problem: at factor 0."""
+        self.model = model = problem.model
+        constants = Constants(model, steps=False, around=around)
+        trees, rising, rises, led = self._trees(constants, problem, load)
+        local = PathFunctions(model, *trees, rising=rising, led=led is not None)
+        self.chain, fields = prepared(local, constants, problem.t, around, PathProgram)
+        self.exact, self.load = same_law(local.elements.C, model.law.C), load
+        self.rising = [one for one in fields if one.name in rises]
+        self.fields = [one for one in fields if one.name not in rises]
+        self.fields += [
+            one._replace(name=dot(one.name), value=rises[one.name]) for one in self.rising
+        ]
+        self.fields += [] if led is None else [Field("node", RATE, led, 2)]
+        self.chain.program.run(1)  # raises where it cannot be compiled
+        self._calls: dict[torch.Size, Call] = {}
+
+    @staticmethod
+    def _trees(
+        constants: Constants, problem: SteadyProblem, load: str | None
+    ) -> tuple[Trees, tuple[str, ...], dict[str, Tensor], Tensor | None]:
+        """What there is at factor 0 (where the factor is of all loads: all of it); names of what
+        rises with the factor, and how fast, where these are constants; how fast supports go.
+        """
+        model, t, inputs = constants.model, problem.t, problem.inputs
+        trees = trees_at_rest(constants, t, inputs)
+        if load is None:
+            moving = any(one.displacement is not None for one in model.scene.supports)
+            return trees, ("load_factor",), {}, _rate(problem) if moving else None
+        none = trees_at_rest(constants, t, {**inputs, load: torch.zeros_like(inputs[load])})
+        pairs = zip(constant_fields(none), constant_fields(trees), strict=True)
+        rises = {a.name: b.value - a.value for a, b in pairs if a.value is not b.value}
+        return none, tuple(rises), rises, None
+
+    @torch.no_grad()
+    def __call__(
+        self, position: Tensor, rotation: Tensor, stress: Tensor, factor: Tensor
+    ) -> NativePoint:
+        """At position, rotation (..., N+1, *) and stress (..., N, k), under a factor (...)."""
+        batch, order = factor.shape, self.chain.program.order
+        share = factor if self.load is None else torch.ones_like(factor)
+        given = [
+            Field(record, name, value.expand(*batch, *value.shape[-axes:]).contiguous(), axes)
+            if axes
+            else Field(record, name, value.contiguous(), 0)
+            for record, name, value, axes in (
+                ("kept", "position", position, 2),
+                ("kept", "rotation", rotation, 2),
+                ("start_stress", "stress", stress, 2),
+                ("common", "load_factor", share, 0),
+                ("common", "reached", share, 0),
+            )
+        ]
+        for one in self.rising:
+            rate = next(x.value for x in self.fields if x.name == dot(one.name))
+            wide = factor[(...,) + (None,) * one.axes]
+            given.append(one._replace(value=(one.value + wide * rate).contiguous()))
+        size = self.chain.program.w, self.chain.program.w
+        rows = {
+            ("move", "move"): (self.chain.rows("move"), size[0]),
+            ("stress", "stress"): stress.shape[-2:],
+            ("support", "found"): self.model.constraints.fixed.shape,
+            ("sample", "size"): (),
+            ("row", PIVOT): (self.chain.rows("row"), *size),
+            ("middle pivot", PIVOT): (self.model.scene.beam.element_count, *size),
+        }
+        call = self._calls.get(batch)
+        out = [
+            Field(*name, torch.empty(2, batch.numel(), *own, dtype=factor.dtype), len(own), True)
+            for name, own in rows.items()
+            if name[0] != "middle pivot" or order == 2
+        ]
+        if call is None:
+            slope = torch.tensor((0.0, 1.0), dtype=factor.dtype).reshape(2, *(1,) * len(batch))
+            fixed = [Field("common", "slope", slope, 0), Field("free", "free", self.chain.free, 2)]
+            call = self._calls[batch] = Call(self.chain, batch, 2).bound(
+                {"inputs": len(given), "outputs": len(out)},
+                inputs=[*given, *self.fields, *fixed],
+                outputs=out,
+            )
+        call.run(inputs=[one.value for one in given], outputs=[one.value for one in out])
+        move, dstress, reaction, measure, *blocks = (
+            one.value.reshape(2, *batch, *one.value.shape[2:]) for one in out
+        )
+        unknowns, here = self.model.constraints.unknowns, slice(order, -order)
+        own = unknowns.of_nodes(blocks[0][0], 2) if order == 1 else blocks[0][0]
+        answers = zip(move[..., here, :], dstress, reaction, strict=True)
+        return NativePoint(
+            Size(measure[0]),
+            self.exact,
+            *answers,
+            own if order == 1 else torch.cat((blocks[1][0], own), -3),
+        )
+
+
+def _rate(problem: SteadyProblem) -> Tensor:
+    """(..., N+1, p) m: how far supports go with all of the load."""
+    model = problem.model
+    start = model.space.start(rest(model.scene))
+    start = Configuration(start.position, start.rotation, start.stress)
+
+    def position(factor: Tensor) -> Tensor:
+        return replace(problem, load_factor=factor).apply_supports(start).position
+
+    zero = model.length.new_zeros(())
+    return rate_along(position, (zero,), (torch.ones_like(zero),))[1]
+
+
+def path_refusal(problem: SteadyProblem, load: str | None) -> str | None:
+    """Why the balances of a path are not found by native code; None where they are."""
+    model = problem.model
+    turned = any(one.turn is not None for one in model.scene.supports)
+    # of which it is not known that they are linear in their inputs
+    own = any(map(written, (*model.loads[1], *model.scene.eigenstrains)))
+    reasons = {
+        f"the factor of {load!r} beside functions without motion": load is not None and own,
+        "supports that turn with the load's factor": load is None and turned,
+        "loads with internal states": bool(model.internal_states),
+        "a rigid motion that nothing holds": type(problem) is not SteadyProblem,
+    }
+    return refusal(model) or next((reason for reason, given in reasons.items() if given), None)
+
+
+def native_balance(problem: SteadyProblem, load: str | None, engine: str) -> NativeBalance | None:
+    """Balances of a path, of which the problem is that at factor 0, by native code; None where they
+    are found eagerly, with a warning where that is for what a user wrote. Raises ValueError where
+    native code alone is wanted and does not take it.
+    """
+    engine = meaning() if engine == "auto" else engine
+    if engine == "eager":
+        return None
+    model = problem.model
+    reason, own = path_refusal(problem, load), by_function(model)
+    told = engine == "compiled"
+    try:
+        if reason is None and not told and (reason := unsteady(model)) is not None:
+            slow_path("a path is found", reason)
+            return None
+        if reason is None:
+            around = (known if told else surroundings)(own) if own else NOTHING
+            return by_sample(lambda one: NativeBalance(problem, load, one), model, around)
+    except NotTraceable as error:
+        reason = str(error)
+        if not told:
+            slow_path("a path is found", untraceable(own[0], error) if own else reason)
+    except NotCompiled as error:
+        if told:
+            raise
+        given_up(error, "a path is found")
+    except Exception:
+        if told or not own:  # else of the user's function: raised eagerly, too
+            raise
+    if told:
+        raise ValueError(
+            f"engine = 'compiled' was given, which does not take this scene ({reason}); 'eager' "
+            "does"
+        )
+    return None

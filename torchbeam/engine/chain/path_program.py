@@ -1,0 +1,188 @@
+"""Program of a point of a path: the balance there, and what its tangent asks for, in one pass each
+for the residual and for its slope by the load factor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from torch import Tensor
+
+from ...equations.balance_problem import BalanceProblem
+from ...nodal.balance import mixed, scaled
+from ..compiler.derivative import dot, jvp
+from ..compiler.function import Function
+from .driver import SUMS, Driver
+from .layout import ELEMENTS, ENDS, NODES, ONE, Layout
+from .load_driver import LoadDriver
+from .local_problem import Fields
+from .node_kinds import ElementKind, NodeKind, without_side
+from .program import ChainProgram
+from .steady_functions import POSE, SteadyFunctions
+from .tracing import Tracing
+
+PIVOT, RATE = "pivot", "node.rate"
+
+
+@dataclass(frozen=True)
+class PathFunctions(SteadyFunctions):
+    """Local functions of a point of a path. rising: what rises with the load factor, by name: it
+    itself, or constants, whose tangents are fields then. led: whether supports go with it, by
+    `node.rate` (p) from where they are at the factor `reached`.
+    """
+
+    rising: tuple[str, ...] = ("load_factor",)
+    led: bool = False
+
+    @property
+    def options(self) -> tuple[Any, ...]:
+        return self.rising, self.led
+
+    def of_node(self, fields: Fields, kind: NodeKind) -> tuple[BalanceProblem, Any]:
+        return super().of_node(_led(fields, ""), kind)
+
+    def of_element(self, fields: Fields, kind: ElementKind) -> tuple[BalanceProblem, Any]:
+        for side in self.sides:
+            fields = _led(fields, f"{side}.")
+        return super().of_element(fields, kind)
+
+    def pivot(self, block: Tensor) -> Fields:
+        """The pivot block itself."""
+        return {PIVOT: block}
+
+    def judge(
+        self,
+        force: Tensor,
+        moment: Tensor,
+        strain: Tensor,
+        left_force: Tensor,
+        left_moment: Tensor,
+        left_strain: Tensor,
+        total: Tensor,
+        longest: Tensor,
+        least_force: Tensor,
+        least_moment: Tensor,
+    ) -> Fields:
+        """Size of the residual, see `Residual.measure`."""
+        force, moment = force.maximum(least_force), moment.maximum(least_moment)
+        largest = mixed(force, moment, total, longest)
+        return {"size": scaled(left_force, left_moment, left_strain, *largest, strain)}
+
+
+def _led(fields: Fields, side: str) -> Fields:
+    """A node where its support is; there already, but so that derivatives know it."""
+    name, rate = f"{side}position", fields.get(f"{side}{RATE}")
+    if rate is None:
+        return fields
+    return {**fields, name: fields[name] + (fields["load_factor"] - fields["reached"]) * rate}
+
+
+def _or_else(
+    function: Function, inputs: dict[str, tuple[int, ...]], others: dict[str, Sequence[int]]
+) -> Function:
+    """The function of these inputs that gives, where `slope` is not 0, these other nodes of its
+    graph in the place of its outputs.
+    """
+    graph = function.graph
+    still = graph.make("eq", graph.input("slope", 0), graph.zero)
+    chosen = {
+        name: function.outputs[name]._replace(
+            nodes=tuple(
+                graph.make("select", still, *pair)
+                for pair in zip(function.outputs[name].nodes, nodes, strict=True)
+            )
+        )
+        for name, nodes in others.items()
+    }
+    whole = Function(graph, {**inputs, "slope": ()}, {**function.outputs, **chosen})
+    return whole.with_constants({dot("load_factor"): (1.0,)}).only(whole.outputs)
+
+
+class PathDriver(LoadDriver):
+    """One pass a step: in the first `slope` is 0, in the second 1."""
+
+    def _group(self, first: str) -> None:
+        code = self.code
+        with code.loop(0, self.args["steps"]) as step:
+            self._transfer("gather", "input", first, step)
+            self._fill(self.at("sample", 0, "over"), 1)
+            self._return()
+            self._place()
+            self._hoisted()
+            self._border()
+            Driver._pass(self)
+            self._judge()
+            with code.loop(0, self.args["elements"]) as e:  # of which the change is wanted
+                self._fill(self.at("stress", e), self.layout.records["stress"].size)
+            self._back()
+            self._transfer("scatter", "output", first, step)
+
+    def _condense(self, e: str) -> None:
+        super()._condense(e)
+        size = self.layout.records["middle pivot"].size
+        self._copy_to(self.at("middle pivot", e), self.at("at_middle", 0, PIVOT), size)
+
+
+class PathProgram(ChainProgram):
+    """Of nodes the balance, of elements what they ask of their nodes and their gap: or the slopes
+    of these by the load factor.
+    """
+
+    driver = PathDriver
+    unknown = "position", "rotation"
+    varying = "load_factor", "reached", "slope"
+    numbers = "total", "longest", "least_force", "least_moment"
+    judging = (*SUMS, *numbers)
+
+    def _slopes(self, function: Function, local: PathFunctions, of: list[str]) -> Function:
+        """Of such outputs, by all that rises: on the function's graph."""
+        return jvp(function, (x for x in function.inputs if without_side(x) in local.rising), of)
+
+    def _of_nodes(self, traced: Tracing, local: PathFunctions) -> dict[str, Function]:
+        w, functions = self.w, {}
+        node = {**traced.node, "load_factor": ()}
+        led = {RATE: self.shapes["position"], "reached": ()} if local.led else {}
+        for k, kind in enumerate(self.kinds.nodes):
+            balance = traced(partial(local.node, kind), node | led)
+            slope = self._slopes(balance, local, ["balance"])
+            others = {"balance": slope.outputs[dot("balance")].nodes}
+            functions[f"node {k}"] = _or_else(balance, slope.inputs, others)
+            functions[f"update {k}"] = traced(partial(local.update, kind), {**node, "move": (w,)})
+            if kind.placed is not None:
+                pose = {f"pose.{name}": (size,) for name, size in POSE.items()}
+                functions[f"place {k}"] = traced(partial(local.place, kind), node | pose)
+        return functions
+
+    def _of_element(self, traced: Tracing, local: PathFunctions, kind: ElementKind) -> Function:
+        given = {name: () for name in self.varying}
+        if local.led:
+            given |= {f"{side}.{RATE}": self.shapes["position"] for side in self.sides}
+        element = traced(partial(local.element, kind), traced.element | given)
+        graph, outputs = element.graph, element.outputs
+        slope = self._slopes(element, local, ["gap", *(f"{side}.balance" for side in self.sides)])
+        slopes = {name: out.nodes for name, out in slope.outputs.items()}
+        fields = {name: outputs[name].shape for name in ("gap", "hB")}
+        pushed = traced(local.pushed, fields | traced.element).into(
+            graph, {"gap": slopes[dot("gap")], "hB": outputs["hB"].nodes}
+        )
+        others = {
+            f"{side}.asked": [
+                graph.make("add", *pair)
+                for pair in zip(slopes[dot(f"{side}.balance")], pushed[side], strict=True)
+            ]
+            for side in self.sides
+        }
+        return _or_else(element, slope.inputs, {"gap": slopes[dot("gap")], **others})
+
+    def _layout(self) -> Layout:
+        layout = super()._layout()
+        layout.record("pose", NODES, self.constants("pose"))
+        layout.record("row", ENDS, self.outputs("row", PIVOT))
+        layout.record("kept", NODES, self.outputs("update 0"))
+        if self.order == 2:
+            layout.record("middle pivot", ELEMENTS, self.outputs("condense", PIVOT))
+        layout.record("sample", ONE, [("over", 1), ("size", 1)])
+        return layout
