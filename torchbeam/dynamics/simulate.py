@@ -446,6 +446,12 @@ def _explicit(
 
 
 def _begin(model: Model, initial: State | None, t: Tensor) -> State:
+    start = _started(model, initial, t)
+    refuse_penetration(model, start, t)
+    return start
+
+
+def _started(model: Model, initial: State | None, t: Tensor) -> State:
     scene = model.scene
     start = rest(scene, t=t) if initial is None else check_state(initial, scene)
     if initial is not None or scene.has_prescribed_motion:
@@ -455,9 +461,7 @@ def _begin(model: Model, initial: State | None, t: Tensor) -> State:
     start = with_optional_fields(start.broadcast(), scene)
     if start.frame is not None:  # it turns on from the state's own time
         start = replace(start, frame=oriented(scene, start.frame, start.t, t))
-    start = on_supports(start, scene, t).broadcast().at(t)
-    refuse_penetration(model, start, t)
-    return start
+    return on_supports(start, scene, t).broadcast().at(t)
 
 
 def _energy(
