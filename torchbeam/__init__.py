@@ -5,13 +5,16 @@ import torch
 from . import plot, sensors
 from .analysis.advise import Advice, advise
 from .analysis.describe import Description, describe
+from .analysis.identification.bootstrap import Bootstrap
 from .analysis.identification.fields import FieldFit, identify_fields
 from .analysis.identification.fit import Fit
 from .analysis.identification.identify import identify
 from .analysis.identification.measurement import Measurement
 from .analysis.identification.parameter import Parameter
 from .analysis.identification.prediction import Prediction
+from .analysis.identification.profile import Profile
 from .analysis.identification.smoothness import Smoothness
+from .analysis.identification.transform import Transform
 from .analysis.uncertainty import laws
 from .analysis.uncertainty.estimate import Estimate
 from .analysis.uncertainty.moment_derivatives import MomentDerivatives, moment_derivatives
@@ -105,6 +108,7 @@ __all__ = [
 torch.serialization.add_safe_globals(
     [
         Advice,
+        Bootstrap,
         Critical,
         Description,
         Estimate,
@@ -113,9 +117,12 @@ torch.serialization.add_safe_globals(
         PairedModes,
         Path,
         Prediction,
+        Profile,
         RareEvent,
         SobolIndices,
         Tornado,
+        Transform,
+        *(getattr(laws, name) for name in laws.__all__),
         slice,
     ]
 )
