@@ -59,6 +59,7 @@ from .scene.effects import (
     PointMass,
     RootSpring,
     Spring,
+    Tendon,
     TipLoad,
     rayleigh,
 )
@@ -86,7 +87,7 @@ __all__ = [
     "RareEvent", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "Slider",
     "SlowPathWarning", "Smoothness",
     "SobolIndices", "Solution", "Spring", "State", "Stations", "Stats", "Stepper", "Stream",
-    "Support", "Table", "TipLoad",
+    "Support", "Table", "Tendon", "TipLoad",
     "Tornado", "Universal", "Weld", "advise", "block_rate", "consistent_state", "critical_load",
     "describe", "equilibrium",
     "identify", "identify_fields", "laws", "linearize", "modal_assurance", "modes",

@@ -18,6 +18,7 @@ from torch import Tensor
 import torchbeam as tb
 from torchbeam.extend import own_leaves
 from torchbeam.extend import quaternions as quat
+from torchbeam.scene.effects import Eyelet
 
 EYE, ZERO = torch.eye(3, dtype=torch.float64), torch.zeros(3, dtype=torch.float64)
 # a mirrored section counts its y axis backwards
@@ -74,6 +75,10 @@ FIELDS: dict[type, Callable[[Any], dict[str, Quantity]]] = {
     tb.Spring: lambda e: dict(stiffness=Quantity(1, 0, -2), to=PLACE, length=Quantity(0, 1),
                               damping=Quantity(1, 0, -1),
                               moving=ONE),
+    tb.Tendon: lambda e: dict(tension=Quantity(1, 1, -2), length=Quantity(0, 1),
+                              stiffness=Quantity(1, 0, -2), friction=ONE,
+                              slip_speed=Quantity(0, 1, -1)),
+    Eyelet: lambda e: dict(point=PLACE if e.node is None else Quantity(0, 1, 0, "own polar")),
     tb.RootSpring: lambda e: dict(stiffness=Quantity(1, 0, -2, "springs"),
                                   damping=Quantity(1, 0, -1, "springs")),
     tb.Load: lambda e: dict(function=ONE, rate=ONE, values=ONE),  # see `Similarity._load`
@@ -90,7 +95,8 @@ FIELDS: dict[type, Callable[[Any], dict[str, Quantity]]] = {
                              reaction=Quantity(kind="wrench"),
                              work=ENERGY, defect=ENERGY, t=INSTANT, status=ONE,
                              frame=Quantity(kind="frame"), internal=ONE,
-                             acceleration=ONE, straining=ONE, joints=ONE),
+                             acceleration=ONE, straining=ONE, joints=ONE,
+                             tendons=ONE),
 }
 # fmt: on
 

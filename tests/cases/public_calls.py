@@ -135,6 +135,12 @@ CALLS = {
         dict(mass=1.0, inertia=(1.0, 1.0, 1.0), offset=(0.0, 0, 0.1), node=1),
     ),
     "Spring": (tb.Spring, dict(node=-1, stiffness=1.0, to=FORCE, length=0.1, damping=0.1)),
+    "Tendon": (
+        tb.Tendon,
+        dict(eyelets=[(0, FORCE), (-1, FORCE)], tension=1.0, friction=0.1, slip_speed=0.1),
+    ),
+    "Tendon2": (tb.Tendon, dict(eyelets=[(0, FORCE), (-1, FORCE)], length=1.0, stiffness=1.0)),
+    "Tendon.along": (tb.Tendon.along, dict(beam=BEAM, point=FORCE, name="arm", tension=1.0)),
     "RootSpring": (tb.RootSpring, dict(stiffness=torch.ones(6), damping=torch.ones(6))),
     "Actuation": (tb.Actuation, dict(curvature=FORCE, strain=FORCE, elements=[0])),
     "Load": (
@@ -544,6 +550,8 @@ CALLS = {
         S.RootSpringLoad,
         dict(scene=tb.Scene(BEAM, [tb.RootSpring((1e3, 20.0))])),
     ),
+    "S.TendonTension": (S.TendonTension, dict(tendon=0)),
+    "S.TendonLength": (S.TendonLength, dict(tendon=0)),
     "S.JointCoordinate": (S.JointCoordinate, dict(joint=0)),
     "S.JointLoad": (S.JointLoad, dict(joint=0)),
     "S.JointRate": (S.JointRate, dict(joint=0)),

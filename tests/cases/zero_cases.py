@@ -19,6 +19,7 @@ T = (0.0, 0.02, 0.04)
 STIFF = dict(EA=300.0, GA=(150.0, 120.0), GJ=0.8, EI=(1.0, 1.7), mass=0.3)
 SOLID = dict(**STIFF, inertia=(2e-3, 3e-3))
 PUSH = tb.TipLoad(force=(0.2, 0.3, 0.4), moment=(0.1, -0.05, 0.08))
+EAGERLY = ("equilibrium", "modes", "linearize", "eager")
 STATIC, LINEAR, MOVING = ("equilibrium",), ("modes", "linearize"), ("eager", "native")
 ALL, DYNAMIC = STATIC + LINEAR + MOVING, MOVING + LINEAR + STATIC
 
@@ -69,6 +70,12 @@ def acting(kind, name, least=True, **beside) -> Case:
         scale=1e-4,
         least=least,
     )
+
+
+def tied(**given) -> Case:
+    """A tendon over the beam's nodes, beside what pulls it."""
+    point = given.pop("point", (0.0, 0.0, 0.05))
+    return tb.Tendon([(0, point), (1, (0.0, 0.02, 0.06)), (-1, (0.0, 0.0, 0.05))], **given)
 
 
 def effect(make, n=3, ways=ALL, **options) -> Case:
@@ -255,6 +262,10 @@ CASES = {
                             least=True, scale=1e-2),
     "Spring.damping": effect(lambda x: tb.Spring(-1, 3.0, to=(0.6, 0.1, 0.2), damping=x), 1,
                              DYNAMIC, least=True, scale=1e-2),
+    "Tendon.tension": effect(lambda x: tied(tension=x), 1, EAGERLY, scale=1e-2),
+    "Tendon.friction": effect(lambda x: tied(tension=0.5, friction=x, slip_speed=0.1), 1, EAGERLY,
+                              least=True, scale=1e-2),
+    "Eyelet.point": effect(lambda x: tied(tension=0.5, point=x), 3, EAGERLY, scale=1e-2),
     "Spring.to function": effect(lambda x: tb.Spring(-1, 3.0, to=by_time(x), damping=0.1), 3,
                                  MOVING, scale=1e-2),
     "RootSpring.damping": Case(lambda x: scene(
@@ -356,6 +367,9 @@ NEVER_ZERO = {  # or not only; why there is no case
                                                      "Universal")},
     "Universal.second": "is a direction", "Hinge.slip_speed": POSITIVE,
     "Slider.slip_speed": POSITIVE,
+    "Tendon.stiffness": POSITIVE, "Tendon.slip_speed": POSITIVE,
+    "Tendon.length": "at 0 a tendon of some stiffness pulls with all of its length",
+    "State.tendons": "readings alone",
     "Hinge.limits": ORDERED, "Slider.limits": ORDERED,
     "State.joints": "turns and readings alone start from it",
     "State.stress": "a guess for the first solve", "State.reaction": "nothing starts from it",

@@ -26,6 +26,7 @@ LONG = {  # what holds them in the suite otherwise, to the same reference
     "torsion of a rod": "test_frequencies::test_torsion",
     "sudden tip load, 2 s": "properties/test_dynamics::test_common_case_below_one_percent",
     "the derivation's element, ramped and sudden load": "unit/mixed/test_trajectories::test_stored_trajectories",
+    "double pendulum of bodies": "test_joints::test_rigid_double_pendulum",
     "column, dead load": "unit/linear/test_critical::test_euler",
     "strip on edge, tip load": "unit/linear/test_critical::test_sideways_under_a_tip_load",
     "column, tangential load": "unit/linear/test_critical::test_beck",

@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 import torchbeam as tb
 
 SECTION = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=0.2, inertia=1e-4)
+STOCKY = tb.Section.from_stiffness(EA=1e3, GA=5e2, GJ=0.7, EI=(1.0, 2.0), mass=0.3, inertia=1e-3)
 WEIGHT = tb.Gravity((0, 0, -9.81))
 
 
@@ -202,3 +203,123 @@ def test_ring_of_four_arcs():
         ]
     )
     torch.testing.assert_close((4 * found[1] - found[0]) / 3, wanted, rtol=1e-3, atol=0)
+
+
+def link(**law):
+    """A beam along x, another on its end that is held at its far end by a slider to the ground."""
+    parts = {
+        "foot": tb.Beam.straight(1.0, 2, SECTION),
+        "post": tb.Beam.straight(0.6, 2, SECTION, root=(1.0, 0, 0), direction=(0.3, 0.2, 1)),
+    }
+    way = {"axis": (0.2, 1.0, 0.1)}
+    joints = [
+        tb.Hinge(("foot", -1), ("post", 0), **way, angle=law.get("angle", 0.3)),
+        tb.Slider(None, ("post", -1), **way, travel=law.get("travel", 0.1)),
+    ]
+    move = tb.Support(("foot", 0), displacement=(0, 0, law.get("lift", 0.05)))
+    return tb.Scene(parts, joints=joints, supports=[move])
+
+
+def test_forces_of_joints_and_reactions_are_slopes_of_the_energy():
+    """By the angle of a hinge, the travel of a slider and the way of a support: virtual work, by
+    differences of 1e-4 of what is cubic in them (1e-8)."""
+
+    def energy(**law):
+        state = tb.equilibrium(link(**law), tolerance=1e-13)
+        compliance = 1 / torch.tensor([1e4, 4e3, 4e3, 0.8, 1, 1])
+        lengths = ("foot", 0.5), ("post", 0.3)  # of the elements
+        return sum(h / 2 * (state[name].stress ** 2 * compliance).sum() for name, h in lengths)
+
+    state, e = tb.equilibrium(link(), tolerance=1e-13), 1e-4
+    axis = torch.nn.functional.normalize(torch.tensor([0.2, 1.0, 0.1]), dim=0)
+    turned = state["foot"].tip.rotation @ axis
+    hinge, slider = state.joint
+    for value, name, wanted in (
+        (0.3, "angle", hinge.moment @ turned),
+        (0.1, "travel", slider.force @ axis),
+        (0.05, "lift", state["foot"].root.force[2]),
+    ):
+        slope = (energy(**{name: value + e}) - energy(**{name: value - e})) / (2 * e)
+        torch.testing.assert_close(slope, wanted, rtol=1e-6, atol=1e-8)
+
+
+def pair(R):
+    """A bent beam on a hinge with a damped spring, a body with a point of it on a ball, and a rod:
+    drawn as R (3, 3) turns it."""
+
+    def vector(*v):
+        return R @ torch.tensor(v)
+
+    arm = tb.Beam.straight(1.0, 2, STOCKY, direction=vector(1.0, 0, 0), up=vector(0, 0, 1.0))
+    body = tb.Body(0.3, (1e-3, 2e-3, 3e-3), position=vector(1.0, 0.2, 0), rotation=R)
+    joints = [
+        tb.Hinge(
+            None, ("arm", 0), at=(0.0, 0, 0), axis=vector(0, 1.0, 0.2), stiffness=3.0, damping=0.1
+        ),
+        tb.Ball(("arm", -1), ("body", (0.0, -0.2, 0))),
+        tb.Distance("body", None, at=vector(1.0, 0.4, 0.5)),
+    ]
+    weight = tb.Gravity(vector(0, 0, -9.81))
+    return tb.Scene({"arm": arm, "body": body}, [weight], joints=joints)
+
+
+def test_a_turned_structure_moves_alike():
+    """Places, and forces of joints, are turned with it; coordinates stay."""
+    R = torch.linalg.matrix_exp(torch.tensor([[0, -0.4, 0.9], [0.4, 0, -0.7], [-0.9, 0.7, 0]]))
+    one, two = (last(pair(of), 0.1, 3, tolerance=1e-13) for of in (torch.eye(3), R))
+    torch.testing.assert_close(two.nodes, one.nodes @ R.T, rtol=0, atol=1e-12)
+    torch.testing.assert_close(two.joint[0].coordinate, one.joint[0].coordinate, rtol=0, atol=1e-12)
+    for a, b in zip(one.joint, two.joint, strict=True):
+        torch.testing.assert_close(b.force, R @ a.force, rtol=0, atol=1e-10)
+        torch.testing.assert_close(b.moment, R @ a.moment, rtol=0, atol=1e-10)
+
+
+def test_derivatives_by_lengths_offsets_and_places():
+    """Of a tip in equilibrium by the length of a beam, the point of a body, and the place at which
+    a rod is held, against differences of 1e-5 (1e-9 of second order)."""
+    given = dict(
+        length=torch.tensor(1.0),
+        point=torch.tensor([0.0, -0.2, 0.05]),
+        at=torch.tensor([1.2, 0.3, 0.6]),
+    )
+
+    def tip(length, point, at):
+        middle = torch.stack((length, 0 * length, 0 * length)) - point
+        parts = {
+            "arm": tb.Beam.straight(length, 2, SECTION),
+            "hub": tb.Body(0.1, 1e-3, position=middle),
+        }
+        joints = [tb.Weld(("arm", -1), ("hub", point)), tb.Distance("hub", None, at=at)]
+        scene = tb.Scene(parts, [WEIGHT], joints=joints, supports=[tb.Support(("arm", 0))])
+        state = tb.equilibrium(scene, tolerance=1e-13)
+        return state["hub"].position[1] + state.joint[1].force[0]
+
+    traced = {name: x.clone().requires_grad_() for name, x in given.items()}
+    slopes = torch.autograd.grad(tip(**traced), traced.values())
+    for (name, x), slope in zip(given.items(), slopes, strict=True):
+        more, less = (tip(**given | {name: x + e}) for e in (1e-5, -1e-5))
+        torch.testing.assert_close(slope.sum(), (more - less) / 2e-5, rtol=1e-6, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    "steps", [40, pytest.param(100_000, marks=pytest.mark.long)], ids=["short", "long"]
+)
+def test_joints_do_not_drift(steps):
+    """Two bars that tumble on a hinge and a ball: points that are joined stay where they meet, to
+    1e-10 m, and the hinge's axes."""
+    parts = {
+        "upper": tb.Body(1.0, (0.1, 0.2, 0.3), position=(0.5, 0, 0)),
+        "lower": tb.Body(1.0, (0.1, 0.2, 0.3), position=(1.5, 0, 0)),
+    }
+    joints = [
+        tb.Hinge(None, "upper", at=(0, 0, 0), axis=(0, 1, 0)),
+        tb.Ball("upper", "lower", at=(1, 0, 0)),
+    ]
+    scene = tb.Scene(parts, [WEIGHT, tb.PointLoad("lower", moment=(0.1, 0, 0))], joints=joints)
+    state = last(scene, 0.02 * steps, steps)
+    upper, lower = state["upper"], state["lower"]
+    half = torch.tensor([0.5, 0, 0])
+    assert (upper.position - upper.rotation @ half).abs().max() < 1e-10
+    apart = upper.position + upper.rotation @ half - lower.position + lower.rotation @ half
+    assert apart.abs().max() < 1e-10
+    assert (upper.rotation[[0, 2], 1]).abs().max() < 1e-10

@@ -136,7 +136,12 @@ class StepSolver:
         self.use.eagerly()
         problem = self.method.problem(model, state, dt, t, inputs)
         x, reaction, status, iterations = newton(
-            problem, problem.predictor(), moving, self.tolerance, self._limit(last)
+            problem,
+            problem.predictor(),
+            moving,
+            self.tolerance,
+            self._limit(last),
+            foresee=None if model.smooth else torch.zeros_like(moving),
         )
         turned = self.model.space.cosine(x.m).amin(-1) < self._least
         status = torch.where((status == SUCCESS) & turned, DIVERGED, status)

@@ -23,8 +23,9 @@ damping is second order too.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -33,7 +34,6 @@ from ..core.derivatives import cached
 from ..core.leaves import leaf
 from ..nodal import loads as external
 from ..nodal.conditions import Conditions, conditions
-from ..nodal.joint_motion import JointMotion
 from ..state.state import State, plain
 from .alpha_kinematics import EndKinematics, EndMotion, EndTangent, GeneralizedAlpha
 from .step_element import EndElement
@@ -132,12 +132,12 @@ class GeneralizedAlphaProblem(StepProblem):
             EndUnknowns(self.start.velocity * self.h, turn, self.start.stress)
         )
 
-    def joint_poses(self, kinematics: EndKinematics) -> JointMotion:
+    def at_instants(
+        self, kinematics: EndKinematics, place: Callable[[Tensor, Tensor], Any]
+    ) -> tuple[Any, ...]:
         """Forces act at the end, where joints are closed (Arnold and Bruels 2007)."""
-        joints = self.model.joints
-        start = joints.pose(self.start.position, self.start.rotation)
-        end = joints.pose(kinematics.position_end, kinematics.q_end)
-        return JointMotion(end, end, start, self.joint_drive._replace(dt=None))
+        end = place(kinematics.position_end, kinematics.q_end)
+        return end, end, place(self.start.position, self.start.rotation)
 
     def finish(self, x: EndUnknowns, reaction: Tensor) -> AlphaState:
         """The state at the end of the step; the work by the mean of the loads at its two ends."""
@@ -172,16 +172,7 @@ class GeneralizedAlphaProblem(StepProblem):
             acceleration=torch.cat((true, a), -1),
             straining=self.straining(kinematics),
         )
-        return replace(
-            after,
-            **model.joints.finished(
-                x.stress,
-                lambda: self.joint_poses(kinematics),
-                lambda: self.relative_motion(after),
-                work,
-                start.stress,
-            ),
-        )
+        return self.finished(after, x.stress, kinematics, start)
 
     @cached
     def conditions_before(self) -> Conditions:

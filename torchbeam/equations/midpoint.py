@@ -25,14 +25,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
 from ..core.derivatives import cached
 from ..nodal import loads as external
-from ..nodal.joint_motion import JointMotion
 from ..state.state import State
 from .energy_projection import conserved
 from .step_element import MidpointElement
@@ -95,12 +94,13 @@ class MidpointProblem(StepProblem):
         m = self.model.space.cayley(spin * self.h / 2)
         return self.apply_supports(MidpointUnknowns(velocity * self.h / 2, m, start.stress))
 
-    def joint_poses(self, kinematics: StepKinematics) -> JointMotion:
+    def at_instants(
+        self, kinematics: StepKinematics, place: Callable[[Tensor, Tensor], Any]
+    ) -> tuple[Any, ...]:
         """Forces act at the means over the step, joints are closed at its end."""
-        joints = self.model.joints
-        start = joints.pose(self.start.position, self.start.rotation)
-        end = joints.pose(kinematics.position_end, kinematics.q_end)
-        return JointMotion(start.mean(end), end, start, self.joint_drive)
+        start = place(self.start.position, self.start.rotation)
+        end = place(kinematics.position_end, kinematics.q_end)
+        return start.mean(end), end, start
 
     def half_turns(self, nodes: MidpointTangent) -> Callable[[], Tensor]:
         return lambda: nodes.half
@@ -136,15 +136,7 @@ class MidpointProblem(StepProblem):
             frame=self.frame.orientation(start.frame, self.dt),
             internal=external.advanced(model, self.nodes(kinematics), self.conditions),
         )
-        after = replace(
-            after,
-            **model.joints.finished(
-                x.stress,
-                lambda: self.joint_poses(kinematics),
-                lambda: self.relative_motion(after),
-                work,
-            ),
-        )
+        after = self.finished(after, x.stress, kinematics)
         return (
             conserved(self.model, start, after, self.dt, self.eigenstrain)
             if self.conserve

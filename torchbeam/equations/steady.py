@@ -4,8 +4,9 @@ steadily.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -16,7 +17,7 @@ from ..nodal import loads as external
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.constitutive_law import times
 from ..nodal.coordinates.spatial import Spatial
-from ..nodal.joint_motion import JointDrive, JointMotion
+from ..nodal.joint_motion import JointDrive
 from ..nodal.loads import STEADY, Nodes
 from ..nodal.model import Model
 from ..scene.effects import Inputs
@@ -182,11 +183,15 @@ class SteadyProblem(BalanceProblem):
     def node_tangent(self, kinematics: Configuration, inertia: None) -> tuple[None, Matrix | None]:
         return None, self.load_tangent(kinematics)
 
-    def joint_poses(self, kinematics: Configuration) -> JointMotion:
-        pose = self.model.joints.pose(*kinematics[:2])
-        return JointMotion(
-            pose, pose, None, JointDrive(self.conditions.joints, share=self.load_factor)
-        )
+    def at_instants(
+        self, kinematics: Configuration, place: Callable[[Tensor, Tensor], Any]
+    ) -> tuple[Any, ...]:
+        here = place(*kinematics[:2])
+        return here, here, None
+
+    @property
+    def joint_drive(self) -> JointDrive:
+        return JointDrive(self.conditions.joints, share=self.load_factor)
 
     def state(self, x: Configuration, reaction: Tensor, status: Tensor) -> State:
         """The public state of a solution: at rest in frame a."""
@@ -210,6 +215,7 @@ class SteadyProblem(BalanceProblem):
                 joined=model.scene.beam.joined,
                 coordinates=tuple(joint.coordinates for joint in model.scene.joints),
                 **model.joints.finished(x.stress, lambda: self.joint_poses(x)),
+                **model.tendons.finished(lambda: self.tendon_motion(x)),
             )
         )
 

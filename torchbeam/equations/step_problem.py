@@ -7,7 +7,7 @@ and the stress.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import torch
@@ -177,12 +177,36 @@ class StepProblem(BalanceProblem):
 
     @cached
     def joint_drive(self) -> JointDrive:
-        """What acts in joints over the step."""
+        """What acts in joints: over the step, or where forces act at its end at that instant."""
         start = self.start
         turns = None if start.joints is None else start.joints[..., 0]
         return JointDrive(
-            self.conditions.joints, turns, self.dt, moving=lambda: self.relative_motion(start)
+            self.conditions.joints,
+            turns,
+            self.dt if self.INSTANT < 1 else None,
+            moving=lambda: self.relative_motion(start),
         )
+
+    def finished(
+        self, after: State, stress: Tensor, kinematics: Any, before: State | None = None
+    ) -> State:
+        """The state after the step with what joints and tendons have; before: where forces act at
+        the ends of the step, its start.
+        """
+        model = self.model
+        joints = model.joints.finished(
+            stress,
+            lambda: self.joint_poses(kinematics),
+            lambda: self.relative_motion(after),
+            after.work,
+            None if before is None else before.stress,
+        )
+        tendons = model.tendons.finished(
+            lambda: self.tendon_motion(kinematics),
+            joints.get("work", after.work),
+            None if before is None else before.tendons,
+        )
+        return replace(after, **joints | tendons)
 
     def relative_motion(self, state: State) -> tuple[Tensor, Tensor]:
         """Velocity and spin of the nodes (..., N+1, *), as seen in frame a."""

@@ -136,7 +136,8 @@ def of_nodes(
     dampers = model.joints.damping(lambda: problem.joint_poses(x))
     if dampers is not None:
         D = model.joints.alone(dampers) if D is None else D.joined(dampers)
-    return M, D, model.joints.matrix(K, x.stress, lambda: problem.joint_poses(x)), lagging
+    K = model.joints.matrix(K, x.stress, lambda: problem.joint_poses(x))
+    return M, D, model.tendons.matrix(K, lambda: problem.tendon_motion(x)), lagging
 
 
 def moves(model: Model, free: Tensor, basis: Tensor | None = None) -> Tensor:

@@ -55,7 +55,8 @@ class Conditions:
     `PrescribedMotion.frame`. dead (..., N+1, w): of loads that are summed already, 0.0 = none.
     eigenstrain (..., N or 1, k), 0.0 = none. supports: at the end of a step; none where nothing
     moves. root: where the support of node 0 stands, if a load asks. orientation: of frame a at this
-    instant, None = it does not turn, or follows from a state. elements: of the beam.
+    instant, None = it does not turn, or follows from a state. elements: of the beam. tendons
+    (..., K): tensions N or lengths m that are given of them, None = there are none.
     """
 
     t: Tensor
@@ -70,6 +71,7 @@ class Conditions:
     orientation: Tensor | None
     elements: int
     joints: JointValues = NO_VALUES
+    tendons: Tensor | None = None
 
     @cached
     def moving(self) -> tuple[ActingLoad, ...]:
@@ -159,6 +161,7 @@ def conditions(
         None,
         model.scene.beam.element_count,
         model.joints.values(model.scene.joints, t, inputs, t if end is None else end),
+        model.tendons.values(model.scene.tendons, t, inputs),
     )
 
 

@@ -27,6 +27,7 @@ from .joint_constraints import joints_of
 from .loads import Nodes, external
 from .model import Model
 from .redundant import refuse_redundant
+from .tendons import tendons_of
 
 ROUNDING = 1e-9  # of a vector, that may lie out of a plane
 
@@ -44,7 +45,7 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
     if scene.plane == "auto":
         return _in_a_plane(scene, lumped, topology)
     beam = scene.beam
-    topology = beam.topology if topology is None else topology
+    topology = scene.topology if topology is None else topology
     space = space_of(scene, topology)
     if beam.linked_interpolation and any(
         isinstance(x.value, PerElement) for load in scene.loads for x in own_leaves(load)
@@ -71,6 +72,7 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
         tributary_length=share,
         s=topology.arclength(beam.length),
         joints=joints_of(scene, space, topology),
+        tendons=tendons_of(scene, space, topology),
     )
     if space.plane is not None:
         check_plane(model, with_values(model, space=in_space(beam)))
@@ -136,6 +138,9 @@ def check_plane(model: Model, whole: Model) -> None:
         if constant(effect):
             own = effect.eigenstrain(t, {}, model.length, beam.element_count)
             _refuse(space, effect.called, own, space.embed_strain(space.project_strain(own)))
+    for tendon in scene.tendons:
+        points = tendon.at(beam.nodes, beam.frames) - beam.nodes[..., :1, :]
+        _refuse(space, "a Tendon", points, space.project_vector(points) @ space.basis[:, :2].mT)
     for body in scene.bodies:
         if body.offset is not None:
             _refuse(

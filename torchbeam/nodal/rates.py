@@ -51,6 +51,10 @@ class Rates:
                 "joints were given to an explicit method, which has no forces of joints; the "
                 "implicit method 'midpoint' takes them"
             )
+        if scene.tendons:
+            raise ValueError(
+                "a Tendon was given to an explicit method; the implicit method 'midpoint' takes it"
+            )
         model = discretise(scene, lumped=True)
         rotary = cls(model, inputs).free.rotary
         if not rotary.present or (torch.linalg.det(rotary.J) <= 0).any():

@@ -21,13 +21,14 @@ from .joint import JointCoordinate, JointLoad, JointRate
 from .node import Angles, NodePosition, NodeRotation, NodeVelocity, Spin, TipPosition, TipVelocity
 from .root import Reaction, RootForce, RootMoment, RootReaction, RootSpringLoad
 from .sensor import Component, Sensor, Stack
+from .tendon import TendonLength, TendonTension
 
 # fmt: off
 __all__ = [
     "Angles", "Component", "Curvature", "Gauge", "JointCoordinate", "JointLoad", "JointRate",
     "NodeAcceleration", "NodePosition", "NodeRotation", "NodeVelocity",
     "Reaction", "RootForce", "RootMoment", "RootReaction", "RootSpringLoad", "Sensor", "Spin",
-    "Stack", "Strain", "Stress",
+    "Stack", "Strain", "Stress", "TendonLength", "TendonTension",
     "TipPosition", "TipVelocity",
 ]
 # fmt: on

@@ -293,6 +293,13 @@ def _stiffness(problem: SteadyProblem, x: Configuration, moves: Tensor) -> tuple
         joints, all_moves = _joined(problem, x).dense(), moves.flatten(-2)
         work = work + all_moves @ joints @ all_moves.mT
         size = torch.maximum(size, joints.abs().amax((-1, -2), keepdim=True))
+    if model.scene.tendons:
+        none = moves.new_zeros(model.node_count, *moves.shape[-1:] * 2)
+        tied = model.tendons.matrix(
+            model.topology.diagonal(none), lambda: problem.tendon_motion(x)
+        ).dense()
+        work = work + moves.flatten(-2) @ tied @ moves.flatten(-2).mT
+        size = torch.maximum(size, tied.abs().amax((-1, -2), keepdim=True))
     if problem.conditions.moving:
         by = external.tangent(model, problem.nodes(x), problem.conditions)
         if not isinstance(by, float):

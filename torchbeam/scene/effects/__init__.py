@@ -6,6 +6,7 @@ An effect is a small frozen dataclass with one kind:
     strain       `Damping`: stress that follows the strain rate
     inertia      `PointMass`: mass at a node
     eigenstrain  `Actuation`: strain and curvature of the unloaded beam
+    tendon       `Tendon`: forces between points of several nodes
 A load acts on one node (`node` is an index) or along the beam, per unit length (`node` is None).
 Load points may be nodes or elements, by the form of the beam.
 """
@@ -35,6 +36,7 @@ from .load_point import (
 from .loads import LineLoad, PointLoad, TipLoad
 from .point_mass import PointMass
 from .springs import RootSpring, Spring
+from .tendon import Eyelet, Tendon
 from .values import (
     Along,
     Input,
@@ -66,6 +68,7 @@ __all__ = [
     "Damping",
     "Drag",
     "Effect",
+    "Eyelet",
     "Gravity",
     "History",
     "Input",
@@ -83,6 +86,7 @@ __all__ = [
     "Pose",
     "RootSpring",
     "Spring",
+    "Tendon",
     "TipLoad",
     "Wrench",
     "changing",

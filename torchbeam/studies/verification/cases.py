@@ -1,5 +1,13 @@
 """The list of verification cases."""
 
-from . import motion, rotating, stability, statics, wing
+from . import motion, rotating, stability, statics, structures, tendons, wing
 
-CASES = [*statics.CASES, *stability.CASES, *wing.CASES, *motion.CASES, *rotating.CASES]
+CASES = [
+    *statics.CASES,
+    *stability.CASES,
+    *wing.CASES,
+    *motion.CASES,
+    *rotating.CASES,
+    *structures.CASES,
+    *tendons.CASES,
+]
