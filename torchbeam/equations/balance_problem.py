@@ -98,6 +98,26 @@ class BalanceProblem(Tree):
         """
         raise NotImplementedError
 
+    def element_loads(self, kinematics: Any) -> tuple[Tensor, ...] | None:
+        """Loads between nodes, on each node of the elements (..., N, w); None = there are none."""
+        raise NotImplementedError
+
+    def element_load_matrix(self, kinematics: Any, nodes: Any = None) -> Matrix | None:
+        """What they add to the tangent; None = nothing. nodes: the derivatives of the motion, where
+        they are known.
+        """
+        raise NotImplementedError
+
+    def idle(self, kinematics: Any) -> Tensor:
+        """(...) bool: whether none of them does anything."""
+        raise NotImplementedError
+
+    def passed(self, kinematics: Any) -> Tensor | None:
+        """(...) bool: whether the beam would pass through what it touches; None = it moves through
+        nothing.
+        """
+        return None
+
     def at_instants(
         self, kinematics: Any, place: Callable[[Tensor, Tensor], Any]
     ) -> tuple[Any, ...]:
@@ -139,10 +159,12 @@ class BalanceProblem(Tree):
         model = self.model
         x = self.apply_supports(x)
         kinematics, inertia, load = self.node_balance(x)
-        element = self.element_balance(x, kinematics)
+        element, between = self.element_balance(x, kinematics), self.element_loads(kinematics)
         nodes = model.assembly.to_nodes(element.forces)
         asked = () if inertia is None else (inertia.wrench,)
         nodes = sum(asked, nodes if isinstance(load, float) else nodes - load)
+        if between is not None:
+            nodes = nodes - model.topology.scatter(between)
         nodes, constitutive_residual = model.joints.balance(
             nodes, element.constitutive_residual, x.stress, lambda: self.joint_poses(kinematics)
         )
@@ -154,6 +176,7 @@ class BalanceProblem(Tree):
             element.forces,
             load,
             *asked,
+            *(between or ()),
             restrained,
             *self.least,
         )

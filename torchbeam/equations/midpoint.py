@@ -105,20 +105,25 @@ class MidpointProblem(StepProblem):
     def half_turns(self, nodes: MidpointTangent) -> Callable[[], Tensor]:
         return lambda: nodes.half
 
+    def moves(self, kinematics: StepKinematics) -> Tensor:
+        """(..., N+1, w) m and rad, by which loads do work over the step."""
+        turn = self.model.space.to_frame(kinematics.q, kinematics.theta)
+        return torch.cat((self.h * kinematics.velocity, turn), -1)
+
+    def work(self, kinematics: StepKinematics) -> Tensor | float:
+        """(...) J of all loads over the step."""
+        load = self.all_loads(kinematics)
+        return load if isinstance(load, float) else (load * self.moves(kinematics)).sum((-1, -2))
+
     def finish(self, x: MidpointUnknowns, reaction: Tensor) -> State:
         """The state at the end of the step."""
-        model, start, space = self.model, self.start, self.model.space
+        model, start = self.model, self.start
         x = self.apply_supports(x)
         kinematics = self.motion.kinematics(x.u, x.m)
         spin, velocity = kinematics.spin_end, kinematics.velocity_end
-        load = self.external(kinematics)
-        work, turn = start.work, space.to_frame(kinematics.q, kinematics.theta)
-        if not isinstance(load, float):
-            work = work + (load * torch.cat((self.h * kinematics.velocity, turn), -1)).sum((-1, -2))
+        work = start.work + self.work(kinematics)
         for k, node in enumerate(self.support_motions.nodes):
-            moves = torch.cat(
-                (self.dt[..., None] * kinematics.velocity[..., node, :], turn[..., node, :]), -1
-            )
+            moves = self.moves(kinematics)[..., node, :]
             work = work + (reaction[..., k, :] * moves).sum(-1)
         # what stands still has no velocity, whatever rounding has left
         if not self.support_motions.nodes:

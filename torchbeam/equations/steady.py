@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..core.leaves import leaf
+from ..nodal import element_loads
 from ..nodal import loads as external
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.constitutive_law import times
@@ -161,14 +162,34 @@ class SteadyProblem(BalanceProblem):
         load = self.motion.less(load, *x[:2])
         return load if isinstance(load, float) else self.load_factor[..., None, None] * load
 
+    def element_loads(self, kinematics: Configuration) -> tuple[Tensor, ...] | None:
+        """What the beam meets, however far loads are raised."""
+        now = self.conditions
+        if not now.between:
+            return None
+        return element_loads.element_loads(self.model, self.nodes(kinematics), now)
+
+    def idle(self, kinematics: Configuration) -> Tensor:
+        return element_loads.idle(
+            self.model, element_loads.Way(kinematics.position), self.conditions
+        )
+
+    def element_load_matrix(self, kinematics: Configuration, nodes: None = None) -> Matrix | None:
+        now, by = self.conditions, self.frame.steady_jacobian()
+        if not now.between:
+            return None
+        matrix = element_loads.element_matrix(self.model, self.nodes(kinematics), now, by)
+        return matrix.each(torch.neg)
+
     def load_tangent(self, x: Configuration) -> Matrix | None:
         """What that adds to the tangent; None = nothing."""
         model, load_factor = self.model, self.load_factor[..., None, None, None]
         inertia = self.motion.tangent(*x[:2])
         inertia = None if inertia is None else inertia.each(lambda block: load_factor * block)
+        by = self.frame.steady_jacobian()
+        inertia = total(inertia, self.element_load_matrix(x))
         if not self.conditions.moving:
             return inertia
-        by = self.frame.steady_jacobian()
         tangent = external.tangent(model, self.nodes(x), self.conditions, by)
         return (
             inertia

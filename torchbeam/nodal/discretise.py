@@ -22,9 +22,10 @@ from .constraints import Constraints
 from .coordinates.planar import PLANES, Planar
 from .coordinates.selection import in_space, only_numbers, space_of
 from .coordinates.spatial import Spatial
+from .element_loads import all_loads
 from .inertia import inertia_of
 from .joint_constraints import joints_of
-from .loads import Nodes, external
+from .loads import Nodes
 from .model import Model
 from .redundant import refuse_redundant
 from .tendons import tendons_of
@@ -120,12 +121,17 @@ def check_plane(model: Model, whole: Model) -> None:
     t = still.new_zeros(())
     for load in scene.loads:
         if constant(load):
-            wrench = external(
+            wrench = all_loads(
                 whole,
                 Nodes(beam.nodes, beam.frames, still, still),
                 conditions(whole, t, {}, loads=(load,)),
             )
             _refuse(space, load.called, wrench, space.embed(space.project(wrench)))
+        if load.between_nodes and constant(load):
+            pushed = load.directions(beam.nodes)
+            _refuse(
+                space, load.called, pushed, space.project_vector(pushed) @ space.basis[:, :2].mT
+            )
         if isinstance(load.anchor, Tensor):  # slack at rest, a spring pulls nowhere
             to = load.anchor - beam.nodes[..., load.node, :]
             _refuse(

@@ -19,8 +19,9 @@ from ..scene.supports import Support
 from ..state.state import State
 from .conditions import Conditions, conditions
 from .discretise import discretise
+from .element_loads import all_loads
 from .inertia import Inertia
-from .loads import Nodes, added_mass, advanced_rates, external
+from .loads import Nodes, added_mass, advanced_rates
 from .model import Model
 
 
@@ -197,7 +198,7 @@ class Rates:
         internal = model.assembly.to_nodes(
             space.forces(kinematics, self.stress(nodes, now), model.length)
         )
-        loads = external(model, nodes, now) + torch.zeros_like(internal)
+        loads = all_loads(model, nodes, now) + torch.zeros_like(internal)
         return loads - internal, loads
 
     def accelerations(

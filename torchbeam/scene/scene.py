@@ -19,6 +19,7 @@ from ..core.leaves import (
     Tree,
     batch_shapes,
     bound,
+    functions,
     leaves,
     own_leaves,
     sent,
@@ -252,6 +253,8 @@ class Scene(Tree):
             if x is not None
             for v in vars(x).values()
         )
+        if any(map(functions, self.effects)):
+            return True
         return any(
             callable(v) and not (isinstance(v, PerElement) and not callable(v.value)) for v in held
         ) or any(not type(e).__module__.startswith(f"{__package__}.") for e in self.effects)

@@ -97,7 +97,9 @@ def kinds_of(model: Model, loads: tuple[Any, ...], rest: bool = False) -> Kinds:
 
     def kind(j: int) -> NodeKind:
         acting = tuple(
-            k for k, load in enumerate(loads) if load.node is None or load.node % nodes == j
+            k
+            for k, load in enumerate(loads)
+            if not load.between_nodes and (load.node is None or load.node % nodes == j)
         )
         return (
             NodeKind(acting, placed=supports.get(j))

@@ -12,6 +12,7 @@ Load points may be nodes or elements, by the form of the beam.
 """
 
 from .actuation import Actuation
+from .contact import Contact
 from .custom_load import Load
 from .damping import Damping, MassDamping, rayleigh
 from .drag import Drag
@@ -34,6 +35,7 @@ from .load_point import (
     together,
 )
 from .loads import LineLoad, PointLoad, TipLoad
+from .obstacles import Box, Capsule, Cylinder, Obstacle, Plane, Sphere
 from .point_mass import PointMass
 from .springs import RootSpring, Spring
 from .tendon import Eyelet, Tendon
@@ -65,6 +67,10 @@ __all__ = [
     "Accelerogram",
     "Actuation",
     "Along",
+    "Box",
+    "Capsule",
+    "Contact",
+    "Cylinder",
     "Damping",
     "Drag",
     "Effect",
@@ -79,12 +85,15 @@ __all__ = [
     "LoadPoint",
     "LoadValue",
     "MassDamping",
+    "Obstacle",
     "PerElement",
     "PerInterval",
+    "Plane",
     "PointLoad",
     "PointMass",
     "Pose",
     "RootSpring",
+    "Sphere",
     "Spring",
     "Tendon",
     "TipLoad",

@@ -1,6 +1,6 @@
 """The list of verification cases."""
 
-from . import motion, rotating, stability, statics, structures, tendons, wing
+from . import contact, motion, rotating, stability, statics, structures, tendons, wing
 
 CASES = [
     *statics.CASES,
@@ -10,4 +10,5 @@ CASES = [
     *rotating.CASES,
     *structures.CASES,
     *tendons.CASES,
+    *contact.CASES,
 ]
