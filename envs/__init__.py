@@ -34,6 +34,7 @@ from .slew import SlewEnv, SlewVectorEnv
 from .task import Task
 from .tip_reach import TipReachEnv, TipReachVectorEnv
 from .tip_track import TipTrackEnv, TipTrackVectorEnv
+from .two_link import TwoLinkEnv, TwoLinkVectorEnv
 
 if TYPE_CHECKING:
     from .sb3 import Sb3VecEnv
@@ -44,8 +45,8 @@ __all__ = [
     "FlutterHoldVectorEnv", "Observed", "Parameter",
     "PayloadEnv", "PayloadVectorEnv", "Sb3VecEnv", "SingleEnv", "SlewEnv", "SlewVectorEnv", "Task",
     "TipForce", "TipReachEnv",
-    "TipReachVectorEnv", "TipTrackEnv", "TipTrackVectorEnv", "aluminium_strip", "functional",
-    "holding_action",
+    "TipReachVectorEnv", "TipTrackEnv", "TipTrackVectorEnv", "TwoLinkEnv", "TwoLinkVectorEnv",
+    "aluminium_strip", "functional", "holding_action",
     "silicone_rod",
 ]
 # fmt: on
@@ -75,6 +76,7 @@ for _task, _module, _steps in (
     ("FlutterHold", "flutter_hold", 100),
     ("Payload", "payload", 100),
     ("Slew", "slew", 100),
+    ("TwoLink", "two_link", 100),
 ):
     _register(_task, _steps, _module, _task)
     _register(f"{_task}Planar", _steps, _module, _task, planar=True)

@@ -88,7 +88,7 @@ class Renderer:
             drive.gain.abs().max().item() for drive in task.drives if isinstance(drive, TipForce)
         ]
         self.full = max(strongest, default=1.0)  # N, of the longest arrow
-        self.supports = [(s.node, s.rotation != "xyz") for s in task.usual_supports()]
+        self.supports = task.drawn_supports()
         self.traces: list[list[np.ndarray]] = [[] for _ in range(count)]
         self.window = None
 

@@ -193,7 +193,9 @@ def observed_parts(
     d, r = (len(range(*part.indices(3))) for part in (vector, turn))
     speed = length * omega
 
-    def point(node: int, kind: str) -> list[tuple[Observed, str]]:
+    def point(row: int, kind: str) -> list[tuple[Observed, str]]:
+        node = _node(beam, row)
+
         def displacement(start: tb.State) -> Sensor:
             return _part(NodePosition(node, reference=start), vector)
 
@@ -210,7 +212,7 @@ def observed_parts(
         ]
 
     def gauge(element: int) -> tuple[Observed, str]:
-        sensor = Curvature(beam=beam, element=element)[bending]
+        sensor = _curvature(beam, element)[bending]
         return Observed(lambda start: SinceStart(sensor, start), 1 / length, HIGH["curvature"]), ""
 
     parts: list[tuple[Observed, str]] = []
@@ -229,8 +231,9 @@ def observed_parts(
                 "rotation": torch.ones_like(omega),
                 "spin": omega,
             }
-            scale = torch.cat(beam.station_count * [units[kind] for kind in each], -1)
-            high = beam.station_count * [HIGH[kind] for kind in each]
+            seen = beam.node_count - 1
+            scale = torch.cat(seen * [units[kind] for kind in each], -1)
+            high = seen * [HIGH[kind] for kind in each]
             parts.append((Observed(lambda start: NodeMotions(start, plane), scale, high), "full"))
     return parts
 
@@ -253,6 +256,23 @@ def check_names(sensors: Any, form: str) -> tuple[str | Observed, ...]:
             "'middle'"
         )
     return names
+
+
+def _node(beam: tb.Beam, row: int) -> int | tuple[str, int]:
+    """What a sensor calls the node in a row: in a structure (name, number)."""
+    if not beam.parts:
+        return row
+    part = beam.part_at(row % beam.node_count)
+    return part.name, row % beam.node_count - part.first_node
+
+
+def _curvature(beam: tb.Beam, row: int) -> Curvature:
+    """Of the element in a row, in a structure of one of its beams."""
+    for part in beam.parts:
+        if 0 <= row - part.first_station < part.station_count:
+            own, element = beam.part(part.name), row - part.first_station
+            return Curvature(beam=own, element=element, on=part.name)
+    return Curvature(beam=beam, element=row)
 
 
 def _part(sensor: Sensor, components: slice) -> Sensor:

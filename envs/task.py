@@ -114,16 +114,14 @@ class Task:
     def supports(self) -> Any:
         return self.config.supports
 
-    def usual_supports(self) -> tuple[tb.Support, ...]:
-        """As a scene has them: a clamp at node 0 where `supports` is None."""
+    def drawn_supports(self) -> list[tuple[int, bool]]:
+        """The nodes at which a picture shows a support, and whether the beam turns there; a clamp
+        at node 0 where `supports` is None.
+        """
         given = self.supports()
-        return (
-            (tb.Support(0),)
-            if given is None
-            else (given,)
-            if isinstance(given, tb.Support)
-            else tuple(given)
-        )
+        given = (tb.Support(0),) if given is None else given
+        given = (given,) if isinstance(given, tb.Support) else given
+        return [(support.node, support.rotation != "xyz") for support in given]
 
     @property
     def straight(self) -> bool:
@@ -150,13 +148,19 @@ class Task:
         """Scene of the sub-envs rows (k,), with parameters () or (k,); `varying`: names of those
         that change.
         """
+        return tb.Scene(
+            varied(self.usual, params, rows),
+            self.loads(params, varying),
+            plane=self.plane,
+            supports=self.supports(),
+        )
+
+    def loads(self, params: dict[str, Tensor], varying: set[str]) -> list[Any]:
+        """All effects of the scene, with parameters as in `scene`."""
         effects = [effect for drive in self.drives for effect in drive.effects(varying)]
         effects += self.effects(params)
         effects += [tb.Damping(params["damping"], six=False)] if "damping" in params else []
-        effects += [] if self.gravity is None else [tb.Gravity(self.gravity)]
-        return tb.Scene(
-            varied(self.usual, params, rows), effects, plane=self.plane, supports=self.supports()
-        )
+        return effects + ([] if self.gravity is None else [tb.Gravity(self.gravity)])
 
     def prepare(self, plant: Plant) -> None:
         pass
@@ -227,6 +231,12 @@ class Task:
         gap = (target[:, 0] - now.beam.position[:, -1]) @ self.lateral.T / self.length
         moving = (target[:, 1] - target[:, 0]) / self.config.control_interval
         return gap, (now.beam.velocity[:, -1] - moving) @ self.lateral.T / self.of(now, self.speed)
+
+    def resting(self, now: Episodes) -> tb.State | None:
+        """The state (n,) that would follow the targets without bending, where hinges turn; None =
+        there is none.
+        """
+        return None
 
     def render_data(self, now: Episodes) -> dict[str, Any]:
         return {} if now.target is None else {"target": now.target[:, 0]}

@@ -97,15 +97,23 @@ class TipTrack(Task):
         )
         return self.target_at(now, (now.steps[:, None] + k) * self.config.control_interval)
 
-    def target_at(self, now: Episodes, t: Tensor) -> Tensor:
-        """(n, m, 3) m: where the targets are at the instants t (n, m) s."""
+    def share(self, now: Episodes, t: Tensor) -> Tensor:
+        """(n, m, actions): how far along its range each action would hold the targets at the
+        instants t (n, m) s.
+        """
         phi = 2 * torch.pi * t[..., None] / self.config.period * self.harmonics
         waves = torch.stack((torch.cos(phi), torch.sin(phi)), -1).flatten(-2)
         s = (t / (RAMP * self.config.period)).clamp(0, 1)[..., None]
-        share = s**2 * (3 - 2 * s) * (waves @ now.goal.unflatten(-1, (2 * HARMONICS, -1)))
-        return self.reach.tip(
-            share.flatten(0, 1), now.member.repeat_interleave(t.shape[1])
-        ).unflatten(0, t.shape)
+        return s**2 * (3 - 2 * s) * (waves @ now.goal.unflatten(-1, (2 * HARMONICS, -1)))
+
+    def target_at(self, now: Episodes, t: Tensor) -> Tensor:
+        """(n, m, 3) m: where the targets are at the instants t (n, m) s."""
+        rows = now.member.repeat_interleave(t.shape[1])
+        return self.static_tip(self.share(now, t).flatten(0, 1), rows).unflatten(0, t.shape)
+
+    def static_tip(self, share: Tensor, rows: Tensor) -> Tensor:
+        """(k, 3) m, of the sub-envs rows (k,) under shares (k, actions)."""
+        return self.reach.tip(share, rows)
 
     def target_high(self) -> np.ndarray:
         return np.repeat((4.0, 20.0, *[2.0] * self.preview), self.directions)

@@ -4,9 +4,10 @@ beside the corner.
 `tb.path` follows the balance over both limit points. The check is the first limit load, P L^2/EI,
 against that of two elasticas (no extension, no shear), solved by shooting with scipy; Lee, Manuel
 and Rossow (1968, J. Eng. Mech. Div. ASCE 94, 521) give 18.552. Run as a script, it also draws
-out/lees_frame.png.
+the path and shapes on it.
 """
 
+import argparse
 import math
 from pathlib import Path
 
@@ -15,6 +16,12 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve, minimize_scalar
 
 import torchbeam as tb
+
+parser = argparse.ArgumentParser(
+    description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+)
+parser.add_argument("--picture", type=Path, default=Path("out/lees_frame.png"))
+options = parser.parse_args(None if __name__ == "__main__" else [])
 
 torch.set_default_dtype(torch.float64)
 # elements of order 2 in each leg; the load is at the end of the first one of the beam, a fifth of
@@ -88,7 +95,7 @@ print(
 )
 
 
-def draw(file: Path = Path("out/lees_frame.png")) -> None:
+def draw(file: Path = options.picture) -> None:
     path = tb.path(scene, 24.0, step=0.15, inputs=loads)
     axis, shapes = tb.plot.grid(1, 2)
     axis.plot(sunk(path.state), path.factor)

@@ -5,13 +5,16 @@ import torch
 from . import plot, sensors
 from .analysis.advise import Advice, advise
 from .analysis.describe import Description, describe
+from .analysis.identification.bootstrap import Bootstrap
 from .analysis.identification.fields import FieldFit, identify_fields
 from .analysis.identification.fit import Fit
 from .analysis.identification.identify import identify
 from .analysis.identification.measurement import Measurement
 from .analysis.identification.parameter import Parameter
 from .analysis.identification.prediction import Prediction
+from .analysis.identification.profile import Profile
 from .analysis.identification.smoothness import Smoothness
+from .analysis.identification.transform import Transform
 from .analysis.uncertainty import laws
 from .analysis.uncertainty.estimate import Estimate
 from .analysis.uncertainty.moment_derivatives import MomentDerivatives, moment_derivatives
@@ -42,6 +45,10 @@ from .scene.effects import (
     Accelerogram,
     Actuation,
     Along,
+    Box,
+    Capsule,
+    Contact,
+    Cylinder,
     Damping,
     Drag,
     Gravity,
@@ -52,10 +59,13 @@ from .scene.effects import (
     MassDamping,
     PerElement,
     PerInterval,
+    Plane,
     PointLoad,
     PointMass,
     RootSpring,
+    Sphere,
     Spring,
+    Tendon,
     TipLoad,
     rayleigh,
 )
@@ -72,18 +82,18 @@ from .statics.path import Path, path
 
 # fmt: off
 __all__ = [
-    "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body", "Critical",
-    "Cylindrical",
+    "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body", "Box",
+    "Capsule", "Contact", "Critical", "Cylinder", "Cylindrical",
     "Damping", "Description", "Distance", "Drag", "Energy", "Estimate", "ExplicitStepper",
     "FieldFit", "Fit", "Frame",
     "Gravity", "Hinge", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping",
     "Measurement", "MixedState",
     "Modes", "MomentDerivatives", "PairedModes", "Parameter", "Path", "PerElement", "PerInterval",
-    "PointLoad", "PointMass",
+    "Plane", "PointLoad", "PointMass",
     "RareEvent", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "Slider",
     "SlowPathWarning", "Smoothness",
-    "SobolIndices", "Solution", "Spring", "State", "Stations", "Stats", "Stepper", "Stream",
-    "Support", "Table", "TipLoad",
+    "SobolIndices", "Solution", "Sphere", "Spring", "State", "Stations", "Stats", "Stepper",
+    "Stream", "Support", "Table", "Tendon", "TipLoad",
     "Tornado", "Universal", "Weld", "advise", "block_rate", "consistent_state", "critical_load",
     "describe", "equilibrium",
     "identify", "identify_fields", "laws", "linearize", "modal_assurance", "modes",
@@ -98,6 +108,7 @@ __all__ = [
 torch.serialization.add_safe_globals(
     [
         Advice,
+        Bootstrap,
         Critical,
         Description,
         Estimate,
@@ -106,9 +117,12 @@ torch.serialization.add_safe_globals(
         PairedModes,
         Path,
         Prediction,
+        Profile,
         RareEvent,
         SobolIndices,
         Tornado,
+        Transform,
+        *(getattr(laws, name) for name in laws.__all__),
         slice,
     ]
 )

@@ -12,7 +12,7 @@ exactly, at its usual parameters.
 """
 
 from .holding import PD, Controller, Static, Zero, search
-from .linear import LQG, LQR
+from .linear import LQG, LQR, JointLQR
 from .optimum import Optimum
 
-__all__ = ["LQG", "LQR", "PD", "Controller", "Optimum", "Static", "Zero", "search"]
+__all__ = ["LQG", "LQR", "PD", "Controller", "JointLQR", "Optimum", "Static", "Zero", "search"]

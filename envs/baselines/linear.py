@@ -11,6 +11,7 @@ import torchbeam as tb
 from torchbeam.extend import quaternions as quat
 
 from ..core import BeamVectorEnv
+from ..task import Task
 from .holding import Controller, FeedForward
 
 DOUBLINGS = 60  # of the horizon of a Riccati recursion, at most
@@ -32,7 +33,8 @@ class LQR(Controller):
 
     effort, speed_weight  of the cost
 
-    Raises ValueError for a task whose targets no constant action holds (Slew: its hub turns).
+    Raises ValueError for a task whose targets no constant action holds (a hub or a hinge turns:
+    `JointLQR`).
     """
 
     def __init__(self, env: BeamVectorEnv, effort: float = 0.01, speed_weight: float = 0.1) -> None:
@@ -50,24 +52,11 @@ class LQR(Controller):
         )
         self.A, self.B, whole, self.C = self._model(env, still)
         self.decode = torch.linalg.pinv(whole)  # whole state -> z
-        actions, delay = self.B.shape[-1], env.config.delay
         # displacement, turn, velocity, spin of the tip
         tip = whole.unflatten(0, (4, env.task.elements, 3))[:, -1]
         scale = 0.1 * env.task.length, env.task.speed[0].item() / speed_weight**0.5
         near = torch.cat((tip[0] / scale[0], tip[2] / scale[1]))
-        n = len(self.A)
-        A = self.A.new_zeros(n + actions * delay, n + actions * delay)
-        B = A.new_zeros(len(A), actions)
-        A[:n, :n] = self.A
-        if delay:
-            A[:n, n : n + actions] = self.B
-            A[n:-actions, n + actions :] = torch.eye(actions * (delay - 1), dtype=A.dtype)
-            B[-actions:] = torch.eye(actions, dtype=A.dtype)
-        else:
-            B[:n] = self.B
-        Q = torch.zeros_like(A)
-        Q[:n, :n] = near.mT @ near
-        self.K = gain(A, B, Q, effort * torch.eye(actions, dtype=A.dtype))
+        self.K = delayed_gain(self.A, self.B, near.mT @ near, effort, env.config.delay)
 
     def _model(
         self, env: BeamVectorEnv, still: dict[str, Tensor]
@@ -161,6 +150,59 @@ class LQG(LQR):
         # the amplitude
         self.z = still + (z + rates) @ self.A.mT + (queue[:, 0] - hold[:, 0]) @ self.B.mT
         return action
+
+
+class JointLQR(Controller):
+    """u = -K [z - z_rest; pending actions], of a task whose hinges rest at any angle: z is the
+    state in the coordinates of `tb.linearize` about the start, at the usual parameters, z_rest that
+    of the arm at rest where the targets want its hinges, at their rates (`Task.resting`). The cost
+    is that of `LQR`.
+
+    effort, speed_weight  of the cost
+
+    Raises ValueError for a task without hinges that rest anywhere.
+    """
+
+    def __init__(self, env: BeamVectorEnv, effort: float = 0.01, speed_weight: float = 0.1) -> None:
+        scene, task = env.plant.scene, env.task
+        if type(task).resting is Task.resting:
+            raise ValueError(
+                "a task without hinges that rest at any angle was given; LQR is there for it"
+            )
+        still = {name: env.high.new_zeros(size) for name, size in scene.inputs.items()}
+        tip = (lambda s: s.position[..., -1, :], lambda s: s.velocity[..., -1, :])
+        self.model = tb.linearize(scene, tb.rest(scene), tip, inputs=still)
+        held = self.model.discrete(env.config.control_interval)
+        B = torch.cat(
+            [held.B[:, held.inputs[drive.input]] @ drive.gain.mT for drive in task.drives], -1
+        )
+        scale = 0.1 * task.length, task.speed[0].item() / speed_weight**0.5
+        near = torch.cat((held.C[:3] / scale[0], held.C[3:] / scale[1]))
+        self.K = delayed_gain(held.A, B, near.mT @ near, effort, env.config.delay)
+
+    def act(self, observation: Tensor) -> Tensor:
+        now = self.env.state
+        z = self.model.departure(now.beam) - self.model.departure(self.env.task.resting(now))
+        return -torch.cat((z, now.pending.flatten(1)), -1) @ self.K.mT
+
+
+def delayed_gain(A: Tensor, B: Tensor, Q: Tensor, effort: float, delay: int) -> Tensor:
+    """K of u = -K [z; pending actions], of actions (a) that act `delay` intervals later: least sum
+    of z'Qz + effort |u|^2.
+    """
+    n, actions = B.shape
+    whole = A.new_zeros(n + actions * delay, n + actions * delay)
+    whole[:n, :n] = A
+    acts = A.new_zeros(len(whole), actions)
+    if delay:
+        whole[:n, n : n + actions] = B
+        whole[n:-actions, n + actions :] = torch.eye(actions * (delay - 1), dtype=A.dtype)
+        acts[-actions:] = torch.eye(actions, dtype=A.dtype)
+    else:
+        acts[:n] = B
+    cost = torch.zeros_like(whole)
+    cost[:n, :n] = Q
+    return gain(whole, acts, cost, effort * torch.eye(actions, dtype=A.dtype))
 
 
 def gain(A: Tensor, B: Tensor, Q: Tensor, R: Tensor) -> Tensor:

@@ -3,7 +3,7 @@
 import torch
 
 import torchbeam as tb
-from tests.cases.gradient_ingredients import FORMS, ingredient
+from tests.cases.gradient_ingredients import FORMS, POLAR, ingredient
 
 ALONG = ("Along", "PerElement", "PerElement function")
 
@@ -242,6 +242,25 @@ def root_damping(d, form):
     k = d.tensor("RootSpring stiffness", 3 + 5 * d.uniform(6))
     c = d.tensor("RootSpring damping", 0.1 + 0.2 * d.uniform(6))
     return lambda x: tb.RootSpring(_six(k(x), form), _six(c(x), form))
+
+
+@ingredient("effect", "Contact", ("plane", "sphere"))
+def contact(d, form):
+    """Soft, with what the beam starts in; without friction, as some ways are at rest."""
+    place = d.tensor("Contact place", torch.tensor([0.5, 0.0, 0.0]) + 0.02 * d.uniform(3))
+    thickness = d.number("Contact thickness", 0.3, 0.4)
+    force = d.number("Contact force", 0.3, 0.5)
+    radius = d.number("Contact radius", 0.05, 0.1)
+    inside = torch.ones(3) if d.plane is None else torch.zeros(3)
+    inside[list(POLAR.get(d.plane, ()))] = 1.0
+    down = inside * torch.tensor([0.1, -0.5, 0.6])
+    if form == "plane":
+        obstacle = lambda x: tb.Plane(inside * place(x) - 0.3 * down, down)  # noqa: E731
+    else:
+        obstacle = lambda x: tb.Sphere(inside * place(x) - 0.5 * down, radius(x) + 0.3)  # noqa: E731
+    return lambda x: tb.Contact(
+        obstacle(x), thickness=thickness(x), force=force(x), radius=radius(x)
+    )
 
 
 def _inside(d, force, moment):

@@ -41,6 +41,7 @@ UNMIXED = (
     "Load inputs node",
     "Load internal",
     "RootSpring",
+    "Contact",
     "Drag added_mass",
 )
 

@@ -119,4 +119,4 @@ RELATIONS: dict[str, Callable[[Said], Pair]] = {
     **RUNS,
 }
 # relations that lose derivatives, or are about them
-VALUES_ONLY = {"t as a list", "restart from a file", "dual", "vmap"}
+VALUES_ONLY = {"t as a list", "restart from a file", "scene from a file", "dual", "vmap"}

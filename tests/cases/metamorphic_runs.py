@@ -5,8 +5,11 @@ one by one, both modes.
 from __future__ import annotations
 
 import io
+import pickle
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import torch
 import torch.autograd.forward_ad as forward_ad
@@ -116,10 +119,26 @@ def restart(said: Said, through: Callable = lambda state: state) -> Pair:
 
 
 def _saved(state: tb.State) -> tb.State:
+    return _through_file(state.detach())
+
+
+def _through_file(thing: Any) -> Any:
     file = io.BytesIO()
-    torch.save(state.detach(), file)
+    torch.save(thing, file)
     file.seek(0)
     return torch.load(file, weights_only=False)
+
+
+def from_a_file(said: Said) -> Pair:
+    """What a scene is made of, its inputs and its start, but for functions that no file holds."""
+    p = said.problem
+    try:
+        stored = _through_file((p.parts, p.inputs, p.start))
+    except (pickle.PicklingError, AttributeError, TypeError):
+        stored = None
+    wants(said, stored is not None)
+    parts, inputs, start = stored
+    return said.plain, told(said.ask(replace(p, parts=parts, inputs=inputs, start=start)))
 
 
 def _solved(said: Said, t=None, **changed) -> Found:
@@ -272,6 +291,7 @@ def _jvp(of: Callable, x: Blocks, u: Blocks) -> Tensor:
 RUNS: dict[str, Callable[[Said], Pair]] = {
     "batch": batch, "axes": axes, "vmap": vmapped, "engines": engines, "threads": threads,
     "dual": dual,
+    "scene from a file": from_a_file,
     "restart": restart, "restart from a file": partial(restart, through=_saved),
     "restart from a clone": partial(restart, through=lambda state: state.clone()),
     "t as a list": partial(_way, make=by_list), "checkpoint": partial(_way, make=with_checkpoint),

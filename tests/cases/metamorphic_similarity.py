@@ -8,7 +8,7 @@ here knows them.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,8 +16,9 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.extend import own_leaves
+from torchbeam.extend import Obstacle, own_leaves
 from torchbeam.extend import quaternions as quat
+from torchbeam.scene.effects import Eyelet
 
 EYE, ZERO = torch.eye(3, dtype=torch.float64), torch.zeros(3, dtype=torch.float64)
 # a mirrored section counts its y axis backwards
@@ -41,7 +42,7 @@ class Quantity(NamedTuple):
 
 ONE, FORCE, MOMENT = Quantity(), Quantity(1, 1, -2, "polar"), Quantity(1, 2, -2, "axial")
 PLACE, VELOCITY = Quantity(0, 1, 0, "place"), Quantity(0, 1, -1, "polar")
-INSTANT = Quantity(0, 0, 1, "instant")
+INSTANT, DIRECTION = Quantity(0, 0, 1, "instant"), Quantity(kind="polar")
 ENERGY, MOVE, TURN = Quantity(1, 2, -2), Quantity(0, 1, 0, "polar"), Quantity(0, 0, 0, "axial")
 
 
@@ -72,10 +73,22 @@ FIELDS: dict[type, Callable[[Any], dict[str, Quantity]]] = {
     tb.Actuation: lambda e: dict(curvature=Quantity(0, -1, 0, "own axial"),
                                  strain=Quantity(0, 0, 0, "own polar")),
     tb.Spring: lambda e: dict(stiffness=Quantity(1, 0, -2), to=PLACE, length=Quantity(0, 1),
-                              damping=Quantity(1, 0, -1),
-                              moving=ONE),
+                              damping=Quantity(1, 0, -1)),
+    tb.Tendon: lambda e: dict(tension=Quantity(1, 1, -2), length=Quantity(0, 1),
+                              stiffness=Quantity(1, 0, -2), friction=ONE,
+                              slip_speed=Quantity(0, 1, -1)),
+    Eyelet: lambda e: dict(point=PLACE if e.node is None else Quantity(0, 1, 0, "own polar")),
     tb.RootSpring: lambda e: dict(stiffness=Quantity(1, 0, -2, "springs"),
                                   damping=Quantity(1, 0, -1, "springs")),
+    tb.Contact: lambda e: dict(obstacle=ONE, thickness=Quantity(0, 1), force=Quantity(1, 0, -2),
+                               stiffness=Quantity(1, -1, -2), radius=Quantity(0, 1), friction=ONE,
+                               slip_speed=Quantity(0, 1, -1), damping=Quantity(0, 0, 1)),
+    tb.Plane: lambda e: dict(point=PLACE, normal=DIRECTION),
+    tb.Sphere: lambda e: dict(centre=PLACE, radius=Quantity(0, 1),
+                              spin=Quantity(0, 0, -1, "axial")),
+    tb.Cylinder: lambda e: dict(point=PLACE, axis=DIRECTION, radius=Quantity(0, 1),
+                                spin=Quantity(0, 0, -1)),
+    tb.Capsule: lambda e: dict(a=PLACE, b=PLACE, radius=Quantity(0, 1)),
     tb.Load: lambda e: dict(function=ONE, rate=ONE, values=ONE),  # see `Similarity._load`
     tb.Frame: lambda e: dict(velocity=VELOCITY, angular_velocity=Quantity(0, 0, -1, "axial")),
     tb.RootMotion: lambda e: dict(displacement=MOVE, rotation=TURN),
@@ -90,15 +103,17 @@ FIELDS: dict[type, Callable[[Any], dict[str, Quantity]]] = {
                              reaction=Quantity(kind="wrench"),
                              work=ENERGY, defect=ENERGY, t=INSTANT, status=ONE,
                              frame=Quantity(kind="frame"), internal=ONE,
-                             acceleration=ONE, straining=ONE, joints=ONE),
+                             acceleration=ONE, straining=ONE, joints=ONE,
+                             tendons=ONE),
 }
 # fmt: on
 
 
 def quantities(of: Any) -> dict[str, Quantity]:
     """Those of an object's fields. KeyError for a class, or a leaf of it, that has no row."""
-    fields = next(FIELDS[kind] for kind in type(of).__mro__ if kind in FIELDS)(of)
-    return {one.name: fields[one.name] for one in own_leaves(of)}
+    known = next(FIELDS[kind] for kind in type(of).__mro__ if kind in FIELDS)(of)
+    given = {one.name for one in fields(of) if one.init}
+    return {one.name: known[one.name] for one in own_leaves(of) if one.name in given}
 
 
 @dataclass(frozen=True)
@@ -205,6 +220,8 @@ class Similarity:
         """Whatever may stand in a field: numbers, a function of t, along the beam, an Input."""
         if value is None or isinstance(value, tb.Input):
             return value
+        if isinstance(value, Obstacle):
+            return self(value)
         if isinstance(value, tb.PerElement):
             return tb.PerElement(self.given(q, value.value))
         if isinstance(value, tb.PerInterval):
@@ -219,11 +236,7 @@ class Similarity:
         """An object as it is told there."""
         if isinstance(of, tb.Load):
             return self._load(of)
-        found = {
-            name: self.given(q, getattr(of, name))
-            for name, q in quantities(of).items()
-            if name != "moving"
-        }
+        found = {name: self.given(q, getattr(of, name)) for name, q in quantities(of).items()}
         if isinstance(of, tb.Drag) and callable(of.flow):
             found["flow"] = lambda x, t: self.value(
                 VELOCITY, tensor(of.flow(self.inverse.value(PLACE, x), self.instant(t)))

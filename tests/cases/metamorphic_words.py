@@ -26,7 +26,7 @@ SHARES: dict[type, tuple[str, ...]] = {
     tb.Damping: (), tb.MassDamping: ("alpha",), tb.Drag: ("density",),
     tb.PointMass: ("mass", "inertia"),
     tb.Actuation: ("curvature", "strain"), tb.Spring: ("stiffness", "damping"),
-    tb.RootSpring: ("stiffness", "damping"),
+    tb.RootSpring: ("stiffness", "damping"), tb.Contact: ("force", "stiffness"),
     tb.Load: ("function",),
 }
 # fmt: on
@@ -67,6 +67,7 @@ ZEROS: dict[
     tb.Actuation: lambda o: tb.Actuation(curvature=(o, o, o), strain=(o, o, o)),
     tb.Spring: lambda o: tb.Spring(-1, o, (0.3, 0.0, 0.0), length=0.1, damping=o),
     tb.RootSpring: None,  # of no stiffness it frees the root
+    tb.Contact: None,  # its force is positive
     tb.Load: lambda o: tb.Load(lambda r, R, v, w, t: (o * r, o * w), node=None),
 }
 

@@ -21,6 +21,18 @@ HINGED = tb.rest(
         supports=[tb.Support(("arm", 0))],
     )
 )
+LEANING = tb.Scene(
+    BEAM,
+    [
+        tb.Contact(
+            tb.Plane((0.0, 0, -0.1), (0, 0, 1.0)),
+            thickness=0.2,
+            force=1.0,
+            friction=0.1,
+            slip_speed=0.1,
+        )
+    ],
+)
 SOLUTION = tb.simulate(SCENE, [0.0, 0.1, 0.2], step=0.1)
 EQUILIBRIUM = tb.equilibrium(SCENE)
 MODES = tb.modes(SCENE)
@@ -135,7 +147,36 @@ CALLS = {
         dict(mass=1.0, inertia=(1.0, 1.0, 1.0), offset=(0.0, 0, 0.1), node=1),
     ),
     "Spring": (tb.Spring, dict(node=-1, stiffness=1.0, to=FORCE, length=0.1, damping=0.1)),
+    "Tendon": (
+        tb.Tendon,
+        dict(eyelets=[(0, FORCE), (-1, FORCE)], tension=1.0, friction=0.1, slip_speed=0.1),
+    ),
+    "Tendon2": (tb.Tendon, dict(eyelets=[(0, FORCE), (-1, FORCE)], length=1.0, stiffness=1.0)),
+    "Tendon.along": (tb.Tendon.along, dict(beam=BEAM, point=FORCE, name="arm", tension=1.0)),
     "RootSpring": (tb.RootSpring, dict(stiffness=torch.ones(6), damping=torch.ones(6))),
+    "Contact": (
+        tb.Contact,
+        dict(
+            obstacle=tb.Plane(FORCE, FORCE),
+            thickness=0.1,
+            force=1.0,
+            radius=0.1,
+            friction=0.1,
+            slip_speed=0.1,
+            damping=0.1,
+            points=2,
+            push_out=False,
+        ),
+    ),
+    **{
+        name: (getattr(S, name), dict(scene=LEANING, contact=0))
+        for name in ("ContactForce", "ContactForces", "ContactGap", "ContactSlip")
+    },
+    "Plane": (tb.Plane, dict(point=FORCE, normal=FORCE)),
+    "Sphere": (tb.Sphere, dict(centre=FORCE, radius=0.1, spin=FORCE)),
+    "Cylinder": (tb.Cylinder, dict(point=FORCE, axis=FORCE, radius=0.1, inside=True, spin=0.1)),
+    "Capsule": (tb.Capsule, dict(a=FORCE, b=(0, 0, 2.0), radius=0.1)),
+    "Box": (tb.Box, dict(centre=FORCE, size=(1.0, 1.0, 1.0), rounding=0.1, rotation=FORCE)),
     "Actuation": (tb.Actuation, dict(curvature=FORCE, strain=FORCE, elements=[0])),
     "Load": (
         tb.Load,
@@ -544,6 +585,8 @@ CALLS = {
         S.RootSpringLoad,
         dict(scene=tb.Scene(BEAM, [tb.RootSpring((1e3, 20.0))])),
     ),
+    "S.TendonTension": (S.TendonTension, dict(tendon=0)),
+    "S.TendonLength": (S.TendonLength, dict(tendon=0)),
     "S.JointCoordinate": (S.JointCoordinate, dict(joint=0)),
     "S.JointLoad": (S.JointLoad, dict(joint=0)),
     "S.JointRate": (S.JointRate, dict(joint=0)),

@@ -19,6 +19,7 @@ T = (0.0, 0.02, 0.04)
 STIFF = dict(EA=300.0, GA=(150.0, 120.0), GJ=0.8, EI=(1.0, 1.7), mass=0.3)
 SOLID = dict(**STIFF, inertia=(2e-3, 3e-3))
 PUSH = tb.TipLoad(force=(0.2, 0.3, 0.4), moment=(0.1, -0.05, 0.08))
+EAGERLY = ("equilibrium", "modes", "linearize", "eager")
 STATIC, LINEAR, MOVING = ("equilibrium",), ("modes", "linearize"), ("eager", "native")
 ALL, DYNAMIC = STATIC + LINEAR + MOVING, MOVING + LINEAR + STATIC
 
@@ -69,6 +70,12 @@ def acting(kind, name, least=True, **beside) -> Case:
         scale=1e-4,
         least=least,
     )
+
+
+def tied(**given) -> Case:
+    """A tendon over the beam's nodes, beside what pulls it."""
+    point = given.pop("point", (0.0, 0.0, 0.05))
+    return tb.Tendon([(0, point), (1, (0.0, 0.02, 0.06)), (-1, (0.0, 0.0, 0.05))], **given)
 
 
 def effect(make, n=3, ways=ALL, **options) -> Case:
@@ -132,6 +139,23 @@ def lag(z, position, rotation, velocity, spin, t, c):
     return c[..., None] - z / 0.05
 
 
+UP = torch.tensor([0.0, 0.0, 1.0])
+SOFT = dict(thickness=0.05, force=1.0)  # N/m, of a contact that the beam starts in
+FLOOR = tb.Plane((0.0, 0.0, -0.03), UP)
+
+
+def touching(make, n=1, ways=ALL, **given) -> Case:
+    """A contact with the obstacle, or with the numbers, that make(x) gives."""
+
+    def made(x: Tensor) -> tb.Contact:
+        found = make(x)
+        return tb.Contact(FLOOR, **SOFT, **given, **found) if isinstance(found, dict) else (
+            tb.Contact(found, **SOFT, **given))  # fmt: skip
+
+    return effect(made, n, ways, scale=1e-4, least=n == 1 and "spin" not in given)
+
+
+ROUGH = dict(friction=0.4, slip_speed=0.2, radius=0.01)
 DIAGONAL = section()
 # fmt: off
 CASES = {
@@ -255,6 +279,10 @@ CASES = {
                             least=True, scale=1e-2),
     "Spring.damping": effect(lambda x: tb.Spring(-1, 3.0, to=(0.6, 0.1, 0.2), damping=x), 1,
                              DYNAMIC, least=True, scale=1e-2),
+    "Tendon.tension": effect(lambda x: tied(tension=x), 1, EAGERLY, scale=1e-2),
+    "Tendon.friction": effect(lambda x: tied(tension=0.5, friction=x, slip_speed=0.1), 1, EAGERLY,
+                              least=True, scale=1e-2),
+    "Eyelet.point": effect(lambda x: tied(tension=0.5, point=x), 3, EAGERLY, scale=1e-2),
     "Spring.to function": effect(lambda x: tb.Spring(-1, 3.0, to=by_time(x), damping=0.1), 3,
                                  MOVING, scale=1e-2),
     "RootSpring.damping": Case(lambda x: scene(
@@ -265,6 +293,26 @@ CASES = {
         torch.cat((x[..., :1], x[..., :1], x[..., :1], x[..., :1] + 4, x[..., :1] + 4,
                    x[..., :1] + 4), -1)), supports=()),
         1, least=True, scale=1e-2),
+    "Contact.radius": touching(lambda x: dict(radius=x)),
+    "Contact.friction": touching(lambda x: dict(friction=x, slip_speed=0.2), ways=MOVING),
+    "Contact.friction about the axis": touching(lambda x: dict(friction=0.4, slip_speed=0.2,
+        radius=x), ways=MOVING),
+    "Contact.damping": touching(lambda x: dict(damping=x), ways=MOVING),
+    "Plane.point": touching(lambda x: tb.Plane(x - 0.03 * UP, UP), 3),
+    "Plane.point function": touching(lambda x: tb.Plane(lambda t: x * torch.sin(20 * t)
+        - 0.03 * UP, UP), 3, MOVING, damping=0.1),
+    "Sphere.centre": touching(lambda x: tb.Sphere(x, 0.04), 3),
+    "Sphere.spin": touching(lambda x: tb.Sphere(-0.5 * UP, 0.45, spin=x), 3, MOVING, **ROUGH),
+    "Cylinder.point": touching(lambda x: tb.Cylinder(x, (0, 0, 1.0), 0.62, inside=True), 3,
+                               MOVING),
+    "Cylinder.spin": Case(lambda x: scene(tb.Contact(tb.Cylinder(
+        (0.4, 0.0, -0.4), (0, 1.0, 0), 0.38, spin=x[..., 0]), **SOFT, **ROUGH)), 1, MOVING,
+        scale=1e-4),
+    "Capsule.a": touching(lambda x: tb.Capsule(x - 0.4 * UP, (0.6, 0, -0.4), 0.37), 3, MOVING),
+    "Capsule.b": touching(lambda x: tb.Capsule((0.6, 0, -0.4), x - 0.4 * UP, 0.37), 3, MOVING),
+    "Box.centre": touching(lambda x: tb.Box(x, (0.08, 0.08, 0.08), 0.03), 3, MOVING),
+    "Box.rotation": touching(lambda x: tb.Box(-0.05 * UP, (2.0, 1.0, 0.06), 0.02, rotation=x), 3,
+                             MOVING),
     "Actuation.curvature": effect(lambda x: tb.Actuation(curvature=x), scale=1e-2),
     "Actuation.strain": effect(lambda x: tb.Actuation(strain=x)),
     "Actuation.curvature per element": effect(lambda x: tb.Actuation(curvature=tb.PerElement(
@@ -356,7 +404,15 @@ NEVER_ZERO = {  # or not only; why there is no case
                                                      "Universal")},
     "Universal.second": "is a direction", "Hinge.slip_speed": POSITIVE,
     "Slider.slip_speed": POSITIVE,
+    "Tendon.stiffness": POSITIVE, "Tendon.slip_speed": POSITIVE,
+    "Tendon.length": "at 0 a tendon of some stiffness pulls with all of its length",
+    "State.tendons": "readings alone",
     "Hinge.limits": ORDERED, "Slider.limits": ORDERED,
+    "Contact.obstacle": "is one", "Contact.thickness": POSITIVE, "Contact.force": POSITIVE,
+    "Contact.stiffness": POSITIVE, "Contact.slip_speed": POSITIVE,
+    "Plane.normal": "is a direction", "Cylinder.axis": "is a direction",
+    "Sphere.radius": POSITIVE, "Cylinder.radius": POSITIVE, "Capsule.radius": POSITIVE,
+    "Box.size": POSITIVE, "Box.rounding": POSITIVE,
     "State.joints": "turns and readings alone start from it",
     "State.stress": "a guess for the first solve", "State.reaction": "nothing starts from it",
     "State.work": "energies alone start from it", "State.defect": "energies alone start from it",

@@ -14,9 +14,10 @@ from torchbeam_envs import (
     TipForce,
     TipReachVectorEnv,
     TipTrackVectorEnv,
+    TwoLinkVectorEnv,
     holding_action,
 )
-from torchbeam_envs.baselines import LQG, LQR, PD, Optimum, Static, Zero
+from torchbeam_envs.baselines import LQG, LQR, PD, JointLQR, Optimum, Static, Zero
 from torchbeam_envs.baselines.holding import Holding, search
 from torchbeam_envs.baselines.linear import gain
 from torchbeam_envs.reach import share_in_ball
@@ -248,6 +249,23 @@ def test_controllers_of_three_actions():
         for controller in (Zero(env), Static(env), PD(env, [0.3, 0.1] * 2), LQR(env), LQG(env))
     ]
     assert far[3] < 0.5 * far[0] and far[4] < 0.9 * far[0] and all(map(math.isfinite, far))
+
+
+def test_two_links_follow_by_lqr():
+    """At well under half of what it costs to do nothing, in less than a period; and PD acts against
+    the hinges' errors. Tasks without hinges are refused.
+    """
+    env = TwoLinkVectorEnv(2, planar=True, period=1.5, max_episode_steps=25, **SMALL)
+    far = [play(env, controller)[0] for controller in (Zero(env), JointLQR(env))]
+    assert far[1] > 0.4 * far[0]
+    pd = PD(env, [0.1, 0.0, 0.3, 0.0])
+    pd.begin(env)
+    error = env.task.tracking_error(env.state)[0]
+    expected = torch.tensor([0.1, 0.3], dtype=torch.float64) * error
+    torch.testing.assert_close(pd(env.state.observation), expected, rtol=0, atol=1e-12)
+    assert error.abs().min() > 0
+    with pytest.raises(ValueError, match="a task without hinges"):
+        JointLQR(make(1))
 
 
 def test_targets_of_three_actions_fill_the_ball():

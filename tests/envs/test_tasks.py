@@ -1,6 +1,7 @@
 """Every registered task keeps the contract; and what each of them says of itself is so."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium
@@ -11,10 +12,11 @@ import torchbeam_envs
 from gymnasium.utils.env_checker import check_env
 
 import torchbeam as tb
+from torchbeam.extend import quaternions as quat
 
 SMALL = dict(elements=2, substeps=1)
 EPISODES = json.loads((Path(__file__).parent / "env_episodes.json").read_text())
-TASKS = ["TipReach", "TipTrack", "FlutterHold", "Slew", "Payload"]
+TASKS = ["TipReach", "TipTrack", "FlutterHold", "Slew", "Payload", "TwoLink"]
 IDS = [f"torchbeam/{task}{planar}-v0" for task in TASKS for planar in ("", "Planar")]
 
 
@@ -69,8 +71,6 @@ def test_invalid_actions_and_failures_keep_to_themselves(id):
     """Member 1 of 3 acts NaN, then gets an impossible velocity: it fails, its neighbours do not
     change by a bit.
     """
-    from dataclasses import replace
-
     well, ill = (vector(id, 3, autoreset_mode="Disabled") for _ in range(2))
     others, push = [0, 2], np.full(well.action_space.shape, 0.2)
     bad = push.copy()
@@ -282,9 +282,58 @@ def test_payload_hangs_and_swings():
     assert env.state.plant.params["payload"].unique().numel() == 3
 
 
+# TwoLink
+
+
+@pytest.mark.parametrize("planar", [True, False])
+def test_two_stiff_links_are_turned_by_their_motors(planar):
+    """Links and payload of 10,000 times the stiffness under full torques for four intervals of
+    5 ms: the angles are those of M q'' = (torques), rigid, where it starts (in space the elbow's
+    motor turns the forearm alone, about the upper arm). On N = 2 elements, mass half lumped and
+    half consistent, a link's inertia about its end is m L^2 / 3 (1 + 1 / (4 N^2)). What is left is
+    the blow with which the torques set in: the rotors turn before the links, by 1 % of the angles.
+    """
+    env = torchbeam_envs.TwoLinkVectorEnv(
+        1, planar=planar, delay=0, control_interval=5e-3, payload=0.1, **SMALL
+    )
+    env.reset(seed=0, options={"params": {"stiffness": 1e4}})
+    for _ in range(4):
+        env.step(np.ones((1, 2)))
+    angle, _ = env.task.hinge_motion(env.state)
+    mass, half, kg, rotor = env.task.usual.mass[0, 0, 0].item() * 0.5, 0.5, 0.1, 0.02
+    link = mass * half**2 / 3 * (1 + 1 / 16)
+    fore = link + kg * half**2
+    whole = 2 * rotor + link + (mass + kg + 0.05) * half**2 + fore
+    M = torch.tensor([[whole, fore], [fore, fore]] if planar else [[whole, 0.0], [0.0, fore]])
+    rigid = torch.linalg.solve(M.double(), torch.tensor([1.5, 0.5], dtype=torch.float64))
+    torch.testing.assert_close(angle[0], 0.02**2 / 2 * rigid, rtol=2e-2, atol=0)
+
+
+@pytest.mark.parametrize("planar", [True, False])
+def test_the_resting_arm_is_where_the_target_is(planar):
+    """At any angles of the hinges; its rates are those of its places, by a difference over an
+    interval, whose error is its square's.
+    """
+    env = torchbeam_envs.TwoLinkVectorEnv(3, planar=planar, control_interval=1e-3, **SMALL)
+    env.reset(seed=0)
+    now = replace(env.state, steps=torch.full((3,), 700))
+    here, after = (env.task.resting(replace(now, steps=now.steps + k)) for k in (0, 1))
+    torch.testing.assert_close(here.position[:, -1], env.task.target(now)[:, 0], rtol=0, atol=1e-12)
+    moved = (after.position - here.position) / 1e-3
+    torch.testing.assert_close(here.velocity, moved, rtol=0, atol=1e-2 * moved.abs().max().item())
+    n = here.position.shape[1] // 2
+    torch.testing.assert_close(here.position[:, n - 1], here.position[:, n], rtol=0, atol=1e-12)
+    turned = quat.multiply(quat.conjugate(here.rotation), after.rotation)
+    torch.testing.assert_close(here.spin, quat.logarithm(turned) / 1e-3, rtol=0, atol=2e-2)
+
+
 @pytest.mark.parametrize(
     ("task", "arguments", "message"),
     [
+        ("TwoLink", dict(torque=(1.0, -1.0)), "torque = "),
+        ("TwoLink", dict(angle=2.0), "angle = 2.0"),
+        ("TwoLink", dict(direction=(0, 1, 0)), "direction was given"),
+        ("TwoLink", dict(gravity=(0, 0, -9.81)), "gravity"),
         ("TipTrack", dict(path="square"), "path = 'square'"),
         ("TipTrack", dict(reach=1.5), "reach = 1.5"),
         ("TipTrack", dict(period=0.0), "period = 0.0"),

@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.leaves import constant, map_leaves
+from ..core.leaves import constant, functions, map_leaves
 from ..core.summary import counted
 from ..dynamics.methods import METHODS
 from ..dynamics.stepper import Stepper
@@ -22,7 +22,7 @@ from ..nodal.coordinates.selection import only_numbers
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..nodal.rates import Rates
-from ..scene.effects import POSITION, Along, Effect, Input, PerElement
+from ..scene.effects import POSITION, Along, Effect, Input, Obstacle, PerElement
 from ..scene.scene import Scene
 from ..scene.section import notes
 from ..scene.supports import AXES, Support
@@ -196,6 +196,8 @@ def _value(value: Any) -> str:
             else "values"
         )
         return f"{type(value).__name__}({named})"
+    if isinstance(value, Obstacle):
+        return f"{value.called}{', which moves' if functions(value) else ''}"
     if callable(value):
         return "a function"
     if hasattr(value, "shape"):

@@ -33,6 +33,7 @@ LINEAR = (
     "frame",
     "internal",
     "joints",
+    "tendons",
 )
 
 

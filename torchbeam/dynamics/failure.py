@@ -18,7 +18,7 @@ from ..core.validation import concrete
 from ..equations.step_problem import StepProblem
 from ..math.shapes import broadcast_shapes
 from ..nodal.conditions import conditions
-from ..nodal.loads import external
+from ..nodal.element_loads import all_loads
 from ..nodal.model import Model
 from ..scene.effects import Effect
 from ..solvers.newton import newton
@@ -94,7 +94,7 @@ class Failure(NamedTuple):
         problem, model = self.problem, self.problem.model
         for load in model.loads[0]:
             now = conditions(model, problem.t, problem.inputs, loads=(load,))
-            yield _name(load), lambda x, now=now: external(model, problem.seen(x), now)
+            yield _name(load), lambda x, now=now: all_loads(model, problem.seen(x), now)
 
     def _in_time(self) -> Iterator[tuple[str, Callable[[Tensor], Tensor]]]:
         """Motions (..., 1, 3 or 7), eigenstrains (..., N or 1, 6) and loads (..., N+1, w), the beam
@@ -131,7 +131,7 @@ class Failure(NamedTuple):
         for load in scene.loads:
             yield (
                 _name(load),
-                lambda s, load=load: external(
+                lambda s, load=load: all_loads(
                     model, start, conditions(model, at(s), problem.inputs, loads=(load,))
                 ),
             )

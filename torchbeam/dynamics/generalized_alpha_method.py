@@ -42,6 +42,7 @@ class GeneralizedAlphaMethod(Method):
             "a mass off its node": _off_its_node(model),
             "a load with internal states": model.internal_states > 0,
             "a joint with damping or friction": model.joints.dissipative,
+            "a Tendon with friction": model.tendons.dissipative,
         }
         for what, given in unfit.items():
             if given:

@@ -25,6 +25,7 @@ from ..core.validation import as_tensor, broadcast, concrete, increasing, shown
 from ..core.warning import warn
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
+from ..nodal.penetration import refuse_penetration
 from ..nodal.rates import Rates
 from ..scene.effects import PerInterval, changing, inputs_at
 from ..scene.prescribed_motion import oriented
@@ -445,6 +446,12 @@ def _explicit(
 
 
 def _begin(model: Model, initial: State | None, t: Tensor) -> State:
+    start = _started(model, initial, t)
+    refuse_penetration(model, start, t)
+    return start
+
+
+def _started(model: Model, initial: State | None, t: Tensor) -> State:
     scene = model.scene
     start = rest(scene, t=t) if initial is None else check_state(initial, scene)
     if initial is not None or scene.has_prescribed_motion:

@@ -136,10 +136,17 @@ class StepSolver:
         self.use.eagerly()
         problem = self.method.problem(model, state, dt, t, inputs)
         x, reaction, status, iterations = newton(
-            problem, problem.predictor(), moving, self.tolerance, self._limit(last)
+            problem,
+            problem.predictor(),
+            moving,
+            self.tolerance,
+            self._limit(last),
+            foresee=None if model.smooth else torch.zeros_like(moving),
         )
-        turned = self.model.space.cosine(x.m).amin(-1) < self._least
-        status = torch.where((status == SUCCESS) & turned, DIVERGED, status)
+        lost = self.model.space.cosine(x.m).amin(-1) < self._least
+        passed = problem.passed(problem.motion.kinematics(x.u, x.m))
+        lost = lost if passed is None else lost | passed
+        status = torch.where((status == SUCCESS) & lost, DIVERGED, status)
         good = moving & (status == SUCCESS)
         if differentiated(problem, x):
             x = type(x)(

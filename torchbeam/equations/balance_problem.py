@@ -20,8 +20,9 @@ from ..nodal.balance import (
 from ..nodal.conditions import Conditions
 from ..nodal.frame import FixedFrame
 from ..nodal.inertia import InertiaForces
-from ..nodal.joint_motion import JointMotion
+from ..nodal.joint_motion import JointDrive, JointMotion
 from ..nodal.rows import Rows
+from ..nodal.tendon_motion import TendonMotion
 from ..topology.protocols import Matrix
 from .balanced_element import BalancedElement, ElementBalance
 
@@ -97,9 +98,47 @@ class BalanceProblem(Tree):
         """
         raise NotImplementedError
 
+    def element_loads(self, kinematics: Any) -> tuple[Tensor, ...] | None:
+        """Loads between nodes, on each node of the elements (..., N, w); None = there are none."""
+        raise NotImplementedError
+
+    def element_load_matrix(self, kinematics: Any, nodes: Any = None) -> Matrix | None:
+        """What they add to the tangent; None = nothing. nodes: the derivatives of the motion, where
+        they are known.
+        """
+        raise NotImplementedError
+
+    def idle(self, kinematics: Any) -> Tensor:
+        """(...) bool: whether none of them does anything."""
+        raise NotImplementedError
+
+    def passed(self, kinematics: Any) -> Tensor | None:
+        """(...) bool: whether the beam would pass through what it touches; None = it moves through
+        nothing.
+        """
+        return None
+
+    def at_instants(
+        self, kinematics: Any, place: Callable[[Tensor, Tensor], Any]
+    ) -> tuple[Any, ...]:
+        """place(position, rotation) of nodes where forces between them act, where they are after,
+        and before a step (None = there is none).
+        """
+        raise NotImplementedError
+
+    @property
+    def joint_drive(self) -> JointDrive:
+        """What acts in joints."""
+        raise NotImplementedError
+
     def joint_poses(self, kinematics: Any) -> JointMotion:
         """Where joints are, and what acts in them."""
-        raise NotImplementedError
+        return JointMotion(*self.at_instants(kinematics, self.model.joints.pose), self.joint_drive)
+
+    def tendon_motion(self, kinematics: Any) -> TendonMotion:
+        """Where tendons are, and what is given of them."""
+        places = self.at_instants(kinematics, self.model.tendons.eyelets)
+        return TendonMotion(*places, self.conditions.tendons, self.joint_drive)
 
     def half_turns(self, nodes: Any) -> Callable[[], Tensor] | None:
         """Half the spin of a node's end by that of its move (..., N+1, s, s), of derivatives
@@ -120,20 +159,24 @@ class BalanceProblem(Tree):
         model = self.model
         x = self.apply_supports(x)
         kinematics, inertia, load = self.node_balance(x)
-        element = self.element_balance(x, kinematics)
+        element, between = self.element_balance(x, kinematics), self.element_loads(kinematics)
         nodes = model.assembly.to_nodes(element.forces)
         asked = () if inertia is None else (inertia.wrench,)
         nodes = sum(asked, nodes if isinstance(load, float) else nodes - load)
+        if between is not None:
+            nodes = nodes - model.topology.scatter(between)
         nodes, constitutive_residual = model.joints.balance(
             nodes, element.constitutive_residual, x.stress, lambda: self.joint_poses(kinematics)
         )
         restrained = restrained_forces(model, element.acting, self.eigenstrain, model.length)
+        nodes = model.tendons.loaded(nodes, lambda: self.tendon_motion(kinematics))
         sizes = largest(
             model.space.dims.position,
             model.spans,
             element.forces,
             load,
             *asked,
+            *(between or ()),
             restrained,
             *self.least,
         )
@@ -162,13 +205,14 @@ class BalanceProblem(Tree):
             self.C,
             tangent.strain_by_move,
         )
-        return joints.joined(
-            condensed,
-            x.stress,
-            lambda: self.joint_poses(kinematics),
-            self.half_turns(nodes),
-            self.RATE,
+        half = self.half_turns(nodes)
+        joined = joints.joined(
+            condensed, x.stress, lambda: self.joint_poses(kinematics), half, self.RATE
         )
+        matrix = self.model.tendons.matrix(
+            joined.matrix, lambda: self.tendon_motion(kinematics), half, self.RATE
+        )
+        return joined if matrix is joined.matrix else joined._replace(matrix=matrix)
 
     def linearise(
         self, x: Any, kinematics: Any, element: ElementBalance, inertia: InertiaForces | None

@@ -23,8 +23,9 @@ damping is second order too.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -33,7 +34,7 @@ from ..core.derivatives import cached
 from ..core.leaves import leaf
 from ..nodal import loads as external
 from ..nodal.conditions import Conditions, conditions
-from ..nodal.joint_motion import JointMotion
+from ..nodal.element_loads import at_nodes
 from ..state.state import State, plain
 from .alpha_kinematics import EndKinematics, EndMotion, EndTangent, GeneralizedAlpha
 from .step_element import EndElement
@@ -132,12 +133,12 @@ class GeneralizedAlphaProblem(StepProblem):
             EndUnknowns(self.start.velocity * self.h, turn, self.start.stress)
         )
 
-    def joint_poses(self, kinematics: EndKinematics) -> JointMotion:
+    def at_instants(
+        self, kinematics: EndKinematics, place: Callable[[Tensor, Tensor], Any]
+    ) -> tuple[Any, ...]:
         """Forces act at the end, where joints are closed (Arnold and Bruels 2007)."""
-        joints = self.model.joints
-        start = joints.pose(self.start.position, self.start.rotation)
-        end = joints.pose(kinematics.position_end, kinematics.q_end)
-        return JointMotion(end, end, start, self.joint_drive._replace(dt=None))
+        end = place(kinematics.position_end, kinematics.q_end)
+        return end, end, place(self.start.position, self.start.rotation)
 
     def finish(self, x: EndUnknowns, reaction: Tensor) -> AlphaState:
         """The state at the end of the step; the work by the mean of the loads at its two ends."""
@@ -146,10 +147,8 @@ class GeneralizedAlphaProblem(StepProblem):
         kinematics = self.motion.kinematics(x.u, x.m)
         v, true, a = kinematics.v, kinematics.true, kinematics.algorithmic
         p = space.dims.position
-        moves = torch.cat((x.u, space.to_frame(kinematics.q_end, space.logarithm(x.m))), -1)
-        work, load = start.work, self.external(kinematics)
-        if not isinstance(load, float):
-            work = work + ((self.external_before() + load) / 2 * moves).sum((-1, -2))
+        moves = self.moves(kinematics)
+        work = start.work + self.work(kinematics)
         for k, node in enumerate(self.support_motions.nodes):
             work = work + (
                 (start.reaction[..., k, :] + reaction[..., k, :]) / 2 * moves[..., node, :]
@@ -172,16 +171,20 @@ class GeneralizedAlphaProblem(StepProblem):
             acceleration=torch.cat((true, a), -1),
             straining=self.straining(kinematics),
         )
-        return replace(
-            after,
-            **model.joints.finished(
-                x.stress,
-                lambda: self.joint_poses(kinematics),
-                lambda: self.relative_motion(after),
-                work,
-                start.stress,
-            ),
-        )
+        return self.finished(after, x.stress, kinematics, start)
+
+    def moves(self, kinematics: EndKinematics) -> Tensor:
+        """(..., N+1, w) m and rad, by which loads do work over the step."""
+        space, shift = self.model.space, kinematics.position_end - self.start.position
+        turn = space.to_frame(kinematics.q_end, space.logarithm(kinematics.m))
+        return torch.cat((shift, turn), -1)
+
+    def work(self, kinematics: EndKinematics) -> Tensor | float:
+        """(...) J of all loads over the step."""
+        load = self.all_loads(kinematics)
+        if isinstance(load, float):
+            return load
+        return ((self.external_before() + load) / 2 * self.moves(kinematics)).sum((-1, -2))
 
     @cached
     def conditions_before(self) -> Conditions:
@@ -191,9 +194,9 @@ class GeneralizedAlphaProblem(StepProblem):
     def external_before(self) -> Tensor | float:
         """Loads at the nodes (..., N+1, w), at the start."""
         before = self.conditions_before
-        return external.external(
-            self.model, self.motion.nodes_before(before.reads), before, total=before.dead
-        )
+        nodes = self.motion.nodes_before(before.reads)
+        load = external.external(self.model, nodes, before, total=before.dead)
+        return load + at_nodes(self.model, nodes, before) if before.between else load
 
     def straining(self, kinematics: EndKinematics) -> Tensor:
         """See `AlphaState`, at the end; nothing asks for it where strains are not damped."""

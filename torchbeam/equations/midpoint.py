@@ -25,14 +25,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
 from ..core.derivatives import cached
 from ..nodal import loads as external
-from ..nodal.joint_motion import JointMotion
 from ..state.state import State
 from .energy_projection import conserved
 from .step_element import MidpointElement
@@ -95,30 +94,36 @@ class MidpointProblem(StepProblem):
         m = self.model.space.cayley(spin * self.h / 2)
         return self.apply_supports(MidpointUnknowns(velocity * self.h / 2, m, start.stress))
 
-    def joint_poses(self, kinematics: StepKinematics) -> JointMotion:
+    def at_instants(
+        self, kinematics: StepKinematics, place: Callable[[Tensor, Tensor], Any]
+    ) -> tuple[Any, ...]:
         """Forces act at the means over the step, joints are closed at its end."""
-        joints = self.model.joints
-        start = joints.pose(self.start.position, self.start.rotation)
-        end = joints.pose(kinematics.position_end, kinematics.q_end)
-        return JointMotion(start.mean(end), end, start, self.joint_drive)
+        start = place(self.start.position, self.start.rotation)
+        end = place(kinematics.position_end, kinematics.q_end)
+        return start.mean(end), end, start
 
     def half_turns(self, nodes: MidpointTangent) -> Callable[[], Tensor]:
         return lambda: nodes.half
 
+    def moves(self, kinematics: StepKinematics) -> Tensor:
+        """(..., N+1, w) m and rad, by which loads do work over the step."""
+        turn = self.model.space.to_frame(kinematics.q, kinematics.theta)
+        return torch.cat((self.h * kinematics.velocity, turn), -1)
+
+    def work(self, kinematics: StepKinematics) -> Tensor | float:
+        """(...) J of all loads over the step."""
+        load = self.all_loads(kinematics)
+        return load if isinstance(load, float) else (load * self.moves(kinematics)).sum((-1, -2))
+
     def finish(self, x: MidpointUnknowns, reaction: Tensor) -> State:
         """The state at the end of the step."""
-        model, start, space = self.model, self.start, self.model.space
+        model, start = self.model, self.start
         x = self.apply_supports(x)
         kinematics = self.motion.kinematics(x.u, x.m)
         spin, velocity = kinematics.spin_end, kinematics.velocity_end
-        load = self.external(kinematics)
-        work, turn = start.work, space.to_frame(kinematics.q, kinematics.theta)
-        if not isinstance(load, float):
-            work = work + (load * torch.cat((self.h * kinematics.velocity, turn), -1)).sum((-1, -2))
+        work = start.work + self.work(kinematics)
         for k, node in enumerate(self.support_motions.nodes):
-            moves = torch.cat(
-                (self.dt[..., None] * kinematics.velocity[..., node, :], turn[..., node, :]), -1
-            )
+            moves = self.moves(kinematics)[..., node, :]
             work = work + (reaction[..., k, :] * moves).sum(-1)
         # what stands still has no velocity, whatever rounding has left
         if not self.support_motions.nodes:
@@ -136,15 +141,7 @@ class MidpointProblem(StepProblem):
             frame=self.frame.orientation(start.frame, self.dt),
             internal=external.advanced(model, self.nodes(kinematics), self.conditions),
         )
-        after = replace(
-            after,
-            **model.joints.finished(
-                x.stress,
-                lambda: self.joint_poses(kinematics),
-                lambda: self.relative_motion(after),
-                work,
-            ),
-        )
+        after = self.finished(after, x.stress, kinematics)
         return (
             conserved(self.model, start, after, self.dt, self.eigenstrain)
             if self.conserve

@@ -4,19 +4,21 @@ steadily.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
 from ..core.derivatives import cached
 from ..core.leaves import leaf
+from ..nodal import element_loads
 from ..nodal import loads as external
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.constitutive_law import times
 from ..nodal.coordinates.spatial import Spatial
-from ..nodal.joint_motion import JointDrive, JointMotion
+from ..nodal.joint_motion import JointDrive
 from ..nodal.loads import STEADY, Nodes
 from ..nodal.model import Model
 from ..scene.effects import Inputs
@@ -160,14 +162,34 @@ class SteadyProblem(BalanceProblem):
         load = self.motion.less(load, *x[:2])
         return load if isinstance(load, float) else self.load_factor[..., None, None] * load
 
+    def element_loads(self, kinematics: Configuration) -> tuple[Tensor, ...] | None:
+        """What the beam meets, however far loads are raised."""
+        now = self.conditions
+        if not now.between:
+            return None
+        return element_loads.element_loads(self.model, self.nodes(kinematics), now)
+
+    def idle(self, kinematics: Configuration) -> Tensor:
+        return element_loads.idle(
+            self.model, element_loads.Way(kinematics.position), self.conditions
+        )
+
+    def element_load_matrix(self, kinematics: Configuration, nodes: None = None) -> Matrix | None:
+        now, by = self.conditions, self.frame.steady_jacobian()
+        if not now.between:
+            return None
+        matrix = element_loads.element_matrix(self.model, self.nodes(kinematics), now, by)
+        return matrix.each(torch.neg)
+
     def load_tangent(self, x: Configuration) -> Matrix | None:
         """What that adds to the tangent; None = nothing."""
         model, load_factor = self.model, self.load_factor[..., None, None, None]
         inertia = self.motion.tangent(*x[:2])
         inertia = None if inertia is None else inertia.each(lambda block: load_factor * block)
+        by = self.frame.steady_jacobian()
+        inertia = total(inertia, self.element_load_matrix(x))
         if not self.conditions.moving:
             return inertia
-        by = self.frame.steady_jacobian()
         tangent = external.tangent(model, self.nodes(x), self.conditions, by)
         return (
             inertia
@@ -182,11 +204,15 @@ class SteadyProblem(BalanceProblem):
     def node_tangent(self, kinematics: Configuration, inertia: None) -> tuple[None, Matrix | None]:
         return None, self.load_tangent(kinematics)
 
-    def joint_poses(self, kinematics: Configuration) -> JointMotion:
-        pose = self.model.joints.pose(*kinematics[:2])
-        return JointMotion(
-            pose, pose, None, JointDrive(self.conditions.joints, share=self.load_factor)
-        )
+    def at_instants(
+        self, kinematics: Configuration, place: Callable[[Tensor, Tensor], Any]
+    ) -> tuple[Any, ...]:
+        here = place(*kinematics[:2])
+        return here, here, None
+
+    @property
+    def joint_drive(self) -> JointDrive:
+        return JointDrive(self.conditions.joints, share=self.load_factor)
 
     def state(self, x: Configuration, reaction: Tensor, status: Tensor) -> State:
         """The public state of a solution: at rest in frame a."""
@@ -210,6 +236,7 @@ class SteadyProblem(BalanceProblem):
                 joined=model.scene.beam.joined,
                 coordinates=tuple(joint.coordinates for joint in model.scene.joints),
                 **model.joints.finished(x.stress, lambda: self.joint_poses(x)),
+                **model.tendons.finished(lambda: self.tendon_motion(x)),
             )
         )
 

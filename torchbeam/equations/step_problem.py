@@ -7,23 +7,26 @@ and the stress.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ..core.derivatives import cached
 from ..core.leaves import leaf
+from ..nodal import element_loads
 from ..nodal import loads as external
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.inertia import InertiaForces
 from ..nodal.joint_motion import JointDrive
 from ..nodal.loads import Nodes
 from ..scene.effects import Inputs
+from ..solvers.newton import TOLERANCE
 from ..state.state import State
 from ..state.supported_nodes import set_node
-from ..topology.protocols import Matrix
+from ..topology.protocols import Matrix, total
 from .balance_problem import BalanceProblem
 from .support_motion import SupportMotions, support_motions
 
@@ -150,7 +153,8 @@ class StepProblem(BalanceProblem):
     def nodes(self, kinematics: Any) -> Nodes:
         """What loads see."""
         nodes = self.motion.nodes(kinematics, self.conditions.reads)
-        return nodes._replace(frame=self._frame_middle, internal=self.start.internal, dt=self.dt)
+        dt = self.dt if self.INSTANT == 0.5 else None
+        return nodes._replace(frame=self._frame_middle, internal=self.start.internal, dt=dt)
 
     def seen(self, x: Any) -> Nodes:
         """`nodes` of the unknowns."""
@@ -166,6 +170,17 @@ class StepProblem(BalanceProblem):
             else self._dead
         )
 
+    def element_loads(self, kinematics: Any) -> tuple[Tensor, ...] | None:
+        now = self.conditions
+        if not now.between:
+            return None
+        return element_loads.element_loads(self.model, self.nodes(kinematics), now)
+
+    def all_loads(self, kinematics: Any) -> Tensor | float:
+        """`external` with the loads between nodes."""
+        load, between = self.external(kinematics), self.element_loads(kinematics)
+        return load if between is None else load + self.model.topology.scatter(between)
+
     def node_balance(self, x: Any) -> tuple[Any, InertiaForces, Tensor | float]:
         kinematics = self.motion.kinematics(x.u, x.m)
         return kinematics, self.motion.balance(kinematics), self.external(kinematics)
@@ -173,16 +188,42 @@ class StepProblem(BalanceProblem):
     def node_tangent(self, kinematics: Any, inertia: InertiaForces) -> tuple[Any, Matrix]:
         nodes = self.TANGENT(self.motion, kinematics)
         matrix = nodes.inertia(inertia)
-        return nodes, matrix.minus(self.load_tangent(nodes)) if self.conditions.moving else matrix
+        if self.conditions.moving:
+            matrix = matrix.minus(self.load_tangent(nodes))
+        return nodes, total(matrix, self.element_load_matrix(kinematics, nodes))
 
     @cached
     def joint_drive(self) -> JointDrive:
-        """What acts in joints over the step."""
+        """What acts in joints: over the step, or where forces act at its end at that instant."""
         start = self.start
         turns = None if start.joints is None else start.joints[..., 0]
         return JointDrive(
-            self.conditions.joints, turns, self.dt, moving=lambda: self.relative_motion(start)
+            self.conditions.joints,
+            turns,
+            self.dt if self.INSTANT < 1 else None,
+            moving=lambda: self.relative_motion(start),
         )
+
+    def finished(
+        self, after: State, stress: Tensor, kinematics: Any, before: State | None = None
+    ) -> State:
+        """The state after the step with what joints and tendons have; before: where forces act at
+        the ends of the step, its start.
+        """
+        model = self.model
+        joints = model.joints.finished(
+            stress,
+            lambda: self.joint_poses(kinematics),
+            lambda: self.relative_motion(after),
+            after.work,
+            None if before is None else before.stress,
+        )
+        tendons = model.tendons.finished(
+            lambda: self.tendon_motion(kinematics),
+            joints.get("work", after.work),
+            None if before is None else before.tendons,
+        )
+        return replace(after, **joints | tendons)
 
     def relative_motion(self, state: State) -> tuple[Tensor, Tensor]:
         """Velocity and spin of the nodes (..., N+1, *), as seen in frame a."""
@@ -194,3 +235,42 @@ class StepProblem(BalanceProblem):
         """Derivative of `external` by the nodes' moves, (..., N+1, w, w)."""
         by = external.motion_jacobian(nodes, self.conditions.reads)
         return external.tangent(self.model, self.nodes(nodes.kinematics), self.conditions, by)
+
+    def element_load_matrix(self, kinematics: Any, nodes: Any = None) -> Matrix | None:
+        now = self.conditions
+        if not now.between:
+            return None
+        nodes = self.TANGENT(self.motion, kinematics) if nodes is None else nodes
+        by = external.motion_jacobian(nodes, now.reads)
+        matrix = element_loads.element_matrix(self.model, self.nodes(kinematics), now, by)
+        return matrix.each(torch.neg)
+
+    def passed(self, kinematics: Any) -> Tensor | None:
+        now = self.conditions
+        if not now.between:
+            return None
+        return element_loads.passed(self.model, self._way(kinematics), now)
+
+    @cached
+    def least(self) -> tuple[Tensor, ...]:
+        """Of a beam that flies on from what it touched, the rounding of its momentum over a step is
+        all that there is: so small forces (..., N, w) count as none.
+        """
+        if not self.conditions.between:
+            return ()
+        model, velocity = self.model, self.start.velocity[..., :-1, :].detach()
+        mass = (model.section_mass[..., :-1, 0, :1] * model.tributary_length[..., :-1, :]).detach()
+        share = 10 * torch.finfo(velocity.dtype).eps / TOLERANCE[velocity.dtype]
+        force = mass * velocity.abs() * (share / self.h)
+        return (pad(force, (0, model.space.dims.spin)),)
+
+    def idle(self, kinematics: Any) -> Tensor:
+        return element_loads.idle(self.model, self._way(kinematics), self.conditions)
+
+    def _way(self, kinematics: Any) -> element_loads.Way:
+        """Of the nodes over the step, in frame a."""
+        start = self.start.position
+        if self.PART == 0.5:
+            return element_loads.Way(kinematics.position, kinematics.position - start, self.dt)
+        half = (kinematics.position_end - start) / 2
+        return element_loads.Way(start + half, half, self.dt)

@@ -8,7 +8,8 @@ Trees of tensors  `Tree`, a dataclass whose tensors are declared by `leaf`, from
 Effects           `LoadEffect`, the base of a load that `torchbeam.Load` cannot say; `LoadPoint`,
                   where it acts; what it may depend on: `POSITION`, `ROTATION`, `VELOCITY`, `SPIN`,
                   `ACCELERATION`, `ANGULAR_ACCELERATION`; `parameter`, a number that may not be
-                  negative; `inputs_of`, the inputs that a tree waits for; `trace` tries whether a
+                  negative; `Obstacle`, the base of a body that a beam may touch, by its signed
+                  distance; `inputs_of`, the inputs that a tree waits for; `trace` tries whether a
                   function is one for native code, `NotTraceable` says why not
 Arguments         `choice` and `count` refuse what is none; `shown` writes a value into a sentence;
                   `METHODS`, `ODE_METHODS`, `FORMS`, `ENGINES`: what `torchbeam.simulate` takes
@@ -40,6 +41,7 @@ from ..scene.effects import (
     VELOCITY,
     LoadEffect,
     LoadPoint,
+    Obstacle,
     inputs_of,
 )
 from ..scene.effects.values import parameter
@@ -49,7 +51,7 @@ __all__ = [
     "ACCELERATION", "ANGULAR_ACCELERATION", "ENGINES", "FORMS", "METHODS", "ODE_METHODS",
     "POSITION",
     "ROTATION", "SPIN", "VELOCITY", "BatchSubset", "LoadEffect", "LoadPoint", "NotTraceable",
-    "Tree",
+    "Obstacle", "Tree",
     "Value", "broadcast_shapes", "choice", "count", "detached", "entry_point", "entry_points",
     "inputs_of", "leaf", "leaves", "map_leaves", "own_leaves", "parameter",
     "quaternions", "shown", "trace", "with_values",

@@ -68,11 +68,11 @@ def linearize(
     follow; angles and travels that are prescribed stand as they do at t. Forces of joints are
     those of the motion, with the inertia of what they move.
 
-    Dense: n = 12 a free node. Differentiable; a derivative by a rotary inertia that is 0, or by
-    damping of what has none, lacks what would follow the rate of an input, that of a moment on such
-    a turn: a small inertia has all of it. A load that turns with the beam is in A. An infinite
+    Dense: n = 12 a free node. Differentiable. A load that turns with the beam is in A. An infinite
     stiffness is a very large one here. Raises ValueError for what the nodal form does not take, for
-    a state that moves or is no equilibrium (where that could bend the beam by 1e-3 rad), for a
+    a derivative by a rotary inertia that is 0, or by damping of what has none, where an input is a
+    moment on such a turn (which would follow the input's rate), for a state that moves or is no
+    equilibrium (where that could bend the beam by 1e-3 rad), for a
     joint's coordinate that is an `Input`, which would act by its acceleration, for damping that
     leaves a coordinate without inertia undamped, where internal states of loads follow the rate of
     one that is undamped, or within torch.func.vmap.
@@ -123,7 +123,18 @@ def linearize(
     sensed = Y.shape[-2]  # behind the sensors: all free moves
     Y, Y_v = torch.cat((Y, _free(Y, free)), -2), pad(Y_v, (0, 0, 0, free))
     Y_u = pad(Y_u, (0, 0, 0, free))
-    A, B, C, D, creeps, mass = _assemble(M, D, K, T.mT @ loads, Y, Y_v, Y_u, massless, states)
+    turned = T.mT @ loads
+    A, B, C, D, creeps, mass = _assemble(M, D, K, turned, Y, Y_v, Y_u, massless, states)
+    by = (model.inertia.rotary, *(() if creeps else scene.dampings))
+    if (
+        wants_gradient(*by)
+        and (turned.detach()[..., : len(massless), :][..., massless, :] != 0).any()
+    ):
+        raise ValueError(
+            "a derivative by the rotary inertia, or damping, of turns that have none was given to "
+            "linearize, where an Input turns these and they would follow its rate; a small rotary "
+            "inertia is wanted"
+        )
     if forces is not None and sensed:
         by_z, by_u = _out_of_balance(nodal, T, loads, A, B, C[..., sensed:, :], D[..., sensed:, :])
         Y_force = pad(Y_force @ forces, (0, 0, 0, free))

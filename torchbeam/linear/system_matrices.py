@@ -26,6 +26,7 @@ from ..math.shapes import broadcast_shapes
 from ..nodal import loads as external
 from ..nodal.constitutive_law import times
 from ..nodal.discretise import discretise
+from ..nodal.element_loads import element_matrix
 from ..nodal.loads import Lags
 from ..nodal.model import Model
 from ..state.state import State, check_state
@@ -117,7 +118,7 @@ def of_nodes(
     M = model.inertia.matrix(x.rotation, model.inertia.offset.turned(x.rotation))
     K, D = total(K, problem.motion.tangent(*x[:2])), total(D, problem.motion.gyroscopic(*x[:2]))
     now, lagging = problem.conditions, None
-    if now.moving or model.internal_states:
+    if now.moving or now.between or model.internal_states:
         nodes, frame = problem.nodes(x), problem.frame
         still = frame.steady_jacobian()
         eyes = (
@@ -128,15 +129,21 @@ def of_nodes(
         if model.adds_mass:
             M = M.plus(external.added_mass(model, nodes, now))
         at = external.tangent(model, nodes, now, still)
-        K = K.minus(at)
+        K = K if isinstance(at, float) else K.minus(at)
         lagging = external.lags(model, nodes, now, still, moved)
-        if model.read.intersection(moved):
+        if now.between:
+            here = element_matrix(model, nodes, now, still).each(torch.neg)
+            K = total(K, here)
+            rates = element_matrix(model, nodes, now, moved).each(torch.neg)
+            D = total(D, rates, here.each(torch.neg))
+        if model.read.intersection(moved) and not isinstance(at, float):
             rate = at - external.tangent(model, nodes, now, moved)
             D = model.topology.diagonal(rate) if D is None else D.plus(rate)
     dampers = model.joints.damping(lambda: problem.joint_poses(x))
     if dampers is not None:
         D = model.joints.alone(dampers) if D is None else D.joined(dampers)
-    return M, D, model.joints.matrix(K, x.stress, lambda: problem.joint_poses(x)), lagging
+    K = model.joints.matrix(K, x.stress, lambda: problem.joint_poses(x))
+    return M, D, model.tendons.matrix(K, lambda: problem.tendon_motion(x)), lagging
 
 
 def moves(model: Model, free: Tensor, basis: Tensor | None = None) -> Tensor:

@@ -9,6 +9,9 @@ quadratic interpolant is of third order there, one better than elsewhere.
 
 from __future__ import annotations
 
+from functools import cache
+
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -26,6 +29,20 @@ SLOPES = torch.tensor((
 def at_points(like: Tensor) -> tuple[Tensor, Tensor]:
     """N_i and dN_i/dx (2, 3): Gauss points by places."""
     return VALUES.to(like), SLOPES.to(like)
+
+
+@cache
+def gauss_points(count: int) -> tuple[Tensor, Tensor]:
+    """Places (count,) in [-1, 1] and weights, of sum 2, of the rule of so many points."""
+    return tuple(map(torch.from_numpy, np.polynomial.legendre.leggauss(count)))
+
+
+def values_at(x: Tensor, order: int) -> Tensor:
+    """N_i (points, order + 1) of the linear or the quadratic interpolation."""
+    each = (
+        ((1 - x) / 2, (1 + x) / 2) if order == 1 else (x * (x - 1) / 2, 1 - x * x, x * (x + 1) / 2)
+    )
+    return torch.stack(each, -1)
 
 
 def threes(x: Tensor, axes: int = 1) -> tuple[Tensor, ...]:

@@ -34,23 +34,12 @@ def Q(theta: Tensor) -> Tensor:
     return Q_inverse(theta).mT / (1 + _dot(theta, theta) / 16).square()
 
 
-def C_rate(theta: Tensor, theta_dot: Tensor) -> Tensor:
-    """C_dot = -~(Q theta_dot) C."""
-    return -skew((Q(theta) @ theta_dot[..., None])[..., 0]) @ C(theta)
-
-
 def Q_inverse_rate(theta: Tensor, theta_dot: Tensor) -> Tensor:
     """(Q^-1)_dot = -(theta.theta_dot)/8 I + ~theta_dot/2 + (theta_dot theta^T + theta
     theta_dot^T)/8 = -Q^-1 Q_dot Q^-1.
     """
     twist = _outer(theta, theta_dot)
     return (twist + twist.mT) / 8 + skew(theta_dot) / 2 - _eye(theta) * (_dot(theta, theta_dot) / 8)
-
-
-def Q_rate(theta: Tensor, theta_dot: Tensor) -> Tensor:
-    """Q_dot = -Q (Q^-1)_dot Q."""
-    q = Q(theta)
-    return -q @ Q_inverse_rate(theta, theta_dot) @ q
 
 
 def shadow(theta: Tensor) -> Tensor:
@@ -61,12 +50,6 @@ def shadow(theta: Tensor) -> Tensor:
     7 degrees.)
     """
     return -16 * theta / theta.square().sum(-1, keepdim=True)
-
-
-def shadow_rate(theta: Tensor, theta_dot: Tensor) -> Tensor:
-    """d/dt shadow(theta) = -16 (theta_dot - 2 theta (theta.theta_dot)/q) / q."""
-    q = theta.square().sum(-1, keepdim=True)
-    return -16 * (theta_dot - 2 * theta * ((theta * theta_dot).sum(-1, keepdim=True) / q)) / q
 
 
 def to_quaternion(theta: Tensor) -> Tensor:

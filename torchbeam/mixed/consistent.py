@@ -10,7 +10,7 @@ from ..core.validation import Value, as_tensor, finite
 from ..math import wiener_milenkovic as rot
 from ..math.shapes import broadcast_shapes
 from ..scene.scene import Scene
-from .algebra import cross, crossing, halves, mv, rotation_nodes
+from .algebra import cross, crossing, halves, mtv, mv, rotation_nodes
 from .kinematics import motion, node_rates, nodes
 from .minimal import balance
 from .model import MixedModel, Places
@@ -34,17 +34,28 @@ def consistent(
 
 
 def at_rest(model: MixedModel, t: Tensor) -> tuple[Tensor, ...]:
-    """u, theta, V, Omega (..., N, 3) undeformed and at rest in frame a: it moves with the frame."""
-    root = (x.shape[:-1] for x in model.root(t))  # its motion may have batch axes of its own
+    """u, theta, V, Omega (..., N, 3) undeformed and at rest in frame a, with which it moves, but
+    for the root's node, which is where its support has it, and moves so: of the first element,
+    whose two nodes' mean they are, half of that.
+    """
+    placed, moving = model.root(t), model.root_rates(t)
+    # its motion may have batch axes of its own
+    root = (x.shape[:-1] for x in (*placed, *moving))
     shape = broadcast_shapes(model.scene.batch_shape, model.middle.shape[:-2], *root)
     zero = model.middle.new_zeros(*shape, model.count, 3)
     v, omega = (zero if x is None else x for x in model.frame(t))
-    velocity = v + cross(omega, model.middle)
-    return (
-        zero,
-        zero,
-        *torch.broadcast_tensors(*(mv(model.Cab.mT, x + zero) for x in (velocity, omega))),
-    )
+    clamp = model.scene.supports[0]
+    if clamp.displacement is None and clamp.turn is None:
+        velocity = v + cross(omega, model.middle)
+        V, Omega = (mv(model.Cab.mT, x + zero) for x in (velocity, omega))
+        return zero, zero, *torch.broadcast_tensors(V, Omega)
+    first = (torch.arange(model.count, device=zero.device) == 0).to(zero)[:, None] / 2
+    u, theta, u_dot, theta_dot = (zero + first * x[..., None, :] for x in (*placed, *moving))
+    velocity = v + cross(omega, model.middle + u) + u_dot
+    turned = mv(model.Cab.mT, mv(rot.Q(theta), theta_dot))
+    R = rot.turn(theta) @ model.Cab
+    V, Omega = mtv(R, velocity), turned + mtv(R, omega + zero)
+    return u, theta, *torch.broadcast_tensors(V, Omega)
 
 
 def drift(model: MixedModel, t: Tensor, x: Fields) -> Tensor:

@@ -226,7 +226,11 @@ def _refuse(scene: Scene, form: str) -> None:
         )
     for effect in scene.effects:
         load = effect.kind == "load"
-        more = (effect.frees_root or effect.internal) if load else effect.kind != "strain"
+        more = (
+            (effect.frees_root or effect.internal or effect.between_nodes)
+            if load
+            else effect.kind != "strain"
+        )
         if more or (
             load and effect.node is not None and effect.depends_on(beam.offset) & {VELOCITY, SPIN}
         ):

@@ -60,7 +60,10 @@ class Conditions:
     `PrescribedMotion.frame`. dead (..., N+1, w): of loads that are summed already, 0.0 = none.
     eigenstrain (..., N or 1, k), 0.0 = none. supports: at the end of a step; none where nothing
     moves. root: where the support of node 0 stands, if a load asks. orientation: of frame a at this
-    instant, None = it does not turn, or follows from a state. elements: of the beam.
+    instant, None = it does not turn, or follows from a state. elements: of the beam. tendons
+    (..., K): tensions N or lengths m that are given of them, None = there are none. between: loads
+    that act between nodes, see `element_loads`; `node` of each are the stations along which it
+    does.
     """
 
     t: Tensor
@@ -75,6 +78,8 @@ class Conditions:
     orientation: Tensor | None
     elements: int
     joints: JointValues = NO_VALUES
+    tendons: Tensor | None = None
+    between: tuple[ActingLoad, ...] = ()
 
     @cached
     def moving(self) -> tuple[ActingLoad, ...]:
@@ -96,7 +101,7 @@ class Conditions:
     @cached
     def reads(self) -> frozenset[str]:
         """What the loads read of the nodes' motion."""
-        return frozenset().union(*(load.reads for load in self.loads))
+        return frozenset().union(*(load.reads for load in (*self.loads, *self.between)))
 
 
 def acting(
@@ -124,7 +129,8 @@ def by_part(beam: Beam, one: ActingLoad) -> tuple[ActingLoad, ...]:
     for span in spans:
         size = 0 if at is None else one.load.internal * (span.nodes.stop - span.nodes.start)
         internal = slice(at, at + size) if size else None
-        found.append(one._replace(node=span.nodes, elements=span.element_count, internal=internal))
+        rows = span.stations if one.load.between_nodes else span.nodes
+        found.append(one._replace(node=rows, elements=span.element_count, internal=internal))
         at = None if at is None else at + size
     return tuple(found)
 
@@ -145,20 +151,23 @@ def conditions(
     loads: tuple[Any, ...] | None = None,
 ) -> Conditions:
     """Of all of a model at t (...), its supports at the time `end` (...); loads: these of the
-    scene's alone, without what the beam bends by itself and what acts in joints, None = all.
+    scene's alone, without what the beam bends by itself, and what acts in joints and tendons,
+    None = all.
     """
     acts, motion, eigenstrain = parts_acting(model), model.prescribed_motion, 0.0
-    joints = NO_VALUES
+    joints, tendons = NO_VALUES, None
     if loads is None:
         eigenstrain = model.eigenstrain(t, inputs)
         until = t if end is None else end
         joints = model.joints.values(model.scene.joints, t, inputs, until)
+        tendons = model.tendons.values(model.scene.tendons, t, inputs)
     else:
         acts = tuple(act for act in acts if any(act.load is load for load in loads))
     acts = tuple(act._replace(load=_valued(model, act, t, inputs)) for act in acts)
     asked = loads is None or any(act.load.wants_frame for act in acts)
     velocities = motion.frame(t) if asked else (None, None)
     root = motion.root_pose(t) if any(act.load.wants_support for act in acts) else None
+    acts, between = split(acts)
     return Conditions(
         t,
         inputs,
@@ -172,6 +181,15 @@ def conditions(
         None,
         model.scene.beam.element_count,
         joints,
+        tendons,
+        between,
+    )
+
+
+def split(acts: tuple[ActingLoad, ...]) -> tuple[tuple[ActingLoad, ...], ...]:
+    """Those that act at nodes, and those that act between them."""
+    return tuple(
+        tuple(act for act in acts if act.load.between_nodes is between) for between in (False, True)
     )
 
 

@@ -22,11 +22,13 @@ from .constraints import Constraints
 from .coordinates.planar import PLANES, Planar
 from .coordinates.selection import in_space, only_numbers, space_of
 from .coordinates.spatial import Spatial
+from .element_loads import all_loads
 from .inertia import inertia_of
 from .joint_constraints import joints_of
-from .loads import Nodes, external
+from .loads import Nodes
 from .model import Model
 from .redundant import refuse_redundant
+from .tendons import tendons_of
 
 ROUNDING = 1e-9  # of a vector, that may lie out of a plane
 
@@ -44,7 +46,7 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
     if scene.plane == "auto":
         return _in_a_plane(scene, lumped, topology)
     beam = scene.beam
-    topology = beam.topology if topology is None else topology
+    topology = scene.topology if topology is None else topology
     space = space_of(scene, topology)
     if beam.linked_interpolation and any(
         isinstance(x.value, PerElement) for load in scene.loads for x in own_leaves(load)
@@ -71,6 +73,7 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
         tributary_length=share,
         s=topology.arclength(beam.length),
         joints=joints_of(scene, space, topology),
+        tendons=tendons_of(scene, space, topology),
     )
     if space.plane is not None:
         check_plane(model, with_values(model, space=in_space(beam)))
@@ -118,12 +121,17 @@ def check_plane(model: Model, whole: Model) -> None:
     t = still.new_zeros(())
     for load in scene.loads:
         if constant(load):
-            wrench = external(
+            wrench = all_loads(
                 whole,
                 Nodes(beam.nodes, beam.frames, still, still),
                 conditions(whole, t, {}, loads=(load,)),
             )
             _refuse(space, load.called, wrench, space.embed(space.project(wrench)))
+        if load.between_nodes and constant(load):
+            pushed = load.directions(beam.nodes)
+            _refuse(
+                space, load.called, pushed, space.project_vector(pushed) @ space.basis[:, :2].mT
+            )
         if isinstance(load.anchor, Tensor):  # slack at rest, a spring pulls nowhere
             to = load.anchor - beam.nodes[..., load.node, :]
             _refuse(
@@ -136,6 +144,9 @@ def check_plane(model: Model, whole: Model) -> None:
         if constant(effect):
             own = effect.eigenstrain(t, {}, model.length, beam.element_count)
             _refuse(space, effect.called, own, space.embed_strain(space.project_strain(own)))
+    for tendon in scene.tendons:
+        points = tendon.at(beam.nodes, beam.frames) - beam.nodes[..., :1, :]
+        _refuse(space, "a Tendon", points, space.project_vector(points) @ space.basis[:, :2].mT)
     for body in scene.bodies:
         if body.offset is not None:
             _refuse(

@@ -22,9 +22,8 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from ..core.functions_of_time import at_time, taken
 from ..core.leaves import leaf
-from ..scene.effects.values import Input, Inputs, input_at
+from ..scene.effects.values import Inputs, scalar_at
 from ..topology.framework_matrix import JointBlocks
 from .joint_laws import CoordinateStep, JointLaws
 from .joint_motion import JointValues
@@ -56,6 +55,10 @@ class DrivenJoints(Joints):
     def dissipative(self) -> bool:
         """Whether there is damping or friction."""
         return self.laws.dissipative
+
+    @property
+    def smooth(self) -> bool:
+        return self.laws.friction is None and self.laws.limit_stiffness is None
 
     def driven(self, motion: JointMotion) -> Driven:
         drive = motion.drive
@@ -154,12 +157,7 @@ class DrivenJoints(Joints):
         for k, value in enumerate(given):
             if value is None:
                 continue
-            if isinstance(value, Input):
-                value = input_at(value, inputs)[..., 0]
-            elif callable(value):
-                value = at_time(
-                    lambda now, f=value: taken("what acts in a joint", f(now), self.c), t, own=0
-                )
+            value = scalar_at("what acts in a joint", value, t, inputs, self.c)
             part = (
                 value[..., None, None]
                 * rows

@@ -106,6 +106,7 @@ class NoJoints(Tree):
 
     count = 0
     dissipative = False
+    smooth = True
     held_count = 0
 
     def split(self, stress: Tensor) -> tuple[Tensor, Tensor | None]:

@@ -164,15 +164,19 @@ def wrench_tangent(
     """Derivative of `wrench` by the moves of the same nodes, (..., w, w); 0.0 where there is
     none.
     """
-    blocks = {
-        name: block
+    blocks = wrench_blocks(space, load, point, t, inputs, by)
+    return sum((chained(space, name, block, by) for name, block in blocks.items()), 0.0)
+
+
+def wrench_blocks(
+    space: Spatial, load: Any, point: LoadPoint, t: Tensor, inputs: Inputs, by: MotionJacobian
+) -> dict[str, Tensor]:
+    """Derivatives (..., w, w) of `wrench` by the motions, by name, that the moves change."""
+    return {
+        name: _block(space, name, block)
         for name, block in load.tangent(point, t, inputs).items()
         if _moved(space, name, by)
     }
-    return sum(
-        (_chained(space, name, _block(space, name, block), by) for name, block in blocks.items()),
-        0.0,
-    )
 
 
 def _of_node(acting: ActingLoad, by: MotionJacobian) -> MotionJacobian:
@@ -188,7 +192,7 @@ def _moved(space: Spatial, name: str, by: MotionJacobian) -> bool:
     return name in by or name == POSITION or (name == ROTATION and space.turns)
 
 
-def _chained(space: Spatial, name: str, block: Tensor, by: MotionJacobian) -> Tensor:
+def chained(space: Spatial, name: str, block: Tensor, by: MotionJacobian) -> Tensor:
     """A derivative (..., m, w) by the motion `name` as one by the moves."""
     p = space.dims.position
     if name not in by:
@@ -274,7 +278,7 @@ def lags(
         def total(way: MotionJacobian, by: dict[str, Tensor] = by, zero: Tensor = zero) -> Tensor:
             return sum(
                 (
-                    _chained(space, name, block, way)
+                    chained(space, name, block, way)
                     for name, block in by.items()
                     if _moved(space, name, way)
                 ),

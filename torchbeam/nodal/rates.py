@@ -19,8 +19,9 @@ from ..scene.supports import Support
 from ..state.state import State
 from .conditions import Conditions, conditions
 from .discretise import discretise
+from .element_loads import all_loads
 from .inertia import Inertia
-from .loads import Nodes, added_mass, advanced_rates, external
+from .loads import Nodes, added_mass, advanced_rates
 from .model import Model
 
 
@@ -50,6 +51,10 @@ class Rates:
             raise ValueError(
                 "joints were given to an explicit method, which has no forces of joints; the "
                 "implicit method 'midpoint' takes them"
+            )
+        if scene.tendons:
+            raise ValueError(
+                "a Tendon was given to an explicit method; the implicit method 'midpoint' takes it"
             )
         model = discretise(scene, lumped=True)
         rotary = cls(model, inputs).free.rotary
@@ -193,7 +198,7 @@ class Rates:
         internal = model.assembly.to_nodes(
             space.forces(kinematics, self.stress(nodes, now), model.length)
         )
-        loads = external(model, nodes, now) + torch.zeros_like(internal)
+        loads = all_loads(model, nodes, now) + torch.zeros_like(internal)
         return loads - internal, loads
 
     def accelerations(

@@ -24,6 +24,7 @@ from .joint_motion import NoJoints
 from .mass import LumpedMass, SharedMass
 from .mass_offset import MassOffset, NoMassOffset
 from .rotary import NoRotaryInertia, RotaryInertia
+from .tendon_motion import NoTendons
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,7 @@ class Rows(Tree):
     tributary_length  (..., N+1, 1) m of beam that belong to each node, 1 of a body
     s          (..., N+1) m, arclength of the nodes
     joints     between nodes
+    tendons    likewise
     """
 
     space: Spatial
@@ -94,6 +96,7 @@ class Rows(Tree):
     tributary_length: Tensor = leaf(2)
     s: Tensor = leaf(1)
     joints: NoJoints = field(default_factory=NoJoints, kw_only=True)
+    tendons: NoTendons = field(default_factory=NoTendons, kw_only=True)
 
     @classmethod
     def of(
@@ -203,6 +206,14 @@ class Rows(Tree):
     def assembly(self) -> Assembly:
         """From nodes to elements and back."""
         return Assembly(self.topology, self.space.interpolation, self.space.dims.position)
+
+    @property
+    def smooth(self) -> bool:
+        """Whether a step's residual falls as smooth ones do. Friction turns within a slip speed,
+        and limits of joints within a hundredth of their range: what is left is measured there, not
+        foreseen.
+        """
+        return self.joints.smooth and self.tendons.smooth
 
     def depends_on(self, load: Any) -> frozenset[str]:
         """What a load's wrench depends on."""

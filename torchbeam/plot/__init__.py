@@ -13,6 +13,7 @@ from .animation import animate
 from .canvas import axes, grid, save
 from .curves import campbell, energies, history, load_path
 from .identification import correlation, fit, profile
+from .obstacles import obstacles
 from .shapes import mode_shapes, shape
 from .uncertainty import bands, convergence, histogram, tornado
 
@@ -30,6 +31,7 @@ __all__ = [
     "history",
     "load_path",
     "mode_shapes",
+    "obstacles",
     "profile",
     "save",
     "shape",

@@ -74,15 +74,6 @@ def axes_of_nodes(elements: Tensor) -> Tensor:
     return torch.cat((elements[..., :1, :], inner, elements[..., -1:, :]), -2)
 
 
-def axes_between(frames: Tensor, order: int) -> Tensor:
-    """Axes of the elements, half way between those of their nodes; of order 2 at the stations, see
-    `quadratic_element`.
-    """
-    if order == 1:
-        return quat.half_way(frames[..., :-1, :], frames[..., 1:, :])
-    return quat.normalize(at_points(frames)[0] @ quat.aligned(*threes(frames))).flatten(-3, -2)
-
-
 def parabolas(nodes: Tensor) -> tuple[Tensor, Tensor]:
     """Parabolas through the nodes (..., 2 N + 1, 3) of elements of order 2: |dr/dx| (..., 2 N) at
     their stations, and the tangent (..., 2 N + 1, 3) at the nodes, at those of two elements the

@@ -17,10 +17,11 @@ from ..core.validation import Value, as_tensor, axis_last, common_dtype, concret
 from ..math import quaternions as quat
 from ..math.shapes import broadcast_shapes
 from ..topology.chain import Chain
-from .axes import axes_between, axes_of_nodes, carried_along, orthonormal, parabolas
+from .axes import axes_of_nodes, carried_along, orthonormal, parabolas
 from .beam_arguments import Sections, check_order, dtype_with, intervals, placed
 from .beam_rows import BeamRows
 from .curve import curve, places, screws
+from .element_stations import STATIONS
 from .section import Section, notes
 from .stations import of_elements
 
@@ -81,7 +82,7 @@ class Beam(BeamRows):
         """Axes of the elements, or of the stations (..., N, 4), of a beam whose nodes have the axes
         (..., N+1, 4), quaternions: frame B, in which strain and stress are told.
         """
-        return axes_between(frames, self.order)
+        return STATIONS[self.order].axes(frames)
 
     def linked(self) -> Beam:
         """This beam, whose elements bend between their nodes as loads at these would bend them: of
@@ -165,7 +166,7 @@ class Beam(BeamRows):
             angle = as_tensor(twist, length.dtype, length.device)[..., None] * s
         frames = quat.multiply(q, quat.exponential(pad(finite("twist", angle)[..., None], (0, 2))))
         return cls._with_section(
-            section, nodes, frames, axes_between(frames, order), each, curved=True, order=order
+            section, nodes, frames, STATIONS[order].axes(frames), each, curved=True, order=order
         )
 
     @classmethod
@@ -220,7 +221,7 @@ class Beam(BeamRows):
             )
         nodes, frames = curve(root, quat.from_matrix(axes), turn, along)
         return cls._with_section(
-            section, nodes, frames, axes_between(frames, order), h, curved=True, order=order
+            section, nodes, frames, STATIONS[order].axes(frames), h, curved=True, order=order
         )
 
     @classmethod
@@ -324,7 +325,7 @@ class Beam(BeamRows):
             *broadcast_shapes(radius.shape, angle.shape), N
         )
         return cls._with_section(
-            section, nodes, frames, axes_between(frames, order), each, curved=True, order=order
+            section, nodes, frames, STATIONS[order].axes(frames), each, curved=True, order=order
         )
 
     @classmethod
@@ -342,7 +343,7 @@ class Beam(BeamRows):
             )
         )
         return cls._with_section(
-            section, nodes, q, axes_between(q, 2), length, curved=True, order=2
+            section, nodes, q, STATIONS[2].axes(q), length, curved=True, order=2
         )
 
     @classmethod

@@ -13,6 +13,7 @@ from ..core.arguments import count
 from ..core.memory import check_memory
 from ..core.validation import Value, as_tensor, axis_last, common_dtype, finite, positive, shown
 from .axes import axes_along
+from .element_stations import STATIONS
 from .section import Section
 from .stations import Stations
 
@@ -32,9 +33,11 @@ def intervals(elements: int, order: int) -> int:
 
 
 def check_order(order: int) -> int:
-    """`order` if it is 1 or 2; ValueError otherwise."""
-    if type(order) is not int or order not in (1, 2):
-        raise ValueError(f"order = {shown(order)} was given; 1 or 2 is wanted")
+    """`order` if there are such elements; ValueError otherwise."""
+    if type(order) is not int or order not in STATIONS:
+        raise ValueError(
+            f"order = {shown(order)} was given; {' or '.join(map(str, STATIONS))} is wanted"
+        )
     return order
 
 

@@ -108,5 +108,5 @@ class BeamRows(Tree):
         """Values of the elements, (..., N or 1, *) with `axes` axes of their own, at their
         stations.
         """
-        single = self.order == 1 or x.shape[-1 - axes] == 1
-        return x if single else x.repeat_interleave(self.order, -1 - axes)
+        alike = self.element_count == self.station_count or x.shape[-1 - axes] == 1
+        return x if alike else x.repeat_interleave(self.order, -1 - axes)

@@ -9,11 +9,10 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from ..core.arguments import function as check_function
 from ..core.leaves import leaf
 from ..core.validation import Value, axis_last, concrete, finite, shown
 from .axes import axes_along
-from .effects.values import Input, parameter, plain
+from .effects.values import parameter, plain, scalar_value
 from .joint import MET, Joint
 from .structure import Structure
 
@@ -103,7 +102,8 @@ class DrivenJoint(AxisJoint):
                     "wanted together"
                 )
         for name in self.GIVEN:
-            self._driven(name)
+            value = scalar_value(f"a {self.called}'s {name}", getattr(self, name))
+            object.__setattr__(self, name, value)
         prescribed = self.GIVEN[1]
         if self.prescribed is not None and len(self.acts) > 1:
             others = ", ".join(name for name in self.acts if name != prescribed)
@@ -111,24 +111,6 @@ class DrivenJoint(AxisJoint):
                 f"a {self.called} with {prescribed} and {others} was given; one of them is wanted, "
                 "for nothing acts along a coordinate that is prescribed"
             )
-
-    def _driven(self, name: str) -> None:
-        """Checks a number, a function of t, or an input."""
-        value = getattr(self, name)
-        if value is None:
-            return
-        if callable(value):
-            check_function(f"a {self.called}'s {name}", value, "t")
-        elif isinstance(value, Input):
-            if value.size != 1:
-                raise ValueError(
-                    f"a {self.called}'s {name} with an Input of size {value.size} was given; "
-                    "size 1 is wanted"
-                )
-        else:
-            value = plain(value)
-            finite(f"a {self.called}'s {name}", torch.as_tensor(value))
-            object.__setattr__(self, name, value)
 
     def law(self, name: str) -> Tensor | None:
         if name in ("lowest", "highest"):

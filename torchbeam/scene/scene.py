@@ -19,6 +19,7 @@ from ..core.leaves import (
     Tree,
     batch_shapes,
     bound,
+    functions,
     leaves,
     own_leaves,
     sent,
@@ -26,17 +27,20 @@ from ..core.leaves import (
 )
 from ..core.summary import kind, lines
 from ..core.validation import as_tensor, axis_last, broadcast, precision, shown
+from ..topology.framework import Framework
+from ..topology.protocols import Topology
 from .beam import Beam
 from .body import Body
 from .effects import Damping, Effect, Inputs, PerElement, inputs_of
 from .effects.effect import of_library
+from .effects.tendon import Tendon
 from .joined import joints_of
 from .joint import Joint
 from .structure import Structure
 from .supports import Frame, RootMotion, Support
 
 PLANES = (None, "xy", "xz", "auto")
-KINDS = ("load", "strain", "inertia", "eigenstrain")
+KINDS = ("load", "strain", "inertia", "eigenstrain", "tendon")
 
 
 @dataclass(frozen=True)
@@ -60,8 +64,8 @@ class Scene(Tree):
     joints    `Weld`, `Hinge` and others between the parts of a structure, or a part and the ground
 
     Sorted once, here: `loads`, `bodies` (point masses, and those of a structure's bodies),
-    `eigenstrains`, `damping` (one `Damping` or None), `inputs` (name -> size). `supports` stay in
-    the order given, their nodes counted from the root.
+    `eigenstrains`, `tendons`, `damping` (one `Damping` or None), `inputs` (name -> size).
+    `supports` stay in the order given, their nodes counted from the root.
 
     Raises ValueError for an object without a kind, two dampings, a node that does not exist, a load
     whose dtype is not the beam's, two inputs of one name with different sizes, two supports of one
@@ -112,6 +116,8 @@ class Scene(Tree):
             joints = joints_of(self)
             set_(self, "joints", joints)
             set_(self, "beam", with_values(self.beam, joined=tuple(joint.ends for joint in joints)))
+        for tendon in self.tendons:
+            tendon.check(self)
         set_(self, "supports", self._bound(self._supported()))
         damped = [damping.on for damping in self.dampings]
         if len(damped) > 1 and (None in damped or len(set(damped)) < len(damped)):
@@ -174,6 +180,10 @@ class Scene(Tree):
         return self._of("eigenstrain")
 
     @cached
+    def tendons(self) -> tuple[Tendon, ...]:
+        return self._of("tendon")
+
+    @cached
     def dampings(self) -> tuple[Damping, ...]:
         return self._of("strain")
 
@@ -217,6 +227,16 @@ class Scene(Tree):
         )
         return tuple(x for x in values if isinstance(x, Tensor)) if plain else None
 
+    @cached
+    def topology(self) -> Topology:
+        """Which nodes the elements lie between, and which ones joints and tendons connect."""
+        own, ties = self.beam.topology, tuple(tendon.nodes for tendon in self.tendons)
+        if not ties:
+            return own
+        if isinstance(own, Framework):
+            return replace(own, ties=ties)
+        return Framework(own.order, (self.beam.element_count,), ties=ties)
+
     @property
     def has_prescribed_motion(self) -> bool:
         """Whether frame a or a support moves."""
@@ -233,6 +253,8 @@ class Scene(Tree):
             if x is not None
             for v in vars(x).values()
         )
+        if any(map(functions, self.effects)):
+            return True
         return any(
             callable(v) and not (isinstance(v, PerElement) and not callable(v.value)) for v in held
         ) or any(not type(e).__module__.startswith(f"{__package__}.") for e in self.effects)
@@ -285,6 +307,8 @@ class Scene(Tree):
         """An effect at its node's row. Raises ValueError where there is no such node or part, or
         another number of elements.
         """
+        if isinstance(effect, Tendon):
+            return effect.placed(self.beam)
         if effect.node is not None:
             row = self.beam.row(effect.node)
             return effect if row is effect.node else with_values(effect, node=row)

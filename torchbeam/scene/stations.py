@@ -14,8 +14,7 @@ from ..core.arguments import count, instance, listed
 from ..core.arguments import function as check_function
 from ..core.leaves import Tree, leaf
 from ..core.validation import as_tensor, broadcast, common_dtype, finite
-from ..math.quadratic import X
-from ..topology.chain import within_elements
+from .element_stations import STATIONS
 from .section import STRUCTURE, Section
 
 # Gauss-Legendre points and weights on [0, 1], exact to the seventh power
@@ -141,13 +140,6 @@ def stacked(sections: Sequence[Section]) -> Section:
     )
 
 
-def stations_of(length: Tensor) -> Tensor:
-    """Arc length (..., 2 N) m of the stations of elements of order 2, which stand for a length
-    each.
-    """
-    return within_elements(length, (-X, X)).flatten(-2)
-
-
 def of_elements(
     section: Sequence[Section] | Callable[[Tensor], Section], length: Tensor, order: int = 1
 ) -> Section:
@@ -160,8 +152,8 @@ def of_elements(
     """
     N = length.shape[-1]
     if callable(section):
-        if order == 2:
-            return _sections_at(section, stations_of(length))
+        if not STATIONS[order].averaged:
+            return _sections_at(section, STATIONS[order].places(length))
         places, weights, element = _quadrature(
             length, section.s if isinstance(section, Stations) else None
         )

@@ -15,8 +15,8 @@ from ..nodal.constitutive_law import without_residual_bending
 from ..nodal.coordinates.selection import in_space, space_of
 from ..nodal.coordinates.spatial import Spatial
 from ..scene.beam import Beam
+from ..scene.element_stations import STATIONS
 from ..scene.scene import Scene
-from ..scene.stations import stations_of
 from ..state.state import State
 from ..topology.chain import Chain
 from .sensor import OnPart
@@ -82,8 +82,8 @@ class _Along(OnPart):
             length = self.beam.length
             station = finite("station", as_tensor(self.station, length.dtype, length.device))
             object.__setattr__(self, "station", station)
-            weights = line_weights if self.beam.order == 2 else station_weights
-            object.__setattr__(self, "weights", weights(station, length))
+            weights = station_weights(station, length, self.beam.order)
+            object.__setattr__(self, "weights", weights)
 
     @property
     def name(self) -> str:
@@ -131,23 +131,15 @@ def _within(station: Tensor, length: Tensor) -> None:
         )
 
 
-def line_weights(station: Tensor, length: Tensor) -> Tensor:
-    """(..., 2 N): what the stations of elements of order 2, standing for a length (..., 2 N) m,
-    count for at places (...).
-    """
-    _within(station, length)
-    return _on_lines(station, stations_of(length), length.cumsum(-1)[..., 1:-1:2], 2)
-
-
-def station_weights(station: Tensor, length: Tensor) -> Tensor:
-    """(..., N): what the elements, of length (..., N) m, count for at stations (...) m: see
-    `_Along`.
+def station_weights(station: Tensor, length: Tensor, order: int) -> Tensor:
+    """(..., stations): what those of elements of this order, standing for a length (..., stations)
+    m each, count for at places (...) m: see `_Along`.
     """
     _within(station, length)
     if length.shape[-1] == 1:
         return torch.ones_like(station)[..., None]
-    middle = length.cumsum(-1) - length / 2
-    return _on_lines(station, middle, middle[..., 1:-1], 1)
+    own = STATIONS[order]
+    return _on_lines(station, own.places(length), *own.lines(length))
 
 
 def _on_lines(station: Tensor, places: Tensor, ends: Tensor, step: int) -> Tensor:

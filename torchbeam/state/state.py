@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ..core.arguments import batch, instance, instants, place
 from ..core.leaves import leaf, map_leaves
@@ -50,6 +51,8 @@ class State(Instant):
     internal  (..., z) internal states of user loads, one load after the other, those of a load
               along the beam node by node; None without
     joints    (..., J, 10) of the joints of a structure, see `joint`; None without
+    tendons   (..., K, 3) of the scene's tendons: tension N of the first stretch and of the last,
+              length m; None without
     coordinates  which coordinates each joint has, 0 an angle, 1 a travel
     supports  nodes of the supports that `reaction` is of; None where the state was made without a
               scene
@@ -72,6 +75,7 @@ class State(Instant):
     frame: Tensor | None = leaf(1, default=None, kw_only=True)
     internal: Tensor | None = leaf(1, default=None, kw_only=True)
     joints: Tensor | None = leaf(2, default=None, kw_only=True)
+    tendons: Tensor | None = leaf(2, default=None, kw_only=True)
     supports: tuple[int, ...] | None = field(default=None, kw_only=True)
     parts: tuple[Part, ...] = field(default=(), kw_only=True)
     coordinates: tuple[tuple[int, ...], ...] = field(default=(), kw_only=True)
@@ -188,6 +192,7 @@ class State(Instant):
             internal=None,
             parts=(),
             joints=None,
+            tendons=None,
             coordinates=(),
             joined=(),
         )
@@ -330,6 +335,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
         parts=beam.parts,
         joined=beam.joined,
     )
+    state = with_tendons(state, scene)
     if not scene.has_prescribed_motion and not any(s.displaced for s in scene.supports):
         return state
     prescribed_motion = PrescribedMotion(scene)
@@ -383,4 +389,14 @@ def with_optional_fields(state: State, scene: Any) -> State:
         state = replace(state, internal=state.position.new_zeros(*state.batch_shape, sizes))
     if scene.joints and state.joints is None:
         state = replace(state, **no_motion(scene, state.position.new_zeros(state.batch_shape)))
-    return state
+    count = 0 if state.tendons is None else state.tendons.shape[-2]
+    return state if count == len(scene.tendons) else with_tendons(state, scene)
+
+
+def with_tendons(state: State, scene: Any) -> State:
+    """With the lengths of a scene's tendons, which no step or equilibrium has pulled yet."""
+    if not scene.tendons:
+        return replace(state, tendons=None)
+    lengths = [tendon.length_at(state.position, state.rotation) for tendon in scene.tendons]
+    lengths = torch.stack(torch.broadcast_tensors(*lengths), -1)[..., None]
+    return replace(state, tendons=pad(lengths, (2, 0)))

@@ -29,6 +29,7 @@ from ..state.state import State, check_state, rest
 from . import relaxation
 from .arc_length import LoadedProblem, where
 from .continuation import NEUTRAL
+from .friction import refuse_friction
 from .internal_states import resting
 from .mechanism import braced, stressed
 from .no_equilibrium import reason
@@ -101,6 +102,7 @@ def equilibrium(
     if relax and engine == "compiled":
         raise ValueError("engine = 'compiled' was given with relax=True; 'eager' does that")
     boolean("throw", throw)
+    refuse_friction(scene)
     model = discretise(scene)
     tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
     given = scene.tensors(inputs)

@@ -24,6 +24,7 @@ from ..equations.steady import Configuration, SteadyProblem
 from ..math.shapes import broadcast_shapes
 from ..nodal import loads as external
 from ..nodal.coordinates.planar import PLANES
+from ..nodal.element_loads import element_matrix
 from ..nodal.model import Model
 from ..scene.supports import AXES
 from ..state.state import rest
@@ -293,6 +294,18 @@ def _stiffness(problem: SteadyProblem, x: Configuration, moves: Tensor) -> tuple
         joints, all_moves = _joined(problem, x).dense(), moves.flatten(-2)
         work = work + all_moves @ joints @ all_moves.mT
         size = torch.maximum(size, joints.abs().amax((-1, -2), keepdim=True))
+    if problem.conditions.between:
+        blocks = element_matrix(model, problem.nodes(x), problem.conditions).dense()
+        rigid = moves.flatten(-2)
+        work = work - rigid @ blocks @ rigid.mT
+        size = torch.maximum(size, blocks.abs().amax((-1, -2), keepdim=True))
+    if model.scene.tendons:
+        none = moves.new_zeros(model.node_count, *moves.shape[-1:] * 2)
+        tied = model.tendons.matrix(
+            model.topology.diagonal(none), lambda: problem.tendon_motion(x)
+        ).dense()
+        work = work + moves.flatten(-2) @ tied @ moves.flatten(-2).mT
+        size = torch.maximum(size, tied.abs().amax((-1, -2), keepdim=True))
     if problem.conditions.moving:
         by = external.tangent(model, problem.nodes(x), problem.conditions)
         if not isinstance(by, float):

@@ -29,6 +29,7 @@ from ..state.state import State, check_state, rest
 from .arc_length import LoadedProblem, PathPoint
 from .balance_check import check_balance
 from .continuation import BRANCH_POINT, LIMIT_POINT, REGULAR, Attempt, Continuation, move_weights
+from .friction import refuse_friction
 from .internal_states import linearised
 from .mechanism import unheld
 
@@ -163,6 +164,7 @@ def path(
     Raises ValueError for what the nodal form does not take, an unknown `load`, `control` without
     `target`, a `control` of more than one number a sample, or an `initial` that is no equilibrium.
     """
+    refuse_friction(scene)
     model = discretise(scene)
     boolean("branch", branch)
     choice("engine", engine, ENGINES)

@@ -11,9 +11,8 @@ from itertools import permutations
 import torch
 from torch import Tensor
 
-from ..math.shapes import broadcast_shapes
 from .chain import Chain
-from .cut import Cut, cut, places
+from .cut import Cut, added, cut, pairs_of, places
 from .framework_matrix import FrameworkMatrix
 from .framework_unknowns import FrameworkUnknowns
 from .protocols import Blocks
@@ -28,12 +27,15 @@ class Framework:
     singles  how many nodes there are beside the chains
     joints   pairs of nodes that a joint connects; None = the ground. None of them is inside an
              element of order 2
+    ties     nodes of which each one's balance depends on all others of the same tie, none of them
+             inside an element of order 2 either
     """
 
     order: int
     chains: tuple[int, ...]
     singles: int = 0
     joints: tuple[tuple[int | None, int | None], ...] = ()
+    ties: tuple[tuple[int, ...], ...] = ()
 
     @property
     def node_count(self) -> int:
@@ -70,7 +72,7 @@ class Framework:
     def cut(self) -> Cut:
         """Of the nodes that are inside no element."""
         ends = self.of_ends
-        return cut(ends.chains, ends.singles, ends.joints)
+        return cut(ends.chains, ends.singles, ends.joints, ends.ties)
 
     @cached_property
     def of_ends(self) -> Framework:
@@ -83,6 +85,7 @@ class Framework:
             self.chains,
             self.singles,
             tuple(tuple(place.get(node) for node in pair) for pair in self.joints),
+            tuple(tuple(place[node] for node in nodes) for nodes in self.ties),
         )
 
     def gather(self, x: Tensor, axes: int = 1) -> tuple[Tensor, ...]:
@@ -105,6 +108,24 @@ class Framework:
         """total (..., nodes, w) with (..., J, 2, w) of the joints' ends added."""
         push = (push * self._not_ground(push) if self._grounded else push).flatten(-3, -2)
         return added(total, self._joined, push, total.shape[-2], 1)
+
+    @cached_property
+    def tie_nodes(self) -> tuple[int, ...]:
+        """The nodes of all ties, one tie after the other."""
+        return tuple(node for nodes in self.ties for node in nodes)
+
+    @cached_property
+    def tied(self) -> tuple[tuple[int, int], ...]:
+        """Nodes of rows and columns of the ties' blocks: all pairs of each tie."""
+        return pairs_of(self.ties)
+
+    def at_ties(self, x: Tensor) -> Tensor:
+        """Nodes (..., nodes, w) -> their values (..., n, w) at `tie_nodes`."""
+        return x.index_select(-2, places(self.tie_nodes, x.device))
+
+    def from_ties(self, push: Tensor, total: Tensor) -> Tensor:
+        """total (..., nodes, w) with (..., n, w) at `tie_nodes` added."""
+        return added(total, self.tie_nodes, push, total.shape[-2], 1)
 
     @cached_property
     def _joined(self) -> tuple[int, ...]:
@@ -141,15 +162,3 @@ class Framework:
         return FrameworkMatrix(
             self, own, tuple(blocks[i][j] for i, j in permutations(range(self.order + 1), 2))
         )
-
-
-def added(
-    total: Tensor | None, nodes: tuple[int, ...], part: Tensor, count: int, axes: int
-) -> Tensor:
-    """total (..., count, *), None = zeros, with part (..., len(nodes), *) added at the nodes."""
-    shape = (*part.shape[: -1 - axes], count, *part.shape[part.ndim - axes :])
-    if total is None:
-        total = part.new_zeros(shape)
-    shape = broadcast_shapes(total.shape, shape)
-    part = part.expand(*shape[: -1 - axes], len(nodes), *shape[len(shape) - axes :])
-    return total.expand(shape).index_add(-1 - axes, places(nodes, part.device), part)

@@ -1,4 +1,6 @@
-"""Matrix of a framework: blocks on the diagonal, between the nodes of an element, and of joints."""
+"""Matrix of a framework: blocks on the diagonal, between the nodes of an element, of joints and of
+ties.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,7 @@ import torch
 from torch import Tensor
 
 from ..math.shapes import broadcast_shapes
-from .cut import places
+from .cut import added, places
 from .framework_system import FrameworkSystem
 from .framework_unknowns import FrameworkUnknowns
 
@@ -36,7 +38,8 @@ class JointBlocks(NamedTuple):
 class FrameworkMatrix:
     """See `protocols.Matrix`. diagonal (..., nodes, w, w); couplings (..., elements, w, w) between
     two of an element's nodes i and j, in the order of `itertools.permutations`; none where nodes
-    have nothing in common.
+    have nothing in common; tied (..., n, w, w): of all pairs of the nodes of each tie, see
+    `Framework.tied`, None = there are none.
 
     With joints, vectors have a row (w) of each joint behind those of the nodes: its forces, or its
     constraints.
@@ -46,10 +49,12 @@ class FrameworkMatrix:
     diagonal: Tensor
     couplings: tuple[Tensor, ...] = ()
     joints: JointBlocks | None = None
+    tied: Tensor | None = None
 
     @property
     def tensors(self) -> tuple[Tensor, ...]:
-        return self.diagonal, *self.couplings, *(() if self.joints is None else self.joints[1:])
+        joints = () if self.joints is None else self.joints[1:]
+        return self.diagonal, *self.couplings, *joints, *(() if self.tied is None else (self.tied,))
 
     @property
     def pairs(self) -> tuple[tuple[int, int], ...]:
@@ -61,11 +66,17 @@ class FrameworkMatrix:
         if self.couplings and other.couplings:
             couplings = tuple(a + b for a, b in zip(self.couplings, other.couplings, strict=True))
         joints = other.joints if self.joints is None else self.joints
-        return FrameworkMatrix(self.framework, self.diagonal + other.diagonal, couplings, joints)
+        tied = other.tied if self.tied is None else self.tied
+        diagonal = self.diagonal + other.diagonal
+        return FrameworkMatrix(self.framework, diagonal, couplings, joints, tied)
 
     def joined(self, joints: JointBlocks) -> FrameworkMatrix:
         """With the joints."""
         return replace(self, joints=joints)
+
+    def with_ties(self, tied: Tensor) -> FrameworkMatrix:
+        """With the ties."""
+        return replace(self, tied=tied)
 
     def plus(self, blocks: Tensor) -> FrameworkMatrix:
         return replace(self, diagonal=self.diagonal + blocks)
@@ -99,6 +110,10 @@ class FrameworkMatrix:
             for A, (i, j) in zip(self.couplings, self.pairs, strict=True):
                 parts[i] = parts[i] + (A @ ends[j][..., None])[..., 0]
             y = y + self.framework.scatter(tuple(parts))
+        if self.tied is not None:
+            rows, columns = zip(*self.framework.tied, strict=True)
+            moves = nodes.index_select(-2, places(columns, x.device))
+            y = added(y, rows, (self.tied @ moves[..., None])[..., 0], y.shape[-2], 1)
         return y if self.joints is None else self._with_joints(x, y)
 
     def _with_joints(self, x: Tensor, y: Tensor) -> Tensor:
@@ -120,6 +135,8 @@ class FrameworkMatrix:
         parts += [
             (A, ends[i], ends[j]) for A, (i, j) in zip(self.couplings, self.pairs, strict=False)
         ]
+        if self.tied is not None:
+            parts.append((self.tied, *zip(*self.framework.tied, strict=True)))
         for i, j in product((0, 1), (0, 1)) if self.joints is not None else ():
             there = [
                 k
@@ -147,7 +164,7 @@ class FrameworkMatrix:
         return None
 
     def restricted(self, unknowns: FrameworkUnknowns) -> FrameworkSystem:
-        D, couplings, joints = self.diagonal, self.couplings, self.joints
+        D, couplings, joints, tied = self.diagonal, self.couplings, self.joints, self.tied
         if not couplings:
             none = torch.zeros_like(D[..., :1, :, :]).expand(
                 *D.shape[:-3], self.framework.element_count, *D.shape[-2:]
@@ -168,7 +185,14 @@ class FrameworkMatrix:
                     joints.force * at,
                     joints.constraint * at.mT,
                 )
-        return FrameworkSystem.of(self.framework, unknowns, D, couplings, joints)
+            if tied is not None:
+                own = unknowns.free[..., None]
+                rows, columns = (
+                    own.index_select(-3, places(side, own.device))
+                    for side in zip(*self.framework.tied, strict=True)
+                )
+                tied = tied * rows * columns.mT
+        return FrameworkSystem.of(self.framework, unknowns, D, couplings, joints, tied)
 
 
 class FrameworkRows(NamedTuple):
@@ -189,7 +213,13 @@ class FrameworkRows(NamedTuple):
         )
         couplings = tuple(A.detach() for A in matrix.couplings)
         return FrameworkRows(
-            FrameworkMatrix(matrix.framework, matrix.diagonal.detach(), couplings, joints),
+            FrameworkMatrix(
+                matrix.framework,
+                matrix.diagonal.detach(),
+                couplings,
+                joints,
+                None if matrix.tied is None else matrix.tied.detach(),
+            ),
             self.nodes,
         )
 

@@ -35,8 +35,8 @@ from .framework_unknowns import FrameworkUnknowns
 @dataclass(frozen=True)
 class FrameworkSystem:
     """See `protocols.System`. Of the elements' end nodes: D (..., n, w, w), up and down
-    (..., N, w, w) from an element's first end to its last and back; joints: `JointBlocks`,
-    None = there are none.
+    (..., N, w, w) from an element's first end to its last and back; joints: `JointBlocks`, tied
+    (..., n, w, w) of ties, None = there are none.
     """
 
     framework: Any
@@ -46,6 +46,7 @@ class FrameworkSystem:
     down: Tensor
     joints: Any | None
     midside: FrameworkMidside | None = None
+    tied: Tensor | None = None
 
     @classmethod
     def of(
@@ -55,19 +56,22 @@ class FrameworkSystem:
         D: Tensor,
         couplings: tuple[Tensor, ...],
         joints: Any | None,
+        tied: Tensor | None = None,
     ) -> FrameworkSystem:
         if framework.order == 1:
-            return cls(framework, unknowns, D, *couplings, joints)
+            return cls(framework, unknowns, D, *couplings, joints, tied=tied)
         D, up, down, midside = condensed(framework, D, *couplings)
-        return cls(framework, unknowns, D, up, down, joints, midside)
+        return cls(framework, unknowns, D, up, down, joints, midside, tied)
 
     @property
     def cut(self) -> Cut:
         return self.framework.cut
 
     @property
-    def _parts(self) -> tuple[Tensor, ...]:
-        return self.D, self.up, self.down, *(() if self.joints is None else self.joints)
+    def _parts(self) -> tuple[Tensor | None, ...]:
+        """As `solve` and `condense` take them."""
+        joints = (None,) * 4 if self.joints is None else self.joints
+        return self.D, self.up, self.down, *joints, self.tied
 
     def solve(self, b: Tensor, constant: bool = True) -> Tensor:
         """b (..., nodes + J, w): with joints, behind the nodes what their constraints are to change
@@ -142,15 +146,9 @@ class FrameworkSystem:
             None if self.joints is None else type(self.joints)(*(x.detach() for x in self.joints))
         )
         midside = None if self.midside is None else self.midside.detach()
-        return FrameworkSystem(
-            self.framework,
-            self.unknowns,
-            self.D.detach(),
-            self.up.detach(),
-            self.down.detach(),
-            joints,
-            midside,
-        )
+        tied = None if self.tied is None else self.tied.detach()
+        own = (x.detach() for x in (self.D, self.up, self.down))
+        return FrameworkSystem(self.framework, self.unknowns, *own, joints, midside, tied)
 
 
 class FrameworkSolve(torch.autograd.Function):
@@ -173,7 +171,7 @@ class FrameworkSolve(torch.autograd.Function):
     def backward(ctx: Any, grad: Tensor) -> Any:
         b, *parts = ctx.saved_tensors
         with torch.no_grad(), torch.autocast(grad.device.type, enabled=False):
-            g = solve(ctx.how, grad, *transposed(*parts)).sum_to_size(b.shape)
+            g = solve(ctx.how, grad, *transposed(ctx.how, *parts)).sum_to_size(b.shape)
         return None, first_only(g, grad, b), *(None for _ in parts)
 
     @staticmethod
@@ -182,12 +180,24 @@ class FrameworkSolve(torch.autograd.Function):
         return first_only(solve(ctx.how, b_t, *parts), b_t, b)
 
 
-def transposed(D: Tensor, up: Tensor, down: Tensor, *joints: Tensor) -> tuple[Tensor, ...]:
+def transposed(
+    how: Cut,
+    D: Tensor,
+    up: Tensor,
+    down: Tensor,
+    held: Tensor | None,
+    stiffness: Tensor | None,
+    force: Tensor | None,
+    constraint: Tensor | None,
+    tied: Tensor | None,
+) -> tuple[Tensor | None, ...]:
     """The parts of the transposed matrix."""
-    if not joints:
-        return D.mT, down.mT, up.mT
-    held, stiffness, force, constraint = joints
-    return D.mT, down.mT, up.mT, held, stiffness.transpose(-4, -3).mT, constraint.mT, force.mT
+    joints = (None,) * 4
+    if held is not None:
+        joints = held, stiffness.transpose(-4, -3).mT, constraint.mT, force.mT
+    if tied is not None:
+        tied = tied.index_select(-3, places(how.tied_back, tied.device)).mT
+    return D.mT, down.mT, up.mT, *joints, tied
 
 
 def solve(how: Cut, b: Tensor, *parts: Tensor) -> Tensor:
@@ -255,6 +265,7 @@ def condense(
     stiffness: Tensor | None = None,
     force: Tensor | None = None,
     constraint: Tensor | None = None,
+    tied: Tensor | None = None,
 ) -> tuple[Interface, list[Tensor]]:
     """The interface's system, and of each group of runs A^-1 [y, c_l, c_r]
     (..., runs, n, w, 1 + 2 w). b: None = zeros.
@@ -263,6 +274,8 @@ def condense(
     shapes = [D.shape[:-3], up.shape[:-3], down.shape[:-3], *(() if b is None else (b.shape[:-2],))]
     if J:
         shapes += [stiffness.shape[:-5], force.shape[:-4], constraint.shape[:-4]]
+    if tied is not None:
+        shapes.append(tied.shape[:-3])
     shape = broadcast_shapes(*shapes)
     b = D.new_zeros(n + J, w) if b is None else b
     b, D, up, down = (
@@ -277,6 +290,8 @@ def condense(
         elements, i, j = (list(x) for x in zip(*how.direct, strict=True))
         system.add(up[..., elements, :, :], i, j)
         system.add(down[..., elements, :, :], j, i)
+    if tied is not None:
+        system.add(tied, *zip(*how.tied, strict=True))
     columns = [_eliminated(runs, system, b, D, up, down) for runs in how.runs]
     if J:
         _join(how, system, b[..., n:, :], held, stiffness, force, constraint)

@@ -113,13 +113,43 @@ RESULTS = {
     ),
     "Critical": lambda: tb.critical_load(PLAIN, 100.0, inputs={"u": torch.tensor([-1.0, 0, 0])}),
     "Path": lambda: tb.path(tb.Scene(SCENE.beam, [tb.TipLoad(force=(0, 0, 0.1))], plane="xz")),
-    "Prediction": lambda: tb.identify(
-        straight, torch.tensor([0.0, 1, 2, 2, 4]), torch.ones(2)
-    ).predict(),
+    "Prediction": lambda: _fit().predict(),
+    "Bootstrap": lambda: _fit().bootstrap(40),
+    "Profile": lambda: _fit().profile()[0],
     "Estimate": lambda: tb.monte_carlo(lambda x: x[:, 0] + x[:, 1], LAW, 8).mean_interval(),
     "SobolIndices": lambda: tb.sobol_indices(lambda x: x[:, 0] + x[:, 1], LAW, 64),
     "Tornado": lambda: tb.tornado(lambda x: x[:, 0] + x[:, 1], LAW),
 }
+
+
+def _fit():
+    return tb.identify(straight, torch.tensor([0.0, 1, 2, 2, 4]), torch.ones(2))
+
+
+LAWS = [
+    tb.laws.Constant(1.0),
+    tb.laws.Uniform(0.0, 1.0),
+    tb.laws.Normal(1.0, 0.1),
+    tb.laws.LogNormal(1.0, 0.1),
+    tb.laws.Triangular(0.0, 0.5, 1.0),
+    tb.laws.Gumbel(1.0, 0.2),
+    tb.laws.Weibull(1.0, 0.3),
+    tb.laws.Empirical(torch.arange(5.0)),
+    tb.laws.Truncated(tb.laws.Normal(1.0, 0.1), 0.9, 1.2),
+    tb.laws.RandomField(torch.linspace(0, 1, 4), 1.0, 0.1, 0.5),
+]
+
+
+def test_laws_load_with_weights_only():
+    """Each of them, with the same quantiles."""
+    assert {type(law).__name__ for law in LAWS} == set(tb.laws.__all__)
+    for law in LAWS:
+        again = loaded(law)
+        for a, b in zip(numbers(again), numbers(law), strict=True):
+            assert_close(a, b, rtol=0, atol=0)
+        if not isinstance(law, tb.laws.RandomField):
+            u = torch.tensor([0.1, 0.5])
+            assert_close(again.icdf(u), law.icdf(u), rtol=0, atol=0)
 
 
 def numbers(thing):

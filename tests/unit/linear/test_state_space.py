@@ -232,6 +232,28 @@ def test_refusals():
         tb.linearize(scene(N=1))
 
 
+def test_no_derivative_by_inertia_of_what_an_input_turns_without():
+    """B would follow the rate of a moment's input: refused; of a force it is right (next door)."""
+    load = {"u": torch.zeros(3)}
+
+    def model(inertia, tau, effect):
+        section = tb.Section.from_stiffness(
+            EA=4e3, GA=1.4e3, GJ=0.8, EI=2.0, mass=0.2, inertia=inertia
+        )
+        effects = [effect, *([] if tau is None else [tb.Damping(tau)])]
+        return tb.linearize(
+            tb.Scene(tb.Beam.straight(1.0, 2, section), effects), outputs=tip, inputs=load
+        )
+
+    moment, force = tb.TipLoad(moment=tb.Input("u", 3)), tb.TipLoad(force=tb.Input("u", 3))
+    none = torch.zeros((), requires_grad=True)
+    for inertia, tau in ((none, None), (none, 1e-3), (0.0, none)):
+        with pytest.raises(ValueError, match="they would follow its rate"):
+            model(inertia, tau, moment)
+        assert model(inertia, tau, force).B.requires_grad
+    assert model(0.0, None, moment).B.isfinite().all()
+
+
 def arm():
     """A planar arm on a hub that a torque about z turns."""
     hub = tb.PointMass(0.0, inertia=(0.01, 0.01, 0.02), node=0)

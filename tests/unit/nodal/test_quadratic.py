@@ -22,7 +22,7 @@ from torchbeam.nodal.coordinates.planar import Planar
 from torchbeam.nodal.coordinates.spatial import Spatial
 from torchbeam.nodal.discretise import discretise
 from torchbeam.nodal.loads import Nodes, external
-from torchbeam.scene.stations import stations_of
+from torchbeam.scene.element_stations import STATIONS
 from torchbeam.studies.common_case import Case
 from torchbeam.topology.chain import Chain
 
@@ -331,7 +331,7 @@ def test_places_and_loads_where_midside_nodes_are_off_the_middle():
         assert_close(load[:, :3].sum(0), total * q)
     values, _ = at_points(s)
     assert_close(
-        stations_of(beam.length),
+        STATIONS[2].places(beam.length),
         (values @ torch.stack(threes(s, 0), -1)[..., None])[..., 0].flatten(),
     )
 

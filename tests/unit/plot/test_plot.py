@@ -251,3 +251,28 @@ def test_without_matplotlib(solution, monkeypatch):
         tb.plot.shape(solution.state)
     code = "import sys, torchbeam; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+def test_obstacles_are_drawn_where_they_are(tmp_path):
+    """A ball beside a floor: the pixels of the picture's cut that are solid, and those that are
+    not; refused in space.
+    """
+    law = dict(thickness=0.01, force=1.0)
+    contacts = [
+        tb.Contact(tb.Plane((0, 0, -0.4), (0, 0, 1.0)), **law),
+        tb.Contact(tb.Sphere((0.5, 0, 0.3), 0.1), **law),
+    ]
+    scene = tb.Scene(BEAM, contacts)
+    ax = tb.plot.shape(tb.rest(scene), plane="xz")
+    ax.set(xlim=(0.0, 1.0), ylim=(-0.6, 0.6))
+    before = len(ax.collections)
+    tb.plot.obstacles(scene, ax, plane="xz")
+    floor, ball = ax.collections[before:]
+    inside = [
+        any(path.contains_point(at) for path in one.get_paths())
+        for one, at in ((floor, (0.2, -0.5)), (floor, (0.2, -0.3)), (ball, (0.5, 0.35)))
+    ]
+    assert inside == [True, False, True]
+    tb.plot.save(ax, tmp_path / "ball.png")
+    with pytest.raises(ValueError, match="three-dimensional"):
+        tb.plot.obstacles(scene, tb.plot.axes(three=True), plane="xz")

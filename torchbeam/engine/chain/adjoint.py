@@ -69,7 +69,7 @@ class AdjointProgram(NativeProgram):
                 },
             )
         }
-        nodes, elements, finishes = [], [], []
+        nodes, elements, loads, finishes = [], [], [], []
         for k, kind in enumerate(self.kinds.nodes):
             nodes.append(whole := traced(partial(local.node, kind), node))
             functions[f"node bar {k}"] = _derivative(whole.only(["balance"]), start)
@@ -114,14 +114,31 @@ class AdjointProgram(NativeProgram):
                 if "kinetic" in finish.outputs:
                     functions[f"ended element {k}"] = finish
                 functions[f"finish element bar {k}"] = _derivative(finish, [*ends, *ended])
+            if local.between:
+                far = traced(partial(local.far, kind), traced.element)
+                functions[f"far {k}"] = far.only(["far"])
+                loads.append(load := traced(partial(local.element_load, kind), traced.element))
+                functions[f"element load bar {k}"] = _derivative(
+                    load.only(f"{side}.balance" for side in self.sides), ends
+                )
+                finish = traced(partial(local.finish_element_load, kind), traced.element)
+                functions[f"finish element load bar {k}"] = _derivative(finish, [*ends, *ended])
+                if "rise" in finish.outputs:
+                    functions[f"ended element load {k}"] = finish.only(["rise"])
         own = Packing(OWN, nodes, ["D"])
         blocks = [
             *(f"{side}.D" for side in self.sides),
             *(name for name in midsides.BLOCKS if name in whole.outputs),
         ]
-        between = Packing(BETWEEN if self.order == 1 else INNER, elements, blocks)
-        nodes = [one.only([OWN]) for one in own.made()]
-        elements = [one.only([between.name, "E", "hB"]) for one in between.made()]
+        shapes = {name: whole.outputs[name].shape for name in blocks}
+        loads = [load.with_zeros(shapes) for load in loads]
+        between = Packing(BETWEEN if self.order == 1 else INNER, [*elements, *loads], blocks)
+        nodes, made = [one.only([OWN]) for one in own.made()], between.made()
+        functions |= {
+            f"load blocks {k}": one.only([between.name])
+            for k, one in enumerate(made[len(elements) :])
+        }
+        elements = [one.only([between.name, "E", "hB"]) for one in made[: len(elements)]]
         nodes, elements = self.with_ends(
             nodes, elements, (*self.state, "u", "m"), traced.constants["common"]
         )
@@ -216,7 +233,8 @@ class AdjointProgram(NativeProgram):
             own = [(name, prod(self.shapes[name])) for name in self.element_state]
             for name in ("", "_bar", "_grad", "_start_bar"):
                 layout.record(f"element_state{name}", ELEMENTS, own)
-        if "finish element bar 0" in self.functions or self.kinds.joints:
+        ends = {"finish element bar 0", "finish element load bar 0"}
+        if ends & self.functions.keys() or self.kinds.joints:
             layout.record("unknown_bar", NODES, [("u_bar", state[0][1]), ("m_bar", state[1][1])])
         if "project" in self.functions:
             layout.record("ended", NODES, [(name, prod(self.shapes[name])) for name in ENDED])
@@ -231,6 +249,8 @@ class AdjointProgram(NativeProgram):
         layout.record("at_node", TURNS, self.outputs("block 0", OWN))
         layout.record("at_end", TURNS, self.largest("block", len(self.kinds.nodes), END))
         midsides.record(layout, self.functions, "blocks 0")
+        if "load blocks 0" in self.functions:
+            layout.record("at_load", ONE, [("far", 1), *self.outputs("load blocks 0")])
         layout.record("row", ENDS, [("ahead", w * w), ("y", w)])
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w + k))])
         change = layout.record("change", ONE, [("gap_bar", k)])
@@ -242,7 +262,12 @@ class AdjointProgram(NativeProgram):
                     change.add(*out)
         of_element = layout.record("of_element", ONE)
         for k in range(len(self.kinds.elements)):
-            for name in (f"element bar {k}", f"finish element bar {k}"):
+            for name in (
+                f"element bar {k}",
+                f"finish element bar {k}",
+                f"element load bar {k}",
+                f"finish element load bar {k}",
+            ):
                 for out in self.outputs(name) if name in self.functions else ():
                     of_element.add(*out)
         layout.record("sample", ONE, [(name, 1) for name in SAMPLE])

@@ -96,7 +96,7 @@ class AdjointDriver(ChainCode):
         self._joint_solutions()
         if "energy" in self.layout.records:
             self._energies()
-        if "finish element bar 0" in self.functions:
+        if {"finish element bar 0", "finish element load bar 0"} & self.functions.keys():
             with code.loop(0, N) as e:
                 self._element_ends(e)
         self._joint_ends()
@@ -233,16 +233,19 @@ class AdjointDriver(ChainCode):
                 return self.at("of_element", 0, f[2:])
             if not f.endswith("_bar"):
                 return self._of_element(f, e)
-            return (
-                self.at("energy", 0, f)
-                if "energy" in records
-                else self.at("element_state_bar", e, f.removesuffix("_bar"))
-            )
+            for record in ("sample", "energy"):
+                if f in self.layout.fields(record):
+                    return self.at(record, 0, f)
+            return self.at("element_state_bar", e, f.removesuffix("_bar"))
 
         with self._element_kind(e) as kinds:
             for k in kinds:
-                self._call(f"finish element bar {k}", where)
-                self._spread(f"finish element bar {k}", e)
+                if f"finish element bar {k}" in self.functions:
+                    self._call(f"finish element bar {k}", where)
+                    self._spread(f"finish element bar {k}", e)
+                for _ in self._touching(k, e):
+                    self._call(f"finish element load bar {k}", where)
+                    self._spread(f"finish element load bar {k}", e)
 
     def _of_samples(self, what: str) -> list[str]:
         """Cotangents of a sample's fields."""
@@ -267,6 +270,10 @@ class AdjointDriver(ChainCode):
                         ),
                     )
             self._add_energies()
+            with self._element_kind(e) as kinds:
+                for k in kinds:
+                    for _ in self._touching(k, e):
+                        self._add_rise(f"ended element load {k}", e)
         with code.loop(0, nodes) as j:
             with self._kind(j) as kinds:
                 for k in kinds:
@@ -363,6 +370,9 @@ class AdjointDriver(ChainCode):
                         else self._of_element(f, e)
                     ),
                 )
+                for _ in self._touching(k, e):
+                    at = packed[f"> {BETWEEN if self.order == 1 else INNER}"]
+                    self._add_load(f"load blocks {k}", e, self.at(*at))
         places = {f"> {bar('gap')}": ("law", e, "gap_bar"), bar("stress"): ("stress_bar", e)}
         self._call(
             "stress bar",
@@ -487,15 +497,25 @@ class AdjointDriver(ChainCode):
                     ),
                 )
                 self._spread(f"element bar {k}", e)
+                for _ in self._touching(k, e):
+                    self._call(
+                        f"element load bar {k}",
+                        lambda f: (
+                            self.at("of_element", 0, f[2:])
+                            if f[0] == ">"
+                            else given[f]
+                            if f in given
+                            else self._of_element(f, e)
+                        ),
+                    )
+                    self._spread(f"element load bar {k}", e)
 
     def _spread(self, name: str, j: str) -> None:
         """Add the cotangents that a function gives to those of the start, of the constants and of
         the step's reaction; u's and m's stay.
         """
         records = self.layout.records
-        source = (
-            "of_element" if name.startswith(("element bar", "finish element bar")) else "change"
-        )
+        source = "of_element" if name.startswith(("element", "finish element")) else "change"
         for out in self.functions[name].outputs:
             field, at = out.removesuffix("_bar"), j
             if field != without_side(field):

@@ -20,7 +20,7 @@ from ...state.state import State
 from .chain_constants import Common
 from .local_functions import LocalFunctions
 from .local_problem import NODE, Fields, Given
-from .node_kinds import NodeKind
+from .node_kinds import ElementKind, NodeKind
 
 STRAINING = "straining"
 
@@ -75,6 +75,17 @@ class AlphaFunctions(LocalFunctions):
         before = self._conditions(
             problem.model, kind, self._of_node(fields).before, common, common.before, None, ()
         )
+        return replace(problem, before=before), x
+
+    def of_element(
+        self, fields: Fields, kind: ElementKind, between: bool = False
+    ) -> tuple[LocalAlphaProblem, EndUnknowns]:
+        problem, x = super().of_element(fields, kind, between)
+        common = self._common(fields)
+        if not between or common.before is None:
+            return problem, x
+        before = self._conditions(problem.model, None, None, common, common.before, None, ())
+        before = self._with_between(problem.model, before, common.before)
         return replace(problem, before=before), x
 
     def _stepping(

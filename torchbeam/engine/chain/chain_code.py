@@ -13,7 +13,7 @@ from ..compiler.llvm import Module
 from ..compiler.loop_text import Code
 from ..compiler.shared_ends import END
 from .conserving_functions import ENERGIES
-from .layout import Layout
+from .layout import BETWEEN, INNER, Layout
 from .node_kinds import SIDES, Kinds
 from .transfers import Transfers
 
@@ -250,6 +250,42 @@ class ChainCode:
                     yield k
 
         yield each()
+
+    def _touching(self, k: int, e: str) -> Iterator[None]:
+        """What is written in a round runs where loads between the nodes of element e, of kind k, do
+        anything in one of the samples; no round, where there are none.
+        """
+        if "at_load" not in self.layout.records:
+            return
+        code, far = self.code, self.at("at_load", 0, "far")
+        self._call(
+            f"far {k}",
+            lambda f: self.at("at_load", 0, f[2:]) if f[0] == ">" else self._of_element(f, e),
+        )
+        if "force" in self.functions[f"far {k}"].outputs:
+            code.call("largest", self.at("sums", 0, "force"), self.at("at_load", 0, "force"))
+        code.call("all", far, result := code.slot())
+        with code.when(code.compare("eq", code.load(result), 0)):
+            yield
+
+    def _add_load(self, name: str, e: str, to: str) -> None:
+        """Add what a function of the loads between the nodes of element e gives these to what the
+        element itself gives them.
+        """
+        packed = BETWEEN if self.order == 1 else INNER
+        self._call(
+            name, lambda f: self.at("at_load", 0, f[2:]) if f[0] == ">" else self._of_element(f, e)
+        )
+        size = self.layout.fields("at_load")[packed][1]
+        self._add(to, self.at("at_load", 0, packed), size)
+
+    def _add_rise(self, name: str, e: str) -> None:
+        """Add the energy that a function of such loads gives."""
+        self._call(
+            name, lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else self._of_element(f, e)
+        )
+        if "energy" in self.layout.records:
+            self._add(self.at("energy", 0, "rise"), self.at("change", 0, "rise"), 1)
 
     def _sized(self, name: str, size: int, *pointers: str) -> None:
         given = ", ".join(f"ptr {p}" for p in pointers)

@@ -45,6 +45,10 @@ class ConservingFunctions(LocalFunctions):
         strain = strain_rise(problem.model, problem.start, after, problem.dt, problem.eigenstrain)
         return {"kinetic": kinetic, "rise": rise + strain}
 
+    def finish_element_load(self, kind: Any, **fields: Tensor) -> Fields:
+        work = super().finish_element_load(kind, **fields)["work"]
+        return {"work": work, "rise": -work}
+
     def project(self, defect: Tensor, kinetic: Tensor, rise: Tensor) -> Fields:
         """See `energy_projection`; of all nodes and elements together."""
         scale, defect = projected(defect + rise, kinetic)

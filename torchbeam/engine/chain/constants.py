@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ...core.derivatives import cached, lasting
-from ...core.leaves import constant, detached, functions, own_leaves, with_values
+from ...core.leaves import constant, detached, functions, leaves, own_leaves, with_values
 from ...core.surroundings import Surroundings
 from ...core.validation import concrete
 from ...math.shapes import broadcast_shapes
@@ -414,7 +414,7 @@ def _by_time(load: Any, by_place: bool) -> bool:
     return (
         not _unchanging(load)
         if by_place
-        else any(leaf.axes == 1 and callable(leaf.value) for leaf in own_leaves(load))
+        else any(leaf.axes == 1 and callable(leaf.value) for leaf in leaves(load))
     )
 
 

@@ -135,11 +135,22 @@ class Driver(ChainCode):
                         self._call(f"element {k}", lambda f: self._of_element(f, v))
                 for name in ("force", "moment", "strain", "left_strain"):
                     self._largest(name, "at_element")
+                self._element_load(v)
                 if self.order == 2:
                     self._condense(v)
             self._row(v, left, right)
             for name in self.layout.records["sums"].fields:
                 self._largest(name, "at_row")
+
+    def _element_load(self, e: str) -> None:
+        """What loads between the nodes of element e add to what it gives them."""
+        packed = BETWEEN if self.order == 1 else INNER
+        with self._element_kind(e) as kinds:
+            for k in kinds:
+                for _ in self._touching(k, e):
+                    self._add_load(f"element load {k}", e, self._of_element(f"> {packed}", e))
+                    for name in ("force", "moment", "passed"):
+                        self._largest(name, "at_load")
 
     def _node(self, j: str, turn: str | int) -> None:
         """Balance of node j, and what is computed there for the elements at it."""
@@ -363,6 +374,8 @@ class Driver(ChainCode):
             lambda f: (
                 self.at("common", 0, f)
                 if f in records["common"].fields
+                else self.at("sums", 0, f)
+                if f in records["sums"].fields
                 else self.at("sample", 0, places.get(f, f))
             ),
         )
@@ -388,6 +401,9 @@ class Driver(ChainCode):
                         self.at("element_state", e, name), self.at("change", 0, name), good, size
                     )
                 self._add_energies()
+        if "at_load" in records:
+            with code.loop(0, N) as e:
+                self._finish_element_load(e, good)
         self._finish_joints(good)
         with code.loop(0, nodes) as j:
             with self._kind(j) as kinds:
@@ -405,6 +421,14 @@ class Driver(ChainCode):
         if "energy" in records:
             self._project(good)
         self._keep_forces(good)
+
+    def _finish_element_load(self, e: str, good: str) -> None:
+        """Work of the loads between the nodes of element e."""
+        with self._element_kind(e) as kinds:
+            for k in kinds:
+                for _ in self._touching(k, e):
+                    self._add_rise(f"finish element load {k}", e)
+                    self._sum(self.at("sample", 0, "work"), self.at("change", 0, "work"), good, 1)
 
     def _keep_forces(self, good: str) -> None:
         """Stress, and the loads of supports, of what has gone well."""

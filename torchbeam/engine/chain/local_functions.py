@@ -14,12 +14,13 @@ its stations, and the same of its nodes, behind `i.` and `j.`, or `i.`, `m.`, `j
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
 from ...core.status import BROKEN, DIVERGED, SUCCESS
+from ...equations.balance_problem import BalanceProblem
 from ...equations.step_problem import StepProblem
 from ...math.block_tridiagonal import eliminated
 from ...nodal.balance import dstress, mixed, pushed_by, restrained_forces, scaled
@@ -188,6 +189,51 @@ class LocalFunctions(JointFunctions):
             "left_strain": element.constitutive_residual.abs().amax(),
             "strain": effective_strain.amax(),
         }
+
+    # Functions of the loads between an element's nodes
+
+    def far(self, kind: ElementKind, **fields: Tensor) -> Fields:
+        """1 where these loads do nothing; the largest force that counts as none, in a step."""
+        problem, kinematics = self._between(fields, kind)
+        found = {"far": problem.idle(kinematics).to(problem.t)}
+        if isinstance(problem, StepProblem):
+            found["force"] = problem.least[0].amax()
+        return found
+
+    def element_load(self, kind: ElementKind, **fields: Tensor) -> Fields:
+        """What they add to what `element` gives its nodes; the largest force and moment; in a step
+        `passed`, see `StepProblem.passed`.
+        """
+        problem, kinematics = self._between(fields, kind)
+        parts = problem.element_loads(kinematics)
+        D, U, L, *far = problem.element_load_matrix(kinematics).tensors
+        wrench, p = problem.model.topology.scatter(parts), self.model.space.dims.position
+        given = {"balance": -wrench, "asked": -wrench, "D": D}
+        found = {
+            f"{side}.{name}": value[k]
+            for name, value in given.items()
+            for k, side in enumerate(self.sides)
+        }
+        found |= {"far_U": far[0][0], "far_L": far[1][0]} if far else {}
+        passed = problem.passed(kinematics)
+        return found | {
+            "U": U if far else U[0],
+            "L": L if far else L[0],
+            "force": wrench[..., :p].abs().amax(),
+            "moment": wrench[..., p:].abs().amax(),
+            **({} if passed is None else {"passed": passed.to(wrench)}),
+        }
+
+    def finish_element_load(self, kind: ElementKind, **fields: Tensor) -> Fields:
+        """The work that they do over the step."""
+        problem, kinematics = self._between(fields, kind)
+        return {"work": problem.work(kinematics)}
+
+    def _between(self, fields: Fields, kind: ElementKind) -> tuple[BalanceProblem, Any]:
+        problem, x = self.of_element(fields, kind, between=True)
+        return problem, problem.node_balance(problem.apply_supports(x))[0]
+
+    # Functions of an element's stress
 
     def stress(self, stress: Tensor, gap: Tensor, E: Tensor, **fields: Tensor) -> Fields:
         """The stress (stations, k) after the moves of its nodes, `i.move` and so on (w)."""
@@ -501,13 +547,13 @@ class LocalFunctions(JointFunctions):
         before: Tensor,
         cosine: Tensor,
         least: Tensor,
+        passed: Tensor | None = None,
     ) -> Fields:
-        """The status (that of `before` where a sample does not move): it has converged and no node
-        has turned too far; and whether it moves on.
+        """The status (that of `before` where a sample does not move): it has converged, and no node
+        has turned too far or passed through what it is to touch; and whether it moves on.
         """
-        status = torch.where(
-            done != 0, torch.where(cosine < least, float(DIVERGED), float(SUCCESS)), status
-        )
+        lost = cosine < least if passed is None else (cosine < least) | (passed != 0)
+        status = torch.where(done != 0, torch.where(lost, float(DIVERGED), float(SUCCESS)), status)
         status = torch.where(moving != 0, status, before)
         return {"status": status, "moving": ((status == SUCCESS) & (moving != 0)).to(moving)}
 

@@ -167,8 +167,10 @@ class LocalProblems:
     def _of_node(self, fields: Fields) -> NodeConstants:
         return filled(self.nodes, lambda k: fields[f"node.{k}"][None])
 
-    def of_element(self, fields: Fields, kind: ElementKind) -> tuple[BalanceProblem, Any]:
-        """The same of one element."""
+    def of_element(
+        self, fields: Fields, kind: ElementKind, between: bool = False
+    ) -> tuple[BalanceProblem, Any]:
+        """The same of one element; between: with the loads that act between its nodes."""
 
         def nodes(name: str) -> Tensor:
             return torch.stack([fields[f"{side}.{name}"] for side in self.sides])
@@ -189,6 +191,7 @@ class LocalProblems:
         element, common = self.element_constants(fields), self._common(fields)
         rows = self._rows(own, element.rows, common, supports, _hinges(*kind))
         now = self._conditions(rows, None, None, common, common.now, element.eigenstrain, supports)
+        now = self._with_between(rows, now, common.now) if between else now
         return self._problem(rows, element, common, given, now)
 
     def of_joint(self, fields: Fields, kind: JointKind) -> tuple[BalanceProblem, Any]:
@@ -248,6 +251,16 @@ class LocalProblems:
             moves=joints.moves.detach(),
             **numbers,
         )
+
+    @property
+    def between(self) -> bool:
+        """Whether loads act between nodes."""
+        return any(load is not None and load.between_nodes for load in self.common.now.loads)
+
+    def _with_between(self, rows: Rows, now: Conditions, alike: CommonConditions) -> Conditions:
+        """Conditions with the loads that act between nodes."""
+        loads = tuple(x for x in alike.loads if x is not None and x.between_nodes)
+        return replace(now, between=acting(rows, loads, (0,) * len(loads)))
 
     def element_constants(self, fields: Fields) -> ElementConstants:
         """Of one element."""

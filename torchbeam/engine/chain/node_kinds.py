@@ -164,7 +164,9 @@ def kinds_of(model: Model, loads: tuple[ActingLoad, ...], rest: bool = False) ->
             supports[support.node] = SupportKind(fixed, support.moves, support.clamp)
 
     def kind(j: int) -> NodeKind:
-        acting = tuple(k for k, load in enumerate(loads) if load.acts_on(j))
+        acting = tuple(
+            k for k, act in enumerate(loads) if not act.load.between_nodes and act.acts_on(j)
+        )
         return (
             NodeKind(acting, placed=supports.get(j))
             if rest

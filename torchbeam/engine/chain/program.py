@@ -88,10 +88,13 @@ class ChainProgram(NativeProgram):
         own = Packing(OWN, nodes, nodes[0].outputs)
         elements = [self._of_element(traced, local, kind) for kind in self.kinds.elements]
         shapes = {name: out.shape for name, out in elements[0].outputs.items()}
-        between = Packing(
-            BETWEEN if self.order == 1 else INNER, elements, midsides.to_nodes(shapes)
-        )
-        law = Packing(LAW, between.made(), ("gap", "E"))
+        names = midsides.to_nodes(shapes)
+        loads = self._of_loads_between(functions, traced, local, {n: shapes[n] for n in names})
+        between = Packing(BETWEEN if self.order == 1 else INNER, [*elements, *loads], names)
+        made = between.made()
+        for k, one in enumerate(made[len(elements) :]):
+            functions[f"element load {k}"] = one.only(one.outputs)
+        law = Packing(LAW, made[: len(elements)], ("gap", "E"))
         elements = [one.only(name for name in one.outputs if name != "hB") for one in law.made()]
         self._iterated(functions, own.made(), elements, traced)
 
@@ -158,6 +161,24 @@ class ChainProgram(NativeProgram):
             _split(functions, f"joint {k}", joint, (*changing, "force", *self.varying))
         return functions
 
+    def _of_loads_between(
+        self,
+        functions: dict[str, Function],
+        traced: Tracing,
+        local: LocalFunctions,
+        shapes: dict[str, tuple[int, ...]],
+    ) -> list[Function]:
+        """What loads between nodes add to what each kind of elements gives its nodes, of these
+        fields; none where there are none. `far` of each kind says where they do nothing.
+        """
+        loads = []
+        for k, kind in enumerate(self.kinds.elements if local.between else ()):
+            given = traced.element | {name: () for name in self.varying}
+            functions[f"far {k}"] = traced(partial(local.far, kind), given)
+            load = traced(partial(local.element_load, kind), given)
+            loads.append(load.with_zeros(shapes))
+        return loads
+
     def _iterated(
         self,
         functions: dict[str, Function],
@@ -200,6 +221,9 @@ class ChainProgram(NativeProgram):
             "at_element", ONE, outputs("element 0", "force", "moment", "strain", "left_strain")
         )
         midsides.record(layout, self.functions, "element 0")
+        if "element load 0" in self.functions:
+            layout.record("at_load", ONE, [("far", 1), *self.outputs("element load 0")])
+            layout.record("sums", ONE, self.outputs("element load 0", "passed"))
         layout.record("row", ENDS, outputs(row, "ahead", "y"))
         layout.record(
             "at_row", ONE, [output for output in outputs(row) if output[0] not in ("ahead", "y")]
@@ -266,9 +290,14 @@ class StepProgram(ChainProgram):
                 functions[f"finish element {k}"] = traced(
                     partial(local.finish_element, kind), traced.element
                 )
+        if local.between:
+            for k, kind in enumerate(self.kinds.elements):
+                functions[f"finish element load {k}"] = traced(
+                    partial(local.finish_element_load, kind), traced.element
+                )
+        asked = ("moving", "done", "status", "before", "cosine", "least")
         functions["outcome"] = traced(
-            local.outcome,
-            {name: () for name in ("moving", "done", "status", "before", "cosine", "least")},
+            local.outcome, dict.fromkeys((*asked, *["passed"] * local.between), ())
         )
         return functions
 
@@ -277,6 +306,8 @@ class StepProgram(ChainProgram):
         layout.record("common", ONE, [("least", 1)])
         layout.record("state", NODES, self.outputs("finish 0", *self.state))
         layout.record("change", ONE, [*self.outputs("finish 0"), ("cosine", 1)])
+        if "finish element load 0" in self.functions:
+            layout.record("change", ONE, self.outputs("finish element load 0"))
         if "finish element 0" in self.functions:
             layout.record("change", ONE, self.outputs("finish element 0"))
         if self.element_state:

@@ -90,6 +90,15 @@ class Function:
         }
         return Function(graph, {**fields, **self.inputs}, outputs).only(outputs)
 
+    def with_zeros(self, shapes: Mapping[str, tuple[int, ...]]) -> Function:
+        """The function with zeros in outputs of these names and shapes that it has not."""
+        zeros = {
+            name: Output(shape, (self.graph.zero,) * prod(shape))
+            for name, shape in shapes.items()
+            if name not in self.outputs
+        }
+        return replace(self, outputs={**self.outputs, **zeros})
+
     def joined(self, other: Function) -> Function:
         """The outputs of both, in one graph: what is equal is computed once."""
         graph, outputs = Graph(), {}

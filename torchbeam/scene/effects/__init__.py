@@ -6,11 +6,13 @@ An effect is a small frozen dataclass with one kind:
     strain       `Damping`: stress that follows the strain rate
     inertia      `PointMass`: mass at a node
     eigenstrain  `Actuation`: strain and curvature of the unloaded beam
+    tendon       `Tendon`: forces between points of several nodes
 A load acts on one node (`node` is an index) or along the beam, per unit length (`node` is None).
 Load points may be nodes or elements, by the form of the beam.
 """
 
 from .actuation import Actuation
+from .contact import Contact
 from .custom_load import Load
 from .damping import Damping, MassDamping, rayleigh
 from .drag import Drag
@@ -33,8 +35,10 @@ from .load_point import (
     together,
 )
 from .loads import LineLoad, PointLoad, TipLoad
+from .obstacles import Box, Capsule, Cylinder, Obstacle, Plane, Sphere
 from .point_mass import PointMass
 from .springs import RootSpring, Spring
+from .tendon import Eyelet, Tendon
 from .values import (
     Along,
     Input,
@@ -63,9 +67,14 @@ __all__ = [
     "Accelerogram",
     "Actuation",
     "Along",
+    "Box",
+    "Capsule",
+    "Contact",
+    "Cylinder",
     "Damping",
     "Drag",
     "Effect",
+    "Eyelet",
     "Gravity",
     "History",
     "Input",
@@ -76,13 +85,17 @@ __all__ = [
     "LoadPoint",
     "LoadValue",
     "MassDamping",
+    "Obstacle",
     "PerElement",
     "PerInterval",
+    "Plane",
     "PointLoad",
     "PointMass",
     "Pose",
     "RootSpring",
+    "Sphere",
     "Spring",
+    "Tendon",
     "TipLoad",
     "Wrench",
     "changing",

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from ...core.functions_of_time import HOOKED, saves_by_hooks, within_dual_numbers
-from ...core.leaves import own_leaves, with_values
+from ...core.leaves import Tree, own_leaves, with_values
 from ...math.quaternions import skew
 from ..beam import Beam
 from .effect import Effect
@@ -100,6 +100,11 @@ class LoadEffect(Effect):
     wants_support = False  # whether it reads site.support
     wants_axes = False  # whether it reads site.axes
     wants_frame = False  # whether it reads site.frame
+    wants_step = False  # whether it reads site.dt, though it has no internal states
+    # whether it acts between nodes, at points of elements, see `torchbeam.nodal.element_loads`
+    between_nodes = False
+    points = 2  # of an element, where it does
+    rubs = False  # whether it holds what stands still, by friction
     anchor = None  # (..., 3) m, frame a: a point that its node is tied to
     depends: frozenset[str] = frozenset()
 
@@ -143,26 +148,26 @@ class LoadEffect(Effect):
         see `at_sites`; itself where there are none.
         """
         here = self.at_sites(s, t, inputs, elements)
-        if here is not None:
-            return here
-        asked = {
-            leaf.name: leaf.value
-            for leaf in own_leaves(self)
-            if leaf.axes == 1 and (callable(leaf.value) or isinstance(leaf.value, Input))
-        }
-        return (
-            with_values(
-                self, **{name: value_at(value, t, inputs, s) for name, value in asked.items()}
-            )
-            if asked
-            else self
-        )
+        return at_instant(self, t, inputs, s) if here is None else here
 
     def in_free_vibration(self) -> LoadEffect | None:
         """What of it is left in a free vibration about the beam at rest: the load itself where it
         is a stiffness, the mass of a fluid that moves along; None = nothing.
         """
         return None
+
+
+def at_instant(tree: Tree, t: Tensor, inputs: Inputs, like: Tensor, **parts: Tree) -> Tree:
+    """A tree with numbers in the place of functions of t and of inputs among its own leaves, and
+    with these `parts` of it; itself where that changes nothing.
+    """
+    asked = {
+        leaf.name: value_at(leaf.value, t, inputs, like)
+        for leaf in own_leaves(tree)
+        if leaf.axes == 1 and (callable(leaf.value) or isinstance(leaf.value, Input))
+    }
+    asked |= {name: part for name, part in parts.items() if part is not getattr(tree, name)}
+    return with_values(tree, **asked) if asked else tree
 
 
 def derivatives(

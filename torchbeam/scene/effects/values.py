@@ -360,6 +360,32 @@ def load_value(name: str, value: Value, *, along: bool = False) -> LoadValue:
     return value
 
 
+def scalar_value(name: str, value: Any) -> Any:
+    """`value` checked: a number (...), a function of t, an Input of size 1, or None."""
+    if value is None:
+        return None
+    if callable(value):
+        return check_function(name, value, "t")
+    if isinstance(value, Input):
+        if value.size != 1:
+            raise ValueError(
+                f"{name} with an Input of size {value.size} was given; size 1 is wanted"
+            )
+        return value
+    value = plain(value)
+    finite(name, torch.as_tensor(value))
+    return value
+
+
+def scalar_at(what: str, value: Any, t: Tensor, inputs: Inputs, like: Tensor) -> Tensor:
+    """The number (...) at time t of what `scalar_value` has checked; what: whose it is."""
+    if isinstance(value, Input):
+        return input_at(value, inputs)[..., 0]
+    if callable(value):
+        return at_time(lambda now: taken(what, value(now), like), t, own=0)
+    return value
+
+
 def parameter(name: str, value: Value, *, zero: bool = True) -> Tensor | np.ndarray:
     """A number (...) that may not be negative (nor zero, without `zero`); ValueError otherwise."""
     value = plain(value)

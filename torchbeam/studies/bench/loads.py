@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import torch
 
+from ...core.results import table
 from ...dynamics.simulate import simulate
 from ...engine.chain.coverage import why_eager, why_not_traced
 from ...nodal.discretise import discretise
@@ -92,15 +93,10 @@ def _row(name: str, scene: Scene) -> LoadRow:
 
 def markdown(rows: list[LoadRow]) -> str:
     """A table, and how many are native."""
-    lines = [
-        "| load | engine | native, ms a step | eager | eager over native |",
-        "|---|---|---:|---:|---:|",
-    ]
-    for one in rows:
-        numbers = (
-            f"{x:.3g}" if isinstance(x, float) else x
-            for x in (one.native_ms, one.eager_ms, one.ratio)
-        )
-        lines.append(f"| {' | '.join((one.name, one.engine, *numbers))} |")
-    lines += ["", f"{sum(one.engine == 'native' for one in rows)} of {len(rows)} are native."]
-    return "\n".join([*lines, *(f"- {row.name}: {row.reason}" for row in rows if row.reason)])
+    head = "load", "engine", "native, ms a step", "eager", "eager over native"
+    cells = (
+        [x if isinstance(x, str) else f"{x:.3g}" for x in (r.name, r.engine, *r[2:5])] for r in rows
+    )
+    native = f"{sum(row.engine == 'native' for row in rows)} of {len(rows)} are native."
+    reasons = [f"- {row.name}: {row.reason}" for row in rows if row.reason]
+    return "\n".join([table(head, cells, words=2), "", native, *reasons])

@@ -1,6 +1,6 @@
 """The list of verification cases."""
 
-from . import motion, rotating, stability, statics, structures, wing
+from . import contact, motion, rotating, stability, statics, structures, tendons, wing
 
 CASES = [
     *statics.CASES,
@@ -9,4 +9,6 @@ CASES = [
     *motion.CASES,
     *rotating.CASES,
     *structures.CASES,
+    *tendons.CASES,
+    *contact.CASES,
 ]

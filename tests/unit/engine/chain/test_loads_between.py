@@ -1,0 +1,85 @@
+"""Loads between nodes, natively: what they give, and its gradients, as eagerly."""
+
+import pytest
+import torch
+from torch.testing import assert_close
+
+import torchbeam as tb
+
+STEPS = 12
+
+
+def run(engine, order, plane, method, moving, batch, **options):
+    """A beam that falls onto a ball and slides over it: places and work at the end, gradients by
+    all numbers of the contact.
+    """
+    p = {
+        "place": torch.tensor([0.83, 0.0, -0.0605]),
+        "radius": torch.tensor(0.05),
+        "own": torch.tensor(0.01),
+        "thickness": torch.tensor(2e-3),
+        "force": torch.tensor([2.0, 5.0, 9.0] if batch else 5.0),
+        "friction": torch.tensor(0.3),
+        "slip_speed": torch.tensor(0.5),
+        "damping": torch.tensor(1e-3),
+        "EI": torch.tensor(1.0),
+    }
+    p = {name: x.requires_grad_() for name, x in p.items()}
+    section = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=p["EI"], mass=0.2, inertia=1e-4)
+    place = p["place"]
+    if moving:
+        p.pop("place")
+        place = lambda t: torch.stack((0.83 + 0.3 * t, 0 * t, 0.1 * t - 0.0605))  # noqa: E731
+    contact = tb.Contact(
+        tb.Sphere(place, p["radius"]),
+        radius=p["own"],
+        points=4,
+        **{name: p[name] for name in ("thickness", "force", "friction", "slip_speed", "damping")},
+    )
+    side = 0.1 if plane is None else 0.0
+    effects = [tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=(0, side, 0)), contact]
+    beam = tb.Beam.straight(1.0, 2, section, order=order)
+    t = torch.tensor([0.0, 4e-3 * STEPS])
+    solution = tb.simulate(
+        tb.Scene(beam, effects, plane=plane), t, step=4e-3, engine=engine, method=method, **options
+    )
+    work = solution.energy.work[-1]
+    answer = (solution.tip.position[-1] * torch.tensor([1.0, 2.0, 3.0])).sum() + work.sum()
+    return solution.nodes[-1], work, torch.autograd.grad(answer, list(p.values()))
+
+
+@pytest.mark.parametrize(
+    ("order", "plane", "method", "moving", "batch", "options"),
+    [
+        (1, None, "midpoint", False, True, {}),
+        (2, "xz", "midpoint", False, False, dict(conserve=True)),
+        (1, "xz", "generalized_alpha", True, False, {}),
+    ],
+    ids=["space", "plane, order 2, conserving", "generalized alpha, moving"],
+)
+def test_eager_and_native_agree(order, plane, method, moving, batch, options):
+    """Motion to 1e-12, gradients to 1e-9 of the largest; the contact acts in them all."""
+    ways = [
+        run(engine, order, plane, method, moving, batch, **options)
+        for engine in ("eager", "compiled")
+    ]
+    (nodes, work, gradients), (native, native_work, native_gradients) = ways
+    assert_close(native, nodes, rtol=0, atol=1e-12)
+    assert_close(native_work, work, rtol=0, atol=1e-12)
+    for own, other in zip(native_gradients, gradients, strict=True):
+        assert other.abs().amax() > 0
+        assert_close(own, other, rtol=1e-9, atol=1e-9 * other.abs().amax().item())
+
+
+def test_equilibria_agree():
+    """A cantilever that leans on a floor."""
+    section = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=0.4, inertia=1e-4)
+    heights = torch.tensor([-0.05, -0.02, -1.0])
+    floor = tb.Plane(torch.stack((0 * heights, 0 * heights, heights), -1), (0, 0, 1.0))
+    contact = tb.Contact(floor, thickness=2e-3, force=5.0)
+    beam = tb.Beam.straight(1.0, 6, section, order=2)
+    scene = tb.Scene(beam, [tb.Gravity((0, 0, -9.81)), contact], plane="xz")
+    eager, native = (tb.equilibrium(scene, engine=engine) for engine in ("eager", "compiled"))
+    assert_close(native.position, eager.position, rtol=0, atol=1e-11)
+    lifted = 0.4 * 9.81 - native.root.force[..., 2]
+    assert (lifted[:2] > 1.0).all() and lifted[2].abs() < 1e-8

@@ -1,0 +1,317 @@
+"""Contact: laws at a point, obstacles, and loads between nodes, each against its definition."""
+
+import pytest
+import torch
+from torch.testing import assert_close
+
+import torchbeam as tb
+from tests.cases.nodal_cases import state as random_state
+from torchbeam.equations.generalized_alpha import GeneralizedAlphaProblem
+from torchbeam.equations.midpoint import MidpointProblem
+from torchbeam.nodal.discretise import discretise
+from torchbeam.scene.effects import contact_law as law
+from torchbeam.scene.effects.load_point import LoadPoint, jacobians
+
+UP = (0.0, 0.0, 1.0)
+SECTION = tb.Section.from_stiffness(EA=1e3, GA=4e2, GJ=0.8, EI=1.0, mass=0.5, inertia=0.01)
+OBSTACLES = {
+    "Plane": lambda: tb.Plane((0.1, 0.2, -0.1), (0.1, -0.2, 1.0)),
+    "Sphere": lambda: tb.Sphere((0.1, 0.2, -0.3), 0.2),
+    "Cylinder": lambda: tb.Cylinder((0.1, 0.2, -0.3), (1.0, 0.5, 0.1), 0.1),
+    "tube": lambda: tb.Cylinder((0.1, 0.2, -0.3), (1.0, 0.5, 0.1), 0.1, inside=True),
+    "Capsule": lambda: tb.Capsule((0.1, 0.2, -0.3), (0.5, 0.1, -0.2), 0.1),
+    "Box": lambda: tb.Box((0.1, 0.2, -0.3), (0.4, 0.6, 0.5), 0.05, rotation=(0.1, 0.5, -0.2)),
+}
+each = pytest.mark.parametrize("name", OBSTACLES)
+
+
+def bound(obstacle):
+    """With numbers as tensors."""
+    contact = tb.Contact(obstacle, thickness=0.1, force=1.0)
+    return tb.Scene(tb.Beam.straight(1.0, 1, SECTION), [contact]).effects[0].obstacle
+
+
+def potential(y, d, k):
+    return k / (6 * d) * (y.clamp(min=0) ** 3 - (y - d).clamp(min=0) ** 3)
+
+
+def test_pressure_is_the_slope_of_its_potential_over_a_step():
+    """At all pairs of places, far, within and beyond the thickness: (phi(b) - phi(a))/(b - a), and
+    its limit where they are the same; with derivatives that do not suffer from a short way.
+    """
+    d, k = torch.tensor(0.01), torch.tensor(3.0)
+    a, b = torch.meshgrid(*[torch.linspace(-0.02, 0.03, 21) + 1e-4] * 2, indexing="ij")
+    b = b + 1e-5
+    mean = (potential(b, d, k) - potential(a, d, k)) / (b - a)
+    assert_close(law.pressure(a, b, d, k), mean, rtol=1e-9, atol=1e-15)
+    y = torch.linspace(-0.02, 0.03, 40, requires_grad=True)
+    (slope,) = torch.autograd.grad(potential(y, d, k).sum(), y)
+    assert_close(law.pressure(y, y, d, k), slope, rtol=1e-12, atol=1e-18)
+    near = y.detach().clone().requires_grad_()
+    (by,) = torch.autograd.grad(law.pressure(near.detach() - 1e-17, near, d, k).sum(), near)
+    wanted = k / (2 * d) * (y.clamp(min=0) - (y - d).clamp(min=0))  # half of phi''
+    assert_close(by, wanted.detach(), rtol=1e-9, atol=1e-12)
+
+
+def test_what_the_law_says_of_its_numbers():
+    """`force` where surfaces meet, and beyond a slope of 2 force/thickness."""
+    d, P = torch.tensor(0.01), torch.tensor(5.0)
+    k = 2 * P / d
+    for depth, wanted in ((0.0, 0.0), (0.5, P / 4), (1.0, P), (3.0, 5 * P)):
+        y = depth * d
+        assert_close(law.pressure(y, y, d, k), torch.as_tensor(wanted), rtol=1e-12, atol=0)
+
+
+def test_damping_never_pulls_and_takes_energy():
+    a = torch.linspace(-1e4, 1e4, 2001)
+    factor = law.damped(a)
+    assert (factor > 0).all() and ((factor - 1) * a >= 0).all()
+    assert law.damped(torch.zeros(())) == 1
+    assert_close(factor, (torch.asinh(a)).exp(), rtol=1e-9, atol=0)
+
+
+def test_friction_is_coulombs_beyond_the_slip_speed_and_creeps_below():
+    v = torch.tensor([[0.0, 0, 0], [1e-3, 0, 0], [0.03, 0.04, 0], [0.0, 2.0, 0]])
+    slip = torch.tensor(0.1)
+    found = law.rubbing(v, slip)
+    assert_close(found[0], torch.zeros(3))
+    assert_close(torch.linalg.vector_norm(found[2]), torch.tensor(2 * 0.5 - 0.25))
+    assert_close(found[3], torch.tensor([0.0, 1.0, 0.0]))
+    share = torch.tensor(0.36)  # of the most, under which it creeps so:
+    creep = slip * (1 - (1 - share).sqrt())
+    assert_close(law.rubbing(torch.stack((creep, creep * 0, creep * 0)), slip)[0], share)
+    assert torch.autograd.gradcheck(
+        lambda v: law.rubbing(v, slip), torch.tensor([0.03, 0.02, -0.05], requires_grad=True)
+    )
+
+
+@each
+def test_gradient_of_the_distance(name):
+    """Of length 1, and the derivative of the distance."""
+    obstacle, x = bound(OBSTACLES[name]()), torch.randn(40, 3) * 0.5
+    x = x[obstacle.distance(x)[:, 0].abs() < (9 if name != "Box" else 1.0)]
+    x = x[obstacle.distance(x)[:, 0] > -0.04] if name == "Box" else x
+    (slope,) = jacobians(obstacle.distance, x)
+    assert_close(slope[:, 0], obstacle.gradient(x), rtol=1e-10, atol=1e-12)
+    assert_close(torch.linalg.vector_norm(obstacle.gradient(x), dim=-1), torch.ones(len(x)))
+
+
+def test_places_of_obstacles():
+    """Distances that are known without a formula."""
+    x = torch.tensor([[2.0, 0, 0]])
+    for obstacle, wanted in (
+        (tb.Plane((0.5, 3, 4), (2.0, 0, 0)), 1.5),
+        (tb.Sphere((0, 0, 0), 0.5), 1.5),
+        (tb.Cylinder((0, 0, 7), (0, 0, 3.0), 0.5), 1.5),
+        (tb.Cylinder((0, 0, 7), (0, 0, 3.0), 2.5, inside=True), 0.5),
+        (tb.Capsule((0, 0, 0), (1.0, 0, 0), 0.25), 0.75),
+        (tb.Capsule((0, 1, 0), (4.0, 1, 0), 0.25), 0.75),
+        (tb.Box((0, 0, 0), (1.0, 1, 1), 0.2), 1.5),
+        (tb.Box((0, 0, 0), (4.2, 1, 1), 0.2), -0.1),
+    ):
+        assert_close(bound(obstacle).distance(x), torch.tensor([[wanted]]))
+
+
+def test_points_of_what_moves():
+    """Velocity of an obstacle's points = rates of the places that it carries along, by differences:
+    a drift, a turn of a direction, and the turn of a surface in itself.
+    """
+
+    def turned(t):
+        return torch.stack((torch.cos(2 * t), torch.sin(2 * t), 0 * t))
+
+    plane = tb.Plane(lambda t: torch.stack((3 * t, 0 * t, t * t)), turned)
+    contact = tb.Contact(plane, thickness=0.1, force=1.0)
+    scene = tb.Scene(tb.Beam.straight(1.0, 1, SECTION), [contact])
+    t, x = torch.tensor(0.3), torch.tensor([[0.4, 0.2, 0.1]])
+    now = scene.effects[0].resolved(torch.zeros(2), t, {}, 1).obstacle
+    arm = x[0] - torch.tensor([0.9, 0, 0.09])
+    spin = torch.tensor([0.0, 0, 2.0])
+    wanted = torch.tensor([3.0, 0, 0.6]) + torch.linalg.cross(spin, arm)
+    assert_close(now.velocity(x)[0], wanted)
+    drum = bound(tb.Cylinder((0, 0, 0), (0, 2.0, 0), 0.5, spin=3.0))
+    assert drum.velocity(x) is None
+    around = torch.linalg.cross(torch.tensor([0.0, 3.0, 0]), x[0])
+    assert_close(drum.surface_velocity(x)[0], around)
+
+
+def touching(order=1, plane=None, points=2, **given):
+    """A scene whose beam is in contact with a sphere along all of it."""
+    given = dict(thickness=0.2, force=2.0, radius=0.05, points=points) | given
+    obstacle = tb.Sphere((0.5, 0.0 if plane == "xz" else 0.1, -0.9), 0.8)
+    beam = tb.Beam.straight(1.0, 2, SECTION, order=order)
+    return tb.Scene(beam, [tb.Contact(obstacle, **given)], plane=plane)
+
+
+RUBBING = dict(friction=0.4, slip_speed=0.3, damping=0.05)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("plane", [None, "xz"])
+@pytest.mark.parametrize("problem", [MidpointProblem, GeneralizedAlphaProblem])
+def test_tangent_is_the_derivative_of_the_balance(order, plane, problem):
+    """Of a step at a random state with everything on: the matrix by central differences of moves;
+    1e-5 of its largest number, for differences of a law with one continuous derivative.
+    """
+    scene = touching(order, plane, **RUBBING)
+    model = discretise(scene)
+    start = model.space.to_reduced(random_state(scene, size=0.05))
+    method = tb.Stepper(scene, 0.02, method="generalized_alpha", engine="eager")
+    if problem is GeneralizedAlphaProblem:
+        start = model.space.to_reduced(method.begin(random_state(scene, size=0.05)))
+    step = problem(model, start, torch.tensor(0.02), torch.tensor(0.01), {})
+    x = step.predictor()
+    _, *about = step.residual(x)
+    matrix = step.element_load_matrix(about[0]).dense()
+    assert matrix.abs().amax() > 1
+    w = model.space.unknowns
+
+    def balance(move):
+        moved = step.update(x, move.reshape(-1, w), torch.zeros_like(x.stress))
+        kinematics = step.motion.kinematics(moved.u, moved.m)
+        return -model.topology.scatter(step.element_loads(kinematics)).flatten()
+
+    columns = [(balance(1e-6 * e) - balance(-1e-6 * e)) / 2e-6 for e in torch.eye(matrix.shape[-1])]
+    found = torch.stack(columns, -1)
+    assert_close(matrix, found, rtol=0, atol=1e-5 * matrix.abs().amax().item())
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_any_gauss_rule_gives_what_it_integrates(order):
+    """A floor under a straight beam: the whole force is the length times the pressure, and its
+    moment about the middle is none.
+    """
+    for points in (1, 2, 5):
+        contact = tb.Contact(tb.Plane((0, 0, -0.01), UP), thickness=0.02, force=4.0, points=points)
+        beam = tb.Beam.straight(2.0, 3, SECTION, order=order)
+        model = discretise(tb.Scene(beam, [contact], supports=()))
+        start = tb.rest(model.scene)
+        problem = MidpointProblem(model, start, torch.tensor(0.01), torch.tensor(0.0), {})
+        kinematics = problem.motion.kinematics(*problem.rest_guess()[:2])
+        load = model.topology.scatter(problem.element_loads(kinematics))
+        assert_close(load.sum(0)[:3], torch.tensor([0.0, 0, 2.0]))
+        assert_close((load[:, 2] * (beam.nodes[:, 0] - 1)).sum(), torch.tensor(0.0))
+
+
+def test_what_is_far_is_told_as_idle():
+    """At all distances: where the look at an element says that nothing acts, nothing does; far
+    away it says so.
+    """
+    idle = []
+    for height in torch.linspace(-3.0, -0.5, 26).tolist():
+        ball = tb.Sphere((0.5, 0.1, height), 0.1)
+        contact = tb.Contact(ball, thickness=0.02, force=2.0, radius=0.05)
+        scene = tb.Scene(tb.Beam.straight(1.0, 4, SECTION, order=2), [contact])
+        start = random_state(scene, size=0.2)
+        step = MidpointProblem(discretise(scene), start, torch.tensor(0.05), torch.tensor(0.0), {})
+        kinematics = step.motion.kinematics(*step.predictor()[:2])
+        idle.append(bool(step.idle(kinematics)))
+        if idle[-1]:
+            assert not any(load.any() for load in step.element_loads(kinematics))
+            assert not step.passed(kinematics)
+    assert idle[0] and not idle[-1]
+
+
+def test_a_step_that_leads_through_an_obstacle_is_told():
+    """A point on its way through a ball, past it, into it and out on its own side."""
+    ball = tb.Sphere((0.0, 0, 0), 0.1)
+    contact = tb.Scene(
+        tb.Beam.straight(1.0, 1, SECTION), [tb.Contact(ball, thickness=0.01, force=1.0)]
+    ).effects[0]
+    ways = {  # start, end
+        "through": ((-0.3, 0.01, 0), (0.3, 0, 0)),
+        "grazing": ((-0.3, 0.08, 0), (0.3, 0.08, 0)),
+        "out behind": ((-0.09, 0, 0), (0.2, 0.01, 0)),
+        "past": ((-0.3, 0.2, 0), (0.3, 0.2, 0)),
+        "in": ((-0.2, 0, 0), (-0.05, 0, 0)),
+        "back": ((-0.05, 0, 0), (-0.2, 0, 0)),
+    }
+    start, end = (torch.tensor([way[k] for way in ways.values()]) for k in (0, 1))
+    found = contact.passed((start + end) / 2, (end - start) / 2, torch.tensor(0.1))
+    assert found.tolist() == [True, True, True, False, False, False]
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: tb.Contact("arm", None, thickness=1, force=1), "obstacle"),
+        (lambda: tb.Contact(3.0, thickness=1, force=1), "Plane, Sphere"),
+        (lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), force=1), "thickness"),
+        (lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), thickness=0, force=1), "thickness"),
+        (lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), thickness=1), "force"),
+        (lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), thickness=1, force=1, stiffness=1), "force"),
+        (lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), thickness=1, force=1, radius=-1), "radius"),
+        (
+            lambda: tb.Contact(
+                tb.Sphere((0, 0, 0), 1), thickness=1, force=1, friction=-0.1, slip_speed=1
+            ),
+            "friction",
+        ),
+        (
+            lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), thickness=1, force=1, friction=0.1),
+            "slip_speed",
+        ),
+        (
+            lambda: tb.Contact(
+                tb.Cylinder((0, 0, 0), UP, 1, inside=True), thickness=1, force=1, radius=2
+            ),
+            "room",
+        ),
+        (lambda: tb.Sphere((0, 0, 0), 0.0), "radius"),
+        (lambda: tb.Plane((0, 0, 0), (0, 0, 0)), "direction"),
+        (lambda: tb.Box((0, 0, 0), (1, 1, 1), 0.5), "rounding"),
+        (lambda: tb.Capsule((0, 0, 0), (0, 0, 0), 0.5), "Capsule"),
+    ],
+)
+def test_what_is_no_contact_is_refused(make, said):
+    with pytest.raises(ValueError, match=said):
+        make()
+
+
+def test_a_start_in_an_obstacle_is_refused_or_pushed_out():
+    beam = tb.Beam.straight(1.0, 2, SECTION)
+    given = dict(thickness=0.01, force=5.0)
+
+    def scene(**more):
+        height = torch.tensor([-1.0, 0.05])
+        floor = tb.Plane(torch.stack((0 * height, 0 * height, height), -1), UP)
+        return tb.Scene(beam, [tb.Contact(floor, **given, **more)], supports=())
+
+    with pytest.raises(ValueError, match=r"sample 1 .* element 0 stands 0.05 m deep in the Plane"):
+        tb.simulate(scene(), [0.0, 0.01], step=0.01)
+    out = tb.simulate(scene(push_out=True), [0.0, 0.2], step=0.005)
+    assert (out.status == 0).all()  # free of all that acts, too
+    assert (out.nodes[-1, 1, :, 2] > 0.05).all() and not out.nodes[-1, 0, :, 2].any()
+
+
+def test_friction_is_refused_where_nothing_slides_and_where_time_runs_back():
+    contact = tb.Contact(
+        tb.Plane((0, 0, 0), UP), thickness=0.1, force=1, friction=0.1, slip_speed=1
+    )
+    scene = tb.Scene(tb.Beam.straight(1.0, 1, SECTION), [contact])
+    for call in (
+        lambda: tb.equilibrium(scene),
+        lambda: tb.path(scene),
+        lambda: tb.simulate(scene, [0.0, 0.1], step=0.1, method="midpoint4", engine="eager"),
+        lambda: tb.simulate(scene, [0.0, 0.1], form="minimal", method="rk4"),
+    ):
+        with pytest.raises(ValueError, match="Contact"):
+            call()
+
+
+def test_slip_of_a_rolling_surface():
+    """A radius that turns as it moves: v = omega r on a floor rubs nothing."""
+    contact = tb.Contact(
+        tb.Plane((0, 0, 0), UP), thickness=0.1, force=1, radius=0.2, friction=0.5, slip_speed=0.1
+    )
+    contact = tb.Scene(tb.Beam.straight(1.0, 1, SECTION), [contact]).effects[0]
+    point = LoadPoint(
+        torch.eye(3)[None],
+        position=torch.tensor([[0.0, 0, 0.25]]),
+        velocity=torch.tensor([[0.6, 0, 0]]),
+        spin=torch.tensor([[0.0, 3.0, 0]]),
+    )
+    touch = contact.touch(point)
+    assert_close(touch.slip, torch.zeros(1, 3))
+    assert_close(touch.gap, torch.tensor([[0.05]]))
+    assert_close(touch.pressure, torch.tensor([[0.25]]))

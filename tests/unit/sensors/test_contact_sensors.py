@@ -1,0 +1,61 @@
+"""Sensors of contact against what must hold them: weight on a floor."""
+
+import pytest
+import torch
+from torch.testing import assert_close
+
+import torchbeam as tb
+
+SECTION = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=0.2, inertia=1e-4)
+
+
+def resting(**given):
+    """A beam at rest on a floor, and one that hangs far above."""
+    q, d, P = 0.2 * 9.81, 1e-3, 4.0
+    height = torch.stack((torch.tensor(0.01 + d * (1 - (q / P) ** 0.5)), torch.tensor(1.0)))
+    beam = tb.Beam.straight(1.0, 3, SECTION)
+    contact = tb.Contact(
+        tb.Plane((0, 0, 0), (0, 0, 1.0)), thickness=d, force=P, radius=0.01, **given
+    )
+    scene = tb.Scene(beam, [tb.Gravity((0, 0, -9.81)), contact], supports=())
+    state = tb.rest(scene, (2,))
+    up = height[:, None, None] * torch.tensor([0.0, 0, 1])
+    return scene, state.map(lambda x: x + up if x is state.position else x)
+
+
+def test_force_gap_and_slip():
+    """The weight, by elements too; the gap that the law states; a beam pulled along slips."""
+    scene, state = resting(friction=0.3, slip_speed=0.1)
+    weight = torch.tensor([[0.0, 0, 0.2 * 9.81], [0.0, 0, 0]])
+    S = tb.sensors
+    assert_close(S.ContactForce(scene)(state), weight, rtol=0, atol=1e-12)
+    forces = S.ContactForces(scene)(state)
+    assert forces.shape == (2, 3, 3)
+    assert_close(forces.sum(-2), weight, rtol=0, atol=1e-12)
+    assert_close(
+        S.ContactGap(scene)(state)[:, 0], torch.tensor([1e-3 * (1 - (1.962 / 4) ** 0.5), 0.99])
+    )
+    assert_close(S.ContactSlip(scene)(state), torch.tensor([[0.0, 1.0], [0.0, 0.0]]))
+    moving = state.map(lambda x: x + torch.tensor([0.5, 0, 0]) if x is state.velocity else x)
+    assert_close(S.ContactSlip(scene)(moving), torch.tensor([[0.5, 0.0], [0.0, 0.0]]))
+    assert_close(S.ContactForce(scene)(moving)[0, 0], torch.tensor(-0.3 * 1.962))
+
+
+def test_first_touch_is_an_event():
+    """A free fall by a metre's hundredth less the thickness: t = sqrt(2 h/g)."""
+    beam = tb.Beam.straight(1.0, 2, SECTION)
+    contact = tb.Contact(tb.Plane((0, 0, -0.01), (0, 0, 1.0)), thickness=1e-3, force=4.0)
+    scene = tb.Scene(beam, [tb.Gravity((0, 0, -9.81)), contact], supports=())
+    gap = tb.sensors.ContactGap(scene)
+    solution = tb.simulate(
+        scene, torch.linspace(0, 0.1, 6), rtol=1e-4, events=lambda state: gap(state)[..., 0] - 1e-3
+    )
+    assert_close(solution.event.t, torch.tensor((2 * 0.009 / 9.81) ** 0.5), rtol=1e-3, atol=0)
+
+
+def test_what_has_no_such_contact_is_refused():
+    scene, state = resting()
+    with pytest.raises(ValueError, match="contact = 1"):
+        tb.sensors.ContactGap(scene, 1)
+    with pytest.raises(ValueError, match="without friction"):
+        tb.sensors.ContactSlip(scene)(state)

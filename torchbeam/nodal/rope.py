@@ -1,0 +1,210 @@
+"""Rope: the force of a tendon on the points that it goes through.
+
+Through the points p_0 ... p_n, with q_k = p_{k+1} - p_k, d_k = |q_k| and the length c = sum d_k,
+the tension of stretch k is T_k = T rho_k, and over a step
+
+    f(p_k) = T_k u_k - T_{k-1} u_{k-1}        u_k = 2 (mean q_k)/(d_k,n + d_k,n+1)
+
+As mean q_k . (q_{n+1} - q_n) = (d_{n+1}^2 - d_n^2)/2, stretch k does the work -T_k times the change
+of its length, to rounding: f is a discrete gradient (Gonzalez 1996). T is given, or follows from
+the length l that a winch gives,
+
+    T = (V(c_{n+1} - l) - V(c_n - l))/(c_{n+1} - c_n)        V(x) = k x^2/2 where x > 0, else 0
+
+At the point j between two stretches, whose directions differ by theta_j, the rope slides by the
+rate r_j = d/dt sum_{k >= j} d_k, and (Euler and Eytelwein)
+
+    ln rho_k = sum_{1 <= j <= k} mu theta_j r_j/sqrt(r_j^2 + s^2)
+
+with r at the end of the step: 2 (change of length)/dt less the rate before. theta is smooth where
+stretches are in line: with the chord e between their directions 2 asin(e/2), e from sqrt(|.|^2 +
+SOFT^2) - SOFT. At an instant d_n = d_{n+1}, and friction is that of a rope which is pulled at its
+first end, r/sqrt(r^2 + s^2) = -1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from ..core.leaves import Tree, leaf
+
+SOFT = 1e-3  # rad
+
+
+class RopeStep(NamedTuple):
+    """Points (..., m, 3) where forces act, after and before (None = an instant, where they are the
+    same); given (...): tension N or length m; dt (...) s and rates of the points before
+    (..., m, 3), None = at an instant.
+    """
+
+    acting: Tensor
+    after: Tensor
+    before: Tensor | None
+    given: Tensor
+    dt: Tensor | None = None
+    rates: Tensor | None = None
+
+
+class Stretches(NamedTuple):
+    """Between neighbouring points: mean q (..., n, 3), lengths before and after (..., n),
+    directions before and after (..., n, 3).
+    """
+
+    q: Tensor
+    lengths: tuple[Tensor, Tensor]
+    directions: tuple[Tensor, Tensor]
+
+    @classmethod
+    def of(cls, step: RopeStep) -> Stretches:
+        after = _unit(step.after.diff(dim=-2))
+        before = after if step.before is None else _unit(step.before.diff(dim=-2))
+        return cls(step.acting.diff(dim=-2), (before[0], after[0]), (before[1], after[1]))
+
+    @property
+    def size(self) -> Tensor:
+        """(..., n, 1) sum of the lengths before and after."""
+        return (self.lengths[0] + self.lengths[1])[..., None]
+
+    @property
+    def u(self) -> Tensor:
+        return 2 * self.q / self.size
+
+
+class Tensions(NamedTuple):
+    """T_k (..., n), and its derivative (..., n, n, 3) by each stretch's q after the step,
+    None = not asked for.
+    """
+
+    value: Tensor
+    by: Tensor | None
+
+
+@dataclass(frozen=True)
+class Rope(Tree):
+    """Of one tendon.
+
+    drawn       (...) m, its length as drawn
+    stiffness   (...) N/m, friction (...), slip_speed (...) m/s; None = it has none
+    """
+
+    drawn: Tensor = leaf(0)
+    stiffness: Tensor | None = leaf(0, default=None)
+    friction: Tensor | None = leaf(0, default=None)
+    slip_speed: Tensor | None = leaf(0, default=None)
+
+    def forces(self, step: RopeStep) -> Tensor:
+        """(..., m, 3) N on the points."""
+        stretches = Stretches.of(step)
+        return _at_points(self.tensions(step, stretches, False).value[..., None] * stretches.u)
+
+    def tangent(self, step: RopeStep) -> tuple[Tensor, Tensor]:
+        """Their derivatives (..., m, 3, m, 3) by the points where forces act and after the step."""
+        stretches = Stretches.of(step)
+        T, by = self.tensions(step, stretches, True)
+        u, n, e = stretches.u, stretches.q.shape[-2], stretches.directions[1]
+        same = torch.eye(n, dtype=u.dtype, device=u.device)[:, None, :, None]
+        eye = torch.eye(3, dtype=u.dtype, device=u.device)[:, None, :]
+        weight = (T[..., None] / stretches.size)[..., None, None]
+        acting = 2 * weight * same * eye
+        sides = 2 if step.before is None else 1  # both lengths are that after
+        after = u[..., None, None] * by[..., :, None, :, :] - sides * weight * same * (
+            u[..., None, None] * e[..., None, None, :, :]
+        )
+        return _both(acting.expand(after.shape)), _both(after)
+
+    def readings(self, step: RopeStep) -> tuple[Tensor, Tensor]:
+        """Tensions (..., n) N of the stretches; their lengths (..., 2, n) m before and after."""
+        stretches = Stretches.of(step)
+        T = self.tensions(step, stretches, False).value
+        return T, torch.stack(torch.broadcast_tensors(*stretches.lengths), -2)
+
+    def tensions(self, step: RopeStep, stretches: Stretches, derivative: bool) -> Tensions:
+        before, after = stretches.lengths
+        T, slope = self._tension(before.sum(-1), after.sum(-1), step)
+        e = stretches.directions[1]
+        T, slope = (x[..., None].expand(after.shape) for x in torch.broadcast_tensors(T, slope))
+        by = slope[..., None, None] * e[..., None, :, :] if derivative else None
+        if self.friction is None or e.shape[-2] == 1:
+            return Tensions(T, by)
+        log, log_by = self._friction(step, stretches, derivative)
+        rho = torch.exp(log)
+        if derivative:
+            by = rho[..., None, None] * (by + T[..., None, None] * log_by)
+        return Tensions(T * rho, by)
+
+    def _tension(self, before: Tensor, after: Tensor, step: RopeStep) -> tuple[Tensor, Tensor]:
+        """T (...) and its derivative by the length after."""
+        if self.stiffness is None:
+            return step.given, torch.zeros_like(after)
+        x, y = after - step.given, before - step.given
+        p, q = x.clamp(min=0), y.clamp(min=0)
+        if step.before is None:
+            return self.stiffness * p, self.stiffness * (x > 0)
+        across = (x > 0) != (y > 0)
+        apart = torch.where(across, x - y, 1.0)
+        mean = torch.where(across, (p**2 - q**2) / apart, p + q) / 2
+        by = torch.where(across, (p - mean) / apart, 0.5 * ((x > 0) & (y > 0)))
+        return self.stiffness * mean, self.stiffness * by
+
+    def _friction(
+        self, step: RopeStep, stretches: Stretches, derivative: bool
+    ) -> tuple[Tensor, Tensor | None]:
+        """ln rho_k (..., n), and its derivative (..., n, n, 3) by each stretch's q after."""
+        before, after = stretches.lengths
+        e = stretches.directions[1]
+        n = e.shape[-2]
+        chord = e.diff(dim=-2)
+        size = torch.sqrt(chord.square().sum(-1) + SOFT**2)
+        half = (size - SOFT) / 2
+        theta = 2 * torch.asin(half.clamp(max=1.0))
+        mu = self.friction[..., None]
+        if step.dt is None:
+            sense, sense_by = -torch.ones_like(theta), None
+        else:
+            changes = _beyond(after - before)
+            start = _beyond((stretches.directions[0] * step.rates.diff(dim=-2)).sum(-1))
+            r, s = 2 * changes / step.dt[..., None] - start, self.slip_speed[..., None]
+            root = torch.sqrt(r.square() + s.square())
+            sense, sense_by = r / root, s**2 / root**3 * 2 / step.dt[..., None]
+        log = pad((mu * theta * sense).cumsum(-1), (1, 0))
+        if not derivative:
+            return log, None
+        # by the directions on either side of each point, (..., n - 1, 3)
+        turn = (mu * sense / torch.sqrt((1 - half.square()).clamp(min=SOFT**2)) / size)[..., None]
+        own = torch.eye(n, dtype=e.dtype, device=e.device)
+        at = (turn * chord)[..., None, :] * (own[1:] - own[:-1])[..., None]  # (..., n - 1, n, 3)
+        along = (at * e[..., None, :, :]).sum(-1, keepdim=True)
+        by = (at - along * e[..., None, :, :]) / after[..., None, :, None]
+        if sense_by is not None:
+            beyond = torch.ones(n - 1, n, dtype=e.dtype, device=e.device).triu(1)[..., None]
+            by = by + (mu * theta * sense_by)[..., None, None] * beyond * e[..., None, :, :]
+        return log, pad(by.cumsum(-3), (0, 0, 0, 0, 1, 0))
+
+
+def _unit(q: Tensor) -> tuple[Tensor, Tensor]:
+    """Lengths (..., n) and directions (..., n, 3); of no length, one of 1 and none."""
+    there = (q != 0).any(-1, keepdim=True)
+    size = torch.linalg.vector_norm(torch.where(there, q, 1.0), dim=-1)
+    size = torch.where(there[..., 0], size, 1.0)
+    return size, q / size[..., None]
+
+
+def _beyond(x: Tensor) -> Tensor:
+    """(..., n) of the stretches -> (..., n - 1) sums of those beyond each point between."""
+    return x.flip(-1).cumsum(-1).flip(-1)[..., 1:]
+
+
+def _at_points(x: Tensor) -> Tensor:
+    """Of the stretches (..., n, 3): what pulls their points together, (..., m, 3)."""
+    return pad(x, (0, 0, 0, 1)) - pad(x, (0, 0, 1, 0))
+
+
+def _both(x: Tensor) -> Tensor:
+    """(..., n, 3, n, 3) of the stretches, rows and columns -> of the points."""
+    rows = pad(x, (0, 0, 0, 0, 0, 0, 0, 1)) - pad(x, (0, 0, 0, 0, 0, 0, 1, 0))
+    return pad(rows, (0, 0, 1, 0)) - pad(rows, (0, 0, 0, 1))

@@ -1,0 +1,213 @@
+"""Tendons on nodes: an eyelet is fixed in the axes of its node, p = r + R a. With the mean of the
+axes at both ends of a step its lever is mean(R) a, so that a rope's force does the same work at the
+node as at the eyelet, see `joints`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from ..core.leaves import leaf
+from ..math.quaternions import skew
+from ..math.shapes import broadcast_shapes
+from ..scene.effects.values import Inputs, scalar_at
+from ..topology.framework import Framework
+from .coordinates.spatial import Spatial
+from .rope import Rope, RopeStep
+from .tendon_motion import Eyelets, NoTendons, TendonMotion
+
+
+@dataclass(frozen=True)
+class Tendons(NoTendons):
+    """All tendons of a scene, with E eyelets, one tendon after the other.
+
+    sizes   how many eyelets each has
+    nodes   of each eyelet its node, None = the ground
+    arms    (..., E, 3) m, in the node's axes, or in frame a on the ground
+    moves   (w, 6): displacement and spin in space of a node's moves
+    """
+
+    space: Spatial
+    framework: Framework
+    ropes: tuple[Rope, ...]
+    sizes: tuple[int, ...]
+    nodes: tuple[int | None, ...]
+    arms: Tensor = leaf(2)
+    moves: Tensor = leaf(2)
+
+    @property
+    def dissipative(self) -> bool:
+        """Whether there is friction."""
+        return any(rope.friction is not None for rope in self.ropes)
+
+    @property
+    def smooth(self) -> bool:
+        return not self.dissipative
+
+    def eyelets(self, position: Tensor, rotation: Tensor) -> Eyelets:
+        """From nodes, in the space's coordinates."""
+        at = [node or 0 for node in self.nodes]
+        R = self.space.axes(rotation[..., at, :])
+        lever = (R @ self.arms[..., None])[..., 0]
+        lever = torch.where(self._ground(lever), 0.0, lever)
+        r = self.space.public_position(position[..., at, :])
+        return Eyelets(torch.where(self._ground(r), self.arms, r + lever), lever)
+
+    def loaded(self, nodes: Tensor, motion: Callable[[], TendonMotion]) -> Tensor:
+        motion = motion()
+        force = torch.cat(
+            [rope.forces(step) for rope, step in zip(self.ropes, self.steps(motion), strict=True)],
+            -2,
+        )
+        moment = torch.linalg.cross(*torch.broadcast_tensors(motion.acting.lever, force))
+        wrench = torch.cat((force, moment), -1) @ self.moves.mT
+        return self.framework.from_ties(-wrench[..., self._own, :], nodes)
+
+    def matrix(
+        self,
+        matrix: Any,
+        motion: Callable[[], TendonMotion],
+        half: Callable[[], Tensor] | None = None,
+        rate: float = 1.0,
+    ) -> Any:
+        motion = motion()
+        spin = None if half is None else self._spins(half())
+        first, blocks = 0, []
+        for rope, step, m in zip(self.ropes, self.steps(motion), self.sizes, strict=True):
+            acting, after = rope.tangent(step)
+            own = [k for k in range(m) if self.nodes[first + k] is not None]
+            at = [first + k for k in own]
+            by = (acting + rate * after).transpose(-3, -2)  # (..., m, m, 3, 3)
+            by = by[..., own, :, :, :][..., own, :, :]
+            force, lever = rope.forces(step)[..., own, :], motion.acting.lever[..., at, :]
+            own = self._blocks(by, force, lever, motion.end.lever[..., at, :])
+            own = own if spin is None else own @ spin[..., None, at, :, :]
+            blocks.append(own.flatten(-4, -3))
+            first += m
+        shape = broadcast_shapes(*(x.shape[:-3] for x in blocks))
+        tied = torch.cat([x.expand(*shape, *x.shape[-3:]) for x in blocks], -3)
+        return matrix.with_ties(tied)
+
+    def values(self, tendons: tuple[Any, ...], t: Tensor, inputs: Inputs) -> Tensor:
+        given = [
+            rope.drawn
+            if (value := tendon.length if tendon.tension is None else tendon.tension) is None
+            else scalar_at("what is given of a Tendon", value, t, inputs, self.arms)
+            for tendon, rope in zip(tendons, self.ropes, strict=True)
+        ]
+        return torch.stack(torch.broadcast_tensors(*given), -1)
+
+    def finished(
+        self,
+        motion: Callable[[], TendonMotion],
+        work: Tensor | None = None,
+        before: Tensor | None = None,
+    ) -> dict[str, Tensor]:
+        motion, rows, done = motion(), [], 0.0
+        for k, (rope, step) in enumerate(zip(self.ropes, self.steps(motion), strict=True)):
+            T, lengths = rope.readings(step)
+            rows.append(torch.stack((T[..., 0], T[..., -1], lengths[..., 1, :].sum(-1)), -1))
+            if work is not None:
+                change = lengths[..., 1, :] - self._lengths(motion, k)
+                mean = T if before is None else (T + before[..., k, :1]) / 2
+                done = done - (mean * change).sum(-1)
+        found = {"tendons": torch.stack(torch.broadcast_tensors(*rows), -2)}
+        return found if work is None else found | {"work": work + done}
+
+    def steps(self, motion: TendonMotion) -> tuple[RopeStep, ...]:
+        """What each rope is asked for."""
+        drive, found, first = motion.drive, [], 0
+        over = drive.dt is not None and motion.start is not None
+        rates = self._rates(motion) if over and self.dissipative else None
+        for k, (rope, m) in enumerate(zip(self.ropes, self.sizes, strict=True)):
+            given, part = motion.given[..., k], slice(first, first + m)
+            if drive.share is not None:  # from slack, or from as drawn
+                start = 0.0 if rope.stiffness is None else rope.drawn
+                given = start + drive.share * (given - start)
+            found.append(
+                RopeStep(
+                    motion.acting.p[..., part, :],
+                    motion.end.p[..., part, :],
+                    motion.start.p[..., part, :] if over else None,
+                    given,
+                    drive.dt,
+                    None if rates is None else rates[..., part, :],
+                )
+            )
+            first += m
+        return tuple(found)
+
+    def _lengths(self, motion: TendonMotion, k: int) -> Tensor:
+        """(..., n) m of the stretches of rope k before the step."""
+        first = sum(self.sizes[:k])
+        points = motion.start.p[..., first : first + self.sizes[k], :]
+        return torch.linalg.vector_norm(points.diff(dim=-2), dim=-1)
+
+    def _rates(self, motion: TendonMotion) -> Tensor:
+        """(..., E, 3) m/s of the eyelets before the step, as seen in frame a."""
+        at = [node or 0 for node in self.nodes]
+        moves = torch.cat([x[..., at, :] for x in motion.drive.moving()], -1) @ self.moves
+        velocity, spin = moves.split(3, -1)
+        turned = torch.linalg.cross(*torch.broadcast_tensors(spin, motion.start.lever))
+        return torch.where(self._ground(velocity), 0.0, velocity + turned)
+
+    def _blocks(self, by: Tensor, force: Tensor, lever: Tensor, end: Tensor) -> Tensor:
+        """(..., m, m, w, w) of a rope: derivative of less the wrenches on nodes by the moves of
+        nodes, from that of the forces by the eyelets (..., m, m, 3, 3); lever, end: where forces
+        act, and after the step.
+        """
+        eye = torch.eye(3, dtype=by.dtype, device=by.device)
+        to_node = torch.cat((eye.expand(*lever.shape, 3), skew(lever)), -2)  # (..., m, 6, 3)
+        of_node = torch.cat((eye.expand(*end.shape, 3), -skew(end)), -1)  # (..., m, 3, 6)
+        whole = to_node[..., :, None, :, :] @ by @ of_node[..., None, :, :, :]
+        own = pad(skew(force) @ skew(end), (3, 0, 3, 0))  # levers turn with the nodes
+        same = torch.eye(end.shape[-2], dtype=by.dtype, device=by.device)[..., None, None]
+        whole = whole + same * own[..., :, None, :, :]
+        return -(self.moves @ whole @ self.moves.mT)
+
+    def _spins(self, half: Tensor) -> Tensor:
+        """(..., E, w, w): what of a node's move its end takes, see `Joints.blocks`."""
+        p, s = self.space.dims.position, self.space.dims.spin
+        own = half[..., [node or 0 for node in self.nodes], :, :]
+        eye = torch.eye(p, dtype=own.dtype, device=own.device).expand(*own.shape[:-2], p, p)
+        return torch.cat((pad(eye, (0, s)), pad(own, (p, 0))), -2)
+
+    def _ground(self, like: Tensor) -> Tensor:
+        """(E, 1) bool"""
+        return torch.tensor([node is None for node in self.nodes], device=like.device)[:, None]
+
+    @property
+    def _own(self) -> list[int]:
+        """The eyelets on nodes, in the order of `Framework.tie_nodes`."""
+        return [k for k, node in enumerate(self.nodes) if node is not None]
+
+
+def tendons_of(scene: Any, space: Spatial, topology: Any) -> NoTendons:
+    """Of a scene."""
+    if not scene.tendons:
+        return NoTendons()
+    eyelets = [eyelet for tendon in scene.tendons for eyelet in tendon.eyelets]
+    eye = torch.eye(space.unknowns, dtype=scene.dtype, device=scene.device)
+    return Tendons(
+        space=space,
+        framework=topology,
+        ropes=tuple(
+            Rope(
+                tendon.length_at(scene.beam.nodes, scene.beam.frames),
+                tendon.stiffness,
+                tendon.friction,
+                tendon.slip_speed,
+            )
+            for tendon in scene.tendons
+        ),
+        sizes=tuple(len(tendon.eyelets) for tendon in scene.tendons),
+        nodes=tuple(None if x.node is None else int(x.node) for x in eyelets),
+        arms=torch.stack(torch.broadcast_tensors(*(x.point for x in eyelets)), -2),
+        moves=space.embed(eye),
+    )

@@ -1,0 +1,45 @@
+"""Obstacles in pictures of a beam."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+
+from ..core.arguments import instance
+from ..scene.effects.contact import Contact
+from ..scene.scene import Scene
+from .canvas import Axes, is_3d, numbers
+from .shapes import PLANES
+
+CELLS = 300  # of the picture, each way
+
+
+def obstacles(scene: Scene, ax: Axes, *, plane: str, t: float = 0.0, color: Any = "0.85") -> Axes:
+    """What is solid for the contacts of a scene at time t (s), of a batch its first sample, as a
+    surface behind a picture `ax` of the `plane` ("xy", "xz" or "yz"), as far as that reaches: the
+    cut through the middle of the undeformed beam.
+
+    Raises ValueError for a plane that is none, and for three-dimensional axes.
+    """
+    instance("a scene", scene, Scene)
+    if plane not in PLANES or is_3d(ax):
+        given = f"plane = {plane!r}" if plane not in PLANES else "a three-dimensional picture"
+        raise ValueError(
+            f"{given} was given to obstacles; flat axes and one of "
+            f"{', '.join(map(repr, PLANES))} are wanted"
+        )
+    first, second = PLANES[plane]
+    limits, beam = (ax.get_xlim(), ax.get_ylim()), scene.beam
+    across, up = (torch.linspace(*ends, CELLS).to(beam.nodes) for ends in limits)
+    middle = beam.nodes.detach().flatten(0, -2).mean(0)
+    x = middle.expand(CELLS, CELLS, 3).clone()
+    x[..., first], x[..., second] = across, up[:, None]
+    now, s = torch.as_tensor(t).to(beam.nodes), beam.nodes.new_zeros(1)
+    for load in scene.loads:
+        if isinstance(load, Contact):
+            obstacle = load.resolved(s, now, {}, beam.element_count).obstacle
+            distance = obstacle.distance(x.flatten(0, -2)).reshape(-1, CELLS, CELLS)[0]
+            cells = numbers(across), numbers(up), numbers(distance)
+            ax.contourf(*cells, levels=[-torch.inf, 0.0], colors=[color], zorder=0)
+    return ax

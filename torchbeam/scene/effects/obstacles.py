@@ -1,0 +1,374 @@
+"""Obstacles: rigid bodies that a beam may touch, each by its signed distance, positive outside of
+what is solid. A contact asks for that `distance`, its `gradient`, and the velocity of its points.
+Places and directions (..., 3) are in frame a, or functions of t, written in torch, that give them:
+what moves so carries its surface along.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from ...core.arguments import boolean
+from ...core.functions_of_time import taken, with_user_rate
+from ...core.leaves import FunctionOfTime, Tree, leaf
+from ...core.validation import Value, axis_last, concrete, finite
+from ...math import quaternions as quat
+from .drag import norm
+from .values import Input, load_value, parameter, plain
+
+
+@dataclass(frozen=True)
+class Drift(FunctionOfTime):
+    """Velocity (..., 3) m/s of a place (..., 3) m that is a function of t."""
+
+    place: Callable[[Tensor], Tensor] = leaf(1)
+
+    def __call__(self, t: Tensor) -> Tensor:
+        return _with_rate(self.place, t)[1]
+
+
+@dataclass(frozen=True)
+class Unit(FunctionOfTime):
+    """A direction of length 1, by a function of t that gives one of any."""
+
+    direction: Callable[[Tensor], Tensor] = leaf(1)
+
+    def __call__(self, t: Tensor) -> Tensor:
+        return _unit(taken("an obstacle's direction", self.direction(t), t, 3))
+
+
+@dataclass(frozen=True)
+class Turning(FunctionOfTime):
+    """Angular velocity (..., 3) rad/s, across it, of the direction (..., 3) from one place to
+    another, of which one at least is a function of t; origin: None = the end is the direction.
+    """
+
+    end: Value | Callable[[Tensor], Tensor] = leaf(1)
+    origin: Value | Callable[[Tensor], Tensor] | None = leaf(1, default=None)
+
+    def __call__(self, t: Tensor) -> Tensor:
+        d, rate = _with_rate(self.end, t)
+        if self.origin is not None:
+            origin, moves = _with_rate(self.origin, t)
+            d, rate = d - origin, rate - moves
+        return _cross(d, rate) / d.square().sum(-1, keepdim=True)
+
+
+def _with_rate(value: Any, t: Tensor) -> tuple[Tensor, Tensor]:
+    """A place and its rate at t."""
+    if not callable(value):
+        return value, torch.zeros_like(value)
+    what = "an obstacle's place"
+    return with_user_rate(what, lambda now: taken(what, value(now), now, 3), t)
+
+
+@dataclass(frozen=True)
+class Obstacle(Tree):
+    """Base of all obstacles. drift m/s of its `place` and turning rad/s (..., 3): None = it stands.
+
+    PLACE    name of the field about which it turns
+    passes   whether a beam could be on its other side, beyond what is solid
+    """
+
+    drift: Value | Callable[[Tensor], Tensor] | None = leaf(1, default=None, init=False)
+    turning: Value | Callable[[Tensor], Tensor] | None = leaf(1, default=None, init=False)
+
+    PLACE: ClassVar[str]
+    passes: ClassVar[bool] = True
+
+    def distance(self, x: Tensor) -> Tensor:
+        """(..., points, 1) m of points (..., points, 3), frame a."""
+        raise NotImplementedError
+
+    def gradient(self, x: Tensor) -> Tensor:
+        """Of the distance (..., points, 3): of length 1, out of what is solid."""
+        raise NotImplementedError
+
+    @property
+    def room(self) -> Tensor | None:
+        """(...) m, the largest radius that has room in a hollow; None = it is none."""
+        return None
+
+    @property
+    def spinning(self) -> Tensor | None:
+        """(..., 3) rad/s by which its surface turns in itself; None = it does not."""
+        return None
+
+    def velocity(self, x: Tensor) -> Tensor | None:
+        """(..., points, 3) m/s in frame a of its points as it moves; None = it stands."""
+        return self._carried(x, self.turning)
+
+    def surface_velocity(self, x: Tensor) -> Tensor | None:
+        """The same of its surface."""
+        parts = [spin for spin in (self.turning, self.spinning) if spin is not None]
+        return self._carried(x, sum(parts[1:], parts[0]) if parts else None)
+
+    def _carried(self, x: Tensor, spin: Tensor | None) -> Tensor | None:
+        moves = None if self.drift is None else self.drift[..., None, :]
+        if spin is None:
+            return moves
+        turns = _cross(spin[..., None, :], self._from(x))
+        return turns if moves is None else turns + moves
+
+    def _from(self, x: Tensor, field: str | None = None) -> Tensor:
+        """Points from a place of it, its own unless another is named."""
+        return x - getattr(self, field or self.PLACE)[..., None, :]
+
+    def _places(self, *names: str) -> None:
+        """Fields checked: places."""
+        for name in names:
+            value = getattr(self, name)
+            if isinstance(value, Input):
+                raise ValueError(
+                    f"{self.called}'s {name} as an Input was given; a value, or a function of t, "
+                    "is wanted"
+                )
+            object.__setattr__(self, name, load_value(f"{self.called}'s {name}", value))
+
+    def _direction(self, name: str) -> None:
+        """The same: a direction, of any length but 0; kept of length 1."""
+        self._places(name)
+        value = getattr(self, name)
+        if callable(value):
+            object.__setattr__(self, name, value if isinstance(value, Unit) else Unit(value))
+            return
+        if not (torch.as_tensor(value) != 0).any(-1).all():
+            raise ValueError(f"{self.called}'s {name} of length 0 was given; a direction is wanted")
+        size = (value * value).sum(-1)[..., None] ** 0.5
+        object.__setattr__(self, name, value / size)
+
+    def _size(self, name: str) -> None:
+        """The same: a length above 0."""
+        value = parameter(f"{self.called}'s {name}", getattr(self, name), zero=False)
+        object.__setattr__(self, name, value)
+
+    def _moves(self, turning: Turning | None = None) -> None:
+        """Its motion, where it is a function of t."""
+        place = getattr(self, self.PLACE)
+        object.__setattr__(self, "drift", Drift(place) if callable(place) else None)
+        object.__setattr__(self, "turning", turning)
+
+
+@dataclass(frozen=True)
+class Plane(Obstacle):
+    """All that lies below a plane.
+
+    point   (..., 3) m on it, or a function of t; one that moves along the plane makes it a belt
+    normal  (..., 3) of any length, away from what is solid, or a function of t
+    """
+
+    point: Value | Callable[[Tensor], Tensor] = leaf(1)
+    normal: Value | Callable[[Tensor], Tensor] = leaf(1)
+
+    PLACE = "point"
+    passes = False
+
+    def __post_init__(self) -> None:
+        self._places("point")
+        self._direction("normal")
+        self._moves(Turning(self.normal) if callable(self.normal) else None)
+
+    def distance(self, x: Tensor) -> Tensor:
+        return (self._from(x) * self.normal[..., None, :]).sum(-1, keepdim=True)
+
+    def gradient(self, x: Tensor) -> Tensor:
+        return self.normal[..., None, :] + torch.zeros_like(self._from(x))
+
+
+@dataclass(frozen=True)
+class Sphere(Obstacle):
+    """A ball.
+
+    centre  (..., 3) m, or a function of t
+    radius  (...) m
+    spin    (..., 3) rad/s by which it turns, frame a; None = it does not
+    """
+
+    centre: Value | Callable[[Tensor], Tensor] = leaf(1)
+    radius: Value = leaf(0)
+    spin: Value | None = leaf(1, default=None)
+
+    PLACE = "centre"
+
+    def __post_init__(self) -> None:
+        self._places("centre", *(() if self.spin is None else ("spin",)))
+        self._size("radius")
+        self._moves()
+
+    @property
+    def spinning(self) -> Tensor | None:
+        return self.spin
+
+    def distance(self, x: Tensor) -> Tensor:
+        return norm(self._from(x)) - _each(self.radius)
+
+    def gradient(self, x: Tensor) -> Tensor:
+        return _unit(self._from(x))
+
+
+@dataclass(frozen=True)
+class Cylinder(Obstacle):
+    """A round bar without end, or with `inside` all that is outside of a tube.
+
+    point   (..., 3) m on its axis, or a function of t
+    axis    (..., 3) of any length, or a function of t
+    radius  (...) m
+    inside  whether the beam is inside
+    spin    (...) rad/s by which it turns about its axis; None = it does not
+    """
+
+    point: Value | Callable[[Tensor], Tensor] = leaf(1)
+    axis: Value | Callable[[Tensor], Tensor] = leaf(1)
+    radius: Value = leaf(0)
+    inside: bool = False
+    spin: Value | None = leaf(0, default=None)
+
+    PLACE = "point"
+
+    def __post_init__(self) -> None:
+        self._places("point")
+        self._direction("axis")
+        self._size("radius")
+        boolean("Cylinder's inside", self.inside)
+        if self.spin is not None:
+            spin = plain(self.spin)
+            finite("Cylinder's spin", torch.as_tensor(spin))
+            object.__setattr__(self, "spin", spin)
+        self._moves(Turning(self.axis) if callable(self.axis) else None)
+
+    @property
+    def passes(self) -> bool:
+        return not self.inside
+
+    @property
+    def room(self) -> Tensor | None:
+        return self.radius if self.inside else None
+
+    @property
+    def spinning(self) -> Tensor | None:
+        return None if self.spin is None else self.spin[..., None] * self.axis
+
+    def distance(self, x: Tensor) -> Tensor:
+        out = norm(self._across(x)) - _each(self.radius)
+        return -out if self.inside else out
+
+    def gradient(self, x: Tensor) -> Tensor:
+        out = _unit(self._across(x))
+        return -out if self.inside else out
+
+    def _across(self, x: Tensor) -> Tensor:
+        """(..., points, 3) from the axis."""
+        axis, d = self.axis[..., None, :], self._from(x)
+        return d - (d * axis).sum(-1, keepdim=True) * axis
+
+
+@dataclass(frozen=True)
+class Capsule(Obstacle):
+    """A round bar with round ends: all that is nearer than `radius` (...) m to the line from a to b
+    (..., 3) m, each a function of t, or not. Where the bar goes over to its ends the distance has a
+    jump in its curvature, and none in its direction.
+    """
+
+    a: Value | Callable[[Tensor], Tensor] = leaf(1)
+    b: Value | Callable[[Tensor], Tensor] = leaf(1)
+    radius: Value = leaf(0)
+
+    PLACE = "a"
+
+    def __post_init__(self) -> None:
+        self._places("a", "b")
+        self._size("radius")
+        moves = callable(self.a) or callable(self.b)
+        if not moves and not (torch.as_tensor(self.b) - torch.as_tensor(self.a)).any(-1).all():
+            raise ValueError("Capsule with a = b was given; two places are wanted, or a Sphere")
+        self._moves(Turning(self.b, self.a) if moves else None)
+
+    def distance(self, x: Tensor) -> Tensor:
+        return norm(self._away(x)) - _each(self.radius)
+
+    def gradient(self, x: Tensor) -> Tensor:
+        return _unit(self._away(x))
+
+    def _away(self, x: Tensor) -> Tensor:
+        """(..., points, 3) from the nearest place between a and b."""
+        along, d = (self.b - self.a)[..., None, :], self._from(x)
+        share = (d * along).sum(-1, keepdim=True) / along.square().sum(-1, keepdim=True)
+        return d - share.clamp(0, 1) * along
+
+
+@dataclass(frozen=True)
+class Box(Obstacle):
+    """A box with rounded edges.
+
+    centre    (..., 3) m, or a function of t
+    size      (..., 3) m, from side to side along its axes
+    rounding  (...) m, radius of its edges, below half of its smallest size; no deeper in the box
+              does a contact know which side is near
+    rotation  (..., 3) rad, the rotation vector of its axes; None = those of frame a
+    """
+
+    centre: Value | Callable[[Tensor], Tensor] = leaf(1)
+    size: Value = leaf(1)
+    rounding: Value = leaf(0)
+    rotation: Value | None = leaf(1, default=None)
+
+    PLACE = "centre"
+
+    def __post_init__(self) -> None:
+        self._places("centre", *(() if self.rotation is None else ("rotation",)))
+        if callable(self.rotation):
+            raise ValueError("Box's rotation as a function was given; a rotation vector is wanted")
+        object.__setattr__(self, "size", parameter("Box's size", self.size, zero=False))
+        self._size("rounding")
+        half = torch.as_tensor(axis_last("Box's size", self.size, 3)).detach().amin(-1) / 2
+        if concrete(torch.as_tensor(self.rounding).detach() >= half).any():
+            raise ValueError(
+                "Box's rounding of half its smallest size or more was given; less is wanted"
+            )
+        self._moves()
+
+    def distance(self, x: Tensor) -> Tensor:
+        q = self._beyond(x)[0]
+        inside = q.amax(-1, keepdim=True).clamp(max=0)
+        return norm(q.clamp(min=0)) + inside - _each(self.rounding)
+
+    def gradient(self, x: Tensor) -> Tensor:
+        q, side = self._beyond(x)
+        out = q.clamp(min=0)
+        nearest = (q >= q.amax(-1, keepdim=True)).to(q)
+        n = side * torch.where((out > 0).any(-1, keepdim=True), _unit(out), _unit(nearest))
+        return n if self.rotation is None else (self._axes @ n[..., None])[..., 0]
+
+    @property
+    def _axes(self) -> Tensor:
+        """(..., 1, 3, 3) its axes -> frame a."""
+        return quat.matrix(quat.exponential(self.rotation))[..., None, :, :]
+
+    def _beyond(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """(..., points, 3) m by which points are beyond a box smaller by the rounding, along each
+        of its axes, and the side that they are on.
+        """
+        d = self._from(x)
+        d = d if self.rotation is None else (self._axes.mT @ d[..., None])[..., 0]
+        side = torch.where(d < 0, -1.0, 1.0).to(d)
+        return side * d - (self.size[..., None, :] / 2 - _each(self.rounding)), side
+
+
+def _each(value: Tensor) -> Tensor:
+    """(...) as (..., 1, 1) of points."""
+    return value[..., None, None]
+
+
+def _unit(v: Tensor) -> Tensor:
+    """v/|v| (..., 3); at v = 0 none."""
+    size = norm(v)
+    return v / torch.where(size > 0, size, torch.ones_like(size))
+
+
+def _cross(a: Tensor, b: Tensor) -> Tensor:
+    return torch.linalg.cross(*torch.broadcast_tensors(a, b))

@@ -1,0 +1,204 @@
+"""Tendons: ropes through eyelets of beams and bodies, straight in between."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ...core.arguments import function as check_function
+from ...core.arguments import instance, listed
+from ...core.leaves import Tree, leaf, with_values
+from ...core.validation import Value, axis_last, concrete, finite, shown
+from ...math import quaternions as quat
+from ..beam import Beam
+from .effect import Effect
+from .values import parameter, plain, scalar_value
+
+APART = {
+    torch.float64: 1e-9,
+    torch.float32: 1e-5,
+}  # of the whole: eyelets that are one after another
+
+
+@dataclass(frozen=True)
+class Eyelet(Tree):
+    """A point that a tendon goes through.
+
+    node   as everywhere; None = the ground
+    point  (..., 3) m in the section axes of the node, or in the body's; of the ground in frame a
+    """
+
+    node: Any
+    point: Value = leaf(1)
+
+    @classmethod
+    def of(cls, given: Any) -> Eyelet:
+        """Of (node, point). Raises ValueError otherwise."""
+        if isinstance(given, Eyelet):
+            return given
+        if not isinstance(given, (tuple, list)) or len(given) != 2:
+            raise ValueError(
+                f"{shown(given)} was given as an eyelet of a Tendon; (node, (x, y, z)) is wanted"
+            )
+        point = axis_last("an eyelet's point", plain(given[1]), 3)
+        finite("an eyelet's point", torch.as_tensor(point))
+        return cls(given[0], point)
+
+    def at(self, position: Tensor, rotation: Tensor) -> Tensor:
+        """(..., 3) m, frame a, where nodes (..., N+1, 3) have the axes (..., N+1, 4)."""
+        if self.node is None:
+            return self.point
+        R = quat.matrix(rotation[..., self.node, :])
+        return position[..., self.node, :] + (R @ self.point[..., None])[..., 0]
+
+
+@dataclass(frozen=True)
+class Tendon(Effect):
+    """A rope through eyelets, held at the last one and pulled at the first: straight in between,
+    without mass, and without force where it is slack.
+
+    eyelets     at least two (node, (x, y, z)), in order; node None = a point of the ground
+    tension     (...) N at the first eyelet: a number, a function of t, or an `Input`
+    length      (...) m unstretched from the first eyelet to the last, as a winch gives it: the
+                same; None = as drawn. Instead of `tension`, with
+    stiffness   (...) N/m of the whole: the tension is stiffness times what it is too long by
+    friction    (...) mu at the eyelets between: the tension falls by exp(-mu angle) in the sense
+                in which the tendon slides (Euler and Eytelwein), None = none; with
+    slip_speed  (...) m/s: the sense is r/sqrt(r^2 + s^2) of the sliding rate r
+
+    At rest, where nothing slides, friction is that of a tendon that has been pulled at its first
+    eyelet. Readings: `TendonTension`, `TendonLength` of `torchbeam.sensors`.
+
+    Raises ValueError for fewer than two eyelets, tension and length together or neither of tension
+    and stiffness, friction without a slip speed, negative numbers; in a scene for eyelets that do
+    not exist, lie within an element of order 2, are of one node, or coincide with the next.
+    """
+
+    kind = "tendon"
+
+    eyelets: Sequence[Any]
+    tension: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
+    length: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
+    stiffness: Value | None = leaf(0, default=None, kw_only=True)
+    friction: Value | None = leaf(0, default=None, kw_only=True)
+    slip_speed: Value | None = leaf(0, default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        set_ = object.__setattr__
+        eyelets = tuple(map(Eyelet.of, listed(self.eyelets)))
+        if len(eyelets) < 2:
+            raise ValueError(
+                f"a Tendon with {len(eyelets)} eyelet{'s' * (not eyelets)} was given; two or more "
+                "are wanted"
+            )
+        set_(self, "eyelets", eyelets)
+        for name in ("tension", "length"):
+            set_(self, name, scalar_value(f"a Tendon's {name}", getattr(self, name)))
+        for name in ("stiffness", "friction", "slip_speed"):
+            if (value := getattr(self, name)) is not None:
+                zero = name == "friction"
+                set_(self, name, parameter(f"a Tendon's {name}", value, zero=zero))
+        given = [x for x in ("tension", "length", "stiffness") if getattr(self, x) is not None]
+        if given not in (["tension"], ["stiffness"], ["length", "stiffness"]):
+            raise ValueError(
+                f"a Tendon with {' and '.join(given) or 'neither tension nor stiffness'} was "
+                "given; tension, or stiffness and perhaps length, are wanted"
+            )
+        if (self.friction is None) != (self.slip_speed is None):
+            alone = "slip_speed" if self.friction is None else "friction"
+            raise ValueError(
+                f"a Tendon with {alone} alone was given; friction and slip_speed are wanted "
+                "together"
+            )
+
+    @classmethod
+    def along(cls, beam: Any, point: Any, name: str | None = None, **given: Any) -> Tendon:
+        """Along the whole of a beam, from its root to its tip, through all ends of its elements.
+
+        beam   the `Beam`
+        point  (..., 3) m in the section axes; or a function of the arc length s (m,) m that gives
+               (..., m, 3): a helix
+        name   of the beam in a structure
+        given  what else a Tendon takes
+        """
+        instance("a beam", beam, Beam)
+        s = beam.topology.arclength(beam.length)[..., :: beam.order]
+        count = s.shape[-1]
+        if callable(point):
+            point = check_function("a Tendon's point", point, "s")(s)
+            places = list(axis_last("a Tendon's point", plain(point), 3).unbind(-2))
+        else:
+            places = [point] * count
+        nodes = range(0, beam.order * count, beam.order)
+        pairs = zip(nodes, places, strict=True)
+        return cls([(k if name is None else (name, k), p) for k, p in pairs], **given)
+
+    @property
+    def nodes(self) -> tuple[int, ...]:
+        """Rows of the eyelets of a tendon in a scene, but for those of the ground."""
+        return tuple(int(eyelet.node) for eyelet in self.eyelets if eyelet.node is not None)
+
+    def at(self, position: Tensor, rotation: Tensor) -> Tensor:
+        """Its eyelets (..., m, 3) m, frame a, where nodes (..., N+1, 3) have the axes
+        (..., N+1, 4).
+        """
+        points = torch.broadcast_tensors(*(x.at(position, rotation) for x in self.eyelets))
+        return torch.stack(points, -2)
+
+    def length_at(self, position: Tensor, rotation: Tensor) -> Tensor:
+        """(...) m, its length there."""
+        return torch.linalg.vector_norm(self.at(position, rotation).diff(dim=-2), dim=-1).sum(-1)
+
+    def placed(self, beam: Any) -> Tendon:
+        """With the rows of its nodes in a beam, or a structure."""
+        eyelets = tuple(with_values(x, node=_row(x.node, beam)) for x in self.eyelets)
+        seen: set[int] = set()
+        for node in (x.node for x in eyelets if x.node is not None):
+            if node in seen and not (beam.parts and beam.part_at(node).body):
+                raise ValueError(
+                    f"a Tendon through the node {node!r} twice was given; once is wanted"
+                )
+            seen.add(node)
+        if not seen:
+            raise ValueError("a Tendon of the ground alone was given; a node is wanted")
+        return with_values(self, eyelets=eyelets)
+
+    def check(self, scene: Any) -> None:
+        """ValueError in a scene of small motions, and where eyelets that follow each other are one,
+        as drawn.
+        """
+        if scene.small:
+            raise ValueError(
+                "small=True with a Tendon was given; large rotations (small=False) are wanted there"
+            )
+        beam = scene.beam
+        points = self.at(beam.nodes, beam.frames).detach()
+        off = torch.linalg.vector_norm(points.diff(dim=-2), dim=-1)
+        size = torch.linalg.vector_norm(
+            beam.nodes.detach() - beam.nodes.detach()[..., :1, :], dim=-1
+        )
+        near = off <= APART[off.dtype] * (size.amax(-1) + off.sum(-1))[..., None]
+        if concrete(near).any():
+            k = int(concrete(near).nonzero()[0, -1])
+            raise ValueError(
+                f"a Tendon whose eyelets {k} and {k + 1} are at one point was given; points that "
+                "are apart are wanted"
+            )
+
+
+def _row(node: Any, beam: Any) -> Any:
+    if node is None:
+        return None
+    row = beam.row(node, "an eyelet's node")
+    first = beam.part_at(row).first_node if beam.parts else 0
+    row = row if beam.parts else row % beam.node_count
+    if (row - first) % beam.order:
+        raise ValueError(
+            f"an eyelet at the node {row!r} was given, which lies within an element of order 2; "
+            "the end of one, whose number is even, is wanted"
+        )
+    return row
