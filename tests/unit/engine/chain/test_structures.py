@@ -129,7 +129,10 @@ def fields(solution):
     return {name: x for name, x in pairs.items() if x is not None and x.numel()}
 
 
-@pytest.mark.parametrize("method", ["midpoint", "generalized_alpha"])
+# in the verification of joints, too
+@pytest.mark.parametrize(
+    "method", ["midpoint", pytest.param("generalized_alpha", marks=pytest.mark.long)]
+)
 @pytest.mark.parametrize("case", CASES_LONG)
 def test_as_eagerly(case, method):
     """1e-11 of the largest, see above; the same status and iterations."""
