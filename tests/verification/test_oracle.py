@@ -29,7 +29,7 @@ def case(net, number):
 
 
 @pytest.mark.filterwarnings("ignore:.*unstable equilibrium:RuntimeWarning")
-@pytest.mark.parametrize("number", range(11))
+@pytest.mark.parametrize("number", range(12))
 def test_statics(number):
     """All effects, supports and sections in turn."""
     check(comparison.statics(case("statics", number)))
@@ -64,6 +64,6 @@ def test_all_effects_at_once(net):
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore:.*unstable equilibrium:RuntimeWarning")
 @pytest.mark.parametrize("net", comparison.NETS)
-@pytest.mark.parametrize("number", range(11, LONG))
+@pytest.mark.parametrize("number", range(12, LONG))
 def test_more(net, number):
     check(comparison.NETS[net](case(net, number)), some=net != "vibrations")

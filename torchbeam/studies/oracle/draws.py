@@ -166,6 +166,8 @@ def effect(draw: Draw, name: str, rod: Rod, force: float, moving: bool) -> Any:
                 10) * force * L for _ in range(3)]),
             np.array([draw(0, 0.05) for _ in range(3)] + [draw(0,
                 0.05) * L**2 for _ in range(3)]) * np.sqrt(force * rod.mass)),
+        "Contact": lambda: fx.Contact(free + draw.vector(0.5 * L), 0.15 * L, 0.05 * L, 0.6 * L,
+                                      draw(1.0, 4.0) * force / L),
         "Actuation": lambda: fx.Actuation(value(1.0 / L, True),
                                           Value(draw.vector(0.02), frequency=rate and 2 * rate)),
         "Damping": lambda: fx.Damping(np.array([draw(0.002,

@@ -176,6 +176,26 @@ class RootSpring(OracleEffect):
 
 
 @dataclass(frozen=True)
+class Contact(OracleEffect):
+    """A ball that stands in frame a pushes the rod's surface, at the radius `own` about its axis,
+    per length: force (y/d)^2 by y of the thickness d, force (2 y/d - 1) where surfaces overlap.
+    """
+
+    centre: Array
+    radius: float
+    own: float
+    thickness: float
+    force: float
+
+    def wrench(self, p: Point) -> tuple[Array, Array]:
+        d = p.r - self.centre
+        y = 1 - (length(d) - self.radius - self.own) / self.thickness
+        pressure = np.where(y.real < 1, y * y, 2 * y - 1) * (y.real > 0)
+        force = self.force * pressure * d / length(d)
+        return force, np.zeros_like(force)
+
+
+@dataclass(frozen=True)
 class Actuation(OracleEffect):
     """Strain and curvature of the unloaded rod."""
 
@@ -229,5 +249,6 @@ ROWS: dict[str, type[Any]] = {
         RootSpring,
         Spring,
         TipLoad,
+        Contact,
     )
 }

@@ -128,6 +128,12 @@ def effects(case: Case, elements: int) -> list[Any]:
             at(e), e.stiffness, tensor(e.to), e.free_length or 0.0, e.damping
         ),
         fx.RootSpring: lambda e: tb.RootSpring(tensor(e.stiffness), tensor(e.damping)),
+        fx.Contact: lambda e: tb.Contact(
+            tb.Sphere(tensor(e.centre), e.radius),
+            radius=e.own,
+            thickness=e.thickness,
+            force=e.force,
+        ),
         fx.Actuation: lambda e: tb.Actuation(
             _value(e.curvature, case.rod), _value(e.strain, case.rod)
         ),

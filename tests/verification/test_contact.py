@@ -1,0 +1,62 @@
+"""Contact in motion: derivatives across stick and slip, and what is too fast for its steps. Known
+numbers are in the table of verification (`torchbeam.studies.verification.contact`).
+"""
+
+from dataclasses import replace
+
+import torch
+from torch.testing import assert_close
+
+import torchbeam as tb
+
+
+def shaken(friction, force, shake):
+    """A rod on a floor that is shaken along it for 0.5 s, 500 steps; sticks and slips in turns."""
+    section = tb.Section.from_stiffness(EA=1e3, GA=4e2, GJ=0.8, EI=0.2, mass=0.2, inertia=1e-4)
+    beam = tb.Beam.straight(1.0, 3, section, root=(0, 0, 0.0105))
+    contact = tb.Contact(
+        tb.Plane((0, 0, 0), (0, 0, 1.0)),
+        thickness=1e-3,
+        force=force,
+        radius=0.01,
+        friction=friction,
+        slip_speed=0.02,
+        damping=2e-3,
+    )
+    gravity = tb.Gravity(lambda t: torch.stack((shake * torch.sin(12 * t), 0 * t, -9.81 + 0 * t)))
+    scene = tb.Scene(beam, [gravity, contact], supports=(), plane="xz")
+    return scene, tb.simulate(scene, torch.linspace(0, 0.5, 6), step=1e-3)
+
+
+def test_gradient_across_stick_and_slip():
+    """Where the rod ends, by friction, force and shake: against central differences, whose own
+    error over 500 steps of a law with one continuous derivative is some 1e-7.
+    """
+    given, steps = torch.tensor([0.3, 8.0, 4.0]), torch.tensor([1e-5, 1e-4, 1e-5])
+    x = given.clone().requires_grad_()
+    scene, solution = shaken(*x)
+    sticking = tb.sensors.ContactSlip(scene)(solution.state)[1:, 1]
+    assert sticking.amax() == 1 and sticking.amin() == 0
+    (gradient,) = torch.autograd.grad(solution.nodes[-1, -1, 0], x)
+    for k, h in enumerate(steps.tolist()):
+        move = torch.zeros(3)
+        move[k] = h
+        ends = [shaken(*(given + s * move))[1].nodes[-1, -1, 0] for s in (1, -1)]
+        assert_close(gradient[k], (ends[0] - ends[1]) / (2 * h), rtol=2e-6, atol=0)
+
+
+def test_what_is_faster_than_its_steps_meets_its_obstacle():
+    """A rod thrown at a bar a fifth as thick as one of its steps is long: such a step is made in
+    parts, and the rod comes back.
+    """
+    section = tb.Section.from_stiffness(EA=1e5, GA=4e4, GJ=80.0, EI=100.0, mass=0.2, inertia=1e-4)
+    beam = tb.Beam.straight(0.2, 2, section, root=(-0.1, 0, 0.35))
+    bar = tb.Cylinder((0, 0, 0), (1.0, 0, 0), 0.02)
+    contact = tb.Contact(bar, thickness=5e-3, force=2e3)
+    scene = tb.Scene(beam, [contact], supports=())
+    start = tb.rest(scene)
+    start = replace(start, velocity=torch.tensor([0.0, 0, -20.0]).expand_as(start.velocity))
+    solution = tb.simulate(scene, torch.linspace(0, 0.04, 5), step=0.01, initial=start)
+    assert (solution.status == 0).all()
+    heights = solution.nodes[..., 2]
+    assert (heights > 0).all() and (heights[-1] > heights[-2]).all()
