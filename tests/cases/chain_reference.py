@@ -27,7 +27,7 @@ class Chain:
             model.scene.beam.element_count,
             model.node_count,
         )
-        of_nodes, of_elements, common, _ = map(flattened, trees)
+        of_nodes, of_elements, common, *_ = map(flattened, trees)
         self.common = {f"common.{k}": x for k, (x, _) in enumerate(common)}
         self.node = [
             {f"node.{k}": rows(x, axes, j)[0] for k, (x, axes) in enumerate(of_nodes)}
@@ -45,7 +45,7 @@ class Chain:
             | self.common
             for e in range(self.N)
         ]
-        self.kinds = kinds_of(model, constants.loads)
+        self.kinds = kinds_of(model, constants.acts)
         self.free, self.zero = (
             model.constraints.moving.to(model.length),
             {"vector": torch.zeros(w), "block": torch.zeros(w, w)},

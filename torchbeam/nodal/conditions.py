@@ -31,6 +31,11 @@ class ActingLoad(NamedTuple):
     internal: slice | None
     elements: int | None = None
 
+    def acts_on(self, row: int) -> bool:
+        if isinstance(self.node, slice):
+            return self.node.start <= row < self.node.stop
+        return self.node is None or self.node == row
+
     @property
     def along(self) -> bool:
         """Whether it acts along rows, per length."""
@@ -130,6 +135,14 @@ def by_part(beam: Beam, one: ActingLoad) -> tuple[ActingLoad, ...]:
     return tuple(found)
 
 
+def parts_acting(model: Model) -> tuple[ActingLoad, ...]:
+    """All loads of a scene; of a structure in the pieces in which they act along its parts."""
+    acts = acting(model, model.scene.loads, model.scene.internal_states)
+    if not model.scene.beam.parts:
+        return acts
+    return tuple(part for act in acts for part in by_part(model.scene.beam, act))
+
+
 def conditions(
     model: Model,
     t: Tensor,
@@ -138,14 +151,16 @@ def conditions(
     loads: tuple[Any, ...] | None = None,
 ) -> Conditions:
     """Of all of a model at t (...), its supports at the time `end` (...); loads: these of the
-    scene's alone, without what the beam bends by itself, None = all.
+    scene's alone, without what the beam bends by itself, and what acts in joints and tendons,
+    None = all.
     """
-    acts = acting(model, model.scene.loads, model.scene.internal_states)
-    motion, eigenstrain = model.prescribed_motion, 0.0
-    if model.scene.beam.parts:
-        acts = tuple(part for act in acts for part in by_part(model.scene.beam, act))
+    acts, motion, eigenstrain = parts_acting(model), model.prescribed_motion, 0.0
+    joints, tendons = NO_VALUES, None
     if loads is None:
         eigenstrain = model.eigenstrain(t, inputs)
+        until = t if end is None else end
+        joints = model.joints.values(model.scene.joints, t, inputs, until)
+        tendons = model.tendons.values(model.scene.tendons, t, inputs)
     else:
         acts = tuple(act for act in acts if any(act.load is load for load in loads))
     acts = tuple(act._replace(load=_valued(model, act, t, inputs)) for act in acts)
@@ -165,8 +180,8 @@ def conditions(
         root,
         None,
         model.scene.beam.element_count,
-        model.joints.values(model.scene.joints, t, inputs, t if end is None else end),
-        model.tendons.values(model.scene.tendons, t, inputs),
+        joints,
+        tendons,
         between,
     )
 

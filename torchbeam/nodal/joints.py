@@ -236,9 +236,7 @@ class Joints(NoJoints):
         apart = torch.maximum(
             gap[..., :p].abs().amax((-1, -2)) / self.size, gap[..., p:].abs().amax((-1, -2))
         )
-        return torch.maximum(
-            size, (apart - ROUNDING * torch.finfo(gap.dtype).eps).clamp(min=0) / CLOSED
-        )
+        return measured(size, apart)
 
     def spans(self, lengths: Tensor) -> Tensor:
         return self.size[..., None, None]
@@ -375,6 +373,14 @@ class Joints(NoJoints):
             )
             rows[2 * side + 1] = (weight * moment).sum(-3)
         return torch.cat(torch.broadcast_tensors(*rows), -2)
+
+
+def measured(size: Tensor, apart: Tensor) -> Tensor:
+    """(...) a scaled residual, with the largest that joints are apart, over the size of the whole,
+    or turned.
+    """
+    rounding = ROUNDING * torch.finfo(apart.dtype).eps
+    return torch.maximum(size, (apart - rounding).clamp(min=0) / CLOSED)
 
 
 def _along(vector: Tensor, by: Tensor) -> Tensor:

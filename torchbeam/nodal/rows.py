@@ -106,16 +106,19 @@ class Rows(Tree):
         elements: ElementRows | None,
         held: Held,
         difference: tuple[float, ...] | None = None,
+        topology: Topology | None = None,
     ) -> Rows:
-        """Of one node alone (elements None), or of one element and its nodes; space: as it is
-        elsewhere, but for what rows say of it; difference: see `SharedMass`.
+        """Of one node alone (elements None), or of one element and its nodes, or of other nodes
+        with a topology; space: as it is elsewhere, but for what rows say of it; difference: see
+        `SharedMass`.
         """
         length, reference, law, coupling, linear = (
             (None,) * 5 if elements is None else vars(elements).values()
         )
         if isinstance(space, Linearised):
             space = replace(space, frames=nodes.frames, R=nodes.R, linear_element=linear)
-        topology = Chain(space.order, 0 if elements is None else 1)
+        if topology is None:
+            topology = Chain(space.order, 0 if elements is None else 1)
         free = torch.ones(topology.node_count, space.unknowns, dtype=torch.bool)
         fixed = torch.stack(held.fixed) if held.fixed else nodes.mass.new_zeros(0, space.unknowns)
         constraints = Constraints(

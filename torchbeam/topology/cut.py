@@ -31,6 +31,15 @@ class Run(NamedTuple):
     element: int
 
     @property
+    def manner(self) -> str:
+        """From which end its nodes are eliminated: "forward", from its first; "backward", from its
+        last, where that alone is free; "bordered", where both are next to the interface.
+        """
+        if self.before is None:
+            return "forward"
+        return "backward" if self.after is None else "bordered"
+
+    @property
     def nodes(self) -> range:
         return range(self.first, self.first + self.count)
 

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from .chain import Chain
-from .cut import added, pairs_of, places
+from .cut import Cut, added, cut, pairs_of, places
 from .framework_matrix import FrameworkMatrix
 from .framework_unknowns import FrameworkUnknowns
 from .protocols import Blocks
@@ -67,6 +67,12 @@ class Framework:
         """The nodes that are inside no element."""
         middle = set(self.elements[1]) if self.order == 2 else ()
         return tuple(node for node in range(self.node_count) if node not in middle)
+
+    @property
+    def cut(self) -> Cut:
+        """Of the nodes that are inside no element."""
+        ends = self.of_ends
+        return cut(ends.chains, ends.singles, ends.joints, ends.ties)
 
     @cached_property
     def of_ends(self) -> Framework:

@@ -27,7 +27,7 @@ from ..math.block_tridiagonal import (
 )
 from ..math.first_derivative import first_only
 from ..math.shapes import broadcast_shapes
-from .cut import Cut, Run, cut, places
+from .cut import Cut, Run, places
 from .framework_midside import FrameworkMidside, condensed
 from .framework_unknowns import FrameworkUnknowns
 
@@ -65,8 +65,7 @@ class FrameworkSystem:
 
     @property
     def cut(self) -> Cut:
-        ends = self.framework.of_ends
-        return cut(ends.chains, ends.singles, ends.joints, ends.ties)
+        return self.framework.cut
 
     @property
     def _parts(self) -> tuple[Tensor | None, ...]:

@@ -42,7 +42,7 @@ def test_loads_hold_numbers_that_are_those_of_native_code(name):
     now = conditions(model, t, inputs)
     assert all(constant(one.load) for one in now.loads) and not constant(model.scene.loads[0])
     constants = Constants(model)
-    nodes, _, common, _ = constants.at(torch.tensor(0.1), t, inputs)
+    nodes, _, common, *_ = constants.at(torch.tensor(0.1), t, inputs)
     loads = [row or load for row, load in zip(nodes.now.loads, common.now.loads, strict=True)]
     assert all(map(constant, loads)) and (bool(loads) or nodes.now.dead is not None)
 

@@ -223,6 +223,47 @@ def test_tension_by_input_function_and_number_are_one():
         assert_close(other, ends[0], rtol=1e-13, atol=0)
 
 
+@pytest.mark.parametrize("said", ["turned", "in halves", "later", "in two runs"])
+def test_the_same_said_otherwise_is_the_same(said):
+    """A whole scene that is turned, a tendon that is two of half of it, a run that starts later, or
+    anew from its middle.
+    """
+    axis, turn = torch.tensor([1.0, 2.0, 2.0]) / 3, 0.7
+    K = torch.linalg.cross(torch.eye(3), axis.expand(3, 3))
+    Q = torch.linalg.matrix_exp(turn * K.mT) if said == "turned" else torch.eye(3)
+    x, z, anchor, push = (
+        Q @ torch.tensor(v)
+        for v in ((1.0, 0, 0), (0.0, 0, 1), (0.0, 0.02, 0.2), (0.0, 0.01, -0.02))
+    )
+    beam = tb.Beam.straight(0.3, 3, SECTION, direction=x, up=z)
+    eyelets = [(None, anchor), (2, (0, 0, 0.01)), (-1, (0, 0, 0))]
+    law = dict(friction=0.2, slip_speed=0.01)
+    k = 0.5 if said == "in halves" else 1.0
+    one = [
+        tb.Tendon(eyelets, stiffness=20.0 * k, length=0.37, **law),
+        tb.Tendon.along(beam, (0, 0.01, 0), tension=0.3 * k),
+    ]
+    scene = tb.Scene(beam, [*one * round(1 / k), tb.TipLoad(force=push)])
+    options = dict(step=0.01, engine="eager", tolerance=1e-13)
+    start = 3.0 if said == "later" else 0.0
+    times = start + torch.linspace(0, 0.06, 7)
+    if said == "in two runs":
+        first = tb.simulate(scene, times[:4], **options).state[-1]
+        found = tb.simulate(scene, times[3:], initial=first, **options).tip.position[-1]
+    else:
+        found = tb.simulate(scene, times, **options).tip.position[-1]
+    plain = tb.Scene(
+        tb.Beam.straight(0.3, 3, SECTION),
+        [
+            tb.Tendon([(None, (0, 0.02, 0.2)), *eyelets[1:]], stiffness=20.0, length=0.37, **law),
+            tb.Tendon.along(beam, (0, 0.01, 0), tension=0.3),
+            tb.TipLoad(force=(0, 0.01, -0.02)),
+        ],
+    )
+    wanted = tb.simulate(plain, torch.linspace(0, 0.06, 7), **options).tip.position[-1]
+    assert_close(Q.mT @ found, wanted, rtol=0, atol=1e-11)
+
+
 BEAM = tb.Beam.straight(0.3, 3, SECTION)
 ENDS = [(0, (0, 0, 0.01)), (-1, (0, 0, 0.01))]
 REFUSED = {

@@ -11,13 +11,27 @@ from ..compiler.derivative import bar, vjp
 from ..compiler.function import Function
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
-from . import midsides
+from . import midsides, structures
 from .adjoint_driver import AdjointDriver
 from .conserving_functions import ENERGIES
-from .layout import BETWEEN, ELEMENTS, ENDS, INNER, MOVES, NODES, ONE, OWN, SUPPORTS, TURNS, Layout
+from .layout import (
+    BETWEEN,
+    ELEMENTS,
+    ENDS,
+    INNER,
+    JOINTS,
+    MOVES,
+    NODES,
+    ONE,
+    OWN,
+    SUPPORTS,
+    TURNS,
+    Layout,
+)
 from .local_functions import LocalFunctions
 from .native import NativeProgram
-from .node_kinds import Kinds, without_side
+from .node_kinds import SIDES, Kinds, without_side
+from .structure_adjoint import StructureAdjoint
 from .tracing import Traced, Tracing
 
 SAMPLE = ("good", "work_bar", "work_grad")
@@ -27,7 +41,7 @@ ENDED = ("velocity", "spin")  # of a node at the end, that are scaled
 class AdjointProgram(NativeProgram):
     """wanted: names of the constants' fields whose cotangents are asked for."""
 
-    driver = AdjointDriver
+    driver, of_structures = AdjointDriver, StructureAdjoint
 
     def __init__(
         self,
@@ -174,6 +188,16 @@ class AdjointProgram(NativeProgram):
         if self.held:
             functions["held row"] = packed(traced(partial(local.transposed_row, True), row | near))
             functions["push"] = traced(local.push, {"reaction_bar": (w,), "free": (w,)})
+        if self.kinds.joints is not None:
+            around = near if self.held else None
+            functions |= structures.of_rows(
+                local, traced, packed, row, around, self.kinds.runs, transposed=True
+            )
+            by = [name for name in ends if name.partition(".")[0] in (*SIDES[1], "common")]
+            by += ["joints", "last_force", *(name for name in wanted if name.startswith("joint"))]
+            functions |= structures.adjoint_of_joints(
+                local, traced, self.kinds.joints, self.held, by, _derivative
+            )
         functions["back"] = traced(local.back, {"ahead": (w, w), "y": (w,), "next": (w,)})
         functions["balance_bar"] = traced(
             local.balance_bar, {"move": (w,), "push": (w,), "free": (w,)}
@@ -188,6 +212,7 @@ class AdjointProgram(NativeProgram):
             ("element", ELEMENTS),
             ("common", ONE),
             *((("support", SUPPORTS),) * self.held),
+            *((("joint", JOINTS),) * bool(self.kinds.joints)),
         ):
             # a derivative need not read what it is by
             outputs = (output for name in self.functions for output in self.outputs(name))
@@ -208,7 +233,8 @@ class AdjointProgram(NativeProgram):
             own = [(name, prod(self.shapes[name])) for name in self.element_state]
             for name in ("", "_bar", "_grad", "_start_bar"):
                 layout.record(f"element_state{name}", ELEMENTS, own)
-        if {"finish element bar 0", "finish element load bar 0"} & self.functions.keys():
+        ends = {"finish element bar 0", "finish element load bar 0"}
+        if ends & self.functions.keys() or self.kinds.joints:
             layout.record("unknown_bar", NODES, [("u_bar", state[0][1]), ("m_bar", state[1][1])])
         if "project" in self.functions:
             layout.record("ended", NODES, [(name, prod(self.shapes[name])) for name in ENDED])
@@ -252,6 +278,9 @@ class AdjointProgram(NativeProgram):
                 layout.record("support", SUPPORTS, [(name, w)] * read)
             for name in ("reaction_bar", "reaction_grad", "last_bar"):
                 layout.record(name, SUPPORTS, [("reaction", w)])
+        if self.kinds.joints is not None:
+            kinds = len(self.kinds.joints)
+            structures.record_adjoint(layout, self.functions, w, kinds, self.held)
         return layout
 
 

@@ -62,6 +62,7 @@ class AdjointDriver(ChainCode):
                 self._fill(self.at(record, k), self.layout.records[record].size)
         for name in self._of_samples("_bar"):
             self._fill(self.at("sample", 0, name), 1)
+        self._clear_joints()
         with code.loop(last, -1, -1) as step:
             self._transfer("gather", "input", first, step, last)
             self._step()
@@ -82,6 +83,7 @@ class AdjointDriver(ChainCode):
                 self._add(self.at(to, k), self.at(source, k), self.layout.records[to].size)
         for to, source in zip(self._of_samples("_bar"), self._of_samples("_grad"), strict=True):
             self._add(self.at("sample", 0, to), self.at("sample", 0, source), 1)
+        self._add_joints()
         self._fill(self.at("nothing"), self.layout.records["nothing"].size)
         with code.loop(0, self._move_of(nodes, self.order)) as j:
             for record in ("asked", "push", "move", "found"):
@@ -91,11 +93,13 @@ class AdjointDriver(ChainCode):
                 self._fill(self.at("last_bar", k), moves)
         with code.loop(0, nodes) as j:
             self._solution(j)
+        self._joint_solutions()
         if "energy" in self.layout.records:
             self._energies()
         if {"finish element bar 0", "finish element load bar 0"} & self.functions.keys():
             with code.loop(0, N) as e:
                 self._element_ends(e)
+        self._joint_ends()
         with code.loop(0, nodes) as j:
             self._ends(j)
         if self.held:
@@ -107,17 +111,7 @@ class AdjointDriver(ChainCode):
                     "> push": self.at("push", self._move_of(node)),
                 }
                 self._call("push", lambda f: places[f])
-        self._block("0", 0)
-        with code.loop(0, code.add(N, 1)) as v:
-            self._row(v)
-        with code.loop(N, -1, -1) as v:
-            node = self._end(v)
-            places = {"next": self._move_of(node, self.order), "> move": self._move_of(node)}
-            self._call(
-                "back",
-                lambda f: self.at("move", places[f]) if f in places else self.at("row", v, f),
-            )
-            self._balance_bar(node)
+        self._transposed()
         self._restore("found", self._balance_bar)
         with code.loop(0, N) as e:
             self._element(e)
@@ -135,6 +129,7 @@ class AdjointDriver(ChainCode):
                         ),
                     )
                     self._spread(f"node bar {k}", j)
+        self._joint_bars()
         good = self.at("sample", 0, "good")
         with code.loop(0, nodes) as j:
             self._take(
@@ -160,6 +155,42 @@ class AdjointDriver(ChainCode):
         if self.held:
             with code.loop(0, self.args["supports"]) as k:
                 self._take(self.at("reaction_bar", k), self.at("last_bar", k), good, moves)
+        self._take_joints(good)
+
+    def _transposed(self) -> None:
+        """The transposed system, and the cotangents of the balances of elements' ends."""
+        code, N = self.code, self.args["elements"]
+        self._block("0", 0)
+        with code.loop(0, code.add(N, 1)) as v:
+            self._row(v)
+        with code.loop(N, -1, -1) as v:
+            node = self._end(v)
+            places = {"next": self._move_of(node, self.order), "> move": self._move_of(node)}
+            self._call(
+                "back",
+                lambda f: self.at("move", places[f]) if f in places else self.at("row", v, f),
+            )
+            self._balance_bar(node)
+
+    # Joints, of which a chain has none: see `StructureAdjoint`
+
+    def _clear_joints(self) -> None:
+        """Cotangents of joints' states and constants."""
+
+    def _add_joints(self) -> None:
+        """To the cotangents of joints' states those of what a step has made."""
+
+    def _joint_solutions(self) -> None:
+        """Their forces, between the states of a step."""
+
+    def _joint_ends(self) -> None:
+        """What the cotangents of their states at the end ask of the start, of nodes, of forces."""
+
+    def _joint_bars(self) -> None:
+        """What the solution asks of their start and constants."""
+
+    def _take_joints(self, good: str) -> None:
+        """Cotangents of their states at the start, of what has gone well."""
 
     def _balance_bar(self, j: str) -> None:
         """Of node j, whose move is known."""
@@ -326,7 +357,7 @@ class AdjointDriver(ChainCode):
         """Of an element: what it adds to the matrix, and what its stress's cotangent asks of its
         nodes' moves.
         """
-        packed = {f"> {BETWEEN}": ("between", self._odd(e)), f"> {INNER}": ("inner",)}
+        packed = {f"> {BETWEEN}": ("between", self._between(e)), f"> {INNER}": ("inner",)}
         with self._element_kind(e) as kinds:
             for k in kinds:
                 self._call(
@@ -376,7 +407,7 @@ class AdjointDriver(ChainCode):
             "right": ("asked", move),
             "free": ("free", node),
             "push": ("push", move),
-            f"> {BETWEEN}": ("between", self._odd(e)),
+            f"> {BETWEEN}": ("between", self._between(e)),
             f"> {MIDDLE}": ("middle", e),
         }
         self._call_held(

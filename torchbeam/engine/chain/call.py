@@ -16,8 +16,10 @@ from torch import Tensor
 
 from ...nodal.model import Model
 from .chain_code import POINTERS
+from .layout import counts
 from .native import NativeProgram
 from .node_kinds import Kinds
+from .structure_tables import StructureTables
 from .transfers import ENTRY
 
 CPU = torch.device("cpu")  # whatever the default device is
@@ -53,19 +55,29 @@ class Chain:
             model.constraints.moving,
         )
         records, order, nodes = program.layout.records, program.order, range(model.node_count)
-        bases, self.size = program.layout.bases(order, self.N, len(self.supports))
+        tables = None if kinds.joints is None else StructureTables.of(model, program.dense)
+        more = {} if tables is None else tables.rows
+        self.counts = counts(order, len(nodes), self.N, len(self.supports), **more)
+        bases, self.size = program.layout.bases(self.counts)
         self.base = dict(zip(records, bases, strict=True))
         support_of = [self.supports.index(j) if j in self.supports else -1 for j in nodes]
+        topology = model.topology
+        ends = range(0, len(nodes), order) if tables is None else {*topology.ends}
         near = [
-            int(any(i in self.supports for i in ((j,) if j % order else (j - order, j, j + order))))
+            int(any(i in self.supports for i in (j - order, j, j + order) if j in ends or i == j))
             for j in nodes
         ]
-        nodes, elements = (
-            [there.index(kind) for kind in own]
-            for there, own in zip(program.kinds, kinds, strict=True)
+        nodes, elements, joints = (
+            [there.index(kind) for kind in own or ()]
+            for there, own in zip(program.kinds[:3], kinds[:3], strict=True)
         )
         lists = bases, nodes, elements, near, support_of, [*self.supports, 0]
         self.lists = dict(zip(POINTERS[1:], map(_integers, lists), strict=True))
+        self.numbers: dict[str, int] = {}
+        if tables is not None:
+            own = {"joint_kinds": joints, **tables.lists}
+            self.lists |= {name: _integers([*x, 0]) for name, x in own.items()}
+            self.numbers = {"nodes": len(nodes), **tables.numbers}
         self._blocks: dict[int, list[Tensor]] = {}  # of memory that no call uses, by lanes
 
     def has(self, record: str, name: str) -> bool:
@@ -73,9 +85,7 @@ class Chain:
 
     def rows(self, record: str) -> int:
         """How many there are."""
-        return self.program.layout.rows(
-            self.program.layout.records[record], self.program.order, self.N, len(self.supports)
-        )
+        return self.counts[self.program.layout.records[record].rows]
 
     def lanes(self, samples: int) -> int:
         """As this processor has them; one for a sample alone."""
@@ -279,6 +289,7 @@ class Call:
             "elements": self.chain.N,
             "supports": len(self.chain.supports),
             "end_group": self.groups,
+            **self.chain.numbers,
             **{name: ctypes.addressof(x) for name, x in self.chain.lists.items()},
         }
         for name, rows in tables.items():
@@ -307,6 +318,12 @@ class Call:
         numbers[self.place["memory"]] = block.data_ptr()
         run(numbers)
         self.chain.given_back(self.lanes, block)
+
+
+def structure_fields(chain: Chain) -> list[Field]:
+    """What bordered runs start from: minus the identity."""
+    eye = torch.eye(chain.free.shape[-1], dtype=chain.dtype, device=CPU)
+    return [Field("edge", "start", -eye, 2)]
 
 
 def like(shape: Sequence[int], dtype: torch.dtype) -> Tensor:

@@ -10,10 +10,10 @@ from contextlib import AbstractContextManager, contextmanager
 from ..compiler.denormals import flushing
 from ..compiler.function import Function
 from ..compiler.llvm import Module
+from ..compiler.loop_text import Code
 from ..compiler.shared_ends import END
 from .conserving_functions import ENERGIES
 from .layout import BETWEEN, INNER, Layout
-from .loop_text import Code
 from .node_kinds import SIDES, Kinds
 from .transfers import Transfers
 
@@ -26,6 +26,7 @@ class ChainCode:
     """
 
     ARGS: tuple[str, ...] = ()
+    POINTERS = POINTERS  # those of them
 
     def __init__(
         self,
@@ -53,9 +54,11 @@ class ChainCode:
         code = self.code
         for k, name in enumerate(self.ARGS):
             self.args[name] = code.load(code.at("%args", k))
-        pointer = {name: code.new(f"inttoptr i64 {self.args[name]} to ptr") for name in POINTERS}
+        pointer = {
+            name: code.new(f"inttoptr i64 {self.args[name]} to ptr") for name in self.POINTERS
+        }
         self.args |= pointer
-        self.args["nodes"] = code.add(self._end(self.args["elements"]), 1)
+        self._nodes()
         for k, name in enumerate(self.layout.records):
             begin = code.mul(code.load(code.at(pointer["bases"], k)), self.bytes)
             self.base[name] = code.at(pointer["memory"], begin, "i8")
@@ -63,6 +66,10 @@ class ChainCode:
             self._group(code.mul(group, self.lanes.count))
         chain = code.text().replace(") nounwind", ") noinline nounwind", 1)
         return "\n\n".join((*self._loops(), chain, flushing("run", "chain")))
+
+    def _nodes(self) -> None:
+        """How many nodes there are."""
+        self.args["nodes"] = self.code.add(self._end(self.args["elements"]), 1)
 
     def _group(self, first: str) -> None:
         """All steps of the samples from the first of a group on."""
@@ -131,11 +138,21 @@ class ChainCode:
         """Which of the records that take turns belongs to that node."""
         return self._odd(e if side == "i" else self.code.add(e, 1)) if side in SIDES[1] else 2
 
+    def _between(self, e: str) -> str:
+        """Which of the records of what elements leave is that of element e."""
+        return self._odd(e)
+
     def _move_of(self, node: str, ahead: int = 0) -> str:
         """Which of the nodes' moves is that of a node, or of one so far ahead; on either side of
         the chain some do not move.
         """
         return self.code.add(node, self.order + ahead)
+
+    def _reach(self, node: str) -> str | int:
+        """How far it is to the nodes that a node's row has blocks of: of a midside node its
+        element's ends.
+        """
+        return 1 if self.order == 1 else self.code.sub(2, self._odd(node))
 
     def _near(self, v: str) -> dict[str, str]:
         """What is free of the end before, of end v and of the next, where there are any."""

@@ -11,6 +11,8 @@ from typing import Any
 from torch import Tensor
 
 from ...core.leaves import Tree, leaf, leaves_in_order, map_leaves
+from ...nodal.joint_laws import JointLaws
+from ...nodal.joint_motion import Factor
 from ...nodal.rows import ElementRows, NodeRows
 from ...scene.effects import Inputs
 
@@ -114,7 +116,23 @@ class SupportConstants(Tree):
     spin: Tensor = leaf(2)
 
 
-Trees = tuple[NodeConstants, ElementConstants, Common, SupportConstants | None]
+@dataclass(frozen=True)
+class JointConstants(Tree):
+    """Rows of joints, see `Joints` and `DrivenJoints`; effort, coordinate: of `JointValues`."""
+
+    v: Factor
+    w: Factor
+    c: Tensor = leaf(2)
+    across: Factor
+    laws: JointLaws | None
+    effort: Tensor | None = leaf(2)
+    coordinate: Tensor | None = leaf(2)
+
+
+# where they come from; the last two None where there is nothing of the kind
+Trees = tuple[
+    NodeConstants, ElementConstants, Common, SupportConstants | None, JointConstants | None
+]
 
 
 def flattened(tree: Any) -> list[tuple[Tensor, int]]:

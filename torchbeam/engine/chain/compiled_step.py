@@ -13,6 +13,7 @@ from torch.autograd import forward_ad
 from ...core.leaves import functions, wants_gradient
 from ...core.status import SUCCESS
 from ...core.surroundings import Surroundings
+from ...nodal.joints import stacked
 from ...nodal.model import Model
 from ...scene.effects import Inputs
 from ...scene.effects.effect import of_library
@@ -23,7 +24,7 @@ from .call import Chain, Field, made_like
 from .chain_constants import Trees
 from .conserving_functions import ConservingFunctions
 from .constants import Constants
-from .cotangents import Adjoint, Differentiated
+from .cotangents import FORCES, Adjoint, Differentiated
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
 from .node_kinds import kinds_of
@@ -98,9 +99,12 @@ class CompiledStep:
         else:
             self.structure, trees = self._traced(around)
             keep_structure(key, self.structure)
-        self.constant, length = self.structure.constant(trees), model.length.detach()
+        self.constant, length = self.structure.constant(trees), model.spans.detach()
         total, longest = length.sum((-1, -2)), length.amax((-1, -2))
         self._lengths = [Field("common", "total", total, 0), Field("common", "longest", longest, 0)]
+        if model.joints.count:
+            size = model.joints.size.detach()
+            self._lengths.append(Field("common", "joint_size", size, 0))
         self.sources = [*(one.value for one in self.constant), *self.constants.sources]
         self.eager_because: str | None = None  # of the last call: what a user may mend
         self._seen: tuple[int, ...] | None = None
@@ -122,7 +126,7 @@ class CompiledStep:
         )
         by_user = self.function or not all(map(of_library, self.constants.loads))
         self.around = NOTHING if around is None and not by_user else around
-        kinds = kinds_of(model, self.constants.loads)
+        kinds = kinds_of(model, self.constants.acts)
         program = program_of(self.local(trees), kinds, bool(model.constraints.nodes), self.around)
         if self.around is not None and not self.around.unchanged():
             raise NotTraceable(
@@ -197,12 +201,7 @@ class CompiledStep:
                 else x
                 for name, x in inputs.items()
             }
-        states = [
-            self.constants.internal_rows(start.internal)
-            if name == INTERNAL
-            else getattr(start, name)
-            for name in structure.state
-        ]
+        states = [self._of_state(start, name) for name in structure.state]
         if functorch.peek_interpreter_stack() is not None:
             return None
         if forward_ad._current_level >= 0 and any(
@@ -262,6 +261,8 @@ class CompiledStep:
         fields = dict(zip(structure.state, outputs, strict=True))
         if INTERNAL in fields:
             fields[INTERNAL] = self.constants.of_rows(fields[INTERNAL])
+        if FORCES in fields:
+            fields["stress"] = stacked(fields["stress"], fields.pop(FORCES))
         if frame is not None:
             steps, extra = status.shape[: K is not None], max(0, frame.ndim - 1 - status.ndim)
             frame = frame.reshape(*steps, *frame.shape[len(steps) + extra :])
@@ -269,6 +270,14 @@ class CompiledStep:
             fields["frame"] = torch.where(good[..., None], frame, start.frame)
         failed = status.item() if status.numel() == 1 else status.numpy().any()
         return Steps(fields, status.long(), iterations.long(), not failed, every)
+
+    def _of_state(self, start: State, name: str) -> Tensor:
+        """A field of `StepStructure.state`."""
+        if name == INTERNAL:
+            return self.constants.internal_rows(start.internal)
+        if name in ("stress", FORCES):
+            return self.model.joints.split(start.stress)[name == FORCES]
+        return getattr(start, name)
 
     def _orientations(
         self, start: Tensor, dt: Tensor, t: Tensor, K: int | None, dims: int

@@ -15,8 +15,9 @@ from ...core.surroundings import Surroundings
 from ...core.validation import concrete
 from ...math.shapes import broadcast_shapes
 from ...nodal.balance import same_law
-from ...nodal.conditions import acting, conditions, supports
+from ...nodal.conditions import ActingLoad, conditions, parts_acting, supports
 from ...nodal.coordinates.planar import Planar
+from ...nodal.joint_motion import JointValues
 from ...nodal.loads import Nodes, advanced, external
 from ...nodal.model import Model
 from ...scene.effects import Input, Inputs, Pose
@@ -28,6 +29,7 @@ from .chain_constants import (
     Common,
     CommonConditions,
     ElementConstants,
+    JointConstants,
     NodeConditions,
     NodeConstants,
     SupportConstants,
@@ -58,20 +60,24 @@ class Constants:
         instant: float = 0.5,
         around: Surroundings | None = None,
     ) -> None:
-        self.model, self.prescribes = model, steps and model.scene.has_prescribed_motion
-        moving, dead = model.loads
-        self.loads = (*moving, *(load for load in dead if load.internal or _by_inputs(load)))
-        dead = [load for load in dead if load not in self.loads]
+        self.model, self.steps = model, steps
+        self.prescribes = steps and model.scene.has_prescribed_motion
+        acts = parts_acting(model)
+        natively = [act for act in acts if act.load.internal or _by_inputs(act.load)]
+        self.acts = tuple(act for act in acts if act.reads)
+        self.acts += tuple(act for act in natively if not act.reads)
+        self.loads = tuple(act.load for act in self.acts)
+        dead = [load for load in model.loads[1] if load not in self.loads]
         self.given = tuple(
             load for load in dead if _given(load) and not (model.turning and load.wants_axes)
         )
         self.asked = tuple(load for load in dead if load not in self.given)
         none = {name: model.length.new_zeros(size) for name, size in model.scene.inputs.items()}
-        zero, elements = model.length.new_zeros(()), model.scene.beam.element_count
+        zero = model.length.new_zeros(())
         self.by_place = tuple(
-            load.at_sites(model.s, zero, none, elements) is not None for load in self.loads
+            act.load.at_sites(*self._places(act, zero, none)) is not None for act in self.acts
         )
-        self.valued = tuple(self._valued(load, zero, none) for load in self.loads)
+        self.valued = tuple(self._valued(act, zero, none) for act in self.acts)
         self.nodes, self.elements = model.nodes, model.elements
         self.wants_support = any(load.wants_support for load in self.loads)
         self.given_eigenstrain = all(_given(effect) for effect in model.scene.eigenstrains)
@@ -81,7 +87,9 @@ class Constants:
             or any(map(_by_time, self.loads, self.by_place))
             or (self.wants_support and not self.rests)
         )
+        drives = [x for joint in model.scene.joints for x in (joint.effort, joint.prescribed)]
         self.asks = by_time or not self.given_eigenstrain or not self.rests
+        self.asks = self.asks or any(map(callable, drives))
         self.instant, self.before = instant, instant == 1 and by_time
         scene = model.scene
         by_place = tuple(load for load, own in zip(self.loads, self.by_place, strict=True) if own)
@@ -95,6 +103,8 @@ class Constants:
             scene.supports,
             model.law,
             model.inertia,
+            model.joints,
+            scene.joints,
         )
         self.sources = [x for x, _ in flattened(held)]
         self.sources += [model.length, model.section_mass, model.tributary_length]
@@ -152,8 +162,11 @@ class Constants:
             strict=True,
         )
         values |= {name: x for name, x in velocities if x is not None}
+        end = t + (1 - self.instant) * dt if self.steps else t
+        joints = model.joints.values(model.scene.joints, t, inputs, end)
+        values |= {f"joint {name}": x for name, x in joints._asdict().items() if x is not None}
         values |= {} if frame is None else {"frame": frame}
-        return values | self._prescribed(t + (1 - self.instant) * dt) if self.prescribes else values
+        return values | self._prescribed(end) if self.prescribes else values
 
     def _loads(self, t: Tensor, inputs: Inputs, frame: Tensor | None) -> dict[str, Tensor]:
         """Those that are dead, what the others have by time, and where the root's support
@@ -179,9 +192,9 @@ class Constants:
                 for name, x in zip(pose._fields, pose, strict=True)
                 if x is not None
             }
-        for k, (load, known) in enumerate(zip(self.loads, self.valued, strict=True)):
-            if known is not load:
-                values |= self._values(k, load, t, inputs)
+        for k, (act, known) in enumerate(zip(self.acts, self.valued, strict=True)):
+            if known is not act.load:
+                values |= self._values(k, act, t, inputs)
         return values
 
     def _dead(self, t: Tensor, inputs: Inputs) -> Tensor | float:
@@ -190,17 +203,32 @@ class Constants:
         still = Nodes(*model.space.pose(beam.nodes, beam.frames))
         return external(model, still, conditions(model, t, inputs, loads=self.given))
 
-    def _values(self, k: int, load: Any, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+    def _values(self, k: int, act: ActingLoad, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """Of a load that holds more than numbers."""
 
         def values() -> list[Tensor]:
-            return [x for x, _ in flattened(self._valued(load, t, inputs))]
+            return [self._of_all(k, *x) for x in flattened(self._valued(act, t, inputs))]
 
-        found = self._held(f"load {k}", values) if _unchanging(load) else values()
+        found = self._held(f"load {k}", values) if _unchanging(act.load) else values()
         return {f"load {k} {i}": x for i, x in enumerate(found)}
 
-    def _valued(self, load: Any, t: Tensor, inputs: Inputs) -> Any:
-        return load.resolved(self.model.s, t, inputs, self.model.scene.beam.element_count)
+    def _valued(self, act: ActingLoad, t: Tensor, inputs: Inputs) -> Any:
+        return act.load.resolved(*self._places(act, t, inputs))
+
+    def _places(self, act: ActingLoad, t: Tensor, inputs: Inputs) -> tuple[Any, ...]:
+        """What a load is asked for its values by."""
+        s = self.model.s[..., act.node] if isinstance(act.node, slice) else self.model.s
+        return s, t, inputs, act.elements or self.model.scene.beam.element_count
+
+    def _of_all(self, k: int, x: Tensor, axes: int) -> Tensor:
+        """A value of a load; by place, where it acts on some rows, with zeros on the others."""
+        node = self.acts[k].node
+        if not self.by_place[k] or not isinstance(node, slice):
+            return x
+        count = node.stop - node.start
+        x = x.movedim(-axes, -1)
+        x = pad(x.expand(*x.shape[:-1], count), (node.start, self.model.node_count - node.stop))
+        return x.movedim(-1, -axes)
 
     def _prescribed(self, end: Tensor) -> dict[str, Tensor]:
         """The motion of supports at the time `end`."""
@@ -231,37 +259,37 @@ class Constants:
         return space.multiply(begin, half), end
 
     @property
-    def _internal(self) -> dict[int, slice]:
-        """Where the internal states of each load are among those of all, by the load's id."""
-        scene = self.model.scene
-        return {
-            id(one.load): one.internal
-            for one in acting(self.model, scene.loads, scene.internal_states)
-        }
+    def _remembering(self) -> list[ActingLoad]:
+        return [act for act in self.acts if act.internal is not None]
 
     def internal_rows(self, internal: Tensor) -> Tensor:
         """Internal states (..., z) of a state as rows of nodes (..., N+1, Z): of each load in turn,
         zeros where it does not act.
         """
-        nodes, states, places = self.model.node_count, [], self._internal
-        for load in self.loads:
-            if load.internal:
-                j = 0 if load.node is None else load.node % nodes
-                rows = internal[..., places[id(load)]].unflatten(-1, (-1, load.internal))
-                states.append(rows if load.node is None else pad(rows, (0, 0, j, nodes - 1 - j)))
+        states = []
+        for act in self._remembering:
+            rows = internal[..., act.internal].unflatten(-1, (-1, act.load.internal))
+            nodes = self._nodes_of(act)
+            states.append(pad(rows, (0, 0, nodes.start, self.model.node_count - nodes.stop)))
         return torch.cat(states, -1)
 
     def of_rows(self, rows: Tensor) -> Tensor:
         """The inverse."""
-        remembering, places = [load for load in self.loads if load.internal], self._internal
-        parts = zip(
-            remembering, rows.split([load.internal for load in remembering], -1), strict=True
-        )
+        remembering = self._remembering
+        parts = rows.split([act.load.internal for act in remembering], -1)
         states = {
-            places[id(load)].start: own.flatten(-2) if load.node is None else own[..., load.node, :]
-            for load, own in parts
+            act.internal.start: own[..., self._nodes_of(act), :].flatten(-2)
+            for act, own in zip(remembering, parts, strict=True)
         }
         return torch.cat([states[first] for first in sorted(states)], -1)
+
+    def _nodes_of(self, act: ActingLoad) -> slice:
+        """Those that a load acts on."""
+        if isinstance(act.node, slice):
+            return act.node
+        return (
+            slice(0, self.model.node_count) if act.node is None else slice(act.node, act.node + 1)
+        )
 
     def at(self, dt: Tensor, t: Tensor, inputs: Inputs, frame: Tensor | None = None) -> Trees:
         """The trees at once."""
@@ -286,7 +314,16 @@ class Constants:
                 values["dt"], values["t"], inputs, place, *frame, now[1], before[1], self.captured
             ),
             supports,
+            self._joints(values),
         )
+
+    def _joints(self, values: dict[str, Tensor]) -> JointConstants | None:
+        joints = self.model.joints
+        if not joints.count:
+            return None
+        laws = getattr(joints, "laws", None)
+        given = (values.get(f"joint {name}") for name in JointValues._fields)
+        return JointConstants(joints.v, joints.w, joints.c, joints.across, laws, *given)
 
     def _conditions(
         self, values: dict[str, Tensor], when: str = ""
@@ -313,7 +350,7 @@ class Constants:
         """Loads (..., N+1, w) by functions of the motion, of the beam undeformed and at rest, and
         their internal states, whose gradient is that of what these functions close over.
         """
-        nodes, _, common, _ = map(detached, self.trees(values))
+        nodes, _, common, *_ = map(detached, self.trees(values))
         loads = (row or load for row, load in zip(nodes.now.loads, common.now.loads, strict=True))
         model = detached(self.model)
         model = with_values(

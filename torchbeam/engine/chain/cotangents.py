@@ -12,10 +12,14 @@ from torch import Tensor
 
 from ...core.entry_point import without_autocast
 from ...math.first_derivative import first_only
-from .call import Call, Chain, Field, like, made_like
+from .call import Call, Chain, Field, like, made_like, structure_fields
 from .chain_constants import flattened
 from .native import NativeProgram
 
+RECORDS = "node", "element", "common", "support", "joint"  # of the trees
+# what a joint's forces are called beside the stress of elements, whose rows they follow in a state
+FORCES = "joint_force"
+OF_JOINTS = {FORCES: ("joint_state", "last_force"), "joints": ("joint_state", "joints")}
 WHOLE = ("stress", "reaction")  # parts of a state whose cotangents have records of their own
 
 
@@ -27,12 +31,15 @@ def state_fields(program: NativeProgram) -> dict[str, tuple[str, str]]:
         "reaction": ("support", "last"),
         **{name: ("element_state", name) for name in program.element_state},
         **{name: ("sample", name) for name in program.sample_state},
+        **(OF_JOINTS if program.kinds.joints else {}),
     }
 
 
 def constant_fields(trees: tuple[Any, ...]) -> Iterator[Field]:
-    """The tensors of the trees of nodes, elements, what they have in common, and supports."""
-    for record, tree in zip(("node", "element", "common", "support"), trees, strict=True):
+    """The tensors of the trees of nodes, elements, what they have in common, supports and
+    joints.
+    """
+    for record, tree in zip(RECORDS, trees, strict=True):
         for k, (x, axes) in enumerate(flattened(tree)):
             yield Field(record, f"{record}.{k}", x, axes)
 
@@ -115,6 +122,8 @@ class Adjoint:
                 yield Field("support", "found", after, 2, flat=True)
             elif name == "stress":
                 yield Field("stress", "stress", after, 2, flat=True)
+            elif name == FORCES:
+                yield Field("joint_after", "force", after, 2, flat=True)
             elif self.state[name][0] == "state":
                 yield Field("after", f"after_{name}", after, 2, flat=True)
             before = self.state[name]
@@ -160,6 +169,7 @@ class Adjoint:
                 record, name, call.empty(*own, steps=steps), axes, flat=True
             )
         inputs = [*fields, *self.constant, Field("free", "free", chain.free, 2)]
+        inputs += structure_fields(chain)
         call.bound(
             {"inputs": len(fields), "outputs": len(outputs), "stepwises": len(stepwises)},
             {"inputs": len(self.constant)},

@@ -68,6 +68,7 @@ class Driver(ChainCode):
             self._copy_to(
                 self.at("stress", e), self.at("start_stress", e), self.layout.records["stress"].size
             )
+        self._start_joints()
         for name in ("over", "done"):
             code.call("opposite", self.at("sample", 0, name), self.at("sample", 0, "moving"))
         self._border()
@@ -88,6 +89,7 @@ class Driver(ChainCode):
             with self._element_kind(e) as kinds:
                 for k in kinds:
                     self._call(f"before element {k}", lambda f: self._of_element(f, e))
+        self._joints_hoisted()
 
     def _border(self) -> None:
         """What is on either side of the chain: nothing, which does not move."""
@@ -174,7 +176,7 @@ class Driver(ChainCode):
             "element.inner": ("inner",),
             f"own.{OWN}": ("at_node", self._turn(e, "m")),
             "free": ("free", node),
-            f"> {BETWEEN}": ("between", self._odd(e)),
+            f"> {BETWEEN}": ("between", self._between(e)),
             f"> {MIDDLE}": ("middle", e),
         }
         self._call_held(
@@ -201,7 +203,11 @@ class Driver(ChainCode):
         if field.removeprefix("> ") == HOISTED:
             return self.at("before element", e)
         if field[0] == ">":
-            places = {BETWEEN: ("between", self._odd(e)), INNER: ("inner",), LAW: ("strain_law", e)}
+            places = {
+                BETWEEN: ("between", self._between(e)),
+                INNER: ("inner",),
+                LAW: ("strain_law", e),
+            }
             return self.at(*places.get(field[2:], ("at_element", 0, field[2:])))
         return super()._of_element(field, e)
 
@@ -223,10 +229,9 @@ class Driver(ChainCode):
 
         self._call_held("row", node, where, lambda: self._keep_rows("at_row", node))
 
-    def _back(self) -> None:
-        """Moves from the last end to the first, then of the nodes between; see `_move_of`."""
-        code, N = self.code, self.args["elements"]
-        with code.loop(N, -1, -1) as v:
+    def _moves(self) -> None:
+        """From the last end to the first; see `_move_of`."""
+        with self.code.loop(self.args["elements"], -1, -1) as v:
             node = self._end(v)
             places = {"next": self._move_of(node, self.order), "> move": self._move_of(node)}
             self._call(
@@ -235,13 +240,17 @@ class Driver(ChainCode):
                     self.at("move", places[f], "move") if f in places else self.at("row", v, f)
                 ),
             )
+
+    def _back(self) -> None:
+        """Moves, those of midside nodes last; what follows from them."""
+        code, N = self.code, self.args["elements"]
+        self._moves()
         self._restore("move")
         over = self.at("sample", 0, "over")
         if self.held:
             with code.loop(0, self.args["supports"]) as k:
                 node = code.load(code.at(self.args["support_nodes"], k))
-                # of a midside node its element's ends
-                reach = 1 if self.order == 1 else code.sub(2, self._odd(node))
+                reach = self._reach(node)
                 here = self._move_of(node)
                 places = {
                     "before": code.sub(here, reach),
@@ -261,6 +270,7 @@ class Driver(ChainCode):
                     )
 
                 self._call("reaction", of_support)
+                self._joint_reactions(k, node)
                 self._blend(
                     self.at("support", k, "found"),
                     self.at("support", k, "reaction"),
@@ -304,6 +314,24 @@ class Driver(ChainCode):
                     )
             for name, (_, size) in self.layout.records["unknown"].fields.items():
                 self._blend(self.at("unknown", j, name), self.at("change", 0, name), over, size)
+        self._update_joints(over)
+
+    # Joints, of which a chain has none: see `StructurePasses`
+
+    def _start_joints(self) -> None:
+        """Their forces to start from."""
+
+    def _joints_hoisted(self) -> None:
+        """What does not depend on the unknowns."""
+
+    def _joint_reactions(self, support: str, node: str) -> None:
+        """What they add to the reaction of a support, at a node."""
+
+    def _update_joints(self, over: str) -> None:
+        """Their forces after the moves, but of samples that are over."""
+
+    def _finish_joints(self, good: str) -> None:
+        """Where they are at the end of the step, of what has gone well."""
 
     def _judge(self) -> None:
         def where(f: str) -> str:
@@ -311,7 +339,7 @@ class Driver(ChainCode):
                 return self.at("judged", 0, f[2:])
             record = (
                 "sums"
-                if f in SUMS
+                if f in self.layout.records["sums"].fields
                 else "sample"
                 if f in self.layout.records["sample"].fields
                 else "common"
@@ -376,6 +404,7 @@ class Driver(ChainCode):
         if "at_load" in records:
             with code.loop(0, N) as e:
                 self._finish_element_load(e, good)
+        self._finish_joints(good)
         with code.loop(0, nodes) as j:
             with self._kind(j) as kinds:
                 for k in kinds:

@@ -12,6 +12,8 @@ from typing import Any
 NODES, ENDS, ELEMENTS, SUPPORTS, MOVES = "nodes", "ends", "elements", "supports", "moves"
 # by turns for the two ends of an element, and for each node between them
 ONE, TWO, TURNS = "one", "two", "turns"
+# of a structure: joints, nodes that they sit at, numbers of the system that these make
+JOINTS, INTERFACE, ENTRIES = "joints", "interface", "entries"
 # packed: what a node gives its row, an element its ends' rows, and its stress
 OWN, BETWEEN, LAW = "own", "between", "law"
 # what an element of three nodes gives their rows, and what its midside node follows by
@@ -57,28 +59,14 @@ class Layout:
         """Of a record; none where there is none of that name."""
         return self.records[record].fields if record in self.records else {}
 
-    def rows(self, record: Record, order: int, elements: int, supports: int) -> int:
-        """How many there are, of elements of this order; of the nodes' moves an element's more on
-        either side of the chain.
+    def bases(self, counts: dict[str, int]) -> tuple[list[int], int]:
+        """First component of each record's first row, in order; components in all. counts: how many
+        rows there are of each sort, see `counts`.
         """
-        nodes = order * elements + 1
-        return {
-            NODES: nodes,
-            ENDS: elements + 1,
-            ELEMENTS: elements,
-            SUPPORTS: supports,
-            MOVES: nodes + 2 * order,
-            ONE: 1,
-            TWO: 2,
-            TURNS: order + 1,
-        }[record.rows]
-
-    def bases(self, order: int, elements: int, supports: int) -> tuple[list[int], int]:
-        """First component of each record's first row, in order; components in all."""
         bases, at = [], 0
         for record in self.records.values():
             bases.append(at)
-            at += record.size * self.rows(record, order, elements, supports)
+            at += record.size * counts[record.rows]
         return bases, at
 
     def numbers(self) -> list[list[Any]]:
@@ -95,3 +83,20 @@ class Layout:
         for name, rows, fields in numbers:
             layout.record(str(name), str(rows), [(str(field), int(size)) for field, size in fields])
         return layout
+
+
+def counts(order: int, nodes: int, elements: int, supports: int, **more: int) -> dict[str, int]:
+    """How many rows there are of each sort, of elements of this order; of the nodes' moves an
+    element's more on either side. more: those of a structure.
+    """
+    return {
+        NODES: nodes,
+        ENDS: elements + 1,
+        ELEMENTS: elements,
+        SUPPORTS: supports,
+        MOVES: nodes + 2 * order,
+        ONE: 1,
+        TWO: 2,
+        TURNS: order + 1,
+        **more,
+    }

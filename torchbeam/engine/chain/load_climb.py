@@ -204,7 +204,7 @@ def prepared(
 ) -> tuple[Chain, list[Field]]:
     """A model at rest in a program of this class, and the fields that are the same throughout."""
     model = local.model
-    kinds = kinds_of(model, constants.loads, rest=True)
+    kinds = kinds_of(model, constants.acts, rest=True)
     program = program_of(local, kinds, bool(model.constraints.nodes), around, made)
     chain = Chain(program, model, kinds)
     like, p, least = model.length, model.space.dims.position, rounding_stress(model)
@@ -215,7 +215,7 @@ def prepared(
         "least_moment": least[..., p:].amax((-1, -2)),
     }
     fields = [
-        *constant_fields((local.nodes, local.elements, local.common, local.supports)),
+        *constant_fields(local.trees),
         *_poses(model, t),
         *(Field("common", name, v, 0) for name, v in numbers.items()),
     ]

@@ -14,7 +14,7 @@ its stations, and the same of its nodes, behind `i.` and `j.`, or `i.`, `m.`, `j
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -24,16 +24,31 @@ from ...equations.balance_problem import BalanceProblem
 from ...equations.step_problem import StepProblem
 from ...math.block_tridiagonal import eliminated
 from ...nodal.balance import dstress, mixed, pushed_by, restrained_forces, scaled
+from ...nodal.joints import measured
 from ...solvers.newton import converged
 from ...state.state import State
 from ...topology.chain_unknowns import masked
 from ...topology.midside import condensed, following
-from .local_problem import INTERNAL, Fields, LocalProblems, unbatched
+from .joint_functions import JointFunctions
+from .local_problem import INTERNAL, Fields, unbatched
 from .node_kinds import ElementKind, NodeKind
 
 
+class WholeRow(NamedTuple):
+    """A row of the chain's matrix, however it is eliminated: D, L, U (w, w); what is asked of it
+    and left of its balance (w); where supports hold nodes, the whole row and balance by name.
+    """
+
+    D: Tensor
+    L: Tensor
+    U: Tensor
+    asked: Tensor
+    left: Tensor
+    blocks: Fields
+
+
 @dataclass(frozen=True)
-class LocalFunctions(LocalProblems):
+class LocalFunctions(JointFunctions):
     """Functions of nodes, of elements, of rows of the chain, of samples; and those of the
     adjoint.
     """
@@ -286,28 +301,52 @@ class LocalFunctions(LocalProblems):
 
     # Functions of the chain's rows
 
-    def row(self, held: bool, **fields: Tensor) -> Fields:
+    def row(self, held: bool, backward: bool = False, **fields: Tensor) -> Fields:
         """A row of the elimination, from the fields of `node` (own.) and of the elements on either
         side, whose nodes j and i it is: ahead (w, w) and y (w), see `block_tridiagonal.eliminated`;
         the largest force and moment in the node's terms, and left of its balance. Where supports
         hold the node or its neighbours (`held`): with what is free (w, 1 or 0) of it, the node
         before and the next; and the whole rows (w, 3 w) and balance of the node, for a reaction.
+
+        backward: of an elimination from the last node to the first, whose row before is that of the
+        next node. With `side` (w, w), by which the row before follows from a node in front of all:
+        that of this row.
         """
+        row = self._whole_row(held, fields)
+        D, L, U = (row.D, row.U, row.L) if backward else (row.D, row.L, row.U)
+        right, y = -row.asked[:, None], fields["y"][:, None]
+        if "side" in fields:
+            right = torch.cat((right, torch.zeros_like(D)), -1)
+            y = torch.cat((y, fields["side"]), -1)
+        ahead, y = eliminated(D, U, right, L, fields["ahead"], y)
+        sizes = self._sizes(fields.get("own.load"), _of_row(fields, "inertia"), row.left)
+        outputs = row.blocks | self.pivot(D - L @ fields["ahead"]) | {"ahead": ahead, "y": y[:, 0]}
+        return outputs | ({"side": y[:, 1:]} if "side" in fields else {}) | sizes
 
-        def total(name: str) -> Tensor | None:
-            return _total(*(fields.get(f"{side}.{name}") for side in ("own", "left", "right")))
+    def interface(self, held: bool, **fields: Tensor) -> Fields:
+        """The row of a node that joints hold, which push it (w): D, L and U (w, w), what is asked
+        of it (`right`, w); sizes, and for a reaction its whole row and balance, as in `row`.
+        """
+        row = self._whole_row(held, fields)
+        sizes = self._sizes(fields.get("own.load"), _of_row(fields, "inertia"), row.left)
+        return {"D": row.D, "L": row.L, "U": row.U, "right": -row.asked} | row.blocks | sizes
 
-        balance, D = total("balance"), total("D")
-        asked, U, L = total("asked") + fields["own.balance"], fields["right.U"], fields["left.L"]
+    def _whole_row(self, held: bool, fields: Fields) -> WholeRow:
+        balance, D = _of_row(fields, "balance"), _of_row(fields, "D")
+        asked, U, L = (
+            _of_row(fields, "asked") + fields["own.balance"],
+            fields["right.U"],
+            fields["left.L"],
+        )
+        if "push" in fields:
+            balance, asked = balance + fields["push"], asked + fields["push"]
         blocks, left = {}, balance
         if held:
             free = fields["free_here"]
             blocks = {"rows": torch.cat((L, D, U), -1), "asked": asked}
             left, asked = balance * free, asked * free
             D, L, U = _masked_row(D, L, U, fields)
-        ahead, y = eliminated(D, U, -asked[:, None], L, fields["ahead"], fields["y"][:, None])
-        sizes = self._sizes(fields.get("own.load"), total("inertia"), left)
-        return blocks | self.pivot(D - L @ fields["ahead"]) | {"ahead": ahead, "y": y[:, 0]} | sizes
+        return WholeRow(D, L, U, asked, left, blocks)
 
     def _sizes(self, load: Tensor | None, inertia: Tensor | None, left: Tensor) -> Fields:
         """The largest force and moment in a node's terms, and left of its balance (w)."""
@@ -330,9 +369,19 @@ class LocalFunctions(LocalProblems):
         """What is asked of a pivot block (w, w) of the elimination: nothing in a step."""
         return {}
 
-    def back(self, ahead: Tensor, y: Tensor, next: Tensor) -> Fields:
-        """The move of a node, from that of the next."""
-        return {"move": y - (ahead @ next[:, None])[:, 0]}
+    def back(
+        self,
+        ahead: Tensor,
+        y: Tensor,
+        next: Tensor,
+        side: Tensor | None = None,
+        first: Tensor | None = None,
+    ) -> Fields:
+        """The move of a node, from that of the next, and from that of the `first` in front of
+        all.
+        """
+        move = y - (ahead @ next[:, None])[:, 0]
+        return {"move": move if side is None else move - (side @ first[:, None])[:, 0]}
 
     def reaction(
         self, rows: Tensor, asked: Tensor, free: Tensor, before: Tensor, here: Tensor, after: Tensor
@@ -393,10 +442,33 @@ class LocalFunctions(LocalProblems):
         """As `restore`, of the transposed matrix, from the cotangents of its ends' balances (w)."""
         return self.restore(own, by_i, by_j, -before, -after)
 
-    def transposed_row(self, held: bool, right: Tensor, **fields: Tensor) -> Fields:
+    def transposed_row(
+        self, held: bool, right: Tensor, backward: bool = False, **fields: Tensor
+    ) -> Fields:
         """A row of the elimination of the transposed matrix, see `row`, for what moves are asked
         for (w); where supports are near, also for what their balances are (`push_` before, here,
         after).
+        """
+        D, below, above, right = self._transposed_whole_row(held, right, fields)
+        if backward:
+            below, above = above, below
+        right, y = right[:, None], fields["y"][:, None]
+        if "side" in fields:
+            right = torch.cat((right, torch.zeros_like(D)), -1)
+            y = torch.cat((y, fields["side"]), -1)
+        ahead, y = eliminated(D.mT, above, right, below, fields["ahead"], y)
+        return {"ahead": ahead, "y": y[:, 0]} | ({"side": y[:, 1:]} if "side" in fields else {})
+
+    def transposed_interface(self, held: bool, right: Tensor, **fields: Tensor) -> Fields:
+        """As `interface`, of the transposed matrix."""
+        D, below, above, right = self._transposed_whole_row(held, right, fields)
+        return {"D": D.mT, "L": below, "U": above, "right": right}
+
+    def _transposed_whole_row(
+        self, held: bool, right: Tensor, fields: Fields
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """D as it is, what couples the transposed row to the one before and to the next, and what
+        is asked of it (w).
         """
         D = fields["own.D"] + fields["left.D"] + fields["right.D"]
         below, above = fields["left.U"].mT, fields["right.L"].mT
@@ -408,10 +480,7 @@ class LocalFunctions(LocalProblems):
             )
             right = right * fields["free_here"]
             D, below, above = _masked_row(D, below, above, fields)
-        ahead, y = eliminated(
-            D.mT, above, right[:, None], below, fields["ahead"], fields["y"][:, None]
-        )
-        return {"ahead": ahead, "y": y[:, 0]}
+        return D, below, above, right
 
     def push(self, reaction_bar: Tensor, free: Tensor) -> Fields:
         """What the cotangent of a reaction is to the balance of its node (w)."""
@@ -441,14 +510,19 @@ class LocalFunctions(LocalProblems):
         status: Tensor,
         iterations: Tensor,
         foresee: Tensor | None = None,
+        **joints: Tensor,
     ) -> Fields:
         """What `newton` asks of an iteration's largest numbers: size of the residual, which samples
         are done or over, iterations, and the status of those that are not done (that of the first
-        iteration, when `iterations` was 0).
+        iteration, when `iterations` was 0). joints: the largest gap and turn of joints, and the
+        size of what they connect.
         """
         size = scaled(
             left_force, left_moment, left_strain, *mixed(force, moment, total, longest), strain
         )
+        if joints:
+            apart = joints["gap_position"] / joints["joint_size"]
+            size = measured(size, torch.maximum(apart, joints["gap_rotation"]))
         finite = torch.isfinite(size)
         first = torch.where(finite, float(DIVERGED), float(BROKEN))
         going = over == 0
@@ -488,6 +562,11 @@ def _total(*parts: Tensor | None) -> Tensor | None:
     """Of those that are there."""
     there = [x for x in parts if x is not None]
     return sum(there[1:], there[0]) if there else None
+
+
+def _of_row(fields: Fields, name: str) -> Tensor | None:
+    """Of a row's node and the elements on either side."""
+    return _total(*(fields.get(f"{side}.{name}") for side in ("own", "left", "right")))
 
 
 def _between_free(free: Tensor) -> Tensor:

@@ -20,23 +20,28 @@ from ...nodal.assembly import Assembly
 from ...nodal.conditions import Conditions, SupportConditions, acting
 from ...nodal.coordinates.planar import Planar
 from ...nodal.frame import frame_of
+from ...nodal.joint_motion import Factor, JointValues
+from ...nodal.joints import Joints
 from ...nodal.model import Model
 from ...nodal.rows import ElementRows, Held, NodeRows, Rows
 from ...scene.effects import Pose
 from ...state.state import State
 from ...topology.chain import Chain
+from ...topology.framework import Framework
 from ..compiler.trace import NotTraceable
 from .chain_constants import (
     Common,
     CommonConditions,
     ElementConstants,
+    JointConstants,
     NodeConditions,
     NodeConstants,
     SupportConstants,
+    Trees,
     filled,
     flattened,
 )
-from .node_kinds import SIDES, ElementKind, EndKind, NodeKind, SupportKind
+from .node_kinds import SIDES, ElementKind, EndKind, JointKind, NodeKind, SupportKind
 
 Fields = dict[str, Tensor]
 NODE = ("position", "rotation", "velocity", "spin")  # of a state
@@ -64,7 +69,8 @@ class LocalProblem(Given, MidpointProblem):
 @dataclass(frozen=True)
 class LocalProblems:
     """Of a model's nodes and elements; the trees say which fields exist, their values do not
-    matter. supports: None where nothing moves them.
+    matter. supports: None where nothing moves them; joints: where
+    there are none.
 
     A node's internal states are those of all loads that have some, one after the other, whichever
     act there.
@@ -75,6 +81,11 @@ class LocalProblems:
     elements: ElementConstants
     common: Common
     supports: SupportConstants | None = None
+    joints: JointConstants | None = None
+
+    @property
+    def trees(self) -> Trees:
+        return self.nodes, self.elements, self.common, self.supports, self.joints
 
     @property
     def order(self) -> int:
@@ -183,6 +194,64 @@ class LocalProblems:
         now = self._with_between(rows, now, common.now) if between else now
         return self._problem(rows, element, common, given, now)
 
+    def of_joint(self, fields: Fields, kind: JointKind) -> tuple[BalanceProblem, Any]:
+        """The same of one joint and the nodes at its ends, which have no loads."""
+        own = filled(self.nodes.rows, lambda k: _ends(fields, kind, f"node.{k}"))
+        given = {
+            name: _ends(fields, kind, name)
+            for name in (*self.NODE, "u", "m")
+            if f"{kind.sides[0]}.{name}" in fields
+        }
+        given |= {"stress": fields["force"][None], "joints": fields["joints"][None]}
+        if "last_force" in fields:
+            given["last_stress"] = fields["last_force"][None]
+        given |= {name: fields[name] for name in self.SAMPLE}
+        ends = [(k, side, kind.ends[SIDES[1].index(side)]) for k, side in enumerate(kind.sides)]
+        supports = tuple(
+            self._support(fields, f"{side}.", k, end.support)
+            for k, side, end in ends
+            if end.support is not None
+        )
+        common, at = self._common(fields), {side: k for k, side, _ in ends}
+        pair = tuple(at.get(side) for side in SIDES[1])
+        topology = Framework(1, (), len(ends), (pair,))
+        hinges = _hinges(*(end for *_, end in ends))
+        rows = self._rows(own, None, common, supports, hinges, topology)
+        constants = filled(self.joints, lambda k: fields[f"joint.{k}"][None])
+        rows = replace(rows, joints=self._joint(rows, constants, kind))
+        now = self._conditions(rows, None, None, common, common.now, None, supports)
+        now = replace(now, joints=JointValues(constants.effort, constants.coordinate))
+        return self._problem(rows, None, common, given, now)
+
+    def _joint(self, rows: Rows, constants: JointConstants, kind: JointKind) -> Joints:
+        """The one joint between the nodes of rows."""
+        joints, like = self.model.joints, constants.c
+
+        def shifted(factor: Factor, shift: tuple[float | None, ...]) -> Factor:
+            own = [
+                x if number is None else torch.full_like(x, number)
+                for x, number in zip(factor.shift.unbind(-2), shift, strict=True)
+            ]
+            return replace(factor, shift=torch.stack(own, -2))
+
+        numbers = {
+            name: like.new_tensor([getattr(kind, name)])
+            for name in ("held", "angles", "travels", "prescribed")
+            if getattr(kind, name) is not None
+        }
+        numbers |= {} if constants.laws is None else {"laws": constants.laws}
+        return replace(
+            joints,
+            space=rows.space,
+            framework=rows.topology,
+            v=shifted(constants.v, kind.shifts[0]),
+            w=shifted(constants.w, kind.shifts[1]),
+            c=constants.c,
+            across=constants.across,
+            moves=joints.moves.detach(),
+            **numbers,
+        )
+
     @property
     def between(self) -> bool:
         """Whether loads act between nodes."""
@@ -216,6 +285,7 @@ class LocalProblems:
         common: Common,
         supports: tuple[SupportConditions, ...],
         hinges: tuple[tuple[int, tuple[float, ...]], ...],
+        topology: Framework | None = None,
     ) -> Rows:
         space = self.model.space
         space = replace(space, place=common.place) if isinstance(space, Planar) else space
@@ -230,6 +300,7 @@ class LocalProblems:
             element,
             held,
             getattr(self.model.inertia.translational, "difference", None),
+            topology,
         )
 
     def _conditions(
@@ -287,14 +358,15 @@ class LocalProblems:
         zero = position.new_zeros(())
         start = State(
             *(given[name] for name in NODE),
-            stress,
-            position.new_zeros(0, rows.space.unknowns),
+            given.get("last_stress", stress),
+            position.new_zeros(len(now.supports), rows.space.unknowns),
             zero,
             zero,
             zero,
             zero,
             frame=common.frame,
             internal=given.get(INTERNAL),
+            joints=given.get("joints"),
         )
         x = self.UNKNOWNS(given.get("u"), given.get("m"), stress)
         return self._stepping(rows, start, common, given, now, C), x
@@ -354,6 +426,11 @@ def _of_one_sample(load: Any) -> Any:
 def acting_loads(kind: NodeKind, rows: tuple[Any, ...], loads: tuple[Any, ...]) -> tuple[Any, ...]:
     """Loads of a node; see `Common`."""
     return tuple(rows[k] or loads[k] for k in kind.acting)
+
+
+def _ends(fields: Fields, kind: JointKind, name: str) -> Tensor:
+    """Of the nodes at a joint's ends."""
+    return torch.stack([fields[f"{side}.{name}"] for side in kind.sides])
 
 
 def _hinges(*nodes: NodeKind | EndKind) -> tuple[tuple[int, tuple[float, ...]], ...]:

@@ -47,6 +47,8 @@ class NativeProgram:
     """
 
     driver: type[ChainCode]
+    of_structures: type[ChainCode]  # their driver
+    dense = False  # see `StructureTables.of`
 
     def __init__(
         self,
@@ -58,6 +60,8 @@ class NativeProgram:
     ) -> None:
         self.traced: Traced | None = {} if traced is None and key is None else traced
         self.kinds, self.held, self.dtype = kinds, held, local.model.length.dtype
+        if kinds.joints is not None:
+            self.driver = self.of_structures
         self.state, self.element_state, self.sample_state = (
             local.state,
             local.element_state,
@@ -176,7 +180,8 @@ class NativeProgram:
         sides = [dict(zip(self.sides, kind, strict=True)) for kind in self.kinds.elements]
         rests, ends = share_ends([*zip(elements, sides, strict=True)], unknown, common)
         return [
-            node.joined(ends[kind.end]) for node, kind in zip(nodes, self.kinds.nodes, strict=True)
+            node.joined(ends[kind.end]) if kind.end in ends else node
+            for node, kind in zip(nodes, self.kinds.nodes, strict=True)
         ], rests
 
     def constants(self, kind: str) -> list[tuple[str, int]]:

@@ -4,9 +4,13 @@ called.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from torch import Tensor
+
+from ...nodal.conditions import ActingLoad
 from ...nodal.model import Model
+from ...topology.framework import Framework
 
 
 class SupportKind(NamedTuple):
@@ -54,6 +58,27 @@ class NodeKind(NamedTuple):
 
 
 ElementKind = tuple[EndKind, ...]  # of its nodes, in order
+
+
+class JointKind(NamedTuple):
+    """What code of a joint depends on: what holds its two ends, None = it is the ground; its rows
+    of `Joints.held`, `angles`, `travels` and, where there are any, `prescribed`; the shift of its
+    two vectors, row by row, None = a value.
+    """
+
+    ends: tuple[EndKind | None, EndKind | None]
+    held: tuple[float, ...]
+    angles: tuple[float, ...]
+    travels: tuple[float, ...]
+    prescribed: tuple[float, ...] | None
+    shifts: tuple[tuple[float | None, ...], tuple[float | None, ...]]
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """What its ends are called that are nodes."""
+        return tuple(side for side, end in zip(SIDES[1], self.ends, strict=True) if end is not None)
+
+
 SIDES = {1: ("i", "j"), 2: ("i", "m", "j")}  # what the nodes of an element are called, by its order
 
 
@@ -64,25 +89,68 @@ def without_side(field: str) -> str:
 
 
 class Kinds(NamedTuple):
-    """Of all nodes and of all elements; or those that there are."""
+    """Of all nodes, of all elements and of all joints; or those that there are. joints: None = the
+    nodes are those of one chain; runs: of a structure, how some of its nodes are eliminated, see
+    `Run.manner`.
+    """
 
     nodes: tuple[NodeKind, ...]
     elements: tuple[ElementKind, ...]
+    joints: tuple[JointKind, ...] | None = None
+    runs: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, nodes: list[NodeKind], order: int) -> Kinds:
-        """From those of all nodes; order: of the elements."""
-        held = [node.end for node in nodes]
-        return cls(
-            tuple(nodes),
-            tuple(tuple(held[i : i + order + 1]) for i in range(0, len(held) - 1, order)),
+    def of(cls, nodes: list[NodeKind], model: Model) -> Kinds:
+        """From those of all nodes of a model."""
+        held, topology = [node.end for node in nodes], model.topology
+        if not isinstance(topology, Framework):
+            order = topology.order
+            return cls(
+                tuple(nodes),
+                tuple(tuple(held[i : i + order + 1]) for i in range(0, len(held) - 1, order)),
+            )
+        elements = tuple(
+            tuple(held[node] for node in own) for own in zip(*topology.elements, strict=True)
         )
+        manners = {run.manner for runs in topology.cut.runs for run in runs}
+        return cls(tuple(nodes), elements, _of_joints(model, held), tuple(sorted(manners)))
 
     def distinct(self) -> Kinds:
-        return Kinds(*(tuple(dict.fromkeys(kinds)) for kinds in self))
+        return Kinds(*(None if own is None else tuple(dict.fromkeys(own)) for own in self))
 
 
-def kinds_of(model: Model, loads: tuple[Any, ...], rest: bool = False) -> Kinds:
+def _of_joints(model: Model, held: list[EndKind]) -> tuple[JointKind, ...]:
+    joints = model.joints
+    if not joints.count:
+        return ()
+    masks = [joints.held, joints.angles, joints.travels]
+    prescribed = getattr(joints, "prescribed", None)
+    masks = [
+        *map(_tuples, masks),
+        [None] * joints.count if prescribed is None else _tuples(prescribed),
+    ]
+    shifts = zip(*(_shifts(factor.shift) for factor in (joints.v, joints.w)), strict=True)
+    return tuple(
+        JointKind(tuple(None if node is None else held[node] for node in pair), *own, shift)
+        for pair, *own, shift in zip(model.topology.joints, *masks, shifts, strict=True)
+    )
+
+
+def _tuples(x: Tensor) -> list[tuple[float, ...]]:
+    return list(map(tuple, x.tolist()))
+
+
+def _shifts(shift: Tensor) -> list[tuple[float | None, ...]]:
+    """Of the rows of all joints (..., J, m, 1): the number, where it is 0 or 1 in all samples."""
+    values = shift.detach()[None, ..., 0].flatten(0, -3)
+    number = ((values == 0) | (values == 1)) & (values == values[:1])
+    return [
+        tuple(value if same else None for value, same in zip(*row, strict=True))
+        for row in zip(values[0].tolist(), number.all(0).tolist(), strict=True)
+    ]
+
+
+def kinds_of(model: Model, loads: tuple[ActingLoad, ...], rest: bool = False) -> Kinds:
     """Of a model's nodes, on which these loads act, and elements: in a step, or at rest."""
     nodes, supports = model.node_count, {}
     hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
@@ -97,9 +165,7 @@ def kinds_of(model: Model, loads: tuple[Any, ...], rest: bool = False) -> Kinds:
 
     def kind(j: int) -> NodeKind:
         acting = tuple(
-            k
-            for k, load in enumerate(loads)
-            if not load.between_nodes and (load.node is None or load.node % nodes == j)
+            k for k, act in enumerate(loads) if not act.load.between_nodes and act.acts_on(j)
         )
         return (
             NodeKind(acting, placed=supports.get(j))
@@ -107,4 +173,4 @@ def kinds_of(model: Model, loads: tuple[Any, ...], rest: bool = False) -> Kinds:
             else NodeKind(acting, hinges.get(j), supports.get(j))
         )
 
-    return Kinds.of([kind(j) for j in range(nodes)], model.scene.beam.order)
+    return Kinds.of([kind(j) for j in range(nodes)], model)

@@ -19,7 +19,7 @@ from ..compiler.object_cache import key_of
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
 from ..compiler.split import HOISTED, split
-from . import midsides
+from . import midsides, structures
 from .adjoint import AdjointProgram
 from .disk_key import key_on_disk
 from .driver import SUMS, Driver
@@ -39,7 +39,8 @@ from .layout import (
 )
 from .local_functions import LocalFunctions
 from .native import NativeProgram
-from .node_kinds import ElementKind, Kinds
+from .node_kinds import SIDES, ElementKind, Kinds
+from .structure_driver import StructureDriver
 from .tracing import Tracing
 
 SAMPLE = (
@@ -133,8 +134,12 @@ class ChainProgram(NativeProgram):
 
         functions["row"] = packed(traced(partial(local.row, False), row))
         functions["back"] = traced(local.back, {"ahead": (w, w), "y": (w,), "next": (w,)})
+        free = {f"free_{name}": (w,) for name in ("before", "here", "after")}
+        if self.kinds.joints is not None:
+            around = free if self.held else None
+            functions |= structures.of_rows(local, traced, packed, row, around, self.kinds.runs)
+            functions |= self._joints(traced, local)
         if self.held:
-            free = {f"free_{name}": (w,) for name in ("before", "here", "after")}
             functions["held row"] = packed(traced(partial(local.row, True), row | free))
             functions["reaction"] = traced(
                 local.reaction,
@@ -143,7 +148,17 @@ class ChainProgram(NativeProgram):
                     **{name: (w,) for name in ("asked", "free", "before", "here", "after")},
                 },
             )
-        functions["judge"] = traced(local.judge, dict.fromkeys(self.judging, ()))
+        judging = (*self.judging, *(structures.JUDGED if self.kinds.joints else ()))
+        functions["judge"] = traced(local.judge, dict.fromkeys(judging, ()))
+        return functions
+
+    def _joints(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
+        """Functions of joints."""
+        functions = structures.of_joints(local, traced, self.kinds.joints, self.held)
+        changing = [f"{side}.{name}" for side in SIDES[1] for name in self.unknown]
+        for k in range(len(self.kinds.joints)):
+            joint = functions[f"joint {k}"]
+            _split(functions, f"joint {k}", joint, (*changing, "force", *self.varying))
         return functions
 
     def _of_loads_between(
@@ -197,7 +212,7 @@ class ChainProgram(NativeProgram):
         for name in ("stress", "start_stress"):
             layout.record(name, ELEMENTS, [("stress", k)])
         for name, rows, kinds in zip(
-            ("before node", "before element"), (NODES, ELEMENTS), self.kinds, strict=True
+            ("before node", "before element"), (NODES, ELEMENTS), self.kinds[:2], strict=True
         ):
             layout.record(name, rows, self.largest(name, len(kinds), HOISTED))
         layout.record("at_node", TURNS, outputs("node 0", OWN))
@@ -230,13 +245,17 @@ class ChainProgram(NativeProgram):
                     *((name, w) for name in ("reaction", "found", "last")),
                 ],
             )
+        if self.kinds.joints is not None:
+            own, kinds = inputs("joint"), len(self.kinds.joints)
+            structures.record(layout, self.functions, own, w, kinds, self.held)
+            layout.record("common", ONE, [("joint_size", 1)] if kinds else [])
         return layout
 
 
 class StepProgram(ChainProgram):
     """Steps forwards; `adjoints` by the constants that want a gradient."""
 
-    driver = Driver
+    driver, of_structures = Driver, StructureDriver
     unknown = "u", "m"
 
     def __init__(
@@ -244,6 +263,12 @@ class StepProgram(ChainProgram):
     ) -> None:
         super().__init__(local, kinds, held, key)
         self.adjoints: dict[frozenset[str], AdjointProgram] = {}
+
+    def _joints(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
+        functions = super()._joints(traced, local)
+        for k, kind in enumerate(self.kinds.joints):
+            functions[f"finish joint {k}"] = traced(partial(local.finish_joint, kind), traced.joint)
+        return functions
 
     def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         w, node = self.w, traced.node
@@ -357,6 +382,7 @@ def structure(local: LocalFunctions, kinds: Kinds, held: bool) -> tuple:
     space = model.space
     plane = (space.name, space.section_axes) if isinstance(space, Planar) else None
     trees = (local.nodes, 1), (local.elements, 1), (local.common, 0), (local.supports, 1)
+    trees = (*trees, (local.joints, 1))
     return (
         type(local),
         local.options,

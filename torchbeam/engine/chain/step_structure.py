@@ -17,7 +17,7 @@ from ...nodal.model import Model
 from ...topology.chain import Chain as ChainTopology
 from . import program as programs
 from .adjoint import AdjointProgram
-from .call import Call, Chain, Field, like
+from .call import Call, Chain, Field, like, structure_fields
 from .chain_constants import Trees
 from .cotangents import constant_fields, state_fields
 from .node_kinds import Kinds
@@ -150,11 +150,12 @@ class StepStructure:
             *(Field("common", name, x, 0) for name, x in numbers.items()),
             Field("free", "free", self.chain.free, 2),
             Field("sample", "last_status", none, 0),
+            *structure_fields(self.chain),
         ]
         leads = [
             field.value.shape[: field.value.ndim - field.axes]
             for field in fields
-            if field.record != "free"
+            if field.record not in ("free", "edge")
         ]
         batch = broadcast_shapes(
             *(lead if K is None else lead[len(lead) > dims :] for lead in leads)

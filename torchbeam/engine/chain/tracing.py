@@ -13,17 +13,19 @@ from ..compiler.trace import trace
 from .chain_constants import flattened
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
+from .node_kinds import SIDES
 
+JOINT_READINGS = 10  # numbers of a joint in a state
 Shapes = dict[str, tuple[int, ...]]
 Traced = dict[tuple, Function]  # by their names, kinds and shapes
 OF_LOADS = ("node", "finish")  # functions that ask loads, and so what users wrote
 
 
 class Tracing:
-    """shapes: of the states' and unknowns' fields; constants: of a node's, an element's, the common
-    and a support's ones; node, element: all that a function of a node, or of an element, may read;
-    known: functions of `OF_LOADS` that were traced before, and are not traced again, to which those
-    that are traced now are added; None = none are to be known.
+    """shapes: of the states' and unknowns' fields; constants: of a node's, an element's, the
+    common, a support's and a joint's ones; node, element, joint: all that a function of one may
+    read; known: functions of `OF_LOADS` that were traced before, and are not traced again, to which
+    those that are traced now are added; None = none are to be known.
     """
 
     def __init__(self, local: LocalFunctions, known: Traced | None = None) -> None:
@@ -47,6 +49,7 @@ class Tracing:
             ("node", local.nodes, 1),
             ("common", local.common, 0),
             ("support", local.supports, 1),
+            ("joint", local.joints, 1),
         )
         self.constants = {
             kind: {
@@ -60,6 +63,7 @@ class Tracing:
             f"element.{i}": (rows, *x.shape[x.ndim - axes + 1 :])
             for i, ((x, axes), rows) in enumerate(elements)
         }
+        free = {"free": (p + s,), "reaction": (p + s,)}
         own = {
             **self.constants["node"],
             **{name: self.shapes[name] for name in (*local.state, "u", "m")},
@@ -72,6 +76,18 @@ class Tracing:
             **self.constants["common"],
             **{name: self.shapes[name] for name in ("stress", *local.element_state)},
             **{f"{side}.{name}": shape for side in local.sides for name, shape in own.items()},
+        }
+        self.joint = {
+            **self.constants["joint"],
+            **self.constants["common"],
+            "force": (p + s,),
+            "joints": (JOINT_READINGS,),
+            "last_force": (p + s,),
+            "after_force": (p + s,),
+            "force_bar": (p + s,),
+            **{
+                f"{side}.{name}": shape for side in SIDES[1] for name, shape in (own | free).items()
+            },
         }
 
         own = [x for one in local.common.captured for x, _ in flattened(one)]

@@ -7,7 +7,7 @@ A table says what is taken from tensors, or written to them: rows of 64-bit inte
 from __future__ import annotations
 
 from ..compiler.llvm import Lanes
-from .loop_text import Code
+from ..compiler.loop_text import Code
 
 # address of a tensor's first number; its strides in numbers, of samples, steps and rows, and how
 # many steps have one place; how many rows and components there are; the first component's place in

@@ -284,12 +284,8 @@ def inputs_over(
         if not callable(v):
             return v
         each = [inputs_at({name: v}, instant(k), like)[name] for k in steps]
-        # of no size
-        return (
-            PerInterval(torch.stack(torch.broadcast_tensors(*each), -2))
-            if each[0].ndim
-            else each[0]
-        )
+        each = [x if x.ndim else x[None] for x in each]  # a number, for an input of one
+        return PerInterval(torch.stack(torch.broadcast_tensors(*each), -2))
 
     return {name: value(name, v) for name, v in inputs.items()}
 

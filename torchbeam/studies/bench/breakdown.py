@@ -15,11 +15,11 @@ import torch
 
 from ...dynamics.simulate import simulate
 from ...dynamics.stepper import Stepper
-from ...engine.chain.loop_text import Code
 from ...engine.chain.native import NativeProgram
 from ...engine.compiler.function import Function
 from ...engine.compiler.library import Library
 from ...engine.compiler.llvm import Module
+from ...engine.compiler.loop_text import Code
 from ...state.state import rest
 from ..common_case import SPACES, Case
 from .measurement import Measured, progress

@@ -1,0 +1,122 @@
+"""Block pattern: which blocks a matrix has, in which order they are eliminated, and where they lie.
+
+The unknowns come in units of the same size, of which groups are eliminated together, with exchange
+of rows within the group. What a group couples to behind it, fill-in included, follows from the
+pattern alone: it is worked out once.
+
+In memory, for each group of n rows with m unknowns behind it
+
+    panel (n, n + m + 1)   its rows, the columns of the group first, then those behind it, then the
+                           right-hand side
+    below (m, n)           the columns of the group in the rows behind it
+
+and behind all groups the solution, unit by unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cached_property
+from typing import NamedTuple
+
+
+class Place(NamedTuple):
+    """Where a block lies: its first number, and how far its rows are apart."""
+
+    first: int
+    stride: int
+
+
+class BlockPattern:
+    """Of units of w unknowns; groups: in the order in which they are eliminated, each unit in one
+    of them; couplings: pairs of units that have blocks, either way.
+    """
+
+    def __init__(
+        self, w: int, groups: Iterable[tuple[int, ...]], couplings: Iterable[tuple[int, int]]
+    ) -> None:
+        self.w, self.groups = w, tuple(groups)
+        self._group = {unit: g for g, group in enumerate(self.groups) for unit in group}
+        behind: list[set[int]] = [set() for _ in self.groups]
+        for pair in couplings:
+            for one, other in (pair, pair[::-1]):
+                if self._group[one] < self._group[other]:
+                    behind[self._group[one]].add(other)
+        for units in behind:  # each couples those that are left to each other
+            for unit in units:
+                behind[self._group[unit]] |= {
+                    other for other in units if self._group[other] > self._group[unit]
+                }
+        order = [unit for group in self.groups for unit in group]
+        self.behind = tuple(tuple(unit for unit in order if unit in units) for units in behind)
+        self._panels, self._below, at = [], [], 0
+        for group, units in zip(self.groups, self.behind, strict=True):
+            n, m = w * len(group), w * len(units)
+            self._panels.append(at)
+            self._below.append(at + n * (n + m + 1))
+            at += n * (n + m + 1) + m * n
+        self._solution, self.size = at, at + w * len(order)
+
+    def place(self, row: int, column: int) -> Place:
+        """Of the block of two units."""
+        g, other = self._group[row], self._group[column]
+        if g > other:
+            n = self.w * len(self.groups[other])
+            first = self.w * n * self.behind[other].index(row)
+            first += self.w * self.groups[other].index(column)
+            return Place(self._below[other] + first, n)
+        stride = self._stride(g)
+        units = (*self.groups[g], *self.behind[g])
+        first = self.w * (stride * self.groups[g].index(row) + units.index(column))
+        return Place(self._panels[g] + first, stride)
+
+    def right(self, row: int) -> Place:
+        """Of the right-hand side of a unit."""
+        g = self._group[row]
+        stride = self._stride(g)
+        return Place(
+            self._panels[g] + self.w * stride * self.groups[g].index(row) + stride - 1, stride
+        )
+
+    def solution(self, unit: int) -> int:
+        """Where the unknowns of a unit are put."""
+        return self._solution + self.w * unit
+
+    def _stride(self, g: int) -> int:
+        return self.w * (len(self.groups[g]) + len(self.behind[g])) + 1
+
+    @cached_property
+    def elimination(self) -> list[int]:
+        """Table of `block_elimination.eliminate`: of each group its rows, its columns, where its
+        panel lies, and how many products are subtracted; of each of these, where it is subtracted
+        from and how far the rows there are apart, where its first factor lies, which columns of the
+        panel are the second, and how many.
+        """
+        table: list[int] = []
+        for g, (group, units) in enumerate(zip(self.groups, self.behind, strict=True)):
+            n, products = self.w * len(group), []
+            for k, row in enumerate(units):
+                first = self._below[g] + self.w * n * k
+                columns = [(self.place(row, unit), self.w) for unit in units]
+                columns.append((self.right(row), 1))
+                at = n
+                for place, count in columns:
+                    products += [*place, first, at, count]
+                    at += count
+            count = len(products) // 5
+            table += [n, self._stride(g), self._panels[g], count, *products]
+        return table
+
+    @cached_property
+    def substitution(self) -> list[int]:
+        """Table of `block_elimination.substitute`: from the last group to the first its rows, its
+        columns, where its panel lies, how many units there are behind it, of each row of the group
+        where its solution goes, and where those of the units behind it are.
+        """
+        table: list[int] = []
+        for g in reversed(range(len(self.groups))):
+            group, units = self.groups[g], self.behind[g]
+            table += [self.w * len(group), self._stride(g), self._panels[g], len(units)]
+            table += [self.solution(unit) + k for unit in group for k in range(self.w)]
+            table += [self.solution(unit) for unit in units]
+        return table
