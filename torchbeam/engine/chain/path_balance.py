@@ -177,6 +177,7 @@ def path_refusal(problem: SteadyProblem, load: str | None) -> str | None:
     # of which it is not known that they are linear in their inputs
     own = any(map(written, (*model.loads[1], *model.scene.eigenstrains)))
     reasons = {
+        "loads between nodes": any(one.between_nodes for one in model.scene.loads),
         f"the factor of {load!r} beside functions without motion": load is not None and own,
         "supports that turn with the load's factor": load is None and turned,
         "loads with internal states": bool(model.internal_states),

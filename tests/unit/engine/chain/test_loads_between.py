@@ -81,5 +81,9 @@ def test_equilibria_agree():
     scene = tb.Scene(beam, [tb.Gravity((0, 0, -9.81)), contact], plane="xz")
     eager, native = (tb.equilibrium(scene, engine=engine) for engine in ("eager", "compiled"))
     assert_close(native.position, eager.position, rtol=0, atol=1e-11)
+    contact = tb.Contact(tb.Plane((0, 0, -0.05), (0, 0, 1.0)), thickness=2e-3, force=5.0)
+    one = tb.Scene(beam, [tb.Gravity((0, 0, -9.81)), contact], plane="xz")
+    end = tb.path(one).state[-1]  # without native code, which does not take this
+    assert_close(end.position, eager.position[0], rtol=0, atol=1e-7)
     lifted = 0.4 * 9.81 - native.root.force[..., 2]
     assert (lifted[:2] > 1.0).all() and lifted[2].abs() < 1e-8
