@@ -162,12 +162,13 @@ class Constants:
             strict=True,
         )
         values |= {name: x for name, x in velocities if x is not None}
-        if model.joints.count:
-            end = t + (1 - self.instant) * dt if self.steps else t
-            joints = model.joints.values(model.scene.joints, t, inputs, end)
-            values |= {f"joint {name}": x for name, x in joints._asdict().items() if x is not None}
         values |= {} if frame is None else {"frame": frame}
-        return values | self._prescribed(t + (1 - self.instant) * dt) if self.prescribes else values
+        if not self.prescribes and not model.scene.joints:
+            return values
+        end = t + (1 - self.instant) * dt if self.steps else t
+        joints = model.joints.values(model.scene.joints, t, inputs, end)
+        values |= {f"joint {name}": x for name, x in joints._asdict().items() if x is not None}
+        return values | self._prescribed(end) if self.prescribes else values
 
     def _loads(self, t: Tensor, inputs: Inputs, frame: Tensor | None) -> dict[str, Tensor]:
         """Those that are dead, what the others have by time, and where the root's support
