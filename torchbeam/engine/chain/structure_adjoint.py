@@ -5,7 +5,8 @@ from __future__ import annotations
 from ..compiler.derivative import bar
 from .adjoint_driver import AdjointDriver
 from .node_kinds import SIDES
-from .structure_driver import COUNTS, TABLES, StructurePasses
+from .structure_code import COUNTS, TABLES
+from .structure_driver import StructurePasses
 
 STATE = "joint_state_bar"
 

@@ -1,0 +1,149 @@
+"""Native code for passes over a structure: where its fields lie, and the entries of its tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from ..compiler.block_elimination import BlockElimination
+from .chain_code import POINTERS, ChainCode
+from .joint_functions import BLOCKS
+from .node_kinds import SIDES
+
+TABLES = (
+    "joint_kinds",
+    "element_nodes",
+    "left_elements",
+    "right_elements",
+    "interface",
+    "direct",
+    "forward",
+    "backward",
+    "bordered",
+    "joint_table",
+    "elimination",
+    "substitution",
+)
+COUNTS = (
+    "nodes",
+    "interface_count",
+    "direct_count",
+    "forward_count",
+    "backward_count",
+    "bordered_count",
+    "joint_count",
+    "entry_count",
+    "group_count",
+)
+# integers of an entry
+WIDTH = {
+    "interface": 6,
+    "direct": 6,
+    "forward": 7,
+    "backward": 7,
+    "bordered": 16,
+    "joint": 2 + 2 * len(BLOCKS) + 3,
+}
+
+
+class StructureCode(ChainCode):
+    """Where the fields of a structure lie."""
+
+    POINTERS = (*POINTERS, *TABLES)
+
+    def _nodes(self) -> None:
+        """They are told."""
+
+    def _loops(self) -> list[str]:
+        w = self.layout.records["move"].size
+        return [*super()._loops(), *BlockElimination(self.lanes, w).functions()]
+
+    def _node_of(self, e: str, side: str) -> str:
+        first = self.code.load(self.code.at(self.args["element_nodes"], e))
+        k = SIDES[self.order].index(side)
+        return self.code.add(first, k) if k else first
+
+    def _turn(self, e: str, side: str) -> str:
+        return self._node_of(e, side)
+
+    def _between(self, e: str) -> str:
+        return e
+
+    def _reach(self, node: str) -> str | int:
+        if self.order == 1:
+            return 1
+        code = self.code
+        sides = (
+            code.load(code.at(self.args[f"{side}_elements"], node)) for side in ("left", "right")
+        )
+        inside = code.compare("slt", code.new(f"and i64 {next(sides)}, {next(sides)}"), 0)
+        return code.choose(inside, 1, self.order)
+
+    def _near(self, node: str) -> dict[str, str]:
+        code, order = self.code, self.order
+        before, after = code.sub(node, order), code.add(node, order)
+        before = code.choose(code.compare("slt", before, 0), 0, before)
+        last = code.sub(self.args["nodes"], 1)
+        after = code.choose(code.compare("sgt", after, last), last, after)
+        return {
+            f"free_{name}": self.at("free", at, "free")
+            for name, at in (("before", before), ("here", node), ("after", after))
+        }
+
+    def _of_joint(self, field: str, k: str) -> str:
+        """A field that is held by joint k, or at one of its ends, or by all."""
+        side, _, name = field.partition(".")
+        if side in SIDES[1]:
+            return self._at_joint_node(name, self._joint_node(k, side))
+        for record in ("joint", "joint_state", "joint_unknown"):
+            if field in self.layout.fields(record):
+                return self.at(record, k, field)
+        return self.at("common", 0, field)
+
+    def _at_joint_node(self, name: str, node: str) -> str:
+        return self.at("free", node, name) if name == "free" else self._of_node(name, node)
+
+    def _joint_node(self, k: str, side: str) -> str:
+        table = self._entry("joint", k)
+        return self.code.load(self.code.at(table, SIDES[1].index(side)))
+
+    def _joint_kind(self, k: str) -> Iterator[int]:
+        return self._each("joint_kinds", len(self.kinds.joints), k)
+
+    # Tables
+
+    def _entry(self, table: str, k: str) -> str:
+        """Pointer to entry k."""
+        name = "joint_table" if table == "joint" else table
+        return self.code.at(self.args[name], self.code.mul(k, WIDTH[table]))
+
+    @contextmanager
+    def _entries(self, table: str) -> Iterator[tuple[str, list[str]]]:
+        """Each entry: its number and its integers."""
+        with self.code.loop(0, self.args[f"{table}_count"]) as k:
+            entry = self._entry(table, k)
+            yield k, [self.code.load(self.code.at(entry, i)) for i in range(WIDTH[table])]
+
+    def _matrix(self, first: str) -> str:
+        """Where a number of the interface's system lies."""
+        return self.at("matrix", first)
+
+    def _add_block(self, first: str, stride: str, source: str) -> None:
+        self.code.line(
+            f'call void @"add_block"(ptr {self._matrix(first)}, i64 {stride}, ptr {source})'
+        )
+
+    def _add_column(self, first: str, stride: str, source: str) -> None:
+        self.code.line(
+            f'call void @"add_column"(ptr {self._matrix(first)}, i64 {stride}, ptr {source})'
+        )
+
+    def _subtract(
+        self, to: str, stride: str | int, a: str, b: str, columns: int, w: int | None = None
+    ) -> None:
+        """to -= a b, of blocks that lie together."""
+        w = self.layout.records["move"].size
+        self.code.line(
+            f'call void @"subtract"(ptr {to}, i64 {stride}, ptr {a}, i64 {w}, i64 {w}, ptr {b}, '
+            f"i64 {columns}, i64 {columns})"
+        )
