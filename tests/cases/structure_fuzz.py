@@ -176,10 +176,16 @@ def _joint(
     return tb.Slider(a, b, axis=axis, **law)
 
 
-def run(scene: tb.Scene, drawn: Drawn, units: Units | None = None, restart: bool = False) -> Any:
+def run(
+    scene: tb.Scene,
+    drawn: Drawn,
+    units: Units | None = None,
+    restart: bool = False,
+    engine: str = "eager",
+) -> Any:
     """The state after some steps."""
     dt = 0.02 * (units or Units()).time
-    made = dict(method=drawn.method, tolerance=1e-13, engine="eager")
+    made = dict(method=drawn.method, tolerance=1e-13, engine=engine)
     stepper, state = tb.Stepper(scene, dt, **made), tb.rest(scene)
     for k in range(STEPS):
         if restart and k == STEPS - 1:

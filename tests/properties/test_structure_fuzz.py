@@ -4,7 +4,7 @@ and welded; and their derivatives beside differences.
 
 import pytest
 
-from tests.cases.structure_fuzz import JOINTS, distances, draw
+from tests.cases.structure_fuzz import JOINTS, build, distances, draw, run
 
 SHORT = 0, 130  # every joint, bodies, a beam that is cut, order 2 and both methods
 LIMITS = {"gradient": 1e-5}  # differences of 1e-5 of what is of second order in them
@@ -27,6 +27,23 @@ def test_structures_said_otherwise(seed):
 def test_many_structures_said_otherwise():
     for seed in range(10_000, 10_300):
         distances_within_limits(seed)
+
+
+@pytest.mark.long
+def test_many_structures_are_stepped_alike_by_both_engines():
+    """1e-11 of the largest: stiffnesses of 1e3 N times the rounding of places."""
+    for seed in range(20_000, 20_030):
+        drawn = draw(seed)
+        if "beam" not in drawn.kinds:
+            continue
+        native, eager = (
+            run(build(drawn), drawn, engine=engine) for engine in ("compiled", "eager")
+        )
+        for name in ("position", "rotation", "velocity", "spin", "stress", "reaction", "joints"):
+            a, b = getattr(native, name), getattr(eager, name)
+            if b is not None and b.numel():
+                error = float((a - b).abs().max() / b.abs().max().clamp(min=1.0))
+                assert error < 1e-11, (name, error, drawn)
 
 
 def test_every_joint_is_drawn():

@@ -287,11 +287,11 @@ class ChainCode:
         if "energy" in self.layout.records:
             self._add(self.at("energy", 0, "rise"), self.at("change", 0, "rise"), 1)
 
-    def _sized(self, name: str, size: int, *pointers: str) -> None:
+    def _sized(self, name: str, size: str | int, *pointers: str) -> None:
         given = ", ".join(f"ptr {p}" for p in pointers)
         self.code.line(f'call void @"{name}"({given}, i64 {size})')
 
-    def _fill(self, to: str, size: int) -> None:
+    def _fill(self, to: str, size: str | int) -> None:
         self._sized("zero", size, to)
 
     def _copy_to(self, to: str, source: str, size: int) -> None:

@@ -180,8 +180,7 @@ class StructurePasses(StructureCode):
     def _eliminate(self) -> None:
         """Of what nodes, elements and joints give."""
         code = self.code
-        with code.loop(0, self.args["entry_count"]) as k:
-            self._fill(self.at("matrix", k), 1)
+        self._fill(self.base["matrix"], self.args["entry_count"])
         with self._entries("interface") as (p, entry):
             self._interface(p, entry)
         with self._entries("direct") as (_, (i, j, *places)):
