@@ -139,3 +139,27 @@ def test_a_twist_that_nothing_resists_is_named(method, alone):
     sentence = rf"neither stiffness nor inertia resists a rotation about \(1, 0, 0\) of node {node}"
     with pytest.warns(RuntimeWarning, match=sentence):
         tb.simulate(scene, [0.0, 0.02], step=0.02, method=method, throw=False)
+
+
+def test_friction_is_solved_for_not_foreseen():
+    """It turns over within a slip speed, so that a residual that has fallen fast does not go on to:
+    the kinetic energy is the work, to rounding.
+    """
+    parts = {
+        "a": tb.Body(0.5, 0.1, position=(0.5, 0, 0)),
+        "b": tb.Body(0.5, 0.1, position=(1.5, 0, 0)),
+    }
+    law = dict(axis=(0, 1, 0), friction=0.5, slip_speed=0.01)
+    joints = [tb.Hinge(None, "a", at=(0, 0, 0), **law), tb.Hinge("a", "b", at=(1, 0, 0), **law)]
+    push = tb.PointLoad("b", force=lambda t: torch.stack((0 * t, 0 * t, 4 * torch.cos(20 * t)), -1))
+    stepper = tb.Stepper(
+        tb.Scene(parts, [push], joints=joints), 0.02, engine="eager", tolerance=1e-12
+    )
+    state = stepper.rest()
+    for _ in range(12):
+        state = stepper(state)
+    kinetic = sum(
+        (m / 2) * state[name].velocity.square().sum() + 0.05 * state[name].spin.square().sum()
+        for name, m in (("a", 0.5), ("b", 0.5))
+    )
+    torch.testing.assert_close(kinetic, state.work, rtol=1e-11, atol=0)

@@ -523,6 +523,8 @@ class LocalFunctions(JointFunctions):
         if joints:
             apart = joints["gap_position"] / joints["joint_size"]
             size = measured(size, torch.maximum(apart, joints["gap_rotation"]))
+        if foresee is None and not self.model.smooth:
+            foresee = size < 0  # never
         finite = torch.isfinite(size)
         first = torch.where(finite, float(DIVERGED), float(BROKEN))
         going = over == 0
