@@ -14,6 +14,7 @@ from tests.cases.gradient_ingredients import VARIANTS
 
 LOADS = ("TipLoad", "PointLoad", "LineLoad", "Gravity", "History")
 NO_SOLUTION = ("has no equilibrium", "the step shrank to nothing")
+DAMPINGS = ("Damping", "rayleigh")  # of which a scene has one
 TRIES = 4  # of an ingredient in company; after them it comes alone
 COLUMNS = (
     "case",
@@ -131,7 +132,11 @@ class Fuzz:
         wanted = self._pick(*((5, 6, 7) if self.crowded else (2, 3, 4)))
         for kind, name in fitting if self.attempts[must] < TRIES else ():
             if kind == "effect":
-                effects += [(kind, name)] * (len(effects) < wanted and (kind, name) != must)
+                second = name.startswith(DAMPINGS) and any(
+                    other.startswith(DAMPINGS) for _, other in effects
+                )
+                if len(effects) < wanted and (kind, name) != must and not second:
+                    effects.append((kind, name))
             elif kind not in single and (
                 kind in ("section", "beam") or self.crowded or self._pick(True, False, False)
             ):

@@ -12,6 +12,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..core.functions_of_time import rate_along
+from ..core.validation import concrete
 from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.joint_motion import JointMotion
 from ..nodal.loads import advanced_rates
@@ -101,7 +102,7 @@ class Perturbation:
             [x <= NO_INERTIA * x.amax(-1, keepdim=True) for x in own.split((p, w - p), -1)], -1
         )
         small = small.flatten(-2)[..., self.free].reshape(-1, len(self.free))
-        if (small != small[0]).any():
+        if concrete(small != small[0]).any():
             raise ValueError(
                 "samples with and without rotary inertia were given; one kind is wanted"
             )

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch._C import _functorch as functorch
 
 from ...core.functions_of_time import rate_along
 from ...core.surroundings import Surroundings
@@ -192,7 +193,7 @@ def native_balance(problem: SteadyProblem, load: str | None, engine: str) -> Nat
     native code alone is wanted and does not take it.
     """
     engine = meaning() if engine == "auto" else engine
-    if engine == "eager":
+    if engine == "eager" or functorch.peek_interpreter_stack() is not None:
         return None
     model = problem.model
     reason, own = path_refusal(problem, load), by_function(model)
