@@ -41,7 +41,6 @@ class TwoLinkConfig(TipTrackConfig):
     motor: float = 0.05
     payload: float = 0.05
     gravity: None = None
-    engine: str = "eager"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -274,7 +273,6 @@ class TwoLinkVectorEnv(BeamVectorEnv):
     torque   N m, (1.5, 0.5): of shoulder and elbow at an action of 1
     inertia  kg m^2, 0.02: of either motor;  motor  kg, 0.05: the elbow's mass
     payload  kg, 0.05: on the tip
-    engine   "eager": torch operations. Structures have no native code yet
 
     "torchbeam/TwoLinkPlanar-v0" is this with planar=True: two actions and 16 + 2 preview + 2 delay
     observations.
