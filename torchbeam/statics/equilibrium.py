@@ -102,8 +102,8 @@ def equilibrium(
     if relax and engine == "compiled":
         raise ValueError("engine = 'compiled' was given with relax=True; 'eager' does that")
     boolean("throw", throw)
-    refuse_friction(scene)
     model = discretise(scene)
+    refuse_friction(scene)
     tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
     given = scene.tensors(inputs)
     start = rest(scene) if initial is None else check_state(initial, scene)

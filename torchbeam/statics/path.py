@@ -164,8 +164,8 @@ def path(
     Raises ValueError for what the nodal form does not take, an unknown `load`, `control` without
     `target`, a `control` of more than one number a sample, or an `initial` that is no equilibrium.
     """
-    refuse_friction(scene)
     model = discretise(scene)
+    refuse_friction(scene)
     boolean("branch", branch)
     choice("engine", engine, ENGINES)
     step = check_tolerance("step", step)
