@@ -96,12 +96,14 @@ class Midpoint4(Method):
         )
 
     def schemes(self, model: Model, dt: Tensor) -> list[tuple[Scheme, Tensor | None]]:
-        for load in model.scene.loads:
-            if load.between_nodes and not load.conservative:
-                raise ValueError(
-                    f"{load.called} that takes or gives energy was given to midpoint4, one of "
-                    "whose parts goes back in time; 'midpoint' takes it"
-                )
+        lossy = [x.called for x in model.scene.loads if x.between_nodes and not x.conservative]
+        lossy += [f"{x.called} with friction" for x in model.scene.joints if "friction" in x.acts]
+        lossy += ["Tendon with friction"] * model.tendons.dissipative
+        if lossy:
+            raise ValueError(
+                f"{lossy[0]}, that takes or gives energy, was given to midpoint4, one of whose "
+                "parts goes back in time; 'midpoint' takes it"
+            )
         length = concrete(dt.detach())
         said = "was given to steps of {:g} s by midpoint4; {}, or 'midpoint'"
         for load in model.scene.loads:

@@ -166,6 +166,7 @@ class Perturbation:
                 reaction=model.constraints.fixed
                 * problem.residual(x)[0].nodes[..., list(model.constraints.nodes), :],
                 **model.joints.finished(x.stress, joint_motion, rates),
+                **model.tendons.finished(lambda: problem.tendon_motion(x)),
             )
         )
 

@@ -53,7 +53,11 @@ class Model(Rows):
         """Whether the work of all loads is independent of the path, and frame a does not turn:
         tangents are symmetric.
         """
-        return all(load.conservative for load in self.scene.loads) and not self.turning
+        return (
+            all(load.conservative for load in self.scene.loads)
+            and not self.tendons.dissipative
+            and not self.turning
+        )
 
     @property
     def internal_states(self) -> int:

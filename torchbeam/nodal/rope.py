@@ -148,7 +148,7 @@ class Rope(Tree):
         across = (x > 0) != (y > 0)
         apart = torch.where(across, x - y, 1.0)
         mean = torch.where(across, (p**2 - q**2) / apart, p + q) / 2
-        by = torch.where(across, (p - mean) / apart, 0.5 * ((x > 0) & (y > 0)))
+        by = torch.where(across, (p - mean) / apart, ((x > 0) & (y > 0)).to(p) / 2)
         return self.stiffness * mean, self.stiffness * by
 
     def _friction(

@@ -264,6 +264,55 @@ def test_the_same_said_otherwise_is_the_same(said):
     assert_close(Q.mT @ found, wanted, rtol=0, atol=1e-11)
 
 
+def test_readings_of_a_linear_model():
+    """Tension that is an input, and that of an elastic tendon, by this input: as equilibria have
+    it.
+    """
+    beam = tb.Beam.straight(0.3, 3, SECTION)
+    pull = tb.Tendon.along(beam, (0, 0, 0.01), tension=tb.Input("p", 1))
+    guy = tb.Tendon([(None, (0.1, 0, 0.3)), (-1, (0, 0, 0))], stiffness=50.0, length=0.3)
+    scene, options = tb.Scene(beam, [pull, guy]), dict(engine="eager", tolerance=1e-13)
+    outputs = [tb.sensors.TendonTension(0), tb.sensors.TendonTension(1), tb.sensors.TendonLength(1)]
+
+    def readings(p):
+        state = tb.equilibrium(scene, inputs={"p": torch.tensor([p])}, **options)
+        return state, torch.cat([sensor(state) for sensor in outputs])
+
+    state, _ = readings(0.3)
+    model = tb.linearize(scene, state, outputs, inputs={"p": torch.tensor([0.3])})
+    found = (model.D - model.C @ torch.linalg.solve(model.A, model.B))[..., 0]
+    slope = (readings(0.3 + 1e-5)[1] - readings(0.3 - 1e-5)[1]) / 2e-5
+    assert_close(found, slope, rtol=1e-6, atol=1e-9)
+
+
+def test_modes_with_friction_are_those_of_the_linear_model():
+    """Whose stiffness is not symmetric: a pair may grow."""
+    beam = tb.Beam.straight(0.25, 4, tb.Section.circle(0.006, E=2e6, nu=0.45, rho=1100))
+
+    def helix(s):
+        return 0.01 * torch.stack((0 * s, torch.cos(8 * s), torch.sin(8 * s)), -1)
+
+    tendon = tb.Tendon.along(beam, helix, tension=tb.Input("p", 1), friction=0.5, slip_speed=0.01)
+    given = {"p": torch.tensor([3.0])}
+    scene = tb.Scene(beam, [tendon])
+    state = tb.equilibrium(scene, inputs=given, engine="eager")
+    A = tb.linearize(scene, state, [tb.sensors.TipPosition()], inputs=given).A
+    wanted = torch.linalg.eigvals(A)
+    for value in tb.modes(scene, state, inputs=given, count=3).eigenvalue:
+        assert (wanted - value).abs().min() < 1e-6 * value.abs()
+
+
+def test_float32_beside_a_default_of_double():
+    scene = pulled(tb.Beam.straight(0.3, 4, SECTION), stiffness=50.0, length=0.39)
+    times = torch.linspace(0, 0.02, 3)
+    wide, narrow = (
+        tb.simulate(one, times.to(one.dtype), step=0.01, engine="eager").tip.position[-1]
+        for one in (scene, scene.to(torch.float32))
+    )
+    assert narrow.dtype == torch.float32
+    assert_close(narrow.double(), wide, rtol=0, atol=1e-5)
+
+
 BEAM = tb.Beam.straight(0.3, 3, SECTION)
 ENDS = [(0, (0, 0, 0.01)), (-1, (0, 0, 0.01))]
 REFUSED = {
@@ -300,6 +349,16 @@ REFUSED = {
             tb.Scene(BEAM, [tb.Tendon([(0, (0, 0.1, 0)), ENDS[1]], tension=1.0)], plane="xz")
         ),
         "out of the plane",
+    ),
+    "midpoint4": (
+        lambda: tb.simulate(
+            tb.Scene(BEAM, [tb.Tendon(ENDS, tension=1.0, friction=0.1, slip_speed=0.1)]),
+            torch.linspace(0, 0.02, 3),
+            step=0.01,
+            method="midpoint4",
+            engine="eager",
+        ),
+        "goes back in time",
     ),
     "explicit": (
         lambda: tb.simulate(
