@@ -4,6 +4,7 @@ import json
 import os
 from importlib import resources
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
 import torch
@@ -26,9 +27,9 @@ def pytest_runtest_protocol(item):
     two each, do so eagerly, as compiling a structure takes a second, unless they are marked "steps"
     or the environment says otherwise.
     """
-    with pytest.MonkeyPatch.context() as patch:
+    with patch.dict(os.environ):  # what a test leaves there does not reach the next
         if UNIT in item.path.parents and not item.get_closest_marker("steps"):
-            patch.setenv(ENGINE, os.environ.get(ENGINE, "eager"))
+            os.environ.setdefault(ENGINE, "eager")
         return (yield)
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from unittest.mock import patch
 
 import torch
 from torch import Tensor
@@ -23,12 +24,8 @@ SAMPLES = 4  # no other axis is as long
 
 @contextmanager
 def engine(name: str) -> Iterator[None]:
-    before = os.environ.get("TORCHBEAM_ENGINE")
-    os.environ["TORCHBEAM_ENGINE"] = name
-    try:
+    with patch.dict(os.environ, TORCHBEAM_ENGINE=name):
         yield
-    finally:
-        os.environ["TORCHBEAM_ENGINE"] = before or "auto"
 
 
 @dataclass
