@@ -144,8 +144,8 @@ class StepSolver:
             foresee=None if model.smooth else torch.zeros_like(moving),
         )
         lost = self.model.space.cosine(x.m).amin(-1) < self._least
-        passed = problem.passed(problem.motion.kinematics(x.u, x.m))
-        lost = lost if passed is None else lost | passed
+        if problem.conditions.between:
+            lost = lost | problem.passed(problem.motion.kinematics(x.u, x.m))
         status = torch.where((status == SUCCESS) & lost, DIVERGED, status)
         good = moving & (status == SUCCESS)
         if differentiated(problem, x):

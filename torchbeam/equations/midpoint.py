@@ -122,9 +122,10 @@ class MidpointProblem(StepProblem):
         kinematics = self.motion.kinematics(x.u, x.m)
         spin, velocity = kinematics.spin_end, kinematics.velocity_end
         work = start.work + self.work(kinematics)
-        for k, node in enumerate(self.support_motions.nodes):
-            moves = self.moves(kinematics)[..., node, :]
-            work = work + (reaction[..., k, :] * moves).sum(-1)
+        if self.support_motions.nodes:
+            moves = self.moves(kinematics)
+            for k, node in enumerate(self.support_motions.nodes):
+                work = work + (reaction[..., k, :] * moves[..., node, :]).sum(-1)
         # what stands still has no velocity, whatever rounding has left
         if not self.support_motions.nodes:
             velocity = model.constraints.slide * velocity

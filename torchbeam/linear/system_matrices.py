@@ -132,10 +132,9 @@ def of_nodes(
         K = K if isinstance(at, float) else K.minus(at)
         lagging = external.lags(model, nodes, now, still, moved)
         if now.between:
-            here = element_matrix(model, nodes, now, still).each(torch.neg)
-            K = total(K, here)
-            rates = element_matrix(model, nodes, now, moved).each(torch.neg)
-            D = total(D, rates, here.each(torch.neg))
+            here = element_matrix(model, nodes, now, still)
+            K = total(K, here.each(torch.neg))
+            D = total(D, element_matrix(model, nodes, now, moved).each(torch.neg), here)
         if model.read.intersection(moved) and not isinstance(at, float):
             rate = at - external.tangent(model, nodes, now, moved)
             D = model.topology.diagonal(rate) if D is None else D.plus(rate)

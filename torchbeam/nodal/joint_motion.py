@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ..core.leaves import Tree, leaf
 from ..math.quaternions import skew
@@ -25,6 +26,15 @@ class Pose(NamedTuple):
 
     def mean(self, other: Pose) -> Pose:
         return Pose((self.r + other.r) / 2, (self.R + other.R) / 2)
+
+
+def end_moves(half: Tensor, p: int) -> Tensor:
+    """(..., p + s, p + s): what of nodes' moves, displacements (p) and spins, their ends take, of
+    which spins are turned by `half` (..., s, s).
+    """
+    s = half.shape[-1]
+    eye = torch.eye(p, dtype=half.dtype, device=half.device).expand(*half.shape[:-2], p, p)
+    return torch.cat((pad(eye, (0, s)), pad(half, (p, 0))), -2)
 
 
 class JointValues(NamedTuple):

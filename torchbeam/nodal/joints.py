@@ -36,7 +36,7 @@ from ..math.shapes import broadcast_shapes
 from ..topology.framework import Framework
 from ..topology.framework_matrix import FrameworkMatrix, JointBlocks
 from .coordinates.spatial import Spatial
-from .joint_motion import Factor, JointMotion, NoJoints, Pose, Vector
+from .joint_motion import Factor, JointMotion, NoJoints, Pose, Vector, end_moves
 
 ROUNDING = 1000.0  # eps: places that floating point does not tell apart
 # what a joint's gap over the size of the whole is measured against: 1e-8 of it is 1e-14 of that
@@ -329,10 +329,8 @@ class Joints(NoJoints):
 
     def _spins(self, half: Tensor) -> Tensor:
         """(..., J, 2, w, w): what of a node's move its end takes, over `rate`."""
-        p, s = self.space.dims.position, self.space.dims.spin
-        own = self.framework.at_joints(half.flatten(-2)).unflatten(-1, (s, s))
-        eye = torch.eye(p, dtype=own.dtype, device=own.device).expand(*own.shape[:-2], p, p)
-        return torch.cat((pad(eye, (0, s)), pad(own, (p, 0))), -2)
+        own = self.framework.at_joints(half.flatten(-2)).unflatten(-1, half.shape[-2:])
+        return end_moves(own, self.space.dims.position)
 
     def _gradient(self, v: Vector, w: Vector) -> Tensor:
         """dg/dq (..., J, m, 12): by displacement and spin of the first node, then of the second."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any
 
 import torch
@@ -19,6 +20,7 @@ from ..math.shapes import broadcast_shapes
 from ..scene.effects.values import Inputs, scalar_at
 from ..topology.framework import Framework
 from .coordinates.spatial import Spatial
+from .joint_motion import end_moves
 from .rope import Rope, RopeStep
 from .tendon_motion import Eyelets, NoTendons, TendonMotion
 
@@ -52,7 +54,7 @@ class Tendons(NoTendons):
 
     def eyelets(self, position: Tensor, rotation: Tensor) -> Eyelets:
         """From nodes, in the space's coordinates."""
-        at = [node or 0 for node in self.nodes]
+        at = self._at
         R = self.space.axes(rotation[..., at, :])
         lever = (R @ self.arms[..., None])[..., 0]
         lever = torch.where(self._ground(lever), 0.0, lever)
@@ -77,19 +79,20 @@ class Tendons(NoTendons):
         rate: float = 1.0,
     ) -> Any:
         motion = motion()
-        spin = None if half is None else self._spins(half())
-        first, blocks = 0, []
-        for rope, step, m in zip(self.ropes, self.steps(motion), self.sizes, strict=True):
+        spin = None
+        if half is not None:
+            spin = end_moves(half()[..., self._at, :, :], self.space.dims.position)
+        blocks = []
+        for rope, step, part in zip(self.ropes, self.steps(motion), self._parts, strict=True):
             acting, after = rope.tangent(step)
-            own = [k for k in range(m) if self.nodes[first + k] is not None]
-            at = [first + k for k in own]
+            own = [k for k, node in enumerate(self.nodes[part]) if node is not None]
+            at = [part.start + k for k in own]
             by = (acting + rate * after).transpose(-3, -2)  # (..., m, m, 3, 3)
             by = by[..., own, :, :, :][..., own, :, :]
             force, lever = rope.forces(step)[..., own, :], motion.acting.lever[..., at, :]
             own = self._blocks(by, force, lever, motion.end.lever[..., at, :])
             own = own if spin is None else own @ spin[..., None, at, :, :]
             blocks.append(own.flatten(-4, -3))
-            first += m
         shape = broadcast_shapes(*(x.shape[:-3] for x in blocks))
         tied = torch.cat([x.expand(*shape, *x.shape[-3:]) for x in blocks], -3)
         return matrix.with_ties(tied)
@@ -122,11 +125,11 @@ class Tendons(NoTendons):
 
     def steps(self, motion: TendonMotion) -> tuple[RopeStep, ...]:
         """What each rope is asked for."""
-        drive, found, first = motion.drive, [], 0
+        drive, found = motion.drive, []
         over = drive.dt is not None and motion.start is not None
         rates = self._rates(motion) if over and self.dissipative else None
-        for k, (rope, m) in enumerate(zip(self.ropes, self.sizes, strict=True)):
-            given, part = motion.given[..., k], slice(first, first + m)
+        for k, (rope, part) in enumerate(zip(self.ropes, self._parts, strict=True)):
+            given = motion.given[..., k]
             if drive.share is not None:  # from slack, or from as drawn
                 start = 0.0 if rope.stiffness is None else rope.drawn
                 given = start + drive.share * (given - start)
@@ -140,19 +143,16 @@ class Tendons(NoTendons):
                     None if rates is None else rates[..., part, :],
                 )
             )
-            first += m
         return tuple(found)
 
     def _lengths(self, motion: TendonMotion, k: int) -> Tensor:
         """(..., n) m of the stretches of rope k before the step."""
-        first = sum(self.sizes[:k])
-        points = motion.start.p[..., first : first + self.sizes[k], :]
+        points = motion.start.p[..., self._parts[k], :]
         return torch.linalg.vector_norm(points.diff(dim=-2), dim=-1)
 
     def _rates(self, motion: TendonMotion) -> Tensor:
         """(..., E, 3) m/s of the eyelets before the step, as seen in frame a."""
-        at = [node or 0 for node in self.nodes]
-        moves = torch.cat([x[..., at, :] for x in motion.drive.moving()], -1) @ self.moves
+        moves = torch.cat([x[..., self._at, :] for x in motion.drive.moving()], -1) @ self.moves
         velocity, spin = moves.split(3, -1)
         turned = torch.linalg.cross(*torch.broadcast_tensors(spin, motion.start.lever))
         return torch.where(self._ground(velocity), 0.0, velocity + turned)
@@ -171,16 +171,20 @@ class Tendons(NoTendons):
         whole = whole + same * own[..., :, None, :, :]
         return -(self.moves @ whole @ self.moves.mT)
 
-    def _spins(self, half: Tensor) -> Tensor:
-        """(..., E, w, w): what of a node's move its end takes, see `Joints.blocks`."""
-        p, s = self.space.dims.position, self.space.dims.spin
-        own = half[..., [node or 0 for node in self.nodes], :, :]
-        eye = torch.eye(p, dtype=own.dtype, device=own.device).expand(*own.shape[:-2], p, p)
-        return torch.cat((pad(eye, (0, s)), pad(own, (p, 0))), -2)
-
     def _ground(self, like: Tensor) -> Tensor:
         """(E, 1) bool"""
         return torch.tensor([node is None for node in self.nodes], device=like.device)[:, None]
+
+    @property
+    def _parts(self) -> list[slice]:
+        """The eyelets of each tendon."""
+        ends = [*accumulate(self.sizes)]
+        return [slice(end - m, end) for end, m in zip(ends, self.sizes, strict=True)]
+
+    @property
+    def _at(self) -> list[int]:
+        """The node of each eyelet; 0 for the ground."""
+        return [node or 0 for node in self.nodes]
 
     @property
     def _own(self) -> list[int]:

@@ -10,6 +10,7 @@ balance, the solution and its derivatives are those without the brace.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
@@ -290,28 +291,33 @@ def _stiffness(problem: SteadyProblem, x: Configuration, moves: Tensor) -> tuple
     stress = space.geometric_stiffness(model.kinematics(x.position, x.rotation), own, model.length)
     ends, size = model.assembly.to_elements(moves), _largest(stress)
     work = torch.einsum("...anw,...nwv,...bnv->...ab", ends, stress, ends)
-    if model.joints.count:
-        joints, all_moves = _joined(problem, x).dense(), moves.flatten(-2)
-        work = work + all_moves @ joints @ all_moves.mT
-        size = torch.maximum(size, joints.abs().amax((-1, -2), keepdim=True))
-    if problem.conditions.between:
-        blocks = element_matrix(model, problem.nodes(x), problem.conditions).dense()
-        rigid = moves.flatten(-2)
-        work = work - rigid @ blocks @ rigid.mT
+    all_moves = moves.flatten(-2)
+    for matrix in _between(problem, x):
+        blocks = matrix.dense()
+        work = work + all_moves @ blocks @ all_moves.mT
         size = torch.maximum(size, blocks.abs().amax((-1, -2), keepdim=True))
-    if model.scene.tendons:
-        none = moves.new_zeros(model.node_count, *moves.shape[-1:] * 2)
-        tied = model.tendons.matrix(
-            model.topology.diagonal(none), lambda: problem.tendon_motion(x)
-        ).dense()
-        work = work + moves.flatten(-2) @ tied @ moves.flatten(-2).mT
-        size = torch.maximum(size, tied.abs().amax((-1, -2), keepdim=True))
     if problem.conditions.moving:
         by = external.tangent(model, problem.nodes(x), problem.conditions)
         if not isinstance(by, float):
             work = work - torch.einsum("...anw,...nwv,...bnv->...ab", moves, by, moves)
             size = torch.maximum(size, _largest(by))
     return work, size * _largest(moves) ** 2
+
+
+def _between(problem: SteadyProblem, x: Configuration) -> Iterator[Matrix]:
+    """What joints, loads between nodes, and tendons each add to the tangent."""
+    model, loads = (
+        problem.model,
+        element_matrix(problem.model, problem.nodes(x), problem.conditions),
+    )
+    if model.joints.count:
+        yield _joined(problem, x)
+    if loads is not None:
+        yield loads.each(torch.neg)
+    if model.scene.tendons:
+        w = model.space.unknowns
+        none = model.topology.diagonal(x.position.new_zeros(model.node_count, w, w))
+        yield model.tendons.matrix(none, lambda: problem.tendon_motion(x))
 
 
 def _joined(problem: SteadyProblem, x: Configuration) -> Any:

@@ -119,10 +119,6 @@ class Framework:
         """Nodes of rows and columns of the ties' blocks: all pairs of each tie."""
         return pairs_of(self.ties)
 
-    def at_ties(self, x: Tensor) -> Tensor:
-        """Nodes (..., nodes, w) -> their values (..., n, w) at `tie_nodes`."""
-        return x.index_select(-2, places(self.tie_nodes, x.device))
-
     def from_ties(self, push: Tensor, total: Tensor) -> Tensor:
         """total (..., nodes, w) with (..., n, w) at `tie_nodes` added."""
         return added(total, self.tie_nodes, push, total.shape[-2], 1)

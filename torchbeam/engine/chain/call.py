@@ -55,7 +55,7 @@ class Chain:
             model.constraints.moving,
         )
         records, order, nodes = program.layout.records, program.order, range(model.node_count)
-        tables = None if kinds.joints is None else StructureTables.of(model, program.dense)
+        tables = None if kinds.joints is None else StructureTables.of(model)
         more = {} if tables is None else tables.rows
         self.counts = counts(order, len(nodes), self.N, len(self.supports), **more)
         bases, self.size = program.layout.bases(self.counts)

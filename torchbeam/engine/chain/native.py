@@ -48,7 +48,6 @@ class NativeProgram:
 
     driver: type[ChainCode]
     of_structures: type[ChainCode]  # their driver
-    dense = False  # see `StructureTables.of`
 
     def __init__(
         self,

@@ -138,9 +138,7 @@ class StructureCode(ChainCode):
             f'call void @"add_column"(ptr {self._matrix(first)}, i64 {stride}, ptr {source})'
         )
 
-    def _subtract(
-        self, to: str, stride: str | int, a: str, b: str, columns: int, w: int | None = None
-    ) -> None:
+    def _subtract(self, to: str, stride: str | int, a: str, b: str, columns: int) -> None:
         """to -= a b, of blocks that lie together."""
         w = self.layout.records["move"].size
         self.code.line(

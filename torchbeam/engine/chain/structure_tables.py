@@ -28,18 +28,15 @@ class StructureTables:
     numbers: dict[str, int]
 
     @staticmethod
-    def of(model: Model, dense: bool) -> StructureTables:
-        """dense: whether all of the interface's unknowns are eliminated as one group, where parts
-        of it may be singular by themselves.
-        """
+    def of(model: Model) -> StructureTables:
         joints = model.joints
         held = tuple(map(int, joints.held.sum(-1))) if joints.count else ()
-        return _tables(model.topology, model.space.unknowns, model.constraints.nodes, held, dense)
+        return _tables(model.topology, model.space.unknowns, model.constraints.nodes, held)
 
 
 @lru_cache(maxsize=64)
 def _tables(
-    framework: Framework, w: int, supported: tuple[int, ...], held: tuple[int, ...], dense: bool
+    framework: Framework, w: int, supported: tuple[int, ...], held: tuple[int, ...]
 ) -> StructureTables:
     how, ends = framework.cut, framework.ends
     nodes, J = [ends[end] for end in how.interface], len(how.joints)
@@ -55,11 +52,7 @@ def _tables(
         couplings += [(place, len(nodes) + k) for place in there]
         couplings += [(there[0], there[1])] if len(there) == 2 else []
     fixed = frozenset(k for k, node in enumerate(nodes) if node in supported)
-    units = tuple(range(len(nodes) + J))
-    groups = (
-        (units,) * bool(units) if dense else ordered(len(nodes), how.joints, held, fixed, couplings)
-    )
-    pattern = BlockPattern(w, groups, couplings)
+    pattern = BlockPattern(w, ordered(len(nodes), how.joints, held, fixed, couplings), couplings)
 
     def own(place: int | None) -> tuple[int, ...]:
         if place is None:

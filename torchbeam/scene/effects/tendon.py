@@ -178,10 +178,7 @@ class Tendon(Effect):
         beam = scene.beam
         points = self.at(beam.nodes, beam.frames).detach()
         off = torch.linalg.vector_norm(points.diff(dim=-2), dim=-1)
-        size = torch.linalg.vector_norm(
-            beam.nodes.detach() - beam.nodes.detach()[..., :1, :], dim=-1
-        )
-        near = off <= APART[off.dtype] * (size.amax(-1) + off.sum(-1))[..., None]
+        near = off <= APART[off.dtype] * (beam.extent.detach() + off.sum(-1))[..., None]
         if concrete(near).any():
             k = int(concrete(near).nonzero()[0, -1])
             raise ValueError(
