@@ -78,6 +78,18 @@ class FrameworkMatrix:
         """With the ties."""
         return replace(self, tied=tied)
 
+    def tied_too(self, nodes: tuple[int, ...], blocks: Tensor) -> FrameworkMatrix:
+        """With one more tie, of these nodes: blocks (..., n^2, w, w) of all their pairs."""
+        framework = replace(self.framework, ties=(*self.framework.ties, nodes))
+        shape = (
+            blocks.shape[:-3]
+            if self.tied is None
+            else broadcast_shapes(blocks.shape[:-3], self.tied.shape[:-3])
+        )
+        every = (blocks,) if self.tied is None else (self.tied, blocks)
+        tied = torch.cat([x.expand(*shape, *x.shape[-3:]) for x in every], -3)
+        return replace(self, framework=framework, tied=tied)
+
     def plus(self, blocks: Tensor) -> FrameworkMatrix:
         return replace(self, diagonal=self.diagonal + blocks)
 

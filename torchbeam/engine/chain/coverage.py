@@ -35,6 +35,7 @@ def refusal(model: Model, method: str, conserve: bool = False, **options: Any) -
     scene = model.scene
     reasons = {
         "a Tendon": bool(scene.tendons),
+        "contact of beams and bodies with each other": bool(scene.pairs),
         "bodies without a beam": bool(scene.beam.parts) and not scene.beam.element_count,
         "contact in a structure": bool(scene.beam.parts)
         and any(load.between_nodes for load in scene.loads),
