@@ -73,7 +73,8 @@ class Meeting(NamedTuple):
 class Touching(NoTouching):
     """Places along one part, and the pieces of another, or of the same beam.
 
-    contact   the law; pair: its place among the scene's
+    contact   the law; pair: its place among the scene's; first: whether places are on its first
+              part
     points    of each place its three nodes; shares (P, 3) of these; measure (..., P) m of the
               beam's length, 1 of a body; which of the pieces it may touch: allowed (P, K)
     pieces    of each piece its three nodes; control (K, 3, 3), ends (K, 2): see `centreline`
@@ -82,6 +83,7 @@ class Touching(NoTouching):
 
     contact: ContactTerms
     pair: int
+    first: bool
     points: tuple[tuple[int, int, int], ...]
     pieces: tuple[tuple[int, int, int], ...]
     shares: Tensor = leaf(2)
@@ -91,12 +93,12 @@ class Touching(NoTouching):
     ends: Tensor = leaf(2)
     radii: Tensor = leaf(1)
 
-    def nearby(self, motion: TouchingMotion) -> Nearby:
+    def nearby(self, motion: TouchingMotion, all_of_them: bool = False) -> Nearby:
         """By the spheres about pieces; all pairs where samples are seen one at a time."""
         device = motion.position.device
         points, pieces = (torch.tensor(x, device=device) for x in (self.points, self.pieces))
         pairs = self.allowed > 0
-        if not mapped(motion.position):
+        if not all_of_them and not mapped(motion.position):
             x = concrete(motion.position.detach())
             place = (self.shares[..., None] * x[..., points, :]).sum(-2)
             own = x[..., pieces[:, 1], :]
@@ -185,14 +187,9 @@ class Touching(NoTouching):
         """Of the pairs' nodes (..., U, 6, 3): position, half, velocity, spin."""
         return tuple(None if x is None else x[..., near.nodes, :] for x in motion[:4])
 
-    def push(self, motion: TouchingMotion) -> tuple[Nearby, Tensor]:
-        """The pairs, and what acts on their nodes (..., U, 6, 6)."""
-        near = self.nearby(motion)
-        return near, self.wrenches(self.meeting(near, *self.at(near, motion)))
-
     def slopes(self, near: Nearby, motion: TouchingMotion) -> tuple[Tensor, ...]:
-        """Derivatives (..., U, 36, 18) of these by positions, velocities and spins; the last two
-        where the law asks for them.
+        """Derivatives (..., U, 36, 18) of `wrenches` by positions, velocities and spins; the last
+        two where the law asks for them.
         """
         x, half, *rates = self.at(near, motion)
         names = [k for k, name in enumerate((VELOCITY, SPIN)) if name in self.reads]
@@ -268,10 +265,13 @@ class AllTouching(NoTouching):
     def loaded(self, nodes: Tensor, motion: Callable[[], TouchingMotion]) -> Tensor:
         now = motion()
         for one in self.each:
-            near, push = one.push(now)
+            near = one.nearby(now)
+            if not len(near.point):
+                continue
+            push = one.wrenches(one.meeting(near, *one.at(near, now)))
             rows = tuple(near.nodes.flatten().tolist())
             push = -(push @ self.moves.mT).flatten(-3, -2)
-            nodes = added(nodes, rows, push, nodes.shape[-2], 1) if rows else nodes
+            nodes = added(nodes, rows, push, nodes.shape[-2], 1)
         return nodes
 
     def matrix(self, matrix: Any, motion: Callable[[], TouchingMotion]) -> Any:
@@ -279,6 +279,8 @@ class AllTouching(NoTouching):
         pairs, blocks = [], []
         for one in self.each:
             near = one.nearby(now)
+            if not len(near.point):
+                continue
             own = self._blocks(one, near, now)
             if not mapped(own):
                 some = concrete(own.detach() != 0).flatten(-4).any(-1)
@@ -286,9 +288,9 @@ class AllTouching(NoTouching):
                 near, own = Nearby(*(x[some] for x in near)), own[..., some, :, :, :, :]
             pairs.append(near.nodes)
             blocks.append(own)
-        nodes = torch.cat(pairs)
-        if not len(nodes):
+        if not sum(map(len, pairs)):
             return matrix
+        nodes = torch.cat(pairs)
         tie, at = nodes.unique(return_inverse=True)
         at, n = at.view_as(nodes), len(tie)
         rows = tuple((at[:, :, None] * n + at[:, None, :]).flatten().tolist())

@@ -39,12 +39,12 @@ def _both(scene: Scene, pair: ContactTerms, k: int, s: Tensor) -> list[Touching]
     if first == second:
         return [_one(pair, k, s, first, second, radii, 0.5)]
     if len(second) == 1:
-        return [_one(pair, k, s, second, first, radii.flip(-1), 1.0)]
+        return [_one(pair, k, s, second, first, radii.flip(-1), 1.0, False)]
     if len(first) == 1:
         return [_one(pair, k, s, first, second, radii, 1.0)]
     return [
         _one(pair, k, s, first, second, radii, 0.5),
-        _one(pair, k, s, second, first, radii.flip(-1), 0.5),
+        _one(pair, k, s, second, first, radii.flip(-1), 0.5, False),
     ]
 
 
@@ -57,7 +57,14 @@ def _nodes(scene: Scene, name: str | None) -> range:
 
 
 def _one(
-    pair: ContactTerms, k: int, s: Tensor, first: range, second: range, radii: Tensor, share: float
+    pair: ContactTerms,
+    k: int,
+    s: Tensor,
+    first: range,
+    second: range,
+    radii: Tensor,
+    share: float,
+    is_first: bool = True,
 ) -> Touching:
     """Places along the first nodes, and pieces of the second."""
     control = s.new_tensor(control_shares(len(second)))
@@ -88,6 +95,7 @@ def _one(
     return Touching(
         contact=pair,
         pair=k,
+        first=is_first,
         points=points,
         pieces=piece_nodes(second.start, len(second)),
         shares=shares,

@@ -148,11 +148,8 @@ class Contact(ContactTerms):
         return at_instant(self, t, inputs, s, obstacle=at_instant(self.obstacle, t, inputs, s))
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
-        if self.node is not None:  # of a body
-            at = {name: getattr(point, name) for name in (POSITION, VELOCITY, SPIN)}
-            at = {name: None if x is None else x[..., None, :] for name, x in at.items()}
-            alone = with_values(self, node=None)
-            found = alone.wrench(replace(point, **at), t, inputs)
+        if self.node is not None:
+            found = with_values(self, node=None).wrench(self.of_body(point), t, inputs)
             return tuple(None if x is None else x[..., 0, :] for x in found)
         touch = self.touch(point)
         force = touch.pressure * touch.normal
@@ -162,6 +159,11 @@ class Contact(ContactTerms):
             return force + touch.rub, None
         arm = -_each(self.radius) * touch.normal
         return force + touch.rub, _cross(arm, touch.rub)
+
+    def of_body(self, point: LoadPoint) -> LoadPoint:
+        """The one node of a body, as one of several points."""
+        at = {name: getattr(point, name) for name in (POSITION, VELOCITY, SPIN)}
+        return replace(point, **{n: None if x is None else x[..., None, :] for n, x in at.items()})
 
     def touch(self, point: LoadPoint) -> Touch:
         """What it does at points; its numbers are those of an instant (`resolved`)."""
