@@ -188,8 +188,8 @@ class Touching(NoTouching):
         return tuple(None if x is None else x[..., near.nodes, :] for x in motion[:4])
 
     def slopes(self, near: Nearby, motion: TouchingMotion) -> tuple[Tensor, ...]:
-        """Derivatives (..., U, 36, 18) of `wrenches` by positions, velocities and spins; the last
-        two where the law asks for them.
+        """Derivatives (..., U, 6, 6, 6, 3) of `wrenches` by positions, velocities and spins; the
+        last two where the law asks for them.
         """
         x, half, *rates = self.at(near, motion)
         names = [k for k, name in enumerate((VELOCITY, SPIN)) if name in self.reads]
@@ -201,7 +201,8 @@ class Touching(NoTouching):
             now = None if half is None else half + (x - x.detach())
             return self.wrenches(self.meeting(near, x, now, velocity, spin)).flatten(-2)
 
-        return jacobians(pushed, *(part.flatten(-2) for part in given))
+        slopes = jacobians(pushed, *(part.flatten(-2) for part in given))
+        return tuple(x.unflatten(-1, (6, 3)).unflatten(-3, (6, 6)) for x in slopes)
 
     def energy(self, motion: TouchingMotion, side: float) -> Tensor:
         """(...) J at the end of a step (side 1), or at its start (-1)."""
@@ -275,13 +276,25 @@ class AllTouching(NoTouching):
         return nodes
 
     def matrix(self, matrix: Any, motion: Callable[[], TouchingMotion]) -> Any:
-        now = motion()
+        return self._tied(matrix, motion(), self._by_moves)
+
+    def damping(self, matrix: Any, position: Tensor) -> Any:
+        still = torch.zeros_like(position)
+        sizes = self.space.dims.position, self.space.dims.spin
+        names = (VELOCITY, SPIN)
+        eyes = (torch.eye(n, dtype=position.dtype, device=position.device)[None] for n in sizes)
+        by = dict(zip(names, eyes, strict=True))
+        motion = TouchingMotion(position, None, still, still, None, lambda: by)
+        return self._tied(matrix, motion, self._by_rates)
+
+    def _tied(self, matrix: Any, now: TouchingMotion, blocks_of: Callable[..., Tensor]) -> Any:
+        """A matrix with blocks (..., U, 6, 6, w, w) of the pairs that have some."""
         pairs, blocks = [], []
         for one in self.each:
             near = one.nearby(now)
             if not len(near.point):
                 continue
-            own = self._blocks(one, near, now)
+            own = -torch.einsum("vi,...abiw->...abvw", self.moves, blocks_of(one, near, now))
             if not mapped(own):
                 some = concrete(own.detach() != 0).flatten(-4).any(-1)
                 some = some.flatten(0, -2).any(0) if some.ndim > 1 else some
@@ -306,23 +319,33 @@ class AllTouching(NoTouching):
         now = motion()
         return torch.stack(torch.broadcast_tensors(*(one.passed(now) for one in self.each))).any(0)
 
-    def _blocks(self, one: Touching, near: Nearby, motion: TouchingMotion) -> Tensor:
-        """(..., U, 6, 6, w, w): derivative of less what acts on a pair's nodes by their moves."""
-        by_x, *by_rates = (
-            x.unflatten(-1, (6, 3)).unflatten(-3, (6, 6)) for x in one.slopes(near, motion)
-        )  # (..., U, 6, 6, 6, 3)
-        p, moves = self.space.dims.position, self.moves
-        whole = torch.einsum("...aibj,wj->...abiw", by_x, moves[:, :3])
-        for name, by_rate in zip((VELOCITY, SPIN), by_rates, strict=False):
-            rate = motion.by().get(name)
-            if rate is None:
+    def _by_moves(self, one: Touching, near: Nearby, motion: TouchingMotion) -> Tensor:
+        """(..., U, 6, 6, 6, w): derivative of what acts on a pair's nodes by their moves."""
+        by_x, *by_rates = one.slopes(near, motion)
+        whole = torch.einsum("...aibj,wj->...abiw", by_x, self.moves[:, :3])
+        return whole + self._rates(near, motion, by_rates)
+
+    def _by_rates(self, one: Touching, near: Nearby, motion: TouchingMotion) -> Tensor:
+        """The same by velocities and spins alone."""
+        by_x, *by_rates = one.slopes(near, motion)
+        return self._rates(near, motion, by_rates) + by_x.new_zeros(()).expand(
+            *by_x.shape[:-4], 6, 6, 6, len(self.moves)
+        )
+
+    def _rates(
+        self, near: Nearby, motion: TouchingMotion, by_rates: list[Tensor]
+    ) -> Tensor | float:
+        p, moves, whole = self.space.dims.position, self.moves, 0.0
+        by = motion.by() if by_rates else {}
+        for name, slope in zip((VELOCITY, SPIN), by_rates, strict=False):
+            if name not in by:
                 continue
-            first = slice(p) if name == VELOCITY else slice(p, None)
-            to = moves[first, :3] if name == VELOCITY else moves[first, 3:]
-            size = rate.shape[-1]
-            way = to.mT @ rate  # (..., N+1 or 1, 3, .)
-            way = pad(way, (0, len(moves) - size) if name == VELOCITY else (len(moves) - size, 0))
-            same = way.shape[-3] == 1
-            way = way[..., None, :, :, :] if same else way[..., near.nodes, :, :]
-            whole = whole + torch.einsum("...aibj,...bjw->...abiw", by_rate, way)
-        return -torch.einsum("vi,...abiw->...abvw", moves, whole)
+            own, more = by[name], len(moves) - by[name].shape[-1]
+            if name == VELOCITY:
+                rate = pad(moves[:p, :3].mT @ own, (0, more))
+            else:
+                rate = pad(moves[p:, 3:].mT @ own, (more, 0))
+            same = rate.shape[-3] == 1
+            rate = rate[..., None, :, :, :] if same else rate[..., near.nodes, :, :]
+            whole = whole + torch.einsum("...aibj,...bjw->...abiw", slope, rate)
+        return whole

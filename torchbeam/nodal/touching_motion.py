@@ -39,6 +39,10 @@ class NoTouching(Tree):
         """Their tangent, with that of these."""
         return matrix
 
+    def damping(self, matrix: Any, position: Tensor) -> Any:
+        """A damping matrix, None = none, with that of these at rest, nodes at (..., N+1, 3)."""
+        return matrix
+
     def work(self, motion: Callable[[], TouchingMotion]) -> Tensor | float:
         """(...) J over a step."""
         return 0.0

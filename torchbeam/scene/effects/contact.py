@@ -15,7 +15,7 @@ from .contact_law import damped, pressure, rubbing
 from .contact_terms import ContactTerms
 from .load_point import POSITION, SPIN, VELOCITY, LoadPoint, Wrench, at_instant
 from .obstacles import Obstacle
-from .values import Inputs, optional
+from .values import Inputs, parameter
 
 
 class Touch(NamedTuple):
@@ -101,7 +101,9 @@ class Contact(ContactTerms):
                 f"Contact of {self.on!r} with itself was given; SelfContact({self.on!r}) is wanted"
             )
         self._check_terms()
-        set_(self, "other_radius", optional("Contact's other_radius", self.other_radius))
+        if self.other_radius is not None:
+            value = parameter("Contact's other_radius", self.other_radius)
+            set_(self, "other_radius", value)
         if self.partner is None and self.other_radius is not None:
             raise ValueError(
                 "Contact with an obstacle and an other_radius was given; the radius of a second "
