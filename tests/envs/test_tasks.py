@@ -15,13 +15,19 @@ import torchbeam as tb
 from torchbeam.extend import quaternions as quat
 
 SMALL = dict(elements=2, substeps=1)
+ARMS = dict(elements=5, substeps=1)  # of a segment each
 EPISODES = json.loads((Path(__file__).parent / "env_episodes.json").read_text())
-TASKS = ["TipReach", "TipTrack", "FlutterHold", "Slew", "Payload", "TwoLink"]
+TASKS = ["TipReach", "TipTrack", "FlutterHold", "Slew", "Payload", "TwoLink", "FollowTarget"]
 IDS = [f"torchbeam/{task}{planar}-v0" for task in TASKS for planar in ("", "Planar")]
+IDS.append("torchbeam/InverseKinematics-v0")
+
+
+def small(id):
+    return ARMS if "Target" in id or "Kinematics" in id else SMALL
 
 
 def vector(id, n, **changes):
-    return gymnasium.make_vec(id, num_envs=n, **{**SMALL, **changes})
+    return gymnasium.make_vec(id, num_envs=n, **{**small(id), **changes})
 
 
 @pytest.mark.parametrize("id", IDS)
@@ -29,7 +35,7 @@ def test_contract(id):
     """Gymnasium's own checker; a spec that goes through JSON; observations within their bounds
     under wild actions; an end.
     """
-    env = gymnasium.make(id, max_episode_steps=4, **SMALL)
+    env = gymnasium.make(id, max_episode_steps=4, **small(id))
     check_env(env.unwrapped, skip_render_check=True)
     spec = gymnasium.envs.registration.EnvSpec.from_json(gymnasium.spec(id).to_json())
     assert json.loads(env.spec.to_json())["id"] == id and spec.max_episode_steps >= 50
@@ -52,7 +58,8 @@ def test_vector_is_single_and_everything_may_vary(id):
     to rounding.
     """
     made = dict(randomize=True, noise=0.01, sensors=("tip", "gauges", "full"))
-    many, each = vector(id, 2, **made), [gymnasium.make(id, **SMALL, **made) for _ in range(2)]
+    many = vector(id, 2, **made)
+    each = [gymnasium.make(id, **small(id), **made) for _ in range(2)]
     observation, info = many.reset(seed=4)
     assert all(np.ptp(value) > 0 for value in info["params"].values())
     for i, one in enumerate(each):
@@ -84,7 +91,8 @@ def test_invalid_actions_and_failures_keep_to_themselves(id):
     ill.set_state(replace(ill.state, beam=replace(beam, velocity=thrown)))
     a, b = well.step(push), ill.step(push)
     np.testing.assert_array_equal(a[0][others], b[0][others])
-    assert b[2].tolist() == [False, True, False] and b[1][1] == -100 and np.isfinite(b[0]).all()
+    assert b[2].tolist() == [False, True, False] and np.isfinite(b[0]).all()
+    assert b[1][1] == ill.config.failure_reward
     assert b[4]["solver_failed"].tolist() == [False, True, False]
 
 
