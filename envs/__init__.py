@@ -63,9 +63,12 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
+VERSIONS = {"Payload": 1}  # those of which are not the first
+
+
 def _register(task: str, steps: int, module: str, name: str, **arguments: Any) -> None:
     gymnasium.register(
-        id=f"torchbeam/{task}-v0",
+        id=f"torchbeam/{task}-v{VERSIONS.get(name, 0)}",
         entry_point=f"torchbeam_envs.{module}:{name}Env",
         vector_entry_point=f"torchbeam_envs.{module}:{name}VectorEnv",
         max_episode_steps=steps,

@@ -216,9 +216,12 @@ class Simulation:
         )
 
     def _at_rest(self, plant: Plant, rows: Tensor) -> tuple[tb.State, tb.State]:
-        if plant is not self.plant:
+        if plant is not self.plant and not self.task.STARTS_ALIKE:
             return self._settled(plant, len(rows))
-        return self.rest if len(rows) == self.count else tuple(state[rows] for state in self.rest)
+        start, first = (
+            self.rest if len(rows) == self.count else tuple(state[rows] for state in self.rest)
+        )
+        return start, first if plant is self.plant else self._begun(plant, start)
 
     def _settled(self, plant: Plant, count: int) -> tuple[tb.State, tb.State]:
         """The beam in equilibrium without action, and the same with what the method remembers of a

@@ -81,6 +81,8 @@ class Task:
     PREVIEW: ClassVar[int] = 0
     HOLDS: ClassVar[bool] = True  # whether a constant action holds a target
     RANDOM: ClassVar[bool] = False  # whether an episode draws random numbers after its start
+    # whether all start as the usual beam rests, whatever their parameters: nothing tells them
+    STARTS_ALIKE: ClassVar[bool] = False
     # of a picture, in lengths: x from, to; half its height
     VIEW: ClassVar[tuple[float, float, float] | None] = None
     UNITS: ClassVar[dict[str, str]] = {"distance": "m"}  # of what is measured
