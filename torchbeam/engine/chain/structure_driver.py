@@ -314,6 +314,13 @@ class StructurePasses(StructureCode):
             self._call("joint update", lambda f: places[f])
             self._blend(places["force"], places["> force"], over, w)
 
+    def _keep_joints(self, good: str) -> None:
+        if self.kinds.joints:
+            w = self.layout.records["move"].size
+            with self.code.loop(0, self.args["joint_count"]) as k:
+                last = self.at("joint_state", k, "last_force")
+                self._take(last, self.at("joint_unknown", k), good, w)
+
     def _finish_joints(self, good: str) -> None:
         if not self.kinds.joints:
             return

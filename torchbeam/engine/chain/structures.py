@@ -80,15 +80,19 @@ def adjoint_of_joints(
 
 
 def of_joints(
-    local: LocalFunctions, traced: Tracing, kinds: tuple[JointKind, ...], held: bool
+    local: LocalFunctions,
+    traced: Tracing,
+    kinds: tuple[JointKind, ...],
+    held: bool,
+    joint: Callable[[JointKind], Function],
 ) -> dict[str, Function]:
-    """Functions of joints, by kind."""
+    """Functions of joints, by kind; joint: `joint` of a kind."""
     if not kinds:
         return {}
     w = local.model.space.unknowns
     functions = {"joint update": traced(local.joint_update, {"force": (w,), "move": (w,)})}
     for k, kind in enumerate(kinds):
-        functions[f"joint {k}"] = traced(partial(local.joint, held, kind), traced.joint)
+        functions[f"joint {k}"] = joint(kind)
         if held:
             for side in kind.sides:
                 rows = {
