@@ -318,6 +318,9 @@ class Driver(ChainCode):
 
     # Joints, of which a chain has none: see `StructurePasses`
 
+    def _clear_records(self, *names: str) -> None:
+        """Zeros in records of theirs."""
+
     def _start_joints(self) -> None:
         """Their forces to start from."""
 

@@ -175,10 +175,7 @@ def _called(
         *fields,
         Field("common", "exact", exact, 0),
         Field("common", "tolerance", tolerance, 0),
-        *(
-            Field(*place.get(name, ("kept", name)), v, 2)
-            for name, v in start.items()
-        ),
+        *(Field(*place.get(name, ("kept", name)), v, 2) for name, v in start.items()),
     ]
     batch = broadcast_shapes(*(one.value.shape[: one.value.ndim - one.axes] for one in given))
     call = Call(chain, batch, 1, lanes)

@@ -63,18 +63,11 @@ class StructureAdjoint(StructurePasses, AdjointDriver):
                     self.layout.records["move"].size,
                 )
 
-    def _each_record(self, *names: str) -> None:
-        """Zeros in records of joints."""
-        if self.kinds.joints:
-            with self.code.loop(0, self.args["joint_count"]) as k:
-                for name in names:
-                    self._fill(self.at(name, k), self.layout.records[name].size)
-
     def _clear_joints(self) -> None:
-        self._each_record(STATE, "joint_bar")
+        self._clear_records(STATE, "joint_bar")
 
     def _add_joints(self) -> None:
-        self._each_record("joint_start_bar", "joint_asked")
+        self._clear_records("joint_start_bar", "joint_asked")
 
         def add(k: str, kind: int) -> None:
             self._add(

@@ -252,6 +252,13 @@ class StructurePasses(StructureCode):
 
     # Joints
 
+    def _clear_records(self, *names: str) -> None:
+        """Zeros in records of joints."""
+        if self.kinds.joints:
+            with self.code.loop(0, self.args["joint_count"]) as k:
+                for name in names:
+                    self._fill(self.at(name, k), self.layout.records[name].size)
+
     def _start_joints(self) -> None:
         if self.kinds.joints:
             w = self.layout.records["move"].size
