@@ -96,7 +96,7 @@ class AdjointDriver(ChainCode):
         self._joint_solutions()
         if "energy" in self.layout.records:
             self._energies()
-        if {"finish element bar 0", "finish element load bar 0"} & self.functions.keys():
+        if "finish element bar 0" in self.functions or "at_load" in self.layout.records:
             with code.loop(0, N) as e:
                 self._element_ends(e)
         self._joint_ends()

@@ -36,8 +36,6 @@ def refusal(model: Model, method: str, conserve: bool = False, **options: Any) -
     reasons = {
         "a Tendon": bool(scene.tendons),
         "bodies without a beam": bool(scene.beam.parts) and not scene.beam.element_count,
-        "contact in a structure": bool(scene.beam.parts)
-        and any(load.between_nodes for load in scene.loads),
         f"a structure by method {method!r} with conserve=True": bool(scene.beam.parts)
         and FUNCTIONS.get((method, conserve)) is ConservingFunctions,
         f"method {method!r}": (method, conserve) not in FUNCTIONS,

@@ -32,6 +32,7 @@ class StructurePasses(StructureCode):
                     self._call(f"element {k}", lambda f: self._of_element(f, e))
             for name in ("force", "moment", "strain", "left_strain"):
                 self._largest(name, "at_element")
+            self._element_load(e)
             if self.order == 2:
                 self._condense(e)
         self._each_joint(self._joint)
