@@ -55,11 +55,9 @@ class Climbed(NamedTuple):
 def refusal(model: Model) -> str | None:
     """Why the equilibria of a model are not found by native code; None where they are."""
     scene = model.scene
-    parts = bool(scene.beam.parts)
     reasons = {
         "a Tendon": bool(scene.tendons),
-        "bodies without a beam": parts and not scene.beam.element_count,
-        "contact in a structure": parts and any(load.between_nodes for load in scene.loads),
+        "bodies without a beam": not scene.beam.element_count,
         f"the device {scene.device}": scene.device.type != "cpu",
         MISSING: find_spec("llvmlite") is None,
     }
