@@ -57,7 +57,6 @@ def refusal(model: Model) -> str | None:
     scene = model.scene
     reasons = {
         "a Tendon": bool(scene.tendons),
-        "bodies without a beam": not scene.beam.element_count,
         f"the device {scene.device}": scene.device.type != "cpu",
         MISSING: find_spec("llvmlite") is None,
     }
@@ -106,7 +105,7 @@ def automatic_climb(
     samples *= repetitions()
     if (
         meaning() == "eager"
-        or samples * model.station_count < WORTH
+        or samples * (model.station_count or model.node_count) < WORTH
         or model.scene.device.type != "cpu"
     ):
         return None
@@ -213,10 +212,11 @@ def prepared(
     kinds = kinds_of(model, constants.acts, rest=True)
     program = program_of(local, kinds, bool(model.constraints.nodes), around, made)
     chain = Chain(program, model, kinds)
-    like, p, least = model.length, model.space.dims.position, rounding_stress(model)
+    length, p, least = model.spans, model.space.dims.position, rounding_stress(model)
+    least = least if model.station_count else torch.zeros_like(length).expand(1, p + 1)
     numbers = {
-        "total": like.sum((-1, -2)),
-        "longest": like.amax((-1, -2)),
+        "total": length.sum((-1, -2)),
+        "longest": length.amax((-1, -2)),
         "least_force": least[..., :p].amax((-1, -2)),
         "least_moment": least[..., p:].amax((-1, -2)),
     }

@@ -91,6 +91,16 @@ class StructureAdjoint(StructurePasses, AdjointDriver):
 
         self._each_joint(solution)
 
+    def _joint_energies(self) -> None:
+        def add(k: str, kind: int) -> None:
+            self._call(
+                f"ended joint {kind}",
+                lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else self._of_joint(f, k),
+            )
+            self._add(self.at("energy", 0, "rise"), self.at("change", 0, "rise"), 1)
+
+        self._each_joint(add)
+
     def _joint_ends(self) -> None:
         names = {bar("force"): "joint_force", bar("joints"): "joints"}
 
@@ -105,6 +115,8 @@ class StructureAdjoint(StructurePasses, AdjointDriver):
                     if f in names
                     else self.at("sample", 0, f)
                     if f == bar("work")
+                    else self.at("energy", 0, f)
+                    if f == bar("rise")
                     else self._of_joint(f, k)
                 ),
             )

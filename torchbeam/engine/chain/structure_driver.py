@@ -352,6 +352,8 @@ class StructurePasses(StructureCode):
                     fields[name][1],
                 )
             self._sum(self.at("sample", 0, "work"), self.at("joint_change", 0, "work"), good, 1)
+            if "energy" in self.layout.records:
+                self._add(self.at("energy", 0, "rise"), self.at("joint_change", 0, "rise"), 1)
 
 
 class StructureDriver(StructurePasses, Driver):

@@ -73,6 +73,8 @@ def adjoint_of_joints(
         functions[f"joint blocks {k}"] = traced(blocks, fields)
         finish = traced(partial(local.finish_joint, kind), fields)
         functions[f"finish joint bar {k}"] = derivative(finish, [*by, *moves, "force"])
+        if "rise" in finish.outputs:
+            functions[f"ended joint {k}"] = finish.only(["rise"])
         joint = traced(partial(local.joint, False, kind), fields)
         pushes = [f"{side}.push" for side in kind.sides]
         functions[f"joint bar {k}"] = derivative(joint.only([*pushes, "right"]), by)
