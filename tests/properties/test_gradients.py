@@ -395,7 +395,7 @@ CHECKPOINTED = {
 @pytest.mark.parametrize("name", CHECKPOINTED)
 def test_loads_by_functions_can_be_checkpointed(name):
     """The gradient by a number in a load whose tangent is taken by automatic differentiation, with
-    the graph kept and with it computed again: to rounding.
+    the graph kept and with it computed again: to rounding. Natively: see test_adjoint.
     """
     section = tb.Section.from_stiffness(EA=100.0, GA=40.0, GJ=0.5, EI=1.0, mass=0.3, inertia=0.01)
     found = []
@@ -406,7 +406,7 @@ def test_loads_by_functions_can_be_checkpointed(name):
             [tb.TipLoad(force=(0, 0.3, 1.0)), CHECKPOINTED[name](p)],
         )
         end = (
-            tb.simulate(scene, [0.0, 0.04], step=0.01, checkpoint=checkpoint)
+            tb.simulate(scene, [0.0, 0.04], step=0.01, checkpoint=checkpoint, engine="eager")
             .tip.position[-1]
             .square()
             .sum()

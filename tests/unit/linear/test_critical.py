@@ -150,6 +150,7 @@ def test_sideways_under_a_tip_load():
     assert (found.shape[..., -1, 2].abs() < 1e-3 * found.shape[..., -1, 1].abs()).all()
 
 
+@pytest.mark.steps
 def test_the_way_up_ends_at_a_limit_point():
     """A deep arch, clamped at one foot and hinged at the other, P at its crown: kind 3, at the
     largest factor of `path` (each to 1 %: the bracket's tolerance, and steps of 0.1).

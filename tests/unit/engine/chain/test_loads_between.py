@@ -127,7 +127,12 @@ def elbow(engine, order, plane, method):
 
 
 @pytest.mark.parametrize(
-    ("order", "plane", "method"), [(1, None, "midpoint"), (2, "xz", "generalized_alpha")]
+    ("order", "plane", "method"),
+    [  # the others: each of their parts in test_eager_and_native_agree
+        (1, "xz", "midpoint"),
+        pytest.param(1, None, "midpoint", marks=pytest.mark.long),
+        pytest.param(2, "xz", "generalized_alpha", marks=pytest.mark.long),
+    ],
 )
 def test_structures_agree(order, plane, method):
     """Motion to 1e-12, gradients to 1e-9 of the largest: what touches one beam, and what all."""
