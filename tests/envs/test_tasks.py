@@ -143,8 +143,17 @@ def test_gradient_of_a_return_by_policy_weights(task):
 # TipTrack
 
 
-@pytest.mark.parametrize("planar", [False, True])
-@pytest.mark.parametrize("path", ["circle", "lemniscate", "random"])
+@pytest.mark.parametrize(
+    ("path", "planar"),
+    [
+        ("circle", False),
+        ("random", False),
+        ("lemniscate", True),
+        pytest.param("lemniscate", False, marks=pytest.mark.long),
+        pytest.param("circle", True, marks=pytest.mark.long),
+        pytest.param("random", True, marks=pytest.mark.long),
+    ],
+)
 def test_target_of_tip_track(path, planar):
     """It starts at the tip, stays within the share of the force, closes after a period, and is
     where the preview said.
