@@ -213,7 +213,9 @@ def driven_by(actions):
     return dict(actuators=[TipForce(gain=[[0, 1.2, 0], [0, 0, 2.0]]), bend], max_episode_steps=10)
 
 
-@pytest.mark.parametrize("actions, error", [(3, 2e-3), (4, 3e-2)])
+@pytest.mark.parametrize(
+    "actions, error", [pytest.param(3, 2e-3, marks=pytest.mark.long), (4, 3e-2)]
+)
 def test_baselines_take_more_actions_than_the_tip_has_directions(actions, error):
     """The polynomial of three and four actions against equilibria (largest found: 5e-4, 1.5e-2 of
     the length, where all act fully), its slopes against differences, and the action that holds a

@@ -369,7 +369,7 @@ def final_height(EI, form, **options):
     scene = soft_scene(
         1, section, (TipLoad(force=lambda t: torch.stack((0 * t, 0 * t, torch.sin(2 * t)))),)
     )
-    return simulate_mixed(scene, torch.linspace(0, 0.12, 13), form, **options).tip.position[
+    return simulate_mixed(scene, torch.linspace(0, 0.2, 21), form, **options).tip.position[
         -1, ..., 2
     ]
 
