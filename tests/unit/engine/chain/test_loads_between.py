@@ -119,8 +119,8 @@ def elbow(engine, order, plane, method):
         supports=[tb.Support(("fore", 0))],
         plane=plane,
     )
-    t = torch.tensor([0.0, 4e-3 * STEPS])
-    solution = tb.simulate(scene, t, step=4e-3, engine=engine, method=method)
+    t = torch.tensor([0.0, 0.048])
+    solution = tb.simulate(scene, t, step=8e-3, engine=engine, method=method)
     work, force = solution.energy.work[-1], solution.joint[0].force[-1]
     answer = solution["load"].position[-1].sum() + work.sum() + 1e-2 * force.sum()
     return solution.nodes[-1], work, torch.autograd.grad(answer, list(p.values()))
