@@ -555,7 +555,7 @@ SWAY = tb.Support(
         ("midpoint", {"step": 0.01, "engine": "eager"}),
         ("midpoint", {"step": 0.01, "engine": "compiled"}),
         ("generalized_alpha", {"step": 0.01}),
-        ("rk4", {"options": {"step_size": 1e-3}}),
+        ("rk4", {"options": {"step_size": 5e-3}}),
     ],
 )
 def test_reactions_come_in_the_order_given(how, options):
