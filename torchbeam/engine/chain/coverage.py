@@ -34,7 +34,6 @@ def refusal(model: Model, method: str, conserve: bool = False, **options: Any) -
     """
     scene = model.scene
     reasons = {
-        "a Tendon": bool(scene.tendons),
         "bodies without a beam": bool(scene.beam.parts) and not scene.beam.element_count,
         f"a structure by method {method!r} with conserve=True": bool(scene.beam.parts)
         and FUNCTIONS.get((method, conserve)) is ConservingFunctions,
