@@ -239,12 +239,8 @@ class AdjointProgram(NativeProgram):
             own = [(name, prod(self.shapes[name])) for name in self.element_state]
             for name in ("", "_bar", "_grad", "_start_bar"):
                 layout.record(f"element_state{name}", ELEMENTS, own)
-        if (
-            "finish element bar 0" in self.functions
-            or self.touching
-            or self.kinds.joints
-            or self.kinds.stretches
-        ):
+        ends = self.touching, self.kinds.joints, self.kinds.stretches
+        if "finish element bar 0" in self.functions or any(ends):
             layout.record("unknown_bar", NODES, [("u_bar", state[0][1]), ("m_bar", state[1][1])])
         if "project" in self.functions:
             layout.record("ended", NODES, [(name, prod(self.shapes[name])) for name in ENDED])

@@ -109,7 +109,10 @@ def _tables(
 
     def stretch(s: int) -> list[int]:
         own, unit = stretches[s], own_units.get(s)
-        at = {side: None if x is None else nodes.index(x) for side, x in zip("ij", own.nodes)}
+        at = {
+            side: None if x is None else nodes.index(x)
+            for side, x in zip("ij", own.nodes, strict=True)
+        }
         at[""] = unit
         table = [node or 0 for node in own.nodes]
         table += [int(own.first), int(own.last), own.tendon]

@@ -7,8 +7,11 @@ on each other. In the matrix each stretch has unknowns of its own, by which all 
 side by side: the changes dT of its tension, dS of the length from it to the last eyelet, and dA of
 what its turning adds at its end,
 
-    dT_k = ratio dT_{k-1} + T_k (dA_{k-1} + by_q . dq_k) + slope dS_k      dS_k = dS_{k+1} + e . dq_k
-    dA_k = turned . dq_k                       dq: of the stretch's vector by the moves of its nodes
+    dT_k = ratio dT_{k-1} + T_k (dA_{k-1} + by_q . dq_k) + slope dS_k
+    dS_k = dS_{k+1} + e . dq_k
+    dA_k = turned . dq_k                 dq: of the stretch's vector by the moves of its nodes
+
+Of the first stretch ratio and by_q are 0.
 """
 
 from __future__ import annotations
