@@ -5,7 +5,7 @@ called.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from torch import Tensor
 
@@ -104,6 +104,20 @@ class StretchKind(NamedTuple):
     def coupled(self) -> bool:
         """Whether its tension depends on where the other stretches are."""
         return self.elastic or self.rubs
+
+    def parts(self) -> dict[str, tuple[Any, ...]]:
+        """What each of its functions depends on, by the first word of their names."""
+        return {
+            "stretch": (self.ends, self.rubs),
+            "tension": (self.elastic, self.rubs),
+            "tie": (self.ends, self.coupled),
+        }
+
+
+def alike(kinds: tuple[StretchKind, ...], k: int, word: str) -> int:
+    """The first of the kinds that has the same functions of this word as kind k."""
+    own = [kind.parts()[word] for kind in kinds]
+    return own.index(own[k])
 
 
 SIDES = {1: ("i", "j"), 2: ("i", "m", "j")}  # what the nodes of an element are called, by its order

@@ -8,7 +8,7 @@ from functools import partial
 from ..compiler.function import Function
 from .layout import ONE, STRETCHES, TENDONS, Layout
 from .local_functions import LocalFunctions
-from .node_kinds import SIDES, StretchKind
+from .node_kinds import SIDES, StretchKind, alike
 from .structures import largest
 from .tendon_functions import SUMMED
 from .tracing import Tracing
@@ -23,11 +23,16 @@ def of_tensions(
 ) -> dict[str, Function]:
     """Functions by which tensions are known, by kind."""
     functions = {}
-    for k, kind in enumerate(kinds):
-        for name in ("stretch", "tension_first", "tension_next"):
+    for name in ("stretch", "tension_first", "tension_next"):
+        for k, kind in _distinct(kinds, name.partition("_")[0]):
             function = partial(getattr(local, name), kind)
             functions[f"{name.replace('_', ' ')} {k}"] = traced(function, traced.stretch)
     return functions
+
+
+def _distinct(kinds: tuple[StretchKind, ...], word: str) -> list[tuple[int, StretchKind]]:
+    """Those whose functions of this word are not those of an earlier one."""
+    return [(k, kind) for k, kind in enumerate(kinds) if alike(kinds, k, word) == k]
 
 
 def of_stretches(
@@ -36,7 +41,7 @@ def of_stretches(
     """Functions of a step, by kind."""
     functions = of_tensions(local, traced, kinds)
     w = local.model.space.unknowns
-    for k, kind in enumerate(kinds):
+    for k, kind in _distinct(kinds, "tie"):
         functions[f"tie {k}"] = tie = traced(partial(local.tie, held, kind), traced.stretch)
         for side in kind.sides if held else ():
             row = {"end_free": (w,), f"{side}.row": tie.outputs[f"{side}.row"].shape}
@@ -61,17 +66,19 @@ def adjoint_of_stretches(
     functions = of_tensions(local, traced, kinds)
     moves = [f"{side}.{name}" for side in SIDES[1] for name in ("u", "m")]
     ends = ("own.direction", "last.direction", "last.tension")
-    for k, kind in enumerate(kinds):
-        sums = [f"beyond.{name}" for name in SUMMED]
-        bars = {
-            f"stretch {k}": [*by, *moves],
-            f"tension first {k}": [*by, *sums],
-            f"tension next {k}": [*by, *sums, *ends],
-        }
-        for name, own in bars.items():
-            whole = functions[name]
-            wanted = whole.outputs if name.startswith("stretch") else ["tension"]
-            functions[f"{name} bar"] = derivative(whole.only(wanted), own)
+    sums = [f"beyond.{name}" for name in SUMMED]
+    bars = {
+        "stretch": [*by, *moves],
+        "tension first": [*by, *sums],
+        "tension next": [*by, *sums, *ends],
+    }
+    for name, own in bars.items():
+        word = name.partition(" ")[0]
+        for k, _ in _distinct(kinds, word):
+            whole = functions[f"{name} {k}"]
+            wanted = whole.outputs if word == "stretch" else ["tension"]
+            functions[f"{name} {k} bar"] = derivative(whole.only(wanted), own)
+    for k, kind in _distinct(kinds, "tie"):
         tie = traced(partial(local.tie, False, kind), traced.stretch)
         tie = tie.only([f"{side}.push" for side in kind.sides])
         functions[f"tie {k} bar"] = derivative(tie, [*by, "tension"])
@@ -99,7 +106,7 @@ def record(
     if not kinds:
         return
     layout.record("stretch", STRETCHES, constants)
-    _record(layout, functions, "tie", kinds)
+    _record(layout, functions, "tie")
     layout.record("tie_reaction", ONE, [("reaction", w)])
     layout.record("tendon_change", ONE, [("work", 1)])
 
@@ -108,7 +115,7 @@ def record_adjoint(layout: Layout, functions: dict[str, Function], kinds: int) -
     """Records of the adjoint, but for those of constants."""
     if not kinds:
         return
-    _record(layout, functions, "tie blocks", kinds)
+    _record(layout, functions, "tie blocks")
     for name in ("tendon_state_bar", "tendon_state_grad", "tendon_start_bar"):
         layout.record(name, TENDONS, [("tendons", READINGS)])
     layout.record("at_stretch_bar", STRETCHES, AT_STRETCH.items())
@@ -121,9 +128,9 @@ def record_adjoint(layout: Layout, functions: dict[str, Function], kinds: int) -
             layout.record("of_stretch", ONE, sizes)
 
 
-def _record(layout: Layout, functions: dict[str, Function], blocks: str, kinds: int) -> None:
+def _record(layout: Layout, functions: dict[str, Function], blocks: str) -> None:
     layout.record("at_stretch", STRETCHES, AT_STRETCH.items())
     layout.record("beyond", STRETCHES, dict.fromkeys(SUMMED, 1).items())
     layout.record("pull", STRETCHES, PULL.items())
     layout.record("tendon_state", TENDONS, [("tendons", READINGS)])
-    layout.record("ties", STRETCHES, largest(functions, blocks, kinds).items())
+    layout.record("ties", STRETCHES, largest(functions, blocks).items())

@@ -124,7 +124,7 @@ def record(
     layout.record("joint_move", JOINTS, [("move", w)])
     layout.record("joint_reaction", ONE, [("reaction", w)])
     layout.record("joint_change", ONE, [("force", w)])
-    for field, size in largest(functions, "joint", kinds).items():
+    for field, size in largest(functions, "joint").items():
         where = ("at_joint", ONE) if field in GAPS else ("joint_blocks", JOINTS)
         layout.record(*where, [(field, size)])
     for k in range(kinds):
@@ -151,7 +151,7 @@ def record_adjoint(
     state = [("joint_force", w), ("joints", JOINT_READINGS)]
     for name in ("joint_state_bar", "joint_state_grad", "joint_start_bar"):
         layout.record(name, JOINTS, state)
-    layout.record("joint_blocks", JOINTS, largest(functions, "joint blocks", kinds).items())
+    layout.record("joint_blocks", JOINTS, largest(functions, "joint blocks").items())
     for k in range(kinds):
         for name in (f"finish joint bar {k}", f"joint bar {k}"):
             layout.record("of_joint", ONE, _sizes(functions, name).items())
@@ -173,15 +173,16 @@ def _of_system(layout: Layout, functions: dict[str, Function], w: int, held: boo
     layout.record("edge", ONE, [(name, w * w) for name in ("E", "pushed", "start")])
 
 
-def largest(functions: dict[str, Function], name: str, kinds: int) -> dict[str, int]:
-    """Components of the outputs of the functions "name 0", "name 1" ... of all kinds, the most that
-    one of them has.
+def largest(functions: dict[str, Function], name: str) -> dict[str, int]:
+    """Components of the outputs of the functions of this name of all kinds ("name 0", ...), the
+    most that one of them has.
     """
-    found: dict[str, int] = {}
-    for k in range(kinds):
-        for field, size in _sizes(functions, f"{name} {k}").items():
-            found[field] = max(size, found.get(field, 0))
-    return found
+    sizes: dict[str, int] = {}
+    for called in functions:
+        if called.removeprefix(f"{name} ").isdigit():
+            for field, size in _sizes(functions, called).items():
+                sizes[field] = max(size, sizes.get(field, 0))
+    return sizes
 
 
 def _sizes(functions: dict[str, Function], name: str) -> dict[str, int]:

@@ -93,7 +93,7 @@ class TendonAdjoint(TendonCode):
                     self.layout.records["move"].size,
                 )
 
-        self._each_stretch(blocks)
+        self._each_stretch("tie", blocks)
 
     def _tie_bars(self) -> None:
         """What the solution asks of the start and of the constants."""
@@ -108,7 +108,7 @@ class TendonAdjoint(TendonCode):
             }
             self._bar(f"tie {kind} bar", s, places, False)
 
-        self._each_stretch(bars)
+        self._each_stretch("tie", bars)
         self._tension_bars(moves=False)
 
     def _tension_bars(self, moves: bool) -> None:
@@ -123,7 +123,9 @@ class TendonAdjoint(TendonCode):
             for name, place in (("first", "ne"), ("next", "eq")):
                 with code.when(code.compare(place, entry[FIRST], 0)):
                     self._of_kind(
-                        s, lambda k, n=name: self._bar(f"tension {n} {k} bar", s, places, moves)
+                        s,
+                        "tension",
+                        lambda k, n=name: self._bar(f"tension {n} {k} bar", s, places, moves),
                     )
 
         def forth(s: str, entry: list[str]) -> None:
@@ -136,7 +138,7 @@ class TendonAdjoint(TendonCode):
                 bar(name): self.at("at_stretch_bar", s, name)
                 for name in self.layout.fields("at_stretch_bar")
             }
-            self._of_kind(s, lambda k: self._bar(f"stretch {k} bar", s, places, moves))
+            self._of_kind(s, "stretch", lambda k: self._bar(f"stretch {k} bar", s, places, moves))
 
         self._stretches(back, backward=True)
         self._stretches(forth)

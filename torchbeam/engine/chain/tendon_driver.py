@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from .joint_functions import BLOCKS
-from .node_kinds import SIDES
+from .node_kinds import SIDES, alike
 from .structure_code import StructureCode
 from .tendon_functions import CHAINED, SUMMED
 
@@ -19,9 +19,11 @@ FIRST, LAST, TENDON, PLACES = 2, 3, 4, 5  # in an entry of the table
 class TendonCode(StructureCode):
     """Where the fields of stretches lie, and loops over them."""
 
-    def _each_stretch(self, then: Callable[[str, list[str], int], None]) -> None:
-        """then(stretch, its entry of the table, its kind) of each."""
-        self._stretches(lambda s, entry: self._of_kind(s, lambda k: then(s, entry, k)))
+    def _each_stretch(self, word: str, then: Callable[[str, list[str], int], None]) -> None:
+        """then(stretch, its entry of the table, the number of its functions of this word) of
+        each.
+        """
+        self._stretches(lambda s, entry: self._of_kind(s, word, lambda k: then(s, entry, k)))
 
     def _stretches(self, then: Callable[[str, list[str]], None], backward: bool = False) -> None:
         """then(stretch, its entry of the table) of each."""
@@ -33,10 +35,10 @@ class TendonCode(StructureCode):
         with code.loop(begin, end, step) as s:
             then(s, self._integers("stretch", s))
 
-    def _of_kind(self, s: str, then: Callable[[int], None]) -> None:
+    def _of_kind(self, s: str, word: str, then: Callable[[int], None]) -> None:
         with self._each("stretch_kinds", len(self.kinds.stretches), s) as kinds:
             for k in kinds:
-                then(k)
+                then(alike(self.kinds.stretches, k, word))
 
     def _of_stretch(self, field: str, s: str) -> str:
         """A field that is held by stretch s, at one of its ends, by what lies beyond, by the
@@ -72,7 +74,9 @@ class TendonCode(StructureCode):
         code, size = self.code, len(SUMMED)
 
         def sums(s: str, entry: list[str]) -> None:
-            self._of_kind(s, lambda k: self._call(f"stretch {k}", lambda f: self._put(f, s)))
+            self._of_kind(
+                s, "stretch", lambda k: self._call(f"stretch {k}", lambda f: self._put(f, s))
+            )
             self._fill(self.at("pull", s), self.layout.records["pull"].size)
             self._copy_to(self.at("beyond", s), self.at("at_stretch", s), size)
             with code.when(code.compare("eq", entry[LAST], 0)):
@@ -88,7 +92,7 @@ class TendonCode(StructureCode):
                 )
 
         self._stretches(sums, backward=True)
-        self._each_stretch(tension)
+        self._each_stretch("tension", tension)
 
     def _put(self, field: str, s: str) -> str:
         return self._of_pull(field[2:], s) if field[0] == ">" else self._of_stretch(field, s)
@@ -134,7 +138,7 @@ class TendonPasses(TendonCode):
                 size = self.layout.records["push"].size
                 self._add(push, self.at("ties", s, f"{side}.push"), size)
 
-        self._each_stretch(tie)
+        self._each_stretch("tie", tie)
 
     def _tie_reactions(self, support: str, node: str) -> None:
         """What stretches add to the reaction of a support, at a node."""
@@ -159,7 +163,7 @@ class TendonPasses(TendonCode):
                     self._call(f"tie reaction {kind} {side}", where)
                     self._add(self.at("support", support, "reaction"), self.at("tie_reaction"), w)
 
-        self._each_stretch(reaction)
+        self._each_stretch("tie", reaction)
 
     def _finish_tendons(self, good: str) -> None:
         """Work and readings."""
