@@ -521,9 +521,7 @@ class LocalFunctions(JointFunctions, TendonFunctions):
         size = scaled(
             left_force, left_moment, left_strain, *mixed(force, moment, total, longest), strain
         )
-        if joints:
-            apart = joints["gap_position"] / joints["joint_size"]
-            size = measured(size, torch.maximum(apart, joints["gap_rotation"]))
+        size = self.with_gaps(size, joints)
         if foresee is None and not self.model.smooth:
             foresee = size < 0  # never
         finite = torch.isfinite(size)
@@ -541,6 +539,13 @@ class LocalFunctions(JointFunctions, TendonFunctions):
             "status": torch.where(iterations == 0, first, status),
             "iterations": iterations + going.to(iterations),
         }
+
+    def with_gaps(self, size: Tensor, joints: Fields) -> Tensor:
+        """A scaled residual with the gaps of joints, if there are any, see `judge`."""
+        if not joints:
+            return size
+        apart = joints["gap_position"] / joints["joint_size"]
+        return measured(size, torch.maximum(apart, joints["gap_rotation"]))
 
     def outcome(
         self,

@@ -87,6 +87,8 @@ def adjoint_of_stretches(
     if kinds:
         work = _work(local, traced)
         functions["tendon work bar"] = derivative(work, ["tension", "change", "start"])
+        if "rise" in work.outputs:
+            functions["ended tendon"] = work.only(["rise"])
     return functions
 
 
@@ -108,7 +110,7 @@ def record(
     layout.record("stretch", STRETCHES, constants)
     _record(layout, functions, "tie")
     layout.record("tie_reaction", ONE, [("reaction", w)])
-    layout.record("tendon_change", ONE, [("work", 1)])
+    layout.record("tendon_change", ONE, dict.fromkeys(functions["tendon work"].outputs, 1).items())
 
 
 def record_adjoint(layout: Layout, functions: dict[str, Function], kinds: int) -> None:

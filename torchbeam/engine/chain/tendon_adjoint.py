@@ -67,11 +67,17 @@ class TendonAdjoint(TendonCode):
             with code.when(code.compare("ne", entry[LAST], 0)):
                 self._add(tension, self._number(state, 1), 1)
             places = {bar("work"): self.at("sample", 0, "work_bar")}
+            if "energy" in self.layout.records:
+                places[bar("rise")] = self.at("energy", 0, bar("rise"))
             places["start"] = self.at("tendon_state", entry[TENDON], "tendons")
             self._bar("tendon work bar", s, places, True)
 
         self._stretches(read)
         self._tension_bars(moves=True)
+
+    def _tendon_energies(self) -> None:
+        """To what the energy rises by: less the work of tendons."""
+        self._stretches(lambda s, entry: self._work("ended tendon", "change", s, entry))
 
     def _tie_blocks(self) -> None:
         """Blocks of the transposed matrix, and what is asked of the moves of nodes."""

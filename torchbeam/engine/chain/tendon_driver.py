@@ -67,7 +67,21 @@ class TendonCode(StructureCode):
         """Pointer to number k of a field."""
         return self.code.at(pointer, k, self.lanes.vector)
 
-    # Forwards
+    def _work(self, name: str, record: str, s: str, entry: list[str]) -> None:
+        """Of a stretch, and what that adds to the energies."""
+        start = self.at("tendon_state", entry[TENDON], "tendons")
+        self._call(
+            name,
+            lambda f: (
+                self.at(record, 0, f[2:])
+                if f[0] == ">"
+                else start
+                if f == "start"
+                else self._of_stretch(f, s)
+            ),
+        )
+        if "energy" in self.layout.records:
+            self._add(self.at("energy", 0, "rise"), self.at(record, 0, "rise"), 1)
 
     def _tensions(self) -> None:
         """Of all stretches, by the unknowns."""
@@ -173,10 +187,8 @@ class TendonPasses(TendonCode):
         self._tensions()
 
         def work(s: str, entry: list[str]) -> None:
-            start = self.at("tendon_state", entry[TENDON], "tendons")
-            places = {"> work": self.at("tendon_change", 0, "work"), "start": start}
-            self._call("tendon work", lambda f: places.get(f) or self._of_stretch(f, s))
-            self._sum(self.at("sample", 0, "work"), places["> work"], good, 1)
+            self._work("tendon work", "tendon_change", s, entry)
+            self._sum(self.at("sample", 0, "work"), self.at("tendon_change", 0, "work"), good, 1)
 
         def read(s: str, entry: list[str]) -> None:
             to = self.at("tendon_state", entry[TENDON], "tendons")

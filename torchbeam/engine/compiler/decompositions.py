@@ -141,6 +141,11 @@ def _scatter_add(x: Tensor, dim: int, at: Tensor, source: Tensor) -> Tensor:
     return x
 
 
+def _index_add(x: Tensor, dim: int, at: Tensor, source: Tensor, *, alpha: float = 1) -> Tensor:
+    places = [None] * (dim % max(x.ndim, 1)) + [at]
+    return torch.ops.aten.index_put(x, places, source if alpha == 1 else alpha * source, True)
+
+
 def _bounded(x: Tensor, low: float = -1, high: float = 1) -> Tensor:
     """As clamp, but flat at its bounds."""
     return torch.where(x <= low, low, torch.where(x >= high, high, x))
@@ -197,6 +202,7 @@ DECOMPOSED: dict[str, Callable[..., Any]] = {
     "embedding": lambda table, at, *_, **__: table[at],
     "softshrink_backward": _shrink_backward(True), "hardshrink_backward": _shrink_backward(False),
     "hardtanh": _bounded, "scatter_add": _scatter_add,
+    "index_add": _index_add,
     "hardswish": lambda x: torch.where(x <= -3, 0.0, torch.where(x < 3, x * (x + 3) / 6, x)),
     "fmax": _extreme(True), "fmin": _extreme(False),
 }
