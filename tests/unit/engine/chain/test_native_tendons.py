@@ -11,7 +11,17 @@ from torch.testing import assert_close
 import torchbeam as tb
 from torchbeam.engine.chain.layout import Record
 
-FIELDS = "position", "rotation", "velocity", "spin", "stress", "reaction", "tendons", "work"
+FIELDS = (
+    "position",
+    "rotation",
+    "velocity",
+    "spin",
+    "stress",
+    "reaction",
+    "tendons",
+    "work",
+    "defect",
+)
 STEP = 5e-3
 NUMBERS = dict(
     EI=[1.0, 1.3],
@@ -74,15 +84,15 @@ def beam(p):
     return tb.Scene(own, [tb.Gravity((0, 0, -9.81)), *tendons], plane="xz")
 
 
-def run(scene, engine, method="midpoint", count=8):
+def run(scene, engine, count=8, **options):
     t = torch.tensor([0.0, count * STEP])
     inputs = {"winch": lambda t: 0.5 + 2 * t} if scene.inputs else None
-    return tb.simulate(scene, t, step=STEP, engine=engine, method=method, inputs=inputs)
+    return tb.simulate(scene, t, step=STEP, engine=engine, inputs=inputs, **options)
 
 
-def gradients(make, engine, method):
+def gradients(make, engine, options):
     p = {name: torch.tensor(x).requires_grad_() for name, x in NUMBERS.items()}
-    state = run(make(p), engine, method, 4).state[-1]
+    state = run(make(p), engine, 4, **options).state[-1]
     weights = torch.tensor([1.0, 0.5, 2.0])
     answer = state.position.sum() + state.work.sum() + 1e-2 * state.velocity[..., 2].sum()
     answer = answer + 0.1 * (state.tendons * weights).sum() + 1e-2 * state.reaction.sum()
@@ -92,21 +102,25 @@ def gradients(make, engine, method):
 
 
 @pytest.mark.parametrize(
-    ("make", "method", "unused"),
-    [(arm, "midpoint", {"length"}), (beam, "generalized_alpha", {"friction", "slip_speed"})],
-    ids=["structure", "plane, order 2, generalized alpha"],
+    ("make", "options", "unused"),
+    [
+        (arm, {}, {"length"}),
+        (beam, dict(method="generalized_alpha"), {"friction", "slip_speed"}),
+        (beam, dict(conserve=True), {"friction", "slip_speed"}),
+    ],
+    ids=["structure", "plane, order 2, generalized alpha", "plane, order 2, conserving"],
 )
-def test_steps_and_gradients_are_the_eager_ones(make, method, unused):
+def test_steps_and_gradients_are_the_eager_ones(make, options, unused):
     """As many iterations, the same states, gradients by every number."""
     scene = make({name: torch.tensor(x) for name, x in NUMBERS.items()})
-    eager, native = (run(scene, engine, method) for engine in ("eager", "compiled"))
+    eager, native = (run(scene, engine, **options) for engine in ("eager", "compiled"))
     assert native.stats.engine == "native"
     assert torch.equal(native.stats.iterations, eager.stats.iterations)
     for name in FIELDS:
         own, other = (getattr(x.state[-1], name) for x in (native, eager))
         tight = name in ("position", "rotation", "work")
         assert_close(own, other, rtol=0, atol=1e-13 if tight else 5e-12)
-    own, other = (gradients(make, engine, method) for engine in ("compiled", "eager"))
+    own, other = (gradients(make, engine, options) for engine in ("compiled", "eager"))
     assert {name for name, x in other.items() if x is None} == unused
     for name in set(own) - unused:
         assert_close(own[name], other[name], rtol=1e-9, atol=1e-9 * other[name].abs().max().item())
