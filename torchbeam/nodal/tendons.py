@@ -141,10 +141,7 @@ class Tendons(NoTendons):
         over = drive.dt is not None and motion.start is not None
         rates = self._rates(motion) if over and self.dissipative else None
         for k, (rope, part) in enumerate(zip(self.ropes, self._parts, strict=True)):
-            given = motion.given[..., k]
-            if drive.share is not None:  # from slack, or from as drawn
-                start = 0.0 if rope.stiffness is None else rope.drawn
-                given = start + drive.share * (given - start)
+            given = rope.raised(motion.given[..., k], drive.share)
             found.append(
                 RopeStep(
                     motion.acting.p[..., part, :],

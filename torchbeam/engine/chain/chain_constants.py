@@ -136,6 +136,7 @@ class StretchConstants(Tree):
     """
 
     arms: Tensor = leaf(3)
+    drawn: Tensor = leaf(1)
     given: Tensor = leaf(1)
     stiffness: Tensor | None = leaf(1)
     friction: Tensor | None = leaf(1)

@@ -350,8 +350,8 @@ class Constants:
             return torch.stack(torch.broadcast_tensors(*rows), -1)[..., list(own)]
 
         ends = (tendons.arms[..., [e + k for e in first], :] for k in range(2))
-        ropes = map(of_ropes, ("stiffness", "friction", "slip_speed"))
-        return StretchConstants(torch.stack([*ends], -2), values["tendon given"], *ropes)
+        drawn, *ropes = map(of_ropes, ("drawn", "stiffness", "friction", "slip_speed"))
+        return StretchConstants(torch.stack([*ends], -2), drawn, values["tendon given"], *ropes)
 
     def _conditions(
         self, values: dict[str, Tensor], when: str = ""

@@ -144,7 +144,9 @@ class ChainProgram(NativeProgram):
             around = free if self.held else None
             functions |= structures.of_rows(local, traced, packed, row, around, self.kinds.runs)
             functions |= self._joints(traced, local)
-            functions |= stretches.of_stretches(local, traced, self.kinds.stretches, self.held)
+            functions |= stretches.of_stretches(
+                local, traced, self.kinds.stretches, self.held, self.varying
+            )
         if self.held:
             functions["held row"] = packed(traced(partial(local.row, True), row | free))
             functions["reaction"] = traced(
@@ -278,6 +280,8 @@ class StepProgram(ChainProgram):
         functions = super()._joints(traced, local)
         for k, kind in enumerate(self.kinds.joints):
             functions[f"finish joint {k}"] = traced(partial(local.finish_joint, kind), traced.joint)
+        if self.kinds.stretches:
+            functions[stretches.WORK] = stretches.of_work(local, traced)
         return functions
 
     def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:

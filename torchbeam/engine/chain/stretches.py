@@ -13,20 +13,25 @@ from .structures import largest
 from .tendon_functions import SUMMED
 from .tracing import Tracing
 
+WORK = "tendon work"
 READINGS = 3  # numbers of a tendon in a state
 PULL = {"tension": 1, "slope": 1, "ratio": 1, "by_q": 3, "turned": 3}
 AT_STRETCH = {**dict.fromkeys(SUMMED, 1), "direction": 3}
 
 
 def of_tensions(
-    local: LocalFunctions, traced: Tracing, kinds: tuple[StretchKind, ...]
+    local: LocalFunctions,
+    traced: Tracing,
+    kinds: tuple[StretchKind, ...],
+    varying: tuple[str, ...] = (),
 ) -> dict[str, Function]:
-    """Functions by which tensions are known, by kind."""
+    """Functions by which tensions are known, by kind; varying: see `ChainProgram`."""
+    shapes = traced.stretch | {name: () for name in varying}
     functions = {}
     for name in ("stretch", "tension_first", "tension_next"):
         for k, kind in _distinct(kinds, name.partition("_")[0]):
             function = partial(getattr(local, name), kind)
-            functions[f"{name.replace('_', ' ')} {k}"] = traced(function, traced.stretch)
+            functions[f"{name.replace('_', ' ')} {k}"] = traced(function, shapes)
     return functions
 
 
@@ -36,21 +41,23 @@ def _distinct(kinds: tuple[StretchKind, ...], word: str) -> list[tuple[int, Stre
 
 
 def of_stretches(
-    local: LocalFunctions, traced: Tracing, kinds: tuple[StretchKind, ...], held: bool
+    local: LocalFunctions,
+    traced: Tracing,
+    kinds: tuple[StretchKind, ...],
+    held: bool,
+    varying: tuple[str, ...],
 ) -> dict[str, Function]:
-    """Functions of a step, by kind."""
-    functions = of_tensions(local, traced, kinds)
-    w = local.model.space.unknowns
+    """Functions of an iteration, by kind."""
+    functions = of_tensions(local, traced, kinds, varying)
+    w, shapes = local.model.space.unknowns, traced.stretch | {name: () for name in varying}
     for k, kind in _distinct(kinds, "tie"):
-        functions[f"tie {k}"] = tie = traced(partial(local.tie, held, kind), traced.stretch)
+        functions[f"tie {k}"] = tie = traced(partial(local.tie, held, kind), shapes)
         for side in kind.sides if held else ():
             row = {"end_free": (w,), f"{side}.row": tie.outputs[f"{side}.row"].shape}
             ends = (*kind.sides, *["joint"] * kind.coupled)
             functions[f"tie reaction {k} {side}"] = traced(
                 partial(local.tie_reaction, side), row | {f"{end}.move": (w,) for end in ends}
             )
-    if kinds:
-        functions["tendon work"] = _work(local, traced)
     return functions
 
 
@@ -85,15 +92,16 @@ def adjoint_of_stretches(
         blocks = partial(local.transposed_tie, held, kind)
         functions[f"tie blocks {k}"] = traced(blocks, traced.stretch)
     if kinds:
-        work = _work(local, traced)
+        work = of_work(local, traced)
         functions["tendon work bar"] = derivative(work, ["tension", "change", "start"])
         if "rise" in work.outputs:
             functions["ended tendon"] = work.only(["rise"])
     return functions
 
 
-def _work(local: LocalFunctions, traced: Tracing) -> Function:
-    start = {"start": ()} if local.tendon_starts else {}
+def of_work(local: LocalFunctions, traced: Tracing) -> Function:
+    """`tendon_work`."""
+    start = {} if local.OVER_STEP else {"start": ()}
     return traced(local.tendon_work, {"tension": (), "change": ()} | start)
 
 
@@ -104,13 +112,16 @@ def record(
     w: int,
     kinds: int,
 ) -> None:
-    """Records of a step; kinds: how many there are."""
+    """Records of an iteration, and of a step where there is `tendon work`; kinds: how many there
+    are.
+    """
     if not kinds:
         return
     layout.record("stretch", STRETCHES, constants)
     _record(layout, functions, "tie")
     layout.record("tie_reaction", ONE, [("reaction", w)])
-    layout.record("tendon_change", ONE, dict.fromkeys(functions["tendon work"].outputs, 1).items())
+    if WORK in functions:
+        layout.record("tendon_change", ONE, dict.fromkeys(functions[WORK].outputs, 1).items())
 
 
 def record_adjoint(layout: Layout, functions: dict[str, Function], kinds: int) -> None:

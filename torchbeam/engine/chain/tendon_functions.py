@@ -17,7 +17,7 @@ Of the first stretch ratio and by_q are 0.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -41,6 +41,8 @@ CHAINED = "back", "ahead"
 class TendonFunctions(LocalProblems):
     """Functions of a stretch."""
 
+    OVER_STEP: ClassVar[bool] = True  # whether its force is one over a step, not at an instant
+
     def stretch(self, kind: StretchKind, **fields: Tensor) -> Fields:
         """Its length after the step, and where forces act at its start, before; by how much it has
         become longer; its direction (3) after; with friction the rate at which it did before.
@@ -51,13 +53,10 @@ class TendonFunctions(LocalProblems):
         (step,) = tendons.steps(motion)
         stretches = Stretches.of(step)
         before, after = (length[0] for length in stretches.lengths)
-        outputs = {
-            "length": after,
-            "before": before,
-            "change": after - tendons.lengths_before(motion, 0)[0],
-            "direction": stretches.directions[1][0],
-        }
-        if kind.rubs:
+        outputs = {"length": after, "before": before, "direction": stretches.directions[1][0]}
+        if motion.start is not None:
+            outputs["change"] = after - tendons.lengths_before(motion, 0)[0]
+        if kind.rubs and self.OVER_STEP:
             outputs["rate"] = (stretches.directions[0] * step.rates.diff(dim=-2)).sum()
         return outputs
 
@@ -66,8 +65,11 @@ class TendonFunctions(LocalProblems):
         length.
         """
         constants = self.stretch_constants(fields)
-        over = None if self.INSTANT == 1 else fields["beyond.before"]
-        T, slope = self._rope(constants, kind).pull(constants.given, fields["beyond.length"], over)
+        rope, before = self._rope(constants, kind), None
+        given = rope.raised(constants.given, fields.get("load_factor"))
+        if self.OVER_STEP:
+            before = fields["beyond.before"]
+        T, slope = rope.pull(given, fields["beyond.length"], before)
         return {"tension": T, "slope": slope}
 
     def tension_next(self, kind: StretchKind, **fields: Tensor) -> Fields:
@@ -79,14 +81,17 @@ class TendonFunctions(LocalProblems):
             one = torch.ones_like(last)
             return {"tension": last, "slope": 0 * one, "ratio": one, "by_q": none, "turned": none}
         rope = self._rope(self.stretch_constants(fields), kind)
-        slide = fields["beyond.change"][None], fields["beyond.rate"][None], self._common(fields).dt
+        slide = None
+        if self.OVER_STEP:
+            sums = (fields[f"beyond.{name}"][None] for name in ("change", "rate"))
+            slide = *sums, self._common(fields).dt
         ends = fields["last.direction"], fields["own.direction"]
         grip = rope.grip(ends[0][None], ends[1][None], slide)
         ratio, turn = torch.exp(grip.log[0]), grip.turn[0]
         T = ratio * last
         return {
             "tension": T,
-            "slope": T * grip.slide[0],
+            "slope": 0 * T if grip.slide is None else T * grip.slide[0],
             "ratio": ratio,
             "by_q": along_stretch(-turn, ends[1], fields["own.length"][None]),
             "turned": along_stretch(turn, ends[0], fields["last.length"][None]),
@@ -102,6 +107,7 @@ class TendonFunctions(LocalProblems):
         kinematics, inertia, _ = problem.node_balance(problem.apply_supports(x))
         nodes, _ = problem.node_tangent(kinematics, inertia)
         half, motion = problem.half_turns(nodes), problem.tendon_motion(kinematics)
+        motion = motion._replace(drive=motion.drive._replace(share=None))  # its tension has it
         half = None if half is None else half()
         tendons, T = problem.model.tendons, fields["tension"]
         w, n = self.model.space.unknowns, len(kind.sides)
@@ -195,11 +201,6 @@ class TendonFunctions(LocalProblems):
         """Work of a stretch over the step; start: tension at its start, see `Tendons.finished`."""
         return {"work": -mean_tension(tension, start) * change}
 
-    @property
-    def tendon_starts(self) -> bool:
-        """Whether `tendon_work` asks for tensions at the start of a step."""
-        return self.INSTANT == 1
-
     def of_stretch(self, fields: Fields, kind: StretchKind) -> tuple[Any, Any]:
         """The problem of one stretch, a tendon of two eyelets, and the nodes at its ends, which
         have no loads.
@@ -209,7 +210,7 @@ class TendonFunctions(LocalProblems):
         constants, tendons = self.stretch_constants(fields), self.model.tendons
         numbers = iter(range(n))
         nodes = tuple(None if end is None else next(numbers) for end in kind.ends)
-        rope = Rope(constants.given, None, constants.friction if kind.rubs else None)
+        rope = Rope(constants.drawn, None, constants.friction if kind.rubs else None)
         tendons = replace(
             tendons,
             space=ends.rows.space,
@@ -226,7 +227,7 @@ class TendonFunctions(LocalProblems):
 
     def _rope(self, constants: Any, kind: StretchKind) -> Rope:
         return Rope(
-            constants.given,
+            constants.drawn,
             constants.stiffness if kind.elastic else None,
             constants.friction if kind.rubs else None,
             constants.slip_speed if kind.rubs else None,

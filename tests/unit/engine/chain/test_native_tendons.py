@@ -149,3 +149,16 @@ def test_a_field_has_room_for_all_that_is_written_to_it():
     assert record.size == 108
     with pytest.raises(ValueError, match="109 numbers of"):
         record.add("j.row", 109)
+
+
+def test_equilibria_are_the_eager_ones():
+    """Load steps raise the tension from 0 and the length from as drawn; friction at rest."""
+    p = {name: torch.tensor(x) for name, x in NUMBERS.items()}
+    own = tb.Beam.straight(1.0, 3, section(p["EI"]))
+    laws = dict(friction=p["friction"], slip_speed=p["slip_speed"])
+    pulls = dict(stiffness=p["stiffness"], length=lambda t: 0.95 + t), dict(tension=p["pull"])
+    tendons = [tb.Tendon.along(own, p["arm"], **pull, **laws) for pull in pulls]
+    scene = tb.Scene(own, [tb.Gravity((0, 0, -1.0)), *tendons], plane="xz")
+    eager, native = (tb.equilibrium(scene, t=0.02, engine=e) for e in ("eager", "compiled"))
+    for name in ("position", "stress", "reaction", "tendons"):
+        assert_close(getattr(native, name), getattr(eager, name), rtol=0, atol=1e-12)
