@@ -56,6 +56,7 @@ def refusal(model: Model) -> str | None:
     """Why the equilibria of a model are not found by native code; None where they are."""
     scene = model.scene
     reasons = {
+        "contact of beams and bodies with each other": bool(scene.pairs),
         f"the device {scene.device}": scene.device.type != "cpu",
         MISSING: find_spec("llvmlite") is None,
     }
