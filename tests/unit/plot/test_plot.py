@@ -291,7 +291,8 @@ def test_tendons_are_drawn_where_their_eyelets_are(tmp_path):
         assert len(drawn) == len(state.position.reshape(-1, *state.position.shape[-2:]))
         assert line.get_linestyle() == "--" and line.get_marker() == "o"
         places = line.get_data_3d() if plane is None else line.get_data()
-        eyelets = scene.tendons[0].at(state.position, state.rotation).reshape(-1, len(places[0]), 3)[0]
+        eyelets = scene.tendons[0].at(state.position, state.rotation)
+        eyelets = eyelets.reshape(-1, len(places[0]), 3)[0]
         assert_close(torch.tensor([*map(list, places)]).mT, eyelets[:, seen], check_dtype=False)
         tb.plot.save(ax, tmp_path / "tendons.png")
     with pytest.raises(ValueError, match="plane = None"):
