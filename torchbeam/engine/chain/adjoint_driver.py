@@ -183,6 +183,9 @@ class AdjointDriver(ChainCode):
     def _joint_solutions(self) -> None:
         """Their forces, between the states of a step."""
 
+    def _joint_energies(self) -> None:
+        """To what the energy rises by: less the work of what acts in them."""
+
     def _joint_ends(self) -> None:
         """What the cotangents of their states at the end ask of the start, of nodes, of forces."""
 
@@ -288,6 +291,7 @@ class AdjointDriver(ChainCode):
                         ),
                     )
             self._add_energies()
+        self._joint_energies()
 
         def of_sample(f: str) -> str:
             name = f.removeprefix("> ")

@@ -67,6 +67,9 @@ class ElementKind(NamedTuple):
     loads: tuple[int, ...] = ()
 
 
+NO_ELEMENT = ElementKind((EndKind(), EndKind()))
+
+
 class JointKind(NamedTuple):
     """What code of a joint depends on: what holds its two ends, None = it is the ground; its rows
     of `Joints.held`, `angles`, `travels` and, where there are any, `prescribed`; the shift of its
@@ -124,7 +127,9 @@ class Kinds(NamedTuple):
         return cls(tuple(nodes), elements, _of_joints(model, held), tuple(sorted(manners)))
 
     def distinct(self) -> Kinds:
-        return Kinds(*(None if own is None else tuple(dict.fromkeys(own)) for own in self))
+        """Each once; where there are bodies alone, a kind of elements that none is of."""
+        kinds = Kinds(*(None if own is None else tuple(dict.fromkeys(own)) for own in self))
+        return kinds if kinds.elements else kinds._replace(elements=(NO_ELEMENT,))
 
 
 def _of_elements(

@@ -39,7 +39,7 @@ from .layout import (
 )
 from .local_functions import LocalFunctions
 from .native import NativeProgram
-from .node_kinds import SIDES, ElementKind, Kinds
+from .node_kinds import SIDES, ElementKind, JointKind, Kinds
 from .structure_driver import StructureDriver
 from .tracing import Tracing
 
@@ -81,6 +81,11 @@ class ChainProgram(NativeProgram):
         return traced(
             partial(local.element, kind), traced.element | {name: () for name in self.varying}
         )
+
+    def _of_joint(self, traced: Tracing, local: LocalFunctions, kind: JointKind) -> Function:
+        """`joint` of a kind."""
+        given = {name: () for name in self.varying}
+        return traced(partial(local.joint, self.held, kind), traced.joint | given)
 
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         w, functions = self.w, self._of_nodes(traced, local)
@@ -154,7 +159,8 @@ class ChainProgram(NativeProgram):
 
     def _joints(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         """Functions of joints."""
-        functions = structures.of_joints(local, traced, self.kinds.joints, self.held)
+        of_joint = partial(self._of_joint, traced, local)
+        functions = structures.of_joints(local, traced, self.kinds.joints, self.held, of_joint)
         changing = [f"{side}.{name}" for side in SIDES[1] for name in self.unknown]
         for k in range(len(self.kinds.joints)):
             joint = functions[f"joint {k}"]
