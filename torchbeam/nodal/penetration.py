@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor
 
+from ..core.status import named
 from ..core.validation import concrete
 from ..state.state import State
 from .conditions import conditions
@@ -14,7 +16,7 @@ from .model import Model
 
 def refuse_penetration(model: Model, state: State, t: Tensor) -> None:
     """Raises ValueError where a state (public) at time t starts deeper in an obstacle than its
-    contact is thick, and is not to be pushed out: by how much, where, and which sample.
+    contact is thick, and is not to be pushed out: by how much at most, where, and which samples.
     """
     loads = tuple(load for load in model.scene.loads if load.between_nodes and not load.push_out)
     if not loads:
@@ -26,14 +28,16 @@ def refuse_penetration(model: Model, state: State, t: Tensor) -> None:
         depth = -concrete(acting.load.gap(point.position).detach())[..., 0]
         deep = depth > concrete(acting.load.thickness.detach())[..., None]
         deep = deep & (concrete(state.status) == 0)[..., None]
-        if deep.any():
-            flat = deep.flatten(0, -2) if deep.ndim > 1 else deep[None]
-            sample = int(flat.any(-1).nonzero()[0])
-            where = depth.expand(deep.shape).reshape(flat.shape)[sample]
-            k = int(where.argmax())
-            which = f" of sample {sample}" if deep.ndim > 1 else ""
-            raise ValueError(
-                f"a start{which} was given in which element {k // acting.load.points} stands "
-                f"{where[k].item():.3g} m deep in the {acting.load.obstacle.called} of a "
-                f"{acting.load.called}; one outside of it is wanted, or push_out=True"
-            )
+        if not deep.any():
+            continue
+        within = torch.where(deep, depth, torch.zeros_like(depth))
+        *sample, point = (within == within.max()).nonzero()[0].tolist()
+        who, where = "", f"element {point // acting.load.points}"
+        if sample:
+            who = f" of {named(deep.any(-1))}"
+            where += f" of sample {sample[0] if len(sample) == 1 else tuple(sample)}"
+        raise ValueError(
+            f"a start{who} was given that stands up to {within.max().item():.3g} m deep, in "
+            f"{where}, in the {acting.load.obstacle.called} of a {acting.load.called}; one outside "
+            "of it is wanted, or push_out=True"
+        )
