@@ -14,5 +14,17 @@ exactly, at its usual parameters.
 from .holding import PD, Controller, Static, Zero, search
 from .linear import LQG, LQR, JointLQR
 from .optimum import Optimum
+from .resolved_rate import ResolvedRate
 
-__all__ = ["LQG", "LQR", "PD", "Controller", "JointLQR", "Optimum", "Static", "Zero", "search"]
+__all__ = [
+    "LQG",
+    "LQR",
+    "PD",
+    "Controller",
+    "JointLQR",
+    "Optimum",
+    "ResolvedRate",
+    "Static",
+    "Zero",
+    "search",
+]

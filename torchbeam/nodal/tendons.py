@@ -67,9 +67,13 @@ class Tendons(NoTendons):
             [rope.forces(step) for rope, step in zip(self.ropes, self.steps(motion), strict=True)],
             -2,
         )
-        moment = torch.linalg.cross(*torch.broadcast_tensors(motion.acting.lever, force))
-        wrench = torch.cat((force, moment), -1) @ self.moves.mT
+        wrench = self.wrench(motion.acting.lever, force)
         return self.framework.from_ties(-wrench[..., self._own, :], nodes)
+
+    def wrench(self, lever: Tensor, force: Tensor) -> Tensor:
+        """(..., n, w) on nodes, of forces (..., n, 3) at eyelets."""
+        moment = torch.linalg.cross(*torch.broadcast_tensors(lever, force))
+        return torch.cat((force.expand_as(moment), moment), -1) @ self.moves.mT
 
     def matrix(
         self,
@@ -78,10 +82,13 @@ class Tendons(NoTendons):
         half: Callable[[], Tensor] | None = None,
         rate: float = 1.0,
     ) -> Any:
-        motion = motion()
+        return matrix.with_ties(self.blocks(motion(), None if half is None else half(), rate))
+
+    def blocks(self, motion: TendonMotion, half: Tensor | None, rate: float) -> Tensor:
+        """(..., n, w, w) of all pairs of the nodes of each tendon."""
         spin = None
         if half is not None:
-            spin = end_moves(half()[..., self._at, :, :], self.space.dims.position)
+            spin = end_moves(half[..., self._at, :, :], self.space.dims.position)
         blocks = []
         for rope, step, part in zip(self.ropes, self.steps(motion), self._parts, strict=True):
             acting, after = rope.tangent(step)
@@ -94,8 +101,7 @@ class Tendons(NoTendons):
             own = own if spin is None else own @ spin[..., None, at, :, :]
             blocks.append(own.flatten(-4, -3))
         shape = broadcast_shapes(*(x.shape[:-3] for x in blocks))
-        tied = torch.cat([x.expand(*shape, *x.shape[-3:]) for x in blocks], -3)
-        return matrix.with_ties(tied)
+        return torch.cat([x.expand(*shape, *x.shape[-3:]) for x in blocks], -3)
 
     def values(self, tendons: tuple[Any, ...], t: Tensor, inputs: Inputs) -> Tensor:
         given = [
@@ -118,8 +124,8 @@ class Tendons(NoTendons):
             rows.append(torch.stack((T[..., 0], T[..., -1], lengths[..., 1, :].sum(-1)), -1))
             if work is not None:
                 change = lengths[..., 1, :] - self._lengths(motion, k)
-                mean = T if before is None else (T + before[..., k, :1]) / 2
-                done = done - (mean * change).sum(-1)
+                last = None if before is None else before[..., k, :1]
+                done = done - (mean_tension(T, last) * change).sum(-1)
         found = {"tendons": torch.stack(torch.broadcast_tensors(*rows), -2)}
         return found if work is None else found | {"work": work + done}
 
@@ -190,6 +196,11 @@ class Tendons(NoTendons):
     def _own(self) -> list[int]:
         """The eyelets on nodes, in the order of `Framework.tie_nodes`."""
         return [k for k, node in enumerate(self.nodes) if node is not None]
+
+
+def mean_tension(tension: Tensor, before: Tensor | None) -> Tensor:
+    """By which a tendon does its work over a step; before: at its start, None = it is a mean."""
+    return tension if before is None else (tension + before) / 2
 
 
 def tendons_of(scene: Any, space: Spatial, topology: Any) -> NoTendons:

@@ -114,7 +114,7 @@ class AdjointProgram(NativeProgram):
                 if "kinetic" in finish.outputs:
                     functions[f"ended element {k}"] = finish
                 functions[f"finish element bar {k}"] = _derivative(finish, [*ends, *ended])
-            if local.between:
+            if kind.loads:
                 far = traced(partial(local.far, kind), traced.element)
                 functions[f"far {k}"] = far.only(["far"])
                 loads.append(load := traced(partial(local.element_load, kind), traced.element))
@@ -136,7 +136,7 @@ class AdjointProgram(NativeProgram):
         nodes, made = [one.only([OWN]) for one in own.made()], between.made()
         functions |= {
             f"load blocks {k}": one.only([between.name])
-            for k, one in enumerate(made[len(elements) :])
+            for k, one in zip(self.touching, made[len(elements) :], strict=True)
         }
         elements = [one.only([between.name, "E", "hB"]) for one in made[: len(elements)]]
         nodes, elements = self.with_ends(
@@ -233,8 +233,7 @@ class AdjointProgram(NativeProgram):
             own = [(name, prod(self.shapes[name])) for name in self.element_state]
             for name in ("", "_bar", "_grad", "_start_bar"):
                 layout.record(f"element_state{name}", ELEMENTS, own)
-        ends = {"finish element bar 0", "finish element load bar 0"}
-        if ends & self.functions.keys() or self.kinds.joints:
+        if "finish element bar 0" in self.functions or self.touching or self.kinds.joints:
             layout.record("unknown_bar", NODES, [("u_bar", state[0][1]), ("m_bar", state[1][1])])
         if "project" in self.functions:
             layout.record("ended", NODES, [(name, prod(self.shapes[name])) for name in ENDED])
@@ -249,8 +248,8 @@ class AdjointProgram(NativeProgram):
         layout.record("at_node", TURNS, self.outputs("block 0", OWN))
         layout.record("at_end", TURNS, self.largest("block", len(self.kinds.nodes), END))
         midsides.record(layout, self.functions, "blocks 0")
-        if "load blocks 0" in self.functions:
-            layout.record("at_load", ONE, [("far", 1), *self.outputs("load blocks 0")])
+        for k in self.touching:
+            layout.record("at_load", ONE, [("far", 1), *self.outputs(f"load blocks {k}")])
         layout.record("row", ENDS, [("ahead", w * w), ("y", w)])
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w + k))])
         change = layout.record("change", ONE, [("gap_bar", k)])

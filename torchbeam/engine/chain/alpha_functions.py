@@ -85,7 +85,7 @@ class AlphaFunctions(LocalFunctions):
         if not between or common.before is None:
             return problem, x
         before = self._conditions(problem.model, None, None, common, common.before, None, ())
-        before = self._with_between(problem.model, before, common.before)
+        before = self._with_between(problem.model, before, common.before, kind)
         return replace(problem, before=before), x
 
     def _stepping(

@@ -274,7 +274,8 @@ class Call:
         if "limit" in place:
             numbers[place["limit"]] = limit
         run = self.chain.program.run(self.lanes)
-        threads = min(torch.get_num_threads(), self.groups, self.B * self.chain.N * self.K // WORK)
+        work = self.B * max(self.chain.N, 1) * self.K
+        threads = min(torch.get_num_threads(), self.groups, work // WORK)
         if threads < 2:
             self._part(run, numbers, held)
         else:

@@ -49,6 +49,10 @@ class ConservingFunctions(LocalFunctions):
         work = super().finish_element_load(kind, **fields)["work"]
         return {"work": work, "rise": -work}
 
+    def finish_joint(self, kind: Any, **fields: Tensor) -> Fields:
+        after = super().finish_joint(kind, **fields)
+        return after | {"rise": -after["work"]}
+
     def project(self, defect: Tensor, kinetic: Tensor, rise: Tensor) -> Fields:
         """See `energy_projection`; of all nodes and elements together."""
         scale, defect = projected(defect + rise, kinetic)

@@ -520,9 +520,7 @@ class LocalFunctions(JointFunctions):
         size = scaled(
             left_force, left_moment, left_strain, *mixed(force, moment, total, longest), strain
         )
-        if joints:
-            apart = joints["gap_position"] / joints["joint_size"]
-            size = measured(size, torch.maximum(apart, joints["gap_rotation"]))
+        size = self.with_gaps(size, joints)
         if foresee is None and not self.model.smooth:
             foresee = size < 0  # never
         finite = torch.isfinite(size)
@@ -540,6 +538,13 @@ class LocalFunctions(JointFunctions):
             "status": torch.where(iterations == 0, first, status),
             "iterations": iterations + going.to(iterations),
         }
+
+    def with_gaps(self, size: Tensor, joints: Fields) -> Tensor:
+        """A scaled residual with the gaps of joints, if there are any, see `judge`."""
+        if not joints:
+            return size
+        apart = joints["gap_position"] / joints["joint_size"]
+        return measured(size, torch.maximum(apart, joints["gap_rotation"]))
 
     def outcome(
         self,

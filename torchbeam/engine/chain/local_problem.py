@@ -185,13 +185,13 @@ class LocalProblems:
         given |= {name: fields[name] for name in ("stress", *self.element_state, *self.SAMPLE)}
         supports = tuple(
             self._support(fields, f"{side}.", k, one.support)
-            for k, (side, one) in enumerate(zip(self.sides, kind, strict=True))
+            for k, (side, one) in enumerate(zip(self.sides, kind.ends, strict=True))
             if one.support is not None
         )
         element, common = self.element_constants(fields), self._common(fields)
-        rows = self._rows(own, element.rows, common, supports, _hinges(*kind))
+        rows = self._rows(own, element.rows, common, supports, _hinges(*kind.ends))
         now = self._conditions(rows, None, None, common, common.now, element.eigenstrain, supports)
-        now = self._with_between(rows, now, common.now) if between else now
+        now = self._with_between(rows, now, common.now, kind) if between else now
         return self._problem(rows, element, common, given, now)
 
     def of_joint(self, fields: Fields, kind: JointKind) -> tuple[BalanceProblem, Any]:
@@ -252,14 +252,11 @@ class LocalProblems:
             **numbers,
         )
 
-    @property
-    def between(self) -> bool:
-        """Whether loads act between nodes."""
-        return any(load is not None and load.between_nodes for load in self.common.now.loads)
-
-    def _with_between(self, rows: Rows, now: Conditions, alike: CommonConditions) -> Conditions:
-        """Conditions with the loads that act between nodes."""
-        loads = tuple(x for x in alike.loads if x is not None and x.between_nodes)
+    def _with_between(
+        self, rows: Rows, now: Conditions, alike: CommonConditions, kind: ElementKind
+    ) -> Conditions:
+        """Conditions with the loads that act between the nodes of an element."""
+        loads = tuple(alike.loads[k] for k in kind.loads)
         return replace(now, between=acting(rows, loads, (0,) * len(loads)))
 
     def element_constants(self, fields: Fields) -> ElementConstants:

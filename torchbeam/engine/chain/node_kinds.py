@@ -4,6 +4,7 @@ called.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 from torch import Tensor
@@ -57,7 +58,16 @@ class NodeKind(NamedTuple):
         return EndKind(self.hinge, self.support)
 
 
-ElementKind = tuple[EndKind, ...]  # of its nodes, in order
+class ElementKind(NamedTuple):
+    """What holds the nodes of an element, in order; numbers of the loads in `CommonConditions` that
+    act between them.
+    """
+
+    ends: tuple[EndKind, ...]
+    loads: tuple[int, ...] = ()
+
+
+NO_ELEMENT = ElementKind((EndKind(), EndKind()))
 
 
 class JointKind(NamedTuple):
@@ -100,23 +110,32 @@ class Kinds(NamedTuple):
     runs: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, nodes: list[NodeKind], model: Model) -> Kinds:
-        """From those of all nodes of a model."""
+    def of(
+        cls, nodes: list[NodeKind], model: Model, loads: Callable[[int], tuple[int, ...]]
+    ) -> Kinds:
+        """From those of all nodes of a model, and the numbers of the loads between those of each
+        element.
+        """
         held, topology = [node.end for node in nodes], model.topology
         if not isinstance(topology, Framework):
             order = topology.order
-            return cls(
-                tuple(nodes),
-                tuple(tuple(held[i : i + order + 1]) for i in range(0, len(held) - 1, order)),
-            )
-        elements = tuple(
-            tuple(held[node] for node in own) for own in zip(*topology.elements, strict=True)
-        )
+            ends = (tuple(held[i : i + order + 1]) for i in range(0, len(held) - 1, order))
+            return cls(tuple(nodes), _of_elements(ends, loads))
+        ends = (tuple(held[node] for node in own) for own in zip(*topology.elements, strict=True))
+        elements = _of_elements(ends, loads)
         manners = {run.manner for runs in topology.cut.runs for run in runs}
         return cls(tuple(nodes), elements, _of_joints(model, held), tuple(sorted(manners)))
 
     def distinct(self) -> Kinds:
-        return Kinds(*(None if own is None else tuple(dict.fromkeys(own)) for own in self))
+        """Each once; where there are bodies alone, a kind of elements that none is of."""
+        kinds = Kinds(*(None if own is None else tuple(dict.fromkeys(own)) for own in self))
+        return kinds if kinds.elements else kinds._replace(elements=(NO_ELEMENT,))
+
+
+def _of_elements(
+    ends: Iterable[tuple[EndKind, ...]], loads: Callable[[int], tuple[int, ...]]
+) -> tuple[ElementKind, ...]:
+    return tuple(ElementKind(own, loads(e)) for e, own in enumerate(ends))
 
 
 def _of_joints(model: Model, held: list[EndKind]) -> tuple[JointKind, ...]:
@@ -173,4 +192,13 @@ def kinds_of(model: Model, loads: tuple[ActingLoad, ...], rest: bool = False) ->
             else NodeKind(acting, hinges.get(j), supports.get(j))
         )
 
-    return Kinds.of([kind(j) for j in range(nodes)], model)
+    def between(e: int) -> tuple[int, ...]:
+        first = e * model.topology.order
+        return tuple(
+            k
+            for k, act in enumerate(loads)
+            if act.load.between_nodes
+            and (act.node is None or act.node.start <= first < act.node.stop)
+        )
+
+    return Kinds.of([kind(j) for j in range(nodes)], model, between)

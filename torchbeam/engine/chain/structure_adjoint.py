@@ -63,18 +63,11 @@ class StructureAdjoint(StructurePasses, AdjointDriver):
                     self.layout.records["move"].size,
                 )
 
-    def _each_record(self, *names: str) -> None:
-        """Zeros in records of joints."""
-        if self.kinds.joints:
-            with self.code.loop(0, self.args["joint_count"]) as k:
-                for name in names:
-                    self._fill(self.at(name, k), self.layout.records[name].size)
-
     def _clear_joints(self) -> None:
-        self._each_record(STATE, "joint_bar")
+        self._clear_records(STATE, "joint_bar")
 
     def _add_joints(self) -> None:
-        self._each_record("joint_start_bar", "joint_asked")
+        self._clear_records("joint_start_bar", "joint_asked")
 
         def add(k: str, kind: int) -> None:
             self._add(
@@ -98,6 +91,16 @@ class StructureAdjoint(StructurePasses, AdjointDriver):
 
         self._each_joint(solution)
 
+    def _joint_energies(self) -> None:
+        def add(k: str, kind: int) -> None:
+            self._call(
+                f"ended joint {kind}",
+                lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else self._of_joint(f, k),
+            )
+            self._add(self.at("energy", 0, "rise"), self.at("change", 0, "rise"), 1)
+
+        self._each_joint(add)
+
     def _joint_ends(self) -> None:
         names = {bar("force"): "joint_force", bar("joints"): "joints"}
 
@@ -112,6 +115,8 @@ class StructureAdjoint(StructurePasses, AdjointDriver):
                     if f in names
                     else self.at("sample", 0, f)
                     if f == bar("work")
+                    else self.at("energy", 0, f)
+                    if f == bar("rise")
                     else self._of_joint(f, k)
                 ),
             )

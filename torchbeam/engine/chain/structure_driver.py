@@ -32,6 +32,7 @@ class StructurePasses(StructureCode):
                     self._call(f"element {k}", lambda f: self._of_element(f, e))
             for name in ("force", "moment", "strain", "left_strain"):
                 self._largest(name, "at_element")
+            self._element_load(e)
             if self.order == 2:
                 self._condense(e)
         self._each_joint(self._joint)
@@ -252,6 +253,13 @@ class StructurePasses(StructureCode):
 
     # Joints
 
+    def _clear_records(self, *names: str) -> None:
+        """Zeros in records of joints."""
+        if self.kinds.joints:
+            with self.code.loop(0, self.args["joint_count"]) as k:
+                for name in names:
+                    self._fill(self.at(name, k), self.layout.records[name].size)
+
     def _start_joints(self) -> None:
         if self.kinds.joints:
             w = self.layout.records["move"].size
@@ -314,6 +322,13 @@ class StructurePasses(StructureCode):
             self._call("joint update", lambda f: places[f])
             self._blend(places["force"], places["> force"], over, w)
 
+    def _keep_joints(self, good: str) -> None:
+        if self.kinds.joints:
+            w = self.layout.records["move"].size
+            with self.code.loop(0, self.args["joint_count"]) as k:
+                last = self.at("joint_state", k, "last_force")
+                self._take(last, self.at("joint_unknown", k), good, w)
+
     def _finish_joints(self, good: str) -> None:
         if not self.kinds.joints:
             return
@@ -337,6 +352,8 @@ class StructurePasses(StructureCode):
                     fields[name][1],
                 )
             self._sum(self.at("sample", 0, "work"), self.at("joint_change", 0, "work"), good, 1)
+            if "energy" in self.layout.records:
+                self._add(self.at("energy", 0, "rise"), self.at("joint_change", 0, "rise"), 1)
 
 
 class StructureDriver(StructurePasses, Driver):

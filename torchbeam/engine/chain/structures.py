@@ -73,6 +73,8 @@ def adjoint_of_joints(
         functions[f"joint blocks {k}"] = traced(blocks, fields)
         finish = traced(partial(local.finish_joint, kind), fields)
         functions[f"finish joint bar {k}"] = derivative(finish, [*by, *moves, "force"])
+        if "rise" in finish.outputs:
+            functions[f"ended joint {k}"] = finish.only(["rise"])
         joint = traced(partial(local.joint, False, kind), fields)
         pushes = [f"{side}.push" for side in kind.sides]
         functions[f"joint bar {k}"] = derivative(joint.only([*pushes, "right"]), by)
@@ -80,15 +82,19 @@ def adjoint_of_joints(
 
 
 def of_joints(
-    local: LocalFunctions, traced: Tracing, kinds: tuple[JointKind, ...], held: bool
+    local: LocalFunctions,
+    traced: Tracing,
+    kinds: tuple[JointKind, ...],
+    held: bool,
+    joint: Callable[[JointKind], Function],
 ) -> dict[str, Function]:
-    """Functions of joints, by kind."""
+    """Functions of joints, by kind; joint: `joint` of a kind."""
     if not kinds:
         return {}
     w = local.model.space.unknowns
     functions = {"joint update": traced(local.joint_update, {"force": (w,), "move": (w,)})}
     for k, kind in enumerate(kinds):
-        functions[f"joint {k}"] = traced(partial(local.joint, held, kind), traced.joint)
+        functions[f"joint {k}"] = joint(kind)
         if held:
             for side in kind.sides:
                 rows = {
