@@ -52,12 +52,31 @@ def _tables(
         couplings += [(place, len(nodes) + k) for place in there]
         couplings += [(there[0], there[1])] if len(there) == 2 else []
     fixed = frozenset(k for k, node in enumerate(nodes) if node in supported)
-    pattern = BlockPattern(w, ordered(len(nodes), how.joints, held, fixed, couplings), couplings)
+    groups = ordered(len(nodes), how.joints, held, fixed, couplings)
+    # a weld's constraints give the moves of the node that hangs by it, its balance the weld's force
+    welds = [
+        group
+        for group in groups
+        if group[0] < len(nodes) and [held[x - len(nodes)] for x in group[1:]] == [w]
+    ]
+    equation = {unit: unit for group in groups for unit in group}
+    equation |= {
+        unit: other for weld in welds for unit, other in zip(weld, weld[::-1], strict=True)
+    }
+    groups = [
+        part for group in groups for part in ([(x,) for x in group] if group in welds else [group])
+    ]
+    blocks = [(equation[a], b) for pair in couplings for a, b in (pair, pair[::-1])]
+    blocks += [(equation[node], node) for node in range(len(nodes))]
+    pattern = BlockPattern(w, groups, blocks)
 
     def own(place: int | None) -> tuple[int, ...]:
         if place is None:
             return (*NONE, *NONE)
-        return (*pattern.place(place, place), *pattern.right(place))
+        return (*between(place, place), *pattern.right(equation[place]))
+
+    def between(row: int, column: int) -> tuple[int, int]:
+        return pattern.place(equation[row], column)
 
     def joint(k: int) -> list[int]:
         pair, row = how.joints[k], len(nodes) + k
@@ -66,8 +85,9 @@ def _tables(
         for name in BLOCKS:
             rows, columns = (row if side == "" else place[side] for side in BLOCKS[name])
             there = rows is not None and columns is not None
-            table += pattern.place(rows, columns) if there else NONE
-        return [*table, *pattern.right(row), pattern.solution(row)]
+            there = there and (name != "idle" or equation[row] == row)  # a weld has none
+            table += between(rows, columns) if there else NONE
+        return [*table, *pattern.right(equation[row]), pattern.solution(row)]
 
     left, right = ([-1] * framework.node_count for _ in range(2))
     for e, (first, *_, last) in enumerate(zip(*framework.elements, strict=True)):
@@ -79,9 +99,7 @@ def _tables(
         "interface": [
             x for k, node in enumerate(nodes) for x in (node, *own(k), pattern.solution(k))
         ],
-        "direct": [
-            x for _, i, j in how.direct for x in (i, j, *pattern.place(i, j), *pattern.place(j, i))
-        ],
+        "direct": [x for _, i, j in how.direct for x in (i, j, *between(i, j), *between(j, i))],
         "forward": [
             x
             for run in forward
@@ -107,8 +125,8 @@ def _tables(
                 run.after,
                 *own(run.before),
                 *own(run.after),
-                *pattern.place(run.before, run.after),
-                *pattern.place(run.after, run.before),
+                *between(run.before, run.after),
+                *between(run.after, run.before),
             )
         ],
         "joint_table": [x for k in range(J) for x in joint(k)],

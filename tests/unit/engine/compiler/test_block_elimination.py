@@ -16,6 +16,10 @@ COUPLINGS = [(0, 1), (1, 2), (2, 3), (3, 4), (4, 0), (1, 3), (2, 5)]
 GROUPS = [(5,), (0, 4), (3,), (1, 2)]
 
 
+def both(couplings):
+    return [pair for i, j in couplings for pair in ((i, j), (j, i))]
+
+
 def library(lanes, dtype, w):
     module = Module(lanes, dtype)
     module.added += BlockElimination(Lanes(lanes, dtype), w).functions()
@@ -31,8 +35,7 @@ def solved(pattern, A, b, dtype, couplings=COUPLINGS):
     lanes, units, w = b.shape
     own = library(lanes, dtype, w)
     memory = torch.zeros(pattern.size, lanes, dtype=dtype)
-    pairs = {pair for i, j in couplings for pair in ((i, j), (j, i))}
-    for i, j in [*pairs, *((k, k) for k in range(units))]:
+    for i, j in [*both(couplings), *((k, k) for k in range(units))]:
         place = pattern.place(i, j)
         for k in range(w):
             row = place.first + k * place.stride
@@ -56,7 +59,7 @@ def test_as_torch_solves_it(lanes, dtype, w):
     there is no solution. Tolerance: 1e3 roundings, of systems of 18 unknowns that are well
     conditioned.
     """
-    pattern, units = BlockPattern(w, GROUPS, COUPLINGS), 6
+    pattern, units = BlockPattern(w, GROUPS, both(COUPLINGS)), 6
     generator = torch.Generator().manual_seed(2)
     A = torch.zeros(lanes, units, units, w, w, dtype=dtype)
     for i, j in COUPLINGS:
@@ -76,7 +79,7 @@ def test_a_singular_lane_leaves_others_alone():
     """A lane of zeros has no finite solution; its neighbour's is that of the same lane
     twice, by the same instructions.
     """
-    pattern, units, w = BlockPattern(2, [(0, 1)], [(0, 1)]), 2, 2
+    pattern, units, w = BlockPattern(2, [(0, 1)], both([(0, 1)])), 2, 2
     generator = torch.Generator().manual_seed(3)
     A = torch.randn(1, units, units, w, w, generator=generator, dtype=torch.float64)
     b = torch.randn(1, units, w, generator=generator, dtype=torch.float64)
