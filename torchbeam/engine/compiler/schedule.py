@@ -67,6 +67,6 @@ def _bits(rows: list[int], count: int) -> np.ndarray:
     size = 8 * (count // 64 + 1)
     return (
         np.frombuffer(b"".join(row.to_bytes(size, "little") for row in rows), np.uint64)
-        .reshape(len(rows), -1)
+        .reshape(len(rows), size // 8)
         .copy()
     )
