@@ -57,6 +57,7 @@ def refusal(model: Model) -> str | None:
     scene = model.scene
     reasons = {
         "a Tendon": bool(scene.tendons),
+        "contact of beams and bodies with each other": bool(scene.pairs),
         f"the device {scene.device}": scene.device.type != "cpu",
         MISSING: find_spec("llvmlite") is None,
     }
