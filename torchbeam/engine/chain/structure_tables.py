@@ -53,19 +53,7 @@ def _tables(
         couplings += [(there[0], there[1])] if len(there) == 2 else []
     fixed = frozenset(k for k, node in enumerate(nodes) if node in supported)
     groups = ordered(len(nodes), how.joints, held, fixed, couplings)
-    # a weld's constraints give the moves of the node that hangs by it, its balance the weld's force
-    welds = [
-        group
-        for group in groups
-        if group[0] < len(nodes) and [held[x - len(nodes)] for x in group[1:]] == [w]
-    ]
-    equation = {unit: unit for group in groups for unit in group}
-    equation |= {
-        unit: other for weld in welds for unit, other in zip(weld, weld[::-1], strict=True)
-    }
-    groups = [
-        part for group in groups for part in ([(x,) for x in group] if group in welds else [group])
-    ]
+    groups, equation = _equations(groups, len(nodes), held, w)
     blocks = [(equation[a], b) for pair in couplings for a, b in (pair, pair[::-1])]
     blocks += [(equation[node], node) for node in range(len(nodes))]
     pattern = BlockPattern(w, groups, blocks)
@@ -145,6 +133,24 @@ def _tables(
     }
     rows = {JOINTS: J, INTERFACE: len(nodes), ENTRIES: pattern.size}
     return StructureTables(rows, lists, numbers)
+
+
+def _equations(
+    groups: tuple[tuple[int, ...], ...], nodes: int, held: tuple[int, ...], w: int
+) -> tuple[list[tuple[int, ...]], dict[int, int]]:
+    """Groups of unknowns, and whose equation stands in the row of each unit. A weld's constraints
+    give the moves of the node that hangs by it, the node's balance the weld's force: two groups in
+    the place of one.
+    """
+    parts, equation = [], {unit: unit for group in groups for unit in group}
+    for group in groups:
+        if group[0] < nodes and [held[unit - nodes] for unit in group[1:]] == [w]:
+            node, weld = group
+            equation |= {node: weld, weld: node}
+            parts += [(node,), (weld,)]
+        else:
+            parts.append(group)
+    return parts, equation
 
 
 def ordered(
