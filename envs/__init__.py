@@ -24,6 +24,8 @@ from .config import BeamEnvConfig
 from .core import BeamVectorEnv
 from .episodes import Episodes
 from .flutter_hold import FlutterHoldEnv, FlutterHoldVectorEnv
+from .follow_target import FollowTargetEnv, FollowTargetVectorEnv
+from .inverse_kinematics import InverseKinematicsEnv, InverseKinematicsVectorEnv
 from .parameters import Parameter
 from .payload import PayloadEnv, PayloadVectorEnv
 from .plant import aluminium_strip, silicone_rod
@@ -42,7 +44,8 @@ if TYPE_CHECKING:
 # fmt: off
 __all__ = [
     "Actuator", "BeamEnvConfig", "BeamVectorEnv", "Episodes", "FlutterHoldEnv",
-    "FlutterHoldVectorEnv", "Observed", "Parameter",
+    "FlutterHoldVectorEnv", "FollowTargetEnv", "FollowTargetVectorEnv", "InverseKinematicsEnv",
+    "InverseKinematicsVectorEnv", "Observed", "Parameter",
     "PayloadEnv", "PayloadVectorEnv", "Sb3VecEnv", "SingleEnv", "SlewEnv", "SlewVectorEnv", "Task",
     "TipForce", "TipReachEnv",
     "TipReachVectorEnv", "TipTrackEnv", "TipTrackVectorEnv", "TwoLinkEnv", "TwoLinkVectorEnv",
@@ -60,9 +63,12 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
+VERSIONS = {"Payload": 1}  # those of which are not the first
+
+
 def _register(task: str, steps: int, module: str, name: str, **arguments: Any) -> None:
     gymnasium.register(
-        id=f"torchbeam/{task}-v0",
+        id=f"torchbeam/{task}-v{VERSIONS.get(name, 0)}",
         entry_point=f"torchbeam_envs.{module}:{name}Env",
         vector_entry_point=f"torchbeam_envs.{module}:{name}VectorEnv",
         max_episode_steps=steps,
@@ -77,10 +83,12 @@ for _task, _module, _steps in (
     ("Payload", "payload", 100),
     ("Slew", "slew", 100),
     ("TwoLink", "two_link", 100),
+    ("FollowTarget", "follow_target", 500),
 ):
     _register(_task, _steps, _module, _task)
     _register(f"{_task}Planar", _steps, _module, _task, planar=True)
 
+_register("InverseKinematics", 100, "inverse_kinematics", "InverseKinematics")
 _register(
     "TipReachBlockRate",
     50,

@@ -30,9 +30,14 @@ from torchbeam.extend.commands import (
 
 from .plant import Plant
 
-TASKS = ("TipReach", "TipTrack", "FlutterHold", "Slew", "Payload")  # in space and in a plane
+IDS = {  # of the newest version, by name
+    spec.name: spec.id
+    for spec in sorted(gymnasium.registry.values(), key=lambda spec: spec.version or 0)
+    if spec.namespace == "torchbeam" and "form" not in spec.kwargs  # none that is explicit
+}
+TASKS = [name for name in IDS if not name.endswith("Planar")]  # in space, and in a plane if it is
 BATCHES = (1, 64, 256, 1024, 4096)
-FINER = dict(elements=16, substeps=8)  # what the tip is compared with
+FINER = dict(elements=16, substeps=8)  # what the tip is compared with; or twice the elements
 SWINGS, HELD = 4, 10  # episodes compared, and the intervals for which they hold an action
 STEPS = 12  # timed for the share of the simulation, after two more
 
@@ -98,7 +103,8 @@ def overhead(id: str, batch: int, **arguments: Any) -> float:
 
 def error(id: str, **arguments: Any) -> float | None:
     """RMS over an episode of the distance between the tip and that of the same task on 16 elements
-    with 8 steps an interval, over the RMS of its way; under actions held for 10 intervals each.
+    (or twice its own, if more) with 8 steps an interval, over the RMS of its way; under actions
+    held for 10 intervals each.
     None where an episode ends before its time.
     """
 
@@ -117,7 +123,9 @@ def error(id: str, **arguments: Any) -> float | None:
             positions.append(env.state.beam.position[:, -1])
         return None if env.state.terminated.any() else torch.stack(positions)
 
-    coarse, fine = tips(), tips(**FINER)
+    own = gymnasium.make_vec(id, num_envs=1, **arguments).config
+    finer = {name: max(value, 2 * getattr(own, name)) for name, value in FINER.items()}
+    coarse, fine = tips(), tips(**finer)
     if coarse is None or fine is None:
         return None
     return (
@@ -201,7 +209,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             "step. Writes envs.csv, envs.md and envs.json (with machine and versions)."
         ),
     )
-    parser.add_argument("--task", choices=TASKS, default=TASKS[0], help="default: %(default)s")
+    parser.add_argument("--task", choices=TASKS, default="TipReach", help="default: %(default)s")
     parser.add_argument(
         "--batches",
         type=int,
@@ -231,7 +239,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         rows = [
             row
             for plane in ("", "Planar")
-            for row in measure(f"torchbeam/{given.task}{plane}-v0", given.batches, given.seconds)
+            if given.task + plane in IDS
+            for row in measure(IDS[given.task + plane], given.batches, given.seconds)
         ]
         heading = measured_on()
     heading["versions"] |= versions("llvmlite")

@@ -53,7 +53,7 @@ class BeamEnvConfig:
 
     Observation, reward, episode
     sensors            one or more of "tip", "middle", "gauges", "full" (see `envs/sensors.py`), and
-                       `Observed` sensors
+                       `Observed` sensors; None where a task has its own
     noise              standard deviation, in units of the observation, of white noise on each entry
                        of the sensors
     randomize          what is drawn uniformly at each reset, from the sub-env's generator:
@@ -125,7 +125,8 @@ class BeamEnvConfig:
                 f"randomize = {self.randomize!r} was given; True, None or a dictionary of (low, "
                 "high) is wanted"
             )
-        check_names(self.sensors, self.form)
+        if self.sensors is not None:
+            check_names(self.sensors, self.form)
         if self.actuators is not None:
             given = (self.actuators,) if isinstance(self.actuators, Actuator) else self.actuators
             if (

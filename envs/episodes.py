@@ -21,7 +21,7 @@ class Episodes(Tree):
     start        `torchbeam.State` with batch (n,): what displacements are counted from
     beam         likewise, now
     goal         (n, g) what the task drew at reset
-    key          (n,) long, of the episode's noise
+    key          (n,) long, of the random numbers that the episode draws after its start
     acting       (n, a) the action that acts, or acted last
     pending      (n, delay, a) actions that have not acted yet, the next one first
     steps        (n,) long, steps since reset
@@ -30,6 +30,7 @@ class Episodes(Tree):
     target       (n, preview + 1, 3) m: where the tip is to be now and at the ends of the next
                  intervals; None where the task has no target
     measures     name -> (n,), what the task says of where the episodes stand: it goes into `info`
+    memory       (n, m) what the task keeps from interval to interval beside the beam
     """
 
     plant: Plant
@@ -46,6 +47,7 @@ class Episodes(Tree):
     observation: Tensor = leaf(1)
     target: Tensor | None = leaf(2, default=None)
     measures: dict[str, Tensor] = leaf(0, kw_only=True)
+    memory: Tensor = leaf(1, kw_only=True)
 
     @property
     def done(self) -> Tensor:

@@ -44,6 +44,7 @@ class Payload(TipReach):
 
     Config = PayloadConfig
     PLANE = "xz"
+    STARTS_ALIKE = True
 
     def parameters(self) -> dict[str, Parameter]:
         usual = self.config.payload
@@ -65,14 +66,14 @@ class PayloadVectorEnv(BeamVectorEnv):
     gravity) with a point mass on its tip, of 0.05 to 0.15 kg, drawn with the episode and not
     observed. A force on the tip is to bring it to a target and to hold it there. How far the strip
     sags, how slowly it swings (0.5 Hz sideways with 0.1 kg) and which force holds the target depend
-    on the mass, which has to be found out by moving.
+    on the mass, which only the motion tells: it begins in the same shape whatever the mass.
 
     ## Action space, observation space, reward, episode end, information
-    Those of TipReach, but for 100 steps (2 s). Displacements count from the tip as it hangs at
-    rest, so that they do not give the mass away. `info["params"]["payload"]` (kg) does.
+    Those of TipReach, but for 100 steps (2 s). `info["params"]["payload"]` (kg) is the mass.
 
     ## Starting state
-    At rest under gravity with the mass of the episode, without tip force. The target is the static
+    Still, in the shape in which the usual strip hangs with the usual mass: let go there, another
+    mass sinks or rises. Displacements count from there. The target is the static
     tip position of the strip with the usual mass under a force drawn uniformly from the ellipse
     with the half axes reach * force: holding it with another mass takes up to 0.5 N more or less of
     the 2 N there are.
@@ -82,13 +83,14 @@ class PayloadVectorEnv(BeamVectorEnv):
     randomize = {"payload": (0.05, 0.15)}, and
     payload  kg, 0.1: the usual mass
 
-    "torchbeam/PayloadPlanar-v0" is this with planar=True: the vertical plane x-z.
+    "torchbeam/PayloadPlanar-v1" is this with planar=True: the vertical plane x-z.
 
     ## Parameters
     payload (half to one and a half times the usual, kg), and those of TipReach.
 
     ## Version history
-    v0: first version.
+    v1: all start in one shape. v0 started in equilibrium with the mass of the episode: how far the
+    target was from there gave it away, to 2 g of 29 g in the first observation.
     """
 
     task_type = Payload

@@ -34,15 +34,19 @@ class Plant(Tree):
         return self.stepper.scene
 
     def advance(
-        self, beam: State, steps: int, active: Tensor | None, inputs: dict[str, Tensor]
+        self,
+        beam: State,
+        steps: int,
+        active: Tensor | None,
+        inputs: dict[str, Tensor] | list[dict[str, Tensor]],
     ) -> State:
-        """The beam after so many steps with the inputs held, where it is active (n,);
-        None = everywhere.
+        """The beam after so many steps with the inputs held, or with those of each step, where it
+        is active (n,); None = everywhere.
         """
-        if isinstance(self.stepper, Stepper):
+        if isinstance(self.stepper, Stepper) and isinstance(inputs, dict):
             return self.stepper.repeat(beam, steps, inputs, active)
-        for _ in range(steps):
-            beam = self.stepper(beam, active=active, **inputs)
+        for given in [inputs] * steps if isinstance(inputs, dict) else inputs:
+            beam = self.stepper(beam, active=active, **given)
         return beam
 
     def merge(self, few: BatchSubset, part: Plant) -> Plant:

@@ -66,6 +66,7 @@ class Simulation:
         (episodes, reward (n,), failed (n,) bool, None = none has).
         """
         beam, acting, pending, everyone = before.beam, before.acting, before.pending, active is None
+        memory = before.memory
         if everyone or active.any():
             now, waiting = action, pending
             if self.config.delay:
@@ -74,14 +75,18 @@ class Simulation:
             beam = before.plant.advance(
                 beam, self.config.substeps, active, self.task.inputs(now, before)
             )
+            memory = self.task.next_memory(before, now)
             if everyone:
                 acting, pending = now, waiting
             else:
                 acting = torch.where(active[:, None], now, acting)
                 pending = torch.where(active[:, None, None], waiting, pending)
+                memory = torch.where(active[:, None], memory, before.memory)
         steps = before.steps + (1 if everyone else active)
         after = self._told(
-            with_values(before, beam=beam, acting=acting, pending=pending, steps=steps)
+            with_values(
+                before, beam=beam, acting=acting, pending=pending, steps=steps, memory=memory
+            )
         )
         observation = self._observation(after)
         reward = -torch.add(
@@ -141,9 +146,9 @@ class Simulation:
         start, first = self._at_rest(plant, rows)
         beam = self.task.initial_state(start, goal)
         beam = first if beam is start else self._begun(plant, beam)
+        random = self.config.noise or self.task.RANDOM
         key = torch.tensor(
-            [int(s.integers(2**63)) for s in own] if self.config.noise else [0] * len(rows),
-            device=rows.device,
+            [int(s.integers(2**63)) for s in own] if random else [0] * len(rows), device=rows.device
         )
         zero = torch.zeros(len(rows), dtype=torch.long, device=rows.device)
         idle = self.high.new_zeros(len(rows), self.task.actions)
@@ -161,6 +166,7 @@ class Simulation:
             zero.bool(),
             idle,
             measures={},
+            memory=self.task.initial_memory(goal),
         )
         now = self._told(now)
         now = replace(now, observation=self._observation(now))
@@ -210,9 +216,12 @@ class Simulation:
         )
 
     def _at_rest(self, plant: Plant, rows: Tensor) -> tuple[tb.State, tb.State]:
-        if plant is not self.plant:
+        if plant is not self.plant and not self.task.STARTS_ALIKE:
             return self._settled(plant, len(rows))
-        return self.rest if len(rows) == self.count else tuple(state[rows] for state in self.rest)
+        start, first = (
+            self.rest if len(rows) == self.count else tuple(state[rows] for state in self.rest)
+        )
+        return start, first if plant is self.plant else self._begun(plant, start)
 
     def _settled(self, plant: Plant, count: int) -> tuple[tb.State, tb.State]:
         """The beam in equilibrium without action, and the same with what the method remembers of a

@@ -20,7 +20,7 @@ from .config import BeamEnvConfig
 from .episodes import Episodes
 from .parameters import Parameter
 from .plant import Plant, first_frequency, section_named, straight, varied
-from .reach import Reach
+from .reach import Reach, rounded_square
 from .sensors import PLANES, Observed, check_names, observed_parts
 
 ALIGNED = 1e-6  # sine of the angle within which an axis counts as lying in a plane
@@ -47,6 +47,11 @@ class Task:
         sample_goal(streams, rows)  (k, GOAL): of fresh episodes of the sub-envs rows (k,), each
                                     from its own generator
         initial_state(beam, goal)   the state that episodes start in, of the beam at rest
+        initial_memory(goal)        (k, m): what is kept from interval to interval beside the beam,
+                                    at the start; and
+        next_memory(now, action)    (n, m): an interval later
+        RANDOM                      whether that draws random numbers: `noise.uniform` of `now.key`
+        inputs(action, now)         of the scene over an interval, or a list of them, one a substep
         target(now, ahead)          (n, ahead + 1, 3) m: where the tip is to be, now and at the ends
                                     of the next intervals; None
         target_high()               bounds of `target_observation`
@@ -75,6 +80,9 @@ class Task:
     GOAL: ClassVar[int] = 0
     PREVIEW: ClassVar[int] = 0
     HOLDS: ClassVar[bool] = True  # whether a constant action holds a target
+    RANDOM: ClassVar[bool] = False  # whether an episode draws random numbers after its start
+    # whether all start as the usual beam rests, whatever their parameters: nothing tells them
+    STARTS_ALIKE: ClassVar[bool] = False
     # of a picture, in lengths: x from, to; half its height
     VIEW: ClassVar[tuple[float, float, float] | None] = None
     UNITS: ClassVar[dict[str, str]] = {"distance": "m"}  # of what is measured
@@ -174,9 +182,12 @@ class Task:
 
     # Actions
 
-    def inputs(self, action: Tensor, now: Episodes | None = None) -> dict[str, Tensor]:
+    def inputs(
+        self, action: Tensor, now: Episodes | None = None
+    ) -> dict[str, Tensor] | list[dict[str, Tensor]]:
         """Inputs of the scene over one control interval: name -> (..., size), from actions (..., a)
-        within [-1, 1].
+        within [-1, 1]; or a list, of each of its substeps. now: where the episodes stand, None in
+        statics.
         """
         return driven(self.drives, action, now)
 
@@ -200,6 +211,12 @@ class Task:
     def initial_state(self, beam: tb.State, goal: Tensor) -> tb.State:
         return beam
 
+    def initial_memory(self, goal: Tensor) -> Tensor:
+        return goal.new_zeros(len(goal), 0)
+
+    def next_memory(self, now: Episodes, action: Tensor) -> Tensor:
+        return now.memory
+
     def target(self, now: Episodes, ahead: int = 0) -> Tensor | None:
         return None
 
@@ -211,6 +228,12 @@ class Task:
 
     def cost(self, now: Episodes) -> Tensor:
         raise NotImplementedError
+
+    def square_cost(self, square: Tensor) -> Tensor:
+        """(...) what `cost` is of the squares (...) m^2 of the distance between the tip and its
+        target (where there is none, its place at the start), for planning: concave, smooth at 0.
+        """
+        return rounded_square(square, self.length)
 
     def task_failed(self, now: Episodes) -> Tensor | None:
         return None

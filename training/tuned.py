@@ -58,7 +58,7 @@ TASKS = {
         ),  # half a period of the strip
         Task(
             "payload",
-            "torchbeam/PayloadPlanar-v0",
+            "torchbeam/PayloadPlanar-v1",
             dict(elements=4, substeps=1),
             tolerance=0.01,
             hold=25,

@@ -13,6 +13,20 @@ exactly, at its usual parameters.
 
 from .holding import PD, Controller, Static, Zero, search
 from .linear import LQG, LQR, JointLQR
+from .mpc import MPC
 from .optimum import Optimum
+from .resolved_rate import ResolvedRate
 
-__all__ = ["LQG", "LQR", "PD", "Controller", "JointLQR", "Optimum", "Static", "Zero", "search"]
+__all__ = [
+    "LQG",
+    "LQR",
+    "MPC",
+    "PD",
+    "Controller",
+    "JointLQR",
+    "Optimum",
+    "ResolvedRate",
+    "Static",
+    "Zero",
+    "search",
+]

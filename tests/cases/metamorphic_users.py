@@ -152,6 +152,7 @@ USERS: dict[type, Callable[[Any, Parts], Any] | None] = {
     tb.MassDamping: _user_mass_damping, tb.Drag: _user_drag, tb.PointMass: None, tb.Actuation: None,
     tb.Spring: _user_spring,
     tb.RootSpring: None, tb.Contact: None, tb.Load: None, tb.Tendon: None,
+    tb.SelfContact: None,
 }
 # fmt: on
 

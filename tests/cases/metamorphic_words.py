@@ -28,6 +28,7 @@ SHARES: dict[type, tuple[str, ...]] = {
     tb.Actuation: ("curvature", "strain"), tb.Spring: ("stiffness", "damping"),
     tb.RootSpring: ("stiffness", "damping"), tb.Contact: ("force", "stiffness"),
     tb.Load: ("function",), tb.Tendon: ("tension", "stiffness"),
+    tb.SelfContact: ("force", "stiffness"),
 }
 # fmt: on
 
@@ -68,6 +69,7 @@ ZEROS: dict[
     tb.Spring: lambda o: tb.Spring(-1, o, (0.3, 0.0, 0.0), length=0.1, damping=o),
     tb.RootSpring: None,  # of no stiffness it frees the root
     tb.Contact: None,  # its force is positive
+    tb.SelfContact: None,  # likewise
     tb.Tendon: None,  # not in small motions, and eager
     tb.Load: lambda o: tb.Load(lambda r, R, v, w, t: (o * r, o * w), node=None),
 }

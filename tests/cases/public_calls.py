@@ -168,6 +168,25 @@ CALLS = {
             push_out=False,
         ),
     ),
+    "Contact2": (
+        tb.Contact,
+        dict(obstacle="a", other="b", thickness=0.1, stiffness=1.0, radius=0.1, other_radius=0.1),
+    ),
+    "SelfContact": (
+        tb.SelfContact,
+        dict(
+            on=None,
+            apart=6.0,
+            thickness=0.1,
+            force=1.0,
+            radius=0.1,
+            friction=0.1,
+            slip_speed=0.1,
+            damping=0.1,
+            points=2,
+            push_out=False,
+        ),
+    ),
     **{
         name: (getattr(S, name), dict(scene=LEANING, contact=0))
         for name in ("ContactForce", "ContactForces", "ContactGap", "ContactSlip")

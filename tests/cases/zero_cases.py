@@ -155,6 +155,21 @@ def touching(make, n=1, ways=ALL, **given) -> Case:
     return effect(made, n, ways, scale=1e-4, least=n == 1 and "spin" not in given)
 
 
+def beside(law) -> Case:
+    """A contact of the beam with another one, across below it, whose numbers law(x) gives."""
+
+    def made(x: Tensor) -> tb.Scene:
+        other = tb.Beam.straight(0.3, 2, section(), root=(0.4, -0.15, -0.02), direction=(0, 1, 0))
+        parts = {"arm": tb.Beam.straight(0.6, N, section()), "strut": other}
+        contact = tb.Contact("arm", "strut", **SOFT, points=4, **law(x[..., 0]))
+        push = tb.PointLoad(("arm", -1), force=(0.02, 0.03, 0.04))
+        supports = [tb.Support(("arm", 0)), tb.Support(("strut", 0))]
+        return tb.Scene(parts, [push, contact], supports=supports)
+
+    still = "friction" in law(torch.zeros(1)) and "radius" not in law(torch.zeros(1))
+    return Case(made, 1, ("eager",) if still else EAGERLY, scale=1e-4, least=True)
+
+
 ROUGH = dict(friction=0.4, slip_speed=0.2, radius=0.01)
 DIAGONAL = section()
 # fmt: off
@@ -298,6 +313,10 @@ CASES = {
     "Contact.friction about the axis": touching(lambda x: dict(friction=0.4, slip_speed=0.2,
         radius=x), ways=MOVING),
     "Contact.damping": touching(lambda x: dict(damping=x), ways=MOVING),
+    "Contact.other_radius": beside(lambda x: dict(radius=0.01, other_radius=x)),
+    "Contact.radius of two beams": beside(lambda x: dict(radius=x, other_radius=0.01)),
+    "Contact.friction of two beams": beside(lambda x: dict(friction=x, slip_speed=0.2)),
+    "Contact.damping of two beams": beside(lambda x: dict(damping=x)),
     "Plane.point": touching(lambda x: tb.Plane(x - 0.03 * UP, UP), 3),
     "Plane.point function": touching(lambda x: tb.Plane(lambda t: x * torch.sin(20 * t)
         - 0.03 * UP, UP), 3, MOVING, damping=0.1),
@@ -410,6 +429,9 @@ NEVER_ZERO = {  # or not only; why there is no case
     "Hinge.limits": ORDERED, "Slider.limits": ORDERED,
     "Contact.obstacle": "is one", "Contact.thickness": POSITIVE, "Contact.force": POSITIVE,
     "Contact.stiffness": POSITIVE, "Contact.slip_speed": POSITIVE,
+    **{f"SelfContact.{name}": f"as Contact.{name}"
+       for name in ("thickness", "force", "stiffness", "friction", "slip_speed", "damping")},
+    "SelfContact.radius": POSITIVE,
     "Plane.normal": "is a direction", "Cylinder.axis": "is a direction",
     "Sphere.radius": POSITIVE, "Cylinder.radius": POSITIVE, "Capsule.radius": POSITIVE,
     "Box.size": POSITIVE, "Box.rounding": POSITIVE,

@@ -55,8 +55,10 @@ def test_every_effect_has_its_rows(kind):
     """
     for table in (FIELDS, SHARES, ZEROS, USERS):
         assert kind in table, f"{kind.__name__} has no row"
-    # random scenes run natively as well, which those with tendons do not: see test_tendons
-    assert kind is tb.Tendon or any(name.startswith(kind.called) for name in TABLE["effect"])
+    # random scenes run natively as well, which those with these do not: see test_tendons,
+    # test_touching
+    eager = (tb.Tendon, tb.SelfContact)
+    assert kind in eager or any(name.startswith(kind.called) for name in TABLE["effect"])
 
 
 @pytest.mark.parametrize(
@@ -73,6 +75,7 @@ def test_every_effect_has_its_rows(kind):
         tb.Spring(0, 1.0, (0, 0, 0.0)),
         tb.RootSpring((1.0, 1.0)),
         tb.Contact(tb.Plane((0, 0, 0.0), (0, 0, 1.0)), thickness=1.0, force=1.0),
+        tb.SelfContact(thickness=1.0, force=1.0, radius=1.0),
         tb.Load(lambda *a: None),
         tb.Support(0),
         tb.Frame(velocity=(0, 0, 1.0)),

@@ -99,6 +99,7 @@ class Midpoint4(Method):
         lossy = [x.called for x in model.scene.loads if x.between_nodes and not x.conservative]
         lossy += [f"{x.called} with friction" for x in model.scene.joints if "friction" in x.acts]
         lossy += ["Tendon with friction"] * model.tendons.dissipative
+        lossy += [f"{x.called} with friction or damping" for x in model.scene.pairs if x.lossy]
         if lossy:
             raise ValueError(
                 f"{lossy[0]}, that takes or gives energy, was given to midpoint4, one of whose "

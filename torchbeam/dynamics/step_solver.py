@@ -144,7 +144,7 @@ class StepSolver:
             foresee=None if model.smooth else torch.zeros_like(moving),
         )
         lost = self.model.space.cosine(x.m).amin(-1) < self._least
-        if problem.conditions.between:
+        if problem.conditions.between or model.touching.present:
             lost = lost | problem.passed(problem.motion.kinematics(x.u, x.m))
         status = torch.where((status == SUCCESS) & lost, DIVERGED, status)
         good = moving & (status == SUCCESS)

@@ -23,6 +23,7 @@ from ..nodal.inertia import InertiaForces
 from ..nodal.joint_motion import JointDrive, JointMotion
 from ..nodal.rows import Rows
 from ..nodal.tendon_motion import TendonMotion
+from ..nodal.touching_motion import TouchingMotion
 from ..topology.protocols import Matrix
 from .balanced_element import BalancedElement, ElementBalance
 
@@ -140,6 +141,12 @@ class BalanceProblem(Tree):
         places = self.at_instants(kinematics, self.model.tendons.eyelets)
         return TendonMotion(*places, self.conditions.tendons, self.joint_drive)
 
+    def touching_motion(self, kinematics: Any, nodes: Any = None) -> TouchingMotion:
+        """How beams move that may touch each other; nodes: the derivatives of the motion, where
+        they are known.
+        """
+        raise NotImplementedError
+
     def half_turns(self, nodes: Any) -> Callable[[], Tensor] | None:
         """Half the spin of a node's end by that of its move (..., N+1, s, s), of derivatives
         `nodes`; None = the end moves.
@@ -170,6 +177,7 @@ class BalanceProblem(Tree):
         )
         restrained = restrained_forces(model, element.acting, self.eigenstrain, model.length)
         nodes = model.tendons.loaded(nodes, lambda: self.tendon_motion(kinematics))
+        nodes = model.touching.loaded(nodes, lambda: self.touching_motion(kinematics))
         sizes = largest(
             model.space.dims.position,
             model.spans,
@@ -212,6 +220,7 @@ class BalanceProblem(Tree):
         matrix = self.model.tendons.matrix(
             joined.matrix, lambda: self.tendon_motion(kinematics), half, self.RATE
         )
+        matrix = self.model.touching.matrix(matrix, lambda: self.touching_motion(kinematics, nodes))
         return joined if matrix is joined.matrix else joined._replace(matrix=matrix)
 
     def linearise(

@@ -21,6 +21,7 @@ from ..nodal.coordinates.spatial import Spatial
 from ..nodal.joint_motion import JointDrive
 from ..nodal.loads import STEADY, Nodes
 from ..nodal.model import Model
+from ..nodal.touching_motion import TouchingMotion
 from ..scene.effects import Inputs
 from ..state.state import State
 from ..state.supported_nodes import set_node
@@ -209,6 +210,10 @@ class SteadyProblem(BalanceProblem):
     ) -> tuple[Any, ...]:
         here = place(*kinematics[:2])
         return here, here, None
+
+    def touching_motion(self, kinematics: Configuration, nodes: None = None) -> TouchingMotion:
+        position = self.model.space.public_position(kinematics.position)
+        return TouchingMotion(position, None, None, None, None, dict)
 
     @property
     def joint_drive(self) -> JointDrive:

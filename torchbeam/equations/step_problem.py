@@ -22,7 +22,8 @@ from ..nodal.conditions import Conditions, conditions
 from ..nodal.inertia import InertiaForces
 from ..nodal.joint_motion import JointDrive
 from ..nodal.loads import Nodes
-from ..scene.effects import Inputs
+from ..nodal.touching_motion import TouchingMotion
+from ..scene.effects import SPIN, VELOCITY, Inputs
 from ..solvers.newton import TOLERANCE
 from ..state.state import State
 from ..state.supported_nodes import set_node
@@ -211,6 +212,9 @@ class StepProblem(BalanceProblem):
         the ends of the step, its start.
         """
         model = self.model
+        after = replace(
+            after, work=after.work + model.touching.work(lambda: self.touching_way(kinematics))
+        )
         joints = model.joints.finished(
             stress,
             lambda: self.joint_poses(kinematics),
@@ -247,16 +251,41 @@ class StepProblem(BalanceProblem):
 
     def passed(self, kinematics: Any) -> Tensor | None:
         now = self.conditions
-        if not now.between:
-            return None
-        return element_loads.passed(self.model, self._way(kinematics), now)
+        each = [self.model.touching.passed(lambda: self.touching_way(kinematics))]
+        if now.between:
+            each.append(element_loads.passed(self.model, self._way(kinematics), now))
+        each = [x for x in each if x is not None]
+        return torch.stack(torch.broadcast_tensors(*each)).any(0) if each else None
+
+    def touching_motion(self, kinematics: Any, nodes: Any = None) -> TouchingMotion:
+        model = self.model
+        reads, space = model.touching.reads, model.space
+        at, mid = self.motion.nodes(kinematics, reads), self.INSTANT == 0.5
+        moving = {VELOCITY: space.public_vector, SPIN: space.public_spin}
+        rates = [to(getattr(at, name)) if name in reads else None for name, to in moving.items()]
+        return TouchingMotion(
+            space.public_position(at.position),
+            space.public_vector(at.position - self.start.position) if mid else None,
+            *rates,
+            self.dt if mid else None,
+            lambda: external.motion_jacobian(
+                self.TANGENT(self.motion, kinematics) if nodes is None else nodes, reads
+            ),
+        )
+
+    def touching_way(self, kinematics: Any) -> TouchingMotion:
+        """The same over the whole of the step, wherever forces act."""
+        now, way, space = self.touching_motion(kinematics), self._way(kinematics), self.model.space
+        return now._replace(
+            position=space.public_position(way.middle), half=space.public_vector(way.half)
+        )
 
     @cached
     def least(self) -> tuple[Tensor, ...]:
         """Of a beam that flies on from what it touched, the rounding of its momentum over a step is
         all that there is: so small forces (..., N, w) count as none.
         """
-        if not self.conditions.between:
+        if not self.conditions.between and not self.model.touching.present:
             return ()
         model, velocity = self.model, self.start.velocity[..., :-1, :].detach()
         mass = (model.section_mass[..., :-1, 0, :1] * model.tributary_length[..., :-1, :]).detach()

@@ -161,7 +161,12 @@ def of_nodes(
     if dampers is not None:
         D = model.joints.alone(dampers) if D is None else D.joined(dampers)
     K = model.joints.matrix(K, x.stress, lambda: problem.joint_poses(x))
-    return M, D, model.tendons.matrix(K, lambda: problem.tendon_motion(x)), lagging
+    K = model.tendons.matrix(K, lambda: problem.tendon_motion(x))
+    if model.touching.lossy:
+        w = space.unknowns
+        none = model.topology.diagonal(x.position.new_zeros(model.node_count, w, w))
+        D = model.touching.damping(none if D is None else D, space.public_position(x.position))
+    return M, D, model.touching.matrix(K, lambda: problem.touching_motion(x)), lagging
 
 
 def moves(model: Model, free: Tensor, basis: Tensor | None = None) -> Tensor:

@@ -29,6 +29,7 @@ from .loads import Nodes
 from .model import Model
 from .redundant import refuse_redundant
 from .tendons import tendons_of
+from .touching_parts import touching_of
 
 ROUNDING = 1e-9  # of a vector, that may lie out of a plane
 
@@ -74,6 +75,7 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
         s=topology.arclength(beam.length),
         joints=joints_of(scene, space, topology),
         tendons=tendons_of(scene, space, topology),
+        touching=touching_of(scene, space, topology.arclength(beam.length)),
     )
     if space.plane is not None:
         check_plane(model, with_values(model, space=in_space(beam)))

@@ -93,7 +93,7 @@ def external(
     """Loads, all that act unless given, summed at nodes: (..., N+1, w) force N and moment N m,
     frame a; 0.0 where there is none. total: what they are added to.
     """
-    for acting, point in _points(rows, nodes, now, now.loads if loads is None else loads):
+    for acting, point in load_points(rows, nodes, now, now.loads if loads is None else loads):
         total = total + _spread(
             rows, acting, wrench(rows.space, acting.load, point, now.t, now.inputs), 1
         )
@@ -105,7 +105,7 @@ def tangent(
 ) -> Tensor | float:
     """Derivative of `external` by the nodes' moves, (..., N+1, w, w); 0.0 where there is none."""
     total = 0.0
-    for acting, point in _points(rows, nodes, now, now.moving):
+    for acting, point in load_points(rows, nodes, now, now.moving):
         derivatives = wrench_tangent(
             rows.space, acting.load, point, now.t, now.inputs, _of_node(acting, by)
         )
@@ -122,7 +122,7 @@ def added_mass(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor | float:
     there is none.
     """
     total, loads = 0.0, tuple(acting for acting in now.loads if acting.reads.intersection(INERTIAL))
-    for acting, point in _points(rows, nodes, now, loads):
+    for acting, point in load_points(rows, nodes, now, loads):
         blocks = acting.load.tangent(point, now.t, now.inputs)
         mass = sum(_block(rows.space, name, blocks[name]) for name in INERTIAL if name in blocks)
         total = total - _spread(rows, acting, mass, 2)
@@ -212,7 +212,7 @@ def internal(rows: Rows, nodes: Nodes, now: Conditions, shape: tuple[int, ...]) 
     """Internal states of user loads in equilibrium, (*shape, z); None where there are none."""
     states = [
         _flat(acting, acting.load.advance(point, point.internal, now.t, now.inputs, point.dt))
-        for acting, point in _points(rows, nodes, now, _remembering(now))
+        for acting, point in load_points(rows, nodes, now, _remembering(now))
     ]
     return _joined([z.expand(*shape, z.shape[-1]) for z in states]) if states else None
 
@@ -225,7 +225,7 @@ def advanced(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor | None:
             2 * acting.load.advance(point, point.internal, now.t, now.inputs, point.dt)
             - point.internal,
         )
-        for acting, point in _points(rows, nodes, now, _remembering(now))
+        for acting, point in load_points(rows, nodes, now, _remembering(now))
     ]
     return _joined(states) if states else None
 
@@ -235,7 +235,7 @@ def advanced_rates(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor:
     return _joined(
         [
             _flat(acting, acting.load.rates(point, point.internal, now.t, now.inputs))
-            for acting, point in _points(rows, nodes, now, _remembering(now))
+            for acting, point in load_points(rows, nodes, now, _remembering(now))
         ]
     )
 
@@ -261,7 +261,7 @@ def lags(
     by moves and their rates.
     """
     space, parts = rows.space, []
-    for acting, point in _points(rows, nodes, now, _remembering(now)):
+    for acting, point in load_points(rows, nodes, now, _remembering(now)):
         load, by = acting.load, acting.load.rates_tangent(point, now.t, now.inputs)
         L = derivatives(
             lambda at, load=load: together(load.wrench(at, now.t, now.inputs), at.R),
@@ -330,7 +330,7 @@ def _flat(acting: ActingLoad, z: Tensor) -> Tensor:
     return z.flatten(-2) if acting.along else z
 
 
-def _points(
+def load_points(
     rows: Rows, nodes: Nodes, now: Conditions, loads: tuple[ActingLoad, ...]
 ) -> Iterator[tuple[ActingLoad, LoadPoint]]:
     for acting in loads:

@@ -56,6 +56,7 @@ class Model(Rows):
         return (
             all(load.conservative for load in self.scene.loads)
             and not self.tendons.dissipative
+            and not self.touching.lossy
             and not self.turning
         )
 

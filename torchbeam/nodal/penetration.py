@@ -2,38 +2,102 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
+import torch
 from torch import Tensor
 
 from ..core.validation import concrete
+from ..scene.effects.contact import Contact
 from ..state.state import State
 from .conditions import conditions
 from .element_loads import load_point
-from .loads import Nodes
+from .loads import Nodes, load_points
 from .model import Model
+from .touching_motion import TouchingMotion
 
 
 def refuse_penetration(model: Model, state: State, t: Tensor) -> None:
     """Raises ValueError where a state (public) at time t starts deeper in an obstacle than its
-    contact is thick, and is not to be pushed out: by how much, where, and which sample.
+    contact is thick, or in another part, and is not to be pushed out: by how much, where, and which
+    sample.
     """
-    loads = tuple(load for load in model.scene.loads if load.between_nodes and not load.push_out)
-    if not loads:
-        return
     state = model.space.to_reduced(state)
     nodes = Nodes(state.position, state.rotation, state.velocity, state.spin)
-    for acting in conditions(model, t, {}, loads=loads).between:
+    loads = tuple(load for load in model.scene.loads if load.between_nodes and not load.push_out)
+    now = conditions(model, t, {}, loads=loads).between if loads else ()
+    for acting in now:
         point = load_point(model, acting, nodes, conditions(model, t, {}, loads=()))
-        depth = -concrete(acting.load.gap(point.position).detach())[..., 0]
-        deep = depth > concrete(acting.load.thickness.detach())[..., None]
-        deep = deep & (concrete(state.status) == 0)[..., None]
-        if deep.any():
-            flat = deep.flatten(0, -2) if deep.ndim > 1 else deep[None]
-            sample = int(flat.any(-1).nonzero()[0])
-            where = depth.expand(deep.shape).reshape(flat.shape)[sample]
-            k = int(where.argmax())
-            which = f" of sample {sample}" if deep.ndim > 1 else ""
-            raise ValueError(
-                f"a start{which} was given in which element {k // acting.load.points} stands "
-                f"{where[k].item():.3g} m deep in the {acting.load.obstacle.called} of a "
-                f"{acting.load.called}; one outside of it is wanted, or push_out=True"
-            )
+        load = acting.load
+
+        def place(k: int, load: Any = load) -> str:
+            return f"element {k // load.points} stands"
+
+        _refuse(
+            -load.gap(point.position)[..., 0],
+            load.thickness[..., None],
+            state.status,
+            place,
+            f"in the {load.obstacle.called} of a {load.called}",
+        )
+    bodies = tuple(load for load in model.scene.loads if isinstance(load, Contact))
+    bodies = tuple(load for load in bodies if load.node is not None and not load.push_out)
+    now = conditions(model, t, {}, loads=bodies) if bodies else None
+    for acting, point in load_points(model, nodes, now, now.loads) if bodies else ():
+        load = acting.load
+        _refuse(
+            -load.gap(load.of_body(point).position)[..., 0],
+            load.thickness[..., None],
+            state.status,
+            lambda _, load=load: f"{load.on!r} stands",
+            f"in the {load.obstacle.called} of a {load.called}",
+        )
+    motion = TouchingMotion(
+        model.space.public_position(nodes.position), None, None, None, None, dict
+    )
+    for one in model.touching.each if model.touching.present else ():
+        law, near = one.contact, one.nearby(motion)
+        if law.push_out or not len(near.point):
+            continue
+        found = one.meeting(near, *one.at(near, motion))
+        own, thick = one.radii.sum(-1) / 2, law.thickness
+        _refuse(
+            torch.where(found.measure > 0, -found.gap, -torch.inf)[..., 0],
+            torch.where(own > 0, torch.minimum(own, thick), thick)[..., None],
+            state.status,
+            lambda k, near=near: f"node {_node(model, int(near.nodes[k, 1]))} stands",
+            f"in {_part(model, int(near.nodes[0, 4]))}, by a {law.called}",
+        )
+
+
+def _node(model: Model, row: int) -> str:
+    beam = model.scene.beam
+    if not beam.parts:
+        return str(row)
+    part = beam.part_at(row)
+    return repr(part.name if part.body else (part.name, row - part.first_node))
+
+
+def _part(model: Model, row: int) -> str:
+    beam = model.scene.beam
+    return repr(beam.part_at(row).name) if beam.parts else "the same beam"
+
+
+def _refuse(
+    depth: Tensor, most: Tensor, status: Tensor, place: Callable[[int], str], where: str
+) -> None:
+    """depth (..., points) m, of which `most` (..., 1) m is let be."""
+    depth = concrete(depth.detach())
+    deep = depth > concrete(most.detach())
+    deep = deep & (concrete(status) == 0)[..., None]
+    if deep.any():
+        flat = deep.flatten(0, -2) if deep.ndim > 1 else deep[None]
+        sample = int(flat.any(-1).nonzero()[0])
+        own = depth.expand(deep.shape).reshape(flat.shape)[sample]
+        k = int(own.argmax())
+        which = f" of sample {sample}" if deep.ndim > 1 else ""
+        raise ValueError(
+            f"a start{which} was given in which {place(k)} {own[k].item():.3g} m deep {where}; one "
+            "outside of it is wanted, or push_out=True"
+        )

@@ -56,6 +56,11 @@ class Rates:
             raise ValueError(
                 "a Tendon was given to an explicit method; the implicit method 'midpoint' takes it"
             )
+        if scene.pairs:
+            raise ValueError(
+                f"a {scene.pairs[0].called} of two parts was given to an explicit method; the "
+                "implicit method 'midpoint' takes it"
+            )
         model = discretise(scene, lumped=True)
         rotary = cls(model, inputs).free.rotary
         if not rotary.present or (torch.linalg.det(rotary.J) <= 0).any():

@@ -75,6 +75,17 @@ class Stretches(NamedTuple):
         return 2 * self.q / self.size
 
 
+class Grip(NamedTuple):
+    """Friction at a point between two stretches: by which the logarithm of the tension rises
+    (...), and its derivatives by the directions before the point and behind it (..., 3), which are
+    `turn` and less that, and by how much longer is what lies beyond (...), None = not at all.
+    """
+
+    log: Tensor
+    turn: Tensor
+    slide: Tensor | None
+
+
 class Tensions(NamedTuple):
     """T_k (..., n), and its derivative (..., n, n, 3) by each stretch's q after the step,
     None = not asked for.
@@ -96,6 +107,15 @@ class Rope(Tree):
     stiffness: Tensor | None = leaf(0, default=None)
     friction: Tensor | None = leaf(0, default=None)
     slip_speed: Tensor | None = leaf(0, default=None)
+
+    def raised(self, given: Tensor, share: Tensor | None) -> Tensor:
+        """What is given (...) where loads are raised as far as `share` (...), None = all: from
+        slack, or from as drawn.
+        """
+        if share is None:
+            return given
+        start = 0.0 if self.stiffness is None else self.drawn
+        return start + share * (given - start)
 
     def forces(self, step: RopeStep) -> Tensor:
         """(..., m, 3) N on the points."""
@@ -125,7 +145,8 @@ class Rope(Tree):
 
     def tensions(self, step: RopeStep, stretches: Stretches, derivative: bool) -> Tensions:
         before, after = stretches.lengths
-        T, slope = self._tension(before.sum(-1), after.sum(-1), step)
+        over = None if step.before is None else before.sum(-1)
+        T, slope = self.pull(step.given, after.sum(-1), over)
         e = stretches.directions[1]
         T, slope = (x[..., None].expand(after.shape) for x in torch.broadcast_tensors(T, slope))
         by = slope[..., None, None] * e[..., None, :, :] if derivative else None
@@ -137,14 +158,20 @@ class Rope(Tree):
             by = rho[..., None, None] * (by + T[..., None, None] * log_by)
         return Tensions(T * rho, by)
 
-    def _tension(self, before: Tensor, after: Tensor, step: RopeStep) -> tuple[Tensor, Tensor]:
-        """T (...) and its derivative by the length after."""
+    def pull(
+        self, given: Tensor, after: Tensor, before: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """T (...) of the whole, of this length after a step and before it, None = at an instant;
+        and its derivative by the length after.
+        """
         if self.stiffness is None:
-            return step.given, torch.zeros_like(after)
-        x, y = after - step.given, before - step.given
-        p, q = x.clamp(min=0), y.clamp(min=0)
-        if step.before is None:
+            return given, torch.zeros_like(after)
+        x = after - given
+        p = x.clamp(min=0)
+        if before is None:
             return self.stiffness * p, self.stiffness * (x > 0)
+        y = before - given
+        q = y.clamp(min=0)
         across = (x > 0) != (y > 0)
         apart = torch.where(across, x - y, 1.0)
         mean = torch.where(across, (p**2 - q**2) / apart, p + q) / 2
@@ -156,34 +183,50 @@ class Rope(Tree):
     ) -> tuple[Tensor, Tensor | None]:
         """ln rho_k (..., n), and its derivative (..., n, n, 3) by each stretch's q after."""
         before, after = stretches.lengths
-        e = stretches.directions[1]
+        e, slide = stretches.directions[1], None
         n = e.shape[-2]
-        chord = e.diff(dim=-2)
+        if step.dt is not None:
+            start = stretches.directions[0] * step.rates.diff(dim=-2)
+            slide = _beyond(after - before), _beyond(start.sum(-1)), step.dt
+        grip = self.grip(e[..., :-1, :], e[..., 1:, :], slide)
+        log = pad(grip.log.cumsum(-1), (1, 0))
+        if not derivative:
+            return log, None
+        own = torch.eye(n, dtype=e.dtype, device=e.device)
+        turns = grip.turn[..., None, :] * (own[:-1] - own[1:])[..., None]  # (..., n - 1, n, 3)
+        by = along_stretch(turns, e[..., None, :, :], after[..., None, :])
+        if grip.slide is not None:
+            beyond = torch.ones(n - 1, n, dtype=e.dtype, device=e.device).triu(1)[..., None]
+            by = by + grip.slide[..., None, None] * beyond * e[..., None, :, :]
+        return log, pad(by.cumsum(-3), (0, 0, 0, 0, 1, 0))
+
+    def grip(
+        self, before: Tensor, behind: Tensor, slide: tuple[Tensor, Tensor, Tensor] | None
+    ) -> Grip:
+        """At points (..., n), of the directions before and behind them (..., n, 3); slide: how much
+        longer what lies beyond has become in the step (..., n) m, the rate at which it did before
+        m/s, and dt (...) s; None = at an instant.
+        """
+        chord = behind - before
         size = torch.sqrt(chord.square().sum(-1) + SOFT**2)
         half = (size - SOFT) / 2
         theta = 2 * torch.asin(half.clamp(max=1.0))
         mu = self.friction[..., None]
-        if step.dt is None:
+        if slide is None:
             sense, sense_by = -torch.ones_like(theta), None
         else:
-            changes = _beyond(after - before)
-            start = _beyond((stretches.directions[0] * step.rates.diff(dim=-2)).sum(-1))
-            r, s = 2 * changes / step.dt[..., None] - start, self.slip_speed[..., None]
+            changes, start, dt = slide
+            r, s = 2 * changes / dt[..., None] - start, self.slip_speed[..., None]
             root = torch.sqrt(r.square() + s.square())
-            sense, sense_by = r / root, s**2 / root**3 * 2 / step.dt[..., None]
-        log = pad((mu * theta * sense).cumsum(-1), (1, 0))
-        if not derivative:
-            return log, None
-        # by the directions on either side of each point, (..., n - 1, 3)
-        turn = (mu * sense / torch.sqrt((1 - half.square()).clamp(min=SOFT**2)) / size)[..., None]
-        own = torch.eye(n, dtype=e.dtype, device=e.device)
-        at = (turn * chord)[..., None, :] * (own[1:] - own[:-1])[..., None]  # (..., n - 1, n, 3)
-        along = (at * e[..., None, :, :]).sum(-1, keepdim=True)
-        by = (at - along * e[..., None, :, :]) / after[..., None, :, None]
-        if sense_by is not None:
-            beyond = torch.ones(n - 1, n, dtype=e.dtype, device=e.device).triu(1)[..., None]
-            by = by + (mu * theta * sense_by)[..., None, None] * beyond * e[..., None, :, :]
-        return log, pad(by.cumsum(-3), (0, 0, 0, 0, 1, 0))
+            sense, sense_by = r / root, s**2 / root**3 * 2 / dt[..., None]
+        turn = mu * sense / torch.sqrt((1 - half.square()).clamp(min=SOFT**2)) / size
+        by_slide = None if sense_by is None else mu * theta * sense_by
+        return Grip(mu * theta * sense, -turn[..., None] * chord, by_slide)
+
+
+def along_stretch(by: Tensor, direction: Tensor, length: Tensor) -> Tensor:
+    """Derivative (..., 3) by a stretch's q, from that by its direction."""
+    return (by - (by * direction).sum(-1, keepdim=True) * direction) / length[..., None]
 
 
 def _unit(q: Tensor) -> tuple[Tensor, Tensor]:

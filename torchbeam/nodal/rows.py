@@ -25,6 +25,7 @@ from .mass import LumpedMass, SharedMass
 from .mass_offset import MassOffset, NoMassOffset
 from .rotary import NoRotaryInertia, RotaryInertia
 from .tendon_motion import NoTendons
+from .touching_motion import NoTouching
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,7 @@ class Rows(Tree):
     s          (..., N+1) m, arclength of the nodes
     joints     between nodes
     tendons    likewise
+    touching   of beams and bodies with each other
     """
 
     space: Spatial
@@ -97,6 +99,7 @@ class Rows(Tree):
     s: Tensor = leaf(1)
     joints: NoJoints = field(default_factory=NoJoints, kw_only=True)
     tendons: NoTendons = field(default_factory=NoTendons, kw_only=True)
+    touching: NoTouching = field(default_factory=NoTouching, kw_only=True)
 
     @classmethod
     def of(
@@ -213,7 +216,7 @@ class Rows(Tree):
         and limits of joints within a hundredth of their range: what is left is measured there, not
         foreseen.
         """
-        return self.joints.smooth and self.tendons.smooth
+        return self.joints.smooth and self.tendons.smooth and not self.touching.lossy
 
     def depends_on(self, load: Any) -> frozenset[str]:
         """What a load's wrench depends on."""

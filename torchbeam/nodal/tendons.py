@@ -52,6 +52,12 @@ class Tendons(NoTendons):
     def smooth(self) -> bool:
         return not self.dissipative
 
+    @property
+    def stretches(self) -> tuple[tuple[int, int], ...]:
+        """Of each between two eyelets the number of its tendon, and that of its first eyelet."""
+        parts = enumerate(self._parts)
+        return tuple((k, e) for k, own in parts for e in range(own.start, own.stop - 1))
+
     def eyelets(self, position: Tensor, rotation: Tensor) -> Eyelets:
         """From nodes, in the space's coordinates."""
         at = self._at
@@ -67,9 +73,13 @@ class Tendons(NoTendons):
             [rope.forces(step) for rope, step in zip(self.ropes, self.steps(motion), strict=True)],
             -2,
         )
-        moment = torch.linalg.cross(*torch.broadcast_tensors(motion.acting.lever, force))
-        wrench = torch.cat((force, moment), -1) @ self.moves.mT
+        wrench = self.wrench(motion.acting.lever, force)
         return self.framework.from_ties(-wrench[..., self._own, :], nodes)
+
+    def wrench(self, lever: Tensor, force: Tensor) -> Tensor:
+        """(..., n, w) on nodes, of forces (..., n, 3) at eyelets."""
+        moment = torch.linalg.cross(*torch.broadcast_tensors(lever, force))
+        return torch.cat((force.expand_as(moment), moment), -1) @ self.moves.mT
 
     def matrix(
         self,
@@ -78,10 +88,13 @@ class Tendons(NoTendons):
         half: Callable[[], Tensor] | None = None,
         rate: float = 1.0,
     ) -> Any:
-        motion = motion()
+        return matrix.with_ties(self.blocks(motion(), None if half is None else half(), rate))
+
+    def blocks(self, motion: TendonMotion, half: Tensor | None, rate: float) -> Tensor:
+        """(..., n, w, w) of all pairs of the nodes of each tendon."""
         spin = None
         if half is not None:
-            spin = end_moves(half()[..., self._at, :, :], self.space.dims.position)
+            spin = end_moves(half[..., self._at, :, :], self.space.dims.position)
         blocks = []
         for rope, step, part in zip(self.ropes, self.steps(motion), self._parts, strict=True):
             acting, after = rope.tangent(step)
@@ -94,8 +107,7 @@ class Tendons(NoTendons):
             own = own if spin is None else own @ spin[..., None, at, :, :]
             blocks.append(own.flatten(-4, -3))
         shape = broadcast_shapes(*(x.shape[:-3] for x in blocks))
-        tied = torch.cat([x.expand(*shape, *x.shape[-3:]) for x in blocks], -3)
-        return matrix.with_ties(tied)
+        return torch.cat([x.expand(*shape, *x.shape[-3:]) for x in blocks], -3)
 
     def values(self, tendons: tuple[Any, ...], t: Tensor, inputs: Inputs) -> Tensor:
         given = [
@@ -117,9 +129,9 @@ class Tendons(NoTendons):
             T, lengths = rope.readings(step)
             rows.append(torch.stack((T[..., 0], T[..., -1], lengths[..., 1, :].sum(-1)), -1))
             if work is not None:
-                change = lengths[..., 1, :] - self._lengths(motion, k)
-                mean = T if before is None else (T + before[..., k, :1]) / 2
-                done = done - (mean * change).sum(-1)
+                change = lengths[..., 1, :] - self.lengths_before(motion, k)
+                last = None if before is None else before[..., k, :1]
+                done = done - (mean_tension(T, last) * change).sum(-1)
         found = {"tendons": torch.stack(torch.broadcast_tensors(*rows), -2)}
         return found if work is None else found | {"work": work + done}
 
@@ -129,10 +141,7 @@ class Tendons(NoTendons):
         over = drive.dt is not None and motion.start is not None
         rates = self._rates(motion) if over and self.dissipative else None
         for k, (rope, part) in enumerate(zip(self.ropes, self._parts, strict=True)):
-            given = motion.given[..., k]
-            if drive.share is not None:  # from slack, or from as drawn
-                start = 0.0 if rope.stiffness is None else rope.drawn
-                given = start + drive.share * (given - start)
+            given = rope.raised(motion.given[..., k], drive.share)
             found.append(
                 RopeStep(
                     motion.acting.p[..., part, :],
@@ -145,7 +154,7 @@ class Tendons(NoTendons):
             )
         return tuple(found)
 
-    def _lengths(self, motion: TendonMotion, k: int) -> Tensor:
+    def lengths_before(self, motion: TendonMotion, k: int) -> Tensor:
         """(..., n) m of the stretches of rope k before the step."""
         points = motion.start.p[..., self._parts[k], :]
         return torch.linalg.vector_norm(points.diff(dim=-2), dim=-1)
@@ -190,6 +199,11 @@ class Tendons(NoTendons):
     def _own(self) -> list[int]:
         """The eyelets on nodes, in the order of `Framework.tie_nodes`."""
         return [k for k, node in enumerate(self.nodes) if node is not None]
+
+
+def mean_tension(tension: Tensor, before: Tensor | None) -> Tensor:
+    """By which a tendon does its work over a step; before: at its start, None = it is a mean."""
+    return tension if before is None else (tension + before) / 2
 
 
 def tendons_of(scene: Any, space: Spatial, topology: Any) -> NoTendons:

@@ -32,6 +32,7 @@ from ..topology.protocols import Topology
 from .beam import Beam
 from .body import Body
 from .effects import Damping, Effect, Inputs, PerElement, inputs_of
+from .effects.contact_terms import ContactTerms
 from .effects.effect import of_library
 from .effects.tendon import Tendon
 from .joined import joints_of
@@ -40,7 +41,7 @@ from .structure import Structure
 from .supports import Frame, RootMotion, Support
 
 PLANES = (None, "xy", "xz", "auto")
-KINDS = ("load", "strain", "inertia", "eigenstrain", "tendon")
+KINDS = ("load", "strain", "inertia", "eigenstrain", "tendon", "pair")
 
 
 @dataclass(frozen=True)
@@ -64,8 +65,8 @@ class Scene(Tree):
     joints    `Weld`, `Hinge` and others between the parts of a structure, or a part and the ground
 
     Sorted once, here: `loads`, `bodies` (point masses, and those of a structure's bodies),
-    `eigenstrains`, `tendons`, `damping` (one `Damping` or None), `inputs` (name -> size).
-    `supports` stay in the order given, their nodes counted from the root.
+    `eigenstrains`, `tendons`, `pairs` (contacts of two parts), `damping` (one `Damping` or None),
+    `inputs` (name -> size). `supports` stay in the order given, their nodes counted from the root.
 
     Raises ValueError for an object without a kind, two dampings, a node that does not exist, a load
     whose dtype is not the beam's, two inputs of one name with different sizes, two supports of one
@@ -118,6 +119,8 @@ class Scene(Tree):
             set_(self, "beam", with_values(self.beam, joined=tuple(joint.ends for joint in joints)))
         for tendon in self.tendons:
             tendon.check(self)
+        for pair in self.pairs:
+            pair.check(self)
         set_(self, "supports", self._bound(self._supported()))
         damped = [damping.on for damping in self.dampings]
         if len(damped) > 1 and (None in damped or len(set(damped)) < len(damped)):
@@ -184,6 +187,10 @@ class Scene(Tree):
         return self._of("tendon")
 
     @cached
+    def pairs(self) -> tuple[ContactTerms, ...]:
+        return self._of("pair")
+
+    @cached
     def dampings(self) -> tuple[Damping, ...]:
         return self._of("strain")
 
@@ -231,7 +238,7 @@ class Scene(Tree):
     def topology(self) -> Topology:
         """Which nodes the elements lie between, and which ones joints and tendons connect."""
         own, ties = self.beam.topology, tuple(tendon.nodes for tendon in self.tendons)
-        if not ties:
+        if not ties and not self.pairs:
             return own
         if isinstance(own, Framework):
             return replace(own, ties=ties)
@@ -309,6 +316,10 @@ class Scene(Tree):
         """
         if isinstance(effect, Tendon):
             return effect.placed(self.beam)
+        if isinstance(effect, ContactTerms):
+            effect = effect.placed(self.beam)
+            if effect.kind == "pair":
+                return effect
         if effect.node is not None:
             row = self.beam.row(effect.node)
             return effect if row is effect.node else with_values(effect, node=row)

@@ -10,12 +10,15 @@ from torch import Tensor
 
 from ..core.arguments import instance, place
 from ..core.functions_of_time import shared
-from ..nodal.conditions import ActingLoad, conditions
+from ..nodal.conditions import conditions
 from ..nodal.discretise import discretise
 from ..nodal.element_loads import load_point, point_weights
-from ..nodal.loads import Nodes
+from ..nodal.loads import Nodes, load_points
 from ..nodal.model import Model
-from ..scene.effects.contact import Contact, Touch
+from ..nodal.touching_motion import TouchingMotion
+from ..scene.effects.contact import Touch
+from ..scene.effects.contact_terms import ContactTerms
+from ..scene.effects.self_contact import SelfContact
 from ..scene.scene import Scene
 from ..state.state import State
 from .sensor import XYZ, Sensor
@@ -41,46 +44,95 @@ class OfContact(Sensor):
         object.__setattr__(self, "model", discretise(self.scene))
 
     @property
-    def _contacts(self) -> list[Contact]:
-        return [load for load in self.scene.loads if isinstance(load, Contact)]
+    def _contacts(self) -> list[ContactTerms]:
+        return [effect for effect in self.scene.effects if isinstance(effect, ContactTerms)]
 
-    def _acting(self, state: State) -> tuple[tuple[ActingLoad, Touch], ...]:
-        """The contact, and what it does at its points, on each part of a structure along which it
-        acts. Raises ValueError for a state of another form.
+    @property
+    def _law(self) -> ContactTerms:
+        return self._contacts[self.contact]
+
+    def _touches(self, state: State) -> list[tuple[Tensor, Touch]]:
+        """What it does at its points, and the length (..., points, 1) m that each stands for, 1 of
+        a body: on each part of a structure along which it acts. Raises ValueError for a state of
+        another form.
         """
         if not isinstance(state, State):
             raise ValueError(
                 f"a {type(state).__name__} was given to {type(self).__name__}; a State of the "
                 "nodal form is wanted"
             )
-        model, t = self.model, shared(state.t)
-        load = self._contacts[self.contact]
+        model, t, law = self.model, shared(state.t), self._law
         state = model.space.to_reduced(state)
         spin = model.space.to_frame(state.rotation, state.spin)
         nodes = Nodes(state.position, state.rotation, state.velocity, spin, state.frame)
-        now = conditions(model, t, {}, loads=(load,))
-        return tuple(
-            (acting, acting.load.touch(load_point(model, acting, nodes, now)))
-            for acting in now.between
+        if law.kind == "pair":
+            return self._of_pair(nodes)
+        now = conditions(model, t, {}, loads=(law,))
+        if law.between_nodes:
+            return [
+                (
+                    point_weights(model, acting),
+                    acting.load.touch(load_point(model, acting, nodes, now)),
+                )
+                for acting in now.between
+            ]
+        return [
+            (spin.new_ones(1, 1), acting.load.touch(acting.load.of_body(point)))
+            for acting, point in load_points(model, nodes, now, now.loads)
+        ]
+
+    def _of_pair(self, nodes: Nodes) -> list[tuple[Tensor, Touch]]:
+        """Of two parts: at all places of both, on the first."""
+        space, touches = self.model.space, []
+        motion = TouchingMotion(
+            space.public_position(nodes.position),
+            None,
+            space.public_vector(nodes.velocity),
+            space.public_spin(nodes.spin),
+            None,
+            dict,
         )
+        pairs = [effect for effect in self.scene.effects if effect.kind == "pair"]
+        number = next(k for k, pair in enumerate(pairs) if pair is self._law)
+        of_pair = [one for one in self.model.touching.each if one.pair == number]
+        for one in of_pair:
+            near = one.nearby(motion, all_of_them=True)
+            found = one.meeting(near, *one.at(near, motion))
+            gap = torch.where(found.measure > 0, found.gap, torch.inf)
+            sense = 1.0 if one.first else -1.0
+            rub = None if found.rub is None else sense * found.rub
+            touches.append(
+                (found.measure, Touch(gap, sense * found.u, found.pressure, found.slip, rub))
+            )
+        return touches
 
     def _forces(self, state: State) -> Tensor:
         """(..., points, 3) N on the beam, frame a."""
         parts = []
-        for acting, touch in self._acting(state):
+        for measure, touch in self._touches(state):
             force = touch.pressure * touch.normal
             force = force if touch.rub is None else force + touch.rub
-            parts.append(point_weights(self.model, acting) * force)
+            parts.append(measure * force)
         return torch.cat(parts, -2)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactForce(OfContact):
-    """Force (..., 3) N of an obstacle on the beam, frame a, friction included."""
+    """Force (..., 3) N of an obstacle on the beam, or of the second part on the first, frame a,
+    friction included. Raises ValueError for a SelfContact, whose forces sum up to nothing.
+    """
 
     name: ClassVar[str] = "contact force"
     unit: ClassVar[str] = "N"
     labels: ClassVar[tuple[str, ...]] = XYZ
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if isinstance(self._law, SelfContact):
+            raise ValueError(
+                "a SelfContact was given to ContactForce, whose forces sum up to nothing; "
+                "ContactGap or ContactSlip is wanted"
+            )
 
     def read(self, state: Any) -> Tensor:
         return self._forces(state).sum(-2)
@@ -88,10 +140,20 @@ class ContactForce(OfContact):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactForces(OfContact):
-    """The same on each of the N elements along which it acts, (..., N, 3)."""
+    """The same on each of the N elements along which it acts, (..., N, 3). Raises ValueError for a
+    contact of two parts, or of a body.
+    """
 
     name: ClassVar[str] = "contact forces"
     unit: ClassVar[str] = "N"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self._law.between_nodes:
+            raise ValueError(
+                f"a {self._law.called} of two parts, or of a body, was given to ContactForces; "
+                "one of a beam with an obstacle is wanted"
+            )
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -103,14 +165,13 @@ class ContactForces(OfContact):
         return (self.model.topology.element_count, 3)
 
     def read(self, state: Any) -> Tensor:
-        points = self._contacts[self.contact].points
-        return self._forces(state).unflatten(-2, (-1, points)).sum(-2)
+        return self._forces(state).unflatten(-2, (-1, self._law.points)).sum(-2)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactGap(OfContact):
-    """Smallest gap (..., 1) m between the surfaces of the beam and of an obstacle, at the points of
-    its contact: where it falls below the thickness, they begin to touch.
+    """Smallest gap (..., 1) m between the surfaces of the beam and of an obstacle, or of two parts,
+    at the points of its contact: where it falls below the thickness, they begin to touch.
     """
 
     name: ClassVar[str] = "contact gap"
@@ -118,7 +179,7 @@ class ContactGap(OfContact):
     labels: ClassVar[tuple[str, ...]] = ("gap",)
 
     def read(self, state: Any) -> Tensor:
-        gaps = torch.cat([touch.gap[..., 0] for _, touch in self._acting(state)], -1)
+        gaps = torch.cat([touch.gap[..., 0] for _, touch in self._touches(state)], -1)
         return gaps.amin(-1, keepdim=True)
 
 
@@ -135,14 +196,14 @@ class ContactSlip(OfContact):
 
     def read(self, state: Any) -> Tensor:
         parts = []
-        for acting, touch in self._acting(state):
+        for measure, touch in self._touches(state):
             if touch.slip is None:
                 raise ValueError(
                     "a contact without friction was given to ContactSlip; one with it is wanted"
                 )
-            force = (point_weights(self.model, acting) * touch.pressure)[..., 0]
+            force = (measure * touch.pressure)[..., 0]
             speed = torch.linalg.vector_norm(touch.slip, dim=-1)
-            sticks = speed < acting.load.slip_speed[..., None]
+            sticks = speed < self._law.slip_speed[..., None]
             parts.append(torch.stack((force, force * speed, force * sticks), -1).sum(-2))
         total, *sums = sum(parts[1:], parts[0]).unbind(-1)
         whole = torch.where(total > 0, total, torch.ones_like(total))

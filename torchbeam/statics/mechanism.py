@@ -314,10 +314,11 @@ def _between(problem: SteadyProblem, x: Configuration) -> Iterator[Matrix]:
         yield _joined(problem, x)
     if loads is not None:
         yield loads.each(torch.neg)
-    if model.scene.tendons:
+    if model.scene.tendons or model.scene.pairs:
         w = model.space.unknowns
         none = model.topology.diagonal(x.position.new_zeros(model.node_count, w, w))
-        yield model.tendons.matrix(none, lambda: problem.tendon_motion(x))
+        tied = model.tendons.matrix(none, lambda: problem.tendon_motion(x))
+        yield model.touching.matrix(tied, lambda: problem.touching_motion(x))
 
 
 def _joined(problem: SteadyProblem, x: Configuration) -> Any:

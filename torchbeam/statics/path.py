@@ -156,8 +156,8 @@ def path(
     initial  an equilibrium at factor 0; None = the undeformed beam
     inputs   by name, (..., size)
     engine   "auto", "eager" or "compiled": what finds the balance at each point. "auto" takes
-             native code for all but structures, supports that go with the factor, a `load`, and
-             loads with internal states
+             native code for all but tendons, loads between nodes, supports that turn with the
+             factor, and loads with internal states
 
     Each sample goes its own way at its own pace. Without derivatives: `equilibrium` has those.
 

@@ -100,7 +100,6 @@ def families(elements: int) -> dict[str, Callable[[Draw], Scene]]:
             )
         )
 
-    # fmt: off
     return {
         "sudden": made(push(0.3, 2.0)),
         "sudden, damped": made(push(0.3, 3.0), damping),
@@ -111,12 +110,21 @@ def families(elements: int) -> dict[str, Callable[[Draw], Scene]]:
         "kick": made(kick, damping),
         "turning": made(damping, weight, frame=turning),
         "shaken root": made(weight, damping, root=shaken),
-        "pendulum": made(weight, damping, lambda draw, force: fx.PointMass(draw(0.01, 0.1)),
-                         supports=[Support(0, "xyz", "xz")]),
-        "drag": made(push(0.5, 3.0), damping, lambda draw,
-                     force: fx.Drag(1000.0, draw(0.002, 0.01), added_mass=1.0)),
-        "free": made(push(0.1, 1.0, follower=True), damping, lambda draw,
-                     force: fx.MassDamping(draw(0.1, 1.0)),
-                     supports=[Support(0, "", "")]),
+        "pendulum": made(
+            weight,
+            damping,
+            lambda draw, force: fx.PointMass(draw(0.01, 0.1)),
+            supports=[Support(0, "xyz", "xz")],
+        ),
+        "drag": made(
+            push(0.5, 3.0),
+            damping,
+            lambda draw, force: fx.Drag(1000.0, draw(0.002, 0.01), added_mass=1.0),
+        ),
+        "free": made(
+            push(0.1, 1.0, follower=True),
+            damping,
+            lambda draw, force: fx.MassDamping(draw(0.1, 1.0)),
+            supports=[Support(0, "", "")],
+        ),
     }
-    # fmt: on

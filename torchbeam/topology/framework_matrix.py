@@ -66,9 +66,9 @@ class FrameworkMatrix:
         if self.couplings and other.couplings:
             couplings = tuple(a + b for a, b in zip(self.couplings, other.couplings, strict=True))
         joints = other.joints if self.joints is None else self.joints
-        tied = other.tied if self.tied is None else self.tied
+        tied = other if self.tied is None else self
         diagonal = self.diagonal + other.diagonal
-        return FrameworkMatrix(self.framework, diagonal, couplings, joints, tied)
+        return FrameworkMatrix(tied.framework, diagonal, couplings, joints, tied.tied)
 
     def joined(self, joints: JointBlocks) -> FrameworkMatrix:
         """With the joints."""
@@ -77,6 +77,16 @@ class FrameworkMatrix:
     def with_ties(self, tied: Tensor) -> FrameworkMatrix:
         """With the ties."""
         return replace(self, tied=tied)
+
+    def tied_too(self, nodes: tuple[int, ...], blocks: Tensor) -> FrameworkMatrix:
+        """With one more tie, of these nodes: blocks (..., n^2, w, w) of all their pairs."""
+        ties, every = (nodes,), (blocks,)
+        if self.tied is not None:
+            ties, every = (*self.framework.ties, nodes), (self.tied, blocks)
+        framework = replace(self.framework, ties=ties)
+        shape = broadcast_shapes(*(x.shape[:-3] for x in every))
+        tied = torch.cat([x.expand(*shape, *x.shape[-3:]) for x in every], -3)
+        return replace(self, framework=framework, tied=tied)
 
     def plus(self, blocks: Tensor) -> FrameworkMatrix:
         return replace(self, diagonal=self.diagonal + blocks)

@@ -36,46 +36,68 @@ def across(a, t):
     return 0.0, 0.0, a * torch.sin(9 * t + 1)
 
 
-# fmt: off
 KINDS = {
     "TipLoad": lambda a: scene(tb.TipLoad(force=lambda t: across(a, t))),
-    "follower": lambda a: scene(tb.PointLoad(node=1, moment=lambda t: list(across(a, t)),
-                                             follower=True)),
+    "follower": lambda a: scene(
+        tb.PointLoad(node=1, moment=lambda t: list(across(a, t)), follower=True)
+    ),
     "LineLoad": lambda a: scene(tb.LineLoad(force=lambda t: across(a, t))),
-    "Along": lambda a: scene(tb.LineLoad(force=tb.Along(lambda s,
-        t: (0 * s, 0.0, a[..., None] * s * torch.sin(9 * t + 1))))),
-    "PerElement": lambda a: scene(tb.LineLoad(force=tb.PerElement(lambda t: (across(a, t),
-                                                                             (0.0, 0.1, 0.0))))),
-    "Frame velocity": lambda a: scene(tb.Drag(1.0, 0.5),
-                                      frame=tb.Frame(velocity=lambda t: across(a, t))),
+    "Along": lambda a: scene(
+        tb.LineLoad(
+            force=tb.Along(lambda s, t: (0 * s, 0.0, a[..., None] * s * torch.sin(9 * t + 1)))
+        )
+    ),
+    "PerElement": lambda a: scene(
+        tb.LineLoad(force=tb.PerElement(lambda t: (across(a, t), (0.0, 0.1, 0.0))))
+    ),
+    "Frame velocity": lambda a: scene(
+        tb.Drag(1.0, 0.5), frame=tb.Frame(velocity=lambda t: across(a, t))
+    ),
     "Frame": lambda a: scene(frame=tb.Frame(angular_velocity=lambda t: across(a, t))),
     "RootMotion": lambda a: scene(root=tb.RootMotion(displacement=lambda t: across(a, t))),
     "rotation": lambda a: scene(root=tb.RootMotion(rotation=lambda t: across(a, t))),
-    "RootSpring": lambda a: scene(tb.RootSpring((3.0, 2.0), (0.1, 0.1)),
-                                  root=tb.RootMotion(lambda t: across(a, t))),
-    "Support": lambda a: scene(supports=[tb.Support(0),
-                                         tb.Support(-1, "z", "",
-                                                    displacement=lambda t: across(a, t))]),
+    "RootSpring": lambda a: scene(
+        tb.RootSpring((3.0, 2.0), (0.1, 0.1)), root=tb.RootMotion(lambda t: across(a, t))
+    ),
+    "Support": lambda a: scene(
+        supports=[tb.Support(0), tb.Support(-1, "z", "", displacement=lambda t: across(a, t))]
+    ),
     "turn": lambda a: scene(supports=[tb.Support(0), tb.Support(-1, turn=lambda t: across(a, t))]),
     "Actuation": lambda a: scene(tb.Actuation(curvature=lambda t: across(a, t))),
-    "Actuation of elements": lambda a:
-    scene(tb.Actuation(curvature=tb.PerElement(lambda t: [across(a, t), (0.0, 0.0, 0.0)]))),
-    "Spring": lambda a: scene(tb.Spring(-1, 2.0, to=lambda t: across(a, t), length=0.2,
-                                        damping=0.1)),
-    "Drag": lambda a: scene(tb.Drag(1.0, 0.5, flow=lambda r,
-                                    t: (0 * r[..., 0], 0.5, a[..., None] * torch.sin(9 * t + 1)))),
-    "Load": lambda a: scene(tb.Load(lambda r, R, v, w,
-                                    t: ([0.0, -0.1 * r[..., 1], a * torch.sin(9 * t + 1)], None),
-                                    of="position")),
-    "Load along": lambda a: scene(tb.Load(
-        lambda r, R, v, w, t: (None, (0 * r[..., 0], 0.0, a[..., None] * torch.sin(9 * t + 1))),
-        node=None, of="position")),
-    "Load's rate": lambda a: scene(tb.Load(
-        lambda r, R, v, w, t, z: ((0.0, 0.0, z[..., 0]), None), internal=1, of=(),
-        rate=lambda z, r, R, v, w, t: [a * torch.sin(9 * t + 1) - 3 * z[..., 0]])),
+    "Actuation of elements": lambda a: scene(
+        tb.Actuation(curvature=tb.PerElement(lambda t: [across(a, t), (0.0, 0.0, 0.0)]))
+    ),
+    "Spring": lambda a: scene(
+        tb.Spring(-1, 2.0, to=lambda t: across(a, t), length=0.2, damping=0.1)
+    ),
+    "Drag": lambda a: scene(
+        tb.Drag(
+            1.0, 0.5, flow=lambda r, t: (0 * r[..., 0], 0.5, a[..., None] * torch.sin(9 * t + 1))
+        )
+    ),
+    "Load": lambda a: scene(
+        tb.Load(
+            lambda r, R, v, w, t: ([0.0, -0.1 * r[..., 1], a * torch.sin(9 * t + 1)], None),
+            of="position",
+        )
+    ),
+    "Load along": lambda a: scene(
+        tb.Load(
+            lambda r, R, v, w, t: (None, (0 * r[..., 0], 0.0, a[..., None] * torch.sin(9 * t + 1))),
+            node=None,
+            of="position",
+        )
+    ),
+    "Load's rate": lambda a: scene(
+        tb.Load(
+            lambda r, R, v, w, t, z: ((0.0, 0.0, z[..., 0]), None),
+            internal=1,
+            of=(),
+            rate=lambda z, r, R, v, w, t: [a * torch.sin(9 * t + 1) - 3 * z[..., 0]],
+        )
+    ),
     "input": lambda a: (scene(tb.TipLoad(force=tb.Input("u", 3))), {"u": lambda t: across(a, t)}),
 }
-# fmt: on
 
 
 def parts(kind, a):

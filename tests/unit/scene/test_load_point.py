@@ -52,15 +52,17 @@ def lag(z, position, rotation, velocity, spin, t):
 def effects():
     torch.manual_seed(3)
     six = 1 + torch.rand(B, 6)
-    # fmt: off
     found = {
-        "PointLoad follower": tb.PointLoad(1, force=torch.rand(B, 3), moment=torch.rand(3),
-                                           follower=True),
+        "PointLoad follower": tb.PointLoad(
+            1, force=torch.rand(B, 3), moment=torch.rand(3), follower=True
+        ),
         "PointLoad follower moment": tb.PointLoad(1, moment=(1.0, 2, 3), follower=True),
-        "LineLoad follower": tb.LineLoad(force=fx.Along(lambda s,
-            t: torch.stack((s, s * t, 1 + 0 * s), -1)), follower=True),
-        "LineLoad of elements": tb.LineLoad(force=fx.PerElement(torch.rand(B, SITES - 1, 3)),
-                                            follower=True),
+        "LineLoad follower": tb.LineLoad(
+            force=fx.Along(lambda s, t: torch.stack((s, s * t, 1 + 0 * s), -1)), follower=True
+        ),
+        "LineLoad of elements": tb.LineLoad(
+            force=fx.PerElement(torch.rand(B, SITES - 1, 3)), follower=True
+        ),
         "Gravity": tb.Gravity(torch.rand(B, 3)),
         "MassDamping": fx.MassDamping(torch.rand(B)),
         "Drag": fx.Drag(1000.0, torch.rand(B), normal=1.1, tangential=0.1, flow=torch.rand(3)),
@@ -68,18 +70,20 @@ def effects():
         "Spring": fx.Spring(-1, torch.rand(B), to=(0.1, 0.2, 0.3)),
         "Spring damped": fx.Spring(-1, 2.0, to=torch.rand(B, 3), damping=0.3),
         "Spring with a length": fx.Spring(-1, 2.0, to=(0.1, 0.2, 0.3), length=0.5),
-        "Spring with a length, damped": fx.Spring(-1, 2.0, to=(0.1, 0.2, 0.3), length=0.5,
-                                                  damping=0.1),
-        "Spring to a point that moves, damped": fx.Spring(-1, 2.0, to=lambda t: (t, t**2, 0.3),
-                                                          length=0.5, damping=0.1),
+        "Spring with a length, damped": fx.Spring(
+            -1, 2.0, to=(0.1, 0.2, 0.3), length=0.5, damping=0.1
+        ),
+        "Spring to a point that moves, damped": fx.Spring(
+            -1, 2.0, to=lambda t: (t, t**2, 0.3), length=0.5, damping=0.1
+        ),
         "RootSpring": fx.RootSpring(six),
         "RootSpring damped": fx.RootSpring((2.0, torch.rand(3)), damping=six),
         "Load": fx.Load(user, inputs={"u": 3}),
         "Load along": fx.Load(user, node=None, inputs=[tb.Input("u", 3)]),
-        "Load with a lag": fx.Load(lagged, internal=2, rate=lag,
-                                   of=("position", "rotation", "velocity")),
+        "Load with a lag": fx.Load(
+            lagged, internal=2, rate=lag, of=("position", "rotation", "velocity")
+        ),
     }
-    # fmt: on
     return {name: bind(effect) for name, effect in found.items()}
 
 

@@ -188,10 +188,6 @@ REFUSED = {
         structure(joints=()), torch.linspace(0, 0.1, 2), form="minimal"),
     "joints were given to an explicit method": lambda: tb.simulate(structure(),
         torch.linspace(0, 0.1, 2), method="rk4"),
-    "bodies without a beam": lambda: tb.Stepper(tb.Scene({"hub": tb.Body(1.0, 0.1)}), 0.1,
-                                                engine="compiled"),
-    "(a structure of several parts); 'eager' does": lambda: tb.equilibrium(structure(
-        supports=[tb.Support((name, 0)) for name in ("arm", "bow")]), engine="compiled"),
     "the same in all parts (up= turns it)": lambda: tb.Stepper(tb.Scene({"arm": ARM, "post": POST},
                                                                         plane="xz"), 0.1),
 }

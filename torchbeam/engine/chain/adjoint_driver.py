@@ -96,7 +96,7 @@ class AdjointDriver(ChainCode):
         self._joint_solutions()
         if "energy" in self.layout.records:
             self._energies()
-        if {"finish element bar 0", "finish element load bar 0"} & self.functions.keys():
+        if "finish element bar 0" in self.functions or "at_load" in self.layout.records:
             with code.loop(0, N) as e:
                 self._element_ends(e)
         self._joint_ends()
@@ -182,6 +182,9 @@ class AdjointDriver(ChainCode):
 
     def _joint_solutions(self) -> None:
         """Their forces, between the states of a step."""
+
+    def _joint_energies(self) -> None:
+        """To what the energy rises by: less the work of what acts in them."""
 
     def _joint_ends(self) -> None:
         """What the cotangents of their states at the end ask of the start, of nodes, of forces."""
@@ -288,6 +291,7 @@ class AdjointDriver(ChainCode):
                         ),
                     )
             self._add_energies()
+        self._joint_energies()
 
         def of_sample(f: str) -> str:
             name = f.removeprefix("> ")

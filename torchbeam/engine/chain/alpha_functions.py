@@ -55,6 +55,7 @@ class AlphaFunctions(LocalFunctions):
 
     NODE = (*NODE, "acceleration")
     UNKNOWNS = EndUnknowns
+    OVER_STEP = False
     INSTANT = GeneralizedAlphaProblem.INSTANT
 
     @property
@@ -85,7 +86,7 @@ class AlphaFunctions(LocalFunctions):
         if not between or common.before is None:
             return problem, x
         before = self._conditions(problem.model, None, None, common, common.before, None, ())
-        before = self._with_between(problem.model, before, common.before)
+        before = self._with_between(problem.model, before, common.before, kind)
         return replace(problem, before=before), x
 
     def _stepping(

@@ -75,7 +75,8 @@ class Chain:
         self.lists = dict(zip(POINTERS[1:], map(_integers, lists), strict=True))
         self.numbers: dict[str, int] = {}
         if tables is not None:
-            own = {"joint_kinds": joints, **tables.lists}
+            stretches = [program.kinds.stretches.index(kind) for kind in kinds.stretches]
+            own = {"joint_kinds": joints, "stretch_kinds": stretches, **tables.lists}
             self.lists |= {name: _integers([*x, 0]) for name, x in own.items()}
             self.numbers = {"nodes": len(nodes), **tables.numbers}
         self._blocks: dict[int, list[Tensor]] = {}  # of memory that no call uses, by lanes
@@ -274,7 +275,8 @@ class Call:
         if "limit" in place:
             numbers[place["limit"]] = limit
         run = self.chain.program.run(self.lanes)
-        threads = min(torch.get_num_threads(), self.groups, self.B * self.chain.N * self.K // WORK)
+        work = self.B * max(self.chain.N, 1) * self.K
+        threads = min(torch.get_num_threads(), self.groups, work // WORK)
         if threads < 2:
             self._part(run, numbers, held)
         else:

@@ -43,7 +43,7 @@ class ChainCode:
             kinds,
             held,
         )
-        self.lanes, self.order = module.lanes, len(kinds.elements[0]) - 1
+        self.lanes, self.order = module.lanes, len(kinds.elements[0].ends) - 1
         self.bytes = self.lanes.count * self.lanes.bytes  # of a component
         self.code = Code("chain", ["ptr %args"])
         self.args: dict[str, str] = {}
@@ -255,7 +255,7 @@ class ChainCode:
         """What is written in a round runs where loads between the nodes of element e, of kind k, do
         anything in one of the samples; no round, where there are none.
         """
-        if "at_load" not in self.layout.records:
+        if f"far {k}" not in self.functions:
             return
         code, far = self.code, self.at("at_load", 0, "far")
         self._call(

@@ -49,6 +49,14 @@ class ConservingFunctions(LocalFunctions):
         work = super().finish_element_load(kind, **fields)["work"]
         return {"work": work, "rise": -work}
 
+    def finish_joint(self, kind: Any, **fields: Tensor) -> Fields:
+        after = super().finish_joint(kind, **fields)
+        return after | {"rise": -after["work"]}
+
+    def tendon_work(self, tension: Tensor, change: Tensor, start: Tensor | None = None) -> Fields:
+        work = super().tendon_work(tension, change, start)["work"]
+        return {"work": work, "rise": -work}
+
     def project(self, defect: Tensor, kinetic: Tensor, rise: Tensor) -> Fields:
         """See `energy_projection`; of all nodes and elements together."""
         scale, defect = projected(defect + rise, kinetic)

@@ -15,7 +15,6 @@ from ...scene.effects.effect import of_library
 from ..compiler.trace import NotTraceable
 from ..engine_use import slow_path
 from .compiled_step import FUNCTIONS, CompiledStep
-from .conserving_functions import ConservingFunctions
 from .user_functions import by_function, by_sample, known, surroundings
 
 ENGINES = ("auto", "eager", "compiled")
@@ -34,12 +33,7 @@ def refusal(model: Model, method: str, conserve: bool = False, **options: Any) -
     """
     scene = model.scene
     reasons = {
-        "a Tendon": bool(scene.tendons),
-        "bodies without a beam": bool(scene.beam.parts) and not scene.beam.element_count,
-        "contact in a structure": bool(scene.beam.parts)
-        and any(load.between_nodes for load in scene.loads),
-        f"a structure by method {method!r} with conserve=True": bool(scene.beam.parts)
-        and FUNCTIONS.get((method, conserve)) is ConservingFunctions,
+        "contact of beams and bodies with each other": bool(scene.pairs),
         f"method {method!r}": (method, conserve) not in FUNCTIONS,
         f"the device {scene.device}": scene.device.type != "cpu",
     }

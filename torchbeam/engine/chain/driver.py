@@ -318,6 +318,9 @@ class Driver(ChainCode):
 
     # Joints, of which a chain has none: see `StructurePasses`
 
+    def _clear_records(self, *names: str) -> None:
+        """Zeros in records of theirs."""
+
     def _start_joints(self) -> None:
         """Their forces to start from."""
 
@@ -329,6 +332,9 @@ class Driver(ChainCode):
 
     def _update_joints(self, over: str) -> None:
         """Their forces after the moves, but of samples that are over."""
+
+    def _keep_joints(self, good: str) -> None:
+        """Their forces, of what has gone well."""
 
     def _finish_joints(self, good: str) -> None:
         """Where they are at the end of the step, of what has gone well."""

@@ -17,16 +17,17 @@ from ...equations.load_steps import LIMIT
 from ...equations.steady import Configuration, rounding_stress
 from ...math.shapes import broadcast_shapes
 from ...nodal.balance import same_law
+from ...nodal.joints import stacked
 from ...nodal.model import Model
 from ...scene.effects import Inputs
 from ...solvers.newton import TOLERANCE
 from ...state.supported_nodes import set_node
 from ..compiler.trace import NotTraceable
 from ..engine_use import slow_path
-from .call import Call, Chain, Field
+from .call import Call, Chain, Field, structure_fields
 from .chain_constants import Trees
 from .constants import Constants
-from .cotangents import constant_fields
+from .cotangents import FORCES, OF_JOINTS, constant_fields
 from .coverage import MISSING, given_up, meaning, unsteady, untraceable
 from .load_program import JudgedProgram, LoadProgram
 from .native import NotCompiled
@@ -55,7 +56,7 @@ def refusal(model: Model) -> str | None:
     """Why the equilibria of a model are not found by native code; None where they are."""
     scene = model.scene
     reasons = {
-        "a structure of several parts": bool(scene.beam.parts),
+        "contact of beams and bodies with each other": bool(scene.pairs),
         f"the device {scene.device}": scene.device.type != "cpu",
         MISSING: find_spec("llvmlite") is None,
     }
@@ -104,7 +105,7 @@ def automatic_climb(
     samples *= repetitions()
     if (
         meaning() == "eager"
-        or samples * model.station_count < WORTH
+        or samples * (model.station_count or model.node_count) < WORTH
         or model.scene.device.type != "cpu"
     ):
         return None
@@ -159,29 +160,33 @@ def _called(
 ) -> Climbed:
     constants = Constants(model, steps=False, around=around)
     local = SteadyFunctions(model, *trees_at_rest(constants, t, inputs))
+    joints = model.joints.count > 0
+    judged = judged and not model.scene.beam.parts  # of a structure it is looked at by torch
     chain, fields = prepared(local, constants, t, around, JudgedProgram if judged else LoadProgram)
     exact = same_law(local.elements.C, model.law.C)
     tolerance = model.length.new_tensor(tolerance or TOLERANCE[model.length.dtype])
-    start = x._asdict()
+    stress, forces = model.joints.split(x.stress)
+    start = x._asdict() | {"stress": stress} | ({FORCES: forces} if joints else {})
+    place = {"stress": ("start_stress", "stress"), **OF_JOINTS, "reaction": ("support", "last")}
     given = [
         *fields,
         Field("common", "exact", exact, 0),
         Field("common", "tolerance", tolerance, 0),
-        *(
-            Field("start_stress" if name == "stress" else "kept", name, v, 2)
-            for name, v in start.items()
-        ),
+        *(Field(*place.get(name, ("kept", name)), v, 2) for name, v in start.items()),
     ]
     batch = broadcast_shapes(*(one.value.shape[: one.value.ndim - one.axes] for one in given))
     call = Call(chain, batch, 1, lanes)
     states = {name: call.empty(*v.shape[-2:], steps=False) for name, v in start.items()}
     states["reaction"] = call.empty(*model.constraints.fixed.shape, steps=False)
     outputs = {name: call.empty(steps=False) for name in ("last_status", "indefinite")}
-    record = {"stress": ("start_stress", "stress"), "reaction": ("support", "last")}
-    out = [Field(*record.get(name, ("kept", name)), v, 2, flat=True) for name, v in states.items()]
+    out = [Field(*place.get(name, ("kept", name)), v, 2, flat=True) for name, v in states.items()]
     out += [Field("sample", name, v, 0, flat=True) for name, v in outputs.items()]
-    call.bound({}, inputs=[*given, Field("free", "free", chain.free, 2)], outputs=out).run(LIMIT)
-    *shape, reaction = (v.reshape(*batch, *v.shape[1:]) for v in states.values())
+    given += [Field("free", "free", chain.free, 2), *structure_fields(chain)]
+    call.bound({}, inputs=given, outputs=out).run(LIMIT)
+    found = {name: v.reshape(*batch, *v.shape[1:]) for name, v in states.items()}
+    if joints:
+        found["stress"] = stacked(found["stress"], found.pop(FORCES))
+    *shape, reaction = found.values()
     status, indefinite = (v.reshape(batch) for v in outputs.values())
     return Climbed(
         Configuration(*shape), reaction, status.long(), indefinite != 0 if judged else None
@@ -207,13 +212,16 @@ def prepared(
     kinds = kinds_of(model, constants.acts, rest=True)
     program = program_of(local, kinds, bool(model.constraints.nodes), around, made)
     chain = Chain(program, model, kinds)
-    like, p, least = model.length, model.space.dims.position, rounding_stress(model)
+    length, p, least = model.spans, model.space.dims.position, rounding_stress(model)
+    least = least if model.station_count else torch.zeros_like(length).expand(1, p + 1)
     numbers = {
-        "total": like.sum((-1, -2)),
-        "longest": like.amax((-1, -2)),
+        "total": length.sum((-1, -2)),
+        "longest": length.amax((-1, -2)),
         "least_force": least[..., :p].amax((-1, -2)),
         "least_moment": least[..., p:].amax((-1, -2)),
     }
+    if model.joints.count:
+        numbers["joint_size"] = model.joints.size
     fields = [
         *constant_fields(local.trees),
         *_poses(model, t),

@@ -6,11 +6,14 @@ What is computed is in `SteadyFunctions`; here is only in which order, and where
 
 from __future__ import annotations
 
+from .chain_code import ChainCode
 from .driver import Driver
+from .structure_code import COUNTS, TABLES
+from .structure_driver import StructurePasses
 
 
-class LoadDriver(Driver):
-    """Equilibria, each sample at its own pace."""
+class LoadSteps(ChainCode):
+    """Equilibria, each sample at its own pace, by the passes of another class."""
 
     def _group(self, first: str) -> None:
         # whether the balance and elimination at hand are of the shape and load at hand
@@ -91,6 +94,7 @@ class LoadDriver(Driver):
             self._copy_to(
                 self.at("stress", e), self.at("start_stress", e), self.layout.records["stress"].size
             )
+        self._start_joints()
 
     def _place(self) -> None:
         """Supports where they have to be."""
@@ -151,3 +155,14 @@ class LoadDriver(Driver):
         with code.loop(0, self.args["nodes"]) as j:
             self._take(self.at("kept", j), self.at("unknown", j), good, records["unknown"].size)
         self._keep_forces(good)
+        self._keep_joints(good)
+
+
+class LoadDriver(LoadSteps, Driver):
+    """Of a chain."""
+
+
+class StructureLoadDriver(LoadSteps, StructurePasses, Driver):
+    """Of a structure."""
+
+    ARGS = (*Driver.ARGS, *TABLES, *COUNTS)

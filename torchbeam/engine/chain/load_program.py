@@ -8,7 +8,7 @@ from functools import partial
 
 from ..compiler.function import Function
 from .layout import NODES, ONE, Layout
-from .load_driver import LoadDriver
+from .load_driver import LoadDriver, StructureLoadDriver
 from .program import ChainProgram
 from .steady_functions import POSE, SteadyFunctions
 from .tracing import Tracing
@@ -49,7 +49,7 @@ RULES = {
 class LoadProgram(ChainProgram):
     """judged: whether it says of each equilibrium if the tangent is positive definite."""
 
-    driver = LoadDriver
+    driver, of_structures = LoadDriver, StructureLoadDriver
     unknown = "position", "rotation"
     varying = ("load_factor",)
     numbers = (*ChainProgram.numbers, "least_force", "least_moment")
@@ -76,10 +76,10 @@ class LoadProgram(ChainProgram):
 
     def _functions(self, traced: Tracing, local: SteadyFunctions) -> dict[str, Function]:
         functions = super()._functions(traced, local)
-        for name in ("row", "held row"):
-            if name in functions and not self.judged:
-                functions[name] = functions[name].only(
-                    field for field in functions[name].outputs if field != "indefinite"
+        for name, function in functions.items():
+            if "indefinite" in function.outputs and not self.judged:
+                functions[name] = function.only(
+                    field for field in function.outputs if field != "indefinite"
                 )
         return functions
 

@@ -32,6 +32,7 @@ from ...topology.midside import condensed, following
 from .joint_functions import JointFunctions
 from .local_problem import INTERNAL, Fields, unbatched
 from .node_kinds import ElementKind, NodeKind
+from .tendon_functions import TendonFunctions
 
 
 class WholeRow(NamedTuple):
@@ -48,7 +49,7 @@ class WholeRow(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LocalFunctions(JointFunctions):
+class LocalFunctions(JointFunctions, TendonFunctions):
     """Functions of nodes, of elements, of rows of the chain, of samples; and those of the
     adjoint.
     """
@@ -520,9 +521,7 @@ class LocalFunctions(JointFunctions):
         size = scaled(
             left_force, left_moment, left_strain, *mixed(force, moment, total, longest), strain
         )
-        if joints:
-            apart = joints["gap_position"] / joints["joint_size"]
-            size = measured(size, torch.maximum(apart, joints["gap_rotation"]))
+        size = self.with_gaps(size, joints)
         if foresee is None and not self.model.smooth:
             foresee = size < 0  # never
         finite = torch.isfinite(size)
@@ -540,6 +539,13 @@ class LocalFunctions(JointFunctions):
             "status": torch.where(iterations == 0, first, status),
             "iterations": iterations + going.to(iterations),
         }
+
+    def with_gaps(self, size: Tensor, joints: Fields) -> Tensor:
+        """A scaled residual with the gaps of joints, if there are any, see `judge`."""
+        if not joints:
+            return size
+        apart = joints["gap_position"] / joints["joint_size"]
+        return measured(size, torch.maximum(apart, joints["gap_rotation"]))
 
     def outcome(
         self,

@@ -142,6 +142,11 @@ class NativeProgram:
         )
         return module.text()
 
+    @property
+    def touching(self) -> list[int]:
+        """Numbers of the kinds of elements between whose nodes loads act."""
+        return [k for k, kind in enumerate(self.kinds.elements) if kind.loads]
+
     def given(self, record: str) -> list[tuple[str, int]]:
         """(field, its number among the constants) of those that a record holds."""
         return [
@@ -176,7 +181,7 @@ class NativeProgram:
         """Functions of each kind of nodes and of elements, where what an element computes of one of
         its nodes alone is computed by that node; see `share_ends`.
         """
-        sides = [dict(zip(self.sides, kind, strict=True)) for kind in self.kinds.elements]
+        sides = [dict(zip(self.sides, kind.ends, strict=True)) for kind in self.kinds.elements]
         rests, ends = share_ends([*zip(elements, sides, strict=True)], unknown, common)
         return [
             node.joined(ends[kind.end]) if kind.end in ends else node

@@ -4,7 +4,8 @@ called.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
 
 from torch import Tensor
 
@@ -57,7 +58,16 @@ class NodeKind(NamedTuple):
         return EndKind(self.hinge, self.support)
 
 
-ElementKind = tuple[EndKind, ...]  # of its nodes, in order
+class ElementKind(NamedTuple):
+    """What holds the nodes of an element, in order; numbers of the loads in `CommonConditions` that
+    act between them.
+    """
+
+    ends: tuple[EndKind, ...]
+    loads: tuple[int, ...] = ()
+
+
+NO_ELEMENT = ElementKind((EndKind(), EndKind()))
 
 
 class JointKind(NamedTuple):
@@ -76,10 +86,48 @@ class JointKind(NamedTuple):
     @property
     def sides(self) -> tuple[str, ...]:
         """What its ends are called that are nodes."""
-        return tuple(side for side, end in zip(SIDES[1], self.ends, strict=True) if end is not None)
+        return _sides(self.ends)
+
+
+class StretchKind(NamedTuple):
+    """What code of a stretch of a tendon depends on: what holds its two ends, None = it is the
+    ground; whether the tendon has a stiffness, and friction.
+    """
+
+    ends: tuple[EndKind | None, EndKind | None]
+    elastic: bool
+    rubs: bool
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """What its ends are called that are nodes."""
+        return _sides(self.ends)
+
+    @property
+    def coupled(self) -> bool:
+        """Whether its tension depends on where the other stretches are."""
+        return self.elastic or self.rubs
+
+    def parts(self) -> dict[str, tuple[Any, ...]]:
+        """What each of its functions depends on, by the first word of their names."""
+        return {
+            "stretch": (self.ends, self.rubs),
+            "tension": (self.elastic, self.rubs),
+            "tie": (self.ends, self.coupled),
+        }
+
+
+def alike(kinds: tuple[StretchKind, ...], k: int, word: str) -> int:
+    """The first of the kinds that has the same functions of this word as kind k."""
+    own = [kind.parts()[word] for kind in kinds]
+    return own.index(own[k])
 
 
 SIDES = {1: ("i", "j"), 2: ("i", "m", "j")}  # what the nodes of an element are called, by its order
+
+
+def _sides(ends: tuple[EndKind | None, ...]) -> tuple[str, ...]:
+    return tuple(side for side, end in zip(SIDES[1], ends, strict=True) if end is not None)
 
 
 def without_side(field: str) -> str:
@@ -91,32 +139,43 @@ def without_side(field: str) -> str:
 class Kinds(NamedTuple):
     """Of all nodes, of all elements and of all joints; or those that there are. joints: None = the
     nodes are those of one chain; runs: of a structure, how some of its nodes are eliminated, see
-    `Run.manner`.
+    `Run.manner`; stretches: of tendons.
     """
 
     nodes: tuple[NodeKind, ...]
     elements: tuple[ElementKind, ...]
     joints: tuple[JointKind, ...] | None = None
     runs: tuple[str, ...] = ()
+    stretches: tuple[StretchKind, ...] = ()
 
     @classmethod
-    def of(cls, nodes: list[NodeKind], model: Model) -> Kinds:
-        """From those of all nodes of a model."""
+    def of(
+        cls, nodes: list[NodeKind], model: Model, loads: Callable[[int], tuple[int, ...]]
+    ) -> Kinds:
+        """From those of all nodes of a model, and the numbers of the loads between those of each
+        element.
+        """
         held, topology = [node.end for node in nodes], model.topology
         if not isinstance(topology, Framework):
             order = topology.order
-            return cls(
-                tuple(nodes),
-                tuple(tuple(held[i : i + order + 1]) for i in range(0, len(held) - 1, order)),
-            )
-        elements = tuple(
-            tuple(held[node] for node in own) for own in zip(*topology.elements, strict=True)
-        )
+            ends = (tuple(held[i : i + order + 1]) for i in range(0, len(held) - 1, order))
+            return cls(tuple(nodes), _of_elements(ends, loads))
+        ends = (tuple(held[node] for node in own) for own in zip(*topology.elements, strict=True))
+        elements = _of_elements(ends, loads)
         manners = {run.manner for runs in topology.cut.runs for run in runs}
-        return cls(tuple(nodes), elements, _of_joints(model, held), tuple(sorted(manners)))
+        joints, stretches = _of_joints(model, held), _of_stretches(model, held)
+        return cls(tuple(nodes), elements, joints, tuple(sorted(manners)), stretches)
 
     def distinct(self) -> Kinds:
-        return Kinds(*(None if own is None else tuple(dict.fromkeys(own)) for own in self))
+        """Each once; where there are bodies alone, a kind of elements that none is of."""
+        kinds = Kinds(*(None if own is None else tuple(dict.fromkeys(own)) for own in self))
+        return kinds if kinds.elements else kinds._replace(elements=(NO_ELEMENT,))
+
+
+def _of_elements(
+    ends: Iterable[tuple[EndKind, ...]], loads: Callable[[int], tuple[int, ...]]
+) -> tuple[ElementKind, ...]:
+    return tuple(ElementKind(own, loads(e)) for e, own in enumerate(ends))
 
 
 def _of_joints(model: Model, held: list[EndKind]) -> tuple[JointKind, ...]:
@@ -134,6 +193,15 @@ def _of_joints(model: Model, held: list[EndKind]) -> tuple[JointKind, ...]:
         JointKind(tuple(None if node is None else held[node] for node in pair), *own, shift)
         for pair, *own, shift in zip(model.topology.joints, *masks, shifts, strict=True)
     )
+
+
+def _of_stretches(model: Model, held: list[EndKind]) -> tuple[StretchKind, ...]:
+    tendons = model.tendons
+    if not tendons.stretches:
+        return ()
+    ends = [None if node is None else held[node] for node in tendons.nodes]
+    ropes = [(x.stiffness is not None, x.friction is not None) for x in tendons.ropes]
+    return tuple(StretchKind((ends[e], ends[e + 1]), *ropes[k]) for k, e in tendons.stretches)
 
 
 def _tuples(x: Tensor) -> list[tuple[float, ...]]:
@@ -173,4 +241,13 @@ def kinds_of(model: Model, loads: tuple[ActingLoad, ...], rest: bool = False) ->
             else NodeKind(acting, hinges.get(j), supports.get(j))
         )
 
-    return Kinds.of([kind(j) for j in range(nodes)], model)
+    def between(e: int) -> tuple[int, ...]:
+        first = e * model.topology.order
+        return tuple(
+            k
+            for k, act in enumerate(loads)
+            if act.load.between_nodes
+            and (act.node is None or act.node.start <= first < act.node.stop)
+        )
+
+    return Kinds.of([kind(j) for j in range(nodes)], model, between)

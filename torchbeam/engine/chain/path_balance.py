@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import torch
@@ -13,14 +15,16 @@ from ...core.functions_of_time import rate_along
 from ...core.surroundings import Surroundings
 from ...equations.steady import Configuration, SteadyProblem
 from ...nodal.balance import same_law
+from ...nodal.joints import stacked
 from ...state.state import rest
+from ...topology.protocols import System
 from ..compiler.derivative import dot
 from ..compiler.trace import NotTraceable
 from ..engine_use import slow_path
-from .call import Call, Field
+from .call import Call, Field, structure_fields
 from .chain_constants import Trees
 from .constants import Constants
-from .cotangents import constant_fields
+from .cotangents import FORCES, OF_JOINTS, constant_fields
 from .coverage import given_up, meaning, unsteady, untraceable
 from .load_climb import prepared, refusal, trees_at_rest
 from .native import NotCompiled
@@ -43,15 +47,19 @@ class Size(NamedTuple):
 
 
 class NativePoint(NamedTuple):
-    """See `statics.arc_length.PointBalance`."""
+    """See `statics.arc_length.PointBalance`; blocks: pivots, or, of a structure, the tangent's
+    system that has them, found by torch where it is asked for.
+    """
 
     residual: Size
     exact: Tensor
     by_residual: Answer
     by_factor: Answer
-    blocks: Tensor
+    blocks: Tensor | Callable[[], System]
 
     def pivots(self) -> tuple[Tensor, Tensor]:
+        if callable(self.blocks):
+            return self.blocks().pivots()
         sound = torch.isfinite(self.blocks)
         return torch.where(sound, self.blocks, 0.0), sound.flatten(-3).all(-1)
 
@@ -65,7 +73,8 @@ class NativeBalance:
         self, problem: SteadyProblem, load: str | None, around: Surroundings | None
     ) -> None:
         """problem: at factor 0."""
-        self.model = model = problem.model
+        self.model, self.problem = problem.model, problem
+        model, self.parts = problem.model, bool(problem.model.scene.beam.parts)
         constants = Constants(model, steps=False, around=around)
         trees, rising, rises, led = self._trees(constants, problem, load)
         local = PathFunctions(model, *trees, rising=rising, led=led is not None)
@@ -102,7 +111,8 @@ class NativeBalance:
         self, position: Tensor, rotation: Tensor, stress: Tensor, factor: Tensor
     ) -> NativePoint:
         """At position, rotation (..., N+1, *) and stress (..., N, k), under a factor (...)."""
-        batch, order = factor.shape, self.chain.program.order
+        batch, order, x = factor.shape, self.chain.program.order, (position, rotation, stress)
+        stress, forces = self.model.joints.split(stress)
         share = factor if self.load is None else torch.ones_like(factor)
         given = [
             Field(record, name, value.expand(*batch, *value.shape[-axes:]).contiguous(), axes)
@@ -112,6 +122,7 @@ class NativeBalance:
                 ("kept", "position", position, 2),
                 ("kept", "rotation", rotation, 2),
                 ("start_stress", "stress", stress, 2),
+                *(() if forces is None else ((*OF_JOINTS[FORCES], forces, 2),)),
                 ("common", "load_factor", share, 0),
                 ("common", "reached", share, 0),
             )
@@ -126,18 +137,22 @@ class NativeBalance:
             ("stress", "stress"): stress.shape[-2:],
             ("support", "found"): self.model.constraints.fixed.shape,
             ("sample", "size"): (),
-            ("row", PIVOT): (self.chain.rows("row"), *size),
-            ("middle pivot", PIVOT): (self.model.scene.beam.element_count, *size),
         }
+        if forces is not None:
+            rows["joint_unknown", "force"] = forces.shape[-2:]
+        if not self.parts:
+            rows["row", PIVOT] = (self.chain.rows("row"), *size)
+        if not self.parts and order == 2:
+            rows["middle pivot", PIVOT] = (self.model.scene.beam.element_count, *size)
         call = self._calls.get(batch)
         out = [
             Field(*name, torch.empty(2, batch.numel(), *own, dtype=factor.dtype), len(own), True)
             for name, own in rows.items()
-            if name[0] != "middle pivot" or order == 2
         ]
         if call is None:
             slope = torch.tensor((0.0, 1.0), dtype=factor.dtype).reshape(2, *(1,) * len(batch))
             fixed = [Field("common", "slope", slope, 0), Field("free", "free", self.chain.free, 2)]
+            fixed += structure_fields(self.chain)
             call = self._calls[batch] = Call(self.chain, batch, 2).bound(
                 {"inputs": len(given), "outputs": len(out)},
                 inputs=[*given, *self.fields, *fixed],
@@ -147,15 +162,28 @@ class NativeBalance:
         move, dstress, reaction, measure, *blocks = (
             one.value.reshape(2, *batch, *one.value.shape[2:]) for one in out
         )
-        unknowns, here = self.model.constraints.unknowns, slice(order, -order)
-        own = unknowns.of_nodes(blocks[0][0], 2) if order == 1 else blocks[0][0]
-        answers = zip(move[..., here, :], dstress, reaction, strict=True)
-        return NativePoint(
-            Size(measure[0]),
-            self.exact,
-            *answers,
-            own if order == 1 else torch.cat((blocks[1][0], own), -3),
-        )
+        if forces is not None:
+            dstress = stacked(dstress, blocks.pop(0))
+        answers = zip(move[..., slice(order, -order), :], dstress, reaction, strict=True)
+        own = partial(self._system, *x, factor) if self.parts else self._pivots(*blocks)
+        return NativePoint(Size(measure[0]), self.exact, *answers, own)
+
+    def _pivots(self, rows: Tensor, middle: Tensor | None = None) -> Tensor:
+        """Pivots of a chain (..., n, w, w), in the order of `ChainSystem.pivots`."""
+        if middle is None:
+            return self.model.constraints.unknowns.of_nodes(rows[0], 2)
+        return torch.cat((middle[0], rows[0]), -3)
+
+    def _system(self, position: Tensor, rotation: Tensor, stress: Tensor, factor: Tensor) -> System:
+        """Of the tangent at a point."""
+        problem, x = self.problem, Configuration(position, rotation, stress)
+        if self.load is None:
+            problem = replace(problem, load_factor=factor)
+        else:
+            inputs = problem.inputs
+            inputs = {**inputs, self.load: factor[..., None] * inputs[self.load]}
+            problem = replace(problem, inputs=inputs, load_factor=torch.ones_like(factor))
+        return problem.linearise(x, *problem.residual(x)[1:]).system
 
 
 def _rate(problem: SteadyProblem) -> Tensor:

@@ -17,11 +17,13 @@ from ..compiler.derivative import dot, jvp
 from ..compiler.function import Function
 from .driver import SUMS, Driver
 from .layout import ELEMENTS, ENDS, NODES, ONE, Layout
-from .load_driver import LoadDriver
+from .load_driver import LoadSteps
 from .local_problem import Fields
-from .node_kinds import ElementKind, NodeKind, without_side
+from .node_kinds import SIDES, ElementKind, JointKind, NodeKind, without_side
 from .program import ChainProgram
 from .steady_functions import POSE, SteadyFunctions
+from .structure_code import COUNTS, TABLES
+from .structure_driver import StructurePasses
 from .tracing import Tracing
 
 PIVOT, RATE = "pivot", "node.rate"
@@ -49,9 +51,14 @@ class PathFunctions(SteadyFunctions):
             fields = _led(fields, f"{side}.")
         return super().of_element(fields, kind)
 
+    def of_joint(self, fields: Fields, kind: JointKind) -> tuple[BalanceProblem, Any]:
+        for side in SIDES[1]:
+            fields = _led(fields, f"{side}.")
+        return super().of_joint(fields, kind)
+
     def pivot(self, block: Tensor) -> Fields:
-        """The pivot block itself."""
-        return {PIVOT: block}
+        """The pivot block itself; nothing in a structure, where others are asked for."""
+        return {} if self.model.scene.beam.parts else {PIVOT: block}
 
     def judge(
         self,
@@ -65,11 +72,13 @@ class PathFunctions(SteadyFunctions):
         longest: Tensor,
         least_force: Tensor,
         least_moment: Tensor,
+        **joints: Tensor,
     ) -> Fields:
         """Size of the residual, see `Residual.measure`."""
         force, moment = force.maximum(least_force), moment.maximum(least_moment)
         largest = mixed(force, moment, total, longest)
-        return {"size": scaled(left_force, left_moment, left_strain, *largest, strain)}
+        size = scaled(left_force, left_moment, left_strain, *largest, strain)
+        return {"size": self.with_gaps(size, joints)}
 
 
 def _led(fields: Fields, side: str) -> Fields:
@@ -101,7 +110,7 @@ def _or_else(
     return whole.with_constants({dot("load_factor"): (1.0,)}).only(whole.outputs)
 
 
-class PathDriver(LoadDriver):
+class PathSteps(LoadSteps):
     """One pass a step: in the first `slope` is 0, in the second 1."""
 
     def _group(self, first: str) -> None:
@@ -113,17 +122,29 @@ class PathDriver(LoadDriver):
             self._place()
             self._hoisted()
             self._border()
-            Driver._pass(self)
+            super(LoadSteps, self)._pass()
             self._judge()
             with code.loop(0, self.args["elements"]) as e:  # of which the change is wanted
                 self._fill(self.at("stress", e), self.layout.records["stress"].size)
+            self._clear_records("joint_unknown")
             self._back()
             self._transfer("scatter", "output", first, step)
 
     def _condense(self, e: str) -> None:
         super()._condense(e)
-        size = self.layout.records["middle pivot"].size
-        self._copy_to(self.at("middle pivot", e), self.at("at_middle", 0, PIVOT), size)
+        if "middle pivot" in self.layout.records:
+            size = self.layout.records["middle pivot"].size
+            self._copy_to(self.at("middle pivot", e), self.at("at_middle", 0, PIVOT), size)
+
+
+class PathDriver(PathSteps, Driver):
+    """Of a chain."""
+
+
+class StructurePathDriver(PathSteps, StructurePasses, Driver):
+    """Of a structure."""
+
+    ARGS = (*Driver.ARGS, *TABLES, *COUNTS)
 
 
 class PathProgram(ChainProgram):
@@ -131,7 +152,7 @@ class PathProgram(ChainProgram):
     of these by the load factor.
     """
 
-    driver = PathDriver
+    driver, of_structures = PathDriver, StructurePathDriver
     unknown = "position", "rotation"
     varying = "load_factor", "reached", "slope"
     numbers = "total", "longest", "least_force", "least_moment"
@@ -177,12 +198,23 @@ class PathProgram(ChainProgram):
         }
         return _or_else(element, slope.inputs, {"gap": slopes[dot("gap")], **others})
 
+    def _of_joint(self, traced: Tracing, local: PathFunctions, kind: JointKind) -> Function:
+        given = {name: () for name in self.varying}
+        if local.led:
+            given |= {f"{side}.{RATE}": self.shapes["position"] for side in kind.sides}
+        joint = traced(partial(local.joint, self.held, kind), traced.joint | given)
+        asked = ["right", *(f"{side}.push" for side in kind.sides)]
+        slope = self._slopes(joint, local, asked)
+        others = {name: slope.outputs[dot(name)].nodes for name in asked}
+        return _or_else(joint, slope.inputs, others)
+
     def _layout(self) -> Layout:
         layout = super()._layout()
         layout.record("pose", NODES, self.constants("pose"))
-        layout.record("row", ENDS, self.outputs("row", PIVOT))
         layout.record("kept", NODES, self.outputs("update 0"))
-        if self.order == 2:
+        if self.kinds.joints is None:
+            layout.record("row", ENDS, self.outputs("row", PIVOT))
+        if self.kinds.joints is None and self.order == 2:
             layout.record("middle pivot", ELEMENTS, self.outputs("condense", PIVOT))
         layout.record("sample", ONE, [("over", 1), ("size", 1)])
         return layout

@@ -19,7 +19,7 @@ from ..compiler.object_cache import key_of
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
 from ..compiler.split import HOISTED, split
-from . import midsides, structures
+from . import midsides, stretches, structures
 from .adjoint import AdjointProgram
 from .disk_key import key_on_disk
 from .driver import SUMS, Driver
@@ -39,7 +39,7 @@ from .layout import (
 )
 from .local_functions import LocalFunctions
 from .native import NativeProgram
-from .node_kinds import SIDES, ElementKind, Kinds
+from .node_kinds import SIDES, ElementKind, JointKind, Kinds
 from .structure_driver import StructureDriver
 from .tracing import Tracing
 
@@ -82,6 +82,11 @@ class ChainProgram(NativeProgram):
             partial(local.element, kind), traced.element | {name: () for name in self.varying}
         )
 
+    def _of_joint(self, traced: Tracing, local: LocalFunctions, kind: JointKind) -> Function:
+        """`joint` of a kind."""
+        given = {name: () for name in self.varying}
+        return traced(partial(local.joint, self.held, kind), traced.joint | given)
+
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         w, functions = self.w, self._of_nodes(traced, local)
         nodes = [functions[f"node {k}"] for k in range(len(self.kinds.nodes))]
@@ -92,7 +97,7 @@ class ChainProgram(NativeProgram):
         loads = self._of_loads_between(functions, traced, local, {n: shapes[n] for n in names})
         between = Packing(BETWEEN if self.order == 1 else INNER, [*elements, *loads], names)
         made = between.made()
-        for k, one in enumerate(made[len(elements) :]):
+        for k, one in zip(self.touching, made[len(elements) :], strict=True):
             functions[f"element load {k}"] = one.only(one.outputs)
         law = Packing(LAW, made[: len(elements)], ("gap", "E"))
         elements = [one.only(name for name in one.outputs if name != "hB") for one in law.made()]
@@ -139,6 +144,9 @@ class ChainProgram(NativeProgram):
             around = free if self.held else None
             functions |= structures.of_rows(local, traced, packed, row, around, self.kinds.runs)
             functions |= self._joints(traced, local)
+            functions |= stretches.of_stretches(
+                local, traced, self.kinds.stretches, self.held, self.varying
+            )
         if self.held:
             functions["held row"] = packed(traced(partial(local.row, True), row | free))
             functions["reaction"] = traced(
@@ -154,7 +162,8 @@ class ChainProgram(NativeProgram):
 
     def _joints(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         """Functions of joints."""
-        functions = structures.of_joints(local, traced, self.kinds.joints, self.held)
+        of_joint = partial(self._of_joint, traced, local)
+        functions = structures.of_joints(local, traced, self.kinds.joints, self.held, of_joint)
         changing = [f"{side}.{name}" for side in SIDES[1] for name in self.unknown]
         for k in range(len(self.kinds.joints)):
             joint = functions[f"joint {k}"]
@@ -168,11 +177,12 @@ class ChainProgram(NativeProgram):
         local: LocalFunctions,
         shapes: dict[str, tuple[int, ...]],
     ) -> list[Function]:
-        """What loads between nodes add to what each kind of elements gives its nodes, of these
-        fields; none where there are none. `far` of each kind says where they do nothing.
+        """What loads between nodes add to what elements of the kinds `touching` give their nodes,
+        of these fields. `far` of each kind says where they do nothing.
         """
         loads = []
-        for k, kind in enumerate(self.kinds.elements if local.between else ()):
+        for k in self.touching:
+            kind = self.kinds.elements[k]
             given = traced.element | {name: () for name in self.varying}
             functions[f"far {k}"] = traced(partial(local.far, kind), given)
             load = traced(partial(local.element_load, kind), given)
@@ -221,9 +231,9 @@ class ChainProgram(NativeProgram):
             "at_element", ONE, outputs("element 0", "force", "moment", "strain", "left_strain")
         )
         midsides.record(layout, self.functions, "element 0")
-        if "element load 0" in self.functions:
-            layout.record("at_load", ONE, [("far", 1), *self.outputs("element load 0")])
-            layout.record("sums", ONE, self.outputs("element load 0", "passed"))
+        for k in self.touching:
+            layout.record("at_load", ONE, [("far", 1), *self.outputs(f"element load {k}")])
+            layout.record("sums", ONE, self.outputs(f"element load {k}", "passed"))
         layout.record("row", ENDS, outputs(row, "ahead", "y"))
         layout.record(
             "at_row", ONE, [output for output in outputs(row) if output[0] not in ("ahead", "y")]
@@ -248,6 +258,8 @@ class ChainProgram(NativeProgram):
         if self.kinds.joints is not None:
             own, kinds = inputs("joint"), len(self.kinds.joints)
             structures.record(layout, self.functions, own, w, kinds, self.held)
+            stretch = len(self.kinds.stretches)
+            stretches.record(layout, self.functions, inputs("stretch"), w, stretch)
             layout.record("common", ONE, [("joint_size", 1)] if kinds else [])
         return layout
 
@@ -268,6 +280,8 @@ class StepProgram(ChainProgram):
         functions = super()._joints(traced, local)
         for k, kind in enumerate(self.kinds.joints):
             functions[f"finish joint {k}"] = traced(partial(local.finish_joint, kind), traced.joint)
+        if self.kinds.stretches:
+            functions[stretches.WORK] = stretches.of_work(local, traced)
         return functions
 
     def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
@@ -290,14 +304,12 @@ class StepProgram(ChainProgram):
                 functions[f"finish element {k}"] = traced(
                     partial(local.finish_element, kind), traced.element
                 )
-        if local.between:
-            for k, kind in enumerate(self.kinds.elements):
-                functions[f"finish element load {k}"] = traced(
-                    partial(local.finish_element_load, kind), traced.element
-                )
+        for k in self.touching:
+            finish = partial(local.finish_element_load, self.kinds.elements[k])
+            functions[f"finish element load {k}"] = traced(finish, traced.element)
         asked = ("moving", "done", "status", "before", "cosine", "least")
         functions["outcome"] = traced(
-            local.outcome, dict.fromkeys((*asked, *["passed"] * local.between), ())
+            local.outcome, dict.fromkeys((*asked, *["passed"] * bool(self.touching)), ())
         )
         return functions
 
@@ -306,8 +318,8 @@ class StepProgram(ChainProgram):
         layout.record("common", ONE, [("least", 1)])
         layout.record("state", NODES, self.outputs("finish 0", *self.state))
         layout.record("change", ONE, [*self.outputs("finish 0"), ("cosine", 1)])
-        if "finish element load 0" in self.functions:
-            layout.record("change", ONE, self.outputs("finish element load 0"))
+        for k in self.touching:
+            layout.record("change", ONE, self.outputs(f"finish element load {k}"))
         if "finish element 0" in self.functions:
             layout.record("change", ONE, self.outputs("finish element 0"))
         if self.element_state:
@@ -382,7 +394,7 @@ def structure(local: LocalFunctions, kinds: Kinds, held: bool) -> tuple:
     space = model.space
     plane = (space.name, space.section_axes) if isinstance(space, Planar) else None
     trees = (local.nodes, 1), (local.elements, 1), (local.common, 0), (local.supports, 1)
-    trees = (*trees, (local.joints, 1))
+    trees = (*trees, (local.joints, 1), (local.stretches, 1))
     return (
         type(local),
         local.options,

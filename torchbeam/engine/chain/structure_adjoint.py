@@ -7,11 +7,12 @@ from .adjoint_driver import AdjointDriver
 from .node_kinds import SIDES
 from .structure_code import COUNTS, TABLES
 from .structure_driver import StructurePasses
+from .tendon_adjoint import TendonAdjoint
 
 STATE = "joint_state_bar"
 
 
-class StructureAdjoint(StructurePasses, AdjointDriver):
+class StructureAdjoint(TendonAdjoint, StructurePasses, AdjointDriver):
     """Cotangents of structures, step by step backwards."""
 
     ARGS = (*AdjointDriver.ARGS, *TABLES, *COUNTS)
@@ -23,6 +24,7 @@ class StructureAdjoint(StructurePasses, AdjointDriver):
         with code.loop(0, self.args["elements"]) as e:
             self._blocks(e)
         self._each_joint(self._joint_blocks)
+        self._tie_blocks()
         self._eliminate()
         self._moves()
         with code.loop(0, self.args["nodes"]) as j:
@@ -63,18 +65,13 @@ class StructureAdjoint(StructurePasses, AdjointDriver):
                     self.layout.records["move"].size,
                 )
 
-    def _each_record(self, *names: str) -> None:
-        """Zeros in records of joints."""
-        if self.kinds.joints:
-            with self.code.loop(0, self.args["joint_count"]) as k:
-                for name in names:
-                    self._fill(self.at(name, k), self.layout.records[name].size)
-
     def _clear_joints(self) -> None:
-        self._each_record(STATE, "joint_bar")
+        self._clear_tendons()
+        self._clear_records(STATE, "joint_bar")
 
     def _add_joints(self) -> None:
-        self._each_record("joint_start_bar", "joint_asked")
+        self._add_tendons()
+        self._clear_records("joint_start_bar", "joint_asked")
 
         def add(k: str, kind: int) -> None:
             self._add(
@@ -84,6 +81,8 @@ class StructureAdjoint(StructurePasses, AdjointDriver):
         self._each_joint(add, alike=True)
 
     def _joint_solutions(self) -> None:
+        self._tensions()
+
         def solution(k: str, kind: int) -> None:
             self._call(
                 f"joint solution {kind}",
@@ -98,7 +97,20 @@ class StructureAdjoint(StructurePasses, AdjointDriver):
 
         self._each_joint(solution)
 
+    def _joint_energies(self) -> None:
+        self._tendon_energies()
+
+        def add(k: str, kind: int) -> None:
+            self._call(
+                f"ended joint {kind}",
+                lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else self._of_joint(f, k),
+            )
+            self._add(self.at("energy", 0, "rise"), self.at("change", 0, "rise"), 1)
+
+        self._each_joint(add)
+
     def _joint_ends(self) -> None:
+        self._tendon_ends()
         names = {bar("force"): "joint_force", bar("joints"): "joints"}
 
         def ends(k: str, kind: int) -> None:
@@ -112,6 +124,8 @@ class StructureAdjoint(StructurePasses, AdjointDriver):
                     if f in names
                     else self.at("sample", 0, f)
                     if f == bar("work")
+                    else self.at("energy", 0, f)
+                    if f == bar("rise")
                     else self._of_joint(f, k)
                 ),
             )
@@ -120,6 +134,8 @@ class StructureAdjoint(StructurePasses, AdjointDriver):
         self._each_joint(ends)
 
     def _joint_bars(self) -> None:
+        self._tie_bars()
+
         def bars(k: str, kind: int) -> None:
             places = {
                 bar(f"{side}.push"): self.at("found", self._move_of(self._joint_node(k, side)))
@@ -140,6 +156,8 @@ class StructureAdjoint(StructurePasses, AdjointDriver):
         self._each_joint(bars)
 
     def _take_joints(self, good: str) -> None:
+        self._take_tendons(good)
+
         def take(k: str, kind: int) -> None:
             size = self.layout.records[STATE].size
             self._take(self.at(STATE, k), self.at("joint_start_bar", k), good, size)

@@ -13,11 +13,12 @@ from ..compiler.split import HOISTED
 from .driver import Driver
 from .joint_functions import BLOCKS
 from .node_kinds import SIDES
-from .structure_code import COUNTS, TABLES, StructureCode
+from .structure_code import COUNTS, TABLES
 from .structures import GAPS
+from .tendon_driver import TendonPasses
 
 
-class StructurePasses(StructureCode):
+class StructurePasses(TendonPasses):
     """Balance, elimination and moves of an iteration of Newton's method."""
 
     def _pass(self) -> None:
@@ -32,9 +33,11 @@ class StructurePasses(StructureCode):
                     self._call(f"element {k}", lambda f: self._of_element(f, e))
             for name in ("force", "moment", "strain", "left_strain"):
                 self._largest(name, "at_element")
+            self._element_load(e)
             if self.order == 2:
                 self._condense(e)
         self._each_joint(self._joint)
+        self._tie()
         self._eliminate()
 
     def _eliminate(self) -> None:
@@ -54,6 +57,7 @@ class StructurePasses(StructureCode):
         if self.kinds.joints:
             with self._entries("joint") as (k, entry):
                 self._join(k, entry)
+        self._join_ties()
         code.line(
             f'call void @"eliminate"(ptr {self.base["matrix"]}, ptr {self.args["elimination"]}, '
             f"i64 {self.args['group_count']})"
@@ -252,6 +256,13 @@ class StructurePasses(StructureCode):
 
     # Joints
 
+    def _clear_records(self, *names: str) -> None:
+        """Zeros in records of joints."""
+        if self.kinds.joints:
+            with self.code.loop(0, self.args["joint_count"]) as k:
+                for name in names:
+                    self._fill(self.at(name, k), self.layout.records[name].size)
+
     def _start_joints(self) -> None:
         if self.kinds.joints:
             w = self.layout.records["move"].size
@@ -272,7 +283,8 @@ class StructurePasses(StructureCode):
                     )
 
     def _joint_reactions(self, support: str, node: str) -> None:
-        """Of each of its ends that is there."""
+        """Of each of its ends that is there, and of stretches of tendons."""
+        self._tie_reactions(support, node)
         if not self.kinds.joints:
             return
         code, w = self.code, self.layout.records["move"].size
@@ -314,7 +326,15 @@ class StructurePasses(StructureCode):
             self._call("joint update", lambda f: places[f])
             self._blend(places["force"], places["> force"], over, w)
 
+    def _keep_joints(self, good: str) -> None:
+        if self.kinds.joints:
+            w = self.layout.records["move"].size
+            with self.code.loop(0, self.args["joint_count"]) as k:
+                last = self.at("joint_state", k, "last_force")
+                self._take(last, self.at("joint_unknown", k), good, w)
+
     def _finish_joints(self, good: str) -> None:
+        self._finish_tendons(good)
         if not self.kinds.joints:
             return
         fields = self.layout.records["joint_state"].fields
@@ -337,6 +357,8 @@ class StructurePasses(StructureCode):
                     fields[name][1],
                 )
             self._sum(self.at("sample", 0, "work"), self.at("joint_change", 0, "work"), good, 1)
+            if "energy" in self.layout.records:
+                self._add(self.at("energy", 0, "rise"), self.at("joint_change", 0, "rise"), 1)
 
 
 class StructureDriver(StructurePasses, Driver):

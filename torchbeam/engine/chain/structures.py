@@ -73,6 +73,8 @@ def adjoint_of_joints(
         functions[f"joint blocks {k}"] = traced(blocks, fields)
         finish = traced(partial(local.finish_joint, kind), fields)
         functions[f"finish joint bar {k}"] = derivative(finish, [*by, *moves, "force"])
+        if "rise" in finish.outputs:
+            functions[f"ended joint {k}"] = finish.only(["rise"])
         joint = traced(partial(local.joint, False, kind), fields)
         pushes = [f"{side}.push" for side in kind.sides]
         functions[f"joint bar {k}"] = derivative(joint.only([*pushes, "right"]), by)
@@ -80,15 +82,19 @@ def adjoint_of_joints(
 
 
 def of_joints(
-    local: LocalFunctions, traced: Tracing, kinds: tuple[JointKind, ...], held: bool
+    local: LocalFunctions,
+    traced: Tracing,
+    kinds: tuple[JointKind, ...],
+    held: bool,
+    joint: Callable[[JointKind], Function],
 ) -> dict[str, Function]:
-    """Functions of joints, by kind."""
+    """Functions of joints, by kind; joint: `joint` of a kind."""
     if not kinds:
         return {}
     w = local.model.space.unknowns
     functions = {"joint update": traced(local.joint_update, {"force": (w,), "move": (w,)})}
     for k, kind in enumerate(kinds):
-        functions[f"joint {k}"] = traced(partial(local.joint, held, kind), traced.joint)
+        functions[f"joint {k}"] = joint(kind)
         if held:
             for side in kind.sides:
                 rows = {
@@ -124,10 +130,10 @@ def record(
     layout.record("joint_move", JOINTS, [("move", w)])
     layout.record("joint_reaction", ONE, [("reaction", w)])
     layout.record("joint_change", ONE, [("force", w)])
+    for field, size in largest(functions, "joint").items():
+        where = ("at_joint", ONE) if field in GAPS else ("joint_blocks", JOINTS)
+        layout.record(*where, [(field, size)])
     for k in range(kinds):
-        for field, size in sizes(f"joint {k}").items():
-            where = ("at_joint", ONE) if field in GAPS else ("joint_blocks", JOINTS)
-            layout.record(*where, [(field, size)])
         if f"finish joint {k}" in functions:
             layout.record("joint_change", ONE, sizes(f"finish joint {k}").items())
     hoisted = max(sizes(f"before joint {k}")[HOISTED] for k in range(kinds))
@@ -151,8 +157,8 @@ def record_adjoint(
     state = [("joint_force", w), ("joints", JOINT_READINGS)]
     for name in ("joint_state_bar", "joint_state_grad", "joint_start_bar"):
         layout.record(name, JOINTS, state)
+    layout.record("joint_blocks", JOINTS, largest(functions, "joint blocks").items())
     for k in range(kinds):
-        layout.record("joint_blocks", JOINTS, _sizes(functions, f"joint blocks {k}").items())
         for name in (f"finish joint bar {k}", f"joint bar {k}"):
             layout.record("of_joint", ONE, _sizes(functions, name).items())
 
@@ -171,6 +177,18 @@ def _of_system(layout: Layout, functions: dict[str, Function], w: int, held: boo
     layout.record("interface", INTERFACE, [(name, own[name]) for name in ROW])
     layout.record("matrix", ENTRIES, [("entry", 1)])
     layout.record("edge", ONE, [(name, w * w) for name in ("E", "pushed", "start")])
+
+
+def largest(functions: dict[str, Function], name: str) -> dict[str, int]:
+    """Components of the outputs of the functions of this name of all kinds ("name 0", ...), the
+    most that one of them has.
+    """
+    sizes: dict[str, int] = {}
+    for called in functions:
+        if called.removeprefix(f"{name} ").isdigit():
+            for field, size in _sizes(functions, called).items():
+                sizes[field] = max(size, sizes.get(field, 0))
+    return sizes
 
 
 def _sizes(functions: dict[str, Function], name: str) -> dict[str, int]:

@@ -247,20 +247,25 @@ def _cumulative(g: Graph, x: Tensor, dim: int, **_: object) -> Tensor:
     return torch.stack(rows, dim)
 
 
-# fmt: off
 OTHER: dict[str, Callable[..., Tensor | tuple[Tensor, ...]]] = {
-    "mm": _matrix_product, "bmm": _matrix_product, "mv": lambda g, a,
-    x: _matrix_product(g, a, x[:, None])[:, 0],
+    "mm": _matrix_product,
+    "bmm": _matrix_product,
+    "mv": lambda g, a, x: _matrix_product(g, a, x[:, None])[:, 0],
     "dot": lambda g, x, y: _matrix_product(g, x[None], y[:, None])[0, 0],
     "addmm": lambda g, x, a, b, **k: _plus(g, x, _matrix_product(g, a, b), **k),
     "baddbmm": lambda g, x, a, b, **k: _plus(g, x, _matrix_product(g, a, b), **k),
-    "linalg_cross": _cross, "linalg_vector_norm": _vector_norm, "_linalg_solve_ex": _solve,
+    "linalg_cross": _cross,
+    "linalg_vector_norm": _vector_norm,
+    "_linalg_solve_ex": _solve,
     "linalg_lu_solve": _solve_again,
-    "linalg_inv_ex": _inverse, "_linalg_slogdet": _log_determinant, "max": _largest,
+    "linalg_inv_ex": _inverse,
+    "_linalg_slogdet": _log_determinant,
+    "max": _largest,
     "min": _smallest,
-    "gather": _gathered, "constant_pad_nd": _padded, "cumsum": _cumulative,
-    "zero": lambda g, x: torch.full(x.shape, g.zero), "fill": lambda g, x,
-    value: value.expand(x.shape),
+    "gather": _gathered,
+    "constant_pad_nd": _padded,
+    "cumsum": _cumulative,
+    "zero": lambda g, x: torch.full(x.shape, g.zero),
+    "fill": lambda g, x, value: value.expand(x.shape),
     "copy": lambda g, x, other, **_: other.expand(x.shape),
 }
-# fmt: on

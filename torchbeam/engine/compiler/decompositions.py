@@ -141,6 +141,11 @@ def _scatter_add(x: Tensor, dim: int, at: Tensor, source: Tensor) -> Tensor:
     return x
 
 
+def _index_add(x: Tensor, dim: int, at: Tensor, source: Tensor, *, alpha: float = 1) -> Tensor:
+    places = [None] * (dim % max(x.ndim, 1)) + [at]
+    return torch.ops.aten.index_put(x, places, source if alpha == 1 else alpha * source, True)
+
+
 def _bounded(x: Tensor, low: float = -1, high: float = 1) -> Tensor:
     """As clamp, but flat at its bounds."""
     return torch.where(x <= low, low, torch.where(x >= high, high, x))
@@ -184,23 +189,33 @@ def _extreme(larger: bool) -> Callable[[Tensor, Tensor], Tensor]:
     return extreme
 
 
-# fmt: off
 DECOMPOSED: dict[str, Callable[..., Any]] = {
-    "linalg_vector_norm": _vector_norm, "var": _variance, "sinc": _sinc, "copysign": _signed,
+    "linalg_vector_norm": _vector_norm,
+    "var": _variance,
+    "sinc": _sinc,
+    "copysign": _signed,
     "std": lambda *args, **settings: _variance(*args, **settings).sqrt(),
-    "native_batch_norm": _batch_norm, "_native_batch_norm_legit": _batch_norm,
+    "native_batch_norm": _batch_norm,
+    "_native_batch_norm_legit": _batch_norm,
     "_native_batch_norm_legit_no_training": lambda x, w, b, mean, var, momentum, eps: _batch_norm(
-        x, w, b, mean, var, False, momentum, eps),
-    "searchsorted": _searchsorted, "bucketize": lambda x, edges,
-    **settings: _searchsorted(edges, x, **settings),
-    "index": _index, "_unsafe_index": _index, "scatter": _scatter, "index_put": _index_put,
+        x, w, b, mean, var, False, momentum, eps
+    ),
+    "searchsorted": _searchsorted,
+    "bucketize": lambda x, edges, **settings: _searchsorted(edges, x, **settings),
+    "index": _index,
+    "_unsafe_index": _index,
+    "scatter": _scatter,
+    "index_put": _index_put,
     "embedding": lambda table, at, *_, **__: table[at],
-    "softshrink_backward": _shrink_backward(True), "hardshrink_backward": _shrink_backward(False),
-    "hardtanh": _bounded, "scatter_add": _scatter_add,
+    "softshrink_backward": _shrink_backward(True),
+    "hardshrink_backward": _shrink_backward(False),
+    "hardtanh": _bounded,
+    "scatter_add": _scatter_add,
+    "index_add": _index_add,
     "hardswish": lambda x: torch.where(x <= -3, 0.0, torch.where(x < 3, x * (x + 3) / 6, x)),
-    "fmax": _extreme(True), "fmin": _extreme(False),
+    "fmax": _extreme(True),
+    "fmin": _extreme(False),
 }
-# fmt: on
 # in the place of torch's own
 FUNCTIONS = dict.fromkeys((torch.det, torch.linalg.det, Tensor.det), determinant)
 # fmt: off

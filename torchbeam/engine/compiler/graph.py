@@ -97,19 +97,10 @@ class Graph:
 
     def make(self, op: str, *args: int) -> int:
         """The node of an operation, or a shorter one that is equal."""
-        if (
-            self.ops[args[0]] == "const"
-            and op in FOLDED
-            and all(self.ops[x] == "const" for x in args)
-        ):
-            with np.errstate(all="ignore"):
-                value = FOLDED[op](
-                    *(
-                        np.float64(self.values[x]) if not self.truths[x] else self.values[x]
-                        for x in args
-                    )
-                )
-            return self.const(bool(value) if op in TRUTHS else float(value))
+        ops = self.ops
+        if ops[args[-1]] == ops[args[0]] == "const" and op in FOLDED:
+            if len(args) < 3 or all(ops[x] == "const" for x in args):
+                return self.const(self._folded(op, [self.values[x] for x in args]))
         rule = self._rules.get(op)
         simpler = None if rule is None else rule(*args)
         if simpler is not None:
@@ -119,6 +110,12 @@ class Graph:
         return self._intern(
             (op, args), op, args, None, op in TRUTHS or (op == "select" and self.truths[args[1]])
         )
+
+    @staticmethod
+    def _folded(op: str, values: list[float | bool]) -> float | bool:
+        with np.errstate(all="ignore"):
+            result = FOLDED[op](*(x if isinstance(x, bool) else np.float64(x) for x in values))
+        return bool(result) if op in TRUTHS else float(result)
 
     def again(
         self, op: str, args: Sequence[int], value: float | bool | tuple[str, int] | None
@@ -281,13 +278,15 @@ class Graph:
         """What the nodes `ends` need, themselves among it, in order; of what is known nothing is
         needed.
         """
-        live = set(ends)
+        live, args = set(ends), self.args
         todo = list(live)
         while todo:
             node = todo.pop()
-            new = () if node in known else [x for x in self.args[node] if x not in live]
-            live.update(new)
-            todo.extend(new)
+            if node not in known:
+                for x in args[node]:
+                    if x not in live:
+                        live.add(x)
+                        todo.append(x)
         return sorted(live)
 
 

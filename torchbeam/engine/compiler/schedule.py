@@ -7,6 +7,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
+import numpy as np
+
 from .function import Function
 
 
@@ -29,9 +31,9 @@ def schedule(function: Function) -> Iterator[int | Store]:
             needs = sorted(
                 (registers[x] for x in set(graph.args[node]) if x in registers), reverse=True
             )
-            registers[node] = max((n + k for k, n in enumerate(needs)), default=1)
             # a bit for each node that it depends on
-            needed[node] = (graph.ops[node] != "input") << node
+            needed[node] = (graph.ops[node] != "input") << len(registers)
+            registers[node] = max((n + k for k, n in enumerate(needs)), default=1)
             for x in graph.args[node]:
                 needed[node] |= needed.get(x, 0)
     stores = [
@@ -39,11 +41,13 @@ def schedule(function: Function) -> Iterator[int | Store]:
         for field, out in function.outputs.items()
         for k, node in enumerate(out.nodes)
     ]
-    done, wanting = set(), -1  # a bit for each node that is not done
-    while stores:
-        store = min(stores, key=lambda one: (needed.get(one.node, 0) & wanting).bit_count())
-        stores.remove(store)
-        wanting &= ~needed.get(store.node, 0)
+    wanting = _bits([needed.get(store.node, 0) for store in stores], len(registers))
+    waiting, done = np.ones(len(stores), bool), set()
+    for _ in stores:
+        counts = np.bitwise_count(wanting).sum(-1, dtype=np.int64)
+        first = np.where(waiting, counts, len(registers) + 1).argmin()
+        store, waiting[first] = stores[first], False
+        wanting &= ~wanting[first]
         todo = [(store.node, False)]
         while todo:
             node, ready = todo.pop()
@@ -56,3 +60,13 @@ def schedule(function: Function) -> Iterator[int | Store]:
                     (x, False) for x in sorted(graph.args[node], key=lambda x: registers.get(x, 0))
                 )
         yield store
+
+
+def _bits(rows: list[int], count: int) -> np.ndarray:
+    """uint64 (rows, words) of numbers of `count` bits."""
+    size = 8 * (count // 64 + 1)
+    return (
+        np.frombuffer(b"".join(row.to_bytes(size, "little") for row in rows), np.uint64)
+        .reshape(len(rows), size // 8)
+        .copy()
+    )

@@ -7,12 +7,14 @@ An effect is a small frozen dataclass with one kind:
     inertia      `PointMass`: mass at a node
     eigenstrain  `Actuation`: strain and curvature of the unloaded beam
     tendon       `Tendon`: forces between points of several nodes
+    pair         `Contact` of two parts, `SelfContact`
 A load acts on one node (`node` is an index) or along the beam, per unit length (`node` is None).
 Load points may be nodes or elements, by the form of the beam.
 """
 
 from .actuation import Actuation
 from .contact import Contact
+from .contact_terms import ContactTerms
 from .custom_load import Load
 from .damping import Damping, MassDamping, rayleigh
 from .drag import Drag
@@ -37,6 +39,7 @@ from .load_point import (
 from .loads import LineLoad, PointLoad, TipLoad
 from .obstacles import Box, Capsule, Cylinder, Obstacle, Plane, Sphere
 from .point_mass import PointMass
+from .self_contact import SelfContact
 from .springs import RootSpring, Spring
 from .tendon import Eyelet, Tendon
 from .values import (
@@ -70,6 +73,7 @@ __all__ = [
     "Box",
     "Capsule",
     "Contact",
+    "ContactTerms",
     "Cylinder",
     "Damping",
     "Drag",
@@ -93,6 +97,7 @@ __all__ = [
     "PointMass",
     "Pose",
     "RootSpring",
+    "SelfContact",
     "Sphere",
     "Spring",
     "Tendon",

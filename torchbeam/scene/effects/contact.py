@@ -1,20 +1,21 @@
-"""`Contact` of a beam with an obstacle."""
+"""`Contact` of a beam with an obstacle, or of two parts of a structure."""
 
 from __future__ import annotations
 
-from dataclasses import InitVar, dataclass, field
-from typing import NamedTuple
+from dataclasses import InitVar, dataclass, field, replace
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
-from ...core.arguments import boolean, count
-from ...core.leaves import leaf
+from ...core.leaves import leaf, with_values
 from ...core.validation import Value, concrete, shown
+from ..parts import part_of
 from .contact_law import damped, pressure, rubbing
-from .load_point import POSITION, SPIN, VELOCITY, LoadEffect, LoadPoint, Wrench, at_instant
+from .contact_terms import ContactTerms
+from .load_point import POSITION, SPIN, VELOCITY, LoadPoint, Wrench, at_instant
 from .obstacles import Obstacle
-from .values import Inputs, optional, parameter
+from .values import Inputs, parameter
 
 
 class Touch(NamedTuple):
@@ -31,13 +32,17 @@ class Touch(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Contact(LoadEffect):
-    """Contact of a beam with an obstacle, per length of the beam:
+class Contact(ContactTerms):
+    """Contact of a beam with an obstacle, or of two parts of a structure, per length of the beam:
 
         p n - friction p s,    p = force (y/thickness)^2 (1 + ...),    y = thickness - gap
 
-    `Contact(obstacle, ...)`, in a structure `Contact("arm", obstacle, ...)` for the beam of that
-    name, or without a name for all. The gap is that of the beam's surface, at the `radius` about
+    `Contact(obstacle, ...)`, in a structure `Contact("arm", obstacle, ...)` for the part of that
+    name, or without a name for all beams; `Contact("arm", "strut", ...)` of two beams, or of a beam
+    and a body. A body is a ball of the radius about its centre, and forces on it are in N where
+    those along a beam are in N/m.
+
+    The gap is that of the beam's surface, at the `radius` about
     its axis; from `thickness` down it is pressed apart with a force per length that rises to
     `force` where surfaces meet, at gap 0, and from there on linearly, by 2 force/thickness for each
     metre. At rest under a force per length q the gap is thickness (1 - (q/force)^(1/2)), and below
@@ -46,13 +51,15 @@ class Contact(LoadEffect):
     thickness  (...) m
     force      (...) N/m; or in its place `stiffness` (...) N/m^2, 2 force/thickness
     radius     (...) m of the beam's surface; None or the number 0: its axis
+    other_radius  (...) m of the second part's; None = the same
     friction   (...) mu of Coulomb's law; None or the number 0: none
     slip_speed (...) m/s, from which on friction is mu p against the slip; below it surfaces creep
                under a share x of that by slip_speed (1 - (1 - x)^(1/2)). Wanted with friction
     damping    (...) s: p is multiplied by a + (1 + a^2)^(1/2), a = damping (rate of approach)/
                thickness, which never pulls; None or the number 0: none
-    points     of an element at which surfaces may meet, Gauss's: what is smaller than the distance
-               between two of them can slip through there
+    points     of an element at which surfaces may meet: what is smaller than the distance
+               between two of them can slip through there. None = two, Gauss's, against obstacles;
+               between beams in equal parts, as many as a patch of two that cross wants
     push_out   whether a motion may start inside of the obstacle, which then pushes the beam out,
                with the energy that it has there
 
@@ -63,63 +70,46 @@ class Contact(LoadEffect):
 
     Raises ValueError for what is no obstacle, a thickness or slip speed that is not above 0,
     negative numbers, both or none of force and stiffness, friction without a slip speed, or a
-    radius that has no room in a tube.
+    radius that has no room in a tube; in a scene for parts that are not there.
     """
 
-    obstacle: Obstacle = leaf(1)
-    other: InitVar[Obstacle | None] = None
-    thickness: Value = leaf(0, default=None, kw_only=True)
-    force: Value | None = leaf(0, default=None, kw_only=True)
-    stiffness: Value | None = leaf(0, default=None, kw_only=True)
-    radius: Value | None = leaf(0, default=None, kw_only=True)
-    friction: Value | None = leaf(0, default=None, kw_only=True)
-    slip_speed: Value | None = leaf(0, default=None, kw_only=True)
-    damping: Value | None = leaf(0, default=None, kw_only=True)
-    points: int = field(default=2, kw_only=True)
-    push_out: bool = field(default=False, kw_only=True)
+    obstacle: Obstacle | str | None = leaf(1)
+    other: InitVar[Obstacle | str | None] = None
+    other_radius: Value | None = leaf(0, default=None, kw_only=True)
     on: str | None = field(default=None, kw_only=True)
+    partner: str | None = field(default=None, kw_only=True)
+    node: Any = field(default=None, kw_only=True)
 
-    between_nodes = True
-    wants_frame = True
-    wants_step = True
-    by_place = True  # bodies have no length
-
-    def __post_init__(self, other: Obstacle | None) -> None:
+    def __post_init__(self, other: Obstacle | str | None) -> None:
+        set_ = object.__setattr__
         if isinstance(self.obstacle, str):
-            object.__setattr__(self, "on", self.obstacle)
-            object.__setattr__(self, "obstacle", other)
+            set_(self, "on", self.obstacle)
+            set_(self, "obstacle", None if isinstance(other, str) else other)
+            set_(self, "partner", other if isinstance(other, str) else None)
         elif other is not None:
             raise ValueError(
                 f"{shown(self.obstacle)} was given as the first of two; the name of a beam is "
                 "wanted, and an obstacle"
             )
-        if not isinstance(self.obstacle, Obstacle):
+        if self.partner is None and not isinstance(self.obstacle, Obstacle):
             raise ValueError(
                 f"{shown(self.obstacle)} was given as an obstacle; a Plane, Sphere, Cylinder, "
                 "Capsule or Box is wanted"
             )
-        if self.thickness is None:
-            raise ValueError("Contact without a thickness was given; a length above 0 is wanted")
-        if (self.force is None) == (self.stiffness is None):
-            given = "without a force" if self.force is None else "with a force and a stiffness"
-            raise ValueError(f"Contact {given} was given; a force or a stiffness is wanted")
-        given = "force" if self.stiffness is None else "stiffness"
-        for name in ("thickness", given):
-            value = parameter(f"Contact's {name}", getattr(self, name), zero=False)
-            object.__setattr__(self, name, value)
-        for name in ("radius", "friction", "damping"):
-            object.__setattr__(self, name, optional(f"Contact's {name}", getattr(self, name)))
-        if self.friction is not None and self.slip_speed is None:
+        if self.partner is not None and self.partner == self.on:
             raise ValueError(
-                "Contact with friction and no slip_speed was given; the speed is wanted below "
-                "which surfaces creep"
+                f"Contact of {self.on!r} with itself was given; SelfContact({self.on!r}) is wanted"
             )
-        if self.slip_speed is not None:
-            value = parameter("Contact's slip_speed", self.slip_speed, zero=False)
-            object.__setattr__(self, "slip_speed", value)
-        count("Contact's points", self.points)
-        boolean("Contact's push_out", self.push_out)
-        room = self.obstacle.room
+        self._check_terms()
+        if self.other_radius is not None:
+            value = parameter("Contact's other_radius", self.other_radius)
+            set_(self, "other_radius", value)
+        if self.partner is None and self.other_radius is not None:
+            raise ValueError(
+                "Contact with an obstacle and an other_radius was given; the radius of a second "
+                "part is wanted with its name"
+            )
+        room = None if self.obstacle is None else self.obstacle.room
         if room is not None and self.radius is not None:
             left = torch.as_tensor(room).detach() - torch.as_tensor(self.radius).detach()
             if concrete(left <= 0).any():
@@ -127,25 +117,42 @@ class Contact(LoadEffect):
                     "Contact with a radius of the beam's that has no room in the cylinder was "
                     "given; a smaller one is wanted"
                 )
+        if self.points is None and self.partner is None:
+            set_(self, "points", 2)
+
+    @property
+    def between_nodes(self) -> bool:
+        return self.partner is None and self.node is None
+
+    @property
+    def wants_step(self) -> bool:
+        return self.partner is None
+
+    def placed(self, beam: Any) -> Contact:
+        for name in (self.on, self.partner):
+            if name is not None:
+                part_of(beam.parts, name)
+        if self.partner is not None or self.on is None or not part_of(beam.parts, self.on).body:
+            return self
+        return with_values(self, node=self.on)
 
     @property
     def conservative(self) -> bool:
         moves = self.obstacle.drift is not None or self.obstacle.turning is not None
-        return self.friction is None and self.damping is None and not moves
+        return not self.lossy and not moves
 
     @property
     def depends(self) -> frozenset[str]:
         turns = self.friction is not None and self.radius is not None
         return frozenset({POSITION, VELOCITY, *({SPIN} if turns else ())})
 
-    @property
-    def rubs(self) -> bool:
-        return self.friction is not None
-
     def resolved(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> Contact:
         return at_instant(self, t, inputs, s, obstacle=at_instant(self.obstacle, t, inputs, s))
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+        if self.node is not None:
+            found = with_values(self, node=None).wrench(self.of_body(point), t, inputs)
+            return tuple(None if x is None else x[..., 0, :] for x in found)
         touch = self.touch(point)
         force = touch.pressure * touch.normal
         if touch.rub is None:
@@ -154,6 +161,11 @@ class Contact(LoadEffect):
             return force + touch.rub, None
         arm = -_each(self.radius) * touch.normal
         return force + touch.rub, _cross(arm, touch.rub)
+
+    def of_body(self, point: LoadPoint) -> LoadPoint:
+        """The one node of a body, as one of several points."""
+        at = {name: getattr(point, name) for name in (POSITION, VELOCITY, SPIN)}
+        return replace(point, **{n: None if x is None else x[..., None, :] for n, x in at.items()})
 
     def touch(self, point: LoadPoint) -> Touch:
         """What it does at points; its numbers are those of an instant (`resolved`)."""
@@ -164,7 +176,7 @@ class Contact(LoadEffect):
         if point.dt is not None:
             half = _each(point.dt) / 2 * v
             before, after = d - self.gap(x - half), d - self.gap(x + half)
-        p = pressure(before, after, d, self.slope)
+        p = pressure(before, after, d, _each(self.slope))
         if self.damping is not None:
             p = p * damped(-(v * normal).sum(-1, keepdim=True) * _each(self.damping) / d)
         if self.friction is None:
@@ -201,13 +213,6 @@ class Contact(LoadEffect):
     def directions(self, x: Tensor) -> Tensor:
         """(..., n, 3) in which it pushes at points."""
         return self.obstacle.gradient(x)
-
-    @property
-    def slope(self) -> Tensor:
-        """(..., 1, 1) N/m^2, how steeply the pressure rises where surfaces meet."""
-        if self.force is None:
-            return _each(self.stiffness)
-        return 2 * _each(self.force) / _each(self.thickness)
 
     def gap(self, x: Tensor) -> Tensor:
         """(..., points, 1) m between surfaces, the beam's axis at x (..., points, 3)."""

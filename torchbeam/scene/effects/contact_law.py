@@ -25,6 +25,12 @@ def pressure(before: Tensor, after: Tensor, thickness: Tensor, stiffness: Tensor
     return stiffness / (6 * thickness) * cubes
 
 
+def potential(y: Tensor, thickness: Tensor, stiffness: Tensor) -> Tensor:
+    """phi(y), (...) J per area, or per length of a line."""
+    cubes = y.clamp(min=0) ** 3 - (y - thickness).clamp(min=0) ** 3
+    return stiffness / (6 * thickness) * cubes
+
+
 def _quotient(x: Tensor, y: Tensor) -> Tensor:
     """(y_+^3 - x_+^3)/(y - x), also where these are next to each other."""
     a, b, change = x.clamp(min=0), y.clamp(min=0), y - x

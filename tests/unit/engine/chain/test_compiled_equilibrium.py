@@ -13,6 +13,7 @@ from torch.testing import assert_close
 import torchbeam as tb
 from tests.cases import nodal_cases
 from tests.cases.compiled_step_cases import inputs_of, section, straight
+from tests.cases.structures import linkage
 from torchbeam.core.repetition import one_of
 from torchbeam.engine.chain import load_climb as compiled
 from torchbeam.engine.chain.native import NotCompiled
@@ -481,3 +482,22 @@ def test_within_torch_func_the_answer_is_eager():
     torch.testing.assert_close(
         found, torch.func.jvp(lambda x: tip(x, "eager"), (one,), (one,)), rtol=0, atol=0
     )
+
+
+def test_an_equilibrium_of_a_structure_is_the_eager_one():
+    """Of three forces, to 1e-12 of each field; derivatives by them, EI and a motor to 1e-9."""
+
+    def found(engine):
+        numbers = pulls(3, 4.0), torch.full((3,), 1.2), torch.tensor(0.3)
+        for x in numbers:
+            x.requires_grad_()
+        state = tb.equilibrium(linkage(*numbers), engine=engine)
+        parts = [getattr(state, name) for name in ("position", "stress", "reaction")]
+        slopes = torch.autograd.grad(sum(x.sin().sum() for x in parts), numbers)
+        return state.detach(), slopes
+
+    (a, slopes), (b, wanted) = found("compiled"), found("eager")
+    same(a, b)
+    assert_close(a.joints, b.joints, rtol=0, atol=1e-11)
+    for x, y in zip(slopes, wanted, strict=True):
+        assert_close(x, y, rtol=0, atol=1e-9 * float(y.abs().max()))

@@ -5,6 +5,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.structures import linkage
 
 pytest.importorskip("llvmlite")
 pytestmark = pytest.mark.steps
@@ -72,14 +73,36 @@ def written():
     return risen(torch.tensor([1.5]), [tb.Load(square, inputs={"u": 1})])
 
 
+def jointed():
+    """A structure whose support and motor go with the factor."""
+    return linkage((-1.5, 0, -8.0)), {"steps": 3}
+
+
+def turned():
+    """A structure of order 2 in space, whose joint turns with an input."""
+    u = tb.Input("u", 1)
+    parts = {
+        "arm": beam(2, order=2),
+        "fore": beam(2, order=2, root=(1.0, 0, 0), direction=(0, 0, 1)),
+    }
+    hinge = tb.Hinge(("arm", -1), ("fore", 0), axis=(0, 1, 0), angle=u)
+    scene = tb.Scene(parts, [DOWN], joints=[hinge], supports=[tb.Support(("arm", 0))])
+    bent = tb.equilibrium(scene, inputs={"u": torch.zeros(1)}, tolerance=1e-11)
+    return scene, {"load": "u", "inputs": {"u": torch.tensor([0.5])}, "initial": bent}
+
+
 CASES = {
     "3D": pressed,
     "plane": lambda: pressed("xy", 2),
-    **{case.__name__: case for case in (led, branching, controlled, named, written)},
+    **{case.__name__: case for case in (led, branching, controlled, named, written, jointed)},
+    "turned": turned,
 }
+LONG = ("turned",)  # what others prove of parts of it
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=[pytest.mark.long] * (case in LONG)) for case in CASES]
+)
 def test_a_path_is_the_eager_one(case):
     """The start to 1e-12, all points to 1e-9 of the largest number of their kind, where Newton's
     method leaves 1e-11 of the loads; stability and events equal.

@@ -105,15 +105,32 @@ def quadratic(EI, force, stiffness, mass):
     return tb.Scene(parts, loads, joints=[slider], supports=supports)
 
 
+def bodies(EI, force, stiffness, mass):
+    """Two on hinges, without a beam; EI is the spring of the first."""
+    parts = {
+        "thigh": tb.Body(mass, (1e-3, 2e-3, 3e-3), position=(0.5, 0, 0)),
+        "shank": tb.Body(0.2, (1e-3, 2e-3, 1e-3), position=(1.0, 0, 0.5)),
+    }
+    motor = dict(stiffness=stiffness, torque=tb.Input("motor", 1))
+    joints = [
+        tb.Hinge(None, "thigh", axis=(0, 1, 0), at=(0, 0, 0), stiffness=EI),
+        tb.Hinge("thigh", "shank", axis=(0, 1, 0), at=(1.0, 0, 0), **motor),
+    ]
+    loads = [tb.Gravity((0, 0, -9.81)), tb.PointLoad("shank", force=force)]
+    return tb.Scene(parts, loads, joints=joints, plane="xz")
+
+
 CASES = {
     "plane": lambda **numbers: ring(**numbers, plane="xz"),
     "arm": arm,
     "ring": ring,
     "quadratic": quadratic,
+    "bodies": bodies,
 }
 # others are the same code in other places
 CASES_LONG = [
-    pytest.param(case, marks=() if case == "plane" else pytest.mark.long) for case in CASES
+    pytest.param(case, marks=() if case in ("plane", "bodies") else pytest.mark.long)
+    for case in CASES
 ]
 
 
@@ -162,11 +179,14 @@ def test_alone_and_in_a_batch():
 
 @pytest.mark.parametrize("case", CASES_LONG)
 def test_gradients_are_the_eager_ones(case):
-    """Of a random functional of all fields of all states; 1e-9 of each."""
+    """Of a random functional of all fields of all states; 1e-9 of each. In a plane and of bodies
+    alone with the energy conserved, to which joints add.
+    """
+    conserve = case in ("plane", "bodies")
 
     def gradients(engine):
         numbers = {name: torch.tensor(x, requires_grad=True) for name, x in NUMBERS.items()}
-        solution = run(case, engine, numbers)
+        solution = run(case, engine, numbers, conserve=conserve)
         assert solution.stats.engine == {"compiled": "native"}.get(engine, engine)
         generator, loss = torch.Generator().manual_seed(1), solution.state.work.sum()
         for name, x in fields(solution).items():

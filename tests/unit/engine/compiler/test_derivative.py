@@ -42,22 +42,27 @@ def fields(value, name=""):
     }
 
 
-# fmt: off
 SCALARS = {
-    "add": lambda x, y: x + 2 * y, "sub": lambda x, y: x - y, "mul": lambda x, y: x * y * x,
+    "add": lambda x, y: x + 2 * y,
+    "sub": lambda x, y: x - y,
+    "mul": lambda x, y: x * y * x,
     "div": lambda x, y: x / y,
-    "neg": lambda x, y: -x * y, "sqrt": lambda x, y: (x * x + y * y).sqrt(), "sin": lambda x,
-    y: torch.sin(x * y),
-    "cos": lambda x, y: torch.cos(x * y), "exp": lambda x, y: torch.exp(x * y), "log": lambda x,
-    y: torch.log(x * x + 1),
-    "atan2": lambda x, y: torch.atan2(x, y), "tanh": lambda x, y: torch.tanh(x * y),
+    "neg": lambda x, y: -x * y,
+    "sqrt": lambda x, y: (x * x + y * y).sqrt(),
+    "sin": lambda x, y: torch.sin(x * y),
+    "cos": lambda x, y: torch.cos(x * y),
+    "exp": lambda x, y: torch.exp(x * y),
+    "log": lambda x, y: torch.log(x * x + 1),
+    "atan2": lambda x, y: torch.atan2(x, y),
+    "tanh": lambda x, y: torch.tanh(x * y),
     "abs": lambda x, y: x.abs() * y,
-    "max": lambda x, y: torch.maximum(x, y) * x, "min": lambda x, y: torch.minimum(x, y) * x,
-    "select": lambda x, y: torch.where(x < y, x * x, y * x), "clamp": lambda x,
-    y: x.clamp(-0.5, 0.5) * y,
-    "floor": lambda x, y: x.floor() * y, "pow": lambda x, y: x**3 / y**2,
+    "max": lambda x, y: torch.maximum(x, y) * x,
+    "min": lambda x, y: torch.minimum(x, y) * x,
+    "select": lambda x, y: torch.where(x < y, x * x, y * x),
+    "clamp": lambda x, y: x.clamp(-0.5, 0.5) * y,
+    "floor": lambda x, y: x.floor() * y,
+    "pow": lambda x, y: x**3 / y**2,
 }
-# fmt: on
 
 
 @pytest.mark.parametrize("name", SCALARS)

@@ -1,0 +1,162 @@
+"""The upright soft arm: its command against closed forms, the target's motion, and both rewards as
+published.
+"""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from torchbeam_envs import FollowTargetVectorEnv, InverseKinematicsVectorEnv, TipReachVectorEnv
+from torchbeam_envs.baselines import ResolvedRate, Zero
+
+import torchbeam as tb
+
+SMALL = dict(elements=10, substeps=1, autoreset_mode="Disabled")
+
+
+def test_a_command_bends_the_arm_into_an_arc():
+    """Without gravity all segments turned by 0.4 rad hold ten chords of a circle of 2 rad, each as
+    long as its element and turned by 0.2 rad from the one before. At rest to 1e-6 after 10 s, as
+    damped modes fall by exp(-1.8 t). As nothing loads the arm, the tip's Jacobian is that of the
+    equilibria, against differences, to the 1 % by which chords are moved like their middles.
+    """
+    env = FollowTargetVectorEnv(1, planar=True, gravity=None, **SMALL)
+    env.reset(seed=0)
+    for k in range(100):
+        env.step(np.full((1, 5), -1.0 if k < 8 else 0.0))
+    torch.testing.assert_close(env.task.command(env.state), torch.full((1, 5), -0.4).double())
+    x, _, z = env.state.beam.position[0, -1].tolist()
+    turns = 0.2 * (np.arange(10) + 0.5)
+    assert (abs(x), z) == pytest.approx((np.sin(turns).mean(), np.cos(turns).mean()), abs=1e-6)
+    still = env.task.command(env.state) / env.task.limits
+    way = torch.eye(5, dtype=torch.float64) * 1e-5
+
+    def tips(share):
+        return tb.equilibrium(env.scene, inputs=env.task.inputs(share)).tip.position
+
+    slopes = (tips(still + way) - tips(still - way)) / (2e-5 * env.task.limits[:, None])
+    moved, turned = env.task.tip_jacobian(env.state)
+    torch.testing.assert_close(moved[0], slopes.mT, rtol=0, atol=5e-3)
+    torch.testing.assert_close(turned[0, 1].abs(), torch.ones(5).double(), rtol=1e-9, atol=0)
+
+
+def test_the_command_keeps_to_its_limits_and_is_reached_evenly():
+    """Steps of 0.05 rad a segment, at most 2 (twist: pi / 2); of an interval of two substeps the
+    means are a quarter and three quarters of the change.
+    """
+    env = InverseKinematicsVectorEnv(2, elements=5)
+    env.reset(seed=0)
+    push = torch.ones(2, 15, dtype=torch.float64)
+    first, second = (given["curvature"] for given in env.task.inputs(push, env.state))
+    torch.testing.assert_close(first, second / 3)
+    # an element a segment, of 0.2 m: twist, and both ways of bending
+    torch.testing.assert_close(second, torch.full((2, 15), 0.75 * 0.05 / 0.2).double())
+    near = env.state.memory + 0.98 * env.task.limits
+    commanded = env.task.commanded(env.state, 50 * near)
+    wanted = torch.tensor([2.0] * 10 + [math.pi / 2] * 5, dtype=torch.float64)
+    torch.testing.assert_close(commanded, wanted.expand(2, -1))
+
+
+def test_targets_move_as_published():
+    """Of 400 over 100 intervals: all at 0.5 m/s, in the box but for one interval's way; a new
+    direction in 2.5 % of intervals (four deviations), besides those of who is outside; a sub-env's
+    path does not depend on how many there are.
+    """
+    task = FollowTargetVectorEnv(400, elements=5).task
+    many, few = (FollowTargetVectorEnv(n, elements=5) for n in (400, 2))
+    many.reset(seed=0), few.reset(seed=0)
+    now, own, turned, inside = many.state, few.state, 0, 0
+    for _ in range(100):
+        place, velocity = task.moving(now)
+        torch.testing.assert_close(velocity.norm(dim=-1), torch.full((400,), 0.5).double())
+        assert ((place > task.low - 0.0501) & (place < task.high + 0.0501)).all()
+        within = ((place >= task.low) & (place <= task.high)).all(-1)
+        ends = [
+            type(x)(**{**vars(x), "memory": m, "steps": x.steps + 1})
+            for x, m in ((s, task.next_memory(s, s.acting)) for s in (now, own))
+        ]
+        after = task.moving(ends[0])[1]
+        turned += int((within & (after != velocity).any(-1)).sum())
+        inside += int(within.sum())
+        now, own = ends
+    torch.testing.assert_close(now.memory[:2], own.memory, rtol=0, atol=0)
+    share, spread = turned / inside, (0.025 * 0.975 / inside) ** 0.5
+    assert abs(share - 0.025) < 4 * spread
+
+
+@pytest.mark.parametrize(
+    ("d", "off", "reward"),
+    [
+        (0.2, 0.3, -0.04 - 0.045),
+        (0.07, 0.2, -0.0049 - 0.02 + 1 - 0.1),
+        (0.07, 0.05, -0.0049 - 0.00125 + 1.5 - 0.025),
+        (0.04, 0.2, -0.0016 - 0.02 + 4 - 0.4),
+        (0.04, 0.07, -0.0016 - 0.00245 + 4.5 - 0.14),
+        (0.04, 0.01, -0.0016 - 0.00005 + 6 - 0.02),
+    ],
+)
+def test_rewards_are_as_published(d, off, reward):
+    kinematics, follow = (
+        kind(1, elements=5) for kind in (InverseKinematicsVectorEnv, FollowTargetVectorEnv)
+    )
+    for env in (kinematics, follow):
+        env.reset(seed=0)
+        env.state.measures["distance"] = torch.tensor([d])
+    kinematics.state.measures["misaligned"] = torch.tensor([off])
+    assert -kinematics.task.cost(kinematics.state).item() == pytest.approx(reward, rel=1e-6)
+    bonus = 2.0 if d < 0.05 else 0.5 if d < 0.1 else 0.0
+    assert -follow.task.cost(follow.state).item() == pytest.approx(-(d**2) + bonus, rel=1e-6)
+
+
+def test_the_tip_is_turned_by_twist():
+    """Upright without gravity, all segments twisted by 0.1 rad: the tip has turned about z by half
+    a radian, to where a target of that turn is not misaligned.
+    """
+    env = InverseKinematicsVectorEnv(1, gravity=None, **SMALL)
+    _, info = env.reset(seed=0, options={"goal": [0.0, 0.0, 1.0, 0.5]})
+    assert info["misaligned"][0] == pytest.approx(math.sin(0.25) ** 2, rel=1e-6)
+    twist = np.concatenate((np.zeros(10), np.ones(5)))[None]
+    signs = []
+    for k in range(30):
+        observation, *_, info = env.step(twist if k < 2 else 0 * twist)
+        signs.append(info["misaligned"][0])
+    assert signs[-1] < 1e-9 and info["distance"][0] < 1e-9
+    np.testing.assert_allclose(observation[0, :4], observation[0, 22:26], atol=1e-5)
+
+
+def test_resolved_rate_follows():
+    """Thirty intervals from the start, in space and in the plane: nearer than without action, and
+    by more reward.
+    """
+    for planar in (False, True):
+        env = FollowTargetVectorEnv(8, planar=planar, elements=5, autoreset_mode="Disabled")
+        scores = []
+        for controller in (Zero(), ResolvedRate(env)):
+            observation, _ = env.reset(seed=0)
+            controller.begin(env)
+            total = 0.0
+            for _ in range(30):
+                observation, reward, *_, info = env.step(controller(observation))
+                total = total + reward
+            scores.append((total.mean(), info["distance"].mean()))
+        assert scores[1][0] > scores[0][0] + 1 and scores[1][1] < 0.5 * scores[0][1]
+    with pytest.raises(ValueError, match="a manipulator"):
+        ResolvedRate(TipReachVectorEnv(1, elements=2))
+
+
+@pytest.mark.parametrize(
+    ("kind", "arguments", "message"),
+    [
+        (FollowTargetVectorEnv, dict(elements=12), "a multiple of 5"),
+        (FollowTargetVectorEnv, dict(force=(1.0, 1.0)), "force was given"),
+        (FollowTargetVectorEnv, dict(turns=1.5), "turns = 1.5"),
+        (FollowTargetVectorEnv, dict(bend=0.0), "bend = 0.0"),
+        (FollowTargetVectorEnv, dict(method="rk4", form="block_rate", gravity=None), "'nodal'"),
+        (InverseKinematicsVectorEnv, dict(planar=True), "planar = True"),
+        (InverseKinematicsVectorEnv, dict(yaw=4.0), "yaw = 4.0"),
+    ],
+)
+def test_bad_arguments_are_refused(kind, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        kind(**arguments)

@@ -1,0 +1,54 @@
+"""How beams move that may touch each other; and what is asked of a scene where none does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from torch import Tensor
+
+from ..core.leaves import Tree
+
+
+class TouchingMotion(NamedTuple):
+    """Nodes (..., N+1, 3), frame a: position m where forces act; half m by which they move on
+    either side of it over a step of dt (...) s, None = at an instant; velocity m/s and spin rad/s
+    there, absolute, None = at rest. by: derivatives by the nodes' moves, see `loads`.
+    """
+
+    position: Tensor
+    half: Tensor | None
+    velocity: Tensor | None
+    spin: Tensor | None
+    dt: Tensor | None
+    by: Callable[[], dict[str, Tensor]]
+
+
+class NoTouching(Tree):
+    """None: balances and tangents are those of all else alone."""
+
+    present = False
+    lossy = False
+    reads: frozenset[str] = frozenset()
+
+    def loaded(self, nodes: Tensor, motion: Callable[[], TouchingMotion]) -> Tensor:
+        """The nodes' balances (..., nodes, w), with the forces of these."""
+        return nodes
+
+    def matrix(self, matrix: Any, motion: Callable[[], TouchingMotion]) -> Any:
+        """Their tangent, with that of these."""
+        return matrix
+
+    def damping(self, matrix: Any, position: Tensor) -> Any:
+        """A damping matrix, None = none, with that of these at rest, nodes at (..., N+1, 3)."""
+        return matrix
+
+    def work(self, motion: Callable[[], TouchingMotion]) -> Tensor | float:
+        """(...) J over a step."""
+        return 0.0
+
+    def passed(self, motion: Callable[[], TouchingMotion]) -> Tensor | None:
+        """(...) bool: whether beams pass through each other over the step; None = there are
+        none.
+        """
+        return None

@@ -1,0 +1,93 @@
+"""The numbers that every contact has, whatever touches: `Contact` and `SelfContact`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from torch import Tensor
+
+from ...core.arguments import boolean, count
+from ...core.leaves import leaf
+from ...core.validation import Value
+from .load_point import LoadEffect
+from .values import optional, parameter
+
+
+@dataclass(frozen=True)
+class ContactTerms(LoadEffect):
+    """See `Contact`."""
+
+    thickness: Value = leaf(0, default=None, kw_only=True)
+    force: Value | None = leaf(0, default=None, kw_only=True)
+    stiffness: Value | None = leaf(0, default=None, kw_only=True)
+    radius: Value | None = leaf(0, default=None, kw_only=True)
+    friction: Value | None = leaf(0, default=None, kw_only=True)
+    slip_speed: Value | None = leaf(0, default=None, kw_only=True)
+    damping: Value | None = leaf(0, default=None, kw_only=True)
+    points: int | None = field(default=None, kw_only=True)
+    push_out: bool = field(default=False, kw_only=True)
+
+    wants_frame = True
+    by_place = True  # bodies have no length
+    partner = None  # name of the other part, of a contact of two, or of a beam with itself
+
+    def _check_terms(self) -> None:
+        """Raises ValueError, see `Contact`."""
+        name, set_ = self.called, object.__setattr__
+        if self.thickness is None:
+            raise ValueError(f"{name} without a thickness was given; a length above 0 is wanted")
+        if (self.force is None) == (self.stiffness is None):
+            given = "without a force" if self.force is None else "with a force and a stiffness"
+            raise ValueError(f"{name} {given} was given; a force or a stiffness is wanted")
+        given = "force" if self.stiffness is None else "stiffness"
+        for term in ("thickness", given):
+            set_(self, term, parameter(f"{name}'s {term}", getattr(self, term), zero=False))
+        for term in ("radius", "friction", "damping"):
+            set_(self, term, optional(f"{name}'s {term}", getattr(self, term)))
+        if self.friction is not None and self.slip_speed is None:
+            raise ValueError(
+                f"{name} with friction and no slip_speed was given; the speed is wanted below "
+                "which surfaces creep"
+            )
+        if self.slip_speed is not None:
+            value = parameter(f"{name}'s slip_speed", self.slip_speed, zero=False)
+            set_(self, "slip_speed", value)
+        if self.points is not None:
+            count(f"{name}'s points", self.points)
+        boolean(f"{name}'s push_out", self.push_out)
+
+    @property
+    def kind(self) -> str:
+        return "load" if self.partner is None else "pair"
+
+    def placed(self, beam: Any) -> ContactTerms:
+        """Itself, in a beam or a structure. Raises ValueError for parts that are not there."""
+        return self
+
+    def check(self, scene: Any) -> None:
+        """Of two parts in a scene: raises ValueError for small motions, and beams of order 2."""
+        if scene.small:
+            raise ValueError(
+                f"small=True with {self.called} of two parts was given; large rotations "
+                "(small=False) are wanted there"
+            )
+        if scene.beam.order == 2:
+            raise ValueError(
+                f"{self.called} of beams of order 2 with each other was given; order=1 is wanted "
+                "there"
+            )
+
+    @property
+    def rubs(self) -> bool:
+        return self.friction is not None
+
+    @property
+    def lossy(self) -> bool:
+        """Whether it takes energy."""
+        return self.friction is not None or self.damping is not None
+
+    @property
+    def slope(self) -> Tensor:
+        """(...) N/m^2, how steeply the pressure rises where surfaces meet."""
+        return 2 * self.force / self.thickness if self.stiffness is None else self.stiffness

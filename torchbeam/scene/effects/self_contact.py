@@ -1,0 +1,69 @@
+"""`SelfContact` of a beam."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from ...core.validation import shown
+from ..parts import part_of
+from .contact_terms import ContactTerms
+
+
+@dataclass(frozen=True)
+class SelfContact(ContactTerms):
+    """Contact of a beam with itself: `SelfContact(...)`, in a structure `SelfContact("arm", ...)`.
+
+    on     name of the beam in a structure
+    apart  how many radii two places are apart along the beam, at least, where they may touch
+
+    The rest as of `Contact`; a radius is wanted. Raises ValueError as `Contact` does, without a
+    radius, or for `apart` that is not above 0.
+    """
+
+    on: str | None = None
+    apart: float = 6.0
+
+    def __post_init__(self) -> None:
+        self._check_terms()
+        if self.radius is None:
+            raise ValueError("SelfContact without a radius was given; a length above 0 is wanted")
+        apart = self.apart
+        if (
+            isinstance(apart, bool)
+            or not isinstance(apart, (int, float))
+            or not 0 < apart < math.inf
+        ):
+            raise ValueError(
+                f"SelfContact's apart = {shown(apart)} was given; a number above 0 is wanted"
+            )
+        if self.on is not None and not isinstance(self.on, str):
+            raise ValueError(
+                f"{shown(self.on)} was given to SelfContact; the name of a beam is wanted"
+            )
+
+    @property
+    def kind(self) -> str:
+        return "pair"
+
+    @property
+    def partner(self) -> str | None:
+        return self.on
+
+    @property
+    def other_radius(self) -> None:
+        """The same beam's."""
+        return None
+
+    def placed(self, beam: Any) -> SelfContact:
+        if self.on is None and len([part for part in beam.parts if not part.body]) > 1:
+            raise ValueError(
+                "SelfContact without a name was given in a structure of several beams; the name "
+                "of one is wanted"
+            )
+        if self.on is not None and part_of(beam.parts, self.on).body:
+            raise ValueError(
+                f"SelfContact of {self.on!r} was given; that is a body, and a beam is wanted"
+            )
+        return self
