@@ -244,12 +244,18 @@ class LocalProblems:
         """The one joint between the nodes of rows."""
         joints, like = self.model.joints, constants.c
 
-        def shifted(factor: Factor, shift: tuple[float | None, ...]) -> Factor:
-            own = [
-                x if number is None else torch.full_like(x, number)
-                for x, number in zip(factor.shift.unbind(-2), shift, strict=True)
-            ]
-            return replace(factor, shift=torch.stack(own, -2))
+        def known(k: int, factor: Factor) -> Factor:
+            """With numbers where the kind has them: shifts, and zeros for parts that there are
+            not.
+            """
+            parts = zip(*(row[k] for row in kind.parts), strict=True)
+            own = factor.constant, *factor.fixed.unbind(-3)
+            constant, *fixed = (
+                _numbered(x, tuple(None if there else 0.0 for there in part))
+                for x, part in zip(own, parts, strict=True)
+            )
+            shift = _numbered(factor.shift, kind.shifts[k])
+            return replace(factor, constant=constant, shift=shift, fixed=torch.stack(fixed, -3))
 
         numbers = {
             name: like.new_tensor([getattr(kind, name)])
@@ -261,10 +267,10 @@ class LocalProblems:
             joints,
             space=rows.space,
             framework=rows.topology,
-            v=shifted(constants.v, kind.shifts[0]),
-            w=shifted(constants.w, kind.shifts[1]),
+            v=known(0, constants.v),
+            w=known(1, constants.w),
             c=constants.c,
-            across=constants.across,
+            across=known(2, constants.across),
             moves=joints.moves.detach(),
             **numbers,
         )
@@ -399,6 +405,12 @@ class LocalProblems:
         C: Tensor | None,
     ) -> StepProblem:
         return LocalProblem(rows, start, common.dt, common.t, common.inputs, given=now, stiffness=C)
+
+
+def _numbered(x: Tensor, numbers: tuple[float | None, ...]) -> Tensor:
+    """x (..., rows, n), in some rows a number."""
+    rows = zip(x.unbind(-2), numbers, strict=True)
+    return torch.stack([own if k is None else torch.full_like(own, k) for own, k in rows], -2)
 
 
 class OwnBatch(NotTraceable):

@@ -72,8 +72,8 @@ NO_ELEMENT = ElementKind((EndKind(), EndKind()))
 
 class JointKind(NamedTuple):
     """What code of a joint depends on: what holds its two ends, None = it is the ground; its rows
-    of `Joints.held`, `angles`, `travels` and, where there are any, `prescribed`; the shift of its
-    two vectors, row by row, None = a value.
+    of `Joints.held`, `angles`, `travels` and, where there are any, `prescribed`; of v, w and across
+    the shift, row by row, None = a value; its rows of `Joints.parts`.
     """
 
     ends: tuple[EndKind | None, EndKind | None]
@@ -81,7 +81,8 @@ class JointKind(NamedTuple):
     angles: tuple[float, ...]
     travels: tuple[float, ...]
     prescribed: tuple[float, ...] | None
-    shifts: tuple[tuple[float | None, ...], tuple[float | None, ...]]
+    shifts: tuple[tuple[float | None, ...], ...]
+    parts: tuple[tuple[tuple[float, ...], ...], ...]
 
     @property
     def sides(self) -> tuple[str, ...]:
@@ -188,10 +189,13 @@ def _of_joints(model: Model, held: list[EndKind]) -> tuple[JointKind, ...]:
         *map(_tuples, masks),
         [None] * joints.count if prescribed is None else _tuples(prescribed),
     ]
-    shifts = zip(*(_shifts(factor.shift) for factor in (joints.v, joints.w)), strict=True)
+    factors = joints.v, joints.w, joints.across
+    shifts = zip(*(_shifts(factor.shift) for factor in factors), strict=True)
     return tuple(
-        JointKind(tuple(None if node is None else held[node] for node in pair), *own, shift)
-        for pair, *own, shift in zip(model.topology.joints, *masks, shifts, strict=True)
+        JointKind(tuple(None if node is None else held[node] for node in pair), *own)
+        for pair, *own in zip(
+            model.topology.joints, *masks, shifts, _tuples(joints.parts), strict=True
+        )
     )
 
 
@@ -204,8 +208,9 @@ def _of_stretches(model: Model, held: list[EndKind]) -> tuple[StretchKind, ...]:
     return tuple(StretchKind((ends[e], ends[e + 1]), *ropes[k]) for k, e in tendons.stretches)
 
 
-def _tuples(x: Tensor) -> list[tuple[float, ...]]:
-    return list(map(tuple, x.tolist()))
+def _tuples(x: Tensor) -> tuple[Any, ...]:
+    """As tuples of tuples."""
+    return x.tolist() if x.ndim == 0 else tuple(map(_tuples, x))
 
 
 def _shifts(shift: Tensor) -> list[tuple[float | None, ...]]:

@@ -89,13 +89,19 @@ def _tables(
             own_units[s] = unit = units + len(own_units)
             couplings += [(place, unit) for place in there]
             couplings += [] if stretch.first else [(unit - 1, unit)]
-    order = ordered(len(nodes), how.joints, held, fixed, couplings, len(own_units))
-    pattern = BlockPattern(w, order, couplings)
+    groups = ordered(len(nodes), how.joints, held, fixed, couplings, len(own_units))
+    groups, equation = _equations(groups, len(nodes), held, w)
+    blocks = [(equation[a], b) for pair in couplings for a, b in (pair, pair[::-1])]
+    blocks += [(equation[node], node) for node in range(len(nodes))]
+    pattern = BlockPattern(w, groups, blocks)
 
     def own(place: int | None) -> tuple[int, ...]:
         if place is None:
             return (*NONE, *NONE)
-        return (*pattern.place(place, place), *pattern.right(place))
+        return (*between(place, place), *pattern.right(equation[place]))
+
+    def between(row: int, column: int) -> tuple[int, int]:
+        return pattern.place(equation[row], column)
 
     def joint(k: int) -> list[int]:
         pair, row = how.joints[k], len(nodes) + k
@@ -104,8 +110,9 @@ def _tables(
         for name in BLOCKS:
             rows, columns = (row if side == "" else place[side] for side in BLOCKS[name])
             there = rows is not None and columns is not None
-            table += pattern.place(rows, columns) if there else NONE
-        return [*table, *pattern.right(row), pattern.solution(row)]
+            there = there and (name != "idle" or equation[row] == row)  # a weld has none
+            table += between(rows, columns) if there else NONE
+        return [*table, *pattern.right(equation[row]), pattern.solution(row)]
 
     def stretch(s: int) -> list[int]:
         own, unit = stretches[s], own_units.get(s)
@@ -120,7 +127,7 @@ def _tables(
         before = None if unit is None or own.first else unit - 1
         pairs += [(unit, before), (before, unit)]
         for pair in pairs:
-            table += NONE if None in pair else pattern.place(*pair)
+            table += NONE if None in pair else between(*pair)
         return table + (
             [*NONE, -1] if unit is None else [*pattern.right(unit), pattern.solution(unit)]
         )
@@ -135,9 +142,7 @@ def _tables(
         "interface": [
             x for k, node in enumerate(nodes) for x in (node, *own(k), pattern.solution(k))
         ],
-        "direct": [
-            x for _, i, j in how.direct for x in (i, j, *pattern.place(i, j), *pattern.place(j, i))
-        ],
+        "direct": [x for _, i, j in how.direct for x in (i, j, *between(i, j), *between(j, i))],
         "forward": [
             x
             for run in forward
@@ -163,8 +168,8 @@ def _tables(
                 run.after,
                 *own(run.before),
                 *own(run.after),
-                *pattern.place(run.before, run.after),
-                *pattern.place(run.after, run.before),
+                *between(run.before, run.after),
+                *between(run.after, run.before),
             )
         ],
         "joint_table": [x for k in range(J) for x in joint(k)],
@@ -186,6 +191,24 @@ def _tables(
     rows = {JOINTS: J, INTERFACE: len(nodes), ENTRIES: pattern.size}
     rows |= {STRETCHES: len(stretches), TENDONS: len({x.tendon for x in stretches})}
     return StructureTables(rows, lists, numbers)
+
+
+def _equations(
+    groups: tuple[tuple[int, ...], ...], nodes: int, held: tuple[int, ...], w: int
+) -> tuple[list[tuple[int, ...]], dict[int, int]]:
+    """Groups of unknowns, and whose equation stands in the row of each unit. A weld's constraints
+    give the moves of the node that hangs by it, the node's balance the weld's force: two groups in
+    the place of one.
+    """
+    parts, equation = [], {unit: unit for group in groups for unit in group}
+    for group in groups:
+        if group[0] < nodes and [held[unit - nodes] for unit in group[1:]] == [w]:
+            node, weld = group
+            equation |= {node: weld, weld: node}
+            parts += [(node,), (weld,)]
+        else:
+            parts.append(group)
+    return parts, equation
 
 
 def ordered(
