@@ -18,11 +18,11 @@ test: lint
 test-long: .venv/dev.done
 	$(BIN)/$(PYTEST) -m long
 
-# CI's second pass, eagerly and with another processor's rounding: the properties that `make test` takes through native code, and
-# of the units those of linear algebra, local functions, statics and linear models.
+# CI's second pass, eagerly and with another processor's rounding: of the properties that `make test` takes through native code
+# those that rest on rounding and name no engine of their own (zero, second_derivatives, new_effect do, or are no matter of
+# rounding), and of the units those of linear algebra, local functions, statics and linear models.
 UNITS := $(addprefix tests/unit/,math nodal state linear solvers statics) tests/unit/equations/test_load_steps.py
-PROPERTIES := $(addsuffix .py,$(addprefix tests/properties/test_,batch_sizes dynamics gradients metamorphic new_effect \
-	second_derivatives zero))
+PROPERTIES := $(addsuffix .py,$(addprefix tests/properties/test_,batch_sizes dynamics gradients metamorphic))
 test-second: .venv/dev.done
 	TORCHBEAM_ENGINE=eager $(OTHER_ROUNDING) $(BIN)/$(PYTEST) $(UNITS) $(PROPERTIES) tests/verification/test_effects.py
 

@@ -33,6 +33,11 @@ class Plant(Tree):
     def scene(self) -> Scene:
         return self.stepper.scene
 
+    @property
+    def native(self) -> bool:
+        """Whether native code makes its steps."""
+        return isinstance(self.stepper, Stepper) and self.stepper.compiled is not None
+
     def advance(
         self,
         beam: State,

@@ -140,8 +140,13 @@ def rounded(d: Tensor, length: float) -> Tensor:
     """(n,): (sqrt(d^2 + s^2) - s) / (0.1 L) of distances d (n,) m: smooth at 0, about 1 at
     L / 10.
     """
+    return rounded_square(d.square(), length)
+
+
+def rounded_square(square: Tensor, length: float) -> Tensor:
+    """The same of squared distances (...) m^2: smooth at 0 in the gaps, too."""
     soft = SOFT * length
-    return ((d.square() + soft**2).sqrt() - soft) / (0.1 * length)
+    return ((square + soft**2).sqrt() - soft) / (0.1 * length)
 
 
 # actions (n, a) -> tips (n, 3) m and their derivatives (n, 3, a)

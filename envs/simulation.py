@@ -231,7 +231,10 @@ class Simulation:
         if not self.task.settles:
             start = plant.stepper.rest((count,))
         else:
-            start = tb.equilibrium(plant.scene, throw=False, inputs=idle)
+            native = plant is not self.plant and plant.native
+            start = tb.equilibrium(
+                plant.scene, throw=False, inputs=idle, engine="compiled" if native else "auto"
+            )
         return start, self._begun(plant, start)
 
     def _begun(self, plant: Plant, beam: tb.State) -> tb.State:

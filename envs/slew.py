@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -95,6 +95,17 @@ class Slew(Task):
         c, s = torch.cos(now.goal[:, 0]), torch.sin(now.goal[:, 0])
         tip = root + torch.stack((c * x - s * y, s * x + c * y, z), -1)
         return tip[:, None].expand(-1, ahead + 1, -1)
+
+    def resting(self, now: Episodes) -> tb.State:
+        """The straight arm at the goal's angle."""
+        start, root = now.start, now.start.position[:, :1]
+        half, zero = now.goal / 2, torch.zeros_like(now.goal)
+        q = torch.cat((torch.cos(half), zero, zero, torch.sin(half)), -1)[:, None]
+        return replace(
+            start,
+            position=root + quat.rotate(q, start.position - root),
+            rotation=quat.multiply(q, start.rotation),
+        )
 
     def target_high(self) -> np.ndarray:
         return np.array([*[4.0] * self.directions, 2 * np.pi, 20.0])

@@ -20,7 +20,7 @@ from .config import BeamEnvConfig
 from .episodes import Episodes
 from .parameters import Parameter
 from .plant import Plant, first_frequency, section_named, straight, varied
-from .reach import Reach
+from .reach import Reach, rounded_square
 from .sensors import PLANES, Observed, check_names, observed_parts
 
 ALIGNED = 1e-6  # sine of the angle within which an axis counts as lying in a plane
@@ -228,6 +228,12 @@ class Task:
 
     def cost(self, now: Episodes) -> Tensor:
         raise NotImplementedError
+
+    def square_cost(self, square: Tensor) -> Tensor:
+        """(...) what `cost` is of the squares (...) m^2 of the distance between the tip and its
+        target (where there is none, its place at the start), for planning: concave, smooth at 0.
+        """
+        return rounded_square(square, self.length)
 
     def task_failed(self, now: Episodes) -> Tensor | None:
         return None

@@ -7,15 +7,28 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import torch
-from torchbeam_envs.baselines import LQG, LQR, PD, Controller, Optimum, Static, Zero, search
+from torchbeam_envs.baselines import (
+    LQG,
+    LQR,
+    MPC,
+    PD,
+    Controller,
+    JointLQR,
+    Optimum,
+    Static,
+    Zero,
+    search,
+)
 
 from .evaluate import evaluate, make
 from .tuned import TRAINING, Task
 
 EPISODES = 16  # that tuning looks at
 SETS = 24  # of gains in a round of the search
-# weights of the action that LQR and LQG choose from
-EFFORTS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+# weights of the action that LQR and LQG choose from, and then of the tip's velocity
+EFFORTS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
+SPEEDS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+STARTS = 3  # of the optimum
 
 
 def pd(task: Task) -> Controller:
@@ -50,23 +63,39 @@ def returns(env, controller: Controller, seeds: list[int]) -> torch.Tensor:
 
 def regulated(kind: type[LQR]) -> Callable[[Task], Controller]:
     def made(task: Task) -> Controller:
-        """The effort of most return."""
+        """The effort of most return, then the weight of the tip's velocity."""
         env = make(task, 1)
-        found = [kind(env, effort) for effort in EFFORTS]
+        # where a hub or a hinge turns, about where it is to rest
+        used = kind if env.task.HOLDS or kind is not LQR else JointLQR
         together = make(task, EPISODES)
-        scores = [evaluate(task, one, EPISODES, TRAINING, together)["return"] for one in found]
-        best = max(range(len(found)), key=scores.__getitem__)
-        found[best].settings = {"effort": EFFORTS[best]}
-        return found[best]
+
+        def best(settings: list[dict[str, float]]) -> dict[str, float]:
+            controllers = [used(env, **one) for one in settings]
+            scores = [
+                evaluate(task, c, EPISODES, TRAINING, together)["return"] for c in controllers
+            ]
+            return settings[max(range(len(scores)), key=scores.__getitem__)]
+
+        chosen = best([{"effort": effort} for effort in EFFORTS])
+        chosen = best([{**chosen, "speed_weight": weight} for weight in SPEEDS])
+        controller = used(env, **chosen)
+        controller.settings = chosen
+        return controller
 
     return made
 
 
 def optimum(task: Task) -> Controller:
-    """From what the tuned LQR does."""
-    found = Optimum(make(task, 1), regulated(LQR)(task))
-    found.episodes = 64  # of those that scores come from, the first
-    return found
+    """From what the tuned LQR does, and near it."""
+    controller = Optimum(make(task, 1), regulated(LQR)(task), starts=STARTS)
+    controller.episodes = 64  # of those that scores come from, the first
+    return controller
+
+
+def predictive(task: Task) -> Controller:
+    controller = MPC(make(task, 1))
+    controller.episodes = 64
+    return controller
 
 
 BASELINES: dict[str, Callable[[Task], Controller]] = {
@@ -75,5 +104,6 @@ BASELINES: dict[str, Callable[[Task], Controller]] = {
     "pd": pd,
     "lqr": regulated(LQR),
     "lqg": regulated(LQG),
+    "mpc": predictive,
     "optimum": optimum,
 }

@@ -23,6 +23,7 @@ LABELS = {
     "pd": "PD + static",
     "lqr": "LQR + static",
     "lqg": "LQG + static",
+    "mpc": "MPC",
     "optimum": "open-loop optimum",
     "ppo": "PPO",
     "shac": "SHAC",
@@ -39,6 +40,7 @@ STYLES = {
     "pd": "--",
     "lqr": "-.",
     "lqg": (0, (5, 1)),
+    "mpc": "--",
     "optimum": "-",
 }
 

@@ -13,12 +13,14 @@ exactly, at its usual parameters.
 
 from .holding import PD, Controller, Static, Zero, search
 from .linear import LQG, LQR, JointLQR
+from .mpc import MPC
 from .optimum import Optimum
 from .resolved_rate import ResolvedRate
 
 __all__ = [
     "LQG",
     "LQR",
+    "MPC",
     "PD",
     "Controller",
     "JointLQR",

@@ -16,26 +16,55 @@ from torchbeam import State
 
 from ..core import BeamVectorEnv
 from ..reach import Reach, nearest_action
+from ..single import SingleEnv
 
 ITERATIONS = 12  # from no force; two more a step follow a target that moves
 CLOSE = 1e-9  # damping there
 
 
+def vector_env(env: Any) -> BeamVectorEnv:
+    """The vector env behind a single one, or behind wrappers; ValueError where there is none."""
+    inner = getattr(env, "unwrapped", env)
+    inner = inner.one if isinstance(inner, SingleEnv) else inner
+    if not isinstance(inner, BeamVectorEnv):
+        raise ValueError(
+            f"{type(env).__name__} was given; an environment of this package is wanted"
+        )
+    return inner
+
+
 class Controller:
-    """A derived class defines `act(observation) -> (n, a)`; `self.env` is the env that is
-    controlled.
+    """A derived class defines `act(observation) -> (n, a)`, and `restart` where it remembers
+    something of the episodes; `self.env` is the env that is controlled.
+
+    Observations of a single env, (o,), give its action, (a,).
     """
 
-    def begin(self, env: BeamVectorEnv) -> None:
+    env: BeamVectorEnv | None = None
+
+    def begin(self, env: Any) -> None:
         """The env has been reset: all of its episodes start here."""
-        self.env = env
+        self.env = vector_env(env)
+
+    def restart(self, fresh: Tensor) -> None:
+        """Episodes in the mask (n,) have been reset, by the env itself or by hand."""
 
     def act(self, observation: Tensor) -> Tensor:
         raise NotImplementedError
 
     @torch.no_grad()
     def __call__(self, observation: Any) -> Any:
-        action = self.act(torch.as_tensor(observation, dtype=self.env.dtype)).clamp(-1, 1)
+        if self.env is None:
+            raise ValueError(
+                f"{type(self).__name__} was called before begin(env); begin(env) after the reset "
+                "is wanted"
+            )
+        seen = torch.as_tensor(observation, dtype=self.env.dtype)
+        fresh = self.env.state.steps == 0
+        if fresh.any():
+            self.restart(fresh)
+        action = self.act(torch.atleast_2d(seen)).clamp(-1, 1)
+        action = action if seen.ndim > 1 else action[0]
         return action if isinstance(observation, Tensor) else action.cpu().numpy()
 
 
@@ -94,15 +123,19 @@ class FeedForward:
     """
 
     def __init__(self, model: BeamVectorEnv, read: Callable[[State], Tensor] | None = None) -> None:
-        self.model, self.read = model, read
+        self.model, self.read = vector_env(model), read
 
     @cached_property
     def holding(self) -> Holding:
         return Holding.of(self.model, self.read)
 
-    def begin(self, env: BeamVectorEnv) -> None:
-        self.env = env
+    def begin(self, env: Any) -> None:
+        self.env = vector_env(env)
         self.held: Tensor | None = None  # the holding actions, flat, once there is a target
+        self.fresh: Tensor | None = None  # (n,) of episodes to which the last ones do not belong
+
+    def restart(self, fresh: Tensor) -> None:
+        self.fresh = fresh
 
     def actions(self) -> Tensor:
         """(n, delay + 2, a): the actions that hold the target now, and at the ends of the next
@@ -113,7 +146,12 @@ class FeedForward:
         target = env.task.target(env.state, ahead) if env.task.HOLDS else None
         if target is None:
             return env.high.new_zeros(env.num_envs, ahead + 1, env.task.actions)
-        self.held = self.holding.action(target.flatten(0, 1), self.held)
+        at = target.flatten(0, 1)
+        held = self.holding.action(at, self.held)
+        if self.held is not None and self.fresh is not None:
+            fresh = self.fresh.repeat_interleave(ahead + 1)[:, None]
+            held = torch.where(fresh, self.holding.action(at), held)
+        self.held, self.fresh = held, None
         return self.held.unflatten(0, target.shape[:2])
 
 
@@ -125,9 +163,12 @@ class Static(Controller):
     def __init__(self, env: BeamVectorEnv) -> None:
         self.forward = FeedForward(env)
 
-    def begin(self, env: BeamVectorEnv) -> None:
+    def begin(self, env: Any) -> None:
         super().begin(env)
         self.forward.begin(env)
+
+    def restart(self, fresh: Tensor) -> None:
+        self.forward.restart(fresh)
 
     def act(self, observation: Tensor) -> Tensor:
         return self.forward.actions()[:, -1]
@@ -151,6 +192,7 @@ class PD(Static):
 
     def __init__(self, env: BeamVectorEnv, gains: Tensor | Sequence[float]) -> None:
         super().__init__(env)
+        env = vector_env(env)
         self.gains = torch.atleast_2d(torch.as_tensor(gains, dtype=env.dtype, device=env.device))
 
     def act(self, observation: Tensor) -> Tensor:

@@ -4,6 +4,8 @@ holds the target.
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor
 
@@ -12,7 +14,7 @@ from torchbeam.extend import quaternions as quat
 
 from ..core import BeamVectorEnv
 from ..task import Task
-from .holding import Controller, FeedForward
+from .holding import Controller, FeedForward, vector_env
 
 DOUBLINGS = 60  # of the horizon of a Riccati recursion, at most
 # standard deviations that the filter reckons with: of readings without noise; of the action
@@ -38,6 +40,7 @@ class LQR(Controller):
     """
 
     def __init__(self, env: BeamVectorEnv, effort: float = 0.01, speed_weight: float = 0.1) -> None:
+        env = vector_env(env)
         if not env.task.HOLDS:
             raise ValueError(
                 "a task whose targets no constant action holds was given (a hub turns); LQR "
@@ -72,9 +75,12 @@ class LQR(Controller):
         )
         return A, B, C[: self.sizes[0]], C[self.sizes[0] :]
 
-    def begin(self, env: BeamVectorEnv) -> None:
+    def begin(self, env: Any) -> None:
         super().begin(env)
         self.forward.begin(env)
+
+    def restart(self, fresh: Tensor) -> None:
+        self.forward.restart(fresh)
 
     def whole(self, state: tb.State) -> Tensor:
         """(..., 12 elements): displacement, turn, velocity and spin of every node but the clamped
@@ -126,21 +132,29 @@ class LQG(LQR):
 
     def __init__(self, env: BeamVectorEnv, effort: float = 0.01, speed_weight: float = 0.1) -> None:
         super().__init__(env, effort, speed_weight)
+        env = vector_env(env)
         noise = max(env.config.noise, SENSOR) ** 2 * torch.eye(len(self.C), dtype=self.C.dtype)
         # covariance of the prediction
         P = riccati(self.A.mT, self.C.mT, ACTION**2 * self.B @ self.B.mT, noise)
         # what a reading says of z
         self.M = torch.linalg.solve(self.C @ P @ self.C.mT + noise, self.C @ P).mT
 
-    def begin(self, env: BeamVectorEnv) -> None:
+    def begin(self, env: Any) -> None:
         super().begin(env)
-        self.z: Tensor | None = None  # the prediction of now
+        self.z = self._starts()  # the prediction of now
+
+    def restart(self, fresh: Tensor) -> None:
+        super().restart(fresh)
+        self.z = torch.where(fresh[:, None], self._starts(), self.z)
+
+    def _starts(self) -> Tensor:
+        """(n, z): where the episodes start."""
+        return self.whole(self.env.state.start) @ self.decode.mT
 
     def act(self, observation: Tensor) -> Tensor:
         env = self.env
         hold, still, rates, readings = self.reference()
-        start = self.whole(env.state.start) @ self.decode.mT if self.z is None else self.z
-        z = start - still - rates
+        z = self.z - still - rates
         first = observation.shape[-1] - env.state.pending[0].numel() - len(self.C)
         error = observation[:, first : first + len(self.C)] - readings - z @ self.C.mT
         z = z + error @ self.M.mT
@@ -164,6 +178,7 @@ class JointLQR(Controller):
     """
 
     def __init__(self, env: BeamVectorEnv, effort: float = 0.01, speed_weight: float = 0.1) -> None:
+        env = vector_env(env)
         scene, task = env.plant.scene, env.task
         if type(task).resting is Task.resting:
             raise ValueError(

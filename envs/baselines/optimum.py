@@ -1,26 +1,41 @@
-"""Optimum: the best actions known beforehand, by gradients through the simulation. No feedback: it
-needs the exact future.
+"""Optimum: the best actions known beforehand, by Gauss-Newton steps from several starts. No
+feedback: it needs the exact future.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from ..core import BeamVectorEnv
-from .holding import Controller, Static
+from ..episodes import Episodes
+from .holding import Controller, Static, vector_env
+from .trajectory import TipWay, within_bounds
+
+SPREAD = 0.3  # deviation of the actions of further starts from those of the guess
+ACCURACY = 1e-5  # of a return, beside its size: what a step must promise to go on
 
 
 class Optimum(Controller):
-    """A local optimum of each episode's return over all its actions: Adam from those of a guess,
-    each episode by itself.
+    """A local optimum of each episode's return over all its actions: damped Gauss-Newton steps
+    (Levenberg and Marquardt) with exact derivatives, within the bounds, from the actions of a guess
+    and from random ones around them, each episode by itself; the best is played. A search, and no
+    proven bound: `gap` and `spread` say how far it has come.
 
-    The env must have output="torch"; its noise and parameters are known to the optimiser, as the
-    future is. The actions of the best iterate of each episode are played.
+    The env must have an end. It knows the episodes' own parameters, and the future.
 
-    guess       controller whose actions are the start; None = the holding actions
-    iterations  whole episodes simulated and differentiated, each
-    rate        of Adam at the start, falling to a twentieth along a cosine
+    guess       controller whose actions are the first start; None = the holding actions
+    iterations  steps from each start at most
+    starts      how many
+    seed        of the random ones
+
+    After `begin`: cost (n,), what the plans cost; gap (n,), by how much the quadratic model there
+    still promises to lower it; spread (n,), of the costs that different starts ended at; steps, the
+    env steps that were played.
+
+    Raises ValueError for an env without end, and for what `TipWay` refuses.
     """
 
     def __init__(
@@ -28,58 +43,98 @@ class Optimum(Controller):
         env: BeamVectorEnv,
         guess: Controller | None = None,
         *,
-        iterations: int = 60,
-        rate: float = 0.05,
+        iterations: int = 30,
+        starts: int = 1,
+        seed: int = 0,
     ) -> None:
+        env = vector_env(env)
         self.guess = Static(env) if guess is None else guess
-        self.iterations, self.rate, self.steps = iterations, rate, 0
-
-    def begin(self, env: BeamVectorEnv) -> None:
-        """Optimise from the state after the reset, and put the env back there. Raises ValueError
-        where it gives numpy.
-        """
-        super().begin(env)
-        if env.output != "torch" or env.max_episode_steps is None:
-            raise ValueError(
-                "an env without end, or of output='numpy', was given; a limit and "
-                "output='torch' are wanted"
-            )
-        start = env.state.detach()
-        best = self._guessed()
-        least = torch.full((env.num_envs,), torch.inf, dtype=env.dtype, device=env.device)
-        plan = best.clone().requires_grad_()
-        optimizer = torch.optim.Adam([plan], self.rate)
-        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(
-            optimizer, self.iterations, self.rate / 20
-        )
-        for _ in range(self.iterations):
-            with torch.enable_grad():
-                env.set_state(start)
-                cost = -sum(env.step(action)[1] for action in plan)
-                gradient = torch.autograd.grad(cost.sum(), plan)[0]
-            better = cost.detach() < least
-            best = torch.where(better[:, None], plan.detach(), best)
-            least = torch.where(better, cost.detach(), least)
-            plan.grad = torch.nan_to_num(gradient, posinf=0.0, neginf=0.0)
-            optimizer.step()
-            schedule.step()
-            with torch.no_grad():
-                plan.clamp_(-1, 1)
-        self.steps += self.iterations * env.num_envs * len(plan)
-        self.plan = best
-        self.next = 0
-        env.set_state(start)
+        self.iterations, self.starts, self.seed, self.steps = iterations, starts, seed, 0
 
     @torch.no_grad()
+    def begin(self, env: Any) -> None:
+        """Optimise from the state after the reset, and put the env back there."""
+        super().begin(env)
+        env = self.env
+        if env.max_episode_steps is None:
+            raise ValueError("an env without end was given; max_episode_steps is wanted")
+        start = env.state.detach()
+        generator = torch.Generator().manual_seed(self.seed)
+        first = self._guessed()
+        ends = []
+        for k in range(self.starts):
+            moved = SPREAD * torch.randn(first.shape, generator=generator, dtype=torch.float64)
+            plan = first if k == 0 else (first + moved.to(first)).clamp(-1, 1)
+            ends.append(self._descended(start, plan))
+        plans, costs, gaps = (torch.stack(parts) for parts in zip(*ends, strict=True))
+        self.cost, best = costs.min(0)
+        self.spread = costs.amax(0) - self.cost
+        members = torch.arange(env.num_envs, device=env.device)
+        self.plan, self.gap, self.next = plans[best, members], gaps[best, members], 0
+        env.set_state(start)
+
+    def _descended(self, start: Episodes, plan: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Plan (n, T, a), its cost (n,) and what the last step promised (n,)."""
+        way = TipWay(self.env.task, start.plant)
+        cost = self._cost(start, plan)
+        damping = torch.full_like(cost, 1e-3)
+        for _ in range(self.iterations):
+            g, H = self._model(way, start, plan)
+            trial, promised = _step(g, H, plan, damping)
+            after = self._cost(start, trial)
+            better = after < cost
+            plan = torch.where(better[:, None, None], trial, plan)
+            cost = torch.where(better, after, cost)
+            damping = (damping * torch.where(better, 0.2, 10.0)).clamp(1e-9, 1e3)
+            if (promised < ACCURACY * (1 + cost)).all():
+                break
+        return plan, cost, _step(*self._model(way, start, plan), plan, 1e-9)[1]
+
+    def _model(self, way: TipWay, start: Episodes, plan: Tensor) -> tuple[Tensor, Tensor]:
+        """Gradient and Gauss-Newton matrix of the cost of a plan, by its numbers."""
+        delay = self.env.config.delay
+        acting = torch.cat((start.pending, plan), 1)[:, : plan.shape[1]]
+        tips, slopes = way.slopes(start, acting)
+        # by what is given within the episode; what comes too late to act costs alone
+        own = torch.nn.functional.pad(slopes[:, :, :, delay:], (0, 0, 0, delay)).flatten(3)
+        return way.quadratic(way.gaps(start, tips), own, plan.flatten(1))
+
+    def _cost(self, start: Episodes, plan: Tensor) -> Tensor:
+        """(n,): less the return of the plan (n, T, a), as the env has it."""
+        simulation, now, total = self.env.simulation, start, 0.0
+        for action in plan.unbind(1):
+            over = now.done
+            now, reward, _ = simulation.advance(now, action, ~over if over.any() else None)
+            total = total - reward
+        self.steps += plan.shape[0] * plan.shape[1]
+        return total
+
     def _guessed(self) -> Tensor:
-        """(steps, n, a): what the guess does in these episodes."""
-        self.guess.begin(self.env)
-        observation, plan = self.env.state.observation, []
-        for _ in range(self.env.max_episode_steps):
-            plan.append(self.guess(observation))
-            observation = self.env.step(plan[-1])[0]
-        return torch.stack(plan)
+        """(n, T, a): what the guess does in these episodes."""
+        env, start = self.env, self.env.state
+        self.guess.begin(env)
+        plan = []
+        for _ in range(env.max_episode_steps):
+            seen = env.state.observation
+            plan.append(self.guess(seen))
+            env.set_state(env.simulation.advance(env.state, plan[-1], ~env.state.done)[0])
+        env.set_state(start)
+        return torch.stack(plan, 1)
+
+    def restart(self, fresh: Tensor) -> None:
+        if self.next:
+            raise ValueError(
+                "an episode that began after begin(env) was given to Optimum; begin(env) after "
+                "each reset is wanted"
+            )
 
     def act(self, observation: Tensor) -> Tensor:
         self.next += 1
-        return self.plan[self.next - 1]
+        return self.plan[:, self.next - 1]
+
+
+def _step(g: Tensor, H: Tensor, plan: Tensor, damping: float | Tensor) -> tuple[Tensor, Tensor]:
+    """The plan (n, T, a) after a step, and by how much the model has it lower the cost (n,)."""
+    trial = within_bounds(g, H, plan.flatten(1), damping)
+    d = trial - plan.flatten(1)
+    return trial.view_as(plan), -((g + (H @ d[..., None])[..., 0] / 2) * d).sum(-1)

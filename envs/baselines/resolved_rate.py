@@ -7,7 +7,7 @@ from torch import Tensor
 
 from ..core import BeamVectorEnv
 from ..manipulator import Manipulator
-from .holding import Controller
+from .holding import Controller, vector_env
 
 
 class ResolvedRate(Controller):
@@ -29,9 +29,10 @@ class ResolvedRate(Controller):
     def __init__(
         self, env: BeamVectorEnv, gain: float = 1.0, damping: float = 0.005, lead: float = 0.1
     ) -> None:
-        if not isinstance(env.task, Manipulator):
+        task = vector_env(env).task
+        if not isinstance(task, Manipulator):
             raise ValueError(
-                f"{type(env.task).__name__} was given to ResolvedRate; a manipulator "
+                f"{type(task).__name__} was given to ResolvedRate; a manipulator "
                 "(FollowTarget, InverseKinematics) is wanted"
             )
         self.gain, self.damping, self.lead = gain, damping, lead

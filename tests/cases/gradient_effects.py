@@ -104,12 +104,12 @@ def _drag(d):
     }
 
 
-@ingredient("effect", "Drag flow", ("none", "value", "list", "function", "tuple"))
+@ingredient("effect", "Drag flow", ("none", "value", "list", "Input", "function", "tuple"))
 def drag(d, form):
     read = _drag(d)
     if form == "none":
         return lambda x: tb.Drag(**{n: r(x) for n, r in read.items()})
-    if form in ("value", "list"):
+    if form in ("value", "list", "Input"):
         flow = d.value("Drag flow", 1.0, form)
         return lambda x: tb.Drag(**{n: r(x) for n, r in read.items()}, flow=flow(x))
     v, rate = d.vector("Drag flow", 1.0), d.number("Drag flow rate", 2.0, 5.0)

@@ -15,6 +15,7 @@ from torch._C._functorch import is_batchedtensor
 
 import torchbeam as tb
 from tests.cases.gradient_cases import EXPLICIT, UNSTABLE, Case, Unsolved
+from tests.cases.metamorphic_parts import NotHere
 from tests.cases.metamorphic_similarity import (
     ENERGY,
     INSTANT,
@@ -206,6 +207,19 @@ def modes(p: Problem) -> Found:
     return {"frequency": (ONE, rates.imag.abs()), "growth": (ONE, rates.real)}
 
 
+def critical_load(p: Problem) -> Found:
+    """By all inputs at once, along them or against them: the one of the two that buckles."""
+    held = _held(p)
+    if not held:
+        raise NotHere
+    for sign in (1.0, -1.0):
+        given = {name: sign * value for name, value in held.items()}
+        found = tb.critical_load(p.scene, 40.0, points=9, t=float(p.t), inputs=given)
+        if torch.isfinite(found.factor).all():
+            return {"factor": (ONE, found.factor)}
+    raise Unsolved
+
+
 def linearize(p: Problem) -> Found:
     """The answer of the tip at s = 1 per second to what the inputs are, and the resolvent's
     trace.
@@ -268,6 +282,7 @@ ANSWERS = {
     "path": Answer("equilibrium", path, gradient=False),
     "modes": Answer("equilibrium", modes),
     "linearize": Answer("equilibrium", linearize),
+    "critical_load": Answer("equilibrium", critical_load),
 }
 
 

@@ -76,7 +76,7 @@ def axes(said: Said) -> Pair:
 
 
 def vmapped(said: Said) -> Pair:
-    wants(said, said.answer in ("midpoint", "generalized_alpha", "equilibrium", "midpoint4"))
+    wants(said, said.answer in (*BY_STEPS, "equilibrium", "modes"))
     together, _ = said.several()
     dims = {n: None if n in said.case.draw.alone else 0 for n in together}
     with engine("eager"):

@@ -95,7 +95,7 @@ def _user_mass_damping(e: Any, parts: Parts) -> Any:
 
 
 def _user_drag(e: Any, parts: Parts) -> Any:
-    if e.added_mass is not None:
+    if e.added_mass is not None or isinstance(e.flow, tb.Input):
         raise NotHere
     if e.flow is not None and not callable(e.flow):
         _inertial(parts)

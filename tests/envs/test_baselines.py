@@ -4,12 +4,14 @@ controller on TipReach.
 
 import math
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
 from torchbeam_envs import (
     Actuator,
     FlutterHoldVectorEnv,
+    FollowTargetVectorEnv,
     SlewVectorEnv,
     TipForce,
     TipReachVectorEnv,
@@ -17,9 +19,10 @@ from torchbeam_envs import (
     TwoLinkVectorEnv,
     holding_action,
 )
-from torchbeam_envs.baselines import LQG, LQR, PD, JointLQR, Optimum, Static, Zero
+from torchbeam_envs.baselines import LQG, LQR, MPC, PD, JointLQR, Optimum, Static, Zero
 from torchbeam_envs.baselines.holding import Holding, search
 from torchbeam_envs.baselines.linear import gain
+from torchbeam_envs.baselines.trajectory import TipWay, within_bounds
 from torchbeam_envs.reach import share_in_ball
 
 import torchbeam as tb
@@ -163,15 +166,116 @@ def test_delay_is_in_the_model(delay):
 
 
 def test_optimum_beats_its_guess():
-    """Six iterations from the holding actions; the plan is replayed exactly, so its return is what
-    the optimiser saw.
+    """Six steps from the holding actions and from others; the plan is replayed exactly, so its
+    return is what the optimiser saw; at the end the model promises less than a hundredth of it, and
+    no plan near by is better. A plan is of the episodes that it was made for.
     """
-    env = make(2, planar=True, max_episode_steps=20)
-    optimum = Optimum(env, iterations=6)
-    assert play(env, optimum)[0] > play(env, Static(env))[0] + 1
-    assert optimum.steps == 6 * 2 * 20
-    with pytest.raises(ValueError, match="output='torch' are wanted"):
-        Optimum(env).begin(make(2, output="numpy"))
+    env = make(2, planar=True, max_episode_steps=15, output="numpy")
+    optimum = Optimum(env, iterations=6, starts=2)
+    best = play(env, optimum)[0]
+    assert best > play(env, Static(env))[0] + 0.5
+    assert best == pytest.approx(-optimum.cost.mean().item(), rel=1e-9)
+    assert (optimum.gap < 0.01 * optimum.cost).all() and (optimum.spread >= 0).all()
+    env.reset(seed=0)
+    optimum.begin(env)
+    for seed in range(4):
+        noise = torch.randn(optimum.plan.shape, generator=torch.Generator().manual_seed(seed))
+        near = (optimum.plan + 0.01 * noise.to(optimum.plan)).clamp(-1, 1)
+        assert (optimum._cost(env.state, near) > optimum.cost - 1e-3).all()
+    optimum(env.state.observation)
+    env.reset(seed=1)
+    with pytest.raises(ValueError, match="that began after begin"):
+        optimum(env.state.observation)
+    with pytest.raises(ValueError, match="without end"):
+        Optimum(env).begin(make(2, max_episode_steps=None))
+
+
+def test_the_way_of_the_tip_and_its_slopes():
+    """With a stiffness of each episode's own, two substeps and actions still to act: the way is the
+    env's to 1e-9 (the solver's tolerance), its derivatives those of differences of 1e-4.
+    """
+    env = make(2, planar=True, substeps=2, randomize={"stiffness": (0.7, 1.3)})
+    env.reset(seed=0)
+    start, way = env.state, TipWay(env.task, env.state.plant)
+    generator = torch.Generator().manual_seed(0)
+    acting = 0.3 * torch.randn(2, 4, 1, generator=generator, dtype=torch.float64)
+    _, slopes = way.slopes(start, acting)
+    for k in range(4):
+        env.step(acting[:, k])
+        if k:  # an action acts an interval later
+            at = env.state.beam.position[:, -1, :2]
+            late = way(start, torch.cat((0 * acting[:, :1], acting), 1))[:, k]
+            torch.testing.assert_close(late, at, rtol=0, atol=1e-9)
+    step = 1e-4 * torch.randn(2, 4, 1, generator=generator, dtype=torch.float64)
+    moved = (way(start, acting + step) - way(start, acting - step)) / 2
+    expected = torch.einsum("ntdsa,nsa->ntd", slopes, step)
+    torch.testing.assert_close(expected, moved, rtol=1e-4, atol=1e-11)
+    with pytest.raises(ValueError, match="actions alone do not tell"):
+        TipWay(FollowTargetVectorEnv(1, elements=5).task, env.plant)
+
+
+def test_least_within_bounds():
+    """Random problems of 20 numbers, whose least values lie at bounds: no slope leads down from
+    there within them.
+    """
+    generator = torch.Generator().manual_seed(0)
+    A, g = (torch.randn(50, 20, k, generator=generator, dtype=torch.float64) for k in (20, 1))
+    H, g, plan = A.mT @ A + 0.01 * torch.eye(20, dtype=torch.float64), 20 * g[..., 0], A[..., 0]
+    plan = plan.clamp(-1, 1)
+    best = within_bounds(g, H, plan)
+    slope = g + (H @ (best - plan)[..., None])[..., 0]
+    down = (slope * (best < 1)).clamp(max=0) + (slope * (best > -1)).clamp(min=0)
+    assert best.abs().max() == 1 and (best.abs() == 1).double().mean() > 0.2
+    assert down.abs().max() < 1e-3 * g.abs().max()
+
+
+def test_predictive_control_follows():
+    """Of a strip of its own stiffness and of a moving target: ten times nearer than LQR."""
+    env = TipTrackVectorEnv(2, **{**SMALL, "planar": True, "max_episode_steps": 25})
+    scores = [play(env, one) for one in (LQR(env, effort=0.1), MPC(env, horizon=10))]
+    assert scores[1][1] < 0.1 * scores[0][1] and scores[1][0] > 0.1 * scores[0][0]
+    with pytest.raises(ValueError, match="horizon = 1 was given"):
+        MPC(env, horizon=1)
+
+
+@pytest.mark.parametrize("kind", [Static, LQR, LQG, MPC])
+def test_episodes_that_begin_later_are_begun_anew(kind):
+    """Episode 1 is reset by hand after four intervals: from there on its actions are those of a
+    controller that begins with it, and the others' are those of one that went on. (The filter went
+    on from where the old episode had ended.) To 1e-9: the way back to a holding action is iterated.
+    """
+    arguments = dict(horizon=4) if kind is MPC else {}
+    env, other = (
+        TipTrackVectorEnv(2, **{**SMALL, "planar": True, "noise": 0.01}) for _ in range(2)
+    )
+    controller, alone = kind(env, **arguments), kind(env, **arguments)
+    observation, _ = env.reset(seed=0)
+    controller.begin(env)
+    for k in range(7):
+        if k == 4:
+            mask = torch.tensor([False, True])
+            observation, _ = env.reset(seed=[0, 5], options={"reset_mask": mask})
+            seen, _ = other.reset(seed=[4, 5])
+            alone.begin(other)
+        action = controller(observation)
+        if k >= 4:
+            torch.testing.assert_close(action[1], alone(seen)[1], rtol=0, atol=1e-9)
+            seen, *_ = other.step(action)
+        observation, *_ = env.step(action)
+
+
+def test_controllers_take_single_envs_and_say_what_is_missing():
+    single = gymnasium.make("torchbeam/TipReachPlanar-v0", elements=2, substeps=1)
+    controller = LQG(single)
+    observation, _ = single.reset(seed=0)
+    with pytest.raises(ValueError, match=r"LQG was called before begin\(env\)"):
+        controller(observation)
+    controller.begin(single)
+    action = controller(observation)
+    assert action.shape == single.action_space.shape and isinstance(action, np.ndarray)
+    single.step(action)
+    with pytest.raises(ValueError, match="CartPoleEnv was given"):
+        LQR(gymnasium.make("CartPole-v1").unwrapped)
 
 
 def test_numpy_in_numpy_out():
@@ -203,6 +307,7 @@ def test_pd_turns_a_hub():
     assert near < 0.1 * far and turned > 0.4 * rest
     with pytest.raises(ValueError, match="no constant action holds was given"):
         LQR(env)
+    assert play(env, JointLQR(env, effort=1.0))[0] > 0.8 * turned
 
 
 def driven_by(actions):

@@ -7,6 +7,8 @@ import pytest
 import torch
 import torchbeam_envs
 
+import torchbeam as tb
+
 pytest.importorskip("llvmlite")
 
 
@@ -59,3 +61,24 @@ def test_an_engine_that_does_not_exist_or_fit_is_refused():
         torchbeam_envs.TipReachVectorEnv(1, engine="fast")
     with pytest.raises(ValueError, match="engine = 'compiled' with method = 'rk4' was given"):
         torchbeam_envs.TipReachVectorEnv(1, engine="compiled", method="rk4", gravity=None)
+
+
+def test_a_reset_with_parameters_of_its_own_is_solved_natively(monkeypatch):
+    """Where steps are native the load is raised by native code; the equilibria are those of torch
+    to 1e-9 of the length, as both stop at residuals of 1e-8.
+    """
+    pytest.importorskip("llvmlite")
+    asked, solve = [], tb.equilibrium
+    monkeypatch.setattr(
+        tb, "equilibrium", lambda *a, **kw: asked.append(kw.get("engine")) or solve(*a, **kw)
+    )
+    env = torchbeam_envs.TipReachVectorEnv(
+        3, elements=2, substeps=1, engine="compiled", randomize={"stiffness": (0.7, 1.3)}
+    )
+    asked.clear()
+    env.reset(seed=0)
+    assert asked == ["compiled"]
+    scene, start = env.state.plant.scene, env.state.start
+    eager = solve(scene, inputs={"force": torch.zeros(3, 3).to(start.position)}, engine="eager")
+    torch.testing.assert_close(start.position, eager.position, rtol=0, atol=1e-9 * 1.5)
+    assert start.tip.position[:, 2].unique().numel() == 3

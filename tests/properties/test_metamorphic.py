@@ -156,6 +156,16 @@ def test_scenes_said_twice(name):
     assert len(fuzz.rows) > 10
 
 
+@pytest.mark.parametrize(
+    "answer, relation", [("critical_load", "turned"), ("critical_load", "units"), ("modes", "vmap")]
+)
+def test_what_stands_said_twice(answer, relation):
+    """A cantilever that buckles under its input; its frequencies mapped over samples."""
+    spec = Spec(3, "equilibrium", "3D", (*PLAIN, ("effect", "TipLoad force Input")))
+    row = compare(said(spec, answer, gradient=False), relation)
+    assert row.passed, row
+
+
 SHORT = ("numbers: closure", "numbers: default", "numbers: object", "numbers: module")
 
 

@@ -8,6 +8,7 @@ import json
 import numpy as np
 import pytest
 import torch
+from torchbeam_envs.baselines import JointLQR
 
 from training import baselines, report, results
 from training.policies import load
@@ -130,6 +131,8 @@ def test_baselines_are_tuned_on_training_episodes(monkeypatch):
     """No seed of a held-out episode is used, and the LQR that is picked is the best there."""
     seen = []
     monkeypatch.setattr(baselines, "EFFORTS", (0.1, 100.0))
+    monkeypatch.setattr(baselines, "SPEEDS", (0.1, 1e3))
+    monkeypatch.setattr(baselines, "EPISODES", 4)
     scored = baselines.evaluate
     monkeypatch.setattr(
         baselines, "evaluate", lambda *given: seen.append(given[3]) or scored(*given)
@@ -137,7 +140,12 @@ def test_baselines_are_tuned_on_training_episodes(monkeypatch):
     controller = baselines.BASELINES["lqr"](
         Task("tiny", "torchbeam/TipReachPlanar-v0", dict(elements=2, substeps=1))
     )
-    assert controller.settings == {"effort": 0.1} and set(seen) == {baselines.TRAINING}
+    best = {"effort": 0.1, "speed_weight": 0.1}
+    assert controller.settings == best and set(seen) == {baselines.TRAINING}
+    slew = baselines.BASELINES["lqr"](
+        Task("turn", "torchbeam/SlewPlanar-v0", dict(elements=2, substeps=1, max_episode_steps=5))
+    )
+    assert isinstance(slew, JointLQR)
 
 
 def test_refusals(tmp_path):

@@ -27,6 +27,11 @@ LONG = {  # what holds them in the suite otherwise, to the same reference
     "sudden tip load, 2 s": "properties/test_dynamics::test_common_case_below_one_percent",
     "the derivation's element, ramped and sudden load": "unit/mixed/test_trajectories::test_stored_trajectories",
     "double pendulum of bodies": "test_joints::test_rigid_double_pendulum",
+    "two crossed cantilevers": "docs/test_examples::test_example[crossing]",
+    # friction of a ball, on a floor in the place of fingers
+    "ball held by two fingers": "unit/nodal/test_touching::test_ball_at_rest_on_a_floor",
+    "two rods collide": "unit/nodal/test_touching::test_free_rods_that_collide",
+    "two balls collide": "unit/nodal/test_touching::test_balls_collide_and_bounce",
     "column, dead load": "unit/linear/test_critical::test_euler",
     "strip on edge, tip load": "unit/linear/test_critical::test_sideways_under_a_tip_load",
     "column, tangential load": "unit/linear/test_critical::test_beck",

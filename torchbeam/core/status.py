@@ -1,4 +1,6 @@
-"""Status of a sample: codes and their sentences."""
+"""Status of a sample: codes and their sentences; samples by their places."""
+
+from torch import Tensor
 
 SUCCESS, DIVERGED, BROKEN, FAILED, UNDERFLOW, TOO_MANY = range(6)
 STATUS = {
@@ -16,3 +18,13 @@ STATUS = {
     ),
     TOO_MANY: "the tolerance was not reached within max_steps; a larger one of either may help",
 }
+
+
+def named(mask: Tensor, most: int = 8) -> str:
+    """Samples of a mask (...) in a sentence, "sample 1, 4 (2 of 6)": at `most` so many by their
+    places, and how many of how many.
+    """
+    places = mask.nonzero().tolist()
+    listed = [str(tuple(place) if len(place) > 1 else place[0]) for place in places[:most]]
+    more = ["..."] * (len(places) > most)
+    return f"sample {', '.join(listed + more)} ({len(places)} of {mask.numel()})"

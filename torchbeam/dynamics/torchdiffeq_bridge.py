@@ -19,7 +19,7 @@ from torchdiffeq._impl.solvers import AdaptiveStepsizeODESolver
 
 from ..core.arguments import boolean, tolerance
 from ..core.arguments import options as check_options
-from ..core.status import FAILED
+from ..core.status import FAILED, named
 from ..core.validation import broadcast, increasing
 from ..core.warning import warn
 
@@ -274,14 +274,8 @@ def _largest(ratio: Tensor) -> Tensor:
 
 
 def _sentence(method: str, rows: Tensor, t: Tensor, shape: torch.Size) -> str:
-    where = (
-        [tuple(index) if len(shape) > 1 else index[0] for index in rows.nonzero().tolist()]
-        if shape
-        else []
-    )
-    listed = ", ".join(map(str, where[:8])) + (", ..." if where[8:] else "")
-    samples = f"sample {listed} ({len(where)} of {shape.numel()})"
-    who = samples if where else "the sample" if rows.any() else "a sample that could not be named"
+    one = "the sample" if not shape else named(rows)
+    who = one if rows.any() else "a sample that could not be named"
     return (
         f"{method} failed on {who} after t = {t.item():.6g} s: the step shrank to nothing, too "
         f"many steps were taken, or the rates were not finite; {ADVICE}"

@@ -12,11 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ..core.derivatives import untracked
 from ..core.leaves import Tree, leaf
 from ..core.remembered import remembered
 from ..scene.beam import Beam
@@ -65,13 +67,21 @@ class ElasticLaw(Tree):
     def energy(self, strain: Tensor) -> Tensor:
         """e C e/2 (..., N, k) J/m, by component; an impossible strain stores none, whatever
         rounding leaves of it.
+
+        By a compliance that came as a matrix with zeros on its diagonal it has no derivative, and
+        raises NotImplementedError. A strain e = S a stores S a^2/2, whose derivative at S = 0 is
+        a^2/2, a being the force at the end of a step: midpoint steps know the mean over a step
+        alone, about which a alternates from step to step.
         """
-        if self.rigid:
-            compliance = (
-                self.S if self.S.shape[-1] == 1 else self.S.diagonal(dim1=-2, dim2=-1)[..., None]
-            )
-            strain = torch.where(compliance[..., 0] == 0, 0.0, strain)
-        return strain * self.stress(strain) / 2
+        if not self.rigid:
+            return strain * self.stress(strain) / 2
+        slim = self.S.shape[-1] == 1
+        compliance = self.S if slim else self.S.diagonal(dim1=-2, dim2=-1)[..., None]
+        strain = torch.where(compliance[..., 0] == 0, 0.0, strain)
+        energy = strain * self.stress(strain) / 2
+        if slim or untracked([self.S]):
+            return energy
+        return energy + 0.0 * _NoDerivative.apply(compliance)[..., 0]
 
     def dissipation(self, rate: Callable[[], Tensor]) -> Tensor | float:
         """(..., N, k) W/m that a strain rate takes out, by component."""
@@ -113,6 +123,33 @@ class ElasticLaw(Tree):
             if slim
             else torch.linalg.inv(S + torch.diag_embed((least - diagonal)[..., 0]))
         )
+
+
+class _NoDerivative(torch.autograd.Function):
+    """A compliance by which strain energy is not to be differentiated."""
+
+    generate_vmap_rule = True
+
+    @staticmethod
+    def forward(compliance: Tensor) -> Tensor:
+        return compliance.clone()
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Tensor], output: Tensor) -> None:
+        pass
+
+    @staticmethod
+    def backward(ctx: Any, derivative: Tensor) -> Any:
+        raise NotImplementedError(ENERGY_BY_ZEROS)
+
+    jvp = backward
+
+
+ENERGY_BY_ZEROS = (
+    "a derivative of the strain energy, which conserve=True reads too, by a compliance matrix with "
+    "a zero on its diagonal was asked for; Section.from_stiffness, whose math.inf is no number to "
+    "differentiate by, or a small compliance is wanted"
+)
 
 
 def _inertial_stiffness(h: Tensor, line_mass: Tensor, dt: Tensor) -> tuple[Tensor, Tensor]:

@@ -26,16 +26,23 @@ ABOUT_X = TURNS | {"z": ("y", "x", 1.0)}
 
 @dataclass(frozen=True)
 class Vector:
-    """constant (..., 3) + shift (...) (r_b - r_a) + R_a in_a + R_b in_b"""
+    """constant (..., 3) + shift (...) (r_b - r_a) + R_a in_a + R_b in_b; parts: 1.0 for those of
+    constant, in_a and in_b that are there, whatever they are, else 0.0.
+    """
 
     constant: Tensor
     shift: Tensor
     in_a: Tensor
     in_b: Tensor
+    parts: tuple[float, float, float]
 
     def __add__(self, other: Vector) -> Vector:
         return Vector(
-            *(x + y for x, y in zip(vars(self).values(), vars(other).values(), strict=True))
+            self.constant + other.constant,
+            self.shift + other.shift,
+            self.in_a + other.in_a,
+            self.in_b + other.in_b,
+            tuple(map(max, self.parts, other.parts)),
         )
 
     def times(self, factor: Tensor | float) -> Vector:
@@ -45,6 +52,7 @@ class Vector:
             self.shift * factor,
             self.in_a * factor[..., None],
             self.in_b * factor[..., None],
+            self.parts,
         )
 
 
@@ -71,11 +79,10 @@ class End:
         """What at rest is e (..., 3), frame a."""
         zero = torch.zeros_like(e)
         own = e if self.ground else (self.R.mT @ e[..., None])[..., 0]
-        parts = [
-            own if place == (0 if self.ground else 2 if self.second else 1) else zero
-            for place in range(3)
-        ]
-        return Vector(parts[0], zero[..., 0], *parts[1:])
+        place = 0 if self.ground else 2 if self.second else 1
+        constant, in_a, in_b = (own if k == place else zero for k in range(3))
+        there = tuple(float(k == place) for k in range(3))
+        return Vector(constant, zero[..., 0], in_a, in_b, there)
 
     @property
     def arm(self) -> Vector:
@@ -113,6 +120,8 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
     fields = dict(
         space=space, framework=topology, held=mask(lambda row: row.held), v=factor("v"),
         w=factor("w"), across=factor("across"),
+        parts=like.new_tensor([[[row.v.parts, row.w.parts, row.across.parts] for row in rows]
+                               for rows in each]),
         c=stacked([row.c for rows in each for row in rows], 0),
         moves=space.embed(torch.eye(m, dtype=like.dtype, device=like.device)),
         # 1 m of a body that turns about its own centre, where nothing has a length
@@ -167,12 +176,13 @@ def _rows(joint: Any, beam: Any, space: Spatial) -> list[Row]:
     at_a, at_b, axes = joint.drawn(beam)
     a, b = End.of(beam, joint.ends[0], False, at_a), End.of(beam, joint.ends[1], True, at_b)
     apart = b.arm + a.arm.times(-1.0)
-    apart = Vector(apart.constant, torch.ones_like(apart.shift), apart.in_a, apart.in_b)
+    apart = dataclasses.replace(apart, shift=torch.ones_like(apart.shift))
     names = dict(zip("xyz", axes.unbind(-1), strict=True))
     along, about = (
         ("xyz", "xyz") if space.plane is None else _of_plane(joint, names, space.basis[:, 2])
     )
-    none, nothing = apart.shift * 0.0, apart.times(0.0)
+    none = apart.shift * 0.0
+    nothing = dataclasses.replace(apart.times(0.0), parts=(0.0, 0.0, 0.0))
     rows = [
         Row(
             a.direction(names[i]),

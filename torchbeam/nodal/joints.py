@@ -56,6 +56,8 @@ class Joints(NoJoints):
                      joint: free, or prescribed
     across  what w becomes where it is turned about x by a right angle, in the rows of angles; zero
             in others
+    parts   (J, w, 3, 3) 1 where v, w and across (third axis) have a constant, and a vector in the
+            axes of the first and of the second node, 0 where there is none
     """
 
     space: Spatial
@@ -69,6 +71,7 @@ class Joints(NoJoints):
     angles: Tensor = leaf(2)
     travels: Tensor = leaf(2)
     across: Factor
+    parts: Tensor = leaf(4)
 
     @property
     def count(self) -> int:

@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.status import named
 from ..core.validation import concrete
 from ..scene.effects.contact import Contact
 from ..state.state import State
@@ -20,8 +21,8 @@ from .touching_motion import TouchingMotion
 
 def refuse_penetration(model: Model, state: State, t: Tensor) -> None:
     """Raises ValueError where a state (public) at time t starts deeper in an obstacle than its
-    contact is thick, or in another part, and is not to be pushed out: by how much, where, and which
-    sample.
+    contact is thick, or in another part, and is not to be pushed out: which samples, and the
+    deepest of them, by how much and where.
     """
     state = model.space.to_reduced(state)
     nodes = Nodes(state.position, state.rotation, state.velocity, state.spin)
@@ -91,13 +92,13 @@ def _refuse(
     depth = concrete(depth.detach())
     deep = depth > concrete(most.detach())
     deep = deep & (concrete(status) == 0)[..., None]
-    if deep.any():
-        flat = deep.flatten(0, -2) if deep.ndim > 1 else deep[None]
-        sample = int(flat.any(-1).nonzero()[0])
-        own = depth.expand(deep.shape).reshape(flat.shape)[sample]
-        k = int(own.argmax())
-        which = f" of sample {sample}" if deep.ndim > 1 else ""
-        raise ValueError(
-            f"a start{which} was given in which {place(k)} {own[k].item():.3g} m deep {where}; one "
-            "outside of it is wanted, or push_out=True"
-        )
+    if not deep.any():
+        return
+    within = torch.where(deep, depth, -torch.inf)
+    *sample, k = (within == within.max()).nonzero()[0].tolist()
+    who = f" of {named(deep.any(-1))}" if sample else ""
+    deepest = f" (sample {sample[0] if len(sample) == 1 else tuple(sample)})" if sample else ""
+    raise ValueError(
+        f"a start{who} was given in which {place(k)} {within.max().item():.3g} m deep {where}"
+        f"{deepest}; one outside of it is wanted, or push_out=True"
+    )

@@ -108,6 +108,15 @@ class Rope(Tree):
     friction: Tensor | None = leaf(0, default=None)
     slip_speed: Tensor | None = leaf(0, default=None)
 
+    def raised(self, given: Tensor, share: Tensor | None) -> Tensor:
+        """What is given (...) where loads are raised as far as `share` (...), None = all: from
+        slack, or from as drawn.
+        """
+        if share is None:
+            return given
+        start = 0.0 if self.stiffness is None else self.drawn
+        return start + share * (given - start)
+
     def forces(self, step: RopeStep) -> Tensor:
         """(..., m, 3) N on the points."""
         stretches = Stretches.of(step)

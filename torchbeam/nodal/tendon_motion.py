@@ -38,6 +38,7 @@ class NoTendons(Tree):
 
     dissipative = False
     smooth = True
+    stretches = ()
 
     def loaded(self, nodes: Tensor, motion: Callable[[], TendonMotion]) -> Tensor:
         """The nodes' balances (..., nodes, w), with the forces of these."""

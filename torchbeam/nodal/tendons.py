@@ -52,6 +52,12 @@ class Tendons(NoTendons):
     def smooth(self) -> bool:
         return not self.dissipative
 
+    @property
+    def stretches(self) -> tuple[tuple[int, int], ...]:
+        """Of each between two eyelets the number of its tendon, and that of its first eyelet."""
+        parts = enumerate(self._parts)
+        return tuple((k, e) for k, own in parts for e in range(own.start, own.stop - 1))
+
     def eyelets(self, position: Tensor, rotation: Tensor) -> Eyelets:
         """From nodes, in the space's coordinates."""
         at = self._at
@@ -123,7 +129,7 @@ class Tendons(NoTendons):
             T, lengths = rope.readings(step)
             rows.append(torch.stack((T[..., 0], T[..., -1], lengths[..., 1, :].sum(-1)), -1))
             if work is not None:
-                change = lengths[..., 1, :] - self._lengths(motion, k)
+                change = lengths[..., 1, :] - self.lengths_before(motion, k)
                 last = None if before is None else before[..., k, :1]
                 done = done - (mean_tension(T, last) * change).sum(-1)
         found = {"tendons": torch.stack(torch.broadcast_tensors(*rows), -2)}
@@ -135,10 +141,7 @@ class Tendons(NoTendons):
         over = drive.dt is not None and motion.start is not None
         rates = self._rates(motion) if over and self.dissipative else None
         for k, (rope, part) in enumerate(zip(self.ropes, self._parts, strict=True)):
-            given = motion.given[..., k]
-            if drive.share is not None:  # from slack, or from as drawn
-                start = 0.0 if rope.stiffness is None else rope.drawn
-                given = start + drive.share * (given - start)
+            given = rope.raised(motion.given[..., k], drive.share)
             found.append(
                 RopeStep(
                     motion.acting.p[..., part, :],
@@ -151,7 +154,7 @@ class Tendons(NoTendons):
             )
         return tuple(found)
 
-    def _lengths(self, motion: TendonMotion, k: int) -> Tensor:
+    def lengths_before(self, motion: TendonMotion, k: int) -> Tensor:
         """(..., n) m of the stretches of rope k before the step."""
         points = motion.start.p[..., self._parts[k], :]
         return torch.linalg.vector_norm(points.diff(dim=-2), dim=-1)

@@ -15,6 +15,7 @@ from .curves import campbell, energies, history, load_path
 from .identification import correlation, fit, profile
 from .obstacles import obstacles
 from .shapes import mode_shapes, shape
+from .tendons import tendons
 from .uncertainty import bands, convergence, histogram, tornado
 
 __all__ = [
@@ -35,6 +36,7 @@ __all__ = [
     "profile",
     "save",
     "shape",
+    "tendons",
     "tornado",
 ]
 

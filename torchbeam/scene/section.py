@@ -192,9 +192,10 @@ class Section(Tree):
         inertia  (...) kg m, rotary inertia per length; or a pair (about y, about z). The polar one
                  is their sum.
 
-        math.inf makes a strain impossible. A pair is a Python sequence of two; a tensor is one
-        value with batch axes. Raises ValueError for a stiffness that is not positive or a mass or
-        inertia that is negative.
+        math.inf makes a strain impossible. A pair is a Python list or tuple of two, whose entries
+        may have batch axes; all axes of a tensor or an array are batch axes, whatever their
+        lengths: where its last one is to be the pair, `EI=EI.unbind(-1)`. Raises ValueError for a
+        stiffness that is not positive or a mass or inertia that is negative.
         """
         given = dict(EA=EA, GA=GA, GJ=GJ, EI=EI, mass=mass, inertia=inertia)
         dtype, device = common_dtype(*given.values())

@@ -20,8 +20,8 @@ class Energy(NamedTuple):
     """(time, ...) J: kinetic, strain, and the work of the loads since the start (None where it was
     not asked for). Strain energy is that of the strain less the eigenstrain (`Actuation`).
     Undamped, kinetic + strain - work is constant, but for what a change of the eigenstrain brings
-    in. By a compliance that is 0, `strain` has no derivative to rely on: what so stiff a strain
-    stores alternates from step to step.
+    in. By a compliance matrix with a zero on its diagonal `strain` has no derivative, and asking
+    for it raises NotImplementedError: what so stiff a strain stores alternates from step to step.
     """
 
     kinetic: Tensor

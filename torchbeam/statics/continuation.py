@@ -34,6 +34,8 @@ ITERATIONS = 12  # in a step: one that takes more is quicker in two
 EASY = 4  # iterations after which the step stays as it is; fewer, and it grows
 LEAST = 1e-4  # smallest step, as a share of the first
 ALIKE = 0.7  # cosine between the tangents at the ends of a step: 45 degrees
+ALONG = 0.92  # between the chord of a step and a tangent at its ends: half of that, as of an arc
+STRAIGHT = 0.99  # the same of a step past a branch point, which may have left the path: 8 degrees
 ENOUGH = 1e-9  # of the way of a controlled quantity
 MODE = 6  # inverse iterations for a critical shape
 NEUTRAL = 1e-4  # of the softest pivot at the start: a pivot that is less negative does not count
@@ -130,17 +132,18 @@ class Continuation:
             turn = space.multiply(space.inverse(now.place.rotation), x.rotation)
             calm = space.cosine(turn).abs().amin(-1) > math.cos(TURN / 2)
             good = going & (outcome.status == 0) & calm
-            beyond, sharp = no, no
+            beyond = no
             after = self.settle(x, now.factor, outcome.reaction, now.least)
             good = good & after.sound
+            kind = torch.where(after.by_factor * now.by_factor < 0, LIMIT_POINT, BRANCH_POINT)
+            kind = torch.where(~leap & (after.negative != now.negative), kind, REGULAR)
+            chord = self.along_chord(now, after)
+            sharp = (kind == BRANCH_POINT) & (chord < STRAIGHT)
             if first is None:
                 beyond = good & ~final & ((factor > self.span[1]) | (factor < self.span[0]))
-                sharp = (
-                    ~final & ~leap & (self.alike(after, now) < ALIKE) & (step > LEAST * self.step)
-                )
-                good = good & ~beyond & ~sharp
-            kind = torch.where(after.by_factor * now.by_factor < 0, LIMIT_POINT, BRANCH_POINT)
-            kind = torch.where(good & ~leap & (after.negative != now.negative), kind, REGULAR)
+                sharp = sharp | (~final & ((self.alike(after, now) < ALIKE) | (chord < ALONG)))
+            good = good & ~beyond & ~(sharp & ~leap & (step > LEAST * self.step))
+            kind = torch.where(good, kind, REGULAR)
             leaps = good & (after.negative > now.negative) & (kind == BRANCH_POINT) & self.branch
             now, behind = where(good, (after, now), (now, behind))
             record.append((now, kind, good))
@@ -247,6 +250,16 @@ class Continuation:
         return (self.size * a.move * b.move).sum((-1, -2)) + a.by_factor * b.by_factor / self.span[
             1
         ] ** 2
+
+    def along_chord(self, now: PathState, after: PathState) -> Tensor:
+        """The smaller cosine between a step and the tangents at its two ends: of a path that is
+        followed it is that of half the angle between them; a step onto another path, as past a
+        branch point that an imperfection has opened, leads across both.
+        """
+        way, rise = after.place.way, after.factor - now.factor
+        chord = now._replace(move=way, by_factor=rise)
+        length = ((self.size * way**2).sum((-1, -2)) + (rise / self.span[1]) ** 2).sqrt()
+        return torch.minimum(self.alike(chord, now), self.alike(chord, after)) / length
 
     def mode(self, now: PathState, behind: PathState) -> Tensor:
         """The critical shape, by inverse iteration, of unit length, to the side to which the beam

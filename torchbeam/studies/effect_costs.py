@@ -86,6 +86,15 @@ def _user(x: None, R: None, v: Tensor, w: None, t: Tensor) -> tuple[Tensor, None
     return -0.05 * v, None
 
 
+def _along(elements: int, **given: float) -> fx.Tendon:
+    return fx.Tendon([(k, (0.0, 0, 0.02)) for k in range(elements + 1)], **given)
+
+
+def _floor(height: float) -> fx.Contact:
+    plane = fx.Plane((0.0, 0, height), (0.0, 0, 1))
+    return fx.Contact(plane, thickness=3e-3, force=20.0, friction=0.3, slip_speed=0.1)
+
+
 def _lagged(x: Tensor, R: None, v: None, w: None, t: Tensor, z: Tensor) -> tuple[Tensor, None]:
     return z, None
 
@@ -131,6 +140,20 @@ def table(elements: int) -> Iterator[tuple[str, str, Any]]:
     )
     yield "Spring", "1 N/m on the tip", has(lambda: fx.Spring(-1, 1.0, to=(1.0, 0, 0)))
     yield "RootSpring", "100 N m/rad, 1e4 N/m", has(lambda: fx.RootSpring((1e4, 100.0)))
+    yield (
+        "Tendon",
+        "0.5 N, 2 cm above the axis",
+        lambda: scene(elements, _along(elements, tension=0.5)),
+    )
+    yield (
+        "Tendon, elastic, friction",
+        "the same with 50 N/m, mu = 0.1",
+        lambda: scene(
+            elements, _along(elements, stiffness=50.0, length=0.99, friction=0.1, slip_speed=0.1)
+        ),
+    )
+    yield "Contact, near", "floor 1 mm below, friction", has(lambda: _floor(-2e-3))
+    yield "Contact, far", "floor 1 m below", has(lambda: _floor(-1.0))
     yield "Actuation", "curvature 0.1 1/m", has(lambda: fx.Actuation(curvature=(0, 0, 0.1)))
     yield "Load, on the tip", "-0.05 v", has(lambda: fx.Load(_user, of=("velocity",)))
     yield (

@@ -17,11 +17,15 @@ from torch import Tensor
 from ..cli import study, threads
 from ..core.results import measured_on, sentence, write
 from ..core.results import table as markdown_table
+from ..dynamics.dense_output import extrapolated
 from ..dynamics.simulate import simulate
+from ..dynamics.tolerance import Tolerance
+from ..math import quaternions as quat
 from ..scene import effects as fx
 from ..scene.beam import Beam
 from ..scene.scene import Scene
 from ..state.solution import Solution
+from ..state.state import State
 from .accuracy.measurement import timed
 from .accuracy.motions import SILICONE
 from .random_scenes import Draw, families
@@ -33,14 +37,16 @@ QUICK = "sudden, damped", "weight"
 SPAN = 0.02  # s, of explicit methods
 RK4_STEP = 4e-4  # s: with 8e-4 it grows without bound here
 NEAR = 0.03  # of the tolerance: two references that differ by less are one
-UNDAMPED = "sudden", "weight, plane"  # whose references are dear
+# whose references are dear
+UNDAMPED = "sudden", "weight, plane", "follower moment"
 FINEST = 2**17  # steps of a reference, at most
 ABOUT = (
     "{scenes} random soft rods (seed {seed}) in {families} families ({elements} elements, length "
     "0.3 to 0.8 m, 0.5 to 3 s of motion, {outputs} instants), rtol from 1e-2 to 1e-5 (undamped: "
     "1e-4) at random, each sample its own. Error: largest distance of a node over all instants "
     "from a reference (equal midpoint steps, halved until what they extrapolate to stands still "
-    "to 3 % of the tolerance), over the tolerance. Work: implicit steps made, all trials and runs "
+    "to 3 % of the tolerance), over the tolerance; of rotations, largest angle between sections. "
+    "Work: implicit steps made, all trials and runs "
     "included, over how many equal steps have the tolerance for their error (8 at least), which "
     "nobody knows beforehand."
 )
@@ -54,14 +60,15 @@ EXPLICIT_ABOUT = (
 
 @dataclass(frozen=True)
 class ControlledRun:
-    """One sample: error and estimate in tolerances; work: steps made in all; equal: equal steps
-    whose error is the tolerance (nan: not measured).
+    """One sample: error of positions, that of rotations, and estimate in tolerances; work: steps
+    made in all; equal: equal steps whose error of positions is the tolerance (nan: not measured).
     """
 
     family: str
     sample: int
     rtol: float
     error: float
+    rotation: float
     estimate: float
     steps: int
     level: int
@@ -72,10 +79,10 @@ class ControlledRun:
 
 
 def reference(
-    scene: Scene, t: Tensor, tolerance: Tensor, steps: int = 512
-) -> tuple[Tensor, list[tuple[int, Tensor]]]:
-    """Positions of the nodes (time, samples, nodes, 3) to NEAR of the tolerance m (samples), and
-    those of the runs by so many equal steps that led there.
+    scene: Scene, t: Tensor, tolerance: Tolerance, steps: int = 512
+) -> tuple[State, list[tuple[int, Tensor]]]:
+    """States (time, samples) to NEAR of the tolerance, and positions of the nodes
+    (time, samples, nodes, 3) of the runs by so many equal steps that led there.
     """
     runs: list[tuple[int, Tensor]] = []
     coarse = before = None
@@ -85,10 +92,10 @@ def reference(
         if sol.status.any():  # what has stopped stands still whatever the step
             coarse = before = None
         else:
-            best = None if coarse is None else sol.nodes + (sol.nodes - coarse) / 3
-            if before is not None and (distance(best, before) < NEAR * tolerance).all():
+            best = None if coarse is None else extrapolated(coarse, sol.state, order=2)
+            if before is not None and (tolerance.distance(best, before) < NEAR).all():
                 return best, runs
-            coarse, before = sol.nodes, best
+            coarse, before = sol.state, best
         steps *= 2
     raise RuntimeError(f"no reference to {NEAR:g} of the tolerance by {FINEST} equal steps")
 
@@ -96,6 +103,12 @@ def reference(
 def distance(a: Tensor, b: Tensor) -> Tensor:
     """Largest distance of nodes (samples,) over all instants."""
     return torch.linalg.vector_norm(a - b, dim=-1).amax(-1).amax(0)
+
+
+def angle(a: State, b: State) -> Tensor:
+    """Largest angle rad (samples,) between sections over all instants."""
+    turn = quat.logarithm(quat.multiply(quat.conjugate(a.rotation), b.rotation))
+    return torch.linalg.vector_norm(turn, dim=-1).amax(-1).amax(0)
 
 
 def work(sol: Solution) -> Tensor:
@@ -150,17 +163,21 @@ def measure(
 
 
 def _family(name: str, scene: Scene, t: Tensor, rtol: Tensor) -> list[ControlledRun]:
-    tolerance = rtol * scene.beam.length.sum(-1)
-    best, runs = reference(scene, t, tolerance)
-    sol = simulate(scene, t, rtol=rtol)
-    error, done = distance(sol.nodes, best) / tolerance, work(sol)
+    allowed = Tolerance.of(scene, rtol, None)
+    best, runs = reference(scene, t, allowed)
+    sol, tolerance = simulate(scene, t, rtol=rtol), allowed.position
+    error, done = distance(sol.nodes, best.position) / tolerance, work(sol)
     equal = equal_steps(
-        runs, best, tolerance, lambda k: simulate(scene, t, step=(t[-1] - t[0]).item() / k).nodes
+        runs,
+        best.position,
+        tolerance,
+        lambda k: simulate(scene, t, step=(t[-1] - t[0]).item() / k).nodes,
     )
     stats, counts = sol.stats, (sol.stats.lengths > 0).sum(0)
     columns = (
         rtol,
         error,
+        angle(sol.state, best) / allowed.rotation,
         stats.error / tolerance,
         counts,
         stats.level,
@@ -289,6 +306,7 @@ def markdown(rows: Sequence[ControlledRun]) -> str:
         errors = sorted(r.error for r in some)
         ratios = sorted(r.work / r.equal for r in some if r.equal == r.equal)
         within = sum(r.error <= 1 and r.status == 0 for r in some)
+        turned = sorted(r.rotation for r in some)
         steps = sorted(r.steps * 2**r.level for r in some)
         return (
             name,
@@ -296,6 +314,8 @@ def markdown(rows: Sequence[ControlledRun]) -> str:
             f"{_share(errors, 0.5):.2g}",
             f"{_share(errors, 0.95):.2g}",
             f"{errors[-1]:.2g}",
+            f"{_share(turned, 0.5):.2g}",
+            f"{turned[-1]:.2g}",
             f"{_share(steps, 0.5):.0f}",
             f"{sum(r.rejected for r in some)}",
             *(f"{_share(ratios, q):.1f}" if ratios else "" for q in (0.5, 0.95)),
@@ -306,6 +326,8 @@ def markdown(rows: Sequence[ControlledRun]) -> str:
         "within the tolerance",
         "error over tolerance: median",
         "95 %",
+        "largest",
+        "of rotations: median",
         "largest",
         "steps of the last run",
         "refused, all",

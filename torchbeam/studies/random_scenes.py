@@ -80,6 +80,12 @@ def families(elements: int) -> dict[str, Callable[[Draw], Scene]]:
         size, rate = draw.vector(draw(0.3, 1.5) * force), draw(3.0, 25.0)
         return fx.TipLoad(force=lambda t: size * torch.sin(rate * t)[..., None])
 
+    def moment(draw: Draw, force: Tensor) -> Any:
+        size, rate = draw.vector(draw(0.1, 0.8) * force), draw(1.0, 8.0)  # force times 1 m
+        return fx.TipLoad(
+            moment=lambda t: size * torch.sin(rate * t)[..., None] ** 2, follower=True
+        )
+
     def kick(draw: Draw, force: Tensor) -> Any:
         size, at, width = draw.vector(draw(2.0, 8.0) * force), draw(0.2, 0.6), draw.log(0.005, 0.05)
         return fx.TipLoad(force=lambda t: size * torch.exp(-((t - at) / width).square())[..., None])
@@ -121,6 +127,7 @@ def families(elements: int) -> dict[str, Callable[[Draw], Scene]]:
             damping,
             lambda draw, force: fx.Drag(1000.0, draw(0.002, 0.01), added_mass=1.0),
         ),
+        "follower moment": made(moment),
         "free": made(
             push(0.1, 1.0, follower=True),
             damping,

@@ -276,3 +276,26 @@ def test_obstacles_are_drawn_where_they_are(tmp_path):
     tb.plot.save(ax, tmp_path / "ball.png")
     with pytest.raises(ValueError, match="three-dimensional"):
         tb.plot.obstacles(scene, tb.plot.axes(three=True), plane="xz")
+
+
+def test_tendons_are_drawn_where_their_eyelets_are(tmp_path):
+    """Of two samples, dashed, in a plane and in space; refused without tendons or a plane."""
+    pulls = torch.tensor([0.0, 1.0])
+    scene = tb.Scene(BEAM, [tb.Tendon.along(BEAM, (0, 0, 0.1), tension=pulls)])
+    state = tb.rest(scene)
+    for plane, seen in (("xz", [0, 2]), (None, [0, 1, 2])):
+        ax = tb.plot.shape(state, tb.plot.axes(three=plane is None), plane=plane)
+        before = len(ax.lines)
+        tb.plot.tendons(scene, state, ax, plane=plane)
+        (line, *_) = drawn = ax.lines[before:]
+        assert len(drawn) == len(state.position.reshape(-1, *state.position.shape[-2:]))
+        assert line.get_linestyle() == "--" and line.get_marker() == "o"
+        places = line.get_data_3d() if plane is None else line.get_data()
+        eyelets = scene.tendons[0].at(state.position, state.rotation)
+        eyelets = eyelets.reshape(-1, len(places[0]), 3)[0]
+        assert_close(torch.tensor([*map(list, places)]).mT, eyelets[:, seen], check_dtype=False)
+        tb.plot.save(ax, tmp_path / "tendons.png")
+    with pytest.raises(ValueError, match="plane = None"):
+        tb.plot.tendons(scene, state, tb.plot.axes())
+    with pytest.raises(ValueError, match="without tendons"):
+        tb.plot.tendons(tb.Scene(BEAM), state, ax)

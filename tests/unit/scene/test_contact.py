@@ -272,13 +272,17 @@ def test_a_start_in_an_obstacle_is_refused_or_pushed_out():
     beam = tb.Beam.straight(1.0, 2, SECTION)
     given = dict(thickness=0.01, force=5.0)
 
-    def scene(**more):
-        height = torch.tensor([-1.0, 0.05])
+    def scene(heights=(-1.0, 0.05), **more):
+        height = torch.tensor(heights)
         floor = tb.Plane(torch.stack((0 * height, 0 * height, height), -1), UP)
         return tb.Scene(beam, [tb.Contact(floor, **given, **more)], supports=())
 
-    with pytest.raises(ValueError, match=r"sample 1 .* element 0 stands 0.05 m deep in the Plane"):
+    said = r"sample 1 \(1 of 2\) .* element 0 stands 0.05 m deep in the Plane .* \(sample 1\); one"
+    with pytest.raises(ValueError, match=said):
         tb.simulate(scene(), [0.0, 0.01], step=0.01)
+    said = r"a start of sample \(0, 1\), \(1, 0\) \(2 of 4\) .* 0.07 m .* \(sample \(1, 0\)\); one"
+    with pytest.raises(ValueError, match=said):
+        tb.simulate(scene(((-1.0, 0.05), (0.07, 0.0))), [0.0, 0.01], step=0.01)
     out = tb.simulate(scene(push_out=True), [0.0, 0.2], step=0.005)
     assert (out.status == 0).all()  # free of all that acts, too
     assert (out.nodes[-1, 1, :, 2] > 0.05).all() and not out.nodes[-1, 0, :, 2].any()

@@ -86,6 +86,22 @@ def test_batches_broadcast_and_dtypes_follow_the_inputs():
     assert tb.Section.circle(0.1, 3.0, 0.5, 2.0).mass.dtype == torch.float32
 
 
+def test_a_pair_is_a_sequence_and_a_tensor_a_batch():
+    """(y, z), entries with batch axes; axes of tensors are batch axes, also of length 2."""
+    EI = torch.tensor([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
+    for value, batch, EI_y, EI_z in (
+        ((1.0, 2.0), (), 1.0, 2.0),
+        (EI.unbind(-1), (3,), EI[:, 0], EI[:, 1]),
+        ([[1.0, 3.0], [2.0, 4.0]], (2,), EI[:2, 0], EI[:2, 1]),
+        (EI[:2], (2, 2), EI[:2], EI[:2]),
+        (EI[0].numpy(), (2,), EI[0], EI[0]),
+    ):
+        S = tb.Section.from_stiffness(**{**STIFFNESS, "EI": value}).compliance
+        assert S.shape[:-2] == batch
+        assert_close(1 / S[..., 4, 4], torch.as_tensor(EI_y))
+        assert_close(1 / S[..., 5, 5], torch.as_tensor(EI_z))
+
+
 def test_sections_carry_gradient():
     """Every number of a constructor against central differences."""
     numbers = tuple(torch.tensor(x, requires_grad=True) for x in (0.2, 0.1, 3.0, 0.3, 2.0))

@@ -57,6 +57,18 @@ def test_a_path_without_events_ends_where_equilibrium_does():
     assert (path.valid.sum(0)[0] < path.valid.sum(0)[1]) and (path.factor.diff(dim=0) >= 0).all()
 
 
+def test_long_steps_stay_on_the_path_that_an_imperfection_opens():
+    """Past 2.47 N the straight column has three equilibria; those that lean a little come to that
+    behind the turn from no load on: by steps of 0.3, which reach from before the turn over to the
+    unstable one on the other side, as by short ones.
+    """
+    of = column(torch.full((2,), 4.0), torch.tensor([1e-2, 1e-3]), N=4, plane="xy")
+    short, long = (tb.path(of, step=step) for step in (0.1, 0.3))
+    for path in (short, long):
+        assert path.reached.all() and path.stable.all() and (path.kind == REGULAR).all()
+    assert_close(long.state.tip.position[-1], short.state.tip.position[-1], rtol=0, atol=1e-7)
+
+
 def test_a_named_input_alone_is_scaled():
     """Gravity stays, the input rises: at factor 0 the beam is bent already."""
     section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=1.0, EI=1.0, mass=1.0, inertia=0.01)

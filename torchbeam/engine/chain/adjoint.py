@@ -11,7 +11,7 @@ from ..compiler.derivative import bar, vjp
 from ..compiler.function import Function
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
-from . import midsides, structures
+from . import midsides, stretches, structures
 from .adjoint_driver import AdjointDriver
 from .conserving_functions import ENERGIES
 from .layout import (
@@ -24,6 +24,7 @@ from .layout import (
     NODES,
     ONE,
     OWN,
+    STRETCHES,
     SUPPORTS,
     TURNS,
     Layout,
@@ -198,6 +199,10 @@ class AdjointProgram(NativeProgram):
             functions |= structures.adjoint_of_joints(
                 local, traced, self.kinds.joints, self.held, by, _derivative
             )
+            by += [name for name in wanted if name.startswith("stretch")]
+            functions |= stretches.adjoint_of_stretches(
+                local, traced, self.kinds.stretches, self.held, by, _derivative
+            )
         functions["back"] = traced(local.back, {"ahead": (w, w), "y": (w,), "next": (w,)})
         functions["balance_bar"] = traced(
             local.balance_bar, {"move": (w,), "push": (w,), "free": (w,)}
@@ -213,6 +218,7 @@ class AdjointProgram(NativeProgram):
             ("common", ONE),
             *((("support", SUPPORTS),) * self.held),
             *((("joint", JOINTS),) * bool(self.kinds.joints)),
+            *((("stretch", STRETCHES),) * bool(self.kinds.stretches)),
         ):
             # a derivative need not read what it is by
             outputs = (output for name in self.functions for output in self.outputs(name))
@@ -233,7 +239,8 @@ class AdjointProgram(NativeProgram):
             own = [(name, prod(self.shapes[name])) for name in self.element_state]
             for name in ("", "_bar", "_grad", "_start_bar"):
                 layout.record(f"element_state{name}", ELEMENTS, own)
-        if "finish element bar 0" in self.functions or self.touching or self.kinds.joints:
+        ends = self.touching, self.kinds.joints, self.kinds.stretches
+        if "finish element bar 0" in self.functions or any(ends):
             layout.record("unknown_bar", NODES, [("u_bar", state[0][1]), ("m_bar", state[1][1])])
         if "project" in self.functions:
             layout.record("ended", NODES, [(name, prod(self.shapes[name])) for name in ENDED])
@@ -280,6 +287,7 @@ class AdjointProgram(NativeProgram):
         if self.kinds.joints is not None:
             kinds = len(self.kinds.joints)
             structures.record_adjoint(layout, self.functions, w, kinds, self.held)
+            stretches.record_adjoint(layout, self.functions, len(self.kinds.stretches))
         return layout
 
 

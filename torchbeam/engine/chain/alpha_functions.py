@@ -55,6 +55,7 @@ class AlphaFunctions(LocalFunctions):
 
     NODE = (*NODE, "acceleration")
     UNKNOWNS = EndUnknowns
+    OVER_STEP = False
     INSTANT = GeneralizedAlphaProblem.INSTANT
 
     @property

@@ -75,7 +75,8 @@ class Chain:
         self.lists = dict(zip(POINTERS[1:], map(_integers, lists), strict=True))
         self.numbers: dict[str, int] = {}
         if tables is not None:
-            own = {"joint_kinds": joints, **tables.lists}
+            stretches = [program.kinds.stretches.index(kind) for kind in kinds.stretches]
+            own = {"joint_kinds": joints, "stretch_kinds": stretches, **tables.lists}
             self.lists |= {name: _integers([*x, 0]) for name, x in own.items()}
             self.numbers = {"nodes": len(nodes), **tables.numbers}
         self._blocks: dict[int, list[Tensor]] = {}  # of memory that no call uses, by lanes

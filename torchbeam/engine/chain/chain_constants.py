@@ -129,9 +129,28 @@ class JointConstants(Tree):
     coordinate: Tensor | None = leaf(2)
 
 
-# where they come from; the last two None where there is nothing of the kind
+@dataclass(frozen=True)
+class StretchConstants(Tree):
+    """Rows of stretches of tendons, see `Rope` and `Tendons`: arms of both ends; given (..., S):
+    tension N or length m; 0 of those whose tendon has not what others have, None = none has.
+    """
+
+    arms: Tensor = leaf(3)
+    drawn: Tensor = leaf(1)
+    given: Tensor = leaf(1)
+    stiffness: Tensor | None = leaf(1)
+    friction: Tensor | None = leaf(1)
+    slip_speed: Tensor | None = leaf(1)
+
+
+# where they come from; the last three None where there is nothing of the kind
 Trees = tuple[
-    NodeConstants, ElementConstants, Common, SupportConstants | None, JointConstants | None
+    NodeConstants,
+    ElementConstants,
+    Common,
+    SupportConstants | None,
+    JointConstants | None,
+    StretchConstants | None,
 ]
 
 

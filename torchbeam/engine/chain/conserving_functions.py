@@ -53,6 +53,10 @@ class ConservingFunctions(LocalFunctions):
         after = super().finish_joint(kind, **fields)
         return after | {"rise": -after["work"]}
 
+    def tendon_work(self, tension: Tensor, change: Tensor, start: Tensor | None = None) -> Fields:
+        work = super().tendon_work(tension, change, start)["work"]
+        return {"work": work, "rise": -work}
+
     def project(self, defect: Tensor, kinetic: Tensor, rise: Tensor) -> Fields:
         """See `energy_projection`; of all nodes and elements together."""
         scale, defect = projected(defect + rise, kinetic)

@@ -32,6 +32,7 @@ from .chain_constants import (
     JointConstants,
     NodeConditions,
     NodeConstants,
+    StretchConstants,
     SupportConstants,
     SupportPose,
     Trees,
@@ -88,6 +89,7 @@ class Constants:
             or (self.wants_support and not self.rests)
         )
         drives = [x for joint in model.scene.joints for x in (joint.effort, joint.prescribed)]
+        drives += [x for tendon in model.scene.tendons for x in (tendon.tension, tendon.length)]
         self.asks = by_time or not self.given_eigenstrain or not self.rests
         self.asks = self.asks or any(map(callable, drives))
         self.instant, self.before = instant, instant == 1 and by_time
@@ -105,6 +107,8 @@ class Constants:
             model.inertia,
             model.joints,
             scene.joints,
+            model.tendons,
+            scene.tendons,
         )
         self.sources = [x for x, _ in flattened(held)]
         self.sources += [model.length, model.section_mass, model.tributary_length]
@@ -163,6 +167,9 @@ class Constants:
         )
         values |= {name: x for name, x in velocities if x is not None}
         values |= {} if frame is None else {"frame": frame}
+        if model.scene.tendons:
+            given = model.tendons.values(model.scene.tendons, t, inputs)
+            values["tendon given"] = given[..., [k for k, _ in model.tendons.stretches]]
         if not self.prescribes and not model.scene.joints:
             return values
         end = t + (1 - self.instant) * dt if self.steps else t
@@ -317,6 +324,7 @@ class Constants:
             ),
             supports,
             self._joints(values),
+            self._stretches(values),
         )
 
     def _joints(self, values: dict[str, Tensor]) -> JointConstants | None:
@@ -326,6 +334,24 @@ class Constants:
         laws = getattr(joints, "laws", None)
         given = (values.get(f"joint {name}") for name in JointValues._fields)
         return JointConstants(joints.v, joints.w, joints.c, joints.across, laws, *given)
+
+    def _stretches(self, values: dict[str, Tensor]) -> StretchConstants | None:
+        tendons = self.model.tendons
+        if not tendons.stretches:
+            return None
+        own, first = zip(*tendons.stretches, strict=True)
+
+        def of_ropes(name: str) -> Tensor | None:
+            of_each = [getattr(rope, name) for rope in tendons.ropes]
+            like = next((x for x in of_each if x is not None), None)
+            if like is None:
+                return None
+            rows = (torch.zeros_like(like) if x is None else x for x in of_each)
+            return torch.stack(torch.broadcast_tensors(*rows), -1)[..., list(own)]
+
+        ends = (tendons.arms[..., [e + k for e in first], :] for k in range(2))
+        drawn, *ropes = map(of_ropes, ("drawn", "stiffness", "friction", "slip_speed"))
+        return StretchConstants(torch.stack([*ends], -2), drawn, values["tendon given"], *ropes)
 
     def _conditions(
         self, values: dict[str, Tensor], when: str = ""

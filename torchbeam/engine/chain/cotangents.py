@@ -16,10 +16,11 @@ from .call import Call, Chain, Field, like, made_like, structure_fields
 from .chain_constants import flattened
 from .native import NativeProgram
 
-RECORDS = "node", "element", "common", "support", "joint"  # of the trees
+RECORDS = "node", "element", "common", "support", "joint", "stretch"  # of the trees
 # what a joint's forces are called beside the stress of elements, whose rows they follow in a state
 FORCES = "joint_force"
 OF_JOINTS = {FORCES: ("joint_state", "last_force"), "joints": ("joint_state", "joints")}
+OF_TENDONS = {"tendons": ("tendon_state", "tendons")}
 WHOLE = ("stress", "reaction")  # parts of a state whose cotangents have records of their own
 
 
@@ -32,12 +33,13 @@ def state_fields(program: NativeProgram) -> dict[str, tuple[str, str]]:
         **{name: ("element_state", name) for name in program.element_state},
         **{name: ("sample", name) for name in program.sample_state},
         **(OF_JOINTS if program.kinds.joints else {}),
+        **(OF_TENDONS if program.kinds.stretches else {}),
     }
 
 
 def constant_fields(trees: tuple[Any, ...]) -> Iterator[Field]:
-    """The tensors of the trees of nodes, elements, what they have in common, supports and
-    joints.
+    """The tensors of the trees of nodes, elements, what they have in common, supports, joints and
+    stretches.
     """
     for record, tree in zip(RECORDS, trees, strict=True):
         for k, (x, axes) in enumerate(flattened(tree)):

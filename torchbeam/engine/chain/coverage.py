@@ -33,7 +33,6 @@ def refusal(model: Model, method: str, conserve: bool = False, **options: Any) -
     """
     scene = model.scene
     reasons = {
-        "a Tendon": bool(scene.tendons),
         "contact of beams and bodies with each other": bool(scene.pairs),
         f"method {method!r}": (method, conserve) not in FUNCTIONS,
         f"the device {scene.device}": scene.device.type != "cpu",

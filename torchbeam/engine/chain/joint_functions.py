@@ -24,7 +24,7 @@ BLOCKS = {
 
 
 # what each is the transposed of
-_TRANSPOSED = {
+TRANSPOSED = {
     "ij": "ji",
     "ji": "ij",
     **{f"{side}.force": f"{side}.constraint" for side in SIDES[1]},
@@ -114,7 +114,7 @@ class JointFunctions(LocalProblems):
         right = fields.pop("force_bar")
         outputs = self.joint(held, kind, **fields)
         blocks = {name: outputs[name] for name in BLOCKS if name in outputs}
-        turned = {name: blocks[_TRANSPOSED.get(name, name)].mT for name in blocks}
+        turned = {name: blocks[TRANSPOSED.get(name, name)].mT for name in blocks}
         asked = {}
         for side, push in pushes.items():
             *moves, force = (push @ outputs[f"{side}.row"]).split(len(right))

@@ -14,6 +14,7 @@ NODES, ENDS, ELEMENTS, SUPPORTS, MOVES = "nodes", "ends", "elements", "supports"
 ONE, TWO, TURNS = "one", "two", "turns"
 # of a structure: joints, nodes that they sit at, numbers of the system that these make
 JOINTS, INTERFACE, ENTRIES = "joints", "interface", "entries"
+STRETCHES, TENDONS = "stretches", "tendons"  # of tendons their stretches, and themselves
 # packed: what a node gives its row, an element its ends' rows, and its stress
 OWN, BETWEEN, LAW = "own", "between", "law"
 # what an element of three nodes gives their rows, and what its midside node follows by
@@ -32,10 +33,15 @@ class Record:
     size: int = 0
 
     def add(self, name: str, components: int) -> None:
-        """A field, unless it is there."""
+        """A field, unless it is there. Raises ValueError where it is, and smaller."""
         if name not in self.fields:
             self.fields[name] = self.size, components
             self.size += components
+        elif self.fields[name][1] < components:
+            raise ValueError(
+                f"{components} numbers of {name!r} in {self.name!r} were given, which has "
+                f"{self.fields[name][1]}; no more are wanted"
+            )
 
     def place(self, name: str) -> int:
         return self.fields[name][0]

@@ -56,7 +56,6 @@ def refusal(model: Model) -> str | None:
     """Why the equilibria of a model are not found by native code; None where they are."""
     scene = model.scene
     reasons = {
-        "a Tendon": bool(scene.tendons),
         "contact of beams and bodies with each other": bool(scene.pairs),
         f"the device {scene.device}": scene.device.type != "cpu",
         MISSING: find_spec("llvmlite") is None,

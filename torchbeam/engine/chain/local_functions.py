@@ -32,6 +32,7 @@ from ...topology.midside import condensed, following
 from .joint_functions import JointFunctions
 from .local_problem import INTERNAL, Fields, unbatched
 from .node_kinds import ElementKind, NodeKind
+from .tendon_functions import TendonFunctions
 
 
 class WholeRow(NamedTuple):
@@ -48,7 +49,7 @@ class WholeRow(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LocalFunctions(JointFunctions):
+class LocalFunctions(JointFunctions, TendonFunctions):
     """Functions of nodes, of elements, of rows of the chain, of samples; and those of the
     adjoint.
     """

@@ -6,7 +6,7 @@ and its loads.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
@@ -36,12 +36,13 @@ from .chain_constants import (
     JointConstants,
     NodeConditions,
     NodeConstants,
+    StretchConstants,
     SupportConstants,
     Trees,
     filled,
     flattened,
 )
-from .node_kinds import SIDES, ElementKind, EndKind, JointKind, NodeKind, SupportKind
+from .node_kinds import SIDES, ElementKind, EndKind, JointKind, NodeKind, StretchKind, SupportKind
 
 Fields = dict[str, Tensor]
 NODE = ("position", "rotation", "velocity", "spin")  # of a state
@@ -66,10 +67,21 @@ class LocalProblem(Given, MidpointProblem):
     """A step of one node, or of one element."""
 
 
+class Ends(NamedTuple):
+    """Nodes that something lies between: rows, the fields that are given of them, what all have in
+    common, and conditions.
+    """
+
+    rows: Rows
+    given: Fields
+    common: Common
+    now: Conditions
+
+
 @dataclass(frozen=True)
 class LocalProblems:
     """Of a model's nodes and elements; the trees say which fields exist, their values do not
-    matter. supports: None where nothing moves them; joints: where
+    matter. supports: None where nothing moves them; joints, stretches: where
     there are none.
 
     A node's internal states are those of all loads that have some, one after the other, whichever
@@ -82,10 +94,11 @@ class LocalProblems:
     common: Common
     supports: SupportConstants | None = None
     joints: JointConstants | None = None
+    stretches: StretchConstants | None = None
 
     @property
     def trees(self) -> Trees:
-        return self.nodes, self.elements, self.common, self.supports, self.joints
+        return (self.nodes, self.elements, self.common, self.supports, self.joints, self.stretches)
 
     @property
     def order(self) -> int:
@@ -196,15 +209,25 @@ class LocalProblems:
 
     def of_joint(self, fields: Fields, kind: JointKind) -> tuple[BalanceProblem, Any]:
         """The same of one joint and the nodes at its ends, which have no loads."""
+        at = {side: k for k, side in enumerate(kind.sides)}
+        pair = tuple(at.get(side) for side in SIDES[1])
+        ends = self.of_ends(fields, kind, Framework(1, (), len(at), (pair,)))
+        given = ends.given | {"stress": fields["force"][None], "joints": fields["joints"][None]}
+        if "last_force" in fields:
+            given["last_stress"] = fields["last_force"][None]
+        constants = filled(self.joints, lambda k: fields[f"joint.{k}"][None])
+        rows = replace(ends.rows, joints=self._joint(ends.rows, constants, kind))
+        now = replace(ends.now, joints=JointValues(constants.effort, constants.coordinate))
+        return self._problem(rows, None, ends.common, given, now)
+
+    def of_ends(self, fields: Fields, kind: JointKind | StretchKind, topology: Framework) -> Ends:
+        """The nodes at the ends of what lies between two of a topology."""
         own = filled(self.nodes.rows, lambda k: _ends(fields, kind, f"node.{k}"))
         given = {
             name: _ends(fields, kind, name)
             for name in (*self.NODE, "u", "m")
             if f"{kind.sides[0]}.{name}" in fields
         }
-        given |= {"stress": fields["force"][None], "joints": fields["joints"][None]}
-        if "last_force" in fields:
-            given["last_stress"] = fields["last_force"][None]
         given |= {name: fields[name] for name in self.SAMPLE}
         ends = [(k, side, kind.ends[SIDES[1].index(side)]) for k, side in enumerate(kind.sides)]
         supports = tuple(
@@ -212,27 +235,27 @@ class LocalProblems:
             for k, side, end in ends
             if end.support is not None
         )
-        common, at = self._common(fields), {side: k for k, side, _ in ends}
-        pair = tuple(at.get(side) for side in SIDES[1])
-        topology = Framework(1, (), len(ends), (pair,))
-        hinges = _hinges(*(end for *_, end in ends))
+        common, hinges = self._common(fields), _hinges(*(end for *_, end in ends))
         rows = self._rows(own, None, common, supports, hinges, topology)
-        constants = filled(self.joints, lambda k: fields[f"joint.{k}"][None])
-        rows = replace(rows, joints=self._joint(rows, constants, kind))
         now = self._conditions(rows, None, None, common, common.now, None, supports)
-        now = replace(now, joints=JointValues(constants.effort, constants.coordinate))
-        return self._problem(rows, None, common, given, now)
+        return Ends(rows, given, common, now)
 
     def _joint(self, rows: Rows, constants: JointConstants, kind: JointKind) -> Joints:
         """The one joint between the nodes of rows."""
         joints, like = self.model.joints, constants.c
 
-        def shifted(factor: Factor, shift: tuple[float | None, ...]) -> Factor:
-            own = [
-                x if number is None else torch.full_like(x, number)
-                for x, number in zip(factor.shift.unbind(-2), shift, strict=True)
-            ]
-            return replace(factor, shift=torch.stack(own, -2))
+        def known(k: int, factor: Factor) -> Factor:
+            """With numbers where the kind has them: shifts, and zeros for parts that there are
+            not.
+            """
+            parts = zip(*(row[k] for row in kind.parts), strict=True)
+            own = factor.constant, *factor.fixed.unbind(-3)
+            constant, *fixed = (
+                _numbered(x, tuple(None if there else 0.0 for there in part))
+                for x, part in zip(own, parts, strict=True)
+            )
+            shift = _numbered(factor.shift, kind.shifts[k])
+            return replace(factor, constant=constant, shift=shift, fixed=torch.stack(fixed, -3))
 
         numbers = {
             name: like.new_tensor([getattr(kind, name)])
@@ -244,10 +267,10 @@ class LocalProblems:
             joints,
             space=rows.space,
             framework=rows.topology,
-            v=shifted(constants.v, kind.shifts[0]),
-            w=shifted(constants.w, kind.shifts[1]),
+            v=known(0, constants.v),
+            w=known(1, constants.w),
             c=constants.c,
-            across=constants.across,
+            across=known(2, constants.across),
             moves=joints.moves.detach(),
             **numbers,
         )
@@ -262,6 +285,10 @@ class LocalProblems:
     def element_constants(self, fields: Fields) -> ElementConstants:
         """Of one element."""
         return filled(self.elements, lambda k: fields[f"element.{k}"])
+
+    def stretch_constants(self, fields: Fields) -> StretchConstants:
+        """Of one stretch."""
+        return filled(self.stretches, lambda k: fields[f"stretch.{k}"])
 
     def _support(self, fields: Fields, of: str, node: int, kind: SupportKind) -> SupportConditions:
         at = filled(self.supports, lambda k: fields[f"{of}support.{k}"])
@@ -380,6 +407,12 @@ class LocalProblems:
         return LocalProblem(rows, start, common.dt, common.t, common.inputs, given=now, stiffness=C)
 
 
+def _numbered(x: Tensor, numbers: tuple[float | None, ...]) -> Tensor:
+    """x (..., rows, n), in some rows a number."""
+    rows = zip(x.unbind(-2), numbers, strict=True)
+    return torch.stack([own if k is None else torch.full_like(own, k) for own, k in rows], -2)
+
+
 class OwnBatch(NotTraceable):
     """A function that closes over a batch, of this shape."""
 
@@ -425,8 +458,8 @@ def acting_loads(kind: NodeKind, rows: tuple[Any, ...], loads: tuple[Any, ...]) 
     return tuple(rows[k] or loads[k] for k in kind.acting)
 
 
-def _ends(fields: Fields, kind: JointKind, name: str) -> Tensor:
-    """Of the nodes at a joint's ends."""
+def _ends(fields: Fields, kind: JointKind | StretchKind, name: str) -> Tensor:
+    """Of the nodes at the ends of a joint, or of a stretch."""
     return torch.stack([fields[f"{side}.{name}"] for side in kind.sides])
 
 

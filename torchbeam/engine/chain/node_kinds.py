@@ -5,7 +5,7 @@ called.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from torch import Tensor
 
@@ -72,8 +72,8 @@ NO_ELEMENT = ElementKind((EndKind(), EndKind()))
 
 class JointKind(NamedTuple):
     """What code of a joint depends on: what holds its two ends, None = it is the ground; its rows
-    of `Joints.held`, `angles`, `travels` and, where there are any, `prescribed`; the shift of its
-    two vectors, row by row, None = a value.
+    of `Joints.held`, `angles`, `travels` and, where there are any, `prescribed`; of v, w and across
+    the shift, row by row, None = a value; its rows of `Joints.parts`.
     """
 
     ends: tuple[EndKind | None, EndKind | None]
@@ -81,15 +81,54 @@ class JointKind(NamedTuple):
     angles: tuple[float, ...]
     travels: tuple[float, ...]
     prescribed: tuple[float, ...] | None
-    shifts: tuple[tuple[float | None, ...], tuple[float | None, ...]]
+    shifts: tuple[tuple[float | None, ...], ...]
+    parts: tuple[tuple[tuple[float, ...], ...], ...]
 
     @property
     def sides(self) -> tuple[str, ...]:
         """What its ends are called that are nodes."""
-        return tuple(side for side, end in zip(SIDES[1], self.ends, strict=True) if end is not None)
+        return _sides(self.ends)
+
+
+class StretchKind(NamedTuple):
+    """What code of a stretch of a tendon depends on: what holds its two ends, None = it is the
+    ground; whether the tendon has a stiffness, and friction.
+    """
+
+    ends: tuple[EndKind | None, EndKind | None]
+    elastic: bool
+    rubs: bool
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """What its ends are called that are nodes."""
+        return _sides(self.ends)
+
+    @property
+    def coupled(self) -> bool:
+        """Whether its tension depends on where the other stretches are."""
+        return self.elastic or self.rubs
+
+    def parts(self) -> dict[str, tuple[Any, ...]]:
+        """What each of its functions depends on, by the first word of their names."""
+        return {
+            "stretch": (self.ends, self.rubs),
+            "tension": (self.elastic, self.rubs),
+            "tie": (self.ends, self.coupled),
+        }
+
+
+def alike(kinds: tuple[StretchKind, ...], k: int, word: str) -> int:
+    """The first of the kinds that has the same functions of this word as kind k."""
+    own = [kind.parts()[word] for kind in kinds]
+    return own.index(own[k])
 
 
 SIDES = {1: ("i", "j"), 2: ("i", "m", "j")}  # what the nodes of an element are called, by its order
+
+
+def _sides(ends: tuple[EndKind | None, ...]) -> tuple[str, ...]:
+    return tuple(side for side, end in zip(SIDES[1], ends, strict=True) if end is not None)
 
 
 def without_side(field: str) -> str:
@@ -101,13 +140,14 @@ def without_side(field: str) -> str:
 class Kinds(NamedTuple):
     """Of all nodes, of all elements and of all joints; or those that there are. joints: None = the
     nodes are those of one chain; runs: of a structure, how some of its nodes are eliminated, see
-    `Run.manner`.
+    `Run.manner`; stretches: of tendons.
     """
 
     nodes: tuple[NodeKind, ...]
     elements: tuple[ElementKind, ...]
     joints: tuple[JointKind, ...] | None = None
     runs: tuple[str, ...] = ()
+    stretches: tuple[StretchKind, ...] = ()
 
     @classmethod
     def of(
@@ -124,7 +164,8 @@ class Kinds(NamedTuple):
         ends = (tuple(held[node] for node in own) for own in zip(*topology.elements, strict=True))
         elements = _of_elements(ends, loads)
         manners = {run.manner for runs in topology.cut.runs for run in runs}
-        return cls(tuple(nodes), elements, _of_joints(model, held), tuple(sorted(manners)))
+        joints, stretches = _of_joints(model, held), _of_stretches(model, held)
+        return cls(tuple(nodes), elements, joints, tuple(sorted(manners)), stretches)
 
     def distinct(self) -> Kinds:
         """Each once; where there are bodies alone, a kind of elements that none is of."""
@@ -148,15 +189,28 @@ def _of_joints(model: Model, held: list[EndKind]) -> tuple[JointKind, ...]:
         *map(_tuples, masks),
         [None] * joints.count if prescribed is None else _tuples(prescribed),
     ]
-    shifts = zip(*(_shifts(factor.shift) for factor in (joints.v, joints.w)), strict=True)
+    factors = joints.v, joints.w, joints.across
+    shifts = zip(*(_shifts(factor.shift) for factor in factors), strict=True)
     return tuple(
-        JointKind(tuple(None if node is None else held[node] for node in pair), *own, shift)
-        for pair, *own, shift in zip(model.topology.joints, *masks, shifts, strict=True)
+        JointKind(tuple(None if node is None else held[node] for node in pair), *own)
+        for pair, *own in zip(
+            model.topology.joints, *masks, shifts, _tuples(joints.parts), strict=True
+        )
     )
 
 
-def _tuples(x: Tensor) -> list[tuple[float, ...]]:
-    return list(map(tuple, x.tolist()))
+def _of_stretches(model: Model, held: list[EndKind]) -> tuple[StretchKind, ...]:
+    tendons = model.tendons
+    if not tendons.stretches:
+        return ()
+    ends = [None if node is None else held[node] for node in tendons.nodes]
+    ropes = [(x.stiffness is not None, x.friction is not None) for x in tendons.ropes]
+    return tuple(StretchKind((ends[e], ends[e + 1]), *ropes[k]) for k, e in tendons.stretches)
+
+
+def _tuples(x: Tensor) -> tuple[Any, ...]:
+    """As tuples of tuples."""
+    return x.tolist() if x.ndim == 0 else tuple(map(_tuples, x))
 
 
 def _shifts(shift: Tensor) -> list[tuple[float | None, ...]]:

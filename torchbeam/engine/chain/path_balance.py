@@ -206,6 +206,7 @@ def path_refusal(problem: SteadyProblem, load: str | None) -> str | None:
     # of which it is not known that they are linear in their inputs
     own = any(map(written, (*model.loads[1], *model.scene.eigenstrains)))
     reasons = {
+        "a Tendon": bool(model.scene.tendons),
         "loads between nodes": any(one.between_nodes for one in model.scene.loads),
         f"the factor of {load!r} beside functions without motion": load is not None and own,
         "supports that turn with the load's factor": load is None and turned,

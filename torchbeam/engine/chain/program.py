@@ -19,7 +19,7 @@ from ..compiler.object_cache import key_of
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
 from ..compiler.split import HOISTED, split
-from . import midsides, structures
+from . import midsides, stretches, structures
 from .adjoint import AdjointProgram
 from .disk_key import key_on_disk
 from .driver import SUMS, Driver
@@ -144,6 +144,9 @@ class ChainProgram(NativeProgram):
             around = free if self.held else None
             functions |= structures.of_rows(local, traced, packed, row, around, self.kinds.runs)
             functions |= self._joints(traced, local)
+            functions |= stretches.of_stretches(
+                local, traced, self.kinds.stretches, self.held, self.varying
+            )
         if self.held:
             functions["held row"] = packed(traced(partial(local.row, True), row | free))
             functions["reaction"] = traced(
@@ -255,6 +258,8 @@ class ChainProgram(NativeProgram):
         if self.kinds.joints is not None:
             own, kinds = inputs("joint"), len(self.kinds.joints)
             structures.record(layout, self.functions, own, w, kinds, self.held)
+            stretch = len(self.kinds.stretches)
+            stretches.record(layout, self.functions, inputs("stretch"), w, stretch)
             layout.record("common", ONE, [("joint_size", 1)] if kinds else [])
         return layout
 
@@ -275,6 +280,8 @@ class StepProgram(ChainProgram):
         functions = super()._joints(traced, local)
         for k, kind in enumerate(self.kinds.joints):
             functions[f"finish joint {k}"] = traced(partial(local.finish_joint, kind), traced.joint)
+        if self.kinds.stretches:
+            functions[stretches.WORK] = stretches.of_work(local, traced)
         return functions
 
     def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
@@ -387,7 +394,7 @@ def structure(local: LocalFunctions, kinds: Kinds, held: bool) -> tuple:
     space = model.space
     plane = (space.name, space.section_axes) if isinstance(space, Planar) else None
     trees = (local.nodes, 1), (local.elements, 1), (local.common, 0), (local.supports, 1)
-    trees = (*trees, (local.joints, 1))
+    trees = (*trees, (local.joints, 1), (local.stretches, 1))
     return (
         type(local),
         local.options,

@@ -40,6 +40,7 @@ class SteadyFunctions(LocalFunctions):
     """Functions of nodes, of elements, of rows of the chain, of samples."""
 
     SAMPLE = ("load_factor",)
+    OVER_STEP = False
 
     @property
     def state(self) -> tuple[str, ...]:

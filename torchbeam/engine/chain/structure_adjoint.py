@@ -7,11 +7,12 @@ from .adjoint_driver import AdjointDriver
 from .node_kinds import SIDES
 from .structure_code import COUNTS, TABLES
 from .structure_driver import StructurePasses
+from .tendon_adjoint import TendonAdjoint
 
 STATE = "joint_state_bar"
 
 
-class StructureAdjoint(StructurePasses, AdjointDriver):
+class StructureAdjoint(TendonAdjoint, StructurePasses, AdjointDriver):
     """Cotangents of structures, step by step backwards."""
 
     ARGS = (*AdjointDriver.ARGS, *TABLES, *COUNTS)
@@ -23,6 +24,7 @@ class StructureAdjoint(StructurePasses, AdjointDriver):
         with code.loop(0, self.args["elements"]) as e:
             self._blocks(e)
         self._each_joint(self._joint_blocks)
+        self._tie_blocks()
         self._eliminate()
         self._moves()
         with code.loop(0, self.args["nodes"]) as j:
@@ -64,9 +66,11 @@ class StructureAdjoint(StructurePasses, AdjointDriver):
                 )
 
     def _clear_joints(self) -> None:
+        self._clear_tendons()
         self._clear_records(STATE, "joint_bar")
 
     def _add_joints(self) -> None:
+        self._add_tendons()
         self._clear_records("joint_start_bar", "joint_asked")
 
         def add(k: str, kind: int) -> None:
@@ -77,6 +81,8 @@ class StructureAdjoint(StructurePasses, AdjointDriver):
         self._each_joint(add, alike=True)
 
     def _joint_solutions(self) -> None:
+        self._tensions()
+
         def solution(k: str, kind: int) -> None:
             self._call(
                 f"joint solution {kind}",
@@ -92,6 +98,8 @@ class StructureAdjoint(StructurePasses, AdjointDriver):
         self._each_joint(solution)
 
     def _joint_energies(self) -> None:
+        self._tendon_energies()
+
         def add(k: str, kind: int) -> None:
             self._call(
                 f"ended joint {kind}",
@@ -102,6 +110,7 @@ class StructureAdjoint(StructurePasses, AdjointDriver):
         self._each_joint(add)
 
     def _joint_ends(self) -> None:
+        self._tendon_ends()
         names = {bar("force"): "joint_force", bar("joints"): "joints"}
 
         def ends(k: str, kind: int) -> None:
@@ -125,6 +134,8 @@ class StructureAdjoint(StructurePasses, AdjointDriver):
         self._each_joint(ends)
 
     def _joint_bars(self) -> None:
+        self._tie_bars()
+
         def bars(k: str, kind: int) -> None:
             places = {
                 bar(f"{side}.push"): self.at("found", self._move_of(self._joint_node(k, side)))
@@ -145,6 +156,8 @@ class StructureAdjoint(StructurePasses, AdjointDriver):
         self._each_joint(bars)
 
     def _take_joints(self, good: str) -> None:
+        self._take_tendons(good)
+
         def take(k: str, kind: int) -> None:
             size = self.layout.records[STATE].size
             self._take(self.at(STATE, k), self.at("joint_start_bar", k), good, size)

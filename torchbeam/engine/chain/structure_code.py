@@ -9,6 +9,7 @@ from ..compiler.block_elimination import BlockElimination
 from .chain_code import POINTERS, ChainCode
 from .joint_functions import BLOCKS
 from .node_kinds import SIDES
+from .tendon_functions import CHAINED
 
 TABLES = (
     "joint_kinds",
@@ -21,6 +22,8 @@ TABLES = (
     "backward",
     "bordered",
     "joint_table",
+    "stretch_kinds",
+    "stretch_table",
     "elimination",
     "substitution",
 )
@@ -32,6 +35,7 @@ COUNTS = (
     "backward_count",
     "bordered_count",
     "joint_count",
+    "stretch_count",
     "entry_count",
     "group_count",
 )
@@ -43,6 +47,7 @@ WIDTH = {
     "backward": 7,
     "bordered": 16,
     "joint": 2 + 2 * len(BLOCKS) + 3,
+    "stretch": 5 + 2 * len((*BLOCKS, *CHAINED)) + 3,
 }
 
 
@@ -114,15 +119,19 @@ class StructureCode(ChainCode):
 
     def _entry(self, table: str, k: str) -> str:
         """Pointer to entry k."""
-        name = "joint_table" if table == "joint" else table
+        name = f"{table}_table" if table in ("joint", "stretch") else table
         return self.code.at(self.args[name], self.code.mul(k, WIDTH[table]))
 
     @contextmanager
     def _entries(self, table: str) -> Iterator[tuple[str, list[str]]]:
         """Each entry: its number and its integers."""
         with self.code.loop(0, self.args[f"{table}_count"]) as k:
-            entry = self._entry(table, k)
-            yield k, [self.code.load(self.code.at(entry, i)) for i in range(WIDTH[table])]
+            yield k, self._integers(table, k)
+
+    def _integers(self, table: str, k: str) -> list[str]:
+        """Of entry k."""
+        entry = self._entry(table, k)
+        return [self.code.load(self.code.at(entry, i)) for i in range(WIDTH[table])]
 
     def _matrix(self, first: str) -> str:
         """Where a number of the interface's system lies."""

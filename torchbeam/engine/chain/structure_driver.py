@@ -13,11 +13,12 @@ from ..compiler.split import HOISTED
 from .driver import Driver
 from .joint_functions import BLOCKS
 from .node_kinds import SIDES
-from .structure_code import COUNTS, TABLES, StructureCode
+from .structure_code import COUNTS, TABLES
 from .structures import GAPS
+from .tendon_driver import TendonPasses
 
 
-class StructurePasses(StructureCode):
+class StructurePasses(TendonPasses):
     """Balance, elimination and moves of an iteration of Newton's method."""
 
     def _pass(self) -> None:
@@ -36,6 +37,7 @@ class StructurePasses(StructureCode):
             if self.order == 2:
                 self._condense(e)
         self._each_joint(self._joint)
+        self._tie()
         self._eliminate()
 
     def _eliminate(self) -> None:
@@ -55,6 +57,7 @@ class StructurePasses(StructureCode):
         if self.kinds.joints:
             with self._entries("joint") as (k, entry):
                 self._join(k, entry)
+        self._join_ties()
         code.line(
             f'call void @"eliminate"(ptr {self.base["matrix"]}, ptr {self.args["elimination"]}, '
             f"i64 {self.args['group_count']})"
@@ -280,7 +283,8 @@ class StructurePasses(StructureCode):
                     )
 
     def _joint_reactions(self, support: str, node: str) -> None:
-        """Of each of its ends that is there."""
+        """Of each of its ends that is there, and of stretches of tendons."""
+        self._tie_reactions(support, node)
         if not self.kinds.joints:
             return
         code, w = self.code, self.layout.records["move"].size
@@ -330,6 +334,7 @@ class StructurePasses(StructureCode):
                 self._take(last, self.at("joint_unknown", k), good, w)
 
     def _finish_joints(self, good: str) -> None:
+        self._finish_tendons(good)
         if not self.kinds.joints:
             return
         fields = self.layout.records["joint_state"].fields

@@ -6,15 +6,29 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 from ...nodal.model import Model
+from ...nodal.tendon_motion import NoTendons
 from ...topology.cut import Joints
 from ...topology.framework import Framework
 from ..compiler.block_pattern import BlockPattern
 from .joint_functions import BLOCKS
-from .layout import ENTRIES, INTERFACE, JOINTS
+from .layout import ENTRIES, INTERFACE, JOINTS, STRETCHES, TENDONS
 
 NONE = (-1, -1)  # the place of a block that is not there
+
+
+class Stretch(NamedTuple):
+    """Of a tendon: its two nodes, None = the ground; the tendon's number; whether it is its first,
+    and its last; whether its tension depends on the others.
+    """
+
+    nodes: tuple[int | None, int | None]
+    tendon: int
+    first: bool
+    last: bool
+    coupled: bool
 
 
 @dataclass(frozen=True)
@@ -31,12 +45,27 @@ class StructureTables:
     def of(model: Model) -> StructureTables:
         joints = model.joints
         held = tuple(map(int, joints.held.sum(-1))) if joints.count else ()
-        return _tables(model.topology, model.space.unknowns, model.constraints.nodes, held)
+        w, supported = model.space.unknowns, model.constraints.nodes
+        return _tables(model.topology, w, supported, held, _stretches(model.tendons))
+
+
+def _stretches(tendons: NoTendons) -> tuple[Stretch, ...]:
+    found, pairs = [], tendons.stretches
+    for s, (k, e) in enumerate(pairs):
+        first, last = s == 0 or pairs[s - 1][0] < k, s + 1 == len(pairs) or pairs[s + 1][0] > k
+        rope = tendons.ropes[k]
+        coupled = rope.stiffness is not None or rope.friction is not None
+        found.append(Stretch(tendons.nodes[e : e + 2], k, first, last, coupled))
+    return tuple(found)
 
 
 @lru_cache(maxsize=64)
 def _tables(
-    framework: Framework, w: int, supported: tuple[int, ...], held: tuple[int, ...]
+    framework: Framework,
+    w: int,
+    supported: tuple[int, ...],
+    held: tuple[int, ...],
+    stretches: tuple[Stretch, ...],
 ) -> StructureTables:
     how, ends = framework.cut, framework.ends
     nodes, J = [ends[end] for end in how.interface], len(how.joints)
@@ -52,12 +81,27 @@ def _tables(
         couplings += [(place, len(nodes) + k) for place in there]
         couplings += [(there[0], there[1])] if len(there) == 2 else []
     fixed = frozenset(k for k, node in enumerate(nodes) if node in supported)
-    pattern = BlockPattern(w, ordered(len(nodes), how.joints, held, fixed, couplings), couplings)
+    own_units, units = {}, len(nodes) + J  # of stretches that are coupled
+    for s, stretch in enumerate(stretches):
+        there = [nodes.index(node) for node in stretch.nodes if node is not None]
+        couplings += [(there[0], there[1])] if len(there) == 2 else []
+        if stretch.coupled:
+            own_units[s] = unit = units + len(own_units)
+            couplings += [(place, unit) for place in there]
+            couplings += [] if stretch.first else [(unit - 1, unit)]
+    groups = ordered(len(nodes), how.joints, held, fixed, couplings, len(own_units))
+    groups, equation = _equations(groups, len(nodes), held, w)
+    blocks = [(equation[a], b) for pair in couplings for a, b in (pair, pair[::-1])]
+    blocks += [(equation[node], node) for node in range(len(nodes))]
+    pattern = BlockPattern(w, groups, blocks)
 
     def own(place: int | None) -> tuple[int, ...]:
         if place is None:
             return (*NONE, *NONE)
-        return (*pattern.place(place, place), *pattern.right(place))
+        return (*between(place, place), *pattern.right(equation[place]))
+
+    def between(row: int, column: int) -> tuple[int, int]:
+        return pattern.place(equation[row], column)
 
     def joint(k: int) -> list[int]:
         pair, row = how.joints[k], len(nodes) + k
@@ -66,8 +110,27 @@ def _tables(
         for name in BLOCKS:
             rows, columns = (row if side == "" else place[side] for side in BLOCKS[name])
             there = rows is not None and columns is not None
-            table += pattern.place(rows, columns) if there else NONE
-        return [*table, *pattern.right(row), pattern.solution(row)]
+            there = there and (name != "idle" or equation[row] == row)  # a weld has none
+            table += between(rows, columns) if there else NONE
+        return [*table, *pattern.right(equation[row]), pattern.solution(row)]
+
+    def stretch(s: int) -> list[int]:
+        own, unit = stretches[s], own_units.get(s)
+        at = {
+            side: None if x is None else nodes.index(x)
+            for side, x in zip("ij", own.nodes, strict=True)
+        }
+        at[""] = unit
+        table = [node or 0 for node in own.nodes]
+        table += [int(own.first), int(own.last), own.tendon]
+        pairs = [tuple(at[side] for side in BLOCKS[name]) for name in BLOCKS]
+        before = None if unit is None or own.first else unit - 1
+        pairs += [(unit, before), (before, unit)]
+        for pair in pairs:
+            table += NONE if None in pair else between(*pair)
+        return table + (
+            [*NONE, -1] if unit is None else [*pattern.right(unit), pattern.solution(unit)]
+        )
 
     left, right = ([-1] * framework.node_count for _ in range(2))
     for e, (first, *_, last) in enumerate(zip(*framework.elements, strict=True)):
@@ -79,9 +142,7 @@ def _tables(
         "interface": [
             x for k, node in enumerate(nodes) for x in (node, *own(k), pattern.solution(k))
         ],
-        "direct": [
-            x for _, i, j in how.direct for x in (i, j, *pattern.place(i, j), *pattern.place(j, i))
-        ],
+        "direct": [x for _, i, j in how.direct for x in (i, j, *between(i, j), *between(j, i))],
         "forward": [
             x
             for run in forward
@@ -107,11 +168,12 @@ def _tables(
                 run.after,
                 *own(run.before),
                 *own(run.after),
-                *pattern.place(run.before, run.after),
-                *pattern.place(run.after, run.before),
+                *between(run.before, run.after),
+                *between(run.after, run.before),
             )
         ],
         "joint_table": [x for k in range(J) for x in joint(k)],
+        "stretch_table": [x for s in range(len(stretches)) for x in stretch(s)],
         "elimination": pattern.elimination,
         "substitution": pattern.substitution,
     }
@@ -122,11 +184,31 @@ def _tables(
         "backward_count": len(backward),
         "bordered_count": len(bordered),
         "joint_count": J,
+        "stretch_count": len(stretches),
         "entry_count": pattern.size,
         "group_count": len(pattern.groups),
     }
     rows = {JOINTS: J, INTERFACE: len(nodes), ENTRIES: pattern.size}
+    rows |= {STRETCHES: len(stretches), TENDONS: len({x.tendon for x in stretches})}
     return StructureTables(rows, lists, numbers)
+
+
+def _equations(
+    groups: tuple[tuple[int, ...], ...], nodes: int, held: tuple[int, ...], w: int
+) -> tuple[list[tuple[int, ...]], dict[int, int]]:
+    """Groups of unknowns, and whose equation stands in the row of each unit. A weld's constraints
+    give the moves of the node that hangs by it, the node's balance the weld's force: two groups in
+    the place of one.
+    """
+    parts, equation = [], {unit: unit for group in groups for unit in group}
+    for group in groups:
+        if group[0] < nodes and [held[unit - nodes] for unit in group[1:]] == [w]:
+            node, weld = group
+            equation |= {node: weld, weld: node}
+            parts += [(node,), (weld,)]
+        else:
+            parts.append(group)
+    return parts, equation
 
 
 def ordered(
@@ -135,9 +217,11 @@ def ordered(
     held: tuple[int, ...],
     fixed: frozenset[int],
     couplings: list[tuple[int, int]],
+    stretches: int = 0,
 ) -> tuple[tuple[int, ...], ...]:
     """Groups of units, the nodes of the interface and behind them the joints, in the order in which
-    they are eliminated where every node has inertia, or a joint that keeps it from turning.
+    they are eliminated where every node has inertia, or a joint that keeps it from turning. Units
+    of stretches, which come last, are each a group.
 
     Joints make trees, whose roots are the ground and what supports hold. A node and the joint by
     which it hangs on its tree are one group, behind those that hang on it: whatever is fixed
@@ -149,17 +233,19 @@ def ordered(
     behind = {
         node: (node,) + ((nodes + parent[node],) if node in parent else ()) for node in range(nodes)
     }
-    waits: dict[int, set[int]] = {node: set() for node in range(nodes)}
+    alone = range(nodes + len(joints), nodes + len(joints) + stretches)
+    behind |= {unit: (unit,) for unit in alone}
+    waits: dict[int, set[int]] = {node: set() for node in (*range(nodes), *alone)}
     for joint, node in hanging.items():
         other = next((x for x in joints[joint] if x is not None and x != node), None)
         if other is not None:
             waits[other].add(node)
     loops = tuple(nodes + k for k in range(len(joints)) if k not in hanging)
-    near: dict[int, set[int]] = {unit: set() for unit in range(nodes + len(joints))}
+    near: dict[int, set[int]] = {unit: set() for unit in range(nodes + len(joints) + stretches)}
     for one, other in couplings:
         near[one].add(other)
         near[other].add(one)
-    groups, left = [], set(range(nodes))
+    groups, left = [], {*range(nodes), *alone}
     while left:
 
         def reach(node: int) -> set[int]:

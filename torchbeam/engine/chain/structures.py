@@ -130,10 +130,10 @@ def record(
     layout.record("joint_move", JOINTS, [("move", w)])
     layout.record("joint_reaction", ONE, [("reaction", w)])
     layout.record("joint_change", ONE, [("force", w)])
+    for field, size in largest(functions, "joint").items():
+        where = ("at_joint", ONE) if field in GAPS else ("joint_blocks", JOINTS)
+        layout.record(*where, [(field, size)])
     for k in range(kinds):
-        for field, size in sizes(f"joint {k}").items():
-            where = ("at_joint", ONE) if field in GAPS else ("joint_blocks", JOINTS)
-            layout.record(*where, [(field, size)])
         if f"finish joint {k}" in functions:
             layout.record("joint_change", ONE, sizes(f"finish joint {k}").items())
     hoisted = max(sizes(f"before joint {k}")[HOISTED] for k in range(kinds))
@@ -157,8 +157,8 @@ def record_adjoint(
     state = [("joint_force", w), ("joints", JOINT_READINGS)]
     for name in ("joint_state_bar", "joint_state_grad", "joint_start_bar"):
         layout.record(name, JOINTS, state)
+    layout.record("joint_blocks", JOINTS, largest(functions, "joint blocks").items())
     for k in range(kinds):
-        layout.record("joint_blocks", JOINTS, _sizes(functions, f"joint blocks {k}").items())
         for name in (f"finish joint bar {k}", f"joint bar {k}"):
             layout.record("of_joint", ONE, _sizes(functions, name).items())
 
@@ -177,6 +177,18 @@ def _of_system(layout: Layout, functions: dict[str, Function], w: int, held: boo
     layout.record("interface", INTERFACE, [(name, own[name]) for name in ROW])
     layout.record("matrix", ENTRIES, [("entry", 1)])
     layout.record("edge", ONE, [(name, w * w) for name in ("E", "pushed", "start")])
+
+
+def largest(functions: dict[str, Function], name: str) -> dict[str, int]:
+    """Components of the outputs of the functions of this name of all kinds ("name 0", ...), the
+    most that one of them has.
+    """
+    sizes: dict[str, int] = {}
+    for called in functions:
+        if called.removeprefix(f"{name} ").isdigit():
+            for field, size in _sizes(functions, called).items():
+                sizes[field] = max(size, sizes.get(field, 0))
+    return sizes
 
 
 def _sizes(functions: dict[str, Function], name: str) -> dict[str, int]:

@@ -14,6 +14,7 @@ from .chain_constants import flattened
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
 from .node_kinds import SIDES
+from .tendon_functions import SUMMED
 
 JOINT_READINGS = 10  # numbers of a joint in a state
 Shapes = dict[str, tuple[int, ...]]
@@ -23,9 +24,9 @@ OF_LOADS = ("node", "finish")  # functions that ask loads, and so what users wro
 
 class Tracing:
     """shapes: of the states' and unknowns' fields; constants: of a node's, an element's, the
-    common, a support's and a joint's ones; node, element, joint: all that a function of one may
-    read; known: functions of `OF_LOADS` that were traced before, and are not traced again, to which
-    those that are traced now are added; None = none are to be known.
+    common, a support's and a joint's ones; node, element, joint, stretch: all that a function of
+    one may read; known: functions of `OF_LOADS` that were traced before, and are not traced again,
+    to which those that are traced now are added; None = none are to be known.
     """
 
     def __init__(self, local: LocalFunctions, known: Traced | None = None) -> None:
@@ -50,6 +51,7 @@ class Tracing:
             ("common", local.common, 0),
             ("support", local.supports, 1),
             ("joint", local.joints, 1),
+            ("stretch", local.stretches, 1),
         )
         self.constants = {
             kind: {
@@ -85,10 +87,10 @@ class Tracing:
             "last_force": (p + s,),
             "after_force": (p + s,),
             "force_bar": (p + s,),
-            **{
-                f"{side}.{name}": shape for side in SIDES[1] for name, shape in (own | free).items()
-            },
+            **(ends := _at_sides(own | free)),
         }
+        self.stretch = {**self.constants["stretch"], **self.constants["common"], **ends}
+        self.stretch |= of_stretch()
 
         own = [x for one in local.common.captured for x, _ in flattened(one)]
         self.captured = {
@@ -115,3 +117,23 @@ class Tracing:
         }
         traced = trace(function, given, {name: x for name, x in captured.items() if name in shapes})
         return traced.only(traced.outputs)
+
+
+def _at_sides(shapes: Shapes) -> Shapes:
+    """Of both ends of what lies between two nodes."""
+    return {f"{side}.{name}": shape for side in SIDES[1] for name, shape in shapes.items()}
+
+
+def of_stretch() -> Shapes:
+    """Fields of a stretch beside its constants: what `TendonFunctions` gives and takes."""
+    pulled = {"tension": (), "slope": (), "ratio": (), "by_q": (3,), "turned": (3,)}
+    own = {"length": (), "direction": (3,)}
+    return {
+        **pulled,
+        **own,
+        **{f"beyond.{name}": () for name in SUMMED},
+        **{f"last.{name}": shape for name, shape in (own | {"tension": ()}).items()},
+        **{f"own.{name}": shape for name, shape in own.items()},
+        "change": (),
+        "start": (),
+    }

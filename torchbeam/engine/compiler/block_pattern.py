@@ -1,14 +1,14 @@
 """Block pattern: which blocks a matrix has, in which order they are eliminated, and where they lie.
 
-The unknowns come in units of the same size, of which groups are eliminated together, with exchange
-of rows within the group. What a group couples to behind it, fill-in included, follows from the
-pattern alone: it is worked out once.
+The unknowns, and the equations, come in units of the same size, of which groups are eliminated
+together, with exchange of rows within the group. What a group couples to behind it, fill-in
+included, follows from the pattern alone: it is worked out once.
 
-In memory, for each group of n rows with m unknowns behind it
+In memory, for each group of n rows, with m unknowns and l rows behind it
 
     panel (n, n + m + 1)   its rows, the columns of the group first, then those behind it, then the
                            right-hand side
-    below (m, n)           the columns of the group in the rows behind it
+    below (l, n)           the columns of the group in the rows behind it
 
 and behind all groups the solution, unit by unit.
 """
@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import cached_property
+from itertools import product
 from typing import NamedTuple
 
 
@@ -29,32 +30,39 @@ class Place(NamedTuple):
 
 class BlockPattern:
     """Of units of w unknowns; groups: in the order in which they are eliminated, each unit in one
-    of them; couplings: pairs of units that have blocks, either way.
+    of them; blocks: (row, column) units of those that there are, beside those within a group.
     """
 
     def __init__(
-        self, w: int, groups: Iterable[tuple[int, ...]], couplings: Iterable[tuple[int, int]]
+        self, w: int, groups: Iterable[tuple[int, ...]], blocks: Iterable[tuple[int, int]]
     ) -> None:
         self.w, self.groups = w, tuple(groups)
         self._group = {unit: g for g, group in enumerate(self.groups) for unit in group}
-        behind: list[set[int]] = [set() for _ in self.groups]
-        for pair in couplings:
-            for one, other in (pair, pair[::-1]):
-                if self._group[one] < self._group[other]:
-                    behind[self._group[one]].add(other)
-        for units in behind:  # each couples those that are left to each other
-            for unit in units:
-                behind[self._group[unit]] |= {
-                    other for other in units if self._group[other] > self._group[unit]
-                }
+        rows: list[set[int]] = [set() for _ in self.groups]
+        columns: list[set[int]] = [set() for _ in self.groups]
+
+        def add(row: int, column: int) -> None:
+            if self._group[row] < self._group[column]:
+                columns[self._group[row]].add(column)
+            elif self._group[row] > self._group[column]:
+                rows[self._group[column]].add(row)
+
+        for row, column in blocks:
+            add(row, column)
+        for g in range(len(self.groups)):  # each couples those that are left to each other
+            for row, column in product(rows[g], columns[g]):
+                add(row, column)
         order = [unit for group in self.groups for unit in group]
-        self.behind = tuple(tuple(unit for unit in order if unit in units) for units in behind)
+        self.rows, self.columns = (
+            tuple(tuple(unit for unit in order if unit in units) for units in behind)
+            for behind in (rows, columns)
+        )
         self._panels, self._below, at = [], [], 0
-        for group, units in zip(self.groups, self.behind, strict=True):
-            n, m = w * len(group), w * len(units)
+        for g, group in enumerate(self.groups):
+            n = w * len(group)
             self._panels.append(at)
-            self._below.append(at + n * (n + m + 1))
-            at += n * (n + m + 1) + m * n
+            self._below.append(at + n * self._stride(g))
+            at += n * (self._stride(g) + w * len(self.rows[g]))
         self._solution, self.size = at, at + w * len(order)
 
     def place(self, row: int, column: int) -> Place:
@@ -62,11 +70,11 @@ class BlockPattern:
         g, other = self._group[row], self._group[column]
         if g > other:
             n = self.w * len(self.groups[other])
-            first = self.w * n * self.behind[other].index(row)
+            first = self.w * n * self.rows[other].index(row)
             first += self.w * self.groups[other].index(column)
             return Place(self._below[other] + first, n)
         stride = self._stride(g)
-        units = (*self.groups[g], *self.behind[g])
+        units = (*self.groups[g], *self.columns[g])
         first = self.w * (stride * self.groups[g].index(row) + units.index(column))
         return Place(self._panels[g] + first, stride)
 
@@ -83,7 +91,7 @@ class BlockPattern:
         return self._solution + self.w * unit
 
     def _stride(self, g: int) -> int:
-        return self.w * (len(self.groups[g]) + len(self.behind[g])) + 1
+        return self.w * (len(self.groups[g]) + len(self.columns[g])) + 1
 
     @cached_property
     def elimination(self) -> list[int]:
@@ -93,11 +101,11 @@ class BlockPattern:
         panel are the second, and how many.
         """
         table: list[int] = []
-        for g, (group, units) in enumerate(zip(self.groups, self.behind, strict=True)):
+        for g, group in enumerate(self.groups):
             n, products = self.w * len(group), []
-            for k, row in enumerate(units):
+            for k, row in enumerate(self.rows[g]):
                 first = self._below[g] + self.w * n * k
-                columns = [(self.place(row, unit), self.w) for unit in units]
+                columns = [(self.place(row, unit), self.w) for unit in self.columns[g]]
                 columns.append((self.right(row), 1))
                 at = n
                 for place, count in columns:
@@ -115,7 +123,7 @@ class BlockPattern:
         """
         table: list[int] = []
         for g in reversed(range(len(self.groups))):
-            group, units = self.groups[g], self.behind[g]
+            group, units = self.groups[g], self.columns[g]
             table += [self.w * len(group), self._stride(g), self._panels[g], len(units)]
             table += [self.solution(unit) + k for unit in group for k in range(self.w)]
             table += [self.solution(unit) for unit in units]

@@ -138,7 +138,9 @@ class Contact(ContactTerms):
 
     @property
     def conservative(self) -> bool:
-        moves = self.obstacle.drift is not None or self.obstacle.turning is not None
+        moves = self.obstacle is not None and (
+            self.obstacle.drift is not None or self.obstacle.turning is not None
+        )
         return not self.lossy and not moves
 
     @property

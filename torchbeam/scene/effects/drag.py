@@ -25,7 +25,7 @@ from .load_point import (
     Wrench,
     jacobians,
 )
-from .values import Input, Inputs, load_value, optional, parameter
+from .values import Input, Inputs, load_value, optional, parameter, value_at
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Drag(LoadEffect):
               circumference
     normal, tangential  (...) C_n and C_t; a smooth circular cylinder has C_n near 1.2 below and 0.4
                         above the drag crisis
-    flow      m/s: (..., 3) in inertial axes, as Gravity's g; or
+    flow      m/s: (..., 3) or an Input of size 3, uniform, in inertial axes, as Gravity's g; or
               function(position, t) -> (..., sites, 3), both in frame a; None = still
     added_mass  (...) C_a of the fluid that moves along; a circular cylinder in potential flow
                 has 1. None or 0: none
@@ -56,14 +56,14 @@ class Drag(LoadEffect):
     alone.
 
     Raises ValueError for a negative density, diameter or coefficient, or an added mass in a flow
-    that is a function (whose own acceleration would push as well).
+    that is a function or an Input (whose own acceleration would push as well).
     """
 
     density: Value = leaf(0)
     diameter: Value = leaf(0)
     normal: Value = leaf(0, default=1.2)
     tangential: Value = leaf(0, default=0.0)
-    flow: Value | Callable[[Tensor, Tensor], Tensor] | None = leaf(
+    flow: Value | Input | Callable[[Tensor, Tensor], Tensor] | None = leaf(
         lambda drag: None if callable(drag.flow) else 1, default=None
     )
     added_mass: Value | None = leaf(0, default=None)
@@ -75,19 +75,14 @@ class Drag(LoadEffect):
         object.__setattr__(self, "added_mass", optional("Drag's added_mass", self.added_mass))
         for name in ("density", "diameter", "normal", "tangential"):
             object.__setattr__(self, name, parameter(f"Drag's {name}", getattr(self, name)))
-        if isinstance(self.flow, Input):
-            raise ValueError(
-                "Drag's flow as an Input was given; a value, or a function of position and t, "
-                "is wanted"
-            )
         if callable(self.flow):
             check_function("Drag's flow", self.flow, "position", "t")
         elif self.flow is not None:
             object.__setattr__(self, "flow", load_value("Drag's flow", self.flow))
-        if self.carries and callable(self.flow):
+        if self.carries and (callable(self.flow) or isinstance(self.flow, Input)):
             raise ValueError(
-                "Drag with an added mass in a flow that is a function was given; with an added "
-                "mass the flow is uniform and steady"
+                "Drag with an added mass in a flow that is a function or an Input was given; with "
+                "an added mass the flow is uniform and steady"
             )
 
     @property
@@ -178,7 +173,8 @@ class Drag(LoadEffect):
         if callable(self.flow):
             v = v - self._flow(point.position, t)
         elif self.flow is not None:
-            v = v - point.from_inertial(self.flow)[..., None, :]
+            flow = value_at(self.flow, t, inputs, point.R)
+            v = v - point.from_inertial(flow)[..., None, :]
         u = (v * axis).sum(-1, keepdim=True)
         return axis, u, v - u * axis
 

@@ -16,7 +16,18 @@ from ...core.results import measured_on, sentence, versions, write
 from ...engine.chain.coverage import MISSING
 from ...plot.canvas import where_installed
 from .. import peers
-from . import breakdown, calls, first_use, gradients, growth, loads, operations, others, throughput
+from . import (
+    breakdown,
+    calls,
+    first_use,
+    gradients,
+    growth,
+    loads,
+    operations,
+    others,
+    structures,
+    throughput,
+)
 from .measurement import Measured, progress
 from .report import markdown, picture
 
@@ -24,6 +35,7 @@ PARTS: dict[str, Callable[[bool], Iterator[Measured]]] = {
     "throughput": throughput.rows,
     "gradients": gradients.rows,
     "calls": calls.rows,
+    "structures": structures.rows,
     "environments": others.found,
     "first-use": first_use.rows,
     "breakdown": breakdown.rows,
@@ -33,9 +45,10 @@ PARTS: dict[str, Callable[[bool], Iterator[Measured]]] = {
 ABOUT = (
     "The compiled engine in numbers, float64: simulated seconds a second of the common dynamic "
     "case beside the eager engine, with the error of each setting; gradients over their forward, "
-    "and memory; environments; compile times; the parts of a step; growth with elements, batch "
-    "and steps; operation counts. Writes bench.csv, bench.md and bench.json (with machine and "
-    "versions), and with matplotlib bench.png. About five minutes on an idle machine."
+    "and memory; structures beside one beam; environments; compile times; the parts of a step; "
+    "growth with elements, batch and steps; operation counts. Writes bench.csv, bench.md and "
+    "bench.json (with machine and versions), and with matplotlib bench.png. About five minutes "
+    "on an idle machine."
 )
 
 QUICK = "Quick run: few sizes and repeats, short pieces of the case."

@@ -16,6 +16,7 @@ from ...core import files
 from ...dynamics.stepper import Stepper
 from ..common_case import SPACES, Case
 from .measurement import Measured
+from .structures import loop
 
 PART, UNIT = "operations", "operations"
 GROWTH = 0.03  # that is let pass
@@ -25,7 +26,7 @@ Counts = dict[str, int]  # by name: space, what
 def counts() -> Counts:
     """Of the common dynamic case: of each traced function for a sample, the whole of an element, a
     node and a row in one iteration and in the adjoint; tensor operations of a call of `Stepper`, at
-    batch 1 and in motion.
+    batch 1 and in motion. Traced functions of a structure.
     """
     case, operations = Case.load(), {}
     for space, plane in SPACES.items():
@@ -55,7 +56,11 @@ def counts() -> Counts:
                 f"{space}: {kind}, {name}": function.operations()
                 for name, function in one.functions.items()
             }
-    return operations
+    program = Stepper(loop(), 0.005, engine="compiled").compiled.program
+    return operations | {
+        f"structure: step, {name}": function.operations()
+        for name, function in program.functions.items()
+    }
 
 
 def rows(quick: bool) -> Iterator[Measured]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ...core.results import table
 from ...plot.canvas import grid, save
-from . import breakdown, calls, first_use, gradients, growth, operations, throughput
+from . import breakdown, calls, first_use, gradients, growth, operations, structures, throughput
 from .measurement import CPU, WALL, Measured
 from .others import PEERS
 
@@ -109,6 +109,7 @@ def _elsewhere(rows: Sequence[Measured]) -> str:
         throughput.PART,
         gradients.PART,
         calls.PART,
+        structures.PART,
         first_use.PART,
         breakdown.PART,
         growth.PART,
@@ -165,6 +166,10 @@ def _operations(rows: Sequence[Measured]) -> str:
         "law",
         "node bar",
         "block",
+        "joint",
+        "interface",
+        "row backward",
+        "row bordered",
     }
     shown = [
         r
@@ -179,6 +184,7 @@ TABLES = {
     "Throughput, one thread: best (median)": _throughput,
     "Gradients": _gradients,
     "Calls": _pairs(calls.PART, "", f"{calls.STEPS} steps, {calls.ELEMENTS} elements"),
+    "Structures": _pairs(structures.PART, "", "ratio of CPU times"),
     "Environments": _elsewhere,
     "First use": _pairs(first_use.PART, "", "seconds"),
     "Breakdown": _pairs(breakdown.PART, "", "CPU us a step of the batch"),

@@ -1,6 +1,6 @@
 """The list of verification cases."""
 
-from . import contact, motion, rotating, stability, statics, structures, tendons, wing
+from . import contact, motion, rotating, stability, statics, structures, tendons, touching, wing
 
 CASES = [
     *statics.CASES,
@@ -10,5 +10,6 @@ CASES = [
     *rotating.CASES,
     *structures.CASES,
     *tendons.CASES,
+    *touching.CASES,
     *contact.CASES,
 ]

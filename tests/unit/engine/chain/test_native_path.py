@@ -126,6 +126,9 @@ def test_what_is_not_taken_says_so():
     turned = tb.Scene(beam(2), supports=[tb.Support(0), tb.Support(-1, turn=(0, 0.1, 0))])
     with pytest.raises(ValueError, match="supports that turn with the load's factor"):
         tb.path(turned, engine="compiled")
+    rope = tb.Tendon([(0, (0, 0, 0.02)), (-1, (0, 0, 0.02))], tension=1.0)
+    with pytest.raises(ValueError, match="a Tendon"):
+        tb.path(tb.Scene(beam(2), [rope]), engine="compiled")
     push = tb.Load(lambda p, R, v, w, t, u: (u**2, None), inputs={"u": 3}, of=())
     with pytest.raises(ValueError, match="the factor of 'u' beside functions without motion"):
         tb.path(tb.Scene(beam(2), [push]), engine="compiled", load="u", inputs={"u": torch.ones(3)})

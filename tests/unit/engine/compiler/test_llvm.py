@@ -277,3 +277,11 @@ def test_what_cannot_be_emitted_is_refused():
         module.define("twice", operations())
     with pytest.raises(ValueError, match=r"torch.float16 was given"):
         Module(4, torch.float16)
+
+
+def test_a_function_that_gives_nothing_is_defined():
+    """As what comes before the iterations, where all depends on the unknowns."""
+    nothing = trace(lambda x: {"y": 2 * x}, {"x": torch.ones(())}).only([])
+    module = Module(2, torch.float64)
+    module.define("nothing", nothing)
+    assert '@"nothing"' in module.text()

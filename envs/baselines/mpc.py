@@ -1,0 +1,75 @@
+"""MPC: predictive control by Gauss-Newton steps, from the plan of the interval before."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..core import BeamVectorEnv
+from .holding import Controller, vector_env
+from .trajectory import TipWay, within_bounds
+
+
+class MPC(Controller):
+    """Model predictive control: at each interval a Gauss-Newton step on the actions of the next
+    ones, within their bounds, from the plan of the interval before (the real-time iteration of
+    Diehl, Bock and Schloeder 2005), and the first of them is given. The cost is the task's: of the
+    tip's way, and of the actions.
+
+    It reads the whole state of the beam off the simulation and knows the targets over its horizon;
+    its model is the beam at the usual parameters. Actions that are still to act are in it.
+
+    horizon     intervals
+    iterations  Gauss-Newton steps an interval
+    terminal    weight of the last gap, beside those before it
+    damping     of the steps, beside the largest entry on the diagonal of their matrix
+
+    Raises ValueError for a task with a memory beside its beam, and for a horizon that is not longer
+    than the delay.
+    """
+
+    def __init__(
+        self,
+        env: BeamVectorEnv,
+        horizon: int = 25,
+        *,
+        iterations: int = 1,
+        terminal: float = 5.0,
+        damping: float = 1e-6,
+    ) -> None:
+        env = vector_env(env)
+        if horizon <= env.config.delay:
+            raise ValueError(
+                f"horizon = {horizon} was given for a delay of {env.config.delay}; more is wanted"
+            )
+        self.horizon, self.iterations, self.damping = horizon, iterations, damping
+        self.weight = torch.ones(horizon, dtype=env.dtype, device=env.device)
+        self.weight[-1] = terminal
+        self.way = TipWay(env.task, env.plant)
+
+    def begin(self, env: Any) -> None:
+        super().begin(env)
+        planned = self.horizon - self.env.config.delay
+        # (n, horizon - delay, a), from the one that is given now
+        self.plan = self.env.high.new_zeros(self.env.num_envs, planned, self.env.task.actions)
+
+    def restart(self, fresh: Tensor) -> None:
+        self.plan = torch.where(fresh[:, None, None], 0.0, self.plan)
+
+    def act(self, observation: Tensor) -> Tensor:
+        for _ in range(self.iterations):
+            self.plan = self._better(self.plan)
+        first = self.plan[:, 0]
+        self.plan = torch.cat((self.plan[:, 1:], self.plan[:, -1:]), 1)
+        return first
+
+    def _better(self, plan: Tensor) -> Tensor:
+        """The plan after a step."""
+        now = self.env.state
+        way, slopes = self.way.slopes(now, torch.cat((now.pending, plan), 1))
+        own = slopes[:, :, :, self.env.config.delay :].flatten(3)
+        gap, flat = self.way.gaps(now, way), plan.flatten(1)
+        g, H = self.way.quadratic(gap, own, flat, self.weight)
+        return within_bounds(g, H, flat, self.damping).view_as(plan)

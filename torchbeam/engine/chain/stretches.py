@@ -1,0 +1,149 @@
+"""Stretches of tendons in a program: their functions, and the records that they need."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from ..compiler.function import Function
+from .layout import ONE, STRETCHES, TENDONS, Layout
+from .local_functions import LocalFunctions
+from .node_kinds import SIDES, StretchKind, alike
+from .structures import largest
+from .tendon_functions import SUMMED
+from .tracing import Tracing
+
+WORK = "tendon work"
+READINGS = 3  # numbers of a tendon in a state
+PULL = {"tension": 1, "slope": 1, "ratio": 1, "by_q": 3, "turned": 3}
+AT_STRETCH = {**dict.fromkeys(SUMMED, 1), "direction": 3}
+
+
+def of_tensions(
+    local: LocalFunctions,
+    traced: Tracing,
+    kinds: tuple[StretchKind, ...],
+    varying: tuple[str, ...] = (),
+) -> dict[str, Function]:
+    """Functions by which tensions are known, by kind; varying: see `ChainProgram`."""
+    shapes = traced.stretch | {name: () for name in varying}
+    functions = {}
+    for name in ("stretch", "tension_first", "tension_next"):
+        for k, kind in _distinct(kinds, name.partition("_")[0]):
+            function = partial(getattr(local, name), kind)
+            functions[f"{name.replace('_', ' ')} {k}"] = traced(function, shapes)
+    return functions
+
+
+def _distinct(kinds: tuple[StretchKind, ...], word: str) -> list[tuple[int, StretchKind]]:
+    """Those whose functions of this word are not those of an earlier one."""
+    return [(k, kind) for k, kind in enumerate(kinds) if alike(kinds, k, word) == k]
+
+
+def of_stretches(
+    local: LocalFunctions,
+    traced: Tracing,
+    kinds: tuple[StretchKind, ...],
+    held: bool,
+    varying: tuple[str, ...],
+) -> dict[str, Function]:
+    """Functions of an iteration, by kind."""
+    functions = of_tensions(local, traced, kinds, varying)
+    w, shapes = local.model.space.unknowns, traced.stretch | {name: () for name in varying}
+    for k, kind in _distinct(kinds, "tie"):
+        functions[f"tie {k}"] = tie = traced(partial(local.tie, held, kind), shapes)
+        for side in kind.sides if held else ():
+            row = {"end_free": (w,), f"{side}.row": tie.outputs[f"{side}.row"].shape}
+            ends = (*kind.sides, *["joint"] * kind.coupled)
+            functions[f"tie reaction {k} {side}"] = traced(
+                partial(local.tie_reaction, side), row | {f"{end}.move": (w,) for end in ends}
+            )
+    return functions
+
+
+def adjoint_of_stretches(
+    local: LocalFunctions,
+    traced: Tracing,
+    kinds: tuple[StretchKind, ...],
+    held: bool,
+    by: list[str],
+    derivative: Callable[[Function, list[str]], Function],
+) -> dict[str, Function]:
+    """Functions of the adjoint, by kind; by: what cotangents are asked of."""
+    functions = of_tensions(local, traced, kinds)
+    moves = [f"{side}.{name}" for side in SIDES[1] for name in ("u", "m")]
+    ends = ("own.direction", "last.direction", "last.tension")
+    sums = [f"beyond.{name}" for name in SUMMED]
+    bars = {
+        "stretch": [*by, *moves],
+        "tension first": [*by, *sums],
+        "tension next": [*by, *sums, *ends],
+    }
+    for name, own in bars.items():
+        word = name.partition(" ")[0]
+        for k, _ in _distinct(kinds, word):
+            whole = functions[f"{name} {k}"]
+            wanted = whole.outputs if word == "stretch" else ["tension"]
+            functions[f"{name} {k} bar"] = derivative(whole.only(wanted), own)
+    for k, kind in _distinct(kinds, "tie"):
+        tie = traced(partial(local.tie, False, kind), traced.stretch)
+        tie = tie.only([f"{side}.push" for side in kind.sides])
+        functions[f"tie {k} bar"] = derivative(tie, [*by, "tension"])
+        blocks = partial(local.transposed_tie, held, kind)
+        functions[f"tie blocks {k}"] = traced(blocks, traced.stretch)
+    if kinds:
+        work = of_work(local, traced)
+        functions["tendon work bar"] = derivative(work, ["tension", "change", "start"])
+        if "rise" in work.outputs:
+            functions["ended tendon"] = work.only(["rise"])
+    return functions
+
+
+def of_work(local: LocalFunctions, traced: Tracing) -> Function:
+    """`tendon_work`."""
+    start = {} if local.OVER_STEP else {"start": ()}
+    return traced(local.tendon_work, {"tension": (), "change": ()} | start)
+
+
+def record(
+    layout: Layout,
+    functions: dict[str, Function],
+    constants: list[tuple[str, int]],
+    w: int,
+    kinds: int,
+) -> None:
+    """Records of an iteration, and of a step where there is `tendon work`; kinds: how many there
+    are.
+    """
+    if not kinds:
+        return
+    layout.record("stretch", STRETCHES, constants)
+    _record(layout, functions, "tie")
+    layout.record("tie_reaction", ONE, [("reaction", w)])
+    if WORK in functions:
+        layout.record("tendon_change", ONE, dict.fromkeys(functions[WORK].outputs, 1).items())
+
+
+def record_adjoint(layout: Layout, functions: dict[str, Function], kinds: int) -> None:
+    """Records of the adjoint, but for those of constants."""
+    if not kinds:
+        return
+    _record(layout, functions, "tie blocks")
+    for name in ("tendon_state_bar", "tendon_state_grad", "tendon_start_bar"):
+        layout.record(name, TENDONS, [("tendons", READINGS)])
+    layout.record("at_stretch_bar", STRETCHES, AT_STRETCH.items())
+    layout.record("beyond_bar", STRETCHES, dict.fromkeys(SUMMED, 1).items())
+    layout.record("pull_bar", STRETCHES, [("tension", 1)])
+    layout.record("sums_bar", ONE, dict.fromkeys(SUMMED, 1).items())
+    for name, function in functions.items():
+        if name.endswith(" bar") and name.startswith(("stretch", "tension", "tie", "tendon")):
+            sizes = [(field, len(out.nodes)) for field, out in function.outputs.items()]
+            layout.record("of_stretch", ONE, sizes)
+
+
+def _record(layout: Layout, functions: dict[str, Function], blocks: str) -> None:
+    layout.record("at_stretch", STRETCHES, AT_STRETCH.items())
+    layout.record("beyond", STRETCHES, dict.fromkeys(SUMMED, 1).items())
+    layout.record("pull", STRETCHES, PULL.items())
+    layout.record("tendon_state", TENDONS, [("tendons", READINGS)])
+    layout.record("ties", STRETCHES, largest(functions, blocks).items())

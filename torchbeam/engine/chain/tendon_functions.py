@@ -1,0 +1,234 @@
+"""Local functions of tendons, stretch by stretch; a stretch's two ends are called i and j, as those
+of an element; of the ground there are no fields.
+
+With the tension known, a stretch pulls its two nodes together, as a tendon of two eyelets does. The
+tensions follow from all stretches of the tendon, see `rope`, so that balances of its nodes depend
+on each other. In the matrix each stretch has unknowns of its own, by which all that is coupled lies
+side by side: the changes dT of its tension, dS of the length from it to the last eyelet, and dA of
+what its turning adds at its end,
+
+    dT_k = ratio dT_{k-1} + T_k (dA_{k-1} + by_q . dq_k) + slope dS_k
+    dS_k = dS_{k+1} + e . dq_k
+    dA_k = turned . dq_k                 dq: of the stretch's vector by the moves of its nodes
+
+Of the first stretch ratio and by_q are 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from ...nodal.joint_motion import end_moves
+from ...nodal.rope import Rope, Stretches, along_stretch
+from ...nodal.tendon_motion import TendonMotion
+from ...nodal.tendons import Tendons, mean_tension
+from ...topology.framework import Framework
+from .joint_functions import BLOCKS, TRANSPOSED
+from .local_problem import Fields, LocalProblems
+from .node_kinds import SIDES, StretchKind
+
+# what a tension follows from, of all stretches from one on
+SUMMED = "length", "before", "change", "rate"
+# what unknowns of a stretch have in common with those of the one before, and the other way round
+CHAINED = "back", "ahead"
+
+
+@dataclass(frozen=True)
+class TendonFunctions(LocalProblems):
+    """Functions of a stretch."""
+
+    OVER_STEP: ClassVar[bool] = True  # whether its force is one over a step, not at an instant
+
+    def stretch(self, kind: StretchKind, **fields: Tensor) -> Fields:
+        """Its length after the step, and where forces act at its start, before; by how much it has
+        become longer; its direction (3) after; with friction the rate at which it did before.
+        """
+        problem, x = self.of_stretch(fields, kind)
+        motion = problem.tendon_motion(problem.node_balance(problem.apply_supports(x))[0])
+        tendons = problem.model.tendons
+        (step,) = tendons.steps(motion)
+        stretches = Stretches.of(step)
+        before, after = (length[0] for length in stretches.lengths)
+        outputs = {"length": after, "before": before, "direction": stretches.directions[1][0]}
+        if motion.start is not None:
+            outputs["change"] = after - tendons.lengths_before(motion, 0)[0]
+        if kind.rubs and self.OVER_STEP:
+            outputs["rate"] = (stretches.directions[0] * step.rates.diff(dim=-2)).sum()
+        return outputs
+
+    def tension_first(self, kind: StretchKind, **fields: Tensor) -> Fields:
+        """Tension of the first stretch, from the sums over all, and its derivative by the
+        length.
+        """
+        constants = self.stretch_constants(fields)
+        rope, before = self._rope(constants, kind), None
+        given = rope.raised(constants.given, fields.get("load_factor"))
+        if self.OVER_STEP:
+            before = fields["beyond.before"]
+        T, slope = rope.pull(given, fields["beyond.length"], before)
+        return {"tension": T, "slope": slope}
+
+    def tension_next(self, kind: StretchKind, **fields: Tensor) -> Fields:
+        """Tension of a stretch from that of the one `last.`, by the friction between them; see
+        above; `turned` is of the last one.
+        """
+        last, none = fields["last.tension"], torch.zeros_like(fields["own.direction"])
+        if not kind.rubs:
+            one = torch.ones_like(last)
+            return {"tension": last, "slope": 0 * one, "ratio": one, "by_q": none, "turned": none}
+        rope = self._rope(self.stretch_constants(fields), kind)
+        slide = None
+        if self.OVER_STEP:
+            sums = (fields[f"beyond.{name}"][None] for name in ("change", "rate"))
+            slide = *sums, self._common(fields).dt
+        ends = fields["last.direction"], fields["own.direction"]
+        grip = rope.grip(ends[0][None], ends[1][None], slide)
+        ratio, turn = torch.exp(grip.log[0]), grip.turn[0]
+        T = ratio * last
+        return {
+            "tension": T,
+            "slope": 0 * T if grip.slide is None else T * grip.slide[0],
+            "ratio": ratio,
+            "by_q": along_stretch(-turn, ends[1], fields["own.length"][None]),
+            "turned": along_stretch(turn, ends[0], fields["last.length"][None]),
+        }
+
+    def tie(self, held: bool, kind: StretchKind, **fields: Tensor) -> Fields:
+        """What a stretch gives its nodes, see `JointFunctions.joint`: its push (w) by end, blocks
+        (w, w); where other stretches matter (`coupled`) those of its own unknowns, too, and with
+        those of the one before (`back`, and `ahead` in its rows). Where supports hold nodes
+        (`held`), the ends' whole rows.
+        """
+        problem, x = self.of_stretch(fields, kind)
+        kinematics, inertia, _ = problem.node_balance(problem.apply_supports(x))
+        nodes, _ = problem.node_tangent(kinematics, inertia)
+        half, motion = problem.half_turns(nodes), problem.tendon_motion(kinematics)
+        motion = motion._replace(drive=motion.drive._replace(share=None))  # its tension has it
+        half = None if half is None else half()
+        tendons, T = problem.model.tendons, fields["tension"]
+        w, n = self.model.space.unknowns, len(kind.sides)
+        unit = tendons.loaded(T.new_zeros(n, w), lambda: motion._replace(given=T.new_ones(1)))
+        pulled = motion._replace(given=T[None])
+        blocks = tendons.blocks(pulled, half, problem.RATE).unflatten(0, (n, n))
+        outputs, own = {}, {}
+        if kind.coupled:
+            outputs = self._own_blocks(fields)
+            own = self._own_rows(tendons, motion, half, problem.RATE, fields)
+        free = {side: fields[f"{side}.free"] for side in kind.sides} if held else {}
+        for k, side in enumerate(kind.sides):
+            rows = {f"{side}{other}": blocks[k, m] for m, other in enumerate(kind.sides)}
+            if kind.coupled:
+                rows[f"{side}.force"] = torch.nn.functional.pad(unit[k][:, None], (0, w - 1))
+            outputs[f"{side}.push"] = T * unit[k]
+            if held:
+                outputs[f"{side}.row"] = torch.cat([*rows.values()], -1)
+            rows |= {f"{side}.constraint": own[side]} if kind.coupled else {}
+            for name, block in rows.items():
+                row, column = BLOCKS[name]
+                block = block * free[row][:, None] if row in free else block
+                outputs[name] = block * free[column] if column in free else block
+        return outputs
+
+    def _own_blocks(self, fields: Fields) -> Fields:
+        """Of dT, dS, dA by themselves, by those of the stretch before, and of dS there."""
+        w, T = self.model.space.unknowns, fields["tension"]
+        entries = {
+            "idle": {(0, 1): -fields["slope"]},
+            "back": {(0, 0): -fields["ratio"], (0, 2): -T},
+            "ahead": {(1, 1): -torch.ones_like(T)},
+        }
+        blocks = {}
+        for name, there in entries.items():
+            rows = [[there.get((i, j), torch.zeros_like(T)) for j in range(w)] for i in range(w)]
+            blocks[name] = torch.stack([torch.stack(row) for row in rows])
+        blocks["idle"] = blocks["idle"] + torch.eye(w, dtype=T.dtype)
+        return blocks
+
+    def _own_rows(
+        self,
+        tendons: Tendons,
+        motion: TendonMotion,
+        half: Tensor | None,
+        rate: float,
+        fields: Fields,
+    ) -> Fields:
+        """Of dT, dS, dA by the moves of the ends (w, w), by side."""
+        by = torch.stack(
+            (fields["tension"] * fields["by_q"], fields["direction"], fields["turned"])
+        )
+        found, nodes = {}, [node for node in tendons.nodes if node is not None]
+        for end, sign in ((0, 1.0), (1, -1.0)):
+            if tendons.nodes[end] is None:
+                continue
+            lever = motion.end.lever[end].expand(3, 3)
+            rows = sign * rate * tendons.wrench(lever, by)
+            if half is not None:
+                k = nodes.index(tendons.nodes[end])
+                rows = rows @ end_moves(half[k], self.model.space.dims.position)
+            w = rows.shape[-1]
+            found[SIDES[1][end]] = torch.cat((rows, rows.new_zeros(w - 3, w)))
+        return found
+
+    def transposed_tie(self, held: bool, kind: StretchKind, **fields: Tensor) -> Fields:
+        """Blocks in the transposed matrix; where supports hold nodes, with what cotangents of their
+        reactions are to the balances (`reaction`) of the ends, what is asked of the ends (`asked`,
+        w), and of its own unknowns (`right`, w).
+        """
+        pushes = {side: fields.pop(f"{side}.reaction") for side in kind.sides if held}
+        outputs = self.tie(held, kind, **fields)
+        pairs = TRANSPOSED | dict(zip(CHAINED, CHAINED[::-1], strict=True))
+        names = [name for name in (*BLOCKS, *CHAINED) if name in outputs]
+        turned = {name: outputs[pairs.get(name, name)].mT for name in names}
+        asked: Fields = {}
+        for side, push in pushes.items():
+            parts = (push @ outputs[f"{side}.row"]).split(self.model.space.unknowns)
+            names = [f"{end}.asked" for end in kind.sides] + ["right"] * kind.coupled
+            for name, part in zip(names, parts, strict=True):
+                asked[name] = asked.get(name, 0.0) + part
+        return turned | asked
+
+    def tie_reaction(self, side: str, end_free: Tensor, **fields: Tensor) -> Fields:
+        """What a stretch adds to the reaction of the support of its end (w), by the moves of its
+        ends and of its own unknowns.
+        """
+        return self.joint_reaction(side, end_free, **fields)
+
+    def tendon_work(self, tension: Tensor, change: Tensor, start: Tensor | None = None) -> Fields:
+        """Work of a stretch over the step; start: tension at its start, see `Tendons.finished`."""
+        return {"work": -mean_tension(tension, start) * change}
+
+    def of_stretch(self, fields: Fields, kind: StretchKind) -> tuple[Any, Any]:
+        """The problem of one stretch, a tendon of two eyelets, and the nodes at its ends, which
+        have no loads.
+        """
+        n = len(kind.sides)
+        ends = self.of_ends(fields, kind, Framework(1, (), n, (), (tuple(range(n)),)))
+        constants, tendons = self.stretch_constants(fields), self.model.tendons
+        numbers = iter(range(n))
+        nodes = tuple(None if end is None else next(numbers) for end in kind.ends)
+        rope = Rope(constants.drawn, None, constants.friction if kind.rubs else None)
+        tendons = replace(
+            tendons,
+            space=ends.rows.space,
+            framework=ends.rows.topology,
+            ropes=(rope,),
+            sizes=(2,),
+            nodes=nodes,
+            arms=constants.arms,
+            moves=tendons.moves.detach(),
+        )
+        rows = replace(ends.rows, tendons=tendons)
+        now = replace(ends.now, tendons=constants.given[None])
+        return self._problem(rows, None, ends.common, ends.given, now)
+
+    def _rope(self, constants: Any, kind: StretchKind) -> Rope:
+        return Rope(
+            constants.drawn,
+            constants.stiffness if kind.elastic else None,
+            constants.friction if kind.rubs else None,
+            constants.slip_speed if kind.rubs else None,
+        )

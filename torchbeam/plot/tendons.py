@@ -1,0 +1,54 @@
+"""Tendons: the ropes of a scene, in a picture of the beams that they pull."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..core.arguments import instance
+from ..scene.scene import Scene
+from ..state.state import State
+from .canvas import Axes, is_3d, numbers
+from .shapes import PLANES
+
+
+def tendons(
+    scene: Scene,
+    state: Any,
+    ax: Axes,
+    *,
+    plane: str | None = None,
+    color: Any = "k",
+    label: str | None = None,
+    **line: Any,
+) -> Axes:
+    """The tendons of a scene in a state of it, or in each of a batch or trajectory, as dashed lines
+    on a picture `ax` of its `shape`, with rings at the eyelets.
+
+    plane   "xy", "xz" or "yz" of a flat picture; None = in space
+    color, label and further keywords: as matplotlib has them for lines
+
+    Raises ValueError for a scene without tendons, a state that is not one of it, and a plane that
+    is not that of the axes.
+    """
+    instance("a scene", scene, Scene)
+    if not scene.tendons:
+        raise ValueError("a scene without tendons was given to tendons; one with some is wanted")
+    if (plane is None) != is_3d(ax) or plane not in (None, *PLANES):
+        raise ValueError(
+            f"plane = {plane!r} was given to tendons; one of {', '.join(map(repr, PLANES))} is "
+            "wanted of flat axes, None of three-dimensional ones"
+        )
+    position, rotation = instance("a state", state, State).position, state.rotation
+    if position.shape[-2] != scene.beam.nodes.shape[-2]:
+        raise ValueError(
+            f"a state with {position.shape[-2]} nodes was given to tendons of a scene with "
+            f"{scene.beam.nodes.shape[-2]}; as many are wanted"
+        )
+    seen = [0, 1, 2] if plane is None else list(PLANES[plane])
+    style = dict(color=color, lw=1.0, ls="--", marker="o", ms=4, mfc="none", mew=0.8) | line
+    for tendon in scene.tendons:
+        eyelets = tendon.at(position.detach(), rotation.detach())[..., seen].detach()
+        for points in numbers(eyelets.reshape(-1, *eyelets.shape[-2:])):
+            ax.plot(*points.T, label=label, **style)
+            label = None
+    return ax
