@@ -128,7 +128,7 @@ class Matrix:
     def rows(self, nodes):
         return Rows(self, list(nodes))
 
-    def symmetric(self, unknowns, held):
+    def grouped(self, unknowns, held):
         return None
 
     def restricted(self, unknowns):

@@ -31,9 +31,10 @@ from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
 from ..core.summary import kind, lines, span
 from ..core.validation import concrete, unmapped
+from ..math.block_chain import BlockChain
 from ..math.dense import solve_unchecked
 from ..math.first_derivative import Once
-from ..math.quadratic_eigen import rounding, slow_first, spectrum, upright
+from ..math.quadratic_eigen import plus, rounding, slow_first, slow_values, upright
 from ..math.shapes import broadcast_shapes
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
@@ -41,7 +42,7 @@ from ..scene.scene import Scene
 from ..state.state import State
 from ..statics.equilibrium import equilibrium
 from ..statics.mechanism import unheld
-from .system_matrices import in_basis, moves
+from .system_matrices import in_basis, moves, of_chain, of_nodes
 
 STABLE, DIVERGENCE, FLUTTER, LOST = range(4)
 KINDS = ("stable", "divergence", "flutter", "lost")
@@ -49,6 +50,7 @@ PARTS = 9  # of the bracket in a round
 COMPLEX = 1e-5  # |Im s| / |s| from which on a pair has met; it counts 1e-10 of the load
 GROWING = 1e-6  # Re(lambda) / |lambda| from which on a damped motion grows
 Factored = Callable[[Tensor], Scene]
+Matrices = tuple[Any, Any, Any]  # M, D, K: tensors, or chains
 
 
 class _Spectrum(NamedTuple):
@@ -141,7 +143,9 @@ def critical_load(
     flutter is one of two that are about to, off by 4e-4.
 
     The path is that of `equilibrium`: past a point of buckling it keeps to the branch it is on. At
-    a limit point it ends, or leaps; `path` finds those more quickly. Dense, O(N^3) a factor.
+    a limit point it ends, or leaps; `path` finds those more quickly. O(N) a factor along one beam
+    of more than 96 unknowns without damping; dense, O(N^3), of anything else, and where the few
+    eigenvalues of a long one do not converge.
 
     Raises ValueError for what the nodal form does not take, a range that is empty, rigid motions
     that nothing holds, or a scene that is unstable at `lowest`.
@@ -260,8 +264,8 @@ class _Path:
 
     def matrices(
         self, factor: Tensor, near: Tensor | None = None
-    ) -> tuple[Model, State, tuple[Tensor, Tensor | None, Tensor], Tensor | None]:
-        """With their basis, near another one."""
+    ) -> tuple[Model, State, Matrices, Tensor | None]:
+        """M, D, K: of a long chain as such, else dense, with their basis, near another one."""
         scene, inputs = self.scene(factor)
         with warnings.catch_warnings():
             # of unstable branches: they are what is looked for
@@ -269,12 +273,17 @@ class _Path:
             state = equilibrium(scene, t=self.t, throw=False, inputs=inputs)
         model = discretise(scene, self.lumped)
         t = torch.as_tensor(self.t, dtype=scene.dtype, device=scene.device)
-        return model, state, *in_basis(model, state, t, inputs, near)
+        M, D, K, lagging = of_nodes(model, state, t, inputs)
+        undamped = D is None and lagging is None
+        chains = of_chain(model, M, K, self.count) if undamped else None
+        if chains is not None:
+            return model, state, (chains[0], None, chains[1]), None
+        return model, state, *in_basis(model, M, D, K, lagging, near)
 
     def spectrum(self, factor: Tensor) -> _Spectrum:
         model, state, (M, D, K), _ = self.matrices(factor)
         self.damped, lags = D is not None, model.internal_states > 0
-        value = spectrum(M, D, K)[0]
+        value = slow_values(M, D, K, self.count)
         slow = slow_first(value, self.count, lags)
         if lags:  # and the slowest that decay, which are the next to diverge
             slow = torch.cat((slow, slow_first(value, self.count, False)), -1)
@@ -329,26 +338,29 @@ class _Path:
         self, factor: Tensor, leading: Tensor, kind: Tensor
     ) -> tuple[Model, Callable[[Tensor], Tensor], Tensor, Tensor | None]:
         """Critical condition, zero at the critical factor, as a function of the factor and of what
-        the scene holds; v, and the basis that it is in.
+        the scene holds; the shape, and the basis that it is in.
         """
 
         def parts(
             factor: Tensor, near: Tensor | None = None
-        ) -> tuple[Model, Tensor, Tensor, Tensor | None]:
+        ) -> tuple[Model, Any, Any, Tensor | None]:
             model, _, (M, D, K), basis = self.matrices(factor, near)
             if D is None:
-                return model, K + leading[..., None, None] * M, M.to(leading.dtype), basis
-            by = leading[..., None, None]
-            return model, K + by * D + by**2 * M, D + 2 * by * M, basis
+                return model, plus(K, leading, M), M, basis
+            return (model, plus(plus(K, leading, D), leading**2, M), plus(D, 2 * leading, M), basis)
 
         with no_derivatives():
             model, Q, slope, basis = parts(factor)
             v, w = _null(Q)
             scale = _form(w, slope, v) if self.damped else torch.ones_like(leading)
-            scale = torch.where(
-                kind == FLUTTER, scale, _form(w, Q.abs().to(Q.dtype), v).abs().to(Q.dtype)
-            )
-        return model, lambda factor: (_form(w, parts(factor, basis)[1], v) / scale).real, v, basis
+            scale = torch.where(kind == FLUTTER, scale, _form(w, Q.abs(), v).abs().to(v.dtype))
+        shape = v if isinstance(Q, Tensor) else v[..., model.constraints.unknowns.grouped]
+        return (
+            model,
+            lambda factor: (_form(w, parts(factor, basis)[1], v) / scale).real,
+            shape,
+            basis,
+        )
 
 
 def _first(factors: Tensor, kind: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -363,26 +375,34 @@ def _first(factors: Tensor, kind: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     return low, high, kind.gather(0, at)[0]
 
 
-def _null(Q: Tensor) -> tuple[Tensor, Tensor]:
+def _null(Q: Tensor | BlockChain) -> tuple[Tensor, Tensor]:
     """Right and left null vectors (..., n), by inverse iteration; the left one starts from the
     right one, so that of several (equal bending in two planes) the two belong together.
     """
-    v = (
-        torch.cos(1.7 * torch.arange(Q.shape[-1], dtype=Q.real.dtype, device=Q.device) + 0.3)
-        .to(Q.dtype)
-        .expand(Q.shape[:-1])
-    )
-    vectors = []
+    n, like = (Q.shape[-1], Q) if isinstance(Q, Tensor) else (Q.size, Q.diagonal)
+    v = torch.cos(1.7 * torch.arange(n, dtype=like.real.dtype, device=like.device) + 0.3)
+    v, vectors = v.to(like.dtype), []
     for matrix in (Q, Q.mT):
+        solve = _solver(matrix)
         for _ in range(3):
-            v = solve_unchecked(matrix, v[..., None])[..., 0]
+            v = solve(v)
             v = v / v.gather(-1, v.abs().argmax(-1, keepdim=True))
         vectors.append(v)
     return vectors[0], vectors[1]
 
 
-def _form(w: Tensor, Q: Tensor, v: Tensor) -> Tensor:
-    return (w[..., None, :] @ Q.to(v.dtype) @ v[..., None])[..., 0, 0]
+def _solver(Q: Tensor | BlockChain) -> Callable[[Tensor], Tensor]:
+    """Vectors (..., n) -> Q^-1 times these."""
+    if isinstance(Q, Tensor):
+        return lambda v: solve_unchecked(Q, v[..., None])[..., 0]
+    factors = Q.factored()
+    return lambda v: Q.flat(factors.solve(Q.nodes(v)))
+
+
+def _form(w: Tensor, Q: Tensor | BlockChain, v: Tensor) -> Tensor:
+    if isinstance(Q, Tensor):
+        return (w[..., None, :] @ Q.to(v.dtype) @ v[..., None])[..., 0, 0]
+    return (w * Q.flat(Q.to(v.dtype).times(Q.nodes(v)))).sum(-1)
 
 
 def _root(square: Tensor) -> Tensor:

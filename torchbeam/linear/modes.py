@@ -19,12 +19,12 @@ from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
 from ..core.summary import counted, kind, lines, span
 from ..core.validation import concrete
-from ..math.quadratic_eigen import DENSE, attach, slowest, slowest_of_chain, upright
+from ..math.quadratic_eigen import attach, slowest, slowest_of_chain, upright
 from ..nodal.discretise import discretise
 from ..scene.scene import Scene
 from ..state.state import State
 from ..statics.equilibrium import equilibrium
-from .system_matrices import at_rest, augmented, dense, free_moves, moves, of_nodes
+from .system_matrices import at_rest, augmented, dense, free_moves, moves, of_chain, of_nodes
 
 # real part over |eigenvalue| from which on a motion grows: where eigenvalues meet, rounding counts
 # by its root
@@ -141,13 +141,14 @@ def modes(
     )
     symmetric = D is None and lags is None and model.conservative
     pairs = None
-    if symmetric and free > max(DENSE, 4 * count):
+    if symmetric:
         with no_derivatives():
-            unknowns = model.constraints.unknowns
-            sparse = M.symmetric(unknowns, 0.0), K.symmetric(unknowns, 1.0)
-            pairs = None if None in sparse else slowest_of_chain(*sparse, count)
+            chains = of_chain(model, M, K, count)
+            if chains is not None:
+                pairs = slowest_of_chain(*(x.symmetrised() for x in chains), count)
             if pairs is not None:
-                pairs = pairs._replace(right=pairs.right[..., unknowns.grouped])
+                right = pairs.right[..., model.constraints.unknowns.grouped]
+                pairs = pairs._replace(right=right)
     basis = free_moves(model, K)
     if pairs is None or derivatives or normalize == "mass":
         M, D, K = augmented(

@@ -22,6 +22,8 @@ from torch import Tensor
 
 from ..core.leaves import wants_gradient
 from ..equations.steady import Configuration, SteadyProblem
+from ..math.block_chain import BlockChain
+from ..math.quadratic_eigen import DENSE
 from ..math.shapes import broadcast_shapes
 from ..nodal import loads as external
 from ..nodal.constitutive_law import times
@@ -52,16 +54,33 @@ def at_rest(
 
 
 def in_basis(
-    model: Model, state: State, t: Tensor, inputs: dict[str, Tensor], near: Tensor | None = None
+    model: Model,
+    M: Matrix,
+    D: Matrix | None,
+    K: Matrix,
+    lagging: Lags | None = None,
+    near: Tensor | None = None,
 ) -> tuple[tuple[Tensor, Tensor | None, Tensor], Tensor | None]:
-    """M, D (None without damping or rotation) and K (..., n, n) at an equilibrium, of the free
-    moves, see `moves`, and the internal states of loads; with the basis of the moves, see
-    `free_moves`.
+    """M, D (None without damping or rotation) and K (..., n, n) of the free moves, see `moves`, and
+    the internal states of loads, from those of all nodes, see `of_nodes`; with the basis of the
+    moves, see `free_moves`.
     """
-    M, D, K, lagging = of_nodes(model, state, t, inputs)
     basis = free_moves(model, K, near)
     own = (None if one is None else dense(model, one, basis) for one in (M, D, K))
     return augmented(model, *own, lagging, basis), basis
+
+
+def of_chain(
+    model: Model, M: Matrix, K: Matrix, count: int
+) -> tuple[BlockChain, BlockChain] | None:
+    """M and K of the free moves as block tridiagonal matrices, where they are those of a chain
+    that is long beside `count` eigenvalues; a vector's free moves are `unknowns.grouped`.
+    """
+    if model.constraints.count <= max(DENSE, 4 * count):
+        return None
+    unknowns = model.constraints.unknowns
+    mass, stiffness = M.grouped(unknowns, 0.0), K.grouped(unknowns, 1.0)
+    return None if mass is None or stiffness is None else (mass, stiffness)
 
 
 def augmented(

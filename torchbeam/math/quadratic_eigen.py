@@ -18,12 +18,14 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from .block_chain import BlockChain
 from .concrete import concrete
+from .davidson import nearest
 from .dense import inverse_unchecked, solve
 from .first_derivative import first_only
 from .subspace import subspace
-from .symmetric_chain import SymmetricChain
 
+EXTRA = 2  # vectors of a block beyond those asked for
 DENSE = 96  # unknowns up to which the dense way is the shorter
 STRAIGHT = 1e-6  # |imaginary part| over |eigenvalue| up to which a motion does not oscillate
 DISTINCT = 1e-7  # of an eigenvalue: nearer ones are the same
@@ -69,12 +71,12 @@ def slowest(
     return _dense(M, D, K, count, derivatives, lags) if pairs is None else pairs
 
 
-def slowest_of_chain(M: SymmetricChain, K: SymmetricChain, count: int) -> Pairs | None:
+def slowest_of_chain(M: BlockChain, K: BlockChain, count: int) -> Pairs | None:
     """The same of long matrices, undamped; None where it is unstable beyond what a shift covers."""
     return _symmetric(M, K, count, lambda K: K.positive_definite(), subspace)
 
 
-def _size(A: Tensor | SymmetricChain) -> Tensor:
+def _size(A: Tensor | BlockChain) -> Tensor:
     """(...) the largest on the diagonal, of whatever sign."""
     return A.diagonal(dim1=-2, dim2=-1).abs().amax(-1) if isinstance(A, Tensor) else A.largest
 
@@ -95,8 +97,9 @@ def rounding(M: Any, K: Any) -> Tensor:
     return torch.finfo(size.dtype).eps * square
 
 
-def _plus(K: Any, shift: Tensor, M: Any) -> Any:
-    return K + shift[..., None, None] * M if isinstance(K, Tensor) else K.plus(shift, M)
+def plus(K: Any, factor: Tensor, M: Any) -> Any:
+    """K + factor M for matrices (..., n, n), or chains, and a factor (...)."""
+    return K + factor[..., None, None] * M if isinstance(K, Tensor) else K.plus(factor, M)
 
 
 def _symmetric(
@@ -106,7 +109,7 @@ def _symmetric(
     there would be a pivot. None where that is not positive definite.
     """
     shift = _shift(M, K)
-    raised = _plus(K, shift, M)
+    raised = plus(K, shift, M)
     if not concrete(definite(raised)).all():
         return None
     value, vectors = solve(M, raised, count + 1)
@@ -146,17 +149,42 @@ def spectrum(M: Tensor, D: Tensor | None, K: Tensor) -> tuple[Tensor, Tensor, Te
     """
     square = _shift(M, K)
     if D is None:
-        K = _plus(K, square, M)
+        K = plus(K, square, M)
         eigenvalues, vectors = torch.linalg.eig(-_inverted(K, M))
         return 1 / eigenvalues + square[..., None], vectors, K
     shift = square.sqrt()
-    K, D = _plus(_plus(K, shift, D), square, M), _plus(D, 2 * shift, M)
+    K, D = plus(plus(K, shift, D), square, M), plus(D, 2 * shift, M)
     flexible = _inverted(K, torch.cat((D, M), -1))
     eye = torch.eye(M.shape[-1], dtype=M.dtype, device=M.device).expand_as(M)
     eigenvalues, vectors = torch.linalg.eig(
         torch.cat((-flexible, torch.cat((eye, torch.zeros_like(M)), -1)), -2)
     )
     return 1 / eigenvalues + shift[..., None], vectors, K
+
+
+def slow_values(M: Any, D: Tensor | None, K: Any, count: int) -> Tensor:
+    """Eigenvalues (..., m), or their squares where there is no damping, among them the `count`
+    slowest: all of dense matrices; of chains, which have no damping, those of a subspace, O(n), or
+    all where they do not converge there.
+    """
+    if isinstance(K, Tensor):
+        return spectrum(M, D, K)[0]
+    value = _slow_of_chain(M, K, count)
+    return spectrum(M.dense(), D, K.dense())[0] if value is None else value
+
+
+def _slow_of_chain(M: BlockChain, K: BlockChain, count: int) -> Tensor | None:
+    """Those of the matrix that `spectrum` inverts for."""
+    shift, nodes, like = _shift(M, K), K.diagonal.shape[-3:-1], K.diagonal
+    factors = K.plus(shift, M).factored()
+    at = torch.arange(K.size, dtype=like.dtype, device=like.device)[:, None]
+    start = torch.cos(at * (1 + at[: count + EXTRA, 0]) * 0.7 + 0.3)
+    mu = nearest(
+        lambda x: factors.solve(M.times(x.unflatten(-2, nodes))).flatten(-3, -2),
+        start,
+        lambda mu: slow_first(mu + shift[..., None], count, False),
+    )
+    return None if mu is None else mu + shift[..., None]
 
 
 def _inverted(K: Tensor, right: Tensor) -> Tensor:
@@ -174,7 +202,9 @@ def slow_first(value: Tensor, count: int, lags: bool) -> Tensor:
     the slowest first; `lags`: first those that oscillate or grow, as lags decay, and may be many
     and slow.
     """
-    size = torch.where((value.imag < 0) | ~torch.isfinite(value.abs()), torch.inf, value.abs())
+    size = value.abs()
+    # two that are equal and real may come as a pair, by rounding
+    size = torch.where((value.imag < -STRAIGHT * size) | ~torch.isfinite(size), torch.inf, size)
     order = size.argsort(dim=-1, stable=True)
     if lags:
         decays = torch.isinf(size) | (

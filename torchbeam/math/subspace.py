@@ -5,9 +5,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from .block_chain import BlockChain
 from .concrete import concrete
 from .shapes import broadcast_shapes
-from .symmetric_chain import SymmetricChain
 
 EXTRA = 8  # vectors beyond those asked for
 SWEEPS, LATE = 40, 8
@@ -16,7 +16,7 @@ CONVERGED = {torch.float64: 1e-11, torch.float32: 1e-5}
 STUCK = 0.7  # a change that is not less than this much of the one before, late on, is rounding
 
 
-def subspace(M: SymmetricChain, K: SymmetricChain, count: int) -> tuple[Tensor, Tensor]:
+def subspace(M: BlockChain, K: BlockChain, count: int) -> tuple[Tensor, Tensor]:
     """The `count` largest eigenvalues (..., count), falling, and vectors (..., n, count) of K^-1 M.
 
     Block inverse iteration with the Rayleigh-Ritz projection (Bathe 1971), O(N) a sweep. A sample's

@@ -28,13 +28,14 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..core.leaves import Tree
+from ..core.leaves import Tree, with_values
 from ..core.remembered import remembered
 from ..core.validation import concrete
 from ..core.warning import warn
 from ..math import quaternions as quat
 from ..math.quaternions import skew
 from ..scene.beam import Beam
+from ..scene.effects import PointMass
 from ..scene.scene import Scene
 from ..topology.protocols import Matrix
 from .assembly import Assembly
@@ -141,8 +142,22 @@ def inertia_of(
     that changes too much within an element of order 2 to be shared among its nodes.
     """
     beam = scene.beam
+    if beam.linked_interpolation:
+        density = beam.mass[..., 0, 0]
+        if any(
+            concrete(uneven).any() for x in (density, 1.0) for uneven in _along(beam, too_uneven, x)
+        ):
+            warn(UNEVEN)
+    unstressed = with_values(beam, compliance=beam.mass[..., :0], rigid=(), coupled=False)
+    return remembered(_inertia_of, unstressed, scene.bodies, space, assembly, lumped)
+
+
+def _inertia_of(
+    beam: Beam, bodies: tuple[PointMass, ...], space: Spatial, assembly: Assembly, lumped: bool
+) -> tuple[Inertia, Tensor, Tensor]:
+    """The same of a beam's mass and of what is fixed to it."""
     h = beam.length[..., None]
-    remembered(_check_mass, beam.mass.detach(), beam.offset)
+    _check_mass(beam.mass.detach(), beam.offset)
     m = beam.mass[..., :1, 0]
     part = h[..., None] * beam.mass
     interpolation = assembly.interpolation
@@ -165,10 +180,6 @@ def inertia_of(
             )
     if beam.linked_interpolation:
         density = m[..., 0]
-        if any(
-            concrete(uneven).any() for x in (density, 1.0) for uneven in _along(beam, too_uneven, x)
-        ):
-            warn(UNEVEN)
         weights, halves, shares = (
             _of_nodes(beam, _along(beam, *rule))
             for rule in ((gregory, density), (trapezoidal, density), (gregory,))
@@ -180,11 +191,11 @@ def inertia_of(
         )
         tributary_length = torch.cat((share, torch.ones_like(own)), -2)
     beam_mass = mass
-    for body in scene.bodies:
+    for body in bodies:
         at, nodes = body.node % assembly.topology.node_count, assembly.topology.node_count
         mass = mass + pad(body.about_node[..., None, :, :], (0, 0, 0, 0, at, nodes - 1 - at))
-    offset = beam.offset or any(b.offset is not None for b in scene.bodies)
-    rotary = beam.rotary or offset or any(b.inertia is not None for b in scene.bodies)
+    offset = beam.offset or any(b.offset is not None for b in bodies)
+    rotary = beam.rotary or offset or any(b.inertia is not None for b in bodies)
     whole, J, lever = mass[..., 0, :1], mass[..., 3:, 3:], NoMassOffset()
     if offset:
         e = _vector(mass[..., 3:, :3]) / whole
@@ -197,7 +208,7 @@ def inertia_of(
         translational = SharedMass(
             assembly.topology, whole, interpolation.coupling * of_elements, interpolation.difference
         )
-    if offset and scene.bodies:
+    if offset and bodies:
         J = J + _swung(translational, e - _vector(beam_mass[..., 3:, :3]) / beam_mass[..., 0, :1])
     inertia = Inertia(
         space,

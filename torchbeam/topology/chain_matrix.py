@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ..math.block_chain import BlockChain
 from ..math.shapes import broadcast_shapes
-from ..math.symmetric_chain import SymmetricChain
 from .chain_sums import at_i, at_j, spread
 from .chain_system import ChainSystem
 from .chain_unknowns import ChainUnknowns, coupled
@@ -95,28 +95,33 @@ class ChainMatrix:
             parts.append(torch.cat(torch.broadcast_tensors(*row), -1))
         return ChainRows(nodes, torch.stack(parts, -3)) if parts else ChainRows((), D.new_zeros(0))
 
-    def symmetric(self, unknowns: ChainUnknowns, held: float) -> SymmetricChain:
+    def grouped(self, unknowns: ChainUnknowns, held: float) -> BlockChain:
         """Of order 2, of groups of an end and the midside node before it, of which the first has
         none.
         """
-        D, U, L, *far = unknowns.masked(
-            *(x.detach() for x in (self.diagonal, *self._couplings())), held=held
-        )
-        if far:
-            none = torch.zeros_like(D[..., :1, :, :])
-            eye = torch.eye(D.shape[-1], dtype=D.dtype, device=D.device)
-            middle, ahead, back = (
-                torch.cat(both, -3)
-                for both in (
-                    (none + held * eye, D[..., 1::2, :, :]),
-                    (none.expand_as(U[..., :1, :, :]), U[..., 1::2, :, :]),
-                    (none.expand_as(L[..., :1, :, :]), L[..., 1::2, :, :]),
-                )
+        size = held * self.diagonal.diagonal(dim1=-2, dim2=-1).abs().amax((-1, -2))[..., None, None]
+        D, U, L, *far = unknowns.masked(self.diagonal, *self._couplings(), held=size)
+        if not far:
+            return BlockChain(D, U, L)
+        batch = broadcast_shapes(*(x.shape[:-3] for x in (D, U, L, *far)))
+        D, U, L, *far = (x.expand(*batch, *x.shape[-3:]) for x in (D, U, L, *far))
+        eye = torch.eye(D.shape[-1], dtype=D.dtype, device=D.device)
+        none = torch.zeros_like(D[..., :1, :, :])
+        middle, ahead, back = (
+            torch.cat(both, -3)
+            for both in (
+                (none + size[..., None] * eye, D[..., 1::2, :, :]),
+                (none, U[..., 1::2, :, :]),
+                (none, L[..., 1::2, :, :]),
             )
-            upper = torch.cat(torch.broadcast_tensors(U[..., ::2, :, :], far[0]), -1)
-            D = blocks(middle, ahead, back, D[..., ::2, :, :])
-            U = torch.cat((torch.zeros_like(upper), upper), -2)
-        return SymmetricChain((D + D.mT) / 2, U)
+        )
+        upper = torch.cat((U[..., ::2, :, :], far[0]), -1)
+        lower = torch.cat((L[..., ::2, :, :], far[1]), -2)
+        return BlockChain(
+            blocks(middle, ahead, back, D[..., ::2, :, :]),
+            torch.cat((torch.zeros_like(upper), upper), -2),
+            torch.cat((torch.zeros_like(lower), lower), -1),
+        )
 
     def restricted(self, unknowns: ChainUnknowns) -> ChainSystem:
         D, U, L, *far = unknowns.masked(self.diagonal, *self._couplings())

@@ -60,9 +60,11 @@ class ChainUnknowns:
         """The nodes with unknowns (..., n, w) -> all, zeros in the others."""
         return x if len(self) == self.nodes else pad(x, (0, 0, self.first, self.nodes - self.last))
 
-    def masked(self, D: Tensor, *couplings: Tensor, held: float = 1.0) -> tuple[Tensor, ...]:
-        """Blocks of all nodes -> of those with unknowns; what is held has `held` on the diagonal
-        and nothing beside it.
+    def masked(
+        self, D: Tensor, *couplings: Tensor, held: Tensor | None = None
+    ) -> tuple[Tensor, ...]:
+        """Blocks of all nodes -> of those with unknowns; what is held has `held`
+        (..., 1, 1), None = 1, on the diagonal and nothing beside it.
         """
         D = self.of_nodes(D, 2)
         if len(self) < self.nodes:
@@ -75,10 +77,10 @@ class ChainUnknowns:
 
 
 def masked(
-    order: int, free: Tensor, D: Tensor, *couplings: Tensor, held: float = 1.0
+    order: int, free: Tensor, D: Tensor, *couplings: Tensor, held: Tensor | None = None
 ) -> tuple[Tensor, ...]:
-    """A chain's blocks with `held` on the diagonal and nothing beside it where `free` (nodes, w) is
-    0.
+    """A chain's blocks with `held` (..., 1, 1), None = 1, on the diagonal and nothing beside
+    it where `free` (nodes, w) is 0.
     """
     rows, columns = coupled(order, free)
     others = (
@@ -86,7 +88,7 @@ def masked(
         for x, row, column in zip(couplings, rows, columns, strict=False)
     )
     return D * free[..., None] * free[..., None, :] + torch.diag_embed(
-        held * (1 - free) if held != 1 else 1 - free
+        1 - free if held is None else held * (1 - free)
     ), *others
 
 

@@ -170,7 +170,7 @@ class FrameworkMatrix:
     def rows(self, nodes: tuple[int, ...]) -> FrameworkRows:
         return FrameworkRows(self, nodes)
 
-    def symmetric(self, unknowns: FrameworkUnknowns, held: float) -> None:
+    def grouped(self, unknowns: FrameworkUnknowns, held: float) -> None:
         return None
 
     def restricted(self, unknowns: FrameworkUnknowns) -> FrameworkSystem:

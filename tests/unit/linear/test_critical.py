@@ -7,12 +7,18 @@ the verification table.
 """
 
 import math
+import warnings
 
 import pytest
 import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from torchbeam.linear.system_matrices import in_basis, of_chain, of_nodes
+from torchbeam.math.block_chain import BlockChain
+from torchbeam.math.quadratic_eigen import slow_first, slow_values
+from torchbeam.nodal.discretise import discretise
+from torchbeam.topology.chain_matrix import ChainMatrix
 
 INF = math.inf
 NEXT_TERM = 2e-4
@@ -230,3 +236,53 @@ def test_a_rigid_motion_is_named():
     flat = (tb.Support(0, "xyz", "xz"), tb.Support(-1, "yz", "xz"))
     found = tb.critical_load(lambda P: pressed(P, flat, "xz"), 15.0, points=5)
     assert_close(found.factor.item(), math.pi**2, rtol=7e-3, atol=0)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("follower", [False, True])
+def test_the_slowest_of_a_long_chain(order, follower):
+    """Those of the subspace are those of all, under two loads, before and past the loss: to 1e-8
+    (rounding by the condition of the stiffness).
+    """
+    section = tb.Section.from_stiffness(
+        EA=4e4, GA=1e4, GJ=0.8, EI=(1.0, 1.5), mass=1.0, inertia=1e-3
+    )
+    beam = tb.Beam.straight(1.0, 18 // order, section, order=order)
+    load = tb.TipLoad(force=along_x(torch.tensor([-2.0, -30.0])), follower=follower)
+    scene = tb.Scene(beam, [load])
+    model = discretise(scene)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # buckled
+        state = tb.equilibrium(scene)
+    M, D, K, _ = of_nodes(model, state, torch.tensor(0.0), {})
+    mass, stiffness = of_chain(model, M, K, 6)
+    few, every = (
+        slow_values(mass, None, stiffness, 6),
+        slow_values(*in_basis(model, M, D, K)[0], 6),
+    )
+    assert few.shape[-1] < every.shape[-1]
+    few, want = (x.gather(-1, slow_first(x, 6, False)) for x in (few, every))
+    assert_close(few.abs(), want.abs(), rtol=1e-8, atol=0)
+    assert_close(few.real, want.real, rtol=0, atol=1e-8 * want.abs().max().item())
+
+
+def test_a_long_column_needs_no_dense_matrix(monkeypatch):
+    """Of 40 elements in a plane (117 unknowns) nothing is dense, backward neither: Euler's load,
+    to the 2e-3 by which shear and extension soften it, d(factor)/d(EI) = factor/EI likewise.
+    """
+
+    def refused(self):
+        raise AssertionError("a dense matrix was made")
+
+    monkeypatch.setattr(ChainMatrix, "dense", refused)
+    monkeypatch.setattr(BlockChain, "dense", refused)
+    EI = torch.tensor(1.0, requires_grad=True)
+    section = tb.Section.from_stiffness(EA=1e5, GA=1e5, GJ=1.0, EI=EI, mass=1.0, inertia=1e-3)
+    column = tb.Beam.straight(1.0, 40, section)
+    found = tb.critical_load(
+        lambda P: tb.Scene(column, [tb.TipLoad(force=along_x(-P))], plane="xz"), 5.0, points=3
+    )
+    assert found.divergence and found.shape.shape == (41, 6)
+    assert_close(found.factor.item(), math.pi**2 / 4, rtol=2e-3, atol=0)
+    (slope,) = torch.autograd.grad(found.factor, EI)
+    assert_close(slope, found.factor.detach(), rtol=2e-3, atol=0)

@@ -7,7 +7,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
-from torchbeam.linear.system_matrices import in_basis
+from torchbeam.linear.system_matrices import in_basis, of_nodes
 from torchbeam.math import quadratic_eigen as eigen
 from torchbeam.nodal.discretise import discretise
 
@@ -46,7 +46,7 @@ def test_three_ways(rigid, order, monkeypatch):
         hinged = tb.Support(0, rotation="xz"), tb.Support(13, position="yz", rotation="")
         scene = tb.Scene(tb.Beam.straight(1.0, 12, section, order=2), [load], supports=hinged)
     model, state = discretise(scene), tb.equilibrium(scene, tolerance=1e-12)
-    (M, D, K), _ = in_basis(model, state, torch.tensor(0.0), {})
+    (M, D, K), _ = in_basis(model, *of_nodes(model, state, torch.tensor(0.0), {}))
     assert D is None
     with monkeypatch.context() as patch:
         patch.setattr("torchbeam.linear.modes.slowest", None)  # the dense ways
@@ -139,8 +139,8 @@ def test_flutter_is_told_from_divergence():
 @pytest.mark.parametrize("effects", [(), (tb.Damping(0.01),)])
 def test_normalised_by_mass(effects):
     scene = beam(4, *effects)
-    found = tb.modes(scene, count=3, normalize="mass")
-    (M, *_), _ = in_basis(discretise(scene), tb.rest(scene), torch.tensor(0.0), {})
+    found, model = tb.modes(scene, count=3, normalize="mass"), discretise(scene)
+    (M, *_), _ = in_basis(model, *of_nodes(model, tb.rest(scene), torch.tensor(0.0), {}))
     M = M.to(found.shape.dtype)
     v = found.shape[:, 1:].flatten(-2)
     assert_close(
@@ -226,3 +226,26 @@ def test_refusals():
         ValueError, match="normalize = 'unit' was given; 'largest', 'mass' are there"
     ):
         tb.modes(beam(), normalize="unit")
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_units_do_not_matter(order):
+    """A long beam with a stiffness of 1e-12 N m^2 and a mass of as little has the frequencies of
+    one of 1: what stands for held moves in its matrix has the size of the others. To 1e-8, as
+    rounding of stiff strains leaves.
+    """
+
+    def frequencies(size):
+        section = tb.Section.from_stiffness(
+            EA=1e4 * size,
+            GA=1e4 * size,
+            GJ=0.8 * size,
+            EI=(size, 1.5 * size),
+            mass=size,
+            inertia=1e-3 * size,
+        )
+        beam = tb.Beam.straight(1.0, 24 // order, section, order=order)
+        pins = (tb.Support(0, "xyz", "xy"), tb.Support(-1, "yz", ""))
+        return tb.modes(tb.Scene(beam, supports=pins)).frequency
+
+    assert_close(frequencies(1e-12), frequencies(1.0), rtol=1e-8, atol=0)

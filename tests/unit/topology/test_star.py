@@ -14,7 +14,7 @@ from tests.cases.star_topology import Star
 from torchbeam.equations.load_steps import climb
 from torchbeam.equations.midpoint import MidpointProblem
 from torchbeam.equations.steady import Configuration, SteadyProblem
-from torchbeam.linear.system_matrices import in_basis
+from torchbeam.linear.system_matrices import in_basis, of_nodes
 from torchbeam.nodal.discretise import discretise
 from torchbeam.nodal.rates import Rates
 from torchbeam.solvers.implicit_gradient import implicit_gradient
@@ -154,7 +154,10 @@ def test_small_motions_and_rates_of_two_chains():
     force = torch.zeros(2, 3)
     models = both(force)
     found = [
-        in_basis(model, model.space.to_public(tb.rest(model.scene)), torch.tensor(0.0), {})[0]
+        in_basis(
+            model,
+            *of_nodes(model, model.space.to_public(tb.rest(model.scene)), torch.tensor(0.0), {}),
+        )[0]
         for model in models
     ]
     w = 6

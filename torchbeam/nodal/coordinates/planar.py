@@ -72,7 +72,7 @@ class Planar(Spatial):
             ("mass", beam.mass, beam.offset or beam.rotary),
         ):
             if whole:
-                plane._check_section(what, given.detach())
+                remembered(cls._check_section, plane, what, given.detach())
         return plane
 
     @classmethod
