@@ -62,7 +62,12 @@ CASES = {
 
 
 @pytest.mark.parametrize(
-    "case", [pytest.param(c, marks=[pytest.mark.long] * (c == "motion by mass")) for c in CASES]
+    "case",
+    [
+        # by a load: unit/scene/test_effects.py, and an input below
+        pytest.param(c, marks=[pytest.mark.long] * (c in ("motion by mass", "motion by load")))
+        for c in CASES
+    ],
 )
 def test_against_differences_and_forward_against_reverse(case):
     """d(tip)/d(number): forward mode = fourth-order central differences to 1e-6 of the largest
@@ -247,8 +252,15 @@ def run(**numbers):
     return tb.simulate(scene(**numbers), [0.0, 0.1], step=0.05, **EXACT).tip.position[-1]
 
 
-@pytest.mark.parametrize("solve", [still, run])
-@pytest.mark.parametrize("name, values", [("EI", [1.0, 0.5]), ("load", [1.0, 10.0])])
+@pytest.mark.parametrize(
+    "solve, name, values",
+    [
+        (still, "EI", [1.0, 0.5]),
+        (run, "load", [1.0, 10.0]),
+        pytest.param(still, "load", [1.0, 10.0], marks=pytest.mark.long),
+        pytest.param(run, "EI", [1.0, 0.5], marks=pytest.mark.long),
+    ],
+)
 def test_vmap_over_scenes(solve, name, values):
     """vmap over what a scene is built from, and over its derivatives, is what the samples are one
     by one: the same sums, in another layout (1e-12; Newton's last residual is 1e-12 too).
@@ -395,7 +407,7 @@ CHECKPOINTED = {
 @pytest.mark.parametrize("name", CHECKPOINTED)
 def test_loads_by_functions_can_be_checkpointed(name):
     """The gradient by a number in a load whose tangent is taken by automatic differentiation, with
-    the graph kept and with it computed again: to rounding.
+    the graph kept and with it computed again: to rounding. Natively: see test_adjoint.
     """
     section = tb.Section.from_stiffness(EA=100.0, GA=40.0, GJ=0.5, EI=1.0, mass=0.3, inertia=0.01)
     found = []
@@ -406,7 +418,7 @@ def test_loads_by_functions_can_be_checkpointed(name):
             [tb.TipLoad(force=(0, 0.3, 1.0)), CHECKPOINTED[name](p)],
         )
         end = (
-            tb.simulate(scene, [0.0, 0.04], step=0.01, checkpoint=checkpoint)
+            tb.simulate(scene, [0.0, 0.04], step=0.01, checkpoint=checkpoint, engine="eager")
             .tip.position[-1]
             .square()
             .sum()

@@ -102,7 +102,15 @@ def test_every_number_has_a_case():
 
 
 @pytest.mark.parametrize(
-    "method", ["midpoint", "midpoint4", "generalized_alpha", "rk4", "minimal", "block_rate"]
+    "method",
+    [
+        pytest.param("midpoint", marks=pytest.mark.long),  # test_gradient_at_zero, midpoint4
+        "midpoint4",
+        "generalized_alpha",
+        "rk4",
+        "minimal",
+        "block_rate",
+    ],
 )
 def test_methods(method):
     """Each method of motion with several numbers at 0: the end of two steps by coupling, damping,

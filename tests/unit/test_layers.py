@@ -53,14 +53,16 @@ def modules(package):
 
 
 @cache
-def parsed(path):
-    return ast.parse(path.read_text())
+def import_nodes(path):
+    """Import statements of a file, wherever they stand."""
+    tree = ast.walk(ast.parse(path.read_text()))
+    return [node for node in tree if isinstance(node, (ast.Import, ast.ImportFrom))]
 
 
 def imports(name, path, known):
     """Modules of the project that a file imports anywhere: for types and inside functions too."""
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-    for node in ast.walk(parsed(path)):
+    for node in import_nodes(path):
         if isinstance(node, ast.ImportFrom):
             above = (
                 package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
@@ -144,17 +146,18 @@ def test_physics_reads_rows_and_no_scene():
         assert not arrows[f"torchbeam.{name}"] & wholes, name
 
 
+ABOVE = "torchbeam_envs", "gymnasium", "training", "examples"
+
+
 def test_torchbeam_knows_neither_environments_nor_gymnasium():
     for path in modules("torchbeam").values():
-        for node in ast.walk(parsed(path)):
+        for node in import_nodes(path):
             names = (
                 [node.module or ""]
                 if isinstance(node, ast.ImportFrom) and not node.level
                 else ([alias.name for alias in node.names] if isinstance(node, ast.Import) else [])
             )
-            assert not any(
-                name.split(".")[0] in ("torchbeam_envs", "gymnasium", "training") for name in names
-            ), path
+            assert not any(name.split(".")[0] in ABOVE for name in names), path
 
 
 PUBLIC = (
@@ -184,7 +187,7 @@ OUTSIDE = {
 def test_outside_the_library_only_public_names_are_used(folder):
     wrong = []
     for path in sorted((HERE / folder).rglob("*.py")):
-        for node in ast.walk(parsed(path)):
+        for node in import_nodes(path):
             names = (
                 [node.module]
                 if isinstance(node, ast.ImportFrom) and not node.level

@@ -207,7 +207,7 @@ class _Ran:
 
     def __init__(self, scene: Scene, steps: int) -> None:
         self.stepper = Stepper(scene, STEP, engine="eager")
-        self.timed = min(TIMED, steps // 10)
+        self.timed = max(1, min(TIMED, steps // 10))
         state = self.stepper.rest()
         path = [state.tip.position]
         for k in range(steps):
@@ -231,7 +231,7 @@ class _Ran:
 
 def measure(quick: bool = False) -> tuple[_Ran, list[EffectCost]]:
     """The scene without any effect of the table, and the rows."""
-    elements, steps, batches, repeats = (4, 10, (1,), 1) if quick else (16, STEPS, (1, 256), 3)
+    elements, steps, batches, repeats = (4, 4, (1,), 1) if quick else (16, STEPS, (1, 256), 3)
     base, flat = (
         _Ran(scene(elements, force=force), steps) for force in ((0.0, 0.5, 1.0), IN_PLANE)
     )
@@ -273,7 +273,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             "Steps one scene with and without each effect, side by side: tensor operations, "
             "time, and change of the answer."
         ),
-        quick="four elements, ten steps, batch 1",
+        quick="four elements, four steps, batch 1",
     )
     with threads(1), torch.no_grad():
         base, rows = measure(given.quick)

@@ -20,6 +20,7 @@ FORCES = torch.tensor(
 )
 
 
+@pytest.mark.steps
 def test_large_forces_lead_to_no_other_branch():
     """Cantilevers under forces of two to six times Euler's load and their weight, which Newton's
     method took in a step of seven and more iterations to a branch that is unstable, 1.3 m away:

@@ -156,9 +156,10 @@ def test_sideways_under_a_tip_load():
     assert (found.shape[..., -1, 2].abs() < 1e-3 * found.shape[..., -1, 1].abs()).all()
 
 
+@pytest.mark.steps
 def test_the_way_up_ends_at_a_limit_point():
     """A deep arch, clamped at one foot and hinged at the other, P at its crown: kind 3, at the
-    largest factor of `path` (each to 1 %: the bracket's tolerance, and steps of 0.1).
+    largest factor of `path` (each to 1 %: the bracket's tolerance, and steps of 0.2).
     """
     lean = math.radians(107.5)
     section = tb.Section.from_stiffness(EA=1e6, GA=INF, GJ=1.0, EI=1.0, mass=1.0, inertia=0.0)
@@ -174,7 +175,7 @@ def test_the_way_up_ends_at_a_limit_point():
     P = torch.tensor([0.0, -1.0, 0.0])
     found = tb.critical_load(arch, 14.0, lowest=13.0, points=3, tolerance=1e-2, inputs={"P": P})
     assert found.kind == 3 and found.frequency.isnan()
-    path = tb.path(arch, 14.0, load="P", step=0.1, steps=20, inputs={"P": P})
+    path = tb.path(arch, 14.0, load="P", step=0.2, steps=10, inputs={"P": P})
     assert_close(found.factor, path.factor.max(), rtol=2e-2, atol=0)
 
 
@@ -185,7 +186,9 @@ def test_a_stable_path_has_no_critical_load():
     assert found.eigenvalue.shape == (5, 6) and (found.eigenvalue[:, 0].imag.diff() > 0).all()
 
 
-@pytest.mark.parametrize("damping", [tb.MassDamping, tb.Damping])
+@pytest.mark.parametrize(
+    "damping", [pytest.param(tb.MassDamping, marks=pytest.mark.long), tb.Damping]
+)
 def test_a_neighbour_with_damping_changes_nothing(damping):
     """Beck's column without damping alone, and beside one that has some: the same load and
     frequency. What is present decides how it is looked for, not what its value is in some sample.

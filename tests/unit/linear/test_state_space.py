@@ -297,6 +297,7 @@ def test_departure_of_a_turned_beam_is_a_turn_of_the_model():
     assert_close(found[half:], 0.7 * small[half:], rtol=0, atol=1e-6)
 
 
+@pytest.mark.steps
 def test_a_linear_regulator_turns_the_arm_by_60_degrees():
     """State feedback of the model about the goal, by the discrete Riccati equation: the full beam
     follows the linear model to the goal (they differ by what the rate makes of it), where a

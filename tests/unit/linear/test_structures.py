@@ -54,17 +54,13 @@ def test_a_beam_that_was_welded_has_the_modes_of_the_beam(order, plane):
 
 def test_a_welded_column_buckles_as_the_column():
     """By divergence, under the same load; with its derivative by the stiffness."""
-    one, two = (tb.critical_load(scene, 4.0, points=5, inputs=LOAD) for scene in scenes(plane="xy"))
-    assert_close(one.factor, two.factor, rtol=1e-7, atol=0)
+    EI, e = torch.tensor(1.0, requires_grad=True), torch.tensor([0.0, 1e-3, -1e-3])
+    one = tb.critical_load(scenes(plane="xy", EI=1.0 + e)[0], 4.0, points=5, inputs=LOAD).factor
+    two = tb.critical_load(scenes(plane="xy", EI=EI)[1], 4.0, points=5, inputs=LOAD)
+    assert_close(one[0], two.factor.detach(), rtol=1e-7, atol=0)
     assert int(two.kind) == 1
-    EI = torch.tensor(1.0, requires_grad=True)
-    found = tb.critical_load(scenes(plane="xy", EI=EI)[1], 4.0, points=5, inputs=LOAD).factor
-    (slope,) = torch.autograd.grad(found, EI)
-    expected = [
-        tb.critical_load(scenes(plane="xy", EI=1.0 + e)[0], 4.0, points=5, inputs=LOAD).factor
-        for e in (1e-3, -1e-3)
-    ]
-    assert_close(slope, (expected[0] - expected[1]) / 2e-3, rtol=1e-4, atol=0)
+    (slope,) = torch.autograd.grad(two.factor, EI)
+    assert_close(slope, (one[1] - one[2]) / 2e-3, rtol=1e-4, atol=0)
 
 
 def test_a_hinge_leaves_one_motion_of_no_frequency():

@@ -290,13 +290,13 @@ def test_minimal_form_takes_damping():
     start = dict(V=torch.tensor([[0.0, 0, 0.1], [0, 0, 0.3]]))
     t = torch.linspace(0, 1, 11)
     energies = []
-    for tau in (0.1, (0.1,) * 6):
+    for tau, until in ((0.1, 11), ((0.1,) * 6, 3)):
         scene = soft_scene(effects=(Damping(tau),))
         sol = simulate_mixed(
-            scene, t, "minimal", initial=consistent_state(scene, **start), rtol=1e-5
+            scene, t[:until], "minimal", initial=consistent_state(scene, **start), rtol=1e-5
         )
         energies.append(sol.energy.kinetic + sol.energy.strain)
-    assert_close(energies[0], energies[1], rtol=1e-6, atol=1e-9)
+    assert_close(energies[0][:3], energies[1], rtol=1e-6, atol=1e-9)
     assert (energies[0].diff() < 0).all() and energies[0][-1] < 0.5 * energies[0][0]
 
 
@@ -369,7 +369,7 @@ def final_height(EI, form, **options):
     scene = soft_scene(
         1, section, (TipLoad(force=lambda t: torch.stack((0 * t, 0 * t, torch.sin(2 * t)))),)
     )
-    return simulate_mixed(scene, torch.linspace(0, 0.3, 31), form, **options).tip.position[
+    return simulate_mixed(scene, torch.linspace(0, 0.2, 21), form, **options).tip.position[
         -1, ..., 2
     ]
 

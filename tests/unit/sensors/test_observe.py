@@ -130,6 +130,7 @@ def test_derivatives():
         assert_close(a, b)
 
 
+@pytest.mark.steps
 def test_a_beam():
     """Every step of a motion read from every fourth instant of it: displacement, and, as the rate
     of velocity, acceleration, within what the interpolation leaves of the fastest mode that moves.
@@ -142,7 +143,7 @@ def test_a_beam():
     )
     t = torch.linspace(0, 0.4, 161)
     fine = tb.simulate(scene, t, step=2.5e-3)
-    coarse = tb.simulate(scene, t[::4], step=2.5e-3)
+    coarse = SimpleNamespace(t=t[::4], state=fine.state[::4])
     tip = tb.sensors.TipPosition()["z"]
     assert tb.observe(coarse, tip, t).shape == (161, 2, 1)
     size = tip(fine.state).abs().max()

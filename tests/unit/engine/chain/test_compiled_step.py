@@ -214,7 +214,9 @@ def test_functions_bring_axes_of_their_own():
 @torch.no_grad()
 def test_what_a_load_closes_over_is_taken_when_the_stepper_is_made():
     held = [0.3]
-    scene = tb.Scene(straight(1), [tb.Load(lambda r, R, v, w, t: (held[0] * v - r, None))])
+    scene = tb.Scene(
+        straight(1), [tb.Load(lambda r, R, v, w, t: (held[0] * v - r, None))], plane="xz"
+    )
     start = moving(scene)
     found = []
     for held[0] in (0.3, 30.0):

@@ -7,8 +7,6 @@ import multiprocessing
 import os
 import pickle
 import re
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -131,7 +129,7 @@ def test_functions_of_the_same_code_and_other_defaults_are_different_loads(auto,
 
 
 def flowing(x):
-    return tb.Drag(1.5, 0.25, flow=lambda position, t: x * (1 + position.square()))
+    return tb.Drag(1.5, 0.25, flow=lambda position, t: x * (position + position.flip(-1)))
 
 
 def pushing(x):
@@ -170,7 +168,7 @@ def test_functions_of_the_same_code_that_close_over_other_values_are_different_l
     are.
     """
     for x in values:
-        scene = tb.Scene(straight(2), [load(x)])
+        scene = tb.Scene(straight(2), [load(x)], plane="xz")
         native, eager = (tb.Stepper(scene, 0.05, engine=name) for name in (engine, "eager"))
         assert_close(
             native(native.rest()).velocity, eager(eager.rest()).velocity, rtol=1e-9, atol=1e-12
@@ -548,19 +546,6 @@ def test_steppers_work_in_forked_processes_and_as_pickles(auto):
     child.start()
     assert queue.get(timeout=60) == wanted
     child.join()
-
-
-def test_importing_torchbeam_imports_no_compiler():
-    code = (
-        "import sys, torchbeam as tb; scene = tb.Scene(tb.Beam.straight(1.0, 2, "
-        "tb.Section.from_stiffness(EA=1.0, GA=1.0, GJ=1.0, EI=1.0, mass=1.0, inertia=1.0))); "
-        "tb.Stepper(scene, 0.1); tb.describe(scene); print('llvmlite' in sys.modules)"
-    )
-    env = {name: value for name, value in os.environ.items() if name != "TORCHBEAM_ENGINE"}
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, env=env, timeout=120
-    )
-    assert done.stdout.strip() == "False", done.stderr
 
 
 def test_derivatives_that_native_code_has_not_are_made_eagerly_by_auto(auto):

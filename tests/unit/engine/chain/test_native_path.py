@@ -32,7 +32,7 @@ def led():
         tb.Support(-1, rotation="", displacement=(0.01, 0.0, 0.1)),
     ]
     effects = [tb.LineLoad(force=(0, 0.5, 1.0)), tb.Actuation(curvature=(0, 1.0, 0))]
-    return tb.Scene(beam(2, order=2), effects, supports=supports), {}
+    return tb.Scene(beam(2, order=2), effects, supports=supports), {"steps": 4}
 
 
 def branching():
@@ -53,7 +53,12 @@ def controlled():
 def risen(u, effects):
     """Beside gravity, from where that bends the beam."""
     bent = tb.equilibrium(tb.Scene(beam(), [DOWN]))
-    return tb.Scene(beam(), [DOWN, *effects]), {"load": "u", "inputs": {"u": u}, "initial": bent}
+    return tb.Scene(beam(), [DOWN, *effects]), {
+        "load": "u",
+        "inputs": {"u": u},
+        "initial": bent,
+        "steps": 4,
+    }
 
 
 def named():
