@@ -56,7 +56,7 @@ QUICK = dict(
     pd_sets=6,
     held_out=16,
     finer=4,
-    stride=6,
+    stride=15,
 )
 FINER = dict(elements=8, substeps=4)
 TRAINING, HELD_OUT = 1_000_000, 2_000_000  # first seeds, far apart

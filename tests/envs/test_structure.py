@@ -17,6 +17,7 @@ import pytest
 import torch
 import torchbeam_envs
 from torchbeam_envs import Actuator, BeamEnvConfig, BeamVectorEnv, Observed, Task, TipReachVectorEnv
+from torchbeam_envs.manipulator import Manipulator
 
 import torchbeam as tb
 
@@ -130,10 +131,10 @@ def test_a_configuration_is_behind_the_keywords(env):
     single = next(c for c in torchbeam_envs.SingleEnv.__subclasses__() if c.vector is env)
     for names in (set(shown), set(inspect.signature(single).parameters)):
         assert {f.name for f in fields(kind)} <= names and not names & {"keywords", "arguments"}
-    made = env(1, config=kind(elements=3, substeps=1), elements=2)
-    assert made.config == kind(
-        **SMALL, **({"randomize": made.config.randomize} if made.config.randomize else {})
-    )
+    many, few = (10, 5) if issubclass(kind, Manipulator.Config) else (3, 2)  # five segments
+    made = env(1, config=kind(elements=many, substeps=1), elements=few)
+    own = {"randomize": made.config.randomize} if made.config.randomize else {}
+    assert made.config == kind(elements=few, substeps=1, **own)
     with pytest.raises(FrozenInstanceError):
         made.config.elements = 4
     with pytest.raises(
@@ -230,15 +231,17 @@ def test_an_argument_of_reset_of_the_wrong_kind_gets_a_sentence(given, message):
             single.reset(**given)
 
 
-@pytest.mark.parametrize("task", ["TipReach", "TipTrack", "Payload", "FlutterHold", "Slew"])
+@pytest.mark.parametrize(
+    "task", ["TipReach-v0", "TipTrack-v0", "Payload-v1", "FlutterHold-v0", "Slew-v0"]
+)
 def test_a_turned_beam_does_the_same(task):
     """Without gravity, about which directions differ: along y with its section turned likewise,
     everything is turned by 90 degrees about z. Actions push along the tip's own axes, so rewards
     are the same; to the solver's tolerance.
     """
     made = dict(gravity=None, **SMALL)
-    one = gymnasium.make_vec(f"torchbeam/{task}-v0", 2, **made)
-    turned = gymnasium.make_vec(f"torchbeam/{task}-v0", 2, direction=(0.0, 1.0, 0.0), **made)
+    one = gymnasium.make_vec(f"torchbeam/{task}", 2, **made)
+    turned = gymnasium.make_vec(f"torchbeam/{task}", 2, direction=(0.0, 1.0, 0.0), **made)
     one.reset(seed=0)
     turned.reset(seed=0)
     for k in range(4):
