@@ -100,8 +100,8 @@ class Continuation:
         self, start: Configuration, steps: int, active: Tensor | None = None
     ) -> tuple[list[Attempt], Tensor, Tensor]:
         """The path from an equilibrium at factor 0, in at most so many attempts, of the `active`
-        (...) samples, None = all: the attempts, the status (...) of each sample, and whether (...)
-        it reached the end.
+        (...) samples, None = all: the attempts, the status (...) of each sample, not 0 of the
+        others, and whether (...) it reached the end.
         """
         zero = self.model.length.new_zeros(())
         shape = unmapped("the path of a load", self.loaded(zero).residual(start)[0].measure()).shape
@@ -112,9 +112,9 @@ class Continuation:
         zero_move = zero.expand(*start.position.shape[:-1], self.model.space.unknowns)
         now = self.settle(PathPoint(*start, none[..., None, None], zero_move), none - 1, None, None)
         first = None if self.control is None else self.led(start, shape)
-        status, final, leap, at, step = no.long(), no, no, none, none + self.step
-        done = no if active is None else ~active
-        record, behind = [(now, status, ~no)], now
+        still, final, leap, at, step = no.long(), no, no, none, none + self.step
+        status = still if active is None else torch.where(active, still, DIVERGED)
+        done, record, behind = no, [(now, still, ~no)], now
         for _ in range(steps):
             going = ~done & (status == 0)
             if not going.any():

@@ -160,6 +160,23 @@ def with_braces(problem: SteadyProblem, braces: Tensor | None) -> SteadyProblem:
     )
 
 
+def held_by_loads_alone(
+    whole: SteadyProblem, none: SteadyProblem, x: Configuration
+) -> Tensor | None:
+    """(...) bool: whether rigid motions that `none`, of the loads that are there at once, does not
+    hold as x stands, are held by the `whole` load: the tangent then has no inverse before it
+    acts. None = there are no rigid motions that supports leave.
+    """
+    if clamped(whole.model):
+        return None
+    with no_derivatives():
+        free = [
+            _free(problem, stressed(problem, x)[0]).diagonal(dim1=-2, dim2=-1).sum(-1).round()
+            for problem in (none, whole)
+        ]
+    return free[0] > free[1]
+
+
 class Base(NamedTuple):
     """A part that moves as a rigid one: its name, its nodes, and the one that its rotations are
     about.

@@ -31,7 +31,7 @@ from .balance_check import check_balance
 from .continuation import BRANCH_POINT, LIMIT_POINT, REGULAR, Attempt, Continuation, move_weights
 from .friction import refuse_friction
 from .internal_states import linearised
-from .mechanism import unheld
+from .mechanism import held_by_loads_alone, unheld
 
 STEP, STEPS = 0.1, 200  # of the way to a stable branch
 
@@ -198,7 +198,9 @@ def path(
     with no_derivatives():
         start = model.space.start(rest(scene) if initial is None else check_state(initial, scene))
         start = Configuration(start.position, start.rotation, start.stress)
-        loaded = LoadedProblem(model, time, given, load).braced(start).by(engine)
+        loaded = LoadedProblem(model, time, given, load)
+        loose = held_by_loads_alone(loaded(time + 1), loaded(time * 0), start)
+        loaded = loaded.braced(start).by(engine)
 
     def read(x: Configuration) -> Tensor:
         zero = torch.zeros_like(x.stress[..., 0, 0])
@@ -223,12 +225,15 @@ def path(
         if initial is not None:
             still = loaded(time.new_zeros(()))
             check_balance(linearised(still, start) if model.internal_states else still, start)
-        record, *ends = walk(start, check_count("steps", steps))
-        loose = "" if concrete(record[0][0].sound).all() else unheld(model, time, given)[1]
-        if loose:
+        steps = check_count("steps", steps)
+        record, *ends = walk(start, steps, None if loose is None else ~loose)
+        lost = ~record[0][0].sound if loose is None else loose | ~record[0][0].sound
+        if concrete(lost).any():
+            motions = unheld(model, time, given)[1] or "a rigid motion"
             warn(
-                f"the path has no beginning, for nothing holds {loose} there; a support, or loads "
-                "that stay (load= names the others) with their equilibrium as initial, are wanted"
+                f"the path has no beginning, for nothing holds {motions} there; a support, or "
+                "loads that stay (load= names the others) with their equilibrium as initial, are "
+                "wanted"
             )
         return Path.of(loaded, record, *ends)
 

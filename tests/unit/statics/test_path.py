@@ -334,3 +334,17 @@ def test_a_control_is_one_number_of_each_sample():
     )
     with pytest.raises(ValueError, match=r"a control that returns \(3,\) was given"):
         tb.path(push, control=lambda state: state.tip.position, target=1.0)
+
+
+@pytest.mark.parametrize("n", [1, 3, 8])
+def test_what_loads_alone_hold_has_no_path_from_none(n):
+    """A pinned beam under gravity hangs; with none of it nothing holds it, on any mesh."""
+    section = tb.Section.circle(0.01, 1e7, 0.3, 1e3)
+    scene = tb.Scene(
+        tb.Beam.straight(1.0, n, section, direction=(0, 0, -1.0), up=(1.0, 0, 0)),
+        [tb.Gravity((0, 0, -9.81))],
+        supports=[tb.Support(0, rotation="")],
+    )
+    with pytest.warns(RuntimeWarning, match=r"no beginning, for nothing holds the rotation about "):
+        way = tb.path(scene)
+    assert not way.reached and len(way.factor) == 1 and way.state.status[-1] != 0

@@ -255,8 +255,8 @@ class AdjointProgram(NativeProgram):
         layout.record("at_node", TURNS, self.outputs("block 0", OWN))
         layout.record("at_end", TURNS, self.largest("block", len(self.kinds.nodes), END))
         midsides.record(layout, self.functions, "blocks 0")
-        for k in self.touching:
-            layout.record("at_load", ONE, [("far", 1), *self.outputs(f"load blocks {k}")])
+        for kind in self.touching:
+            layout.record("at_load", ONE, [("far", 1), *self.outputs(f"load blocks {kind}")])
         layout.record("row", ENDS, [("ahead", w * w), ("y", w)])
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w + k))])
         change = layout.record("change", ONE, [("gap_bar", k)])
@@ -267,12 +267,12 @@ class AdjointProgram(NativeProgram):
                 for out in self.outputs(name):
                     change.add(*out)
         of_element = layout.record("of_element", ONE)
-        for k in range(len(self.kinds.elements)):
+        for kind in range(len(self.kinds.elements)):
             for name in (
-                f"element bar {k}",
-                f"finish element bar {k}",
-                f"element load bar {k}",
-                f"finish element load bar {k}",
+                f"element bar {kind}",
+                f"finish element bar {kind}",
+                f"element load bar {kind}",
+                f"finish element load bar {kind}",
             ):
                 for out in self.outputs(name) if name in self.functions else ():
                     of_element.add(*out)

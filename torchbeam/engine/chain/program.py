@@ -231,9 +231,9 @@ class ChainProgram(NativeProgram):
             "at_element", ONE, outputs("element 0", "force", "moment", "strain", "left_strain")
         )
         midsides.record(layout, self.functions, "element 0")
-        for k in self.touching:
-            layout.record("at_load", ONE, [("far", 1), *self.outputs(f"element load {k}")])
-            layout.record("sums", ONE, self.outputs(f"element load {k}", "passed"))
+        for kind in self.touching:
+            layout.record("at_load", ONE, [("far", 1), *outputs(f"element load {kind}")])
+            layout.record("sums", ONE, outputs(f"element load {kind}", "passed"))
         layout.record("row", ENDS, outputs(row, "ahead", "y"))
         layout.record(
             "at_row", ONE, [output for output in outputs(row) if output[0] not in ("ahead", "y")]
