@@ -75,8 +75,9 @@ class Touching(NoTouching):
 
     contact   the law; pair: its place among the scene's; first: whether places are on its first
               part
-    points    of each place its three nodes; shares (P, 3) of these; measure (..., P) m of the
-              beam's length, 1 of a body; which of the pieces it may touch: allowed (P, K)
+    points    of each place its three nodes; shares (..., P, 3) of these; measure (..., P) m of
+              the beam's length, 1 of a body, 0 of what a sample has fewer; which of the pieces it
+              may touch: allowed (..., P, K), 1 or 0
     pieces    of each piece its three nodes; control (K, 3, 3), ends (K, 2): see `centreline`
     radii     (..., 2) m of both
     """
@@ -97,7 +98,8 @@ class Touching(NoTouching):
         """By the spheres about pieces; all pairs where samples are seen one at a time."""
         device = motion.position.device
         points, pieces = (torch.tensor(x, device=device) for x in (self.points, self.pieces))
-        pairs = self.allowed > 0
+        pairs = concrete((self.allowed > 0).detach())
+        pairs = pairs.flatten(0, -3).any(0) if pairs.ndim > 2 else pairs
         if not all_of_them and not mapped(motion.position):
             x = concrete(motion.position.detach())
             place = (self.shares[..., None] * x[..., points, :]).sum(-2)
@@ -130,7 +132,7 @@ class Touching(NoTouching):
         """Of the pairs, whose nodes are at x (..., U, 6, 3) m, and move so, see
         `TouchingMotion`.
         """
-        law, own, nodes = self.contact, self.shares[near.point], x[..., 3:, :]
+        law, own, nodes = self.contact, self.shares[..., near.point, :], x[..., 3:, :]
         control, ends = self.control[near.piece], self.ends[near.piece] > 0
         place = (own[..., None] * x[..., :3, :]).sum(-2)
         t, within = nearest(place, nodes, control, ends)
@@ -156,7 +158,8 @@ class Touching(NoTouching):
             slip = self._slip(shares, r, apart(velocity), spin)
             rub = -law.friction[..., None, None] * p
             rub = rub * rubbing(slip, law.slip_speed[..., None, None])
-        measure = (self.measure[..., near.point] * within)[..., None]
+        allowed = self.allowed[..., near.point, near.piece]
+        measure = (self.measure[..., near.point] * allowed * within)[..., None]
         return Meeting(shares, r, norm(r) - (room - d), p, elastic, u, slip, rub, measure)
 
     def wrenches(self, meeting: Meeting) -> Tensor:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import torch
 from torch import Tensor
 
@@ -76,22 +74,22 @@ def _one(
     else:
         corners = (s.new_tensor(control_shares(len(first))) @ s[..., own, None])[..., 0]
         lengths = corners.diff(dim=-1)  # (..., n, 2), halves of what the curve begins and ends with
-        count = pair.points or _count(pair, lengths, radii)
-        t = (torch.arange(count, dtype=s.dtype, device=s.device) + 0.5) / count
-        shares = (bernstein(t) @ s.new_tensor(control_shares(len(first)))).flatten(0, 1)
+        number = _number(pair, lengths, radii)
+        count = int(concrete(number).amax())
+        t = (torch.arange(count, dtype=s.dtype, device=s.device) + 0.5) / number
+        t = t.clamp(max=1)[..., None, :]  # 1: a place that this sample has not
+        shares = (bernstein(t) @ s.new_tensor(control_shares(len(first)))).flatten(-3, -2)
         speed = 2 * (lengths[..., :1] * (1 - t) + lengths[..., 1:] * t)
-        measure = share * (speed / count).flatten(-2)
+        measure = share * (speed / number[..., None] * (t < 1)).flatten(-2)
     points = tuple(nodes for nodes in own for _ in range(count))
     allowed = s.new_ones(len(points), len(second))
     if first == second:
-        along = concrete(s.detach())[..., list(first)]
+        along = s.detach()[..., list(first)]
         away = (along[..., :, None] - along[..., None, :]).abs()
-        wanted = pair.apart * concrete(radii.detach())[..., 0]
-        away = away >= wanted[..., None, None]
-        away = away.flatten(0, -3).all(0) if away.ndim > 2 else away
+        away = away >= (pair.apart * radii.detach()[..., 0])[..., None, None]
         number = torch.arange(len(first), device=s.device)
         away = away & ((number[:, None] - number).abs() > 1)
-        allowed = away.to(s).repeat_interleave(count, 0)
+        allowed = away.to(s).repeat_interleave(count, -2)
     return Touching(
         contact=pair,
         pair=k,
@@ -107,11 +105,13 @@ def _one(
     )
 
 
-def _count(pair: ContactTerms, lengths: Tensor, radii: Tensor) -> int:
-    """Places of a piece: `DENSITY` in half of the length along which two beams touch that cross at
-    a right angle.
+def _number(pair: ContactTerms, lengths: Tensor, radii: Tensor) -> Tensor:
+    """(..., 1) places of a piece, each sample's own: `DENSITY` in half of the length along which
+    two beams touch that cross at a right angle, or as the pair says.
     """
-    d, D = (concrete(x.detach()) for x in (pair.thickness, radii.sum(-1)))
-    half = (d * (2 * D + d)).sqrt().amin()
-    longest = concrete(lengths.detach()).sum(-1).amax()
-    return max(1, math.ceil(DENSITY * float(longest / half)))
+    if pair.points:
+        return radii.new_tensor([float(pair.points)])
+    d, D = pair.thickness.detach(), radii.detach().sum(-1)
+    half = (d * (2 * D + d)).sqrt()
+    longest = lengths.detach().sum(-1).amax(-1)
+    return (DENSITY * longest / half).ceil().clamp(min=1)[..., None]

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ..core.arguments import instance, place
 from ..core.functions_of_time import shared
@@ -180,7 +181,7 @@ class ContactGap(OfContact):
 
     def read(self, state: Any) -> Tensor:
         gaps = torch.cat([touch.gap[..., 0] for _, touch in self._touches(state)], -1)
-        return gaps.amin(-1, keepdim=True)
+        return pad(gaps, (0, 1), value=torch.inf).amin(-1, keepdim=True)  # of what never touches
 
 
 @dataclass(frozen=True, eq=False, repr=False)

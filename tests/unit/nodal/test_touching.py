@@ -29,9 +29,10 @@ def crossed(contact, speed=1.0, elements=3, shift=0.01, height=2.3 * R, plane=No
     scene = tb.Scene({"lower": lower, "upper": upper}, [contact], **given)
     start = tb.rest(scene)
     lead = torch.as_tensor(speed).shape[:-2]
-    velocity = start.velocity.expand(*lead, -1, -1).clone()
+    shape = torch.broadcast_shapes((*lead, 1, 1), start.velocity.shape)
+    velocity = start.velocity.expand(shape).clone()
     velocity[..., elements + 1 :, :] = torch.tensor([0.3, 0.1, -1.0]) * speed
-    spin = start.spin.expand(*lead, -1, -1).clone()
+    spin = start.spin.expand(shape).clone()
     spin[..., elements + 1 :, :] = torch.tensor([0.0, 40.0, 0.0]) * speed
     return scene, replace(start, velocity=velocity, spin=spin)
 
@@ -181,6 +182,31 @@ def test_beam_that_touches_itself():
     assert torch.isinf(tb.sensors.ContactGap(straight)(tb.rest(straight)))
     with pytest.raises(ValueError, match="sum up to nothing"):
         tb.sensors.ContactForce(scene)
+
+
+def test_neighbours_have_no_say_where_a_sample_touches():
+    """Neither which places of a beam may touch itself, nor how many a piece is looked at in."""
+    h, turn, leg = 2.16 * R, torch.linspace(0, math.pi, 5), torch.linspace(-0.06, 0, 5)
+    x = torch.cat((leg[:-1], h * torch.sin(turn), leg.flip(0)[1:]))  # of a hairpin
+    z = torch.cat((-h + 0 * leg[1:], -h * torch.cos(turn), h + 0 * leg[1:]))
+    nodes, t = torch.stack((x, 0 * x, z), -1), torch.tensor([0.0, 2e-3])
+
+    def by_itself(radius):
+        contact = tb.SelfContact(radius=radius, thickness=2e-3, force=50.0)
+        scene = tb.Scene(tb.Beam.from_nodes(nodes, SECTION), [contact])
+        return tb.simulate(scene, t, step=1e-3, engine="eager").nodes[-1]
+
+    def across(thickness):
+        contact = tb.Contact("lower", "upper", **{**LAW, "thickness": thickness})
+        scene, start = crossed(contact, height=2.04 * R)
+        return tb.simulate(scene, t, step=1e-3, engine="eager", initial=start).state.velocity[-1]
+
+    for read, numbers in ((by_itself, [2.04 * R, 6 * R]), (across, [2e-3, 5e-4])):
+        numbers = torch.tensor(numbers)
+        alone = torch.stack([read(x) for x in numbers])
+        assert (alone[0] - alone[1]).abs().amax() > 1e-6
+        assert_close(read(numbers), alone, rtol=0, atol=1e-12)
+        assert_close(torch.vmap(read)(numbers), alone, rtol=0, atol=1e-12)
 
 
 def test_balls_collide_and_bounce():
