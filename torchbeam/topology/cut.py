@@ -32,12 +32,12 @@ class Run(NamedTuple):
 
     @property
     def manner(self) -> str:
-        """From which end its nodes are eliminated: "forward", from its first; "backward", from its
-        last, where that alone is free; "bordered", where both are next to the interface.
+        """Which of its ends is free: "forward", its first, or both, whence its nodes are eliminated
+        onwards; "backward", its last; "between", none.
         """
         if self.before is None:
             return "forward"
-        return "backward" if self.after is None else "bordered"
+        return "backward" if self.after is None else "between"
 
     @property
     def nodes(self) -> range:

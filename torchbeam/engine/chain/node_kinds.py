@@ -12,6 +12,7 @@ from torch import Tensor
 from ...nodal.conditions import ActingLoad
 from ...nodal.model import Model
 from ...topology.framework import Framework
+from .structure_order import manners_of
 
 
 class SupportKind(NamedTuple):
@@ -139,8 +140,8 @@ def without_side(field: str) -> str:
 
 class Kinds(NamedTuple):
     """Of all nodes, of all elements and of all joints; or those that there are. joints: None = the
-    nodes are those of one chain; runs: of a structure, how some of its nodes are eliminated, see
-    `Run.manner`; stretches: of tendons.
+    nodes are those of one chain; runs: of a structure, how some of its nodes are eliminated,
+    see `structure_order.manners_of`; stretches: of tendons.
     """
 
     nodes: tuple[NodeKind, ...]
@@ -163,9 +164,8 @@ class Kinds(NamedTuple):
             return cls(tuple(nodes), _of_elements(ends, loads))
         ends = (tuple(held[node] for node in own) for own in zip(*topology.elements, strict=True))
         elements = _of_elements(ends, loads)
-        manners = {run.manner for runs in topology.cut.runs for run in runs}
         joints, stretches = _of_joints(model, held), _of_stretches(model, held)
-        return cls(tuple(nodes), elements, joints, tuple(sorted(manners)), stretches)
+        return cls(tuple(nodes), elements, joints, manners_of(model), stretches)
 
     def distinct(self) -> Kinds:
         """Each once; where there are bodies alone, a kind of elements that none is of."""

@@ -21,6 +21,7 @@ TABLES = (
     "forward",
     "backward",
     "bordered",
+    "following",
     "joint_table",
     "stretch_kinds",
     "stretch_table",
@@ -34,10 +35,12 @@ COUNTS = (
     "forward_count",
     "backward_count",
     "bordered_count",
+    "following_count",
     "joint_count",
     "stretch_count",
     "entry_count",
-    "group_count",
+    "first_groups",
+    "last_groups",
 )
 # integers of an entry
 WIDTH = {
@@ -46,6 +49,7 @@ WIDTH = {
     "forward": 7,
     "backward": 7,
     "bordered": 16,
+    "following": 20,
     "joint": 2 + 2 * len(BLOCKS) + 3,
     "stretch": 5 + 2 * len((*BLOCKS, *CHAINED)) + 3,
 }
@@ -123,9 +127,11 @@ class StructureCode(ChainCode):
         return self.code.at(self.args[name], self.code.mul(k, WIDTH[table]))
 
     @contextmanager
-    def _entries(self, table: str) -> Iterator[tuple[str, list[str]]]:
+    def _entries(self, table: str, backward: bool = False) -> Iterator[tuple[str, list[str]]]:
         """Each entry: its number and its integers."""
-        with self.code.loop(0, self.args[f"{table}_count"]) as k:
+        count = self.args[f"{table}_count"]
+        given = (self.code.sub(count, 1), -1, -1) if backward else (0, count)
+        with self.code.loop(*given) as k:
             yield k, self._integers(table, k)
 
     def _integers(self, table: str, k: str) -> list[str]:

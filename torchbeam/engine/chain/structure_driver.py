@@ -2,7 +2,8 @@
 
 Balance first, of all nodes, elements and joints. Then runs of nodes between those of the interface
 are eliminated in order, from the end that is free if there is one, and leave their blocks with the
-interface's, whose system is solved by `BlockElimination`.
+interface's, whose system is solved by `BlockElimination`; runs that go on from one of its nodes are
+in between.
 """
 
 from __future__ import annotations
@@ -42,26 +43,24 @@ class StructurePasses(TendonPasses):
 
     def _eliminate(self) -> None:
         """Of what nodes, elements and joints give."""
-        code = self.code
         self._fill(self.base["matrix"], self.args["entry_count"])
         with self._entries("interface") as (p, entry):
             self._interface(p, entry)
         with self._entries("direct") as (_, (i, j, *places)):
             self._add_block(*places[:2], self.at("interface", i, "U"))
             self._add_block(*places[2:], self.at("interface", j, "L"))
-        for manner in self.kinds.runs:
-            if manner == "bordered":
-                self._bordered_runs()
-            else:
+        for manner in ("forward", "backward"):
+            if manner in self.kinds.runs:
                 self._runs(manner)
+        if "bordered" in self.kinds.runs:
+            self._bordered_runs()
         if self.kinds.joints:
             with self._entries("joint") as (k, entry):
                 self._join(k, entry)
         self._join_ties()
-        code.line(
-            f'call void @"eliminate"(ptr {self.base["matrix"]}, ptr {self.args["elimination"]}, '
-            f"i64 {self.args['group_count']})"
-        )
+        self._each_following(self._begin_following)
+        self._groups("eliminate", self.args["first_groups"])
+        self._each_following(self._following_run)
 
     def _each_joint(self, then: Callable[[str, int], None], alike: bool = False) -> None:
         """then(joint, its kind) of each; alike: the same of all kinds."""
@@ -142,6 +141,12 @@ class StructurePasses(TendonPasses):
         is_first = code.compare("eq", t, 0)
         return is_first, node, code.choose(is_first, node, code.sub(node, step))
 
+    def _groups(self, name: str, count: str, first: str | int = 0) -> None:
+        """Eliminate, or substitute, so many groups, whose table begins there."""
+        table = {"eliminate": "elimination", "substitute": "substitution"}[name]
+        table = self.code.at(self.args[table], first)
+        self.code.line(f'call void @"{name}"(ptr {self.base["matrix"]}, ptr {table}, i64 {count})')
+
     def _before(self, fields: tuple[str, ...], is_first: str, node: str) -> dict[str, str]:
         """Fields of the row before, zeros in front of the first."""
         nothing = self.at("nothing")
@@ -152,8 +157,8 @@ class StructurePasses(TendonPasses):
 
     def _runs(self, table: str) -> None:
         """Runs with a free end, from there."""
-        code, step = self.code, self.order if table == "forward" else -self.order
-        name, coupling = ("row", "L") if table == "forward" else ("row backward", "U")
+        code = self.code
+        name, coupling, step = self._direction(table)
         with self._entries(table) as (_, (first, count, p, *places)):
             with code.loop(0, count) as t:
                 is_first, node, before = self._run(first, t, step)
@@ -163,6 +168,70 @@ class StructurePasses(TendonPasses):
             with code.when(code.compare("sge", p, 0)):
                 last = code.add(first, code.mul(code.sub(count, 1), step))
                 self._leave(self.at("interface", p, coupling), last, *places)
+
+    def _each_following(
+        self, then: Callable[[str, list[str]], None], backward: bool = False
+    ) -> None:
+        """then(manner, its entry) of each run that goes on from a node which is eliminated."""
+        manners = [x for x in self.kinds.runs if x.startswith("following")]
+        if not manners:
+            return
+        code = self.code
+        with self._entries("following", backward) as (_, entry):
+            for manner in manners:
+                if len(manners) == 1:
+                    then(manner, entry)
+                    continue
+                with code.when(code.compare("eq", entry[2], 1 if manner == manners[1] else -1)):
+                    then(manner, entry)
+
+    def _begin_following(self, manner: str, entry: list[str]) -> None:
+        """What couples the node before a run to it."""
+        _, _, _, p, *places = entry
+        coupling = "U" if manner == "following forward" else "L"
+        self._add_block(*places[:2], self.at("interface", p, coupling))
+
+    def _following_run(self, manner: str, entry: list[str]) -> None:
+        """A run, from the row that groups have left, and the groups behind it."""
+        code, w, vector = self.code, self.layout.records["move"].size, self.lanes.vector
+        first, count, _, _, _, _, ahead, stride, y, q, *places, _, _ = entry
+        name, coupling, step = self._direction(manner)
+        node = code.sub(first, step)
+        to, right = (self.at("row", node, field) for field in ("ahead", "y"))
+        for k in range(w):
+            at = code.mul(stride, k)
+            self._copy_to(code.at(to, k * w, vector), self._matrix(code.add(ahead, at)), w)
+            self._copy_to(code.at(right, k, vector), self._matrix(code.add(y, at)), 1)
+        with code.loop(0, count) as t:
+            node = code.add(first, code.mul(t, step))
+            before = {f: self.at("row", code.sub(node, step), f) for f in ("ahead", "y")}
+            self._row_of(name, node, ("row", node), before)
+        last = code.add(first, code.mul(code.sub(count, 1), step))
+        self._leave(self.at("interface", q, coupling), last, *places[:4])
+        self._groups("eliminate", *places[6:])
+
+    def _follow_back(self, manner: str, entry: list[str]) -> None:
+        """The moves of such a run, and of the groups before it."""
+        code, w = self.code, self.layout.records["move"].size
+        (first, count), (solution, own, _, _, *groups) = entry[:2], entry[-6:]
+        _, _, step = self._direction(manner)
+        with code.loop(code.sub(count, 1), -1, -1) as t:
+            node = code.add(first, code.mul(t, step))
+            last = code.compare("eq", t, code.sub(count, 1))
+            after = self.at("move", self._move_of(code.add(node, step)))
+            self._back_to(
+                "back", node, {"next": code.choose(last, self._matrix(solution), after, "ptr")}
+            )
+        self._copy_to(self._matrix(own), self.at("move", self._move_of(first)), w)
+        self._groups("substitute", *groups)
+
+    def _direction(self, manner: str) -> tuple[str, str, int]:
+        """Of a run: the function of its rows, what couples the node behind it to its last, and how
+        far its nodes are apart.
+        """
+        if manner.endswith("forward"):
+            return "row", "L", self.order
+        return "row backward", "U", -self.order
 
     def _leave(self, coupling: str, last: str, *places: str) -> None:
         """What a run leaves of the interface's row next to its last node."""
@@ -221,18 +290,17 @@ class StructurePasses(TendonPasses):
 
     def _moves(self) -> None:
         code, w = self.code, self.layout.records["move"].size
-        code.line(
-            f'call void @"substitute"(ptr {self.base["matrix"]}, ptr {self.args["substitution"]}, '
-            f"i64 {self.args['group_count']})"
-        )
+        self._groups("substitute", self.args["last_groups"])
+        self._each_following(self._follow_back, backward=True)
         with self._entries("interface") as (_, (node, *_, solution)):
             self._copy_to(self.at("move", self._move_of(node)), self._matrix(solution), w)
         if self.kinds.joints:
             with self._entries("joint") as (k, (*_, solution)):
                 self._copy_to(self.at("joint_move", k), self._matrix(solution), w)
-        for table, step in (("forward", self.order), ("backward", -self.order)):
+        for table in ("forward", "backward"):
             if table not in self.kinds.runs:
                 continue
+            _, _, step = self._direction(table)
             with self._entries(table) as (_, (first, count, p, *_)):
                 free = code.compare("slt", p, 0)
                 with code.loop(code.sub(count, 1), -1, -1) as t:

@@ -6,29 +6,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from itertools import accumulate, pairwise
 
 from ...nodal.model import Model
-from ...nodal.tendon_motion import NoTendons
-from ...topology.cut import Joints
+from ...topology.cut import Run
 from ...topology.framework import Framework
 from ..compiler.block_pattern import BlockPattern
 from .joint_functions import BLOCKS
 from .layout import ENTRIES, INTERFACE, JOINTS, STRETCHES, TENDONS
+from .structure_order import Stretch, order_of, what_orders
 
 NONE = (-1, -1)  # the place of a block that is not there
-
-
-class Stretch(NamedTuple):
-    """Of a tendon: its two nodes, None = the ground; the tendon's number; whether it is its first,
-    and its last; whether its tension depends on the others.
-    """
-
-    nodes: tuple[int | None, int | None]
-    tendon: int
-    first: bool
-    last: bool
-    coupled: bool
 
 
 @dataclass(frozen=True)
@@ -43,57 +31,34 @@ class StructureTables:
 
     @staticmethod
     def of(model: Model) -> StructureTables:
-        joints = model.joints
-        held = tuple(map(int, joints.held.sum(-1))) if joints.count else ()
-        w, supported = model.space.unknowns, model.constraints.nodes
-        return _tables(model.topology, w, supported, held, _stretches(model.tendons))
-
-
-def _stretches(tendons: NoTendons) -> tuple[Stretch, ...]:
-    found, pairs = [], tendons.stretches
-    for s, (k, e) in enumerate(pairs):
-        first, last = s == 0 or pairs[s - 1][0] < k, s + 1 == len(pairs) or pairs[s + 1][0] > k
-        rope = tendons.ropes[k]
-        coupled = rope.stiffness is not None or rope.friction is not None
-        found.append(Stretch(tendons.nodes[e : e + 2], k, first, last, coupled))
-    return tuple(found)
+        return _tables(model.space.unknowns, *what_orders(model))
 
 
 @lru_cache(maxsize=64)
 def _tables(
-    framework: Framework,
     w: int,
+    framework: Framework,
     supported: tuple[int, ...],
     held: tuple[int, ...],
     stretches: tuple[Stretch, ...],
 ) -> StructureTables:
-    how, ends = framework.cut, framework.ends
+    order = order_of(framework, supported, held, stretches)
+    how, ends, own_units = framework.cut, framework.ends, order.own_units
     nodes, J = [ends[end] for end in how.interface], len(how.joints)
-    couplings = [(i, j) for _, i, j in how.direct]
     runs = [run for runs in how.runs for run in runs]
-    forward, backward, bordered = (
-        [run for run in runs if run.manner == manner]
-        for manner in ("forward", "backward", "bordered")
+    forward, backward = (
+        [run for run in runs if run.manner == manner] for manner in ("forward", "backward")
     )
-    couplings += [(run.before, run.after) for run in bordered]
-    for k, pair in enumerate(how.joints):
-        there = [place for place in pair if place is not None]
-        couplings += [(place, len(nodes) + k) for place in there]
-        couplings += [(there[0], there[1])] if len(there) == 2 else []
-    fixed = frozenset(k for k, node in enumerate(nodes) if node in supported)
-    own_units, units = {}, len(nodes) + J  # of stretches that are coupled
-    for s, stretch in enumerate(stretches):
-        there = [nodes.index(node) for node in stretch.nodes if node is not None]
-        couplings += [(there[0], there[1])] if len(there) == 2 else []
-        if stretch.coupled:
-            own_units[s] = unit = units + len(own_units)
-            couplings += [(place, unit) for place in there]
-            couplings += [] if stretch.first else [(unit - 1, unit)]
-    groups = ordered(len(nodes), how.joints, held, fixed, couplings, len(own_units))
-    groups, equation = _equations(groups, len(nodes), held, w)
+    couplings = [*order.couplings, *((run.before, run.after) for run in order.bordered)]
+    groups, equation = _equations(order.groups, len(nodes), held, w)
+    units = len(equation)
     blocks = [(equation[a], b) for pair in couplings for a, b in (pair, pair[::-1])]
     blocks += [(equation[node], node) for node in range(len(nodes))]
-    pattern = BlockPattern(w, groups, blocks)
+    # what a following run goes on from, also where the node's equation stands elsewhere
+    outer = tuple(range(units, units + len(order.following)))
+    for unit, (_, place) in zip(outer, order.following, strict=True):
+        blocks += [(place, unit), (equation[place], unit)]
+    pattern = BlockPattern(w, groups, blocks, outer)
 
     def own(place: int | None) -> tuple[int, ...]:
         if place is None:
@@ -132,6 +97,25 @@ def _tables(
             [*NONE, -1] if unit is None else [*pattern.right(unit), pattern.solution(unit)]
         )
 
+    def follow(unit: int, run: Run, place: int) -> list[int]:
+        """A run that goes on from a node which is eliminated, to the other one."""
+        onwards, last = place == run.before, run.first + run.count - 1
+        other = run.after if onwards else run.before
+        table = [ends[run.first if onwards else last], run.count, 1 if onwards else -1, place]
+        table += [*between(place, unit), *pattern.place(place, unit), pattern.right(place).first]
+        return [*table, other, *own(other), pattern.solution(other), pattern.solution(unit)]
+
+    # groups between following runs: how many, and where their tables begin
+    cuts = [
+        1 + max(g for g, group in enumerate(pattern.groups) if {place, equation[place]} & {*group})
+        for _, place in order.following
+    ]
+    cuts = [0, *cuts, len(pattern.groups)]
+    begins = [0, *accumulate(map(len, pattern.elimination))]
+    ends_of = [0, *accumulate(map(len, pattern.substitution))]
+    parts = [(b - a, begins[a]) for a, b in pairwise(cuts)]
+    back = [(b - a, ends_of[len(pattern.groups) - b]) for a, b in pairwise(cuts)]
+
     left, right = ([-1] * framework.node_count for _ in range(2))
     for e, (first, *_, last) in enumerate(zip(*framework.elements, strict=True)):
         right[first], left[last] = e, e
@@ -160,7 +144,7 @@ def _tables(
         ],
         "bordered": [
             x
-            for run in bordered
+            for run in order.bordered
             for x in (
                 ends[run.first],
                 run.count,
@@ -172,21 +156,28 @@ def _tables(
                 *between(run.after, run.before),
             )
         ],
+        "following": [
+            x
+            for k, (run, place) in enumerate(order.following)
+            for x in (*follow(outer[k], run, place), *parts[k + 1], *back[k])
+        ],
         "joint_table": [x for k in range(J) for x in joint(k)],
         "stretch_table": [x for s in range(len(stretches)) for x in stretch(s)],
-        "elimination": pattern.elimination,
-        "substitution": pattern.substitution,
+        "elimination": [x for group in pattern.elimination for x in group],
+        "substitution": [x for group in pattern.substitution for x in group],
     }
     numbers = {
         "interface_count": len(nodes),
         "direct_count": len(how.direct),
         "forward_count": len(forward),
         "backward_count": len(backward),
-        "bordered_count": len(bordered),
+        "bordered_count": len(order.bordered),
         "joint_count": J,
         "stretch_count": len(stretches),
         "entry_count": pattern.size,
-        "group_count": len(pattern.groups),
+        "following_count": len(order.following),
+        "first_groups": parts[0][0],
+        "last_groups": back[-1][0],
     }
     rows = {JOINTS: J, INTERFACE: len(nodes), ENTRIES: pattern.size}
     rows |= {STRETCHES: len(stretches), TENDONS: len({x.tendon for x in stretches})}
@@ -209,89 +200,3 @@ def _equations(
         else:
             parts.append(group)
     return parts, equation
-
-
-def ordered(
-    nodes: int,
-    joints: Joints,
-    held: tuple[int, ...],
-    fixed: frozenset[int],
-    couplings: list[tuple[int, int]],
-    stretches: int = 0,
-) -> tuple[tuple[int, ...], ...]:
-    """Groups of units, the nodes of the interface and behind them the joints, in the order in which
-    they are eliminated where every node has inertia, or a joint that keeps it from turning. Units
-    of stretches, which come last, are each a group.
-
-    Joints make trees, whose roots are the ground and what supports hold. A node and the joint by
-    which it hangs on its tree are one group, behind those that hang on it: whatever is fixed
-    elsewhere, they have a solution. Joints that close loops come last, together. Of what may come
-    next, what couples to the least does.
-    """
-    parent = _trees(nodes, joints, held, fixed)
-    hanging = {joint: node for node, joint in parent.items()}
-    behind = {
-        node: (node,) + ((nodes + parent[node],) if node in parent else ()) for node in range(nodes)
-    }
-    alone = range(nodes + len(joints), nodes + len(joints) + stretches)
-    behind |= {unit: (unit,) for unit in alone}
-    waits: dict[int, set[int]] = {node: set() for node in (*range(nodes), *alone)}
-    for joint, node in hanging.items():
-        other = next((x for x in joints[joint] if x is not None and x != node), None)
-        if other is not None:
-            waits[other].add(node)
-    loops = tuple(nodes + k for k in range(len(joints)) if k not in hanging)
-    near: dict[int, set[int]] = {unit: set() for unit in range(nodes + len(joints) + stretches)}
-    for one, other in couplings:
-        near[one].add(other)
-        near[other].add(one)
-    groups, left = [], {*range(nodes), *alone}
-    while left:
-
-        def reach(node: int) -> set[int]:
-            return set().union(*(near[unit] for unit in behind[node])) - set(behind[node])
-
-        node = min(
-            (node for node in left if not waits[node] & left),
-            key=lambda node: (len(reach(node)), node),
-        )
-        around = reach(node)
-        for unit in around:
-            near[unit] = (near[unit] | around) - {unit, *behind[node]}
-        groups.append(behind[node])
-        left.remove(node)
-    return (*groups, *((loops,) if loops else ()))
-
-
-def _trees(
-    nodes: int, joints: Joints, held: tuple[int, ...], fixed: frozenset[int]
-) -> dict[int, int]:
-    """By which joint a node hangs on the tree that it is in: those that hold more come first."""
-    ground = nodes
-    tree: dict[int, list[tuple[int, int]]] = {k: [] for k in range(nodes + 1)}
-    root = {k: ground if k in fixed else k for k in range(nodes + 1)}
-
-    def rooted(k: int) -> int:
-        return k if root[k] == k else rooted(root[k])
-
-    for k in sorted(range(len(joints)), key=lambda k: -held[k]):
-        a, b = (ground if node is None or node in fixed else node for node in joints[k])
-        if rooted(a) != rooted(b):
-            root[rooted(a)] = rooted(b)
-            tree[a].append((b, k))
-            tree[b].append((a, k))
-    parent: dict[int, int] = {}
-    seen = {ground, *fixed}
-    for start in (ground, *sorted(range(nodes), key=lambda node: -len(tree[node]))):
-        if start in seen and start != ground:
-            continue
-        seen.add(start)
-        todo = [start]
-        while todo:
-            node = todo.pop()
-            for other, k in tree[node]:
-                if other not in seen:
-                    seen.add(other)
-                    parent[other] = k
-                    todo.append(other)
-    return parent

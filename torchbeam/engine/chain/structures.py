@@ -29,9 +29,9 @@ def of_rows(
     transposed: bool = False,
 ) -> dict[str, Function]:
     """Rows beside those of a chain: those of the interface, and of runs that are eliminated
-    `backward`, from the last node on, or are `bordered`, between two nodes of the interface.
-    packed: takes what nodes and elements give as they give it; row: fields of a row; around: those
-    of what supports hold, None = there are none.
+    `backward`, from the last node on, or are `bordered`, between two nodes of the interface that
+    are eliminated later. packed: takes what nodes and elements give as they give it; row: fields of
+    a row; around: those of what supports hold, None = there are none.
     """
     w, functions = local.model.space.unknowns, {}
     of_run = local.transposed_row if transposed else local.row
@@ -48,7 +48,7 @@ def of_rows(
         functions |= {
             f"held {name}" if held else name: packed(traced(function, shapes | more))
             for name, (function, shapes) in rows.items()
-            if name == "interface" or name.removeprefix("row ") in runs
+            if name == "interface" or any(run.endswith(name.removeprefix("row ")) for run in runs)
         }
     if "bordered" in runs:
         back = {"ahead": (w, w), "y": (w,), "next": (w,), "side": (w, w), "first": (w,)}

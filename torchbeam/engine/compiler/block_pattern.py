@@ -30,14 +30,20 @@ class Place(NamedTuple):
 
 class BlockPattern:
     """Of units of w unknowns; groups: in the order in which they are eliminated, each unit in one
-    of them; blocks: (row, column) units of those that there are, beside those within a group.
+    of them; blocks: (row, column) units of those that there are, beside those within a group;
+    outer: units that are solved elsewhere, before the groups that couple to them, and have no rows
+    here.
     """
 
     def __init__(
-        self, w: int, groups: Iterable[tuple[int, ...]], blocks: Iterable[tuple[int, int]]
+        self,
+        w: int,
+        groups: Iterable[tuple[int, ...]],
+        blocks: Iterable[tuple[int, int]],
+        outer: tuple[int, ...] = (),
     ) -> None:
         self.w, self.groups = w, tuple(groups)
-        self._group = {unit: g for g, group in enumerate(self.groups) for unit in group}
+        self._group = {unit: g for g, group in enumerate((*self.groups, outer)) for unit in group}
         rows: list[set[int]] = [set() for _ in self.groups]
         columns: list[set[int]] = [set() for _ in self.groups]
 
@@ -52,7 +58,7 @@ class BlockPattern:
         for g in range(len(self.groups)):  # each couples those that are left to each other
             for row, column in product(rows[g], columns[g]):
                 add(row, column)
-        order = [unit for group in self.groups for unit in group]
+        order = [unit for group in (*self.groups, outer) for unit in group]
         self.rows, self.columns = (
             tuple(tuple(unit for unit in order if unit in units) for units in behind)
             for behind in (rows, columns)
@@ -94,13 +100,13 @@ class BlockPattern:
         return self.w * (len(self.groups[g]) + len(self.columns[g])) + 1
 
     @cached_property
-    def elimination(self) -> list[int]:
-        """Table of `block_elimination.eliminate`: of each group its rows, its columns, where its
-        panel lies, and how many products are subtracted; of each of these, where it is subtracted
-        from and how far the rows there are apart, where its first factor lies, which columns of the
+    def elimination(self) -> list[list[int]]:
+        """Table of `block_elimination.eliminate`, by group: its rows, its columns, where its panel
+        lies, and how many products are subtracted; of each of these, where it is subtracted from
+        and how far the rows there are apart, where its first factor lies, which columns of the
         panel are the second, and how many.
         """
-        table: list[int] = []
+        table: list[list[int]] = []
         for g, group in enumerate(self.groups):
             n, products = self.w * len(group), []
             for k, row in enumerate(self.rows[g]):
@@ -112,19 +118,19 @@ class BlockPattern:
                     products += [*place, first, at, count]
                     at += count
             count = len(products) // 5
-            table += [n, self._stride(g), self._panels[g], count, *products]
+            table.append([n, self._stride(g), self._panels[g], count, *products])
         return table
 
     @cached_property
-    def substitution(self) -> list[int]:
-        """Table of `block_elimination.substitute`: from the last group to the first its rows, its
-        columns, where its panel lies, how many units there are behind it, of each row of the group
-        where its solution goes, and where those of the units behind it are.
+    def substitution(self) -> list[list[int]]:
+        """Table of `block_elimination.substitute`, by group, from the last to the first: its rows,
+        its columns, where its panel lies, how many units there are behind it, of each row of the
+        group where its solution goes, and where those of the units behind it are.
         """
-        table: list[int] = []
+        table: list[list[int]] = []
         for g in reversed(range(len(self.groups))):
             group, units = self.groups[g], self.columns[g]
-            table += [self.w * len(group), self._stride(g), self._panels[g], len(units)]
-            table += [self.solution(unit) + k for unit in group for k in range(self.w)]
-            table += [self.solution(unit) for unit in units]
+            own = [self.w * len(group), self._stride(g), self._panels[g], len(units)]
+            own += [self.solution(unit) + k for unit in group for k in range(self.w)]
+            table.append(own + [self.solution(unit) for unit in units])
         return table

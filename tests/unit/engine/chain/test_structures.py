@@ -4,11 +4,15 @@ Tolerances: forces and rates are what rounding of positions leaves of them, 1e-1
 stiffness of 1e4 N/m or over a step; the eager elimination orders its sums otherwise.
 """
 
+import random
+
 import pytest
 import torch
 
 import torchbeam as tb
-from torchbeam.engine.chain.structure_tables import ordered
+from torchbeam.engine.chain.structure_order import order_of, ordered
+from torchbeam.topology.cut import cut
+from torchbeam.topology.framework import Framework
 
 NUMBERS = dict(EI=1.2, force=[0.3, 0.0, 0.2], stiffness=0.5, mass=0.3)
 CORNERS = [(0.0, 0, 0), (1.0, 0, 0), (1.0, 0, 1.0), (0.0, 0, 1.0)]
@@ -120,18 +124,35 @@ def bodies(EI, force, stiffness, mass):
     return tb.Scene(parts, loads, joints=joints, plane="xz")
 
 
+def tree(EI, force, stiffness, mass):
+    """Beams on a hinge on the ground, listed so that a run goes on from either of its ends."""
+    own, up = section(EI), (0, 1, 0)
+    parts = {
+        "fore": tb.Beam.straight(0.5, 3, own, root=(0.5, 0, 0), direction=(0, 0, 1), up=up),
+        "arm": tb.Beam.straight(0.5, 3, own, up=up),
+        "hand": tb.Beam.straight(0.5, 2, own, root=(0.25, 0, 0.5), up=up),
+    }
+    joints = [
+        tb.Hinge(None, ("arm", 0), axis=(0, 1, 0), stiffness=stiffness),
+        tb.Weld(("arm", -1), ("fore", 0)),
+        tb.Hinge(("fore", -1), ("hand", 1), axis=(0, 1, 0), torque=tb.Input("motor", 1)),
+    ]
+    loads = [tb.Gravity((0, 0, -9.81)), tb.PointLoad(("hand", -1), force=force)]
+    loads.append(tb.PointMass(mass, node=("hand", 0)))
+    return tb.Scene(parts, loads, joints=joints, plane="xz")
+
+
 CASES = {
+    "tree": tree,
     "plane": lambda **numbers: ring(**numbers, plane="xz"),
     "arm": arm,
     "ring": ring,
     "quadratic": quadratic,
     "bodies": bodies,
 }
+SHORT = "plane", "tree", "bodies"
 # others are the same code in other places
-CASES_LONG = [
-    pytest.param(case, marks=() if case in ("plane", "bodies") else pytest.mark.long)
-    for case in CASES
-]
+CASES_LONG = [pytest.param(case, marks=() if case in SHORT else pytest.mark.long) for case in CASES]
 
 
 def run(case, engine, numbers, **options):
@@ -182,7 +203,7 @@ def test_gradients_are_the_eager_ones(case):
     """Of a random functional of all fields of all states; 1e-9 of each. In a plane and of bodies
     alone with the energy conserved, to which joints add.
     """
-    conserve = case in ("plane", "bodies")
+    conserve = case in SHORT
 
     def gradients(engine):
         numbers = {name: torch.tensor(x, requires_grad=True) for name, x in NUMBERS.items()}
@@ -205,8 +226,33 @@ def test_order_of_elimination():
     """
     joints = ((0, 1), (2, 3), (3, 0))
     couplings = [(1, 2), (0, 4), (1, 4), (0, 1), (2, 5), (3, 5), (2, 3)]
-    groups = ordered(4, joints[:2], (6, 6), frozenset({0}), couplings)
+    groups, _ = ordered(4, joints[:2], (6, 6), frozenset({0}), couplings)
     assert sorted(unit for group in groups for unit in group) == list(range(6))
     assert (1, 4) in groups and any({2, 3} & set(group) and 5 in group for group in groups)
-    closed = ordered(4, joints, (6, 6, 5), frozenset({0, 1}), [*couplings, (3, 6), (0, 6)])
+    closed, _ = ordered(4, joints, (6, 6, 5), frozenset({0, 1}), [*couplings, (3, 6), (0, 6)])
     assert closed[-1] == (4,) and not any(4 in group for group in closed[:-1])
+
+
+def test_trees_have_no_borders():
+    """However their beams are listed and welded at their ends and in their middles, runs of trees
+    go on from nodes that are eliminated before; of a loop, some do not.
+    """
+    draw = random.Random(4)
+    for beams in (2, 3, 6, 9):
+        numbers = draw.sample(range(beams), beams)  # of each beam in the list
+        chains = tuple(draw.randint(2, 4) for _ in range(beams))
+        starts = Framework(1, chains).starts
+
+        def node(k, starts=starts, chains=chains, numbers=numbers):
+            beam = numbers[k]
+            return starts[beam] + draw.choice((0, 1, chains[beam]))
+
+        joints = tuple((node(draw.randrange(k)), node(k)) for k in range(1, beams))
+        order = order_of(Framework(1, chains, joints=joints), (), (6,) * len(joints), ())
+        assert not order.bordered
+        between = sum(
+            run.manner == "between" for runs in cut(chains, 0, joints).runs for run in runs
+        )
+        assert len(order.following) == between
+    ring = tuple((3 * k + 2, 3 * (k + 1) % 12) for k in range(4))
+    assert order_of(Framework(1, (2,) * 4, joints=ring), (), (6,) * 4, ()).bordered
