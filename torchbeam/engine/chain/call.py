@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from ...nodal.model import Model
+from .cells import Cells
 from .chain_code import POINTERS
 from .layout import counts
 from .native import NativeProgram
@@ -43,25 +44,26 @@ class Field(NamedTuple):
 
 
 class Chain:
-    """A model with nodes and elements of these kinds in the memory of a program. free (N+1, w)
-    bool: what supports leave of the nodes.
+    """A model with nodes and elements of these kinds in the memory of a program, or, cell by cell,
+    a lane each, one of its cells. free (N+1, w) bool: what supports leave of the nodes.
     """
 
-    def __init__(self, program: NativeProgram, model: Model, kinds: Kinds) -> None:
-        self.program, self.dtype = program, model.length.dtype
-        self.N, self.supports, self.free = (
-            model.scene.beam.element_count,
-            model.constraints.nodes,
-            model.constraints.moving,
-        )
-        records, order, nodes = program.layout.records, program.order, range(model.node_count)
-        tables = None if kinds.joints is None else StructureTables.of(model)
+    def __init__(
+        self, program: NativeProgram, model: Model, kinds: Kinds, cells: Cells | None = None
+    ) -> None:
+        self.program, self.dtype, self.cells = program, model.length.dtype, cells
+        self.free = model.constraints.moving
+        topology, self.supports = model.topology, model.constraints.nodes
+        if cells is not None:
+            topology, self.supports, kinds = cells.framework, cells.supports, cells.kinds
+        self.N = topology.element_count
+        records, order, nodes = program.layout.records, program.order, range(topology.node_count)
+        tables = None if kinds.joints is None else StructureTables.of(model, cells)
         more = {} if tables is None else tables.rows
         self.counts = counts(order, len(nodes), self.N, len(self.supports), **more)
         bases, self.size = program.layout.bases(self.counts)
         self.base = dict(zip(records, bases, strict=True))
         support_of = [self.supports.index(j) if j in self.supports else -1 for j in nodes]
-        topology = model.topology
         ends = range(0, len(nodes), order) if tables is None else {*topology.ends}
         near = [
             int(any(i in self.supports for i in (j - order, j, j + order) if j in ends or i == j))
@@ -89,8 +91,38 @@ class Chain:
         return self.counts[self.program.layout.records[record].rows]
 
     def lanes(self, samples: int) -> int:
-        """As this processor has them; one for a sample alone."""
-        return 1 if samples == 1 else self.program.lanes()
+        """As this processor has them; one for a sample alone, or as many as it has cells."""
+        if self.cells is None:
+            return 1 if samples == 1 else self.program.lanes()
+        count = self.cells.count * max(1, min(samples, self.program.lanes() // self.cells.count))
+        return 1 << (count - 1).bit_length()
+
+    def pays(self, samples: int) -> bool:
+        """Whether its cells take fewer registers than one after the other, a sample a lane."""
+        lanes, own = self.lanes(samples), self.program.lanes()
+        groups = -(-samples // (lanes // self.lanes_each))
+        return groups * max(1, lanes // own) < self.lanes_each * -(-samples // own)
+
+    @property
+    def lanes_each(self) -> int:
+        """Of a sample."""
+        return 1 if self.cells is None else self.cells.count
+
+    def segments(self, record: str) -> list[tuple[int, int, int, int]]:
+        """Rows of a record that follow each other: the first, how many; which the first one is in
+        the tensors' rows, and how far that of the next cell is.
+        """
+        count = self.rows(record)
+        sort = self.program.layout.records[record].rows
+        if self.cells is None or sort not in self.cells.rows:
+            return [(0, count, 0, 0)]
+        found: list[list[int]] = []
+        for k, (there, cell) in enumerate(self.cells.rows[sort]):
+            if found and found[-1][3] == cell and found[-1][2] + found[-1][1] == there:
+                found[-1][1] += 1
+            else:
+                found.append([k, 1, there, cell])
+        return [tuple(own) for own in found]
 
     def taken(self, lanes: int) -> Tensor:
         """A block of memory, to be given back after the call."""
@@ -121,9 +153,9 @@ class TransferTable:
         self.chain, self.batch = chain, batch
         self.held: list[Tensor] = []
         # of those that vary, and of constants: (which integer, which of these fields, itself where
-        # it is copied)
-        self.places: list[tuple[int, int, Field | None]] = []
-        self.constants: list[tuple[int, int, Field | None]] = []
+        # it is copied, bytes from its first number)
+        self.places: list[tuple[int, int, Field | None, int]] = []
+        self.constants: list[tuple[int, int, Field | None, int]] = []
         rows: list[int] = []
         for k, field in enumerate(fields):
             if chain.has(field.record, field.name):
@@ -135,10 +167,11 @@ class TransferTable:
                         else None
                     )
                     places, first = (self.places, 0) if k < varying else (self.constants, varying)
-                    places.append((len(rows), k - first, copied))
+                    for n, offset in enumerate(self._offsets(field, x)):
+                        places.append((len(rows) + n * len(ENTRY), k - first, copied, offset))
                 else:
                     self.held.append(x)
-                rows += self._row(field, x)
+                rows += self._rows(field, x)
         self.count, self.rows = len(rows) // len(ENTRY), _integers(rows)
 
     def holding(self, constants: Sequence[Tensor]) -> TransferTable:
@@ -156,17 +189,17 @@ class TransferTable:
 
     def _fill(
         self,
-        places: list[tuple[int, int, Field | None]],
+        places: list[tuple[int, int, Field | None, int]],
         rows: Any,
         values: Sequence[Tensor],
         held: list[Any],
     ) -> None:
-        for place, k, copied in places:
+        for place, k, copied, offset in places:
             x = values[k]
             if copied is not None:
                 x = self._fitted(copied, x)
                 held.append(x)
-            rows[place] = x.data_ptr()
+            rows[place] = x.data_ptr() + offset
 
     def _fitted(self, field: Field, x: Tensor) -> Tensor:
         """The tensor as (steps, samples, rows, components), the components one after the other in
@@ -189,24 +222,27 @@ class TransferTable:
         x = x.reshape(steps, samples, rows, components)
         return x.contiguous() if components > 1 and x.stride(-1) != 1 else x
 
-    def _row(self, field: Field, x: Tensor) -> tuple[int, ...]:
-        chain = self.chain
+    def _rows(self, field: Field, x: Tensor) -> list[int]:
+        """Entries of a field, see `Chain.segments`."""
+        chain, table = self.chain, []
         record = chain.program.layout.records[field.record]
         first, components = record.fields[field.name]
         step, sample, row = (
             0 if n == 1 else stride for n, stride in zip(x.shape[:3], x.stride()[:3], strict=True)
         )
-        return (
-            x.data_ptr(),
-            sample,
-            step,
-            field.every,
-            row,
-            chain.rows(field.record),
-            components,
-            chain.base[field.record] + first,
-            record.size,
-        )
+        offsets = self._offsets(field, x)
+        for offset, own in zip(offsets, chain.segments(field.record), strict=True):
+            begin, count, _, cell = own
+            table += [x.data_ptr() + offset, sample, step, field.every, row, count]
+            place = chain.base[field.record] + first + begin * record.size
+            table += [components, place, record.size, row * cell]
+        return table
+
+    def _offsets(self, field: Field, x: Tensor) -> list[int]:
+        """Where the first number of each entry lies, in bytes from the tensor's first."""
+        row = 0 if x.shape[2] == 1 else x.stride(2)
+        segments = self.chain.segments(field.record)
+        return [first * row * x.element_size() for _, _, first, _ in segments]
 
 
 class Arguments(NamedTuple):
@@ -225,7 +261,7 @@ class Call:
     def __init__(self, chain: Chain, batch: torch.Size, K: int, lanes: int | None = None) -> None:
         self.chain, self.batch, self.K, self.B = chain, batch, K, batch.numel()
         self.lanes = lanes or chain.lanes(self.B)
-        self.groups = -(-self.B // self.lanes)
+        self.groups = -(-self.B // (self.lanes // chain.lanes_each))
         self.place = {name: k for k, name in enumerate(chain.program.driver.ARGS)}
         self.tables: dict[str, TransferTable] = {}
         self._arguments: list[Arguments] = []  # that no call uses
@@ -274,7 +310,7 @@ class Call:
             self.tables[name].fill(arguments.tables[name], tensors, held)
         if "limit" in place:
             numbers[place["limit"]] = limit
-        run = self.chain.program.run(self.lanes)
+        run = self.chain.program.run(self.lanes, self.chain.lanes_each)
         work = self.B * max(self.chain.N, 1) * self.K
         threads = min(torch.get_num_threads(), self.groups, work // WORK)
         if threads < 2:

@@ -35,7 +35,9 @@ class ChainCode:
         layout: Layout,
         kinds: Kinds,
         held: bool,
+        cells: int = 1,
     ) -> None:
+        self.cells = cells  # lanes of a sample
         self.module, self.functions, self.layout, self.kinds, self.held = (
             module,
             functions,
@@ -63,7 +65,7 @@ class ChainCode:
             begin = code.mul(code.load(code.at(pointer["bases"], k)), self.bytes)
             self.base[name] = code.at(pointer["memory"], begin, "i8")
         with code.loop(self.args["first_group"], self.args["end_group"]) as group:
-            self._group(code.mul(group, self.lanes.count))
+            self._group(code.mul(group, self.lanes.count // self.cells))
         chain = code.text().replace(") nounwind", ") noinline nounwind", 1)
         return "\n\n".join((*self._loops(), chain, flushing("run", "chain")))
 
@@ -186,6 +188,11 @@ class ChainCode:
     def _odd(self, v: str) -> str:
         """Which of two records that take turns is that of end v."""
         return self.code.new(f"and i64 {v}, 1")
+
+    def _over_cells(self, how: str, to: str, size: str | int = 1) -> None:
+        """The "sum", the "largest" or the "least" of numbers over the cells of a sample, in each of
+        its lanes: of a chain there is one.
+        """
 
     # Pieces
 
@@ -414,5 +421,5 @@ class ChainCode:
             over("add", ["to", "source"], load.format("%a", "{to}"), load.format("%b", "{source}"),
                  f"%s = fadd {V} %a, %b", f"store {V} %s, ptr {{to}}, {align}"),
             each.text().replace("define void", "define internal void"),
-            *Transfers(self.lanes).functions()]
+            *Transfers(self.lanes, self.cells).functions()]
         # fmt: on

@@ -21,15 +21,17 @@ from ...state.state import State
 from ..compiler.trace import NotTraceable
 from .alpha_functions import AlphaFunctions
 from .call import Chain, Field, made_like
+from .cells import cells_of
 from .chain_constants import Trees
 from .conserving_functions import ConservingFunctions
 from .constants import Constants
 from .cotangents import FORCES, Adjoint, Differentiated
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
-from .node_kinds import kinds_of
+from .node_kinds import Kinds, kinds_of
 from .program import NOTHING, StepProgram, adjoint_of, program_of
 from .step_structure import FORMS, Form, StepStructure, keep_structure, key_of, known_structure
+from .structure_order import what_orders
 from .user_functions import by_function, by_sample, known
 
 # by the method, and whether it conserves energy
@@ -132,7 +134,25 @@ class CompiledStep:
             raise NotTraceable(
                 "a function of the motion writes to what it reads; one without memory is wanted"
             )
-        return StepStructure(program, model, kinds, trees, values, self.constants.asks), trees
+        by_cells = self._by_cells(program, kinds, trees)
+        return StepStructure(
+            program, model, kinds, trees, values, self.constants.asks, by_cells
+        ), trees
+
+    def _by_cells(self, program: StepProgram, kinds: Kinds, trees: Trees) -> Chain | None:
+        """The model cell by cell, where it has any and nothing else couples them."""
+        alone = self.batch.numel() < program.lanes()
+        if kinds.joints is None or self.around is None or not alone:
+            return None
+        if "energy" in program.layout.records:
+            return None
+        *_, held, _ = what_orders(self.model)
+        cells = cells_of(self.model.topology, kinds, self.model.constraints.nodes, held)
+        if cells is None:
+            return None
+        held = bool(self.model.constraints.nodes)
+        own = program_of(self.local(trees), cells.kinds, held, self.around)
+        return Chain(own, self.model, kinds, cells)
 
     def local(self, trees: Trees) -> LocalFunctions:
         """What programs are traced of."""

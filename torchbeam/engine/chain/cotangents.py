@@ -148,7 +148,8 @@ class Adjoint:
     def _backward(self, fields: list[Field], start: Sequence[Tensor]) -> Backward:
         """The call with such fields, which are other tensors each time."""
         chain, known = self.chain, [*self.changing, *self.constant]
-        call = Call(chain, self.call.batch, self.call.K, self.call.lanes)
+        lanes = None if self.call.chain.cells else self.call.lanes
+        call = Call(chain, self.call.batch, self.call.K, lanes)
         outputs: dict[int, Field] = {}
         stepwises: dict[int, Field] = {}
         for k in self.wanted:

@@ -374,6 +374,7 @@ class Driver(ChainCode):
             with code.when(code.compare("eq", j, 0)):
                 self._copy_to(cosine, self.at("change", 0, "cosine"), 1)
             code.call("least", cosine, self.at("change", 0, "cosine"))
+        self._over_cells("least", cosine)
         places = {"before": "last_status", "> status": "found_status", "> moving": "good"}
         self._call(
             "outcome",
@@ -387,7 +388,8 @@ class Driver(ChainCode):
         )
         for name, source in (("last_status", "found_status"), ("moving", "good")):
             self._copy_to(self.at("sample", 0, name), self.at("sample", 0, source), 1)
-        good = self.at("sample", 0, "good")
+        good, work = self.at("sample", 0, "good"), self.at("sample", 0, "work")
+        self._begin_work()
         if "energy" in records:
             self._fill(self.at("energy"), records["energy"].size)
         if "finish element 0" in self.functions:
@@ -422,11 +424,19 @@ class Driver(ChainCode):
                     )
             for name, (_, size) in records["state"].fields.items():
                 self._take(self.at("state", j, name), self.at("change", 0, name), good, size)
-            self._sum(self.at("sample", 0, "work"), self.at("change", 0, "work"), good, 1)
+            self._sum(work, self.at("change", 0, "work"), self._counted(good, j, "own_nodes"), 1)
             self._add_energies()
+        self._over_cells("sum", work)
         if "energy" in records:
             self._project(good)
         self._keep_forces(good)
+
+    def _begin_work(self) -> None:
+        """Before what a step adds to the work of a sample."""
+
+    def _counted(self, good: str, row: str, own: str) -> str:
+        """What has gone well."""
+        return good
 
     def _finish_element_load(self, e: str, good: str) -> None:
         """Work of the loads between the nodes of element e."""

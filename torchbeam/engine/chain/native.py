@@ -69,7 +69,7 @@ class NativeProgram:
         self.key, self.seconds = key, 0.0
         self.order, self.sides = local.order, local.sides
         self.w, self.k = local.model.space.unknowns, local.order * local.model.space.dims.strain
-        self._libraries: dict[int, Any] = {}
+        self._libraries: dict[Any, Any] = {}
         self._untraced: LocalFunctions | None = local
         layout = None if key is None else stored_layout(key)
         if layout is None:
@@ -102,22 +102,24 @@ class NativeProgram:
     def _layout(self) -> Layout:
         raise NotImplementedError
 
-    def run(self, lanes: int) -> Callable[[Any], None]:
-        """The native function for so many lanes: it takes an array of its arguments, see
-        `ChainCode.ARGS`. Raises NotCompiled where the compiler fails.
+    def run(self, lanes: int, cells: int = 1) -> Callable[[Any], None]:
+        """The native function for so many lanes, of which each sample has as many as it has cells:
+        it takes an array of its arguments, see `ChainCode.ARGS`. Raises NotCompiled where the
+        compiler fails.
         """
-        if lanes not in self._libraries:
+        form = lanes if cells == 1 else (lanes, cells)
+        if form not in self._libraries:
             begin = time.perf_counter()
             try:
                 library = Library(
-                    partial(self.text, lanes),
+                    partial(self.text, lanes, cells),
                     ObjectCache(),
-                    None if self.key is None else f"{self.key} {lanes}",
+                    None if self.key is None else f"{self.key} {form}",
                 )
             except Exception as error:
                 raise NotCompiled(f"{type(error).__name__}: {error}") from error
             function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(library.address("run"))
-            self._libraries[lanes] = library, function
+            self._libraries[form] = library, function
             LOG.info(
                 "%s for %d sample(s) at once: traced in %.2f s, %s in %.2f s",
                 type(self).__name__,
@@ -126,19 +128,19 @@ class NativeProgram:
                 "compiled" if library.compiled else "loaded",
                 time.perf_counter() - begin,
             )
-        return self._libraries[lanes][1]
+        return self._libraries[form][1]
 
     def lanes(self) -> int:
         """As many samples as a register of this processor holds."""
         return vector_bytes() // torch.empty((), dtype=self.dtype).element_size()
 
-    def text(self, lanes: int) -> str:
+    def text(self, lanes: int, cells: int = 1) -> str:
         """What the compiler gets."""
         module = Module(lanes, self.dtype)
         for name, function in self.functions.items():
             module.define(name, function, inline=function.operations() <= SMALL)
         module.added.append(
-            self.driver(module, self.functions, self.layout, self.kinds, self.held).text()
+            self.driver(module, self.functions, self.layout, self.kinds, self.held, cells).text()
         )
         return module.text()
 

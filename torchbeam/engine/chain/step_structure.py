@@ -41,7 +41,7 @@ class Form(NamedTuple):
 class StepStructure:
     """Of the trees of a model's constants, which `values` by name are in, each a tensor of its own:
     those of a step, the other fields hold for all steps. asks: whether values are evaluated at a
-    time in torch.
+    time in torch; by_cells: the model's chain cell by cell, None = it has none.
     """
 
     def __init__(
@@ -52,8 +52,10 @@ class StepStructure:
         trees: Trees,
         values: dict[str, Tensor],
         asks: bool,
+        by_cells: Chain | None = None,
     ) -> None:
         self.program, self.kinds, self.chain = program, kinds, Chain(program, model, kinds)
+        self.by_cells = by_cells
         self.state = state_fields(program)
         self.axes = {name: 0 if name in program.sample_state else 2 for name in self.state}
         names = {id(x): name for name, x in values.items()}
@@ -160,7 +162,10 @@ class StepStructure:
         batch = broadcast_shapes(
             *(lead if K is None else lead[len(lead) > dims :] for lead in leads)
         )
-        call = Call(self.chain, batch, K or 1, lanes)
+        chain = self.chain
+        if lanes is None and self.by_cells and self.by_cells.pays(batch.numel()):
+            chain = self.by_cells
+        call = Call(chain, batch, K or 1, lanes)
         axes, own = moving.ndim or state["work"].ndim, batch
         if K is not None and batch[: dims - axes].numel() == 1:
             own = batch[dims - axes :]

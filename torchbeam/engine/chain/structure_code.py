@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from ..compiler.block_elimination import BlockElimination
+from .cell_sums import CellSums
 from .chain_code import POINTERS, ChainCode
 from .joint_functions import BLOCKS
 from .node_kinds import SIDES
@@ -41,6 +42,14 @@ COUNTS = (
     "entry_count",
     "first_groups",
     "last_groups",
+    "last_table",
+    "shared_groups",
+    "shared_table",
+    "shared_first",
+    "shared_size",
+    "own_nodes",
+    "own_interface",
+    "own_joints",
 )
 # integers of an entry
 WIDTH = {
@@ -65,7 +74,12 @@ class StructureCode(ChainCode):
 
     def _loops(self) -> list[str]:
         w = self.layout.records["move"].size
-        return [*super()._loops(), *BlockElimination(self.lanes, w).functions()]
+        over_cells = CellSums(self.lanes, self.cells).functions() if self.cells > 1 else []
+        return [*super()._loops(), *over_cells, *BlockElimination(self.lanes, w).functions()]
+
+    def _over_cells(self, how: str, to: str, size: str | int = 1) -> None:
+        if self.cells > 1:
+            self._sized(f"{how} over cells", size, to)
 
     def _node_of(self, e: str, side: str) -> str:
         first = self.code.load(self.code.at(self.args["element_nodes"], e))
@@ -127,12 +141,27 @@ class StructureCode(ChainCode):
         return self.code.at(self.args[name], self.code.mul(k, WIDTH[table]))
 
     @contextmanager
-    def _entries(self, table: str, backward: bool = False) -> Iterator[tuple[str, list[str]]]:
-        """Each entry: its number and its integers."""
-        count = self.args[f"{table}_count"]
-        given = (self.code.sub(count, 1), -1, -1) if backward else (0, count)
+    def _entries(
+        self, table: str, backward: bool = False, shared: bool | None = None
+    ) -> Iterator[tuple[str, list[str]]]:
+        """Each entry: its number and its integers. shared: of what cells share, or of a cell."""
+        first, end = self._range(table, shared)
+        given = (self.code.sub(end, 1), -1, -1) if backward else (first, end)
         with self.code.loop(*given) as k:
             yield k, self._integers(table, k)
+
+    def _range(self, what: str, shared: bool | None = None) -> tuple[str | int, str]:
+        """Numbers of entries, or joints: first and end; see `_entries`."""
+        count = self.args[f"{what}_count"]
+        if shared is None:
+            return 0, count
+        own = self.args["own_interface" if what == "interface" else "own_joints"]
+        return (own, count) if shared else (0, own)
+
+    @property
+    def parts(self) -> tuple[bool | None, ...]:
+        """All together; of cells what is theirs, and what all share."""
+        return (False, True) if self.cells > 1 else (None,)
 
     def _integers(self, table: str, k: str) -> list[str]:
         """Of entry k."""

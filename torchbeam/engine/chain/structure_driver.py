@@ -37,15 +37,26 @@ class StructurePasses(TendonPasses):
             self._element_load(e)
             if self.order == 2:
                 self._condense(e)
-        self._each_joint(self._joint)
+        for shared in self.parts:
+            self._each_joint(self._joint, shared=shared)
+            if shared is False:
+                self._push_on_shared()
         self._tie()
         self._eliminate()
 
+    def _push_on_shared(self) -> None:
+        """What the joints of all cells push the nodes that these share by."""
+        first = self.args["own_nodes"]
+        count = self.code.sub(self.args["nodes"], first)
+        size = self.code.mul(count, self.layout.records["push"].size)
+        self._over_cells("sum", self.at("push", first), size)
+
     def _eliminate(self) -> None:
-        """Of what nodes, elements and joints give."""
+        """Of what nodes, elements and joints give. What cells share comes last, with what each of
+        them leaves there.
+        """
         self._fill(self.base["matrix"], self.args["entry_count"])
-        with self._entries("interface") as (p, entry):
-            self._interface(p, entry)
+        self._rows_at_joints(self.parts[0])
         with self._entries("direct") as (_, (i, j, *places)):
             self._add_block(*places[:2], self.at("interface", i, "U"))
             self._add_block(*places[2:], self.at("interface", j, "L"))
@@ -54,19 +65,31 @@ class StructurePasses(TendonPasses):
                 self._runs(manner)
         if "bordered" in self.kinds.runs:
             self._bordered_runs()
-        if self.kinds.joints:
-            with self._entries("joint") as (k, entry):
-                self._join(k, entry)
         self._join_ties()
         self._each_following(self._begin_following)
         self._groups("eliminate", self.args["first_groups"])
         self._each_following(self._following_run)
+        if self.cells > 1:
+            shared = self._matrix(self.args["shared_first"])
+            self._over_cells("sum", shared, self.args["shared_size"])
+            self._rows_at_joints(True)
+            self._groups("eliminate", self.args["shared_groups"], self.args["shared_table"])
 
-    def _each_joint(self, then: Callable[[str, int], None], alike: bool = False) -> None:
-        """then(joint, its kind) of each; alike: the same of all kinds."""
+    def _rows_at_joints(self, shared: bool | None) -> None:
+        """Rows of the interface and of joints."""
+        with self._entries("interface", shared=shared) as (p, entry):
+            self._interface(p, entry)
+        if self.kinds.joints:
+            with self._entries("joint", shared=shared) as (k, entry):
+                self._join(k, entry)
+
+    def _each_joint(
+        self, then: Callable[[str, int], None], alike: bool = False, shared: bool | None = None
+    ) -> None:
+        """then(joint, its kind) of each; alike: the same of all kinds; shared: see `_range`."""
         if not self.kinds.joints:
             return
-        with self.code.loop(0, self.args["joint_count"]) as k:
+        with self.code.loop(*self._range("joint", shared)) as k:
             if alike:
                 then(k, 0)
                 return
@@ -290,7 +313,9 @@ class StructurePasses(TendonPasses):
 
     def _moves(self) -> None:
         code, w = self.code, self.layout.records["move"].size
-        self._groups("substitute", self.args["last_groups"])
+        if self.cells > 1:
+            self._groups("substitute", self.args["shared_groups"])
+        self._groups("substitute", self.args["last_groups"], self.args["last_table"])
         self._each_following(self._follow_back, backward=True)
         with self._entries("interface") as (_, (node, *_, solution)):
             self._copy_to(self.at("move", self._move_of(node)), self._matrix(solution), w)
@@ -355,8 +380,23 @@ class StructurePasses(TendonPasses):
         self._tie_reactions(support, node)
         if not self.kinds.joints:
             return
+        if self.cells == 1:
+            self._reaction_of_joints(node, self.at("support", support, "reaction"))
+            return
+        code, size = self.code, self.layout.records["move"].size
+        total = self.at("joint_reaction", 0, "total")
+        self._fill(total, size)
+        for shared in self.parts:
+            self._reaction_of_joints(node, total, shared)
+            if not shared:
+                with code.when(code.compare("sge", node, self.args["own_nodes"])):
+                    self._over_cells("sum", total, size)
+        self._add(self.at("support", support, "reaction"), total, size)
+
+    def _reaction_of_joints(self, node: str, total: str, shared: bool | None = None) -> None:
+        """Added to a total."""
         code, w = self.code, self.layout.records["move"].size
-        with code.loop(0, self.args["joint_count"]) as k:
+        with code.loop(*self._range("joint", shared)) as k:
             moves = {
                 f"{side}.move": self.at("move", self._move_of(self._joint_node(k, side)))
                 for side in SIDES[1]
@@ -375,11 +415,27 @@ class StructurePasses(TendonPasses):
                         here = code.compare("eq", self._joint_node(k, side), node)
                         with code.when(here):
                             self._call(f"joint reaction {kind} {side}", where)
-                            self._add(
-                                self.at("support", support, "reaction"),
-                                self.at("joint_reaction"),
-                                w,
-                            )
+                            self._add(total, self.at("joint_reaction"), w)
+
+    def _judge(self) -> None:
+        self._over_cells("largest", self.at("sums"), self.layout.records["sums"].size)
+        super()._judge()
+
+    def _begin_work(self) -> None:
+        """What there is of it, and what cells share, counts in the lane of the first."""
+        if self.cells > 1:
+            work, good = self.at("sample", 0, "work"), self.at("sample", 0, "good")
+            self.code.call("first cell", work, work)
+            self.code.call("first cell", self.at("sample", 0, "counted"), good)
+
+    def _counted(self, good: str, row: str, own: str) -> str:
+        """What has gone well, in whose lanes a row counts: what cells share counts in the first of
+        them alone. own: how many rows are a cell's.
+        """
+        if self.cells == 1:
+            return good
+        shared = self.code.compare("sge", row, self.args[own])
+        return self.code.choose(shared, self.at("sample", 0, "counted"), good, "ptr")
 
     def _update_joints(self, over: str) -> None:
         if not self.kinds.joints:
@@ -424,7 +480,8 @@ class StructurePasses(TendonPasses):
                     good,
                     fields[name][1],
                 )
-            self._sum(self.at("sample", 0, "work"), self.at("joint_change", 0, "work"), good, 1)
+            counted = self._counted(good, k, "own_joints")
+            self._sum(self.at("sample", 0, "work"), self.at("joint_change", 0, "work"), counted, 1)
             if "energy" in self.layout.records:
                 self._add(self.at("energy", 0, "rise"), self.at("joint_change", 0, "rise"), 1)
 

@@ -37,6 +37,8 @@ class Order(NamedTuple):
     following  runs between two nodes, each with the place of the one that is eliminated first, and
                couples to nothing but the run by then: it goes on from there; in order
     bordered   the other ones: they are eliminated before their nodes, and couple them
+    own_groups how many of the groups come before those of what cells share, see `Cells`; None =
+               these are not apart
     """
 
     couplings: tuple[tuple[int, int], ...]
@@ -44,6 +46,7 @@ class Order(NamedTuple):
     groups: tuple[tuple[int, ...], ...]
     following: tuple[tuple[Run, int], ...]
     bordered: tuple[Run, ...]
+    own_groups: int | None
 
 
 def what_orders(
@@ -62,8 +65,12 @@ def manners_of(model: Model) -> tuple[str, ...]:
     free end, "following forward" or "following backward" from an end that is eliminated before,
     "bordered" otherwise.
     """
-    order = order_of(*what_orders(model))
-    manners = {run.manner for runs in model.topology.cut.runs for run in runs} - {"between"}
+    return manners_by(model.topology, order_of(*what_orders(model)))
+
+
+def manners_by(framework: Framework, order: Order) -> tuple[str, ...]:
+    """See `manners_of`."""
+    manners = {run.manner for runs in framework.cut.runs for run in runs} - {"between"}
     for run, place in order.following:
         manners.add(f"following {'forward' if place == run.before else 'backward'}")
     return tuple(sorted(manners | ({"bordered"} if order.bordered else set())))
@@ -84,9 +91,10 @@ def order_of(
     framework: Framework,
     supported: tuple[int, ...],
     held: tuple[int, ...],
-    stretches: tuple[Stretch, ...],
+    stretches: tuple[Stretch, ...] = (),
+    shared: int = 0,
 ) -> Order:
-    """See `what_orders`."""
+    """See `what_orders`; shared: so many of the last nodes are shared by cells."""
     how, ends = framework.cut, framework.ends
     nodes = [ends[end] for end in how.interface]
     couplings = _of_joints(how)
@@ -101,8 +109,16 @@ def order_of(
     fixed = frozenset(k for k, node in enumerate(nodes) if node in supported)
     between = [run for runs in how.runs for run in runs if run.manner == "between"]
     places = tuple((run.before, run.after) for run in between)
+    last = frozenset(range(len(nodes) - shared, len(nodes)))
     groups, following = ordered(
-        len(nodes), how.joints, held, fixed, couplings, places, len(own_units)
+        len(nodes), how.joints, held, fixed, couplings, places, len(own_units), last
+    )
+    common = last | {
+        len(nodes) + k for k, pair in enumerate(how.joints) if {*pair} <= {*last, None}
+    }
+    of_common = [bool(common & {*group}) for group in groups]
+    apart = of_common == sorted(of_common) and all(
+        common >= {*group} for group, own in zip(groups, of_common, strict=True) if own
     )
     return Order(
         tuple(couplings),
@@ -110,6 +126,7 @@ def order_of(
         groups,
         tuple((between[k], place) for k, place in following.items()),
         tuple(run for k, run in enumerate(between) if k not in following),
+        of_common.count(False) if apart else None,
     )
 
 
@@ -131,6 +148,7 @@ def ordered(
     couplings: Couplings,
     runs: tuple[tuple[int, int], ...] = (),
     stretches: int = 0,
+    last: frozenset[int] = frozenset(),
 ) -> tuple[tuple[tuple[int, ...], ...], dict[int, int]]:
     """Groups of units, the nodes of the interface and behind them the joints, in the order in which
     they are eliminated where every node has inertia, or a joint that keeps it from turning; and of
@@ -141,9 +159,10 @@ def ordered(
     which it hangs on its tree are one group, behind those that hang on it: whatever is fixed
     elsewhere, they have a solution. Joints that close loops come last, together. Of what may come
     next, what couples to the least does: a run counts as one, and where a group couples to nothing
-    else, it is eliminated behind the group; else it has coupled its two nodes before.
+    else, it is eliminated behind the group; else it has coupled its two nodes before. Nodes that
+    come `last` do so.
     """
-    parent = _trees(nodes, joints, held, fixed, runs)
+    parent = _trees(nodes, joints, held, fixed, () if last else runs, last)
     hanging = {joint: node for node, joint in parent.items()}
     behind = {
         node: (node,) + ((nodes + parent[node],) if node in parent else ()) for node in range(nodes)
@@ -152,6 +171,8 @@ def ordered(
     alone = range(nodes + len(joints), units)
     behind |= {unit: (unit,) for unit in alone}
     waits: dict[int, set[int]] = {node: set() for node in (*range(nodes), *alone)}
+    for node in last:
+        waits[node] |= {*range(nodes)} - last
     for joint, node in hanging.items():
         other = next((x for x in joints[joint] if x is not None and x != node), None)
         if other is not None:
@@ -201,10 +222,11 @@ def _trees(
     held: tuple[int, ...],
     fixed: frozenset[int],
     runs: tuple[tuple[int, int], ...],
+    last: frozenset[int],
 ) -> dict[int, int]:
     """By which joint a node hangs on the tree that it is in: those that hold more come first. A
     tree that is reached along a run has its root there, so that what lies beyond is eliminated
-    before the run.
+    before the run; one with nodes that come `last`, if the ground is not in it, one of them.
     """
     ground = nodes
     tree: dict[int, list[tuple[int, int]]] = {k: [] for k in range(nodes + 1)}
@@ -225,7 +247,8 @@ def _trees(
         across[b].append(a)
     parent: dict[int, int] = {}
     seen, done = {*fixed}, set()
-    roots = deque([ground, *fixed, *sorted(range(nodes), key=lambda node: -len(tree[node]))])
+    others = sorted(range(nodes), key=lambda node: (node not in last, -len(tree[node])))
+    roots = deque([ground, *fixed, *others])
     while roots:
         start = roots.popleft()
         if start in done or (start in seen and start not in fixed):

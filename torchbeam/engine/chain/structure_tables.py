@@ -12,6 +12,7 @@ from ...nodal.model import Model
 from ...topology.cut import Run
 from ...topology.framework import Framework
 from ..compiler.block_pattern import BlockPattern
+from .cells import Cells
 from .joint_functions import BLOCKS
 from .layout import ENTRIES, INTERFACE, JOINTS, STRETCHES, TENDONS
 from .structure_order import Stretch, order_of, what_orders
@@ -30,8 +31,12 @@ class StructureTables:
     numbers: dict[str, int]
 
     @staticmethod
-    def of(model: Model) -> StructureTables:
-        return _tables(model.space.unknowns, *what_orders(model))
+    def of(model: Model, cells: Cells | None = None) -> StructureTables:
+        """Of a model, or of one of its cells with what all share."""
+        w = model.space.unknowns
+        if cells is None:
+            return _tables(w, *what_orders(model))
+        return _tables(w, cells.framework, cells.supports, cells.held, (), cells.shared)
 
 
 @lru_cache(maxsize=64)
@@ -41,8 +46,9 @@ def _tables(
     supported: tuple[int, ...],
     held: tuple[int, ...],
     stretches: tuple[Stretch, ...],
+    shared: int = 0,
 ) -> StructureTables:
-    order = order_of(framework, supported, held, stretches)
+    order = order_of(framework, supported, held, stretches, shared)
     how, ends, own_units = framework.cut, framework.ends, order.own_units
     nodes, J = [ends[end] for end in how.interface], len(how.joints)
     runs = [run for runs in how.runs for run in runs]
@@ -105,12 +111,16 @@ def _tables(
         table += [*between(place, unit), *pattern.place(place, unit), pattern.right(place).first]
         return [*table, other, *own(other), pattern.solution(other), pattern.solution(unit)]
 
-    # groups between following runs: how many, and where their tables begin
+    common = {*range(len(nodes) - shared, len(nodes))}
+    own_joints = [k for k, pair in enumerate(how.joints) if not {*pair} <= {*common, None}]
+    common |= {len(nodes) + k for k in range(J) if k not in own_joints}
+    # groups between following runs, and of what cells share: how many, and where their tables begin
     cuts = [
         1 + max(g for g, group in enumerate(pattern.groups) if {place, equation[place]} & {*group})
         for _, place in order.following
     ]
-    cuts = [0, *cuts, len(pattern.groups)]
+    own_groups = sum(not common & {*group} for group in pattern.groups)
+    cuts = [0, *cuts, own_groups, len(pattern.groups)]
     begins = [0, *accumulate(map(len, pattern.elimination))]
     ends_of = [0, *accumulate(map(len, pattern.substitution))]
     parts = [(b - a, begins[a]) for a, b in pairwise(cuts)]
@@ -177,7 +187,15 @@ def _tables(
         "entry_count": pattern.size,
         "following_count": len(order.following),
         "first_groups": parts[0][0],
-        "last_groups": back[-1][0],
+        "last_groups": back[-2][0],
+        "last_table": back[-2][1],
+        "shared_groups": parts[-1][0],
+        "shared_table": parts[-1][1],
+        "shared_first": pattern.begin(own_groups),
+        "shared_size": pattern.begin(len(pattern.groups)) - pattern.begin(own_groups),
+        "own_nodes": framework.node_count - shared,
+        "own_interface": len(nodes) - shared,
+        "own_joints": len(own_joints),
     }
     rows = {JOINTS: J, INTERFACE: len(nodes), ENTRIES: pattern.size}
     rows |= {STRETCHES: len(stretches), TENDONS: len({x.tendon for x in stretches})}

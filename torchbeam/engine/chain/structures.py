@@ -119,6 +119,7 @@ def record(
     """Records of a structure; constants: of a joint; kinds: how many there are of joints."""
     sizes = partial(_sizes, functions)
     _of_system(layout, functions, w, held)
+    layout.record("sample", ONE, [("counted", 1)])
     layout.record("push", NODES, [("push", w)])
     own = sizes("held interface" if held else "interface")
     layout.record("at_row", ONE, [x for x in own.items() if x[0] not in ROW])
@@ -128,7 +129,7 @@ def record(
     layout.record("joint_state", JOINTS, [("joints", JOINT_READINGS), ("last_force", w)])
     layout.record("joint_unknown", JOINTS, [("force", w)])
     layout.record("joint_move", JOINTS, [("move", w)])
-    layout.record("joint_reaction", ONE, [("reaction", w)])
+    layout.record("joint_reaction", ONE, [("reaction", w), ("total", w)])
     layout.record("joint_change", ONE, [("force", w)])
     for field, size in largest(functions, "joint").items():
         where = ("at_joint", ONE) if field in GAPS else ("joint_blocks", JOINTS)

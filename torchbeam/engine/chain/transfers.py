@@ -11,8 +11,19 @@ from ..compiler.loop_text import Code
 
 # address of a tensor's first number; its strides in numbers, of samples, steps and rows, and how
 # many steps have one place; how many rows and components there are; the first component's place in
-# memory, and how many the record has
-ENTRY = ("pointer", "sample", "step", "every", "row", "rows", "components", "place", "row_size")
+# memory, and how many the record has; stride of the cells of a sample
+ENTRY = (
+    "pointer",
+    "sample",
+    "step",
+    "every",
+    "row",
+    "rows",
+    "components",
+    "place",
+    "row_size",
+    "cell",
+)
 
 
 class Transfers:
@@ -22,8 +33,8 @@ class Transfers:
 
     NAMES = "gather", "scatter", "drain"
 
-    def __init__(self, lanes: Lanes) -> None:
-        self.lanes = lanes
+    def __init__(self, lanes: Lanes, cells: int = 1) -> None:
+        self.lanes, self.cells = lanes, cells
 
     def functions(self) -> list[str]:
         return [self._function(name) for name in self.NAMES]
@@ -32,7 +43,7 @@ class Transfers:
         """Numbers between tensors and memory, as a table says. What does not change from step to
         step is gathered at the first alone; what has one place for all steps, or for `every` few,
         is scattered at each, so that the last one's stays. Lanes beyond the samples have the last
-        one's numbers, and are not scattered.
+        one's numbers, and are not scattered. Each sample has as many lanes as there are cells.
         """
         code = Code(
             name,
@@ -47,23 +58,36 @@ class Transfers:
             ],
         )
         scalar, W, bytes = self.lanes.scalar, self.lanes.count, self.lanes.count * self.lanes.bytes
-        whole = code.compare("sle", code.add("%first", W), "%samples")
+        cells, count = self.cells, W // self.cells
+        whole = code.compare("sle", code.add("%first", count), "%samples")
+        if count * cells < W:
+            whole = "false"
         last = code.sub("%samples", 1)
         with code.loop(0, "%count") as k:
             entry = code.at("%table", code.mul(k, len(ENTRY)))
             numbers = (code.load(code.at(entry, i)) for i in range(len(ENTRY)))
-            pointer, sample, step, every, row, rows, components, place, size = numbers
+            pointer, sample, step, every, row, rows, components, place, size, cell = numbers
             slot = code.new(f"sdiv i64 %step, {every}")
             pointer = code.at(
                 code.new(f"inttoptr i64 {pointer} to ptr"), code.mul(step, slot), scalar
             )
-            inside = [
-                code.compare("slt", code.add("%first", lane), "%samples") for lane in range(W)
-            ]
+            of_lane = [min(lane // cells, count - 1) for lane in range(W)]
+            inside = [code.compare("slt", code.add("%first", k), "%samples") for k in of_lane]
             samples = [
-                code.choose(one, code.add("%first", lane), last) for lane, one in enumerate(inside)
+                code.choose(one, code.add("%first", k), last)
+                for one, k in zip(inside, of_lane, strict=True)
             ]
-            places = [code.at(pointer, code.mul(one, sample), scalar) for one in samples]
+            inside = [x if lane < count * cells else "false" for lane, x in enumerate(inside)]
+            begins = [code.mul(one, sample) for one in samples]
+            if cells > 1:
+                begins = [
+                    code.add(begin, code.mul(cell, lane % cells if lane < count * cells else 0))
+                    for lane, begin in enumerate(begins)
+                ]
+            places = [code.at(pointer, begin, scalar) for begin in begins]
+            same = code.compare(
+                "eq", sample if cells == 1 else code.new(f"or i64 {sample}, {cell}"), 0
+            )
             fresh = code.new(
                 f"or i1 {code.compare('eq', '%step', '%begin')}, "
                 f"{'true' if name == 'scatter' else code.compare('ne', step, 0)}"
@@ -73,7 +97,7 @@ class Transfers:
                 here = code.at("%memory", code.mul(code.add(place, code.mul(r, size)), bytes), "i8")
                 places = [code.at(one, there, scalar) for one in places]
                 if name == "gather":
-                    self._read(code, places, here, components, code.compare("eq", sample, 0))
+                    self._read(code, places, here, components, same)
                 else:
                     self._write(code, places, here, components, whole, inside)
                 if name == "drain":

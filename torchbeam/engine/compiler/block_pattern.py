@@ -71,6 +71,10 @@ class BlockPattern:
             at += n * (self._stride(g) + w * len(self.rows[g]))
         self._solution, self.size = at, at + w * len(order)
 
+    def begin(self, g: int) -> int:
+        """Where the first number of group g lies; of one more than there are, the solution."""
+        return [*self._panels, self._solution][g]
+
     def place(self, row: int, column: int) -> Place:
         """Of the block of two units."""
         g, other = self._group[row], self._group[column]

@@ -1,6 +1,7 @@
 """Sparse systems of blocks, each lane by itself, against torch.linalg."""
 
 import ctypes
+from itertools import chain
 
 import pytest
 import torch
@@ -48,7 +49,7 @@ def solved(pattern, A, b, dtype, blocks=BLOCKS):
         for k in range(w):
             memory[place.first + k * place.stride] = b[:, i, k]
     run = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64)(own.address("run"))
-    tables = [sum(own, []) for own in (pattern.elimination, pattern.substitution)]
+    tables = [[*chain(*own)] for own in (pattern.elimination, pattern.substitution)]
     tables = [(ctypes.c_int64 * len(x))(*x) for x in tables]
     run(memory.data_ptr(), *map(ctypes.addressof, tables), len(pattern.groups))
     at = [pattern.solution(unit) for unit in range(units)]

@@ -1,0 +1,138 @@
+"""Cells of a structure: parts of it that are alike and meet in bodies alone, as the fingers of a
+hand. Each has a lane of its own; what all share is computed in every lane.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+from ...topology.framework import Framework
+from .layout import ELEMENTS, JOINTS, NODES, SUPPORTS
+from .node_kinds import Kinds
+from .structure_order import manners_by, order_of
+
+LEAST, MOST = 3, 16  # cells: two of them win a tenth; more than 16 numbers need many registers
+
+
+class Cells(NamedTuple):
+    """count: how many there are; framework: one of them with the bodies that all share, which come
+    last; shared: how many these are; kinds, supports: of its rows, of its nodes; held: how much
+    each of its joints holds, of which `own` are the cell's, and come first; rows: by sort, of each
+    of its rows the number in the structure of that of the first cell, and how far that of the next
+    is.
+    """
+
+    count: int
+    framework: Framework
+    shared: int
+    kinds: Kinds
+    supports: tuple[int, ...]
+    held: tuple[int, ...]
+    own: int
+    rows: dict[str, list[tuple[int, int]]]
+
+
+def cells_of(
+    framework: Framework, kinds: Kinds, supports: tuple[int, ...], held: tuple[int, ...]
+) -> Cells | None:
+    """The most cells that a structure is made of, None = it is not, or something couples them: a
+    tendon, a joint that closes a loop within a cell. kinds: of all rows; supports: their nodes.
+    """
+    if framework.ties or kinds.stretches:
+        return None
+    chains = len(framework.chains)
+    starts = [*framework.starts, framework.node_count - framework.singles]
+    nodes = [range(a, b) for a, b in pairwise(starts)]
+    nodes += [range(a, a + 1) for a in range(starts[-1], framework.node_count)]
+    part_of = {node: part for part, own in enumerate(nodes) for node in own}
+    joined = [{part_of[node] for node in pair if node is not None} for pair in framework.joints]
+    degree = {part: sum(part in pair for pair in joined) for part in range(chains, len(nodes))}
+    found = []
+    for least in {*degree.values(), max(degree.values(), default=0) + 1}:
+        shared = tuple(part for part, count in degree.items() if count >= least)
+        groups = _components([k for k in range(len(nodes)) if k not in shared], joined)
+        if LEAST <= len(groups) <= MOST:
+            found.append((len(groups), groups, shared))
+    for _, groups, shared in sorted(found, reverse=True):
+        cells = _alike(framework, kinds, supports, held, nodes, groups, shared)
+        if cells is not None:
+            return cells
+    return None
+
+
+def _components(parts: list[int], joined: list[set[int]]) -> list[list[int]]:
+    """Of these parts, by joints between them."""
+    root = {part: part for part in parts}
+    for pair in joined:
+        there = [part for part in pair if part in root]
+        for one in there[1:]:
+            a, b = root[there[0]], root[one]
+            root = {part: a if own == b else own for part, own in root.items()}
+    return [[p for p in parts if root[p] == own] for own in dict.fromkeys(root.values())]
+
+
+def _alike(
+    framework: Framework,
+    kinds: Kinds,
+    supports: tuple[int, ...],
+    held: tuple[int, ...],
+    nodes: list[range],
+    groups: list[list[int]],
+    shared: tuple[int, ...],
+) -> Cells | None:
+    """Of these parts, if they are alike."""
+    chains, order = len(framework.chains), framework.order
+    common = [node for part in shared for node in nodes[part]]
+    firsts = [sum(framework.chains[:k]) for k in range(chains)]
+    cells = []
+    for group in groups:
+        own = [node for part in group for node in nodes[part]]
+        own_nodes, beams = {*own}, [part for part in group if part < chains]
+        place = {node: k for k, node in enumerate((*own, *common))}
+        joints = [k for k, pair in enumerate(framework.joints) if own_nodes & {*pair}]
+        joints += [k for k, pair in enumerate(framework.joints) if {*pair} <= {*common, None}]
+        held_nodes = [k for k, node in enumerate(supports) if node in place]
+        rows = {
+            NODES: [*own, *common],
+            ELEMENTS: [firsts[k] + e for k in beams for e in range(framework.chains[k])],
+            JOINTS: joints,
+            SUPPORTS: sorted(held_nodes, key=lambda k: place[supports[k]]),
+        }
+        pairs = tuple(
+            tuple(None if node is None else place[node] for node in framework.joints[k])
+            for k in joints
+        )
+        own_framework = Framework(
+            order,
+            tuple(framework.chains[k] for k in beams),
+            len(group) - len(beams) + len(common),
+            pairs,
+        )
+        own_kinds = Kinds(
+            *(
+                tuple(there[k] for k in rows[sort])
+                for there, sort in zip(kinds[:3], (NODES, ELEMENTS, JOINTS), strict=True)
+            )
+        )
+        own_held = tuple(held[k] for k in joints)
+        own_supports = tuple(place[supports[k]] for k in rows[SUPPORTS])
+        cells.append((own_framework, own_kinds, own_supports, own_held, rows))
+    first, second = cells[0], cells[1]
+    if not first[0].chains or any(cell[:4] != first[:4] for cell in cells):
+        return None
+    rows = {
+        sort: [(a, b - a) for a, b in zip(first[4][sort], second[4][sort], strict=True)]
+        for sort in first[4]
+    }
+    for k, cell in enumerate(cells):
+        if any(cell[4][sort] != [a + k * step for a, step in rows[sort]] for sort in rows):
+            return None
+    own, own_kinds, own_supports, own_held, _ = first
+    order = order_of(own, own_supports, own_held, (), len(common))
+    units = len(own.cut.interface), [step for _, step in rows[JOINTS]]
+    if order.own_groups is None:
+        return None
+    own_joints = sum(step != 0 for step in units[1])
+    own_kinds = own_kinds._replace(runs=manners_by(own, order))
+    return Cells(len(cells), own, len(common), own_kinds, own_supports, own_held, own_joints, rows)
