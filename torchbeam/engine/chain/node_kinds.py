@@ -210,7 +210,11 @@ def _of_stretches(model: Model, held: list[EndKind]) -> tuple[StretchKind, ...]:
 
 def _tuples(x: Tensor) -> tuple[Any, ...]:
     """As tuples of tuples."""
-    return x.tolist() if x.ndim == 0 else tuple(map(_tuples, x))
+
+    def nested(rows: Any) -> Any:
+        return tuple(map(nested, rows)) if isinstance(rows, list) else rows
+
+    return nested(x.tolist())
 
 
 def _shifts(shift: Tensor) -> list[tuple[float | None, ...]]:

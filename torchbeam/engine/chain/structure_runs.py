@@ -1,0 +1,279 @@
+"""Native elimination of structures: the rows of runs of nodes, and of the nodes between them.
+
+Runs are eliminated in order, from the end that is free if there is one, and leave their blocks with
+the interface's, whose system is solved by `BlockElimination`; runs that go on from one of its nodes
+are in between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from .joint_functions import BLOCKS
+from .tendon_driver import TendonPasses
+
+
+class StructureRuns(TendonPasses):
+    """Elimination, and moves, of an iteration of Newton's method."""
+
+    def _eliminate(self) -> None:
+        """Of what nodes, elements and joints give. What cells share comes last, with what each of
+        them leaves there.
+        """
+        self._fill(self.base["matrix"], self.args["entry_count"])
+        self._rows_at_joints(self.parts[0])
+        with self._entries("direct") as (_, (i, j, *places)):
+            self._add_block(*places[:2], self.at("interface", i, "U"))
+            self._add_block(*places[2:], self.at("interface", j, "L"))
+        for manner in ("forward", "backward"):
+            if manner in self.kinds.runs:
+                self._runs(manner)
+        if "bordered" in self.kinds.runs:
+            self._bordered_runs()
+        self._join_ties()
+        self._each_following(self._begin_following)
+        self._groups("eliminate", self.args["first_groups"])
+        self._each_following(self._following_run)
+        if self.cells > 1:
+            shared = self._matrix(self.args["shared_first"])
+            self._over_cells("sum", shared, self.args["shared_size"])
+            self._rows_at_joints(True)
+            self._groups("eliminate", self.args["shared_groups"], self.args["shared_table"])
+
+    def _rows_at_joints(self, shared: bool | None) -> None:
+        """Rows of the interface and of joints."""
+        with self._entries("interface", shared=shared) as (p, entry):
+            self._interface(p, entry)
+        if self.kinds.joints:
+            with self._entries("joint", shared=shared) as (k, entry):
+                self._join(k, entry)
+
+    def _around(self, node: str) -> dict[str, str]:
+        """What a row of a node takes beside what nodes and elements give."""
+        return (self._near(node) if self.held else {}) | {"push": self.at("push", node)}
+
+    def _row_kept(self, node: str) -> None:
+        """Where a support holds a node: what its reaction takes."""
+        self._keep_rows("at_row", node)
+
+    def _row_judged(self) -> None:
+        """Sizes of a row."""
+        for name in self.layout.fields("sums"):
+            self._largest(name, "at_row")
+
+    def _sides_of(self, node: str) -> dict[str, str]:
+        """What the elements on either side of a node leave, zeros where there is none."""
+        code, sides = self.code, {"own": self.at("at_node", node)}
+        for side in ("left", "right"):
+            e = code.load(code.at(self.args[f"{side}_elements"], node))
+            none = code.compare("slt", e, 0)
+            there = self.at("between", code.choose(none, 0, e))
+            sides[side] = code.choose(none, self.at("nothing"), there, "ptr")
+        return sides
+
+    def _interface(self, p: str, entry: list[str]) -> None:
+        node, *places, _ = entry
+        self._row_of("interface", node, ("interface", p), {})
+        self._add_block(*places[:2], self.at("interface", p, "D"))
+        self._add_column(*places[2:], self.at("interface", p, "right"))
+
+    def _row_of(self, name: str, node: str, to: tuple[str, str], before: dict[str, str]) -> None:
+        """Row of a node by the function `name`, from the row `before`; to: its record."""
+        sides, places = self._sides_of(node), self._around(node) | before
+        own = self.layout.records[to[0]].fields
+
+        def where(f: str) -> str:
+            if f[0] == ">":
+                return self.at(*to, f[2:]) if f[2:] in own else self.at("at_row", 0, f[2:])
+            return places[f] if f in places else sides[f.partition(".")[0]]
+
+        self._call_held(name, node, where, lambda: self._row_kept(node))
+        self._row_judged()
+
+    def _run(self, first: str, t: str, step: int) -> tuple[str, str, str]:
+        """Whether node t of a run is its first, the node, the one before."""
+        code = self.code
+        node = code.add(first, code.mul(t, step))
+        is_first = code.compare("eq", t, 0)
+        return is_first, node, code.choose(is_first, node, code.sub(node, step))
+
+    def _groups(self, name: str, count: str, first: str | int = 0) -> None:
+        """Eliminate, or substitute, so many groups, whose table begins there."""
+        table = {"eliminate": "elimination", "substitute": "substitution"}[name]
+        table = self.code.at(self.args[table], first)
+        self.code.line(f'call void @"{name}"(ptr {self.base["matrix"]}, ptr {table}, i64 {count})')
+
+    def _before(self, fields: tuple[str, ...], is_first: str, node: str) -> dict[str, str]:
+        """Fields of the row before, zeros in front of the first."""
+        nothing = self.at("nothing")
+        return {
+            name: self.code.choose(is_first, nothing, self.at("row", node, name), "ptr")
+            for name in fields
+        }
+
+    def _runs(self, table: str) -> None:
+        """Runs with a free end, from there."""
+        code = self.code
+        name, coupling, step = self._direction(table)
+        with self._entries(table) as (_, (first, count, p, *places)):
+            with code.loop(0, count) as t:
+                is_first, node, before = self._run(first, t, step)
+                self._row_of(
+                    name, node, ("row", node), self._before(("ahead", "y"), is_first, before)
+                )
+            with code.when(code.compare("sge", p, 0)):
+                last = code.add(first, code.mul(code.sub(count, 1), step))
+                self._leave(self.at("interface", p, coupling), last, *places)
+
+    def _each_following(
+        self, then: Callable[[str, list[str]], None], backward: bool = False
+    ) -> None:
+        """then(manner, its entry) of each run that goes on from a node which is eliminated."""
+        manners = [x for x in self.kinds.runs if x.startswith("following")]
+        if not manners:
+            return
+        code = self.code
+        with self._entries("following", backward) as (_, entry):
+            for manner in manners:
+                if len(manners) == 1:
+                    then(manner, entry)
+                    continue
+                with code.when(code.compare("eq", entry[2], 1 if manner == manners[1] else -1)):
+                    then(manner, entry)
+
+    def _begin_following(self, manner: str, entry: list[str]) -> None:
+        """What couples the node before a run to it."""
+        _, _, _, p, *places = entry
+        coupling = "U" if manner == "following forward" else "L"
+        self._add_block(*places[:2], self.at("interface", p, coupling))
+
+    def _following_run(self, manner: str, entry: list[str]) -> None:
+        """A run, from the row that groups have left, and the groups behind it."""
+        code, w, vector = self.code, self.layout.records["move"].size, self.lanes.vector
+        first, count, _, _, _, _, ahead, stride, y, q, *places, _, _ = entry
+        name, coupling, step = self._direction(manner)
+        node = code.sub(first, step)
+        to, right = (self.at("row", node, field) for field in ("ahead", "y"))
+        for k in range(w):
+            at = code.mul(stride, k)
+            self._copy_to(code.at(to, k * w, vector), self._matrix(code.add(ahead, at)), w)
+            self._copy_to(code.at(right, k, vector), self._matrix(code.add(y, at)), 1)
+        with code.loop(0, count) as t:
+            node = code.add(first, code.mul(t, step))
+            before = {f: self.at("row", code.sub(node, step), f) for f in ("ahead", "y")}
+            self._row_of(name, node, ("row", node), before)
+        last = code.add(first, code.mul(code.sub(count, 1), step))
+        self._leave(self.at("interface", q, coupling), last, *places[:4])
+        self._groups("eliminate", *places[6:])
+
+    def _follow_back(self, manner: str, entry: list[str]) -> None:
+        """The moves of such a run, and of the groups before it."""
+        code, w = self.code, self.layout.records["move"].size
+        (first, count), (solution, own, _, _, *groups) = entry[:2], entry[-6:]
+        _, _, step = self._direction(manner)
+        with code.loop(code.sub(count, 1), -1, -1) as t:
+            node = code.add(first, code.mul(t, step))
+            last = code.compare("eq", t, code.sub(count, 1))
+            after = self.at("move", self._move_of(code.add(node, step)))
+            self._back_to(
+                "back", node, {"next": code.choose(last, self._matrix(solution), after, "ptr")}
+            )
+        self._copy_to(self._matrix(own), self.at("move", self._move_of(first)), w)
+        self._groups("substitute", *groups)
+
+    def _direction(self, manner: str) -> tuple[str, str, int]:
+        """Of a run: the function of its rows, what couples the node behind it to its last, and how
+        far its nodes are apart.
+        """
+        if manner.endswith("forward"):
+            return "row", "L", self.order
+        return "row backward", "U", -self.order
+
+    def _leave(self, coupling: str, last: str, *places: str) -> None:
+        """What a run leaves of the interface's row next to its last node."""
+        w = self.layout.records["move"].size
+        D, right = (self._matrix(place) for place in places[::2])
+        self._subtract(D, places[1], coupling, self.at("row", last, "ahead"), w)
+        self._subtract(right, places[3], coupling, self.at("row", last, "y"), 1)
+
+    def _bordered_runs(self) -> None:
+        """Runs between two nodes of the interface. E: the block of the first of these that the
+        elimination has pushed before it.
+        """
+        code, w = self.code, self.layout.records["move"].size
+        E, pushed = self.at("edge", 0, "E"), self.at("edge", 0, "pushed")
+        with self._entries("bordered") as (_, entry):
+            first, count, p, q, *places = entry
+            before, after, (to_last, to_last_stride, to_first, to_first_stride) = (
+                places[:4],
+                places[4:8],
+                places[8:],
+            )
+            self._copy_to(E, self.at("interface", p, "U"), w * w)
+            with code.loop(0, count) as t:
+                is_first, node, previous = self._run(first, t, self.order)
+                fields = self._before(("ahead", "y"), is_first, previous)
+                fields["side"] = code.choose(
+                    is_first, self.at("edge", 0, "start"), self.at("row", previous, "side"), "ptr"
+                )
+                self._row_of("row bordered", node, ("row", node), fields)
+                D, right = (self._matrix(place) for place in before[::2])
+                self._subtract(D, before[1], E, self.at("row", node, "side"), w)
+                self._subtract(right, before[3], E, self.at("row", node, "y"), 1)
+                self._fill(pushed, w * w)
+                self._subtract(pushed, w, E, self.at("row", node, "ahead"), w)
+                self._copy_to(E, pushed, w * w)
+            self._add_block(to_last, to_last_stride, E)
+            last = code.add(first, code.mul(code.sub(count, 1), self.order))
+            coupling = self.at("interface", q, "L")
+            self._leave(coupling, last, *after)
+            side = self.at("row", last, "side")
+            self._subtract(self._matrix(to_first), to_first_stride, coupling, side, w)
+
+    def _join(self, k: str, entry: list[str]) -> None:
+        """Blocks of a joint, and what its constraints are to change by."""
+        code = self.code
+        for i, name in enumerate(BLOCKS):
+            if name not in self.layout.records["joint_blocks"].fields:
+                continue
+            first, stride = entry[2 + 2 * i : 4 + 2 * i]
+            with code.when(code.compare("sge", first, 0)):
+                self._add_block(first, stride, self.at("joint_blocks", k, name))
+        *_, first, stride, _ = entry
+        self._add_column(first, stride, self.at("joint_blocks", k, "right"))
+
+    def _moves(self) -> None:
+        code, w = self.code, self.layout.records["move"].size
+        if self.cells > 1:
+            self._groups("substitute", self.args["shared_groups"])
+        self._groups("substitute", self.args["last_groups"], self.args["last_table"])
+        self._each_following(self._follow_back, backward=True)
+        with self._entries("interface") as (_, (node, *_, solution)):
+            self._copy_to(self.at("move", self._move_of(node)), self._matrix(solution), w)
+        if self.kinds.joints:
+            with self._entries("joint") as (k, (*_, solution)):
+                self._copy_to(self.at("joint_move", k), self._matrix(solution), w)
+        for table in ("forward", "backward"):
+            if table not in self.kinds.runs:
+                continue
+            _, _, step = self._direction(table)
+            with self._entries(table) as (_, (first, count, p, *_)):
+                free = code.compare("slt", p, 0)
+                with code.loop(code.sub(count, 1), -1, -1) as t:
+                    node = code.add(first, code.mul(t, step))
+                    end = code.new(f"and i1 {free}, {code.compare('eq', t, code.sub(count, 1))}")
+                    after = self.at("move", self._move_of(code.add(node, step)))
+                    places = {"next": code.choose(end, self.at("nothing"), after, "ptr")}
+                    self._back_to("back", node, places)
+        if "bordered" not in self.kinds.runs:
+            return
+        with self._entries("bordered") as (_, (first, count, *_)):
+            front = self.at("move", self._move_of(code.sub(first, self.order)))
+            with code.loop(code.sub(count, 1), -1, -1) as t:
+                node = code.add(first, code.mul(t, self.order))
+                after = self.at("move", self._move_of(code.add(node, self.order)))
+                self._back_to("back bordered", node, {"next": after, "first": front})
+
+    def _back_to(self, name: str, node: str, places: dict[str, str]) -> None:
+        places = {**places, "> move": self.at("move", self._move_of(node))}
+        self._call(name, lambda f: places.get(f) or self.at("row", node, f))
