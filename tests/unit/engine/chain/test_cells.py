@@ -18,15 +18,18 @@ from torchbeam.topology.framework import Framework
 FIELDS = "position", "rotation", "velocity", "spin", "stress", "reaction", "joints"
 
 
-def hand(stiffness=0.5, held=False, fingers=3, unlike=0.0, elements=(2, 1), plane="xy", more=()):
+def hand(stiffness=0.5, held=False, fingers=3, unlike=(), elements=(2, 1), more=()):
     """Fingers of two links, hinged to each other and to a palm that turns on the ground, or is held
-    there; each of a length of its own, the first with `unlike` times as much of a mass at its tip.
+    there; each of a length of its own, the first with a mass at its tip and a force of its own;
+    unlike: effects, more: joints beside.
     """
     section = tb.Section.from_stiffness(
         EA=1e3, GA=4e2, GJ=0.8, EI=(1.5, 1.2), mass=0.2, inertia=1e-3
     )
     parts = {"palm": tb.Body(0.1, 1e-3)}
-    joints, loads = [*more], [tb.Gravity((0.5, -9.81, 0)), tb.Damping(0.01)]
+    joints, loads = [*more], [tb.Gravity((0.5, -9.81, 0)), tb.Damping(0.01), *unlike]
+    loads.append(tb.PointMass(0.01, node=("b0", -1)))
+    loads.append(tb.PointLoad(("b0", -1), force=(0, 0.1, 0)))
     for k in range(fingers):
         way = torch.tensor([math.cos(2 * k), math.sin(2 * k), 0.0])
         lengths = 0.1 + 0.01 * k, 0.08
@@ -37,13 +40,10 @@ def hand(stiffness=0.5, held=False, fingers=3, unlike=0.0, elements=(2, 1), plan
         laws = dict(axis=(0, 0, 1), stiffness=stiffness * (1 + k), damping=0.01)
         joints.append(tb.Hinge("palm", (f"a{k}", 0), at=begins[0] * way, **laws))
         joints.append(tb.Hinge((f"a{k}", -1), (f"b{k}", 0), torque=tb.Input(f"m{k}", 1), **laws))
-    if unlike:
-        loads.append(tb.PointMass(unlike, node=("b0", -1)))
-        loads.append(tb.PointLoad(("b0", -1), force=(0, unlike, 0)))
     supports = [tb.Support("palm")] if held else []
     if not held:
         joints.append(tb.Hinge(None, "palm", axis=(0, 0, 1), at=(0, 0, 0), stiffness=0.1))
-    return tb.Scene(parts, loads, joints=joints, supports=supports, plane=plane)
+    return tb.Scene(parts, loads, joints=joints, supports=supports, plane="xy")
 
 
 def run(scene, engine):
@@ -115,5 +115,5 @@ def test_what_has_cells():
     assert cells(hand(more=stays)).count == 3
     twice = Framework(1, (1, 1), 1, ((1, 2), (2, 1), (0, 4)))  # nodes of a cell, joined twice
     assert order_of(twice, (), (5, 1, 6), (), 1).own_groups is None
-    stepper = tb.Stepper(hand(unlike=0.1), 0.02, engine="compiled")
+    stepper = tb.Stepper(hand(unlike=[tb.Drag(1.0, 0.1, on="b0")]), 0.02, engine="compiled")
     assert stepper.compiled.structure.by_cells is None
