@@ -130,9 +130,8 @@ def _alike(
             return None
     own, own_kinds, own_supports, own_held, _ = first
     order = order_of(own, own_supports, own_held, (), len(common))
-    units = len(own.cut.interface), [step for _, step in rows[JOINTS]]
     if order.own_groups is None:
         return None
-    own_joints = sum(step != 0 for step in units[1])
+    own_joints = sum(step != 0 for _, step in rows[JOINTS])
     own_kinds = own_kinds._replace(runs=manners_by(own, order))
     return Cells(len(cells), own, len(common), own_kinds, own_supports, own_held, own_joints, rows)

@@ -142,16 +142,15 @@ class CompiledStep:
     def _by_cells(self, program: StepProgram, kinds: Kinds, trees: Trees) -> Chain | None:
         """The model cell by cell, where it has any and nothing else couples them."""
         alone = self.batch.numel() < program.lanes()
-        if kinds.joints is None or self.around is None or not alone:
-            return None
-        if "energy" in program.layout.records:
+        known = self.around is not None and "energy" not in program.layout.records
+        if kinds.joints is None or not alone or not known:
             return None
         *_, held, _ = what_orders(self.model)
-        cells = cells_of(self.model.topology, kinds, self.model.constraints.nodes, held)
+        supports = self.model.constraints.nodes
+        cells = cells_of(self.model.topology, kinds, supports, held)
         if cells is None:
             return None
-        held = bool(self.model.constraints.nodes)
-        own = program_of(self.local(trees), cells.kinds, held, self.around)
+        own = program_of(self.local(trees), cells.kinds, bool(supports), self.around)
         return Chain(own, self.model, kinds, cells)
 
     def local(self, trees: Trees) -> LocalFunctions:
