@@ -29,6 +29,7 @@ from ..core.arguments import function as check_function
 from ..core.arguments import tolerance as check_tolerance
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
+from ..core.memory import check_memory
 from ..core.summary import kind, lines, span
 from ..core.validation import concrete, unmapped
 from ..math.block_chain import BlockChain
@@ -46,6 +47,7 @@ from .system_matrices import in_basis, moves, of_chain, of_nodes
 
 STABLE, DIVERGENCE, FLUTTER, LOST = range(4)
 KINDS = ("stable", "divergence", "flutter", "lost")
+NUMBERS = 1000  # of a state and its matrices, at least
 PARTS = 9  # of the bracket in a round
 COMPLEX = 1e-5  # |Im s| / |s| from which on a pair has met; it counts 1e-10 of the load
 GROWING = 1e-6  # Re(lambda) / |lambda| from which on a damped motion grows
@@ -160,9 +162,9 @@ def critical_load(
     path = _Path(scene, inputs, t, boolean("lumped", lumped), check_count("count", count))
     with no_derivatives():
         shape = path.batch_shape(lowest)
-        even = torch.linspace(
-            lowest, highest, check_count("points", points, least=2), device=path.device
-        )
+        states = check_count("points", points, least=2) * shape.numel()
+        check_memory(f"{points} factors", NUMBERS * 8 * states, "fewer points are wanted")
+        even = torch.linspace(lowest, highest, points, device=path.device)
         factors = even.reshape(-1, *[1] * len(shape)).expand(len(even), *shape)
         coarse = path.spectrum(factors)
         unmapped("critical_load", coarse.kind)
