@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import torch
@@ -34,7 +35,7 @@ from ..solvers.newton import LIMIT
 from ..state.reduced import ReducedStates, joined, whole_of
 from ..state.solution import Energy, Solution, Stats
 from ..state.start import on_supports
-from ..state.state import State, check_state, rest, with_optional_fields
+from ..state.state import State, check_state, resting, with_optional_fields
 from .adaptive import adaptive
 from .events import Events
 from .failure import Failures
@@ -242,24 +243,23 @@ def _implicit(
 ) -> Solution:
     if progress is not None:
         check_function("progress", progress, "done", "steps")
-    intervals = concrete(t).detach().diff()
-    step = (
-        step_size("step", step)
-        if step is not None
-        else min(intervals.min().item(), (t[-1] - t[0]).item() / STEPS)
-    )
+    instants = concrete(t).tolist()
+    gaps, whole = [b - a for a, b in pairwise(instants)], instants[-1] - instants[0]
+    step = step_size("step", step) if step is not None else min(*gaps, whole / STEPS)
     check_memory(
-        f"the plan of {sum(gap / step for gap in intervals.tolist()):.3g} steps of {step:g} s",
-        PLAN * sum(gap / step for gap in intervals.tolist()),
+        f"the plan of {whole / step:.3g} steps of {step:g} s",
+        PLAN * whole / step,
         "a longer step is wanted",
     )
     # of an interval, in steps
-    rounding = 1e-6 + 2 * torch.finfo(t.dtype).eps * t.abs().max().item() / step
-    counts = [max(1, math.ceil(gap / step - rounding)) for gap in intervals.tolist()]
+    rounding = 1e-6 + 2 * torch.finfo(t.dtype).eps * max(map(abs, instants)) / step
+    counts = [max(1, math.ceil(gap / step - rounding)) for gap in gaps]
     plan = [(k, i) for k, count in enumerate(counts) for i in range(count)]  # interval, step in it
-    interval, part = (torch.tensor(x, device=t.device) for x in zip(*plan, strict=True))
-    lengths = (t.diff() / t.new_tensor(counts))[interval]
-    begins = t[:-1][interval] + part * lengths
+    lengths, begins = t.diff(), t[:-1]
+    if len(plan) > len(counts):
+        interval, part = (torch.tensor(x, device=t.device) for x in zip(*plan, strict=True))
+        lengths = (lengths / t.new_tensor(counts))[interval]
+        begins = begins[interval] + part * lengths
     stepper = prepared(scene, step, method, **options)
     changing(inputs, len(counts))
     first = inputs_at(inputs, t[0], t)
@@ -453,7 +453,7 @@ def _begin(model: Model, initial: State | None, t: Tensor) -> State:
 
 def _started(model: Model, initial: State | None, t: Tensor) -> State:
     scene = model.scene
-    start = rest(scene, t=t) if initial is None else check_state(initial, scene)
+    start = resting(scene, scene.batch_shape, t) if initial is None else check_state(initial, scene)
     if initial is not None or scene.has_prescribed_motion:
         model.space.start(start)  # says so where it does not fit
     if initial is None:
@@ -493,6 +493,8 @@ def _judged(solution: Solution, throw: bool, warned: bool = False) -> Solution:
     where the solver has not.
     """
     statuses = concrete(solution.states.status)
+    if not statuses.any():
+        return solution
     status, steps = statuses[-1], (statuses == 0).sum(0)
     for code in sorted(set(status.flatten().tolist()) - {0}):
         failed = (status == code).nonzero().tolist()

@@ -303,11 +303,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
     each sample), and moves with them. A frame that turns has turned since t = 0, when it coincides
     with the inertial axes. Raises ValueError for what is no scene, batch axes or time.
     """
-    beam = instance("a scene", scene, Scene).beam
-    nodes, stresses = beam.node_count, beam.stress_count
-    zero = beam.nodes.new_zeros(())
-    states = sum(scene.internal_states)
-    time = instants("t", t, zero)
+    time = instants("t", t, instance("a scene", scene, Scene).beam.nodes)
     shape = broadcast("a scene and t", scene.batch_shape, time.shape)
     if batch_shape is not None:
         wanted = batch("batch_shape", batch_shape)
@@ -317,6 +313,15 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
                 "with its axes is wanted"
             )
         shape = wanted
+    return resting(scene, shape, time)
+
+
+def resting(scene: Any, shape: tuple[int, ...], time: Tensor) -> State:
+    """`rest` of these batch axes, at times that broadcast with them."""
+    beam = scene.beam
+    nodes, stresses = beam.node_count, beam.stress_count
+    zero = beam.nodes.new_zeros(())
+    states = sum(scene.internal_states)
     state = State(
         position=beam.nodes.expand(*shape, nodes, 3),
         rotation=beam.frames.expand(*shape, nodes, 4),
