@@ -33,9 +33,9 @@ from .chain_constants import (
     JointConstants,
     NodeConditions,
     NodeConstants,
+    RootPose,
     StretchConstants,
     SupportConstants,
-    SupportPose,
     Trees,
     filled,
     flattened,
@@ -367,7 +367,7 @@ class Constants:
             for wanted in (True, False)
         )
         support = (
-            SupportPose(*(values.get(f"{when}support {name}") for name in Pose._fields))
+            RootPose(*(values.get(f"{when}support {name}") for name in Pose._fields))
             if self.wants_support
             else None
         )

@@ -232,7 +232,7 @@ def prepared(
 def _poses(model: Model, t: Tensor) -> list[Field]:
     """Of supports."""
     beam = model.scene.beam
-    poses = {"position": beam.nodes, "frame": beam.frames}
+    poses = {"position": beam.nodes, "rotation": beam.frames}
     for name in ("displacement", "turn"):
         poses[name] = torch.zeros_like(beam.nodes)
     for support in model.scene.supports:
