@@ -137,7 +137,6 @@ class Peg(Task):
     Config = PegConfig
     PLANE = "xz"
     HOLDS = False  # the carriage rests anywhere
-    VIEW = (-0.6, 0.6, 1.3)
     settles = False  # it hangs straight
 
     def __init__(self, config: PegConfig) -> None:
