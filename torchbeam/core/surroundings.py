@@ -111,9 +111,9 @@ class Variable(NamedTuple):
 class Surroundings:
     """Variables that functions, and those that they call, close over and find in their modules:
     numbers, words, tensors, functions, lists, dictionaries and tuples, objects by those of their
-    attributes that the functions name, and modules of torch.nn. Raises Unsteady, with what it is,
-    for all else that may change unnoticed, for functions that write to what is around them, and for
-    packages other than `PACKAGES`.
+    attributes that the functions name, classes by what they give their objects, and modules of
+    torch.nn. Raises Unsteady, with what it is, for all else that may change unnoticed, for
+    functions that write to what is around them, and for packages other than `PACKAGES`.
 
     inputs  tensors that a program takes as inputs, whatever their numbers: parameters and buffers
             of modules, and what carries gradient
@@ -233,6 +233,11 @@ class Surroundings:
                 self._buffers |= {id(x) for x in value.buffers()}
                 self._named.add("forward")
             self._class(type(value))
+        elif isinstance(value, type) and not (_of_package(value) or _of_numpy(value)):
+            self._class(value)
+            self._class(type(value))
+            for one in getattr(value, "__dataclass_fields__", {}).keys() & vars(value).keys():
+                self._hold(f"{name}.{one}", lambda one=one: vars(value).get(one, ABSENT))
         elif isinstance(value, types.ModuleType) and _of_package(value):
             self._holders.append((name, value, set()))
         elif not (_of_package(value) or _of_numpy(value)):

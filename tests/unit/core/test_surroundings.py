@@ -209,6 +209,40 @@ def test_changes_of_objects_lists_and_networks_are_noticed(monkeypatch, change):
     assert not found.unchanged()
 
 
+class Steel:
+    """Numbers of a class, that makes no objects."""
+
+    gain = 2.0
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda: setattr(Steel, "gain", 3.0),
+        lambda: setattr(Settings, "gain", 3.0),
+        lambda: setattr(Pair, "slope", property(lambda self: 1.0)),
+        lambda: setattr(Contact, "push", lambda self, x: x),
+    ],
+    ids=("number", "default", "property", "method"),
+)
+def test_classes_that_functions_name_and_make_objects_of(monkeypatch, change):
+    """Plain classes, dataclasses, named tuples: what is changed of them is noticed, and one that
+    writes to its own as it is made is refused.
+    """
+    for kind, name in ((Steel, "gain"), (Settings, "gain"), (Pair, "slope"), (Contact, "push")):
+        monkeypatch.setattr(kind, name, vars(kind)[name])  # is put back
+    found = around(
+        lambda x: (
+            Steel.gain * Settings.gain * Pair(x, 1.0).slope + Contact.push(contact, x)
+            if isinstance(x, Contact) is False
+            else None
+        )
+    )
+    assert found.unchanged()
+    change()
+    assert not found.unchanged()
+
+
 @pytest.mark.parametrize("module", [torch, torch.linalg, math])
 def test_what_a_user_put_on_a_module_of_a_package_is_noticed(monkeypatch, module):
     """A number, a function and a tensor; what the module has by itself is none of it, but for

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any, TypeVar
 
 import torch
@@ -13,9 +13,11 @@ from torch import Tensor
 from ...core.leaves import AXES, own_leaves
 from ...core.surroundings import Read, Surroundings, Unsteady, of_class
 from ...nodal.conditions import conditions
-from ...nodal.loads import Nodes, advanced, external
+from ...nodal.loads import Nodes, advanced, external, load_points
 from ...nodal.model import Model
+from ...scene.effects import Inputs, Load, LoadPoint
 from ...scene.effects.effect import of_library
+from ...scene.effects.load_point import INTERNAL, MOTION, ROTATION, together
 from ..compiler.readings import Readings
 from .constants import Constants
 from .local_problem import OwnBatch
@@ -136,6 +138,15 @@ def _in_motion(model: Model, still: Nodes, shift: Tensor) -> tuple[Tensor | floa
     """Users' loads, (..., N+1, w), and internal states after a step, of a beam in some motion by
     `shift` (..., N+1, p).
     """
+    nodes, t, inputs = _moving(model, still, shift)
+    return (
+        external(model, nodes, conditions(model, t, inputs, loads=tuple(by_function(model)))),
+        advanced(model, nodes, conditions(model, t, inputs, loads=model.scene.loads)),
+    )
+
+
+def _moving(model: Model, still: Nodes, shift: Tensor) -> tuple[Nodes, Tensor, Inputs]:
+    """Nodes that have moved by `shift` and move as fast, turned as well; a time, and no inputs."""
     turn = shift[..., :1].expand(*shift.shape[:-1], model.space.dims.spin)
     internal = shift[..., 0, :1].expand(*shift.shape[:-2], model.internal_states)
     t = shift.new_zeros(())
@@ -144,7 +155,44 @@ def _in_motion(model: Model, still: Nodes, shift: Tensor) -> tuple[Tensor | floa
     nodes = Nodes(
         still.position + shift, rotation, shift, turn, still.frame, internal, t + 0.01, shift, turn
     )
-    return (
-        external(model, nodes, conditions(model, t, inputs, loads=tuple(by_function(model)))),
-        advanced(model, nodes, conditions(model, t, inputs, loads=model.scene.loads)),
-    )
+    return nodes, t, inputs
+
+
+def site_by_site(model: Model) -> bool:
+    """Whether users' functions along the beam give each site what its own motion asks, whatever
+    its number and its neighbours are, as native code takes them: tried on sites that all move
+    alike, and with another motion of one in the middle.
+    """
+    still, generator = Constants(model).still, torch.Generator().manual_seed(0)
+    like = still.position
+    shift = torch.rand(like.shape, dtype=like.dtype, generator=generator)
+    nodes, t, inputs = _moving(model, still, shift)
+    now = conditions(model, t, inputs, loads=tuple(by_function(model)))
+    for acting, point in load_points(model, nodes, now, now.loads):
+        if not acting.along:
+            continue
+        rows = [0] * point.R.shape[-3]
+        other = [*rows]
+        other[len(rows) // 2] = -1
+        alike, changed = (
+            together(acting.load.wrench(_moving_as(point, by), t, inputs), point.R)
+            for by in (rows, other)
+        )
+        rest = [k for k, by in enumerate(other) if by == 0]
+        alone = isinstance(acting.load, Load) and not acting.load.by_place
+        if not _close(alike[..., rest, :], changed[..., rest, :]) or (
+            alone and not _close(alike, alike[..., :1, :])
+        ):
+            return False
+    return True
+
+
+def _moving_as(point: LoadPoint, rows: list[int]) -> LoadPoint:
+    """Sites along the beam that move as those of these numbers do."""
+    motion = {name: getattr(point, name) for name in (*MOTION, INTERNAL) if name != ROTATION}
+    motion = {name: x[..., rows, :] for name, x in motion.items() if x is not None}
+    return replace(point, R=point.R[..., rows, :, :], **motion)
+
+
+def _close(a: Tensor, b: Tensor) -> bool:
+    return torch.allclose(a, b.expand_as(a), rtol=1e-5, equal_nan=True)

@@ -23,7 +23,7 @@ SHORT = {
     "cylinder", "LuGre", "stalling wing", "table", "spline in s",
     "linear solve", "gradient of a potential", "writes into its own", "method of a dataclass",
     "class of one's own",
-    "network, residual", "network, float32"}
+    "network, residual", "network, float32", "recurrent cell", "rate of a field"}
 # fmt: on
 
 
