@@ -85,6 +85,8 @@ MADE = {
     *vars(namedtuple("Empty", ())),
 }
 
+MAKES = ("__new__", "__init__", "__post_init__")  # an object
+
 Read = tuple[str, Callable[[], Any]]  # a name, and what gives what it stands for
 
 
@@ -236,8 +238,10 @@ class Surroundings:
         elif isinstance(value, type) and not (_of_package(value) or _of_numpy(value)):
             self._class(value)
             self._class(type(value))
-            for one in getattr(value, "__dataclass_fields__", {}).keys() & vars(value).keys():
-                self._hold(f"{name}.{one}", lambda one=one: vars(value).get(one, ABSENT))
+            for one in (*getattr(value, "__dataclass_fields__", ()), *MAKES):
+                read = functools.partial(_of_class, value, one)
+                if read() is not ABSENT and not _generated(read()):
+                    self._hold(f"{name}.{one}", read)
         elif isinstance(value, types.ModuleType) and _of_package(value):
             self._holders.append((name, value, set()))
         elif not (_of_package(value) or _of_numpy(value)):
@@ -378,6 +382,15 @@ def _function_of(value: Any) -> Any:
         if isinstance(value, (staticmethod, classmethod))
         else value
     )
+
+
+def _of_class(kind: type, name: str) -> Any:
+    return _function_of(vars(kind).get(name, ABSENT))
+
+
+def _generated(value: Any) -> bool:
+    """Whether it is a function that Python wrote, of a dataclass or of a named tuple."""
+    return isinstance(value, types.FunctionType) and value.__code__.co_filename == "<string>"
 
 
 def _steady(value: Any) -> bool:
