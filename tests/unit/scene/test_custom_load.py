@@ -434,8 +434,9 @@ def by_numpy(x, R, v, w, t):
 
 
 def by_autograd(x, R, v, w, t):
-    y = x.detach().requires_grad_()
-    return -torch.autograd.grad(y.square().sum(), y)[0], None
+    with torch.enable_grad():
+        y = x.detach().requires_grad_()
+        return -torch.autograd.grad(y.square().sum(), y)[0], None
 
 
 def by_step(x, R, v, w, t):
