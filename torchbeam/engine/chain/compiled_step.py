@@ -30,7 +30,7 @@ from .local_problem import INTERNAL
 from .node_kinds import kinds_of
 from .program import NOTHING, StepProgram, adjoint_of, program_of
 from .step_structure import FORMS, Form, StepStructure, keep_structure, key_of, known_structure
-from .user_functions import by_function, by_sample, known, site_by_site
+from .user_functions import by_function, by_sample, known
 
 # by the method, and whether it conserves energy
 FUNCTIONS = {
@@ -131,12 +131,6 @@ class CompiledStep:
         if self.around is not None and not self.around.unchanged():
             raise NotTraceable(
                 "a function of the motion writes to what it reads; one without memory is wanted"
-            )
-        if by_user and not site_by_site(model):
-            raise NotTraceable(
-                "a function along the beam gives a site what depends on its number, or on other "
-                "sites; what depends on its own motion alone is wanted ('s' in of=, and values=, "
-                "tell sites apart)"
             )
         return StepStructure(program, model, kinds, trees, values, self.constants.asks), trees
 

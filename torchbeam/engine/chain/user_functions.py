@@ -18,7 +18,7 @@ from ...nodal.model import Model
 from ...scene.effects import Inputs, Load, LoadPoint
 from ...scene.effects.effect import of_library
 from ...scene.effects.load_point import INTERNAL, MOTION, ROTATION, together
-from ..compiler.readings import Readings
+from ..compiler.readings import NotTraceable, Readings
 from .constants import Constants
 from .local_problem import OwnBatch
 
@@ -64,8 +64,22 @@ def by_sample(
 ) -> Made:
     """make(around); where functions close over a batch, with the tensors that hold it as inputs,
     each sample its row of them, as `values=` of a load are. Raises OwnBatch where no tensors are
-    found of which each sample reads its own row alone.
+    found of which each sample reads its own row alone, and NotTraceable for functions along the
+    beam that tell its sites apart.
     """
+    made = _by_rows(make, model, around)
+    if not _site_by_site(model):
+        raise NotTraceable(
+            "a function along the beam gives a site what depends on its number, or on other "
+            "sites; what depends on its own motion alone is wanted ('s' in of=, and values=, "
+            "tell sites apart)"
+        )
+    return made
+
+
+def _by_rows(
+    make: Callable[[Surroundings | None], Made], model: Model, around: Surroundings | None
+) -> Made:
     try:
         return make(around)
     except OwnBatch as error:
@@ -158,16 +172,20 @@ def _moving(model: Model, still: Nodes, shift: Tensor) -> tuple[Nodes, Tensor, I
     return nodes, t, inputs
 
 
-def site_by_site(model: Model) -> bool:
+@torch.no_grad()
+def _site_by_site(model: Model) -> bool:
     """Whether users' functions along the beam give each site what its own motion asks, whatever
     its number and its neighbours are, as native code takes them: tried on sites that all move
     alike, and with another motion of one in the middle.
     """
+    own = tuple(load for load in by_function(model) if load.node is None)
+    if not own:
+        return True
     still, generator = Constants(model).still, torch.Generator().manual_seed(0)
     like = still.position
     shift = torch.rand(like.shape, dtype=like.dtype, generator=generator)
     nodes, t, inputs = _moving(model, still, shift)
-    now = conditions(model, t, inputs, loads=tuple(by_function(model)))
+    now = conditions(model, t, inputs, loads=own)
     for acting, point in load_points(model, nodes, now, now.loads):
         if not acting.along:
             continue
