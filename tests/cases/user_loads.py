@@ -415,7 +415,7 @@ def by_name(x, R, v, w, t):
     return Wrench(-0.2 * torch.roll(v, 1, -1) + along_z(wind.drag()), moment=-0.01 * w)
 
 
-def by_defaults(*motion, gain=torch.tensor([0.1, 0.2, 0.3])):
+def by_defaults(*motion, gain=torch.tensor([0.1, 0.2, 0.3])):  # noqa: B008
     return -gain * motion[2], None
 
 
