@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
-import torch
 from torch import Tensor
 
 from ...core.arguments import choice, instance, listed, number
@@ -23,7 +22,7 @@ from ...sensors.sensor import Sensor
 from ...statics.equilibrium import equilibrium
 from .convergence import Convergence, Tried
 from .notes import notes
-from .reading import Reader
+from .reading import Reader, takes_scene
 from .remesh import least_elements, remesh
 from .search import Checked, Search, finer
 from .setting import ELEMENTS, METHODS, Setting
@@ -146,7 +145,7 @@ def _problem(
     the instants.
     """
     if not isinstance(read, Sensor):
-        check_function("read", read, "solution")
+        check_function("read", read, *("solution", "scene")[: 1 + takes_scene(read)])
     if solve is not None:
         check_function("solve", solve, "scene")
         if t is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, field
 
@@ -41,7 +42,7 @@ class Law:
         if fineness <= first:
             return at_first * (first / fineness) ** self.rate
         (n, e), (m, f) = next(
-            (a, b) for a, b in zip(points, points[1:], strict=False) if a[0] <= fineness <= b[0]
+            (a, b) for a, b in itertools.pairwise(points) if a[0] <= fineness <= b[0]
         )
         if min(e, f) <= 0:
             return max(e, f)

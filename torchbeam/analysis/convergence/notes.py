@@ -17,13 +17,14 @@ def notes(search: Search, best: Checked) -> Iterator[str]:
     the wanted error was not reached, what would be needed.
     """
     setting = best.setting
-    mesh = search.observed.get(setting.element)
+    known = [search.observed.get(name) for name in (setting.element, *search.elements)]
+    mesh = next((order for order in known if order is not None), None)
     steps = None if setting.method is None else search.observed.get(setting.method)
     if mesh is not None and not mesh >= SLOW * ELEMENTS[setting.element].rate:
         yield (
-            f"The error of the mesh falls with h^{mesh:.2g}, where {setting.element} elements have "
-            f"order {ELEMENTS[setting.element].rate:g}: not yet their asymptotic range, or the "
-            "quantity is not smooth along the beam."
+            f"The error of meshes was seen to fall with h^{mesh:.2g}, where {setting.element} "
+            f"elements have order {ELEMENTS[setting.element].rate:g}: not yet the asymptotic "
+            "range, or the quantity is not smooth along the beam."
         )
     if steps is not None and not steps >= SLOW * METHODS[setting.method]:
         yield (
@@ -51,7 +52,7 @@ def notes(search: Search, best: Checked) -> Iterator[str]:
             continue
         if error == math.inf:
             yield f"Runs by more {what} failed."
-        elif order is None or not order > LEAST_ORDER:
+        elif order is not None and not order > LEAST_ORDER:
             yield (
                 f"More {what} hardly change it: the quantity does not converge here. A sudden load "
                 "of an undamped beam moves all its modes, velocities and strains most of all; "
@@ -59,8 +60,8 @@ def notes(search: Search, best: Checked) -> Iterator[str]:
                 "point would make it converge."
             )
         else:
-            wanted = fineness * (error / half) ** (1 / order)
+            wanted = fineness * (error / half) ** (1 / (order or 2.0))
             yield (
-                f"By that order about {wanted:.2g} {what} are wanted; at most {most} are allowed, in "
-                f"{search.trials.seconds:g} s of CPU time."
+                f"By the order observed about {wanted:.2g} {what} are wanted; at most {most} are "
+                f"allowed, in {search.trials.seconds:g} s of CPU time."
             )

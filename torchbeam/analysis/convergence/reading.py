@@ -35,7 +35,7 @@ class Reader:
         """The quantity of a result of a scene on another mesh, detached."""
         if isinstance(self.read, Sensor):
             value = on_mesh(self.read, self.scene, scene)(getattr(result, "state", result))
-        elif _takes_scene(self.read):
+        elif takes_scene(self.read):
             value = self.read(result, scene)
         else:
             value = self.read(result)
@@ -81,7 +81,8 @@ class Reader:
         return torch.where(error.isnan(), math.inf, error)
 
 
-def _takes_scene(read: Callable[..., Any]) -> bool:
+def takes_scene(read: Any) -> bool:
+    """Whether a function wants two arguments: the result and its scene."""
     try:
         parameters = inspect.signature(read).parameters.values()
     except (TypeError, ValueError):

@@ -70,7 +70,7 @@ def least_elements(scene: Scene) -> int:
     places = [Fraction(node % beam.node_count, rows) for node in _nodes(scene)]
     least = math.lcm(*(place.denominator for place in places))
     own = beam.curved and "elements" not in _recipe(beam)
-    own = own or beam.compliance.shape[-3] > 1 and not callable(_recipe(beam).get("section"))
+    own = own or (beam.compliance.shape[-3] > 1 and not callable(_recipe(beam).get("section")))
     own = own or any(_by_element(effect) for effect in scene.effects)
     return math.lcm(least, beam.element_count) if own else least
 

@@ -11,19 +11,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 
 from .law import Law, remaining
 from .setting import ELEMENTS, METHODS, Setting
 from .trials import Trials
 
 SAFETY = 0.7  # share of the wanted error that a choice is predicted to have
-LEVELS = (1, 2, 3)  # times powers of two: numbers of elements and of steps
+# numbers of elements and of steps: 1, 2, 3, 4, 6, 8, 12, ...
+LEVELS = sorted({k * 2**j for k in (1, 3) for j in range(24)} - {3 * 2**23})
 FIRST_INTERVALS, FIRST_STEPS = 4, 32
 # of the seconds that all runs may take: how much until errors of steps, and of meshes, are known
 STEPS_PART, MESHES_PART = 0.2, 0.5
 CHECKS = 8  # choices that are checked, at most
 REFUSALS = (ValueError, NotImplementedError)  # of an element or a method that a scene does not take
-DEAR = 16  # times the cheapest steps' cost: of the highest order midpoint4's are five times as dear
+DEAR = 16  # times the cheapest steps' time: midpoint4's cost five times midpoint's where native
 CHEAPER = 0.6  # share of the cost that makes another check worth its while
 
 
@@ -99,29 +101,23 @@ class Search:
 
     # fineness of steps is their number over all instants
 
-    def _steps(self) -> Iterator[float]:
+    def step_lengths(self) -> list[float]:
         """Steps that are whole parts of the shortest interval, from long to short."""
-        for parts in _levels():
-            step = float(f"{self.interval / parts:.9g}")
-            if self.trials.step_count(step) > self.most[1]:
-                return
-            yield step
+        parts = (float(f"{self.interval / parts:.9g}") for parts in LEVELS)
+        return list(takewhile(lambda h: self.trials.step_count(h) <= self.most[1], parts))
 
-    def _counts(self) -> Iterator[int]:
-        """Numbers of elements."""
-        for parts in _levels():
-            if self.base * parts > self.most[0]:
-                return
-            yield self.base * parts
+    def element_counts(self) -> list[int]:
+        """Multiples of `base`."""
+        return [self.base * n for n in LEVELS if self.base * n <= self.most[0]] or [self.base]
 
     def _first_steps(self) -> float | None:
         if not self.methods:
             return None
-        steps = list(self._steps()) or [self.interval]
+        steps = self.step_lengths() or [self.interval]
         return next((h for h in steps if self.trials.step_count(h) >= FIRST_STEPS), steps[-1])
 
     def _first_elements(self, element: str, intervals: int = FIRST_INTERVALS) -> int:
-        counts = list(self._counts())
+        counts = self.element_counts()
         order = ELEMENTS[element].order
         return next((n for n in counts if n * order >= intervals), counts[-1])
 
@@ -134,39 +130,36 @@ class Search:
         def at(method: str, h: float) -> Setting:
             return Setting(element, mesh, method, h)
 
-        levels = [step, step / 2]
+        levels, methods = [step, step / 2], list(self.methods)
         while True:
-            best = self._ladder_method([at(m, h) for h in levels[:-1] for m in self.methods])
+            methods = self._not_dear([at(m, levels[-2]) for m in methods])
+            best = max(methods, key=lambda m: METHODS[m])
             law = Law(METHODS[best])
             for h in levels[:-1]:
                 change = self.trials.difference(at(best, h), at(best, h / 2))
                 law.errors[count(h)] = remaining(change, law.trusted())
             left = law.predicted(count(levels[-1]))
-            finer = [at(m, levels[-1] / 2) for m in self.methods]
+            finer = [at(m, levels[-1] / 2) for m in methods]
             too_many = count(levels[-1] / 2) > self.most[1]
             if left <= self.rtol / 2 or too_many or not self._room(finer, STEPS_PART):
                 break
             levels.append(levels[-1] / 2)
         for method in self.methods:
             self.time[method] = Law(METHODS[method])
-            for h in levels[:-1] if method == best else levels[: max(2, len(levels) - 1)]:
-                self.time[method].errors[count(h)] = self.trials.difference(
-                    at(method, h), at(best, levels[-1])
-                )
+            for h in levels[:-1]:
+                if at(method, h) in self.trials.made:
+                    error = self.trials.difference(at(method, h), at(best, levels[-1]))
+                    self.time[method].errors[count(h)] = error
         self.time[best].errors[count(levels[-1])] = left
 
     def _room(self, settings: list[Setting], part: float) -> bool:
         return self.trials.allowed(*settings, part=part)
 
-    def _ladder_method(self, tried: list[Setting]) -> str:
-        """The method of the highest order whose steps cost no more than `DEAR` times the
-        cheapest's, where all were tried.
-        """
-        times = [self.trials(s).seconds for s in tried]
-        cheapest = {s.step: min(x for r, x in zip(tried, times, strict=True) if r.step == s.step)
-                    for s in tried}
-        dear = {s.method for s, x in zip(tried, times, strict=True) if x > DEAR * cheapest[s.step]}
-        return max((m for m in self.methods if m not in dear), key=lambda m: METHODS[m])
+    def _not_dear(self, tried: list[Setting]) -> list[str]:
+        """Methods whose steps, of one length, cost no more than `DEAR` times the cheapest's."""
+        least = self.trials.least
+        times = {s.method: max(self.trials(s).seconds - least, 0.1 * least) for s in tried}
+        return [m for m, time in times.items() if time <= DEAR * min(times.values())]
 
     def _measure_meshes(self) -> None:
         """Errors of meshes of each element, by steps that are fine enough, against the finest of
@@ -238,7 +231,7 @@ class Search:
             return ()
         element = self.elements[0]
         mesh = self._first_elements(element)
-        pairs = [Setting(element, mesh, m, h) for m in self.methods for h in self._steps()]
+        pairs = [Setting(element, mesh, m, h) for m in self.methods for h in self.step_lengths()]
         enough = [s for s in pairs if self._time_error(s) <= 2 * self.rtol]
         if enough:
             chosen = min(enough, key=self.trials.cost)
@@ -254,35 +247,31 @@ class Search:
     def _space_error(self, setting: Setting) -> float:
         return self.space[setting.element].predicted(setting.elements)
 
-    def _all(self) -> Iterator[Setting]:
+    def settings(self) -> Iterator[Setting]:
+        """All that may be chosen."""
+        steps = [(m, h) for m in self.methods for h in self.step_lengths()] or [(None, None)]
         for element in self.elements:
-            for count in self._counts():
-                if count * ELEMENTS[element].order < 2:
-                    continue
-                for method in self.methods:
-                    for step in self._steps():
-                        yield Setting(element, count, method, step)
-                if not self.methods:
-                    yield Setting(element, count)
+            for count in self.element_counts():
+                if count * ELEMENTS[element].order > 1:
+                    yield from (Setting(element, count, *step) for step in steps)
 
     def _choice(self) -> Setting | None:
         """The cheapest setting that is predicted to be good enough; None where there is none, or no
         time to check it.
         """
-        enough = [s for s in self._all() if self._error(s) <= SAFETY * self.rtol]
+        enough = [s for s in self.settings() if self.error(s) <= SAFETY * self.rtol]
         choice = min(enough, key=self.trials.cost, default=None)
         return choice if choice is not None and self._checkable(choice) else None
 
     def _finest(self) -> Setting:
         """Of all that there is time to check the one of the least predicted error."""
-        all_ = list(self._all())
+        all_ = list(self.settings())
         return min(
-            filter(self._checkable, all_),
-            key=self._error,
-            default=min(all_, key=self.trials.cost),
+            filter(self._checkable, all_), key=self.error, default=min(all_, key=self.trials.cost)
         )
 
-    def _error(self, setting: Setting) -> float:
+    def error(self, setting: Setting) -> float:
+        """As the laws predict it."""
         return self._space_error(setting) + self._time_error(setting)
 
     def _checkable(self, setting: Setting) -> bool:
@@ -328,9 +317,3 @@ def finer(setting: Setting) -> tuple[Setting, Setting | None]:
         replace(setting, elements=2 * setting.elements),
         None if setting.step is None else replace(setting, step=setting.step / 2),
     )
-
-
-def _levels() -> Iterator[int]:
-    """1, 2, 3, 4, 6, 8, 12, ..."""
-    seen = sorted({k * 2**j for k in LEVELS for j in range(24)})
-    yield from seen

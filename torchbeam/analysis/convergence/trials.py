@@ -59,6 +59,8 @@ class Trials:
     seconds: float = math.inf
     made: dict[Setting, Trial] = field(default_factory=dict)
     warm: set[tuple[str, str | None]] = field(default_factory=set)
+    counts: dict[float, int] = field(default_factory=dict)  # of steps, by their length
+    rates: dict[tuple[int, int], dict] = field(default_factory=dict)  # see `_rates`
     least: float = math.inf  # CPU s of a run of one step, which is setting up
 
     def __call__(self, setting: Setting) -> Trial:
@@ -84,7 +86,11 @@ class Trials:
         """How many steps of a length the instants ask for."""
         if step is None or self.t is None:
             return 1
-        return sum(max(1, math.ceil(gap / step - SPAN)) for gap in self.t.diff().tolist())
+        if step not in self.counts:
+            self.counts[step] = sum(
+                max(1, math.ceil(gap / step - SPAN)) for gap in self.t.diff().tolist()
+            )
+        return self.counts[step]
 
     def work(self, setting: Setting) -> float:
         """What a setting's time grows with: steps times nodes, and some more for what a step costs
@@ -111,18 +117,8 @@ class Trials:
 
     def _rate(self, setting: Setting) -> float:
         """CPU seconds a unit of work."""
-        element, method = setting.element, setting.method
-        rates: dict[tuple[str, str | None], float] = {}
-        steps = math.log(self.step_count(setting.step))
-
-        def distance(trial: Trial) -> tuple[float, float]:
-            apart = abs(math.log(self.step_count(trial.setting.step)) - steps)
-            return -apart, self.work(trial.setting)
-
-        for trial in sorted(self.made.values(), key=distance):  # the last one stays
-            key = trial.setting.element, trial.setting.method
-            spent = max(trial.seconds - self.least, 1e-2 * self.least)
-            rates[key] = spent / self.work(trial.setting)
+        element, method, steps = setting.element, setting.method, self.step_count(setting.step)
+        rates = self._rates(steps)
         if (element, method) in rates:
             return rates[element, method]
         by_method = {e: rate for (e, m), rate in rates.items() if m == method}
@@ -134,6 +130,26 @@ class Trials:
             if (e, m) in rates
         ]
         return min(pairs or [*by_method.values(), *by_element.values()] or rates.values())
+
+    def _rates(self, steps: int) -> dict[tuple[str, str | None], float]:
+        """By element and method, of those trials that are nearest to so many steps, of these the
+        one with most work.
+        """
+        if (key := (len(self.made), steps)) in self.rates:
+            return self.rates[key]
+
+        def nearness(trial: Trial) -> tuple[float, float]:
+            ratio = self.step_count(trial.setting.step) / steps
+            return -abs(math.log(ratio)), self.work(trial.setting)
+
+        rates = {}
+        for trial in sorted(self.made.values(), key=nearness):  # the last one stays
+            spent = max(trial.seconds - self.least, 1e-2 * self.least)
+            name = trial.setting.element, trial.setting.method
+            rates[name] = spent / self.work(trial.setting)
+        self.rates = {k: v for k, v in self.rates.items() if k[0] == len(self.made)}
+        self.rates[key] = rates
+        return rates
 
     def _run(self, setting: Setting) -> Trial:
         with no_derivatives(), warnings.catch_warnings():
