@@ -9,6 +9,7 @@ import torchbeam as tb
 from torchbeam.analysis.convergence.law import Law, remaining
 from torchbeam.analysis.convergence.reading import Reader, on_mesh
 
+pytestmark = pytest.mark.steps
 SECTION = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=0.2)
 T = torch.linspace(0, 0.5, 11)
 FEW = dict(elements=["linear", "order 2"], methods=["midpoint"])  # that are compiled anyway

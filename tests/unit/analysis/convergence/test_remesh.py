@@ -72,7 +72,7 @@ def test_values_of_elements_are_those_of_their_parts():
     each = torch.tensor([[0.0, 0, 1], [0, 0, 2], [0, 0, 0], [0, 1, 0]], dtype=beam.nodes.dtype)
     shape = torch.tensor([1.0, 2.0, 3.0, 4.0], dtype=beam.nodes.dtype)
     push = tb.Load(
-        lambda x, R, v, w, t, k: (k[..., None] * x.new_tensor((0, 0, 0.1)), None),
+        lambda x, R, v, w, t, k: (k[..., None] * k.new_tensor((0, 0, 0.1)), None),
         node=None, values={"k": shape}, of=(),
     )  # fmt: skip
     bent = tb.Actuation(curvature=(0, 0.3, 0), elements=range(1, 3))
