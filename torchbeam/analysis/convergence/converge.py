@@ -16,7 +16,7 @@ from ...core.arguments import count as check_count
 from ...core.arguments import function as check_function
 from ...core.arguments import level_of as check_level
 from ...core.arguments import tolerance as check_tolerance
-from ...core.validation import as_tensor, increasing, shown
+from ...core.validation import as_tensor, increasing
 from ...scene.scene import Scene
 from ...sensors.sensor import Sensor
 from ...statics.equilibrium import equilibrium
@@ -85,7 +85,7 @@ def converge(
     """
     begun = time.process_time()
     check_tolerance("rtol", rtol)
-    if share != 1:
+    if number("share", share) != 1:
         check_level("share", share)
     problem = _problem(scene, t, read, size, solve)
     for name, given, known in (("elements", elements, ELEMENTS), ("methods", methods, METHODS)):
@@ -168,11 +168,8 @@ def _problem(
                 raise ValueError("linked interpolation of a structure's beams is theirs to say")
             return replace(made, beam=made.beam.linked())
 
-    if isinstance(size, Tensor):
-        if not bool((size > 0).all()):
-            raise ValueError(f"size = {shown(size)} was given; numbers above 0 are wanted")
-    elif size is not None and not number("size", size) > 0:
-        raise ValueError(f"size = {shown(size)} was given; a number above 0 is wanted")
+    if size is not None:
+        check_tolerance("size", size, each=True)
     if t is not None:
         t = increasing("t", as_tensor(t, first.dtype, first.device)).detach()
     return make, base, first, t
