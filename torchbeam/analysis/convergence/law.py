@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 LEAST_ORDER = 0.5  # a law that falls slower is not used to predict what finer ones give
@@ -68,3 +69,12 @@ def remaining(difference: float, order: float) -> float:
     2^-p).
     """
     return difference / (1 - 2.0**-order)
+
+
+def observed_order(changes: Sequence[float]) -> float | None:
+    """The order that the last three of nested levels show, each twice as fine as the one before,
+    which differ by `changes`; None of fewer levels, or where nothing changes.
+    """
+    if len(changes) < 2 or not (0 < changes[-1] < math.inf and 0 < changes[-2] < math.inf):
+        return None
+    return math.log2(changes[-2] / changes[-1])

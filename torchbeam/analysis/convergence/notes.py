@@ -17,13 +17,14 @@ def notes(search: Search, best: Checked) -> Iterator[str]:
     the wanted error was not reached, what would be needed.
     """
     setting = best.setting
-    known = [search.observed.get(name) for name in (setting.element, *search.elements)]
-    mesh = next((order for order in known if order is not None), None)
+    names = (setting.element, *search.elements)
+    seen = next((name for name in names if search.observed.get(name) is not None), names[0])
+    mesh = search.observed.get(seen)
     steps = None if setting.method is None else search.observed.get(setting.method)
-    if mesh is not None and not mesh >= SLOW * ELEMENTS[setting.element].rate:
+    if mesh is not None and not mesh >= SLOW * ELEMENTS[seen].rate:
         yield (
-            f"The error of meshes was seen to fall with h^{mesh:.2g}, where {setting.element} "
-            f"elements have order {ELEMENTS[setting.element].rate:g}: not yet the asymptotic "
+            f"The error of meshes was seen to fall with h^{mesh:.2g}, where {seen} "
+            f"elements have order {ELEMENTS[seen].rate:g}: not yet the asymptotic "
             "range, or the quantity is not smooth along the beam."
         )
     if steps is not None and not steps >= SLOW * METHODS[setting.method]:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import takewhile
 
-from .law import Law, remaining
+from .law import Law, observed_order, remaining
 from .setting import ELEMENTS, METHODS, Setting
 from .trials import Trials
 
@@ -74,9 +74,6 @@ class Search:
         if self.methods:
             self._measure_steps(steps)
         self._measure_meshes()
-        self.observed = {
-            name: law.order() for laws in (self.space, self.time) for name, law in laws.items()
-        }
         accepted: list[Checked] = []
         for _ in range(CHECKS):
             choice = self._choice()
@@ -134,10 +131,11 @@ class Search:
         while True:
             methods = self._not_dear([at(m, levels[-2]) for m in methods])
             best = max(methods, key=lambda m: METHODS[m])
+            changes = [self.trials.difference(at(best, h), at(best, h / 2)) for h in levels[:-1]]
             law = Law(METHODS[best])
-            for h in levels[:-1]:
-                change = self.trials.difference(at(best, h), at(best, h / 2))
+            for h, change in zip(levels, changes, strict=False):
                 law.errors[count(h)] = remaining(change, law.trusted())
+            self.observed[best] = observed_order(changes)
             left = law.predicted(count(levels[-1]))
             finer = [at(m, levels[-1] / 2) for m in methods]
             too_many = count(levels[-1] / 2) > self.most[1]
@@ -194,10 +192,13 @@ class Search:
     ) -> tuple[list[int], Law]:
         """Nested meshes of an element, until the finest is good enough, and its errors."""
         counts, law = [self._first_elements(element)], Law(ELEMENTS[element].rate)
+        changes: list[float] = []
         while True:
             counts.append(2 * counts[-1])
             change = self.trials.difference(at(element, counts[-2]), at(element, counts[-1]))
             law.errors[counts[-2]] = remaining(change, law.trusted())
+            changes.append(change)
+            self.observed[element] = observed_order(changes)
             left = law.predicted(counts[-1])
             too_many = 2 * counts[-1] > self.most[0]
             room = self._room([at(element, 2 * counts[-1])], MESHES_PART)

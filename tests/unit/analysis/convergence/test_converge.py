@@ -6,7 +6,7 @@ import pytest
 import torch
 
 import torchbeam as tb
-from torchbeam.analysis.convergence.law import Law, remaining
+from torchbeam.analysis.convergence.law import Law, observed_order, remaining
 from torchbeam.analysis.convergence.reading import Reader, on_mesh
 
 pytestmark = pytest.mark.steps
@@ -124,6 +124,7 @@ def test_laws_of_errors():
     assert Law(2.0, {4: 1.0, 8: 1e-3}).predicted(16) == pytest.approx(0.25e-3)
     assert Law(2.0, {4: math.inf, 8: 1.0}).predicted(4) == math.inf
     assert remaining(0.75, 2.0) == pytest.approx(1.0)
+    assert observed_order([3.0, 0.75]) == 2 and observed_order([0.75]) is None
 
 
 @pytest.mark.parametrize(
