@@ -26,6 +26,7 @@ from ..core.arguments import count as check_count
 from ..core.arguments import tolerance as check_tolerance
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
+from ..core.memory import check_memory
 from ..core.summary import kind, lines, span
 from ..core.validation import concrete, unmapped
 from ..engine.chain.coverage import ENGINES
@@ -36,6 +37,7 @@ from .load_path import DIVERGENCE, FLUTTER, STABLE, Factored, LoadPath
 from .system_matrices import moves
 
 KINDS = ("stable", "divergence", "flutter", "lost")
+NUMBERS = 1000  # of a state and its matrices, at least
 PARTS = 9  # of the bracket in a round
 
 
@@ -136,9 +138,9 @@ def critical_load(
     path = LoadPath(scene, inputs, t, lumped, check_count("count", count), engine)
     with no_derivatives():
         shape = path.batch_shape(lowest)
-        even = torch.linspace(
-            lowest, highest, check_count("points", points, least=2), device=path.device
-        )
+        states = check_count("points", points, least=2) * shape.numel()
+        check_memory(f"{points} factors", NUMBERS * 8 * states, "fewer points are wanted")
+        even = torch.linspace(lowest, highest, points, device=path.device)
         factors = even.reshape(-1, *[1] * len(shape)).expand(len(even), *shape)
         coarse = path.spectrum(factors)
         unmapped("critical_load", coarse.kind)
