@@ -34,7 +34,8 @@ STEP = 0.02  # over the slowest angular frequency: a period to 3e-5
 TOUCHING = 4  # parts of that where anything touches
 LAYER = 0.3  # thickness of the contact, over the radius: so that the rod lies on its surface
 STIFF = 20.0  # force where surfaces meet, over what is expected to press
-SLIP = 1e-3  # slip speed, over the rod's length, 1/s
+SLIP = 3e-3  # slip speed, over the rod's length, 1/s
+DAMPING = 5e-3  # s, of the contact
 NODES = {End.START: 0, End.END: -1}
 SHEAR = 27 / 28  # coefficient of a circular section, as the suite's other solver has it
 
@@ -213,6 +214,7 @@ def _law(scenario: Scenario, rod: Rod, other: Any) -> dict[str, float]:
     law = {
         "thickness": LAYER * rod.radius,
         "force": STIFF * weight * (1 + rod.length / (2 * bend)),
+        "damping": DAMPING,
         "radius": rod.radius * (1 - LAYER * (1 - STIFF**-0.5)),  # surfaces meet where that presses
     }
     return {**law, "friction": mu, "slip_speed": SLIP * rod.length} if mu else law
