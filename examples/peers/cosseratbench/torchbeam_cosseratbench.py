@@ -79,7 +79,7 @@ class TorchbeamSolver:
             scene, start = _structure(scenario, together, met, n_elements)
             states = _motion(scene, start, times, step)
             own = {i: states[f"rod{i}"] for i in together}
-            found |= {i: (part.position, part.rotation) for i, part in own.items()}
+            found |= {i: (part.position[:, 0], part.rotation[:, 0]) for i, part in own.items()}
         moved = [found[i] for i in range(len(rods))]
         return Trajectory(
             times,
@@ -234,25 +234,30 @@ def _obstacles(scenario: Scenario, rod: Rod, name: str | None = None) -> list[tb
 
 
 def _met(scenario: Scenario, moved: list[np.ndarray]) -> set[tuple[int, int]]:
-    """Pairs of rods, or of a rod and itself, that came within their radii and the contact's layer
-    at any frame.
+    """Pairs of rods, or of a rod and itself, that may have come within their radii and the
+    contact's layer: at any frame, by as much as nodes move from there to the next one.
     """
-    met = set()
+    met, steps = set(), [_step_lengths(x) for x in moved]
     for i, j in itertools.combinations_with_replacement(range(len(moved)), 2):
         a, b = scenario.rods[i], scenario.rods[j]
         if i == j and not scenario.self_contact:
             continue
-        near = (1 + LAYER) * (a.radius + b.radius)
-        elements = moved[i].shape[1] - 1
+        reach = (1 + LAYER) * (a.radius + b.radius) + steps[i] + steps[j] * (i != j)
         first, second = (np.arange(x.shape[1] - 1) for x in (moved[i], moved[j]))
-        apart = neighbour_elements(a.radius, a.length / elements) if i == j else -1
+        apart = neighbour_elements(a.radius, a.length / len(first))
         looked = (second - first[:, None]) > apart if i == j else True
-        for x, y in zip(moved[i], moved[j], strict=True):
+        for x, y, near in zip(moved[i], moved[j], reach, strict=True):
             d = segment_distance(x[:-1, None], x[1:, None], y[None, :-1], y[None, 1:])
             if np.where(looked, d, np.inf).min() < near:
                 met.add((i, j))
                 break
     return met
+
+
+def _step_lengths(x: np.ndarray) -> np.ndarray:
+    """(frames,) m, by which a rod's nodes move at most until the next frame."""
+    moves = np.linalg.norm(np.diff(x, axis=0), axis=-1).max(-1)
+    return np.append(moves, 0.0)
 
 
 def _components(count: int, met: set[tuple[int, int]]) -> list[list[int]]:
