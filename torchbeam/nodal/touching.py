@@ -119,6 +119,11 @@ def of_nodes(nodes: Tensor, motion: TouchingMotion) -> PairMotion:
     return PairMotion(*(None if x is None else x[..., nodes, :] for x in motion[:4]))
 
 
+# axes of the constants of a pair
+RANKS = {"own": 1, "measure": 0, "control": 2, "ends": 1, "radii": 1}
+RANKS |= dict.fromkeys(("thickness", "slope", "friction", "slip_speed", "damping"), 0)
+
+
 class Near(NamedTuple):
     """Pairs that may touch each other, and their nodes (U, 6)."""
 
@@ -245,19 +250,59 @@ class AllTouching(AnyTouching):
 
 
 @dataclass(frozen=True)
-class FixedTouching(AnyTouching):
-    """Of pairs that are known, each with its six nodes."""
+class OnePair(AnyTouching):
+    """Of six nodes, which are all that there are."""
 
     pairs: TouchingPairs
+
+    lossy = property(lambda self: self.pairs.lossy)
+    reads = property(lambda self: self.pairs.reads)
+
+    def near(self, motion: TouchingMotion | None) -> list[Near]:
+        return [Near(self.pairs, torch.arange(6, device=self.moves.device)[None])]
+
+
+@dataclass(frozen=True)
+class FixedTouching(AllTouching):
+    """Of all of a scene those pairs that are known, each with its six nodes, and whether its law
+    has friction, and damping.
+    """
+
+    pairs: TouchingPairs | None
     nodes: tuple[tuple[int, ...], ...]
+    laws: tuple[tuple[bool, bool], ...]
 
-    @property
-    def lossy(self) -> bool:
-        return self.pairs.lossy
+    def near(self, motion: TouchingMotion | None) -> list[Near]:
+        if self.pairs is None:
+            return []
+        return [Near(self.pairs, torch.tensor(self.nodes, device=self.moves.device))]
 
-    @property
-    def reads(self) -> frozenset[str]:
-        return self.pairs.reads
 
-    def near(self, motion: TouchingMotion) -> list[Near]:
-        return [Near(self.pairs, torch.tensor(self.nodes, device=self.moves.device).view(-1, 6))]
+def fixed(touching: AllTouching, near: list[Nearby]) -> FixedTouching:
+    """With these pairs alone, of each of its places and pieces; what the law of a pair has not is
+    1 where another's has it.
+    """
+    each = [(one, own) for one, own in zip(touching.each, near, strict=True) if len(own.point)]
+    laws = [(one.contact.rubs, one.contact.damping is not None) for one, _ in each]
+    laws = tuple(law for law, (_, own) in zip(laws, each, strict=True) for _ in own.point)
+    nodes = tuple(tuple(row) for _, own in each for row in own.nodes.tolist())
+    pairs = joined([one.pairs(own) for one, own in each]) if each else None
+    return FixedTouching(touching.space, touching.moves, touching.each, pairs, nodes, laws)
+
+
+def joined(parts: list[TouchingPairs]) -> TouchingPairs:
+    """One behind the other, a row for each pair in all of their constants."""
+    counts = [part.own.shape[-2] for part in parts]
+    fields = {}
+    for name, rank in RANKS.items():
+        own = [getattr(part, name) for part in parts]
+        like = next((x for x in own if x is not None), None)
+        if like is None:
+            fields[name] = None
+            continue
+        own = [like.new_ones(1) if x is None else x for x in own]
+        lead = broadcast_shapes(*(x.shape[: x.ndim - rank - 1] for x in own))
+        rows = zip(own, counts, strict=True)
+        whole = (x.expand(*lead, n, *x.shape[x.ndim - rank :]) for x, n in rows)
+        fields[name] = torch.cat([*whole], -1 - rank)
+    return TouchingPairs(**fields)

@@ -110,6 +110,19 @@ class TouchingPairs(Tree):
 
         return PairMotion(*(None if x is None else four(x) for x in motion))
 
+    def far(self, motion: PairMotion) -> Tensor:
+        """(..., U) bool: whether the place is outside of a sphere about the piece, wherever both
+        are in the step.
+        """
+        x, half, *_ = self.points(motion)
+        middle = x[..., 2, :]
+        corners = self.control @ x[..., 1:, :] - middle[..., None, :]
+        reach = norm(corners).amax((-1, -2)) + self.radii.sum(-1) + self.thickness
+        if half is not None:
+            moves = norm(half)[..., 0]
+            reach = reach + moves[..., 1:].amax(-1) + moves[..., 0]
+        return (x[..., 0, :] - middle).square().sum(-1) > reach.square()
+
     def meeting(self, points: PairMotion) -> Meeting:
         """Of the pairs, whose points move so."""
         x, half, velocity, spin = points

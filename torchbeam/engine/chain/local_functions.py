@@ -32,6 +32,7 @@ from ...topology.midside import condensed, following
 from .joint_functions import JointFunctions
 from .local_problem import INTERNAL, Fields, unbatched
 from .node_kinds import ElementKind, NodeKind
+from .pair_functions import PairFunctions
 from .tendon_functions import TendonFunctions
 
 
@@ -49,7 +50,7 @@ class WholeRow(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LocalFunctions(JointFunctions, TendonFunctions):
+class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
     """Functions of nodes, of elements, of rows of the chain, of samples; and those of the
     adjoint.
     """
