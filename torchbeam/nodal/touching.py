@@ -197,15 +197,19 @@ class AnyTouching(NoTouching):
 
     def by_moves(self, near: Near, motion: TouchingMotion) -> Tensor:
         """(..., U, 6, 6, w, w): derivative of the balances of a pair's nodes by their moves."""
-        by_x, *by_rates = near.pairs.slopes(of_nodes(near.nodes, motion))
-        whole = torch.einsum("...abij,wj->...abiw", by_x, self.moves[:, :3])
-        return self._balances(whole + self._rates(near, motion, by_rates))
+        of_pairs = of_nodes(near.nodes, motion)
+        by_x, *by_rates = near.pairs.slopes(of_pairs)
+        change = by_x @ self.moves[:, :3].mT + self._rates(near, motion, by_rates)
+        return self._balances(near.pairs.blocks(of_pairs, change))
 
     def _by_rates(self, near: Near, motion: TouchingMotion) -> Tensor:
         """The same by velocities and spins alone."""
-        by_x, *by_rates = near.pairs.slopes(of_nodes(near.nodes, motion))
-        none = by_x.new_zeros(()).expand(*by_x.shape[:-1], len(self.moves))
-        return self._balances(self._rates(near, motion, by_rates) + none)
+        of_pairs = of_nodes(near.nodes, motion)
+        by_x, *by_rates = near.pairs.slopes(of_pairs)
+        none = by_x.new_zeros(*by_x.shape[:-1], len(self.moves))
+        return self._balances(
+            near.pairs.blocks(of_pairs, none + self._rates(near, motion, by_rates))
+        )
 
     def _balances(self, blocks: Tensor) -> Tensor:
         """From wrenches (..., 6, w) to balances."""
@@ -224,7 +228,7 @@ class AnyTouching(NoTouching):
                 rate = pad(moves[p:, 3:].mT @ own, (more, 0))
             same = rate.shape[-3] == 1
             rate = rate[..., None, :, :, :] if same else rate[..., near.nodes, :, :]
-            whole = whole + torch.einsum("...abij,...bjw->...abiw", slope, rate)
+            whole = whole + slope @ rate
         return whole
 
 

@@ -200,8 +200,8 @@ class TouchingPairs(Tree):
         return torch.cat((torch.ones_like(shares[..., :1]), -shares), -1)
 
     def slopes(self, motion: PairMotion) -> tuple[Tensor, ...]:
-        """Derivatives (..., U, 6, 6, 6, 3) of `wrenches`, node by node, by positions, velocities
-        and spins of the nodes; the last two where the law asks for them.
+        """Derivatives (..., U, 6, n, 3) of the n numbers of `_actions` by position, velocity and
+        spin of each of the nodes; the last two where the law asks for them.
         """
         points = self.points(motion)
         rates = zip((VELOCITY, SPIN), points[2:], strict=True)
@@ -216,30 +216,31 @@ class TouchingPairs(Tree):
             return torch.cat([part for part in found if part is not None], -1)
 
         slopes = jacobians(actions, *(x.flatten(-2) for x in (points.position, *given)))
-        force, moment, shares = self._actions(points)
-        return tuple(self._of_nodes(slope, force, moment, shares) for slope in slopes)
+        by_point = (slope.unflatten(-1, (4, 3)).movedim(-2, -3) for slope in slopes)
+        weights = self._weights[..., None, None]
+        return tuple(weights * slope[..., POINTS, :, :] for slope in by_point)
 
-    def _of_nodes(
-        self, slope: Tensor, force: Tensor, moment: Tensor | None, shares: Tensor
-    ) -> Tensor:
-        """From the derivatives (..., U, 6 or 9, 12) of `_actions` by the points those of
-        `wrenches`, (..., node, node, 6, 3).
+    def blocks(self, motion: PairMotion, change: Tensor) -> Tensor:
+        """From changes (..., U, 6, n, w) of `_actions` by w numbers of each of the nodes those of
+        `wrenches`, (..., U, 6, 6, 6, w): of each node by each.
         """
-        by_force, *by_moment, by_shares = slope.split(3, -2)
-        change = torch.cat((torch.zeros_like(by_shares[..., :1, :]), by_shares), -2)[..., None, :]
-        own, force = self._signed(shares)[..., None, None], force[..., None, :, None]
-        rows = own * by_force[..., None, :, :] - change * force
+        force, moment, shares = self._actions(self.points(motion))
+        by_force, *by_moment, by_shares = change.split(3, -2)
+        moved = torch.cat((torch.zeros_like(by_shares[..., :1, :]), by_shares), -2)
+
+        def of_points(own: Tensor, by: Tensor, rest: Tensor, action: Tensor) -> Tensor:
+            """(..., 4, 6, 3, w) of an action whose shares `own` change by `rest` (..., 6, 4, w)."""
+            whole = own[..., :, None, None, None] * by[..., None, :, :, :]
+            return whole + rest.transpose(-3, -2)[..., None, :] * action[..., None, None, :, None]
+
+        rows = of_points(self._signed(shares), by_force, -moved, force)
         turned = torch.zeros_like(rows)
         if moment is not None:
             levers = self._levers(shares)
-            rest = 1 - levers[..., :1, None, None]
-            turned = levers[..., None, None] * by_moment[0][..., None, :, :]
-            turned = turned + rest * change * moment[..., None, :, None]
+            rest = (1 - levers[..., :1, None, None]) * moved
+            turned = of_points(levers, by_moment[0], rest, moment)
         four = torch.cat(torch.broadcast_tensors(rows, turned), -2)
-        four = four.unflatten(-1, (4, 3)).transpose(-3, -2)  # (..., point, point, 6, 3)
-        weights = self._weights
-        both = weights[..., :, None] * weights[..., None, :]
-        return both[..., None, None] * four[..., POINTS, :, :, :][..., :, POINTS, :, :]
+        return self._weights[..., None, None, None] * four[..., POINTS, :, :, :]
 
     def energy(self, motion: PairMotion, side: float) -> Tensor:
         """(...) J at the end of a step (side 1), or at its start (-1)."""

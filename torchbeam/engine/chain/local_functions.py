@@ -79,12 +79,11 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
         load, D = unbatched(load + x[0].new_zeros(1, w), 2)[0], x[0].new_zeros(w, w)
         terms = {} if inertia is None else {"inertia": inertia.wrench[0]}
         balance = -load if inertia is None else inertia.wrench[0] - load
-        return {
-            "balance": balance,
-            "D": D if matrix is None else D + matrix.diagonal[0],
-            **terms,
-            **({"load": load} if self.loaded else {}),
-        }
+        if self.loaded:
+            terms["load"] = load
+        if self.model.touching.present and isinstance(problem, StepProblem):
+            terms["load"] = torch.maximum(load.abs(), problem.of_flight[0])
+        return {"balance": balance, "D": D if matrix is None else D + matrix.diagonal[0], **terms}
 
     def update(self, kind: NodeKind, move: Tensor, **fields: Tensor) -> Fields:
         """The unknowns of a node after a move (w), supports applied."""

@@ -24,9 +24,9 @@ OF_LOADS = ("node", "finish")  # functions that ask loads, and so what users wro
 
 class Tracing:
     """shapes: of the states' and unknowns' fields; constants: of a node's, an element's, the
-    common, a support's and a joint's ones; node, element, joint, stretch, pair: all that a function of
-    one may read; known: functions of `OF_LOADS` that were traced before, and are not traced again,
-    to which those that are traced now are added; None = none are to be known.
+    common, a support's and a joint's ones; node, element, joint, stretch, pair: all that a function
+    of one may read; known: functions of `OF_LOADS` that were traced before, and are not traced
+    again, to which those that are traced now are added; None = none are to be known.
     """
 
     def __init__(self, local: LocalFunctions, known: Traced | None = None) -> None:
