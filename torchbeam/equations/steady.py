@@ -113,6 +113,15 @@ class SteadyProblem(BalanceProblem):
             model.space, model.law, model.length, model.reference, self.eigenstrain
         )
 
+    def under(self, factor: Tensor, load: str | None) -> SteadyProblem:
+        """The same with a factor (...) of all loads, or of the input `load` beside loads that
+        stay.
+        """
+        if load is None:
+            return replace(self, load_factor=factor)
+        inputs = {**self.inputs, load: factor[..., None] * self.inputs[load]}
+        return replace(self, inputs=inputs, load_factor=torch.ones_like(factor))
+
     def nodes(self, x: Configuration) -> Nodes:
         velocity, spin = self.velocity(x)
         nodes = Nodes(

@@ -76,17 +76,15 @@ class LoadedProblem(Tree):
     native: Callable[..., PointBalance] | None = leaf(None, default=None)
 
     def __call__(self, factor: Tensor) -> SteadyProblem:
-        inputs, raised = self.inputs, factor
-        if self.load is not None:
-            inputs = {**inputs, self.load: factor[..., None] * inputs[self.load]}
-            raised = torch.ones_like(factor)
-        return with_braces(SteadyProblem(self.model, self.t, inputs, raised), self.braces)
+        problem = SteadyProblem(self.model, self.t, self.inputs, factor)
+        return with_braces(problem.under(factor, self.load), self.braces)
 
     def braced(self, start: Configuration) -> LoadedProblem:
         """The same with braces for rigid motions that the whole load does not hold either."""
         whole = self(self.t.new_ones(()))
-        braces = braced(whole, stressed(whole, start)[0])
-        return replace(self, braces=getattr(braces, "braces", None))
+        start, driven = stressed(whole, start)
+        braces = None if driven is None else getattr(braced(whole, start), "braces", None)
+        return replace(self, braces=braces)
 
     def by(self, engine: str) -> LoadedProblem:
         """The same by an engine, see `native_balance`."""

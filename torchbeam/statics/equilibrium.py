@@ -118,7 +118,7 @@ def equilibrium(
         start = replace(problem, load_factor=time.new_zeros(())).apply_supports(start)
     if not relax:
         start, driven = stressed(problem, start)
-        problem = braced(problem, start)
+        problem = problem if driven is None else braced(problem, start)
     if engine != "eager" and not relax and type(problem) is SteadyProblem:
         native = compiled.climb if engine == "compiled" else compiled.automatic_climb
         states = native(model, time, given, start, tolerance, judged=judged or branch == "stable")

@@ -170,11 +170,16 @@ def held_by_loads_alone(
     if clamped(whole.model):
         return None
     with no_derivatives():
-        free = [
-            _free(problem, stressed(problem, x)[0]).diagonal(dim1=-2, dim2=-1).sum(-1).round()
-            for problem in (none, whole)
-        ]
-    return free[0] > free[1]
+        before = _left(none, x)
+        return before > _left(whole, x) if concrete(before).any() else before > 0
+
+
+def _left(problem: SteadyProblem, x: Configuration) -> Tensor:
+    """(...) how many rigid motions of x nothing holds, nor its loads once they have stressed it."""
+    x, driven = stressed(problem, x)
+    if driven is None:
+        return x.stress.new_zeros(())
+    return _free(problem, x).diagonal(dim1=-2, dim2=-1).sum(-1).round()
 
 
 class Base(NamedTuple):
@@ -323,10 +328,8 @@ def _stiffness(problem: SteadyProblem, x: Configuration, moves: Tensor) -> tuple
 
 def _between(problem: SteadyProblem, x: Configuration) -> Iterator[Matrix]:
     """What joints, loads between nodes, and tendons each add to the tangent."""
-    model, loads = (
-        problem.model,
-        element_matrix(problem.model, problem.nodes(x), problem.conditions),
-    )
+    model = problem.model
+    loads = element_matrix(model, problem.nodes(x), problem.conditions)
     if model.joints.count:
         yield _joined(problem, x)
     if loads is not None:

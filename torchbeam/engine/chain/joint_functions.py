@@ -130,9 +130,9 @@ class JointFunctions(LocalProblems):
         """The forces of a joint (w) after they have changed."""
         return {"force": force + move}
 
-    def joint_reaction(self, side: str, end_free: Tensor, **fields: Tensor) -> Fields:
-        """What a joint adds to the reaction of the support of its end (w), by the moves of its ends
-        and the change of its forces.
+    def end_reaction(self, side: str, end_free: Tensor, **fields: Tensor) -> Fields:
+        """What a joint, or a stretch of a tendon, adds to the reaction of the support of its end
+        (w), by the moves of its ends and the change of its own unknowns.
         """
         moves = [fields[f"{end}.move"] for end in (*SIDES[1], "joint") if f"{end}.move" in fields]
         push = (fields[f"{side}.row"] @ torch.cat(moves)[:, None])[:, 0]

@@ -176,13 +176,8 @@ class NativeBalance:
 
     def _system(self, position: Tensor, rotation: Tensor, stress: Tensor, factor: Tensor) -> System:
         """Of the tangent at a point."""
-        problem, x = self.problem, Configuration(position, rotation, stress)
-        if self.load is None:
-            problem = replace(problem, load_factor=factor)
-        else:
-            inputs = problem.inputs
-            inputs = {**inputs, self.load: factor[..., None] * inputs[self.load]}
-            problem = replace(problem, inputs=inputs, load_factor=torch.ones_like(factor))
+        problem = self.problem.under(factor, self.load)
+        x = Configuration(position, rotation, stress)
         return problem.linearise(x, *problem.residual(x)[1:]).system
 
 

@@ -9,7 +9,7 @@ from ..compiler.function import Function
 from .layout import ONE, STRETCHES, TENDONS, Layout
 from .local_functions import LocalFunctions
 from .node_kinds import SIDES, StretchKind, alike
-from .structures import largest
+from .structures import largest, reactions
 from .tendon_functions import SUMMED
 from .tracing import Tracing
 
@@ -49,15 +49,12 @@ def of_stretches(
 ) -> dict[str, Function]:
     """Functions of an iteration, by kind."""
     functions = of_tensions(local, traced, kinds, varying)
-    w, shapes = local.model.space.unknowns, traced.stretch | {name: () for name in varying}
+    shapes = traced.stretch | {name: () for name in varying}
     for k, kind in _distinct(kinds, "tie"):
         functions[f"tie {k}"] = tie = traced(partial(local.tie, held, kind), shapes)
-        for side in kind.sides if held else ():
-            row = {"end_free": (w,), f"{side}.row": tie.outputs[f"{side}.row"].shape}
+        if held:
             ends = (*kind.sides, *["joint"] * kind.coupled)
-            functions[f"tie reaction {k} {side}"] = traced(
-                partial(local.tie_reaction, side), row | {f"{end}.move": (w,) for end in ends}
-            )
+            functions |= reactions(local, traced, f"tie reaction {k}", tie, kind.sides, ends)
     return functions
 
 

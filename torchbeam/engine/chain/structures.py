@@ -96,16 +96,32 @@ def of_joints(
     for k, kind in enumerate(kinds):
         functions[f"joint {k}"] = joint(kind)
         if held:
-            for side in kind.sides:
-                rows = {
-                    "end_free": (w,),
-                    f"{side}.row": functions[f"joint {k}"].outputs[f"{side}.row"].shape,
-                }
-                moves = {f"{end}.move": (w,) for end in (*kind.sides, "joint")}
-                functions[f"joint reaction {k} {side}"] = traced(
-                    partial(local.joint_reaction, side), rows | moves
-                )
+            made, ends = functions[f"joint {k}"], (*kind.sides, "joint")
+            functions |= reactions(local, traced, f"joint reaction {k}", made, kind.sides, ends)
     return functions
+
+
+def reactions(
+    local: LocalFunctions,
+    traced: Tracing,
+    called: str,
+    made: Function,
+    sides: tuple[str, ...],
+    ends: tuple[str, ...],
+) -> dict[str, Function]:
+    """What a joint, or a stretch of a tendon, adds to the reactions of supports at its `sides`, by
+    the rows that its function made and the moves of its ends; called: their names, but for the
+    side.
+    """
+    w = local.model.space.unknowns
+    moves = {f"{end}.move": (w,) for end in ends}
+    return {
+        f"{called} {side}": traced(
+            partial(local.end_reaction, side),
+            {"end_free": (w,), f"{side}.row": made.outputs[f"{side}.row"].shape} | moves,
+        )
+        for side in sides
+    }
 
 
 def record(

@@ -191,12 +191,6 @@ class TendonFunctions(LocalProblems):
                 asked[name] = asked.get(name, 0.0) + part
         return turned | asked
 
-    def tie_reaction(self, side: str, end_free: Tensor, **fields: Tensor) -> Fields:
-        """What a stretch adds to the reaction of the support of its end (w), by the moves of its
-        ends and of its own unknowns.
-        """
-        return self.joint_reaction(side, end_free, **fields)
-
     def tendon_work(self, tension: Tensor, change: Tensor, start: Tensor | None = None) -> Fields:
         """Work of a stretch over the step; start: tension at its start, see `Tendons.finished`."""
         return {"work": -mean_tension(tension, start) * change}
