@@ -64,29 +64,40 @@ class Touching(Tree):
         """By the spheres about pieces, larger by a skin m; all pairs where samples are seen one at
         a time.
         """
+        if mapped(motion.position):
+            pairs = concrete((self.allowed > 0).detach())
+            return self.chosen(pairs.flatten(0, -3).any(0) if pairs.ndim > 2 else pairs)
+        return self.chosen(self.slack(motion) <= skin)
+
+    def slack(self, motion: TouchingMotion) -> Tensor:
+        """(P, K) m: how far each place is from the sphere about each piece, of the nearest sample;
+        inf where it may not touch it.
+        """
         device = motion.position.device
         points, pieces = (torch.tensor(x, device=device) for x in (self.points, self.pieces))
-        pairs = concrete((self.allowed > 0).detach())
-        pairs = pairs.flatten(0, -3).any(0) if pairs.ndim > 2 else pairs
-        if not mapped(motion.position):
-            x = concrete(motion.position.detach())
-            place = (self.shares[..., None] * x[..., points, :]).sum(-2)
-            own = x[..., pieces[:, 1], :]
-            corners = self.control @ x[..., pieces, :] - own[..., None, :]
-            reach = torch.linalg.vector_norm(corners, dim=-1).amax(-1) + skin
-            reach = reach + (self.radii.sum(-1) + self.contact.thickness)[..., None].detach()
-            reach = reach[..., None, :]
-            if motion.half is not None:
-                half = concrete(motion.half.detach())
-                moves = torch.linalg.vector_norm(half, dim=-1)
-                there = torch.linalg.vector_norm(
-                    (self.shares[..., None] * half[..., points, :]).sum(-2), dim=-1
-                )
-                reach = reach + moves[..., pieces].amax(-1)[..., None, :] + there[..., None]
-            apart = place[..., :, None, :] - own[..., None, :, :]
-            near = concrete((apart.square().sum(-1) <= reach.square()).detach())
-            pairs = pairs & near.flatten(0, -3).any(0) if near.ndim > 2 else pairs & near
+        x = concrete(motion.position.detach())
+        place = (self.shares[..., None] * x[..., points, :]).sum(-2)
+        own = x[..., pieces[:, 1], :]
+        corners = self.control @ x[..., pieces, :] - own[..., None, :]
+        reach = torch.linalg.vector_norm(corners, dim=-1).amax(-1)
+        reach = reach + (self.radii.sum(-1) + self.contact.thickness)[..., None]
+        reach = reach[..., None, :]
+        if motion.half is not None:
+            half = concrete(motion.half.detach())
+            moves = torch.linalg.vector_norm(half, dim=-1)
+            there = torch.linalg.vector_norm(
+                (self.shares[..., None] * half[..., points, :]).sum(-2), dim=-1
+            )
+            reach = reach + moves[..., pieces].amax(-1)[..., None, :] + there[..., None]
+        apart = torch.linalg.vector_norm(place[..., :, None, :] - own[..., None, :, :], dim=-1)
+        slack = torch.where(self.allowed > 0, apart - reach, torch.inf)
+        slack = concrete(slack.detach())
+        return slack.flatten(0, -3).amin(0) if slack.ndim > 2 else slack
+
+    def chosen(self, pairs: Tensor) -> Nearby:
+        """Those where pairs (P, K) bool is true."""
         point, piece = concrete(pairs).nonzero().unbind(-1)
+        points, pieces = (torch.tensor(x, device=pairs.device) for x in (self.points, self.pieces))
         return Nearby(point, piece, torch.cat((points[point], pieces[piece]), -1))
 
     def pairs(self, near: Nearby) -> TouchingPairs:

@@ -1,18 +1,19 @@
 """Steps by native code where beams and bodies touch each other: which pairs may do so is found out
 in torch, once for as many steps as nodes move by little.
 
-Of all pairs, those are taken that would touch if nodes moved by up to a quarter of a skin: a list
-after Verlet (1967). They belong to what is compiled for, as joints do: the matrix has blocks for
-them. Steps are made with the list as long as no node is farther from where it stood when the list
-was made; from there on they are made again, with another list. What is not in the list is too far
-to press, so that no result depends on the skin.
+Of all pairs, those are taken that would touch if nodes moved by up to a quarter of a skin, which is
+then as wide as it can be without another pair: a list after Verlet (1967). They belong to what is
+compiled for, as joints do: the matrix has blocks for them. Steps are made with the list as long as
+no node is farther from where it stood when the list was made; from there on they are made again,
+with another list. What is not in the list is too far to press, so that no result depends on the
+skin.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -32,6 +33,26 @@ ROOM = 1.5  # of what nodes have moved by in a step: so much is there for the ne
 LISTS = 16  # of pairs that are kept; the one that was not asked for for longest goes first
 
 
+class PairList(NamedTuple):
+    """Steps with the pairs that were near when nodes were at `position` (..., nodes, 3) m, which
+    are all as long as no node is more than a quarter of the skin m from there.
+    """
+
+    step: CompiledStep
+    position: Tensor
+    skin: float
+
+    def moved(self, position: Tensor) -> Tensor:
+        """(K) m of positions (K, ...): the most that a node has moved by."""
+        moved = torch.linalg.vector_norm(position.detach() - self.position, dim=-1)
+        return moved.flatten(1).amax(1).nan_to_num(0.0)
+
+    def holds(self, position: Tensor) -> bool:
+        return self.position.shape == position.shape and bool(
+            self.moved(position[None]) <= self.skin / 8
+        )
+
+
 class TouchingStep:
     """Steps of a model whose parts touch; step: `CompiledStep` of a model whose pairs are known. It
     is called as that is.
@@ -45,6 +66,7 @@ class TouchingStep:
         self._none = [Nearby(none, none, none.view(0, 6)) for _ in model.touching.each]
         self.far = self._known(self._none)  # without pairs; what is refused is refused here
         self.eager_because: str | None = None
+        self._list: PairList | None = None  # the last one
 
     batch = property(lambda self: self.far.batch)
     around = property(lambda self: self.far.around)
@@ -67,59 +89,59 @@ class TouchingStep:
     ) -> Steps | None:
         """See `CompiledStep`; every: states are those after each step."""
         axes = start.status.ndim if moving is None else moving.ndim
-        speed = torch.linalg.vector_norm(start.velocity.detach(), dim=-1).amax()
-        skin = max(self.skin, 4 * ROOM * float(speed * dt.detach().abs().amax()))
-        first, parts = 0, []
+        first, parts, at_once = 0, [], K or 1
         while first < (K or 1):
             position = self.model.space.public_position(start.position).detach()
-            step = self._known(self._near(position, skin))
-            rows = slice(first, None) if K else ()
+            pairs = self._list
+            if pairs is None or not pairs.holds(position):
+                speed = torch.linalg.vector_norm(start.velocity.detach(), dim=-1).amax()
+                pairs = self._listed(position, float(speed * dt.detach().abs().amax()))
+            count = min(at_once, (K or 1) - first)
+            rows = slice(first, first + count)
 
             def of(x: Tensor, own: int, rows: Any = rows) -> Tensor:
-                """Of the steps that are left."""
+                """Of these steps."""
                 return x[rows] if K and x.ndim > own and len(x) == K else x
 
             given = {name: of(x, axes + 1) for name, x in inputs.items()}
-            of_t = None if t is None else of(t, 0)
-            count = K - first if K else None
-            made = step(
-                start, of(dt, 0), of_t, given, moving, tolerance, least, limit, count, lanes
-            )
+            of_t, number = None if t is None else of(t, 0), count if K else None
+            options = tolerance, least, limit, number, lanes
+            made = pairs.step(start, of(dt, 0), of_t, given, moving, *options)
             if made is None:
-                self.eager_because = step.eager_because
+                self.eager_because = pairs.step.eager_because
                 return None
             made = made if K else _stacked(made)
-            whole, moved = self._within(position, made, skin)
+            moved = pairs.moved(self.model.space.public_position(made.fields["position"]))
+            beyond = (moved > pairs.skin / 4).nonzero()
+            whole = int(beyond[0]) if len(beyond) else count
+            if whole < count:
+                at_once, self._list = max(1, 2 * whole), None
             if not whole:
-                skin = 4 * ROOM * moved
+                self._listed(position, float(moved[0]))
                 continue
             status = made.status[:whole]
             well = made.well or bool((status == SUCCESS).all())
             fields = {name: x[:whole] for name, x in made.fields.items()}
-            made = Steps(fields, status, made.iterations[:whole], well)
-            parts.append(made)
+            parts.append(Steps(fields, status, made.iterations[:whole], well))
             first += whole
-            skin = max(self.skin, 4 * ROOM * moved / whole)
-            start = replace(start, **{name: x[-1] for name, x in made.fields.items()})
-            if not made.well:
-                good = made.status[-1] == SUCCESS
+            start = replace(start, **{name: x[-1] for name, x in fields.items()})
+            if not well:
+                good = status[-1] == SUCCESS
                 moving = good if moving is None else moving & good
         return _joined(parts, K)
 
-    def _near(self, position: Tensor, skin: float) -> list[Nearby]:
+    def _listed(self, position: Tensor, move: float) -> PairList:
+        """The pairs for steps in which nodes move by so much."""
         motion = TouchingMotion(position, None, None, None, None, dict)
-        return [one.nearby(motion, skin) for one in self.model.touching.each]
-
-    def _within(self, position: Tensor, made: Steps, skin: float) -> tuple[int, float]:
-        """How many of the steps, the first, leave all nodes within a quarter of the skin, and by
-        how much these have moved, at most; of none, in the first.
-        """
-        after = self.model.space.public_position(made.fields["position"].detach())
-        moved = torch.linalg.vector_norm(after - position, dim=-1).flatten(1).amax(1)
-        moved = moved.nan_to_num(0.0)
-        beyond = (moved > skin / 4).nonzero()
-        whole = int(beyond[0]) if len(beyond) else len(moved)
-        return whole, float(moved[: max(1, whole)].amax())
+        slack = [one.slack(motion) for one in self.model.touching.each]
+        skin = max(self.skin, 4 * ROOM * move)
+        near = [
+            one.chosen(x <= skin) for one, x in zip(self.model.touching.each, slack, strict=True)
+        ]
+        left = torch.cat([x[x > skin] for x in slack])
+        skin = float(left.amin()) if left.numel() else torch.inf
+        self._list = PairList(self._known(near), position, skin)
+        return self._list
 
     def _known(self, near: list[Nearby]) -> CompiledStep:
         """Steps with these pairs."""
