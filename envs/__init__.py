@@ -28,6 +28,7 @@ from .follow_target import FollowTargetEnv, FollowTargetVectorEnv
 from .inverse_kinematics import InverseKinematicsEnv, InverseKinematicsVectorEnv
 from .parameters import Parameter
 from .payload import PayloadEnv, PayloadVectorEnv
+from .peg import PegEnv, PegVectorEnv
 from .plant import aluminium_strip, silicone_rod
 from .reach import holding_action
 from .sensors import Observed
@@ -46,7 +47,8 @@ __all__ = [
     "Actuator", "BeamEnvConfig", "BeamVectorEnv", "Episodes", "FlutterHoldEnv",
     "FlutterHoldVectorEnv", "FollowTargetEnv", "FollowTargetVectorEnv", "InverseKinematicsEnv",
     "InverseKinematicsVectorEnv", "Observed", "Parameter",
-    "PayloadEnv", "PayloadVectorEnv", "Sb3VecEnv", "SingleEnv", "SlewEnv", "SlewVectorEnv", "Task",
+    "PayloadEnv", "PayloadVectorEnv", "PegEnv", "PegVectorEnv", "Sb3VecEnv", "SingleEnv", "SlewEnv",
+    "SlewVectorEnv", "Task",
     "TipForce", "TipReachEnv",
     "TipReachVectorEnv", "TipTrackEnv", "TipTrackVectorEnv", "TwoLinkEnv", "TwoLinkVectorEnv",
     "aluminium_strip", "functional", "holding_action",
@@ -84,6 +86,7 @@ for _task, _module, _steps in (
     ("Slew", "slew", 100),
     ("TwoLink", "two_link", 100),
     ("FollowTarget", "follow_target", 500),
+    ("Peg", "peg", 100),
 ):
     _register(_task, _steps, _module, _task)
     _register(f"{_task}Planar", _steps, _module, _task, planar=True)

@@ -40,6 +40,7 @@ class Renderer:
         target  (n, 3) m;  path (n, points, 3) m, on which the target moves;  payload (n,), over the
                 usual one
         thrust  (n,), a follower force against the beam's end
+        solid  (n, boxes, 2, 3) m: opposite corners of what is solid, drawn as a box in each view
     In the heading: the time, and what the task measures. A beam whose solve failed is red. The part
     of space that is seen is the task's VIEW, or where it is None the box around the beam unloaded
     and at the start, and a third of its length more.
@@ -210,6 +211,9 @@ class Renderer:
             at(self.rest[:: len(self.rest) - 1] if self.task.straight else self.rest)
         ):
             self._dashes(surface, a, b)
+        for corners in shown.get("solid", ()):
+            low, high = np.sort(at(corners), axis=0)
+            pygame.draw.rect(surface, FRAME, pygame.Rect(low, high - low))
         if "path" in shown:
             self._stroke(surface, PATH, at(shown["path"]), 0.8 * unit)
         if len(trace) > 1:

@@ -6,12 +6,14 @@ from __future__ import annotations
 
 import argparse
 import ast
+import copy
 import csv
 import inspect
+import math
 import textwrap
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Protocol, get_type_hints
@@ -25,7 +27,9 @@ from torchbeam.extend.commands import save as save_file
 
 from .evaluate import EPISODES, Controller, evaluate, make
 from .policies import Policy, read, save
-from .tuned import TASKS, TRAINING, Task
+from .tuned import TASKS, TRAINING, VALIDATION, Task, task_named
+
+KEYS = ("learner", "iteration", "steps", "seconds", "rows", "best")  # of a checkpoint
 
 
 class Learner(Protocol):
@@ -81,8 +85,10 @@ def train(
 
     A run whose checkpoint is there goes on from it. With a budget of steps alone, it then ends in
     the same bits as a run that was never stopped. About every `every` steps, and more often at
-    first, the policy is scored on `episodes` held-out episodes and a checkpoint is written; the
-    time that takes is not in `seconds`.
+    first, the policy is scored on `episodes` validation episodes and a checkpoint is written; the
+    time that takes is not in `seconds`. The policy of the best such score is the one that is saved,
+    and scored on `final` held-out episodes, which choose nothing: `chosen_steps` says when it was
+    met, `last_return` is that of the last policy.
 
     Raises ValueError for a folder that cannot be written, and for a checkpoint that is damaged, of
     another release or learner, or holds more than tensors and plain data: nothing in it is ever
@@ -90,13 +96,13 @@ def train(
     """
     folder, each = writable_folder(folder, parents=True), max(1, round(every / learner.batch))
     checkpoint, log = folder / f"{name}.checkpoint", Log(folder / f"{name}.csv")
-    iteration, steps, seconds, judge = 0, 0, 0.0, make(task, episodes)
+    iteration, steps, seconds, judge, best = 0, 0, 0.0, make(task, episodes), Best()
     if checkpoint.exists():
-        state = read(checkpoint, "checkpoint", ("learner", "iteration", "steps", "seconds", "rows"))
+        state = read(checkpoint, "checkpoint", KEYS)
         try:
             learner.load_state_dict(state["learner"])
             iteration, steps = int(state["iteration"]), int(state["steps"])
-            seconds = float(state["seconds"])
+            seconds, best = float(state["seconds"]), Best(**state["best"])
             log.rewind(int(state["rows"]))
         except (KeyError, TypeError, ValueError, AttributeError, RuntimeError, IndexError):
             raise ValueError(
@@ -105,9 +111,9 @@ def train(
             ) from None
     else:
         log.rewind(0)
-        log.write(
-            {"iteration": 0, "steps": 0, "seconds": 0.0, **held_out(task, learner.policy, judge)}
-        )
+        scores = validation(task, learner.policy, judge)
+        best = best.after(scores, 0, learner.policy)
+        log.write({"iteration": 0, "steps": 0, "seconds": 0.0, **scores})
     with Bar(name, progress) as bar:
         while (done := budget.done(steps, seconds)) < 1:
             start = time.perf_counter()
@@ -116,7 +122,8 @@ def train(
             iteration, steps = iteration + 1, steps + learner.batch
             over = budget.done(steps, seconds)
             if iteration % max(1, min(each, iteration // 8)) == 0 or over >= 1:
-                scores = held_out(task, learner.policy, judge)
+                scores = validation(task, learner.policy, judge)
+                best = best.after(scores, steps, learner.policy)
                 log.write(
                     {
                         "iteration": iteration,
@@ -134,32 +141,53 @@ def train(
                         "steps": steps,
                         "seconds": seconds,
                         "rows": log.rows,
+                        "best": vars(best),
                     },
                 )
-                bar.say(f"return {scores['held_out_return']:.1f}")
+                bar.say(f"return {scores['validation_return']:.1f}")
             bar.to(over)
+    last = evaluate(task, learner.policy, final)
+    learner.policy.load_state_dict(best.weights)
     result = {
         "steps": steps,
         "seconds": seconds,
         "iterations": iteration,
-        **evaluate(task, learner.policy, final),
+        "chosen_steps": best.steps,
+        "last_return": last["return"],
+        **(last if best.steps == steps else evaluate(task, learner.policy, final)),
     }
     save(
         learner.policy,
         folder / f"{name}.pt",
-        task=task.name,
-        env=task.env,
-        arguments=task.arguments,
+        **{"task" if key == "name" else key: value for key, value in vars(task).items()},
         scores=result,
     )
     checkpoint.unlink(missing_ok=True)
     return result
 
 
-def held_out(task: Task, controller: Controller, env: VectorEnv) -> dict[str, float]:
-    """The scores that go into the log; env from `evaluate.make`."""
-    scores = evaluate(task, controller, env.num_envs, env=env)
-    return {f"held_out_{name}": scores[name] for name in ("return", "success", "final_error")}
+@dataclass(frozen=True)
+class Best:
+    """The policy of the best validation so far: its return, the environment steps it has learned
+    from, its weights.
+    """
+
+    score: float = -math.inf
+    steps: int = 0
+    weights: dict[str, Any] = field(default_factory=dict)
+
+    def after(self, scores: dict[str, float], steps: int, policy: Policy) -> Best:
+        """The better of this and a policy with `validation` scores."""
+        score = scores["validation_return"]
+        return (
+            Best(score, steps, copy.deepcopy(policy.state_dict())) if score > self.score else self
+        )
+
+
+def validation(task: Task, controller: Controller, env: VectorEnv) -> dict[str, float]:
+    """The scores that go into the log, and choose the policy; env from `evaluate.make`."""
+    scores = evaluate(task, controller, env.num_envs, VALIDATION, env)
+    return {f"validation_{name}": scores[name] for name in ("return", "success", "final_error")}
 
 
 class Log:
@@ -273,7 +301,7 @@ def main(
         description=inspect.getdoc(learner),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--task", choices=TASKS, default="reach", help="default: %(default)s")
+    add_task(parser)
     parser.add_argument(
         "--budget", type=int, default=1_000_000, help="environment steps (default: %(default)s)"
     )
@@ -294,7 +322,7 @@ def main(
             help=f"{texts.get(one.name, '')} ({one.default})",
         )
     given = vars(parser.parse_args(argv))
-    task = TASKS[given["task"]]
+    task = given["task"]
     own = {one.name: given[one.name] for one in fields(arguments) if given[one.name] is not None}
     torch.set_num_threads(1)
     settings = arguments(**{**tuned.get(task.name, {}), **own})
@@ -305,6 +333,25 @@ def main(
     )
     print("  ".join(f"{key} {value:.4g}" for key, value in result.items()))
     return 0
+
+
+def add_task(parser: argparse.ArgumentParser) -> None:
+    """The option --task, whose value is a `Task`."""
+
+    def task(name: str) -> Task:
+        try:
+            return task_named(name)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    parser.add_argument(
+        "--task",
+        type=task,
+        default="reach",
+        metavar="TASK",
+        help=f"{', '.join(TASKS)}, or MODULE:NAME, a training.tuned.Task of one's own "
+        "(default: %(default)s)",
+    )
 
 
 def documented(arguments: type) -> dict[str, str]:

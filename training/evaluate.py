@@ -8,8 +8,10 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from typing import Any
 
+import gymnasium
 import torch
 from gymnasium.vector import VectorEnv
 
@@ -94,13 +96,17 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _task(path: str, about: Any) -> Task:
-    """What a policy was trained for."""
+    """What a policy was trained for: a task of `TASKS`, or another whose environment is there."""
     try:
-        return TASKS[about["task"]].varied(**about["arguments"])
-    except (KeyError, TypeError):
+        if about["task"] in TASKS:
+            return TASKS[about["task"]].varied(**about["arguments"])
+        task = Task(about["task"], *(about[field.name] for field in fields(Task)[1:]))
+        gymnasium.spec(task.env)
+        return task
+    except (KeyError, TypeError, gymnasium.error.Error):
         raise ValueError(
-            f"the policy {path!r} was given, which names no task of this release; there are "
-            f"{', '.join(TASKS)}"
+            f"the policy {path!r} was given, which names no task of this release and no registered "
+            f"environment; there are {', '.join(TASKS)}"
         ) from None
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
-import math
 import shutil
 from collections.abc import Callable
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from torchbeam.extend.commands import measured_on, sentence
 
+from .statistics import estimate, improvement, interquartile_mean
 from .tuned import TASKS
 
 Run = dict[str, Any]
@@ -26,14 +27,21 @@ LABELS = {
     "mpc": "MPC",
     "optimum": "open-loop optimum",
     "ppo": "PPO",
+    "sac": "SAC",
     "shac": "SHAC",
     "sb3-ppo": "PPO (stable-baselines3)",
     "sb3-sac": "SAC (stable-baselines3)",
 }
-# Student's t, 97.5 %, by degrees of freedom
-T95 = (math.nan, 12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262)
+LINEAR = ("pd", "lqr", "lqg")
+CURVE = "validation_return"  # of a learner's log
 LEAST = 3  # seeds for a band; the curve of each is thin
-COLORS = {"ppo": "#e08214", "shac": "#1b6ca8", "sb3-ppo": "#b35806", "sb3-sac": "#7fbc41"}
+COLORS = {
+    "ppo": "#e08214",
+    "sac": "#4d9221",
+    "shac": "#1b6ca8",
+    "sb3-ppo": "#b35806",
+    "sb3-sac": "#7fbc41",
+}
 STYLES = {
     "zero": ":",
     "static": (0, (1, 3)),
@@ -50,11 +58,12 @@ def report(out: Path) -> str:
     returns the Markdown table.
     """
     runs = [json.loads(path.read_text()) for path in sorted((out / "runs").glob("*.json"))]
-    rows = table(runs, lambda run: curve(out / "runs", run))
+    rows, compared = table(runs, lambda run: curve(out / "runs", run)), comparisons(runs)
     # of each run; the runs may have been made side by side
     heading = measured_on(dtype=None, threads=1)
     (out / "results.json").write_text(
-        json.dumps({**heading, "rows": rows, "runs": runs}, indent=2) + "\n"
+        json.dumps({**heading, "rows": rows, "comparisons": compared, "runs": runs}, indent=2)
+        + "\n"
     )
     if rows:
         with open(out / "results.csv", "w", newline="") as file:
@@ -62,7 +71,7 @@ def report(out: Path) -> str:
             writer.writeheader()
             writer.writerows(rows)
     failed = sorted(path.stem for path in (out / "runs").glob("*.failed"))
-    text = markdown(rows) + "".join(f"\n{name}: failed\n" for name in failed)
+    text = markdown(rows, compared) + "".join(f"\n{name}: failed\n" for name in failed)
     text += f"\n\n{sentence(heading)}"
     (out / "results.md").write_text(text + "\n")
     policies(out, runs)
@@ -76,21 +85,23 @@ def report(out: Path) -> str:
 
 
 def curve(folder: Path, run: Run) -> dict[str, np.ndarray] | None:
-    """steps, seconds and held-out return of a learner's log, in order; None for a baseline."""
+    """steps, seconds and validation return of a learner's log, in order; None for a baseline."""
     path = folder / f"{run['task']}-{run['algorithm']}-{run['seed']}.csv"
     if run["seconds"] is None or not path.exists():
         return None
     with open(path, newline="") as file:
         rows = list(csv.DictReader(file))
     return {
-        name: np.array([float(row[name]) for row in rows])
-        for name in ("steps", "seconds", "held_out_return")
+        name: np.array([float(row[name]) for row in rows]) for name in ("steps", "seconds", CURVE)
     }
 
 
 def table(runs: list[Run], curves: Callable[[Run], dict | None]) -> list[dict[str, Any]]:
-    """One row a task and algorithm: means over the seeds, and deviations.
+    """One row a task and algorithm: interquartile means over the seeds, NAME, and their intervals,
+    NAME_low and NAME_high.
 
+    better                              probability that a seed returns more than the best of
+                                        `LINEAR` there
     return_at_steps, return_at_seconds  the learning curves at the environment steps, and at the
                                         training time, that every run of every learner of the task
                                         has had
@@ -103,57 +114,77 @@ def table(runs: list[Run], curves: Callable[[Run], dict | None]) -> list[dict[st
             axis: min((found[axis][-1] for found in learned.values()), default=None)
             for axis in ("steps", "seconds")
         }
+        linear = [run["return"] for run in here if run["algorithm"] in LINEAR]
         for algorithm in sorted({run["algorithm"] for run in here}, key=list(LABELS).index):
             group = [run for run in here if run["algorithm"] == algorithm]
             found = [learned[id(run)] for run in group if id(run) in learned]
             row = {"task": task, "algorithm": algorithm, "runs": len(group)}
+            returns = [run["return"] for run in group]
             for name in ("return", "success", "final_error"):
-                row[name] = mean([run[name] for run in group])
-                row[f"{name}_deviation"] = deviation([run[name] for run in group])
+                row |= _entry(name, interquartile_mean, [run[name] for run in group])
+            better = [returns, [max(linear)]] if found and linear else None
+            row |= _entry("better", improvement, *better or [])
             row["steps"] = mean([run["steps"] for run in group])
             row["seconds"] = mean([run["seconds"] for run in group]) if found else None
             for axis in ("steps", "seconds"):
-                at = [
-                    float(np.interp(common[axis], one[axis], one["held_out_return"]))
-                    for one in found
-                ]
+                at = [float(np.interp(common[axis], one[axis], one[CURVE])) for one in found]
                 row[f"common_{axis}"] = common[axis] if found else None
-                row[f"return_at_{axis}"] = mean(at) if found else None
-                row[f"return_at_{axis}_deviation"] = deviation(at) if found else None
+                row |= _entry(f"return_at_{axis}", interquartile_mean, *[at] if at else [])
             row["ended"] = sum(run["ended"] for run in group)
             row["solver_failures"] = sum(run["solver_failures"] for run in group)
             rows.append(row)
     return rows
 
 
+def _entry(name: str, statistic: Callable[..., Any], *strata: list[float]) -> dict[str, Any]:
+    """A statistic with its interval, in a row; None where there are no runs."""
+    values = map(float, estimate(statistic, *strata)) if strata else (None,) * 3
+    return dict(zip((name, f"{name}_low", f"{name}_high"), values, strict=True))
+
+
 def mean(values: list[float]) -> float:
     return float(np.mean(values))
 
 
-def deviation(values: list[float]) -> float | None:
-    return float(np.std(values, ddof=1)) if len(values) > 1 else None
+def comparisons(runs: list[Run]) -> list[dict[str, Any]]:
+    """Of each pair of learners: the probability that a seed of the one returns more than one of the
+    other, mean over the tasks that both have.
+    """
+    returns: dict[str, dict[str, list[float]]] = {}
+    for run in runs:
+        if run["seconds"] is not None:
+            by_task = returns.setdefault(run["algorithm"], {})
+            by_task.setdefault(run["task"], []).append(run["return"])
+    rows = []
+    for one, other in combinations(sorted(returns, key=list(LABELS).index), 2):
+        tasks = [task for task in returns[one] if task in returns[other]]
+        strata = [returns[name][task] for task in tasks for name in (other, one)]
+
+        def probability(*groups: np.ndarray) -> np.ndarray:
+            pairs = zip(groups[::2], groups[1::2], strict=True)
+            return np.mean([improvement(*pair) for pair in pairs], axis=0)
+
+        if tasks:
+            row = {"algorithm": other, "over": one, "tasks": tasks}
+            rows.append(row | _entry("probability", probability, *strata))
+    return rows
 
 
-def markdown(rows: list[dict[str, Any]]) -> str:
+def markdown(rows: list[dict[str, Any]], compared: list[dict[str, Any]]) -> str:
     """The table for people."""
     lines = [
-        "| task | controller | return | success | final error | env steps | training | return at "
-        "equal steps | return at equal time |",
-        "|---|---|---:|---:|---:|---:|---:|---:|---:|",
+        "| task | controller | return | success | final error | ahead of linear | env steps | "
+        "training | return at equal steps | return at equal time |",
+        "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|",
     ]
     for row in rows:
         training = "" if row["seconds"] is None else f"{row['seconds'] / 60:.1f} min"
-        equal = [
-            _pm(row[f"return_at_{axis}"], row[f"return_at_{axis}_deviation"])
-            for axis in ("steps", "seconds")
-        ]
-        success = _pm(100 * row["success"], _times(100, row["success_deviation"]), 0)
-        error = _pm(1e3 * row["final_error"], _times(1e3, row["final_error_deviation"]), 1)
         steps = f"{row['steps']:,.0f}" if row["steps"] else ""
         lines.append(
-            f"| {row['task']} | {LABELS[row['algorithm']]} | "
-            f"{_pm(row['return'], row['return_deviation'])} | {success} % | {error} mm | {steps} | "
-            f"{training} | {equal[0]} | {equal[1]} |"
+            f"| {row['task']} | {LABELS[row['algorithm']]} | {_said(row, 'return')} | "
+            f"{_said(row, 'success', 100, 0, ' %')} | {_said(row, 'final_error', 1e3, 1, ' mm')} | "
+            f"{_said(row, 'better', 100, 0, ' %')} | {steps} | {training} | "
+            f"{_said(row, 'return_at_steps')} | {_said(row, 'return_at_seconds')} |"
         )
     for task in dict.fromkeys(row["task"] for row in rows):
         common = [row for row in rows if row["task"] == task and row["seconds"] is not None]
@@ -163,20 +194,27 @@ def markdown(rows: list[dict[str, Any]]) -> str:
             lines.append(
                 f"{task}: equal steps are {one['common_steps']:,.0f}, equal time is "
                 f"{one['common_seconds']:.0f} s of training on one thread; "
-                f"{max(row['runs'] for row in common)} seeds, mean ± standard deviation."
+                f"{max(row['runs'] for row in common)} seeds, interquartile mean [95 % interval]."
             )
+    for row in compared:
+        lines.append("")
+        lines.append(
+            f"A seed of {LABELS[row['algorithm']]} returns more than one of {LABELS[row['over']]}: "
+            f"{_said(row, 'probability', 100, 0, ' %')} (mean of {', '.join(row['tasks'])})."
+        )
     return "\n".join(lines)
 
 
-def _pm(value: float | None, spread: float | None, digits: int | None = None) -> str:
-    if value is None:
+def _said(
+    row: dict[str, Any], name: str, factor: float = 1.0, digits: int | None = None, unit: str = ""
+) -> str:
+    """A statistic with its interval, where it has one."""
+    if row[name] is None:
         return ""
+    value, low, high = (factor * row[key] for key in (name, f"{name}_low", f"{name}_high"))
     digits = (2 if abs(value) < 10 else 1) if digits is None else digits
-    return f"{value:.{digits}f}" + ("" if spread is None else f" ± {spread:.{digits}f}")
-
-
-def _times(factor: float, value: float | None) -> float | None:
-    return None if value is None else factor * value
+    interval = "" if low == high else f" [{low:.{digits}f}, {high:.{digits}f}]"
+    return f"{value:.{digits}f}{interval}{unit}"
 
 
 def policies(out: Path, runs: list[Run]) -> None:
@@ -196,9 +234,9 @@ def policies(out: Path, runs: list[Run]) -> None:
 
 
 def picture(out: Path, runs: list[Run]) -> None:
-    """Cost (minus the return on held-out episodes) against steps and against training time, one row
-    a task, logarithmic: the geometric mean over seeds with its 95 % confidence band, from three
-    seeds on, and each seed.
+    """Cost (minus the return on validation episodes) against steps and against training time, one
+    row a task, logarithmic: the interquartile mean over seeds of its logarithm with a 95 % band,
+    from three seeds on, and each seed.
     """
     import matplotlib.pyplot as plt
 
@@ -234,7 +272,7 @@ def picture(out: Path, runs: list[Run]) -> None:
                     yscale="log",
                     xlabel=label,
                     ylim=(min(levels) / 1.3, max(levels) * 1.3),
-                    title=f"{name}: cost (- return) on held-out episodes",
+                    title=f"{name}: cost (- return) on validation episodes",
                 )
                 ax.xaxis.set_minor_formatter("")
                 ax.xaxis.set_major_formatter("{x:g}")
@@ -256,17 +294,13 @@ def _curves(ax: Any, out: Path, runs: list[Run], axis: str, unit: float) -> list
             continue
         first, last = max(one[axis][1] for one in found), min(one[axis][-1] for one in found)
         x = np.geomspace(first, max(first, last), 200)
-        y = np.array(
-            [np.interp(x, one[axis], np.log(_cost(one["held_out_return"]))) for one in found]
-        )
-        color, mean = COLORS[algorithm], y.mean(0)
-        ax.plot(x / unit, np.exp(mean), color=color, lw=1.8, label=LABELS[algorithm])
+        y = np.array([np.interp(x, one[axis], np.log(_cost(one[CURVE]))) for one in found])
+        color = COLORS[algorithm]
+        mean, low, high = np.exp(estimate(interquartile_mean, y.T, resamples=1000))
+        ax.plot(x / unit, mean, color=color, lw=1.8, label=LABELS[algorithm])
         ax.plot(x / unit, np.exp(y).T, color=color, lw=0.6, alpha=0.6)
-        if LEAST <= len(found) <= len(T95):
-            half = T95[len(found) - 1] * y.std(0, ddof=1) / math.sqrt(len(found))
-            ax.fill_between(
-                x / unit, np.exp(mean - half), np.exp(mean + half), color=color, alpha=0.18, lw=0
-            )
+        if len(found) >= LEAST:
+            ax.fill_between(x / unit, low, high, color=color, alpha=0.18, lw=0)
         levels += [np.exp(y).min(), np.exp(y).max()]
     return levels
 

@@ -1,8 +1,8 @@
 """One command for the table: tasks x (baselines, learners) x seeds, scored on the same held-out
 episodes.
 
-    python -m training.results --out out/results                       # under an hour on two cores
-    python -m training.results --out out/results --jobs 16 --minutes 3 # eight minutes on sixteen
+    python -m training.results --out out/results       # ten seeds, five tasks: 2 hours, 2 cores
+    python -m training.results --out out/quick --quick # three seeds, seconds each: 3 minutes
 
 Each run writes its own file when it is complete; called again, the command makes what is missing,
 goes on with what was interrupted, and writes results.json, .csv, .md, curves.png and policies/ from
@@ -26,7 +26,7 @@ import torch
 
 from torchbeam.extend.commands import results_folder, write
 
-from . import ppo, shac, tuned
+from . import ppo, sac, shac, tuned
 from .baselines import BASELINES
 from .common import Bar, Budget, train
 from .evaluate import EPISODES, evaluate
@@ -34,11 +34,13 @@ from .report import report
 
 LEARNERS = {
     "ppo": (ppo.PPO, ppo.Arguments, tuned.PPO),
+    "sac": (sac.SAC, sac.Arguments, tuned.SAC),
     "shac": (shac.SHAC, shac.Arguments, tuned.SHAC),
 }
 SB3 = ("sb3-ppo", "sb3-sac")
 ALGORITHMS = (*BASELINES, *LEARNERS, *SB3)
 FAILED = ".failed"
+QUICK = {"seeds": 3, "minutes": 0.1, "episodes": 32}
 
 
 def run(
@@ -130,7 +132,13 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
         "--algorithms", nargs="+", choices=ALGORITHMS, default=plain, help="default: %(default)s"
     )
     parser.add_argument(
-        "--seeds", type=int, default=3, help="runs of each learner (default: %(default)s)"
+        "--quick",
+        action="store_true",
+        help=f"{QUICK['seeds']} seeds, {60 * QUICK['minutes']:.0f} s of training and "
+        f"{QUICK['episodes']} episodes, where these are not given",
+    )
+    parser.add_argument(
+        "--seeds", type=int, default=10, help="runs of each learner (default: %(default)s)"
     )
     parser.add_argument(
         "--budget",
@@ -141,7 +149,7 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--minutes",
         type=float,
-        default=4.0,
+        default=2.0,
         help="of training in a run, at most (default: %(default)s); results then depend on the "
         "machine",
     )
@@ -158,6 +166,8 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
         help="processes of one torch thread (default: %(default)s)",
     )
     parser.add_argument("--out", default="out/results", help="default: %(default)s")
+    if parser.parse_known_args(argv)[0].quick:
+        parser.set_defaults(**QUICK)
     options = parser.parse_args(argv)
     for name in ("seeds", "budget", "episodes", "jobs"):
         if getattr(options, name) < 1:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import copy
+import math
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,11 +23,11 @@ from torchbeam_envs import Sb3VecEnv
 
 from torchbeam.extend.commands import results_folder
 
-from .common import Bar, Budget, Log, held_out, training_seed
+from .common import Bar, Budget, Log, add_task, training_seed, validation
 from .evaluate import EPISODES, evaluate
 from .evaluate import make as judge
 from .tuned import SB3 as TUNED
-from .tuned import TASKS, Task
+from .tuned import Task
 
 ALGORITHMS = {"ppo": PPO, "sac": SAC}
 DEFAULTS = {  # of all tasks, over those of stable-baselines3
@@ -99,18 +100,22 @@ def train(
             task, Greedy(model, normal), Log(folder / f"{name}.csv"), budget, bar, every, episodes
         )
         model.learn(budget.steps or 10**12, callback=watch)
+    last = evaluate(task, Greedy(model, normal), final)["return"]
+    watch.restore(model, normal)
     model.save(folder / f"{name}.zip")
     normal.save(str(folder / f"{name}.normal"))
     return {
         "steps": watch.num_timesteps,
         "seconds": watch.seconds,
+        "chosen_steps": watch.best[1],
+        "last_return": last,
         **evaluate(task, Greedy(model, normal), final),
     }
 
 
 class Watch(BaseCallback):
-    """Scores the policy every so many seconds of training, which do not hold that time, and ends
-    with the budget.
+    """Scores the policy every so many seconds of training, which do not hold that time, keeps the
+    best, and ends with the budget.
     """
 
     def __init__(
@@ -126,7 +131,7 @@ class Watch(BaseCallback):
         super().__init__()
         self.task, self.controller, self.log, self.budget = task, controller, log, budget
         self.bar, self.every, self.judge = bar, every, judge(task, episodes)
-        self.seconds, self.next = 0.0, every
+        self.seconds, self.next, self.best = 0.0, every, (-math.inf, 0, None)
 
     def _on_training_start(self) -> None:
         self.log.rewind(0)
@@ -145,15 +150,23 @@ class Watch(BaseCallback):
         return done < 1
 
     def _score(self) -> None:
-        scores = held_out(self.task, self.controller, self.judge)
+        scores = validation(self.task, self.controller, self.judge)
+        if scores["validation_return"] > self.best[0]:
+            parts = self.model.get_parameters(), self.controller.normal.obs_rms
+            self.best = scores["validation_return"], self.num_timesteps, copy.deepcopy(parts)
         self.log.write({"steps": self.num_timesteps, "seconds": self.seconds, **scores})
-        self.bar.say(f"return {scores['held_out_return']:.1f}")
+        self.bar.say(f"return {scores['validation_return']:.1f}")
+
+    def restore(self, model: BaseAlgorithm, normal: VecNormalize) -> None:
+        """Back to the policy of the best score."""
+        parameters, normal.obs_rms = self.best[2]
+        model.set_parameters(parameters)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Train one policy with stable-baselines3."""
     parser = argparse.ArgumentParser(prog="python -m training.sb3", description=main.__doc__)
-    parser.add_argument("--task", choices=TASKS, default="reach", help="default: %(default)s")
+    add_task(parser)
     parser.add_argument(
         "--algorithm", choices=ALGORITHMS, default="ppo", help="default: %(default)s"
     )
@@ -170,9 +183,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     torch.set_num_threads(1)
     folder = results_folder(parser, options.out)
-    name = f"{options.task}-sb3-{options.algorithm}-{options.seed}"
+    name = f"{options.task.name}-sb3-{options.algorithm}-{options.seed}"
     result = train(
-        TASKS[options.task],
+        options.task,
         options.algorithm,
         folder,
         Budget(options.budget, options.minutes),

@@ -4,6 +4,7 @@ learner's `Arguments`.
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -11,8 +12,9 @@ import gymnasium
 import torchbeam_envs  # noqa: F401  (registers the environments)
 from gymnasium.vector import VectorEnv
 
-# first seeds of episodes, far apart; no learner sees those from HELD_OUT on
-TRAINING, HELD_OUT = 1_000_000, 2_000_000
+# first seeds of episodes, far apart: those learned on, those that choose among policies, and those
+# of final scores, which nothing sees before
+TRAINING, VALIDATION, HELD_OUT = 1_000_000, 1_500_000, 2_000_000
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,31 @@ class Task:
     def varied(self, **arguments: Any) -> Task:
         """The task with other arguments of the environment."""
         return replace(self, arguments={**self.arguments, **arguments})
+
+
+def task_named(name: str) -> Task:
+    """One of `TASKS`, or MODULE:NAME, a `Task` of one's own, also in this folder.
+
+    Raises ValueError where there is none.
+    """
+    if name in TASKS:
+        return TASKS[name]
+    module, colon, attribute = name.partition(":")
+    if not colon:
+        raise ValueError(
+            f"the task {name!r} was given; one of {', '.join(TASKS)} is wanted, or MODULE:NAME, a "
+            "training.tuned.Task"
+        )
+    try:
+        task = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f"the task {name!r} was given, which cannot be had: {error}") from None
+    if not isinstance(task, Task):
+        raise ValueError(
+            f"the task {name!r} was given, which is a {type(task).__name__}; a "
+            "training.tuned.Task is wanted"
+        )
+    return task
 
 
 TASKS = {
@@ -71,11 +98,13 @@ TASKS = {
     )
 }
 
-DEFAULT = ("reach", "track", "flutter")  # what the results table is made for unless tasks are named
+# what the results table is made for unless tasks are named
+DEFAULT = ("reach", "track", "flutter", "slew", "payload")
 
 PPO: dict[str, dict[str, Any]] = {
     "reach": dict(num_envs=32, horizon=50),
     "flutter": dict(num_envs=32, horizon=50),
 }
+SAC: dict[str, dict[str, Any]] = {}
 SHAC: dict[str, dict[str, Any]] = {"flutter": dict(rate=5e-3), "flutter-3d": dict(rate=5e-3)}
 SB3: dict[str, dict[str, dict[str, Any]]] = {}

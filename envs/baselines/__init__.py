@@ -12,6 +12,7 @@ exactly, at its usual parameters.
 """
 
 from .holding import PD, Controller, Static, Zero, search
+from .insert import Insert
 from .linear import LQG, LQR, JointLQR
 from .mpc import MPC
 from .optimum import Optimum
@@ -23,6 +24,7 @@ __all__ = [
     "MPC",
     "PD",
     "Controller",
+    "Insert",
     "JointLQR",
     "Optimum",
     "ResolvedRate",

@@ -17,7 +17,9 @@ from torchbeam.extend import quaternions as quat
 SMALL = dict(elements=2, substeps=1)
 ARMS = dict(elements=5, substeps=1)  # of a segment each
 EPISODES = json.loads((Path(__file__).parent / "env_episodes.json").read_text())
-TASKS = ["TipReach", "TipTrack", "FlutterHold", "Slew", "Payload", "TwoLink", "FollowTarget"]
+TASKS = [
+    "TipReach", "TipTrack", "FlutterHold", "Slew", "Payload", "TwoLink", "FollowTarget", "Peg"
+]  # fmt: skip
 VERSION = dict.fromkeys(TASKS, 0) | {"Payload": 1}
 IDS = [f"torchbeam/{t}{planar}-v{VERSION[t]}" for t in TASKS for planar in ("", "Planar")]
 IDS.append("torchbeam/InverseKinematics-v0")
@@ -38,7 +40,13 @@ def vector(id, n, **changes):
     return gymnasium.make_vec(id, num_envs=n, **{**small(id), **changes})
 
 
-@pytest.mark.parametrize("id", IDS)
+def once_long(ids):
+    """What takes long to compile, and is another's code but for a third axis, is `long`."""
+    slow = "torchbeam/Peg-v0"
+    return [pytest.param(id, marks=[pytest.mark.long] * (id == slow)) for id in ids]
+
+
+@pytest.mark.parametrize("id", once_long(IDS))
 def test_contract(id):
     """Gymnasium's own checker; a spec that goes through JSON; observations within their bounds
     under wild actions; an end.
@@ -400,7 +408,7 @@ def test_bad_arguments_are_refused(task, arguments, message):
         getattr(torchbeam_envs, f"{task}VectorEnv")(**arguments)
 
 
-@pytest.mark.parametrize("id", sorted(EPISODES))
+@pytest.mark.parametrize("id", once_long(sorted(EPISODES)))
 def test_a_version_keeps_its_numbers(id):
     """Four intervals of three sub-envs under actions drawn with seed 7, as v0 has always had them:
     a change of these is a new version of the environment. Rewards to 1e-5 of their size, float32

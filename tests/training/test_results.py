@@ -111,7 +111,7 @@ def test_table_compares_at_what_all_have_had():
         return {
             "steps": share * run["steps"],
             "seconds": share * run["seconds"],
-            "held_out_return": share * run["steps"],
+            "validation_return": share * run["steps"],
         }
 
     rows = report.table(
@@ -124,7 +124,50 @@ def test_table_compares_at_what_all_have_had():
     assert by["ppo"]["return_at_seconds"] == pytest.approx(100) and by["shac"][
         "return_at_seconds"
     ] == pytest.approx(25)
-    assert by["ppo"]["return_deviation"] == 0 and by["shac"]["return_deviation"] is None
+    assert by["ppo"]["return_low"] == by["ppo"]["return"] == by["ppo"]["return_high"] == 100
+    assert all(row["better"] is None for row in rows)  # there is no linear controller
+
+
+def test_learners_are_compared_task_by_task():
+    """Two tasks: of four pairs of seeds three are ahead in one, none in the other, which the third
+    learner has not played.
+    """
+    returns = {
+        "a": {"ppo": [1.0, 3.0], "shac": [2.0, 4.0]},
+        "b": {"ppo": [5.0, 6.0], "shac": [0.0]},
+    }
+    returns["a"]["sb3-ppo"] = [0.0]
+    runs = [
+        {"task": task, "algorithm": name, "return": value, "seconds": 1.0}
+        for task, of in returns.items()
+        for name, values in of.items()
+        for value in values
+    ]
+    compared = {(row["algorithm"], row["over"]): row for row in report.comparisons(runs)}
+    assert compared["shac", "ppo"]["probability"] == pytest.approx((0.75 + 0.0) / 2)
+    assert compared["shac", "ppo"]["tasks"] == ["a", "b"]
+    assert compared["sb3-ppo", "shac"]["probability"] == 0.0
+    assert compared["sb3-ppo", "shac"]["tasks"] == ["a"]
+
+
+def test_what_seeds_tell_of_a_linear_controller():
+    runs = [
+        {"task": "t", "algorithm": name, "seed": k, "return": value, "success": 1.0}
+        | {"final_error": 0.0, "steps": 1, "seconds": s, "ended": 0, "solver_failures": 0}
+        for name, s, values in (
+            ("pd", None, [-9.0]),
+            ("lqr", None, [-5.0]),
+            ("ppo", 1.0, [-6.0, -4.0]),
+        )
+        for k, value in enumerate(values)
+    ]
+    log = {"steps": np.array([0.0, 1.0]), "seconds": np.array([0.0, 1.0])}
+    log["validation_return"] = np.array([-10.0, -5.0])
+    rows = report.table(runs, lambda run: log if run["algorithm"] == "ppo" else None)
+    last = rows[-1]
+    assert (last["algorithm"], last["better"]) == ("ppo", 0.5)
+    assert (last["better_low"], last["better_high"]) == (0.0, 1.0)
+    assert "| t | LQR + static | -5.00 |" in report.markdown(rows, [])
 
 
 def test_baselines_are_tuned_on_training_episodes(monkeypatch):

@@ -96,7 +96,7 @@ def test_trains_a_few_steps(algorithm, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"run.csv", "run.zip", "run.normal"}
     rows = (tmp_path / "run.csv").read_text().splitlines()
     assert (
-        rows[0].startswith("steps,seconds,held_out_return")
+        rows[0].startswith("steps,seconds,validation_return")
         and rows[1].startswith("0,")
         and rows[-1].startswith("32,")
     )

@@ -3,13 +3,14 @@ that load.
 """
 
 import csv
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from training import common, ppo, results, shac
+from training import common, ppo, results, sac, shac
 from training.evaluate import evaluate
 from training.evaluate import main as evaluation
 from training.policies import Policy, Statistics, load, save
@@ -21,12 +22,18 @@ TINY = Task(
     "torchbeam/TipReachPlanar-v0",
     dict(elements=2, substeps=1, max_episode_steps=12, control_interval=0.05),
 )
-LEARNERS = {"ppo": (ppo.PPO, ppo.Arguments), "shac": (shac.SHAC, shac.Arguments)}
+LEARNERS = {
+    "ppo": (ppo.PPO, ppo.Arguments),
+    "sac": (sac.SAC, sac.Arguments),
+    "shac": (shac.SHAC, shac.Arguments),
+}
+SMALL_SAC = {"warmup": 32, "updates": 4, "minibatch": 16, "memory": 80}
 
 
 def learner(name, task=TINY, **settings):
     made, arguments = LEARNERS[name]
-    return made(task, arguments(**{"num_envs": 4, "horizon": 8, "hidden": (16,), **settings}))
+    small = {"num_envs": 4, "horizon": 8, "hidden": (16,), **(SMALL_SAC if name == "sac" else {})}
+    return made(task, arguments(**{**small, **settings}))
 
 
 def test_gradient_of_a_window_is_that_of_differences():
@@ -63,7 +70,7 @@ def test_gradient_of_a_window_is_that_of_differences():
 
 
 @pytest.mark.parametrize(
-    "name, task", [("ppo", TINY), ("shac", TINY.varied(randomize=True, noise=0.01))]
+    "name, task", [("ppo", TINY), ("sac", TINY), ("shac", TINY.varied(randomize=True, noise=0.01))]
 )
 def test_resume_is_bit_exact(name, task, tmp_path):
     """A run that is stopped between two checkpoints and goes on ends with the bits of one that
@@ -87,14 +94,44 @@ def test_resume_is_bit_exact(name, task, tmp_path):
     assert all(torch.equal(a[key], b[key]) for key in a)
     assert {**whole, "seconds": 0} == {**resumed, "seconds": 0}
     logs = [list(csv.DictReader(open(tmp_path / where / "run.csv"))) for where in ("whole", "part")]
-    assert [row["held_out_return"] for row in logs[0]] == [
-        row["held_out_return"] for row in logs[1]
+    assert [row["validation_return"] for row in logs[0]] == [
+        row["validation_return"] for row in logs[1]
     ]
     assert [int(row["iteration"]) for row in logs[1]] == [*range(5)]
 
 
+def test_the_best_policy_of_validation_is_kept(tmp_path, monkeypatch):
+    """Scores rise and then fall: the policy between is saved and scored, the last one is named."""
+    scores, seen = iter([-3.0, -1.0, -2.0, -4.0]), []
+    monkeypatch.setattr(
+        common,
+        "validation",
+        lambda task, policy, env: (
+            seen.append({k: v.clone() for k, v in policy.state_dict().items()})
+            or {"validation_return": next(scores)}
+        ),
+    )
+    result = common.train(
+        learner("shac"),
+        TINY,
+        tmp_path,
+        common.Budget(steps=96),
+        episodes=2,
+        final=2,
+        progress=False,
+    )
+    kept = load(tmp_path / "run.pt").state_dict()
+    assert len(seen) == 4 and all(torch.equal(kept[key], seen[1][key]) for key in kept)
+    assert result["chosen_steps"] == 32 and result["return"] != result["last_return"]
+
+
 @pytest.mark.parametrize(
-    "name, settings", [("ppo", dict(num_envs=16, rate=5e-3)), ("shac", dict(num_envs=8, rate=1e-2))]
+    "name, settings",
+    [
+        ("ppo", dict(num_envs=16, rate=5e-3)),
+        ("sac", dict(num_envs=16, rate=5e-3, warmup=192, target=0.03, updates=64, minibatch=64)),
+        ("shac", dict(num_envs=8, rate=1e-2)),
+    ],
 )
 def test_learns(name, settings):
     """Ten updates on a coarse strip cut what held-out episodes cost by more than a tenth."""
@@ -124,10 +161,12 @@ def test_the_value_of_a_time_limit_is_that_before_the_reset():
     """
     for name in LEARNERS:
         one = learner(name, horizon=12)
-        data = one.collect() if name == "ppo" else one.window()[1]
-        assert (
-            data["over"][-1].all() and not data["over"][:-1].any() and not data["terminated"].any()
-        )
+        data = one.window()[1] if name == "shac" else one.collect()
+        if name == "sac":  # rows of all sub-environments, one interval after the other
+            data = {key: x.unflatten(0, (12, 4)) for key, x in data.items()}
+        else:
+            assert data["over"][-1].all() and not data["over"][:-1].any()
+        assert not data["terminated"].any()
         # displacement since the start of the episode
         moved = data["next"][-1, :, 2:4].abs().amax(-1)
         assert (moved > 0).all()
@@ -215,7 +254,7 @@ def test_what_does_not_fit_is_refused(tmp_path):
     """A checkpoint of another learner, of other sizes, of more environments; a policy with other
     weights.
     """
-    rest = {"iteration": 1, "steps": 32, "seconds": 1.0, "rows": 1}
+    rest = {"iteration": 1, "steps": 32, "seconds": 1.0, "rows": 1, "best": {}}
     for other in (learner("ppo"), learner("shac", hidden=(8,)), learner("shac", num_envs=3)):
         torch.save({"learner": other.state_dict(), **rest}, tmp_path / "run.checkpoint")
         with pytest.raises(
@@ -259,9 +298,34 @@ def test_commands_refuse_first(tmp_path, capsys):
 
 
 def test_arguments_are_documented():
-    for module in (ppo, shac):
+    for module in (ppo, sac, shac):
         names = {field.name for field in common.fields(module.Arguments)}
         assert set(common.documented(module.Arguments)) == names
+
+
+def test_a_task_of_ones_own(tmp_path, capsys, monkeypatch):
+    """From its module, on the command line; its policy is scored by what the file says of it."""
+    (tmp_path / "own_task.py").write_text(
+        "from training.tuned import Task\n"
+        "lift = Task('lift', 'torchbeam/TipReachPlanar-v0', "
+        "dict(elements=2, substeps=1, max_episode_steps=4), tolerance=0.5, hold=2)\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    given = ["--task", "own_task:lift", "--budget", "16", "--num-envs", "4", "--horizon", "4"]
+    common.main([*given, "--hidden", "(8,)", "--out", str(tmp_path)], ppo.Arguments, ppo.PPO, {})
+    policy = str(tmp_path / "lift-ppo-0.pt")
+    assert evaluation([policy, "--episodes", "2"]) == 0
+    said = json.loads(capsys.readouterr().out.split("\n", 1)[1])
+    assert said["episodes"] == 2 and load(policy).about["tolerance"] == 0.5
+    for wrong, sentence in (
+        ("lift", "one of reach, "),
+        ("own_task:drop", "cannot be had"),
+        ("no_module:lift", "cannot be had"),
+        ("own_task:Task", "which is a type"),
+    ):
+        with pytest.raises(SystemExit):
+            common.main(["--task", wrong], ppo.Arguments, ppo.PPO, {})
+        assert sentence in capsys.readouterr().err
 
 
 def test_command_line(tmp_path, capsys, monkeypatch):

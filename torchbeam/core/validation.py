@@ -4,7 +4,9 @@ sentence.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -219,8 +221,8 @@ def positive(name: str, value: Tensor, *, infinite: bool = False, zero: bool = F
 
 def finite(name: str, value: Tensor) -> Tensor:
     """`value` if every entry is finite; ValueError otherwise."""
-    numbers = concrete(value)
-    if not torch.isfinite(numbers).all():
+    numbers = concrete(value).detach()
+    if numbers.numel() and not math.isfinite(numbers.abs().amax().item()):
         raise ValueError(
             f"{name} holds {numbers[~torch.isfinite(numbers)].flatten()[0].item()}; finite "
             "numbers are wanted"
@@ -272,12 +274,10 @@ def increasing(name: str, value: Tensor) -> Tensor:
             f"{name} of shape {tuple(value.shape)} was given; a series of two or more instants "
             "is wanted"
         )
-    finite(name, value)
-    step = value.diff()
-    if not (step > 0).all():
-        k = int((step <= 0).nonzero()[0, 0])
-        raise ValueError(
-            f"{name} goes from {value[k].item():g} to {value[k + 1].item():g}; strictly "
-            "increasing instants are wanted"
-        )
+    numbers = concrete(finite(name, unmapped(name, value))).tolist()
+    for a, b in pairwise(numbers):
+        if a >= b:
+            raise ValueError(
+                f"{name} goes from {a:g} to {b:g}; strictly increasing instants are wanted"
+            )
     return value

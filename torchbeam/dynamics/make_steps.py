@@ -46,6 +46,8 @@ class StepPlan(NamedTuple):
 
     def part(self, first: int, end: int) -> StepPlan:
         """Some of the steps."""
+        if end - first == len(self.dt):
+            return self
         rows, wanted = slice(first, end), self.wanted
         return self._replace(
             dt=self.dt[rows],
@@ -173,16 +175,16 @@ def _natively(stepper: Any, state: State, plan: StepPlan, inputs: StepInputs) ->
         now = torch.where((result.status == SUCCESS) & moving, now, start.t).cummax(0).values
         status = torch.where(moving, result.status, start.status)
     places = [k for k in range(count) if wanted[k]]
-    asked = slice(None) if result.every > 1 else _rows(places, count)
+    asked = slice(0, len(places)) if result.every > 1 else _rows(places, count)
 
     def after(rows: Any, k: Any, *lead: int) -> State:
-        fields = {name: x[rows] for name, x in result.fields.items()}
+        fields = {name: _at(x, rows) for name, x in result.fields.items()}
         same = {
             name: x.expand((*lead, *shape, *x.shape[x.ndim - axes :]))
             for name, axes in STILL.items()
             if name not in fields and (x := getattr(start, name, None)) is not None
         }
-        return with_values(start, **fields, **same, t=now[k], status=status[k])
+        return with_values(start, **fields, **same, t=_at(now, k), status=_at(status, k))
 
     def last() -> State:
         return stepper.known(after(count // result.every - 1, count - 1), well=False)
@@ -212,6 +214,11 @@ def _rows(places: list[int], count: int) -> slice | list[int]:
         return places
     step = min(gaps, default=1)
     return slice(0, count) if len(places) == count else slice(places[0], places[-1] + 1, step)
+
+
+def _at(x: Tensor, rows: slice | list[int] | int) -> Tensor:
+    """x[rows], itself where these are all of them."""
+    return x if rows == slice(0, len(x)) else x[rows]
 
 
 def part_of(few: BatchSubset, stepper: Any, inputs: dict[str, Any]) -> tuple[Any, dict[str, Any]]:

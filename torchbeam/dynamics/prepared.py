@@ -4,7 +4,7 @@ through.
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterable
 from typing import Any, NamedTuple
 
 import torch
@@ -46,13 +46,16 @@ def prepared(scene: Scene, dt: float, method: str, **options: Any) -> Stepper:
     found = steppers.pop(key, None)
     if found is None or not all(map(torch.equal, found.numbers, tensors)):
         # of a twin: the scene holds the stepper, which holds no scene that holds it
-        found = Prepared(
-            Stepper(_twin(scene), dt, method, **options), [x.detach().clone() for x in tensors]
-        )
+        found = Prepared(Stepper(_twin(scene), dt, method, **options), _copied(tensors))
         for oldest in [*steppers][: max(0, len(steppers) + 1 - RECENT)]:
             steppers.pop(oldest, None)
     steppers[key] = found
     return found.stepper.again(dt)
+
+
+@torch.no_grad()
+def _copied(tensors: Iterable[Tensor]) -> list[Tensor]:
+    return [x.clone() for x in tensors]
 
 
 def _twin(scene: Scene) -> Scene:

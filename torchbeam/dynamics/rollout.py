@@ -14,7 +14,8 @@ from ..core.memory import SMALL, check_memory
 from ..math.shapes import broadcast_shapes
 from ..scene.effects import Inputs, changing, inputs_at
 from ..scene.scene import merge_inputs
-from ..state.state import State, of_mesh
+from ..state.state import State
+from ..state.state_check import of_mesh
 from .make_steps import StepPlan, states_after
 from .step_inputs import StepInputs, in_line, inputs_of_steps
 from .stepper import Stepper

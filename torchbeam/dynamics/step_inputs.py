@@ -123,11 +123,11 @@ def inputs_of_steps(
         return StepInputs(
             {}, within=tuple(HeldInputs(within(k)).map(scene.tensors) for k in range(len(lengths)))
         )
-    varying = any(isinstance(v, PerInterval) or callable(v) for v in inputs.values())
-    steps = range(len(lengths) if varying else 1)
+    if not any(isinstance(v, PerInterval) or callable(v) for v in inputs.values()):
+        return StepInputs(scene.tensors(inputs))
     found = inputs_over(
         inputs,
-        steps,
+        range(len(lengths)),
         lambda k: begins[k] + method.INSTANT * lengths[k],
         lambda k: intervals[k],
         lengths,

@@ -23,7 +23,8 @@ from ..scene.effects import Inputs
 from ..scene.scene import Scene
 from ..solvers.newton import LIMIT
 from ..state.start import on_supports
-from ..state.state import State, check_state, of_mesh, rest, with_optional_fields
+from ..state.state import State, rest, with_optional_fields
+from ..state.state_check import check_state, of_mesh
 from .composition import in_parts, natively, step
 from .failure import Failures
 from .make_steps import StepPlan, make_steps

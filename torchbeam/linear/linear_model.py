@@ -15,7 +15,8 @@ from ..core.summary import counted, kind, lines
 from ..core.validation import as_tensor, axis_last, finite
 from ..math.dense import inverse_unchecked, solve_unchecked
 from ..nodal.coordinates.spatial import Spatial
-from ..state.state import State, of_mesh
+from ..state.state import State
+from ..state.state_check import of_mesh
 from .chart import Chart
 
 SYMMETRIC = 1e-6

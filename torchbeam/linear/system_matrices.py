@@ -31,7 +31,8 @@ from ..nodal.discretise import discretise
 from ..nodal.element_loads import element_matrix
 from ..nodal.loads import Lags
 from ..nodal.model import Model
-from ..state.state import State, check_state
+from ..state.state import State
+from ..state.state_check import check_state
 from ..statics.balance_check import check_rest
 from ..topology.protocols import Matrix, total
 

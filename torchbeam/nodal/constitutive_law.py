@@ -101,22 +101,17 @@ class ElasticLaw(Tree):
         if not (slim or self.rigid) or not S.shape[-3]:
             return self.C.detach()
         diagonal = S if slim else S.diagonal(dim1=-2, dim2=-1)[..., None]
-        # strains that a moment brings about, in space and in a plane
-        moments = {6: 3, 3: 1}[S.shape[-2]]
-        sizes = S.shape[-2] - moments, moments
-        L2 = h.sum(-2, keepdim=True)[..., None] ** 2
-        by_force, by_moment = (
-            part.amax((-3, -2), keepdim=True) for part in diagonal.split(sizes, -2)
+        bending, inertial = remembered(
+            _surrounding_stiffness,
+            h,
+            None if line_mass is None else line_mass.detach(),
+            dt,
+            S.shape[-2],
         )
-        softest = torch.maximum(by_force / L2, by_moment)
-        # what bends round about, N m^2
-        moment = STIFFENED / torch.where(softest > 0, softest, torch.ones_like(softest))
-        force = moment / L2
-        if dt is not None:
-            inertial = remembered(_inertial_stiffness, h, line_mass.detach(), dt)
-            force, moment = (x + more for x, more in zip((force, moment), inertial, strict=True))
-        parts = torch.broadcast_tensors(*[force] * sizes[0], *[moment] * sizes[1])
-        least = REGULARISATION[S.dtype] / torch.cat(parts, -2)
+        softest = (diagonal * bending).amax((-3, -2), keepdim=True)
+        # what bends round about
+        around = bending * (STIFFENED / torch.where(softest > 0, softest, 1.0))
+        least = REGULARISATION[S.dtype] / (around if dt is None else around + inertial)
         least = torch.where(diagonal == 0 if dt is None else diagonal < least, least, diagonal)
         return (
             1 / least
@@ -152,13 +147,26 @@ ENERGY_BY_ZEROS = (
 )
 
 
-def _inertial_stiffness(h: Tensor, line_mass: Tensor, dt: Tensor) -> tuple[Tensor, Tensor]:
-    """(..., 1, 1, 1) N and N m^2: what the inertia of the longest element resists strains with, in
-    a step of dt (...).
+def _surrounding_stiffness(
+    h: Tensor, line_mass: Tensor | None, dt: Tensor | None, k: int
+) -> tuple[Tensor, Tensor | None]:
+    """Of k strains, (..., 1, k, 1): how stiff the whole beam is against each for a unit of bending
+    stiffness, 1/L^2 or 1; and N or N m^2: what the inertia of the longest element resists them
+    with, in a step of dt (...), None without.
     """
+    moments = {6: 3, 3: 1}[k]  # strains that a moment brings about, in space and in a plane
+
+    def of_strains(by_force: Tensor, by_moment: Tensor) -> Tensor:
+        parts = torch.broadcast_tensors(*[by_force] * (k - moments), *[by_moment] * moments)
+        return torch.cat(parts, -2)
+
+    L2 = h.sum(-2, keepdim=True)[..., None] ** 2
+    bending = of_strains(1 / L2, torch.ones_like(L2))
+    if dt is None:
+        return bending, None
     h2 = h.amax(-2, keepdim=True)[..., None] ** 2
     force = line_mass.amax(-2, keepdim=True)[..., None] * h2 * (2 / dt[..., None, None, None]) ** 2
-    return force, force * h2
+    return bending, of_strains(force, force * h2)
 
 
 @dataclass(frozen=True)

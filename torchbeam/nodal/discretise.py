@@ -4,34 +4,31 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from ..core.arguments import boolean, instance
-from ..core.leaves import constant, own_leaves, sent, with_values
+from ..core.leaves import own_leaves, sent, with_values
 from ..core.remembered import remembered
-from ..core.validation import concrete
-from ..scene.effects import PerElement
+from ..scene.beam import Beam
+from ..scene.effects import PerElement, PointMass
 from ..scene.scene import Scene
 from ..topology.protocols import Topology
 from .assembly import Assembly
-from .conditions import conditions
 from .constitutive_law import law_of
 from .constraints import Constraints
-from .coordinates.planar import PLANES, Planar
-from .coordinates.selection import in_space, only_numbers, space_of
+from .coordinates.planar import PLANES
+from .coordinates.selection import check_space, coordinates, in_space, only_numbers
 from .coordinates.spatial import Spatial
-from .element_loads import all_loads
-from .inertia import inertia_of
+from .inertia import Inertia, inertia_of, warn_of_uneven
 from .joint_constraints import joints_of
-from .loads import Nodes
 from .model import Model
+from .plane_check import check_plane
 from .redundant import refuse_redundant
 from .tendons import tendons_of
 from .touching_parts import touching_of
-
-ROUNDING = 1e-9  # of a vector, that may lie out of a plane
 
 
 def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = None) -> Model:
@@ -48,7 +45,15 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
         return _in_a_plane(scene, lumped, topology)
     beam = scene.beam
     topology = scene.topology if topology is None else topology
-    space = space_of(scene, topology)
+    check_space(scene)
+    warn_of_uneven(beam)
+    unstressed = with_values(beam, compliance=beam.mass[..., :0], rigid=(), coupled=False)
+    drawn = remembered(
+        _as_drawn, unstressed, scene.bodies, scene.plane, scene.small, topology, lumped
+    )
+    space = drawn.space
+    if space.plane is not None and beam.coupled:
+        space.check_section("compliance", beam.compliance.detach())
     if beam.linked_interpolation and any(
         isinstance(x.value, PerElement) for load in scene.loads for x in own_leaves(load)
     ):
@@ -56,31 +61,58 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
             "a load PerElement was given for a beam with linked interpolation; one Along the "
             "beam is wanted"
         )
-    h = beam.length[..., None]
-    assembly = Assembly(topology, space.interpolation, space.dims.position)
-    inertia, section_mass, share = inertia_of(scene, space, assembly, lumped)
     model = Model(
         scene=scene,
         space=space,
         topology=topology,
         constraints=Constraints.of(scene, space, topology),
-        inertia=inertia,
-        length=h,
-        reference=remembered(
-            _reference, space, assembly, in_space(beam), beam.nodes, beam.frames, beam.length
-        ),
+        inertia=drawn.inertia,
+        length=beam.length[..., None],
+        reference=drawn.reference,
         law=law_of(scene, space),
-        section_mass=section_mass,
-        tributary_length=share,
-        s=topology.arclength(beam.length),
+        section_mass=drawn.section_mass,
+        tributary_length=drawn.tributary_length,
+        s=drawn.s,
         joints=joints_of(scene, space, topology),
         tendons=tendons_of(scene, space, topology),
-        touching=touching_of(scene, space, topology.arclength(beam.length)),
+        touching=touching_of(scene, space, drawn.s),
     )
     if space.plane is not None:
-        check_plane(model, with_values(model, space=in_space(beam)))
+        check_plane(model)
     refuse_redundant(model)
     return model
+
+
+class AsDrawn(NamedTuple):
+    """What a beam's rows are by its shape and its mass alone, whatever it resists and whatever acts
+    on it; see `Rows`.
+    """
+
+    space: Spatial
+    inertia: Inertia
+    section_mass: Tensor
+    tributary_length: Tensor
+    reference: Tensor
+    s: Tensor
+
+
+def _as_drawn(
+    beam: Beam,
+    bodies: tuple[PointMass, ...],
+    plane: str | None,
+    small: bool,
+    topology: Topology,
+    lumped: bool,
+) -> AsDrawn:
+    space = coordinates(beam, topology, plane, small)
+    assembly = Assembly(topology, space.interpolation, space.dims.position)
+    shape = beam.nodes, beam.frames, beam.length
+    return AsDrawn(
+        space,
+        *inertia_of(beam, bodies, space, assembly, lumped),
+        remembered(_reference, space, assembly, in_space(beam), *shape),
+        topology.arclength(beam.length),
+    )
 
 
 def _reference(
@@ -111,83 +143,3 @@ def _in_a_plane(scene: Scene, lumped: bool, topology: Topology | None) -> Model:
         with suppress(ValueError):
             return discretise(replace(scene, plane=name), lumped, topology)
     return discretise(replace(scene, plane=None), lumped, topology)
-
-
-def check_plane(model: Model, whole: Model) -> None:
-    """Refuse numbers that act out of the plane: loads on the beam at rest, the points that springs
-    are tied to, what the beam bends by itself, masses that are not alike on both sides, motions of
-    the frame and of supports. `whole`: the rows with the space of 3D. Raises ValueError.
-    """
-    scene, space, beam = model.scene, model.space, model.scene.beam
-    still = torch.zeros_like(beam.nodes)
-    t = still.new_zeros(())
-    for load in scene.loads:
-        if constant(load):
-            wrench = all_loads(
-                whole,
-                Nodes(beam.nodes, beam.frames, still, still),
-                conditions(whole, t, {}, loads=(load,)),
-            )
-            _refuse(space, load.called, wrench, space.embed(space.project(wrench)))
-        if load.between_nodes and constant(load):
-            pushed = load.directions(beam.nodes)
-            _refuse(
-                space, load.called, pushed, space.project_vector(pushed) @ space.basis[:, :2].mT
-            )
-        if isinstance(load.anchor, Tensor):  # slack at rest, a spring pulls nowhere
-            to = load.anchor - beam.nodes[..., load.node, :]
-            _refuse(
-                space,
-                f"a {load.called} to a point",
-                to,
-                space.project_vector(to) @ space.basis[:, :2].mT,
-            )
-    for effect in scene.eigenstrains:
-        if constant(effect):
-            own = effect.eigenstrain(t, {}, model.length, beam.element_count)
-            _refuse(space, effect.called, own, space.embed_strain(space.project_strain(own)))
-    for tendon in scene.tendons:
-        points = tendon.at(beam.nodes, beam.frames) - beam.nodes[..., :1, :]
-        _refuse(space, "a Tendon", points, space.project_vector(points) @ space.basis[:, :2].mT)
-    for body in scene.bodies:
-        if body.offset is not None:
-            _refuse(
-                space,
-                "PointMass",
-                body.offset,
-                space.project_offset(body.offset) @ space.section[:, :2].mT,
-            )
-        if body.inertia is not None:
-            J = space.section.mT @ body.inertia @ space.section
-            # products of inertia with the normal
-            across = J[..., 2:, :] * J.new_tensor((1.0, 1.0, 0.0))
-            _refuse(space, "PointMass", J[..., 2:, :], J[..., 2:, :] - across)
-    motions = (
-        []
-        if scene.frame is None
-        else [
-            ("a frame with a velocity", scene.frame.velocity, False),
-            ("a frame that turns", scene.frame.angular_velocity, True),
-        ]
-    )
-    for support in scene.supports:
-        motions += [
-            ("a displacement of a support", support.displacement, False),
-            ("a turn of a support", support.turn, True),
-        ]
-    for what, x, turns in motions:
-        if isinstance(x, Tensor):
-            inside = (
-                space.project_spin(x) @ space.basis[:, 2:].mT
-                if turns
-                else space.project_vector(x) @ space.basis[:, :2].mT
-            )
-            _refuse(space, what, x, inside)
-
-
-def _refuse(space: Planar, what: str, given: Tensor, inside: Tensor) -> None:
-    out = (given - inside).detach().abs()
-    if concrete(out > ROUNDING * given.detach().abs().amax()).any():
-        raise ValueError(
-            f"{what} out of the plane {space.name!r} was given; one in it is wanted, or plane=None"
-        )

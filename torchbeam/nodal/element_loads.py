@@ -19,7 +19,8 @@ from torch.nn.functional import pad
 from ..math.quadratic import X, gauss_points, values_at
 from ..scene.effects import LoadPoint
 from ..topology.protocols import Blocks, Matrix
-from .conditions import ActingLoad, Conditions
+from .acting import ActingLoad
+from .conditions import Conditions
 from .loads import STAYS, MotionJacobian, Nodes, chained, external, wrench, wrench_blocks
 from .rows import Rows
 

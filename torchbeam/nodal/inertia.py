@@ -28,15 +28,13 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..core.leaves import Tree, with_values
-from ..core.remembered import remembered
+from ..core.leaves import Tree
 from ..core.validation import concrete
 from ..core.warning import warn
 from ..math import quaternions as quat
 from ..math.quaternions import skew
 from ..scene.beam import Beam
 from ..scene.effects import PointMass
-from ..scene.scene import Scene
 from ..topology.protocols import Matrix
 from .assembly import Assembly
 from .coordinates.spatial import Spatial
@@ -132,30 +130,27 @@ class Inertia(Tree):
         )
 
 
+def warn_of_uneven(beam: Beam) -> None:
+    """A warning about a beam with linked interpolation that gains nothing by it."""
+    if not beam.linked_interpolation:
+        return
+    density = beam.mass[..., 0, 0]
+    if any(
+        concrete(uneven).any() for x in (density, 1.0) for uneven in _along(beam, too_uneven, x)
+    ):
+        warn(UNEVEN)
+
+
 def inertia_of(
-    scene: Scene, space: Spatial, assembly: Assembly, lumped: bool
+    beam: Beam, bodies: tuple[PointMass, ...], space: Spatial, assembly: Assembly, lumped: bool
 ) -> tuple[Inertia, Tensor, Tensor]:
     """(inertia, section mass about each node per length (..., N+1, 6, 6), length that belongs to
-    each node (..., N+1, 1): of a body's node 1, so that its mass per length is its mass).
+    each node (..., N+1, 1): of a body's node 1, so that its mass per length is its mass), of a
+    beam's mass and of what is fixed to it.
 
     Raises ValueError for a mass that is not that of rigid sections: M11 = m I and M12 = -m ~e, or
     that changes too much within an element of order 2 to be shared among its nodes.
     """
-    beam = scene.beam
-    if beam.linked_interpolation:
-        density = beam.mass[..., 0, 0]
-        if any(
-            concrete(uneven).any() for x in (density, 1.0) for uneven in _along(beam, too_uneven, x)
-        ):
-            warn(UNEVEN)
-    unstressed = with_values(beam, compliance=beam.mass[..., :0], rigid=(), coupled=False)
-    return remembered(_inertia_of, unstressed, scene.bodies, space, assembly, lumped)
-
-
-def _inertia_of(
-    beam: Beam, bodies: tuple[PointMass, ...], space: Spatial, assembly: Assembly, lumped: bool
-) -> tuple[Inertia, Tensor, Tensor]:
-    """The same of a beam's mass and of what is fixed to it."""
     h = beam.length[..., None]
     _check_mass(beam.mass.detach(), beam.offset)
     m = beam.mass[..., :1, 0]

@@ -24,7 +24,8 @@ from ..scene.effects.load_point import (
     derivatives,
     together,
 )
-from .conditions import ActingLoad, Conditions
+from .acting import ActingLoad
+from .conditions import Conditions
 from .coordinates.spatial import Spatial
 from .rows import Rows
 
@@ -44,6 +45,8 @@ class Nodes(NamedTuple):
     acceleration  (..., N+1, p) m/s^2 and angular_acceleration (..., N+1, s) rad/s^2, absolute,
                   frame a; None = not known, or
               read by no load
+    axes      (..., N+1, 3, 3) section axes -> frame a, where these are known; None = `rotation`
+              tells
     """
 
     position: Tensor
@@ -55,15 +58,16 @@ class Nodes(NamedTuple):
     dt: Tensor | None = None
     acceleration: Tensor | None = None
     angular_acceleration: Tensor | None = None
+    axes: Tensor | None = None
 
     def of(self, node: int | slice, reads: frozenset[str]) -> Nodes:
         """Of one, (..., *), or of some: rotation, and what a load reads."""
         known = {
             name: getattr(self, name) for name in AT_NODES if name == ROTATION or name in reads
         }
-        return self._replace(
-            **{name: x[..., node, :] for name, x in known.items() if x is not None}
-        )
+        known = {name: x[..., node, :] for name, x in known.items() if x is not None}
+        axes = None if self.axes is None else self.axes[..., node, :, :]
+        return self._replace(**known, axes=axes)
 
 
 STEADY = 1e9  # s: so long a step takes internal states to where they rest
@@ -150,7 +154,8 @@ def load_point(
         for name, to in public.items()
         if name in reads and getattr(nodes, name) is not None
     }
-    return LoadPoint(space.axes(nodes.rotation), **motion, **place)
+    axes = space.axes(nodes.rotation) if nodes.axes is None else nodes.axes
+    return LoadPoint(axes, **motion, **place)
 
 
 def wrench(space: Spatial, load: Any, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:

@@ -12,6 +12,8 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..core.derivatives import cached
+from ..core.remembered import remembered
+from ..math import quaternions as quat
 from ..scene.effects import INERTIAL, Inputs
 from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
 from ..scene.scene import Scene
@@ -19,6 +21,7 @@ from ..topology.chain import Chain
 from ..topology.chain_unknowns import ChainUnknowns
 from ..topology.framework import Framework
 from ..topology.framework_unknowns import FrameworkUnknowns
+from .acting import ActingLoad, acting, by_part
 from .assembly import Assembly
 from .coordinates.elements import ELEMENTS
 from .frame import FixedFrame, frame_of
@@ -47,6 +50,21 @@ class Model(Rows):
     def turning(self) -> bool:
         """Whether frame a turns."""
         return turning(self.scene)
+
+    @cached
+    def acts(self) -> tuple[ActingLoad, ...]:
+        """All loads of the scene; of a structure in the pieces in which they act along its
+        parts.
+        """
+        acts = acting(self, self.scene.loads, self.scene.internal_states)
+        if not self.scene.beam.parts:
+            return acts
+        return tuple(part for act in acts for part in by_part(self.scene.beam, act))
+
+    @cached
+    def drawn_axes(self) -> Tensor:
+        """(..., N+1, 3, 3): section axes of the nodes of the undeformed beam, frame a."""
+        return remembered(quat.matrix, self.scene.beam.frames)
 
     @property
     def conservative(self) -> bool:

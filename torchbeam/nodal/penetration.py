@@ -25,6 +25,9 @@ def refuse_penetration(model: Model, state: State, t: Tensor) -> None:
     contact is thick, or in another part, and is not to be pushed out: which samples, and the
     deepest of them, by how much and where.
     """
+    touches = any(load.between_nodes or isinstance(load, Contact) for load in model.scene.loads)
+    if not touches and not model.touching.present:
+        return
     state = model.space.to_reduced(state)
     nodes = Nodes(state.position, state.rotation, state.velocity, state.spin)
     loads = tuple(load for load in model.scene.loads if load.between_nodes and not load.push_out)

@@ -12,7 +12,7 @@ from ..core.validation import Value, as_tensor, concrete, finite, shown
 from ..math.shapes import broadcast_shapes
 from ..nodal.assembly import Assembly
 from ..nodal.constitutive_law import without_residual_bending
-from ..nodal.coordinates.selection import in_space, space_of
+from ..nodal.coordinates.selection import coordinates
 from ..nodal.coordinates.spatial import Spatial
 from ..scene.beam import Beam
 from ..scene.element_stations import STATIONS
@@ -64,9 +64,7 @@ class _Along(OnPart):
                 f"a beam of type {type(self.beam).__name__} was given; the torchbeam.Beam is wanted"
             )
         small = getattr(scene, "small", False)
-        object.__setattr__(
-            self, "space", space_of(scene, self.beam.topology) if small else in_space(self.beam)
-        )
+        object.__setattr__(self, "space", coordinates(self.beam, self.beam.topology, None, small))
         if self.element is not None:
             N = self.beam.element_count
             if (

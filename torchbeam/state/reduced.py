@@ -93,7 +93,9 @@ def joined(*parts: Tensor) -> Tensor:
     shape = broadcast_shapes(*(x.shape[1:] for x in parts))
     return torch.cat(
         [
-            x[(slice(None),) + (None,) * (len(shape) + 1 - x.ndim)].expand(len(x), *shape)
+            x
+            if x.shape[1:] == shape
+            else x[(slice(None),) + (None,) * (len(shape) + 1 - x.ndim)].expand(len(x), *shape)
             for x in parts
         ]
     )

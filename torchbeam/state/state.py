@@ -15,7 +15,6 @@ from ..core.arguments import batch, instance, instants, place
 from ..core.leaves import leaf, map_leaves
 from ..core.validation import Value, broadcast
 from ..math import quaternions as quat
-from ..scene.beam import Beam
 from ..scene.parts import Part, one_beam, part_of, row_of
 from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
 from ..scene.scene import Scene
@@ -261,53 +260,13 @@ def plain(state: State) -> State:
     return State(**{f.name: getattr(state, f.name) for f in fields(State)})
 
 
-def check_state(state: Any, scene: Any, name: str = "initial") -> State:
-    """`state`, to start from; ValueError where it is not one of the nodal form, of the scene's mesh
-    and dtype.
-    """
-    of_mesh(state, scene.beam, name)
-    broadcast("a scene and an initial state", scene.batch_shape, state.batch_shape)
-    return state
-
-
-def of_mesh(state: Any, like: Beam | State, name: str) -> State:
-    """`state`; ValueError where it is not one of the nodal form, with the nodes, the rows of stress
-    and the dtype of `like` in each of its fields: native code takes them on trust.
-    """
-    nodes, stresses, dtype = like.node_count, like.stress_count, like.nodes.dtype
-    if not isinstance(state, State):
-        raise ValueError(
-            f"{name} of type {type(state).__name__} was given; the nodal form wants a "
-            "torchbeam.State"
-        )
-    if state.position.shape[-2] != nodes:
-        raise ValueError(
-            f"{name} with {state.position.shape[-2]} nodes was given; the beam has {nodes}"
-        )
-    own = dict(position=3, rotation=4, velocity=3, spin=3)
-    for key, shape in (*((key, (nodes, k)) for key, k in own.items()), ("stress", (stresses, 6))):
-        x = getattr(state, key)
-        if x.shape[-2:] != shape:
-            raise ValueError(
-                f"{name} whose {key} is of shape {tuple(x.shape)} was given; (..., {shape[0]}, "
-                f"{shape[1]}) is wanted"
-            )
-        if x.dtype != dtype:
-            raise ValueError(f"{name} of {x.dtype} meets a scene of {dtype}; one dtype is wanted")
-    return state
-
-
 def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tensor = 0.0) -> State:
     """The scene's beam undeformed and at rest in frame a, with the scene's batch axes
     (or those given). What supports hold is where they have it at the time t s (0-dim, or one of
     each sample), and moves with them. A frame that turns has turned since t = 0, when it coincides
     with the inertial axes. Raises ValueError for what is no scene, batch axes or time.
     """
-    beam = instance("a scene", scene, Scene).beam
-    nodes, stresses = beam.node_count, beam.stress_count
-    zero = beam.nodes.new_zeros(())
-    states = sum(scene.internal_states)
-    time = instants("t", t, zero)
+    time = instants("t", t, instance("a scene", scene, Scene).beam.nodes)
     shape = broadcast("a scene and t", scene.batch_shape, time.shape)
     if batch_shape is not None:
         wanted = batch("batch_shape", batch_shape)
@@ -317,6 +276,15 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
                 "with its axes is wanted"
             )
         shape = wanted
+    return resting(scene, shape, time)
+
+
+def resting(scene: Any, shape: tuple[int, ...], time: Tensor) -> State:
+    """`rest` of these batch axes, at times that broadcast with them."""
+    beam = scene.beam
+    nodes, stresses = beam.node_count, beam.stress_count
+    zero = beam.nodes.new_zeros(())
+    states = sum(scene.internal_states)
     state = State(
         position=beam.nodes.expand(*shape, nodes, 3),
         rotation=beam.frames.expand(*shape, nodes, 4),

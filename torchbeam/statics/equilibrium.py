@@ -25,7 +25,8 @@ from ..nodal.balance import Linearisation
 from ..nodal.discretise import discretise
 from ..scene.scene import Scene
 from ..solvers.implicit_gradient import differentiated, implicit_gradient
-from ..state.state import State, check_state, rest
+from ..state.state import State, rest
+from ..state.state_check import check_state
 from . import relaxation
 from .arc_length import LoadedProblem, where
 from .continuation import NEUTRAL

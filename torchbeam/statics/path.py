@@ -25,7 +25,8 @@ from ..equations.steady import Configuration
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.scene import Scene
-from ..state.state import State, check_state, rest
+from ..state.state import State, rest
+from ..state.state_check import check_state
 from .arc_length import LoadedProblem, PathPoint
 from .balance_check import check_balance
 from .continuation import BRANCH_POINT, LIMIT_POINT, REGULAR, Attempt, Continuation, move_weights

@@ -333,7 +333,7 @@ def test_small_superposes():
 @pytest.mark.parametrize("plane", NORMAL)
 def test_state_goes_in_and_comes_out(plane):
     """A planar state entered and left is the same state."""
-    space = Planar.of(tb.Scene(CASES[f"{plane} dead"][1]), plane)
+    space = Planar.of(CASES[f"{plane} dead"][1], plane)
     stepper = tb.Stepper(tb.Scene(CASES[f"{plane} dead"][1], CASES[f"{plane} dead"][2]), 0.05)
     state = stepper(stepper(stepper.rest()))
     back = space.to_public(space.to_reduced(state))

@@ -54,7 +54,7 @@ class ElementConstants(Tree):
 
 
 @dataclass(frozen=True)
-class SupportPose(Tree):
+class RootPose(Tree):
     """`Pose` of the root's support, each field a leaf."""
 
     position: Tensor = leaf(1)
@@ -70,7 +70,7 @@ class CommonConditions(Tree):
     """
 
     loads: tuple[Any, ...]
-    support: SupportPose | None
+    support: RootPose | None
 
 
 @dataclass(frozen=True)

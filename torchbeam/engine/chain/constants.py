@@ -14,8 +14,9 @@ from ...core.leaves import constant, detached, functions, leaves, own_leaves, wi
 from ...core.surroundings import Surroundings
 from ...core.validation import concrete
 from ...math.shapes import broadcast_shapes
+from ...nodal.acting import ActingLoad
 from ...nodal.balance import same_law
-from ...nodal.conditions import ActingLoad, conditions, parts_acting, supports
+from ...nodal.conditions import conditions, supports
 from ...nodal.coordinates.planar import Planar
 from ...nodal.joint_motion import JointValues
 from ...nodal.loads import Nodes, advanced, external
@@ -32,9 +33,9 @@ from .chain_constants import (
     JointConstants,
     NodeConditions,
     NodeConstants,
+    RootPose,
     StretchConstants,
     SupportConstants,
-    SupportPose,
     Trees,
     filled,
     flattened,
@@ -63,7 +64,7 @@ class Constants:
     ) -> None:
         self.model, self.steps = model, steps
         self.prescribes = steps and model.scene.has_prescribed_motion
-        acts = parts_acting(model)
+        acts = model.acts
         natively = [act for act in acts if act.load.internal or _by_inputs(act.load)]
         self.acts = tuple(act for act in acts if act.reads)
         self.acts += tuple(act for act in natively if not act.reads)
@@ -185,12 +186,10 @@ class Constants:
         model, values = self.model, {}
         if self.given or self.asked:
             dead = self._held("dead", lambda: self._dead(t, inputs))
-            asked = conditions(model, t, inputs, loads=self.asked)
-            values["dead"] = (
-                external(model, self.still._replace(frame=frame), asked, total=dead)
-                if self.asked
-                else dead
-            )
+            if self.asked:
+                asked = conditions(model, t, inputs, loads=self.asked)
+                dead = external(model, self.still._replace(frame=frame), asked, total=dead)
+            values["dead"] = dead
         if self.wants_support:
             pose = (
                 self._held("support", lambda: model.prescribed_motion.root_pose(t))
@@ -210,7 +209,7 @@ class Constants:
     def _dead(self, t: Tensor, inputs: Inputs) -> Tensor | float:
         """Loads that no motion and no time changes, wherever the beam is."""
         model, beam = self.model, self.model.scene.beam
-        still = Nodes(*model.space.pose(beam.nodes, beam.frames))
+        still = Nodes(beam.nodes, beam.frames, axes=model.drawn_axes)
         return external(model, still, conditions(model, t, inputs, loads=self.given))
 
     def _values(self, k: int, act: ActingLoad, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
@@ -370,7 +369,7 @@ class Constants:
             for wanted in (True, False)
         )
         support = (
-            SupportPose(*(values.get(f"{when}support {name}") for name in Pose._fields))
+            RootPose(*(values.get(f"{when}support {name}") for name in Pose._fields))
             if self.wants_support
             else None
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import types
-from functools import partial
+from functools import cache, partial
 from importlib.util import find_spec
 from typing import Any
 
@@ -29,6 +29,12 @@ VALUES = (
 )
 
 
+@cache
+def installed() -> bool:
+    """Whether the compiler's package is there."""
+    return find_spec("llvmlite") is not None
+
+
 def refusal(model: Model, method: str, conserve: bool = False, **options: Any) -> str | None:
     """Why steps of a model are not compiled; None where they are. Functions that a user wrote are
     tried by `compiled_step`.
@@ -45,9 +51,7 @@ def why_eager(model: Model, method: str, **options: Any) -> str | None:
     """Why "auto" steps a model eagerly, in words that `describe` shows, and whether "compiled"
     takes it, which is tried; None where "auto" takes native code.
     """
-    reason = refusal(model, method, **options) or (
-        MISSING if find_spec("llvmlite") is None else None
-    )
+    reason = refusal(model, method, **options) or (MISSING if not installed() else None)
     if reason is not None:
         return reason
     untraced = why_not_traced(model, method, **options)
@@ -120,7 +124,7 @@ def meaning() -> str:
 def compiled_step(model: Model, method: str, **options: Any) -> CompiledStep:
     """Steps of a model by native code. Raises ValueError with the reason where there are none."""
     reason = refusal(model, method, **options)
-    if reason is None and find_spec("llvmlite") is None:
+    if reason is None and not installed():
         reason = MISSING
     try:
         if reason is None:
@@ -141,9 +145,7 @@ def automatic_step(
     """
     if model.scene.device.type != "cpu" or meaning() == "eager":
         return None, None
-    reason = refusal(model, method, **options) or (
-        MISSING if find_spec("llvmlite") is None else None
-    )
+    reason = refusal(model, method, **options) or (MISSING if not installed() else None)
     if reason is not None:
         return None, reason
     own, reason = by_function(model), unsteady(model) if meaning() == "auto" else None

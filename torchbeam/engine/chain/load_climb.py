@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from importlib.util import find_spec
 from typing import NamedTuple
 
 import torch
@@ -28,7 +27,7 @@ from .call import Call, Chain, Field, structure_fields
 from .chain_constants import Trees
 from .constants import Constants
 from .cotangents import FORCES, OF_JOINTS, constant_fields
-from .coverage import MISSING, given_up, meaning, unsteady, untraceable
+from .coverage import MISSING, given_up, installed, meaning, unsteady, untraceable
 from .load_program import JudgedProgram, LoadProgram
 from .native import NotCompiled
 from .node_kinds import kinds_of
@@ -58,7 +57,7 @@ def refusal(model: Model) -> str | None:
     reasons = {
         "contact of beams and bodies with each other": bool(scene.pairs),
         f"the device {scene.device}": scene.device.type != "cpu",
-        MISSING: find_spec("llvmlite") is None,
+        MISSING: not installed(),
     }
     return next((reason for reason, given in reasons.items() if given), None)
 
@@ -233,7 +232,7 @@ def prepared(
 def _poses(model: Model, t: Tensor) -> list[Field]:
     """Of supports."""
     beam = model.scene.beam
-    poses = {"position": beam.nodes, "frame": beam.frames}
+    poses = {"position": beam.nodes, "rotation": beam.frames}
     for name in ("displacement", "turn"):
         poses[name] = torch.zeros_like(beam.nodes)
     for support in model.scene.supports:

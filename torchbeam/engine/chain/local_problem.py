@@ -16,8 +16,9 @@ from ...core.leaves import Tree, leaf, own_leaves, with_values
 from ...equations.balance_problem import BalanceProblem
 from ...equations.midpoint import MidpointProblem, MidpointUnknowns
 from ...equations.step_problem import StepProblem
+from ...nodal.acting import acting
 from ...nodal.assembly import Assembly
-from ...nodal.conditions import Conditions, SupportConditions, acting
+from ...nodal.conditions import Conditions, SupportConditions
 from ...nodal.coordinates.planar import Planar
 from ...nodal.frame import frame_of
 from ...nodal.joint_motion import Factor, JointValues

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from torch import Tensor
 
-from ...nodal.conditions import ActingLoad
+from ...nodal.acting import ActingLoad
 from ...nodal.model import Model
 from ...nodal.touching import FixedTouching
 from ...topology.cut import MANNERS

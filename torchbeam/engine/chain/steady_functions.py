@@ -24,7 +24,7 @@ from .local_problem import Fields, Given
 from .node_kinds import NodeKind
 
 # fields of a support's node, and their sizes
-POSE = {"position": 3, "frame": 4, "displacement": 3, "turn": 3}
+POSE = {"position": 3, "rotation": 4, "displacement": 3, "turn": 3}
 
 
 @dataclass(frozen=True)
@@ -62,12 +62,12 @@ class SteadyFunctions(LocalFunctions):
 
     def place(self, kind: NodeKind, load_factor: Tensor, **fields: Tensor) -> Fields:
         """Position and rotation of a support's node where it has to be; of the node undeformed
-        `pose.position` and `pose.frame`, and by all of the load `pose.displacement` and
+        `pose.position` and `pose.rotation`, and by all of the load `pose.displacement` and
         `pose.turn`.
         """
         problem, x = self.of_node(fields, kind)
         space, (slides, turns) = problem.model.space.of_nodes(0), kind.placed.displaced
-        still = fields["pose.position"], fields["pose.frame"]
+        still = fields["pose.position"], fields["pose.rotation"]
         displacement = fields["pose.displacement"] if slides else None
         turn = fields["pose.turn"] if turns else None
         pose = moved(*still, displacement, turn, load_factor)

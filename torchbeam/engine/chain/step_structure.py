@@ -18,7 +18,7 @@ from ...topology.chain import Chain as ChainTopology
 from . import program as programs
 from .adjoint import AdjointProgram
 from .call import Call, Chain, Field, like, structure_fields
-from .chain_constants import Trees
+from .chain_constants import Trees, flattened
 from .cotangents import constant_fields, state_fields
 from .node_kinds import Kinds
 from .program import StepProgram
@@ -61,11 +61,16 @@ class StepStructure:
         # axes that functions of t may bring along; one at least, so that none of theirs is taken
         # for that of steps
         self.dims = max(1, *(field.value.ndim - field.axes for field in fields))
-        self.values, self.places = tuple(values), [names.get(id(field.value)) for field in fields]
+        self.values = tuple(values)
+        # of all fields: record, name and axes of a constant one, None of one that changes
+        self.places = [
+            None if id(field.value) in names else (field.record, field.name, field.axes)
+            for field in fields
+        ]
         self.changing = [
-            (field._replace(value=None), name)
-            for field, name in zip(fields, self.places, strict=True)
-            if name is not None
+            (field._replace(value=None), names[id(field.value)])
+            for field in fields
+            if id(field.value) in names
         ]
         self.takes_time = asks or any(
             self.chain.has(one.record, one.name) for one, name in self.changing if name == "t"
@@ -75,10 +80,11 @@ class StepStructure:
 
     def constant(self, trees: Trees) -> list[Field]:
         """The fields of a model's trees that hold for all steps."""
+        tensors = (x for tree in trees for x, _ in flattened(tree))
         return [
-            constant_field
-            for constant_field, name in zip(constant_fields(trees), self.places, strict=True)
-            if name is None
+            Field(*place[:2], x, place[2])
+            for place, x in zip(self.places, tensors, strict=True)
+            if place is not None
         ]
 
     def adjoint(

@@ -15,7 +15,7 @@ from torch import Tensor
 from ...core.leaves import Tree, leaf
 from ...math import quaternions as quat
 from ...math.shapes import broadcast_shapes
-from ...scene.scene import Scene
+from ...scene.beam import Beam
 from ...state.state import State
 from ...topology.protocols import Topology
 from ..assembly import Assembly
@@ -104,8 +104,7 @@ class Linearised(Spatial):
     turns: ClassVar[bool] = False
 
     @classmethod
-    def of(cls, scene: Scene, topology: Topology) -> Linearised:
-        beam = scene.beam
+    def of(cls, beam: Beam, topology: Topology) -> Linearised:
         element = LinearElement.of(
             topology, beam.order, beam.nodes, beam.frames, beam.length[..., None]
         )

@@ -19,7 +19,7 @@ from ...core.leaves import leaf
 from ...core.remembered import remembered
 from ...core.validation import concrete
 from ...math import quaternions as quat
-from ...scene.scene import Scene
+from ...scene.beam import Beam
 from ...state.state import State
 from . import planar_element as element
 from .spatial import Dimensions, Spatial
@@ -62,17 +62,12 @@ class Planar(Spatial):
         return self.name
 
     @classmethod
-    def of(cls, scene: Scene, name: str) -> Planar:
-        """Raises ValueError where the beam or a section leaves the plane `name`."""
-        beam = scene.beam
+    def of(cls, beam: Beam, name: str) -> Planar:
+        """Raises ValueError where the beam or its mass leaves the plane `name`."""
         numbers = (x.detach() for x in (beam.nodes, beam.frames, beam.elements, beam.length))
         plane = remembered(cls._through, name, beam.order, bool(beam.parts), *numbers)
-        for what, given, whole in (
-            ("compliance", beam.compliance, beam.coupled),
-            ("mass", beam.mass, beam.offset or beam.rotary),
-        ):
-            if whole:
-                remembered(cls._check_section, plane, what, given.detach())
+        if beam.offset or beam.rotary:
+            plane.check_section("mass", beam.mass.detach())
         return plane
 
     @classmethod
@@ -113,7 +108,7 @@ class Planar(Spatial):
         section = torch.stack((e, torch.linalg.cross(n, e), n), -1)
         return cls(name, basis, section, place.flatten()[0], order=order)
 
-    def _check_section(self, what: str, given: Tensor) -> None:
+    def check_section(self, what: str, given: Tensor) -> None:
         """Refuse a section's matrix that couples what is in the plane to what is out of it."""
         local = self._section_map.mT @ given @ self._section_map
         scale = local.diagonal(dim1=-2, dim2=-1).abs().sqrt()
@@ -146,6 +141,41 @@ class Planar(Spatial):
     def _load_map(self) -> Tensor:
         """(6, 3)"""
         return torch.block_diag(self.basis[:, :2], self.basis[:, 2:])
+
+    @cached
+    def _vector_map(self) -> Tensor:
+        """(3, 2)"""
+        return self.basis[:, :2]
+
+    @cached
+    def _vector_embedding(self) -> Tensor:
+        """(2, 3)"""
+        return self._vector_map.mT
+
+    @cached
+    def _origin(self) -> Tensor:
+        """(3,) m: the point of the plane that is nearest to frame a's."""
+        return self.place * self.basis[:, 2]
+
+    @cached
+    def _quaternion_map(self) -> Tensor:
+        """(4, 2): the inverse of `_rotation_map`."""
+        return self._rotation_map.mT
+
+    @cached
+    def _section_normal(self) -> Tensor:
+        """(3, 1)"""
+        return self.section[:, 2:]
+
+    @cached
+    def _embedding(self) -> Tensor:
+        """(3, 6)"""
+        return self._load_map.mT
+
+    @cached
+    def _diagonal_map(self) -> Tensor:
+        """(6, 3)"""
+        return self._stress_map.abs()
 
     @cached
     def section_axes(self) -> tuple[float, ...]:
@@ -207,13 +237,13 @@ class Planar(Spatial):
         return torch.cat((q[..., :1], q[..., 1:] @ self.basis[:, 2:]), -1)
 
     def pose(self, position: Tensor, rotation: Tensor) -> tuple[Tensor, Tensor]:
-        return position @ self.basis[:, :2], rotation @ self._rotation_map.mT
+        return position @ self._vector_map, rotation @ self._quaternion_map
 
     def motion(self, velocity: Tensor, spin: Tensor) -> tuple[Tensor, Tensor]:
-        return velocity @ self.basis[:, :2], spin @ self.section[:, 2:]
+        return velocity @ self._vector_map, spin @ self._section_normal
 
     def embed(self, load: Tensor) -> Tensor:
-        return load @ self._load_map.mT
+        return load @ self._embedding
 
     def project(self, load: Tensor) -> Tensor:
         return load @ self._load_map
@@ -232,7 +262,7 @@ class Planar(Spatial):
         return self._stress_map.mT @ matrix @ self._stress_map
 
     def project_diagonal(self, diagonal: Tensor) -> Tensor:
-        return diagonal @ self._stress_map.abs()
+        return diagonal @ self._diagonal_map
 
     def project_inertia(self, J: Tensor) -> Tensor:
         n = self.section[:, 2]  # a unit vector of the section, whatever its sign
@@ -242,16 +272,16 @@ class Planar(Spatial):
         return e @ self.section[:, :2]
 
     def project_vector(self, v: Tensor) -> Tensor:
-        return v @ self.basis[:, :2]
+        return v @ self._vector_map
 
     def project_spin(self, omega: Tensor) -> Tensor:
         return omega @ self.basis[:, 2:]
 
     def public_position(self, position: Tensor) -> Tensor:
-        return self.public_vector(position) + self.place * self.basis[:, 2]
+        return self.public_vector(position) + self._origin
 
     def public_vector(self, v: Tensor) -> Tensor:
-        return v @ self.basis[:, :2].mT
+        return v @ self._vector_embedding
 
     def public_spin(self, spin: Tensor) -> Tensor:
         return spin @ self.basis[:, 2:].mT
@@ -283,7 +313,7 @@ class Planar(Spatial):
         return spin
 
     def to_reduced_rotation(self, q: Tensor) -> Tensor:
-        return q @ self._rotation_map.mT
+        return q @ self._quaternion_map
 
     def to_section(self, q: Tensor, spin: Tensor) -> Tensor:
         return spin

@@ -17,28 +17,34 @@ def in_space(beam: Beam) -> Spatial:
     return Spatial(order=beam.order)
 
 
-def space_of(scene: Scene, topology: Topology) -> Spatial:
-    """The space of a scene whose plane is not "auto". Raises ValueError where the beam, the motion
-    of its frame or follower loads do not fit it.
+def coordinates(beam: Beam, topology: Topology, plane: str | None, small: bool) -> Spatial:
+    """Of a beam that moves in this plane, None = in 3D, or by small rotations. Raises ValueError
+    where its nodes or its mass do not fit the plane.
     """
-    if scene.small:
-        if scene.plane is not None:
-            raise ValueError("plane and small were given; one of them is wanted")
-        if turning(scene):
+    if small:
+        return Linearised.of(beam, topology)
+    return in_space(beam) if plane is None else Planar.of(beam, plane)
+
+
+def check_space(scene: Scene) -> None:
+    """Raises ValueError where small rotations do not fit a scene: its frame turns, or a load turns
+    with the beam.
+    """
+    if not scene.small:
+        return
+    if scene.plane is not None:
+        raise ValueError("plane and small were given; one of them is wanted")
+    if turning(scene):
+        raise ValueError(
+            "small=True in a frame that turns was given; large rotations (small=False) are "
+            "wanted there"
+        )
+    for load in scene.loads:
+        if load.follower or load.wants_support:
             raise ValueError(
-                "small=True in a frame that turns was given; large rotations (small=False) are "
-                "wanted there"
+                f"small=True with {load.called} was given, whose load turns with the beam; "
+                "dead loads are wanted"
             )
-        for load in scene.loads:
-            if load.follower or load.wants_support:
-                raise ValueError(
-                    f"small=True with {load.called} was given, whose load turns with the beam; "
-                    "dead loads are wanted"
-                )
-        return Linearised.of(scene, topology)
-    if scene.plane is None:
-        return in_space(scene.beam)
-    return Planar.of(scene, scene.plane)
 
 
 def only_numbers(scene: Scene) -> bool:

@@ -275,7 +275,7 @@ def test_what_is_not_covered_is_refused_by_name(reason, scene):
 
 
 def test_without_llvmlite_the_extra_is_named(monkeypatch):
-    monkeypatch.setattr("torchbeam.engine.chain.coverage.find_spec", lambda name: None)
+    monkeypatch.setattr("torchbeam.engine.chain.coverage.installed", lambda: False)
     with pytest.raises(ValueError, match=r"pip install torchbeam\[fast\]"):
         tb.Stepper(arm(), 0.01, engine="compiled")
     with pytest.raises(ValueError, match="engine = 'native' was given"):

@@ -1,0 +1,318 @@
+"""torchbeam as a solver of cosseratbench 0.3.0 (entry point `cosseratbench.solvers`).
+
+Rods that are held alike are one batch. They move first as if nothing but the obstacles were there;
+those that came near each other, or themselves, then move again with contact between them.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+import torch
+from cosseratbench.metrics import segment_distance
+from cosseratbench.scenario import (
+    Cylinder,
+    End,
+    EndCondition,
+    Motion,
+    Rod,
+    Scenario,
+    neighbour_elements,
+)
+from cosseratbench.solver import Capability, Diverged
+from cosseratbench.trajectory import Trajectory
+
+import torchbeam as tb
+from torchbeam.extend import quaternions as quat
+
+STEP = 0.02  # over the slowest angular frequency: a period to 3e-5
+TOUCHING = 4  # parts of that where anything touches
+LAYER = 0.3  # thickness of the contact, over the radius: so that the rod lies on its surface
+STIFF = 20.0  # force where surfaces meet, over what is expected to press
+SLIP = 1e-3  # slip speed, over the rod's length, 1/s
+NODES = {End.START: 0, End.END: -1}
+SHEAR = 27 / 28  # coefficient of a circular section, as the suite's other solver has it
+
+
+class TorchbeamSolver:
+    """Geometrically exact beams of two-node elements by the implicit midpoint rule. Where the
+    scenario is quasi-static, motion is damped by its mass, critically for the slowest mode.
+    """
+
+    name = "torchbeam"
+    backend_version = version("torchbeam")
+    capabilities = frozenset(Capability)
+
+    def __init__(self, time_step_scale: float = 1.0) -> None:
+        self.scale = time_step_scale
+
+    def settings(self, scenario: Scenario, *, n_elements: int, n_frames: int) -> dict[str, Any]:
+        rods = scenario.rods
+        given = {"integrator": "midpoint (implicit)", "damping_rate": _damping(scenario)}
+        times = np.linspace(0, scenario.duration, n_frames)
+        given["time_step"] = self._step(scenario, times, bool(scenario.obstacles))
+        given["time_step_touching"] = self._step(scenario, times, True)
+        laws = [_law(scenario, rod, None) for rod in rods]
+        return {**given, "contact": [{k: float(v) for k, v in law.items()} for law in laws]}
+
+    def run(self, scenario: Scenario, *, n_elements: int, n_frames: int) -> Trajectory:
+        """Raises NotImplementedError for an end that slides along no axis of the world."""
+        torch.set_default_dtype(torch.float64)
+        times = np.linspace(0.0, scenario.duration, n_frames)
+        rods, found = scenario.rods, {}
+        for alike in _alike(rods):
+            scene, start = _batch(scenario, [rods[i] for i in alike], n_elements)
+            step = self._step(scenario, times, bool(scenario.obstacles))
+            states = _motion(scene, start, times, step)
+            found |= {
+                i: (states.position[:, k], states.rotation[:, k]) for k, i in enumerate(alike)
+            }
+        met = _met(scenario, [found[i][0].numpy() for i in range(len(rods))])
+        step = self._step(scenario, times, True)
+        for together in _components(len(rods), met):
+            scene, start = _structure(scenario, together, met, n_elements)
+            states = _motion(scene, start, times, step)
+            own = {i: states[f"rod{i}"] for i in together}
+            found |= {i: (part.position, part.rotation) for i, part in own.items()}
+        moved = [found[i] for i in range(len(rods))]
+        return Trajectory(
+            times,
+            tuple(x.numpy() for x, _ in moved),
+            tuple(_directors(x, q).numpy() for x, q in moved),
+        )
+
+    def _step(self, scenario: Scenario, times: np.ndarray, touching: bool) -> float:
+        """s, a part of the interval between frames."""
+        most = STEP * self.scale / scenario.slowest_frequency() / (TOUCHING if touching else 1)
+        return float(times[1] / math.ceil(times[1] / most))
+
+
+def _motion(scene: tb.Scene, start: tb.State, times: np.ndarray, step: float) -> Any:
+    solution = tb.simulate(scene, torch.as_tensor(times), start, step=step)
+    failed = solution.status != 0
+    if failed.any():
+        raise Diverged("torchbeam's Newton method did not converge")
+    return solution.state
+
+
+# A rod as a beam
+
+
+def _beam(rods: Sequence[Rod], elements: int) -> tuple[tb.Beam, torch.Tensor]:
+    """The beam, straight at rest, of a batch of rods, and where its nodes are (k, N+1, 3) m."""
+    nodes = torch.tensor(np.stack([rod.nodes(elements) for rod in rods]))
+    first, last, rod = nodes[:, 1] - nodes[:, 0], nodes[:, -1] - nodes[:, 0], rods[0]
+    both = rod.start is rod.end is EndCondition.CLAMPED
+    numbers = {
+        name: torch.tensor([getattr(x.material, name) for x in rods])
+        for name in ("youngs_modulus", "shear_modulus", "density")
+    }
+    r = torch.tensor([x.radius for x in rods])
+    E, G, rho = numbers.values()
+    A, second = math.pi * r**2, math.pi * r**4 / 4
+    section = tb.Section.from_stiffness(
+        EA=E * A,
+        GA=SHEAR * G * A,
+        GJ=2 * G * second,
+        EI=E * second,
+        mass=rho * A,
+        inertia=rho * second,
+    )
+    beam = tb.Beam.straight(
+        torch.tensor([x.length for x in rods]),
+        elements,
+        section,
+        last if both else first,
+        torch.tensor([x.normal for x in rods]),
+        root=nodes[:, 0],
+    )
+    return beam, nodes
+
+
+def _supports(
+    rods: Sequence[Rod], beam: tb.Beam, nodes: torch.Tensor, name: str | None = None
+) -> list[tb.Support]:
+    """What holds their ends, where they start."""
+    supports = []
+    for end, node in NODES.items():
+        condition, motion = rods[0].condition(end), rods[0].motion(end)
+        if condition is EndCondition.FREE:
+            continue
+        off = nodes[:, node] - beam.nodes[..., node, :]
+        held = {"position": "xyz", "rotation": "xyz" if condition is EndCondition.CLAMPED else ""}
+        held["displacement"] = None if float(off.abs().max()) == 0 else off
+        if motion is not None:
+            held["position"] = _held(motion)
+            if held["position"] != "xyz":
+                off = 0 * off
+            motions = [rod.motion(end) for rod in rods]
+            held["displacement"] = _table(motions, "displacement", off)
+            held["turn"] = _table(motions, "rotation", 0 * off)
+        supports.append(tb.Support(node if name is None else (name, node), **held))
+    return supports
+
+
+def _held(motion: Motion) -> str:
+    """Axes of the world along which a driven end does not slide."""
+    if motion.slides_along is None:
+        return "xyz"
+    free = [k for k in range(3) if abs(abs(motion.axis[k]) - 1) < 1e-12]
+    if not free:
+        raise NotImplementedError("an end that slides along no axis of the world")
+    return "xyz".replace("xyz"[free[0]], "")
+
+
+def _table(motions: Sequence[Motion], name: str, first: torch.Tensor) -> Callable:
+    """(k, 3) of t: `first` and what motions prescribe, linear between their times."""
+    times = torch.tensor(np.stack([m.times for m in motions]))
+    values = torch.tensor(np.stack([getattr(m, name) for m in motions]))
+    lengths = times.diff(dim=-1)
+    slopes = values.diff(dim=-2) / lengths[..., None]
+
+    def value(t: torch.Tensor) -> torch.Tensor:
+        gone = torch.minimum((t - times[:, :-1]).clamp(min=0), lengths)
+        return first + (gone[..., None] * slopes).sum(-2)
+
+    return value
+
+
+def _loads(rods: Sequence[Rod], name: str | None = None) -> list[Any]:
+    loads = []
+    for k, load in enumerate(rods[0].loads):
+        node = NODES[load.at] if name is None else (name, NODES[load.at])
+        force = torch.tensor([rod.loads[k].force for rod in rods])
+        loads.append(tb.PointLoad(node, force=force))
+    return loads
+
+
+def _everywhere(scenario: Scenario) -> list[Any]:
+    effects: list[Any] = [tb.MassDamping(_damping(scenario))] if scenario.quasi_static else []
+    return effects + ([tb.Gravity(scenario.gravity)] if any(scenario.gravity) else [])
+
+
+def _damping(scenario: Scenario) -> float:
+    return 2 * scenario.slowest_frequency() if scenario.quasi_static else 0.0
+
+
+# Contact
+
+
+def _law(scenario: Scenario, rod: Rod, other: Any) -> dict[str, float]:
+    """Of a rod with an obstacle, or another rod: what is expected to press is its weight, where it
+    is hung over something round half of it in tension.
+    """
+    g = float(np.linalg.norm(scenario.gravity)) or 1.0
+    weight = rod.material.density * rod.area * g
+    bend = other.radius if isinstance(other, (Cylinder, Rod)) else math.inf
+    mu = max(rod.friction, getattr(other, "friction", 0.0))
+    law = {
+        "thickness": LAYER * rod.radius,
+        "force": STIFF * weight * (1 + rod.length / (2 * bend)),
+        "radius": rod.radius * (1 - LAYER * (1 - STIFF**-0.5)),  # surfaces meet where that presses
+    }
+    return {**law, "friction": mu, "slip_speed": SLIP * rod.length} if mu else law
+
+
+def _obstacles(scenario: Scenario, rod: Rod, name: str | None = None) -> list[tb.Contact]:
+    contacts = []
+    for it in scenario.obstacles:
+        solid = (
+            tb.Cylinder(it.center, it.axis, it.radius)
+            if isinstance(it, Cylinder)
+            else tb.Plane(it.point, it.normal)
+        )
+        where = (solid,) if name is None else (name, solid)
+        contacts.append(tb.Contact(*where, **_law(scenario, rod, it)))
+    return contacts
+
+
+def _met(scenario: Scenario, moved: list[np.ndarray]) -> set[tuple[int, int]]:
+    """Pairs of rods, or of a rod and itself, that came within their radii and the contact's layer
+    at any frame.
+    """
+    met = set()
+    for i, j in itertools.combinations_with_replacement(range(len(moved)), 2):
+        a, b = scenario.rods[i], scenario.rods[j]
+        if i == j and not scenario.self_contact:
+            continue
+        near = (1 + LAYER) * (a.radius + b.radius)
+        elements = moved[i].shape[1] - 1
+        first, second = (np.arange(x.shape[1] - 1) for x in (moved[i], moved[j]))
+        apart = neighbour_elements(a.radius, a.length / elements) if i == j else -1
+        looked = (second - first[:, None]) > apart if i == j else True
+        for x, y in zip(moved[i], moved[j], strict=True):
+            d = segment_distance(x[:-1, None], x[1:, None], y[None, :-1], y[None, 1:])
+            if np.where(looked, d, np.inf).min() < near:
+                met.add((i, j))
+                break
+    return met
+
+
+def _components(count: int, met: set[tuple[int, int]]) -> list[list[int]]:
+    """Rods that have met, directly or by others."""
+    groups = [{i} for i in range(count)]
+    for i, j in met:
+        one, two = (next(g for g in groups if k in g) for k in (i, j))
+        if one is not two:
+            groups.remove(two)
+            one |= two
+    return [sorted(g) for g in groups if any(i in g for i, _ in met)]
+
+
+# Scenes
+
+
+def _alike(rods: Sequence[Rod]) -> list[list[int]]:
+    """Rods of which one batch can be made."""
+    groups: dict[Any, list[int]] = {}
+    for i, rod in enumerate(rods):
+        motions = tuple(m and (len(m.times), m.slides_along) for m in map(rod.motion, End))
+        loads = tuple(load.at for load in rod.loads)
+        groups.setdefault((rod.start, rod.end, motions, loads, rod.radius), []).append(i)
+    return list(groups.values())
+
+
+def _batch(scenario: Scenario, rods: Sequence[Rod], elements: int) -> tuple[tb.Scene, tb.State]:
+    beam, nodes = _beam(rods, elements)
+    effects = [*_loads(rods), *_everywhere(scenario), *_obstacles(scenario, rods[0])]
+    scene = tb.Scene(beam, effects, supports=_supports(rods, beam, nodes))
+    return scene, tb.State.from_nodes(scene, nodes)
+
+
+def _structure(
+    scenario: Scenario, together: list[int], met: set[tuple[int, int]], elements: int
+) -> tuple[tb.Scene, tb.State]:
+    """Of rods that meet: a batch of one."""
+    beams, supports, places, effects = {}, [], [], _everywhere(scenario)
+    for i in together:
+        rod, name = scenario.rods[i], f"rod{i}"
+        start = _batch(scenario, [rod], elements)[1]
+        beams[name], nodes = _beam([rod], elements)
+        places.append((nodes, quat.matrix(start.rotation)))
+        supports += _supports([rod], beams[name], nodes, name)
+        effects += [*_loads([rod], name), *_obstacles(scenario, rod, name)]
+    for i, j in sorted(met):
+        if i in together:
+            law = _law(scenario, scenario.rods[i], scenario.rods[j])
+            kind = (
+                tb.SelfContact(f"rod{i}", **law)
+                if i == j
+                else tb.Contact(f"rod{i}", f"rod{j}", **law)
+            )
+            effects.append(kind)
+    scene = tb.Scene(beams, effects, supports=supports)
+    return scene, tb.State.from_nodes(
+        scene, *(torch.cat(part, 1) for part in zip(*places, strict=True))
+    )
+
+
+def _directors(x: torch.Tensor, q: torch.Tensor) -> torch.Tensor:
+    """(..., N, 3): the section's z axis in the middle of each element, across its chord."""
+    d = quat.matrix(quat.half_way(q[..., :-1, :], q[..., 1:, :]))[..., 2]
+    along = torch.nn.functional.normalize(x.diff(dim=-2), dim=-1)
+    return torch.nn.functional.normalize(d - (d * along).sum(-1, keepdim=True) * along, dim=-1)

@@ -1,0 +1,309 @@
+"""Runs of a scene over time, by steps of a given length, adaptive ones, or an explicit method."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.utils.checkpoint import checkpoint as recompute
+
+from ..core.arguments import count, step_size
+from ..core.arguments import function as check_function
+from ..core.derivatives import no_derivatives
+from ..core.functions_of_time import within_dual_numbers
+from ..core.leaves import constant
+from ..core.memory import check_memory
+from ..core.status import FAILED
+from ..core.validation import broadcast, concrete
+from ..core.warning import warn
+from ..math.shapes import broadcast_shapes
+from ..nodal.model import Model
+from ..nodal.penetration import refuse_penetration
+from ..nodal.rates import Rates
+from ..scene.effects import PerInterval, changing, inputs_at
+from ..scene.prescribed_motion import oriented
+from ..scene.scene import Scene
+from ..state.reduced import ReducedStates, joined, whole_of
+from ..state.solution import Energy, Solution, Stats
+from ..state.start import on_supports
+from ..state.state import State, resting, with_optional_fields
+from ..state.state_check import check_state
+from .adaptive import adaptive
+from .events import Events
+from .failure import Failures
+from .make_steps import StepPlan, make_steps
+from .prepared import prepared
+from .rollout import check_room
+from .runaway import SENTENCE, stopped
+from .step_inputs import StepInputs, inputs_of_steps
+from .tolerance import Tolerance
+from .torchdiffeq_bridge import ADAPTIVE, ADVICE, integrate, leaves
+
+PLAN = 200  # bytes of one step in it
+MAX_STEPS = 100_000  # of adaptive steps in a run
+STEPS = 200  # of the default step, over the whole of t
+
+
+def implicit_run(
+    scene: Scene,
+    t: Tensor,
+    initial: State | None,
+    method: str,
+    inputs: dict[str, Any],
+    *,
+    step: float | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    checkpoint: bool = False,
+    **options: Any,
+) -> Solution:
+    if progress is not None:
+        check_function("progress", progress, "done", "steps")
+    instants = concrete(t).tolist()
+    gaps, whole = [b - a for a, b in pairwise(instants)], instants[-1] - instants[0]
+    step = step_size("step", step) if step is not None else min(*gaps, whole / STEPS)
+    check_memory(
+        f"the plan of {whole / step:.3g} steps of {step:g} s",
+        PLAN * whole / step,
+        "a longer step is wanted",
+    )
+    # of an interval, in steps
+    rounding = 1e-6 + 2 * torch.finfo(t.dtype).eps * max(map(abs, instants)) / step
+    counts = [max(1, math.ceil(gap / step - rounding)) for gap in gaps]
+    plan = [(k, i) for k, count in enumerate(counts) for i in range(count)]  # interval, step in it
+    lengths, begins = t.diff(), t[:-1]
+    if len(plan) > len(counts):
+        interval, part = (torch.tensor(x, device=t.device) for x in zip(*plan, strict=True))
+        lengths = (lengths / t.new_tensor(counts))[interval]
+        begins = begins[interval] + part * lengths
+    stepper = prepared(scene, step, method, **options)
+    changing(inputs, len(counts))
+    first = inputs_at(inputs, t[0], t)
+    start = stepper._begin(_begin(stepper.model, initial, t[0]), lengths[0], inputs=first)
+    begun = stepper.remember(start, stepper.reduced(start), well=False)
+    check_room(stepper, start, first, len(plan), len(t), checkpoint)
+    names, reported = tuple(vars(start)), 0
+
+    def kind(*values: Any) -> State:
+        return type(start)(**dict(zip(names, values, strict=True)))
+
+    def inputs_of(first: int, end: int) -> StepInputs:
+        rows = slice(first, end)
+        return inputs_of_steps(
+            scene, inputs, stepper.method, begins[rows], lengths[rows], [k for k, _ in plan[rows]]
+        )
+
+    steps = StepPlan(lengths, begins, inputs_of, wanted=[i == counts[k] - 1 for k, i in plan])
+
+    def carry_out(
+        begin: int, end: int, state: State
+    ) -> tuple[list[State], Callable[[], State], Tensor]:
+        """States that are wanted of a part of the plan, in the space's coordinates; the last, a
+        public one; iterations.
+        """
+        nonlocal reported
+        states, iterations, done = [], [], begin
+        for few in make_steps(stepper, state, steps.part(begin, end)):
+            states.append(few.states())
+            iterations.append(few.iterations)
+            for _ in range(len(few.iterations)):
+                done += 1
+                # not again where backward makes a part once more
+                if progress is not None and done > reported:
+                    reported = done
+                    progress(done, len(plan))
+        return states, few.last, joined(*iterations)
+
+    def flat(begin: int, end: int, *fields: Tensor) -> tuple[Tensor, ...]:
+        """The same, from tensors to tensors."""
+        states, last, iterations = carry_out(begin, end, kind(*fields))
+        return *vars(whole_of(states)).values(), *vars(last()).values(), iterations
+
+    checkpoint = checkpoint and not within_dual_numbers()  # hooks on saved tensors do not take them
+    size, length = len(names), math.isqrt(len(plan)) if checkpoint else len(plan)
+    parts, state, iterations = [begun.map(lambda x: x[None])], start, []
+    for done in range(0, len(plan), length):
+        span = done, min(done + length, len(plan))
+        if checkpoint:
+            *tensors, count = recompute(flat, *span, *vars(state).values(), use_reentrant=False)
+            states, state = [kind(*tensors[:size])], kind(*tensors[size:])
+        else:
+            states, _, count = carry_out(*span, state)
+        parts += states
+        iterations.append(count)
+    stats = Stats(
+        steps=len(plan),
+        iterations=joined(*iterations),
+        reason=stepper.failures.reasons(),
+        engine=stepper.engine,
+    )
+    states = ReducedStates(tuple(parts), stepper.model.space)
+    return Solution(t, states, partial(_energy, stepper.model, states, t, inputs), stats)
+
+
+def adaptive_run(
+    scene: Scene,
+    t: Tensor,
+    initial: State | None,
+    method: str,
+    inputs: dict[str, Any],
+    *,
+    rtol: Any = None,
+    atol: Any = None,
+    events: Any = None,
+    max_steps: int = MAX_STEPS,
+    first_step: float | None = None,
+    **options: Any,
+) -> Solution:
+    if method == "generalized_alpha" or options.get("conserve"):
+        what = "conserve" if options.get("conserve") else "generalized_alpha"
+        raise ValueError(
+            f"rtol or atol was given to {what}, whose error is no series in even powers of the "
+            "step; 'midpoint' without conserve takes them"
+        )
+    if method == "midpoint4" and any(callable(value) for value in inputs.values()):
+        raise ValueError(
+            "rtol or atol was given to midpoint4 with an input that is a function of t; a load "
+            "that is one is wanted, or 'midpoint'"
+        )
+    most, tolerance = count("max_steps", max_steps), Tolerance.of(scene, rtol, atol)
+    events = Events.of(events)
+    first = None if first_step is None else step_size("first_step", first_step)
+    stepper = prepared(scene, (concrete(t[-1]) - concrete(t[0])).item() / STEPS, method, **options)
+    changing(inputs, len(t) - 1)
+    given = inputs_at(inputs, t[0], t)
+    start = stepper._begin(_begin(stepper.model, initial, t[0]), inputs=given)
+    with no_derivatives():  # functions of time bring batch axes, which a step shows
+        wide = stepper.advance(start.detach(), given, dt=stepper.dt.detach(), t=t[0]).batch_shape
+    start = start.broadcast(broadcast_shapes(wide, tolerance.position.shape))
+    stepper.failures = Failures()
+    held = {
+        name: v if isinstance(v, PerInterval) or callable(v) else scene_value
+        for name, scene_value in scene.tensors(given).items()
+        for v in (inputs[name],)
+    }
+    solution = adaptive(stepper, start, t, held, tolerance, events, most, first)
+    lengths, level = solution.steps.sequence.instants.diff(dim=0), solution.proof.level
+    stats = Stats(
+        steps=int((solution.steps.sequence.counts * 2**level).max()),
+        lengths=lengths,
+        level=level,
+        rejected=solution.steps.rejected,
+        error=solution.proof.error * tolerance.position,
+        reason=stepper.failures.reasons(),
+        engine=stepper.engine,
+    )
+    return Solution(
+        t,
+        solution.states,
+        partial(_energy, stepper.model, solution.states, t, inputs),
+        stats,
+        solution.event,
+    )
+
+
+def explicit_run(
+    scene: Scene,
+    t: Tensor,
+    initial: State | None,
+    method: str,
+    inputs: dict[str, Any],
+    *,
+    rtol: float = 1e-6,
+    atol: float = 1e-8,
+    options: dict[str, Any] | None = None,
+    adjoint: bool = False,
+    begin: Tensor | None = None,
+) -> Solution:
+    """`begin` (...) s: the instant of each sample from which t counts; None = t is that of all."""
+    instants = t if begin is None else [begin + now for now in t]
+    held = {name: value for name, value in inputs.items() if not callable(value)}
+    moving = {name: value for name, value in inputs.items() if callable(value)}
+    rates = Rates.of(scene, scene.tensors({**held, **inputs_at(moving, instants[0], t)}))
+
+    def rhs(now: Tensor, y: Tensor) -> Tensor:
+        now = now if begin is None else begin + now
+        return (
+            Rates(rates.model, scene.tensors({**held, **inputs_at(moving, now, now)}))
+            if moving
+            else rates
+        )(now, y)
+
+    first = instants[0]
+    y0 = rates.pack(_begin(rates.model, initial, first))
+    broadcast("a scene, an initial state and begin", y0.shape[:-1], first.shape)
+    # functions and inputs may have axes too
+    acting = rates.balance(rates.conditions(first), rates.unpack(first, y0)[0])[0]
+    y0 = y0.expand(*broadcast_shapes(y0.shape[:-1], acting.shape[:-2], first.shape), -1)
+    ys, status, evaluations = integrate(
+        rhs,
+        y0,
+        t,
+        method=method,
+        rtol=rtol,
+        atol=atol,
+        options=options,
+        adjoint=adjoint,
+        parameters=leaves(rhs, y0.detach(), t, adjoint),
+    )
+    trajectory = State.stack([rates.state(*at) for at in zip(instants, ys, status, strict=True)])
+    reason = {FAILED: f"{method} failed; {ADVICE}"} if status.any() else {}
+    if method not in ADAPTIVE:
+        trajectory, lost = stopped(
+            rates.model, trajectory, partial(_energy, rates.model, trajectory, instants, inputs)
+        )
+        if number := int(concrete(lost).sum()):
+            reason = {FAILED: f"{method} {SENTENCE}; {ADVICE}"}
+            warn(f"{reason[FAILED]} ({number} of {lost.numel()} samples)")
+    energy = partial(_energy, rates.model, trajectory, instants, inputs)
+    return Solution(
+        t, trajectory, energy, Stats(evaluations=evaluations, reason=reason, engine="eager")
+    )
+
+
+def _begin(model: Model, initial: State | None, t: Tensor) -> State:
+    start = _started(model, initial, t)
+    refuse_penetration(model, start, t)
+    return start
+
+
+def _started(model: Model, initial: State | None, t: Tensor) -> State:
+    scene = model.scene
+    start = resting(scene, scene.batch_shape, t) if initial is None else check_state(initial, scene)
+    if initial is not None or scene.has_prescribed_motion:
+        model.space.start(start)  # says so where it does not fit
+    if initial is None:
+        return start
+    start = with_optional_fields(start.broadcast(), scene)
+    if start.frame is not None:  # it turns on from the state's own time
+        start = replace(start, frame=oriented(scene, start.frame, start.t, t))
+    return on_supports(start, scene, t).broadcast().at(t)
+
+
+def _energy(
+    model: Model, states: State | ReducedStates, t: Iterable[Tensor], inputs: dict[str, Any]
+) -> Energy:
+    """Of states at the instants t; the beam's eigenstrain is that of the instant."""
+    states = states.whole() if isinstance(states, ReducedStates) else model.space.to_reduced(states)
+    work = states.work
+    kinetic = model.kinetic_energy(states.rotation, states.velocity, states.spin)
+    if not model.scene.eigenstrains:
+        return Energy(kinetic, model.strain_energy(states.position, states.rotation), work)
+    if all(map(constant, model.scene.eigenstrains)):
+        own = model.eigenstrain(states.t, {})
+        return Energy(kinetic, model.strain_energy(states.position, states.rotation, own), work)
+    own = [
+        model.eigenstrain(
+            now, model.scene.tensors(inputs_at(inputs, now, now, interval=max(k - 1, 0)))
+        )
+        for k, now in enumerate(t)
+    ]
+    strain = [
+        model.strain_energy(*at) for at in zip(states.position, states.rotation, own, strict=True)
+    ]
+    return Energy(kinetic, torch.stack(strain), work)

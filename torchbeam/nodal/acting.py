@@ -1,0 +1,63 @@
+"""Acting loads: on which rows the loads of a scene act, and what they read there."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from ..scene.beam import Beam
+from .rows import Rows
+
+
+class ActingLoad(NamedTuple):
+    """A load; node: the row that it acts on, or the rows along which it does, None = all of them;
+    what it reads of a node's motion; which of the internal states are its own, None = it has none;
+    elements: along how many it acts, None = the beam's. Of `Conditions` the load holds numbers
+    alone, see `LoadEffect.resolved`.
+    """
+
+    load: Any
+    node: int | slice | None
+    reads: frozenset[str]
+    internal: slice | None
+    elements: int | None = None
+
+    def acts_on(self, row: int) -> bool:
+        if isinstance(self.node, slice):
+            return self.node.start <= row < self.node.stop
+        return self.node is None or self.node == row
+
+    @property
+    def along(self) -> bool:
+        """Whether it acts along rows, per length."""
+        return not isinstance(self.node, int)
+
+
+def acting(
+    rows: Rows, loads: tuple[Any, ...], sizes: tuple[int, ...], node: int | None = None
+) -> tuple[ActingLoad, ...]:
+    """Loads with so many internal states, one after the other; node: the row of those that act at
+    one, None = as they say.
+    """
+    acting_loads, at = [], 0
+    for load, size in zip(loads, sizes, strict=True):
+        place = None if load.node is None else load.node % rows.node_count if node is None else node
+        acting_loads.append(
+            ActingLoad(load, place, rows.depends_on(load), slice(at, at + size) if size else None)
+        )
+        at += size
+    return tuple(acting_loads)
+
+
+def by_part(beam: Beam, one: ActingLoad) -> tuple[ActingLoad, ...]:
+    """A load in the pieces in which it acts along the parts of a structure."""
+    spans = beam.spans(one.load) if one.node is None else None
+    if spans is None:
+        return (one,)
+    found, at = [], None if one.internal is None else one.internal.start
+    for span in spans:
+        size = 0 if at is None else one.load.internal * (span.nodes.stop - span.nodes.start)
+        internal = slice(at, at + size) if size else None
+        rows = span.stations if one.load.between_nodes else span.nodes
+        found.append(one._replace(node=rows, elements=span.element_count, internal=internal))
+        at = None if at is None else at + size
+    return tuple(found)

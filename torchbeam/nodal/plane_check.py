@@ -1,0 +1,105 @@
+"""Whether what acts on a beam, moves it or is fixed to it lies in its plane."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from ..core.leaves import constant, with_values
+from ..core.validation import concrete
+from .conditions import conditions
+from .coordinates.planar import Planar
+from .coordinates.selection import in_space
+from .element_loads import at_nodes
+from .loads import Nodes, load_points, wrench
+from .model import Model
+
+ROUNDING = 1e-9  # of a vector, that may lie out of a plane
+
+
+def check_plane(model: Model) -> None:
+    """Refuse numbers that act out of the plane of a model: loads on the beam at rest, the points
+    that springs are tied to, what the beam bends by itself, masses that are not alike on both
+    sides, motions of the frame and of supports. Raises ValueError.
+    """
+    scene, space, beam = model.scene, model.space, model.scene.beam
+    whole = with_values(model, space=in_space(beam))
+    still = torch.zeros_like(beam.nodes)
+    t = still.new_zeros(())
+    nodes = Nodes(beam.nodes, beam.frames, still, still, axes=model.drawn_axes)
+    now = conditions(model, t, {}, loads=tuple(filter(constant, scene.loads)))
+    given = [
+        (acting, wrench(whole.space, acting.load, point, t, {}))
+        for acting, point in load_points(whole, nodes, now, now.loads)
+    ]
+    given += [
+        (acting, at_nodes(whole, nodes, replace(now, between=(acting,)))) for acting in now.between
+    ]
+    for acting, load in given:
+        _refuse(space, acting.load.called, load, space.embed(space.project(load)))
+    for load in scene.loads:
+        if load.between_nodes and constant(load):
+            pushed = load.directions(beam.nodes)
+            _refuse(
+                space, load.called, pushed, space.project_vector(pushed) @ space.basis[:, :2].mT
+            )
+        if isinstance(load.anchor, Tensor):  # slack at rest, a spring pulls nowhere
+            to = load.anchor - beam.nodes[..., load.node, :]
+            _refuse(
+                space,
+                f"a {load.called} to a point",
+                to,
+                space.project_vector(to) @ space.basis[:, :2].mT,
+            )
+    for effect in scene.eigenstrains:
+        if constant(effect):
+            own = effect.eigenstrain(t, {}, model.length, beam.element_count)
+            _refuse(space, effect.called, own, space.embed_strain(space.project_strain(own)))
+    for tendon in scene.tendons:
+        points = tendon.at(beam.nodes, beam.frames) - beam.nodes[..., :1, :]
+        _refuse(space, "a Tendon", points, space.project_vector(points) @ space.basis[:, :2].mT)
+    for body in scene.bodies:
+        if body.offset is not None:
+            _refuse(
+                space,
+                "PointMass",
+                body.offset,
+                space.project_offset(body.offset) @ space.section[:, :2].mT,
+            )
+        if body.inertia is not None:
+            J = space.section.mT @ body.inertia @ space.section
+            # products of inertia with the normal
+            across = J[..., 2:, :] * J.new_tensor((1.0, 1.0, 0.0))
+            _refuse(space, "PointMass", J[..., 2:, :], J[..., 2:, :] - across)
+    motions = (
+        []
+        if scene.frame is None
+        else [
+            ("a frame with a velocity", scene.frame.velocity, False),
+            ("a frame that turns", scene.frame.angular_velocity, True),
+        ]
+    )
+    for support in scene.supports:
+        motions += [
+            ("a displacement of a support", support.displacement, False),
+            ("a turn of a support", support.turn, True),
+        ]
+    for what, x, turns in motions:
+        if isinstance(x, Tensor):
+            inside = (
+                space.project_spin(x) @ space.basis[:, 2:].mT
+                if turns
+                else space.project_vector(x) @ space.basis[:, :2].mT
+            )
+            _refuse(space, what, x, inside)
+
+
+def _refuse(space: Planar, what: str, given: Tensor, inside: Tensor) -> None:
+    given = given.detach()
+    out, size = (given - inside.detach()).abs().amax(), given.abs().amax()
+    if concrete(out > ROUNDING * size).any():
+        raise ValueError(
+            f"{what} out of the plane {space.name!r} was given; one in it is wanted, or plane=None"
+        )

@@ -1,0 +1,45 @@
+"""Whether a state that was given is one of the nodal form, of a scene's mesh."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..core.validation import broadcast
+from ..scene.beam import Beam
+from .state import State
+
+
+def check_state(state: Any, scene: Any, name: str = "initial") -> State:
+    """`state`, to start from; ValueError where it is not one of the nodal form, of the scene's mesh
+    and dtype.
+    """
+    of_mesh(state, scene.beam, name)
+    broadcast("a scene and an initial state", scene.batch_shape, state.batch_shape)
+    return state
+
+
+def of_mesh(state: Any, like: Beam | State, name: str) -> State:
+    """`state`; ValueError where it is not one of the nodal form, with the nodes, the rows of stress
+    and the dtype of `like` in each of its fields: native code takes them on trust.
+    """
+    nodes, stresses, dtype = like.node_count, like.stress_count, like.nodes.dtype
+    if not isinstance(state, State):
+        raise ValueError(
+            f"{name} of type {type(state).__name__} was given; the nodal form wants a "
+            "torchbeam.State"
+        )
+    if state.position.shape[-2] != nodes:
+        raise ValueError(
+            f"{name} with {state.position.shape[-2]} nodes was given; the beam has {nodes}"
+        )
+    own = dict(position=3, rotation=4, velocity=3, spin=3)
+    for key, shape in (*((key, (nodes, k)) for key, k in own.items()), ("stress", (stresses, 6))):
+        x = getattr(state, key)
+        if x.shape[-2:] != shape:
+            raise ValueError(
+                f"{name} whose {key} is of shape {tuple(x.shape)} was given; (..., {shape[0]}, "
+                f"{shape[1]}) is wanted"
+            )
+        if x.dtype != dtype:
+            raise ValueError(f"{name} of {x.dtype} meets a scene of {dtype}; one dtype is wanted")
+    return state
