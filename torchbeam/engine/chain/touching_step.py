@@ -17,7 +17,10 @@ from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
+from torch._C import _functorch as functorch
 
+from ...core.derivatives import lasting
+from ...core.functions_of_time import past_hooks
 from ...core.status import SUCCESS
 from ...nodal.model import Model
 from ...nodal.touching import Nearby, fixed
@@ -41,6 +44,7 @@ class PairList(NamedTuple):
     step: CompiledStep
     position: Tensor
     skin: float
+    recorded: bool  # whether derivatives were, by the constants of pairs
 
     def moved(self, position: Tensor) -> Tensor:
         """(K) m of positions (K, ...): the most that a node has moved by."""
@@ -48,9 +52,9 @@ class PairList(NamedTuple):
         return moved.flatten(1).amax(1).nan_to_num(0.0)
 
     def holds(self, position: Tensor) -> bool:
-        return self.position.shape == position.shape and bool(
-            self.moved(position[None]) <= self.skin / 8
-        )
+        if self.recorded != torch.is_grad_enabled() or self.position.shape != position.shape:
+            return False
+        return bool(self.moved(position[None]) <= self.skin / 8)
 
 
 class TouchingStep:
@@ -88,6 +92,8 @@ class TouchingStep:
         every: int = 1,
     ) -> Steps | None:
         """See `CompiledStep`; every: states are those after each step."""
+        if functorch.peek_interpreter_stack() is not None:
+            return None
         axes = start.status.ndim if moving is None else moving.ndim
         first, parts, at_once = 0, [], K or 1
         while first < (K or 1):
@@ -140,17 +146,19 @@ class TouchingStep:
         ]
         left = torch.cat([x[x > skin] for x in slack])
         skin = float(left.amin()) if left.numel() else torch.inf
-        self._list = PairList(self._known(near), position, skin)
+        self._list = PairList(self._known(near), position, skin, torch.is_grad_enabled())
         return self._list
 
     def _known(self, near: list[Nearby]) -> CompiledStep:
         """Steps with these pairs."""
         key = tuple((tuple(own.point.tolist()), tuple(own.piece.tolist())) for own in near)
+        key = torch.is_grad_enabled(), key
         step = self._steps.pop(key, None)
         if step is None:
             for oldest in [*self._steps][: max(0, len(self._steps) + 1 - LISTS)]:
                 self._steps.pop(oldest, None)
-            step = self.step(with_pairs(self.model, near))
+            with lasting(), past_hooks():
+                step = self.step(with_pairs(self.model, near))
         self._steps[key] = step
         return step
 
