@@ -21,7 +21,8 @@ from tests.cases.gradient_ingredients import TABLE, Draw, Tensors
 from torchbeam.extend import own_leaves
 from torchbeam.extend import quaternions as quat
 
-EXACT = dict(tolerance=1e-12)
+# of the scaled residual, by the default dtype, which is the scene's: near its rounding
+TIGHT = {torch.float64: 1e-12, torch.float32: 1e-6}
 SMALL = 1e-3  # size of an output (m, N, J) below which it is not scaled up: its rounding would be
 UNSTABLE = 1e3  # m/s: an explicit method's step was too long
 STEPS = (0.02, 0.01, 0.005)  # of central differences, of a tensor's size
@@ -50,6 +51,10 @@ EXPLICIT = ("nodal rk4", "explicit stepper", "minimal", "block_rate")
 WAYS = ("equilibrium", *IMPLICIT, *EXPLICIT)
 SPACES = ("3D", "xy", "xz", "auto", "small")
 INITIAL = ("rest", "velocity", "spin", "position", "rotation", "equilibrium")
+
+
+def exact() -> dict[str, float]:
+    return dict(tolerance=TIGHT[torch.get_default_dtype()])
 
 
 class Unsolved(Exception):
@@ -201,7 +206,7 @@ class Case:
             return None
         if kind == "equilibrium":
             held = {name: v(t) if callable(v) else v for name, v in inputs.items()}
-            return tb.equilibrium(scene, t=t, inputs=held, **EXACT)
+            return tb.equilibrium(scene, t=t, inputs=held, **exact())
         state, free = tb.rest(scene, t=t), torch.ones(scene.beam.station_count + 1, 1)
         free[[s.node for s in scene.supports]] = 0
         move = free * self.disturbed(x)
@@ -228,7 +233,7 @@ class Case:
         """What comes of the tensors: (..., n) each."""
         way, scene, inputs = self.spec.way, self.scene(x), self.inputs(x)
         if way == "equilibrium":
-            state = tb.equilibrium(scene, t=self.t(x), inputs=inputs, **EXACT)
+            state = tb.equilibrium(scene, t=self.t(x), inputs=inputs, **exact())
             return self._read("", state)
         at = self.draw.tensors["start time"] if "stepper" in way else self.t(x)[0]  # of a start
         if way == "explicit stepper":
@@ -239,7 +244,7 @@ class Case:
             return self._read("", state)
         if "stepper" in way:
             method = way.split()[1]
-            stepper, t = tb.Stepper(scene, 0.06, method, **EXACT), self.t(x)
+            stepper, t = tb.Stepper(scene, 0.06, method, **exact()), self.t(x)
             state = self.start(scene, x, at, inputs)
             state = tb.rest(scene, t=at) if state is None else state
             lead = torch.broadcast_shapes(t.shape, state.t.shape)
@@ -270,7 +275,7 @@ class Case:
                 inputs=inputs,
                 step=0.06,
                 **dict.fromkeys(more, True),
-                **EXACT,
+                **exact(),
             )
         energy = {
             f"energy {n}": e[-1][..., None]

@@ -94,7 +94,7 @@ def full(d):
     if d.plane is not None:
         polar = [i in POLAR[d.plane] for i in range(3)]
         group = torch.tensor([*polar, *(not p for p in polar)])
-        inside = (group[:, None] == group).double()
+        inside = (group[:, None] == group).to(torch.get_default_dtype())
     root = torch.tensor([20.0, 15, 15, 0.8, 1, 1.5]).rsqrt()
     mixed = 0.15 * (d.uniform(6, 6) - 0.5) * (root[:, None] * root).sqrt() * inside
     A = d.tensor("compliance root", root.diag() + mixed)

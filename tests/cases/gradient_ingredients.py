@@ -42,7 +42,9 @@ class Draw:
         self.inputs: dict[str, Reader] = {}
 
     def uniform(self, *shape: int, low: float = 0.0, high: float = 1.0) -> Tensor:
-        return low + (high - low) * torch.rand(shape, generator=self.random)
+        """Drawn in double, so that a case in single is the same, rounded."""
+        drawn = torch.rand(shape, generator=self.random, dtype=torch.float64)
+        return (low + (high - low) * drawn).to(torch.get_default_dtype())
 
     def pick(self, *options):
         return options[int(torch.randint(len(options), (), generator=self.random))]

@@ -14,7 +14,7 @@ from torch import Tensor
 from torch._C._functorch import is_batchedtensor
 
 import torchbeam as tb
-from tests.cases.gradient_cases import EXPLICIT, UNSTABLE, Case, Unsolved
+from tests.cases.gradient_cases import EXPLICIT, UNSTABLE, Case, Unsolved, exact
 from tests.cases.metamorphic_parts import NotHere
 from tests.cases.metamorphic_similarity import (
     ENERGY,
@@ -29,7 +29,6 @@ from tests.cases.metamorphic_similarity import (
 )
 from torchbeam.extend import quaternions as quat
 
-EXACT = dict(tolerance=1e-12)
 READ = ("position", "rotation", "velocity", "spin", "stress", "reaction", "work", "internal")
 Found = dict[str, tuple[Quantity, Tensor]]
 
@@ -109,7 +108,7 @@ def energies(solution: tb.Solution) -> Found:
 
 def motion(p: Problem, method: str, form: str = "nodal", **options: Any) -> Found:
     with_step = {} if "rtol" in options or method == "rk4" else dict(step=p.step)
-    tolerance = {} if method == "rk4" else EXACT
+    tolerance = {} if method == "rk4" else exact()
     solution = tb.simulate(
         p.scene,
         p.t,
@@ -134,7 +133,7 @@ def motion(p: Problem, method: str, form: str = "nodal", **options: Any) -> Foun
 def sensors(p: Problem, method: str = "midpoint") -> Found:
     """Readings at the instants and between them."""
     s = tb.sensors
-    solution = tb.simulate(p.scene, p.t, p.start, method, inputs=p.inputs, step=p.step, **EXACT)
+    solution = tb.simulate(p.scene, p.t, p.start, method, inputs=p.inputs, step=p.step, **exact())
     solved(solution, solution.tip.velocity)
     strain = Quantity(kind="own polar")
     every = [(s.RootReaction(), Quantity(kind="wrench"))] if p.scene.supports else []
@@ -163,7 +162,7 @@ def sensors(p: Problem, method: str = "midpoint") -> Found:
 
 
 def stepper(p: Problem, method: str) -> Found:
-    step = tb.Stepper(p.scene, p.step, method, **EXACT)
+    step = tb.Stepper(p.scene, p.step, method, **exact())
     state, found = tb.rest(p.scene, t=p.t[0]) if p.start is None else p.start, []
     for dt, t in zip(p.t.diff(), p.t[:-1], strict=True):
         held = {name: v(t) if callable(v) else v for name, v in p.inputs.items()}
@@ -173,7 +172,7 @@ def stepper(p: Problem, method: str) -> Found:
 
 
 def rollout(p: Problem, method: str = "midpoint") -> Found:
-    step = tb.Stepper(p.scene, p.step, method, **EXACT)
+    step = tb.Stepper(p.scene, p.step, method, **exact())
     state = tb.rest(p.scene, t=p.t[0]) if p.start is None else p.start
     return states("rollout", tb.rollout(step, state, 3, inputs=p.inputs))
 
@@ -191,11 +190,11 @@ def _held(p: Problem) -> dict[str, Any]:
 
 
 def equilibrium(p: Problem) -> Found:
-    return states("equilibrium", tb.equilibrium(p.scene, t=p.t, inputs=_held(p), **EXACT))
+    return states("equilibrium", tb.equilibrium(p.scene, t=p.t, inputs=_held(p), **exact()))
 
 
 def path(p: Problem) -> Found:
-    found = tb.path(p.scene, t=float(p.t), step=0.25, steps=60, tolerance=1e-11, inputs=_held(p))
+    found = tb.path(p.scene, t=float(p.t), step=0.25, steps=60, inputs=_held(p), **exact())
     if found.state.status.any() or not found.reached.all():
         raise Unsolved
     return {"factor": (ONE, found.factor)} | states("path", found.state)

@@ -25,6 +25,8 @@ from torchbeam.extend import quaternions as quat
 def _words(change: Callable, said: Said) -> Pair:
     if change is WORDS["in space"] and said.answer in ("modes", "linearize"):
         raise NotHere  # where there is more to move
+    if change is WORDS["rest shape by actuation"] and said.answer != "equilibrium":
+        raise NotHere  # its inertia is that of straight elements
     return said.plain, told(said.ask(replace(said.problem, parts=change(said.problem.parts))))
 
 
@@ -119,4 +121,12 @@ RELATIONS: dict[str, Callable[[Said], Pair]] = {
     **RUNS,
 }
 # relations that lose derivatives, or are about them
-VALUES_ONLY = {"t as a list", "restart from a file", "scene from a file", "dual", "vmap"}
+VALUES_ONLY = {
+    "t as a list",
+    "restart from a file",
+    "scene from a file",
+    "dual",
+    "vmap",
+    "chunks",
+    "single precision",
+}

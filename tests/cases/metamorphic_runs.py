@@ -16,8 +16,9 @@ import torch.autograd.forward_ad as forward_ad
 from torch import Tensor
 
 import torchbeam as tb
-from tests.cases.metamorphic_answers import ANSWERS, EXACT, Found, energies, states, told
-from tests.cases.metamorphic_said import Blocks, Pair, Said, engine, wants
+from tests.cases.gradient_cases import Case, exact
+from tests.cases.metamorphic_answers import ANSWERS, Found, energies, states, told
+from tests.cases.metamorphic_said import SAMPLES, Blocks, Pair, Said, engine, wants
 
 # by `simulate` in steps
 MOTIONS = ("midpoint", "midpoint lumped", "midpoint conserve", "midpoint4", "generalized_alpha")
@@ -44,20 +45,23 @@ def _stacked(few: list[Blocks], like: Blocks) -> Blocks:
     found = {}
     for name, value in like.items():
         one = few[0][name]
-        axis = next(
-            (
-                i
-                for i in range(value.ndim)
-                if value.shape[:i] == one.shape[:i]
-                and value.shape[i] == len(few)
-                and value.shape[i + 1 :] == one.shape[i:]
-            ),
-            None,
-        )
+        axis = _batch_axis(value, one)
         found[name] = value if axis is None else torch.stack([x[name] for x in few], axis)
         if axis is None:  # nothing in it differs from sample to sample
             found[name] = one.expand_as(value)
     return found
+
+
+def _batch_axis(value: Tensor, one: Tensor) -> int | None:
+    """Where a value of several has the axis that one has not; None = nowhere."""
+    return next(
+        (
+            i
+            for i in range(value.ndim)
+            if value.shape[i] == SAMPLES and value.shape[:i] + value.shape[i + 1 :] == one.shape
+        ),
+        None,
+    )
 
 
 def axes(said: Said) -> Pair:
@@ -73,6 +77,39 @@ def axes(said: Said) -> Pair:
         wide[n] = v * scale[(...,) + (None,) * v.ndim]
         full[n] = v * scale.expand(2, 2)[(...,) + (None,) * v.ndim]
     return said.of(wide), said.of(full)
+
+
+def chunks(said: Said) -> Pair:
+    """Several at once, and by `monte_carlo` in chunks, of which the last is smaller."""
+    wants(said, ANSWERS[said.answer].batched and not said.case.draw.alone - {"times", "t"})
+    wants(said, said.answer != "path")  # its samples go at their own pace
+    whole = said.of(said.several()[0])
+    axes = {n: _batch_axis(value, said.plain[n]) for n, value in whole.items()}
+
+    def rows(found: Blocks) -> Tensor:
+        several = (found[n].movedim(axis, 0) for n, axis in axes.items() if axis is not None)
+        return torch.cat([value.reshape(len(value), -1) for value in several], 1)
+
+    def of(theta: Tensor) -> Tensor:
+        return rows(said.of(said.scaled(theta[:, 0])))
+
+    scale = 1 + 0.01 * torch.arange(SAMPLES)
+    wants(said, any(axis is not None for axis in axes.values()))
+    samples = tb.monte_carlo(of, ["scale"], theta=scale[:, None], chunk=SAMPLES - 1)
+    sizes = rows(whole).abs().amax(0).clamp(min=1e-3)
+    return {"samples": rows(whole) / sizes}, {"samples": samples.y / sizes}
+
+
+def single(said: Said) -> Pair:
+    """The same numbers in single precision, and in double."""
+    x = {n: v.float() for n, v in said.x.items()}
+    default = torch.get_default_dtype()
+    try:
+        torch.set_default_dtype(torch.float32)
+        b = replace(said, x=x, case=Case(said.spec)).plain
+    finally:
+        torch.set_default_dtype(default)
+    return said.of({n: v.double() for n, v in x.items()}), {n: v.double() for n, v in b.items()}
 
 
 def vmapped(said: Said) -> Pair:
@@ -109,7 +146,7 @@ def restart(said: Said, through: Callable = lambda state: state) -> Pair:
             inputs=p.inputs,
             step=p.step,
             **dict.fromkeys(said.answer.split()[1:], True),
-            **EXACT,
+            **exact(),
         )
     whole = tb.simulate(p.scene, p.t, p.start, **options)
     first = tb.simulate(p.scene, p.t[:2], p.start, **options)
@@ -151,7 +188,7 @@ def _solved(said: Said, t=None, **changed) -> Found:
             inputs=p.inputs,
             step=p.step,
             **dict.fromkeys(more, True),
-            **EXACT,
+            **exact(),
         )
         | changed
     )
@@ -233,7 +270,7 @@ def by_rollout(said: Said) -> Pair:
     """`rollout`, and `Stepper` step by step; its step is a number."""
     wants(said, said.answer == "rollout" and not any(map(callable, said.problem.inputs.values())))
     p = said.problem
-    step, found = tb.Stepper(p.scene, p.step, **EXACT), []
+    step, found = tb.Stepper(p.scene, p.step, **exact()), []
     state = tb.rest(p.scene, t=p.t[0]) if p.start is None else p.start
     for _ in range(3):
         found.append(step(state := found[-1] if found else state, inputs=p.inputs))
@@ -289,8 +326,8 @@ def _jvp(of: Callable, x: Blocks, u: Blocks) -> Tensor:
 
 # fmt: off
 RUNS: dict[str, Callable[[Said], Pair]] = {
-    "batch": batch, "axes": axes, "vmap": vmapped, "engines": engines, "threads": threads,
-    "dual": dual,
+    "batch": batch, "axes": axes, "chunks": chunks, "vmap": vmapped, "engines": engines,
+    "threads": threads, "dual": dual, "single precision": single,
     "scene from a file": from_a_file,
     "restart": restart, "restart from a file": partial(restart, through=_saved),
     "restart from a clone": partial(restart, through=lambda state: state.clone()),

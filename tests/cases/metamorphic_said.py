@@ -61,13 +61,14 @@ class Said:
     def several(self, samples: int = SAMPLES) -> tuple[Blocks, list[Blocks]]:
         """Tensors of several scenes in one batch, but for those that take none; and one by one."""
         scale = 1 + 0.01 * torch.arange(samples)
-        batch = {
-            n: v if n in self.case.draw.alone else v * scale[(...,) + (None,) * v.ndim]
+        return self.scaled(scale), [self.scaled(k) for k in scale]
+
+    def scaled(self, by: Tensor) -> Blocks:
+        """Tensors times numbers (...), but for those that take no batch."""
+        return {
+            n: v if n in self.case.draw.alone else v * by[(...,) + (None,) * v.ndim]
             for n, v in self.x.items()
         }
-        return batch, [
-            {n: v if n in self.case.draw.alone else v * k for n, v in self.x.items()} for k in scale
-        ]
 
 
 def wants(said: Said, holds: bool) -> None:

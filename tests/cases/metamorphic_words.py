@@ -259,6 +259,71 @@ def beam_again(parts: Parts) -> Parts:
     return {**parts, "beam": made.linked() if beam.linked_interpolation else made}
 
 
+def beam_by_curvature(parts: Parts) -> Parts:
+    """The beam as a curve, from the curvature that turns its axes from node to node."""
+    beam = parts["beam"]
+    turn, h = _turns(beam), beam.length
+    axes, k = quat.matrix(beam.frames[..., 0, :]), turn / h[..., None]
+
+    def curvature(s: torch.Tensor) -> torch.Tensor:  # at one place or two of each interval
+        return k.repeat_interleave(s.shape[-1] // h.shape[-1], -2)
+
+    made = tb.Beam.curve(
+        h.sum(-1),
+        beam.element_count,
+        tb.Section(beam.compliance[..., 0, :, :], beam.mass[..., 0, :, :]),
+        curvature,
+        direction=axes[..., 0],
+        up=axes[..., 2],
+        root=beam.nodes[..., 0, :],
+        order=beam.order,
+    )
+    fits = all(
+        (getattr(made, name) - getattr(beam, name)).abs().max() < 1e-12 * h.max()
+        for name in ("nodes", "length")
+    )
+    turned = quat.matrix(made.elements) - quat.matrix(beam.elements)
+    if not fits or not turned.abs().max() < 1e-12:
+        raise NotHere
+    kept = ("compliance", "mass", "linked_interpolation")
+    return {**parts, "beam": replace(made, **{name: getattr(beam, name) for name in kept})}
+
+
+def rest_by_actuation(parts: Parts) -> Parts:
+    """A straight beam that takes the shape at rest by itself: the difference of the two strains."""
+    beam, plane = parts["beam"], parts["plane"]
+    off_diagonal = beam.mass - torch.diag_embed(beam.mass.diagonal(dim1=-2, dim2=-1))
+    if (
+        beam.order != 1
+        or beam.linked_interpolation
+        or not beam.curved
+        or plane is not None
+        or parts["small"]
+        or parts["supports"] is not None
+        or off_diagonal.any()  # masses off the axis lie where elements are turned to
+    ):
+        raise NotHere
+    h, e_1 = beam.length[..., None], torch.tensor([1.0, 0.0, 0.0])
+    axes, turn = quat.matrix(beam.elements), _turns(beam)
+    strain = (axes.mT @ (beam.nodes.diff(dim=-2) / h)[..., None])[..., 0] - e_1
+    root, frame = beam.nodes[..., :1, :], beam.frames[..., :1, :]
+    along = torch.nn.functional.pad(beam.length.cumsum(-1), (1, 0))[..., None]
+    straight = replace(
+        beam,
+        nodes=root + along * quat.rotate(frame, e_1),
+        frames=frame.expand(beam.frames.shape),
+        elements=frame.expand(beam.elements.shape),
+    )
+    bent = tb.Actuation(curvature=tb.PerElement(turn / h), strain=tb.PerElement(strain))
+    return {**parts, "beam": straight, "effects": (*parts["effects"], bent)}
+
+
+def _turns(beam: tb.Beam) -> torch.Tensor:
+    """By which section axes turn from node to node, rad, in section axes."""
+    a, b = beam.frames[..., :-1, :], beam.frames[..., 1:, :]
+    return quat.logarithm(quat.multiply(quat.conjugate(a), b))
+
+
 def sections_again(parts: Parts) -> Parts:
     """Each element its section, where all have one."""
     beam = parts["beam"]
@@ -298,6 +363,8 @@ WORDS: dict[str, Callable[[Parts], Parts]] = {
     "supports said": supports_said,
     "in space": in_space,
     "beam from nodes": beam_again,
+    "beam by curvature": beam_by_curvature,
+    "rest shape by actuation": rest_by_actuation,
     "sections of elements": sections_again,
     "by replace": replaced,
     **{

@@ -1,5 +1,5 @@
-"""Random structures, and the same said otherwise: turned, in other units, in batches, restarted,
-with its beams cut and welded, and differentiated.
+"""Random structures, some on an obstacle and with a tendon, and the same said otherwise: turned, in
+other units, in batches, restarted, with its beams cut and welded, and differentiated.
 """
 
 from __future__ import annotations
@@ -45,6 +45,8 @@ class Drawn:
     rod: bool  # from the last end to the ground
     order: int
     method: str
+    obstacle: str  # on which its beams lie: "plane", "sphere" or "" = none
+    tendon: str  # from the ground by the first end to the last: "pulled", "elastic" or "" = none
     numbers: dict[str, Tensor]
 
 
@@ -57,9 +59,10 @@ def draw(seed: int) -> Drawn:
         joints[0] = rng.choice(("ball", "hinge", "free"))
     method = rng.choice(("midpoint", "midpoint", "generalized_alpha"))
     elements = tuple(rng.choice((1, 2)) for _ in kinds)
-    drawn = Drawn(
-        kinds, tuple(joints), elements, rng.random() < 0.3, rng.choice((1, 1, 2)), method, {}
-    )
+    rod, order = rng.random() < 0.3, rng.choice((1, 1, 2))
+    obstacle = rng.choice(("", "plane", "sphere")) if "beam" in kinds else ""
+    tendon = rng.choice(("", "pulled", "elastic"))
+    drawn = Drawn(kinds, tuple(joints), elements, rod, order, method, obstacle, tendon, {})
     return replace(drawn, numbers=numbers(drawn, seed))
 
 
@@ -80,7 +83,10 @@ def numbers(drawn: Drawn, seed: int) -> dict[str, Tensor]:
             f"stiffness {k}": some(0.5, 3.0),
             f"damping {k}": some(0.01, 0.1),
         }
-    return found | {"rod": some(0.3, 0.6, 3)}
+    found["rod"] = some(0.3, 0.6, 3)
+    found |= {"pull": some(0.2, 0.4), "arm": some(-0.02, 0.02, 3), "ground": some(-0.4, -0.2, 3)}
+    found |= {"below": some(-0.1, 0.0, 3), "press": some(1.0, 2.0), "thickness": some(0.3, 0.4)}
+    return found
 
 
 def build(drawn: Drawn, units: Units | None = None, cut: bool = False) -> tb.Scene:
@@ -90,6 +96,7 @@ def build(drawn: Drawn, units: Units | None = None, cut: bool = False) -> tb.Sce
     parts: dict[str, Any] = {}
     joints: list[tb.Joint] = []
     supports: list[tb.Support] = []
+    first: Any = None
     end: Any = None
     for k, (kind, joint) in enumerate(zip(drawn.kinds, drawn.joints, strict=True)):
         way, name = 0.5 * n[f"way {k}"], f"{kind} {k}"
@@ -108,6 +115,7 @@ def build(drawn: Drawn, units: Units | None = None, cut: bool = False) -> tb.Sce
                 rotation=units.turn,
             )
             start = tip = name
+        first = start if first is None else first
         if k == 0 and joint == "weld":
             supports.append(tb.Support(start))
         elif joint != "free":
@@ -121,7 +129,39 @@ def build(drawn: Drawn, units: Units | None = None, cut: bool = False) -> tb.Sce
     ]
     if "beam" in drawn.kinds:
         effects.append(tb.Damping(units.size(0, 0, 1) * n["tau"]))
+    if drawn.obstacle:
+        effects.append(_contact(drawn, units))
+    if drawn.tendon:
+        effects.append(_tendon(drawn, units, first, end))
     return tb.Scene(parts, effects, joints=joints, supports=supports)
+
+
+def _contact(drawn: Drawn, units: Units) -> tb.Contact:
+    """With what the beams start in; rubbing where steps take friction."""
+    n, size = drawn.numbers, units.size
+    up = torch.tensor([0.2, 0.4, 0.9], dtype=torch.float64)
+    if drawn.obstacle == "plane":
+        body: Any = tb.Plane(units.vector(n["below"]), units.turn @ up)
+    else:
+        radius = units.length * (0.5 + n["thickness"])
+        centre = n["below"] - (0.5 + n["thickness"])[..., None] * up
+        body = tb.Sphere(units.vector(centre), radius)
+    rubs = drawn.method == "midpoint"
+    slides = dict(friction=0.3, slip_speed=0.1 * size(0, 1, -1)) if rubs else {}
+    press, thick = size(1, 0, -2) * n["press"], units.length * n["thickness"]
+    return tb.Contact(body, thickness=thick, force=press, radius=0.01 * units.length, **slides)
+
+
+def _tendon(drawn: Drawn, units: Units, first: Any, end: Any) -> tb.Tendon:
+    n, size = drawn.numbers, units.size
+    arm = units.length * n["arm"]
+    eyelets = [(None, units.vector(n["ground"])), (first, arm), (end, -arm)]
+    if drawn.tendon == "pulled":
+        rubs = drawn.method == "midpoint"
+        slides = dict(friction=0.2, slip_speed=0.1 * size(0, 1, -1)) if rubs else {}
+        return tb.Tendon(eyelets, tension=size(1, 1, -2) * n["pull"], **slides)
+    stiff, length = 5 * size(1, 0, -2) * n["pull"], units.length * n["pull"]
+    return tb.Tendon(eyelets, stiffness=stiff, length=length)
 
 
 def _beams(

@@ -7,6 +7,7 @@ what the reason says.
 
 from __future__ import annotations
 
+import enum
 import functools
 import math
 from dataclasses import dataclass, field
@@ -24,6 +25,9 @@ MU, EDGE = 0.3, torch.tensor([0.0, 0.0, -1.0])
 EDGES, HEIGHTS = torch.tensor([-0.5, 0.0, 0.3, 0.9, 1.5]), torch.tensor([0.4, -0.2, 0.3, 0.1, 0.6])
 SINES = torch.sin(torch.arange(9.0))
 POLES = torch.tensor([[1.2, 0.0, 0.3], [0.8, 0.1, -0.4], [0.3, -0.2, 0.5]])
+PLACES = torch.linspace(-1, 1, 21)
+SPEEDS = torch.tanh(3 * PLACES)
+GAINS, SCALE, DIAGONAL = np.array([0.1, 0.2, 0.3]), np.float64(0.7), np.eye(3) * 0.4
 STIFFNESS = torch.tensor([[2.0, 0.1, 0.3], [0.1, 1.0, 0.0], [0.3, 0.0, 3.0]])
 
 
@@ -320,6 +324,140 @@ def vortex(x, t):
     )
 
 
+def magnet(x, R, v, w, t, *, strength, pole):
+    gap = pole - x
+    return strength * gap / (gap.pow(2).sum(-1, keepdim=True) + 0.01).pow(1.5), None
+
+
+def by_settings():
+    k, (a, b), (c,) = 2.0, (0.1, 0.2), [0.3]
+    return lambda x, R, v, w, t: (
+        torch.stack([-k * a * v[..., 0], -b * v[..., 1], -c * x[..., 2]], -1),
+        None,
+    )
+
+
+def walls(x, R, v, w, t):
+    gap = x[..., 2].abs() - 0.0005
+    f = torch.where(gap > 0, -400.0 * gap * x[..., 2].sign(), 0.0)
+    return torch.stack([torch.zeros_like(f), torch.zeros_like(f), f], -1), None
+
+
+def interpolated(x, places, values):
+    k = torch.clamp(torch.searchsorted(places, x, right=True) - 1, 0, len(places) - 2)
+    slope = (values[k + 1] - values[k]) / (places[k + 1] - places[k])
+    return values[k] + slope * (x - places[k])
+
+
+def by_table(x, R, v, w, t):
+    return -0.2 * interpolated(v, PLACES, SPEEDS), None
+
+
+def jacobian(x, R, v, w, t):
+    slopes = torch.func.jacrev(lambda y: torch.sin(y) * y.sum())
+    return -0.1 * torch.func.vmap(slopes)(x.reshape(-1, 3)).sum(-1).reshape(x.shape), None
+
+
+def rate_of_a_field(x, R, v, w, t):
+    _, change = torch.func.jvp(lambda y: torch.cos(y) * y, (x,), (v,))
+    return -0.1 * change, None
+
+
+def numbers(x, R, v, w, t):
+    c = math.sqrt(2) * math.exp(-3) + float(GAINS[1])
+    f = -c * v - torch.as_tensor(GAINS) * x * np.pi
+    return f - SCALE * (torch.from_numpy(DIAGONAL) @ v[..., None])[..., 0], None
+
+
+def node_by_node(x, R, v, w, t):
+    f = torch.zeros_like(x)
+    for k in range(x.shape[-2]):
+        f[..., k, 2] = -0.1 * v[..., k, 2] * (1 + x[..., k, 0])
+    return f, None
+
+
+def of_rotations(x, R, v, w, t):
+    across = torch.diag(torch.tensor([0.1, 0.2, 0.3]))
+    turn = torch.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0],
+                        R[..., 1, 0] - R[..., 0, 1]], -1)  # fmt: skip
+    cosine = (R.diagonal(dim1=-2, dim2=-1).sum(-1, keepdim=True) - 1) / 2
+    angle = torch.arccos(cosine.clamp(-1 + 1e-9, 1 - 1e-9))
+    return -torch.einsum("...ij,jk,...lk,...l->...i", R, across, R, v), -0.3 * angle * turn
+
+
+def softly(x, R, v, w, t):
+    near = torch.softmax(-5 * (x[..., None, :] - POLES).square().sum(-1), -1)
+    depth = torch.relu(x[..., 2])
+    push = sum(c * depth**k for k, c in enumerate([0.1, -2.0, -30.0]))
+    return 0.1 * near @ POLES - 0.1 * torch.cumsum(v, -1) + along_z(push), None
+
+
+class Wrench(NamedTuple):
+    force: torch.Tensor
+    moment: torch.Tensor | None = None
+
+
+class Axis(enum.Enum):
+    ALONG, ACROSS = 0, 2
+
+
+@dataclass
+class Wind:
+    speed: torch.Tensor
+    density: float = 0.2
+
+    def drag(self):
+        return -self.density * self.speed * self.speed.abs()
+
+
+def by_name(x, R, v, w, t):
+    wind = Wind(v[..., Axis.ACROSS.value])
+    return Wrench(-0.2 * torch.roll(v, 1, -1) + along_z(wind.drag()), moment=-0.01 * w)
+
+
+def by_defaults(*motion, gain=torch.tensor([0.1, 0.2, 0.3])):  # noqa: B008
+    return -gain * motion[2], None
+
+
+class Recurrent(nn.Module):
+    """A recurrent cell in continuous time: its hidden state follows what the cell says."""
+
+    def __init__(self):
+        super().__init__()
+        torch.manual_seed(0)
+        self.cell, self.out = nn.GRUCell(6, 4), nn.Linear(4, 3)
+
+    def load(self):
+        def rate(z, x, R, v, w, t):
+            now = self.cell(torch.cat([x, v], -1).reshape(-1, 6), z.reshape(-1, 4))
+            return 20.0 * (now.reshape(z.shape) - z)
+
+        return tb.Load(lambda x, R, v, w, t, z: (0.3 * self.out(z), None), internal=4, rate=rate)
+
+
+class Attention(nn.Module):
+    """Heads over position, velocity and spin."""
+
+    def __init__(self):
+        super().__init__()
+        torch.manual_seed(0)
+        self.heads = nn.MultiheadAttention(3, 1, batch_first=True)
+
+    def __call__(self, x, R, v, w, t):
+        words = torch.stack([x, v, w], -2).reshape(-1, 3, 3)
+        return 0.1 * self.heads(words, words, words)[0].mean(-2).reshape(x.shape), None
+
+
+class Regulator:
+    """Numbers and a tensor, called as a function."""
+
+    def __init__(self):
+        self.kp, self.kd, self.target = 2.0, 0.1, torch.tensor([1.0, 0, 0.05])
+
+    def __call__(self, x, R, v, w, t):
+        return self.kp * (self.target - x) - self.kd * v, None
+
+
 def tip(function, **more):
     return lambda: tb.Load(function, **more)
 
@@ -361,6 +499,16 @@ LOADS = {
     "network, dropout of eval": lambda: neural(nn.Dropout, nn.Tanh),
     "network, residual": lambda: network(Residual().double()),
     "network, float32": lambda: network(Single()),
+    "partial by keywords": lambda: tb.Load(
+        functools.partial(magnet, strength=0.05, pole=torch.tensor([1.0, 0, 0.3]))),
+    "closure of tuples": lambda: tb.Load(by_settings()),
+    "walls by where": tip(walls), "interpolation": tip(by_table), "Jacobian": tip(jacobian),
+    "rate of a field": tip(rate_of_a_field), "numbers of NumPy": tip(numbers),
+    "loop over nodes": tip(node_by_node, node=None), "rotations": tip(of_rotations),
+    "softmax and sums": tip(softly), "named tuple": tip(by_name),
+    "tensor by default": tip(by_defaults),
+    "recurrent cell": lambda: Recurrent().double().load(),
+    "attention": lambda: tb.Load(Attention().double()), "regulator": lambda: tb.Load(Regulator()),
 }
 # fmt: on
 
@@ -430,6 +578,23 @@ def ordered(x, R, v, w, t):
     return -v.sort(-1).values, None
 
 
+def by_number(x, R, v, w, t):
+    return torch.stack([-0.1 * (k + 1) * v[..., k, :] for k in range(v.shape[-2])], -2), None
+
+
+def of_neighbours(x, R, v, w, t):
+    return torch.cat([v[..., 1:, :] - v[..., :-1, :], 0 * v[..., :1, :]], -2), None
+
+
+def of_math(x, R, v, w, t):
+    return -v * math.sin(30 * t), None
+
+
+def of_complex(x, R, v, w, t):
+    z = torch.complex(v[..., 1], v[..., 2]) * 1j
+    return torch.stack([0 * z.real, -z.real, -z.imag], -1), None
+
+
 class Remembering:
     """A function with memory."""
 
@@ -445,6 +610,10 @@ REFUSED = {
     "branch": (tip(branching), "control flow by values cannot be traced"),
     "NumPy": (tip(by_numpy), "numpy of a traced tensor"),
     "noise": (tip(noisy), "random numbers were drawn"),
+    "number of a site": (tip(by_number, node=None), "on other sites"),
+    "neighbours": (tip(of_neighbours, node=None), "on other sites"),
+    "math of time": (tip(of_math), "functions of torch in the place of math's"),
+    "complex numbers": (tip(of_complex), "real numbers by sin and cos are wanted"),
     "sorted": (tip(ordered), "torch.maximum and torch.minimum are wanted"),
     "memory": (lambda: tb.Load(Remembering().force), "the value of a traced tensor was asked for"),
     "dropout of train": (lambda: neural(nn.Dropout, train=True), "random numbers were drawn"),

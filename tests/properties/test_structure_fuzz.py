@@ -6,7 +6,8 @@ import pytest
 
 from tests.cases.structure_fuzz import JOINTS, build, distances, draw, run
 
-SHORT = 0, 130  # every joint, bodies, a beam that is cut, order 2 and both methods
+# every joint, obstacle and tendon, bodies, a beam that is cut, both orders and both methods
+SHORT = 969, 8653
 LIMITS = {"gradient": 1e-5}  # differences of 1e-5 of what is of second order in them
 
 
@@ -46,6 +47,8 @@ def test_many_structures_are_stepped_alike_by_both_engines():
                 assert error < 1e-11, (name, error, drawn)
 
 
-def test_every_joint_is_drawn():
-    drawn = {joint for seed in SHORT for joint in draw(seed).joints}
-    assert set(JOINTS) <= drawn
+def test_everything_is_drawn():
+    drawn = [draw(seed) for seed in SHORT]
+    assert set(JOINTS) <= {joint for one in drawn for joint in one.joints}
+    assert {one.obstacle for one in drawn} == {"plane", "sphere"}
+    assert {one.tendon for one in drawn} == {"pulled", "elastic"}

@@ -85,6 +85,8 @@ MADE = {
     *vars(namedtuple("Empty", ())),
 }
 
+MAKES = ("__new__", "__init__", "__post_init__")  # an object
+
 Read = tuple[str, Callable[[], Any]]  # a name, and what gives what it stands for
 
 
@@ -111,9 +113,9 @@ class Variable(NamedTuple):
 class Surroundings:
     """Variables that functions, and those that they call, close over and find in their modules:
     numbers, words, tensors, functions, lists, dictionaries and tuples, objects by those of their
-    attributes that the functions name, and modules of torch.nn. Raises Unsteady, with what it is,
-    for all else that may change unnoticed, for functions that write to what is around them, and for
-    packages other than `PACKAGES`.
+    attributes that the functions name, classes by what they give their objects, and modules of
+    torch.nn. Raises Unsteady, with what it is, for all else that may change unnoticed, for
+    functions that write to what is around them, and for packages other than `PACKAGES`.
 
     inputs  tensors that a program takes as inputs, whatever their numbers: parameters and buffers
             of modules, and what carries gradient
@@ -233,6 +235,13 @@ class Surroundings:
                 self._buffers |= {id(x) for x in value.buffers()}
                 self._named.add("forward")
             self._class(type(value))
+        elif isinstance(value, type) and not (_of_package(value) or _of_numpy(value)):
+            self._class(value)
+            self._class(type(value))
+            for one in (*getattr(value, "__dataclass_fields__", ()), *MAKES):
+                read = functools.partial(_of_class, value, one)
+                if read() is not ABSENT and not _generated(read()):
+                    self._hold(f"{name}.{one}", read)
         elif isinstance(value, types.ModuleType) and _of_package(value):
             self._holders.append((name, value, set()))
         elif not (_of_package(value) or _of_numpy(value)):
@@ -373,6 +382,15 @@ def _function_of(value: Any) -> Any:
         if isinstance(value, (staticmethod, classmethod))
         else value
     )
+
+
+def _of_class(kind: type, name: str) -> Any:
+    return _function_of(vars(kind).get(name, ABSENT))
+
+
+def _generated(value: Any) -> bool:
+    """Whether it is a function that Python wrote, of a dataclass or of a named tuple."""
+    return isinstance(value, types.FunctionType) and value.__code__.co_filename == "<string>"
 
 
 def _steady(value: Any) -> bool:

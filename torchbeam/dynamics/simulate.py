@@ -89,7 +89,7 @@ def simulate(
         rtol, atol: of implicit methods: adaptive steps (see `torchbeam.dynamics.adaptive`). The
             largest error of a position over the run is to be at most atol m + rtol times the length
             of the beam, that of a rotation rtol + atol/length rad (see `Tolerance`; measured on
-            positions, rotations of light undamped nodes have missed it by 2.4); numbers, or (...).
+            positions; rotations in undamped twist were off by up to 4.1 of it); numbers, or (...).
             Of torchdiffeq's: numbers, None = 1e-6 and 1e-8.
         events: with adaptive steps: a function of the state that gives one number (...) a sample,
             or a list of such: a sample stops where one crosses zero, and `sol.event` says which,

@@ -25,6 +25,17 @@ from .loads import Nodes, added_mass, advanced_rates
 from .model import Model
 
 
+def forces_between_nodes(scene: Scene) -> str | None:
+    """What of a scene pushes between nodes that no element joins, of which rates know nothing; None
+    = nothing.
+    """
+    if scene.joints:
+        return f"a {scene.joints[0].called}"
+    if scene.tendons:
+        return "a Tendon"
+    return f"a {scene.pairs[0].called} of two parts" if scene.pairs else None
+
+
 @dataclass(frozen=True)
 class Rates:
     """The right-hand side dy/dt = f(t, y) of the nodes with unknowns: position, rotation, velocity
@@ -47,19 +58,10 @@ class Rates:
         need the implicit form), and for supports that move, by themselves or with frame a, other
         than clamps.
         """
-        if scene.joints:
+        if what := forces_between_nodes(scene):
             raise ValueError(
-                "joints were given to an explicit method, which has no forces of joints; the "
-                "implicit method 'midpoint' takes them"
-            )
-        if scene.tendons:
-            raise ValueError(
-                "a Tendon was given to an explicit method; the implicit method 'midpoint' takes it"
-            )
-        if scene.pairs:
-            raise ValueError(
-                f"a {scene.pairs[0].called} of two parts was given to an explicit method; the "
-                "implicit method 'midpoint' takes it"
+                f"{what} was given to an explicit method, which has no forces of it; the implicit "
+                "method 'midpoint' takes it"
             )
         model = discretise(scene, lumped=True)
         rotary = cls(model, inputs).free.rotary

@@ -16,7 +16,7 @@ from ..math import quaternions as quat
 from ..math.shapes import broadcast_shapes
 from ..nodal.discretise import discretise
 from ..nodal.loads import Nodes, added_mass
-from ..nodal.rates import Rates
+from ..nodal.rates import Rates, forces_between_nodes
 from ..scene.scene import Scene
 from ..state.state import State
 from ..state.supported_nodes import set_node
@@ -44,9 +44,9 @@ class NodeAcceleration(_OfNode):
             frame that turns: what an accelerometer reads; None = not
     lumped  as in `Stepper`
 
-    Raises ValueError for a scene that the nodal form does not take, an infinite stiffness (the
-    acceleration then follows from constraints that a state does not hold), or a state of another
-    form.
+    Raises ValueError for a scene that the nodal form does not take, or one with joints, tendons, or
+    parts that touch each other, an infinite stiffness (the acceleration then follows from
+    constraints that a state does not hold), or a state of another form.
     """
 
     scene: Scene
@@ -64,10 +64,10 @@ class NodeAcceleration(_OfNode):
         given = self.node
         super().__post_init__()
         instance("a scene", self.scene, Scene)
-        if self.scene.joints:
+        if what := forces_between_nodes(self.scene):
             raise ValueError(
-                "a scene with joints was given to NodeAcceleration, which has no forces of "
-                "joints; one without is wanted"
+                f"a scene with {what} was given to NodeAcceleration, which has no forces of it; "
+                "one without is wanted"
             )
         named = given if self.on is None or isinstance(given, (str, tuple)) else (self.on, given)
         object.__setattr__(self, "row", self.scene.beam.row(named) % self.scene.beam.node_count)

@@ -140,6 +140,7 @@ def test_numbers_tensors_and_functions_are_steady(function):
         (lambda x: np.load("file") * x, "'np.load'"),
         (lambda x: contact.counted(x), "'count', which counted writes to"),
         (lambda x: contact.draw.normal(x), "'contact.draw'"),
+        (lambda x: Contact().push(x), "which __init__ writes to"),
         (lambda x: getattr(contact, number)(x), "'contact.draw'"),
         (lambda x: print(x) or x, "'print'"),
         (lambda x: x + nowhere, "'nowhere'"),  # noqa: F821
@@ -204,6 +205,32 @@ def test_changes_of_objects_lists_and_networks_are_noticed(monkeypatch, change):
             (settings.gain * contact.push(x) + torch.as_tensor(array)) * log[0] + network(x).sum()
         )
     )
+    assert found.unchanged()
+    change()
+    assert not found.unchanged()
+
+
+class Steel:
+    """Numbers of a class, that makes no objects."""
+
+    gain = 2.0
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda: setattr(Steel, "gain", 3.0),
+        lambda: setattr(Settings, "gain", 3.0),
+        lambda: setattr(Pair, "slope", property(lambda self: 1.0)),
+        lambda: setattr(Law, "force", lambda self, x: x),
+    ],
+    ids=("number", "default", "property", "method"),
+)
+def test_classes_that_functions_name_and_make_objects_of(monkeypatch, change):
+    """Plain classes, dataclasses, named tuples: what is changed of them is noticed."""
+    for kind, name in ((Steel, "gain"), (Settings, "gain"), (Pair, "slope"), (Law, "force")):
+        monkeypatch.setattr(kind, name, vars(kind)[name])  # is put back
+    found = around(lambda x: Steel.gain * Settings().gain * Pair(x, 1.0).slope + Law.force(law, x))
     assert found.unchanged()
     change()
     assert not found.unchanged()

@@ -289,3 +289,27 @@ def test_a_long_column_needs_no_dense_matrix(monkeypatch):
     assert_close(found.factor.item(), math.pi**2 / 4, rtol=2e-3, atol=0)
     (slope,) = torch.autograd.grad(found.factor, EI)
     assert_close(slope, found.factor.detach(), rtol=2e-3, atol=0)
+
+
+def test_equilibria_by_native_code():
+    """The same factor, and its derivative by a stiffness, as by eager equilibria, of a beam that
+    bends before it buckles.
+    """
+    pytest.importorskip("llvmlite")
+    found = []
+    for engine in ("compiled", "eager"):
+        EI = torch.tensor(1.0, requires_grad=True)
+        section = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=(EI, 1.3), mass=0.2)
+        beam = tb.Beam.straight(1.0, 4, section)
+        critical = tb.critical_load(
+            lambda P, beam=beam: tb.Scene(
+                beam, [tb.TipLoad(force=torch.stack((-P, 0 * P, 0.02 * P), -1))]
+            ),
+            4.0,
+            points=5,
+            tolerance=1e-3,
+            engine=engine,
+        )
+        (slope,) = torch.autograd.grad(critical.factor, EI)
+        found.append(torch.stack((critical.factor.detach(), critical.kind.double(), slope)))
+    assert_close(*found, rtol=1e-8, atol=1e-8)

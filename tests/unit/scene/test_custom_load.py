@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from torch.autograd import forward_ad
@@ -426,6 +427,31 @@ REFUSED = {
         tb.Scene(BEAM, [lagging(values={"c": torch.rand(3)})])
     ),
 }
+
+
+def by_numpy(x, R, v, w, t):
+    return torch.as_tensor(np.interp(v.numpy(), (-1.0, 1.0), (-0.2, 0.2))), None
+
+
+def by_autograd(x, R, v, w, t):
+    with torch.enable_grad():
+        y = x.detach().requires_grad_()
+        return -torch.autograd.grad(y.square().sum(), y)[0], None
+
+
+def by_step(x, R, v, w, t):
+    return -torch.heaviside(v, v.new_tensor(0.5)), None
+
+
+def in_place(x, R, v, w, t):
+    return v.mul_(-0.1), None
+
+
+@pytest.mark.parametrize("function", [by_numpy, by_autograd, by_step, in_place])
+def test_what_torch_cannot_differentiate_is_told_by_what_to_write(function):
+    """In place of torch's own words, which speak of storage and of transforms."""
+    with pytest.raises(ValueError, match=r"cannot differentiate was given .*torch\.searchsorted"):
+        run(tb.Scene(BEAM, [tb.Load(function), TIP]), 1, engine="eager")
 
 
 @pytest.mark.parametrize("sentence", REFUSED)

@@ -2,6 +2,8 @@
 gradients.
 """
 
+import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import pytest
@@ -299,3 +301,40 @@ def test_a_function_of_time_is_its_value_then(name):
     steppers = [tb.Stepper(scene, 0.1) for scene in scenes]
     one, other = (stepper(stepper.rest()) for stepper in steppers)
     assert_close(one.position, other.position, rtol=0, atol=1e-13)
+
+
+def test_drag_goes_by_the_normal_of_sections():
+    """A free rod moves along its axis, with all sections turned by 0.3 rad from that: the change of
+    its momentum in a short step is what drag along and across the sections' x axis gives. The step
+    of 1e-5 s turns them back by a part of 1e-4.
+    """
+    section = tb.Section.from_stiffness(EA=10.0, GA=1.0, GJ=1.0, EI=1.0, mass=0.5, inertia=0.01)
+    beam, angle, dt = tb.Beam.straight(1.0, 2, section), torch.tensor(0.3), 1e-5
+    scene = tb.Scene(beam, [tb.Drag(density=2.0, diameter=0.1, tangential=0.2)], supports=())
+    turned = torch.stack((torch.cos(angle / 2), 0 * angle, torch.sin(angle / 2), 0 * angle))
+    v = torch.tensor([3.0, 0.0, 0.0])
+    start = replace(tb.rest(scene), rotation=turned.expand(3, 4), velocity=v.expand(3, 3))
+    end = tb.Stepper(scene, dt, engine="eager")(start.broadcast())
+    share = torch.tensor([0.25, 0.5, 0.25])[:, None] * 0.5  # kg of the nodes
+    force = (share * (end.velocity - start.velocity)).sum(0) / dt
+    normal = torch.stack((torch.cos(angle), 0 * angle, -torch.sin(angle)))
+    along = (v * normal).sum() * normal
+    across = v - along
+    drag = 1.2 * across.norm() * across + math.pi * 0.2 * along.norm() * along
+    assert_close(force, -0.5 * 2.0 * 0.1 * drag, rtol=1e-3, atol=1e-4)
+
+
+def test_mass_damping_brakes_point_masses():
+    """A free rod with a mass ten times its own at one end, in uniform motion: all slows down alike,
+    by (1 - alpha dt/2)/(1 + alpha dt/2) a step, and nothing is bent.
+    """
+    section = tb.Section.from_stiffness(EA=1e3, GA=1e3, GJ=1.0, EI=1.0, mass=0.1, inertia=0.001)
+    effects = [tb.PointMass(1.0, (0.1, 0.2, 0.2), offset=(0, 0.05, 0)), tb.MassDamping(2.0)]
+    scene = tb.Scene(tb.Beam.straight(1.0, 2, section), effects, supports=())
+    v = torch.tensor([1.0, 2.0, -1.0]).expand(3, 3)
+    state = replace(tb.rest(scene), velocity=v).broadcast()
+    step = tb.Stepper(scene, 0.1, tolerance=1e-12, engine="eager")
+    for _ in range(3):
+        state = step(state)
+    assert_close(state.velocity, v * (0.9 / 1.1) ** 3, rtol=0, atol=1e-10)
+    assert state.stress.abs().max() < 1e-8

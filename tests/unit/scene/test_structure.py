@@ -186,7 +186,7 @@ REFUSED = {
                                                           joints=[tb.Weld(("arm", 1), None)]),
     "a structure was given for form='minimal'": lambda: tb.simulate(
         structure(joints=()), torch.linspace(0, 0.1, 2), form="minimal"),
-    "joints were given to an explicit method": lambda: tb.simulate(structure(),
+    "a Weld was given to an explicit method": lambda: tb.simulate(structure(),
         torch.linspace(0, 0.1, 2), method="rk4"),
     "the same in all parts (up= turns it)": lambda: tb.Stepper(tb.Scene({"arm": ARM, "post": POST},
                                                                         plane="xz"), 0.1),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ...math.distributions import normal_probability, normal_score
+from ...math.distributions import log_normal_probability, normal_score
 from .design_point import DesignPoints
 from .designs import Sobol
 from .estimate import student_half
@@ -23,8 +23,7 @@ def importance_sampling(
     is the rest that the points are next to, and p = 1 - mean([y <= threshold] phi(z)/h(z)).
     """
     d, each = limit.work.joint.dimension, n // replicates
-    share = normal_probability(-points.beta.abs())
-    share = share / share.sum()
+    share = log_normal_probability(-points.beta.abs()).softmax(-1)
     u = Sobol(d + 1, seed, each).uniform(0, each * replicates)
     which = torch.searchsorted(share.cumsum(0), u[:, 0].contiguous()).clamp_max(len(share) - 1)
     z = points.z[which] + normal_score(u[:, 1:])

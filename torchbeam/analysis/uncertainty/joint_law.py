@@ -17,6 +17,7 @@ from .given_law import checked, of_uniform
 from .law_scores import has_tails, of_score
 from .laws import Constant, Law
 
+PLACES, LITTLE = 15, 1e-4  # where laws are looked at for steps, and a change of a normal score
 Correlation = Any  # (p, p) over the laws in their order, or {("EI", "mass"): 0.5}
 
 
@@ -98,6 +99,20 @@ class JointLaw:
     def without_tails(self) -> list[str]:
         """Names of laws that tell values of probabilities alone, and so not the far upper tail."""
         return [name for name, law in self.laws.items() if self._mixes(law) and not has_tails(law)]
+
+    @property
+    def in_steps(self) -> list[str]:
+        """Names of random laws whose values stay where their scores change a little, as observed
+        values do: at most places that are drawn.
+        """
+        draw = torch.Generator().manual_seed(0)
+        z = torch.randn(PLACES, self.dimension, generator=draw, dtype=torch.float64)
+        a, b = (self.named(self.of_score(scores)) for scores in (z, z + LITTLE))
+        return [
+            name
+            for name in self.random()
+            if (a[name] == b[name]).reshape(PLACES, -1).all(-1).sum() > PLACES / 2
+        ]
 
     def _scores(self, z: Tensor) -> list[Tensor]:
         """Normal scores of each law, (N, variates), of independent ones z (N, dimension)."""

@@ -103,7 +103,7 @@ def rare_event(
 
     Raises ValueError as `monte_carlo` does, for a y of several numbers, and where nothing leads to
     the threshold: a y that is one value for a tenth of the samples, or more, on the way is none for
-    subset simulation.
+    subset simulation, and a law whose values are steps (`Empirical`) for importance sampling.
     """
     joint, threshold = JointLaw.of(laws, correlation), number("threshold", threshold)
     level = level_of("interval", interval)
@@ -142,6 +142,11 @@ def rare_event(
         raise ValueError(
             f"n = {n} was given for {runs} replicates of importance sampling; at least "
             f"{2 * runs} are wanted"
+        )
+    if stepped := joint.in_steps:
+        raise ValueError(
+            f"the law of {stepped[0]!r}, whose values are steps, was given for design points, to "
+            'which gradients lead; continuous laws are wanted, or method="subset"'
         )
     points = design_points(limit, count("starts", starts), seed)
     each = importance_sampling(limit, points, n, runs, seed)

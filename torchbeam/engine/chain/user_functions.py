@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any, TypeVar
 
 import torch
@@ -13,10 +13,12 @@ from torch import Tensor
 from ...core.leaves import AXES, own_leaves
 from ...core.surroundings import Read, Surroundings, Unsteady, of_class
 from ...nodal.conditions import conditions
-from ...nodal.loads import Nodes, advanced, external
+from ...nodal.loads import Nodes, advanced, external, load_points
 from ...nodal.model import Model
+from ...scene.effects import Inputs, Load, LoadPoint
 from ...scene.effects.effect import of_library
-from ..compiler.readings import Readings
+from ...scene.effects.load_point import INTERNAL, MOTION, ROTATION, together
+from ..compiler.readings import NotTraceable, Readings
 from .constants import Constants
 from .local_problem import OwnBatch
 
@@ -62,8 +64,22 @@ def by_sample(
 ) -> Made:
     """make(around); where functions close over a batch, with the tensors that hold it as inputs,
     each sample its row of them, as `values=` of a load are. Raises OwnBatch where no tensors are
-    found of which each sample reads its own row alone.
+    found of which each sample reads its own row alone, and NotTraceable for functions along the
+    beam that tell its sites apart.
     """
+    made = _by_rows(make, model, around)
+    if not _site_by_site(model):
+        raise NotTraceable(
+            "a function along the beam gives a site what depends on its number, or on other "
+            "sites; what depends on its own motion alone is wanted ('s' in of=, and values=, "
+            "tell sites apart)"
+        )
+    return made
+
+
+def _by_rows(
+    make: Callable[[Surroundings | None], Made], model: Model, around: Surroundings | None
+) -> Made:
     try:
         return make(around)
     except OwnBatch as error:
@@ -136,6 +152,15 @@ def _in_motion(model: Model, still: Nodes, shift: Tensor) -> tuple[Tensor | floa
     """Users' loads, (..., N+1, w), and internal states after a step, of a beam in some motion by
     `shift` (..., N+1, p).
     """
+    nodes, t, inputs = _moving(model, still, shift)
+    return (
+        external(model, nodes, conditions(model, t, inputs, loads=tuple(by_function(model)))),
+        advanced(model, nodes, conditions(model, t, inputs, loads=model.scene.loads)),
+    )
+
+
+def _moving(model: Model, still: Nodes, shift: Tensor) -> tuple[Nodes, Tensor, Inputs]:
+    """Nodes that have moved by `shift` and move as fast, turned as well; a time, and no inputs."""
     turn = shift[..., :1].expand(*shift.shape[:-1], model.space.dims.spin)
     internal = shift[..., 0, :1].expand(*shift.shape[:-2], model.internal_states)
     t = shift.new_zeros(())
@@ -144,7 +169,48 @@ def _in_motion(model: Model, still: Nodes, shift: Tensor) -> tuple[Tensor | floa
     nodes = Nodes(
         still.position + shift, rotation, shift, turn, still.frame, internal, t + 0.01, shift, turn
     )
-    return (
-        external(model, nodes, conditions(model, t, inputs, loads=tuple(by_function(model)))),
-        advanced(model, nodes, conditions(model, t, inputs, loads=model.scene.loads)),
-    )
+    return nodes, t, inputs
+
+
+@torch.no_grad()
+def _site_by_site(model: Model) -> bool:
+    """Whether users' functions along the beam give each site what its own motion asks, whatever
+    its number and its neighbours are, as native code takes them: tried on sites that all move
+    alike, and with another motion of one in the middle.
+    """
+    own = tuple(load for load in by_function(model) if load.node is None)
+    if not own:
+        return True
+    still, generator = Constants(model).still, torch.Generator().manual_seed(0)
+    like = still.position
+    shift = torch.rand(like.shape, dtype=like.dtype, generator=generator)
+    nodes, t, inputs = _moving(model, still, shift)
+    now = conditions(model, t, inputs, loads=own)
+    for acting, point in load_points(model, nodes, now, now.loads):
+        if not acting.along:
+            continue
+        rows = [0] * point.R.shape[-3]
+        other = [*rows]
+        other[len(rows) // 2] = -1
+        alike, changed = (
+            together(acting.load.wrench(_moving_as(point, by), t, inputs), point.R)
+            for by in (rows, other)
+        )
+        rest = [k for k, by in enumerate(other) if by == 0]
+        alone = isinstance(acting.load, Load) and not acting.load.by_place
+        if not _close(alike[..., rest, :], changed[..., rest, :]) or (
+            alone and not _close(alike, alike[..., :1, :])
+        ):
+            return False
+    return True
+
+
+def _moving_as(point: LoadPoint, rows: list[int]) -> LoadPoint:
+    """Sites along the beam that move as those of these numbers do."""
+    motion = {name: getattr(point, name) for name in (*MOTION, INTERNAL) if name != ROTATION}
+    motion = {name: x[..., rows, :] for name, x in motion.items() if x is not None}
+    return replace(point, R=point.R[..., rows, :, :], **motion)
+
+
+def _close(a: Tensor, b: Tensor) -> bool:
+    return torch.allclose(a, b.expand_as(a), rtol=1e-5, equal_nan=True)

@@ -89,19 +89,13 @@ LOG = (
     0.15331710618210773,
     0.14616585424888623,
 )
-# (tanh(x)/x - 1)/z by z = x^2, |x| <= 0.55
-TANH = (
-    -0.3333333333333333,
-    0.13333333333332714,
-    -0.053968253967434016,
-    0.021869488493666944,
-    -0.008863234397814355,
-    0.003592110378689024,
-    -0.001455661830100716,
-    0.0005889360520074057,
-    -0.0002346347410887237,
-    8.511313685577672e-05,
-    -2.060276537636634e-05,
+# (h/tanh(h) - 1)/z by z = h^2, |h| <= log(2)/4
+COTH = (
+    0.3333333333333332,
+    -0.02222222222205159,
+    0.0021164020709329144,
+    -0.00021163596927886233,
+    2.1216099445943716e-05,
 )
 
 # (erf(x)/x - 1) by z = x^2, |x| <= 1
@@ -263,9 +257,16 @@ def _logarithm_of_one_more(x: _Number) -> _Number:
 
 
 def _hyperbolic_tangent(x: _Number) -> _Number:
-    size, z = x.make("abs"), x * x
-    far = -(_Number(x.graph, x.graph.const(2.0)) / (_exponential(size * 2.0) + 1.0) - 1.0)
-    return (size < 0.55).where(x + x * (z * z.polynomial(TANH)), (x < 0.0).where(-far, far))
+    """tanh(a + h) = T + (1 - T^2) h/(h/tanh(h) + T h) with T = tanh(a), by a multiple a of
+    log(2)/2: one formula for all sizes of x.
+    """
+    x = (x < -20.0).where(-20.0, x)
+    x = -((-x) < -20.0).where(-20.0, -x)
+    k = (x * (2 / math.log(2))).make("round")
+    h = x - k * (LOG_2[0] / 2) - k * (LOG_2[1] / 2)
+    power, z = k.make("power2"), h * h
+    T = (power - 1.0) / (power + 1.0)
+    return T - (T * T - 1.0) * h / (T * h + z * z.polynomial(COTH) + 1.0)
 
 
 def _odd(rule: Callable[[_Number], _Number]) -> Callable[[_Number], _Number]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -213,7 +214,10 @@ class Load(LoadEffect):
         }
 
     def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
-        return super().tangent(point, t, inputs) if self.depends else {}
+        if not self.depends:
+            return {}
+        with _differentiated("function"):
+            return super().tangent(point, t, inputs)
 
     def rates(self, point: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs) -> Tensor:
         """z' as z is, (..., internal) or (..., sites, internal)."""
@@ -232,17 +236,19 @@ class Load(LoadEffect):
         """Derivative (..., internal, 3 or internal) of z' by each name that the load depends on, as
         in `tangent`, and by z.
         """
-        return derivatives(
-            lambda at: self.rates(at, at.internal, t, inputs),
-            point,
-            (*sorted(self.depends), INTERNAL),
-        )
+        with _differentiated("rate"):
+            return derivatives(
+                lambda at: self.rates(at, at.internal, t, inputs),
+                point,
+                (*sorted(self.depends), INTERNAL),
+            )
 
     def advance(self, point: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs, dt: Tensor) -> Tensor:
         """z at the middle of a step of dt (...) that starts with z; the motion as at its middle."""
         half = (dt / 2)[..., None] if self.node is not None else (dt / 2)[..., None, None]
         g = self.rates(point, z, t, inputs)
-        (slope,) = jacobians(lambda x: self.rates(point, x, t, inputs), z.expand(*g.shape))
+        with _differentiated("rate"):
+            (slope,) = jacobians(lambda x: self.rates(point, x, t, inputs), z.expand(*g.shape))
         eye = torch.eye(self.internal, dtype=g.dtype, device=g.device)
         return z + torch.linalg.solve(eye - half[..., None] * slope, (half * g)[..., None])[..., 0]
 
@@ -301,6 +307,20 @@ class Load(LoadEffect):
 def _with_axes(x: Tensor, count: int) -> Tensor:
     """x with so many axes, the new ones first."""
     return x if x.ndim == count else x[(None,) * (count - x.ndim)]
+
+
+@contextmanager
+def _differentiated(what: str) -> Iterator[None]:
+    """Says of a function that gives numbers, but no derivatives, what is wanted of it."""
+    try:
+        yield
+    except RuntimeError as error:
+        first = next(iter(str(error).splitlines()), "")
+        raise ValueError(
+            f"a Load's {what} that torch cannot differentiate was given ({first}); torch's "
+            "operations, which write to none of its arguments, are wanted: a table by "
+            "torch.searchsorted, a slope by torch.func.grad"
+        ) from error
 
 
 def _returned(whose: str, value: Any, size: int, lead: torch.Size, like: Tensor) -> Tensor:

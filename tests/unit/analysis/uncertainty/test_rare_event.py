@@ -5,6 +5,7 @@ long run.
 import math
 from concurrent.futures import ThreadPoolExecutor
 
+import numpy as np
 import pytest
 import torch
 
@@ -12,7 +13,7 @@ import torchbeam as tb
 from torchbeam.analysis.uncertainty.evaluation import Evaluation
 from torchbeam.analysis.uncertainty.joint_law import JointLaw
 from torchbeam.analysis.uncertainty.limit_state import LimitState
-from torchbeam.math.distributions import binomial_interval
+from torchbeam.math.distributions import binomial_interval, normal_probability
 
 NORMALS = {name: tb.laws.Normal(0.0, 1.0) for name in "abcd"}
 BETA = 4.753424  # Phi(-BETA) = 1e-6
@@ -80,6 +81,34 @@ def test_importance_sampling():
         again.probability == pytest.approx(other.probability, rel=1e-5)
         and again.evaluations == other.evaluations
     )
+
+
+@pytest.mark.parametrize("where", ["law", "function"])
+def test_gradients_that_are_not_all_there(where):
+    """A law, or a function, that computes with NumPy carries no gradient by some parameters, while
+    y carries one by others: the design point is found by differences. Normal laws, so that FORM is
+    exact; of the law by a table to its 1e-3.
+    """
+    place = torch.linspace(-7.0, 7.0, 4001)
+    shares = normal_probability(place).numpy()
+    law = lambda u: torch.from_numpy(np.interp(u.detach().numpy(), shares, place.numpy()))  # noqa: E731
+    laws = {"a": NORMALS["a"], "b": law if where == "law" else NORMALS["b"]}
+
+    def y(theta):
+        b = theta[:, 1]
+        b = torch.from_numpy(b.detach().numpy()) if where == "function" else b
+        return (theta[:, 0] + 3 * b) / 10**0.5
+
+    found = tb.rare_event(y, laws, 4.0, 512, method="importance")
+    assert found.form == pytest.approx(tail(4.0), rel=0.02)
+    assert found.low < tail(4.0) < found.high
+    assert found.points[0].tolist() == pytest.approx([4 * 0.1**0.5, 12 * 0.1**0.5], abs=0.01)
+
+
+def test_beyond_all_numbers():
+    """An event whose probability is below the least number: 0, not NaN."""
+    found = tb.rare_event(lambda theta: theta[:, 0], NORMALS, 40.0, 64, method="importance")
+    assert (found.probability, found.low, found.high) == (0.0, 0.0, 1.0)
 
 
 def test_strength_less_load():
@@ -190,7 +219,8 @@ def test_failed_samples():
     )
     starts = LimitState(work, 1.0)
     value, slope = starts.gradient(torch.tensor([[1.0, 0, 0, 0], [-1.0, 0, 0, 0]]))
-    assert starts.evaluations == 2 and starts.failures == {"y is not finite": 1}
+    # the starts, and two beside each, by which the gradient is looked at once
+    assert starts.evaluations == 6 and starts.failures == {"y is not finite": 3}
     assert value.tolist() == [1.0, -math.inf] and slope[0].tolist() == [-1.0, 0, 0, 0]
 
 
@@ -266,6 +296,8 @@ REFUSED = {
                    "more than nine tenths of the samples"),
     "no way there": (dict(function=lambda theta: theta[:, 0].sin(), method="importance"),
                      "no design point was found"),
+    "steps": (dict(laws={**NORMALS, "b": tb.laws.Empirical((0.0, 1.0, 3.0))}, method="importance"),
+              "the law of 'b', whose values are steps, was given"),
     "constants": (dict(laws={"a": tb.laws.Constant(1.0)}), "laws that are all constant"),
     "threshold": (dict(threshold=math.nan), "threshold = nan was given"),
 }

@@ -23,7 +23,7 @@ SHORT = {
     "cylinder", "LuGre", "stalling wing", "table", "spline in s",
     "linear solve", "gradient of a potential", "writes into its own", "method of a dataclass",
     "class of one's own",
-    "network, residual", "network, float32"}
+    "network, residual", "network, float32", "recurrent cell", "rate of a field"}
 # fmt: on
 
 
@@ -204,3 +204,12 @@ def test_what_has_no_native_code_says_why_and_runs_eagerly(name):
     assert re.search(said, reason), reason
     with pytest.raises(ValueError, match="engine = 'compiled' was given"):
         tb.Stepper(scene(load), 0.01, engine="compiled")
+
+
+def test_statics_refuse_functions_that_tell_sites_apart():
+    """As steps do; eagerly each site has its own number."""
+    load = REFUSED["number of a site"][0]()
+    for find in (lambda **more: tb.equilibrium(scene(load), **more),
+                 lambda **more: tb.path(scene(load), 1.0, **more)):  # fmt: skip
+        with pytest.raises(ValueError, match="on other sites"):
+            find(engine="compiled")

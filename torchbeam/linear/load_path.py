@@ -1,0 +1,199 @@
+"""Load path: a scene at any load factor, with its equilibrium, its matrices M, D, K and the slowest
+of its eigenvalues.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from ..core.arguments import function as check_function
+from ..core.derivatives import no_derivatives
+from ..math.null_vectors import bilinear, null_vectors
+from ..math.quadratic_eigen import plus, rounding, slow_first, slow_values
+from ..math.shapes import broadcast_shapes
+from ..nodal.discretise import discretise
+from ..nodal.model import Model
+from ..scene.scene import Scene
+from ..state.state import State
+from ..statics.equilibrium import equilibrium
+from ..statics.mechanism import unheld
+from .system_matrices import in_basis, of_chain, of_nodes
+
+STABLE, DIVERGENCE, FLUTTER, LOST = range(4)
+COMPLEX = 1e-5  # |Im s| / |s| from which on a pair has met; it counts 1e-10 of the load
+GROWING = 1e-6  # Re(lambda) / |lambda| from which on a damped motion grows
+Factored = Callable[[Tensor], Scene]
+Matrices = tuple[Any, Any, Any]  # M, D, K: tensors, or chains
+
+
+class Spectrum(NamedTuple):
+    """At a load: eigenvalue (..., count), the slowest: s, or lambda where damped. kind (...);
+    neutral (...) whether there is a motion that nothing but rounding resists. For each kind of loss
+    the measure (...) that is straight where it begins, and the eigenvalue that decides.
+    """
+
+    eigenvalue: Tensor
+    kind: Tensor
+    neutral: Tensor
+    divergence: Tensor
+    flutter: Tensor
+    leading: Tensor
+
+
+class LoadPath:
+    """The scene at any load factor: equilibrium, matrices, eigenvalues."""
+
+    def __init__(
+        self,
+        scene: Factored | Scene,
+        inputs: dict[str, Any] | None,
+        t: float,
+        lumped: bool,
+        count: int,
+        engine: str,
+    ) -> None:
+        if not isinstance(scene, Scene) and not callable(scene):
+            raise ValueError(
+                f"a scene of type {type(scene).__name__} was given; a Scene, or a function of the "
+                "load factor that returns one, is wanted"
+            )
+        if isinstance(scene, Scene) and not scene.inputs:
+            raise ValueError(
+                "a scene without inputs was given; one with inputs to multiply, or a function of "
+                "the load factor that returns a scene, is wanted"
+            )
+        if not isinstance(scene, Scene):
+            check_function("scene", scene, "factor")
+        self.of, self.inputs, self.t, self.lumped, self.count = scene, inputs, t, lumped, count
+        self.engine = engine
+        self.damped, self.device = False, scene.device if isinstance(scene, Scene) else None
+
+    def scene(self, factor: Tensor) -> tuple[Scene, dict[str, Tensor]]:
+        if isinstance(self.of, Scene):
+            given = self.of.tensors(self.inputs)
+            return self.of, {
+                name: factor[..., None].to(value) * value for name, value in given.items()
+            }
+        scene = self.of(factor)
+        if not isinstance(scene, Scene):
+            raise ValueError(
+                f"a function that returns {type(scene).__name__} was given; one that returns a "
+                "Scene is wanted"
+            )
+        return scene, scene.tensors(self.inputs)
+
+    def batch_shape(self, lowest: float) -> torch.Size:
+        scene, inputs = self.scene(torch.tensor(float(lowest), device=self.device))
+        self.device = scene.device
+        return broadcast_shapes(scene.batch_shape, *(v.shape[:-1] for v in inputs.values()))
+
+    def loose(self, factor: float) -> str:
+        """Rigid motions that nothing holds, in words."""
+        scene, inputs = self.scene(torch.tensor(factor, device=self.device))
+        t = torch.as_tensor(self.t, dtype=scene.dtype, device=scene.device)
+        return unheld(discretise(scene), t, inputs, (0,) * len(self.batch_shape(factor)))[1]
+
+    def matrices(
+        self, factor: Tensor, near: Tensor | None = None
+    ) -> tuple[Model, State, Matrices, Tensor | None]:
+        """M, D, K: of a long chain as such, else dense, with their basis, near another one."""
+        scene, inputs = self.scene(factor)
+        with warnings.catch_warnings():
+            # of unstable branches: they are what is looked for
+            warnings.simplefilter("ignore", RuntimeWarning)
+            state = equilibrium(scene, t=self.t, throw=False, engine=self.engine, inputs=inputs)
+        model = discretise(scene, self.lumped)
+        t = torch.as_tensor(self.t, dtype=scene.dtype, device=scene.device)
+        M, D, K, lagging = of_nodes(model, state, t, inputs)
+        undamped = D is None and lagging is None
+        chains = of_chain(model, M, K, self.count) if undamped else None
+        if chains is not None:
+            return model, state, (chains[0], None, chains[1]), None
+        return model, state, *in_basis(model, M, D, K, lagging, near)
+
+    def spectrum(self, factor: Tensor) -> Spectrum:
+        model, state, (M, D, K), _ = self.matrices(factor)
+        self.damped, lags = D is not None, model.internal_states > 0
+        value = slow_values(M, D, K, self.count)
+        slow = slow_first(value, self.count, lags)
+        if lags:  # and the slowest that decay, which are the next to diverge
+            slow = torch.cat((slow, slow_first(value, self.count, False)), -1)
+        value = value.gather(-1, slow)
+        real, size = value.real, value.abs()
+        turning = value.imag > COMPLEX * size
+        # s is real, whatever rounding makes of it where K is next to singular
+        if model.conservative and not self.damped:
+            turning = torch.zeros_like(turning)
+        if self.damped:
+            flutter = torch.where(turning, real, -torch.inf)
+            grows = real > GROWING * size
+        else:
+            flutter = torch.where(turning, value.imag**2, 0.0)
+            grows = (real > 0) | turning
+        divergence = torch.where(turning, -torch.inf, real).amax(-1)
+        flutter, which = flutter.max(-1)
+        kind = torch.where(
+            (grows & ~turning).any(-1),
+            DIVERGENCE,
+            torch.where((grows & turning).any(-1), FLUTTER, STABLE),
+        )
+        kind = torch.where(state.status == 0, kind, LOST).expand(factor.shape)
+        neutral = (
+            ((size.square() if self.damped else size) <= rounding(M, K)[..., None])
+            .any(-1)
+            .expand(factor.shape)
+        )
+        leading = value.gather(-1, which[..., None])[..., 0]
+        return Spectrum(value[..., : self.count], kind, neutral, divergence, flutter, leading)
+
+    def crossing(self, low: Tensor, high: Tensor, kind: Tensor) -> tuple[Tensor, Tensor]:
+        """Zero of the measure, by a straight line through its values at the two ends, undamped
+        flutter's (a square above, nothing below) beyond the upper end; and the eigenvalue there.
+        """
+        width = high - low
+        below, above, beyond = (self.spectrum(x) for x in (low, high, high + width))
+        a, b = (below, above) if self.damped else (above, beyond)
+        start = low if self.damped else high
+        share = torch.where(
+            kind == FLUTTER,
+            -a.flutter / (b.flutter - a.flutter),
+            -below.divergence / (above.divergence - below.divergence),
+        )
+        share = torch.where(torch.isfinite(share), share, 0.0)
+        factor = torch.where(kind == FLUTTER, start, low) + share * width
+        factor = torch.minimum(torch.maximum(factor, low), high)
+        leading = a.leading + share * (b.leading - a.leading)
+        return factor, leading if self.damped else leading.real.to(leading.dtype)
+
+    def condition(
+        self, factor: Tensor, leading: Tensor, kind: Tensor
+    ) -> tuple[Model, Callable[[Tensor], Tensor], Tensor, Tensor | None]:
+        """Critical condition, zero at the critical factor, as a function of the factor and of what
+        the scene holds; the shape, and the basis that it is in.
+        """
+
+        def parts(
+            factor: Tensor, near: Tensor | None = None
+        ) -> tuple[Model, Any, Any, Tensor | None]:
+            model, _, (M, D, K), basis = self.matrices(factor, near)
+            if D is None:
+                return model, plus(K, leading, M), M, basis
+            return (model, plus(plus(K, leading, D), leading**2, M), plus(D, 2 * leading, M), basis)
+
+        with no_derivatives():
+            model, Q, slope, basis = parts(factor)
+            v, w = null_vectors(Q)
+            scale = bilinear(w, slope, v) if self.damped else torch.ones_like(leading)
+            scale = torch.where(kind == FLUTTER, scale, bilinear(w, Q.abs(), v).abs().to(v.dtype))
+        shape = v if isinstance(Q, Tensor) else v[..., model.constraints.unknowns.grouped]
+        return (
+            model,
+            lambda factor: (bilinear(w, parts(factor, basis)[1], v) / scale).real,
+            shape,
+            basis,
+        )
