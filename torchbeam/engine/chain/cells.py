@@ -39,7 +39,7 @@ def cells_of(
     """The most cells that a structure is made of, None = it is not, or something couples them: a
     tendon, a joint that closes a loop within a cell. kinds: of all rows; supports: their nodes.
     """
-    if framework.ties or kinds.stretches:
+    if framework.ties or kinds.stretches or kinds.touching:
         return None
     chains = len(framework.chains)
     starts = [*framework.starts, framework.node_count - framework.singles]
@@ -129,7 +129,7 @@ def _alike(
         if any(cell[4][sort] != [a + k * step for a, step in rows[sort]] for sort in rows):
             return None
     own, own_kinds, own_supports, own_held, _ = first
-    order = order_of(own, own_supports, own_held, (), len(common))
+    order = order_of(own, own_supports, own_held, shared=len(common))
     if order.own_groups is None:
         return None
     own_joints = sum(step != 0 for _, step in rows[JOINTS])

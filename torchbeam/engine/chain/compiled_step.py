@@ -145,7 +145,7 @@ class CompiledStep:
         known = self.around is not None and "energy" not in program.layout.records
         if kinds.joints is None or not alone or not known:
             return None
-        *_, held, _ = what_orders(self.model)
+        _, _, held, *_ = what_orders(self.model)
         supports = self.model.constraints.nodes
         cells = cells_of(self.model.topology, kinds, supports, held)
         if cells is None:

@@ -10,12 +10,13 @@ from collections.abc import Callable
 from ..compiler.split import HOISTED
 from .driver import Driver
 from .node_kinds import SIDES
+from .pair_driver import PairPasses
 from .structure_code import COUNTS, TABLES
 from .structure_runs import StructureRuns
 from .structures import GAPS
 
 
-class StructurePasses(StructureRuns):
+class StructurePasses(StructureRuns, PairPasses):
     """Balance of nodes, elements and joints in an iteration of Newton's method."""
 
     def _pass(self) -> None:
@@ -38,6 +39,7 @@ class StructurePasses(StructureRuns):
             if shared is False:
                 self._push_on_shared()
         self._tie()
+        self._touch()
         self._eliminate()
 
     def _push_on_shared(self) -> None:
@@ -108,8 +110,9 @@ class StructurePasses(StructureRuns):
                     )
 
     def _joint_reactions(self, support: str, node: str) -> None:
-        """Of each of its ends that is there, and of stretches of tendons."""
+        """Of each of its ends that is there, of stretches of tendons, and of pairs."""
         self._tie_reactions(support, node)
+        self._pair_reactions(support, node)
         if not self.kinds.joints:
             return
         if self.cells == 1:
@@ -191,6 +194,7 @@ class StructurePasses(StructureRuns):
 
     def _finish_joints(self, good: str) -> None:
         self._finish_tendons(good)
+        self._finish_pairs(good)
         if not self.kinds.joints:
             return
         fields = self.layout.records["joint_state"].fields

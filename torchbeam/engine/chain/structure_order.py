@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections import deque
 from functools import lru_cache
+from itertools import combinations
 from typing import NamedTuple
 
 from ...nodal.model import Model
@@ -13,6 +14,8 @@ from ...nodal.tendon_motion import NoTendons
 from ...topology.cut import Cut, Joints, Run
 from ...topology.framework import Framework
 
+# how runs are eliminated, see `manners_of`
+MANNERS = ("backward", "bordered", "following backward", "following forward", "forward")
 Couplings = list[tuple[int, int]]
 
 
@@ -51,13 +54,16 @@ class Order(NamedTuple):
 
 def what_orders(
     model: Model,
-) -> tuple[Framework, tuple[int, ...], tuple[int, ...], tuple[Stretch, ...]]:
+) -> tuple[
+    Framework, tuple[int, ...], tuple[int, ...], tuple[Stretch, ...], tuple[tuple[int, ...], ...]
+]:
     """What the order follows from: the topology, the nodes that supports hold, how much each joint
-    holds, the stretches of tendons.
+    holds, the stretches of tendons, the nodes of pairs that touch.
     """
     joints = model.joints
     held = tuple(map(int, joints.held.sum(-1))) if joints.count else ()
-    return model.topology, model.constraints.nodes, held, _stretches(model.tendons)
+    pairs = getattr(model.touching, "nodes", ())
+    return model.topology, model.constraints.nodes, held, _stretches(model.tendons), pairs
 
 
 def manners_of(model: Model) -> tuple[str, ...]:
@@ -92,6 +98,7 @@ def order_of(
     supported: tuple[int, ...],
     held: tuple[int, ...],
     stretches: tuple[Stretch, ...] = (),
+    pairs: tuple[tuple[int, ...], ...] = (),
     shared: int = 0,
 ) -> Order:
     """See `what_orders`; shared: so many of the last nodes are shared by cells."""
@@ -106,6 +113,9 @@ def order_of(
             own_units[s] = unit = units + len(own_units)
             couplings += [(place, unit) for place in there]
             couplings += [] if stretch.first else [(unit - 1, unit)]
+    place = {node: k for k, node in enumerate(nodes)}
+    for own in {frozenset(place[node] for node in pair) for pair in pairs}:
+        couplings += combinations(sorted(own), 2)
     fixed = frozenset(k for k, node in enumerate(nodes) if node in supported)
     between = [run for runs in how.runs for run in runs if run.manner == "between"]
     places = tuple((run.before, run.after) for run in between)

@@ -31,6 +31,7 @@ class StructureRuns(TendonPasses):
         if "bordered" in self.kinds.runs:
             self._bordered_runs()
         self._join_ties()
+        self._join_pairs()
         self._each_following(self._begin_following)
         self._groups("eliminate", self.args["first_groups"])
         self._each_following(self._following_run)

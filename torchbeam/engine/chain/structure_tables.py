@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import accumulate, pairwise
+from itertools import accumulate, pairwise, product
 
 from ...nodal.model import Model
 from ...topology.cut import Run
@@ -14,7 +14,7 @@ from ...topology.framework import Framework
 from ..compiler.block_pattern import BlockPattern
 from .cells import Cells
 from .joint_functions import BLOCKS
-from .layout import ENTRIES, INTERFACE, JOINTS, STRETCHES, TENDONS
+from .layout import ENTRIES, INTERFACE, JOINTS, PAIRS, STRETCHES, TENDONS
 from .structure_order import Stretch, order_of, what_orders
 
 NONE = (-1, -1)  # the place of a block that is not there
@@ -36,7 +36,7 @@ class StructureTables:
         w = model.space.unknowns
         if cells is None:
             return _tables(w, *what_orders(model))
-        return _tables(w, cells.framework, cells.supports, cells.held, (), cells.shared)
+        return _tables(w, cells.framework, cells.supports, cells.held, shared=cells.shared)
 
 
 @lru_cache(maxsize=64)
@@ -45,10 +45,11 @@ def _tables(
     framework: Framework,
     supported: tuple[int, ...],
     held: tuple[int, ...],
-    stretches: tuple[Stretch, ...],
+    stretches: tuple[Stretch, ...] = (),
+    pairs: tuple[tuple[int, ...], ...] = (),
     shared: int = 0,
 ) -> StructureTables:
-    order = order_of(framework, supported, held, stretches, shared)
+    order = order_of(framework, supported, held, stretches, pairs, shared)
     how, ends, own_units = framework.cut, framework.ends, order.own_units
     nodes, J = [ends[end] for end in how.interface], len(how.joints)
     runs = [run for runs in how.runs for run in runs]
@@ -58,6 +59,8 @@ def _tables(
     couplings = [*order.couplings, *((run.before, run.after) for run in order.bordered)]
     groups, equation = _equations(order.groups, len(nodes), held, w)
     units = len(equation)
+    at_nodes = {node: k for k, node in enumerate(nodes)}
+    pairs = tuple(tuple(at_nodes[node] for node in own) for own in pairs)
     blocks = [(equation[a], b) for pair in couplings for a, b in (pair, pair[::-1])]
     blocks += [(equation[node], node) for node in range(len(nodes))]
     # what a following run goes on from, also where the node's equation stands elsewhere
@@ -173,6 +176,14 @@ def _tables(
         ],
         "joint_table": [x for k in range(J) for x in joint(k)],
         "stretch_table": [x for s in range(len(stretches)) for x in stretch(s)],
+        "pair_table": [
+            x
+            for own in pairs
+            for x in (
+                *(nodes[at] for at in own),
+                *(number for pair in product(own, own) for number in between(*pair)),
+            )
+        ],
         "elimination": [x for group in pattern.elimination for x in group],
         "substitution": [x for group in pattern.substitution for x in group],
     }
@@ -184,6 +195,7 @@ def _tables(
         "bordered_count": len(order.bordered),
         "joint_count": J,
         "stretch_count": len(stretches),
+        "pair_count": len(pairs),
         "entry_count": pattern.size,
         "following_count": len(order.following),
         "first_groups": parts[0][0],
@@ -199,6 +211,7 @@ def _tables(
     }
     rows = {JOINTS: J, INTERFACE: len(nodes), ENTRIES: pattern.size}
     rows |= {STRETCHES: len(stretches), TENDONS: len({x.tendon for x in stretches})}
+    rows |= {PAIRS: len(pairs)}
     return StructureTables(rows, lists, numbers)
 
 

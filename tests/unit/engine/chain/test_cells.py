@@ -59,7 +59,7 @@ def fields(solution):
 
 def cells(scene):
     model = discretise(scene)
-    *_, held, _ = what_orders(model)
+    _, _, held, *_ = what_orders(model)
     supports = model.constraints.nodes
     return cells_of(model.topology, kinds_of(model, ()), supports, held)
 
@@ -114,6 +114,6 @@ def test_what_has_cells():
     stays = [tb.Distance((f"a{k}", 1), (f"b{k}", -1)) for k in range(3)]
     assert cells(hand(more=stays)).count == 3
     twice = Framework(1, (1, 1), 1, ((1, 2), (2, 1), (0, 4)))  # nodes of a cell, joined twice
-    assert order_of(twice, (), (5, 1, 6), (), 1).own_groups is None
+    assert order_of(twice, (), (5, 1, 6), shared=1).own_groups is None
     stepper = tb.Stepper(hand(unlike=[tb.Drag(1.0, 0.1, on="b0")]), 0.02, engine="compiled")
     assert stepper.compiled.structure.by_cells is None
