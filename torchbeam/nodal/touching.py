@@ -23,7 +23,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..core.leaves import leaf
+from ..core.leaves import leaf, wants_gradient
 from ..core.validation import concrete
 from ..math.concrete import mapped
 from ..scene.effects.contact_law import damped, potential, pressure, rubbing
@@ -298,7 +298,7 @@ class AllTouching(NoTouching):
             if not len(near.point):
                 continue
             own = -torch.einsum("vi,...abiw->...abvw", self.moves, blocks_of(one, near, now))
-            if not mapped(own):
+            if not mapped(own) and not wants_gradient(own):  # zeros may carry derivatives
                 some = concrete(own.detach() != 0).flatten(-4).any(-1)
                 some = some.flatten(0, -2).any(0) if some.ndim > 1 else some
                 near, own = Nearby(*(x[some] for x in near)), own[..., some, :, :, :, :]
