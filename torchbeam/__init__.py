@@ -4,6 +4,9 @@ import torch
 
 from . import plot, sensors
 from .analysis.advise import Advice, advise
+from .analysis.convergence.converge import converge
+from .analysis.convergence.convergence import Convergence
+from .analysis.convergence.remesh import remesh
 from .analysis.describe import Description, describe
 from .analysis.identification.bootstrap import Bootstrap
 from .analysis.identification.fields import FieldFit, identify_fields
@@ -84,7 +87,7 @@ from .statics.path import Path, path
 # fmt: off
 __all__ = [
     "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body", "Box",
-    "Capsule", "Contact", "Critical", "Cylinder", "Cylindrical",
+    "Capsule", "Contact", "Convergence", "Critical", "Cylinder", "Cylindrical",
     "Damping", "Description", "Distance", "Drag", "Energy", "Estimate", "ExplicitStepper",
     "FieldFit", "Fit", "Frame",
     "Gravity", "Hinge", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping",
@@ -95,11 +98,14 @@ __all__ = [
     "SlowPathWarning", "Smoothness",
     "SobolIndices", "Solution", "Sphere", "Spring", "State", "Stations", "Stats", "Stepper",
     "Stream", "Support", "Table", "Tendon", "TipLoad",
-    "Tornado", "Universal", "Weld", "advise", "block_rate", "consistent_state", "critical_load",
+    "Tornado", "Universal", "Weld", "advise", "block_rate", "consistent_state", "converge",
+    "critical_load",
     "describe", "equilibrium",
     "identify", "identify_fields", "laws", "linearize", "modal_assurance", "modes",
     "moment_derivatives", "monte_carlo",
-    "monte_carlo_stream", "observe", "pair_modes", "path", "plot", "rare_event", "rayleigh", "rest",
+    "monte_carlo_stream", "observe", "pair_modes", "path", "plot", "rare_event", "rayleigh",
+    "remesh",
+    "rest",
     "rollout", "sensors",
     "simulate", "sobol_indices", "tornado",
 ]

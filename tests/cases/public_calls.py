@@ -462,6 +462,28 @@ CALLS = {
         tb.observe,
         dict(solution=SOLUTION, sensor=S.TipPosition(), times=[0.05], delay=0.0, rate=False),
     ),
+    "converge": (
+        tb.converge,
+        dict(
+            scene=SCENE,
+            t=None,
+            read=lambda state: state.tip.position,
+            rtol=0.1,
+            solve=tb.equilibrium,
+            size=1.0,
+            share=0.5,
+            elements=["linear"],
+            methods=["midpoint"],
+            most_elements=8,
+            most_steps=10,
+            seconds=10.0,
+            initial=None,
+            inputs=None,
+            engine="eager",
+            progress=lambda done, setting: None,
+        ),
+    ),
+    "remesh": (tb.remesh, dict(scene=SCENE, elements=8, order=2, linked=False)),
     "advise": (
         tb.advise,
         dict(

@@ -145,7 +145,8 @@ class StepSolver:
         )
         lost = self.model.space.cosine(x.m).amin(-1) < self._least
         if problem.conditions.between or model.touching.present:
-            lost = lost | problem.passed(problem.motion.kinematics(x.u, x.m))
+            passed = problem.passed(problem.motion.kinematics(x.u, x.m))
+            lost = lost if passed is None else lost | passed
         status = torch.where((status == SUCCESS) & lost, DIVERGED, status)
         good = moving & (status == SUCCESS)
         if differentiated(problem, x):

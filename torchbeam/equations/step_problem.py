@@ -282,16 +282,22 @@ class StepProblem(BalanceProblem):
 
     @cached
     def least(self) -> tuple[Tensor, ...]:
-        """Of a beam that flies on from what it touched, the rounding of its momentum over a step is
-        all that there is: so small forces (..., N, w) count as none.
-        """
-        if not self.conditions.between and not self.model.touching.present:
+        if self.model.touching.present:
+            return (self.of_flight,)
+        if not self.conditions.between:
             return ()
-        model, velocity = self.model, self.start.velocity[..., :-1, :].detach()
-        mass = (model.section_mass[..., :-1, 0, :1] * model.tributary_length[..., :-1, :]).detach()
+        return self.model.topology.gather(self.of_flight)[:1]
+
+    @cached
+    def of_flight(self) -> Tensor:
+        """Of a beam that flies on from what it touched, the rounding of its momentum over a step is
+        all that there is: so small forces (..., nodes, w) count as none.
+        """
+        model, velocity = self.model, self.start.velocity.detach()
+        mass = (model.section_mass[..., 0, :1] * model.tributary_length).detach()
         share = 10 * torch.finfo(velocity.dtype).eps / TOLERANCE[velocity.dtype]
         force = mass * velocity.abs() * (share / self.h)
-        return (pad(force, (0, model.space.dims.spin)),)
+        return pad(force, (0, model.space.dims.spin))
 
     def idle(self, kinematics: Any) -> Tensor:
         return element_loads.idle(self.model, self._way(kinematics), self.conditions)

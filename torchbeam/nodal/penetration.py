@@ -16,6 +16,7 @@ from .conditions import conditions
 from .element_loads import load_point
 from .loads import Nodes, load_points
 from .model import Model
+from .touching import of_nodes
 from .touching_motion import TouchingMotion
 
 
@@ -64,7 +65,8 @@ def refuse_penetration(model: Model, state: State, t: Tensor) -> None:
         law, near = one.contact, one.nearby(motion)
         if law.push_out or not len(near.point):
             continue
-        found = one.meeting(near, *one.at(near, motion))
+        pairs = one.pairs(near)
+        found = pairs.meeting(pairs.points(of_nodes(near.nodes, motion)))
         own, thick = one.radii.sum(-1) / 2, law.thickness
         _refuse(
             torch.where(found.measure > 0, -found.gap, -torch.inf)[..., 0],

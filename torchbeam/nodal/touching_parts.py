@@ -23,7 +23,7 @@ def touching_of(scene: Scene, space: Spatial, s: Tensor) -> NoTouching:
         return NoTouching()
     each = [one for k, pair in enumerate(scene.pairs) for one in _both(scene, pair, k, s)]
     eye = torch.eye(space.unknowns, dtype=scene.dtype, device=scene.device)
-    return AllTouching(space, tuple(each), space.embed(eye))
+    return AllTouching(space, space.embed(eye), tuple(each))
 
 
 def _both(scene: Scene, pair: ContactTerms, k: int, s: Tensor) -> list[Touching]:

@@ -11,7 +11,7 @@ Figures belong to nobody but the caller: pyplot, its state and its windows are n
 from ..core.entry_point import entry_points
 from .animation import animate
 from .canvas import axes, grid, save
-from .curves import campbell, energies, history, load_path
+from .curves import campbell, energies, history, load_path, tried
 from .identification import correlation, fit, profile
 from .obstacles import obstacles
 from .shapes import mode_shapes, shape
@@ -38,6 +38,7 @@ __all__ = [
     "shape",
     "tendons",
     "tornado",
+    "tried",
 ]
 
 entry_points(globals(), __all__)

@@ -169,3 +169,32 @@ def _legend(ax: Axes) -> Axes:
     """The axes with a legend."""
     ax.legend(frameon=False, fontsize=8)
     return ax
+
+
+def tried(best: Any, ax: Axes | None = None) -> Axes:
+    """What `tb.converge` has tried: error against CPU time, one colour for each element and one
+    mark for each method, the chosen one ringed, the wanted error a line.
+    """
+    ax = axes() if ax is None else ax
+    kinds: dict[tuple[str, str | None], list[Any]] = {}
+    for run in best.table:
+        kinds.setdefault((run.setting.element, run.setting.method), []).append(run)
+    colours = {e: f"C{k}" for k, e in enumerate(dict.fromkeys(e for e, _ in kinds))}
+    marks = dict(zip(dict.fromkeys(m for _, m in kinds), "os^", strict=False))
+    for (element, method), runs in kinds.items():
+        shown = [(1e3 * run.seconds, run.error) for run in runs if 0 < run.error < float("inf")]
+        if shown:
+            ax.plot(
+                *zip(*shown, strict=True),
+                marks[method],
+                color=colours[element],
+                label=element if method is None else f"{element}, {method}",
+            )
+    chosen = next(run for run in best.table if run.chosen)
+    if chosen.error > 0:
+        ring = dict(ms=13, mfc="none", color="black", label=f"chosen: {best.settings}")
+        ax.plot(1e3 * chosen.seconds, chosen.error, "o", **ring)
+    ax.axhline(best.rtol, color=GREY, lw=0.8)
+    ax.set(xscale="log", yscale="log", xlabel="CPU time / ms", ylabel="relative error")
+    ax.legend(fontsize="small")
+    return ax

@@ -19,6 +19,7 @@ from ..math.shapes import broadcast_shapes
 from ..topology.chain import Chain
 from .axes import axes_of_nodes, carried_along, orthonormal, parabolas
 from .beam_arguments import Sections, check_order, dtype_with, intervals, placed
+from .beam_recipe import remembered, with_recipe_of
 from .beam_rows import BeamRows
 from .curve import curve, places, screws
 from .element_stations import STATIONS
@@ -103,9 +104,10 @@ class Beam(BeamRows):
                 f"linked interpolation of elements of order {self.order} was asked for; order 1 "
                 "is wanted"
             )
-        return replace(self, linked_interpolation=True)
+        return with_recipe_of(replace(self, linked_interpolation=True), self)
 
     @classmethod
+    @remembered
     def straight(
         cls,
         length: Value,
@@ -170,6 +172,7 @@ class Beam(BeamRows):
         )
 
     @classmethod
+    @remembered
     def curve(
         cls,
         length: Value,
@@ -225,6 +228,7 @@ class Beam(BeamRows):
         )
 
     @classmethod
+    @remembered
     def from_nodes(
         cls,
         nodes: Value,
@@ -286,6 +290,7 @@ class Beam(BeamRows):
         return cls._chain(section, nodes, quat.from_matrix(frames), length)
 
     @classmethod
+    @remembered
     def arc(
         cls,
         radius: Value,

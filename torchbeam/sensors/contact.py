@@ -16,6 +16,7 @@ from ..nodal.discretise import discretise
 from ..nodal.element_loads import load_point, point_weights
 from ..nodal.loads import Nodes, load_points
 from ..nodal.model import Model
+from ..nodal.touching import of_nodes
 from ..nodal.touching_motion import TouchingMotion
 from ..scene.effects.contact import Touch
 from ..scene.effects.contact_terms import ContactTerms
@@ -97,8 +98,9 @@ class OfContact(Sensor):
         number = next(k for k, pair in enumerate(pairs) if pair is self._law)
         of_pair = [one for one in self.model.touching.each if one.pair == number]
         for one in of_pair:
-            near = one.nearby(motion, all_of_them=True)
-            found = one.meeting(near, *one.at(near, motion))
+            near = one.nearby(motion, torch.inf)
+            pairs = one.pairs(near)
+            found = pairs.meeting(pairs.points(of_nodes(near.nodes, motion)))
             gap = torch.where(found.measure > 0, found.gap, torch.inf)
             sense = 1.0 if one.first else -1.0
             rub = None if found.rub is None else sense * found.rub

@@ -18,6 +18,9 @@ Joints = tuple[tuple[int | None, int | None], ...]
 Ties = tuple[tuple[int, ...], ...]  # the nodes of each
 
 
+MANNERS = ("backward", "bordered", "forward")  # how runs are eliminated
+
+
 class Run(NamedTuple):
     """Nodes between two of the interface: the first of them, how many, the places in the interface
     of the nodes before and after them (None = the chain ends there), and the element before the

@@ -34,7 +34,8 @@ STEP = 0.02  # over the slowest angular frequency: a period to 3e-5
 TOUCHING = 4  # parts of that where anything touches
 LAYER = 0.3  # thickness of the contact, over the radius: so that the rod lies on its surface
 STIFF = 20.0  # force where surfaces meet, over what is expected to press
-SLIP = 1e-3  # slip speed, over the rod's length, 1/s
+SLIP = 3e-3  # slip speed, over the rod's length, 1/s
+DAMPING = 5e-3  # s, of the contact
 NODES = {End.START: 0, End.END: -1}
 SHEAR = 27 / 28  # coefficient of a circular section, as the suite's other solver has it
 
@@ -78,7 +79,7 @@ class TorchbeamSolver:
             scene, start = _structure(scenario, together, met, n_elements)
             states = _motion(scene, start, times, step)
             own = {i: states[f"rod{i}"] for i in together}
-            found |= {i: (part.position, part.rotation) for i, part in own.items()}
+            found |= {i: (part.position[:, 0], part.rotation[:, 0]) for i, part in own.items()}
         moved = [found[i] for i in range(len(rods))]
         return Trajectory(
             times,
@@ -213,6 +214,7 @@ def _law(scenario: Scenario, rod: Rod, other: Any) -> dict[str, float]:
     law = {
         "thickness": LAYER * rod.radius,
         "force": STIFF * weight * (1 + rod.length / (2 * bend)),
+        "damping": DAMPING,
         "radius": rod.radius * (1 - LAYER * (1 - STIFF**-0.5)),  # surfaces meet where that presses
     }
     return {**law, "friction": mu, "slip_speed": SLIP * rod.length} if mu else law
@@ -232,25 +234,30 @@ def _obstacles(scenario: Scenario, rod: Rod, name: str | None = None) -> list[tb
 
 
 def _met(scenario: Scenario, moved: list[np.ndarray]) -> set[tuple[int, int]]:
-    """Pairs of rods, or of a rod and itself, that came within their radii and the contact's layer
-    at any frame.
+    """Pairs of rods, or of a rod and itself, that may have come within their radii and the
+    contact's layer: at any frame, by as much as nodes move from there to the next one.
     """
-    met = set()
+    met, steps = set(), [_step_lengths(x) for x in moved]
     for i, j in itertools.combinations_with_replacement(range(len(moved)), 2):
         a, b = scenario.rods[i], scenario.rods[j]
         if i == j and not scenario.self_contact:
             continue
-        near = (1 + LAYER) * (a.radius + b.radius)
-        elements = moved[i].shape[1] - 1
+        reach = (1 + LAYER) * (a.radius + b.radius) + steps[i] + steps[j] * (i != j)
         first, second = (np.arange(x.shape[1] - 1) for x in (moved[i], moved[j]))
-        apart = neighbour_elements(a.radius, a.length / elements) if i == j else -1
+        apart = neighbour_elements(a.radius, a.length / len(first))
         looked = (second - first[:, None]) > apart if i == j else True
-        for x, y in zip(moved[i], moved[j], strict=True):
+        for x, y, near in zip(moved[i], moved[j], reach, strict=True):
             d = segment_distance(x[:-1, None], x[1:, None], y[None, :-1], y[None, 1:])
             if np.where(looked, d, np.inf).min() < near:
                 met.add((i, j))
                 break
     return met
+
+
+def _step_lengths(x: np.ndarray) -> np.ndarray:
+    """(frames,) m, by which a rod's nodes move at most until the next frame."""
+    moves = np.linalg.norm(np.diff(x, axis=0), axis=-1).max(-1)
+    return np.append(moves, 0.0)
 
 
 def _components(count: int, met: set[tuple[int, int]]) -> list[list[int]]:

@@ -11,7 +11,7 @@ from ..compiler.derivative import bar, vjp
 from ..compiler.function import Function
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
-from . import midsides, stretches, structures
+from . import midsides, pairs, stretches, structures
 from .adjoint_driver import AdjointDriver
 from .conserving_functions import ENERGIES
 from .layout import (
@@ -24,6 +24,7 @@ from .layout import (
     NODES,
     ONE,
     OWN,
+    PAIRS,
     STRETCHES,
     SUPPORTS,
     TURNS,
@@ -31,7 +32,7 @@ from .layout import (
 )
 from .local_functions import LocalFunctions
 from .native import NativeProgram
-from .node_kinds import SIDES, Kinds, without_side
+from .node_kinds import PAIR_SIDES, SIDES, Kinds, without_side
 from .structure_adjoint import StructureAdjoint
 from .tracing import Traced, Tracing
 
@@ -203,6 +204,11 @@ class AdjointProgram(NativeProgram):
             functions |= stretches.adjoint_of_stretches(
                 local, traced, self.kinds.stretches, self.held, by, _derivative
             )
+            by = [f"{side}.{name}" for side in PAIR_SIDES for name in start]
+            by += [name for name in wanted if name.startswith(("common", "pair"))]
+            functions |= pairs.adjoint_of_pairs(
+                local, traced, self.kinds.pairs, self.held, by, _derivative
+            )
         functions["back"] = traced(local.back, {"ahead": (w, w), "y": (w,), "next": (w,)})
         functions["balance_bar"] = traced(
             local.balance_bar, {"move": (w,), "push": (w,), "free": (w,)}
@@ -219,6 +225,7 @@ class AdjointProgram(NativeProgram):
             *((("support", SUPPORTS),) * self.held),
             *((("joint", JOINTS),) * bool(self.kinds.joints)),
             *((("stretch", STRETCHES),) * bool(self.kinds.stretches)),
+            *((("pair", PAIRS),) * bool(self.kinds.pairs)),
         ):
             # a derivative need not read what it is by
             outputs = (output for name in self.functions for output in self.outputs(name))
@@ -239,7 +246,7 @@ class AdjointProgram(NativeProgram):
             own = [(name, prod(self.shapes[name])) for name in self.element_state]
             for name in ("", "_bar", "_grad", "_start_bar"):
                 layout.record(f"element_state{name}", ELEMENTS, own)
-        ends = self.touching, self.kinds.joints, self.kinds.stretches
+        ends = self.touching, self.kinds.joints, self.kinds.stretches, self.kinds.pairs
         if "finish element bar 0" in self.functions or any(ends):
             layout.record("unknown_bar", NODES, [("u_bar", state[0][1]), ("m_bar", state[1][1])])
         if "project" in self.functions:
@@ -288,6 +295,7 @@ class AdjointProgram(NativeProgram):
             kinds = len(self.kinds.joints)
             structures.record_adjoint(layout, self.functions, w, kinds, self.held)
             stretches.record_adjoint(layout, self.functions, len(self.kinds.stretches))
+            pairs.record_adjoint(layout, self.functions, len(self.kinds.pairs))
         return layout
 
 

@@ -76,7 +76,9 @@ class Chain:
         self.numbers: dict[str, int] = {}
         if tables is not None:
             stretches = [program.kinds.stretches.index(kind) for kind in kinds.stretches]
-            own = {"joint_kinds": joints, "stretch_kinds": stretches, **tables.lists}
+            pairs = [program.kinds.pairs.index(kind) for kind in kinds.pairs]
+            own = {"joint_kinds": joints, "stretch_kinds": stretches, "pair_kinds": pairs}
+            own |= tables.lists
             self.lists |= {name: _integers([*x, 0]) for name, x in own.items()}
             self.numbers = {"nodes": len(nodes), **tables.numbers}
         self._blocks: dict[int, list[Tensor]] = {}  # of memory that no call uses, by lanes

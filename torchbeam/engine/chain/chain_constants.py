@@ -14,6 +14,7 @@ from ...core.leaves import Tree, leaf, leaves_in_order, map_leaves
 from ...nodal.joint_laws import JointLaws
 from ...nodal.joint_motion import Factor
 from ...nodal.rows import ElementRows, NodeRows
+from ...nodal.touching_pairs import TouchingPairs
 from ...scene.effects import Inputs
 
 HELD = ("position", "rotation", "velocity", "spin")  # of a support
@@ -143,7 +144,7 @@ class StretchConstants(Tree):
     slip_speed: Tensor | None = leaf(1)
 
 
-# where they come from; the last three None where there is nothing of the kind
+# where they come from; the last four None where there is nothing of the kind
 Trees = tuple[
     NodeConstants,
     ElementConstants,
@@ -151,6 +152,7 @@ Trees = tuple[
     SupportConstants | None,
     JointConstants | None,
     StretchConstants | None,
+    TouchingPairs | None,
 ]
 
 

@@ -53,6 +53,10 @@ class ConservingFunctions(LocalFunctions):
         after = super().finish_joint(kind, **fields)
         return after | {"rise": -after["work"]}
 
+    def finish_pair(self, kind: Any, **fields: Tensor) -> Fields:
+        work = super().finish_pair(kind, **fields)["work"]
+        return {"work": work, "rise": -work}
+
     def tendon_work(self, tension: Tensor, change: Tensor, start: Tensor | None = None) -> Fields:
         work = super().tendon_work(tension, change, start)["work"]
         return {"work": work, "rise": -work}

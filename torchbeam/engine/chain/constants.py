@@ -110,6 +110,7 @@ class Constants:
             scene.joints,
             model.tendons,
             scene.tendons,
+            model.touching,
         )
         self.sources = [x for x, _ in flattened(held)]
         self.sources += [model.length, model.section_mass, model.tributary_length]
@@ -324,6 +325,7 @@ class Constants:
             supports,
             self._joints(values),
             self._stretches(values),
+            getattr(self.model.touching, "pairs", None),
         )
 
     def _joints(self, values: dict[str, Tensor]) -> JointConstants | None:

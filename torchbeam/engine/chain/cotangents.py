@@ -16,7 +16,7 @@ from .call import Call, Chain, Field, like, made_like, structure_fields
 from .chain_constants import flattened
 from .native import NativeProgram
 
-RECORDS = "node", "element", "common", "support", "joint", "stretch"  # of the trees
+RECORDS = "node", "element", "common", "support", "joint", "stretch", "pair"  # of the trees
 # what a joint's forces are called beside the stress of elements, whose rows they follow in a state
 FORCES = "joint_force"
 OF_JOINTS = {FORCES: ("joint_state", "last_force"), "joints": ("joint_state", "joints")}
@@ -38,8 +38,8 @@ def state_fields(program: NativeProgram) -> dict[str, tuple[str, str]]:
 
 
 def constant_fields(trees: tuple[Any, ...]) -> Iterator[Field]:
-    """The tensors of the trees of nodes, elements, what they have in common, supports, joints and
-    stretches.
+    """The tensors of the trees of nodes, elements, what they have in common, supports, joints,
+    stretches and pairs.
     """
     for record, tree in zip(RECORDS, trees, strict=True):
         for k, (x, axes) in enumerate(flattened(tree)):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import types
-from functools import cache
+from functools import cache, partial
 from importlib.util import find_spec
 from typing import Any
 
@@ -16,6 +16,7 @@ from ...scene.effects.effect import of_library
 from ..compiler.trace import NotTraceable
 from ..engine_use import slow_path
 from .compiled_step import FUNCTIONS, CompiledStep
+from .touching_step import TouchingStep
 from .user_functions import by_function, by_sample, known, surroundings
 
 ENGINES = ("auto", "eager", "compiled")
@@ -40,7 +41,6 @@ def refusal(model: Model, method: str, conserve: bool = False, **options: Any) -
     """
     scene = model.scene
     reasons = {
-        "contact of beams and bodies with each other": bool(scene.pairs),
         f"method {method!r}": (method, conserve) not in FUNCTIONS,
         f"the device {scene.device}": scene.device.type != "cpu",
     }
@@ -158,6 +158,13 @@ def automatic_step(
 
 
 def _made(model: Model, method: str, own: list[Any], **options: Any) -> CompiledStep:
+    step = partial(_of_known_pairs, method, own, options)
+    return TouchingStep(model, step) if model.touching.present else step(model)
+
+
+def _of_known_pairs(
+    method: str, own: list[Any], options: dict[str, Any], model: Model
+) -> CompiledStep:
     return by_sample(
         lambda around: CompiledStep(model, method, around=around, **options), model, known(own)
     )

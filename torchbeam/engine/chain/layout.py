@@ -15,6 +15,7 @@ ONE, TWO, TURNS = "one", "two", "turns"
 # of a structure: joints, nodes that they sit at, numbers of the system that these make
 JOINTS, INTERFACE, ENTRIES = "joints", "interface", "entries"
 STRETCHES, TENDONS = "stretches", "tendons"  # of tendons their stretches, and themselves
+PAIRS = "pairs"  # of what may touch
 # packed: what a node gives its row, an element its ends' rows, and its stress
 OWN, BETWEEN, LAW = "own", "between", "law"
 # what an element of three nodes gives their rows, and what its midside node follows by

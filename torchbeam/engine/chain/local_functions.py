@@ -32,6 +32,7 @@ from ...topology.midside import condensed, following
 from .joint_functions import JointFunctions
 from .local_problem import INTERNAL, Fields, unbatched
 from .node_kinds import ElementKind, NodeKind
+from .pair_functions import PairFunctions
 from .tendon_functions import TendonFunctions
 
 
@@ -49,7 +50,7 @@ class WholeRow(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LocalFunctions(JointFunctions, TendonFunctions):
+class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
     """Functions of nodes, of elements, of rows of the chain, of samples; and those of the
     adjoint.
     """
@@ -78,12 +79,11 @@ class LocalFunctions(JointFunctions, TendonFunctions):
         load, D = unbatched(load + x[0].new_zeros(1, w), 2)[0], x[0].new_zeros(w, w)
         terms = {} if inertia is None else {"inertia": inertia.wrench[0]}
         balance = -load if inertia is None else inertia.wrench[0] - load
-        return {
-            "balance": balance,
-            "D": D if matrix is None else D + matrix.diagonal[0],
-            **terms,
-            **({"load": load} if self.loaded else {}),
-        }
+        if self.loaded:
+            terms["load"] = load
+        if self.model.touching.present and isinstance(problem, StepProblem):
+            terms["load"] = torch.maximum(load.abs(), problem.of_flight[0])
+        return {"balance": balance, "D": D if matrix is None else D + matrix.diagonal[0], **terms}
 
     def update(self, kind: NodeKind, move: Tensor, **fields: Tensor) -> Fields:
         """The unknowns of a node after a move (w), supports applied."""

@@ -25,6 +25,7 @@ from ...nodal.joint_motion import Factor, JointValues
 from ...nodal.joints import Joints
 from ...nodal.model import Model
 from ...nodal.rows import ElementRows, Held, NodeRows, Rows
+from ...nodal.touching_pairs import TouchingPairs
 from ...scene.effects import Pose
 from ...state.state import State
 from ...topology.chain import Chain
@@ -43,9 +44,19 @@ from .chain_constants import (
     filled,
     flattened,
 )
-from .node_kinds import SIDES, ElementKind, EndKind, JointKind, NodeKind, StretchKind, SupportKind
+from .node_kinds import (
+    SIDES,
+    ElementKind,
+    EndKind,
+    JointKind,
+    NodeKind,
+    PairKind,
+    StretchKind,
+    SupportKind,
+)
 
 Fields = dict[str, Tensor]
+BetweenKind = JointKind | StretchKind | PairKind
 NODE = ("position", "rotation", "velocity", "spin")  # of a state
 INTERNAL = "internal"
 
@@ -82,7 +93,7 @@ class Ends(NamedTuple):
 @dataclass(frozen=True)
 class LocalProblems:
     """Of a model's nodes and elements; the trees say which fields exist, their values do not
-    matter. supports: None where nothing moves them; joints, stretches: where
+    matter. supports: None where nothing moves them; joints, stretches, pairs: where
     there are none.
 
     A node's internal states are those of all loads that have some, one after the other, whichever
@@ -96,10 +107,12 @@ class LocalProblems:
     supports: SupportConstants | None = None
     joints: JointConstants | None = None
     stretches: StretchConstants | None = None
+    pairs: TouchingPairs | None = None
 
     @property
     def trees(self) -> Trees:
-        return (self.nodes, self.elements, self.common, self.supports, self.joints, self.stretches)
+        more = self.supports, self.joints, self.stretches, self.pairs
+        return (self.nodes, self.elements, self.common, *more)
 
     @property
     def order(self) -> int:
@@ -221,8 +234,8 @@ class LocalProblems:
         now = replace(ends.now, joints=JointValues(constants.effort, constants.coordinate))
         return self._problem(rows, None, ends.common, given, now)
 
-    def of_ends(self, fields: Fields, kind: JointKind | StretchKind, topology: Framework) -> Ends:
-        """The nodes at the ends of what lies between two of a topology."""
+    def of_ends(self, fields: Fields, kind: BetweenKind, topology: Framework) -> Ends:
+        """The nodes at the ends of what lies between those of a topology."""
         own = filled(self.nodes.rows, lambda k: _ends(fields, kind, f"node.{k}"))
         given = {
             name: _ends(fields, kind, name)
@@ -230,7 +243,8 @@ class LocalProblems:
             if f"{kind.sides[0]}.{name}" in fields
         }
         given |= {name: fields[name] for name in self.SAMPLE}
-        ends = [(k, side, kind.ends[SIDES[1].index(side)]) for k, side in enumerate(kind.sides)]
+        there = [end for end in kind.ends if end is not None]
+        ends = [(k, *end) for k, end in enumerate(zip(kind.sides, there, strict=True))]
         supports = tuple(
             self._support(fields, f"{side}.", k, end.support)
             for k, side, end in ends
@@ -459,8 +473,8 @@ def acting_loads(kind: NodeKind, rows: tuple[Any, ...], loads: tuple[Any, ...]) 
     return tuple(rows[k] or loads[k] for k in kind.acting)
 
 
-def _ends(fields: Fields, kind: JointKind | StretchKind, name: str) -> Tensor:
-    """Of the nodes at the ends of a joint, or of a stretch."""
+def _ends(fields: Fields, kind: BetweenKind, name: str) -> Tensor:
+    """Of the nodes at the ends of what is between them."""
     return torch.stack([fields[f"{side}.{name}"] for side in kind.sides])
 
 

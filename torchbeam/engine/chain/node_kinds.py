@@ -11,6 +11,8 @@ from torch import Tensor
 
 from ...nodal.acting import ActingLoad
 from ...nodal.model import Model
+from ...nodal.touching import FixedTouching
+from ...topology.cut import MANNERS
 from ...topology.framework import Framework
 
 
@@ -124,7 +126,20 @@ def alike(kinds: tuple[StretchKind, ...], k: int, word: str) -> int:
     return own.index(own[k])
 
 
+class PairKind(NamedTuple):
+    """What code of a pair that may touch depends on, see `TouchingPairs`: what holds its six nodes;
+    whether it has friction, and damping.
+    """
+
+    ends: tuple[EndKind, ...]
+    rubs: bool
+    damps: bool
+
+    sides = property(lambda self: PAIR_SIDES)
+
+
 SIDES = {1: ("i", "j"), 2: ("i", "m", "j")}  # what the nodes of an element are called, by its order
+PAIR_SIDES = ("a", "b", "c", "d", "e", "f")  # those of a pair that may touch
 
 
 def _sides(ends: tuple[EndKind | None, ...]) -> tuple[str, ...]:
@@ -134,13 +149,13 @@ def _sides(ends: tuple[EndKind | None, ...]) -> tuple[str, ...]:
 def without_side(field: str) -> str:
     """What a field of one of an element's nodes is called at the node."""
     side, dot, name = field.partition(".")
-    return name if dot and side in SIDES[max(SIDES)] else field
+    return name if dot and side in (*SIDES[max(SIDES)], *PAIR_SIDES) else field
 
 
 class Kinds(NamedTuple):
     """Of all nodes, of all elements and of all joints; or those that there are. joints: None = the
     nodes are those of one chain; runs: of a structure, how some of its nodes are eliminated, see
-    `Run.manner`; stretches: of tendons.
+    `Run.manner`; stretches: of tendons; pairs: that may touch, which are of the `touching` kinds.
     """
 
     nodes: tuple[NodeKind, ...]
@@ -148,6 +163,8 @@ class Kinds(NamedTuple):
     joints: tuple[JointKind, ...] | None = None
     runs: tuple[str, ...] = ()
     stretches: tuple[StretchKind, ...] = ()
+    pairs: tuple[PairKind, ...] = ()
+    touching: tuple[PairKind, ...] = ()
 
     @classmethod
     def of(
@@ -165,11 +182,15 @@ class Kinds(NamedTuple):
         elements = _of_elements(ends, loads)
         manners = {run.manner for runs in topology.cut.runs for run in runs}
         joints, stretches = _of_joints(model, held), _of_stretches(model, held)
-        return cls(tuple(nodes), elements, joints, tuple(sorted(manners)), stretches)
+        pairs, touching = _of_pairs(model, held)
+        manners = MANNERS if touching else manners  # pairs come and go
+        runs = tuple(sorted(manners))
+        return cls(tuple(nodes), elements, joints, runs, stretches, pairs, touching)
 
     def distinct(self) -> Kinds:
         """Each once; where there are bodies alone, a kind of elements that none is of."""
         kinds = Kinds(*(None if own is None else tuple(dict.fromkeys(own)) for own in self))
+        kinds = kinds._replace(pairs=kinds.touching)
         return kinds if kinds.elements else kinds._replace(elements=(NO_ELEMENT,))
 
 
@@ -206,6 +227,29 @@ def _of_stretches(model: Model, held: list[EndKind]) -> tuple[StretchKind, ...]:
     ends = [None if node is None else held[node] for node in tendons.nodes]
     ropes = [(x.stiffness is not None, x.friction is not None) for x in tendons.ropes]
     return tuple(StretchKind((ends[e], ends[e + 1]), *ropes[k]) for k, e in tendons.stretches)
+
+
+def _of_pairs(
+    model: Model, held: list[EndKind]
+) -> tuple[tuple[PairKind, ...], tuple[PairKind, ...]]:
+    """Of the pairs of a model whose pairs are known, and of all that there may be; none where
+    none is near.
+    """
+    if not isinstance(model.touching, FixedTouching) or not model.touching.nodes:
+        return (), ()
+    pairs = tuple(
+        PairKind(tuple(held[node] for node in nodes), *law)
+        for nodes, law in zip(model.touching.nodes, model.touching.laws, strict=True)
+    )
+    found = {}
+    for touching in model.touching.each:
+        points, pieces = (
+            dict.fromkeys(tuple(held[node] for node in nodes) for nodes in own)
+            for own in (touching.points, touching.pieces)
+        )
+        law = touching.contact.rubs, touching.contact.damping is not None
+        found |= dict.fromkeys(PairKind(a + b, *law) for a in points for b in pieces)
+    return pairs, tuple(found)
 
 
 def _tuples(x: Tensor) -> tuple[Any, ...]:

@@ -19,7 +19,7 @@ from ..compiler.object_cache import key_of
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
 from ..compiler.split import HOISTED, split
-from . import midsides, stretches, structures
+from . import midsides, pairs, stretches, structures
 from .adjoint import AdjointProgram
 from .disk_key import key_on_disk
 from .driver import SUMS, Driver
@@ -147,6 +147,7 @@ class ChainProgram(NativeProgram):
             functions |= stretches.of_stretches(
                 local, traced, self.kinds.stretches, self.held, self.varying
             )
+            functions |= pairs.of_pairs(local, traced, self.kinds.pairs, self.held)
         if self.held:
             functions["held row"] = packed(traced(partial(local.row, True), row | free))
             functions["reaction"] = traced(
@@ -261,6 +262,8 @@ class ChainProgram(NativeProgram):
             stretch = len(self.kinds.stretches)
             stretches.record(layout, self.functions, inputs("stretch"), w, stretch)
             layout.record("common", ONE, [("joint_size", 1)] if kinds else [])
+            own = inputs("pair")
+            pairs.record(layout, self.functions, own, w, len(self.kinds.pairs))
         return layout
 
 
@@ -282,6 +285,8 @@ class StepProgram(ChainProgram):
             functions[f"finish joint {k}"] = traced(partial(local.finish_joint, kind), traced.joint)
         if self.kinds.stretches:
             functions[stretches.WORK] = stretches.of_work(local, traced)
+        for k, kind in enumerate(self.kinds.pairs):
+            functions[f"finish pair {k}"] = traced(partial(local.finish_pair, kind), traced.pair)
         return functions
 
     def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
@@ -308,8 +313,9 @@ class StepProgram(ChainProgram):
             finish = partial(local.finish_element_load, self.kinds.elements[k])
             functions[f"finish element load {k}"] = traced(finish, traced.element)
         asked = ("moving", "done", "status", "before", "cosine", "least")
+        passes = bool(self.touching or self.kinds.pairs)
         functions["outcome"] = traced(
-            local.outcome, dict.fromkeys((*asked, *["passed"] * bool(self.touching)), ())
+            local.outcome, dict.fromkeys((*asked, *["passed"] * passes), ())
         )
         return functions
 
@@ -394,7 +400,7 @@ def structure(local: LocalFunctions, kinds: Kinds, held: bool) -> tuple:
     space = model.space
     plane = (space.name, space.section_axes) if isinstance(space, Planar) else None
     trees = (local.nodes, 1), (local.elements, 1), (local.common, 0), (local.supports, 1)
-    trees = (*trees, (local.joints, 1), (local.stretches, 1))
+    trees = (*trees, (local.joints, 1), (local.stretches, 1), (local.pairs, 1))
     return (
         type(local),
         local.options,
@@ -404,6 +410,7 @@ def structure(local: LocalFunctions, kinds: Kinds, held: bool) -> tuple:
         model.length.dtype,
         model.scene.beam.offset,
         bool(model.scene.loads),
+        model.touching.present,
         kinds,
         held,
         *(_static(_shapes(tree, rows)) for tree, rows in trees),

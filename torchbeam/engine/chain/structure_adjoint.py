@@ -5,6 +5,7 @@ from __future__ import annotations
 from ..compiler.derivative import bar
 from .adjoint_driver import AdjointDriver
 from .node_kinds import SIDES
+from .pair_adjoint import PairAdjoint
 from .structure_code import COUNTS, TABLES
 from .structure_driver import StructurePasses
 from .tendon_adjoint import TendonAdjoint
@@ -12,7 +13,7 @@ from .tendon_adjoint import TendonAdjoint
 STATE = "joint_state_bar"
 
 
-class StructureAdjoint(TendonAdjoint, StructurePasses, AdjointDriver):
+class StructureAdjoint(TendonAdjoint, PairAdjoint, StructurePasses, AdjointDriver):
     """Cotangents of structures, step by step backwards."""
 
     ARGS = (*AdjointDriver.ARGS, *TABLES, *COUNTS)
@@ -25,6 +26,7 @@ class StructureAdjoint(TendonAdjoint, StructurePasses, AdjointDriver):
             self._blocks(e)
         self._each_joint(self._joint_blocks)
         self._tie_blocks()
+        self._pair_blocks()
         self._eliminate()
         self._moves()
         with code.loop(0, self.args["nodes"]) as j:
@@ -67,6 +69,7 @@ class StructureAdjoint(TendonAdjoint, StructurePasses, AdjointDriver):
 
     def _clear_joints(self) -> None:
         self._clear_tendons()
+        self._clear_pairs()
         self._clear_records(STATE, "joint_bar")
 
     def _add_joints(self) -> None:
@@ -82,6 +85,7 @@ class StructureAdjoint(TendonAdjoint, StructurePasses, AdjointDriver):
 
     def _joint_solutions(self) -> None:
         self._tensions()
+        self._look_at_pairs()
 
         def solution(k: str, kind: int) -> None:
             self._call(
@@ -99,6 +103,7 @@ class StructureAdjoint(TendonAdjoint, StructurePasses, AdjointDriver):
 
     def _joint_energies(self) -> None:
         self._tendon_energies()
+        self._pair_energies()
 
         def add(k: str, kind: int) -> None:
             self._call(
@@ -111,6 +116,7 @@ class StructureAdjoint(TendonAdjoint, StructurePasses, AdjointDriver):
 
     def _joint_ends(self) -> None:
         self._tendon_ends()
+        self._pair_ends()
         names = {bar("force"): "joint_force", bar("joints"): "joints"}
 
         def ends(k: str, kind: int) -> None:
@@ -135,6 +141,7 @@ class StructureAdjoint(TendonAdjoint, StructurePasses, AdjointDriver):
 
     def _joint_bars(self) -> None:
         self._tie_bars()
+        self._pair_bars()
 
         def bars(k: str, kind: int) -> None:
             places = {

@@ -8,7 +8,8 @@ from contextlib import contextmanager
 from ..compiler.block_elimination import BlockElimination
 from .chain_code import POINTERS, ChainCode
 from .joint_functions import BLOCKS
-from .node_kinds import SIDES
+from .node_kinds import PAIR_SIDES, SIDES
+from .pair_functions import PAIR_BLOCKS
 from .tendon_functions import CHAINED
 
 TABLES = (
@@ -24,6 +25,8 @@ TABLES = (
     "joint_table",
     "stretch_kinds",
     "stretch_table",
+    "pair_kinds",
+    "pair_table",
     "elimination",
     "substitution",
 )
@@ -36,6 +39,7 @@ COUNTS = (
     "bordered_count",
     "joint_count",
     "stretch_count",
+    "pair_count",
     "entry_count",
     "group_count",
 )
@@ -48,6 +52,7 @@ WIDTH = {
     "bordered": 16,
     "joint": 2 + 2 * len(BLOCKS) + 3,
     "stretch": 5 + 2 * len((*BLOCKS, *CHAINED)) + 3,
+    "pair": len(PAIR_SIDES) + 2 * len(PAIR_BLOCKS),
 }
 
 
@@ -119,7 +124,7 @@ class StructureCode(ChainCode):
 
     def _entry(self, table: str, k: str) -> str:
         """Pointer to entry k."""
-        name = f"{table}_table" if table in ("joint", "stretch") else table
+        name = f"{table}_table" if f"{table}_table" in TABLES else table
         return self.code.at(self.args[name], self.code.mul(k, WIDTH[table]))
 
     @contextmanager

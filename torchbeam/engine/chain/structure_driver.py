@@ -13,12 +13,13 @@ from ..compiler.split import HOISTED
 from .driver import Driver
 from .joint_functions import BLOCKS
 from .node_kinds import SIDES
+from .pair_driver import PairPasses
 from .structure_code import COUNTS, TABLES
 from .structures import GAPS
 from .tendon_driver import TendonPasses
 
 
-class StructurePasses(TendonPasses):
+class StructurePasses(TendonPasses, PairPasses):
     """Balance, elimination and moves of an iteration of Newton's method."""
 
     def _pass(self) -> None:
@@ -38,6 +39,7 @@ class StructurePasses(TendonPasses):
                 self._condense(e)
         self._each_joint(self._joint)
         self._tie()
+        self._touch()
         self._eliminate()
 
     def _eliminate(self) -> None:
@@ -58,6 +60,7 @@ class StructurePasses(TendonPasses):
             with self._entries("joint") as (k, entry):
                 self._join(k, entry)
         self._join_ties()
+        self._join_pairs()
         code.line(
             f'call void @"eliminate"(ptr {self.base["matrix"]}, ptr {self.args["elimination"]}, '
             f"i64 {self.args['group_count']})"
@@ -283,8 +286,9 @@ class StructurePasses(TendonPasses):
                     )
 
     def _joint_reactions(self, support: str, node: str) -> None:
-        """Of each of its ends that is there, and of stretches of tendons."""
+        """Of each of its ends that is there, of stretches of tendons, and of pairs."""
         self._tie_reactions(support, node)
+        self._pair_reactions(support, node)
         if not self.kinds.joints:
             return
         code, w = self.code, self.layout.records["move"].size
@@ -335,6 +339,7 @@ class StructurePasses(TendonPasses):
 
     def _finish_joints(self, good: str) -> None:
         self._finish_tendons(good)
+        self._finish_pairs(good)
         if not self.kinds.joints:
             return
         fields = self.layout.records["joint_state"].fields

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import combinations, product
 from typing import NamedTuple
 
 from ...nodal.model import Model
@@ -14,7 +15,7 @@ from ...topology.cut import Joints
 from ...topology.framework import Framework
 from ..compiler.block_pattern import BlockPattern
 from .joint_functions import BLOCKS
-from .layout import ENTRIES, INTERFACE, JOINTS, STRETCHES, TENDONS
+from .layout import ENTRIES, INTERFACE, JOINTS, PAIRS, STRETCHES, TENDONS
 
 NONE = (-1, -1)  # the place of a block that is not there
 
@@ -46,7 +47,8 @@ class StructureTables:
         joints = model.joints
         held = tuple(map(int, joints.held.sum(-1))) if joints.count else ()
         w, supported = model.space.unknowns, model.constraints.nodes
-        return _tables(model.topology, w, supported, held, _stretches(model.tendons))
+        pairs = getattr(model.touching, "nodes", ())
+        return _tables(model.topology, w, supported, held, _stretches(model.tendons), pairs)
 
 
 def _stretches(tendons: NoTendons) -> tuple[Stretch, ...]:
@@ -66,6 +68,7 @@ def _tables(
     supported: tuple[int, ...],
     held: tuple[int, ...],
     stretches: tuple[Stretch, ...],
+    pairs: tuple[tuple[int, ...], ...],
 ) -> StructureTables:
     how, ends = framework.cut, framework.ends
     nodes, J = [ends[end] for end in how.interface], len(how.joints)
@@ -89,6 +92,10 @@ def _tables(
             own_units[s] = unit = units + len(own_units)
             couplings += [(place, unit) for place in there]
             couplings += [] if stretch.first else [(unit - 1, unit)]
+    place = {node: k for k, node in enumerate(nodes)}
+    pairs = tuple(tuple(place[node] for node in own) for own in pairs)
+    for own in set(pairs):
+        couplings += combinations(sorted(set(own)), 2)
     groups = ordered(len(nodes), how.joints, held, fixed, couplings, len(own_units))
     groups, equation = _equations(groups, len(nodes), held, w)
     blocks = [(equation[a], b) for pair in couplings for a, b in (pair, pair[::-1])]
@@ -174,6 +181,14 @@ def _tables(
         ],
         "joint_table": [x for k in range(J) for x in joint(k)],
         "stretch_table": [x for s in range(len(stretches)) for x in stretch(s)],
+        "pair_table": [
+            x
+            for own in pairs
+            for x in (
+                *(nodes[at] for at in own),
+                *(number for pair in product(own, own) for number in between(*pair)),
+            )
+        ],
         "elimination": pattern.elimination,
         "substitution": pattern.substitution,
     }
@@ -185,11 +200,13 @@ def _tables(
         "bordered_count": len(bordered),
         "joint_count": J,
         "stretch_count": len(stretches),
+        "pair_count": len(pairs),
         "entry_count": pattern.size,
         "group_count": len(pattern.groups),
     }
     rows = {JOINTS: J, INTERFACE: len(nodes), ENTRIES: pattern.size}
     rows |= {STRETCHES: len(stretches), TENDONS: len({x.tendon for x in stretches})}
+    rows |= {PAIRS: len(pairs)}
     return StructureTables(rows, lists, numbers)
 
 

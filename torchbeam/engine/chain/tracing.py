@@ -13,7 +13,7 @@ from ..compiler.trace import trace
 from .chain_constants import flattened
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
-from .node_kinds import SIDES
+from .node_kinds import PAIR_SIDES, SIDES
 from .tendon_functions import SUMMED
 
 JOINT_READINGS = 10  # numbers of a joint in a state
@@ -24,9 +24,9 @@ OF_LOADS = ("node", "finish")  # functions that ask loads, and so what users wro
 
 class Tracing:
     """shapes: of the states' and unknowns' fields; constants: of a node's, an element's, the
-    common, a support's and a joint's ones; node, element, joint, stretch: all that a function of
-    one may read; known: functions of `OF_LOADS` that were traced before, and are not traced again,
-    to which those that are traced now are added; None = none are to be known.
+    common, a support's and a joint's ones; node, element, joint, stretch, pair: all that a function
+    of one may read; known: functions of `OF_LOADS` that were traced before, and are not traced
+    again, to which those that are traced now are added; None = none are to be known.
     """
 
     def __init__(self, local: LocalFunctions, known: Traced | None = None) -> None:
@@ -52,6 +52,7 @@ class Tracing:
             ("support", local.supports, 1),
             ("joint", local.joints, 1),
             ("stretch", local.stretches, 1),
+            ("pair", local.pairs, 1),
         )
         self.constants = {
             kind: {
@@ -91,6 +92,8 @@ class Tracing:
         }
         self.stretch = {**self.constants["stretch"], **self.constants["common"], **ends}
         self.stretch |= of_stretch()
+        self.pair = {**self.constants["pair"], **self.constants["common"]}
+        self.pair |= _at_sides(own | free, PAIR_SIDES)
 
         own = [x for one in local.common.captured for x, _ in flattened(one)]
         self.captured = {
@@ -119,9 +122,9 @@ class Tracing:
         return traced.only(traced.outputs)
 
 
-def _at_sides(shapes: Shapes) -> Shapes:
-    """Of both ends of what lies between two nodes."""
-    return {f"{side}.{name}": shape for side in SIDES[1] for name, shape in shapes.items()}
+def _at_sides(shapes: Shapes, sides: tuple[str, ...] = SIDES[1]) -> Shapes:
+    """Of all ends of what lies between nodes."""
+    return {f"{side}.{name}": shape for side in sides for name, shape in shapes.items()}
 
 
 def of_stretch() -> Shapes:

@@ -1,0 +1,144 @@
+"""converge: error, cost and sentences of what it chooses."""
+
+import math
+
+import pytest
+import torch
+
+import torchbeam as tb
+from torchbeam.analysis.convergence.law import Law, observed_order, remaining
+from torchbeam.analysis.convergence.reading import Reader, on_mesh
+
+pytestmark = pytest.mark.steps
+SECTION = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=0.2)
+T = torch.linspace(0, 0.5, 11)
+FEW = dict(elements=["linear", "order 2"], methods=["midpoint"])  # that are compiled anyway
+
+
+def strip(*effects, **options):
+    beam = tb.Beam.straight(1.0, 4, SECTION)
+    return tb.Scene(beam, [tb.TipLoad(force=(0, 0, 1.0)), *effects], plane="xz", **options)
+
+
+@pytest.fixture(scope="module")
+def best():
+    return tb.converge(strip(tb.Damping(0.01)), T, tb.sensors.TipPosition(), 1e-2, **FEW)
+
+
+def test_the_error_is_within_what_is_said(best):
+    """Against elements of order 2 with four times the nodes and a sixth of the step."""
+    fine = tb.remesh(best.scene, 2 * best.settings.intervals, order=2, linked=False)
+    limit = tb.simulate(fine, T, step=best.settings.step / 6)
+    paths = [solution.tip.position for solution in (best.solution, limit)]
+    moved = (paths[1] - paths[1][0]).norm()
+    assert best.converged and best.error <= 1e-2
+    assert (paths[0] - paths[1]).norm() / moved <= best.error
+
+
+def test_what_was_tried_is_told(best, tmp_path):
+    """The table, its file, the code: which gives the same solution, with gradient."""
+    assert [tried.setting for tried in best.table if tried.chosen] == [best.settings]
+    assert f"estimated error {best.error:.1e}" in str(best) and "->" in str(best)
+    best.csv(tmp_path / "tried.csv")
+    assert len((tmp_path / "tried.csv").read_text().splitlines()) == 1 + len(best.table)
+    names = {"tb": tb, "scene": strip(tb.Damping(0.01)), "t": T}
+    exec(best.code, names)
+    assert torch.equal(names["solution"].tip.position, best.solution.tip.position)
+    axes = tb.plot.tried(best)
+    assert axes.get_xscale() == "log" and axes.get_legend_handles_labels()[1]
+
+
+def test_a_function_makes_the_scene():
+    """Of a structure, whose beams no mesh is made anew of: a function makes it, without linked
+    elements, which are not refused in silence.
+    """
+
+    def structure(elements, order):
+        beam = tb.Beam.straight(1.0, elements, SECTION, order=order)
+        load = tb.PointLoad(("arm", -1), force=(0, 0, 1.0))
+        return tb.Scene({"arm": beam}, [load], supports=[tb.Support(("arm", 0))])
+
+    def frequencies(scene):
+        return tb.modes(scene, count=2)
+
+    best = tb.converge(structure, None, lambda m: m.frequency, 3e-2, solve=frequencies)
+    assert best.converged and "Without linked" in str(best)
+
+
+def test_statics_and_modes():
+    """Without t, by the equilibrium or by any function of the scene."""
+    scene = strip()
+    best = tb.converge(scene, None, tb.sensors.NodePosition(2), 1e-2, elements=["linear"])
+    assert best.converged and best.options == {}
+    modal = tb.converge(
+        scene, None, lambda m: m.frequency, 1e-3, solve=lambda s: tb.modes(s, count=2)
+    )
+    limit = tb.modes(tb.remesh(scene, 24, order=2), count=2).frequency
+    error = ((modal.solution.frequency - limit).norm() / limit.norm()).item()
+    assert modal.converged and error <= modal.error
+
+
+def test_what_cannot_be_reached_is_said():
+    """Too few elements and steps are allowed: the sentences name what is missing."""
+    best = tb.converge(strip(), T, tb.sensors.TipVelocity(), 1e-4, most_elements=8, most_steps=40)
+    assert not best.converged
+    assert "were wanted" in str(best) and "are allowed" in str(best)
+
+
+def test_a_batch_has_one_setting_by_its_worst_sample():
+    """Of a slow and a fast strip the fast one wants the shorter step, and nine tenths of the
+    samples may be asked for alone.
+    """
+    beam = tb.Beam.straight(1.0, 4, SECTION)
+    force = torch.tensor([[0.0, 0, 0.01]] * 9 + [[0, 0, 4.0]])
+    scene = tb.Scene(beam, [tb.TipLoad(force=force), tb.Damping(0.01)], plane="xz")
+    read, steps = tb.sensors.TipPosition(), dict(methods=["midpoint"], elements=["order 2"])
+    all_, most = (tb.converge(scene, T, read, 3e-3, share=x, **steps) for x in (1.0, 0.9))
+    assert all_.converged and most.converged
+    assert len(all_.solution.t) == len(T) and all_.solution.tip.position.shape == (11, 10, 3)
+    reader = Reader(read, scene)
+    fine = tb.simulate(tb.remesh(scene, 16, order=2), T, step=2e-3).tip.position
+    errors = reader.errors(all_.solution.tip.position, fine, len(T))
+    assert errors.shape == (10,) and errors.max() <= 3e-3
+
+
+def test_sensors_keep_their_places():
+    scene = strip()
+    fine = tb.remesh(scene, 6, order=2)
+    assert on_mesh(tb.sensors.NodePosition(2), scene, fine).node == 6
+    strain = on_mesh(tb.sensors.Strain(0.25, scene)[:2], scene, fine)
+    assert strain.of.beam is fine.beam
+    with pytest.raises(ValueError, match="one at a station s is wanted"):
+        on_mesh(tb.sensors.Strain(element=1, beam=scene), scene, fine)
+
+
+def test_laws_of_errors():
+    """e = 3 n^-2: between, beyond and below; of one level an order of 2 at most; not faster than
+    the element's, and 4/3 times a difference of two levels.
+    """
+    law = Law(4.0, {n: 3 * n**-2.0 for n in (4, 8)})
+    for n in (2, 6, 20):
+        assert law.predicted(n) == pytest.approx(3 * n**-2.0 if n > 4 else 3 / 16 * 16)
+    assert law.order() == pytest.approx(2)
+    assert Law(4.0, {4: 1.0}).predicted(8) == 0.25
+    assert Law(2.0, {4: 1.0, 8: 1e-3}).predicted(16) == pytest.approx(0.25e-3)
+    assert Law(2.0, {4: math.inf, 8: 1.0}).predicted(4) == math.inf
+    assert remaining(0.75, 2.0) == pytest.approx(1.0)
+    assert observed_order([3.0, 0.75]) == 2 and observed_order([0.75]) is None
+
+
+@pytest.mark.parametrize(
+    "given, sentence",
+    [
+        (dict(rtol=0.0), "rtol = 0"),
+        (dict(elements=["cubic"]), "one of elements"),
+        (dict(methods=[]), "one of methods"),
+        (dict(solve=tb.equilibrium), "t and solve were given"),
+        (dict(read=lambda solution: solution.nodes), "one that no mesh changes is wanted"),
+        (dict(read=lambda solution: solution.tip.position[0, 0] > 0), "real floating numbers"),
+    ],
+)
+def test_refusals(given, sentence):
+    given = {"read": tb.sensors.TipPosition(), **given}
+    with pytest.raises(ValueError, match=sentence):
+        tb.converge(strip(tb.Damping(0.01)), T, **FEW | given)

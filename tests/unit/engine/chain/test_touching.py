@@ -1,0 +1,155 @@
+"""Beams and bodies that touch each other, stepped by native code: as the eager engine, whichever
+list of pairs is near.
+"""
+
+import pickle
+from dataclasses import replace
+
+import pytest
+import torch
+from torch.testing import assert_close
+
+import torchbeam as tb
+from torchbeam.engine.chain import touching_step
+
+R = 0.005
+SECTION = tb.Section.circle(R, E=1e8, nu=0.35, rho=1200.0)
+RUBS = dict(friction=0.3, slip_speed=0.1, damping=1e-3)
+
+
+def falling(x, plane="xz", **law):
+    """A rod, of which an end is held, and another one that falls on it; x (..., 4): the speed, and
+    radius, thickness and force of the contact.
+    """
+    speed, radius, thickness, force = x.unbind(-1)
+    across = (1.0, 0, 0.05) if plane else (0.1, 1.0, 0)
+    root = (0.03, 0, 2.3 * R) if plane else (0.01, -0.05, 2.3 * R)
+    parts = {
+        "lower": tb.Beam.straight(0.12, 2, SECTION, root=(-0.03, 0, 0)),
+        "upper": tb.Beam.straight(0.1, 2, SECTION, root=root, direction=across),
+    }
+    contact = tb.Contact(
+        "lower", "upper", radius=radius, thickness=thickness, force=force, points=3, **law
+    )
+    scene = tb.Scene(parts, [contact], supports=[tb.Support(("lower", 0))], plane=plane)
+    start = tb.rest(scene)
+    falls = torch.zeros(6, 3)
+    falls[3:] = torch.tensor([0.3, 0.0, -1.0])
+    return scene, replace(start, velocity=speed[..., None, None] * falls)
+
+
+X = torch.tensor([[1.0, R, 2e-3, 2000.0], [0.7, 1.04 * R, 2.2e-3, 1500.0]])
+
+
+def run(x, engine, options, plane="xz", **law):
+    """Numbers (..., n) of a run, and how many iterations its steps took."""
+    scene, start = falling(x, plane, **law)
+    run = tb.simulate(scene, torch.linspace(0, 3e-3, 4), step=5e-4, initial=start, engine=engine,
+                      tolerance=1e-11, **options)  # fmt: skip
+    state = run.state[-1]
+    assert (run.status == 0).all()
+    parts = (1e2 * run.nodes[-1], state.velocity, 1e-2 * state.reaction)
+    numbers = torch.cat([part.flatten(-2) for part in parts], -1)
+    return torch.cat((numbers, state.work[..., None]), -1), run.stats.iterations
+
+
+CASES = {
+    "friction in a plane": ({}, dict(law=RUBS)),
+    "generalized alpha": (dict(method="generalized_alpha"), {}),
+    "energy kept": (dict(conserve=True), {}),
+    "friction in space": ({}, dict(plane=None, law=RUBS)),
+}
+LONG = ("energy kept", "friction in space")
+
+
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=[pytest.mark.long] * (case in LONG)) for case in CASES]
+)
+def test_native_steps_and_gradients_are_the_eager_ones(case):
+    """In a batch whose samples touch in other pairs; a support's load with friction in it."""
+    options, given = CASES[case]
+    law, plane = given.get("law", {}), given.get("plane", "xz")
+    results = {}
+    for engine in ("eager", "compiled"):
+        x = X.clone().requires_grad_()
+        numbers, iterations = run(x, engine, options, plane, **law)
+        weights = torch.linspace(1, 2, numbers.shape[-1])
+        (slope,) = torch.autograd.grad((numbers * weights).sum(), x)
+        results[engine] = numbers.detach(), slope, iterations
+    eager, native = results.values()
+    assert (eager[0][0] - eager[0][1]).abs().max() > 1e-3
+    assert_close(native[0], eager[0], rtol=0, atol=1e-10)  # of velocities m/s, by forces of 100 N
+    assert_close(native[1], eager[1], rtol=1e-9, atol=1e-9 * float(eager[1].abs().max()))
+    assert torch.equal(native[2], eager[2])
+
+
+def test_no_result_depends_on_the_list_of_pairs(monkeypatch):
+    """Of those that steps are about to touch, or of many more; a copy by pickle makes its own."""
+    scene, start = falling(X[0])
+    after, pairs = [], []
+    for skin in (0.02, 4.0):
+        monkeypatch.setattr(touching_step, "SKIN", skin)
+        stepper = tb.Stepper(scene, 5e-4, engine="compiled")
+        stepper = pickle.loads(pickle.dumps(stepper)) if skin == 4.0 else stepper
+        after.append(_steps(stepper, start, 6).velocity)
+        lists = stepper.compiled._steps
+        pairs.append(max(sum(len(point) for point, _ in own) for _, own in lists))
+    assert 0 < pairs[0] < pairs[1]
+    assert_close(*after, rtol=0, atol=1e-10)
+
+
+def _steps(stepper, state, count):
+    for _ in range(count):
+        state = stepper(state)
+    return state
+
+
+def test_what_is_far_is_stepped_as_if_it_did_not_touch():
+    """By the program of a scene without contact, but for what counts as no force."""
+    scene, start = falling(X[0])
+    state = tb.Stepper(scene, 1e-6, engine="compiled")
+    state(replace(start, position=start.position + torch.tensor([0, 0, 1.0]) * (
+        torch.arange(6) > 2)[:, None]))  # fmt: skip
+    assert {near for _, near in state.compiled._steps} == {(((), ()), ((), ()))}
+    parts = {name: tb.Beam.straight(0.12, 2, SECTION) for name in ("lower", "upper")}
+    free = tb.Scene(parts, supports=[tb.Support(("lower", 0))], plane="xz")
+    free = tb.Stepper(free, 1e-6, engine="compiled")
+    names = [set(one.compiled.program.functions) for one in (state, free)]
+    assert names[0] == names[1]
+
+
+def test_gradients_are_recorded_after_steps_without():
+    """With the same list of pairs; and torch.func steps eagerly."""
+    x = X[0].clone().requires_grad_()
+    scene, start = falling(x)
+    start = _steps(tb.Stepper(falling(X[0])[0], 5e-4, engine="compiled"), start.detach(), 3)
+    stepper, weights = tb.Stepper(scene, 5e-4, engine="compiled"), torch.arange(18.0).view(6, 3)
+    with torch.no_grad():
+        stepper(start)
+    (found,) = torch.autograd.grad((stepper(start).velocity * weights).sum(), x, allow_unused=True)
+    eager = tb.Stepper(falling(x)[0], 5e-4, engine="eager")
+    (wanted,) = torch.autograd.grad((eager(start).velocity * weights).sum(), x, allow_unused=True)
+    assert (wanted[1:] != 0).all()
+    assert_close(found, wanted, rtol=1e-9, atol=0)
+
+
+def test_a_step_through_another_beam_is_made_in_parts():
+    scene, start = falling(X[0] * torch.tensor([3.0, 1, 1, 1]))
+    solution = tb.simulate(scene, [0.0, 0.012], step=0.012, initial=start, engine="compiled")
+    assert solution.status == 0
+    gap = tb.sensors.ContactGap(scene)(solution.state[-1])
+    assert gap > -R  # of the axes on the right side
+
+
+def test_bodies_collide():
+    """Of two balls, in the end, momentum as of the eager engine, whatever elements there are."""
+    parts = {"a": tb.Body(0.05, 1e-5), "b": tb.Body(0.1, 1e-5, position=(0.024, 0.006, 0))}
+    scene = tb.Scene(parts, [tb.Contact("a", "b", radius=0.01, thickness=1e-3, force=10.0)])
+    start = tb.rest(scene)
+    velocity = torch.tensor([[1.0, 0.25, 0], [0.0, 0, 0]])
+    start = replace(start, velocity=velocity)
+    solution = tb.simulate(scene, torch.linspace(0, 0.02, 3), step=5e-4, initial=start,
+                           engine="compiled")  # fmt: skip
+    a, b = solution["a"].velocity[-1], solution["b"].velocity[-1]
+    for read, wanted in ((a, -velocity[0] / 3), (b, velocity[0] * 2 / 3)):
+        assert_close(read, wanted, rtol=0, atol=1e-8)  # the default tolerance

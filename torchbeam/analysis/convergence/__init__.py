@@ -1,0 +1,1 @@
+"""Mesh, element, method and step for a wanted accuracy, found by nested refinement."""

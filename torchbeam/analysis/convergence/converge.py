@@ -1,0 +1,202 @@
+"""converge: how many elements, which step?"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+from torch import Tensor
+
+from ...core.arguments import choice, instance, listed, number
+from ...core.arguments import count as check_count
+from ...core.arguments import function as check_function
+from ...core.arguments import level_of as check_level
+from ...core.arguments import tolerance as check_tolerance
+from ...core.validation import as_tensor, increasing
+from ...scene.scene import Scene
+from ...sensors.sensor import Sensor
+from ...statics.equilibrium import equilibrium
+from .convergence import Convergence, Tried
+from .notes import notes
+from .reading import Reader, takes_scene
+from .remesh import least_elements, remesh
+from .search import Checked, Search, finer
+from .setting import ELEMENTS, METHODS, Setting
+from .trials import Trials
+
+Report = Callable[[int, Setting], None]
+
+
+def converge(
+    scene: Scene | Callable[[int, int], Scene],
+    t: Any,
+    read: Sensor | Callable[..., Tensor],
+    rtol: float = 1e-2,
+    *,
+    solve: Callable[[Scene], Any] | None = None,
+    size: Any = None,
+    share: float = 1.0,
+    elements: Sequence[str] = ("linear", "linked", "order 2"),
+    methods: Sequence[str] = ("midpoint", "midpoint4"),
+    most_elements: int = 256,
+    most_steps: int = 20_000,
+    seconds: float = 60.0,
+    initial: Any = None,
+    inputs: dict[str, Any] | None = None,
+    engine: str = "auto",
+    progress: bool | Report = False,
+) -> Convergence:
+    """The cheapest element, mesh, method and step by which a quantity is known to `rtol`.
+
+    scene     on any mesh that `remesh` can make anew; or a function (elements, order) -> scene, for
+              structures and whatever else it cannot
+    t         (time,) s of the motion; None = `solve(scene)` takes the place of `simulate`
+    read      a sensor, or a function of the solution, or of the solution and its scene, that gives
+              a tensor: (time, ..., *), a history, or (..., *), numbers, with the batch's axes at
+              `...`. Its node is a place: another mesh has it at the same arc length
+    rtol      relative error: RMS over instants and numbers, over the RMS by which the quantity
+              moves from its first instant (of numbers over their RMS)
+    size      in place of that RMS, in the quantity's units: a number, or (...)
+    solve     of a scene without t: `tb.equilibrium` (None), `lambda scene: tb.modes(scene,
+              count=3)`, anything that depends on the mesh alone
+    share     of a batch's samples whose error is to be that small; all share one setting
+    elements, methods  that may be chosen: "linear", "linked", "order 2"; "midpoint", "midpoint4",
+              "generalized_alpha"
+    most_elements, most_steps  beyond which nothing is chosen;  seconds: of CPU time, which all runs
+              together are not to exceed
+    initial, inputs, engine    as in `simulate`; initial may be a function of the scene
+    progress  called with the number of runs so far and the next one's setting; True: a line each
+
+    The errors of mesh and of step are told apart, each by nested levels, and fall by powers whose
+    orders are observed; the cheapest pair by measured CPU time that should do is run, and checked
+    by twice the elements and by half the step: what these change is its error, so that none is
+    accepted where mesh and step cancel. Equally cheap settings may take turns from run to run, as
+    times do.
+
+    Returns `Convergence`: where the error is not reached it is the best that was tried, with
+    `converged` False and sentences on what would be needed.
+
+    Raises ValueError for what `remesh` refuses, unknown names, or a reading whose shape depends on
+    the mesh; RuntimeError where no setting's run succeeds.
+    """
+    begun = time.process_time()
+    check_tolerance("rtol", rtol)
+    if number("share", share) != 1:
+        check_level("share", share)
+    problem = _problem(scene, t, read, size, solve)
+    for name, given, known in (("elements", elements, ELEMENTS), ("methods", methods, METHODS)):
+        for one in listed(given) or (None,):
+            choice(f"one of {name}", one, known)
+    check_count("most_elements", most_elements, 4)
+    check_count("most_steps", most_steps, 2)
+    check_tolerance("seconds", seconds)
+    make, base, first, t = problem
+    if t is None and (initial is not None or inputs is not None):
+        raise ValueError(
+            "initial or inputs were given without t; a function `solve` that takes them is wanted"
+        )
+    options = {} if t is None else dict(initial=initial, inputs=inputs, engine=engine)
+    trials = Trials(
+        make,
+        Reader(read, first, size),
+        t,
+        solve or equilibrium,
+        float(share),
+        options,
+        _report(progress),
+        float(seconds),
+    )
+    search = Search(
+        trials,
+        float(rtol),
+        base,
+        None if t is None else t.diff().min().item(),
+        list(dict.fromkeys(listed(elements))),
+        [] if t is None else list(dict.fromkeys(listed(methods))),
+        (most_elements, most_steps),
+    )
+    best = search.run()
+    if math.isinf(best.error) and bool(trials(best.setting).failed.all()):
+        raise RuntimeError(
+            f"no run of the scene succeeded, the finest by {best.setting}; a scene that "
+            "`simulate` solves is wanted"
+        )
+    return Convergence(
+        trials(best.setting).result,
+        best.setting,
+        make(best.setting),
+        float(rtol),
+        best.space,
+        best.time,
+        tuple(notes(search, best)),
+        _table(trials, best),
+        time.process_time() - begun,
+    )
+
+
+def _problem(
+    scene: Any, t: Any, read: Any, size: Any, solve: Any
+) -> tuple[Callable[[Setting], Scene], int, Scene, Tensor | None]:
+    """How a scene is made by a setting, of which number its elements are multiples, one such, and
+    the instants.
+    """
+    if not isinstance(read, Sensor):
+        check_function("read", read, *("solution", "scene")[: 1 + takes_scene(read)])
+    if solve is not None:
+        check_function("solve", solve, "scene")
+        if t is not None:
+            raise ValueError("t and solve were given; one of them is wanted")
+    if isinstance(scene, Scene):
+        first, base = scene, least_elements(scene)
+
+        def make(setting: Setting) -> Scene:
+            return remesh(scene, **setting.mesh)
+
+    else:
+        check_function("scene", scene, "elements", "order")
+        first, base = instance("what scene(4, 1) gives", scene(4, 1), Scene), 1
+
+        def make(setting: Setting) -> Scene:
+            made = scene(setting.elements, setting.mesh["order"])
+            if not setting.mesh["linked"]:
+                return made
+            if made.beam.parts:
+                raise ValueError("linked interpolation of a structure's beams is theirs to say")
+            return replace(made, beam=made.beam.linked())
+
+    if size is not None:
+        check_tolerance("size", size, each=True)
+    if t is not None:
+        t = increasing("t", as_tensor(t, first.dtype, first.device)).detach()
+    return make, base, first, t
+
+
+def _report(progress: bool | Report) -> Report | None:
+    if progress is True:
+        return lambda done, setting: print(f"run {done + 1}: {setting}", file=sys.stderr)
+    return None if progress is False else check_function("progress", progress, "done", "setting")
+
+
+def _table(trials: Trials, best: Checked) -> tuple[Tried, ...]:
+    """All that was run, against the chosen reading with what its finer levels change."""
+    chosen = trials(best.setting).reading
+    limit = chosen.clone()
+    for level in finer(best.setting):
+        if level is not None:
+            limit = limit + (trials(level).reading - chosen)
+    limit = replace(trials(best.setting), reading=limit)
+    return tuple(
+        Tried(
+            trial.setting,
+            None if trials.t is None else trials.step_count(trial.setting.step),
+            trials.apart(trial, limit),
+            trial.seconds,
+            trial.iterations,
+            trial.setting == best.setting,
+        )
+        for trial in trials.made.values()
+    )

@@ -1,0 +1,202 @@
+"""remesh: a scene of the same physics on another mesh."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ...core.arguments import boolean, instance
+from ...core.arguments import count as check_count
+from ...core.leaves import own_leaves, with_values
+from ...scene.beam import Beam
+from ...scene.beam_arguments import check_order
+from ...scene.beam_recipe import remade, whole_parts
+from ...scene.effects import Actuation, Load, PerElement
+from ...scene.effects.effect import Effect
+from ...scene.effects.tendon import Tendon
+from ...scene.effects.values import AtSites, Input
+from ...scene.scene import Scene
+
+
+def remesh(
+    scene: Scene, elements: int, *, order: int | None = None, linked: bool | None = None
+) -> Scene:
+    """A scene of the same physics on a mesh of `elements` elements. Differentiable.
+
+    order, linked  of the elements, see `Beam.straight` and `Beam.linked`; None = as they are
+
+    The beam is made again as it was made: functions of s are evaluated anew, tables are integrated
+    anew. Of a chain through given nodes, and of a beam that was copied since, elements are divided.
+    Loads, supports, masses, eyelets at nodes stay at their arc lengths, which have to be those of
+    ends of the new elements. Values of single elements (`PerElement`, `Actuation.elements`, a
+    `Load`'s values) are those of the element that a part lies in.
+
+    Raises ValueError where the new mesh has no node at a place, elements that have values of their
+    own are not divided evenly, or the scene is a structure.
+    """
+    instance("a scene", scene, Scene)
+    check_count("elements", elements)
+    beam = _one_beam(scene)
+    order = beam.order if order is None else check_order(order)
+    linked = (
+        beam.linked_interpolation and order == 1 if linked is None else boolean("linked", linked)
+    )
+    fine = remade(beam, elements, order)
+    fine = fine.linked() if linked else fine
+    rows = _Rows(beam, elements, order)
+    given = scene.supports.given
+    return replace(
+        scene,
+        beam=fine,
+        effects=tuple(_moved(effect, rows) for effect in scene.effects),
+        supports=None
+        if given is None
+        else [with_values(support, node=rows(support.node)) for support in given],
+    )
+
+
+def least_elements(scene: Scene) -> int:
+    """The number of which those of all meshes that `remesh` can give are multiples: whatever acts
+    at a node has one there.
+    """
+    beam = _one_beam(scene)
+    rows = beam.station_count
+    places = [Fraction(node % beam.node_count, rows) for node in _nodes(scene)]
+    least = math.lcm(*(place.denominator for place in places))
+    own = beam.curved and "elements" not in _recipe(beam)
+    own = own or (beam.compliance.shape[-3] > 1 and not callable(_recipe(beam).get("section")))
+    own = own or any(_by_element(effect) for effect in scene.effects)
+    return math.lcm(least, beam.element_count) if own else least
+
+
+def _recipe(beam: Beam) -> dict[str, Any]:
+    recipe = vars(beam).get(" recipe")
+    return {} if recipe is None else recipe.arguments
+
+
+def _one_beam(scene: Scene) -> Beam:
+    if scene.beam.parts:
+        raise ValueError(
+            "a structure was given to be meshed anew; a scene of one beam is wanted, or a function "
+            "of the number of elements and their order that makes the scene"
+        )
+    return scene.beam
+
+
+def rows_of(scene: Scene, fine: Scene) -> _Rows:
+    """The rows of a scene's nodes in the same scene on another mesh."""
+    return _Rows(_one_beam(scene), fine.beam.element_count, fine.beam.order)
+
+
+class _Rows:
+    """Places of a beam's nodes on a new mesh of it."""
+
+    def __init__(self, beam: Beam, elements: int, order: int) -> None:
+        self.beam, self.elements, self.order = beam, elements, order
+
+    def __call__(self, node: int) -> int:
+        """The new row of a node; of the root and the tip as they were counted."""
+        if node in (0, -1):
+            return node
+        place = Fraction(node % self.beam.node_count, self.beam.station_count) * self.elements
+        if place.denominator > 1:
+            raise ValueError(
+                f"{self.elements} elements were given for a beam with something at its node "
+                f"{node}, where none of them ends; a multiple of {place.denominator} times "
+                "as many is wanted"
+            )
+        return int(place) * self.order
+
+    @property
+    def parts(self) -> int:
+        """How many elements each has become."""
+        return whole_parts(self.beam, self.elements)
+
+
+def _nodes(scene: Scene) -> Iterator[int]:
+    """Of all that stands at a node."""
+    yield from (support.node for support in scene.supports)
+    for effect in scene.effects:
+        if isinstance(effect, Tendon):
+            yield from effect.nodes
+        elif effect.node is not None:
+            yield effect.node
+
+
+def _by_element(effect: Effect) -> bool:
+    """Whether an effect has values of single elements or nodes along the beam."""
+    values = effect.values if isinstance(effect, Load) and effect.node is None else None
+    return (
+        getattr(effect, "elements", None) is not None
+        or any(isinstance(leaf.value, (PerElement, AtSites)) for leaf in own_leaves(effect))
+        or any(_count(value) > 1 for value in (values or {}).values())
+    )
+
+
+def _count(value: Any) -> int:
+    return value.shape[-1] if isinstance(value, Tensor) and value.ndim else 1
+
+
+def _moved(effect: Effect, rows: _Rows) -> Effect:
+    """An effect at the places of the new mesh."""
+    if isinstance(effect, Tendon):
+        eyelets = tuple(
+            x if x.node is None else with_values(x, node=rows(int(x.node))) for x in effect.eyelets
+        )
+        return with_values(effect, eyelets=eyelets)
+    if effect.node is not None:
+        row = rows(effect.node)
+        return effect if row == effect.node else with_values(effect, node=row)
+    if not _by_element(effect):
+        return effect
+    changed: dict[str, Any] = {
+        leaf.name: _divided(leaf.value, rows.parts)
+        for leaf in own_leaves(effect)
+        if isinstance(leaf.value, (PerElement, AtSites))
+    }
+    if isinstance(effect, Actuation) and effect.elements is not None:
+        own = range(rows.beam.element_count)
+        which = effect.elements
+        chosen = own[which] if isinstance(which, slice) else [own[k] for k in which]
+        changed["elements"] = tuple(
+            rows.parts * k + part for k in chosen for part in range(rows.parts)
+        )
+    if isinstance(effect, Load):
+        changed["values"] = {
+            name: _along(value, rows) if _count(value) > 1 else value
+            for name, value in effect.values.items()
+        }
+    return with_values(effect, **changed)
+
+
+def _divided(value: PerElement | AtSites, parts: int) -> PerElement:
+    """Of each part what its element has."""
+    if parts == 1:
+        return value
+    given = value.value
+    if isinstance(value, AtSites) or isinstance(given, Input):
+        raise ValueError(
+            "a load by an Input of each element, or at its sites, was given to be meshed anew; "
+            "numbers or a function of each element are wanted, or Along"
+        )
+    if callable(given):
+        function: Callable[[Tensor], Tensor] = given
+        return PerElement(lambda t: torch.as_tensor(function(t)).repeat_interleave(parts, -2))
+    return PerElement(torch.as_tensor(given).repeat_interleave(parts, -2))
+
+
+def _along(value: Tensor, rows: _Rows) -> Tensor:
+    """A `Load`'s values (..., N) of the elements as those of their parts; (..., N+1) of the nodes
+    by straight lines between them.
+    """
+    if value.shape[-1] == rows.beam.element_count:
+        return value.repeat_interleave(rows.parts, -1)
+    share = torch.arange(rows.parts, dtype=value.dtype, device=value.device) / rows.parts
+    between = value[..., :-1, None] + share * value.diff(dim=-1)[..., None]
+    return torch.cat((between.flatten(-2), value[..., -1:]), -1)

@@ -1,0 +1,124 @@
+"""Native driver of pairs that may touch: what is other in a structure that has some. A pair that
+is too far to touch, in all samples of a group, is told by one look, and left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from .node_kinds import PAIR_SIDES
+from .pair_functions import PAIR_BLOCKS
+from .structure_code import StructureCode
+
+
+class PairCode(StructureCode):
+    """Where the fields of pairs lie, and loops over them."""
+
+    def _each_pair(self, then: Callable[[str, list[str], int], None], look: bool = False) -> None:
+        """then(pair, its nodes, its kind) of each that is not far; look: which are is found out,
+        from the unknowns as they are.
+        """
+        if not self.kinds.pairs:
+            return
+        with self.code.loop(0, self.args["pair_count"]) as p:
+            nodes = self._pair_nodes(p)
+            with self._each("pair_kinds", len(self.kinds.pairs), p) as kinds:
+                for k in kinds:
+                    if look:
+                        self._call_pair(f"far pair {k}", p, nodes)
+                    with self._near_pair(p):
+                        then(p, nodes, k)
+
+    @contextmanager
+    def _near_pair(self, p: str) -> Iterator[None]:
+        code = self.code
+        code.call("all", self.at("pairs", p, "far"), result := code.slot())
+        with code.when(code.compare("eq", code.load(result), 0)):
+            yield
+
+    def _pair_nodes(self, p: str) -> list[str]:
+        entry = self._entry("pair", p)
+        return [self.code.load(self.code.at(entry, k)) for k in range(len(PAIR_SIDES))]
+
+    def _pair_field(self, field: str, p: str, nodes: list[str]) -> str:
+        """A field that is held by pair p, at one of its nodes, or by all."""
+        side, _, name = field.partition(".")
+        if side in PAIR_SIDES:
+            return self._at_joint_node(name, nodes[PAIR_SIDES.index(side)])
+        if field in self.layout.fields("pair"):
+            return self.at("pair", p, field)
+        return self.at("common", 0, field)
+
+    def _call_pair(self, name: str, p: str, nodes: list[str], to: str = "pairs") -> None:
+        """A function of pair p, which gives fields of a record."""
+
+        def where(f: str) -> str:
+            if f[0] == ">":
+                return self.at(to, p if to == "pairs" else 0, f[2:])
+            return self._pair_field(f, p, nodes)
+
+        self._call(name, where)
+
+    def _join_pairs(self) -> None:
+        """Their blocks."""
+
+        def join(p: str, nodes: list[str], k: int) -> None:
+            entry = self._entry("pair", p)
+            for i, name in enumerate(PAIR_BLOCKS):
+                place = len(PAIR_SIDES) + 2 * i
+                at = (self.code.load(self.code.at(entry, place + n)) for n in range(2))
+                self._add_block(*at, self.at("pairs", p, name))
+
+        self._each_pair(join)
+
+
+class PairPasses(PairCode):
+    """Balance of nodes of pairs, and their work."""
+
+    def _touch(self) -> None:
+        """Pushes on the nodes, and blocks."""
+
+        def touch(p: str, nodes: list[str], k: int) -> None:
+            self._call_pair(f"pair {k}", p, nodes)
+            self.code.call("largest", self.at("sums", 0, "passed"), self.at("pairs", p, "passed"))
+            for side, node in zip(PAIR_SIDES, nodes, strict=True):
+                size = self.layout.records["push"].size
+                self._add(self.at("push", node), self.at("pairs", p, f"{side}.push"), size)
+
+        self._each_pair(touch, look=True)
+
+    def _pair_reactions(self, support: str, node: str) -> None:
+        """What pairs add to the reaction of a support, at a node."""
+        w = self.layout.records["move"].size
+
+        def reaction(p: str, nodes: list[str], k: int) -> None:
+            moves = {
+                f"{side}.move": self.at("move", self._move_of(own))
+                for side, own in zip(PAIR_SIDES, nodes, strict=True)
+            }
+
+            def where(f: str) -> str:
+                if f == "end_free":
+                    return self.at("free", node, "free")
+                if f[0] == ">":
+                    return self.at("pair_reaction", 0, f[2:])
+                return moves[f] if f in moves else self.at("pairs", p, f)
+
+            for side, own in zip(PAIR_SIDES, nodes, strict=True):
+                with self.code.when(self.code.compare("eq", own, node)):
+                    self._call(f"pair reaction {k} {side}", where)
+                    self._add(self.at("support", support, "reaction"), self.at("pair_reaction"), w)
+
+        self._each_pair(reaction)
+
+    def _finish_pairs(self, good: str) -> None:
+        """Work."""
+
+        def finish(p: str, nodes: list[str], k: int) -> None:
+            self._call_pair(f"finish pair {k}", p, nodes, "pair_change")
+            self._sum(self.at("sample", 0, "work"), self.at("pair_change", 0, "work"), good, 1)
+            if "energy" in self.layout.records:
+                self._add(self.at("energy", 0, "rise"), self.at("pair_change", 0, "rise"), 1)
+
+        self._each_pair(finish, look=True)

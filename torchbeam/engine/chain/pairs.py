@@ -1,0 +1,88 @@
+"""Pairs that may touch in a program: their functions, and the records that they need."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from ..compiler.function import Function
+from .layout import ONE, PAIRS, Layout
+from .local_functions import LocalFunctions
+from .node_kinds import PAIR_SIDES, PairKind
+from .structures import largest
+from .tracing import Tracing
+
+
+def of_pairs(
+    local: LocalFunctions, traced: Tracing, kinds: tuple[PairKind, ...], held: bool
+) -> dict[str, Function]:
+    """Functions of an iteration, by kind."""
+    functions, w = {}, local.model.space.unknowns
+    for k, kind in enumerate(kinds):
+        functions[f"far pair {k}"] = traced(partial(local.far_pair, kind), traced.pair)
+        functions[f"pair {k}"] = pair = traced(partial(local.pair, held, kind), traced.pair)
+        for side in PAIR_SIDES if held else ():
+            row = {"end_free": (w,), f"{side}.row": pair.outputs[f"{side}.row"].shape}
+            row |= {f"{end}.move": (w,) for end in PAIR_SIDES}
+            function = partial(local.pair_reaction, side)
+            functions[f"pair reaction {k} {side}"] = traced(function, row)
+    return functions
+
+
+def adjoint_of_pairs(
+    local: LocalFunctions,
+    traced: Tracing,
+    kinds: tuple[PairKind, ...],
+    held: bool,
+    by: list[str],
+    derivative: Callable[[Function, list[str]], Function],
+) -> dict[str, Function]:
+    """Functions of the adjoint, by kind; by: what cotangents are asked of."""
+    functions = {}
+    moves = [f"{side}.{name}" for side in PAIR_SIDES for name in ("u", "m")]
+    for k, kind in enumerate(kinds):
+        functions[f"far pair {k}"] = traced(partial(local.far_pair, kind), traced.pair)
+        blocks = partial(local.transposed_pair, held, kind)
+        functions[f"pair blocks {k}"] = traced(blocks, traced.pair)
+        pair = traced(partial(local.pair, False, kind), traced.pair)
+        pushes = pair.only([f"{side}.push" for side in PAIR_SIDES])
+        functions[f"pair bar {k}"] = derivative(pushes, by)
+        finish = traced(partial(local.finish_pair, kind), traced.pair)
+        functions[f"finish pair bar {k}"] = derivative(finish, [*by, *moves])
+        if "rise" in finish.outputs:
+            functions[f"ended pair {k}"] = finish.only(["rise"])
+    return functions
+
+
+def record(
+    layout: Layout,
+    functions: dict[str, Function],
+    constants: list[tuple[str, int]],
+    w: int,
+    kinds: int,
+) -> None:
+    """Records of an iteration, and of a step where there is `finish pair`; kinds: how many there
+    are.
+    """
+    if not kinds:
+        return
+    layout.record("pair", PAIRS, constants)
+    _record(layout, functions, "pair")
+    layout.record("pair_reaction", ONE, [("reaction", w)])
+    layout.record("sums", ONE, [("passed", 1)])
+    for name, size in largest(functions, "finish pair").items():
+        layout.record("pair_change", ONE, [(name, size)])
+
+
+def record_adjoint(layout: Layout, functions: dict[str, Function], kinds: int) -> None:
+    """Records of the adjoint, but for those of constants."""
+    if not kinds:
+        return
+    _record(layout, functions, "pair blocks")
+    layout.record("pair_change", ONE, [("rise", 1)])
+    for word in ("pair bar", "finish pair bar"):
+        layout.record("of_pair", ONE, largest(functions, word).items())
+
+
+def _record(layout: Layout, functions: dict[str, Function], blocks: str) -> None:
+    layout.record("pairs", PAIRS, [("far", 1), *largest(functions, blocks).items()])

@@ -1,0 +1,193 @@
+"""Steps by native code where beams and bodies touch each other: which pairs may do so is found out
+in torch, once for as many steps as nodes move by little.
+
+Of all pairs, those are taken that would touch if nodes moved by up to a quarter of a skin, which is
+then as wide as it can be without another pair: a list after Verlet (1967). They belong to what is
+compiled for, as joints do: the matrix has blocks for them. Steps are made with the list as long as
+no node is farther from where it stood when the list was made; from there on they are made again,
+with another list. What is not in the list is too far to press, so that no result depends on the
+skin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+from torch._C import _functorch as functorch
+
+from ...core.derivatives import lasting
+from ...core.functions_of_time import past_hooks
+from ...core.status import SUCCESS
+from ...nodal.model import Model
+from ...nodal.touching import Nearby, fixed
+from ...nodal.touching_motion import TouchingMotion
+from ...scene.effects import Inputs
+from ...state.state import State
+from ...topology.chain import Chain
+from ...topology.framework import Framework
+from .compiled_step import CompiledStep, Steps
+
+SKIN = 0.25  # of an element's length, at least
+ROOM = 1.5  # of what nodes have moved by in a step: so much is there for the next ones
+LISTS = 16  # of pairs that are kept; the one that was not asked for for longest goes first
+
+
+class PairList(NamedTuple):
+    """Steps with the pairs that were near when nodes were at `position` (..., nodes, 3) m, which
+    are all as long as no node is more than a quarter of the skin m from there.
+    """
+
+    step: CompiledStep
+    position: Tensor
+    skin: float
+    recorded: bool  # whether derivatives were, by the constants of pairs
+
+    def moved(self, position: Tensor) -> Tensor:
+        """(K) m of positions (K, ...): the most that a node has moved by."""
+        moved = torch.linalg.vector_norm(position.detach() - self.position, dim=-1)
+        return moved.flatten(1).amax(1).nan_to_num(0.0)
+
+    def holds(self, position: Tensor) -> bool:
+        if self.recorded != torch.is_grad_enabled() or self.position.shape != position.shape:
+            return False
+        return bool(self.moved(position[None]) <= self.skin / 8)
+
+
+class TouchingStep:
+    """Steps of a model whose parts touch; step: `CompiledStep` of a model whose pairs are known. It
+    is called as that is.
+    """
+
+    def __init__(self, model: Model, step: Callable[[Model], CompiledStep]) -> None:
+        self.model, self.step = model, step
+        self.skin = SKIN * float(model.spans.detach().amin())
+        self._steps: dict[Any, CompiledStep] = {}
+        none = torch.zeros(0, dtype=torch.long)
+        self._none = [Nearby(none, none, none.view(0, 6)) for _ in model.touching.each]
+        self.far = self._known(self._none)  # without pairs; what is refused is refused here
+        self.eager_because: str | None = None
+        self._list: PairList | None = None  # the last one
+
+    batch = property(lambda self: self.far.batch)
+    around = property(lambda self: self.far.around)
+    program = property(lambda self: self.far.program)
+    takes_time = property(lambda self: self.far.takes_time)
+
+    def __call__(
+        self,
+        start: State,
+        dt: Tensor,
+        t: Tensor | None,
+        inputs: Inputs,
+        moving: Tensor | None,
+        tolerance: float,
+        least: float,
+        limit: int,
+        K: int | None = None,
+        lanes: int | None = None,
+        every: int = 1,
+    ) -> Steps | None:
+        """See `CompiledStep`; every: states are those after each step."""
+        if functorch.peek_interpreter_stack() is not None:
+            return None
+        axes = start.status.ndim if moving is None else moving.ndim
+        first, parts, at_once = 0, [], K or 1
+        while first < (K or 1):
+            position = self.model.space.public_position(start.position).detach()
+            pairs = self._list
+            if pairs is None or not pairs.holds(position):
+                speed = torch.linalg.vector_norm(start.velocity.detach(), dim=-1).amax()
+                pairs = self._listed(position, float(speed * dt.detach().abs().amax()))
+            count = min(at_once, (K or 1) - first)
+            rows = slice(first, first + count)
+
+            def of(x: Tensor, own: int, rows: Any = rows) -> Tensor:
+                """Of these steps."""
+                return x[rows] if K and x.ndim > own and len(x) == K else x
+
+            given = {name: of(x, axes + 1) for name, x in inputs.items()}
+            of_t, number = None if t is None else of(t, 0), count if K else None
+            options = tolerance, least, limit, number, lanes
+            made = pairs.step(start, of(dt, 0), of_t, given, moving, *options)
+            if made is None:
+                self.eager_because = pairs.step.eager_because
+                return None
+            made = made if K else _stacked(made)
+            moved = pairs.moved(self.model.space.public_position(made.fields["position"]))
+            beyond = (moved > pairs.skin / 4).nonzero()
+            whole = int(beyond[0]) if len(beyond) else count
+            if whole < count:
+                at_once, self._list = max(1, 2 * whole), None
+            if not whole:
+                self._listed(position, float(moved[0]))
+                continue
+            status = made.status[:whole]
+            well = made.well or bool((status == SUCCESS).all())
+            fields = {name: x[:whole] for name, x in made.fields.items()}
+            parts.append(Steps(fields, status, made.iterations[:whole], well))
+            first += whole
+            start = replace(start, **{name: x[-1] for name, x in fields.items()})
+            if not well:
+                good = status[-1] == SUCCESS
+                moving = good if moving is None else moving & good
+        return _joined(parts, K)
+
+    def _listed(self, position: Tensor, move: float) -> PairList:
+        """The pairs for steps in which nodes move by so much."""
+        motion = TouchingMotion(position, None, None, None, None, dict)
+        slack = [one.slack(motion) for one in self.model.touching.each]
+        skin = max(self.skin, 4 * ROOM * move)
+        near = [
+            one.chosen(x <= skin) for one, x in zip(self.model.touching.each, slack, strict=True)
+        ]
+        left = torch.cat([x[x > skin] for x in slack])
+        skin = float(left.amin()) if left.numel() else torch.inf
+        self._list = PairList(self._known(near), position, skin, torch.is_grad_enabled())
+        return self._list
+
+    def _known(self, near: list[Nearby]) -> CompiledStep:
+        """Steps with these pairs."""
+        key = tuple((tuple(own.point.tolist()), tuple(own.piece.tolist())) for own in near)
+        key = torch.is_grad_enabled(), key
+        step = self._steps.pop(key, None)
+        if step is None:
+            for oldest in [*self._steps][: max(0, len(self._steps) + 1 - LISTS)]:
+                self._steps.pop(oldest, None)
+            with lasting(), past_hooks():
+                step = self.step(with_pairs(self.model, near))
+        self._steps[key] = step
+        return step
+
+
+def with_pairs(model: Model, near: list[Nearby]) -> Model:
+    """A model with these pairs alone; their nodes are of the interface."""
+    touching, topology = fixed(model.touching, near), model.topology
+    if touching.nodes:
+        if isinstance(topology, Chain):
+            topology = Framework(topology.order, (topology.element_count,))
+        nodes = sorted({node for own in touching.nodes for node in own})
+        topology = replace(topology, ties=(*topology.ties, *((node,) for node in nodes)))
+    return replace(model, touching=touching, topology=topology)
+
+
+def _stacked(steps: Steps) -> Steps:
+    """One step as one of a sequence."""
+    fields = {name: x[None] for name, x in steps.fields.items()}
+    return Steps(fields, steps.status[None], steps.iterations[None], steps.well)
+
+
+def _joined(parts: list[Steps], K: int | None) -> Steps:
+    """One after the other; a sample that has failed has its status from then on."""
+    fields = {name: torch.cat([part.fields[name] for part in parts]) for name in parts[0].fields}
+    status = torch.cat([part.status for part in parts])
+    iterations, well = torch.cat([part.iterations for part in parts]), all(p.well for p in parts)
+    for k in range(1, 1 if well else len(status)):
+        status[k] = torch.where(status[k - 1] == SUCCESS, status[k], status[k - 1])
+    if K is None:
+        fields = {name: x[0] for name, x in fields.items()}
+        return Steps(fields, status[0], iterations[0], well)
+    return Steps(fields, status, iterations, well)
