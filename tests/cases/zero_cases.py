@@ -447,7 +447,7 @@ CASES = {
     "Tendon.friction": effect(
         lambda x: tied(tension=0.5, friction=x, slip_speed=0.1), 1, EAGERLY, least=True, scale=1e-2
     ),
-    "Eyelet.point": effect(lambda x: tied(tension=0.5, point=x), 3, EAGERLY, scale=1e-2),
+    "Eyelet.point": effect(lambda x: tied(tension=0.5, point=x), 3, EAGERLY, scale=2.5e-3),
     "Spring.to function": effect(
         lambda x: tb.Spring(-1, 3.0, to=by_time(x), damping=0.1), 3, MOVING, scale=1e-2
     ),

@@ -18,11 +18,13 @@ def solved(case: Case, way: str) -> Callable[[Tensor], Tensor]:
         made = made if isinstance(made, dict) else dict(scene=made)
         scene, inputs = made["scene"], made.get("inputs", {})
         if way == "equilibrium":
-            return _state(tb.equilibrium(scene, inputs=inputs))
+            return _state(tb.equilibrium(scene, inputs=inputs, tolerance=1e-12))
         if way == "modes":
             return tb.modes(scene, count=3, inputs=inputs).frequency
         if way == "linearize":
-            linear = tb.linearize(scene, outputs=tb.sensors.TipPosition(), inputs=inputs)
+            parts = scene.beam.parts
+            tip = tb.sensors.TipPosition(on=parts[-1].name if parts else None)
+            linear = tb.linearize(scene, outputs=tip, inputs=inputs)
             eye = torch.eye(linear.A.shape[-1])
             pushed = torch.linalg.solve(
                 7.0 * eye - linear.A, torch.linspace(1, 2, linear.A.shape[-1])[:, None]

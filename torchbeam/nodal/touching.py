@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..core.leaves import Tree, leaf
+from ..core.leaves import Tree, leaf, wants_gradient
 from ..core.validation import concrete
 from ..math.concrete import mapped
 from ..math.shapes import broadcast_shapes
@@ -181,7 +181,7 @@ class AnyTouching(NoTouching):
         nodes, blocks = [], []
         for near in self.near(now):
             own, block = near.nodes, blocks_of(near, now)
-            if not mapped(block):
+            if not mapped(block) and not wants_gradient(block):  # zeros may carry derivatives
                 some = concrete(block.detach() != 0).flatten(-4).any(-1)
                 some = some.flatten(0, -2).any(0) if some.ndim > 1 else some
                 own, block = own[some], block[..., some, :, :, :, :]
