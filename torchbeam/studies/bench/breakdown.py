@@ -114,8 +114,8 @@ def clocked(program: NativeProgram) -> Iterator[dict[str, float]]:
     """Adds up the CPU seconds in a program's native code."""
     clock = {"seconds": 0.0}
 
-    def run(lanes: int) -> Callable[[Any], None]:
-        native = type(program).run(program, lanes)
+    def run(*form: int) -> Callable[[Any], None]:
+        native = type(program).run(program, *form)
 
         def timed(arguments: Any) -> None:
             begun = time.process_time()
