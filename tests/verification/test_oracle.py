@@ -48,7 +48,7 @@ def test_motion(number):
     """Momentum, angular momentum, energy, and the power of what acts; frames that turn, a clamp
     that moves.
     """
-    check(comparison.motion(case("motion", number), meshes=(4, 8, 16), steps=8, span=0.12))
+    check(comparison.motion_by(case("motion", number), meshes=(4, 8, 16), steps=8, span=0.12))
 
 
 @pytest.mark.long

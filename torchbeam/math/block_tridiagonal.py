@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from .dense import solve_in_order
 from .first_derivative import first_only
 from .shapes import broadcast_shapes
 
@@ -63,7 +64,7 @@ def eliminated(
 def _solve(A: Tensor, *right: Tensor) -> Tensor:
     """A^-1 [right ...]"""
     A, *right = broadcast_matrices(A, *right)
-    return torch.linalg.solve_ex(A, torch.cat(right, -1) if len(right) > 1 else right[0])[0]
+    return solve_in_order(A, torch.cat(right, -1) if len(right) > 1 else right[0])
 
 
 def broadcast_matrices(*blocks: Tensor) -> tuple[Tensor, ...]:

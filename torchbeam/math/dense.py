@@ -9,6 +9,7 @@ on as many threads.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextvars import ContextVar
 
 import torch
 from torch import Tensor
@@ -16,6 +17,7 @@ from torch import Tensor
 from .shapes import broadcast_shapes
 
 LARGE = 128  # rows: below, a batch is right and quicker
+IN_ORDER = ContextVar("IN_ORDER", default=False)  # while `solve_in_order` solves
 
 
 def solve(A: Tensor, B: Tensor) -> Tensor:
@@ -54,6 +56,18 @@ def positive_inverse(A: Tensor) -> tuple[Tensor, Tensor]:
         size[..., :, None] * (vectors / values[..., None, :] @ vectors.mT) * size[..., None, :]
     )
     return inverse, values.log().sum(-1) - 2 * size.log().sum(-1)
+
+
+def solve_in_order(A: Tensor, B: Tensor) -> Tensor:
+    """A^-1 B of small matrices (..., n, n) whose leading minors are all regular, as of what is
+    symmetric and positive definite, or nearly so: native code eliminates them row by row, and
+    exchanges rows of all others (`engine.compiler.arrays`). Singular ones as in `solve_unchecked`.
+    """
+    token = IN_ORDER.set(True)
+    try:
+        return torch.linalg.solve_ex(A, B)[0]
+    finally:
+        IN_ORDER.reset(token)
 
 
 def _by_sample(function: Callable[..., Tensor], *matrices: Tensor) -> Tensor:

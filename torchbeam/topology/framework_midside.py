@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ..math.block_tridiagonal import broadcast_matrices
+from ..math.dense import solve_in_order
 from .midside import following
 
 
@@ -30,7 +31,7 @@ class FrameworkMidside(NamedTuple):
         others.
         """
         ends, middle = self.framework.ends, self.framework.elements[1]
-        own = torch.linalg.solve_ex(*broadcast_matrices(self.D, b[..., list(middle), :, None]))[0]
+        own = solve_in_order(*broadcast_matrices(self.D, b[..., list(middle), :, None]))
         push = ((self.to_i @ own)[..., 0], (self.to_j @ own)[..., 0])
         return b[..., list(ends), :] - self.framework.of_ends.scatter(push), own[..., 0]
 
@@ -63,7 +64,7 @@ def condensed(
     leads back.
     """
     middle, mi, mj = broadcast_matrices(D[..., list(framework.elements[1]), :, :], mi, mj)
-    by_i, by_j = torch.linalg.solve_ex(middle, torch.cat((mi, mj), -1))[0].chunk(2, -1)
+    by_i, by_j = solve_in_order(middle, torch.cat((mi, mj), -1)).chunk(2, -1)
     D = D[..., list(framework.ends), :, :] - framework.of_ends.scatter((im @ by_i, jm @ by_j), 2)
     return (
         D,

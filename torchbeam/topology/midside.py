@@ -19,6 +19,7 @@ import torch
 from torch import Tensor
 
 from ..math.block_tridiagonal import broadcast_matrices
+from ..math.dense import solve_in_order
 from .chain_sums import at_i, at_j
 
 
@@ -37,7 +38,7 @@ class Midside(NamedTuple):
         """Right-hand sides (..., 2 N + 1, w) -> (..., N+1, w) of the end nodes; D^-1 b
         (..., N, w).
         """
-        own = torch.linalg.solve_ex(*broadcast_matrices(self.D, b[..., 1::2, :, None]))[0]
+        own = solve_in_order(*broadcast_matrices(self.D, b[..., 1::2, :, None]))
         return b[..., ::2, :] - at_i((self.to_i @ own)[..., 0]) - at_j(
             (self.to_j @ own)[..., 0]
         ), own[..., 0]
@@ -59,7 +60,7 @@ def condensed(
     `ChainMatrix`.
     """
     middle, *by = broadcast_matrices(D[..., 1::2, :, :], L[..., ::2, :, :], U[..., 1::2, :, :])
-    by_i, by_j = torch.linalg.solve_ex(middle, torch.cat(by, -1))[0].chunk(2, -1)
+    by_i, by_j = solve_in_order(middle, torch.cat(by, -1)).chunk(2, -1)
     to_i, to_j = U[..., ::2, :, :], L[..., 1::2, :, :]
     D = D[..., ::2, :, :] - at_i(to_i @ by_i, 2) - at_j(to_j @ by_j, 2)
     return D, far_L - to_j @ by_i, far_U - to_i @ by_j, Midside(middle, by_i, by_j, to_i, to_j)

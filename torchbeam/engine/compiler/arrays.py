@@ -13,6 +13,7 @@ from itertools import product
 import torch
 from torch import Tensor
 
+from ...math.dense import IN_ORDER
 from ...math.shapes import broadcast_shapes
 from .elementwise import ELEMENTWISE, REDUCTIONS, elementwise, reduction
 from .graph import Graph
@@ -98,14 +99,12 @@ def _vector_norm(
 
 
 def _solved(g: Graph, A: list[list[int]], B: list[list[int]]) -> list[list[int]]:
-    """A^-1 B by elimination: up to 3 with exchange of rows, for any matrix; from 4 without, for
-    matrices whose leading minors are regular (symmetric positive definite, diagonally dominant).
-    """
+    """A^-1 B by elimination with exchange of rows; in `solve_in_order` without, from 4 rows on."""
     n, mul, sub = len(A), lambda x, y: g.make("mul", x, y), lambda x, y: g.make("sub", x, y)
     rows = [[*a, *b] for a, b in zip(A, B, strict=True)]
-    pivots = []
+    pivots, in_order = [], IN_ORDER.get() and n > 3
     for k in range(n):
-        if n <= 3:
+        if not in_order:
             for i in range(k + 1, n):
                 rows[k], rows[i] = _largest_first(g, rows[k], rows[i], k)
         pivots.append(g.make("div", g.one, rows[k][k]))

@@ -204,7 +204,9 @@ def test_operations_on_arrays_are_torchs(name):
             assert_close(x[k], y.to(x.dtype), rtol=1e-12, atol=1e-13)
 
 
-@pytest.mark.parametrize("sizes", [(1e9, 2.0), (1e9, 2.0, 1.0), (1e9, 1e8, 1.0)])
+@pytest.mark.parametrize(
+    "sizes", [(1e9, 2.0), (1e9, 2.0, 1.0), (1e9, 1e8, 1.0), (1e9, 1e5, 2.0, 1.0, 0.5)]
+)
 def test_small_matrices_are_solved_whatever_their_condition(sizes):
     """Of a condition of 1e9, with one soft direction or two: to 1e9 roundings; rows in any order,
     zeros on the diagonal too.
@@ -214,6 +216,7 @@ def test_small_matrices_are_solved_whatever_their_condition(sizes):
     Q = torch.linalg.qr(torch.randn(20, n, n))[0]
     A, x = Q @ torch.diag(torch.tensor(sizes)) @ Q.mT, torch.randn(20, n, 1)
     function = trace(torch.linalg.solve, {"A": A[0], "B": x[0]})
+    inverse = trace(torch.linalg.inv, {"A": A[0]})
     for matrix, tolerance in (
         (A, 1e9 * 1e-15),
         (A.flip(-2), 1e9 * 1e-15),
@@ -221,6 +224,8 @@ def test_small_matrices_are_solved_whatever_their_condition(sizes):
     ):
         found = evaluate(function, {"A": matrix, "B": matrix @ x})["out"]
         assert_close(found, x, rtol=0, atol=tolerance * float(x.abs().max()))
+        found = evaluate(inverse, {"A": matrix})["out"] @ matrix @ x
+        assert_close(found, x, rtol=0, atol=n * tolerance * float(x.abs().max()))
 
 
 ROTATIONS = {
