@@ -66,4 +66,5 @@ def test_all_effects_at_once(net):
 @pytest.mark.parametrize("net", comparison.NETS)
 @pytest.mark.parametrize("number", range(12, LONG))
 def test_more(net, number):
-    check(comparison.NETS[net](case(net, number)), some=net != "vibrations")
+    """A rod that nothing oscillates or moves has no rows."""
+    check(comparison.NETS[net](case(net, number)), some=net == "statics")
