@@ -29,6 +29,13 @@ def loaded(*effects, beam=None, **parts):
     return tb.Scene(beam or straight(), [tb.TipLoad(force=FORCE), *effects], **parts)
 
 
+def touching(**numbers):
+    """Two beams across each other, nearer than the thickness of their contact."""
+    parts = {"lower": straight(), "upper": straight(root=(0.5, -0.5, 0.11), direction=(0, 1.0, 0))}
+    law = dict(radius=0.05, thickness=0.02, force=10.0) | numbers
+    return tb.Scene(parts, [tb.Contact("lower", "upper", **law)])
+
+
 # a scene of one tensor, that tensor, and whose values hold after it was written to: those of a
 # beam, its section, a point mass and a record are looked at once, and kept; those of other effects,
 # supports and frames are read where they are needed
@@ -73,6 +80,9 @@ SCENES = {
     "turning frame": (lambda x: loaded(frame=tb.Frame(angular_velocity=x)), [1.0, 3.0, 2.0], NEW),
     "support": (lambda x: loaded(supports=[tb.Support(0), tb.Support(2, displacement=x)]),
                 [0.0, 0.01, 0.02], NEW),
+    "radius of beams that touch": (lambda x: touching(radius=x), 0.05, NEW),
+    "thickness between beams": (lambda x: touching(thickness=x), 0.02, NEW),  # sets the places
+    "force between beams": (lambda x: touching(force=x), 10.0, NEW),
 }
 # fmt: on
 # others: long
@@ -85,6 +95,7 @@ COMPILED = (
     "damping",
     "spring",
     "turning frame",
+    "thickness between beams",
 )
 
 

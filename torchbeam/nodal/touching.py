@@ -14,15 +14,18 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..core.leaves import Tree, leaf, wants_gradient
+from ..core.remembered import remembered
 from ..core.validation import concrete
 from ..math.concrete import mapped
 from ..math.shapes import broadcast_shapes
 from ..scene.effects.contact_terms import ContactTerms
 from ..scene.effects.load_point import SPIN, VELOCITY
 from ..topology.cut import added
+from .centreline import piece_nodes
 from .coordinates.spatial import Spatial
 from .touching_motion import NoTouching, TouchingMotion
 from .touching_pairs import PairMotion, TouchingPairs
+from .touching_places import Places, places_along
 
 
 class Nearby(NamedTuple):
@@ -41,24 +44,60 @@ class Touching(Tree):
 
     contact   the law; pair: its place among the scene's; first: whether places are on its first
               part
-    points    of each place its three nodes; shares (..., P, 3) of these; measure (..., P) m of
-              the beam's length, 1 of a body, 0 of what a sample has fewer; which of the pieces it
-              may touch: allowed (..., P, K), 1 or 0
+    along     the first of the nodes that have places, and how many; share of the force that these
+              have; itself: whether pieces are of the same beam
     pieces    of each piece its three nodes; control (K, 3, 3), ends (K, 2): see `centreline`
-    radii     (..., 2) m of both
+    s         (..., N+1) m, arclength of all nodes
+
+    What the law's numbers say is read at each call, as they may be written to.
     """
 
     contact: ContactTerms
     pair: int
     first: bool
-    points: tuple[tuple[int, int, int], ...]
+    along: tuple[int, int]
+    share: float
+    itself: bool
     pieces: tuple[tuple[int, int, int], ...]
-    shares: Tensor = leaf(2)
-    measure: Tensor = leaf(1)
-    allowed: Tensor = leaf(2)
     control: Tensor = leaf(3)
     ends: Tensor = leaf(2)
-    radii: Tensor = leaf(1)
+    s: Tensor = leaf(1)
+
+    @property
+    def radii(self) -> Tensor:
+        """(..., 2) m of both, of what has places first."""
+        law = self.contact
+        own = self.s.new_zeros(()) if law.radius is None else law.radius
+        both = [own, own if law.other_radius is None else law.other_radius]
+        return torch.stack(torch.broadcast_tensors(*(both if self.first else both[::-1])), -1)
+
+    @property
+    def places(self) -> Places:
+        """P places: shares (..., P, 3) of their three nodes; measure (..., P) m of the beam's
+        length, 1 of a body, 0 of what a sample has fewer.
+        """
+        law = self.contact
+        given = law.thickness.detach(), law.points, self.share
+        return remembered(places_along, *self.along, self.s, self.radii.detach(), *given)
+
+    @property
+    def points(self) -> tuple[tuple[int, int, int], ...]:
+        """Of each place its three nodes."""
+        return tuple(own for own in piece_nodes(*self.along) for _ in range(self.places.count))
+
+    @property
+    def allowed(self) -> Tensor:
+        """(..., P, K), 1 or 0: which of the pieces a place may touch."""
+        if not self.itself:
+            count = self.along[1] * self.places.count
+            return self.s.new_ones(count, len(self.pieces))
+        first, count = self.along
+        along = self.s.detach()[..., first : first + count]
+        away = (along[..., :, None] - along[..., None, :]).abs()
+        away = away >= (self.contact.apart * self.radii.detach()[..., 0])[..., None, None]
+        number = torch.arange(count, device=along.device)
+        away = away & ((number[:, None] - number).abs() > 1)
+        return away.to(along).repeat_interleave(self.places.count, -2)
 
     def nearby(self, motion: TouchingMotion, skin: Tensor | float = 0.0) -> Nearby:
         """By the spheres about pieces, larger by a skin m; all pairs where samples are seen one at
@@ -73,10 +112,10 @@ class Touching(Tree):
         """(P, K) m: how far each place is from the sphere about each piece, of the nearest sample;
         inf where it may not touch it.
         """
-        device = motion.position.device
+        device, shares = motion.position.device, self.places.shares
         points, pieces = (torch.tensor(x, device=device) for x in (self.points, self.pieces))
         x = concrete(motion.position.detach())
-        place = (self.shares[..., None] * x[..., points, :]).sum(-2)
+        place = (shares[..., None] * x[..., points, :]).sum(-2)
         own = x[..., pieces[:, 1], :]
         corners = self.control @ x[..., pieces, :] - own[..., None, :]
         reach = torch.linalg.vector_norm(corners, dim=-1).amax(-1)
@@ -86,7 +125,7 @@ class Touching(Tree):
             half = concrete(motion.half.detach())
             moves = torch.linalg.vector_norm(half, dim=-1)
             there = torch.linalg.vector_norm(
-                (self.shares[..., None] * half[..., points, :]).sum(-2), dim=-1
+                (shares[..., None] * half[..., points, :]).sum(-2), dim=-1
             )
             reach = reach + moves[..., pieces].amax(-1)[..., None, :] + there[..., None]
         apart = torch.linalg.vector_norm(place[..., :, None, :] - own[..., None, :, :], dim=-1)
@@ -102,14 +141,14 @@ class Touching(Tree):
 
     def pairs(self, near: Nearby) -> TouchingPairs:
         """Their constants."""
-        law, (point, piece) = self.contact, near[:2]
+        law, places, (point, piece) = self.contact, self.places, near[:2]
 
         def of_all(x: Tensor | None) -> Tensor | None:
             return None if x is None else x[..., None]
 
         return TouchingPairs(
-            self.shares[..., point, :],
-            self.measure[..., point] * self.allowed[..., point, piece],
+            places.shares[..., point, :],
+            places.measure[..., point] * self.allowed[..., point, piece],
             self.control[piece],
             self.ends[piece],
             self.radii[..., None, :],

@@ -263,10 +263,34 @@ class TouchingPairs(Tree):
         return done + dt * (meeting.measure * power).sum((-1, -2))
 
     def passed(self, motion: PairMotion) -> Tensor:
-        """(...) bool: whether one of them goes through the other's axis over the step."""
-        points = self.points(motion)._replace(velocity=None, spin=None)
-        meeting = self.meeting(points)
-        change = (self._signed(meeting.shares)[..., None] * points.half).sum(-2)
-        before, after = meeting.r - change, meeting.r + change
-        turned = (before * after).sum(-1, keepdim=True) < 0
-        return ((meeting.gap < 0) & turned & (meeting.measure > 0))[..., 0].any(-1)
+        """(...) bool: whether one of them goes through the other's axis over the step: surfaces
+        overlap when the place is nearest to the axis, as it moves on a line across the piece, and
+        it is then on the other side of it.
+        """
+        points = self.points(motion)
+        x, half = points.position, points.half
+        t, _ = nearest(x[..., 0, :], x[..., 1:, :], self.control, self.ends > 0)
+        r, change = (_across(t, self.control, part, x) for part in (x, half))
+        size = change.square().sum(-1)
+        when = -(r * change).sum(-1) / torch.where(size > 0, size, torch.ones_like(size))
+        when = when.clamp(-1.0, 1.0)[..., None, None]
+        middle = x + when * half
+        meeting = self.meeting(PairMotion(middle, None, None, None))
+        t, _ = nearest(middle[..., 0, :], middle[..., 1:, :], self.control, self.ends > 0)
+        before, after = (_across(t, self.control, x + side * half, middle) for side in (-1.0, 1.0))
+        turned = (before * after).sum(-1) < 0
+        near = (meeting.gap < 0) & (meeting.measure > 0)
+        return (near[..., 0] & turned).any(-1)
+
+
+def _across(t: Tensor, control: Tensor, values: Tensor, points: Tensor) -> Tensor:
+    """(..., 3): by how much values (..., 4, 3) of the place and of the piece's place at t (...)
+    differ, across the tangent that the piece has there with its nodes at `points` (..., 4, 3).
+    """
+    shares = bernstein(t)[..., None, :] @ control
+    apart = values[..., 0, :] - (shares @ values[..., 1:, :])[..., 0, :]
+    first, second = (control @ points[..., 1:, :]).diff(dim=-2).unbind(-2)
+    tangent = first + t[..., None] * (second - first)
+    size = tangent.square().sum(-1, keepdim=True)
+    along = (apart * tangent).sum(-1, keepdim=True) / torch.where(size > 0, size, 1.0)
+    return apart - along * tangent

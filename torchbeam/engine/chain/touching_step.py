@@ -21,6 +21,7 @@ from torch._C import _functorch as functorch
 
 from ...core.derivatives import lasting
 from ...core.functions_of_time import past_hooks
+from ...core.leaves import leaves
 from ...core.status import SUCCESS
 from ...nodal.model import Model
 from ...nodal.touching import Nearby, fixed
@@ -71,6 +72,9 @@ class TouchingStep:
         self.far = self._known(self._none)  # without pairs; what is refused is refused here
         self.eager_because: str | None = None
         self._list: PairList | None = None  # the last one
+        laws = [one.contact for one in model.touching.each]
+        self._numbers = [x.value for x in leaves(laws) if isinstance(x.value, Tensor)]
+        self._seen = self._written()
 
     batch = property(lambda self: self.far.batch)
     around = property(lambda self: self.far.around)
@@ -94,6 +98,10 @@ class TouchingStep:
         """See `CompiledStep`; every: states are those after each step."""
         if functorch.peek_interpreter_stack() is not None:
             return None
+        seen = self._written()
+        if seen != self._seen:
+            self._steps.clear()
+            self._list, self._seen = None, seen
         axes = start.status.ndim if moving is None else moving.ndim
         first, parts, at_once = 0, [], K or 1
         while first < (K or 1):
@@ -135,6 +143,11 @@ class TouchingStep:
                 good = status[-1] == SUCCESS
                 moving = good if moving is None else moving & good
         return _joined(parts, K)
+
+    def _written(self) -> list[Any]:
+        """What tells whether a number of the laws has been written to."""
+        # tensors of inference mode do not count how often they were
+        return [x.tolist() if x.is_inference() else x._version for x in self._numbers]
 
     def _listed(self, position: Tensor, move: float) -> PairList:
         """The pairs for steps in which nodes move by so much."""
