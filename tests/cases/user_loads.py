@@ -586,6 +586,31 @@ def of_neighbours(x, R, v, w, t):
     return torch.cat([v[..., 1:, :] - v[..., :-1, :], 0 * v[..., :1, :]], -2), None
 
 
+def of_mean(x):
+    return along_z(x - x.mean(-1, keepdim=True))
+
+
+OTHER_SITES = {
+    "in time": dict(function=lambda x, R, v, w, t: (of_mean(t * v[..., 2]), None)),
+    "by an input": dict(
+        function=lambda x, R, v, w, t, u: (of_mean(u[..., 0] * v[..., 2]), None), inputs={"u": 1}
+    ),
+    "of values": dict(
+        function=lambda x, R, v, w, t, q: (of_mean(q + v[..., 2]), None),
+        values={"q": torch.tensor([1.0, 2.0, 3.0])},
+    ),
+    "of s": dict(
+        function=lambda x, R, v, w, t, s: (along_z(s / s.max() + 0 * v[..., 2]), None),
+        of=("velocity", "s"),
+    ),
+    "of a rate": dict(
+        function=lambda x, R, v, w, t, z: (along_z(z[..., 0]), None),
+        internal=1,
+        rate=lambda z, x, R, v, w, t: v[..., 2:] + torch.roll(z, 1, -2) - z,
+    ),
+}
+
+
 def of_math(x, R, v, w, t):
     return -v * math.sin(30 * t), None
 
@@ -612,6 +637,10 @@ REFUSED = {
     "noise": (tip(noisy), "random numbers were drawn"),
     "number of a site": (tip(by_number, node=None), "on other sites"),
     "neighbours": (tip(of_neighbours, node=None), "on other sites"),
+    **{
+        f"other sites, {name}": (functools.partial(tb.Load, node=None, **load), "on other sites")
+        for name, load in OTHER_SITES.items()
+    },
     "math of time": (tip(of_math), "functions of torch in the place of math's"),
     "complex numbers": (tip(of_complex), "real numbers by sin and cos are wanted"),
     "sorted": (tip(ordered), "torch.maximum and torch.minimum are wanted"),

@@ -13,8 +13,10 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from ..core.validation import concrete
 from .axes import axes_of_nodes
 
+PARTS = ("nodes", "frames", "length", "compliance", "mass")
 RECIPE = " recipe"  # a name that is this object's alone: copies, samples and pickles go without
 
 
@@ -56,16 +58,32 @@ def remade(beam: Any, elements: int, order: int) -> Any:
     chains through given nodes, elements are divided: sections and axes are those of the element
     that a part lies in.
 
-    Raises ValueError where that is no whole number of parts, or an element of another order.
+    Raises ValueError where that is no whole number of parts, an element of another order, or a beam
+    of which the same call makes another one now.
     """
     recipe = vars(beam).get(RECIPE)
     if recipe is not None and "elements" in recipe.arguments:
+        _check_made_alike(beam, recipe)
         arguments = dict(recipe.arguments, elements=elements, order=order)
         if isinstance(arguments["section"], Sequence) and len(arguments["section"]) > 1:
             parts = whole_parts(beam, elements)
             arguments["section"] = [s for s in arguments["section"] for _ in range(parts)]
         return recipe.make(**arguments)
     return _divided(beam, elements, order) if beam.curved else _straight(beam, elements, order)
+
+
+@torch.no_grad()
+def _check_made_alike(beam: Any, recipe: Recipe) -> None:
+    """Raise ValueError where what the beam was made of has changed since, as a tensor that was
+    written to, or what a function of s reads.
+    """
+    now = recipe.make(**recipe.arguments)
+    pairs = [(getattr(beam, name), getattr(now, name)) for name in PARTS]
+    if not all(a.shape == b.shape and concrete((a == b).all()) for a, b in pairs):
+        raise ValueError(
+            "a beam was given whose tensors or functions of s have changed since it was made: the "
+            "same call makes another beam now; a beam made anew is wanted"
+        )
 
 
 def whole_parts(beam: Any, elements: int) -> int:

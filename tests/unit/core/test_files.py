@@ -13,6 +13,7 @@ COMMANDS = (
     "accuracy",
     "bench",
     "control",
+    "convergence",
     "coverage",
     "demo",
     "effects",

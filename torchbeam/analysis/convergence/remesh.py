@@ -192,11 +192,13 @@ def _divided(value: PerElement | AtSites, parts: int) -> PerElement:
 
 
 def _along(value: Tensor, rows: _Rows) -> Tensor:
-    """A `Load`'s values (..., N) of the elements as those of their parts; (..., N+1) of the nodes
+    """A `Load`'s values (..., N) of the elements as those of their parts; (..., nodes) of the nodes
     by straight lines between them.
     """
     if value.shape[-1] == rows.beam.element_count:
         return value.repeat_interleave(rows.parts, -1)
-    share = torch.arange(rows.parts, dtype=value.dtype, device=value.device) / rows.parts
-    between = value[..., :-1, None] + share * value.diff(dim=-1)[..., None]
-    return torch.cat((between.flatten(-2), value[..., -1:]), -1)
+    before, now = value.shape[-1] - 1, rows.elements * rows.order
+    at = before * torch.arange(now + 1, device=value.device)
+    row = (at // now).clamp(max=before - 1)
+    share = (at - now * row).to(value.dtype) / now
+    return torch.lerp(value[..., row], value[..., row + 1], share)

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import torch
 from torch import Tensor
 
-from ...core.leaves import AXES, own_leaves
+from ...core.leaves import AXES, own_leaves, with_values
 from ...core.surroundings import Read, Surroundings, Unsteady, of_class
 from ...nodal.conditions import conditions
 from ...nodal.loads import Nodes, advanced, external, load_points
@@ -175,42 +175,82 @@ def _moving(model: Model, still: Nodes, shift: Tensor) -> tuple[Nodes, Tensor, I
 @torch.no_grad()
 def _site_by_site(model: Model) -> bool:
     """Whether users' functions along the beam give each site what its own motion asks, whatever
-    its number and its neighbours are, as native code takes them: tried on sites that all move
-    alike, and with another motion of one in the middle.
+    its number and the other sites are, as native code takes them: tried in some motion, at some
+    instant, with some inputs.
     """
     own = tuple(load for load in by_function(model) if load.node is None)
     if not own:
         return True
     still, generator = Constants(model).still, torch.Generator().manual_seed(0)
-    like = still.position
-    shift = torch.rand(like.shape, dtype=like.dtype, generator=generator)
-    nodes, t, inputs = _moving(model, still, shift)
+
+    def drawn(x: Tensor) -> Tensor:
+        return torch.rand(x.shape, dtype=x.dtype, generator=generator)
+
+    nodes, t, inputs = _moving(model, still, drawn(still.position))
+    nodes, t = nodes._replace(internal=drawn(nodes.internal)), t + 0.37
+    inputs = {name: drawn(x) for name, x in inputs.items()}
     now = conditions(model, t, inputs, loads=own)
-    for acting, point in load_points(model, nodes, now, now.loads):
-        if not acting.along:
-            continue
-        rows = [0] * point.R.shape[-3]
-        other = [*rows]
-        other[len(rows) // 2] = -1
-        alike, changed = (
-            together(acting.load.wrench(_moving_as(point, by), t, inputs), point.R)
-            for by in (rows, other)
-        )
-        rest = [k for k, by in enumerate(other) if by == 0]
-        alone = isinstance(acting.load, Load) and not acting.load.by_place
-        if not _close(alike[..., rest, :], changed[..., rest, :]) or (
-            alone and not _close(alike, alike[..., :1, :])
-        ):
+    return all(
+        (_alone if isinstance(acting.load, Load) else _alike)(acting.load, point, t, inputs)
+        for acting, point in load_points(model, nodes, now, now.loads)
+        if acting.along
+    )
+
+
+def _alone(load: Load, point: LoadPoint, t: Tensor, inputs: Inputs) -> bool:
+    """Whether the first site, one in the middle and the last are given alone what they are given
+    among all.
+    """
+    load = load.at_sites(point.s, t, inputs, point.elements) or load
+
+    def given(load: Load, point: LoadPoint) -> list[Tensor]:
+        rates = [load.rates(point, point.internal, t, inputs)] if load.internal else []
+        return [together(load.wrench(point, t, inputs), point.R), *rates]
+
+    whole, count = given(load, point), point.s.shape[-1]
+    for k in {0, count // 2, count - 1}:
+        values = {name: x[..., k : k + 1] for name, x in (load.values or {}).items()}
+        one = with_values(load, values=values) if values else load
+        try:
+            alone = given(one, replace(_sites(point, slice(k, k + 1)), elements=1))
+        except (ValueError, IndexError, RuntimeError):  # it wants as many sites as there are
             return False
+        for x, y in zip(whole, alone, strict=True):
+            if y.shape[-2] != 1 or not _close(x[..., k : k + 1, :], y, x):
+                return False
     return True
 
 
-def _moving_as(point: LoadPoint, rows: list[int]) -> LoadPoint:
-    """Sites along the beam that move as those of these numbers do."""
-    motion = {name: getattr(point, name) for name in (*MOTION, INTERNAL) if name != ROTATION}
-    motion = {name: x[..., rows, :] for name, x in motion.items() if x is not None}
-    return replace(point, R=point.R[..., rows, :, :], **motion)
+def _alike(load: Any, point: LoadPoint, t: Tensor, inputs: Inputs) -> bool:
+    """Whether sites that all move alike do not notice another motion of one in the middle."""
+    rows = [0] * point.R.shape[-3]
+    other = [*rows]
+    other[len(rows) // 2] = -1
+    alike, changed = (
+        together(
+            load.wrench(replace(_sites(point, by), s=point.s, mass=point.mass), t, inputs), point.R
+        )
+        for by in (rows, other)
+    )
+    rest = [k for k, by in enumerate(other) if by == 0]
+    return _close(alike[..., rest, :], changed[..., rest, :], alike)
 
 
-def _close(a: Tensor, b: Tensor) -> bool:
-    return torch.allclose(a, b.expand_as(a), rtol=1e-5, equal_nan=True)
+def _sites(point: LoadPoint, rows: list[int] | slice) -> LoadPoint:
+    """Sites along the beam of these numbers."""
+    by_axes = {"R": 2, "mass": 2, "s": 0}
+    by_axes |= {name: 1 for name in (*MOTION, INTERNAL) if name != ROTATION}
+    given = {name: getattr(point, name) for name in by_axes}
+    return replace(
+        point,
+        **{
+            name: x[(..., rows, *(slice(None),) * by_axes[name])]
+            for name, x in given.items()
+            if x is not None
+        },
+    )
+
+
+def _close(a: Tensor, b: Tensor, like: Tensor) -> bool:
+    least = 1e-9 * float(like.nan_to_num().abs().amax())
+    return torch.allclose(a, b.expand_as(a), rtol=1e-5, atol=least, equal_nan=True)

@@ -190,7 +190,7 @@ def to_sites(name: str, value: Tensor, s: Tensor, elements: int) -> Tensor:
         return (value[..., 1:] + value[..., :-1]) / 2
     raise ValueError(
         f"{name} of shape {tuple(value.shape)} was given; one number for all, for each of the "
-        f"{elements} elements or for each of the {elements + 1} nodes is wanted"
+        f"{elements} elements or for each of the {max(sites, elements + 1)} nodes is wanted"
     )
 
 

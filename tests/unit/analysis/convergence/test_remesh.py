@@ -90,6 +90,36 @@ def test_values_of_elements_are_those_of_their_parts():
         tb.remesh(tb.Scene(beam, [tb.LineLoad(force=tb.PerElement(tb.Input("u", 12)))]), 8)
 
 
+@pytest.mark.parametrize("orders", [(1, 1), (1, 2), (2, 1)])
+def test_values_of_nodes_lie_on_straight_lines(orders):
+    """From one order to another too; 3 elements to 6."""
+    given, wanted = orders
+    line = 2.0 + 3.0 * torch.linspace(0, 1, 3 * given + 1)
+    load = tb.Load(
+        lambda x, R, v, w, t, q: (torch.stack((0 * q, 0 * q, q), -1), None),
+        node=None,
+        of=(),
+        values={"q": line},
+    )
+    scene = tb.Scene(tb.Beam.straight(1.0, 3, UNIFORM, order=given), [load])
+    fine = tb.remesh(scene, 6, order=wanted)
+    assert_close(fine.loads[0].values["q"], 2.0 + 3.0 * torch.linspace(0, 1, 6 * wanted + 1))
+    assert tb.equilibrium(fine).tip.position[2] > 0
+
+
+def test_what_changed_since_is_refused():
+    """A tensor that was written to, a number that a function of s reads."""
+    length, size = torch.tensor(0.5), [1.0]
+    written = tb.Scene(tb.Beam.straight(length, 2, UNIFORM))
+    length.mul_(1.4)
+    read = tb.Scene(tb.Beam.straight(1.0, 2, lambda s: tapered(size[0] * s)))
+    assert tb.remesh(read, 4).beam.element_count == 4
+    size[0] = 2.0
+    for scene in (written, read):
+        with pytest.raises(ValueError, match="have changed since it was made"):
+            tb.remesh(scene, 4)
+
+
 def test_given_nodes_are_divided():
     """A corner stays a corner; elements of order 2 would round it."""
     nodes = [[0.0, 0, 0], [1, 0, 0], [1, 1, 0]]
