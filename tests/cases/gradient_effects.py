@@ -263,6 +263,25 @@ def contact(d, form):
     )
 
 
+@ingredient("effect", "Tendon", ("tension", "elastic"))
+def tendon(d, form):
+    """From the ground to the tip over the root; without friction, as not all ways take it."""
+    inside = torch.ones(3) if d.plane is None else torch.zeros(3)
+    inside[list(POLAR.get(d.plane, ()))] = 1.0
+    ground = d.tensor("Tendon ground", torch.tensor([-0.3, 0.2, 0.4]) + 0.02 * d.uniform(3))
+    arm = d.tensor("Tendon arm", torch.tensor([0.0, 0.1, 0.15]) + 0.02 * d.uniform(3))
+    pull = d.number("Tendon pull", 0.1, 0.2)
+
+    def made(x):
+        arms = inside * arm(x)
+        eyelets = [(None, inside * ground(x)), (0, arms), (-1, arms)]
+        if form == "tension":
+            return tb.Tendon(eyelets, tension=pull(x))
+        return tb.Tendon(eyelets, stiffness=pull(x), length=0.5 + pull(x))
+
+    return made
+
+
 def _inside(d, force, moment):
     """What lies in the scene's plane."""
     if d.plane is None:

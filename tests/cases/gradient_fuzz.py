@@ -43,6 +43,7 @@ UNMIXED = (
     "Load internal",
     "RootSpring",
     "Contact",
+    "Tendon",
     "Drag added_mass",
 )
 
@@ -62,6 +63,8 @@ def fits(way: str, kind: str, name: str) -> bool:
     if way == "midpoint conserve":
         return not moved
     if way in MIXED and (held or name.startswith(UNMIXED)):
+        return False
+    if way == "nodal rk4" and name.startswith("Tendon"):
         return False
     if way in (*MIXED, "nodal rk4") and (
         name in ("rigid", "without rotary inertia") or (held and moved)

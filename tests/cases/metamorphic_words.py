@@ -70,7 +70,7 @@ ZEROS: dict[
     tb.RootSpring: None,  # of no stiffness it frees the root
     tb.Contact: None,  # its force is positive
     tb.SelfContact: None,  # likewise
-    tb.Tendon: None,  # not in small motions, and eager
+    tb.Tendon: None,  # not in small motions
     tb.Load: lambda o: tb.Load(lambda r, R, v, w, t: (o * r, o * w), node=None),
 }
 

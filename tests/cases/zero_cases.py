@@ -155,8 +155,12 @@ def touching(make, n=1, ways=ALL, **given) -> Case:
     return effect(made, n, ways, scale=1e-4, least=n == 1 and "spin" not in given)
 
 
-def beside(law) -> Case:
-    """A contact of the beam with another one, across below it, whose numbers law(x) gives."""
+def beside(law, scale=1e-3) -> Case:
+    """A contact of the beam with another one, across below it, whose numbers law(x) gives.
+
+    Lengths change by scale = 1e-5 m: a place comes within reach where they are 7e-5 m, and the
+    fourth derivatives that differences count on jump there.
+    """
 
     def made(x: Tensor) -> tb.Scene:
         other = tb.Beam.straight(0.3, 2, section(), root=(0.4, -0.15, -0.02), direction=(0, 1, 0))
@@ -167,7 +171,7 @@ def beside(law) -> Case:
         return tb.Scene(parts, [push, contact], supports=supports)
 
     still = "friction" in law(torch.zeros(1)) and "radius" not in law(torch.zeros(1))
-    return Case(made, 1, ("eager",) if still else EAGERLY, scale=1e-4, least=True)
+    return Case(made, 1, ("eager",) if still else EAGERLY, scale=scale, least=True)
 
 
 ROUGH = dict(friction=0.4, slip_speed=0.2, radius=0.01)
@@ -488,8 +492,8 @@ CASES = {
         lambda x: dict(friction=0.4, slip_speed=0.2, radius=x), ways=MOVING
     ),
     "Contact.damping": touching(lambda x: dict(damping=x), ways=MOVING),
-    "Contact.other_radius": beside(lambda x: dict(radius=0.01, other_radius=x)),
-    "Contact.radius of two beams": beside(lambda x: dict(radius=x, other_radius=0.01)),
+    "Contact.other_radius": beside(lambda x: dict(radius=0.01, other_radius=x), 1e-5),
+    "Contact.radius of two beams": beside(lambda x: dict(radius=x, other_radius=0.01), 1e-5),
     "Contact.friction of two beams": beside(lambda x: dict(friction=x, slip_speed=0.2)),
     "Contact.damping of two beams": beside(lambda x: dict(damping=x)),
     "Plane.point": touching(lambda x: tb.Plane(x - 0.03 * UP, UP), 3),

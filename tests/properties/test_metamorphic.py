@@ -55,10 +55,8 @@ def test_every_effect_has_its_rows(kind):
     """
     for table in (FIELDS, SHARES, ZEROS, USERS):
         assert kind in table, f"{kind.__name__} has no row"
-    # random scenes run natively as well, which those with these do not: see test_tendons,
-    # test_touching
-    eager = (tb.Tendon, tb.SelfContact)
-    assert kind in eager or any(name.startswith(kind.called) for name in TABLE["effect"])
+    # random scenes run natively as well, which those with these do not: see test_touching
+    assert kind is tb.SelfContact or any(name.startswith(kind.called) for name in TABLE["effect"])
 
 
 @pytest.mark.parametrize(

@@ -160,12 +160,11 @@ class ContactForces(OfContact):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        count = self.model.topology.element_count
-        return tuple(f"{axis} of element {e}" for e in range(count) for axis in XYZ)
+        return tuple(f"{axis} of element {e}" for e in range(self.shape[0]) for axis in XYZ)
 
     @property
     def shape(self) -> tuple[int, ...]:
-        return (self.model.topology.element_count, 3)
+        return (sum(self.scene.beam.element_counts(self._law)), 3)
 
     def read(self, state: Any) -> Tensor:
         return self._forces(state).unflatten(-2, (-1, self._law.points)).sum(-2)

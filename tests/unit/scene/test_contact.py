@@ -213,7 +213,9 @@ def test_what_is_far_is_told_as_idle():
 
 
 def test_a_step_that_leads_through_an_obstacle_is_told():
-    """A point on its way through a ball, past it, into it and out on its own side."""
+    """A point on its way through a ball, be it a fortieth of the way, past it, into it and out on
+    its own side.
+    """
     ball = tb.Sphere((0.0, 0, 0), 0.1)
     contact = tb.Scene(
         tb.Beam.straight(1.0, 1, SECTION), [tb.Contact(ball, thickness=0.01, force=1.0)]
@@ -222,13 +224,16 @@ def test_a_step_that_leads_through_an_obstacle_is_told():
         "through": ((-0.3, 0.01, 0), (0.3, 0, 0)),
         "grazing": ((-0.3, 0.08, 0), (0.3, 0.08, 0)),
         "out behind": ((-0.09, 0, 0), (0.2, 0.01, 0)),
+        "fast": ((-5.0, 0.05, 0.02), (3.0, 0.05, 0)),
+        "fast, early": ((-0.3, 0.2, 0), (5.0, -2.0, 0)),
         "past": ((-0.3, 0.2, 0), (0.3, 0.2, 0)),
+        "fast, past": ((-5.0, 0.2, 0), (3.0, 0.1, 0)),
         "in": ((-0.2, 0, 0), (-0.05, 0, 0)),
         "back": ((-0.05, 0, 0), (-0.2, 0, 0)),
     }
     start, end = (torch.tensor([way[k] for way in ways.values()]) for k in (0, 1))
     found = contact.passed((start + end) / 2, (end - start) / 2, torch.tensor(0.1))
-    assert found.tolist() == [True, True, True, False, False, False]
+    assert found.tolist() == 5 * [True] + 4 * [False]
 
 
 @pytest.mark.parametrize(

@@ -41,6 +41,22 @@ def test_force_gap_and_slip():
     assert_close(S.ContactForce(scene)(moving)[0, 0], torch.tensor(-0.3 * 1.962))
 
 
+def test_forces_of_a_structure():
+    """A contact of one beam has a force for each of its elements; of all, for all of them."""
+    bars = {
+        name: tb.Beam.straight(1.0, n, SECTION, root=(0, y, 0.0105))
+        for name, n, y in (("one", 3, 0.0), ("two", 2, 1.0))
+    }
+    for on, count in (("two", 2), (None, 5)):
+        floor = tb.Plane((0, 0, 0), (0, 0, 1.0))
+        contact = tb.Contact(floor, thickness=1e-3, force=4.0, radius=0.01, on=on)
+        scene = tb.Scene(bars, [contact], supports=())
+        sensor = tb.sensors.ContactForces(scene)
+        assert sensor(tb.rest(scene)).shape == sensor.shape == (count, 3)
+        assert sensor["z of element 1"](tb.rest(scene)) > 0
+        assert len(sensor.labels) == sensor.size
+
+
 def test_first_touch_is_an_event():
     """A free fall by a metre's hundredth less the thickness: t = sqrt(2 h/g)."""
     beam = tb.Beam.straight(1.0, 2, SECTION)

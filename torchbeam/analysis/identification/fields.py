@@ -12,10 +12,10 @@ from torch import Tensor
 from ...core.arguments import choice, chosen, count, instance, level_of, number
 from ...core.validation import Value, as_tensor, common_dtype
 from . import posterior
-from .experiment import NO_DATA
+from .experiment import experiments_of
 from .fit import Fit, warn_of
 from .identify import identify
-from .measurement import Measurement, each, several, sigma_given
+from .measurement import Measurement, each, sigma_given
 from .parameter import Parameter
 from .problem import FitProblem
 from .regularization import CRITERIA, Linearised, Weighing, weigh
@@ -256,16 +256,12 @@ class _Task:
                 f"noise={options['noise']!r} was given to identify_fields, which finds one "
                 "deviation of all data; channels weighed by their sigma are wanted"
             )
-        measured = dict(data) if isinstance(data, Mapping) else {None: data}
-        if not measured:
-            raise ValueError(NO_DATA)
+        experiments = experiments_of(model, data, options.get("sigma"))
+        options = {name: value for name, value in options.items() if name != "sigma"} | {"log": log}
+        models = {e.name: e.model for e in experiments}
         measured = {
-            name: [Measurement.of(one, None) for one in given]
-            if several(given)
-            else Measurement.of(given, None)
-            for name, given in measured.items()
+            e.name: e.measurements[0] if e.single else list(e.measurements) for e in experiments
         }
-        models = dict(model) if isinstance(model, Mapping) else dict.fromkeys(measured, model)
         every = [m for given in measured.values() for m in each(given)]
         known = sigma_given(every)
         if not known and not any(m.values.nan_to_num().any() for m in every):
@@ -295,9 +291,7 @@ class _Task:
             target[name] = rows[name].of(given.start) if one.order == 0 else L.new_zeros(len(L))
         factor = {name: torch.ones_like(of) for name, of in target.items()}
         sharp = tuple(name for name, one in smoothness.items() if one.sharp)
-        return cls(
-            models, measured, start, rows, target, factor, sharp, known, {**options, "log": log}
-        )
+        return cls(models, measured, start, rows, target, factor, sharp, known, options)
 
     @property
     def noise(self) -> float:

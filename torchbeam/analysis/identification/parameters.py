@@ -213,6 +213,11 @@ class Parameters:
         )
         low = torch.where(between, least, torch.maximum(low, least))
         high = torch.where(between, largest, torch.minimum(high, largest))
+        if len(still := (~between & (low == high)).nonzero()):
+            raise ValueError(
+                f"starts = {starts} were asked for with {self.names[int(still[0])]} from 0 on, of "
+                "which no size is known; tb.Parameter(0.0, scale=...), or bounds, are wanted"
+            )
         by_log = self.transform.log | (~between & (first != 0))
         a, b = (torch.where(by_log, end.abs(), 1).log() for end in (low, high))
         theta = torch.where(

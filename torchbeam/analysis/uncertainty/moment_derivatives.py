@@ -22,6 +22,10 @@ from .joint_law import Correlation, JointLaw
 from .laws import Law
 from .samples import reasons_of
 
+TRIED = 8  # samples whose derivatives are looked at beside differences
+# of a derivative by which it may differ from the difference; and of y/q, what is too small to see
+CARRIED, SEEN = 0.1, 1e-3
+
 
 @dataclass(frozen=True)
 class MomentDerivatives:
@@ -69,8 +73,9 @@ def moment_derivatives(
     theta = F^-1(u; q) at fixed u, so that d mean/dq = mean(dy/dtheta dtheta/dq) (pathwise
     derivatives; Glasserman 2003, section 7.2): y has to be continuous in theta. Computed here, in
     the dtype of q, without an executor: gradients do not travel. Samples that failed count neither
-    in values nor in derivatives. Raises ValueError as `monte_carlo` does, and for a y without
-    gradient.
+    in values nor in derivatives. Raises ValueError as `monte_carlo` does, for a y without gradient,
+    and where the gradient of the first samples is not that of their values, by differences: laws or
+    functions that compute with NumPy carry a part of it.
     """
     level = level_of("interval", interval)
     checked_function("laws", laws, "q")
@@ -91,6 +96,12 @@ def moment_derivatives(
     n, seed, chunk, _ = settings(function, n, seed, chunk, None, precision(q.dtype), None)
     points = points_of(n, replicates, fewest=2, least=2)
     plan, sums, lost, about = Sobol(joint.dimension, seed, points), [], [], None
+    u = plan.uniform(0, min(TRIED, points))
+    _refuse_a_part(
+        lambda q: JointLaw.of(laws(q), correlation).of_uniform(u).to(q.dtype),
+        lambda theta: called(function, joint, theta, by_name),
+        q,
+    )
     for k in range(replicates):
         total = None
         for first in range(k * points, (k + 1) * points, chunk):
@@ -123,6 +134,38 @@ def moment_derivatives(
             for centre, half in zip(pooled, halves, strict=True)
         )
     )
+
+
+def _refuse_a_part(
+    theta: Callable[[Tensor], Tensor], answer: Callable[[Tensor], tuple[Tensor, Tensor]], q: Tensor
+) -> None:
+    """Raises ValueError where the derivative of samples' y that is carried is not that of their
+    values, by central differences: of a sum of all numbers with weights of their own.
+    """
+    y, status = answer(theta(q))
+    if not y.requires_grad:
+        return  # `_sums` says so, as where nothing of q is in y
+    scale = torch.where(q == 0, 1.0, q.abs()).detach()
+    step = torch.finfo(q.dtype).eps ** (1 / 3) * scale
+    moved = [answer(theta((q + x).detach())) for x in (*torch.diag(step), *torch.diag(-step))]
+    beside = torch.stack([y for y, _ in moved]).detach().reshape(2, len(q), *y.shape)
+    failed = torch.stack([status for _, status in moved])
+    good = (status == 0) & (failed == 0).all(0)
+    weight = torch.cos(torch.arange(y.numel()).to(y)).reshape(y.shape)
+    weight = torch.where(good.reshape(-1, *(1,) * (y.ndim - 1)), weight, 0.0)
+    (carried,) = torch.autograd.grad((weight * y.nan_to_num()).sum(), q, allow_unused=True)
+    if carried is None:
+        return
+    change = (weight * (beside[0] - beside[1])).nan_to_num().flatten(1).sum(1)
+    seen, size = change.to(q) / (2 * step), (weight * y.detach()).nan_to_num().abs().sum().to(q)
+    largest = torch.maximum(carried.abs(), seen.abs())
+    off = (carried - seen).abs() > CARRIED * largest + SEEN * size / scale
+    if off.any():
+        k = int(off.nonzero()[0])
+        raise ValueError(
+            f"a y whose gradient by q[{k}] is {carried[k].item():.3g} where its values change by "
+            f"{seen[k].item():.3g} was given; laws and a function of torch operations are wanted"
+        )
 
 
 def _sums(

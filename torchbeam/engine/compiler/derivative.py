@@ -2,8 +2,8 @@
 tangents (jvp).
 
 What is piecewise has the derivative that torch gives it: of select that of the chosen branch, of
-max and min equal shares among equal arguments, of abs 0 at 0, of norm 0 at 0, of floor, round and
-comparisons 0. (Griewank and Walther 2008, chapter 3.)
+max and min equal shares among equal arguments, of abs 0 at 0, of norm 0 at 0, of floor, round,
+comparisons and stop 0. (Griewank and Walther 2008, chapter 3.)
 """
 
 from __future__ import annotations
@@ -133,7 +133,9 @@ def _active(function: Function, wrt: tuple[str, ...]) -> set[int]:
     graph = function.graph
     active = {x for name in wrt for x in function.components(name)}
     for node in function.live():
-        if not graph.truths[node] and any(x in active for x in graph.args[node]):
+        if graph.truths[node] or graph.ops[node] == "stop":
+            continue
+        if any(x in active for x in graph.args[node]):
             active.add(node)
     return active
 

@@ -41,7 +41,7 @@ OPERATIONS: dict[str, Callable[..., Tensor]] = {
     "or": torch.logical_or, "not": torch.logical_not, "select": torch.where,
     "exponent": lambda x: torch.frexp(x).exponent.to(x.dtype) - 1,
     "mantissa": lambda x: 2 * torch.frexp(x).mantissa,
-    "power2": lambda x: torch.ldexp(torch.ones_like(x), x),
+    "power2": lambda x: torch.ldexp(torch.ones_like(x), x), "stop": lambda x: x,
 }
 # fmt: on
 

@@ -34,7 +34,7 @@ FOLDED: dict[str, Callable] = {
     "lt": np.less, "le": np.less_equal, "eq": np.equal, "and": np.logical_and, "or": np.logical_or,
     "not": np.logical_not,
     "exponent": lambda x: np.frexp(x)[1] - 1.0, "mantissa": lambda x: 2 * np.frexp(x)[0],
-    "power2": np.exp2,
+    "power2": np.exp2, "stop": np.positive,
 }
 # fmt: on
 TRUTHS = {"lt", "le", "eq", "and", "or", "not"}
@@ -50,8 +50,8 @@ class Graph:
     asinh, acosh, atanh, erf, erfc, pow, floor, round (half to even); max, min of any number
     (NaN wins); lt, le, eq; and, or, not; select(truth, a, b). Of a normal number, to lower
     functions: exponent (floor of log2|x|) and mantissa (in [1, 2)); power2(k) = 2^k of an integral
-    k from -1022 to 1023. While tracing: factor(x), an element of the factors of a matrix, which
-    stands for that of the matrix.
+    k from -1022 to 1023. stop(x), which is x, and whose derivative is 0. While tracing: factor(x),
+    an element of the factors of a matrix, which stands for that of the matrix.
     """
 
     def __init__(self) -> None:
@@ -188,6 +188,9 @@ class Graph:
                 parts[place] = self.args[x][0]
                 return self.make("neg", self.make("div", *parts))
         return None
+
+    def _stop(self, a: int) -> int | None:
+        return a if self.truths[a] or self.ops[a] == "stop" else None
 
     def _neg(self, a: int) -> int | None:
         if self.ops[a] == "neg":

@@ -165,6 +165,9 @@ class _Body:
         op, lanes = self.graph.ops[node], self.lanes
         if op == "const":
             return
+        if op == "stop":
+            self.names[node] = self.name(self.graph.args[node][0])
+            return
         vector, args = lanes.vector, [self.name(x) for x in self.graph.args[node]]
         if op in BINARY:
             text = f"{BINARY[op]} {FLAGS} {vector} {args[0]}, {args[1]}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
+from types import FrameType
 from typing import Any
 
 import torch
@@ -15,6 +16,7 @@ from torch.overrides import TorchFunctionMode
 from .decompositions import FUNCTIONS
 
 READ = {torch.Tensor.tolist, torch.Tensor.numpy, torch.Tensor.__array__, torch.Tensor.__dlpack__}
+PACKAGE = os.path.dirname(os.path.dirname(os.path.dirname(__file__))) + os.sep
 LIBRARIES = (os.path.dirname(torch.__file__) + os.sep, os.path.dirname(__file__) + os.sep)
 
 
@@ -24,11 +26,23 @@ class NotTraceable(Exception):
     """
 
 
-def line() -> str:
-    """Where the traced function is: the innermost line outside of torch and of this folder."""
+def _frame() -> FrameType | None:
+    """The innermost outside of torch and of this folder."""
     frame = sys._getframe(1)
     while frame is not None and frame.f_code.co_filename.startswith(LIBRARIES):
         frame = frame.f_back
+    return frame
+
+
+def of_user() -> bool:
+    """Whether the traced function is in code outside of this package."""
+    frame = _frame()
+    return frame is not None and not frame.f_code.co_filename.startswith(PACKAGE)
+
+
+def line() -> str:
+    """Where the traced function is."""
+    frame = _frame()
     return (
         ""
         if frame is None
@@ -52,6 +66,11 @@ class Readings(TorchFunctionMode):
         kwargs = kwargs or {}
         if self.stand:
             args, kwargs = self._standing(args), self._standing(kwargs)
+        if not torch.is_grad_enabled() and any(map(self.traced, args)) and of_user():
+            raise NotTraceable(
+                f"{getattr(func, '__name__', func)} was called without gradient at {line()}; a "
+                "graph would have that of what it computes; detach() is wanted where none is"
+            )
         if func in READ and self.traced(args[0]):
             raise NotTraceable(
                 f"{func.__name__} of a traced tensor was asked for at {line()}; a graph has no "
@@ -59,6 +78,8 @@ class Readings(TorchFunctionMode):
             )
         if func is torch.Tensor.__getitem__:
             return self._picked(*args)
+        if func is torch.Tensor.data.__get__:
+            func = torch.Tensor.detach
         func = FUNCTIONS.get(func, func)
         return func(*args, **kwargs)
 

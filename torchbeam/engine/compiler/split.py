@@ -23,6 +23,7 @@ CHEAP = {
     "select",
     "max",
     "min",
+    "stop",
 }
 
 

@@ -16,7 +16,7 @@ from .decompositions import DECOMPOSED, INSTEAD
 from .elementwise import ELEMENTWISE, REDUCTIONS, elementwise, reduction
 from .function import Function, Output
 from .graph import Graph
-from .readings import NotTraceable, Readings, line, memory
+from .readings import NotTraceable, Readings, line, memory, of_user
 
 # of a traced tensor they read the shape alone
 FRESH = {
@@ -72,7 +72,7 @@ def trace(
         tracer.hold(value, torch.tensor(nodes, dtype=torch.long).reshape(value.shape))
 
     def run() -> Any:
-        with torch.no_grad(), Readings(tracer.traced, stand), tracer:
+        with torch.enable_grad(), Readings(tracer.traced, stand), tracer:
             return function(
                 **{name: given[name] for name in inputs if name not in captured or name in own}
             )
@@ -137,6 +137,7 @@ class _Tracer(TorchDispatchMode):
         # storage -> a tensor on it, which keeps it alive; its nodes
         self.beside: dict[int, tuple[Tensor, Tensor]] = {}
         self.fresh: set[int] = set()  # memory of constants that the function made
+        self.stopped: set[int] = set()  # of what it detached, which shows the same numbers
         # likewise, of constants made of what carries gradient
         self.differentiable: dict[int, Tensor] = {}
 
@@ -235,6 +236,8 @@ class _Tracer(TorchDispatchMode):
                 "control flow by values cannot be traced; torch.where in the place of an if, "
                 "functions of torch in the place of math's are wanted"
             )
+        if name == "detach" and of_user():
+            return self._stop(args[0])
         if schema.returns and all(
             r.alias_info is not None and not r.alias_info.is_write for r in schema.returns
         ):
@@ -251,7 +254,7 @@ class _Tracer(TorchDispatchMode):
             return self._decomposed(func, args, kwargs)
         if written and (written[0] is not schema.arguments[0] or len(written) > 1):
             raise self._unknown(func)
-        if written and not self.traced(args[0]):
+        if written and (not self.traced(args[0]) or memory(args[0]) in self.stopped):
             self._own(func, args[0])
         behind = [a for a in schema.arguments[len(args) :] if not a.kwarg_only]
         behind = behind[: max((k + 1 for k, a in enumerate(behind) if a.name in kwargs), default=0)]
@@ -271,6 +274,15 @@ class _Tracer(TorchDispatchMode):
         for k, one in enumerate(outs):
             self.hold(one, founds[k] if k < len(founds) else torch.full((), UNKNOWN))
         return out
+
+    def _stop(self, x: Tensor) -> Tensor:
+        """The same numbers, whose derivatives are 0."""
+        stopped = torch.empty_strided(x.shape, x.stride(), dtype=x.dtype, device=x.device).copy_(x)
+        self.stopped.add(memory(stopped))
+        nodes = self.nodes(x)
+        stop = [y if y == UNKNOWN else self.graph.make("stop", y) for y in nodes.flatten().tolist()]
+        self.hold(stopped, torch.tensor(stop, dtype=torch.long).reshape(x.shape))
+        return stopped
 
     def _own(self, func: Any, x: Tensor) -> None:
         """Refuses to write to what was there before the function."""

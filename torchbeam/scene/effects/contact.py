@@ -202,10 +202,32 @@ class Contact(ContactTerms):
         carried = self.carried(x, dt)
         half = half if carried is None else half - carried
         start, end = x - half, x + half
-        inside = sum((self.gap(x + share * half) < 0).to(x) for share in (-0.5, 0.0, 0.5)) > 0
+        inside = self.least_gap(start, 2 * half) < 0
         out = torch.minimum(self.gap(start), self.gap(end)) > 0
         turned = (self.obstacle.gradient(start) * self.obstacle.gradient(end)).sum(-1, keepdim=True)
         return (inside & (out | (turned < 0)))[..., 0]
+
+    def least_gap(self, start: Tensor, way: Tensor) -> Tensor:
+        """(..., n, 1) m: about the smallest gap on straight ways (..., n, 3) from points on. It is
+        convex along a line, as what can be passed through is: least near where the tangents at both
+        ends meet, nearer yet between there and the end towards which it falls.
+        """
+
+        def at(share: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+            x = start + share * way
+            return share, self.gap(x), (self.directions(x) * way).sum(-1, keepdim=True)
+
+        none = torch.zeros_like(way[..., :1])
+        first, last = at(none), at(none + 1)
+        least = torch.minimum(first[1], last[1])
+        for _ in range(2):
+            middle = at(_meeting(first, last))
+            least, falls = torch.minimum(least, middle[1]), middle[2] < 0
+            first, last = (
+                tuple(torch.where(taken, m, x) for m, x in zip(middle, end, strict=True))
+                for taken, end in ((falls, first), (~falls, last))
+            )
+        return least
 
     def carried(self, x: Tensor, dt: Tensor) -> Tensor | None:
         """(..., n, 3) m by which the obstacle moves at x in half of a step; None = it stands."""
@@ -235,6 +257,16 @@ class Contact(ContactTerms):
             v = v - _cross(spin, _each(self.radius) * normal)
         v = v if moves is None else v - moves
         return v - (v * normal).sum(-1, keepdim=True) * normal
+
+
+def _meeting(first: tuple[Tensor, ...], last: tuple[Tensor, ...]) -> Tensor:
+    """Where the tangents of a convex function meet, by places, values and slopes at two ends; the
+    lower end where it does not fall first and rise then.
+    """
+    (a, f, fall), (b, g, rise) = first, last
+    bent = (fall < 0) & (rise > 0)
+    share = (g - f - rise * (b - a)) / torch.where(bent, fall - rise, 1.0)
+    return torch.where(bent, a + share, torch.where(fall < 0, b, a))
 
 
 def _in_frame(point: LoadPoint) -> Tensor:

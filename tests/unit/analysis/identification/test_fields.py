@@ -315,3 +315,15 @@ def test_refusals():
         tb.Smoothness(3)
     with pytest.raises(ValueError, match="4 or more"):
         tb.Smoothness(2).rows(torch.zeros(3))
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_sigma_beside_bare_data(named):
+    """It is that of a measurement; by the names of experiments too."""
+    data, options = noisy(0.02), dict(weight={"x": 0.3})
+    field = {"x": torch.full((P,), 0.5)}, {"x": tb.Smoothness()}
+    of = [tb.identify_fields(blurred, tb.Measurement(data, 0.02), *field, **options)]
+    given = ({"a": data}, {"a": 0.02}) if named else (data, 0.02)
+    of.append(tb.identify_fields(blurred, given[0], *field, sigma=given[1], **options))
+    assert_close(of[1]["x"], of[0]["x"], rtol=1e-9, atol=1e-12)
+    assert of[1].sigma == of[0].sigma == 1.0

@@ -89,6 +89,12 @@ def test_starts_are_drawn():
     )
 
 
+def test_starts_from_zero_want_a_size():
+    """Without one all starts would be the same one."""
+    with pytest.raises(ValueError, match=r"starts = 4 were asked for with b from 0 on"):
+        tb.identify(wave, CLEAN, {"a": 1.0, "b": 0.0}, starts=4)
+
+
 # parameter -> least and largest start, and whether they are drawn evenly by the logarithm
 LIMITED = {
     "log between bounds": (tb.Parameter(1.0, "log", bounds=(0.01, 2.0)), 0.01, 2.0, True),

@@ -182,6 +182,14 @@ REFUSED = {
         dict(function=lambda theta: theta.detach() * torch.ones(1, requires_grad=True)),
         "carries no gradient by q",
     ),
+    "a law that carries a part": (
+        dict(laws=lambda q: {"EI": tb.laws.LogNormal(q[0], q[1].item())}),
+        r"gradient by q\[1\] is 0 where its values change by",
+    ),
+    "a function that carries a part": (
+        dict(function=lambda theta: theta + 2 * theta.detach()),
+        r"gradient by q\[0\] is",
+    ),
     "q": (dict(q=torch.ones(2, 2)), r"q \(2, 2\) was given; \(m,\)"),
     "replicates": (dict(n=100), "n = 100 was given for 16 replicates"),
     "all failed": (dict(function=lambda theta: theta / 0), "nearly all 32 samples failed"),

@@ -68,6 +68,7 @@ ONE |= {
     "float_power": lambda x: torch.float_power(x.abs() + 0.1, 1.3),
     "fmod": lambda x: torch.fmod(x, 0.7), "remainder": lambda x: torch.remainder(x, 0.7),
     "whole quotient": lambda x: x.detach() // 0.7 * x,
+    "detached": lambda x: x.detach() * x.sin() + (x * x).data[:1] * x,
     "quotient to zero": lambda x: torch.div(x, 0.7, rounding_mode="trunc") * x,
     "heaviside": lambda x: torch.heaviside(x.detach(), torch.tensor(0.5)) * x,
     "fmax": lambda x: torch.fmax(x, torch.tensor(0.2)),

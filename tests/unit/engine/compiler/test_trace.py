@@ -177,15 +177,14 @@ def written(a, b):
     return out, a
 
 
-def inferred(a, b):
-    """Where torch leaves composed operations whole."""
-    with torch.inference_mode():
-        return torch.linalg.inv(a @ b.mT + 9 * torch.eye(3)).unflatten(
-            0, (3, 1)
-        ).flatten(), torch.linalg.multi_dot((a, b, a))
+def composed(a, b):
+    """Operations that torch leaves whole in inference mode."""
+    return torch.linalg.inv(a @ b.mT + 9 * torch.eye(3)).unflatten(
+        0, (3, 1)
+    ).flatten(), torch.linalg.multi_dot((a, b, a))
 
 
-ARRAYS["writes through views"], ARRAYS["inference mode"] = written, inferred
+ARRAYS["writes through views"], ARRAYS["inference mode"] = written, composed
 
 
 @pytest.mark.parametrize("name", ARRAYS)
@@ -194,7 +193,8 @@ def test_operations_on_arrays_are_torchs(name):
     one, many = (
         dict(a=torch.randn(*lead, 3, 3), b=torch.randn(*lead, 3, 3)) for lead in ((), (4,))
     )
-    function = trace(ARRAYS[name], one)
+    with torch.inference_mode(name == "inference mode"):
+        function = trace(ARRAYS[name], one)
     found = evaluate(function, many)
     for k in range(4):
         expected = ARRAYS[name](many["a"][k].clone(), many["b"][k].clone())
@@ -338,7 +338,27 @@ def branching(x):
 
 
 PARAMETER = torch.tensor([1.0, 2.0, 3.0], requires_grad=True)
-UNPLACED = ("a number", "factors that are read")  # known where the function is done
+
+
+class OfTheirOwn(torch.autograd.Function):
+    """A derivative that is not that of what is computed."""
+
+    @staticmethod
+    def forward(ctx, x):
+        return x.round()
+
+    @staticmethod
+    def backward(ctx, grad):
+        return grad
+
+
+UNPLACED = (
+    "a number",
+    "no gradient",
+    "inference mode",
+    "a user's derivative",
+    "factors that are read",
+)
 REFUSED = {
     "a parameter": (lambda x: x * PARAMETER, "carries gradient"),
     "what a parameter gives": (lambda x: x * (2 * PARAMETER)[1], "carries gradient"),
@@ -356,6 +376,10 @@ REFUSED = {
     "sort": (lambda x: x.sort()[0], "aten.sort"),
     "a traced mask": (lambda x: x[x > 0], "aten.index"),
     "factors": (lambda x: torch.linalg.lu_factor(torch.outer(x, x))[0], "aten.linalg_lu_factor"),
+    "inference mode": (torch.inference_mode()(lambda x: x.sin()), "sin was called without"),
+    "no gradient": (torch.no_grad()(lambda x: x.sin()), "sin was called without gradient"),
+    "a user's derivative": (OfTheirOwn.apply, "called without gradient"),
+    "what is detached": (lambda x: x.detach().zero_() + x, "did not make"),
     "a number": (lambda x: 3.0, "float was returned"),
     "an unknown function": (lambda x: torch.special.bessel_j0(x), "bessel_j0"),
 }
