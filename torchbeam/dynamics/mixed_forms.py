@@ -100,7 +100,8 @@ def simulate_mixed(
     )
     y0 = problem.start(first, *start)
     wide = problem.rates(first, y0).shape  # functions of t and inputs may bring batch axes
-    y0 = y0.expand(broadcast_shapes(y0.shape, wide))
+    own = () if begin is None else (*begin.shape, 1)  # as may instants
+    y0 = y0.expand(broadcast_shapes(y0.shape, wide, own))
     ys, status, evaluations = integrate(
         at(problem.rates),
         y0,

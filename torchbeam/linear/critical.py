@@ -39,6 +39,7 @@ from .system_matrices import moves
 KINDS = ("stable", "divergence", "flutter", "lost")
 NUMBERS = 1000  # of a state and its matrices, at least
 PARTS = 9  # of the bracket in a round
+ROUNDING = 4  # of a bracket, in last places
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,8 @@ def critical_load(
     points     factors looked at first, evenly; a loss that is made good before the next one is
                overlooked
     count      eigenvalues looked at, the slowest; they hold flutter of no faster ones
-    tolerance  relative, of the bracket; what is left after interpolation in it is about its square
+    tolerance  relative, of the bracket, some roundings at least; what is left after interpolation
+               in it is about its square
     engine     of the equilibria, see `equilibrium`
     inputs     by name, (..., size): at factor 1
 
@@ -156,6 +158,8 @@ def critical_load(
                 "was given; a stable one is wanted there"
             )
         low, high, kind = _first(factors, coarse.kind)
+        # brackets of neighbouring numbers have no inside
+        tolerance = max(tolerance, ROUNDING * torch.finfo(low.dtype).eps)
         inner = torch.linspace(0, 1, PARTS + 1, device=path.device).reshape(-1, *[1] * len(shape))
         while (high - low > tolerance * torch.maximum(high.abs(), low.abs())).any():
             there = low + (high - low) * inner

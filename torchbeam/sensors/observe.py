@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ..core.arguments import boolean
 from ..core.arguments import function as check_function
-from ..core.validation import Value, as_tensor, broadcast, concrete
+from ..core.validation import Value, as_tensor, broadcast, concrete, shown
 from .sensor import Sensor
 
 NEIGHBOURS = 5  # instants that a slope is found from: fourth order
@@ -63,6 +63,8 @@ def observe(
     values = (sensor if isinstance(sensor, Sensor) else check_function("sensor", sensor, "state"))(
         solution.state
     )
+    if not isinstance(values, Tensor):
+        raise ValueError(f"a sensor that gave {shown(values)} was given; one of tensors is wanted")
     if values.shape[:1] != t.shape:
         raise ValueError(
             f"a sensor that gave {tuple(values.shape)} for {len(t)} instants was given; time as "

@@ -313,3 +313,19 @@ def test_equilibria_by_native_code():
         (slope,) = torch.autograd.grad(critical.factor, EI)
         found.append(torch.stack((critical.factor.detach(), critical.kind.double(), slope)))
     assert_close(*found, rtol=1e-8, atol=1e-8)
+
+
+def test_a_bracket_ends_at_rounding():
+    """A tolerance below that of numbers finds what the usual one does, to its square."""
+
+    def of(tolerance):
+        return tb.critical_load(
+            lambda P: planar(2, tb.TipLoad(force=along_x(-P))),
+            3.0,
+            lowest=2.3,
+            points=2,
+            count=1,
+            tolerance=tolerance,
+        ).factor
+
+    assert_close(of(1e-300), of(1e-6), rtol=1e-9, atol=0)

@@ -481,3 +481,15 @@ def test_both_elements_tend_to_one_motion_in_3d():
     right = tip(32, step=2e-3)
     coarse, fine = ((tip(N, form="minimal", rtol=1e-6, atol=1e-7) - right).norm() for N in (4, 8))
     assert coarse < 0.03 and coarse / fine > 2.5
+
+
+@pytest.mark.parametrize("form", ["minimal", "block_rate"])
+def test_instants_of_samples_make_a_batch(form):
+    """A scene and a start of one sample, from two instants: two samples, each as alone."""
+    scene = soft_scene(effects=(TipLoad(force=(0, 0.6, 0.1)),))
+    run = dict(form=form, method="rk4", options={"step_size": 5e-4})
+    both, alone = (
+        tb.simulate(scene, [0.0, 1e-3], begin=begin, **run).tip.position
+        for begin in (torch.tensor([0.5, 2.0]), None)
+    )
+    assert_close(both, alone[:, None].expand(2, 2, 3), rtol=1e-12, atol=1e-14)

@@ -161,6 +161,7 @@ CASES = {
     "no sensor": (dict(sensor=3), "sensor = 3"),
     "no time axis": (dict(sensor=lambda state: state.y[0]),
                      r"a sensor that gave \(\) for 10 instants"),
+    "no tensor": (dict(sensor=lambda state: None), "a sensor that gave None was given"),
     "rate": (dict(rate=1.0), "rate = 1.0"),
     "delays of other samples": (dict(delay=(0.1, 0.2), solution=motion(torch.ones(10, 3))),
                                 "times and readings with the"),

@@ -40,7 +40,10 @@ class Reader:
         else:
             value = self.read(result)
         if not isinstance(value, Tensor):
-            value = torch.as_tensor(value)
+            try:
+                value = torch.as_tensor(value)
+            except (TypeError, ValueError, RuntimeError):
+                raise ValueError(f"read gave {shown(value)}; a tensor is wanted") from None
         if value.is_complex() or not value.is_floating_point():
             raise ValueError(
                 f"read gave a tensor of {value.dtype}; real floating numbers are wanted"
