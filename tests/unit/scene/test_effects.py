@@ -9,10 +9,10 @@ from typing import NamedTuple
 import pytest
 import torch
 from torch.testing import assert_close
-from torch.utils._python_dispatch import TorchDispatchMode
 
 import torchbeam as tb
 from tests.cases.nodal_cases import state as random_state
+from tests.cases.operation_count import OperationCount
 from torchbeam.equations.midpoint import MidpointProblem
 from torchbeam.nodal.conditions import conditions
 from torchbeam.nodal.discretise import discretise
@@ -103,14 +103,6 @@ rows = pytest.mark.parametrize("name", TABLE)
 TOLD = "TipLoad moment", "LineLoad per element", "Load along"
 
 
-class Counter(TorchDispatchMode):
-    count = 0
-
-    def __torch_dispatch__(self, function, types, args=(), kwargs=None):
-        self.count += 1
-        return function(*args, **(kwargs or {}))
-
-
 def operations(*effects):
     """Tensor operations of a step's residual and of the loads' sum alone."""
     scene = tb.Scene(BEAM, effects)
@@ -118,10 +110,10 @@ def operations(*effects):
     t = torch.tensor(0.0)
     problem = MidpointProblem(model, start, torch.tensor(0.1), t, {})
     x = problem.predictor()
-    with Counter() as whole:
+    with OperationCount() as whole:
         problem.residual(x)
     now = conditions(model, t, {})
-    with Counter() as loads:
+    with OperationCount() as loads:
         external(
             model,
             Nodes(start.position, start.rotation, start.velocity, start.spin, None, start.internal),
