@@ -30,7 +30,7 @@ from .setting import Setting
 T = TypeVar("T")
 LOG = logging.getLogger("torchbeam")
 APART = 0.5  # of the largest number of a tensor: where a scene is further off a new search is made
-KEPT = 64  # choices; the oldest goes first
+STRUCTURES, RECENT = 64, 8  # with choices, and choices of each; the oldest go first
 SEARCHED = "initial", "inputs", "engine"  # options of `simulate` that the search runs with
 # those that do not change what is computed
 FREE = "throw", "checkpoint", "progress", "tolerance", "iterations", "halvings"
@@ -60,7 +60,7 @@ class Choice(NamedTuple):
         )
 
 
-_CHOICES: dict[Hashable, Choice] = {}
+_CHOICES: dict[Hashable, tuple[Choice, ...]] = {}
 
 
 def choices_of(scene: Scene) -> list[Choice]:
@@ -68,7 +68,10 @@ def choices_of(scene: Scene) -> list[Choice]:
     values: list[Tensor] = []
     structure = structure_of(scene, values)
     return [
-        choice for (of, *_), choice in _CHOICES.items() if of == structure and choice.suits(values)
+        choice
+        for (of, *_), recent in _CHOICES.items()
+        for choice in recent
+        if of == structure and choice.suits(values)
     ]
 
 
@@ -167,14 +170,15 @@ def _setting(
             "accuracy = a number was given within torch.func, where nothing can be tried; what "
             "tb.converge gives is wanted"
         )
-    choice = _CHOICES.get(key)
-    if choice is None or not choice.suits(values):
+    recent = _CHOICES.get(key, ())
+    choice = next((choice for choice in recent if choice.suits(values)), None)
+    if choice is None:
         best = search()
         known = tuple(x.detach().clone() for x in values)
         choice = Choice(call, float(accuracy), known, best.settings, best.error, best.notes)
-        for oldest in [*_CHOICES][: max(0, len(_CHOICES) + 1 - KEPT)]:
+        for oldest in [*_CHOICES][: max(0, len(_CHOICES) + 1 - STRUCTURES)]:
             _CHOICES.pop(oldest, None)
-        _CHOICES[key] = choice
+        _CHOICES[key] = choice, *recent[: RECENT - 1]
     if choice.error > accuracy:
         warn(f"accuracy = {accuracy:g} was not reached. {' '.join(choice.notes)}")
     return choice.setting
