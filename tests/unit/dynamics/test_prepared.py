@@ -13,7 +13,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
-from tests.cases.operation_count import OperationCount
+from torchbeam.analysis.trials import Counter
 from torchbeam.dynamics import prepared as module
 from torchbeam.dynamics.stepper import Stepper
 
@@ -163,7 +163,7 @@ def test_other_values_cost_few_operations():
     tip(scene())
     counts = {}
     for name, run in (("same", same := scene(EI=0.6)), ("again", same), ("other", scene(EI=0.7))):
-        with OperationCount() as operations:
+        with Counter() as operations:
             tip(run)
         counts[name] = operations.count
     assert counts["again"] <= 110 and counts["other"] <= 250, counts

@@ -12,7 +12,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from tests.cases.nodal_cases import state as random_state
-from tests.cases.operation_count import OperationCount
+from torchbeam.analysis.trials import Counter
 from torchbeam.equations.midpoint import MidpointProblem
 from torchbeam.nodal.conditions import conditions
 from torchbeam.nodal.discretise import discretise
@@ -110,10 +110,10 @@ def operations(*effects):
     t = torch.tensor(0.0)
     problem = MidpointProblem(model, start, torch.tensor(0.1), t, {})
     x = problem.predictor()
-    with OperationCount() as whole:
+    with Counter() as whole:
         problem.residual(x)
     now = conditions(model, t, {})
-    with OperationCount() as loads:
+    with Counter() as loads:
         external(
             model,
             Nodes(start.position, start.rotation, start.velocity, start.spin, None, start.internal),

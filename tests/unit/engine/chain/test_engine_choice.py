@@ -16,7 +16,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from tests.cases.compiled_step_cases import moving, straight
-from tests.cases.operation_count import OperationCount
+from torchbeam.analysis.trials import Counter
 from torchbeam.engine.chain import call
 from torchbeam.scene.effects import LoadEffect
 
@@ -381,13 +381,13 @@ def test_a_call_is_a_few_torch_operations():
     scene, u, t = arm(), torch.ones(3), torch.linspace(0, 0.5, 51)
     stepper = tb.Stepper(scene, 0.01, engine="compiled")
     state = stepper(stepper(stepper.rest(), u=u), u=u)
-    with OperationCount() as made:
+    with Counter() as made:
         stepper(state, u=u)
     assert made.count <= 20
     counts = []
     for steps in (21, 51):
         tb.simulate(scene, t[:steps], inputs={"u": u}, step=0.01, engine="compiled")
-        with OperationCount() as made:
+        with Counter() as made:
             tb.simulate(scene, t[:steps], inputs={"u": u}, step=0.01, engine="compiled")
         counts.append(made.count)
     assert counts[1] - counts[0] <= 5 * 30
