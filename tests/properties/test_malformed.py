@@ -41,8 +41,15 @@ MORE = {
         math.nan) if x.is_floating_point() else x),
 }
 # fmt: on
+# what is asked for, honest work of hours: samples in constant memory, trials one after the other
+ENDLESS = {
+    ("advise", "repeats"),
+    ("moment_derivatives", "n"),
+    ("monte_carlo_stream", "n"),
+    ("sobol_indices", "n"),
+}
 # of RuntimeErrors that a call's docstring names: what it asks for is not there
-SENTENCE = "no equilibrium", "failed"
+SENTENCE = "no equilibrium", "failed", "stopped after"
 
 
 def arguments(function, given):
@@ -61,6 +68,8 @@ def answers(call, wrong):
     function, given = CALLS[call]
     for name in arguments(function, given):
         for what, value in wrong.items():
+            if what == "a billion" and (call, name) in ENDLESS:
+                continue
             try:
                 function(**{**given, name: value})
             except (ValueError, MemoryError, IndexError) as refusal:

@@ -16,6 +16,7 @@ from ..core.arguments import count as check_count
 from ..core.arguments import function as check_function
 from ..core.arguments import tolerance as check_tolerance
 from ..core.summary import aligned
+from ..core.validation import shown
 from ..dynamics.simulate import simulate
 from ..scene.beam import Beam
 from ..scene.effects import Effect
@@ -133,6 +134,8 @@ def advise(
             return simulate(which, t, initial=initial, step=step, inputs=inputs, throw=True)
 
     reference = quantity(run(scene).state)
+    if not isinstance(reference, Tensor):
+        raise ValueError(f"a quantity that gave {shown(reference)} was given; a tensor is wanted")
     changes = dict(_changes(scene, considered))
     first = {what: _try(scene, alter, run, quantity, reference) for what, alter in changes.items()}
     ran = {what: outcome for what, outcome in first.items() if isinstance(outcome, tuple)}
@@ -141,7 +144,7 @@ def advise(
     )
     share = dict(zip(ran, taken, strict=True))
     trials = tuple(
-        Trial(what, outcome[1], share[what] / base, not outcome[1] <= tolerance)
+        Trial(what, outcome[1], _over(share[what], base), not outcome[1] <= tolerance)
         if what in ran
         else Trial(what, math.nan, math.nan, True, outcome)
         for what, outcome in first.items()
@@ -151,6 +154,11 @@ def advise(
     if show:
         print(advice)
     return advice
+
+
+def _over(taken: float, base: float) -> float:
+    """A time over another; NaN where that is below what the clock tells."""
+    return taken / base if base else math.nan
 
 
 def _try(
@@ -197,7 +205,7 @@ def _together(
     return Trial(
         "all that does not matter",
         outcome_of_all[1],
-        taken / base,
+        _over(taken, base),
         not outcome_of_all[1] <= tolerance,
     )
 

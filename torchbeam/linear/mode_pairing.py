@@ -12,7 +12,7 @@ from torch import Tensor
 from ..core.arguments import function as check_function
 from ..core.arguments import instance
 from ..core.derivatives import no_derivatives
-from ..core.validation import broadcast, numbers
+from ..core.validation import broadcast, numbers, shown
 from .modes import Modes
 
 
@@ -85,6 +85,10 @@ def pair_modes(modes: Modes, shapes: Any, read: Callable[[Tensor], Tensor]) -> P
     """
     instance("modes", modes, Modes)
     own = check_function("read", read, "shape")(modes.shape)
+    if not isinstance(own, Tensor):
+        raise ValueError(
+            f"a function that read {shown(own)} was given as read; one of tensors is wanted"
+        )
     if not isinstance(shapes, Tensor):
         shapes = torch.as_tensor(numbers(shapes, "fiuc"), device=own.device)
     shapes = shapes.to(own.dtype if shapes.is_complex() else own.real.dtype)

@@ -67,8 +67,8 @@ class BeamRows(Tree):
         N = self.node_count - 1
         if isinstance(node, (str, tuple)):
             raise ValueError(
-                f"{name} = {node!r} was given in a scene of one beam, which has no names; 0 to "
-                f"{N} is wanted"
+                f"{name} = {shown(node)} was given in a scene of one beam, which has no names; 0 "
+                f"to {N} is wanted"
             )
         if not -(N + 1) <= node <= N:
             raise ValueError(

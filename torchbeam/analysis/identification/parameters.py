@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.distributions import Distribution
 
 from ...core.arguments import count, number
+from ...core.memory import check_memory
 from ...core.validation import Value, as_tensor, common_dtype, finite, positive
 from .parameter import Parameter
 from .transform import Transform
@@ -192,6 +193,7 @@ class Parameters:
         """
         if count("starts", starts) == 1:
             return self
+        check_memory(f"{starts} starts", 8 * starts * self.model, "fewer are wanted")
         if len(self.start) > 1:
             raise ValueError(
                 f"starts = {starts} was given beside {len(self.start)} starts; one of them is "

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import boolean, choice, count, level_of, number
+from ...core.memory import check_memory
 from ...math.distributions import normal_probability
 from .design_point import design_points
 from .evaluation import Evaluation, Function, settings
@@ -111,6 +112,7 @@ def rare_event(
     choice("method", method, METHODS)
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, None)
     joint.random()  # there is one
+    check_memory(f"n = {n} samples", 8 * n * joint.dimension, "fewer are wanted")
     limit = LimitState(
         Evaluation(function, joint, None, dtype, chunk, by_name, executor, total=n), threshold
     )
