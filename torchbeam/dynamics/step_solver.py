@@ -36,6 +36,10 @@ QUICK = 12
 TURN = 1.2
 
 
+# eps: what sums of forces that cancel are held to; a finer tolerance counts as this
+FINEST = 256
+
+
 class Made(NamedTuple):
     """What a step has made: the state after it, of a failed sample that before; status and
     iterations (...).
@@ -54,7 +58,9 @@ class StepSolver:
     def __init__(
         self, model: Model, method: Method, engine: str, tolerance: float | None, limit: int
     ) -> None:
-        self.model, self.method, self.tolerance, self.limit = model, method, tolerance, limit
+        self.model, self.method, self.limit = model, method, limit
+        finest = FINEST * torch.finfo(model.scene.dtype).eps
+        self.tolerance = None if tolerance is None else max(float(tolerance), finest)
         self.engine = (
             engine if engine != "auto" else "compiled" if meaning() == "compiled" else "auto"
         )
@@ -197,9 +203,7 @@ class StepSolver:
                 f"was made{VALUES}"
             )
             return None
-        tolerance = (
-            TOLERANCE[state.position.dtype] if self.tolerance is None else float(self.tolerance)
-        )
+        tolerance = TOLERANCE[state.position.dtype] if self.tolerance is None else self.tolerance
         try:
             solution = compiled(
                 state,
