@@ -16,7 +16,6 @@ from ..nodal.constitutive_law import ElasticLaw
 from ..nodal.coordinates.spatial import Spatial
 from ..nodal.linear_interpolation import Ends
 
-
 # eps: strains below are differences of positions that floating point does not hold
 ROUNDING = 1000.0
 
