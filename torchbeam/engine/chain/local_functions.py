@@ -397,9 +397,16 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
     # Functions of the adjoint
 
     def solution(
-        self, position: Tensor, rotation: Tensor, after_position: Tensor, after_rotation: Tensor
+        self,
+        position: Tensor,
+        rotation: Tensor,
+        after_position: Tensor,
+        after_rotation: Tensor,
+        **fields: Tensor,
     ) -> Fields:
-        """u and m of a step between two states of a node."""
+        """u and m of a step between two states of a node; fields: what else is of it, and of the
+        state after (`after_`).
+        """
         space = self.model.space
         turn = space.multiply(space.inverse(rotation), after_rotation)
         return {"u": (after_position - position) / 2, "m": space.sqrt(turn)}
