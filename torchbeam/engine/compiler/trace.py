@@ -13,7 +13,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from ...core.functions_of_time import beside_hooks
 from .arrays import OTHER, STRUCTURAL, UNKNOWN, accumulated
 from .decompositions import DECOMPOSED, INSTEAD
-from .elementwise import ELEMENTWISE, REDUCTIONS, elementwise, reduction
+from .elementwise import ELEMENTWISE, REDUCTIONS, array, elementwise, reduction
 from .function import Function, Output
 from .graph import Graph
 from .readings import NotTraceable, Readings, line, memory
@@ -192,14 +192,13 @@ class _Tracer(TorchDispatchMode):
             raise NotTraceable(
                 f"a tensor of {value.dtype} met a traced one at {line()}; real numbers are wanted"
             )
-        flat = [self.graph.const(v) for v in value.detach().flatten().tolist()]
-        return torch.tensor(flat, dtype=torch.long).reshape(value.shape)
+        return array([self.graph.const(v) for v in value.detach().flatten().tolist()], value.shape)
 
     def __torch_dispatch__(
         self, func: Any, types: Any, args: tuple = (), kwargs: dict | None = None
     ) -> Any:
         kwargs = dict(kwargs or {})
-        schema, given = func._schema, list(_tensors((args, kwargs)))
+        schema, given = func._schema, _tensors((*args, *kwargs.values()))
         name = schema.name.split("::")[-1]
         if torch.Tag.nondeterministic_seeded in func.tags:
             raise NotTraceable(
@@ -383,11 +382,10 @@ class _Tracer(TorchDispatchMode):
         return nodes
 
 
-def _tensors(value: Any) -> Iterator[Tensor]:
+def _tensors(value: Any) -> list[Tensor]:
+    """Those in a value, and in tuples, lists and dictionaries."""
     if isinstance(value, Tensor):
-        yield value
-    elif isinstance(value, (tuple, list)):
-        for part in value:
-            yield from _tensors(part)
-    elif isinstance(value, dict):
-        yield from _tensors(tuple(value.values()))
+        return [value]
+    if isinstance(value, dict):
+        value = tuple(value.values())
+    return [x for part in value for x in _tensors(part)] if isinstance(value, (tuple, list)) else []
