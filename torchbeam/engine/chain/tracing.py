@@ -104,8 +104,9 @@ class Tracing:
 
     def __call__(self, function: Callable, shapes: Shapes) -> Function:
         """The function of fields of these shapes, without those that it does not read."""
-        name = function.func.__name__ if isinstance(function, partial) else function.__name__
-        key = name, getattr(function, "args", ()), *shapes.items()
+        function = partial(function)  # of one, the same
+        name, named = function.func.__name__, tuple(sorted(function.keywords.items()))
+        key = name, function.args, named, tuple(shapes.items())
         if key not in self.known:
             captured = self.captured if name in OF_LOADS else {}
             self.known[key] = self._traced(function, shapes, captured)
