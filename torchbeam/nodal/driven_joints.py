@@ -26,7 +26,7 @@ from ..core.leaves import leaf
 from ..scene.effects.values import Inputs, scalar_at
 from ..topology.framework_matrix import JointBlocks
 from .joint_laws import CoordinateStep, JointLaws
-from .joint_motion import JointValues
+from .joint_motion import JointValues, Pose
 from .joints import Factor, JointMotion, Joints, Vector, stacked
 
 
@@ -136,6 +136,16 @@ class DrivenJoints(Joints):
     def acting(self, stress: Tensor, motion: JointMotion) -> tuple[Tensor, Factor]:
         found = self.driven(motion)
         return stacked(self.split(stress)[0], self._forces(stress, found)), found.acting
+
+    def held_rows(self, pose: Pose) -> Tensor:
+        by = self._gradient(self.v.at(pose), self.w.at(pose))
+        own = self.coordinate_by(pose, self.coordinate(pose))
+        return self._at_nodes(self.held, torch.where(self.prescribed[..., None] > 0, own, by))
+
+    def gaps(self, pose: Pose, joints: Tensor) -> Tensor:
+        wanted = joints[..., :1] * self.angles + joints[..., 1:2] * self.travels
+        moved = self.coordinate(pose, wanted) - wanted
+        return self._flat(torch.where(self.prescribed > 0, moved, self.gap(pose)))
 
     def after(self, motion: JointMotion) -> Tensor:
         return self.driven(motion).step.after
