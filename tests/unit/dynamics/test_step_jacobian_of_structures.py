@@ -54,7 +54,11 @@ SCENES = {
 
 def model_of(scene):
     start = tb.rest(scene)
-    if scene.effects[1:] or scene.frame or scene.joints and scene.joints[0].prescribed is not None:
+    if (
+        scene.effects[1:]
+        or scene.frame
+        or (scene.joints and scene.joints[0].prescribed is not None)
+    ):
         start = None
     return tb.linearize(scene, start, inputs={"u": torch.zeros(3)})
 
