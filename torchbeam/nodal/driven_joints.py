@@ -154,17 +154,20 @@ class DrivenJoints(Joints):
         self, joints: tuple[Any, ...], t: Tensor, inputs: Inputs, end: Tensor
     ) -> JointValues:
         given = (("effort", t), ("prescribed", end))
-        return JointValues(
-            *(
-                self._value([getattr(joint, name) for joint in joints], at, inputs)
-                for name, at in given
-            )
-        )
+        return JointValues(*(self._value(joints, name, at, inputs) for name, at in given))
 
-    def _value(self, given: list[Any], t: Tensor, inputs: Inputs) -> Tensor | None:
-        """(..., J, w) of a value of each joint, in the row of its coordinate."""
-        rows, total = self.angles + self.travels, None
-        for k, value in enumerate(given):
+    def _value(
+        self, joints: tuple[Any, ...], name: str, t: Tensor, inputs: Inputs
+    ) -> Tensor | None:
+        """(..., J, w) of what is given of each joint, in the rows of its coordinates."""
+        total = None
+        given = [
+            (k, rows, getattr(joint, name)(coordinate))
+            for k, joint in enumerate(joints)
+            for coordinate, rows in enumerate((self.angles, self.travels))
+            if coordinate in joint.coordinates
+        ]
+        for k, rows, value in given:
             if value is None:
                 continue
             value = scalar_at("what acts in a joint", value, t, inputs, self.c)

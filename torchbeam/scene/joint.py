@@ -141,18 +141,20 @@ class Joint(Tree):
         """What acts in it, by name, where it is there."""
         return {name: value for name in ACTS if (value := getattr(self, name, None)) is not None}
 
-    def law(self, name: str) -> Tensor | None:
-        """What its coordinate resists by (...), by the names of `JointLaws`; None = nothing."""
+    def law(self, name: str, coordinate: int) -> Tensor | None:
+        """What one of its `coordinates` resists by (...), by the names of `JointLaws`; None =
+        nothing.
+        """
         return None
 
-    @property
-    def effort(self) -> Any:
-        """The force or torque along its coordinate that is given, None = none."""
+    def effort(self, coordinate: int) -> Any:
+        """The torque about an angle (0) or the force along a travel (1) that is given, None =
+        none.
+        """
         return None
 
-    @property
-    def prescribed(self) -> Any:
-        """The coordinate, where it is given, None = it is not."""
+    def prescribed(self, coordinate: int) -> Any:
+        """One of its `coordinates`, where it is given, None = it is not."""
         return None
 
     def drawn(self, structure: Structure) -> tuple[Tensor, Tensor, Tensor]:

@@ -57,7 +57,11 @@ def model_of(scene):
     if (
         scene.effects[1:]
         or scene.frame
-        or (scene.joints and scene.joints[0].prescribed is not None)
+        or (
+            scene.joints
+            and isinstance(scene.joints[0], tb.Hinge)
+            and scene.joints[0].angle is not None
+        )
     ):
         start = None
     return tb.linearize(scene, start, inputs={"u": torch.zeros(3)})
