@@ -378,6 +378,9 @@ SAME = {
 REFUSED = {
     "simulate: form": lambda of: of.run(form="minimal", step=None, tolerance=None, engine="auto"),
     "simulate: explicit": lambda of: tb.simulate(of.scene, T, method="rk4", inputs=GIVEN),
+    "simulate: accuracy": lambda of: tb.simulate(of.scene, T, accuracy=0.1, inputs=GIVEN),
+    "equilibrium: accuracy": lambda of: tb.equilibrium(of.scene, accuracy=0.1, inputs=GIVEN),
+    "modes: accuracy": lambda of: tb.modes(of.scene, accuracy=0.1, inputs=GIVEN),
     "ExplicitStepper": lambda of: tb.ExplicitStepper(of.scene, 1e-3),
     "block_rate": lambda of: tb.block_rate(of.scene, None, inputs=GIVEN),
     "consistent_state": lambda of: tb.consistent_state(of.scene, inputs=GIVEN),
