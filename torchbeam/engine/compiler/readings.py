@@ -66,11 +66,6 @@ class Readings(TorchFunctionMode):
         kwargs = kwargs or {}
         if self.stand:
             args, kwargs = self._standing(args), self._standing(kwargs)
-        if not torch.is_grad_enabled() and any(map(self.traced, args)) and of_user():
-            raise NotTraceable(
-                f"{getattr(func, '__name__', func)} was called without gradient at {line()}; a "
-                "graph would have that of what it computes; detach() is wanted where none is"
-            )
         if func in READ and self.traced(args[0]):
             raise NotTraceable(
                 f"{func.__name__} of a traced tensor was asked for at {line()}; a graph has no "

@@ -73,7 +73,7 @@ def trace(
         tracer.hold(value, torch.tensor(nodes, dtype=torch.long).reshape(value.shape))
 
     def run() -> Any:
-        with torch.enable_grad(), Readings(tracer.traced, stand), tracer:
+        with torch.no_grad(), Readings(tracer.traced, stand), tracer:
             return function(
                 **{name: given[name] for name in inputs if name not in captured or name in own}
             )

@@ -338,27 +338,7 @@ def branching(x):
 
 
 PARAMETER = torch.tensor([1.0, 2.0, 3.0], requires_grad=True)
-
-
-class OfTheirOwn(torch.autograd.Function):
-    """A derivative that is not that of what is computed."""
-
-    @staticmethod
-    def forward(ctx, x):
-        return x.round()
-
-    @staticmethod
-    def backward(ctx, grad):
-        return grad
-
-
-UNPLACED = (
-    "a number",
-    "no gradient",
-    "inference mode",
-    "a user's derivative",
-    "factors that are read",
-)
+UNPLACED = ("a number", "factors that are read")  # known where the function is done
 REFUSED = {
     "a parameter": (lambda x: x * PARAMETER, "carries gradient"),
     "what a parameter gives": (lambda x: x * (2 * PARAMETER)[1], "carries gradient"),
@@ -376,9 +356,6 @@ REFUSED = {
     "sort": (lambda x: x.sort()[0], "aten.sort"),
     "a traced mask": (lambda x: x[x > 0], "aten.index"),
     "factors": (lambda x: torch.linalg.lu_factor(torch.outer(x, x))[0], "aten.linalg_lu_factor"),
-    "inference mode": (torch.inference_mode()(lambda x: x.sin()), "sin was called without"),
-    "no gradient": (torch.no_grad()(lambda x: x.sin()), "sin was called without gradient"),
-    "a user's derivative": (OfTheirOwn.apply, "called without gradient"),
     "what is detached": (lambda x: x.detach().zero_() + x, "did not make"),
     "a number": (lambda x: 3.0, "float was returned"),
     "an unknown function": (lambda x: torch.special.bessel_j0(x), "bessel_j0"),
