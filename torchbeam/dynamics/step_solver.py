@@ -94,12 +94,16 @@ class StepSolver:
         vars(other).update(vars(self), use=EngineUse(self.use.reason))
         return other
 
-    def of(self, model: Model) -> StepSolver:
-        """The same for another model, of the same structure."""
+    def of(self, model: Model, compiled: CompiledStep | None = None) -> StepSolver:
+        """The same for another model, of the same structure; compiled: its native steps, where they
+        are known.
+        """
         other = copy(self)
-        other.model = model
-        other._compiled = other._double = None
-        other._decided = self.engine != "compiled" and self._decided and self._compiled is None
+        other.model, other.use = model, EngineUse() if compiled else self.use
+        other._compiled, other._double = compiled, None
+        other._decided = compiled is not None or (
+            self.engine != "compiled" and self._decided and self._compiled is None
+        )
         return other
 
     def by_midpoint(self) -> StepSolver:
