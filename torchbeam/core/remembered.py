@@ -12,7 +12,7 @@ from torch import Tensor
 
 from .derivatives import cache_of, lasting, untracked
 from .leaves import Tree, map_leaves
-from .tape import Recording, current_recording
+from .tape import Otherwise, Recording, current_recording
 
 T = TypeVar("T")
 LARGE = 2**14  # numbers in the arguments, from which on looking costs what computing does
@@ -100,7 +100,8 @@ def _recorded(tape: Recording, function: Callable[..., T], given: tuple[Any, ...
             if all(map(torch.equal, known, numbers)):
                 return values
         values: list[Tensor] = []
-        structure_of(remembered(function, *with_tensors(given, iter(numbers))), values)
+        if structure_of(remembered(function, *with_tensors(given, iter(numbers))), values) != alike:
+            raise Otherwise
         recent.insert(0, ([x.detach().clone() for x in numbers], (*values,)))
         del recent[RECENT:]
         return recent[0][1]
@@ -111,7 +112,7 @@ def _recorded(tape: Recording, function: Callable[..., T], given: tuple[Any, ...
         tape.hold(result)
         return result
     values: list[Tensor] = []
-    structure_of(result, values)
+    alike = structure_of(result, values)
     tape.note(again, tensors, {}, values)
     return with_tensors(result, iter(values))  # without what it has cached: that is of the tape too
 

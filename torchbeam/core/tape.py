@@ -34,6 +34,10 @@ LITERAL = (*PLAIN, slice, tuple, list, type(None), type(...), torch.dtype)
 Tape = Callable[..., tuple[Tensor, ...] | None]
 
 
+class Otherwise(Exception):
+    """What an operation of a tape raises where numbers say otherwise than those recorded."""
+
+
 class Line(NamedTuple):
     """A line of Python that gives the tensor `name`; "" = it is wanted for what it does. needs:
     names of tensors in it.
@@ -141,7 +145,14 @@ class Recording(TorchFunctionMode):
         text = "\n".join([self._head, *reversed(body), f"    return ({results})"])
         scope = dict(self._constants)
         exec(text, scope)
-        return scope["tape"]
+
+        def tape(*tensors: Tensor) -> tuple[Tensor, ...] | None:
+            try:
+                return scope["tape"](*tensors)
+            except Otherwise:
+                return None
+
+        return tape
 
     def _name(self, result: Any, name: str) -> None:
         if isinstance(result, Tensor):

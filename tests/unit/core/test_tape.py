@@ -60,6 +60,21 @@ def test_numbers_that_go_another_way_end_it():
     assert tape(-X, Y) is None
 
 
+def signs(x):
+    return 2.0 * x, x[0].item() > 0
+
+
+def test_what_is_remembered_beside_tensors_ends_it():
+    """What is no tensor in it is the same, or there is no result."""
+
+    def function(x, y):
+        doubled, positive = remembered(signs, x)
+        return doubled + y if positive else doubled - y
+
+    tape, _ = recorded(function, X, Y)
+    assert torch.equal(*tape(3 * X, Y), function(3 * X, Y)) and tape(-X, Y) is None
+
+
 def test_the_same_operation_is_made_once():
     calls = []
 

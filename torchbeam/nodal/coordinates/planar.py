@@ -19,6 +19,7 @@ from ...core.leaves import leaf, with_values
 from ...core.remembered import remembered
 from ...core.validation import concrete
 from ...math import quaternions as quat
+from ...math.columns import Columns
 from ...scene.beam import Beam
 from ...state.state import State
 from . import planar_element as element
@@ -47,6 +48,11 @@ class Maps(NamedTuple):
     diagonal: Tensor
     load: Tensor
     embedding: Tensor
+    to_rotation: Columns
+    to_stress: Columns
+    to_load: Columns
+    to_vector: Columns
+    to_normal: Columns
 
     @classmethod
     def of(cls, basis: Tensor, section: Tensor) -> Maps:
@@ -56,7 +62,9 @@ class Maps(NamedTuple):
         whole = torch.block_diag(section, section)[:, INSIDE + OUTSIDE]
         stress = whole[:, : len(INSIDE)]
         load = torch.block_diag(basis[:, :2], basis[:, 2:])
-        return cls(rotation, whole, stress, stress.abs(), load, load.mT)
+        public = rotation, stress.mT, load.mT, basis[:, :2].mT, basis[:, 2:].mT
+        columns = map(Columns.of, public)
+        return cls(rotation, whole, stress, stress.abs(), load, load.mT, *columns)
 
 
 @dataclass(frozen=True)
@@ -233,11 +241,11 @@ class Planar(Spatial):
         return with_values(
             state,
             position=self.public_position(state.position),
-            rotation=state.rotation @ self._rotation_map,
+            rotation=self._maps.to_rotation(state.rotation),
             velocity=self.public_vector(state.velocity),
             spin=state.spin @ self.section[:, 2:].mT,
-            stress=state.stress @ self._stress_map.mT,
-            reaction=state.reaction @ self._load_map.mT,
+            stress=self._maps.to_stress(state.stress),
+            reaction=self._maps.to_load(state.reaction),
             frame=frame,
         )
 
@@ -286,13 +294,13 @@ class Planar(Spatial):
         return omega @ self.basis[:, 2:]
 
     def public_position(self, position: Tensor) -> Tensor:
-        return self.public_vector(position) + self._origin
+        return self._maps.to_vector(position, self._origin)
 
     def public_vector(self, v: Tensor) -> Tensor:
-        return v @ self._vector_embedding
+        return self._maps.to_vector(v)
 
     def public_spin(self, spin: Tensor) -> Tensor:
-        return spin @ self.basis[:, 2:].mT
+        return self._maps.to_normal(spin)
 
     def axes(self, rotation: Tensor) -> Tensor:
         return quat.matrix(rotation @ self._rotation_map)
