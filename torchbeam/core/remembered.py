@@ -88,6 +88,8 @@ def with_tensors(x: Any, tensors: Iterator[Tensor]) -> Any:
     if isinstance(x, (tuple, list)):
         parts = [with_tensors(value, tensors) for value in x]
         return type(x)(*parts) if hasattr(x, "_fields") else type(x)(parts)
+    if isinstance(x, dict):
+        return {name: with_tensors(value, tensors) for name, value in x.items()}
     return x
 
 
