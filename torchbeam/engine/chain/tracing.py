@@ -11,6 +11,7 @@ from torch import Tensor
 from ..compiler.function import Function
 from ..compiler.trace import trace
 from .chain_constants import flattened
+from .extrapolated_functions import OTHER
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
 from .node_kinds import PAIR_SIDES, SIDES
@@ -25,11 +26,11 @@ OF_LOADS = ("node", "finish")  # functions that ask loads, and so what users wro
 class Tracing:
     """shapes: of the states' and unknowns' fields; constants: of a node's, an element's, the
     common, a support's and a joint's ones; node, element, joint, stretch, pair: all that a function
-    of one may read; known: functions of `OF_LOADS` that were traced before, and are not traced
-    again, to which those that are traced now are added; None = none are to be known.
+    of one may read; known: functions of the same trees that were traced before, and are not traced
+    again, to which those that are traced now are added.
     """
 
-    def __init__(self, local: LocalFunctions, known: Traced | None = None) -> None:
+    def __init__(self, local: LocalFunctions, known: Traced) -> None:
         self.like, self.known = local.model.length.detach(), known
         space = local.model.space
         p, s, k = space.dims.position, space.dims.spin, space.dims.strain
@@ -45,6 +46,8 @@ class Tracing:
         }
         if INTERNAL in local.state:
             self.shapes[INTERNAL] = (sum(local.internal),)
+        ends = {f"{OTHER}{name}": shape for name, shape in self.shapes.items()}
+        self.shapes |= {name: shape for name, shape in ends.items() if name in local.state}
         self.shapes |= {"acceleration": (2 * (p + s),), "straining": (local.order, 2 * k)}
         trees = (
             ("node", local.nodes, 1),
@@ -104,13 +107,13 @@ class Tracing:
 
     def __call__(self, function: Callable, shapes: Shapes) -> Function:
         """The function of fields of these shapes, without those that it does not read."""
-        name = function.func.__name__ if isinstance(function, partial) else function.__name__
-        if self.known is None or name not in OF_LOADS:
-            return self._traced(function, shapes, self.captured if name in OF_LOADS else {})
-        key = name, *function.args, *shapes.items()
+        function = partial(function)  # of one, the same
+        name, named = function.func.__name__, tuple(sorted(function.keywords.items()))
+        key = name, function.args, named, tuple(shapes.items())
         if key not in self.known:
-            self.known[key] = self._traced(function, shapes, self.captured)
-        return self.known[key].taking({}, {})  # in a graph of its own, that grows
+            captured = self.captured if name in OF_LOADS else {}
+            self.known[key] = self._traced(function, shapes, captured)
+        return self.known[key].copied()  # in a graph of its own, that grows
 
     def _traced(self, function: Callable, shapes: Shapes, captured: dict[str, Tensor]) -> Function:
         generator = torch.Generator().manual_seed(0)
