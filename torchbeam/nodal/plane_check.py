@@ -103,7 +103,7 @@ def _refuse_offset(space: Planar, effect: Any) -> None:
 
 def _refuse(space: Planar, what: str, given: Tensor, inside: Tensor) -> None:
     given = given.detach()
-    out, size = (given - inside.detach()).abs().amax(), given.abs().amax()
+    out, size = (torch.linalg.vector_norm(x, torch.inf) for x in (given - inside.detach(), given))
     if concrete(out > ROUNDING * size).any():
         raise ValueError(
             f"{what} out of the plane {space.name!r} was given; one in it is wanted, or plane=None"

@@ -16,6 +16,7 @@ import torchbeam as tb
 from torchbeam.analysis.trials import Counter
 from torchbeam.dynamics import prepared as module
 from torchbeam.dynamics.stepper import Stepper
+from torchbeam.engine.chain import replayed_step as replayed
 
 T = torch.linspace(0, 0.05, 6)
 
@@ -167,3 +168,116 @@ def test_other_values_cost_few_operations():
             tip(run)
         counts[name] = operations.count
     assert counts["again"] <= 110 and counts["other"] <= 250, counts
+
+
+def beam(k, element="linear", **more):
+    """The k-th scene of one structure: all numbers differ."""
+    section = tb.Section.from_stiffness(
+        EA=90.0 + k, GA=50.0 + k, GJ=0.4, EI=0.5 + 0.1 * k, mass=0.2 + 0.01 * k, inertia=1e-3
+    )
+    effects = [tb.TipLoad(force=(0.0, 0.0, 0.3 + 0.1 * k)), *more.pop("effects", lambda k: ())(k)]
+    straight = tb.Beam.straight(1.0 + 0.05 * k, 2, section, order=1 + (element == "order 2"))
+    return tb.Scene(straight, effects, **more)
+
+
+STRUCTURES = {
+    "3D": {},
+    "plane": dict(plane="xz"),
+    "small": dict(small=True),
+    "order 2": dict(element="order 2"),
+    "many effects": dict(
+        plane="xz",
+        effects=lambda k: [
+            tb.Gravity((0.0, 0.0, -9.81 - k)),
+            tb.Damping(0.01 + 0.001 * k),
+            tb.PointMass(0.1 + 0.01 * k, node=1),
+            tb.Drag(1000.0 + k, 0.01),
+        ],
+    ),
+    "input": dict(effects=lambda k: [tb.TipLoad(force=tb.Input("u", 3))]),
+    "free": dict(supports=()),
+}
+
+
+@pytest.fixture
+def taped(monkeypatch):
+    """How often constants came of a tape."""
+    found = []
+    values = replayed.Tapes.values
+
+    def counted(self, *given):
+        result = values(self, *given)
+        found.append(result is not None)
+        return result
+
+    monkeypatch.setattr(replayed.Tapes, "values", counted)
+    return found
+
+
+@pytest.mark.steps
+@pytest.mark.parametrize("structure", STRUCTURES)
+def test_constants_of_a_tape(taped, structure):
+    """From the third scene of a structure on they come of one, and are what they are without: runs
+    again, other inputs, energies and gradients by them included.
+    """
+    pytest.importorskip("llvmlite")
+    inputs = {"u": torch.tensor([0.0, 0.0, 0.1])} if structure == "input" else {}
+    options = dict(step=0.01, tolerance=1e-12)
+    for k in range(2):
+        tb.simulate(beam(k, **STRUCTURES[structure]), T, inputs=inputs, **options)
+    run, same = (beam(2, **STRUCTURES[structure]) for _ in range(2))
+    wanted = {}
+    for scale in (1, 1, 2) if inputs else (1, 1):
+        given = {name: scale * x for name, x in inputs.items()}
+        sol = tb.simulate(run, T, inputs=given, **options)
+        if scale not in wanted:
+            wanted[scale] = tb.simulate(same, T, inputs=given, engine="eager", **options)
+        for read in (
+            lambda sol: sol.nodes,
+            lambda sol: sol.states.public().stress,
+            lambda sol: sol.energy.strain,
+        ):
+            assert_close(read(sol), read(wanted[scale]), rtol=1e-9, atol=1e-11)
+    assert any(taped)
+    grads, more = [], STRUCTURES[structure]
+    for engine in ("compiled", "eager"):
+        run, x = beam(9, **more), torch.tensor(0.1, requires_grad=True)
+        given = {name: (x * v) for name, v in inputs.items()}
+        start = tb.rest(run)
+        start = replace(
+            start,
+            velocity=start.velocity + x * (start.position if more.get("supports") == () else 0),
+        )
+        sol = tb.simulate(run, T, start, step=0.01, engine=engine, inputs=given)
+        tip = sol.tip.position[-1].sum() + 0 * x
+        grads.append(torch.autograd.grad(tip, x)[0])
+    assert_close(*grads, rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.steps
+def test_numbers_that_a_tape_does_not_take():
+    """What is refused without it is refused with it, and what goes another way is made anew."""
+    for force in (0.1, 0.2, 0.3):
+        tip(scene(force=force))
+    aside = tb.TipLoad(force=(0.0, 1.0, 0.0))
+    with pytest.raises(ValueError, match="out of the plane"):
+        tip(replace(scene(), effects=[aside, tb.MassDamping(0.3)]))
+    assert_close(
+        tip(scene(force=0.4)),
+        tb.simulate(scene(force=0.4), T, step=0.01, engine="eager").tip.position,
+        rtol=1e-8,
+        atol=1e-11,
+    )
+
+
+@pytest.mark.steps
+def test_a_model_that_is_made_later_has_the_numbers_of_then():
+    """A scene that is written to after a run; copies and pickles of its solution's energy."""
+    pytest.importorskip("llvmlite")
+    for force in (0.1, 0.2):
+        tip(scene(force=force))
+    run, same = scene(EI=0.8), scene(EI=0.8)
+    sol = tb.simulate(run, T, step=0.01)
+    run.beam.compliance.mul_(0.5)
+    wanted = tb.simulate(same, T, step=0.01, engine="eager").energy.strain
+    assert_close(sol.energy.strain, wanted, rtol=1e-8, atol=1e-10)

@@ -7,18 +7,19 @@ of the quaternion. Strains are [gamma_1, gamma_t, kappa_n].
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import ClassVar
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
 from ...core.derivatives import cached
-from ...core.leaves import leaf
+from ...core.leaves import leaf, with_values
 from ...core.remembered import remembered
 from ...core.validation import concrete
 from ...math import quaternions as quat
+from ...math.columns import Columns
 from ...scene.beam import Beam
 from ...state.state import State
 from . import planar_element as element
@@ -33,6 +34,37 @@ PLANES = {
 INSIDE, OUTSIDE = [0, 1, 5], [2, 3, 4]
 CLOSE = {torch.float64: 1e-9, torch.float32: 1e-5}
 LEFT_OUT = {torch.float64: 1e-6, torch.float32: 1e-3}  # of a state given to start from
+
+
+class Maps(NamedTuple):
+    """Of a plane: the public quaternion of (cos, sin), (2, 4); the six of a section from those
+    inside the plane, then those outside, (6, 6); inside ones alone, (6, 3), of stress or strain,
+    and of diagonals of their matrices; loads to those in the plane, (6, 3), and back, (3, 6).
+    """
+
+    rotation: Tensor
+    section: Tensor
+    stress: Tensor
+    diagonal: Tensor
+    load: Tensor
+    embedding: Tensor
+    to_rotation: Columns
+    to_stress: Columns
+    to_load: Columns
+    to_vector: Columns
+    to_normal: Columns
+
+    @classmethod
+    def of(cls, basis: Tensor, section: Tensor) -> Maps:
+        units = torch.eye(4, dtype=basis.dtype, device=basis.device)[[0, 3]]
+        rotation = quat.multiply(quat.from_matrix(basis), units)
+        rotation = quat.multiply(rotation, quat.from_matrix(section.mT))
+        whole = torch.block_diag(section, section)[:, INSIDE + OUTSIDE]
+        stress = whole[:, : len(INSIDE)]
+        load = torch.block_diag(basis[:, :2], basis[:, 2:])
+        public = rotation, stress.mT, load.mT, basis[:, :2].mT, basis[:, 2:].mT
+        columns = map(Columns.of, public)
+        return cls(rotation, whole, stress, stress.abs(), load, load.mT, *columns)
 
 
 @dataclass(frozen=True)
@@ -64,11 +96,16 @@ class Planar(Spatial):
     @classmethod
     def of(cls, beam: Beam, name: str) -> Planar:
         """Raises ValueError where the beam or its mass leaves the plane `name`."""
-        numbers = (x.detach() for x in (beam.nodes, beam.frames, beam.elements, beam.length))
-        plane = remembered(cls._through, name, beam.order, bool(beam.parts), *numbers)
+        plane = cls.through(beam, name)
         if beam.offset or beam.rotary:
             plane.check_section("mass", beam.mass.detach())
         return plane
+
+    @classmethod
+    def through(cls, beam: Beam, name: str) -> Planar:
+        """Raises ValueError where the beam leaves the plane `name`, wherever its mass is."""
+        numbers = (x.detach() for x in (beam.nodes, beam.frames, beam.elements, beam.length))
+        return remembered(cls._through, name, beam.order, bool(beam.parts), *numbers)
 
     @classmethod
     def _through(
@@ -121,26 +158,15 @@ class Planar(Spatial):
             )
 
     @cached
-    def _rotation_map(self) -> Tensor:
-        """(2, 4): the public quaternion of (cos, sin)."""
-        outer = quat.from_matrix(self.basis), quat.from_matrix(self.section.mT)
-        units = torch.eye(4, dtype=self.basis.dtype, device=self.basis.device)[[0, 3]]
-        return quat.multiply(quat.multiply(outer[0], units), outer[1])
+    def _maps(self) -> Maps:
+        return remembered(Maps.of, self.basis, self.section)
 
-    @cached
-    def _section_map(self) -> Tensor:
-        """(6, 6): the six of a section from those inside the plane, then those outside."""
-        return torch.block_diag(self.section, self.section)[:, INSIDE + OUTSIDE]
-
-    @cached
-    def _stress_map(self) -> Tensor:
-        """(6, 3)"""
-        return self._section_map[:, : len(INSIDE)]
-
-    @cached
-    def _load_map(self) -> Tensor:
-        """(6, 3)"""
-        return torch.block_diag(self.basis[:, :2], self.basis[:, 2:])
+    _rotation_map = property(lambda self: self._maps.rotation)
+    _section_map = property(lambda self: self._maps.section)
+    _stress_map = property(lambda self: self._maps.stress)
+    _diagonal_map = property(lambda self: self._maps.diagonal)
+    _load_map = property(lambda self: self._maps.load)
+    _embedding = property(lambda self: self._maps.embedding)
 
     @cached
     def _vector_map(self) -> Tensor:
@@ -168,16 +194,6 @@ class Planar(Spatial):
         return self.section[:, 2:]
 
     @cached
-    def _embedding(self) -> Tensor:
-        """(3, 6)"""
-        return self._load_map.mT
-
-    @cached
-    def _diagonal_map(self) -> Tensor:
-        """(6, 3)"""
-        return self._stress_map.abs()
-
-    @cached
     def section_axes(self) -> tuple[float, ...]:
         """The numbers of `section`."""
         return tuple(self.section.flatten().tolist())
@@ -193,7 +209,7 @@ class Planar(Spatial):
     def to_reduced(self, state: State) -> State:
         position, rotation = self.pose(state.position, state.rotation)
         velocity, spin = self.motion(state.velocity, state.spin)
-        return replace(
+        return with_values(
             state,
             position=position,
             rotation=rotation,
@@ -222,14 +238,14 @@ class Planar(Spatial):
 
     def to_public(self, state: State) -> State:
         frame = None if state.frame is None else self.public_frame(state.frame)
-        return replace(
+        return with_values(
             state,
             position=self.public_position(state.position),
-            rotation=state.rotation @ self._rotation_map,
+            rotation=self._maps.to_rotation(state.rotation),
             velocity=self.public_vector(state.velocity),
             spin=state.spin @ self.section[:, 2:].mT,
-            stress=state.stress @ self._stress_map.mT,
-            reaction=state.reaction @ self._load_map.mT,
+            stress=self._maps.to_stress(state.stress),
+            reaction=self._maps.to_load(state.reaction),
             frame=frame,
         )
 
@@ -278,13 +294,13 @@ class Planar(Spatial):
         return omega @ self.basis[:, 2:]
 
     def public_position(self, position: Tensor) -> Tensor:
-        return self.public_vector(position) + self._origin
+        return self._maps.to_vector(position, self._origin)
 
     def public_vector(self, v: Tensor) -> Tensor:
-        return v @ self._vector_embedding
+        return self._maps.to_vector(v)
 
     def public_spin(self, spin: Tensor) -> Tensor:
-        return spin @ self.basis[:, 2:].mT
+        return self._maps.to_normal(spin)
 
     def axes(self, rotation: Tensor) -> Tensor:
         return quat.matrix(rotation @ self._rotation_map)
