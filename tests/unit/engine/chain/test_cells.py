@@ -117,3 +117,5 @@ def test_what_has_cells():
     assert order_of(Connectivity(twice, held=(5, 1, 6), shared=1)).own_groups is None
     stepper = tb.Stepper(hand(unlike=[tb.Drag(1.0, 0.1, on="b0")]), 0.02, engine="compiled")
     assert stepper.compiled.structure.by_cells is None
+    floor = tb.Contact(tb.Plane((0.0, -0.12, 0), (0, 1.0, 0)), thickness=0.1, force=0.5)
+    assert cells(hand(unlike=[floor])) is None  # each part has a piece of it
