@@ -14,13 +14,19 @@ from .tracing import Tracing
 
 
 def of_pairs(
-    local: LocalFunctions, traced: Tracing, kinds: tuple[PairKind, ...], held: bool
+    local: LocalFunctions,
+    traced: Tracing,
+    kinds: tuple[PairKind, ...],
+    held: bool,
+    varying: tuple[str, ...] = (),
 ) -> dict[str, Function]:
-    """Functions of an iteration, by kind."""
+    """Functions of an iteration, by kind; varying: see `ChainProgram`."""
     functions, w = {}, local.model.space.unknowns
     for k, kind in enumerate(kinds):
         functions[f"far pair {k}"] = traced(partial(local.far_pair, kind), traced.pair)
-        functions[f"pair {k}"] = pair = traced(partial(local.pair, held, kind), traced.pair)
+        functions[f"pair {k}"] = pair = traced(
+            partial(local.pair, held, kind), traced.pair | {name: () for name in varying}
+        )
         for side in PAIR_SIDES if held else ():
             row = {"end_free": (w,), f"{side}.row": pair.outputs[f"{side}.row"].shape}
             row |= {f"{end}.move": (w,) for end in PAIR_SIDES}
