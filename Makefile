@@ -30,10 +30,10 @@ test-second: .venv/dev.done
 test-rounding: .venv/dev.done
 	$(OTHER_ROUNDING) $(BIN)/$(PYTEST) tests/unit $(addprefix --ignore=tests/unit/,plot studies analysis mixed engine/chain)
 
-# Operation counts against the stored ones; `python -m torchbeam bench` measures times. After a change that is meant:
-# python -m torchbeam bench --operations tests/unit/studies/operations.json --update
+# Operation counts, and errors of fixed settings, against the stored ones; `python -m torchbeam bench` measures times. After a
+# change that is meant: python -m torchbeam bench --operations tests/unit/studies/operations.json --update
 bench: .venv/dev.done
-	$(BIN)/python -m torchbeam bench --operations tests/unit/studies/operations.json
+	$(BIN)/python -m torchbeam bench --operations tests/unit/studies/operations.json --errors tests/unit/studies/errors.json
 
 # Every dependency at the lowest version that pyproject.toml states, all at once.
 test-lowest: .venv-lowest/done

@@ -38,20 +38,45 @@ from .task import Task
 from .tip_reach import TipReachEnv, TipReachVectorEnv
 from .tip_track import TipTrackEnv, TipTrackVectorEnv
 from .two_link import TwoLinkEnv, TwoLinkVectorEnv
+from .uncertain import UNCERTAIN
 
 if TYPE_CHECKING:
     from .sb3 import Sb3VecEnv
 
 # fmt: off
 __all__ = [
-    "Actuator", "BeamEnvConfig", "BeamVectorEnv", "Episodes", "FlutterHoldEnv",
-    "FlutterHoldVectorEnv", "FollowTargetEnv", "FollowTargetVectorEnv", "InverseKinematicsEnv",
-    "InverseKinematicsVectorEnv", "Observed", "Parameter",
-    "PayloadEnv", "PayloadVectorEnv", "PegEnv", "PegVectorEnv", "Sb3VecEnv", "SingleEnv", "SlewEnv",
-    "SlewVectorEnv", "Task",
-    "TipForce", "TipReachEnv",
-    "TipReachVectorEnv", "TipTrackEnv", "TipTrackVectorEnv", "TwoLinkEnv", "TwoLinkVectorEnv",
-    "aluminium_strip", "functional", "holding_action",
+    "UNCERTAIN",
+    "Actuator",
+    "BeamEnvConfig",
+    "BeamVectorEnv",
+    "Episodes",
+    "FlutterHoldEnv",
+    "FlutterHoldVectorEnv",
+    "FollowTargetEnv",
+    "FollowTargetVectorEnv",
+    "InverseKinematicsEnv",
+    "InverseKinematicsVectorEnv",
+    "Observed",
+    "Parameter",
+    "PayloadEnv",
+    "PayloadVectorEnv",
+    "PegEnv",
+    "PegVectorEnv",
+    "Sb3VecEnv",
+    "SingleEnv",
+    "SlewEnv",
+    "SlewVectorEnv",
+    "Task",
+    "TipForce",
+    "TipReachEnv",
+    "TipReachVectorEnv",
+    "TipTrackEnv",
+    "TipTrackVectorEnv",
+    "TwoLinkEnv",
+    "TwoLinkVectorEnv",
+    "aluminium_strip",
+    "functional",
+    "holding_action",
     "silicone_rod",
 ]
 # fmt: on

@@ -24,6 +24,8 @@ class Episodes(Tree):
     key          (n,) long, of the random numbers that the episode draws after its start
     acting       (n, a) the action that acts, or acted last
     pending      (n, delay, a) actions that have not acted yet, the next one first
+    late         (n, spare, a) those before them, the oldest first, which act now where there is
+                 latency; None where there is none
     steps        (n,) long, steps since reset
     terminated, truncated  (n,) bool, once an episode is over and until it is reset
     observation  (n, o) the last one; finite
@@ -46,6 +48,7 @@ class Episodes(Tree):
     truncated: Tensor = leaf(0)
     observation: Tensor = leaf(1)
     target: Tensor | None = leaf(2, default=None)
+    late: Tensor | None = leaf(2, default=None)
     measures: dict[str, Tensor] = leaf(0, kw_only=True)
     memory: Tensor = leaf(1, kw_only=True)
 

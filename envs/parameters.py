@@ -19,7 +19,7 @@ class Parameter:
     """A number that may change with the episode.
 
     value      what it is unless it varies
-    low, high  the range that randomize=True draws from
+    low, high  the range that randomize=True draws from; where they are equal it does not
     least      smallest value; `above`: which it must exceed
     """
 
@@ -64,7 +64,7 @@ class Parameters(dict[str, Parameter]):
                 raise ValueError(
                     "randomize was given; this form of the beam has no parameters to vary"
                 )
-            return {name: (p.low, p.high) for name, p in self.items()}
+            return {name: (p.low, p.high) for name, p in self.items() if p.low < p.high}
         randomize = randomize or {}
         for name, bounds in randomize.items():
             self.named(name).check(name, bounds)

@@ -56,7 +56,9 @@ class Plant(Tree):
 
     def merge(self, few: BatchSubset, part: Plant) -> Plant:
         """With the sub-envs `few` those of `part`."""
-        return Plant(few.merge(self, part).params, self.stepper.merge(few, part.stepper))
+        same = part.stepper is self.stepper
+        stepper = self.stepper if same else self.stepper.merge(few, part.stepper)
+        return Plant(few.merge(self, part).params, stepper)
 
 
 def aluminium_strip(dtype: torch.dtype = torch.float64) -> Section:

@@ -15,7 +15,9 @@ from torch import Tensor
 import torchbeam as tb
 from torchbeam.extend import BatchSubset, with_values
 
+from . import imperfections
 from .episodes import Episodes
+from .imperfections import beside_the_beam, biased, lagging, late_action
 from .noise import normal
 from .parameters import Parameters
 from .plant import Plant, stepper
@@ -31,7 +33,7 @@ class Simulation:
     observer  what is seen of the beam;  high (o,) bounds of whole observations: target, sensors,
               actions still to act
     known     the parameters that there are;  ranges  name -> (low, high) of those drawn at each
-              reset
+              reset;  spare  intervals by which actions may be late
     varying   names of the parameters that have a value for each sub-env; grows when a reset is
               given values for others
     """
@@ -45,11 +47,13 @@ class Simulation:
                 f"for {count} sub-envs; none, or one of that many, are wanted"
             )
         self.varying: set[str] = set()
-        self.known = Parameters(task.parameters() if c.form == "nodal" else {})
+        own = task.parameters() if c.form == "nodal" else {}
+        self.known = Parameters(own | imperfections.PARAMETERS)
         self.members = torch.arange(count, device=task.device)
         self.plant = self._plant({}, self.members)
         self.rest = self._settled(self.plant, count)
         self.ranges = self.known.ranges(c.randomize)
+        self.spare = imperfections.spare(self.ranges)
         self.varying |= set(self.ranges)
         task.prepare(self.plant)
         self.observer = Observer(task.observed(), self.rest[0])
@@ -66,28 +70,28 @@ class Simulation:
         (episodes, reward (n,), failed (n,) bool, None = none has).
         """
         beam, acting, pending, everyone = before.beam, before.acting, before.pending, active is None
-        memory = before.memory
+        memory, late = before.memory, before.late
         if everyone or active.any():
-            now, waiting = action, pending
-            if self.config.delay:
-                queue = torch.cat((pending, action[:, None]), 1)
-                now, waiting = queue[:, 0], queue[:, 1:]
+            now, waiting, later = self._acting(before, action)
+            gain = before.plant.params["gain"]
             beam = before.plant.advance(
-                beam, self.config.substeps, active, self.task.inputs(now, before)
+                beam,
+                self.config.substeps,
+                active,
+                self.task.inputs(gain[:, None] * now if gain.ndim else now, before),
             )
             memory = self.task.next_memory(before, now)
             if everyone:
-                acting, pending = now, waiting
+                acting, pending, late = now, waiting, later
             else:
                 acting = torch.where(active[:, None], now, acting)
                 pending = torch.where(active[:, None, None], waiting, pending)
                 memory = torch.where(active[:, None], memory, before.memory)
+                if late is not None:
+                    late = torch.where(active[:, None, None], later, late)
         steps = before.steps + (1 if everyone else active)
-        after = self._told(
-            with_values(
-                before, beam=beam, acting=acting, pending=pending, steps=steps, memory=memory
-            )
-        )
+        moved = dict(beam=beam, acting=acting, pending=pending, steps=steps, memory=memory)
+        after = self._told(with_values(before, **moved, late=late))
         observation = self._observation(after)
         reward = -torch.add(
             self.task.cost(after), action.square().sum(-1), alpha=self.config.control_cost
@@ -146,7 +150,7 @@ class Simulation:
         start, first = self._at_rest(plant, rows)
         beam = self.task.initial_state(start, goal)
         beam = first if beam is start else self._begun(plant, beam)
-        random = self.config.noise or self.task.RANDOM
+        random = self.config.noise or self.task.RANDOM or "bias" in self.varying
         key = torch.tensor(
             [int(s.integers(2**63)) for s in own] if random else [0] * len(rows), device=rows.device
         )
@@ -165,6 +169,7 @@ class Simulation:
             zero.bool(),
             zero.bool(),
             idle,
+            late=idle[:, None].expand(-1, self.spare, -1) if self.spare else None,
             measures={},
             memory=self.task.initial_memory(goal),
         )
@@ -180,6 +185,20 @@ class Simulation:
 
     # Inside
 
+    def _acting(self, before: Episodes, action: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
+        """(n, a) what acts over the next interval, and what then waits: pending, late."""
+        pending, late, params = before.pending, before.late, before.plant.params
+        now = action
+        if self.config.delay or late is not None:
+            queue = torch.cat((*(() if late is None else (late,)), pending, action[:, None]), 1)
+            now, pending = queue[:, self.spare], queue[:, self.spare + 1 :]
+            if late is not None:
+                now = late_action(queue, params["latency"], self.spare)
+                late = queue[:, 1 : self.spare + 1]
+        if params["lag"].ndim:
+            now = lagging(before.acting, now, params["lag"], self.config.control_interval)
+        return now, pending, late
+
     def _told(self, now: Episodes) -> Episodes:
         """With what the task says of them."""
         now = with_values(now, target=self.task.target(now, self.task.preview))
@@ -191,6 +210,8 @@ class Simulation:
             seen = seen + self.config.noise * normal(
                 now.key, now.steps, seen.shape[-1], self.task.dtype
             )
+        if (bias := now.plant.params["bias"]).ndim:
+            seen = biased(seen, bias, now.key)
         tip = None if self.observer.tip is None else seen[:, self.observer.tip]
         parts = self.task.target_observation(now, tip), seen
         whole = torch.cat((*parts, now.pending.flatten(1)) if self.config.delay else parts, -1)
@@ -203,10 +224,12 @@ class Simulation:
         c, task = self.config, self.task
         params = {
             name: torch.tensor(p.value, dtype=task.dtype, device=task.device)
-            for name, p in task.parameters().items()
+            for name, p in (task.parameters() | imperfections.PARAMETERS).items()
         }
         params |= {name: params[name].expand(len(rows)) for name in self.varying}
         params |= values
+        if self.varying and beside_the_beam(self.varying):
+            return Plant(params, self.plant.stepper)
         scene = task.scene(params, rows, self.varying)
         return Plant(
             params,
@@ -216,12 +239,13 @@ class Simulation:
         )
 
     def _at_rest(self, plant: Plant, rows: Tensor) -> tuple[tb.State, tb.State]:
-        if plant is not self.plant and not self.task.STARTS_ALIKE:
+        usual = plant.stepper is self.plant.stepper
+        if not (usual or self.task.STARTS_ALIKE):
             return self._settled(plant, len(rows))
         start, first = (
             self.rest if len(rows) == self.count else tuple(state[rows] for state in self.rest)
         )
-        return start, first if plant is self.plant else self._begun(plant, start)
+        return start, first if usual else self._begun(plant, start)
 
     def _settled(self, plant: Plant, count: int) -> tuple[tb.State, tb.State]:
         """The beam in equilibrium without action, and the same with what the method remembers of a
@@ -260,6 +284,11 @@ class Simulation:
     def options(self, given: dict[str, Any]) -> dict[str, Any]:
         """Parameters by name (n,) and goals (n, g) from the options of a reset, checked."""
         params = self.known.given(given.get("params"), self.count, self.high)
+        if "latency" in params and (most := params["latency"].detach().max().item()) > self.spare:
+            raise ValueError(
+                f"latency = {most:g} was given where the largest that randomize draws is "
+                f"{self.spare}; no more is wanted"
+            )
         goal, shape = given.get("goal"), (self.count, self.task.goal_size)
         if goal is not None:
             try:

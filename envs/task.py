@@ -19,10 +19,12 @@ from .actuators import Actuator, TipForce, driven
 from .config import BeamEnvConfig
 from .episodes import Episodes
 from .parameters import Parameter
-from .plant import Plant, first_frequency, section_named, straight, varied
+from .plant import Plant, first_frequency, section_named, softest, straight, varied
 from .reach import Reach, rounded_square
 from .sensors import PLANES, Observed, check_names, observed_parts
 
+SOFT_CLAMP = 1e-3  # where `clamp` is given for some sub-envs: that of the others
+STIFF = 1e4  # an elastic clamp against displacement, over its turning, in lengths
 ALIGNED = 1e-6  # sine of the angle within which an axis counts as lying in a plane
 
 
@@ -144,7 +146,13 @@ class Task:
         }
         if any(isinstance(drive, TipForce) and not drive.follower for drive in self.drives):
             own["offset"] = Parameter(0.0, -far, far, least=-math.inf)
-        return own if tau is None else {**own, "damping": Parameter(tau, tau / 2, 2 * tau)}
+        if tau is not None:
+            own["damping"] = Parameter(tau, tau / 2, 2 * tau)
+        # in the scene where they vary; not drawn by randomize=True
+        own["tip_mass"] = Parameter(0.0, 0.0, 0.0)
+        if self.supports() is None:
+            own["clamp"] = Parameter(SOFT_CLAMP, SOFT_CLAMP, SOFT_CLAMP, above=True)
+        return own
 
     def actuators(self) -> tuple[Actuator, ...]:
         return (TipForce(gain=self.force[:, None] * self.lateral),)
@@ -167,8 +175,17 @@ class Task:
         """All effects of the scene, with parameters as in `scene`."""
         effects = [effect for drive in self.drives for effect in drive.effects(varying)]
         effects += self.effects(params)
+        effects += [tb.PointMass(params["tip_mass"])] if "tip_mass" in varying else []
+        effects += [self._clamp(params["clamp"])] if "clamp" in varying else []
         effects += [tb.Damping(params["damping"], six=False)] if "damping" in params else []
         return effects + ([] if self.gravity is None else [tb.Gravity(self.gravity)])
+
+    def _clamp(self, clamp: Tensor) -> tb.RootSpring:
+        """An elastic one, that turns by `clamp` (...) under the moment that bends the whole beam by
+        1 rad; it hardly gives way otherwise.
+        """
+        turn = 1 / (clamp * self.length * softest(self.usual).detach().max())[..., None]
+        return tb.RootSpring((STIFF * turn / self.length**2, turn))
 
     def prepare(self, plant: Plant) -> None:
         pass

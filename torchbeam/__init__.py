@@ -6,6 +6,7 @@ from . import plot, sensors
 from .analysis.advise import Advice, advise
 from .analysis.convergence.converge import converge
 from .analysis.convergence.convergence import Convergence
+from .analysis.convergence.on_request import equilibrium, modes, simulate
 from .analysis.convergence.remesh import remesh
 from .analysis.describe import Description, describe
 from .analysis.identification.bootstrap import Bootstrap
@@ -32,12 +33,11 @@ from .core.entry_point import entry_points
 from .core.warning import SlowPathWarning
 from .dynamics.explicit import ExplicitStepper
 from .dynamics.rollout import rollout
-from .dynamics.simulate import simulate
 from .dynamics.stepper import Stepper
 from .linear.critical import Critical, critical_load
 from .linear.linear_model import Linear
 from .linear.mode_pairing import PairedModes, modal_assurance, pair_modes
-from .linear.modes import Modes, modes
+from .linear.modes import Modes
 from .linear.state_space import linearize
 from .mixed.block import BlockRate, block_rate
 from .mixed.consistent import consistent_state
@@ -81,7 +81,6 @@ from .scene.supports import Frame, RootMotion, Support
 from .sensors.observe import observe
 from .state.solution import Energy, Solution, Stats
 from .state.state import State, rest
-from .statics.equilibrium import equilibrium
 from .statics.path import Path, path
 
 # fmt: off

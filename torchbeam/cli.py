@@ -162,6 +162,17 @@ def study(
 
 
 @contextmanager
+def double_precision() -> Iterator[None]:
+    """float64 by default within it."""
+    before = torch.get_default_dtype()
+    torch.set_default_dtype(torch.float64)
+    try:
+        yield
+    finally:
+        torch.set_default_dtype(before)
+
+
+@contextmanager
 def threads(count: int) -> Iterator[None]:
     """So many threads of torch, and as many as before afterwards."""
     before = torch.get_num_threads()

@@ -122,8 +122,8 @@ def table(runs: list[Run], curves: Callable[[Run], dict | None]) -> list[dict[st
             returns = [run["return"] for run in group]
             for name in ("return", "success", "final_error"):
                 row |= _entry(name, interquartile_mean, [run[name] for run in group])
-            better = [returns, [max(linear)]] if found and linear else None
-            row |= _entry("better", improvement, *better or [])
+            best = [returns, [max(linear)]] if found and linear else []
+            row |= _entry("better", improvement, *best)
             row["steps"] = mean([run["steps"] for run in group])
             row["seconds"] = mean([run["seconds"] for run in group]) if found else None
             for axis in ("steps", "seconds"):

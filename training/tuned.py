@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import gymnasium
-import torchbeam_envs  # noqa: F401  (registers the environments)
 from gymnasium.vector import VectorEnv
+from torchbeam_envs import UNCERTAIN
 
 # first seeds of episodes, far apart: those learned on, those that choose among policies, and those
 # of final scores, which nothing sees before
@@ -97,6 +97,15 @@ TASKS = {
         ),
     )
 }
+
+
+def _uncertain(task: Task) -> Task:
+    """The task at its uncertain level."""
+    env = task.env.partition("/")[2].partition("-")[0].removesuffix("Planar")
+    return replace(task.varied(**UNCERTAIN[env]), name=f"{task.name}-uncertain")
+
+
+TASKS |= {task.name: task for task in map(_uncertain, [*TASKS.values()])}
 
 # what the results table is made for unless tasks are named
 DEFAULT = ("reach", "track", "flutter", "slew", "payload")

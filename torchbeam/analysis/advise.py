@@ -15,6 +15,7 @@ from ..core.arguments import boolean, instance, listed
 from ..core.arguments import count as check_count
 from ..core.arguments import function as check_function
 from ..core.arguments import tolerance as check_tolerance
+from ..core.summary import aligned
 from ..dynamics.simulate import simulate
 from ..scene.beam import Beam
 from ..scene.effects import Effect
@@ -78,14 +79,8 @@ class Advice:
             )
             for t in trials
         ]
-        width = [max(len(row[k]) for row in (head, *rows)) for k in range(4)]
-        lines = [
-            "  ".join(cell.ljust(w) for cell, w in zip(row, width, strict=True)).rstrip()
-            for row in (head, *rows)
-        ]
-        return "\n".join(
-            [*lines, f"as given: {self.seconds:.3g} s of CPU time; times are shares of it"]
-        )
+        time = f"as given: {self.seconds:.3g} s of CPU time; times are shares of it"
+        return "\n".join([*aligned([head, *rows]), time])
 
 
 def advise(

@@ -29,6 +29,7 @@ from ..scene.supports import AXES, Support
 from ..state.state import rest
 from ..statics.equilibrium import equilibrium
 from ..statics.mechanism import unheld
+from .convergence.on_request import choices_of
 
 NUMBERS = 6  # at most so many numbers are said one by one
 MIXED = {"minimal": (12, 0), "block_rate": (24, 12)}  # states an element, and besides
@@ -104,6 +105,8 @@ def describe(scene: Scene) -> Description:
         "engine": _engine(model),
         "frequencies": _frequencies(scene),
     }
+    if found := choices_of(scene):
+        lines["accuracy"] = tuple(map(str, found))
     return Description(lines, plane, planes, free, states, refusals)
 
 

@@ -51,6 +51,12 @@ def options(name: str, given: dict[str, Any], known: list[str]) -> None:
             raise ValueError(f"the option {option!r} was given; {name} has {', '.join(known)}")
 
 
+def not_here(name: str, value: Any, call: str) -> None:
+    """ValueError where an argument was given that a public call takes before it comes here."""
+    if value is not None:
+        raise ValueError(f"{name} was given to a call within it; {call} takes it")
+
+
 def whole(name: str, value: int) -> int:
     """`value` if it is a whole number; ValueError otherwise."""
     if isinstance(value, BOOLEANS) or not isinstance(value, (int, np.integer)):

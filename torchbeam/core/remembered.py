@@ -66,6 +66,8 @@ def structure_of(x: Any, tensors: list[Tensor]) -> Hashable:
         )
     if isinstance(x, (tuple, list)):
         return type(x), *(structure_of(value, tensors) for value in x)
+    if isinstance(x, dict):
+        return type(x), *((name, structure_of(value, tensors)) for name, value in x.items())
     return x
 
 

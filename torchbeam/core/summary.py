@@ -4,7 +4,7 @@ numbers one by one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import torch
 from torch import Tensor
@@ -47,6 +47,18 @@ def statuses(status: Tensor) -> str:
     return "status " + ", ".join(
         f"{c} in {n}" for c, n in zip(codes.tolist(), numbers.tolist(), strict=True)
     )
+
+
+def aligned(rows: Sequence[Sequence[str]], right: Collection[int] = ()) -> list[str]:
+    """Lines of a table's rows, in columns; right: numbers of those that end alike."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(
+            cell.rjust(width) if k in right else cell.ljust(width)
+            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
 
 
 def lines(name: str, *parts: str) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 
 from torch import Tensor
 
-from ..core.arguments import boolean, choice, chosen, instance, keywords
+from ..core.arguments import boolean, choice, chosen, instance, keywords, not_here
 from ..core.arguments import instants as check_instants
 from ..core.arguments import options as check_options
 from ..core.status import STATUS
@@ -57,6 +57,7 @@ def simulate(
     project: bool = False,
     solver: str = "sweep",
     throw: bool = False,
+    accuracy: Any = None,
 ) -> Solution:
     """Motion of a scene at the instants t.
 
@@ -110,6 +111,11 @@ def simulate(
             `torchbeam.dynamics.mixed_forms.simulate_mixed`.
         throw: raise where a sample fails; otherwise `sol.status` and a warning say so, and it keeps
             its last good state.
+        accuracy: of the whole motion, in place of method and step: relative, as of `converge`, of
+            positions and axes of the middle and the tip; or what `converge` gave. The beam is made
+            anew on the mesh that is chosen, `initial` is None or a function of its scene. The
+            search is made once (it takes tens of runs; logging shows them) and holds for scenes of
+            the same structure whose numbers are off by no more than half. Of scenes of one beam.
 
     Returns:
         `Solution`: the states at t, status (...) of the samples, statistics.
@@ -118,6 +124,7 @@ def simulate(
         ValueError: for a t that does not increase, an unknown form or method, an option that the
         method does not have. RuntimeError: with `throw`, where a sample fails.
     """
+    not_here("accuracy", accuracy, "torchbeam.simulate")
     choice("form", form, FORMS)
     method = ("midpoint" if form == "nodal" else "dopri5") if method is None else method
     if not isinstance(method, str) or method not in (*IMPLICIT_METHODS, *ODE_METHODS):

@@ -13,7 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.arguments import choice, instant
+from ..core.arguments import choice, instant, not_here
 from ..core.arguments import count as check_count
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
@@ -93,6 +93,7 @@ def modes(
     t: float = 0.0,
     lumped: bool = False,
     inputs: dict[str, Any] | None = None,
+    accuracy: Any = None,
 ) -> Modes:
     """Natural frequencies, damping ratios and shapes of the nodal form.
 
@@ -102,6 +103,8 @@ def modes(
                largest entry real
     lumped     as in `Stepper`: the mass of the explicit form
     inputs     of the scene by name, (..., size)
+    accuracy   relative, of the magnitudes of the eigenvalues: on a mesh of its own choice, see
+               `simulate`
 
     Follower loads are in K: flutter is a positive real part, divergence a positive eigenvalue
     without frequency. Sections without rotary inertia are taken as they are. An infinite stiffness
@@ -120,6 +123,7 @@ def modes(
     Raises ValueError for more modes than the mesh has, a state that moves or is no equilibrium, or
     what the nodal form does not take.
     """
+    not_here("accuracy", accuracy, "torchbeam.modes")
     choice("normalize", normalize, NORMS)
     model = discretise(scene, lumped)
     check_count("count", count)

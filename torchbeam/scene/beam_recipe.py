@@ -42,10 +42,15 @@ def remembered(make: Callable[..., Any]) -> Callable[..., Any]:
     return making
 
 
+def recipe_of(beam: Any) -> Recipe | None:
+    """How it was made, None = it does not know."""
+    return vars(beam).get(RECIPE)
+
+
 def with_recipe_of(beam: Any, other: Any) -> Any:
     """`beam`, made again as `other` would be."""
-    if RECIPE in vars(other):
-        vars(beam)[RECIPE] = vars(other)[RECIPE]
+    if recipe := recipe_of(other):
+        vars(beam)[RECIPE] = recipe
     return beam
 
 
@@ -61,7 +66,7 @@ def remade(beam: Any, elements: int, order: int) -> Any:
     Raises ValueError where that is no whole number of parts, an element of another order, or a beam
     of which the same call makes another one now.
     """
-    recipe = vars(beam).get(RECIPE)
+    recipe = recipe_of(beam)
     if recipe is not None and "elements" in recipe.arguments:
         _check_made_alike(beam, recipe)
         arguments = dict(recipe.arguments, elements=elements, order=order)

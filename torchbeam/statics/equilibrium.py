@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.arguments import boolean, choice, instant
+from ..core.arguments import boolean, choice, instant, not_here
 from ..core.arguments import tolerance as check_tolerance
 from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.derivatives import no_derivatives
@@ -51,6 +51,7 @@ def equilibrium(
     relax: bool = False,
     engine: str = "auto",
     inputs: dict[str, Any] | None = None,
+    accuracy: Any = None,
 ) -> State:
     """Static equilibrium under the scene's loads at time t (s); steady in a frame that moves, which
     stands as it does at t (its axes are the inertial ones at t = 0).
@@ -74,6 +75,8 @@ def equilibrium(
                where llvmlite is installed and the scene is taken; else eager, of which a
                SlowPathWarning tells (TORCHBEAM_ENGINE in the environment says otherwise)
     inputs     of the scene by name, (..., size)
+    accuracy   relative, of positions and axes of the middle and the tip: the state is on a mesh of
+               its own choice, see `simulate`
 
     The load is raised in steps, per sample, where Newton's method needs it: a step in which it
     fails, or a node turns by more than 1 rad, is halved, and so is a long one that takes more than
@@ -97,6 +100,7 @@ def equilibrium(
     does not take and RuntimeError for a sample without equilibrium; where nothing holds a rigid
     motion of it, the sentence says which.
     """
+    not_here("accuracy", accuracy, "torchbeam.equilibrium")
     choice("branch", branch, ("first", "stable"))
     choice("engine", engine, ENGINES)
     boolean("relax", relax)

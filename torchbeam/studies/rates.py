@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import torch
 
-from ..cli import study, threads
+from ..cli import double_precision, study, threads
 from ..core.results import measured_on, sentence, table, write
 from ..mixed import minimal
 from ..mixed.model import MixedModel
@@ -73,13 +73,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     given, out = study(
         argv, "rates", __doc__.partition("\n")[0], quick="one element, a batch of 16"
     )
-    dtype = torch.get_default_dtype()
-    torch.set_default_dtype(torch.float64)
-    try:
-        with threads(1):
-            rows, heading = list(measured(((1, 16),) if given.quick else CASES)), measured_on()
-    finally:
-        torch.set_default_dtype(dtype)
+    with double_precision(), threads(1):
+        rows, heading = list(measured(((1, 16),) if given.quick else CASES)), measured_on()
     text = f"{markdown(rows)}\n\n{sentence(heading)}"
     print(text)
     write(

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 import torchbeam as tb
+from torchbeam.core.summary import aligned
 
 SECTION = tb.Section.from_stiffness(EA=1e3, GA=400.0, GJ=0.8, EI=(1.0, 2.0), mass=0.5, inertia=0.01)
 FORCES = torch.linspace(0, 1, 7 * 3).reshape(7, 3)
@@ -106,3 +107,8 @@ def test_prints_where_vmap_shows_one_sample(what):
 
     torch.func.vmap(tip)(torch.tensor([1.0, 2.0, 3.0]))
     assert len(seen) == 1
+
+
+def test_tables_are_aligned():
+    rows = [("what", "m", ""), ("force", "12.5", "N"), ("EI", "3", "")]
+    assert aligned(rows, right=(1,)) == ["what      m", "force  12.5  N", "EI        3"]

@@ -11,9 +11,9 @@ from dataclasses import replace
 import pytest
 import torch
 from torch.testing import assert_close
-from torch.utils._python_dispatch import TorchDispatchMode
 
 import torchbeam as tb
+from torchbeam.analysis.trials import Counter
 from torchbeam.dynamics import prepared as module
 from torchbeam.dynamics.stepper import Stepper
 
@@ -153,18 +153,6 @@ def test_other_values_of_one_structure():
         assert_close(*(grad for _, grad in grads), rtol=1e-8, atol=1e-12)
 
 
-class Operations(TorchDispatchMode):
-    """Counts torch's operations."""
-
-    def __init__(self):
-        super().__init__()
-        self.count = 0
-
-    def __torch_dispatch__(self, function, types, args=(), kwargs=None):
-        self.count += 1
-        return function(*args, **(kwargs or {}))
-
-
 @pytest.mark.steps
 def test_other_values_cost_few_operations():
     """Steps are native code; what is left is checks, memory, and what other numbers change: the
@@ -175,7 +163,7 @@ def test_other_values_cost_few_operations():
     tip(scene())
     counts = {}
     for name, run in (("same", same := scene(EI=0.6)), ("again", same), ("other", scene(EI=0.7))):
-        with Operations() as operations:
+        with Counter() as operations:
             tip(run)
         counts[name] = operations.count
     assert counts["again"] <= 110 and counts["other"] <= 250, counts

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import pytest
 import torch
 from torch.testing import assert_close
-from torch.utils._python_dispatch import TorchDispatchMode
 
 import torchbeam as tb
 from tests.cases.nodal_cases import state as random_state
+from torchbeam.analysis.trials import Counter
 from torchbeam.equations.midpoint import MidpointProblem
 from torchbeam.nodal.conditions import conditions
 from torchbeam.nodal.discretise import discretise
@@ -101,14 +101,6 @@ TENSORS = [
 rows = pytest.mark.parametrize("name", TABLE)
 # in short runs; properties/test_gradient_fuzz.py has all
 TOLD = "TipLoad moment", "LineLoad per element", "Load along"
-
-
-class Counter(TorchDispatchMode):
-    count = 0
-
-    def __torch_dispatch__(self, function, types, args=(), kwargs=None):
-        self.count += 1
-        return function(*args, **(kwargs or {}))
 
 
 def operations(*effects):

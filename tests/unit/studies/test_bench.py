@@ -6,13 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from torchbeam.studies.bench import gradients, growth, operations, others, throughput
+from torchbeam.studies.bench import errors, gradients, growth, operations, others, throughput
 from torchbeam.studies.bench.command import main
 from torchbeam.studies.bench.measurement import CPU, Measured, Times, exponent, timed
 from torchbeam.studies.bench.report import markdown
+from torchbeam.studies.bench.stored import grown, store, stored
 
 pytest.importorskip("llvmlite")
-STORED = Path(__file__).parent / "operations.json"
+STORED = Path(__file__).parent
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +26,13 @@ def test_operations_have_not_grown(counts):
     the stored ones. `python -m torchbeam bench --operations tests/unit/studies/operations.json
     --update` stores those of now.
     """
-    assert operations.grown(counts, operations.stored(STORED)) == []
+    assert grown(counts, stored(STORED / "operations.json", "counts"), "operations") == []
+
+
+@pytest.mark.steps
+def test_errors_have_not_grown():
+    """Ten settings against published answers, at most 3 % above the stored errors."""
+    assert grown(errors.errors(), stored(STORED / "errors.json", "errors"), "relative") == []
 
 
 def test_growth_is_told_in_a_sentence(counts, tmp_path, capsys, monkeypatch):
@@ -37,11 +44,12 @@ def test_growth_is_told_in_a_sentence(counts, tmp_path, capsys, monkeypatch):
     assert main(["--operations", str(file), "--update"]) == 0 == main(["--operations", str(file)])
     name = "3D: step, element 0"
     for count, status in ((counts[name] / 1.03, 0), (counts[name] / 1.04, 1)):
-        operations.store(file, counts | {name: count})
+        store(file, counts | {name: count})
         assert main(["--operations", str(file)]) == status
     assert f"{name}: {counts[name]} operations, +4.0%" in capsys.readouterr().out
-    said = operations.grown({"a": 1, "b": 2}, {"a": 1, "c": 2})
-    assert said == ["b: counted now, and not stored", "c: stored, and not counted any more"]
+    said = grown({"a": 1, "b": 2, "d": float("nan")}, {"a": 1, "c": 2, "d": 1}, "m")
+    assert said[1:] == ["b: found now, and not stored", "c: stored, and not found any more"]
+    assert said[0].startswith("d: nan m")
     for wrong in (["--operations", str(tmp_path / "none.json")], ["--update"]):
         with pytest.raises(SystemExit):
             main(wrong)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 from ...core import files
+from ...core.summary import aligned
 from ...scene.scene import Scene
 from .setting import Setting
 
@@ -127,14 +127,6 @@ class Convergence:
             [
                 f"{self.settings}: estimated error {self.error:.1e}{parts}{reached}",
                 *self.notes,
-                *_aligned([head, *rows]),
+                *aligned([head, *rows]),
             ]
         )
-
-
-def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    width = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        "  ".join(cell.ljust(w) for cell, w in zip(row, width, strict=True)).rstrip()
-        for row in rows
-    ]

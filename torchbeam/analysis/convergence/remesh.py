@@ -16,7 +16,7 @@ from ...core.arguments import count as check_count
 from ...core.leaves import own_leaves, with_values
 from ...scene.beam import Beam
 from ...scene.beam_arguments import check_order
-from ...scene.beam_recipe import remade, whole_parts
+from ...scene.beam_recipe import recipe_of, remade, whole_parts
 from ...scene.effects import Actuation, Load, PerElement
 from ...scene.effects.effect import Effect
 from ...scene.effects.tendon import Tendon
@@ -69,15 +69,11 @@ def least_elements(scene: Scene) -> int:
     rows = beam.station_count
     places = [Fraction(node % beam.node_count, rows) for node in _nodes(scene)]
     least = math.lcm(*(place.denominator for place in places))
-    own = beam.curved and "elements" not in _recipe(beam)
-    own = own or (beam.compliance.shape[-3] > 1 and not callable(_recipe(beam).get("section")))
+    arguments = recipe.arguments if (recipe := recipe_of(beam)) else {}
+    own = beam.curved and "elements" not in arguments
+    own = own or (beam.compliance.shape[-3] > 1 and not callable(arguments.get("section")))
     own = own or any(_by_element(effect) for effect in scene.effects)
     return math.lcm(least, beam.element_count) if own else least
-
-
-def _recipe(beam: Beam) -> dict[str, Any]:
-    recipe = vars(beam).get(" recipe")
-    return {} if recipe is None else recipe.arguments
 
 
 def _one_beam(scene: Scene) -> Beam:

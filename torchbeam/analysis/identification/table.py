@@ -5,6 +5,8 @@ from __future__ import annotations
 import textwrap
 from typing import Any
 
+from ...core.summary import aligned
+
 WIDTH = 110
 STRONG = 0.95  # correlations above it are named
 
@@ -26,14 +28,7 @@ def table(fit: Any, level: float, reason: dict[int, str]) -> str:
                 "not told by the data" if not determined else "at its bound" if held else "",
             )
         )
-    widths = [max(len(row[i]) for row in (head, *rows)) for i in range(len(head))]
-    lines = [
-        "  ".join(
-            cell.ljust(w) if i in (0, 4) else cell.rjust(w)
-            for i, (cell, w) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in (head, *rows)
-    ]
+    lines = aligned([head, *rows], right=(1, 2, 3))
     lines.insert(1, "-" * max(map(len, lines)))
     numbers = sum(int((~r.data.isnan()).sum()) for r in fit.readings)
     unit = " sigma" if fit.noise or fit.freedom.isinf().all() else ""

@@ -55,7 +55,7 @@ class Chain:
         self.free = model.constraints.moving
         topology, self.supports = model.topology, model.constraints.nodes
         if cells is not None:
-            topology, self.supports, kinds = cells.framework, cells.supports, cells.kinds
+            (topology, self.supports, *_), kinds = cells.connectivity, cells.kinds
         self.N = topology.element_count
         records, order, nodes = program.layout.records, program.order, range(topology.node_count)
         tables = None if kinds.joints is None else StructureTables.of(model, cells)

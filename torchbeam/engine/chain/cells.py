@@ -10,35 +10,28 @@ from typing import NamedTuple
 from ...topology.framework import Framework
 from .layout import ELEMENTS, JOINTS, NODES, SUPPORTS
 from .node_kinds import Kinds
-from .structure_order import manners_by, order_of
+from .structure_order import Connectivity, manners_by, order_of
 
 LEAST, MOST = 3, 16  # cells: two of them win a tenth; more than 16 numbers need many registers
 
 
 class Cells(NamedTuple):
-    """count: how many there are; framework: one of them with the bodies that all share, which come
-    last; shared: how many these are; kinds, supports: of its rows, of its nodes; held: how much
-    each of its joints holds, of which `own` are the cell's, and come first; rows: by sort, of each
-    of its rows the number in the structure of that of the first cell, and how far that of the next
-    is.
+    """count: how many there are; connectivity: of one of them with the bodies that all share, which
+    come last; kinds: of its rows; rows: by sort, of each of its rows the number in the structure of
+    that of the first cell, and how far that of the next is.
     """
 
     count: int
-    framework: Framework
-    shared: int
+    connectivity: Connectivity
     kinds: Kinds
-    supports: tuple[int, ...]
-    held: tuple[int, ...]
-    own: int
     rows: dict[str, list[tuple[int, int]]]
 
 
-def cells_of(
-    framework: Framework, kinds: Kinds, supports: tuple[int, ...], held: tuple[int, ...]
-) -> Cells | None:
+def cells_of(connectivity: Connectivity, kinds: Kinds) -> Cells | None:
     """The most cells that a structure is made of, None = it is not, or something couples them: a
-    tendon, a joint that closes a loop within a cell. kinds: of all rows; supports: their nodes.
+    tendon, a joint that closes a loop within a cell. kinds: of all rows.
     """
+    framework = connectivity.framework
     if framework.ties or kinds.stretches or kinds.touching:
         return None
     chains = len(framework.chains)
@@ -55,7 +48,7 @@ def cells_of(
         if LEAST <= len(groups) <= MOST:
             found.append((len(groups), groups, shared))
     for _, groups, shared in sorted(found, reverse=True):
-        cells = _alike(framework, kinds, supports, held, nodes, groups, shared)
+        cells = _alike(connectivity, kinds, nodes, groups, shared)
         if cells is not None:
             return cells
     return None
@@ -73,15 +66,14 @@ def _components(parts: list[int], joined: list[set[int]]) -> list[list[int]]:
 
 
 def _alike(
-    framework: Framework,
+    connectivity: Connectivity,
     kinds: Kinds,
-    supports: tuple[int, ...],
-    held: tuple[int, ...],
     nodes: list[range],
     groups: list[list[int]],
     shared: tuple[int, ...],
 ) -> Cells | None:
     """Of these parts, if they are alike."""
+    framework, supports, held, *_ = connectivity
     chains, order = len(framework.chains), framework.order
     common = [node for part in shared for node in nodes[part]]
     firsts = [sum(framework.chains[:k]) for k in range(chains)]
@@ -115,23 +107,22 @@ def _alike(
                 for there, sort in zip(kinds[:3], (NODES, ELEMENTS, JOINTS), strict=True)
             )
         )
-        own_held = tuple(held[k] for k in joints)
         own_supports = tuple(place[supports[k]] for k in rows[SUPPORTS])
-        cells.append((own_framework, own_kinds, own_supports, own_held, rows))
-    first, second = cells[0], cells[1]
-    if not first[0].chains or any(cell[:4] != first[:4] for cell in cells):
+        own_held = tuple(held[k] for k in joints)
+        alone = Connectivity(own_framework, own_supports, own_held, shared=len(common))
+        cells.append((alone, own_kinds, rows))
+    (first, own_kinds, first_rows), (_, _, next_rows) = cells[:2]
+    if not first.framework.chains or any(cell[:2] != (first, own_kinds) for cell in cells):
         return None
     rows = {
-        sort: [(a, b - a) for a, b in zip(first[4][sort], second[4][sort], strict=True)]
-        for sort in first[4]
+        sort: [(a, b - a) for a, b in zip(first_rows[sort], next_rows[sort], strict=True)]
+        for sort in first_rows
     }
-    for k, cell in enumerate(cells):
-        if any(cell[4][sort] != [a + k * step for a, step in rows[sort]] for sort in rows):
+    for k, (_, _, own_rows) in enumerate(cells):
+        if any(own_rows[sort] != [a + k * step for a, step in rows[sort]] for sort in rows):
             return None
-    own, own_kinds, own_supports, own_held, _ = first
-    order = order_of(own, own_supports, own_held, shared=len(common))
+    order = order_of(first)
     if order.own_groups is None:
         return None
-    own_joints = sum(step != 0 for _, step in rows[JOINTS])
-    own_kinds = own_kinds._replace(runs=manners_by(own, order))
-    return Cells(len(cells), own, len(common), own_kinds, own_supports, own_held, own_joints, rows)
+    own_kinds = own_kinds._replace(runs=manners_by(first.framework, order))
+    return Cells(len(cells), first, own_kinds, rows)

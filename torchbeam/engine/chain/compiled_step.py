@@ -31,7 +31,7 @@ from .local_problem import INTERNAL
 from .node_kinds import Kinds, kinds_of
 from .program import NOTHING, StepProgram, adjoint_of, program_of
 from .step_structure import FORMS, Form, StepStructure, keep_structure, key_of, known_structure
-from .structure_order import what_orders
+from .structure_order import connectivity_of
 from .user_functions import by_function, by_sample, known
 
 # by the method, and whether it conserves energy
@@ -145,12 +145,11 @@ class CompiledStep:
         known = self.around is not None and "energy" not in program.layout.records
         if kinds.joints is None or not alone or not known:
             return None
-        _, _, held, *_ = what_orders(self.model)
-        supports = self.model.constraints.nodes
-        cells = cells_of(self.model.topology, kinds, supports, held)
+        connectivity = connectivity_of(self.model)
+        cells = cells_of(connectivity, kinds)
         if cells is None:
             return None
-        own = program_of(self.local(trees), cells.kinds, bool(supports), self.around)
+        own = program_of(self.local(trees), cells.kinds, bool(connectivity.supports), self.around)
         return Chain(own, self.model, kinds, cells)
 
     def local(self, trees: Trees) -> LocalFunctions:

@@ -130,10 +130,13 @@ class JointFunctions(LocalProblems):
         """The forces of a joint (w) after they have changed."""
         return {"force": force + move}
 
-    def end_reaction(self, side: str, end_free: Tensor, **fields: Tensor) -> Fields:
-        """What a joint, or a stretch of a tendon, adds to the reaction of the support of its end
-        (w), by the moves of its ends and the change of its own unknowns.
+    def end_reaction(
+        self, side: str, ends: tuple[str, ...], end_free: Tensor, **fields: Tensor
+    ) -> Fields:
+        """What a joint, a stretch of a tendon or a pair adds to the reaction of the support of the
+        node at its `side` (w), by the moves of what its `row` has columns of: its nodes, and the
+        change of its own unknowns.
         """
-        moves = [fields[f"{end}.move"] for end in (*SIDES[1], "joint") if f"{end}.move" in fields]
-        push = (fields[f"{side}.row"] @ torch.cat(moves)[:, None])[:, 0]
+        moves = torch.cat([fields[f"{end}.move"] for end in ends])
+        push = (fields[f"{side}.row"] @ moves[:, None])[:, 0]
         return {"reaction": (1 - end_free) * push}

@@ -75,11 +75,6 @@ class PairFunctions(LocalProblems):
         parts = asked.split(self.model.space.unknowns)
         return turned | {f"{side}.asked": x for side, x in zip(PAIR_SIDES, parts, strict=True)}
 
-    def pair_reaction(self, side: str, end_free: Tensor, **fields: Tensor) -> Fields:
-        """What a pair adds to the reaction of the support of a node (w), by the moves of all."""
-        moves = torch.cat([fields[f"{end}.move"] for end in PAIR_SIDES])
-        return {"reaction": (1 - end_free) * (fields[f"{side}.row"] @ moves[:, None])[:, 0]}
-
     def of_pair(self, fields: Fields, kind: PairKind) -> tuple[Any, Any]:
         """The problem of one pair, whose nodes have no loads, and how they move."""
         ends = self.of_ends(fields, kind, Framework(1, (), len(PAIR_SIDES)))

@@ -9,7 +9,7 @@ from ..compiler.function import Function
 from .layout import ONE, PAIRS, Layout
 from .local_functions import LocalFunctions
 from .node_kinds import PAIR_SIDES, PairKind
-from .structures import largest
+from .structures import largest, reactions
 from .tracing import Tracing
 
 
@@ -21,17 +21,14 @@ def of_pairs(
     varying: tuple[str, ...] = (),
 ) -> dict[str, Function]:
     """Functions of an iteration, by kind; varying: see `ChainProgram`."""
-    functions, w = {}, local.model.space.unknowns
+    functions = {}
     for k, kind in enumerate(kinds):
         functions[f"far pair {k}"] = traced(partial(local.far_pair, kind), traced.pair)
-        functions[f"pair {k}"] = pair = traced(
-            partial(local.pair, held, kind), traced.pair | {name: () for name in varying}
-        )
-        for side in PAIR_SIDES if held else ():
-            row = {"end_free": (w,), f"{side}.row": pair.outputs[f"{side}.row"].shape}
-            row |= {f"{end}.move": (w,) for end in PAIR_SIDES}
-            function = partial(local.pair_reaction, side)
-            functions[f"pair reaction {k} {side}"] = traced(function, row)
+        given = traced.pair | {name: () for name in varying}
+        functions[f"pair {k}"] = pair = traced(partial(local.pair, held, kind), given)
+        if held:
+            called = f"pair reaction {k}"
+            functions |= reactions(local, traced, called, pair, PAIR_SIDES, PAIR_SIDES)
     return functions
 
 

@@ -31,6 +31,20 @@ class Stretch(NamedTuple):
     coupled: bool
 
 
+class Connectivity(NamedTuple):
+    """What the order follows from: the framework, the nodes that supports hold, how much each joint
+    holds, the stretches of tendons, the nodes of pairs that touch, and how many of the last nodes
+    cells share.
+    """
+
+    framework: Framework
+    supports: tuple[int, ...] = ()
+    held: tuple[int, ...] = ()
+    stretches: tuple[Stretch, ...] = ()
+    pairs: tuple[tuple[int, ...], ...] = ()
+    shared: int = 0
+
+
 class Order(NamedTuple):
     """Units are the nodes of the interface, the joints behind them, and then the stretches of
     tendons that are coupled (`own_units`, by stretch).
@@ -52,18 +66,13 @@ class Order(NamedTuple):
     own_groups: int | None
 
 
-def what_orders(
-    model: Model,
-) -> tuple[
-    Framework, tuple[int, ...], tuple[int, ...], tuple[Stretch, ...], tuple[tuple[int, ...], ...]
-]:
-    """What the order follows from: the topology, the nodes that supports hold, how much each joint
-    holds, the stretches of tendons, the nodes of pairs that touch.
-    """
+def connectivity_of(model: Model) -> Connectivity:
+    """Of a whole model."""
     joints = model.joints
     held = tuple(map(int, joints.held.sum(-1))) if joints.count else ()
     pairs = getattr(model.touching, "nodes", ())
-    return model.topology, model.constraints.nodes, held, _stretches(model.tendons), pairs
+    supports, stretches = model.constraints.nodes, _stretches(model.tendons)
+    return Connectivity(model.topology, supports, held, stretches, pairs)
 
 
 def manners_of(model: Model) -> tuple[str, ...]:
@@ -71,7 +80,7 @@ def manners_of(model: Model) -> tuple[str, ...]:
     free end, "following forward" or "following backward" from an end that is eliminated before,
     "bordered" otherwise.
     """
-    return manners_by(model.topology, order_of(*what_orders(model)))
+    return manners_by(model.topology, order_of(connectivity_of(model)))
 
 
 def manners_by(framework: Framework, order: Order) -> tuple[str, ...]:
@@ -93,15 +102,9 @@ def _stretches(tendons: NoTendons) -> tuple[Stretch, ...]:
 
 
 @lru_cache(maxsize=64)
-def order_of(
-    framework: Framework,
-    supported: tuple[int, ...],
-    held: tuple[int, ...],
-    stretches: tuple[Stretch, ...] = (),
-    pairs: tuple[tuple[int, ...], ...] = (),
-    shared: int = 0,
-) -> Order:
-    """See `what_orders`; shared: so many of the last nodes are shared by cells."""
+def order_of(connectivity: Connectivity) -> Order:
+    """The order of a structure."""
+    framework, supports, held, stretches, pairs, shared = connectivity
     how, ends = framework.cut, framework.ends
     nodes = [ends[end] for end in how.interface]
     couplings = _of_joints(how)
@@ -116,7 +119,7 @@ def order_of(
     place = {node: k for k, node in enumerate(nodes)}
     for own in {frozenset(place[node] for node in pair) for pair in pairs}:
         couplings += combinations(sorted(own), 2)
-    fixed = frozenset(k for k, node in enumerate(nodes) if node in supported)
+    fixed = frozenset(k for k, node in enumerate(nodes) if node in supports)
     between = [run for runs in how.runs for run in runs if run.manner == "between"]
     places = tuple((run.before, run.after) for run in between)
     last = frozenset(range(len(nodes) - shared, len(nodes)))

@@ -10,12 +10,11 @@ from itertools import accumulate, pairwise, product
 
 from ...nodal.model import Model
 from ...topology.cut import Run
-from ...topology.framework import Framework
 from ..compiler.block_pattern import BlockPattern
 from .cells import Cells
 from .joint_functions import BLOCKS
 from .layout import ENTRIES, INTERFACE, JOINTS, PAIRS, STRETCHES, TENDONS
-from .structure_order import Stretch, order_of, what_orders
+from .structure_order import Connectivity, connectivity_of, order_of
 
 NONE = (-1, -1)  # the place of a block that is not there
 
@@ -34,22 +33,13 @@ class StructureTables:
     def of(model: Model, cells: Cells | None = None) -> StructureTables:
         """Of a model, or of one of its cells with what all share."""
         w = model.space.unknowns
-        if cells is None:
-            return _tables(w, *what_orders(model))
-        return _tables(w, cells.framework, cells.supports, cells.held, shared=cells.shared)
+        return _tables(w, connectivity_of(model) if cells is None else cells.connectivity)
 
 
 @lru_cache(maxsize=64)
-def _tables(
-    w: int,
-    framework: Framework,
-    supported: tuple[int, ...],
-    held: tuple[int, ...],
-    stretches: tuple[Stretch, ...] = (),
-    pairs: tuple[tuple[int, ...], ...] = (),
-    shared: int = 0,
-) -> StructureTables:
-    order = order_of(framework, supported, held, stretches, pairs, shared)
+def _tables(w: int, connectivity: Connectivity) -> StructureTables:
+    framework, _, held, stretches, pairs, shared = connectivity
+    order = order_of(connectivity)
     how, ends, own_units = framework.cut, framework.ends, order.own_units
     nodes, J = [ends[end] for end in how.interface], len(how.joints)
     runs = [run for runs in how.runs for run in runs]

@@ -8,10 +8,9 @@ import argparse
 from collections.abc import Callable, Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
-import torch
-
-from ...cli import results_folder, threads
+from ...cli import double_precision, results_folder, threads
 from ...core.results import measured_on, sentence, versions, write
 from ...engine.chain.coverage import MISSING
 from ...plot.canvas import where_installed
@@ -19,6 +18,7 @@ from .. import peers
 from . import (
     breakdown,
     calls,
+    errors,
     first_use,
     gradients,
     growth,
@@ -30,6 +30,7 @@ from . import (
 )
 from .measurement import Measured, progress
 from .report import markdown, picture
+from .stored import GROWTH, grown, store, stored
 
 PARTS: dict[str, Callable[[bool], Iterator[Measured]]] = {
     "throughput": throughput.rows,
@@ -41,6 +42,11 @@ PARTS: dict[str, Callable[[bool], Iterator[Measured]]] = {
     "breakdown": breakdown.rows,
     "growth": growth.rows,
     "operations": operations.rows,
+}
+# option: what its file holds, the unit, and those of now
+GUARDS: dict[str, tuple[str, str, Callable[[], dict[str, Any]]]] = {
+    "operations": ("operation counts", "operations", lambda: operations.counts()),
+    "errors": ("errors of fixed settings", "relative", lambda: errors.errors()),
 }
 ABOUT = (
     "The compiled engine in numbers, float64: simulated seconds a second of the common dynamic "
@@ -83,32 +89,29 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="only the loads that a Python file makes, LOADS = {name: function}: the engine of "
         "each, native steps beside eager ones; writes loads.csv, loads.md and loads.json",
     )
-    parser.add_argument(
-        "--operations",
-        type=Path,
-        metavar="FILE",
-        help="only compare operation counts with those of a file: status 1 where one has grown by "
-        f"more than {100 * operations.GROWTH:.0f} %%",
-    )
-    parser.add_argument("--update", action="store_true", help="write the file of --operations anew")
+    for name, (what, *_) in GUARDS.items():
+        parser.add_argument(
+            f"--{name}",
+            type=Path,
+            metavar="FILE",
+            help=f"only compare {what} with those of a file: status 1 where one has grown by more "
+            f"than {100 * GROWTH:.0f} %%",
+        )
+    options = " or ".join(f"--{name}" for name in GUARDS)
+    parser.add_argument("--update", action="store_true", help=f"write the file of {options} anew")
     given = parser.parse_args(argv)
-    if given.update and not given.operations:
-        parser.error("--update was given without --operations FILE, the file to write")
+    guarded = {name: path for name in GUARDS if (path := getattr(given, name))}
+    if given.update and not guarded:
+        parser.error(f"--update was given without {options} FILE, the file to write")
     if find_spec("llvmlite") is None:
         parser.error(MISSING)
-    if given.operations:
-        return _compare(given.operations, given.update, parser)
+    if guarded:
+        return max(_compare(name, path, given.update, parser) for name, path in guarded.items())
     out = results_folder(parser, given.out)
     if given.loads:
         return _loads(given.loads, out, parser)
-    dtype = torch.get_default_dtype()
-    torch.set_default_dtype(torch.float64)
-    try:
-        with threads(1):
-            rows = list(_rows(given))
-            heading = measured_on()
-    finally:
-        torch.set_default_dtype(dtype)
+    with double_precision(), threads(1):
+        rows, heading = list(_rows(given)), measured_on()
     heading["versions"] |= versions("llvmlite")
     text = "\n\n".join((markdown(rows), *[QUICK] * given.quick, sentence(heading)))
     print(text)
@@ -127,15 +130,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _loads(path: Path, out: Path, parser: argparse.ArgumentParser) -> int:
     """Engines and times of the loads of a file."""
-    dtype = torch.get_default_dtype()
-    torch.set_default_dtype(torch.float64)
     try:
-        with threads(1):
+        with double_precision(), threads(1):
             measured, heading = list(loads.rows(path)), measured_on()
     except ValueError as error:
         parser.error(str(error))
-    finally:
-        torch.set_default_dtype(dtype)
     heading["versions"] |= versions("llvmlite")
     text = "\n\n".join((loads.markdown(measured), sentence(heading)))
     print(text)
@@ -159,23 +158,25 @@ def _rows(given: argparse.Namespace) -> Iterator[Measured]:
             yield from others.peers(given.peers, given.python, given.quick)
 
 
-def _compare(path: Path, update: bool, parser: argparse.ArgumentParser) -> int:
-    """Operation counts now against those of a file."""
-    counts = operations.counts()
+def _compare(name: str, path: Path, update: bool, parser: argparse.ArgumentParser) -> int:
+    """Numbers now against those of a file."""
+    what, unit, measure = GUARDS[name]
+    with double_precision():
+        now = measure()
     if update:
-        operations.store(path, counts)
-        print(f"{len(counts)} counts written to {path}")
+        store(path, now)
+        print(f"{len(now)} {what} written to {path}")
         return 0
     try:
-        said = operations.grown(counts, operations.stored(path))
+        said = grown(now, stored(path, what), unit)
     except ValueError as error:
-        parser.error(f"--operations: {error}")
+        parser.error(f"--{name}: {error}")
     for line in said:
         print(line)
     print(
-        f"{len(counts)} counts, {len(said)} of them worse than stored or not in both: "
-        f"`python -m torchbeam bench --operations {path} --update` stores those of now"
+        f"{len(now)} {what}, {len(said)} of them worse than stored or not in both: "
+        f"`python -m torchbeam bench --{name} {path} --update` stores those of now"
         if said
-        else f"{len(counts)} counts, none has grown by more than {operations.GROWTH:.0%}"
+        else f"{len(now)} {what}, none has grown by more than {GROWTH:.0%}"
     )
     return int(bool(said))

@@ -4,22 +4,18 @@ is. They are the same on every machine, so that growth is found without a clock.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from functools import partial
-from pathlib import Path
 
 import torch
 
 from ...analysis.trials import operations as tensor_operations
-from ...core import files
 from ...dynamics.stepper import Stepper
 from ..common_case import SPACES, Case
 from .measurement import Measured
 from .structures import loop
 
 PART, UNIT = "operations", "operations"
-GROWTH = 0.03  # that is let pass
 Counts = dict[str, int]  # by name: space, what
 
 
@@ -67,34 +63,3 @@ def rows(quick: bool) -> Iterator[Measured]:
     for name, count in counts().items():
         space, _, what = name.partition(": ")
         yield Measured.of(PART, what, count, UNIT, space=space)
-
-
-def stored(path: Path) -> Counts:
-    """Counts of a file. Raises ValueError where there is none."""
-    try:
-        return json.loads(path.read_text())
-    except (OSError, ValueError):
-        raise ValueError(
-            f"{str(path)!r} was given; a file of operation counts that --update has written is "
-            "wanted"
-        ) from None
-
-
-def store(path: Path, operations: Counts) -> None:
-    files.write(path, json.dumps(operations, indent=1) + "\n")
-
-
-def grown(operations: Counts, before: Counts) -> list[str]:
-    """A sentence on each count that has grown by more than `GROWTH`, and on names that only one of
-    the two has.
-    """
-    said = [
-        f"{name}: {count} operations, {count / max(before[name], 1) - 1:+.1%} of the "
-        f"{before[name]} stored"
-        for name, count in operations.items()
-        if name in before and count > before[name] * (1 + GROWTH)
-    ]
-    said += [f"{name}: counted now, and not stored" for name in operations if name not in before]
-    return said + [
-        f"{name}: stored, and not counted any more" for name in before if name not in operations
-    ]

@@ -14,6 +14,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ...cli import double_precision
+
 Solve = Callable[[], tuple[Tensor, Tensor]]
 
 
@@ -60,17 +62,12 @@ class Result:
 
 def run(case: Case) -> Result:
     """Solve it in float64; an equilibrium that is unstable is meant where one is looked for."""
-    before = torch.get_default_dtype()
-    torch.set_default_dtype(torch.float64)
     begin = time.perf_counter()
-    try:
-        with warnings.catch_warnings(), torch.no_grad():
-            warnings.simplefilter("ignore", RuntimeWarning)
-            ours, reference = (
-                x.detach().double().flatten() for x in torch.broadcast_tensors(*case.solve())
-            )
-    finally:
-        torch.set_default_dtype(before)
+    with double_precision(), warnings.catch_warnings(), torch.no_grad():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        ours, reference = (
+            x.detach().double().flatten() for x in torch.broadcast_tensors(*case.solve())
+        )
     seconds = time.perf_counter() - begin
     error = (ours - reference).abs() / (reference.abs() if case.scale is None else case.scale)
     error = torch.where(torch.isfinite(error), error, torch.inf)

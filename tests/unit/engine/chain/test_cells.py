@@ -10,8 +10,9 @@ import torch
 
 import torchbeam as tb
 from torchbeam.engine.chain.cells import cells_of
+from torchbeam.engine.chain.layout import JOINTS
 from torchbeam.engine.chain.node_kinds import kinds_of
-from torchbeam.engine.chain.structure_order import order_of, what_orders
+from torchbeam.engine.chain.structure_order import Connectivity, connectivity_of, order_of
 from torchbeam.nodal.discretise import discretise
 from torchbeam.topology.framework import Framework
 
@@ -59,9 +60,7 @@ def fields(solution):
 
 def cells(scene):
     model = discretise(scene)
-    _, _, held, *_ = what_orders(model)
-    supports = model.constraints.nodes
-    return cells_of(model.topology, kinds_of(model, ()), supports, held)
+    return cells_of(connectivity_of(model), kinds_of(model, ()))
 
 
 @pytest.mark.parametrize("held", [False, True])
@@ -105,15 +104,16 @@ def test_what_has_cells():
     none; and two are too few to pay.
     """
     own = cells(hand())
-    assert own.count == 3 and own.framework.chains == (2, 1) and own.shared == 1
-    assert own.own == 2 and len(own.held) == 3
-    assert cells(hand(held=True)).supports == (5,)
+    alone = own.connectivity
+    assert own.count == 3 and alone.framework.chains == (2, 1) and alone.shared == 1
+    assert len(alone.held) == 3 and sum(step != 0 for _, step in own.rows[JOINTS]) == 2
+    assert cells(hand(held=True)).connectivity.supports == (5,)
     assert cells(hand(fingers=2)) is None
     ties = [tb.Weld(("a0", 1), ("a1", 1))]
     assert cells(hand(more=ties)) is None
     stays = [tb.Distance((f"a{k}", 1), (f"b{k}", -1)) for k in range(3)]
     assert cells(hand(more=stays)).count == 3
     twice = Framework(1, (1, 1), 1, ((1, 2), (2, 1), (0, 4)))  # nodes of a cell, joined twice
-    assert order_of(twice, (), (5, 1, 6), shared=1).own_groups is None
+    assert order_of(Connectivity(twice, held=(5, 1, 6), shared=1)).own_groups is None
     stepper = tb.Stepper(hand(unlike=[tb.Drag(1.0, 0.1, on="b0")]), 0.02, engine="compiled")
     assert stepper.compiled.structure.by_cells is None

@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import pytest
 import torch
 from torch.testing import assert_close
-from torch.utils._python_dispatch import TorchDispatchMode
 
 import torchbeam as tb
 from tests.cases.compiled_step_cases import moving, straight
+from torchbeam.analysis.trials import Counter
 from torchbeam.engine.chain import call
 from torchbeam.scene.effects import LoadEffect
 
@@ -375,31 +375,19 @@ def test_a_cache_folder_that_cannot_be_written_is_gone_without(auto, monkeypatch
     assert any(r.levelno == logging.WARNING and str(file) in r.message for r in caplog.records)
 
 
-class Count(TorchDispatchMode):
-    """Counts torch operations."""
-
-    def __init__(self):
-        super().__init__()
-        self.count = 0
-
-    def __torch_dispatch__(self, function, types, args=(), kwargs=None):
-        self.count += 1
-        return function(*args, **(kwargs or {}))
-
-
 @torch.no_grad()
 def test_a_call_is_a_few_torch_operations():
     """Their number is what a call costs beside its native code; eagerly it is in the thousands."""
     scene, u, t = arm(), torch.ones(3), torch.linspace(0, 0.5, 51)
     stepper = tb.Stepper(scene, 0.01, engine="compiled")
     state = stepper(stepper(stepper.rest(), u=u), u=u)
-    with Count() as made:
+    with Counter() as made:
         stepper(state, u=u)
     assert made.count <= 20
     counts = []
     for steps in (21, 51):
         tb.simulate(scene, t[:steps], inputs={"u": u}, step=0.01, engine="compiled")
-        with Count() as made:
+        with Counter() as made:
             tb.simulate(scene, t[:steps], inputs={"u": u}, step=0.01, engine="compiled")
         counts.append(made.count)
     assert counts[1] - counts[0] <= 5 * 30

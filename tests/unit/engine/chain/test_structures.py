@@ -10,7 +10,7 @@ import pytest
 import torch
 
 import torchbeam as tb
-from torchbeam.engine.chain.structure_order import order_of, ordered
+from torchbeam.engine.chain.structure_order import Connectivity, order_of, ordered
 from torchbeam.topology.cut import cut
 from torchbeam.topology.framework import Framework
 
@@ -248,11 +248,11 @@ def test_trees_have_no_borders():
             return starts[beam] + draw.choice((0, 1, chains[beam]))
 
         joints = tuple((node(draw.randrange(k)), node(k)) for k in range(1, beams))
-        order = order_of(Framework(1, chains, joints=joints), (), (6,) * len(joints), ())
+        order = order_of(Connectivity(Framework(1, chains, joints=joints), held=(6,) * len(joints)))
         assert not order.bordered
         between = sum(
             run.manner == "between" for runs in cut(chains, 0, joints).runs for run in runs
         )
         assert len(order.following) == between
     ring = tuple((3 * k + 2, 3 * (k + 1) % 12) for k in range(4))
-    assert order_of(Framework(1, (2,) * 4, joints=ring), (), (6,) * 4, ()).bordered
+    assert order_of(Connectivity(Framework(1, (2,) * 4, joints=ring), held=(6,) * 4)).bordered

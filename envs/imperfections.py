@@ -1,0 +1,63 @@
+"""Imperfections: what lies between a controller and its beam, and may change with the episode.
+
+latency  control intervals by which an action acts later than the task's delay, also fractions: over
+         an interval in which one action gives way to the next their mean acts, by their times
+lag      s, of the actuators: what acts follows what is asked by 1 - exp(-interval/lag) an interval
+gain     of the actuators: what acts over what was asked
+bias     standard deviation, in units of the observation, of a constant error of each entry of the
+         sensors, drawn with the episode
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from math import ceil
+
+import torch
+from torch import Tensor
+
+from .noise import normal
+from .parameters import Parameter
+
+# none is drawn by randomize=True, which is about the beam
+PARAMETERS = {
+    "latency": Parameter(0.0, 0.0, 0.0),
+    "lag": Parameter(0.0, 0.0, 0.0),
+    "gain": Parameter(1.0, 1.0, 1.0),
+    "bias": Parameter(0.0, 0.0, 0.0),
+}
+BEFORE = -1  # the step of an episode whose random numbers are its bias
+
+
+def spare(ranges: Mapping[str, tuple[float, float]]) -> int:
+    """Intervals by which actions may be late."""
+    return ceil(ranges["latency"][1]) if "latency" in ranges else 0
+
+
+def late_action(queue: Tensor, latency: Tensor, spare: int) -> Tensor:
+    """(n, a), of a queue (n, spare + ..., a), oldest first, whose entry `spare` acts now where
+    latency (n,) is 0.
+    """
+    whole = latency.detach().floor().clamp(max=spare - 1)
+    first = spare - whole.long()
+    rows = torch.arange(len(queue), device=queue.device)
+    part = (latency - whole)[:, None]
+    return torch.lerp(queue[rows, first], queue[rows, first - 1], part)
+
+
+def lagging(before: Tensor, asked: Tensor, lag: Tensor, interval: float) -> Tensor:
+    """(n, a) what acts, from what acted before and what is asked (n, a)."""
+    follows = lag > 0
+    share = 1 - torch.exp(-interval / torch.where(follows, lag, 1.0))
+    return torch.lerp(before, asked, torch.where(follows, share, 1.0)[:, None])
+
+
+def biased(seen: Tensor, bias: Tensor, key: Tensor) -> Tensor:
+    """Readings (n, o) with their constant errors."""
+    step = torch.full_like(key, BEFORE)
+    return seen + bias[:, None] * normal(key, step, seen.shape[-1], seen.dtype)
+
+
+def beside_the_beam(names: Collection[str]) -> bool:
+    """Whether all of these are parameters of this kind."""
+    return all(name in PARAMETERS for name in names)
