@@ -14,6 +14,7 @@ from ..core.leaves import with_values
 from ..core.status import SUCCESS
 from ..core.validation import concrete
 from ..engine.chain.compiled_step import Steps
+from ..engine.chain.extrapolated_functions import mixtures
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..scene.effects import Inputs
@@ -94,20 +95,18 @@ def _mean(
                 result.status,
                 result.iterations,
             )
-    first, *others = scheme.compositions
-    result_of_first = _composed(first, solver, model, state, dt, t, inputs, moving, last)
-    if not others:
-        return result_of_first
-    good, ends, status = moving, [vars(result_of_first.state)], result_of_first.status
-    iterations = result_of_first.iterations
-    for one in others:
+    good, begin, ends, status, iterations = moving, state, [], None, 0
+    for composition in scheme.compositions:
+        result = _composed(composition, solver, model, begin, dt, t, inputs, good, last)
+        if len(scheme.compositions) == 1:
+            return result
+        ends.append(vars(result.state))
+        status = result.status if status is None else torch.where(good, result.status, status)
+        iterations = iterations + torch.where(good, result.iterations, 0)
         good = good & (status == SUCCESS)
-        other = _composed(one, solver, model, state, dt, t, inputs, good, last)
-        ends.append(vars(other.state))
-        status = torch.where(good, other.status, status)
-        iterations = iterations + torch.where(good, other.iterations, 0)
-    after = replace(result_of_first.state, **_weighted(scheme, model, ends))
-    return Made(after.where(good & (status == SUCCESS), state), status, iterations)
+        begin = replace(state, stress=result.state.stress)  # what the next one starts from
+    after = replace(result.state, **_weighted(scheme, model, ends))
+    return Made(after.where(good, state), status, iterations)
 
 
 def _weighted(
@@ -170,7 +169,7 @@ def natively(
 ) -> Steps | None:
     """A step of dt (...) from t (...) on, or K of dt and t (K), or (K, ...), by native code; None
     where they are to be made eagerly. The reaction is the mean over the step, the stress that of
-    the last solve of the first composition.
+    the last solve.
 
     inputs  by name, held over all, or one for each solve, see `together`
     moving  (...) bool, of the whole batch's shape; None = all, of one step
@@ -188,7 +187,9 @@ def natively(
         )
         moving = (state.status == SUCCESS).expand(shape)
     if len(scheme.compositions) == 1:
-        return _in_a_row(*scheme.compositions, solver, state, dt, t, inputs, moving, last, K)
+        return _in_a_row(scheme, solver, state, dt, t, inputs, moving, last, K)
+    if solver.extrapolating is not None:
+        return _in_a_row(scheme, solver.extrapolating, state, dt, t, inputs, moving, last, K)
     if K is None:
         return _extrapolated(scheme, solver, state, dt, t, inputs, moving, last)
     steps: list[Steps] = []
@@ -226,19 +227,20 @@ def _extrapolated(
     moving: Tensor,
     last: bool,
 ) -> Steps | None:
-    """One step by the mean of compositions."""
-    ends, status, iterations, good, done = [], None, 0, moving, 0
+    """One step by the mean of compositions, by a call of native code each."""
+    ends, status, iterations, good, done, begin = [], None, 0, moving, 0, state
     for one in scheme.compositions:
         rows = slice(done, done := done + len(one.fractions))
         given = {name: x[rows] if x.ndim > moving.ndim + 1 else x for name, x in inputs.items()}
-        result = _in_a_row(one, solver, state, dt, t, given, good, last, None)
+        result = _in_a_row(Scheme((one,)), solver, begin, dt, t, given, good, last, None)
         if result is None:
             return None
         ends.append(result)
+        begin = with_values(state, stress=result.fields["stress"])
         status = result.status if status is None else torch.where(good, result.status, status)
         iterations = iterations + result.iterations
         good = good if result.well else good & (result.status == SUCCESS)
-    fields = ends[0].fields | _weighted(scheme, solver.model, [end.fields for end in ends])
+    fields = ends[-1].fields | _weighted(scheme, solver.model, [end.fields for end in ends])
     well = all(end.well for end in ends)
     if not well:
         axes = {name: x.ndim - good.ndim for name, x in fields.items()}
@@ -250,7 +252,7 @@ def _extrapolated(
 
 
 def _in_a_row(
-    composition: Composition,
+    scheme: Scheme,
     solver: StepSolver,
     state: State,
     dt: Tensor,
@@ -260,36 +262,62 @@ def _in_a_row(
     last: bool,
     K: int | None,
 ) -> Steps | None:
-    """A step, or K, of a composition, by one call of native code."""
+    """A step, or K, by one call of native code: of a composition, or by a solver that extrapolates
+    of the mean of WHOLE and another one.
+    """
     # first: axes before that of the solves
-    n, first = len(composition.fractions), 0 if K is None else 1
-    middle = None
+    n, first, fractions = scheme.solves, 0 if K is None else 1, scheme.fractions
+    middle = mixture = None
     if solver.compiled.takes_time:
         t, length = torch.broadcast_tensors(t, dt)
-        instants = composition.instants(solver.method.INSTANT)
+        instants = scheme.instants(solver.method.INSTANT)
         middle = (t.unsqueeze(first) + _times(instants, length, first)).flatten(0, first)
     # then one length, and one tangent, is that of all
-    alike = dt.ndim == 0 and K is None and len({*composition.fractions}) == 1
-    length = (
-        dt * composition.fractions[0]
-        if alike
-        else _times(composition.fractions, dt, first).flatten(0, first)
+    alike = dt.ndim == 0 and K is None and len({*fractions}) == 1
+    length = dt * fractions[0] if alike else _times(fractions, dt, first).flatten(0, first)
+    if len(scheme.compositions) > 1:
+        mixture = dt.new_tensor(mixtures(n - 1, scheme.weights)).repeat(K or 1, 1)
+    result = solver.natively(
+        state, length, middle, inputs, moving, last, (K or 1) * n, mixture=mixture
     )
-    result = solver.natively(state, length, middle, inputs, moving, last, (K or 1) * n)
     if result is None:
         return None
     series = {name: x.unflatten(0, (-1, n)) for name, x in result.fields.items()}
     fields = {name: x[:, -1] for name, x in series.items()}
-    share = dt.new_tensor(composition.fractions)
-    fields["reaction"] = (
-        share.view(n, *(1,) * (series["reaction"].ndim - 2)) * series["reaction"]
-    ).sum(1)
+    weights, share = (dt.new_tensor(x) for x in (scheme.weights_of_solves, fractions))
+    fields["reaction"] = _summed(weights * share, series["reaction"])
+    if mixture is not None:
+        done = torch.cat((state.work.expand_as(result.fields["work"][:1]), result.fields["work"]))
+        each = done.diff(dim=0).unflatten(0, (-1, n))
+        fields["work"] = state.work + _summed(weights, each).cumsum(0)
     status = result.status.unflatten(0, (-1, n))[:, -1]
+    if not result.well:
+        fields = _before_failing(fields, status == SUCCESS, state)
     iterations = result.iterations.unflatten(0, (-1, n)).sum(1)
     if K is None:
         fields, status = {name: x[0] for name, x in fields.items()}, status[0]
         iterations = iterations[0]
     return Steps(fields, status, iterations, result.well)
+
+
+def _summed(weights: Tensor, x: Tensor) -> Tensor:
+    """The sum over the solves of x (K, n, ...), with weights (n)."""
+    return (weights.view(-1, *(1,) * (x.ndim - 2)) * x).sum(1)
+
+
+def _before_failing(fields: dict[str, Tensor], good: Tensor, state: State) -> dict[str, Tensor]:
+    """Fields after steps (K, ...), where a step has not gone well (good (K, ...)) those before it,
+    not those amid its solves.
+    """
+
+    def restored(name: str, x: Tensor) -> Tensor:
+        rows, before = [], getattr(state, name)
+        for well, after in zip(good, x, strict=True):
+            before = torch.where(well[(..., *(None,) * (after.ndim - well.ndim))], after, before)
+            rows.append(before)
+        return torch.stack(rows)
+
+    return {name: restored(name, x) for name, x in fields.items()}
 
 
 def _times(values: tuple[float, ...], x: Tensor, first: int) -> Tensor:

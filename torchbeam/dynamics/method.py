@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import boolean
+from ..engine.chain.compiled_step import EXTRAPOLATION
 from ..equations.midpoint import MidpointProblem
 from ..equations.step_problem import StepProblem
 from ..nodal.model import Model
@@ -48,8 +49,19 @@ class Scheme(NamedTuple):
     weights: tuple[float, ...] = (1.0,)
 
     @property
+    def fractions(self) -> tuple[float, ...]:
+        """Of all solves, one composition after the other."""
+        return tuple(part for composition in self.compositions for part in composition.fractions)
+
+    @property
+    def weights_of_solves(self) -> tuple[float, ...]:
+        """Those of the compositions that they belong to."""
+        pairs = zip(self.compositions, self.weights, strict=True)
+        return tuple(weight for composition, weight in pairs for _ in composition.fractions)
+
+    @property
     def solves(self) -> int:
-        return sum(len(composition.fractions) for composition in self.compositions)
+        return len(self.fractions)
 
     def instants(self, part: float) -> tuple[float, ...]:
         """Of all solves, one composition after the other."""
@@ -120,7 +132,7 @@ class Method:
         """
         place: Tensor | float = 0.5
         for scheme, own in self.schemes(model, dt):
-            last = scheme.compositions[0]
+            last = scheme.compositions[-1]
             at = last.begins[-1] + last.fractions[-1] / 2
             place = at if own is None else torch.where(own, at, place)
         return place
@@ -148,6 +160,12 @@ class Midpoint(Method):
                 "conserve with a frame or support that moves was given; what holds the beam "
                 "still is wanted"
             )
+
+
+class Extrapolation(Midpoint):
+    """Solves of midpoint steps, whose ends are mixed."""
+
+    SOLVES = EXTRAPOLATION
 
 
 def without_rho(name: str, rho_inf: float | None) -> None:

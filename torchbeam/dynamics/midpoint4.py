@@ -59,7 +59,7 @@ from .method import WHOLE, Composition, Method, Scheme, without_rho
 
 P = 1 / (4 - 4 ** (1 / 3))
 SYMMETRIC = Scheme((Composition((P, P, 1 - 4 * P, P, P)),))
-EXTRAPOLATED = Scheme((Composition((1 / 3, 1 / 3, 1 / 3)), WHOLE), (9 / 8, -1 / 8))
+EXTRAPOLATED = Scheme((WHOLE, Composition((1 / 3, 1 / 3, 1 / 3))), (-1 / 8, 9 / 8))
 FAST = 1 / 6  # of h: tau from which on the extrapolation is taken
 SLOW = 1 / 30  # of h: tau up to which it is not stable
 HEAVY = 2.8  # alpha h that no scheme takes

@@ -27,13 +27,17 @@ from ..scene.effects import Inputs
 from ..solvers.implicit_gradient import differentiated, implicit_gradient
 from ..solvers.newton import TOLERANCE, newton
 from ..state.state import State
-from .method import Method, Midpoint
+from .method import Extrapolation, Method, Midpoint
 
 # iterations of a step that can still be made in parts: one that takes more is quicker so
 QUICK = 12
 # rad that a node may turn in one solve; larger turns have more than one solution, and the wrong one
 # gains energy
 TURN = 1.2
+
+
+# eps: what sums of forces that cancel are held to; a finer tolerance counts as this
+FINEST = 256
 
 
 class Made(NamedTuple):
@@ -54,12 +58,15 @@ class StepSolver:
     def __init__(
         self, model: Model, method: Method, engine: str, tolerance: float | None, limit: int
     ) -> None:
-        self.model, self.method, self.tolerance, self.limit = model, method, tolerance, limit
+        self.model, self.method, self.limit = model, method, limit
+        finest = FINEST * torch.finfo(model.scene.dtype).eps
+        self.tolerance = None if tolerance is None else max(float(tolerance), finest)
         self.engine = (
             engine if engine != "auto" else "compiled" if meaning() == "compiled" else "auto"
         )
         self._compiled, self._decided, self.use = None, self.engine == "eager", EngineUse()
         self._double: StepSolver | None = None
+        self._extrapolating: StepSolver | None = None
         if self.engine == "compiled":
             _ = self.compiled  # is refused here, if at all
 
@@ -85,22 +92,37 @@ class StepSolver:
             held
             if self.engine != "auto"
             else {**held, "_compiled": None, "_double": None, "_decided": False}
-        )
+        ) | {"_extrapolating": None}
 
     def again(self) -> StepSolver:
         """The same, as if it had made no step yet."""
         _ = self.compiled  # is decided once
         other = object.__new__(StepSolver)
-        vars(other).update(vars(self), use=EngineUse(self.use.reason))
+        vars(other).update(vars(self), use=EngineUse(self.use.reason), _extrapolating=None)
         return other
 
     def of(self, model: Model) -> StepSolver:
         """The same for another model, of the same structure."""
         other = copy(self)
         other.model = model
-        other._compiled = other._double = None
+        other._compiled = other._double = other._extrapolating = None
         other._decided = self.engine != "compiled" and self._decided and self._compiled is None
         return other
+
+    @property
+    def extrapolating(self) -> StepSolver | None:
+        """The same for solves whose ends are mixed, see `ExtrapolatedFunctions`; None where native
+        code does not do that: for what has more than nodes to remember.
+        """
+        model = self.model
+        more = model.joints.count, model.tendons.stretches, model.touching.present
+        if self.compiled is None or any(more) or model.scene.frame is not None:
+            return None
+        if self._extrapolating is None:
+            other = self._extrapolating = copy(self)
+            other.method, other._double = Extrapolation(), None
+            other._compiled, other._decided = None, False
+        return self._extrapolating if self._extrapolating.compiled is not None else None
 
     def by_midpoint(self) -> StepSolver:
         """The same by the midpoint step, eagerly."""
@@ -178,6 +200,7 @@ class StepSolver:
         last: bool,
         K: int | None = None,
         every: int = 1,
+        mixture: Tensor | None = None,
     ) -> Steps | None:
         """A solve over dt with the middle t (...), or K, see `CompiledStep`; None where they are to
         be made eagerly.
@@ -197,9 +220,7 @@ class StepSolver:
                 f"was made{VALUES}"
             )
             return None
-        tolerance = (
-            TOLERANCE[state.position.dtype] if self.tolerance is None else float(self.tolerance)
-        )
+        tolerance = TOLERANCE[state.position.dtype] if self.tolerance is None else self.tolerance
         try:
             solution = compiled(
                 state,
@@ -212,6 +233,7 @@ class StepSolver:
                 self._limit(last),
                 K,
                 every=every,
+                **({} if mixture is None else {"mixture": mixture}),
             )
         except (NotCompiled, NotTraceable) as error:
             if self.engine == "compiled":
@@ -228,7 +250,7 @@ class StepSolver:
             and state.position.dtype is torch.float32
             and not self.model.law.rigid
         ):
-            return self._in_double(state, dt, t, inputs, moving, last, K, every)
+            return self._in_double(state, dt, t, inputs, moving, last, K, every, mixture)
         return None
 
     def _in_double(
@@ -260,7 +282,7 @@ class StepSolver:
             None if t is None else wide(t),
             {name: wide(x) for name, x in inputs.items()},
             moving,
-            *options,
+            *(wide(x) if isinstance(x, Tensor) else x for x in options),
         )
         if solution is None:
             return None

@@ -56,7 +56,8 @@ class Stepper:
                coupled, which makes the error of the translational inertia fourth order
     conserve   scale the velocities after each step so that the energy balance closes exactly: for
                long undamped runs
-    tolerance  of the scaled residual, default 1e-8 in float64 and 1e-4 in float32
+    tolerance  of the scaled residual, default 1e-8 in float64 and 1e-4 in float32; one below 256
+               rounding errors of a number (6e-14, 3e-5) counts as that
     iterations at most this many in a Newton solve (12 where its step can still be made in parts;
                twice as many where contacts have friction)
     halvings   a failed step is made again in 2, 4, ... 2^halvings parts

@@ -72,6 +72,11 @@ class BalanceProblem(Tree):
         return ()
 
     @property
+    def rounding(self) -> Tensor | float:
+        """What floating point may leave of the balance (..., N+1, w), 0.0 = nothing."""
+        return 0.0
+
+    @property
     def element(self) -> BalancedElement:
         """The elements."""
         raise NotImplementedError
@@ -190,7 +195,15 @@ class BalanceProblem(Tree):
         )
         sizes = *sizes, size_of_strain(element.effective_strain, self.eigenstrain)
         return (
-            Residual(model.constraints, nodes, constitutive_residual, *sizes, model.joints),
+            Residual(
+                model.constraints,
+                nodes,
+                constitutive_residual,
+                *sizes,
+                model.joints,
+                self.rounding,
+                self.element.rounding,
+            ),
             kinematics,
             element,
             inertia,

@@ -8,12 +8,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import torch
 from torch import Tensor
 
 from ..core.leaves import Tree, leaf
 from ..nodal.constitutive_law import ElasticLaw
 from ..nodal.coordinates.spatial import Spatial
 from ..nodal.linear_interpolation import Ends
+
+# eps: strains below are differences of positions that floating point does not hold
+ROUNDING = 1000.0
 
 
 class ElementBalance(NamedTuple):
@@ -50,6 +54,11 @@ class BalancedElement(Tree):
     length: Tensor = leaf(2)
     reference: Tensor = leaf(2)
     eigenstrain: Tensor | float = leaf(2)
+
+    @property
+    def rounding(self) -> Tensor | float:
+        """(..., N), or of all: what floating point may leave of the constitutive residual."""
+        return ROUNDING * torch.finfo(self.length.dtype).eps
 
     def balance(self, stress: Tensor, *poses: Ends) -> ElementBalance:
         """stress (..., N, k); nodes where forces and strain are taken."""

@@ -12,13 +12,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
 from ..core.derivatives import cached
 from ..core.leaves import leaf
 from ..nodal.linear_interpolation import Ends
 from .alpha_kinematics import GeneralizedAlpha
-from .balanced_element import BalancedElement, ElementBalance, ElementTangent
+from .balanced_element import ROUNDING, BalancedElement, ElementBalance, ElementTangent
+
+DIGITS = 10.0  # eps of a position, or of a rotation, that a step may leave in it
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,22 @@ class StepElement(BalancedElement):
     def strain(self) -> Tensor:
         """(..., N, k) at the start."""
         return self._kinematics(self.start)[1]
+
+    @property
+    def rate(self) -> Tensor:
+        """(..., 1, 1, 1) 1/s: rate of the strain by what the law takes for the strain."""
+        raise NotImplementedError
+
+    @cached
+    def rounding(self) -> Tensor:
+        """A strain is a difference of positions, or of rotations, over the length; where rates of
+        strain are felt, so is the rate of that.
+        """
+        reach = sum(r.detach().abs().sum(-1) for r in self.start[: len(self.start) // 2])
+        eps, length = torch.finfo(self.length.dtype).eps, self.length.detach()[..., 0]
+        own = eps * (ROUNDING + DIGITS * (reach + 1) / length)[..., None]
+        felt = self.law.effective_strain(own, lambda: self.rate[..., 0].detach().abs() * own)
+        return felt.detach().abs().amax(-1)
 
     def _effective_strain(self, strain: Tensor, rate: Callable[[], Tensor]) -> Tensor:
         return self.law.effective_strain(strain - self.eigenstrain, rate)
@@ -78,6 +97,10 @@ class EndElement(StepElement):
     straining: Tensor = leaf(2)
     method: GeneralizedAlpha
 
+    @cached
+    def rate(self) -> Tensor:
+        return self.method.ratio / self.method.gamma / self.h[..., None]
+
     def rates(self, strain: Tensor) -> tuple[Tensor, Tensor]:
         """(..., N, k) at the end, of the strain there: its rate, and the algorithmic one."""
         method = self.method
@@ -100,7 +123,5 @@ class EndElement(StepElement):
     ) -> ElementTangent:
         """By the move of the end: `half` is not asked for."""
         B = self.space.strain_operator(balance.end, self.length)
-        E = self.law.effective_strain_by(
-            B, self.method.ratio / self.method.gamma / self.h[..., None]
-        )
+        E = self.law.effective_strain_by(B, self.rate)
         return self._tangent(balance.acting, stress, B, E)

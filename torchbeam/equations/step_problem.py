@@ -12,7 +12,6 @@ from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
 from ..core.derivatives import cached
 from ..core.leaves import leaf
@@ -24,11 +23,11 @@ from ..nodal.joint_motion import JointDrive
 from ..nodal.loads import Nodes
 from ..nodal.touching_motion import TouchingMotion
 from ..scene.effects import SPIN, VELOCITY, Inputs
-from ..solvers.newton import TOLERANCE
 from ..state.state import State
 from ..state.supported_nodes import set_node
 from ..topology.protocols import Matrix, total
 from .balance_problem import BalanceProblem
+from .step_element import DIGITS
 from .support_motion import SupportMotions, support_motions
 
 
@@ -288,23 +287,24 @@ class StepProblem(BalanceProblem):
         )
 
     @cached
-    def least(self) -> tuple[Tensor, ...]:
-        if self.model.touching.present:
-            return (self.of_flight,)
-        if not self.conditions.between:
-            return ()
-        return self.model.topology.gather(self.of_flight)[:1]
+    def rounding(self) -> Tensor:
+        """Of a beam that flies on, the rounding of its momenta over a step is all that there is."""
+        start, inertia, dims = self.start, self.model.inertia, self.model.space.dims
 
-    @cached
-    def of_flight(self) -> Tensor:
-        """Of a beam that flies on from what it touched, the rounding of its momentum over a step is
-        all that there is: so small forces (..., nodes, w) count as none.
-        """
-        model, velocity = self.model, self.start.velocity.detach()
-        mass = (model.section_mass[..., 0, :1] * model.tributary_length).detach()
-        share = 10 * torch.finfo(velocity.dtype).eps / TOLERANCE[velocity.dtype]
-        force = mass * velocity.abs() * (share / self.h)
-        return pad(force, (0, model.space.dims.spin))
+        def size(x: Tensor) -> Tensor:
+            return x.detach().abs().sum(-1, keepdim=True)
+
+        linear = inertia.mass.detach() * size(start.velocity)
+        angular = torch.zeros_like(linear)
+        if inertia.offset.present:
+            linear = linear + inertia.mass.detach() * inertia.offset.by_arm(size(start.spin))
+            angular = inertia.offset.by_arm(linear)
+        if inertia.rotary.present:
+            angular = angular + size(inertia.rotary.section_momentum(start.spin))
+        share = DIGITS * torch.finfo(linear.dtype).eps / self.h.detach().abs()
+        shape = linear.shape[:-1]
+        momenta = linear.expand(*shape, dims.position), angular.expand(*shape, dims.spin)
+        return share * torch.cat(momenta, -1)
 
     def idle(self, kinematics: Any) -> Tensor:
         return element_loads.idle(self.model, self._way(kinematics), self.conditions)

@@ -33,7 +33,8 @@ from .rows import Rows
 
 class Residual(NamedTuple):
     """nodes (..., N+1, w), strain (..., N, k) as above, with the gaps of joints behind; force,
-    moment, size_strain (...): the largest terms in them.
+    moment, size_strain (...): the largest terms in them; rounding (..., N+1, w) and
+    strain_rounding (..., N), 0.0 = nothing: what floating point may leave of them.
     """
 
     constraints: Constraints
@@ -43,18 +44,21 @@ class Residual(NamedTuple):
     moment: Tensor
     size_strain: Tensor
     joints: NoJoints
+    rounding: Tensor | float
+    strain_rounding: Tensor | float
 
     def measure(self) -> Tensor:
-        """(...) the scaled residual: each equation over the largest term in it; not finite where
-        anything is not.
+        """(...) the scaled residual: what is left of each equation beyond rounding, over the
+        largest term in it; not finite where anything is not.
         """
-        free = self.constraints.unknowns.select(self.nodes.detach()).abs()
+        left = self.nodes.detach().abs() - self.rounding
+        free = self.constraints.unknowns.select(left).clamp(min=0)
         p = (free.shape[-1] + 1) // 2  # of 6: 3, of 3: 2
         constitutive_residual, joints = self.joints.split(self.strain.detach())
         size = scaled(
             free[..., :p].amax((-1, -2)),
             free[..., p:].amax((-1, -2)),
-            most(constitutive_residual),
+            most_beyond(constitutive_residual, self.strain_rounding),
             *self[3:6],
         )
         return self.joints.measure(size, joints)
@@ -72,16 +76,11 @@ def scaled(
     its equation.
     """
     number = torch.finfo(force.dtype)
-    # strains below ROUNDING eps are differences of positions that floating point does not hold
-    constitutive_residual = (constitutive_residual - ROUNDING * number.eps).clamp(min=0)
     # loads so small that motions under them are denormal, where products round as they like, count
     # as none
     none = number.tiny**0.5
     over = torch.maximum(force / (largest_force + none), moment / (largest_moment + none))
     return torch.maximum(over, constitutive_residual / (size_strain + number.eps))
-
-
-ROUNDING = 1000.0
 
 
 class CondensedTangent(NamedTuple):
@@ -221,6 +220,13 @@ def size_of_strain(followed: Tensor, own: Tensor | float) -> Tensor:
 def most(x: Tensor) -> Tensor:
     """(...) the largest of the rows (..., n, k), 0 where there are none."""
     return x.abs().amax((-1, -2)) if x.shape[-2] else x.new_zeros(x.shape[:-2])
+
+
+def most_beyond(x: Tensor, rounding: Tensor | float) -> Tensor:
+    """(...) by how much the largest of the rows (..., n, k) is above their `rounding` (..., n)."""
+    if not x.shape[-2]:
+        return x.new_zeros(x.shape[:-2])
+    return (x.abs().amax(-1) - rounding).amax(-1).clamp(min=0)
 
 
 def largest(p: int, length: Tensor, *terms: Tensor | float) -> tuple[Tensor, Tensor]:

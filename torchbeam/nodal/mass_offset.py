@@ -107,6 +107,10 @@ class MassOffset(NoMassOffset):
     def mean(self, other: MassOffset) -> MassOffset:
         return MassOffset(self.space, (self.offset + other.offset) / 2)
 
+    def by_arm(self, x: Tensor) -> Tensor:
+        """x (..., N+1, 1) times the size of the lever: a force's moment, a spin's velocity."""
+        return x * self.offset.detach().abs().sum(-1, keepdim=True)
+
     def velocity(self, node: Tensor, spin: Callable[[], Tensor]) -> Tensor:
         return node + (self.A @ spin()[..., None])[..., 0]
 

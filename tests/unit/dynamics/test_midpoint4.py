@@ -14,6 +14,7 @@ import torchbeam as tb
 from tests.cases.nodal_cases import energy_drifts, orders
 from torchbeam.dynamics import midpoint4
 from torchbeam.dynamics.midpoint4 import EXTRAPOLATED, SYMMETRIC
+from torchbeam.engine.chain.compiled_step import CompiledStep
 
 pytestmark = pytest.mark.steps
 
@@ -30,6 +31,14 @@ def pulled(force, tau, N=2, section=SOFT):
 
 def rising(t):
     return torch.stack((0 * t, 2 * torch.sin(3 * t) ** 4, torch.sin(2 * t) ** 4))
+
+
+def lagged(x, R, v, w, t, z):
+    return z, None
+
+
+def lag_rate(z, x, R, v, w, t):
+    return (-0.5 * v - z) / 0.2
 
 
 def same(a, b, size=1e-11):
@@ -322,3 +331,43 @@ def test_undamped_springs_beside_a_strongly_damped_beam():
         velocity(0.1, 1e5, None)
     for tau, stiffness, damping in ((0.1, 1e5, (100.0, 1.0)), (1e-3, 1e5, None)):
         assert velocity(tau, stiffness, damping) < 5
+
+
+@pytest.mark.parametrize("tau", [1e-3, 0.05], ids=["symmetric", "extrapolated"])
+def test_a_step_that_fails_amid_its_solves_leaves_the_state_before_it(tau):
+    """A blow that comes when the third step is nearly half over: by both engines the state is that
+    after the second.
+    """
+    scene = pulled(lambda t: torch.stack((0 * t, 0 * t, torch.where(t > 0.0475, 1e9, 1.0))), tau, 1)
+    found = {}
+    for engine in ("eager", "compiled"):
+        stepper = tb.Stepper(scene, 0.02, "midpoint4", engine=engine, halvings=0)
+        stepper.failures = None  # as in adaptive steps: nobody asks why
+        found[engine] = tb.rollout(stepper, stepper.rest(), 4)
+    assert (found["compiled"].status > 0).tolist() == [False, False, True, True]
+    assert (found["compiled"].position[2:] == found["compiled"].position[1]).all()
+    same(found["eager"], found["compiled"])
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_extrapolated_steps_are_one_call(order, monkeypatch):
+    """Ten steps of a load with an internal state by one call of native code, and what they are
+    differentiated by as eager.
+    """
+    calls, found, whole = [], {}, CompiledStep.__call__
+    monkeypatch.setattr(
+        CompiledStep, "__call__", lambda *args, **named: calls.append(1) or whole(*args, **named)
+    )
+    for engine in ("eager", "compiled"):
+        tau = torch.tensor([0.05, 0.08]).requires_grad_()
+        beam = tb.Beam.straight(1.0, 2, SOFT, order=order)
+        lag = tb.Load(lagged, internal=3, rate=lag_rate, of=("velocity",))
+        scene = tb.Scene(beam, [tb.TipLoad(force=rising), tb.Damping(tau), lag])
+        stepper = tb.Stepper(scene, 0.02, "midpoint4", engine=engine, tolerance=1e-12)
+        states = tb.rollout(stepper, stepper.rest(), 4)
+        size = states.work.sum() + states.reaction.sum() + states.velocity.square().sum()
+        size = size + states.stress.sum() + states.rotation[..., 1].sum()
+        found[engine] = states.detach(), torch.autograd.grad(size, tau)[0]
+    assert len(calls) == 1
+    same(found["eager"][0], found["compiled"][0], 1e-10)
+    assert_close(*(gradient for _, gradient in found.values()), rtol=1e-9, atol=1e-9)

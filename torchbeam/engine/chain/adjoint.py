@@ -60,17 +60,10 @@ class AdjointProgram(NativeProgram):
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         wanted, w, shapes, node = sorted(self.wanted), self.w, self.shapes, traced.node
         start = (*self.state, *wanted)
-        functions = {
-            "solution": traced(
-                local.solution,
-                {
-                    "position": shapes["position"],
-                    "rotation": shapes["rotation"],
-                    "after_position": shapes["position"],
-                    "after_rotation": shapes["rotation"],
-                },
-            )
-        }
+        states = {name: shapes[name] for name in self.state}
+        ends = {f"after_{name}": shape for name, shape in states.items()}
+        own = states | ends | traced.constants["common"]
+        functions = {"solution": traced(local.solution, own)}
         nodes, elements, loads, finishes = [], [], [], []
         for k, kind in enumerate(self.kinds.nodes):
             nodes.append(whole := traced(partial(local.node, kind), node))
@@ -238,7 +231,9 @@ class AdjointProgram(NativeProgram):
             layout.record(f"{kind}_bar", rows, sorted(fields.items()))
         for name in ("state", "state_bar", "state_grad", "start_bar"):
             layout.record(name, NODES, state)
-        layout.record("after", NODES, [(f"after_{name}", size) for name, size in state[:2]])
+        read = self.functions["solution"].inputs
+        ends = [(f"after_{name}", size) for name, size in state]
+        layout.record("after", NODES, [end for end in ends if end[0] in read])
         layout.record("unknown", NODES, [("u", state[0][1]), ("m", state[1][1])])
         for name in ("stress", "stress_bar", "stress_grad"):
             layout.record(name, ELEMENTS, [("stress", k)])

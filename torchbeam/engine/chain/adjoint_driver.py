@@ -216,7 +216,7 @@ class AdjointDriver(ChainCode):
                 if f[0] == ">"
                 else self.at("after", j, f)
                 if f.startswith("after")
-                else self.at("state", j, f)
+                else self._of_node(f, j)
             ),
         )
         for name in ("start_bar", "unknown_bar"):

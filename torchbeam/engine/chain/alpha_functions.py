@@ -121,7 +121,12 @@ class AlphaFunctions(LocalFunctions):
         return {STRAINING: problem.straining(problem.motion.kinematics(x.u, x.m))}
 
     def solution(
-        self, position: Tensor, rotation: Tensor, after_position: Tensor, after_rotation: Tensor
+        self,
+        position: Tensor,
+        rotation: Tensor,
+        after_position: Tensor,
+        after_rotation: Tensor,
+        **fields: Tensor,
     ) -> Fields:
         space = self.model.space
         return {

@@ -269,8 +269,6 @@ class ChainCode:
             f"far {k}",
             lambda f: self.at("at_load", 0, f[2:]) if f[0] == ">" else self._of_element(f, e),
         )
-        if "force" in self.functions[f"far {k}"].outputs:
-            code.call("largest", self.at("sums", 0, "force"), self.at("at_load", 0, "force"))
         code.call("all", far, result := code.slot())
         with code.when(code.compare("eq", code.load(result), 0)):
             yield

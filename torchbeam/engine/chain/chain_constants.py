@@ -89,7 +89,7 @@ class Common(Tree):
     """One of all nodes: dt and t (...) s of the step and of the instant at which it takes its
     loads, inputs, the place of a plane; of frame a, in the middle of the step, its velocity and
     angular velocity (..., 3) and its orientation, see `State.frame`, None = at rest; now, before:
-    see `NodeConstants`; captured: what users' functions read.
+    see `NodeConstants`; captured: what users' functions read; mixture: see `ExtrapolatedFunctions`.
     """
 
     dt: Tensor = leaf(0)
@@ -102,6 +102,7 @@ class Common(Tree):
     now: CommonConditions
     before: CommonConditions | None
     captured: tuple[Captured, ...] = ()
+    mixture: Tensor | None = leaf(1, default=None)
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from .chain_constants import Trees
 from .conserving_functions import ConservingFunctions
 from .constants import Constants
 from .cotangents import FORCES, Adjoint, Differentiated
+from .extrapolated_functions import OTHER, ExtrapolatedFunctions
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
 from .node_kinds import Kinds, kinds_of
@@ -34,11 +35,13 @@ from .step_structure import FORMS, Form, StepStructure, keep_structure, key_of, 
 from .structure_order import connectivity_of
 from .user_functions import by_function, by_sample, known
 
+EXTRAPOLATION = "extrapolation"  # means of midpoint steps, see `ExtrapolatedFunctions`
 # by the method, and whether it conserves energy
 FUNCTIONS = {
     ("midpoint", False): LocalFunctions,
     ("midpoint", True): ConservingFunctions,
     ("generalized_alpha", False): AlphaFunctions,
+    (EXTRAPOLATION, False): ExtrapolatedFunctions,
 }
 TRIED = 1e-6  # s, of the step that is traced; functions of time are asked near 0
 CLOSURE = (
@@ -120,6 +123,8 @@ class CompiledStep:
         nothing = {name: self.none.new_zeros(size) for name, size in model.scene.inputs.items()}
         dt = torch.full_like(self.none, TRIED)
         values = self.constants.changing(dt, instant * dt, nothing, self.constants.orientation)
+        if self._functions is ExtrapolatedFunctions:
+            values["mixture"] = self.none.new_zeros(4)
         # one tensor each, by which their fields are found
         values = {name: x.clone() for name, x in values.items()}
         trees = self.constants.trees(values)
@@ -182,6 +187,7 @@ class CompiledStep:
         K: int | None = None,
         lanes: int | None = None,
         every: int = 1,
+        mixture: Tensor | None = None,
     ) -> Steps | None:
         """A step from `start`, in the space's coordinates, or K; differentiable once, backwards.
 
@@ -193,6 +199,7 @@ class CompiledStep:
                 None = all
         every   a divisor of K: the states after every so many steps are enough, where they are less
                 work
+        mixture (K, 4) of K solves, see `ExtrapolatedFunctions`
         least   cosine of half the largest angle that a node may have turned by at mid step
 
         A sample's status is 0 while it goes well, and for one that does not move; its iterations in
@@ -233,6 +240,8 @@ class CompiledStep:
             (None, None) if start.frame is None else self._orientations(start.frame, dt, t, K, dims)
         )
         values = self.constants.changing(dt, t, inputs, middle)
+        if mixture is not None:
+            values["mixture"] = mixture.reshape(K, *(1,) * dims, 4)
         given = [values[name] for _, name in structure.changing]
         if forward_ad._current_level >= 0 and any(
             forward_ad.unpack_dual(x).tangent is not None for x in given
@@ -277,6 +286,7 @@ class CompiledStep:
             )
             outputs = Differentiated.apply(adjoint, states, outputs, *(held[k] for k in wanted))
         fields = dict(zip(structure.state, outputs, strict=True))
+        fields = {name: x for name, x in fields.items() if not name.startswith(OTHER)}
         if INTERNAL in fields:
             fields[INTERNAL] = self.constants.of_rows(fields[INTERNAL])
         if FORCES in fields:
@@ -291,6 +301,7 @@ class CompiledStep:
 
     def _of_state(self, start: State, name: str) -> Tensor:
         """A field of `StepStructure.state`."""
+        name = name.removeprefix(OTHER)
         if name == INTERNAL:
             return self.constants.internal_rows(start.internal)
         if name in ("stress", FORCES):

@@ -320,7 +320,15 @@ class Constants:
             NodeConstants(self.nodes, now[0], before[0]),
             ElementConstants(self.elements, values["C"], values.get("eigenstrain")),
             Common(
-                values["dt"], values["t"], inputs, place, *frame, now[1], before[1], self.captured
+                values["dt"],
+                values["t"],
+                inputs,
+                place,
+                *frame,
+                now[1],
+                before[1],
+                self.captured,
+                values.get("mixture"),
             ),
             supports,
             self._joints(values),

@@ -23,7 +23,7 @@ from ...core.status import BROKEN, DIVERGED, SUCCESS
 from ...equations.balance_problem import BalanceProblem
 from ...equations.step_problem import StepProblem
 from ...math.block_tridiagonal import eliminated
-from ...nodal.balance import dstress, mixed, pushed_by, restrained_forces, scaled
+from ...nodal.balance import dstress, mixed, most_beyond, pushed_by, restrained_forces, scaled
 from ...nodal.joints import measured
 from ...solvers.newton import converged, next_secant
 from ...state.state import State
@@ -82,8 +82,8 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
         balance = -load if inertia is None else inertia.wrench[0] - load
         if self.loaded:
             terms["load"] = load
-        if self.model.touching.present and isinstance(problem, StepProblem):
-            terms["load"] = torch.maximum(load.abs(), problem.of_flight[0])
+        if isinstance(problem, StepProblem):
+            terms["rounding"] = problem.rounding[0]
         return {"balance": balance, "D": D if matrix is None else D + matrix.diagonal[0], **terms}
 
     def update(self, kind: NodeKind, move: Tensor, **fields: Tensor) -> Fields:
@@ -188,19 +188,16 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
             "hB": tangent.force_operator,
             "force": forces[..., :p].amax(),
             "moment": forces[..., p:].amax(),
-            "left_strain": element.constitutive_residual.abs().amax(),
+            "left_strain": most_beyond(element.constitutive_residual, problem.element.rounding),
             "strain": effective_strain.amax(),
         }
 
     # Functions of the loads between an element's nodes
 
     def far(self, kind: ElementKind, **fields: Tensor) -> Fields:
-        """1 where these loads do nothing; the largest force that counts as none, in a step."""
+        """1 where these loads do nothing."""
         problem, kinematics = self._between(fields, kind)
-        found = {"far": problem.idle(kinematics).to(problem.t)}
-        if isinstance(problem, StepProblem):
-            found["force"] = problem.least[0].amax()
-        return found
+        return {"far": problem.idle(kinematics).to(problem.t)}
 
     def element_load(self, kind: ElementKind, **fields: Tensor) -> Fields:
         """What they add to what `element` gives its nodes; the largest force and moment; in a step
@@ -267,11 +264,8 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
             free = _between_free(fields["free"])
             D, U, L, *far = masked(self.order, free, D, U, L, *far)
             left, asked = left * free[1], asked * free
-        sizes = self._sizes(
-            fields.get("own.load"),
-            _total(fields.get("own.inertia"), element.get("m.inertia")),
-            left,
-        )
+        inertia = _total(fields.get("own.inertia"), element.get("m.inertia"))
+        sizes = self._sizes(fields, inertia, left)
         outputs |= self.pivot(D[1]) | sizes
         D, L, U, middle = condensed(D, L, U, *far)
         ends, own = middle.condense(-asked)
@@ -322,7 +316,7 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
             right = torch.cat((right, torch.zeros_like(D)), -1)
             y = torch.cat((y, fields["side"]), -1)
         ahead, y = eliminated(D, U, right, L, fields["ahead"], y)
-        sizes = self._sizes(fields.get("own.load"), _of_row(fields, "inertia"), row.left)
+        sizes = self._sizes(fields, _of_row(fields, "inertia"), row.left)
         outputs = row.blocks | self.pivot(D - L @ fields["ahead"]) | {"ahead": ahead, "y": y[:, 0]}
         return outputs | ({"side": y[:, 1:]} if "side" in fields else {}) | sizes
 
@@ -331,7 +325,7 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
         of it (`right`, w); sizes, and for a reaction its whole row and balance, as in `row`.
         """
         row = self._whole_row(held, fields)
-        sizes = self._sizes(fields.get("own.load"), _of_row(fields, "inertia"), row.left)
+        sizes = self._sizes(fields, _of_row(fields, "inertia"), row.left)
         return {"D": row.D, "L": row.L, "U": row.U, "right": -row.asked} | row.blocks | sizes
 
     def _whole_row(self, held: bool, fields: Fields) -> WholeRow:
@@ -351,10 +345,15 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
             D, L, U = _masked_row(D, L, U, fields)
         return WholeRow(D, L, U, asked, left, blocks)
 
-    def _sizes(self, load: Tensor | None, inertia: Tensor | None, left: Tensor) -> Fields:
-        """The largest force and moment in a node's terms, and left of its balance (w)."""
+    def _sizes(self, fields: Fields, inertia: Tensor | None, left: Tensor) -> Fields:
+        """The largest force and moment in a node's terms, and left of its balance (w) beyond
+        rounding.
+        """
         p = self.model.space.dims.position
-        terms, left = torch.stack(self.terms(load, inertia)).abs(), left.abs()
+        terms = torch.stack(self.terms(fields.get("own.load"), inertia)).abs()
+        left = left.abs()
+        if "own.rounding" in fields:
+            left = left - fields["own.rounding"]
         return {
             "force": terms[:, :p].amax(),
             "moment": terms[:, p:].amax(),
@@ -400,9 +399,16 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
     # Functions of the adjoint
 
     def solution(
-        self, position: Tensor, rotation: Tensor, after_position: Tensor, after_rotation: Tensor
+        self,
+        position: Tensor,
+        rotation: Tensor,
+        after_position: Tensor,
+        after_rotation: Tensor,
+        **fields: Tensor,
     ) -> Fields:
-        """u and m of a step between two states of a node."""
+        """u and m of a step between two states of a node; fields: what else is of it, and of the
+        state after (`after_`).
+        """
         space = self.model.space
         turn = space.multiply(space.inverse(rotation), after_rotation)
         return {"u": (after_position - position) / 2, "m": space.sqrt(turn)}

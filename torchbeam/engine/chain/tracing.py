@@ -11,6 +11,7 @@ from torch import Tensor
 from ..compiler.function import Function
 from ..compiler.trace import trace
 from .chain_constants import flattened
+from .extrapolated_functions import OTHER
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
 from .node_kinds import PAIR_SIDES, SIDES
@@ -45,6 +46,8 @@ class Tracing:
         }
         if INTERNAL in local.state:
             self.shapes[INTERNAL] = (sum(local.internal),)
+        ends = {f"{OTHER}{name}": shape for name, shape in self.shapes.items()}
+        self.shapes |= {name: shape for name, shape in ends.items() if name in local.state}
         self.shapes |= {"acceleration": (2 * (p + s),), "straining": (local.order, 2 * k)}
         trees = (
             ("node", local.nodes, 1),
