@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections import Counter
 from importlib import resources
 from pathlib import Path
 from unittest.mock import patch
@@ -10,6 +11,7 @@ import pytest
 import torch
 
 from torchbeam.engine import engine_use
+from torchbeam.engine.compiler import library
 
 THREADS = int(os.environ.get("OMP_NUM_THREADS", 1))
 torch.set_default_dtype(torch.float64)
@@ -31,6 +33,57 @@ def pytest_runtest_protocol(item):
         if UNIT in item.path.parents and not item.get_closest_marker("steps"):
             os.environ.setdefault(ENGINE, "eager")
         return (yield)
+
+
+def cpu_seconds():
+    """Of this process and of those that it has waited for."""
+    return sum(os.times()[:4])
+
+
+SPENT = Counter(cpu=cpu_seconds(), compiled=0)  # by this process up to the last report
+COSTS, DEAREST = {}, 15  # of test files, by their reports; how many are shown
+
+
+def counted(make):
+    """Compiles, and counts it."""
+
+    def compiled(*args):
+        SPENT["compiled"] += 1
+        return make(*args)
+
+    return compiled
+
+
+library._object = counted(library._object)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport():
+    """What a phase of a test cost, in its report, which other processes send to the first."""
+    report, now = (yield), cpu_seconds()
+    report.cpu, report.compiled = now - SPENT["cpu"], SPENT.pop("compiled", 0)
+    SPENT["cpu"] = now
+    return report
+
+
+def pytest_runtest_logreport(report):
+    COSTS.setdefault(report.nodeid.partition("::")[0], Counter()).update(
+        cpu=report.cpu, compiled=report.compiled, tests=report.when == "call"
+    )
+
+
+def pytest_terminal_summary(terminalreporter):
+    """The dearest files, by CPU seconds, which other work on the machine changes little; programs
+    that were found on disk are not compiled.
+    """
+    total = sum(COSTS.values(), Counter())
+    if total["cpu"] < 60:
+        return
+    terminalreporter.section("dearest test files")
+    files = sorted(COSTS.items(), key=lambda row: -row[1]["cpu"])[:DEAREST]
+    for name, cost in [*files, ("all, without collecting them", total)]:
+        counts = f"{cost['compiled']:5} compiled {cost['tests']:5} tests"
+        terminalreporter.line(f"{cost['cpu']:8.1f} CPU s {counts}  {name}")
 
 
 @pytest.fixture(autouse=True)

@@ -44,6 +44,7 @@ ONE, FORCE, MOMENT = Quantity(), Quantity(1, 1, -2, "polar"), Quantity(1, 2, -2,
 PLACE, VELOCITY = Quantity(0, 1, 0, "place"), Quantity(0, 1, -1, "polar")
 INSTANT, DIRECTION = Quantity(0, 0, 1, "instant"), Quantity(kind="polar")
 ENERGY, MOVE, TURN = Quantity(1, 2, -2), Quantity(0, 1, 0, "polar"), Quantity(0, 0, 0, "axial")
+OFFSET = Quantity(0, 1, 0, "own polar")
 
 
 def _load(lengths: int) -> Callable[[Any], dict[str, Quantity]]:
@@ -60,8 +61,8 @@ def _load(lengths: int) -> Callable[[Any], dict[str, Quantity]]:
 # fmt: off
 FIELDS: dict[type, Callable[[Any], dict[str, Quantity]]] = {
     tb.Gravity: lambda e: dict(g=Quantity(0, 1, -2, "polar")),
-    tb.TipLoad: _load(0),
-    tb.PointLoad: _load(0),
+    tb.TipLoad: lambda e: _load(0)(e) | dict(offset=OFFSET),
+    tb.PointLoad: lambda e: _load(0)(e) | dict(offset=OFFSET),
     tb.LineLoad: _load(1),
     tb.Damping: lambda e: dict(tau=Quantity(time=1)),
     tb.MassDamping: lambda e: dict(alpha=Quantity(time=-1)),
@@ -69,11 +70,11 @@ FIELDS: dict[type, Callable[[Any], dict[str, Quantity]]] = {
                             tangential=ONE, flow=VELOCITY,
                             added_mass=ONE),
     tb.PointMass: lambda e: dict(mass=Quantity(1), inertia=Quantity(1, 2, 0, "own tensor"),
-                                 offset=Quantity(0, 1, 0, "own polar")),
+                                 offset=OFFSET),
     tb.Actuation: lambda e: dict(curvature=Quantity(0, -1, 0, "own axial"),
                                  strain=Quantity(0, 0, 0, "own polar")),
     tb.Spring: lambda e: dict(stiffness=Quantity(1, 0, -2), to=PLACE, length=Quantity(0, 1),
-                              damping=Quantity(1, 0, -1)),
+                              damping=Quantity(1, 0, -1), offset=OFFSET),
     tb.Tendon: lambda e: dict(tension=Quantity(1, 1, -2), length=Quantity(0, 1),
                               stiffness=Quantity(1, 0, -2), friction=ONE,
                               slip_speed=Quantity(0, 1, -1)),

@@ -72,6 +72,16 @@ def acting(kind, name, least=True, **beside) -> Case:
     )
 
 
+def acting_on_both(name, least=True, **beside) -> Case:
+    """The same of a cylindrical joint: of its turn, and twice that of its travel."""
+
+    def made(x: Tensor) -> tb.Scene:
+        pair = torch.stack((x[..., 0], 2 * x[..., 0]), -1)
+        return joined(tb.Cylindrical(*ENDS, **beside, **{name: pair}))
+
+    return Case(made, 1, ("eager",), scale=1e-4, least=least)
+
+
 def tied(**given) -> Case:
     """A tendon over the beam's nodes, beside what pulls it."""
     point = given.pop("point", (0.0, 0.0, 0.05))
@@ -436,6 +446,10 @@ CASES = {
     "Spring.length": effect(
         lambda x: tb.Spring(-1, 3.0, to=(0.6, 0.1, 0.2), length=x), 1, least=True, scale=1e-2
     ),
+    "Spring.offset": effect(lambda x: tb.Spring(-1, 3.0, to=(0.6, 0.1, 0.2), offset=x), scale=1e-3),
+    "PointLoad.offset": effect(
+        lambda x: tb.PointLoad(-1, force=(0.1, 0.2, 0.3), offset=x), scale=1e-3
+    ),
     "Spring.damping": effect(
         lambda x: tb.Spring(-1, 3.0, to=(0.6, 0.1, 0.2), damping=x),
         1,
@@ -645,6 +659,19 @@ CASES = {
             (coordinate, False, {}),
         )
     },
+    **{
+        f"Cylindrical.{name}": acting_on_both(name, least, **beside)
+        for name, least, beside in (
+            ("stiffness", True, {}),
+            ("damping", True, {}),
+            ("friction", True, dict(slip_speed=(0.1, 0.1))),
+            ("limit_stiffness", True, dict(limits=[(-1e-4, 1e-4)] * 2)),
+        )
+    },
+    **{
+        f"Cylindrical.{name}": acting(tb.Cylindrical, name, False)
+        for name in ("torque", "force", "angle", "travel")
+    },
     "State.velocity": Case(moved(velocity=lambda x, v: v + free_nodes(x)), 3, MOVING, scale=1e-2),
     "State.spin": Case(moved(spin=lambda x, v: v + free_nodes(x)), 3, MOVING, scale=1e-2),
     "State.position": Case(moved(position=lambda x, v: v + free_nodes(x)), 3, MOVING),
@@ -695,6 +722,8 @@ NEVER_ZERO = {  # or not only; why there is no case
     "Tendon.length": "at 0 a tendon of some stiffness pulls with all of its length",
     "State.tendons": "readings alone",
     "Hinge.limits": ORDERED, "Slider.limits": ORDERED,
+    "Cylindrical.limits": ORDERED, "Cylindrical.slip_speed": POSITIVE,
+    "TipLoad.offset": "as PointLoad.offset",
     "Contact.obstacle": "is one", "Contact.thickness": POSITIVE, "Contact.force": POSITIVE,
     "Contact.stiffness": POSITIVE, "Contact.slip_speed": POSITIVE,
     **{f"SelfContact.{name}": f"as Contact.{name}"

@@ -16,7 +16,9 @@ from ..core.functions_of_time import shared
 from ..core.status import FAILED
 from ..core.validation import shown
 from ..mixed.consistent import consistent_state
+from ..mixed.model import refuse_form
 from ..mixed.state import MixedState
+from ..nodal.rates import refuse_forces_between_nodes
 from ..scene.scene import Scene
 from ..state.state import State, rest
 from .simulate import FORMS, simulate
@@ -63,6 +65,10 @@ class ExplicitStepper:
             raise ValueError(
                 f"method = {shown(method)} was given; torchdiffeq has {', '.join(ODE_METHODS)}"
             )
+        if form == "nodal":
+            refuse_forces_between_nodes(scene)
+        else:
+            refuse_form(scene, form)
         self.scene, self.form, self.method = scene, form, method
         self.options = dict(
             rtol=rtol, atol=atol, options=options, adjoint=adjoint, project=project, solver=solver

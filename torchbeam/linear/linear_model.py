@@ -18,6 +18,7 @@ from ..nodal.coordinates.spatial import Spatial
 from ..state.state import State
 from ..state.state_check import of_mesh
 from .chart import Chart
+from .chart_slopes import slopes
 
 SYMMETRIC = 1e-6
 BALANCING = 6  # sweeps over the scales of z before an exponential
@@ -109,7 +110,7 @@ class Linear:
         departure by a move m of the state, see `torchbeam.nodal.moves`, and dm/dz (..., 2 w
         (N+1) + Z, n); what z does not tell follows z's own motion.
         """
-        by_moves, moves = self.chart.slopes(state)
+        by_moves, moves = slopes(self.chart, state)
         return self.reads @ by_moves, moves @ self.moves
 
     def discrete(self, dt: float) -> Linear:

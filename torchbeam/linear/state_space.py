@@ -78,7 +78,11 @@ def linearize(
     one that is undamped, or within torch.func.vmap.
     """
     model = discretise(scene, lumped)
-    held = [joint.called for joint in scene.joints if isinstance(joint.prescribed, Input)]
+    held = [
+        joint.called
+        for joint in scene.joints
+        if any(isinstance(joint.prescribed(k), Input) for k in joint.coordinates)
+    ]
     if held:
         raise ValueError(
             f"a {held[0]} whose coordinate is an Input was given to linearize, where it would act "

@@ -83,7 +83,7 @@ class MixedModel:
     shifting: bool = field(init=False)  # whether a node's displacement is
 
     def __post_init__(self) -> None:
-        _refuse(self.scene, self.form)
+        refuse_form(self.scene, self.form)
         beam = self.scene.beam
         moving = {n: v for n, v in merge_inputs(self.inputs, {}).items() if callable(v)}
         sizes = {n: beam.nodes.new_zeros(self.scene.inputs.get(n, 0)) for n in moving}
@@ -218,7 +218,8 @@ def _changes(value: Any, moving: dict[str, Any]) -> bool:
     return value.name in moving if isinstance(value, Input) else callable(value)
 
 
-def _refuse(scene: Scene, form: str) -> None:
+def refuse_form(scene: Scene, form: str) -> None:
+    """ValueError for a scene that a mixed form does not take."""
     beam = scene.beam
     if beam.parts:
         raise ValueError(

@@ -26,7 +26,7 @@ from ..core.leaves import leaf
 from ..scene.effects.values import Inputs, scalar_at
 from ..topology.framework_matrix import JointBlocks
 from .joint_laws import CoordinateStep, JointLaws
-from .joint_motion import JointValues
+from .joint_motion import JointValues, Pose
 from .joints import Factor, JointMotion, Joints, Vector, stacked
 
 
@@ -137,6 +137,16 @@ class DrivenJoints(Joints):
         found = self.driven(motion)
         return stacked(self.split(stress)[0], self._forces(stress, found)), found.acting
 
+    def held_rows(self, pose: Pose) -> Tensor:
+        by = self._gradient(self.v.at(pose), self.w.at(pose))
+        own = self.coordinate_by(pose, self.coordinate(pose))
+        return self._at_nodes(self.held, torch.where(self.prescribed[..., None] > 0, own, by))
+
+    def gaps(self, pose: Pose, joints: Tensor) -> Tensor:
+        wanted = joints[..., :1] * self.angles + joints[..., 1:2] * self.travels
+        moved = self.coordinate(pose, wanted) - wanted
+        return self._flat(torch.where(self.prescribed > 0, moved, self.gap(pose)))
+
     def after(self, motion: JointMotion) -> Tensor:
         return self.driven(motion).step.after
 
@@ -144,17 +154,20 @@ class DrivenJoints(Joints):
         self, joints: tuple[Any, ...], t: Tensor, inputs: Inputs, end: Tensor
     ) -> JointValues:
         given = (("effort", t), ("prescribed", end))
-        return JointValues(
-            *(
-                self._value([getattr(joint, name) for joint in joints], at, inputs)
-                for name, at in given
-            )
-        )
+        return JointValues(*(self._value(joints, name, at, inputs) for name, at in given))
 
-    def _value(self, given: list[Any], t: Tensor, inputs: Inputs) -> Tensor | None:
-        """(..., J, w) of a value of each joint, in the row of its coordinate."""
-        rows, total = self.angles + self.travels, None
-        for k, value in enumerate(given):
+    def _value(
+        self, joints: tuple[Any, ...], name: str, t: Tensor, inputs: Inputs
+    ) -> Tensor | None:
+        """(..., J, w) of what is given of each joint, in the rows of its coordinates."""
+        total = None
+        given = [
+            (k, rows, getattr(joint, name)(coordinate))
+            for k, joint in enumerate(joints)
+            for coordinate, rows in enumerate((self.angles, self.travels))
+            if coordinate in joint.coordinates
+        ]
+        for k, rows, value in given:
             if value is None:
                 continue
             value = scalar_at("what acts in a joint", value, t, inputs, self.c)

@@ -193,7 +193,7 @@ def inertia_of(
     rotary = beam.rotary or offset or any(b.inertia is not None for b in bodies)
     whole, J, lever = mass[..., 0, :1], mass[..., 3:, 3:], NoMassOffset()
     if offset:
-        e = _vector(mass[..., 3:, :3]) / whole
+        e = _centre(mass)
         J = J - whole[..., None] * skew(e).mT @ skew(e)
         lever = MassOffset(space, space.project_offset(e))
     if lumped or beam.linked_interpolation:
@@ -204,7 +204,7 @@ def inertia_of(
             assembly.topology, whole, interpolation.coupling * of_elements, interpolation.difference
         )
     if offset and bodies:
-        J = J + _swung(translational, e - _vector(beam_mass[..., 3:, :3]) / beam_mass[..., 0, :1])
+        J = J + _swung(translational, e - _centre(beam_mass))
     inertia = Inertia(
         space,
         translational,
@@ -259,6 +259,12 @@ def _check_mass(mass: Tensor, offset: bool) -> None:
             "a section mass that couples V and Omega otherwise than an offset centre of mass was "
             "given; M21 = m ~e is wanted"
         )
+
+
+def _centre(mass: Tensor) -> Tensor:
+    """(..., N+1, 3) m: of the mass of each node (..., N+1, 6, 6), at the node where it has none."""
+    whole = mass[..., 0, :1]
+    return _vector(mass[..., 3:, :3]) / torch.where(whole > 0, whole, 1.0)
 
 
 def _vector(skew: Tensor) -> Tensor:

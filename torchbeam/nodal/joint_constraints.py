@@ -131,13 +131,17 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
     # fmt: on
     if not any(joint.acts for joint in scene.joints):
         return Joints(**fields)
-    coordinates = fields["angles"] + fields["travels"]
-    prescribed = coordinates * like.new_tensor(
-        [[joint.prescribed is not None] for joint in scene.joints]
+    rows = fields["angles"], fields["travels"]
+    prescribed = sum(
+        own
+        * like.new_tensor(
+            [[k in joint.coordinates and joint.prescribed(k) is not None] for joint in scene.joints]
+        )
+        for k, own in enumerate(rows)
     )
     laws = JointLaws(
         **{
-            field.name: _given([joint.law(field.name) for joint in scene.joints], coordinates)
+            field.name: _given(scene.joints, field.name, rows)
             for field in dataclasses.fields(JointLaws)
         }
     )
@@ -146,15 +150,20 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
     )
 
 
-def _given(values: list[Tensor | None], rows: Tensor) -> Tensor | None:
-    """Values (...) of each joint, None = it has none, in its rows (J, w); None where no joint has
-    one.
+def _given(joints: tuple[Any, ...], name: str, rows: tuple[Tensor, Tensor]) -> Tensor | None:
+    """A law's number of each joint, in its rows (J, w) of angles and of travels; None where no
+    joint has one.
     """
-    if all(value is None for value in values):
-        return None
-    none = rows.new_zeros(())
-    given = torch.broadcast_tensors(*(none if value is None else value for value in values))
-    return torch.stack(given, -1)[..., None] * rows
+    total = None
+    for k, own in enumerate(rows):
+        values = [joint.law(name, k) if k in joint.coordinates else None for joint in joints]
+        if all(value is None for value in values):
+            continue
+        none = own.new_zeros(())
+        given = torch.broadcast_tensors(*(none if value is None else value for value in values))
+        part = torch.stack(given, -1)[..., None] * own
+        total = part if total is None else total + part
+    return total
 
 
 class Row(NamedTuple):

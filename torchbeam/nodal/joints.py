@@ -134,15 +134,24 @@ class Joints(NoJoints):
         stress, w = self.acting(stress, motion)
         q = self.after(motion)
         rate = torch.zeros_like(q) if moving is None else self.rate(motion.end, *moving())
+        wrench = self.wrench(motion.acting, w, self.split(stress)[1])
+        return {"stress": stress, "joints": self._readings(q, rate, wrench)}
+
+    def reading(self, pose: Pose, before: Tensor, rate: Tensor | None = None) -> Tensor:
+        """(..., J, 10) as in `State`, where nothing is known of forces: turns as `before` has
+        them, rates (..., J, w), None = at rest.
+        """
+        q = self.coordinate(pose, before[..., :1] * self.angles)
+        rate = torch.zeros_like(q) if rate is None else rate
+        return self._readings(q, rate, torch.zeros_like(before[..., 4:]))
+
+    def _readings(self, q: Tensor, rate: Tensor, wrench: Tensor) -> Tensor:
         numbers = [
             (x * rows).sum(-1)[..., None] for x in (q, rate) for rows in (self.angles, self.travels)
         ]
-        numbers.append(self.wrench(motion.acting, w, self.split(stress)[1]))
+        numbers.append(wrench)
         shape = broadcast_shapes(*(x.shape[:-2] for x in numbers))
-        return {
-            "stress": stress,
-            "joints": torch.cat([x.expand(*shape, *x.shape[-2:]) for x in numbers], -1),
-        }
+        return torch.cat([x.expand(*shape, *x.shape[-2:]) for x in numbers], -1)
 
     def acting(self, stress: Tensor, motion: JointMotion) -> tuple[Tensor, Factor]:
         """The stress with all forces of joints, and w where they act."""
@@ -210,15 +219,32 @@ class Joints(NoJoints):
 
     def coordinate_rows(self, pose: Pose) -> Tensor:
         """(..., c, w nodes) derivatives by the nodes' moves of all c coordinates of joints."""
-        by = (
-            self.coordinate_by(pose, self.coordinate(pose))
-            @ torch.block_diag(self.moves, self.moves).mT
+        return self._at_nodes(
+            self.angles + self.travels, self.coordinate_by(pose, self.coordinate(pose))
         )
+
+    def held_rows(self, pose: Pose) -> Tensor:
+        """(..., m, w nodes) derivatives by the nodes' moves of all m constraints."""
+        return self._at_nodes(self.held, self._gradient(self.v.at(pose), self.w.at(pose)))
+
+    def gaps(self, pose: Pose, joints: Tensor) -> Tensor:
+        """(..., m) m or rad by which they are open; what is prescribed is to be as in `joints`
+        (..., J, 10).
+        """
+        return self._flat(self.gap(pose))
+
+    def _flat(self, rows: Tensor) -> Tensor:
+        """(..., m) of (..., J, w)."""
+        return rows.flatten(-2)[..., self.held.flatten().nonzero()[:, 0]]
+
+    def _at_nodes(self, which: Tensor, by: Tensor) -> Tensor:
+        """(..., r, w nodes) of the rows `which` (J, w), by displacement and spin of both ends
+        (..., J, w, 12).
+        """
+        by = by @ torch.block_diag(self.moves, self.moves).mT
         columns = by.unflatten(-1, (2, -1)).movedim(-2, -3)  # (..., J, 2, m, w)
         none = torch.zeros_like(columns)
-        return self.alone(
-            JointBlocks(self.angles + self.travels, none[..., None, :, :], none.mT, columns)
-        ).constraints()
+        return self.alone(JointBlocks(which, none[..., None, :, :], none.mT, columns)).constraints()
 
     def coordinates(self, pose: Pose, near: Tensor) -> Tensor:
         """(..., c) m, or rad within half a turn of `near` (..., J): those of `coordinate_rows`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -45,8 +46,12 @@ def check_plane(model: Model) -> None:
             _refuse(
                 space, load.called, pushed, space.project_vector(pushed) @ space.basis[:, :2].mT
             )
+        if load.offset is not None:
+            _refuse_offset(space, load)
         if isinstance(load.anchor, Tensor):  # slack at rest, a spring pulls nowhere
             to = load.anchor - beam.nodes[..., load.node, :]
+            if load.offset is not None:
+                to = to - (model.drawn_axes[..., load.node, :, :] @ load.offset[..., None])[..., 0]
             _refuse(
                 space,
                 f"a {load.called} to a point",
@@ -62,12 +67,7 @@ def check_plane(model: Model) -> None:
         _refuse(space, "a Tendon", points, space.project_vector(points) @ space.basis[:, :2].mT)
     for body in scene.bodies:
         if body.offset is not None:
-            _refuse(
-                space,
-                "PointMass",
-                body.offset,
-                space.project_offset(body.offset) @ space.section[:, :2].mT,
-            )
+            _refuse_offset(space, body)
         if body.inertia is not None:
             J = space.section.mT @ body.inertia @ space.section
             # products of inertia with the normal
@@ -94,6 +94,11 @@ def check_plane(model: Model) -> None:
                 else space.project_vector(x) @ space.basis[:, :2].mT
             )
             _refuse(space, what, x, inside)
+
+
+def _refuse_offset(space: Planar, effect: Any) -> None:
+    inside = space.project_offset(effect.offset) @ space.section[:, :2].mT
+    _refuse(space, effect.called, effect.offset, inside)
 
 
 def _refuse(space: Planar, what: str, given: Tensor, inside: Tensor) -> None:

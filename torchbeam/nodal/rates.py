@@ -36,6 +36,15 @@ def forces_between_nodes(scene: Scene) -> str | None:
     return f"a {scene.pairs[0].called} of two parts" if scene.pairs else None
 
 
+def refuse_forces_between_nodes(scene: Scene) -> None:
+    """ValueError for a scene with such."""
+    if what := forces_between_nodes(scene):
+        raise ValueError(
+            f"{what} was given to an explicit method, which has no forces of it; the implicit "
+            "method 'midpoint' takes it"
+        )
+
+
 @dataclass(frozen=True)
 class Rates:
     """The right-hand side dy/dt = f(t, y) of the nodes with unknowns: position, rotation, velocity
@@ -58,11 +67,7 @@ class Rates:
         need the implicit form), and for supports that move, by themselves or with frame a, other
         than clamps.
         """
-        if what := forces_between_nodes(scene):
-            raise ValueError(
-                f"{what} was given to an explicit method, which has no forces of it; the implicit "
-                "method 'midpoint' takes it"
-            )
+        refuse_forces_between_nodes(scene)
         model = discretise(scene, lumped=True)
         rotary = cls(model, inputs).free.rotary
         if not rotary.present or (torch.linalg.det(rotary.J) <= 0).any():

@@ -13,7 +13,7 @@ from torch import Tensor
 from ..core.leaves import Tree, leaf
 from ..core.validation import Value, axis_last, concrete, finite
 from .effects.values import plain
-from .parts import check_node
+from .parts import check_node, node_and_point
 from .structure import Structure
 
 # of the size of a structure: how far apart points that coincide may be
@@ -50,18 +50,13 @@ class JointEnd(Tree):
         """
         if isinstance(given, JointEnd):
             return given
-        if (
-            isinstance(given, tuple)
-            and len(given) == 2
-            and isinstance(given[0], str)
-            and not isinstance(given[1], int)
-        ):
-            point = axis_last("a joint's point", plain(given[1]), 3)
+        node, point = node_and_point(given)
+        if point is not None:
+            point = axis_last("a joint's point", plain(point), 3)
             finite("a joint's point", torch.as_tensor(point))
-            return cls(given[0], point)
-        if given is not None:
-            check_node(given, "a joint's part")
-        return cls(given)
+        elif node is not None:
+            check_node(node, "a joint's part")
+        return cls(node, point)
 
     def __repr__(self) -> str:
         return repr(self.node) if self.point is None else f"({self.node!r}, {_numbers(self.point)})"
@@ -146,18 +141,20 @@ class Joint(Tree):
         """What acts in it, by name, where it is there."""
         return {name: value for name in ACTS if (value := getattr(self, name, None)) is not None}
 
-    def law(self, name: str) -> Tensor | None:
-        """What its coordinate resists by (...), by the names of `JointLaws`; None = nothing."""
+    def law(self, name: str, coordinate: int) -> Tensor | None:
+        """What one of its `coordinates` resists by (...), by the names of `JointLaws`; None =
+        nothing.
+        """
         return None
 
-    @property
-    def effort(self) -> Any:
-        """The force or torque along its coordinate that is given, None = none."""
+    def effort(self, coordinate: int) -> Any:
+        """The torque about an angle (0) or the force along a travel (1) that is given, None =
+        none.
+        """
         return None
 
-    @property
-    def prescribed(self) -> Any:
-        """The coordinate, where it is given, None = it is not."""
+    def prescribed(self, coordinate: int) -> Any:
+        """One of its `coordinates`, where it is given, None = it is not."""
         return None
 
     def drawn(self, structure: Structure) -> tuple[Tensor, Tensor, Tensor]:

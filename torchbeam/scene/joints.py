@@ -50,6 +50,47 @@ class AxisJoint(Joint):
         return axes_along(self.axis, None)
 
 
+def check_laws(joint: AxisJoint, *pair: int) -> None:
+    """What a joint resists by, checked, of each of `pair` coordinates. Raises ValueError as
+    `DrivenJoint`.
+    """
+    for name in ("stiffness", "damping", "friction", "slip_speed", "limit_stiffness"):
+        if (value := getattr(joint, name)) is not None:
+            what = f"a {joint.called}'s {name}"
+            value = parameter(what, value, zero=name != "slip_speed")
+            if pair:
+                value = axis_last(what, value, *pair)
+            object.__setattr__(joint, name, value)
+    if joint.limits is not None:
+        what = f"a {joint.called}'s limits"
+        limits = axis_last(what, plain(joint.limits), 2)
+        if pair and tuple(limits.shape[-2:]) != (*pair, 2):
+            raise ValueError(
+                f"{what} of shape {tuple(limits.shape)} was given; (..., 2, 2) is wanted"
+            )
+        finite(what, torch.as_tensor(limits))
+        if concrete(torch.as_tensor(limits[..., 1] <= limits[..., 0])).any():
+            raise ValueError(
+                f"a {joint.called} with the limits {shown(joint.limits)} was given; the lowest, "
+                "then the highest, is wanted"
+            )
+        object.__setattr__(joint, "limits", limits)
+    for one, other in (("friction", "slip_speed"), ("limits", "limit_stiffness")):
+        there = [name for name in (one, other) if getattr(joint, name) is not None]
+        if len(there) == 1:
+            raise ValueError(
+                f"a {joint.called} with {there[0]} alone was given; {one} and {other} are "
+                "wanted together"
+            )
+
+
+def check_given(joint: AxisJoint, names: tuple[str, str]) -> None:
+    """An effort and a coordinate that are given, checked."""
+    for name in names:
+        value = scalar_value(f"a {joint.called}'s {name}", getattr(joint, name))
+        object.__setattr__(joint, name, value)
+
+
 @dataclass(frozen=True)
 class DrivenJoint(AxisJoint):
     """Base of joints with one coordinate q, an angle in rad, counted over turns, or a travel in m;
@@ -78,51 +119,25 @@ class DrivenJoint(AxisJoint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("stiffness", "damping", "friction", "slip_speed", "limit_stiffness"):
-            if (value := getattr(self, name)) is not None:
-                object.__setattr__(
-                    self,
-                    name,
-                    parameter(f"a {self.called}'s {name}", value, zero=name != "slip_speed"),
-                )
-        if self.limits is not None:
-            limits = axis_last(f"a {self.called}'s limits", plain(self.limits), 2)
-            finite(f"a {self.called}'s limits", torch.as_tensor(limits))
-            if concrete(torch.as_tensor(limits[..., 1] <= limits[..., 0])).any():
-                raise ValueError(
-                    f"a {self.called} with the limits {shown(self.limits)} was given; the lowest, "
-                    "then the highest, is wanted"
-                )
-            object.__setattr__(self, "limits", limits)
-        for one, other in (("friction", "slip_speed"), ("limits", "limit_stiffness")):
-            there = [name for name in (one, other) if getattr(self, name) is not None]
-            if len(there) == 1:
-                raise ValueError(
-                    f"a {self.called} with {there[0]} alone was given; {one} and {other} are "
-                    "wanted together"
-                )
-        for name in self.GIVEN:
-            value = scalar_value(f"a {self.called}'s {name}", getattr(self, name))
-            object.__setattr__(self, name, value)
+        check_laws(self)
+        check_given(self, self.GIVEN)
         prescribed = self.GIVEN[1]
-        if self.prescribed is not None and len(self.acts) > 1:
+        if getattr(self, prescribed) is not None and len(self.acts) > 1:
             others = ", ".join(name for name in self.acts if name != prescribed)
             raise ValueError(
                 f"a {self.called} with {prescribed} and {others} was given; one of them is wanted, "
                 "for nothing acts along a coordinate that is prescribed"
             )
 
-    def law(self, name: str) -> Tensor | None:
+    def law(self, name: str, coordinate: int) -> Tensor | None:
         if name in ("lowest", "highest"):
             return None if self.limits is None else self.limits[..., int(name == "highest")]
         return getattr(self, name)
 
-    @property
-    def effort(self) -> Any:
+    def effort(self, coordinate: int) -> Any:
         return getattr(self, self.GIVEN[0])
 
-    @property
-    def prescribed(self) -> Any:
+    def prescribed(self, coordinate: int) -> Any:
         return getattr(self, self.GIVEN[1])
 
 
@@ -160,11 +175,55 @@ class Slider(DrivenJoint):
 
 @dataclass(frozen=True)
 class Cylindrical(AxisJoint):
-    """b slides along an axis of a, and turns about it."""
+    """b slides along an axis of a, and turns about it. What acts on the turn and on the travel are
+    those of a `Hinge` and of a `Slider`, in pairs (turn, travel); 0 of what is not there.
+
+    stiffness, damping, friction, slip_speed, limit_stiffness  (..., 2)
+    limits         (..., 2, 2) lowest and highest angle, lowest and highest travel
+    torque, angle  N m about the axis on b, or rad, prescribed
+    force, travel  N along the axis on b, or m, prescribed
+
+    Raises ValueError as `DrivenJoint`, and for an angle beside a torque, a travel beside a force.
+    """
 
     position = "yz"
     rotation = "yz"
     meets = False
+
+    stiffness: Value | None = leaf(1, default=None, kw_only=True)
+    damping: Value | None = leaf(1, default=None, kw_only=True)
+    friction: Value | None = leaf(1, default=None, kw_only=True)
+    slip_speed: Value | None = leaf(1, default=None, kw_only=True)
+    limits: Value | None = leaf(2, default=None, kw_only=True)
+    limit_stiffness: Value | None = leaf(1, default=None, kw_only=True)
+    torque: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
+    angle: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
+    force: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
+    travel: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_laws(self, 2)
+        for effort, prescribed in (("torque", "angle"), ("force", "travel")):
+            check_given(self, (effort, prescribed))
+            if {effort, prescribed} <= self.acts.keys():
+                raise ValueError(
+                    f"a {self.called} with {prescribed} and {effort} was given; one of them is "
+                    "wanted, for nothing acts along a coordinate that is prescribed"
+                )
+
+    def law(self, name: str, coordinate: int) -> Tensor | None:
+        if name in ("lowest", "highest"):
+            limits = self.limits
+            return None if limits is None else limits[..., coordinate, int(name == "highest")]
+        value = getattr(self, name)
+        return None if value is None else value[..., coordinate]
+
+    def effort(self, coordinate: int) -> Any:
+        return (self.torque, self.force)[coordinate]
+
+    def prescribed(self, coordinate: int) -> Any:
+        return (self.angle, self.travel)[coordinate]
 
 
 @dataclass(frozen=True)

@@ -94,6 +94,12 @@ def check_node(node: Any, name: str = "node") -> None:
     whole(name, node)
 
 
+def node_and_point(given: Any) -> tuple[Any, Any]:
+    """(name of a body, point in its axes) as these two; a node and None otherwise."""
+    pair = isinstance(given, tuple) and len(given) == 2 and isinstance(given[0], str)
+    return given if pair and not isinstance(given[1], int) else (given, None)
+
+
 def _whole(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, BOOLEANS)
 

@@ -27,6 +27,7 @@ from ..nodal import loads as external
 from ..nodal.coordinates.planar import PLANES
 from ..nodal.element_loads import element_matrix
 from ..nodal.model import Model
+from ..scene.scene import Scene
 from ..scene.supports import AXES
 from ..state.state import rest
 from ..topology.protocols import Matrix, total
@@ -108,9 +109,22 @@ def unheld(
 
 def clamped(model: Model) -> bool:
     """Whether all is held without a look at loads, or by a frame that turns."""
-    return model.turning or (
-        len(_bases(model)) == 1 and any(all(s.held) for s in model.scene.supports)
-    )
+    return model.turning or _welded_to_clamps(model.scene)
+
+
+def _welded_to_clamps(scene: Scene) -> bool:
+    """Whether all parts are clamped, or welded to such, one after the other."""
+    structure, clamps = scene.beam, {s.node for s in scene.supports if all(s.held)}
+    if not structure.parts:
+        return bool(clamps)
+    ends = [joint.ends for joint in scene.joints if joint.holds == 6]
+    ends += [(None, node) for node in clamps]
+    ends = [[None if node is None else structure.part_at(node).name for node in x] for x in ends]
+    held, before = {None}, set()
+    while held != before:
+        before = held
+        held = held.union(*(pair for pair in ends if held.intersection(pair)))
+    return len(held) > len(structure.parts)
 
 
 def _free(problem: SteadyProblem, x: Configuration) -> Tensor:

@@ -274,3 +274,66 @@ def test_sensors_read_what_the_state_does():
     for joint, words in ((0, "has none"), (1, "there are the joints 0 to 0")):
         with pytest.raises(ValueError, match=words):
             tb.sensors.JointCoordinate(joint)(ball)
+
+
+TURN = dict(stiffness=0.5, damping=0.02, friction=0.03, slip_speed=0.1, limit_stiffness=3.0)
+TRAVEL = dict(stiffness=4.0, damping=0.3, friction=0.2, slip_speed=0.2, limit_stiffness=50.0)
+ENDS = dict(limits=(-3.0, 0.1)), dict(limits=(-2.0, 0.02))
+BOTH = {name: (TURN[name], TRAVEL[name]) for name in TURN}
+
+
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+@pytest.mark.parametrize("given", ["efforts", "coordinates"])
+def test_a_cylindrical_joint_is_a_hinge_and_a_slider(given, engine):
+    """Of a body whose centre is on the axis, whose turn and travel know nothing of each other: to
+    the tolerance of the steps, all that resists, what drives, and what that is read as.
+    """
+    if given == "efforts":
+        turn, travel = (x | y for x, y in zip((TURN, TRAVEL), ENDS, strict=True))
+        both = BOTH | {"limits": [x["limits"] for x in ENDS]}
+        turn, travel = turn | {"torque": tb.Input("m", 1)}, travel | {"force": lambda t: 1.0 + t}
+        both |= {"torque": turn["torque"], "force": travel["force"]}
+    else:
+        turn, travel = {"angle": lambda t: t**2}, {"travel": tb.Input("m", 1)}
+        both = turn | travel
+    found = []
+    for joint in (
+        tb.Cylindrical(None, "a", axis=(0, 1, 0), **both),
+        tb.Hinge(None, "a", at=(0, 0, 0), axis=(0, 1, 0), **turn),
+        tb.Slider(None, "a", axis=(0, 1, 0), **travel),
+    ):
+        scene = tb.Scene({"a": tb.Body(0.3, 0.02)}, joints=[joint])
+        inputs = {"m": lambda t: 0.4 * t + 0.2 * t**2} if scene.inputs else {}
+        run = tb.simulate(
+            scene, [0.0, 0.2, 0.4], step=0.04, inputs=inputs, engine=engine, tolerance=1e-11
+        )
+        assert int(run.status[()]) == 0
+        found.append(run.joint[0])
+    one, hinge, slider = found
+    for name in ("coordinate", "rate"):
+        alone = [getattr(x, name)[1:] for x in (hinge, slider)]
+        assert_close(getattr(one, name)[1:], torch.stack(alone, -1), rtol=0, atol=1e-9)
+    assert_close(one.moment[1:, 1], hinge.moment[1:, 1], rtol=0, atol=1e-8)
+    assert_close(one.force[1:, 1], slider.force[1:, 1], rtol=0, atol=1e-8)
+    assert one.coordinate[-1].abs().min() > 1e-2
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: tb.Cylindrical(None, "a", stiffness=1.0), r"stiffness of shape \(\) was given"),
+        (lambda: tb.Cylindrical(None, "a", damping=(1.0, -1.0)), "damping"),
+        (lambda: tb.Cylindrical(None, "a", friction=(1.0, 0.0)), "friction alone was given"),
+        (
+            lambda: tb.Cylindrical(None, "a", limits=(-1.0, 1.0), limit_stiffness=(1.0, 1.0)),
+            r"limits of shape \(2,\) was given; \(..., 2, 2\) is wanted",
+        ),
+        (lambda: tb.Cylindrical(None, "a", angle=0.1, torque=1.0), "with angle and torque"),
+        (lambda: tb.Cylindrical(None, "a", travel=0.1, force=1.0), "with travel and force"),
+        (lambda: tb.Ball(None, "a", stiffness=1.0), "stiffness"),
+        (lambda: tb.Universal(None, "a", torque=1.0), "torque"),
+    ],
+)
+def test_what_cylindrical_joints_and_others_refuse(make, words):
+    with pytest.raises((ValueError, TypeError), match=words):
+        make()

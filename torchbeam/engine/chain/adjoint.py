@@ -52,10 +52,10 @@ class AdjointProgram(NativeProgram):
         held: bool,
         wanted: frozenset[str],
         key: str | None = None,
-        traced: Traced | None = None,
+        known: Traced | None = None,
     ) -> None:
         self.wanted = wanted
-        super().__init__(local, kinds, held, key, traced)
+        super().__init__(local, kinds, held, key, known)
 
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         wanted, w, shapes, node = sorted(self.wanted), self.w, self.shapes, traced.node

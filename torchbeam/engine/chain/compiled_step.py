@@ -30,7 +30,7 @@ from .extrapolated_functions import OTHER, ExtrapolatedFunctions
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
 from .node_kinds import Kinds, kinds_of
-from .program import NOTHING, StepProgram, adjoint_of, program_of
+from .program import NOTHING, StepProgram, adjoint_of, program_of, traced_of
 from .step_structure import FORMS, Form, StepStructure, keep_structure, key_of, known_structure
 from .structure_order import connectivity_of
 from .user_functions import by_function, by_sample, known
@@ -154,7 +154,9 @@ class CompiledStep:
         cells = cells_of(connectivity, kinds)
         if cells is None:
             return None
-        own = program_of(self.local(trees), cells.kinds, bool(connectivity.supports), self.around)
+        local, held = self.local(trees), bool(connectivity.supports)
+        traced = traced_of(local, kinds, held, self.around)
+        own = program_of(local, cells.kinds, held, self.around, known=traced)
         return Chain(own, self.model, kinds, cells)
 
     def local(self, trees: Trees) -> LocalFunctions:
@@ -354,7 +356,9 @@ class CompiledStep:
         return self.structure.adjoint(
             names,
             self.model,
-            lambda: adjoint_of(self.program, self.local(self.constants.trees(values)), names),
+            lambda: adjoint_of(
+                self.program, self.local(self.constants.trees(values)), names, self.around
+            ),
         )
 
 

@@ -89,7 +89,12 @@ class Constants:
             or any(map(_by_time, self.loads, self.by_place))
             or (self.wants_support and not self.rests)
         )
-        drives = [x for joint in model.scene.joints for x in (joint.effort, joint.prescribed)]
+        drives = [
+            given(coordinate)
+            for joint in model.scene.joints
+            for coordinate in joint.coordinates
+            for given in (joint.effort, joint.prescribed)
+        ]
         drives += [x for tendon in model.scene.tendons for x in (tendon.tension, tendon.length)]
         self.asks = by_time or not self.given_eigenstrain or not self.rests
         self.asks = self.asks or any(map(callable, drives))

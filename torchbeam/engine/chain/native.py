@@ -37,8 +37,11 @@ class NotCompiled(RuntimeError):
 class NativeProgram:
     """kinds: that there are of nodes and elements; held: whether there are supports; key: of the
     structure, by which the layout and the object code are kept on disk, so that another process
-    need not trace; None = by the code's text alone. traced: by a program of the same structure, see
-    `Tracing`, for what users wrote may read other things than it did then.
+    need not trace; None = by the code's text alone. known: functions that programs of the same
+    trees have traced, see `Tracing`.
+
+    traced     the same, of a structure without a key, for what users wrote may read other things
+               later than it did then; None = by a key, nothing else is read
 
     functions  by name, as the driver calls them
     w, k       numbers of a node's unknowns, and of an element's stress
@@ -55,9 +58,10 @@ class NativeProgram:
         kinds: Kinds,
         held: bool,
         key: str | None = None,
-        traced: Traced | None = None,
+        known: Traced | None = None,
     ) -> None:
-        self.traced: Traced | None = {} if traced is None and key is None else traced
+        known = {} if known is None else known
+        self.traced = known if key is None else None
         self.kinds, self.held, self.dtype = kinds, held, local.model.length.dtype
         if kinds.joints is not None:
             self.driver = self.of_structures
@@ -70,23 +74,21 @@ class NativeProgram:
         self.order, self.sides = local.order, local.sides
         self.w, self.k = local.model.space.unknowns, local.order * local.model.space.dims.strain
         self._libraries: dict[Any, Any] = {}
-        self._untraced: LocalFunctions | None = local
+        self._untraced: tuple[LocalFunctions, Traced] | None = (local, known)
         layout = None if key is None else stored_layout(key)
         if layout is None:
             layout = self._traced_layout()
             if key is not None:
                 store_layout(key, layout)
         else:
-            self._untraced = replace(
-                local,
-                **{field.name: detached(getattr(local, field.name)) for field in fields(local)},
-            )
+            own = {field.name: detached(getattr(local, field.name)) for field in fields(local)}
+            self._untraced = replace(local, **own), known
         self.layout = layout
 
     @cached_property
     def functions(self) -> dict[str, Function]:
-        begin, local = time.perf_counter(), self._untraced
-        tracing = Tracing(local, self.traced)
+        begin, (local, known) = time.perf_counter(), self._untraced
+        tracing = Tracing(local, known)
         self.shapes = tracing.shapes
         functions = self._functions(tracing, local)
         self.seconds, self._untraced = time.perf_counter() - begin, None

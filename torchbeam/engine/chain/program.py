@@ -4,9 +4,10 @@ structure.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from types import FunctionType
-from typing import Any
+from typing import Any, TypeVar
 
 from torch import Tensor
 
@@ -41,8 +42,9 @@ from .local_functions import LocalFunctions
 from .native import NativeProgram
 from .node_kinds import SIDES, ElementKind, JointKind, Kinds
 from .structure_driver import StructureDriver
-from .tracing import Tracing
+from .tracing import Traced, Tracing
 
+T = TypeVar("T")
 SAMPLE = (
     "over",
     "done",
@@ -273,13 +275,11 @@ class StepProgram(ChainProgram):
     driver, of_structures = Driver, StructureDriver
     unknown = "u", "m"
 
-    def __init__(
-        self, local: LocalFunctions, kinds: Kinds, held: bool, key: str | None = None
-    ) -> None:
+    def __init__(self, local: LocalFunctions, *args: Any, **named: Any) -> None:
         if local.model.rubs:
             self.varying = ("secant",)
             self.judging = (*self.judging, "secant")
-        super().__init__(local, kinds, held, key)
+        super().__init__(local, *args, **named)
         self.adjoints: dict[frozenset[str], AdjointProgram] = {}
 
     def _joints(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
@@ -352,9 +352,11 @@ def _split(
     functions[f"before {name}"], functions[name] = before.only(before.outputs), rest
 
 
-PROGRAMS: dict[tuple, tuple[ChainProgram, Surroundings]] = {}  # by structure
+# by structure, with the surroundings that its key is made of
+PROGRAMS: dict[tuple, tuple[ChainProgram, Surroundings]] = {}
+TRACED: dict[tuple, tuple[Traced, Surroundings]] = {}  # likewise, what their programs share
 NOTHING = Surroundings()
-KEPT = 64  # of them; the one that was not asked for for longest goes first
+KEPT, KEPT_TRACED = 64, 8  # of them; the one that was not asked for for longest goes first
 
 
 def program_of(
@@ -363,36 +365,65 @@ def program_of(
     held: bool,
     around: Surroundings | None = NOTHING,
     made: type[ChainProgram] = StepProgram,
+    known: Traced | None = None,
 ) -> ChainProgram:
     """The program of a structure, that of an earlier scene if there was one. kinds: of all nodes
     and elements; around: what users' functions read, which is part of it; None = that is not known,
-    and the program one of its own.
+    and the program one of its own. known: functions of `local` that were traced; None = those of
+    the same structure.
     """
     kinds = kinds.distinct()
     if around is None:
         return made(local, kinds, held)
     key = made, around.key, *structure(local, kinds, held)
-    entry = PROGRAMS.pop(key, None)  # other threads may ask too: at worst two of them make it
+
+    def new() -> ChainProgram:
+        traced = traced_of(local, kinds, held, around) if known is None else known
+        return made(local, kinds, held, key_on_disk(key), traced)
+
+    return _kept(PROGRAMS, key, KEPT, around, new)
+
+
+def traced_of(
+    local: LocalFunctions, kinds: Kinds, held: bool, around: Surroundings | None
+) -> Traced:
+    """Functions that programs of the same structure have traced of late, see `program_of`."""
+    if around is None:
+        return {}
+    key = around.key, *structure(local, kinds.distinct(), held)
+    return _kept(TRACED, key, KEPT_TRACED, around, dict)
+
+
+def _kept(
+    entries: dict[tuple, tuple[T, Surroundings]],
+    key: tuple,
+    count: int,
+    around: Surroundings,
+    new: Callable[[], T],
+) -> T:
+    """The entry of a key, or a new one, among at most so many; with it the surroundings that the
+    key is made of.
+    """
+    entry = entries.pop(key, None)  # other threads may ask too: at worst two of them make it
     if entry is None:
-        # which keeps what its key is made of
-        entry = made(local, kinds, held, key_on_disk(key)), around
-        for oldest in [*PROGRAMS][: max(0, len(PROGRAMS) + 1 - KEPT)]:
-            PROGRAMS.pop(oldest, None)
-    PROGRAMS[key] = entry
+        entry = new(), around
+        for oldest in [*entries][: max(0, len(entries) + 1 - count)]:
+            entries.pop(oldest, None)
+    entries[key] = entry
     return entry[0]
 
 
 def adjoint_of(
-    program: StepProgram, local: LocalFunctions, wanted: frozenset[str]
+    program: StepProgram, local: LocalFunctions, wanted: frozenset[str], around: Surroundings | None
 ) -> AdjointProgram:
     """The adjoint of a program, for these constants: of what users' functions were when it was
     made.
     """
     if wanted not in program.adjoints:
         key = None if program.key is None else key_of(program.key, *sorted(wanted))
-        program.adjoints[wanted] = AdjointProgram(
-            local, program.kinds, program.held, wanted, key, program.traced
-        )
+        known, own = program.traced, (program.kinds, program.held)
+        known = traced_of(local, *own, around) if known is None else known
+        program.adjoints[wanted] = AdjointProgram(local, *own, wanted, key, known)
     return program.adjoints[wanted]
 
 

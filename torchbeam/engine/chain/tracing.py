@@ -26,11 +26,11 @@ OF_LOADS = ("node", "finish")  # functions that ask loads, and so what users wro
 class Tracing:
     """shapes: of the states' and unknowns' fields; constants: of a node's, an element's, the
     common, a support's and a joint's ones; node, element, joint, stretch, pair: all that a function
-    of one may read; known: functions of `OF_LOADS` that were traced before, and are not traced
-    again, to which those that are traced now are added; None = none are to be known.
+    of one may read; known: functions of the same trees that were traced before, and are not traced
+    again, to which those that are traced now are added.
     """
 
-    def __init__(self, local: LocalFunctions, known: Traced | None = None) -> None:
+    def __init__(self, local: LocalFunctions, known: Traced) -> None:
         self.like, self.known = local.model.length.detach(), known
         space = local.model.space
         p, s, k = space.dims.position, space.dims.spin, space.dims.strain
@@ -107,13 +107,13 @@ class Tracing:
 
     def __call__(self, function: Callable, shapes: Shapes) -> Function:
         """The function of fields of these shapes, without those that it does not read."""
-        name = function.func.__name__ if isinstance(function, partial) else function.__name__
-        if self.known is None or name not in OF_LOADS:
-            return self._traced(function, shapes, self.captured if name in OF_LOADS else {})
-        key = name, *function.args, *shapes.items()
+        function = partial(function)  # of one, the same
+        name, named = function.func.__name__, tuple(sorted(function.keywords.items()))
+        key = name, function.args, named, tuple(shapes.items())
         if key not in self.known:
-            self.known[key] = self._traced(function, shapes, self.captured)
-        return self.known[key].taking({}, {})  # in a graph of its own, that grows
+            captured = self.captured if name in OF_LOADS else {}
+            self.known[key] = self._traced(function, shapes, captured)
+        return self.known[key].copied()  # in a graph of its own, that grows
 
     def _traced(self, function: Callable, shapes: Shapes, captured: dict[str, Tensor]) -> Function:
         generator = torch.Generator().manual_seed(0)

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from ...math.dense import IN_ORDER
 from ...math.shapes import broadcast_shapes
-from .elementwise import ELEMENTWISE, REDUCTIONS, elementwise, reduction
+from .elementwise import ELEMENTWISE, REDUCTIONS, array, elementwise, reduction
 from .graph import Graph
 
 UNKNOWN = -1  # in the place of a node: depends on inputs, and nothing says how
@@ -47,7 +47,7 @@ def accumulated(g: Graph, x: Tensor, places: list[Tensor | None], values: Tensor
         at.flatten().tolist(), values.expand(at.shape).flatten().tolist(), strict=True
     ):
         sums[place] = g.make("add", sums[place], value)
-    return torch.tensor(sums, dtype=torch.long).reshape(x.shape)
+    return array(sums, x.shape)
 
 
 def _matrix_product(g: Graph, a: Tensor, b: Tensor) -> Tensor:
@@ -61,7 +61,7 @@ def _matrix_product(g: Graph, a: Tensor, b: Tensor) -> Tensor:
         for one, other in zip(rows, columns, strict=True)
         for row, column in product(one, other)
     ]
-    return torch.tensor(products, dtype=torch.long).reshape(*lead, m, n)
+    return array(products, (*lead, m, n))
 
 
 def _plus(g: Graph, x: Tensor, term: Tensor, beta: float = 1, alpha: float = 1) -> Tensor:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -221,15 +222,20 @@ ELEMENTWISE: dict[str, Callable[..., int]] = {
 }
 
 
+def array(nodes: list[int], shape: Sequence[int]) -> Tensor:
+    """int64 of that shape."""
+    return torch.from_numpy(np.array(nodes, dtype=np.int64).reshape(shape))
+
+
 def elementwise(
     g: Graph, rule: Callable[..., int], *args: Tensor | None, **settings: float
 ) -> Tensor:
     shape = broadcast_shapes(*(x.shape for x in args if x is not None))
     count = math.prod(shape)
     lists = [[None] * count if x is None else x.expand(shape).flatten().tolist() for x in args]
-    return torch.tensor(
-        [rule(g, *xs, **settings) for xs in zip(*lists, strict=True)], dtype=torch.long
-    ).reshape(shape)
+    rows = [*zip(*lists, strict=True)]
+    results = {xs: rule(g, *xs, **settings) for xs in dict.fromkeys(rows)}  # many are zero alike
+    return array([results[xs] for xs in rows], shape)
 
 
 def _mean(g: Graph, xs: Sequence[int]) -> int:
@@ -299,4 +305,4 @@ def reduction(
         if keepdim
         else [x.shape[d] for d in others]
     )
-    return torch.tensor([rule(g, row) for row in rows], dtype=torch.long).reshape(shape)
+    return array([rule(g, row) for row in rows], shape)

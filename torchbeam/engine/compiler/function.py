@@ -48,6 +48,10 @@ class Function:
         """Nodes of an input."""
         return [self.graph.input(field, k) for k in range(prod(self.inputs[field]))]
 
+    def copied(self) -> Function:
+        """The same in a graph of its own."""
+        return replace(self, graph=self.graph.copied())
+
     def only(self, outputs: Iterable[str]) -> Function:
         """The function of fewer outputs; inputs that nothing depends on any more are left out."""
         few = replace(self, outputs={name: self.outputs[name] for name in outputs})

@@ -16,6 +16,7 @@ x - x, x / x and x == x are left alone: the first is the test for NaN and inf.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
@@ -35,6 +36,10 @@ FOLDED: dict[str, Callable] = {
     "not": np.logical_not,
     "exponent": lambda x: np.frexp(x)[1] - 1.0, "mantissa": lambda x: 2 * np.frexp(x)[0],
     "power2": np.exp2,
+}
+PLAIN = {  # of Python's numbers, with the same results
+    "add": operator.add, "sub": operator.sub, "mul": operator.mul, "neg": operator.neg,
+    "lt": operator.lt, "le": operator.le, "eq": operator.eq,
 }
 # fmt: on
 TRUTHS = {"lt", "le", "eq", "and", "or", "not"}
@@ -66,6 +71,13 @@ class Graph:
         self.zero = self.const(0.0)  # node 0
         self.one = self.const(1.0)
 
+    def copied(self) -> Graph:
+        """The same nodes, to which others may be added."""
+        graph = Graph()
+        for name in ("ops", "args", "values", "truths", "_known"):
+            setattr(graph, name, getattr(self, name).copy())
+        return graph
+
     def _intern(
         self,
         key: tuple,
@@ -87,7 +99,8 @@ class Graph:
         if isinstance(value, (bool, np.bool_)):
             return self._intern(("const", bool(value)), "const", (), bool(value), True)
         value = float(value) + 0.0  # no -0
-        return self._intern(("const", value.hex()), "const", (), value, False)
+        key = ("number", value if value == value else "nan")
+        return self._intern(key, "const", (), value, False)
 
     def input(self, field: str, component: int) -> int:
         return self._intern(("input", field, component), "input", (), (field, component), False)
@@ -113,6 +126,8 @@ class Graph:
 
     @staticmethod
     def _folded(op: str, values: list[float | bool]) -> float | bool:
+        if op in PLAIN:
+            return PLAIN[op](*values)
         with np.errstate(all="ignore"):
             result = FOLDED[op](*(x if isinstance(x, bool) else np.float64(x) for x in values))
         return bool(result) if op in TRUTHS else float(result)
@@ -270,7 +285,8 @@ class Graph:
         return result
 
     def dot(self, xs: Iterable[int], ys: Iterable[int]) -> int:
-        return self.total(self.make("mul", x, y) for x, y in zip(xs, ys, strict=True))
+        pairs = zip(xs, ys, strict=True)
+        return self.total(self.make("mul", x, y) for x, y in pairs if x and y)  # 0 is zero
 
     def live(
         self, ends: Iterable[int], known: frozenset[int] | set[int] = frozenset()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -13,7 +14,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from ...core.functions_of_time import beside_hooks
 from .arrays import OTHER, STRUCTURAL, UNKNOWN, accumulated
 from .decompositions import DECOMPOSED, INSTEAD
-from .elementwise import ELEMENTWISE, REDUCTIONS, elementwise, reduction
+from .elementwise import ELEMENTWISE, REDUCTIONS, array, elementwise, reduction
 from .function import Function, Output
 from .graph import Graph
 from .readings import NotTraceable, Readings, line, memory
@@ -192,16 +193,15 @@ class _Tracer(TorchDispatchMode):
             raise NotTraceable(
                 f"a tensor of {value.dtype} met a traced one at {line()}; real numbers are wanted"
             )
-        flat = [self.graph.const(v) for v in value.detach().flatten().tolist()]
-        return torch.tensor(flat, dtype=torch.long).reshape(value.shape)
+        return array([self.graph.const(v) for v in value.detach().flatten().tolist()], value.shape)
 
     def __torch_dispatch__(
         self, func: Any, types: Any, args: tuple = (), kwargs: dict | None = None
     ) -> Any:
         kwargs = dict(kwargs or {})
-        schema, given = func._schema, list(_tensors((args, kwargs)))
-        name = schema.name.split("::")[-1]
-        if torch.Tag.nondeterministic_seeded in func.tags:
+        given, known = _tensors((*args, *kwargs.values())), _operation(func)
+        name, traced = known.name, any(map(self.traced, given))
+        if known.random:
             raise NotTraceable(
                 f"random numbers were drawn by {func} at {line()}; numbers that are drawn before "
                 "are wanted"
@@ -213,14 +213,10 @@ class _Tracer(TorchDispatchMode):
             )
         if name in FRESH or name in RESHAPED:
             return self._made(func(*args, **kwargs), () if name in FRESH else given)
-        if not any(self.traced(x) for x in given):
-            written = [
-                x
-                for x, a in zip(args, schema.arguments, strict=False)
-                if a.alias_info is not None and a.alias_info.is_write and isinstance(x, Tensor)
-            ]
-            for x in written:
-                self._own(func, x)
+        if not traced:
+            for k in known.written:
+                if k < len(args) and isinstance(args[k], Tensor):
+                    self._own(func, args[k])
             out = self._made(func(*args, **kwargs), () if name == "lift_fresh" else given)
             if any(self._carries_gradient(x) for x in given):
                 self.differentiable |= {x.untyped_storage()._cdata: x for x in _tensors(out)}
@@ -235,27 +231,23 @@ class _Tracer(TorchDispatchMode):
                 "control flow by values cannot be traced; torch.where in the place of an if, "
                 "functions of torch in the place of math's are wanted"
             )
-        if schema.returns and all(
-            r.alias_info is not None and not r.alias_info.is_write for r in schema.returns
-        ):
+        if known.view:
             shown = func(*args, **kwargs)  # a view: its nodes are those of the memory
             if all(self.traced(x) for x in _tensors(shown)):
                 if any(x.dtype != args[0].dtype for x in _tensors(shown)):
                     raise self._unknown(func, "it reads numbers by their bits")
                 return shown
             return self._decomposed(func, args, kwargs)  # it has made a copy
-        written = [
-            a for a in schema.arguments if a.alias_info is not None and a.alias_info.is_write
-        ]
+        written = known.written
         if name in DECOMPOSED and written:
             return self._decomposed(func, args, kwargs)
-        if written and (written[0] is not schema.arguments[0] or len(written) > 1):
+        if written not in ((), (0,)):
             raise self._unknown(func)
         if written and not self.traced(args[0]):
             self._own(func, args[0])
-        behind = [a for a in schema.arguments[len(args) :] if not a.kwarg_only]
-        behind = behind[: max((k + 1 for k, a in enumerate(behind) if a.name in kwargs), default=0)]
-        args = [*args, *(kwargs.pop(a.name, a.default_value) for a in behind)]
+        behind = known.positional[len(args) :]
+        last = max((k + 1 for k, (own, _) in enumerate(behind) if own in kwargs), default=0)
+        args = [*args, *(kwargs.pop(own, default) for own, default in behind[:last])]
         result = self._applied(func, name.rstrip("_") if written else name, args, kwargs)
         if result is NotImplemented:
             return self._decomposed(func, args, kwargs)
@@ -335,7 +327,7 @@ class _Tracer(TorchDispatchMode):
                 moved = [self._known(func, arg) if k in at else arg for k, arg in enumerate(args)]
                 if name == "index_put" and any(args[3:4]):
                     return accumulated(graph, *moved[:3])
-                if func._schema.name.endswith("_"):
+                if _operation(func).name.endswith("_"):
                     moved[0] = moved[0].clone()
                 return func(
                     *moved,
@@ -383,11 +375,40 @@ class _Tracer(TorchDispatchMode):
         return nodes
 
 
-def _tensors(value: Any) -> Iterator[Tensor]:
+class _Operation(NamedTuple):
+    """What the schema of an operation says: its name without overload; whether it draws random
+    numbers, and gives views; the places of the arguments that it writes to; those that may be given
+    by place, with their defaults.
+    """
+
+    name: str
+    random: bool
+    view: bool
+    written: tuple[int, ...]
+    positional: tuple[tuple[str, Any], ...]
+
+
+@cache
+def _operation(func: Any) -> _Operation:
+    schema = func._schema
+    aliases = [r.alias_info for r in schema.returns]
+    return _Operation(
+        schema.name.split("::")[-1],
+        torch.Tag.nondeterministic_seeded in func.tags,
+        bool(aliases) and all(a is not None and not a.is_write for a in aliases),
+        tuple(
+            k
+            for k, a in enumerate(schema.arguments)
+            if a.alias_info is not None and a.alias_info.is_write
+        ),
+        tuple((a.name, a.default_value) for a in schema.arguments if not a.kwarg_only),
+    )
+
+
+def _tensors(value: Any) -> list[Tensor]:
+    """Those in a value, and in tuples, lists and dictionaries."""
     if isinstance(value, Tensor):
-        yield value
-    elif isinstance(value, (tuple, list)):
-        for part in value:
-            yield from _tensors(part)
-    elif isinstance(value, dict):
-        yield from _tensors(tuple(value.values()))
+        return [value]
+    if isinstance(value, dict):
+        value = tuple(value.values())
+    return [x for part in value for x in _tensors(part)] if isinstance(value, (tuple, list)) else []

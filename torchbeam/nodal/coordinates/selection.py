@@ -40,7 +40,7 @@ def check_space(scene: Scene) -> None:
             "wanted there"
         )
     for load in scene.loads:
-        if load.follower or load.wants_support:
+        if load.follower or load.wants_support or load.offset is not None:
             raise ValueError(
                 f"small=True with {load.called} was given, whose load turns with the beam; "
                 "dead loads are wanted"

@@ -78,6 +78,23 @@ class LoadPoint:
         """Section axes -> frame a."""
         return (self.R @ v[..., None])[..., 0]
 
+    def at(self, offset: Tensor) -> LoadPoint:
+        """The point at an offset (..., 3) m from it, section axes: where it is and how it moves."""
+        arm = self.rotate(offset)
+        position = None if self.position is None else self.position + arm
+        velocity = self.velocity
+        if velocity is not None and self.spin is not None:
+            velocity = velocity + _cross(self.spin, arm)
+        return replace(self, position=position, velocity=velocity)
+
+    def carried(self, wrench: Wrench, offset: Tensor) -> Wrench:
+        """A wrench on the point at an offset as one on this point."""
+        force, moment = wrench
+        if force is None:
+            return wrench
+        lever = _cross(self.rotate(offset), force)
+        return force, lever if moment is None else moment + lever
+
     def from_inertial(self, v: Tensor) -> Tensor:
         """Inertial axes -> frame a, (..., 3) of the frame."""
         return v if self.axes is None else (self.axes @ v[..., None])[..., 0]
@@ -108,6 +125,7 @@ class LoadEffect(Effect):
     points = 2  # of an element, where it does
     rubs = False  # whether it holds what stands still, by friction
     anchor = None  # (..., 3) m, frame a: a point that its node is tied to
+    offset = None  # (..., 3) m from its node to where it acts, section axes
     depends: frozenset[str] = frozenset()
 
     def depends_on(self, offset: bool) -> frozenset[str]:
@@ -157,6 +175,10 @@ class LoadEffect(Effect):
         is a stiffness, the mass of a fluid that moves along; None = nothing.
         """
         return None
+
+
+def _cross(a: Tensor, b: Tensor) -> Tensor:
+    return torch.linalg.cross(*torch.broadcast_tensors(a, b))
 
 
 def at_instant(tree: Tree, t: Tensor, inputs: Inputs, like: Tensor, **parts: Tree) -> Tree:

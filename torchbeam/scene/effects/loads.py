@@ -10,11 +10,11 @@ from torch import Tensor
 
 from ...core.arguments import boolean
 from ...core.leaves import leaf, with_values
-from ...core.validation import Value
+from ...core.validation import Value, axis_last, finite
 from ...math.quaternions import skew
-from ..parts import check_node
+from ..parts import check_node, node_and_point
 from .load_point import ROTATION, LoadEffect, LoadPoint, Wrench, together
-from .values import AtSites, ByPlace, Inputs, LoadValue, load_value, value_along, value_at
+from .values import AtSites, ByPlace, Inputs, LoadValue, load_value, plain, value_along, value_at
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,13 +78,32 @@ class GivenLoad(LoadEffect):
 
 @dataclass(frozen=True)
 class PointLoad(GivenLoad):
-    """Force (N) and moment (N m) on one node; nodes count from the root, -1 is the tip."""
+    """Force (N) and moment (N m) on one node; nodes count from the root, -1 is the tip.
+
+    offset  (..., 3) m from the node to where the force acts, section axes; None = at the node. Of a
+            body, node = (name, point in its axes) says the same
+    """
 
     node: int = field()
+    offset: Value | None = leaf(1, default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        whole_node(self.node)
+        at_offset(self)
+
+    @property
+    def depends(self) -> frozenset[str]:
+        lever = self.offset is not None and self.force is not None
+        return frozenset({ROTATION}) if lever else super().depends
+
+    def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+        own = super().wrench(point, t, inputs)
+        return own if self.offset is None else point.carried(own, self.offset)
+
+    def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        if self.offset is None:
+            return super().tangent(point, t, inputs)
+        return LoadEffect.tangent(self, point, t, inputs)
 
 
 @dataclass(frozen=True)
@@ -131,6 +150,25 @@ class LineLoad(GivenLoad):
 
     def _at_sites(self, value: LoadValue, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
         return value_along(value, point.s, t, inputs, point.R, point.elements)
+
+
+def at_offset(effect: Any) -> None:
+    """Takes the `node` of an effect with an `offset` apart where it is (name of a body, point in
+    its axes). Raises ValueError for both, and for what is no node or no vector.
+    """
+    node, point = node_and_point(effect.node)
+    whole_node(node)
+    if point is not None and effect.offset is not None:
+        raise ValueError(
+            f"{effect.called} with an offset and a point of {node!r} was given; one of them is "
+            "wanted"
+        )
+    offset = effect.offset if point is None else point
+    if offset is not None:
+        offset = axis_last(f"{effect.called}'s offset", plain(offset), 3)
+        finite(f"{effect.called}'s offset", torch.as_tensor(offset))
+    object.__setattr__(effect, "node", node)
+    object.__setattr__(effect, "offset", offset)
 
 
 def whole_node(node: Any) -> Any:

@@ -14,7 +14,7 @@ from ...core.validation import ROUNDING, Value, axis_last, concrete, finite, num
 from ...core.validation import inertia as check_inertia
 from ...math.quaternions import skew
 from .effect import Effect
-from .loads import whole_node
+from .loads import at_offset
 from .values import plain
 
 
@@ -28,7 +28,8 @@ class PointMass(Effect):
              None = a point. A sequence of three has principal moments; a tensor whose shape ends in
              (3, 3) has matrices: principal moments of three bodies in one tensor go by
              `torch.diag_embed`
-    offset   (..., 3) m of its centre from the node, section axes; None = at the node
+    offset   (..., 3) m of its centre from the node, section axes; None = at the node. On a body,
+             node = (name, point in its axes) says the same
     node     counts from the root, -1 is the tip
 
     Weight acts on it where the scene has `Gravity`. After construction mass is (...), offset
@@ -47,7 +48,7 @@ class PointMass(Effect):
     kind = "inertia"
 
     def __post_init__(self) -> None:
-        whole_node(self.node)
+        at_offset(self)
         mass, inertia, offset = (
             plain(self.mass),
             *(None if v is None else plain(v) for v in (self.inertia, self.offset)),
@@ -60,10 +61,6 @@ class PointMass(Effect):
                 )
             mass, inertia, offset = _rigid_body(mass)
         positive("PointMass's mass", torch.as_tensor(mass), zero=True)
-        if offset is not None:
-            finite(
-                "PointMass's offset", torch.as_tensor(axis_last("PointMass's offset", offset, 3))
-            )
         if inertia is not None:
             axis_last("PointMass's inertia", inertia, 3)
             flat = isinstance(self.inertia, (list, tuple)) and not isinstance(

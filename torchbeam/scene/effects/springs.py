@@ -19,7 +19,7 @@ from ...math.quaternions import skew
 from ...math.shapes import broadcast_shapes
 from .drag import norm, outer
 from .load_point import POSITION, ROTATION, SPIN, VELOCITY, LoadEffect, LoadPoint, Pose, Wrench
-from .loads import whole_node
+from .loads import at_offset
 from .values import Inputs, load_value, optional, parameter, plain, value_at
 
 
@@ -38,7 +38,7 @@ class Rate(FunctionOfTime):
 @dataclass(frozen=True)
 class Spring(LoadEffect):
     """Spring between a node and a point: force -(k (|d| - length) + c d|d|/dt) d/|d|, d from the
-    point to the node.
+    point to the node, or to what has an offset from it.
 
     node       counts from the root, -1 is the tip
     stiffness  (...) k, N/m
@@ -48,6 +48,8 @@ class Spring(LoadEffect):
                of d in frame a
     damping    (...) c, N s/m; the point's rate is then the function's, by forward mode, so that it
                is written in torch. None, or the number 0: none
+    offset     (..., 3) m from the node to where it pulls, section axes; None = at the node. Of a
+               body, node = (name, point in its axes) says the same
 
     Raises ValueError for a negative stiffness, length or damping.
     """
@@ -57,10 +59,11 @@ class Spring(LoadEffect):
     to: Value | Callable[[Tensor], Tensor] = leaf(1)
     length: Value | None = leaf(0, default=None)
     damping: Value | None = leaf(0, default=None)
+    offset: Value | None = leaf(1, default=None, kw_only=True)
     moving: Rate | None = leaf(1, default=None, init=False)
 
     def __post_init__(self) -> None:
-        whole_node(self.node)
+        at_offset(self)
         object.__setattr__(self, "stiffness", parameter("Spring's stiffness", self.stiffness))
         for name in ("length", "damping"):
             object.__setattr__(self, name, optional(f"Spring's {name}", getattr(self, name)))
@@ -94,20 +97,29 @@ class Spring(LoadEffect):
 
     @property
     def depends(self) -> frozenset[str]:
-        return frozenset({POSITION, *({VELOCITY} if self.damped else ())})
+        lever = (ROTATION, SPIN) if self.damped else (ROTATION,)
+        return frozenset(
+            (POSITION,) + (VELOCITY,) * self.damped + lever * (self.offset is not None)
+        )
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+        if self.offset is None:
+            return self._pull(point, t, inputs), None
+        return point.carried((self._pull(point.at(self.offset), t, inputs), None), self.offset)
+
+    def _pull(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
+        """Force (..., 3) N at the point where it pulls."""
         k, length, c = (
             None if v is None else v[..., None] for v in (self.stiffness, self.length, self.damping)
         )
         d = point.position - value_at(self.to, t, inputs, point.R)
         if self.linear:
-            return -k * d - (c * self._rate(point, t, inputs) if self.damped else 0), None
+            return -k * d - (c * self._rate(point, t, inputs) if self.damped else 0)
         n, r = _direction(d)
         tension = k * (r - length)
         if self.damped:
             tension = tension + c * (n * self._rate(point, t, inputs)).sum(-1, keepdim=True)
-        return -tension * n, None
+        return -tension * n
 
     def _rate(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
         """d' (..., 3) in frame a."""
@@ -120,7 +132,7 @@ class Spring(LoadEffect):
 
     def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """Undamped: -k (I - length/|d| (I - n n^T))."""
-        if self.damped and not self.linear:
+        if (self.damped and not self.linear) or self.offset is not None:
             return super().tangent(point, t, inputs)
         k, length, c = (
             None if v is None else v[..., None, None]

@@ -1,6 +1,17 @@
 """The list of verification cases."""
 
-from . import contact, motion, rotating, stability, statics, structures, tendons, touching, wing
+from . import (
+    contact,
+    flexible_mechanisms,
+    motion,
+    rotating,
+    stability,
+    statics,
+    structures,
+    tendons,
+    touching,
+    wing,
+)
 
 CASES = [
     *statics.CASES,
@@ -9,6 +20,7 @@ CASES = [
     *motion.CASES,
     *rotating.CASES,
     *structures.CASES,
+    *flexible_mechanisms.CASES,
     *tendons.CASES,
     *touching.CASES,
     *contact.CASES,

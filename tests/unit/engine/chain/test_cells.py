@@ -115,5 +115,7 @@ def test_what_has_cells():
     assert cells(hand(more=stays)).count == 3
     twice = Framework(1, (1, 1), 1, ((1, 2), (2, 1), (0, 4)))  # nodes of a cell, joined twice
     assert order_of(Connectivity(twice, held=(5, 1, 6), shared=1)).own_groups is None
-    stepper = tb.Stepper(hand(unlike=[tb.Drag(1.0, 0.1, on="b0")]), 0.02, engine="compiled")
-    assert stepper.compiled.structure.by_cells is None
+    floor = tb.Contact(tb.Plane((0.0, -0.12, 0), (0, 1.0, 0)), thickness=0.1, force=0.5)
+    for unlike in (tb.Drag(1.0, 0.1, on="b0"), floor):  # of an obstacle each part has a piece
+        stepper = tb.Stepper(hand(unlike=[unlike]), 0.02, engine="compiled")
+        assert stepper.compiled.structure.by_cells is None

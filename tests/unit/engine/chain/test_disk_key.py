@@ -92,6 +92,29 @@ def test_what_a_user_wrote_is_traced_by_each_process(folder, traced):
     assert traced
 
 
+def test_a_gradient_traces_no_function_that_its_step_has_traced(folder, monkeypatch):
+    """Neither by one constant nor by another, in one process: an element's function once."""
+    seen, first = [], native.Tracing._traced
+
+    def counted(self, function, *given):
+        seen.append(getattr(function, "func", function).__name__)
+        return first(self, function, *given)
+
+    monkeypatch.setattr(native.Tracing, "_traced", counted)
+    monkeypatch.setattr(program, "TRACED", {})
+    inputs = [torch.tensor((0.0, 0.3, 0.0)), torch.tensor(0.1)]
+    for wanted in inputs:
+        wanted.requires_grad_()
+        scene = tb.Scene(straight(3), [tb.TipLoad(force=inputs[0]), tb.MassDamping(inputs[1])])
+        stepper = tb.Stepper(scene, 0.01, engine="compiled")
+        assert (
+            torch.autograd.grad(stepper(tb.rest(scene)).position.sum(), wanted)[0].abs().max() > 0
+        )
+    assert seen.count("element") == 1 and seen.count("node") == len(
+        stepper.compiled.program.kinds.nodes
+    )
+
+
 def test_layouts_from_plain_lists():
     layout = Layout()
     layout.record("node", "nodes", [("a", 3), ("b", 1)])
@@ -117,7 +140,7 @@ def test_programs_that_were_not_asked_for_for_longest_go_first(monkeypatch):
     monkeypatch.setattr(program, "structure", lambda local, kinds, held: (held,))
     made = []
 
-    def new(local, kinds, held, key):
+    def new(local, kinds, held, key, known):
         made.append(held)
         return object()
 

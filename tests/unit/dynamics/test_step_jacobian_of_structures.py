@@ -1,0 +1,112 @@
+"""Derivative of one step of a structure in the coordinates of a linear model, and its states."""
+
+import pytest
+import torch
+from torch.testing import assert_close
+
+import torchbeam as tb
+from tests.unit.dynamics.test_step_jacobian import coordinates, differences
+
+SECTION = tb.Section.from_stiffness(EA=4e3, GA=1.4e3, GJ=0.8, EI=(1.0, 1.3), mass=0.2, inertia=1e-3)
+THIN = tb.Section.from_stiffness(EA=4e3, GA=1.4e3, GJ=0.8, EI=(1.0, 1.3), mass=0.2)
+U = torch.tensor([0.1, 0.5, 0.4])
+HELD = [tb.Support(("arm", 0))]
+TURNING = tb.Frame(angular_velocity=(0.0, 0.0, 3.0))
+
+
+def linkage(joint=None, *, order=1, section=SECTION, effects=(), joints=(), **of):
+    """Two beams, the second upwards from the tip of the first, and a hand on it; forces on that."""
+    parts = {
+        "arm": tb.Beam.straight(1.0, 2, section, order=order),
+        "fore": tb.Beam.straight(
+            0.8, 2, section, order=order, root=(1.0, 0, 0), direction=(0, 0, 1), up=(-1, 0, 0)
+        ),
+        "hand": tb.Body(0.1, 1e-3, position=(1.0, 0, 0.8)),
+    }
+    met = [joint or tb.Hinge(("arm", -1), ("fore", 0), axis=(0, 1, 0), **LAW)]
+    met.append(tb.Weld(("fore", -1), "hand"))
+    of = dict(supports=HELD) | of
+    force = tb.PointLoad("hand", force=tb.Input("u", 3))
+    return tb.Scene(parts, [force, *effects], joints=[*met, *joints], **of)
+
+
+LAW = dict(stiffness=3.0, damping=0.05)
+ELBOW = dict(a=("arm", -1), b=("fore", 0), axis=(0, 1, 0))
+ROD = tb.Distance("hand", None, at=(0.3, 0, 0.4))
+SCENES = {
+    "a sprung hinge": linkage(effects=[tb.Gravity((0, 0, -9.81)), tb.Damping(1e-3)]),
+    "a loop in a plane": linkage(joints=[ROD], plane="xz"),
+    "a slider": linkage(tb.Slider(**ELBOW, stiffness=30.0)),
+    "a driven hinge": linkage(tb.Hinge(**ELBOW, angle=lambda t: 0.1 + 0 * t)),
+    "a ball, order 2": linkage(tb.Ball(("arm", -1), ("fore", 0)), order=2),
+    "a cylindrical joint": linkage(tb.Cylindrical(**ELBOW)),
+    "in a frame that turns": linkage(tb.Hinge(**ELBOW, stiffness=3.0), frame=TURNING, section=THIN),
+    "parts apart": tb.Scene(
+        {
+            "arm": tb.Beam.straight(1.0, 2, SECTION),
+            "stone": tb.Body(0.3, (1e-2, 2e-2, 3e-2), position=(0, 1.0, 0)),
+        },
+        [tb.PointLoad("stone", force=tb.Input("u", 3))],
+        supports=HELD,
+    ),
+}
+
+
+def model_of(scene):
+    start = tb.rest(scene)
+    if (
+        scene.effects[1:]
+        or scene.frame
+        or (
+            scene.joints
+            and isinstance(scene.joints[0], tb.Hinge)
+            and scene.joints[0].angle is not None
+        )
+    ):
+        start = None
+    return tb.linearize(scene, start, inputs={"u": torch.zeros(3)})
+
+
+@pytest.mark.parametrize("kind", SCENES)
+def test_state_at_is_the_inverse_of_departure(kind):
+    """To Newton's quadratic convergence, rounding; joints are closed, and tell their coordinate."""
+    model = model_of(SCENES[kind])
+    z = coordinates(model)
+    state = model.state_at(z)
+    assert_close(model.departure(state), z, rtol=0, atol=1e-12)
+    assert_close(state.position[0], model.state.position[0], rtol=0, atol=1e-14)
+    joints = model.chart.joints
+    if joints.count:
+        reduced = model.space.to_reduced(state)
+        pose = joints.pose(reduced.position, reduced.rotation)
+        assert_close(
+            joints.gaps(pose, model.state.joints),
+            torch.zeros(joints.held_count),
+            rtol=0,
+            atol=1e-14,
+        )
+        assert_close(
+            state.joints[..., 0],
+            (joints.coordinate(pose) * joints.angles).sum(-1),
+            rtol=0,
+            atol=1e-12,
+        )
+
+
+@pytest.mark.parametrize("kind", SCENES)
+def test_is_the_slope_of_a_step(kind):
+    """Against central differences 1e-5 apart, of steps solved to 1e-13: what those leave is 1e-8 of
+    the largest entry. One of them by the adjoint of native steps.
+    """
+    engine = "compiled" if kind == "a loop in a plane" else "eager"
+    held = SCENES[kind]
+    model, stepper = model_of(held), tb.Stepper(held, 0.02, tolerance=1e-13, engine=engine)
+    z = coordinates(model)
+    A, B = stepper.jacobian(model.state_at(z), U, model)
+
+    def after(z, u):
+        return model.departure(stepper(model.state_at(z), u=u))
+
+    for found, at in ((A, lambda e: after(z + e, U)), (B, lambda e: after(z, U + e))):
+        wanted = differences(at, found)
+        assert_close(found, wanted, rtol=0, atol=1e-8 * max(1.0, wanted.abs().max().item()))
