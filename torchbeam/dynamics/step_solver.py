@@ -295,7 +295,11 @@ class StepSolver:
         )
 
     def _limit(self, last: bool) -> int:
-        """Iterations of a solve; fewer where the step can still be made in parts."""
+        """Iterations of a solve; fewer where the step can still be made in parts, more with
+        friction, which smaller steps do not make smoother.
+        """
+        if self.model.rubs:
+            return 2 * self.limit
         return self.limit if last else min(self.limit, QUICK)
 
     @property

@@ -59,7 +59,8 @@ class Stepper:
                long undamped runs
     tolerance  of the scaled residual, default 1e-8 in float64 and 1e-4 in float32; one below 256
                rounding errors of a number (6e-14, 3e-5) counts as that
-    iterations at most this many in a Newton solve (12 where its step can still be made in parts)
+    iterations at most this many in a Newton solve (12 where its step can still be made in parts;
+               twice as many where contacts have friction)
     halvings   a failed step is made again in 2, 4, ... 2^halvings parts
     engine     "eager": torch operations. "compiled": native code for many samples at once on the
                CPU (llvmlite, the extra `fast`), the same answers up to rounding, and gradients

@@ -236,6 +236,10 @@ class BalanceProblem(Tree):
         matrix = self.model.touching.matrix(matrix, lambda: self.touching_motion(kinematics, nodes))
         return joined if matrix is joined.matrix else joined._replace(matrix=matrix)
 
+    def by_secants(self, secant: Tensor) -> BalanceProblem:
+        """See `Problem`."""
+        return self
+
     def linearise(
         self, x: Any, kinematics: Any, element: ElementBalance, inertia: InertiaForces | None
     ) -> Linearisation:

@@ -50,6 +50,7 @@ class StepProblem(BalanceProblem):
     dt: Tensor = leaf(0)
     t: Tensor = leaf(0)
     inputs: Inputs = leaf(1)
+    secant: Tensor | None = leaf(0, default=None, kw_only=True)
 
     UNKNOWNS: ClassVar[type]
     TANGENT: ClassVar[type]
@@ -154,7 +155,12 @@ class StepProblem(BalanceProblem):
         """What loads see."""
         nodes = self.motion.nodes(kinematics, self.conditions.reads)
         dt = self.dt if self.INSTANT == 0.5 else None
-        return nodes._replace(frame=self._frame_middle, internal=self.start.internal, dt=dt)
+        return nodes._replace(
+            frame=self._frame_middle, internal=self.start.internal, dt=dt, secant=self.secant
+        )
+
+    def by_secants(self, secant: Tensor) -> StepProblem:
+        return replace(self, secant=secant) if self.model.rubs else self
 
     def seen(self, x: Any) -> Nodes:
         """`nodes` of the unknowns."""
@@ -270,6 +276,7 @@ class StepProblem(BalanceProblem):
             lambda: external.motion_jacobian(
                 self.TANGENT(self.motion, kinematics) if nodes is None else nodes, reads
             ),
+            self.secant,
         )
 
     def touching_way(self, kinematics: Any) -> TouchingMotion:

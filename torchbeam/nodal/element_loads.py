@@ -145,6 +145,7 @@ def load_point(rows: Rows, acting: ActingLoad, nodes: Nodes, now: Conditions) ->
         **motion,
         dt=nodes.dt if acting.load.wants_step else None,
         frame=now.velocities if acting.load.wants_frame else (None, None),
+        secant=nodes.secant,
     )
 
 

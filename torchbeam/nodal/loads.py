@@ -47,6 +47,7 @@ class Nodes(NamedTuple):
               read by no load
     axes      (..., N+1, 3, 3) section axes -> frame a, where these are known; None = `rotation`
               tells
+    secant    (...), see `LoadPoint`
     """
 
     position: Tensor
@@ -59,6 +60,7 @@ class Nodes(NamedTuple):
     acceleration: Tensor | None = None
     angular_acceleration: Tensor | None = None
     axes: Tensor | None = None
+    secant: Tensor | None = None
 
     def of(self, node: int | slice, reads: frozenset[str]) -> Nodes:
         """Of one, (..., *), or of some: rotation, and what a load reads."""
@@ -364,6 +366,8 @@ def load_points(
             place["support"] = now.root
         if load.wants_frame:
             place["frame"] = now.velocities
+        if load.rubs:
+            place["secant"] = nodes.secant
         yield acting, load_point(space, load, acting.reads, at, **place)
 
 

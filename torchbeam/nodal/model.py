@@ -79,6 +79,11 @@ class Model(Rows):
         )
 
     @property
+    def rubs(self) -> bool:
+        """Whether there is friction of contacts."""
+        return any(one.rubs for one in (*self.scene.loads, *self.scene.pairs))
+
+    @property
     def internal_states(self) -> int:
         """How many numbers the loads remember."""
         return sum(self.scene.internal_states)

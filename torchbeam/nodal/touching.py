@@ -166,7 +166,8 @@ class Touching(Tree):
 
 def of_nodes(nodes: Tensor, motion: TouchingMotion) -> PairMotion:
     """The motion of the nodes (U, 6) of pairs."""
-    return PairMotion(*(None if x is None else x[..., nodes, :] for x in motion[:4]))
+    moves = (None if x is None else x[..., nodes, :] for x in motion[:4])
+    return PairMotion(*moves, motion.secant)
 
 
 # axes of the constants of a pair

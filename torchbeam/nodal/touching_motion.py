@@ -13,7 +13,8 @@ from ..core.leaves import Tree
 class TouchingMotion(NamedTuple):
     """Nodes (..., N+1, 3), frame a: position m where forces act; half m by which they move on
     either side of it over a step of dt (...) s, None = at an instant; velocity m/s and spin rad/s
-    there, absolute, None = at rest. by: derivatives by the nodes' moves, see `loads`.
+    there, absolute, None = at rest. by: derivatives by the nodes' moves, see `loads`; secant (...),
+    see `LoadPoint`.
     """
 
     position: Tensor
@@ -22,6 +23,7 @@ class TouchingMotion(NamedTuple):
     spin: Tensor | None
     dt: Tensor | None
     by: Callable[[], dict[str, Tensor]]
+    secant: Tensor | None = None
 
 
 class NoTouching(Tree):

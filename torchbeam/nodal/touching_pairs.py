@@ -42,6 +42,7 @@ class PairMotion(NamedTuple):
     half: Tensor | None
     velocity: Tensor | None
     spin: Tensor | None
+    secant: Tensor | None = None
 
 
 class Meeting(NamedTuple):
@@ -108,7 +109,7 @@ class TouchingPairs(Tree):
             place = (self.own[..., None] * x[..., :3, :]).sum(-2, keepdim=True)
             return torch.cat((place, x[..., 3:, :].expand(*place.shape[:-2], 3, 3)), -2)
 
-        return PairMotion(*(None if x is None else four(x) for x in motion))
+        return PairMotion(*(None if x is None else four(x) for x in motion[:4]), motion.secant)
 
     def far(self, motion: PairMotion) -> Tensor:
         """(..., U) bool: whether the place is outside of a sphere about the piece, wherever both
@@ -125,7 +126,7 @@ class TouchingPairs(Tree):
 
     def meeting(self, points: PairMotion) -> Meeting:
         """Of the pairs, whose points move so."""
-        x, half, velocity, spin = points
+        x, half, velocity, spin, _ = points
         place, nodes = x[..., 0, :], x[..., 1:, :]
         t, within = nearest(place, nodes, self.control, self.ends > 0)
         shares = (bernstein(t)[..., None, :] @ self.control)[..., 0, :]
@@ -147,7 +148,8 @@ class TouchingPairs(Tree):
         slip = rub = None
         if self.friction is not None and velocity is not None:
             slip = self._slip(shares, r, apart(velocity), spin)
-            rub = -self.friction[..., None] * p * rubbing(slip, self.slip_speed[..., None])
+            secant = None if points.secant is None else points.secant[..., None, None]
+            rub = -self.friction[..., None] * p * rubbing(slip, self.slip_speed[..., None], secant)
         measure = (self.measure * within)[..., None]
         return Meeting(shares, r, norm(r) - (room - d), p, elastic, u, slip, rub, measure)
 
@@ -204,7 +206,7 @@ class TouchingPairs(Tree):
         spin of each of the nodes; the last two where the law asks for them.
         """
         points = self.points(motion)
-        rates = zip((VELOCITY, SPIN), points[2:], strict=True)
+        rates = zip((VELOCITY, SPIN), points[2:4], strict=True)
         given = [x for name, x in rates if name in self.reads and x is not None]
         half = points.half
 
@@ -212,7 +214,7 @@ class TouchingPairs(Tree):
             x, *moving = (part.unflatten(-1, (4, 3)) for part in (x, *moving))
             velocity, spin = (*moving, None, None)[:2]
             now = None if half is None else half + (x - x.detach())
-            found = self._actions(PairMotion(x, now, velocity, spin))
+            found = self._actions(PairMotion(x, now, velocity, spin, points.secant))
             return torch.cat([part for part in found if part is not None], -1)
 
         slopes = jacobians(actions, *(x.flatten(-2) for x in (points.position, *given)))

@@ -16,6 +16,8 @@ from .problem import Problem
 
 TOLERANCE = {torch.float64: 1e-8, torch.float32: 1e-4}  # of the scaled residual
 LIMIT = 25  # iterations
+# friction by secants: after so many iterations, above this residual, unless it falls by this factor
+PATIENCE, CLOSE, FALLS = 6, 0.01, 0.3
 TRUSTED = 0.01  # a residual that falls by this factor goes on to fall at the order of convergence
 
 
@@ -51,6 +53,11 @@ def newton(
     cantilevers under tip forces, with 1e-8, one in twenty was above it, the worst at 2e-6). A
     sample whose residual stops being finite has failed and is left alone.
 
+    Friction rises steeply up to its most and stays there, where Newton's method can go from slip to
+    slip the other way and back, however short the step: once it has taken some iterations, its
+    tangents take friction by secants, as the lagged iteration of Kacanov does (Vogel and Oman 1996:
+    convergent of itself, but linearly), until what is left is small, see `next_secant`.
+
     trust_start  whether r may be the residual of x; not where that is the size of a step to come,
                  whatever the balance lacks
     foresee      (...) whether what is foreseen counts, None = of all; where it does not, as in
@@ -70,8 +77,12 @@ def _iterate(
     limit: int,
     trust_start: bool,
     foresee: Tensor | None,
+    earlier: int = 0,
+    secant: Tensor | None = None,
 ) -> Outcome:
-    """`before` (...): the scaled residual of the iteration before; None = there was none."""
+    """`before` (...): the scaled residual of the iteration before; None = there was none; earlier:
+    how many have been made; secant (...): whether the problem has secants, None = no.
+    """
     first = before is None
     for k in range(limit):
         residual, *about = problem.residual(x)
@@ -87,6 +98,7 @@ def _iterate(
             status = torch.where(torch.isfinite(size) | (not first), DIVERGED, BROKEN)
             iterations = torch.zeros_like(status)
             before = torch.zeros_like(size) if first else before
+            secant = torch.zeros_like(size) if secant is None else secant
             x = type(x)(*(v.expand(*size.shape, *v.shape[-2:]) for v in x))
             few = None if active is None else BatchSubset.worthwhile(~over)
             part = None if few is None else _part(problem, few)
@@ -117,6 +129,9 @@ def _iterate(
         iterations = iterations + ~over
         done = done | (~over & converged(size, before, exact, tolerance, foresee))
         over = done | ~torch.isfinite(size)
+        if earlier + k >= PATIENCE:
+            last, secant = secant, next_secant(size, before, earlier + k, secant)
+            problem = problem.by_secants(secant) if concrete(secant != last).any() else problem
         before = size if trust_start or not first or k else before
         if concrete(over).all():
             break
@@ -132,11 +147,21 @@ def _iterate(
                 limit - 1 - k,
                 True,
                 _some(few, foresee),
+                earlier + k + 1,
+                few.take(secant, 0),
             )
             return _joined(
                 few, Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations), rest
             )
     return Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations)
+
+
+def next_secant(size: Tensor, before: Tensor, iterations: Tensor, secant: Tensor) -> Tensor:
+    """(...) 1 where the next iteration is to take friction by secants, after so many with tangents:
+    where the residual is not small, and has not fallen by much with a tangent.
+    """
+    falls = (secant == 0) & (size < FALLS * before)
+    return ((size > CLOSE) & ~falls & (iterations >= PATIENCE)).to(size)
 
 
 def converged(

@@ -69,3 +69,9 @@ class Problem(Protocol):
     def update(self, x: Any, *change: Tensor) -> Any:
         """x after a change."""
         ...
+
+    def by_secants(self, secant: Tensor) -> Problem:
+        """The same whose tangents have, of the samples where secant (...) is 1, friction as if its
+        share of the slip stayed; itself where there is no friction.
+        """
+        ...

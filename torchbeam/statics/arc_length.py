@@ -198,6 +198,10 @@ class ArcLengthProblem(Tree):
         shape = self.loaded(x.factor[..., 0, 0]).update(x.shape, move, dstress)
         return PathPoint(*shape, x.factor + dfactor, x.way + move)
 
+    def by_secants(self, secant: Tensor) -> ArcLengthProblem:
+        """Paths refuse friction."""
+        return self
+
 
 class ArcLengthTangent(NamedTuple):
     """At a point, for the residual there."""

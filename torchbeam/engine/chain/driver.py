@@ -103,6 +103,8 @@ class Driver(ChainCode):
         code = self.code
         for name in ("before", "iterations"):
             self._fill(self.at("sample", 0, name), 1)
+        if "secant" in self.layout.records["common"].fields:
+            self._fill(self.at("common", 0, "secant"), 1)
         count = code.slot()
         code.store(0, count)
         with code.until() as ends:
@@ -354,7 +356,8 @@ class Driver(ChainCode):
 
         self._call("judge", where)
         for name in self.functions["judge"].outputs:
-            self._copy_to(self.at("sample", 0, name), self.at("judged", 0, name), 1)
+            to = "common" if name == "secant" else "sample"
+            self._copy_to(self.at(to, 0, name), self.at("judged", 0, name), 1)
 
     def _largest(self, name: str, record: str) -> None:
         if name in self.layout.records[record].fields:

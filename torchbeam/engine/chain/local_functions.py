@@ -25,12 +25,12 @@ from ...equations.step_problem import StepProblem
 from ...math.block_tridiagonal import eliminated
 from ...nodal.balance import dstress, mixed, most_beyond, pushed_by, restrained_forces, scaled
 from ...nodal.joints import measured
-from ...solvers.newton import converged
+from ...solvers.newton import converged, next_secant
 from ...state.state import State
 from ...topology.chain_unknowns import masked
 from ...topology.midside import condensed, following
 from .joint_functions import JointFunctions
-from .local_problem import INTERNAL, Fields, unbatched
+from .local_problem import INTERNAL, Fields, by_secants, unbatched
 from .node_kinds import ElementKind, NodeKind
 from .pair_functions import PairFunctions
 from .tendon_functions import TendonFunctions
@@ -73,6 +73,7 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
         apart.
         """
         problem, x = self.of_node(fields, kind)
+        problem = by_secants(problem, fields)
         x = problem.apply_supports(x)  # they are; but so that derivatives know it
         kinematics, inertia, load = problem.node_balance(x)
         matrix, w = problem.node_tangent(kinematics, inertia)[1], self.model.space.unknowns
@@ -203,6 +204,7 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
         `passed`, see `StepProblem.passed`.
         """
         problem, kinematics = self._between(fields, kind)
+        problem = by_secants(problem, fields)
         parts = problem.element_loads(kinematics)
         D, U, L, *far = problem.element_load_matrix(kinematics).tensors
         wrench, p = problem.model.topology.scatter(parts), self.model.space.dims.position
@@ -517,12 +519,13 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
         status: Tensor,
         iterations: Tensor,
         foresee: Tensor | None = None,
+        secant: Tensor | None = None,
         **joints: Tensor,
     ) -> Fields:
         """What `newton` asks of an iteration's largest numbers: size of the residual, which samples
-        are done or over, iterations, and the status of those that are not done (that of the first
-        iteration, when `iterations` was 0). joints: the largest gap and turn of joints, and the
-        size of what they connect.
+        are done or over, iterations, the status of those that are not done (that of the first
+        iteration, when `iterations` was 0), and whether the next takes secants. joints: the largest
+        gap and turn of joints, and the size of what they connect.
         """
         size = scaled(
             left_force, left_moment, left_strain, *mixed(force, moment, total, longest), strain
@@ -544,6 +547,7 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
             "over": ((done != 0) | ~finite).to(done),
             "status": torch.where(iterations == 0, first, status),
             "iterations": iterations + going.to(iterations),
+            **({} if secant is None else {"secant": next_secant(size, before, iterations, secant)}),
         }
 
     def with_gaps(self, size: Tensor, joints: Fields) -> Tensor:

@@ -428,6 +428,11 @@ def _numbered(x: Tensor, numbers: tuple[float | None, ...]) -> Tensor:
     return torch.stack([own if k is None else torch.full_like(own, k) for own, k in rows], -2)
 
 
+def by_secants(problem: StepProblem, fields: Fields) -> StepProblem:
+    """With the field `secant`, where it is given: see `Problem.by_secants`."""
+    return replace(problem, secant=fields["secant"]) if "secant" in fields else problem
+
+
 class OwnBatch(NotTraceable):
     """A function that closes over a batch, of this shape."""
 

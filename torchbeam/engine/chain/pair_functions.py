@@ -13,7 +13,7 @@ from torch import Tensor
 from ...nodal.touching import OnePair, of_nodes
 from ...topology.framework import Framework
 from .chain_constants import filled
-from .local_problem import Fields, LocalProblems
+from .local_problem import Fields, LocalProblems, by_secants
 from .node_kinds import PAIR_SIDES, PairKind
 
 # blocks of a pair, with whose rows and columns they have
@@ -37,6 +37,7 @@ class PairFunctions(LocalProblems):
         (`held`), blocks of what is free of them, and a node's whole row (w, 6 w).
         """
         problem, kinematics = self.of_pair(fields, kind)
+        problem = by_secants(problem, fields)
         touching, w = problem.model.touching, self.model.space.unknowns
         nodes = problem.TANGENT(problem.motion, kinematics)
         motion = problem.touching_motion(kinematics, nodes)

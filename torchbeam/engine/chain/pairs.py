@@ -14,13 +14,18 @@ from .tracing import Tracing
 
 
 def of_pairs(
-    local: LocalFunctions, traced: Tracing, kinds: tuple[PairKind, ...], held: bool
+    local: LocalFunctions,
+    traced: Tracing,
+    kinds: tuple[PairKind, ...],
+    held: bool,
+    varying: tuple[str, ...] = (),
 ) -> dict[str, Function]:
-    """Functions of an iteration, by kind."""
+    """Functions of an iteration, by kind; varying: see `ChainProgram`."""
     functions = {}
     for k, kind in enumerate(kinds):
         functions[f"far pair {k}"] = traced(partial(local.far_pair, kind), traced.pair)
-        functions[f"pair {k}"] = pair = traced(partial(local.pair, held, kind), traced.pair)
+        given = traced.pair | {name: () for name in varying}
+        functions[f"pair {k}"] = pair = traced(partial(local.pair, held, kind), given)
         if held:
             called = f"pair reaction {k}"
             functions |= reactions(local, traced, called, pair, PAIR_SIDES, PAIR_SIDES)

@@ -149,7 +149,7 @@ class ChainProgram(NativeProgram):
             functions |= stretches.of_stretches(
                 local, traced, self.kinds.stretches, self.held, self.varying
             )
-            functions |= pairs.of_pairs(local, traced, self.kinds.pairs, self.held)
+            functions |= pairs.of_pairs(local, traced, self.kinds.pairs, self.held, self.varying)
         if self.held:
             functions["held row"] = packed(traced(partial(local.row, True), row | free))
             functions["reaction"] = traced(
@@ -275,8 +275,11 @@ class StepProgram(ChainProgram):
     driver, of_structures = Driver, StructureDriver
     unknown = "u", "m"
 
-    def __init__(self, *args: Any, **named: Any) -> None:
-        super().__init__(*args, **named)
+    def __init__(self, local: LocalFunctions, *args: Any, **named: Any) -> None:
+        if local.model.rubs:
+            self.varying = ("secant",)
+            self.judging = (*self.judging, "secant")
+        super().__init__(local, *args, **named)
         self.adjoints: dict[frozenset[str], AdjointProgram] = {}
 
     def _joints(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
@@ -294,7 +297,8 @@ class StepProgram(ChainProgram):
         still = {name: shape for name, shape in node.items() if name not in self.unknown}
         functions = {"cosine": traced(local.cosine, {"m": self.shapes["m"]})}
         for k, kind in enumerate(self.kinds.nodes):
-            functions[f"node {k}"] = traced(partial(local.node, kind), node)
+            varying = {name: () for name in self.varying}
+            functions[f"node {k}"] = traced(partial(local.node, kind), node | varying)
             functions[f"predictor {k}"] = traced(partial(local.predictor, kind), still)
             functions[f"update {k}"] = traced(partial(local.update, kind), {**node, "move": (w,)})
             functions[f"finish {k}"] = traced(partial(local.finish, kind), node)
@@ -442,6 +446,7 @@ def structure(local: LocalFunctions, kinds: Kinds, held: bool) -> tuple:
         model.scene.beam.offset,
         bool(model.scene.loads),
         model.touching.present,
+        model.rubs,
         kinds,
         held,
         *(_static(_shapes(tree, rows)) for tree, rows in trees),

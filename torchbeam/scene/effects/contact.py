@@ -184,7 +184,8 @@ class Contact(ContactTerms):
         if self.friction is None:
             return Touch(d - y, normal, p, None, None)
         slip = self.slip(point, normal)
-        rub = -_each(self.friction) * p * rubbing(slip, _each(self.slip_speed))
+        secant = None if point.secant is None else _each(point.secant)
+        rub = -_each(self.friction) * p * rubbing(slip, _each(self.slip_speed), secant)
         return Touch(d - y, normal, p, slip, rub)
 
     def idle(self, x: Tensor, reach: Tensor) -> Tensor:

@@ -51,12 +51,18 @@ def damped(approach: Tensor) -> Tensor:
     )
 
 
-def rubbing(slip: Tensor, slip_speed: Tensor) -> Tensor:
+def rubbing(slip: Tensor, slip_speed: Tensor, secant: Tensor | None = None) -> Tensor:
     """Direction and share (..., 3) of what friction takes of its most, from the velocity slip
     (..., 3): slip/|slip| beyond the slip speed v, and below it (2 - |slip|/v) slip/v, which is the
     derivative of a potential by the slip, with one continuous derivative itself.
+
+    secant  1 where its derivative by the slip is to be the secant, share of the most over slip, as
+            if that ratio stayed; see `newton`
     """
     speed = norm(slip)
     slow = speed < slip_speed
     fast = 1 / torch.where(slow, torch.ones_like(speed), speed)
-    return torch.where(slow, (2 - speed / slip_speed) / slip_speed, fast) * slip
+    ratio = torch.where(slow, (2 - speed / slip_speed) / slip_speed, fast)
+    if secant is not None:
+        ratio = ratio.detach() + (1 - secant) * (ratio - ratio.detach())
+    return ratio * slip

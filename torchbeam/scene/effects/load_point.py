@@ -55,6 +55,7 @@ class LoadPoint:
     frame     velocity m/s of frame a and its angular velocity rad/s (..., 3), in its axes, each
               None = it has none, for effects
               that want them (`wants_frame`)
+    secant    (...) 1 where friction's derivative is to be its secant, 0 or None = it is its own
     """
 
     R: Tensor
@@ -71,6 +72,7 @@ class LoadPoint:
     angular_acceleration: Tensor | None = None
     elements: int | None = None
     frame: tuple[Tensor | None, Tensor | None] = (None, None)
+    secant: Tensor | None = None
 
     def rotate(self, v: Tensor) -> Tensor:
         """Section axes -> frame a."""
