@@ -1,5 +1,6 @@
 """What every test shares: float64, one thread (or OMP_NUM_THREADS), and the reference cases."""
 
+import gc
 import json
 import os
 from collections import Counter
@@ -33,6 +34,17 @@ def pytest_runtest_protocol(item):
         if UNIT in item.path.parents and not item.get_closest_marker("steps"):
             os.environ.setdefault(ENGINE, "eager")
         return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Thousands of tests that stay until the end: looking for garbage among them takes seconds."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def cpu_seconds():
