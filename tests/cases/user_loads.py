@@ -611,6 +611,34 @@ OTHER_SITES = {
 }
 
 
+def without_gradient(x, R, v, w, t):
+    with torch.no_grad():
+        drag = 0.1 * v
+    return -drag * x, None
+
+
+class OwnDerivative(torch.autograd.Function):
+    """The square, said to be constant."""
+
+    generate_vmap_rule = True
+
+    @staticmethod
+    def forward(x):
+        return x * x
+
+    @staticmethod
+    def setup_context(ctx, inputs, output):
+        pass
+
+    @staticmethod
+    def backward(ctx, cotangent):
+        return 0 * cotangent
+
+
+def of_own_derivative(x, R, v, w, t):
+    return -0.1 * OwnDerivative.apply(v), None
+
+
 def of_math(x, R, v, w, t):
     return -v * math.sin(30 * t), None
 
@@ -641,6 +669,8 @@ REFUSED = {
         f"other sites, {name}": (functools.partial(tb.Load, node=None, **load), "on other sites")
         for name, load in OTHER_SITES.items()
     },
+    "gradients off": (tip(without_gradient), "gradients switched off"),
+    "autograd.Function": (tip(of_own_derivative), "gradients switched off"),
     "math of time": (tip(of_math), "functions of torch in the place of math's"),
     "complex numbers": (tip(of_complex), "real numbers by sin and cos are wanted"),
     "sorted": (tip(ordered), "torch.maximum and torch.minimum are wanted"),

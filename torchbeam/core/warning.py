@@ -11,8 +11,8 @@ import torch
 
 from .tape import current_recording
 
-# torchbeam, torch
-PASSED = tuple(
+# beginnings of the paths of their files
+PACKAGE, TORCH = (
     f"{folder}{os.sep}" for folder in (Path(__file__).parents[1], Path(torch.__file__).parent)
 )
 
@@ -28,6 +28,6 @@ def warn(sentence: str, category: type[Warning] = RuntimeWarning) -> None:
     if (tape := current_recording()) is not None:
         tape.spoilt = "a warning is to be given each time"
     level, frame = 2, sys._getframe(1)
-    while frame.f_back is not None and frame.f_code.co_filename.startswith(PASSED):
+    while frame.f_back is not None and frame.f_code.co_filename.startswith((PACKAGE, TORCH)):
         level, frame = level + 1, frame.f_back
     warnings.warn(sentence, category, stacklevel=level)

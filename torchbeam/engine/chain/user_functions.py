@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import fields, replace
@@ -9,9 +10,11 @@ from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
+from torch.utils._python_dispatch import TorchDispatchMode
 
 from ...core.leaves import AXES, own_leaves, with_values
 from ...core.surroundings import Read, Surroundings, Unsteady, of_class
+from ...core.warning import PACKAGE, TORCH
 from ...nodal.conditions import conditions
 from ...nodal.loads import Nodes, advanced, external, load_points
 from ...nodal.model import Model
@@ -73,6 +76,12 @@ def by_sample(
             "a function along the beam gives a site what depends on its number, or on other "
             "sites; what depends on its own motion alone is wanted ('s' in of=, and values=, "
             "tell sites apart)"
+        )
+    if not _with_gradient(model):
+        raise NotTraceable(
+            "a function of the motion computes with gradients switched off (torch.no_grad, or a "
+            "torch.autograd.Function), which native code would differentiate; x.detach() of what "
+            "counts as constant is wanted"
         )
     return made
 
@@ -195,6 +204,32 @@ def _site_by_site(model: Model) -> bool:
         for acting, point in load_points(model, nodes, now, now.loads)
         if acting.along
     )
+
+
+def _with_gradient(model: Model) -> bool:
+    """Whether users' functions compute nothing where gradients are switched off: tried once."""
+    if not by_function(model):
+        return True
+    still = Constants(model).still
+    with torch.enable_grad(), _Ungraded() as tried:
+        _in_motion(model, still, torch.full_like(still.position, 0.1))
+    return not tried.ungraded
+
+
+class _Ungraded(TorchDispatchMode):
+    """Notices what code outside the package and torch computes where gradients are off."""
+
+    ungraded = False
+
+    def __torch_dispatch__(
+        self, function: Any, types: Any, args: tuple = (), kwargs: dict | None = None
+    ) -> Any:
+        if not torch.is_grad_enabled() and not self.ungraded:
+            frame = sys._getframe(1)
+            while frame is not None and frame.f_code.co_filename.startswith(TORCH):
+                frame = frame.f_back
+            self.ungraded = frame is None or not frame.f_code.co_filename.startswith(PACKAGE)
+        return function(*args, **(kwargs or {}))
 
 
 def _alone(load: Load, point: LoadPoint, t: Tensor, inputs: Inputs) -> bool:
