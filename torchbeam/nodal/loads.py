@@ -358,7 +358,7 @@ def load_points(
         if internal and nodes.internal is not None:
             z = nodes.internal[..., acting.internal]
             place["internal"] = z.unflatten(-1, (-1, load.internal)) if acting.along else z
-        if internal:
+        if internal or load.wants_step:
             place["dt"] = nodes.dt
         if nodes.frame is not None:
             place["axes"] = quat.matrix(rows.space.public_frame(nodes.frame)).mT

@@ -324,3 +324,20 @@ def test_slip_of_a_rolling_surface():
     assert_close(touch.slip, torch.zeros(1, 3))
     assert_close(touch.gap, torch.tensor([[0.05]]))
     assert_close(touch.pressure, torch.tensor([[0.25]]))
+
+
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+def test_a_ball_bounces_with_the_energy_that_it_had(engine):
+    """In steps in which it goes all the way into the plane's reach and out: to rounding."""
+    if engine == "compiled":
+        pytest.importorskip("llvmlite")
+    mass, g = 0.1, 9.81
+    plane = tb.Contact("ball", tb.Plane((0, 0, 0), UP), radius=0.02, thickness=5e-3, force=5.0)
+    ball = tb.Body(mass, 1e-5, position=(0, 0, 0.05))
+    scene = tb.Scene({"ball": ball}, [plane, tb.Gravity((0, 0, -g))])
+    solution = tb.simulate(scene, torch.linspace(0, 0.18, 10), step=2e-3, engine=engine)
+    z, v = solution.state.position[:, 0, 2], solution.state.velocity[:, 0, 2]
+    energy = mass * (v.square() / 2 + g * z)
+    apart = z > 0.025
+    assert not solution.status.any() and v[apart].max() > 0.1 > -0.1 > v.min()
+    assert (energy[apart] / energy[0] - 1).abs().max() < 1e-11
