@@ -126,7 +126,7 @@ def own_leaves(tree: Tree) -> list[Leaf]:
     is.
     """
     declared, own = _declared(type(tree)), []
-    for name, value in vars(tree).items():
+    for name, value in [*vars(tree).items()]:
         if (axes := declared.get(name, BRANCH)) is not BRANCH:
             axes = axes(tree) if callable(axes) else axes
             own += [Leaf(tree, name, part, axes) for part in _parts(value)]
@@ -159,7 +159,7 @@ def _add_leaves(tree: Any, found: list[Leaf]) -> None:
             elif leaf.value is not None:
                 found.append(leaf)
         declared = _declared(type(tree))
-        for name, value in vars(tree).items():
+        for name, value in [*vars(tree).items()]:
             if declared.get(name) is BRANCH:
                 _add_leaves(value, found)
     elif isinstance(tree, (tuple, list, dict)):
@@ -182,7 +182,7 @@ def _add_in_order(tree: Any, found: list[tuple[Any, int | None]], seen: set[int]
             return
         seen.add(id(tree))
         declared = _declared(type(tree))
-        for name, value in vars(tree).items():
+        for name, value in [*vars(tree).items()]:
             if name not in declared:
                 continue
             axes = declared[name]
@@ -233,7 +233,7 @@ def _mapped(
     function: Callable[..., Any], tree: Tree, others: tuple, results: dict[int, Any]
 ) -> Any:
     mapped, same, declared = {}, True, _declared(type(tree))
-    for name, value in vars(tree).items():
+    for name, value in [*vars(tree).items()]:
         if name not in declared:
             if not cache_of(tree, name):
                 mapped[name] = value

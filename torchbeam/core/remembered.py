@@ -4,7 +4,7 @@ asked for.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable
 from typing import Any, TypeVar
 
 import torch
@@ -12,7 +12,6 @@ from torch import Tensor
 
 from .derivatives import cache_of, lasting, untracked
 from .leaves import Tree, map_leaves
-from .tape import Otherwise, Recording, current_recording
 
 T = TypeVar("T")
 LARGE = 2**14  # numbers in the arguments, from which on looking costs what computing does
@@ -30,9 +29,6 @@ def remembered(function: Callable[..., T], *given: Any) -> T:
     Computed as it is where a derivative may be recorded, off the CPU, in torch.func, and for many
     numbers.
     """
-    tape = current_recording()
-    if tape is not None:
-        return _recorded(tape, function, given)
     tensors: list[Tensor] = []
     key = function, *(structure_of(x, tensors) for x in given)
     if not _plain(tensors):
@@ -66,59 +62,15 @@ def structure_of(x: Any, tensors: list[Tensor]) -> Hashable:
         return x.shape, x.dtype
     if isinstance(x, Tree):
         return type(x), *(
-            structure_of(value, tensors) for name, value in vars(x).items() if not cache_of(x, name)
+            structure_of(value, tensors)
+            for name, value in [*vars(x).items()]
+            if not cache_of(x, name)
         )
     if isinstance(x, (tuple, list)):
         return type(x), *(structure_of(value, tensors) for value in x)
     if isinstance(x, dict):
         return type(x), *((name, structure_of(value, tensors)) for name, value in x.items())
     return x
-
-
-def with_tensors(x: Any, tensors: Iterator[Tensor]) -> Any:
-    """x with these in the place of its own, in the order of `structure_of`, and nothing cached."""
-    if isinstance(x, Tensor):
-        return next(tensors)
-    if isinstance(x, Tree):
-        new = object.__new__(type(x))
-        for name, value in vars(x).items():
-            if not cache_of(x, name):
-                vars(new)[name] = with_tensors(value, tensors)
-        return new
-    if isinstance(x, (tuple, list)):
-        parts = [with_tensors(value, tensors) for value in x]
-        return type(x)(*parts) if hasattr(x, "_fields") else type(x)(parts)
-    if isinstance(x, dict):
-        return {name: with_tensors(value, tensors) for name, value in x.items()}
-    return x
-
-
-def _recorded(tape: Recording, function: Callable[..., T], given: tuple[Any, ...]) -> T:
-    """As one operation of a tape, which looks at the last arguments and values itself."""
-    tensors: list[Tensor] = []
-    structure_of(given, tensors)
-    recent: list[tuple[list[Tensor], tuple[Tensor, ...]]] = []
-
-    def again(*numbers: Tensor) -> tuple[Tensor, ...]:
-        for known, values in recent:
-            if all(map(torch.equal, known, numbers)):
-                return values
-        values: list[Tensor] = []
-        if structure_of(remembered(function, *with_tensors(given, iter(numbers))), values) != alike:
-            raise Otherwise
-        recent.insert(0, ([x.detach().clone() for x in numbers], (*values,)))
-        del recent[RECENT:]
-        return recent[0][1]
-
-    with tape.paused():
-        result = remembered(function, *given)
-    if not tensors:
-        tape.hold(result)
-        return result
-    values: list[Tensor] = []
-    alike = structure_of(result, values)
-    tape.note(again, tensors, {}, values)
-    return with_tensors(result, iter(values))  # without what it has cached: that is of the tape too
 
 
 def _copied(x: Any) -> Any:

@@ -9,8 +9,6 @@ from pathlib import Path
 
 import torch
 
-from .tape import current_recording
-
 # beginnings of the paths of their files
 PACKAGE, TORCH = (
     f"{folder}{os.sep}" for folder in (Path(__file__).parents[1], Path(torch.__file__).parent)
@@ -25,8 +23,6 @@ class SlowPathWarning(UserWarning):
 
 def warn(sentence: str, category: type[Warning] = RuntimeWarning) -> None:
     """Warns of `sentence` at the innermost line that is neither torchbeam's own nor torch's."""
-    if (tape := current_recording()) is not None:
-        tape.spoilt = "a warning is to be given each time"
     level, frame = 2, sys._getframe(1)
     while frame.f_back is not None and frame.f_code.co_filename.startswith((PACKAGE, TORCH)):
         level, frame = level + 1, frame.f_back

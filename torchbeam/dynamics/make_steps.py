@@ -218,7 +218,7 @@ def _rows(places: list[int], count: int) -> slice | list[int]:
 
 def _at(x: Tensor, rows: slice | list[int] | int) -> Tensor:
     """x[rows], itself where these are all of them."""
-    return x if rows == slice(0, x.shape[0]) else x[rows]
+    return x if rows == slice(0, len(x)) else x[rows]
 
 
 def part_of(few: BatchSubset, stepper: Any, inputs: dict[str, Any]) -> tuple[Any, dict[str, Any]]:

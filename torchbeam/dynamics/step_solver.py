@@ -101,16 +101,12 @@ class StepSolver:
         vars(other).update(vars(self), use=EngineUse(self.use.reason), _extrapolating=None)
         return other
 
-    def of(self, model: Model, compiled: CompiledStep | None = None) -> StepSolver:
-        """The same for another model, of the same structure; compiled: its native steps, where they
-        are known.
-        """
+    def of(self, model: Model) -> StepSolver:
+        """The same for another model, of the same structure."""
         other = copy(self)
-        other.model, other.use = model, EngineUse() if compiled else self.use
-        other._compiled, other._double, other._extrapolating = compiled, None, None
-        other._decided = compiled is not None or (
-            self.engine != "compiled" and self._decided and self._compiled is None
-        )
+        other.model = model
+        other._compiled = other._double = other._extrapolating = None
+        other._decided = self.engine != "compiled" and self._decided and self._compiled is None
         return other
 
     @property

@@ -19,7 +19,6 @@ from ..core.validation import as_tensor, axis_last, broadcast, concrete, positiv
 from ..engine.chain.compiled_step import CompiledStep
 from ..engine.chain.coverage import ENGINES
 from ..nodal.discretise import discretise
-from ..nodal.model import Model
 from ..scene.effects import Inputs
 from ..scene.scene import Scene
 from ..solvers.newton import LIMIT
@@ -115,14 +114,6 @@ class Stepper:
         other = copy(self)
         other.dt = duration("dt", dt, self.scene.dtype, self.scene.device)
         other.solver, other.failures, other.iterations = self.solver.again(), Failures(), None
-        return other
-
-    def of(self, model: Model, compiled: CompiledStep) -> Stepper:
-        """The same of a model of the same structure, with its native steps."""
-        other = copy(self)
-        other.scene, other.model = model.scene, model
-        other.solver, other._last = self.solver.of(model, compiled), None
-        other.failures, other.iterations = Failures(), None
         return other
 
     @property

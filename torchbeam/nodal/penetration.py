@@ -26,7 +26,7 @@ def refuse_penetration(model: Model, state: State, t: Tensor) -> None:
     deepest of them, by how much and where.
     """
     touches = any(load.between_nodes or isinstance(load, Contact) for load in model.scene.loads)
-    if not touches and not model.scene.pairs:
+    if not touches and not model.touching.present:
         return
     state = model.space.to_reduced(state)
     nodes = Nodes(state.position, state.rotation, state.velocity, state.spin)

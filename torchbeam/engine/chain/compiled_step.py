@@ -93,23 +93,23 @@ class CompiledStep:
     ) -> None:
         functions_of = self._functions = FUNCTIONS[method, conserve]
         self.model, self.batch = model, model.scene.batch_shape
-        self._own, self.options = options, {"method": method, "conserve": conserve, **options}
+        self._own, self._options = options, {"method": method, "conserve": conserve, **options}
         self.constants = Constants(model, instant=functions_of.INSTANT, around=around)
         self.none, self.all = model.length.new_zeros(()), model.length.new_ones(())
-        self.key = key_of(model, method, conserve, *sorted(options.items()))
-        self.structure = known_structure(self.key)
+        key = key_of(model, method, conserve, *sorted(options.items()))
+        self.structure = known_structure(key)
         if self.structure is not None:
             self.around, self.function = NOTHING, False
             trees = self.constants.trees(dict.fromkeys(self.structure.values, self.none))
         else:
             self.structure, trees = self._traced(around)
-            keep_structure(self.key, self.structure)
+            keep_structure(key, self.structure)
         self.constant, length = self.structure.constant(trees), model.spans.detach()
         total, longest = length.sum((-1, -2)), length.amax((-1, -2))
-        self.lengths = [Field("common", "total", total, 0), Field("common", "longest", longest, 0)]
+        self._lengths = [Field("common", "total", total, 0), Field("common", "longest", longest, 0)]
         if model.joints.count:
             size = model.joints.size.detach()
-            self.lengths.append(Field("common", "joint_size", size, 0))
+            self._lengths.append(Field("common", "joint_size", size, 0))
         self.sources = [*(one.value for one in self.constant), *self.constants.sources]
         self.eager_because: str | None = None  # of the last call: what a user may mend
         self._seen: tuple[int, ...] | None = None
@@ -174,7 +174,7 @@ class CompiledStep:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies, also in other processes, are made from the model."""
-        return partial(_again, **self.options), (self.model,)
+        return partial(_again, **self._options), (self.model,)
 
     def __call__(
         self,
@@ -241,7 +241,7 @@ class CompiledStep:
         middle, frame = (
             (None, None) if start.frame is None else self._orientations(start.frame, dt, t, K, dims)
         )
-        values = self._changing(dt, t, inputs, middle)
+        values = self.constants.changing(dt, t, inputs, middle)
         if mixture is not None:
             values["mixture"] = mixture.reshape(K, *(1,) * dims, 4)
         given = [values[name] for _, name in structure.changing]
@@ -301,17 +301,12 @@ class CompiledStep:
         failed = status.item() if status.numel() == 1 else status.numpy().any()
         return Steps(fields, status.long(), iterations.long(), not failed, every)
 
-    def _changing(
-        self, dt: Tensor, t: Tensor, inputs: Inputs, frame: Tensor | None
-    ) -> dict[str, Tensor]:
-        return self.constants.changing(dt, t, inputs, frame)
-
     def _of_state(self, start: State, name: str) -> Tensor:
         """A field of `StepStructure.state`."""
         name = name.removeprefix(OTHER)
         if name == INTERNAL:
             return self.constants.internal_rows(start.internal)
-        if name == FORCES or (name == "stress" and FORCES in self.structure.state):
+        if name in ("stress", FORCES):
             return self.model.joints.split(start.stress)[name == FORCES]
         return getattr(start, name)
 
@@ -348,7 +343,7 @@ class CompiledStep:
         if form is None:
             if len(self._forms) >= FORMS:
                 self._forms.pop(next(iter(self._forms)), None)
-            constants = [*self.constant, *self.lengths]
+            constants = [*self.constant, *self._lengths]
             form = self.structure.form(tensors, constants, K, dims, options)
             form = form._replace(
                 call=form.call.holding(inputs=[constant.value for constant in constants])
