@@ -49,6 +49,7 @@ class StepElement(BalancedElement):
         reach = sum(r.detach().abs().sum(-1) for r in self.start[: len(self.start) // 2])
         eps, length = torch.finfo(self.length.dtype).eps, self.length.detach()[..., 0]
         own = eps * (ROUNDING + DIGITS * (reach + 1) / length)[..., None]
+        own = own.expand(*own.shape[:-1], self.law.S.shape[-2])
         felt = self.law.effective_strain(own, lambda: self.rate[..., 0].detach().abs() * own)
         return felt.detach().abs().amax(-1)
 

@@ -19,7 +19,7 @@ from ...core.leaves import leaf, with_values
 from ...core.remembered import remembered
 from ...core.validation import concrete
 from ...math import quaternions as quat
-from ...math.columns import Columns
+from ...math.columns import Columns, Run
 from ...scene.beam import Beam
 from ...state.state import State
 from . import planar_element as element
@@ -65,6 +65,9 @@ class Maps(NamedTuple):
         public = rotation, stress.mT, load.mT, basis[:, :2].mT, basis[:, 2:].mT
         columns = map(Columns.of, public)
         return cls(rotation, whole, stress, stress.abs(), load, load.mT, *columns)
+
+
+torch.serialization.add_safe_globals([Maps, Columns, Run])
 
 
 @dataclass(frozen=True)
