@@ -60,11 +60,13 @@ class Parameters(dict[str, Parameter]):
     ) -> dict[str, tuple[float, float]]:
         """name -> (low, high) of what is drawn at each reset, in the order of the names here."""
         if randomize is True:
-            if not self:
+            drawn = {name: (p.low, p.high) for name, p in self.items() if p.low < p.high}
+            if not drawn:
                 raise ValueError(
-                    "randomize was given; this form of the beam has no parameters to vary"
+                    "randomize = True was given; this form of the beam has no parameters that it "
+                    "draws: a dictionary of (low, high) by name is wanted"
                 )
-            return {name: (p.low, p.high) for name, p in self.items() if p.low < p.high}
+            return drawn
         randomize = randomize or {}
         for name, bounds in randomize.items():
             self.named(name).check(name, bounds)

@@ -74,13 +74,11 @@ class Simulation:
         if everyone or active.any():
             now, waiting, later = self._acting(before, action)
             gain = before.plant.params["gain"]
+            done = gain[:, None] * now if gain.ndim else now
             beam = before.plant.advance(
-                beam,
-                self.config.substeps,
-                active,
-                self.task.inputs(gain[:, None] * now if gain.ndim else now, before),
+                beam, self.config.substeps, active, self.task.inputs(done, before)
             )
-            memory = self.task.next_memory(before, now)
+            memory = self.task.next_memory(before, done)
             if everyone:
                 acting, pending, late = now, waiting, later
             else:
@@ -303,6 +301,15 @@ class Simulation:
                     f"{shape[1:]} is wanted"
                 )
             goal = goal.expand(shape)
+        if (
+            "clamp" in params
+            and "clamp" not in self.varying
+            and given.get("reset_mask") is not None
+        ):
+            raise ValueError(
+                "clamp was given for some episodes of an env that does not vary it, where others "
+                "go on with a rigid one; randomize of it, or a reset of all, is wanted"
+            )
         return {"params": params, "goal": goal}
 
     def parameters_of(self, now: Episodes) -> dict[str, Tensor]:

@@ -18,6 +18,12 @@ EVERY = {
 }  # fmt: skip
 
 
+BLOCK_RATE = dict(
+    section="silicone rod", length=0.3, elements=2, gravity=None, damping=None, form="block_rate",
+    method="rk4", solver={"options": {"step_size": 5e-4}},
+)  # fmt: skip
+
+
 def reach(n=1, **changes):
     return envs.TipReachVectorEnv(n, **{**SMALL, **changes})
 
@@ -122,7 +128,26 @@ def test_gradients_by_them():
     assert x.grad == 0
 
 
+def test_gain_is_of_what_a_task_remembers_too():
+    """The published arm keeps its curvature: half the gain is half the actions."""
+    tips = []
+    for gain, size in ((0.5, 0.2), (1.0, 0.1)):
+        env = envs.FollowTargetVectorEnv(1, elements=5, substeps=1, planar=True, output="torch")
+        env.reset(seed=0, options={"params": {"gain": gain}})
+        for _ in range(3):
+            env.step(torch.full((1, env.task.actions), size))
+        tips.append(env.state.beam.tip.position)
+    assert (tips[0] - tips[1]).abs().max() < 1e-12
+
+
 def test_bad_input():
+    env = reach(2)
+    env.reset(seed=0)
+    part = {"reset_mask": torch.tensor([True, False]), "params": {"clamp": 0.01}}
+    with pytest.raises(ValueError, match="clamp was given for some episodes"):
+        env.reset(options=part)
+    with pytest.raises(ValueError, match="a dictionary of"):
+        envs.TipReachVectorEnv(1, randomize=True, **BLOCK_RATE)
     env = reach(randomize={"latency": (0, 1.5)})
     with pytest.raises(ValueError, match="the largest that randomize draws is 2"):
         env.reset(options={"params": {"latency": 3.0}})

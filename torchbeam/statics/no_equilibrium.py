@@ -50,7 +50,8 @@ def reason(
                 f"nothing holds {loose}; a support or a spring would "
                 f"({DRIVEN if relaxed else SWING})"
             )
-        most = float(_bent(model, x, sample).max())
+        bent = _bent(model, x, sample)
+        most = float(bent.max()) if bent.numel() else 0.0  # of bodies alone
         if relaxed and most > BENT:
             return (
                 f"{NO_REST}; an element bends by {most:.2g} rad there, which a finer mesh "

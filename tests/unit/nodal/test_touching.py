@@ -237,7 +237,8 @@ def test_ball_at_rest_on_a_floor():
     assert_close(tb.sensors.ContactGap(scene)(start), torch.tensor([gap]), rtol=1e-9, atol=0)
     wanted = torch.tensor([-0.3 * m * g, 0, m * g])
     assert_close(tb.sensors.ContactForce(scene)(start), wanted, rtol=1e-9, atol=1e-12)
-    end = tb.simulate(scene, [0.0, 0.2], step=5e-3, initial=start, engine="eager").state[-1]
+    # what sticks rings from step to step, and longer so in longer ones
+    end = tb.simulate(scene, [0.0, 0.2], step=2e-3, initial=start, engine="eager").state[-1]
     rolls = m * 0.01**2 * 0.2 / (m * 0.01**2 + 1e-5)  # m v r = (m r^2 + J) omega, about the floor
     assert_close(end.velocity[0], torch.tensor([rolls, 0, 0]), rtol=1e-4, atol=1e-6)
     assert_close(end.spin[0], torch.tensor([0, rolls / 0.01, 0]), rtol=1e-4, atol=1e-4)

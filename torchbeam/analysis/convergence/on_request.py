@@ -170,7 +170,10 @@ def _setting(
             "accuracy = a number was given within torch.func, where nothing can be tried; what "
             "tb.converge gives is wanted"
         )
-    recent = _CHOICES.get(key, ())
+    try:
+        recent = _CHOICES.get(key, ())
+    except TypeError:  # a part has no hash
+        return search().settings
     choice = next((choice for choice in recent if choice.suits(values)), None)
     if choice is None:
         best = search()

@@ -79,7 +79,8 @@ class Reader:
             size = rms(reference)
             if history:
                 moved = rms(reference - reference[:1])
-                size = torch.where(moved > 0, moved, size)
+                still = torch.finfo(size.dtype).eps ** 0.5 * size  # what moves less is at rest
+                size = torch.where(moved > still, moved, size)
         error = rms(value - reference) / size
         return torch.where(error.isnan(), math.inf, error)
 

@@ -2,11 +2,13 @@
 
 import inspect
 
+import numpy as np
 import pytest
 import torch
 
 import torchbeam as tb
 from torchbeam.analysis.convergence import on_request
+from torchbeam.analysis.convergence.reading import Reader
 from torchbeam.statics import equilibrium as statics
 
 T = torch.linspace(0, 0.5, 11)
@@ -95,6 +97,20 @@ def test_what_is_missed_is_said(searches, monkeypatch):
         with pytest.warns(RuntimeWarning, match="accuracy = 1e-07 was not reached"):
             tb.equilibrium(strip(), accuracy=1e-7)
     assert len(searches) == 1
+
+
+def test_what_has_no_hash_is_searched_each_time(searches):
+    scene = tb.Scene(strip().beam, [tb.TipLoad(force=tb.Input("f", 3))], plane="xz")
+    for _ in range(2):
+        tb.equilibrium(scene, inputs={"f": np.array([0, 0, 1.0])}, accuracy=1e-2)
+    assert len(searches) == 2
+
+
+def test_what_stays_is_measured_by_its_size():
+    """Rounding about a place is no motion to be resolved."""
+    still = torch.ones(4, 3) + 1e-12 * torch.rand(4, 3)
+    reader = Reader(lambda solution: still, strip())
+    assert reader.errors(still, torch.ones(4, 3), 4) < 1e-11
 
 
 def test_bad_input():
