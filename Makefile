@@ -6,7 +6,7 @@ PYTEST := python -m pytest -n 2 --dist worksteal
 # Another processor's rounding, in software: MKL's and ATen's plainest instructions, and sums split over two threads.
 OTHER_ROUNDING := MKL_CBWR=COMPATIBLE ATEN_CPU_CAPABILITY=default OMP_NUM_THREADS=2 OMP_WAIT_POLICY=PASSIVE
 
-.PHONY: demo test test-long test-second test-rounding test-lowest bench lint clean
+.PHONY: demo test test-long test-second test-rounding test-lowest bench docs docs-serve lint clean
 
 demo: .venv/demo.done
 	$(BIN)/python -m torchbeam demo --out out/demo
@@ -34,6 +34,13 @@ test-rounding: .venv/dev.done
 # change that is meant: python -m torchbeam bench --operations tests/unit/studies/operations.json --update
 bench: .venv/dev.done
 	$(BIN)/python -m torchbeam bench --operations tests/unit/studies/operations.json --errors tests/unit/studies/errors.json
+
+# The site, into out/site: every link and every name in the reference is looked up, and one that is missing is an error.
+docs: .venv/docs.done
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+docs-serve: .venv/docs.done
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs serve --strict
 
 # Every dependency at the lowest version that pyproject.toml states, all at once.
 test-lowest: .venv-lowest/done

@@ -27,10 +27,12 @@ class Actuator:
         Actuator(tb.PointLoad(0, moment=tb.Input("torque", 3)), [[0, 0, 1.0]])
         a motor at the root, 1 N m
 
-    effect  any effect of `torchbeam` that takes an `Input`
-    gain    (actions, size of the input): the input's value at an action of 1, in its own units
+    Args:
+        effect: any effect of `torchbeam` that takes an `Input`
+        gain: (actions, size of the input): the input's value at an action of 1, in its own units
 
-    Raises ValueError for an effect with no input or several, or a gain of another shape.
+    Raises:
+        ValueError: for an effect with no input or several, or a gain of another shape.
     """
 
     effect: Any

@@ -37,18 +37,18 @@ class BeamVectorEnv(VectorEnv):
     `Renderer`, behind Gymnasium's vector interface. A derived class names its task; its docstring
     is the task's specification.
 
-    num_envs        sub-envs
-    config          the task's configuration, a frozen dataclass (`BeamEnvConfig` or what the task
-                    derives from it); its fields may be given as keywords instead, or beside it in
-                    place of its own
-    autoreset_mode  "NextStep": the step after an episode's last one resets it; its action is
-                    ignored and its reward 0. "SameStep". "Disabled": an episode that is over stands
-                    still, reward 0 and flags kept, until reset(options={"reset_mask": (num_envs,)
-                    bool})
-    output          "numpy": float32 observations, float64 rewards, no gradient. "torch": tensors in
-                    the section's dtype, with gradient from actions (and parameters) to observations
-                    and rewards, over as many steps as `detach()` is not called
-    render_mode     "rgb_array", "human" or None
+    Args:
+        num_envs: sub-envs
+        config: the task's configuration, a frozen dataclass (`BeamEnvConfig` or what the task
+            derives from it); its fields may be given as keywords instead, or beside it in place of
+            its own
+        autoreset_mode: "NextStep": the step after an episode's last one resets it; its action is
+            ignored and its reward 0. "SameStep". "Disabled": an episode that is over stands still,
+            reward 0 and flags kept, until reset(options={"reset_mask": (num_envs,) bool})
+        output: "numpy": float32 observations, float64 rewards, no gradient. "torch": tensors in the
+            section's dtype, with gradient from actions (and parameters) to observations and
+            rewards, over as many steps as `detach()` is not called
+        render_mode: "rgb_array", "human" or None
 
     `task`, `config`, `simulation` are what it is made of. `scene` is what is simulated; `state`
     where the episodes stand; `sensors` the `torchbeam.sensors` of the observation, to be called
@@ -156,11 +156,12 @@ class BeamVectorEnv(VectorEnv):
     ) -> tuple[Any, dict]:
         """Fresh episodes for all, or for those in options["reset_mask"], (n,) bool.
 
-        seed     s gives sub-env i the stream s + i; a list gives one each; None goes on with the
-                 streams there are
-        options  beside the mask: "params": name -> number or (n,), parameters of these episodes;
-                 "goal": (g,) or (n, g), instead of the one that is drawn. What is drawn at random
-                 is drawn all the same: the rest does not change
+        Args:
+            seed: s gives sub-env i the stream s + i; a list gives one each; None goes on with the
+                streams there are
+            options: beside the mask: "params": name -> number or (n,), parameters of these
+                episodes; "goal": (g,) or (n, g), instead of the one that is drawn. What is drawn at
+                random is drawn all the same: the rest does not change
         """
         self._open()
         if not (options is None or isinstance(options, Mapping)):

@@ -16,23 +16,24 @@ from .plant import Plant
 class Episodes(Tree):
     """State of n episodes; everything that `set_state` needs to go on from here.
 
-    plant        the beams and their parameters
-    member       (n,) long, which sub-env each is
-    start        `torchbeam.State` with batch (n,): what displacements are counted from
-    beam         likewise, now
-    goal         (n, g) what the task drew at reset
-    key          (n,) long, of the random numbers that the episode draws after its start
-    acting       (n, a) the action that acts, or acted last
-    pending      (n, delay, a) actions that have not acted yet, the next one first
-    late         (n, spare, a) those before them, the oldest first, which act now where there is
-                 latency; None where there is none
-    steps        (n,) long, steps since reset
-    terminated, truncated  (n,) bool, once an episode is over and until it is reset
-    observation  (n, o) the last one; finite
-    target       (n, preview + 1, 3) m: where the tip is to be now and at the ends of the next
-                 intervals; None where the task has no target
-    measures     name -> (n,), what the task says of where the episodes stand: it goes into `info`
-    memory       (n, m) what the task keeps from interval to interval beside the beam
+    Args:
+        plant: the beams and their parameters
+        member: (n,) long, which sub-env each is
+        start: `torchbeam.State` with batch (n,): what displacements are counted from
+        beam: likewise, now
+        goal: (n, g) what the task drew at reset
+        key: (n,) long, of the random numbers that the episode draws after its start
+        acting: (n, a) the action that acts, or acted last
+        pending: (n, delay, a) actions that have not acted yet, the next one first
+        late: (n, spare, a) those before them, the oldest first, which act now where there is
+            latency; None where there is none
+        steps: (n,) long, steps since reset
+        terminated, truncated: (n,) bool, once an episode is over and until it is reset
+        observation: (n, o) the last one; finite
+        target: (n, preview + 1, 3) m: where the tip is to be now and at the ends of the next
+            intervals; None where the task has no target
+        measures: name -> (n,), what the task says of where the episodes stand: it goes into `info`
+        memory: (n, m) what the task keeps from interval to interval beside the beam
     """
 
     plant: Plant

@@ -58,9 +58,10 @@ def reset(
 ) -> Episodes:
     """Fresh episodes, the same for the same arguments: what an env's `reset` of this seed begins.
 
-    seed    s gives sub-env i the stream s + i; a sequence gives one each
-    params  name -> number or (n,), parameters of these episodes
-    goal    (g,) or (n, g), instead of the one that is drawn
+    Args:
+        seed: s gives sub-env i the stream s + i; a sequence gives one each
+        params: name -> number or (n,), parameters of these episodes
+        goal: (g,) or (n, g), instead of the one that is drawn
     """
     everyone = torch.ones(sim.count, dtype=torch.bool, device=sim.high.device)
     streams = Streams(sim.count)
@@ -73,7 +74,8 @@ def step(sim: Simulation, episodes: Episodes, action: Tensor) -> Transition:
     """One control interval with actions (n, a) in [-1, 1], those beyond clipped; episodes that are
     over stand still, reward 0.
 
-    Raises ValueError for actions of another shape or that are no numbers.
+    Raises:
+        ValueError: for actions of another shape or that are no numbers.
     """
     shape = (len(episodes.steps), sim.task.actions)
     if not isinstance(action, Tensor) or action.shape != shape:

@@ -18,9 +18,10 @@ from torch import Tensor
 class Parameter:
     """A number that may change with the episode.
 
-    value      what it is unless it varies
-    low, high  the range that randomize=True draws from; where they are equal it does not
-    least      smallest value; `above`: which it must exceed
+    Args:
+        value: what it is unless it varies
+        low, high: the range that randomize=True draws from; where they are equal it does not
+        least: smallest value; `above`: which it must exceed
     """
 
     value: float

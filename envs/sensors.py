@@ -94,11 +94,12 @@ class NodeMotions(Sensor):
 class Observed:
     """A sensor in an observation: reading / scale, clipped to [-high, high].
 
-    sensor  a `torchbeam.sensors` object, or a function of the state that episodes start in that
+    Args:
+        sensor: a `torchbeam.sensors` object, or a function of the state that episodes start in that
             gives one (for what is counted from there)
-    scale   of one unit of the observation, in the sensor's unit: a number, or one for each number
-            of the reading
-    high    bound, likewise
+        scale: of one unit of the observation, in the sensor's unit: a number, or one for each
+            number of the reading
+        high: bound, likewise
     """
 
     sensor: Sensor | Callable[[tb.State], Sensor]

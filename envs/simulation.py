@@ -28,14 +28,17 @@ from .task import Task
 class Simulation:
     """`count` episodes of a task.
 
-    plant     of the usual parameters;  rest  the states that its episodes start from: in
-              equilibrium, and the same with what the method remembers of a step without action
-    observer  what is seen of the beam;  high (o,) bounds of whole observations: target, sensors,
-              actions still to act
-    known     the parameters that there are;  ranges  name -> (low, high) of those drawn at each
-              reset;  spare  intervals by which actions may be late
-    varying   names of the parameters that have a value for each sub-env; grows when a reset is
-              given values for others
+    Attributes:
+        plant: of the usual parameters
+        rest: the states that its episodes start from: in equilibrium, and the same with what the
+            method remembers of a step without action
+        observer: what is seen of the beam
+        high: (o,) bounds of whole observations: target, sensors, actions still to act
+        known: the parameters that there are
+        ranges: name -> (low, high) of those drawn at each reset
+        spare: intervals by which actions may be late
+        varying: names of the parameters that have a value for each sub-env; grows when a reset is
+            given values for others
     """
 
     def __init__(self, task: Task, count: int) -> None:
@@ -127,8 +130,10 @@ class Simulation:
         """The episodes with those in the mask (n,) started afresh: built and solved for these
         alone, then put in their rows.
 
-        streams  a generator for each sub-env;  params  name -> (n,);  goal (n, g), instead of the
-                 one that is drawn
+        Args:
+            streams: a generator for each sub-env
+            params: name -> (n,)
+            goal: (n, g), instead of the one that is drawn
         """
         episodes = self._with_room(episodes, set(params or {}))
         rows = mask.nonzero()[:, 0]

@@ -187,7 +187,8 @@ class PD(Static):
     where a hub turns, of its angle and rate. Actions that the error does not tell of are the
     holding ones.
 
-    gains  (2k,) for an error of k numbers, or (n, 2k), each sub-env's own
+    Args:
+        gains: (2k,) for an error of k numbers, or (n, 2k), each sub-env's own
     """
 
     def __init__(self, env: BeamVectorEnv, gains: Tensor | Sequence[float]) -> None:
@@ -212,7 +213,8 @@ def search(
     """Positive numbers (k,) of least score, and that score: for each width `sets` log-normal draws
     around the best so far, the first being the best itself.
 
-    score  (sets, k) -> (sets,)
+    Args:
+        score: (sets, k) -> (sets,)
     """
     generator = torch.Generator().manual_seed(seed)
     best, least = torch.tensor([first], dtype=torch.float64), float("inf")

@@ -15,9 +15,13 @@ class Insert(Controller):
     place: over the hole as high as it started, and once the tip is within `near` of the axis, or
     below the plate's upper side, down to the target.
 
-    stiffness  N/m;  damping  N s/m;  near  m
+    Args:
+        stiffness: N/m
+        damping: N s/m
+        near: m
 
-    Raises ValueError for another task.
+    Raises:
+        ValueError: for another task.
     """
 
     def __init__(

@@ -33,10 +33,12 @@ class LQR(Controller):
         sum  |tip - target|^2 / (0.1 L)^2 + speed_weight |tip velocity|^2 / (L omega)^2 + effort
              |u - hold|^2
 
-    effort, speed_weight  of the cost
+    Args:
+        effort, speed_weight: of the cost
 
-    Raises ValueError for a task whose targets no constant action holds (a hub or a hinge turns:
-    `JointLQR`).
+    Raises:
+        ValueError: for a task whose targets no constant action holds (a hub or a hinge turns:
+            `JointLQR`).
     """
 
     def __init__(self, env: BeamVectorEnv, effort: float = 0.01, speed_weight: float = 0.1) -> None:
@@ -172,9 +174,11 @@ class JointLQR(Controller):
     of the arm at rest where the targets want its hinges, at their rates (`Task.resting`). The cost
     is that of `LQR`.
 
-    effort, speed_weight  of the cost
+    Args:
+        effort, speed_weight: of the cost
 
-    Raises ValueError for a task without hinges that rest anywhere.
+    Raises:
+        ValueError: for a task without hinges that rest anywhere.
     """
 
     def __init__(self, env: BeamVectorEnv, effort: float = 0.01, speed_weight: float = 0.1) -> None:

@@ -21,13 +21,15 @@ class MPC(Controller):
     It reads the whole state of the beam off the simulation and knows the targets over its horizon;
     its model is the beam at the usual parameters. Actions that are still to act are in it.
 
-    horizon     intervals
-    iterations  Gauss-Newton steps an interval
-    terminal    weight of the last gap, beside those before it
-    damping     of the steps, beside the largest entry on the diagonal of their matrix
+    Args:
+        horizon: intervals
+        iterations: Gauss-Newton steps an interval
+        terminal: weight of the last gap, beside those before it
+        damping: of the steps, beside the largest entry on the diagonal of their matrix
 
-    Raises ValueError for a task with a memory beside its beam, and for a horizon that is not longer
-    than the delay.
+    Raises:
+        ValueError: for a task with a memory beside its beam, and for a horizon that is not longer
+            than the delay.
     """
 
     def __init__(

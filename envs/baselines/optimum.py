@@ -26,16 +26,18 @@ class Optimum(Controller):
 
     The env must have an end. It knows the episodes' own parameters, and the future.
 
-    guess       controller whose actions are the first start; None = the holding actions
-    iterations  steps from each start at most
-    starts      how many
-    seed        of the random ones
+    Args:
+        guess: controller whose actions are the first start; None = the holding actions
+        iterations: steps from each start at most
+        starts: how many
+        seed: of the random ones
 
     After `begin`: cost (n,), what the plans cost; gap (n,), by how much the quadratic model there
     still promises to lower it; spread (n,), of the costs that different starts ended at; steps, the
     env steps that were played.
 
-    Raises ValueError for an env without end, and for what `TipWay` refuses.
+    Raises:
+        ValueError: for an env without end, and for what `TipWay` refuses.
     """
 
     def __init__(

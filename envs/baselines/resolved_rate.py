@@ -19,11 +19,13 @@ class ResolvedRate(Controller):
     the target at the end of the interval. Commands at a limit that would go beyond it are left out,
     and the others take their part. The tip's turn is not led.
 
-    gain     share of the way that an interval is to make good
-    damping  m, beside the singular values of J: moves of the tip by a full action
-    lead     s, by which the tip's own motion is anticipated
+    Args:
+        gain: share of the way that an interval is to make good
+        damping: m, beside the singular values of J: moves of the tip by a full action
+        lead: s, by which the tip's own motion is anticipated
 
-    Raises ValueError for a task that is no manipulator.
+    Raises:
+        ValueError: for a task that is no manipulator.
     """
 
     def __init__(

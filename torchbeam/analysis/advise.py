@@ -100,15 +100,16 @@ def advise(
     """Run short trials of the scene, each with one thing changed, and say what matters for the
     quantity.
 
-    t          (time,) s, output times of a trial: long enough to show what the quantity does, short
-               enough to run ten times
-    quantity   of a trajectory (`solution.state`, time first) -> tensor, time first: a sensor, or a
-               function
-    tolerance  relative change of the quantity that matters
-    consider   effects that the scene lacks, to be tried one by one
-    initial, step, inputs  as in `simulate`;  repeats: each trial is timed so often, the least
-                           counts
-    show       print the table
+    Args:
+        t: (time,) s, output times of a trial: long enough to show what the quantity does, short
+            enough to run ten times
+        quantity: of a trajectory (`solution.state`, time first) -> tensor, time first: a sensor, or
+            a function
+        tolerance: relative change of the quantity that matters
+        consider: effects that the scene lacks, to be tried one by one
+        initial, step, inputs: as in `simulate`;  repeats: each trial is timed so often, the least
+            counts
+        show: print the table
 
     Tried are: without each effect, without frame or root motion; no extension, no shear
     (infinite stiffness), no rotary inertia; small displacements (geometric nonlinearity left out);

@@ -56,7 +56,8 @@ class Tree:
     Two trees are equal where they are one object: whether tensors are alike is for torch to say
     (`torch.equal`, of shape and dtype as well).
 
-    called  what sentences call the class: its name, unless it says another
+    Attributes:
+        called: what sentences call the class: its name, unless it says another
     """
 
     called: ClassVar[str]

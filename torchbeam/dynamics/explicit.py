@@ -41,8 +41,9 @@ class ExplicitStepper:
     An explicit method needs steps of about 3 over the top frequency of the mesh, so it wants a soft
     section: see `Stepper` for one whose step does not depend on the stiffness.
 
-    Raises ValueError for an unknown form or method, a dt that is not positive, or a scene that the
-    form does not take.
+    Raises:
+        ValueError: for an unknown form or method, a dt that is not positive, or a scene that the
+            form does not take.
     """
 
     def __init__(

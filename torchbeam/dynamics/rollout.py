@@ -28,9 +28,10 @@ def rollout(
     calling it so many times, with one call of native code where the compiled engine takes the
     scene. What the stepper was made of is not made anew.
 
-    inputs  by name, in a dictionary or by keyword: (..., size) held throughout; a function of t,
-            taken where the method takes its loads; or `PerInterval`, (..., steps, size), each held
-            over a step
+    Args:
+        inputs: by name, in a dictionary or by keyword: (..., size) held throughout; a function of
+            t, taken where the method takes its loads; or `PerInterval`, (..., steps, size), each
+            held over a step
 
     Differentiable as the steps are. A sample that fails keeps its last good state, with a status.
     Raises ValueError for what `Stepper` refuses, and for values for another number of steps.

@@ -74,10 +74,10 @@ def simulate(
         scene: what is simulated; its tensors may carry gradient, and everything is differentiable.
         t: (time,) s, strictly increasing; the first is that of the initial state.
         initial: a state of the form; None = undeformed and at rest. What supports hold has to be
-        where they have it at t[0],
-            see `Support`, and at rest where neither they nor frame a move: `rest`, `equilibrium`,
-            `State.from_nodes` and states of a solution are. What is off by rounding is put there.
-            Of a state of another time than t[0] frame a turns on until then, see `State.frame`.
+            where they have it at t[0], see `Support`, and at rest where neither they nor frame a
+            move: `rest`, `equilibrium`, `State.from_nodes` and states of a solution are. What is
+            off by rounding is put there. Of a state of another time than t[0] frame a turns on
+            until then, see `State.frame`.
         method: by name, see above.
         form: "nodal" (energy consistent, the work horse), "minimal" or "block_rate" (the
             index-reduced derivation).
@@ -98,10 +98,10 @@ def simulate(
         max_steps: adaptive steps in a run, at most.
         first_step: s, of adaptive steps; None = found by a trial.
         engine, lumped, conserve, rho_inf, tolerance, iterations, halvings: of implicit methods, see
-        `Stepper`. checkpoint: keep the graph at sqrt(steps) instants and compute the rest again in
-        backward: long horizons then fit in
-            memory, for one more forward. Nothing under torch.autograd.forward_ad, whose derivatives
-            go forward with the steps: they are right, and need no memory of the past.
+            `Stepper`. checkpoint: keep the graph at sqrt(steps) instants and compute the rest again
+            in backward: long horizons then fit in memory, for one more forward. Nothing under
+            torch.autograd.forward_ad, whose derivatives go forward with the steps: they are right,
+            and need no memory of the past.
         progress: called with (steps done, steps in all) after each step of a given length.
         options, adjoint: of torchdiffeq's methods, see
             `torchbeam.dynamics.torchdiffeq_bridge.integrate`.

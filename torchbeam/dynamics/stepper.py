@@ -41,38 +41,40 @@ HALVINGS = 6  # a failed step is made again in at most 2^6 parts
 class Stepper:
     """Advances states of a scene by steps of `dt` seconds with the nodal form's implicit step.
 
-    scene      what is simulated; its tensors may carry gradient. Stiffness, mass, damping and
-               geometry are taken once, here: make another Stepper after a change of them, or for a
-               second backward pass by them
-    dt         s: a number, or a tensor (0-dim), which may carry gradient
-    method     "midpoint": the mean-strain step (second order, unconditionally stable in practice,
-               keeps momentum) "midpoint4": five such steps in one, or, where damping is strong,
-               four: fourth order, see `torchbeam.dynamics.midpoint4` "generalized_alpha": balance
-               at the end of the step, high frequencies damped (second order; stress and reaction
-               are then those at the end); the state remembers accelerations, `begin` starts them
-    rho_inf    of generalized_alpha: what a step leaves of an infinitely fast motion, 1
-               (nothing is lost) to 0
-    lumped     mass at the nodes alone, as the explicit form has it; by default neighbours are
-               coupled, which makes the error of the translational inertia fourth order
-    conserve   scale the velocities after each step so that the energy balance closes exactly: for
-               long undamped runs
-    tolerance  of the scaled residual, default 1e-8 in float64 and 1e-4 in float32; one below 256
-               rounding errors of a number (6e-14, 3e-5) counts as that
-    iterations at most this many in a Newton solve (12 where its step can still be made in parts;
-               twice as many where contacts have friction)
-    halvings   a failed step is made again in 2, 4, ... 2^halvings parts
-    engine     "eager": torch operations. "compiled": native code for many samples at once on the
-               CPU (llvmlite, the extra `fast`), the same answers up to rounding, and gradients
-               (reverse mode); compiled at the first step. Made eagerly there: forward mode,
-               torch.func, gradients where strains are impossible or next to, some of the parts of a
-               failed step. What a user's function of the motion closes over is taken here, once.
-               "auto": compiled where llvmlite is installed and the scene is taken, a user's
-               function of the motion as long as what it reads stays as it was; else eager, of which
-               a SlowPathWarning tells (`describe` says which, and why; the environment variable
-               TORCHBEAM_ENGINE says otherwise)
+    Args:
+        scene: what is simulated; its tensors may carry gradient. Stiffness, mass, damping and
+            geometry are taken once, here: make another Stepper after a change of them, or for a
+            second backward pass by them
+        dt: s: a number, or a tensor (0-dim), which may carry gradient
+        method: "midpoint": the mean-strain step (second order, unconditionally stable in practice,
+            keeps momentum) "midpoint4": five such steps in one, or, where damping is strong, four:
+            fourth order, see `torchbeam.dynamics.midpoint4` "generalized_alpha": balance at the end
+            of the step, high frequencies damped (second order; stress and reaction are then those
+            at the end); the state remembers accelerations, `begin` starts them
+        rho_inf: of generalized_alpha: what a step leaves of an infinitely fast motion, 1 (nothing
+            is lost) to 0
+        lumped: mass at the nodes alone, as the explicit form has it; by default neighbours are
+            coupled, which makes the error of the translational inertia fourth order
+        conserve: scale the velocities after each step so that the energy balance closes exactly:
+            for long undamped runs
+        tolerance: of the scaled residual, default 1e-8 in float64 and 1e-4 in float32; one below
+            256 rounding errors of a number (6e-14, 3e-5) counts as that
+        iterations: at most this many in a Newton solve (12 where its step can still be made in
+            parts; twice as many where contacts have friction)
+        halvings: a failed step is made again in 2, 4, ... 2^halvings parts
+        engine: "eager": torch operations. "compiled": native code for many samples at once on the
+            CPU (llvmlite, the extra `fast`), the same answers up to rounding, and gradients
+            (reverse mode); compiled at the first step. Made eagerly there: forward mode,
+            torch.func, gradients where strains are impossible or next to, some of the parts of a
+            failed step. What a user's function of the motion closes over is taken here, once.
+            "auto": compiled where llvmlite is installed and the scene is taken, a user's function
+            of the motion as long as what it reads stays as it was; else eager, of which a
+            SlowPathWarning tells (`describe` says which, and why; the environment variable
+            TORCHBEAM_ENGINE says otherwise)
 
-    Raises ValueError for an unknown method, a step that is not positive, a scene that the nodal
-    form does not take, or that the engine does not.
+    Raises:
+        ValueError: for an unknown method, a step that is not positive, a scene that the nodal form
+            does not take, or that the engine does not.
     """
 
     def __init__(
@@ -226,12 +228,13 @@ class Stepper:
         after it and that before, in the coordinates z of a linear model: what iterative LQR, an
         extended Kalman filter or Gauss-Newton steps want.
 
-        u      (..., m) the inputs side by side, as in the scene's order; or by name, in a
-               dictionary; None without inputs
-        model  of `linearize`, of the same scene (discrete or reduced too): its `departure` is z, at
-               any state; where z does not tell all of a state (a reduced model), the rest follows
-               the model's own motion
-        dt     another length for this step
+        Args:
+            u: (..., m) the inputs side by side, as in the scene's order; or by name, in a
+                dictionary; None without inputs
+            model: of `linearize`, of the same scene (discrete or reduced too): its `departure` is
+                z, at any state; where z does not tell all of a state (a reduced model), the rest
+                follows the model's own motion
+            dt: another length for this step
 
         Exact as gradients are, by the native code where steps are made by it; constants themselves.
         A sample that fails stands still: A = 1, B = 0. Raises ValueError as a step does, and for

@@ -46,15 +46,15 @@ ROUNDING = 4  # of a bracket, in last places
 class Critical:
     """The first loss of stability along a load path; leading axes are batch axes.
 
-    factor       (...) of the load; NaN where it stays stable. Differentiable, but for LOST
-    kind         (...) int: DIVERGENCE = 1, FLUTTER = 2; STABLE = 0 up to the highest factor;
-                 LOST = 3: stable up to where the
-                 way up ends (a limit point, see `path`)
-    frequency    (...) rad/s of the motion that begins: 0 of a divergence
-    shape        (..., N+1, 6) of that motion (real part), displacement and spin, frame a; its
-                 largest entry is 1
-    factors      (P, ...) the load path that was looked at;  eigenvalue (P, ..., count) complex,
-                 1/s: along it, the slowest
+    Args:
+        factor: (...) of the load; NaN where it stays stable. Differentiable, but for LOST
+        kind: (...) int: DIVERGENCE = 1, FLUTTER = 2; STABLE = 0 up to the highest factor; LOST = 3:
+            stable up to where the way up ends (a limit point, see `path`)
+        frequency: (...) rad/s of the motion that begins: 0 of a divergence
+        shape: (..., N+1, 6) of that motion (real part), displacement and spin, frame a; its largest
+            entry is 1
+        factors: (P, ...) the load path that was looked at
+        eigenvalue: (P, ..., count) complex, 1/s: along it, the slowest
     """
 
     factor: Tensor
@@ -105,16 +105,17 @@ def critical_load(
     """The smallest load factor between `lowest` and `highest` at which the equilibrium loses its
     stability.
 
-    scene      factor -> Scene, for a factor (points, ...) that broadcasts with the batch axes of
-               the scene's own tensors; or a Scene with inputs, whose values are multiplied by the
-               factor
-    points     factors looked at first, evenly; a loss that is made good before the next one is
-               overlooked
-    count      eigenvalues looked at, the slowest; they hold flutter of no faster ones
-    tolerance  relative, of the bracket, some roundings at least; what is left after interpolation
-               in it is about its square
-    engine     of the equilibria, see `equilibrium`
-    inputs     by name, (..., size): at factor 1
+    Args:
+        scene: factor -> Scene, for a factor (points, ...) that broadcasts with the batch axes of
+            the scene's own tensors; or a Scene with inputs, whose values are multiplied by the
+            factor
+        points: factors looked at first, evenly; a loss that is made good before the next one is
+            overlooked
+        count: eigenvalues looked at, the slowest; they hold flutter of no faster ones
+        tolerance: relative, of the bracket, some roundings at least; what is left after
+            interpolation in it is about its square
+        engine: of the equilibria, see `equilibrium`
+        inputs: by name, (..., size): at factor 1
 
     Where the scene has damping, even of the value 0, or turns, flutter is a real part that grows,
     else two frequencies that meet (and half as many unknowns); for a value of 0 the frequency at
@@ -125,8 +126,9 @@ def critical_load(
     of more than 96 unknowns without damping; dense, O(N^3), of anything else, and where the few
     eigenvalues of a long one do not converge.
 
-    Raises ValueError for what the nodal form does not take, a range that is empty, rigid motions
-    that nothing holds, or a scene that is unstable at `lowest`.
+    Raises:
+        ValueError: for what the nodal form does not take, a range that is empty, rigid motions that
+            nothing holds, or a scene that is unstable at `lowest`.
     """
     highest, lowest, t = number("highest", highest), number("lowest", lowest), number("t", t)
     check_tolerance("tolerance", tolerance)

@@ -29,16 +29,21 @@ class Linear:
     """State-space model z' = A z + B du, dy = C z + D du, or with `dt`, z_{k+1} = A z_k + B du_k;
     du and dy are departures of inputs and sensors from the equilibrium.
 
-    A        (..., n, n);  B (..., n, m);  C (..., p, n);  D (..., p, m)
-    state    the equilibrium;  output (..., p): readings of the sensors there
-    inputs   name -> its columns of B and D;  outputs: each sensor's rows of C and D
-    reads    (..., n, 2 w (N+1) + Z) z of the nodes' moves (m, rad; frame a), their rates, w a node
-             in `space`, and Z internal states
-    moves    (..., 2 w (N+1) + Z, n) the moves of z, with reads @ moves = 1
-    chart    coordinates of a state as moves of the nodes, see `departure`
-    dt       s, of a model in discrete time; else None
-    mass     (..., n/2, n/2) where z = [q; q'] and undamped frequencies are those of K - omega^2
-             mass; else None
+    Args:
+        A: (..., n, n)
+        B: (..., n, m)
+        C: (..., p, n)
+        D: (..., p, m)
+        state: the equilibrium
+        output: (..., p): readings of the sensors there
+        inputs: name -> its columns of B and D;  outputs: each sensor's rows of C and D
+        reads: (..., n, 2 w (N+1) + Z) z of the nodes' moves (m, rad; frame a), their rates, w a
+            node in `space`, and Z internal states
+        moves: (..., 2 w (N+1) + Z, n) the moves of z, with reads @ moves = 1
+        chart: coordinates of a state as moves of the nodes, see `departure`
+        dt: s, of a model in discrete time; else None
+        mass: (..., n/2, n/2) where z = [q; q'] and undamped frequencies are those of K - omega^2
+            mass; else None
 
     z = [q_1; q_1'], or [q_1; q_0; q_1'] where coordinates without inertia are damped: m, rad, m/s,
     rad/s; behind them the departures of `State.internal`, where loads have internal states.
@@ -81,7 +86,8 @@ class Linear:
         they change on the way (gravity, loads that do not turn with the beam), schedule models
         about several states.
 
-        Raises ValueError for a state of another form, mesh or dtype.
+        Raises:
+            ValueError: for a state of another form, mesh or dtype.
         """
         of_mesh(state, self.state, "a state")
         return (self.reads @ self.chart.coordinates(self.space.to_reduced(state))[..., None])[
@@ -117,7 +123,8 @@ class Linear:
         """Model in discrete time, with the inputs held over steps of dt (s): exact, by the
         exponential of [[A, B], [0, 0]] dt, whether or not A is singular.
 
-        Raises ValueError for a model in discrete time or a dt that is not positive.
+        Raises:
+            ValueError: for a model in discrete time or a dt that is not positive.
         """
         self._continuous("discrete")
         dt = step_size("dt", dt)
@@ -136,8 +143,9 @@ class Linear:
         symmetric (z = their amplitudes, normalised by mass, and rates), else those of A itself,
         each pair as its real and imaginary part.
 
-        static  keep the response to a steady input exact: what the other modes add to it goes into
-                D
+        Args:
+            static: keep the response to a steady input exact: what the other modes add to it goes
+                into D
 
         Derivatives want distinct frequencies. Raises ValueError for a model in discrete time, for
         more modes than there are, and for rigid motions (A singular) where K is not symmetric.

@@ -20,11 +20,12 @@ from .modes import Modes
 class PairedModes:
     """Computed modes in the order of k measured ones, at the instruments' channels.
 
-    frequency      (..., k) rad/s, and damping_ratio (..., k)
-    shape          (..., k, channels), each scaled by the factor that brings it nearest to the
-                   measured one
-    mac            (..., k) modal assurance of each pair, 1 = the same shape
-    index          (..., k) places among the computed modes
+    Args:
+        frequency: (..., k) rad/s, and damping_ratio (..., k)
+        shape: (..., k, channels), each scaled by the factor that brings it nearest to the measured
+            one
+        mac: (..., k) modal assurance of each pair, 1 = the same shape
+        index: (..., k) places among the computed modes
     """
 
     frequency: Tensor
@@ -41,7 +42,8 @@ def modal_assurance(a: Tensor, b: Tensor) -> Tensor:
                         orthogonal, or one of them is zero
     at all channels. (Allemang and Brown 1982, Proc. 1st IMAC, 110.)
 
-    Raises ValueError for another number of channels.
+    Raises:
+        ValueError: for another number of channels.
     """
     for name, x in (("a", a), ("b", b)):
         instance(name, x, Tensor)
@@ -66,10 +68,11 @@ def pair_modes(modes: Modes, shapes: Any, read: Callable[[Tensor], Tensor]) -> P
     """The computed mode of each measured shape: pairs of the largest modal assurance, each mode in
     one pair.
 
-    modes   of `tb.modes`, (...) of them, as many as there are measured ones or, so that none is
+    Args:
+        modes: of `tb.modes`, (...) of them, as many as there are measured ones or, so that none is
             missed, more
-    shapes  (k, channels) measured, of any scale, real or complex
-    read    Modes.shape (..., count, N+1, 6) -> (..., count, channels): what the instruments see;
+        shapes: (k, channels) measured, of any scale, real or complex
+        read: Modes.shape (..., count, N+1, 6) -> (..., count, channels): what the instruments see;
             `lambda x: x[..., 2::2, 2]` reads the deflection z of every second node
 
     Frequencies and shapes are differentiable, with the pairs as they are. A computed shape has no

@@ -36,9 +36,10 @@ NORMS = ("largest", "mass")
 class Modes:
     """The slowest motions x exp(eigenvalue t), one of each conjugate pair, by frequency.
 
-    eigenvalue  (..., count) complex, 1/s; a positive real part grows
-    shape       (..., count, N+1, 6) complex: displacement (m) and rotation (rad) of the nodes,
-                frame a
+    Args:
+        eigenvalue: (..., count) complex, 1/s; a positive real part grows
+        shape: (..., count, N+1, 6) complex: displacement (m) and rotation (rad) of the nodes, frame
+            a
     """
 
     eigenvalue: Tensor
@@ -97,14 +98,15 @@ def modes(
 ) -> Modes:
     """Natural frequencies, damping ratios and shapes of the nodal form.
 
-    state      an equilibrium of the scene; None = the one under its loads at time t (s)
-    count      pairs of eigenvalues, the slowest first; an overdamped pair counts as two
-    normalize  of the shapes: "largest", their largest entry is 1; "mass", v^H M v = 1 kg m^2, their
-               largest entry real
-    lumped     as in `Stepper`: the mass of the explicit form
-    inputs     of the scene by name, (..., size)
-    accuracy   relative, of the magnitudes of the eigenvalues: on a mesh of its own choice, see
-               `simulate`
+    Args:
+        state: an equilibrium of the scene; None = the one under its loads at time t (s)
+        count: pairs of eigenvalues, the slowest first; an overdamped pair counts as two
+        normalize: of the shapes: "largest", their largest entry is 1; "mass", v^H M v = 1 kg m^2,
+            their largest entry real
+        lumped: as in `Stepper`: the mass of the explicit form
+        inputs: of the scene by name, (..., size)
+        accuracy: relative, of the magnitudes of the eigenvalues: on a mesh of its own choice, see
+            `simulate`
 
     Follower loads are in K: flutter is a positive real part, divergence a positive eigenvalue
     without frequency. Sections without rotary inertia are taken as they are. An infinite stiffness
@@ -120,8 +122,9 @@ def modes(
     add decay without oscillating, often slowly: where loads have such states, what does so comes
     last, behind what oscillates or grows.
 
-    Raises ValueError for more modes than the mesh has, a state that moves or is no equilibrium, or
-    what the nodal form does not take.
+    Raises:
+        ValueError: for more modes than the mesh has, a state that moves or is no equilibrium, or
+            what the nodal form does not take.
     """
     not_here("accuracy", accuracy, "torchbeam.modes")
     choice("normalize", normalize, NORMS)

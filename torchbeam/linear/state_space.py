@@ -57,12 +57,14 @@ def linearize(
     """Linear model of the nodal form's small motions about an equilibrium, from the scene's
     `Input`s to sensors.
 
-    state    an equilibrium of the scene under its loads at time t (s) and `inputs`; None = that one
-    outputs  one sensor or several: state -> (..., p), of one sample axis at most after the batch
-             axes; stress and reaction are those that go with the move and its rate (a reaction
-             without the inertia of the root's own element)
-    lumped   as in `Stepper`
-    inputs   by name, (..., size), at the equilibrium
+    Args:
+        state: an equilibrium of the scene under its loads at time t (s) and `inputs`; None = that
+            one
+        outputs: one sensor or several: state -> (..., p), of one sample axis at most after the
+            batch axes; stress and reaction are those that go with the move and its rate (a reaction
+            without the inertia of the root's own element)
+        lumped: as in `Stepper`
+        inputs: by name, (..., size), at the equilibrium
 
     Of a structure z are moves that joints leave free, a choice of the nodes' by which the others
     follow; angles and travels that are prescribed stand as they do at t. Forces of joints are

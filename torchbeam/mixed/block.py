@@ -88,7 +88,8 @@ class BlockRate:
         """x' (..., n): 'sweep', O(N), or 'dense', torch.linalg.solve on A with rows and columns
         scaled.
 
-        Raises ValueError for another method.
+        Raises:
+            ValueError: for another method.
         """
         if method == "sweep":
             return sweep(self.model, self.x, self.terms)
@@ -113,7 +114,8 @@ def block_rate(
     """The block rate system of a scene at a state: a `MixedState` (see `consistent_state`) or a
     vector (..., 24 N + 12).
 
-    Raises ValueError where the scene has no block rate form, or for a vector of another length.
+    Raises:
+        ValueError: where the scene has no block rate form, or for a vector of another length.
     """
     instance("a scene", scene, Scene)
     model = MixedModel(scene, "block_rate", {} if inputs is None else inputs)

@@ -129,7 +129,8 @@ def consistent_state(
     of the elements (..., N, 3), and the loads at time t; what is not given is undeformed and at
     rest in frame a.
 
-    Raises ValueError for a wrong shape or a scene that the form does not take.
+    Raises:
+        ValueError: for a wrong shape or a scene that the form does not take.
     """
     instance("a scene", scene, Scene)
     choice("form", form, ("minimal", "block_rate"))

@@ -31,14 +31,16 @@ def animate(
 ) -> Path:
     """Animation of a motion, written to a file: the path of that.
 
-    solution  `Solution` with any batch axes
-    path    ends in .gif (Pillow) or .mp4 (an ffmpeg program, or the one that comes with the package
-            imageio-ffmpeg)
-    ax      to draw on: what is there already stays; None = new ones
-    plane   as in `shape`;  frames: with the section axes of the tip;  trail: the path of the tip
-    fps     1/s, pictures a second; each shows the output instant next to its time, so output
+    Args:
+        solution: `Solution` with any batch axes
+        path: ends in .gif (Pillow) or .mp4 (an ffmpeg program, or the one that comes with the
+            package imageio-ffmpeg)
+        ax: to draw on: what is there already stays; None = new ones
+        plane: as in `shape`;  frames: with the section axes of the tip;  trail: the path of the tip
+        fps: 1/s, pictures a second; each shows the output instant next to its time, so output
             instants should be as dense
-    dpi     dots an inch;  speed  of the film: 0.1 is ten times slower than the motion
+        dpi: dots an inch
+        speed: of the film: 0.1 is ten times slower than the motion
 
     All samples of a batch move together, each in its own colour. The file's folder is made where it
     is missing.

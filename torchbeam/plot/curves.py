@@ -25,7 +25,9 @@ def history(
     """Readings of a sensor, in its unit, over time (s), one line for each of its numbers; of a
     batch, thin lines in one colour for each number.
 
-    label  in front of the sensor's own labels;  further keywords: as matplotlib has them for lines
+    Args:
+        label: in front of the sensor's own labels
+        line: as matplotlib has them for lines
     """
     ax = axes() if ax is None else ax
     t, values = numbers(solution.t), sensor.flat(solution.state).detach()
@@ -86,9 +88,10 @@ def load_path(
     dashed where unstable, with a dot at each limit point and a cross at each branch point; one line
     for each of the sensor's numbers and each sample of a batch.
 
-    path  what `tb.path` returns: factor (P, ...), state, stable, valid and kind, P equilibria in
-          path order
-    name  of the load's axis
+    Args:
+        path: what `tb.path` returns: factor (P, ...), state, stable, valid and kind, P equilibria
+            in path order
+        name: of the load's axis
     """
     ax = axes() if ax is None else ax
     P = len(path.factor)
@@ -131,12 +134,14 @@ def campbell(
     with rays at multiples of that speed; where one crosses a curve, that order of the turning
     excites that mode.
 
-    speed      (n,) rad/s
-    frequency  (n, count) rad/s
-    orders     multiples of the speed
-    names      of the modes, for a legend
+    Args:
+        speed: (n,) rad/s
+        frequency: (n, count) rad/s
+        orders: multiples of the speed
+        names: of the modes, for a legend
 
-    Raises ValueError for other shapes.
+    Raises:
+        ValueError: for other shapes.
     """
     ax = axes() if ax is None else ax
     x, y = numbers(torch.as_tensor(speed)), numbers(torch.as_tensor(frequency))

@@ -19,7 +19,8 @@ def fit(fit: Any) -> list[Axes]:
     expected: parameters' deviations and noise; that about the residuals' zero the noise's alone.
     Measurements of a single reading are left out.
 
-    Raises ValueError for a fit all of whose measurements are single readings.
+    Raises:
+        ValueError: for a fit all of whose measurements are single readings.
     """
     shown = [
         (reading, k, name)

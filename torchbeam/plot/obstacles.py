@@ -20,7 +20,8 @@ def obstacles(scene: Scene, ax: Axes, *, plane: str, t: float = 0.0, color: Any 
     surface behind a picture `ax` of the `plane` ("xy", "xz" or "yz"), as far as that reaches: the
     cut through the middle of the undeformed beam.
 
-    Raises ValueError for a plane that is none, and for three-dimensional axes.
+    Raises:
+        ValueError: for a plane that is none, and for three-dimensional axes.
     """
     instance("a scene", scene, Scene)
     if plane not in PLANES or is_3d(ax):

@@ -33,16 +33,18 @@ def shape(
     darkest. Of a structure all beams, with bodies as squares and joints as rings at the nodes that
     they connect, with a line between those that are apart.
 
-    state   of any form, with any leading axes
-    plane   "xy", "xz" or "yz": seen along the third axis; None = in space, unless all lies in one
-            of these planes
-    frames  draw the section axes of the nodes too: x red, y green, z blue
-    nodes   mark the nodes;  color, label and further keywords: as matplotlib has them for lines
+    Args:
+        state: of any form, with any leading axes
+        plane: "xy", "xz" or "yz": seen along the third axis; None = in space, unless all lies in
+            one of these planes
+        frames: draw the section axes of the nodes too: x red, y green, z blue
+        nodes: mark the nodes;  color, label and further keywords: as matplotlib has them for lines
 
     Between nodes the curve is cubic, with the sections' x axes as its tangents.
 
-    Raises ValueError for what is no state, a plane that is none, and flat axes for a beam that lies
-    in no plane.
+    Raises:
+        ValueError: for what is no state, a plane that is none, and flat axes for a beam that lies
+            in no plane.
     """
     position, turn = _nodes(state)
     ax, seen = _prepared(ax, plane, position)

@@ -27,8 +27,9 @@ def tendons(
     plane   "xy", "xz" or "yz" of a flat picture; None = in space
     color, label and further keywords: as matplotlib has them for lines
 
-    Raises ValueError for a scene without tendons, a state that is not one of it, and a plane that
-    is not that of the axes.
+    Raises:
+        ValueError: for a scene without tendons, a state that is not one of it, and a plane that is
+            not that of the axes.
     """
     instance("a scene", scene, Scene)
     if not scene.tendons:

@@ -26,10 +26,12 @@ def histogram(
     """Density of y, one number a sample, with its mean and quantiles, each with a strip as wide as
     its interval.
 
-    samples  what `tb.monte_carlo` or `tb.monte_carlo_stream` return
-    levels   of the quantiles;  interval: confidence level;  name: of y, with its unit
+    Args:
+        samples: what `tb.monte_carlo` or `tb.monte_carlo_stream` return
+        levels: of the quantiles;  interval: confidence level;  name: of y, with its unit
 
-    Raises ValueError for a y of several numbers.
+    Raises:
+        ValueError: for a y of several numbers.
     """
     ax = axes() if ax is None else ax
     mean, quantile = samples.mean_interval(interval), samples.quantile(tuple(levels), interval)
@@ -95,11 +97,13 @@ def convergence(
     """Error of the mean over the number of samples, by run, each with the slope of a line through
     its latter half.
 
-    runs       label -> what `tb.monte_carlo` returns, of replicates or of independent samples; y is
-               one number
-    reference  the true mean, None = the mean of each run's samples
+    Args:
+        runs: label -> what `tb.monte_carlo` returns, of replicates or of independent samples; y is
+            one number
+        reference: the true mean, None = the mean of each run's samples
 
-    Raises ValueError for a y of several numbers, and for one Sobol sequence.
+    Raises:
+        ValueError: for a y of several numbers, and for one Sobol sequence.
     """
     ax = axes() if ax is None else ax
     for k, (label, samples) in enumerate(runs.items()):
@@ -131,7 +135,8 @@ def tornado(table: Any, ax: Axes | None = None, *, name: str = "y") -> Axes:
     """Bars of a `tb.tornado` table, the largest on top: from y at the low quantile of a parameter
     to y at its high one.
 
-    Raises ValueError for a y of several numbers.
+    Raises:
+        ValueError: for a y of several numbers.
     """
     ax = axes((6.0, 1.2 + 0.35 * len(table.names))) if ax is None else ax
     if table.base.numel() != 1:
@@ -179,9 +184,12 @@ def bands(
     """Median and band of histories y (n, time) over t (time,) s; thin lines are the ends of the
     intervals of the band and of the median, instant by instant.
 
-    level  share of the samples within the band;  interval: confidence level, None = no thin lines
+    Args:
+        level: share of the samples within the band;  interval: confidence level, None = no thin
+            lines
 
-    Raises ValueError for another y.
+    Raises:
+        ValueError: for another y.
     """
     ax = axes() if ax is None else ax
     t = as_tensor(t, torch.float64)

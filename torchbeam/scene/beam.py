@@ -96,8 +96,9 @@ class Beam(BeamRows):
         From four elements on it pays; stretching and twist stay of second order. Not for the mixed
         forms.
 
-        Raises ValueError for elements of order 2, which have a displacement of their own between
-        their ends.
+        Raises:
+            ValueError: for elements of order 2, which have a displacement of their own between
+                their ends.
         """
         if self.order != 1:
             raise ValueError(
@@ -121,22 +122,24 @@ class Beam(BeamRows):
     ) -> Beam:
         """A straight beam of `elements` equal elements.
 
-        length     (...) m
-        section    one `Section`; a sequence of one per element; or a function of the arc length s
-                   (..., m) m that gives one `Section` with a last batch axis m: a taper, or
-                   `Stations`
-        direction  (..., 3) of the beam, frame a;  up (..., 3): the section's z axis is `up` made
-                   square to it; None = frame a's z (y, where the beam runs along z)
-        root       (..., 3) m, position of node 0, frame a
-        twist      rad by which the section axes at rest are turned about the beam: a number (...)
-                   for that of the tip, growing evenly from none at the root; or a function of s
-                   (..., m) m that gives (..., m), a `Table` for one
-        order      1: elements of two nodes. 2: of three, with a node in the middle of each and two
-                   stations of stress, whose error falls with the fourth power of their length: few
-                   of them do where the solution is smooth
+        Args:
+            length: (...) m
+            section: one `Section`; a sequence of one per element; or a function of the arc length s
+                (..., m) m that gives one `Section` with a last batch axis m: a taper, or `Stations`
+            direction: (..., 3) of the beam, frame a
+            up: (..., 3): the section's z axis is `up` made square to it; None = frame a's z (y,
+                where the beam runs along z)
+            root: (..., 3) m, position of node 0, frame a
+            twist: rad by which the section axes at rest are turned about the beam: a number (...)
+                for that of the tip, growing evenly from none at the root; or a function of s (...,
+                m) m that gives (..., m), a `Table` for one
+            order: 1: elements of two nodes. 2: of three, with a node in the middle of each and two
+                stations of stress, whose error falls with the fourth power of their length: few of
+                them do where the solution is smooth
 
-        Raises ValueError for a length that is not positive, fewer than one element, `up` along
-        `direction`, or another order.
+        Raises:
+            ValueError: for a length that is not positive, fewer than one element, `up` along
+                `direction`, or another order.
         """
         N = intervals(elements, order)
         (length,), axes, root = placed(section, direction, up, root, length=length, _twist=twist)
@@ -197,8 +200,9 @@ class Beam(BeamRows):
         Over a length h of constant curvature k the axes turn by exp(h ~k) and the axis advances by
         the integral of exp(s ~k) e1, exactly. No element may turn by pi.
 
-        Raises ValueError for a length that is not positive, fewer than one element, or elements
-        that turn by pi or more.
+        Raises:
+            ValueError: for a length that is not positive, fewer than one element, or elements that
+                turn by pi or more.
         """
         N = intervals(elements, order)
         (length,), axes, root = placed(
@@ -242,18 +246,20 @@ class Beam(BeamRows):
         second is to be about half way. (A corner between two parabolas is rounded over the elements
         beside it, with an error of first order; chords are of second order there.)
 
-        frames  (..., N, 3, 3) section axes of the elements as columns, frame a, the first along the
-                chord; without them they are carried from each element to the next without twist
-                (parallel transport, at corners too). Of order 2 those of the nodes,
-                (..., 2 N + 1, 3, 3), the first along the tangent, and likewise
-        up      (..., 3), without frames: z of the first is `up` made square to it. None = frame a's
-                z (y, where the beam starts
-                along z). Nodes and `up` that are turned together turn the axes
+        Args:
+            frames: (..., N, 3, 3) section axes of the elements as columns, frame a, the first along
+                the chord; without them they are carried from each element to the next without twist
+                (parallel transport, at corners too). Of order 2 those of the nodes, (..., 2 N + 1,
+                3, 3), the first along the tangent, and likewise
+            up: (..., 3), without frames: z of the first is `up` made square to it. None = frame a's
+                z (y, where the beam starts along z). Nodes and `up` that are turned together turn
+                the axes
 
-        Raises ValueError for fewer than two nodes, coinciding neighbours, frames that are
-        left-handed or whose x axis leaves the chord, frames and up, or a chain that turns back on
-        itself at a node, without frames; of order 2 for a number of nodes that is even, or a
-        midside node off the middle.
+        Raises:
+            ValueError: for fewer than two nodes, coinciding neighbours, frames that are left-handed
+                or whose x axis leaves the chord, frames and up, or a chain that turns back on
+                itself at a node, without frames; of order 2 for a number of nodes that is even, or
+                a midside node off the middle.
         """
         check_order(order)
         dtype, device = dtype_with(section, nodes, frames, up)
@@ -306,8 +312,9 @@ class Beam(BeamRows):
         (counter-clockwise) by `angle` (rad, up to 2 pi) with the given radius (m); the section's z
         axis is `up`. Nodes lie on the arc, elements have the arc's length. order: as in `straight`.
 
-        Raises ValueError for a radius or angle that is not positive, an angle above 2 pi or fewer
-        than one element.
+        Raises:
+            ValueError: for a radius or angle that is not positive, an angle above 2 pi or fewer
+                than one element.
         """
         N = intervals(elements, order)
         (radius, angle), axes, root = placed(

@@ -19,15 +19,17 @@ from .effects.values import parameter, plain
 class Body(Tree):
     """A rigid body, a node of its own at its centre of mass.
 
-    mass      (...) kg
-    inertia   about the centre, kg m^2: one number for a body that has the same about every axis;
-              (..., 3) principal moments or (..., 3, 3), in the body's axes, as `PointMass` takes
-              it. None = a point, which something has to keep from turning
-    position  (..., 3) m of the centre, frame a, as drawn
-    rotation  (..., 3, 3) the body's axes as columns, frame a, as drawn; None = those of frame a
+    Args:
+        mass: (...) kg
+        inertia: about the centre, kg m^2: one number for a body that has the same about every axis;
+            (..., 3) principal moments or (..., 3, 3), in the body's axes, as `PointMass` takes it.
+            None = a point, which something has to keep from turning
+        position: (..., 3) m of the centre, frame a, as drawn
+        rotation: (..., 3, 3) the body's axes as columns, frame a, as drawn; None = those of frame a
 
-    Raises ValueError for a mass that is not positive, an inertia that no body has, or axes that are
-    no rotation.
+    Raises:
+        ValueError: for a mass that is not positive, an inertia that no body has, or axes that are
+            no rotation.
     """
 
     mass: Value = leaf(0)

@@ -145,8 +145,9 @@ class DrivenJoint(AxisJoint):
 class Hinge(DrivenJoint):
     """b turns about an axis of a.
 
-    torque  N m about the axis on b, its opposite on a: a number, a function of t, or an `Input`
-    angle   rad, prescribed likewise
+    Args:
+        torque: N m about the axis on b, its opposite on a: a number, a function of t, or an `Input`
+        angle: rad, prescribed likewise
     """
 
     rotation = "yz"
@@ -161,8 +162,9 @@ class Hinge(DrivenJoint):
 class Slider(DrivenJoint):
     """b slides along an axis of a, and does not turn.
 
-    force   N along the axis on b, its opposite on a: a number, a function of t, or an `Input`
-    travel  m, prescribed likewise
+    Args:
+        force: N along the axis on b, its opposite on a: a number, a function of t, or an `Input`
+        travel: m, prescribed likewise
     """
 
     position = "yz"
@@ -178,12 +180,14 @@ class Cylindrical(AxisJoint):
     """b slides along an axis of a, and turns about it. What acts on the turn and on the travel are
     those of a `Hinge` and of a `Slider`, in pairs (turn, travel); 0 of what is not there.
 
-    stiffness, damping, friction, slip_speed, limit_stiffness  (..., 2)
-    limits         (..., 2, 2) lowest and highest angle, lowest and highest travel
-    torque, angle  N m about the axis on b, or rad, prescribed
-    force, travel  N along the axis on b, or m, prescribed
+    Args:
+        stiffness, damping, friction, slip_speed, limit_stiffness: (..., 2)
+        limits: (..., 2, 2) lowest and highest angle, lowest and highest travel
+        torque, angle: N m about the axis on b, or rad, prescribed
+        force, travel: N along the axis on b, or m, prescribed
 
-    Raises ValueError as `DrivenJoint`, and for an angle beside a torque, a travel beside a force.
+    Raises:
+        ValueError: as `DrivenJoint`, and for an angle beside a torque, a travel beside a force.
     """
 
     position = "yz"
@@ -231,7 +235,8 @@ class Universal(AxisJoint):
     """b turns about two axes that stay at right angles: `axis`, which is fixed in a, and `second`,
     fixed in b.
 
-    second  (..., 3), frame a, as drawn; of any length
+    Args:
+        second: (..., 3), frame a, as drawn; of any length
     """
 
     rotation = "z"

@@ -48,29 +48,30 @@ KINDS = ("load", "strain", "inertia", "eigenstrain", "tendon", "pair")
 class Scene(Tree):
     """Scene: a beam with supports and effects; only what is named exists.
 
-    beam      `Beam`; or, of a structure, beams and bodies by their names: {"arm": Beam, "hub":
-              Body}. A node is then (name, node) or the name of a body wherever one is meant
-    effects   loads, damping, point masses ..., see `torchbeam.scene.effects`
-    frame     `Frame`, None = frame a is inertial
-    root      `RootMotion` of the clamp at node 0, None = it stays where the beam has it
-    plane     None = 3D. "xy" or "xz": solved in that plane of frame a with three unknowns a node;
-              what acts out of it is left
-              out where it is a function or an input,
-                  and refused where it is a number. "auto": in a plane if the beam, its
-              sections and all numbers lie in one and nothing else acts. A gradient by what would
-                  leave the plane is 0
-    supports  `Support`s; None = a clamp at node 0, in a structure none; () = free
-    small     small displacements and rotations: linear about the undeformed beam. A state holds
-              rotations below pi
-    joints    `Weld`, `Hinge` and others between the parts of a structure, or a part and the ground
+    Args:
+        beam: `Beam`; or, of a structure, beams and bodies by their names: {"arm": Beam, "hub":
+            Body}. A node is then (name, node) or the name of a body wherever one is meant
+        effects: loads, damping, point masses ..., see `torchbeam.scene.effects`
+        frame: `Frame`, None = frame a is inertial
+        root: `RootMotion` of the clamp at node 0, None = it stays where the beam has it
+        plane: None = 3D. "xy" or "xz": solved in that plane of frame a with three unknowns a node;
+            what acts out of it is left out where it is a function or an input, and refused where it
+            is a number. "auto": in a plane if the beam, its sections and all numbers lie in one and
+            nothing else acts. A gradient by what would leave the plane is 0
+        supports: `Support`s; None = a clamp at node 0, in a structure none; () = free
+        small: small displacements and rotations: linear about the undeformed beam. A state holds
+            rotations below pi
+        joints: `Weld`, `Hinge` and others between the parts of a structure, or a part and the
+            ground
 
     Sorted once, here: `loads`, `bodies` (point masses, and those of a structure's bodies),
     `eigenstrains`, `tendons`, `pairs` (contacts of two parts), `damping` (one `Damping` or None),
     `inputs` (name -> size). `supports` stay in the order given, their nodes counted from the root.
 
-    Raises ValueError for an object without a kind, two dampings, a node that does not exist, a load
-    whose dtype is not the beam's, two inputs of one name with different sizes, two supports of one
-    node, what leaves the plane, or joints that do not fit (see `joints_of`).
+    Raises:
+        ValueError: for an object without a kind, two dampings, a node that does not exist, a load
+            whose dtype is not the beam's, two inputs of one name with different sizes, two supports
+            of one node, what leaves the plane, or joints that do not fit (see `joints_of`).
     """
 
     beam: Beam | dict[str, Beam | Body]
@@ -157,7 +158,8 @@ class Scene(Tree):
         """On another device, or in another floating dtype, as `Tensor.to`; differentiable. What
         functions close over stays.
 
-        Raises ValueError for a dtype that is neither float32 nor float64.
+        Raises:
+            ValueError: for a dtype that is neither float32 nor float64.
         """
         scene = sent(self, *args, **kwargs)
         precision(scene.dtype)

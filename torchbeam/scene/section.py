@@ -38,10 +38,11 @@ ODD_FIFTH_POWERS = 1.0045237627951396  # 1 + 1/3^5 + 1/5^5 + ... = 31/32 zeta(5)
 class Section(Tree):
     """A cross-section, per unit length, in its own axes: x along the beam, y and z across.
 
-    compliance  (..., 6, 6) S, symmetric: [gamma; kappa] = S [F; M]. Rows and columns
-                [F1 F2 F3 M1 M2 M3]; units 1/N, 1/(N m), 1/(N m^2). A zero row and column declares
-                that strain impossible.
-    mass        (..., 6, 6) symmetric: [P; H] = mass [V; Omega]. Units kg/m, kg, kg m.
+    Args:
+        compliance: (..., 6, 6) S, symmetric: [gamma; kappa] = S [F; M]. Rows and columns [F1 F2 F3
+            M1 M2 M3]; units 1/N, 1/(N m), 1/(N m^2). A zero row and column declares that strain
+            impossible.
+        mass: (..., 6, 6) symmetric: [P; H] = mass [V; Omega]. Units kg/m, kg, kg m.
 
     Leading axes are batch axes. `rigid` tells which strains are impossible, `coupled` whether the
     compliance has more than its diagonal, `offset` whether the centre of mass lies off the
@@ -50,8 +51,9 @@ class Section(Tree):
     where they are 0. One of plain numbers has what is not 0; a section made in another way, what
     that way asks for.
 
-    Raises ValueError for a wrong shape, an asymmetric matrix, a negative diagonal, NaN or infinity,
-    or a rotary inertia that no body has (one principal moment above the sum of the others).
+    Raises:
+        ValueError: for a wrong shape, an asymmetric matrix, a negative diagonal, NaN or infinity,
+            or a rotary inertia that no body has (one principal moment above the sum of the others).
     """
 
     compliance: Tensor = leaf(2)
@@ -110,8 +112,9 @@ class Section(Tree):
         at `angle` from the y axis of the beam, towards z. For principal axes that are not the
         beam's, or a twist in steps.
 
-        Raises ValueError where one of the two shears, or of the two bendings, is impossible and the
-        other is not.
+        Raises:
+            ValueError: where one of the two shears, or of the two bendings, is impossible and the
+                other is not.
         """
         if self.rigid[1] != self.rigid[2] or self.rigid[4] != self.rigid[5]:
             raise ValueError(
@@ -140,8 +143,9 @@ class Section(Tree):
         straight beam without twist; for a curved one the length of the axis changes too, and the
         beam's nodes must be those of the new axis.
 
-        Raises ValueError where a strain is impossible: about another axis that is a constraint
-        between strains.
+        Raises:
+            ValueError: where a strain is impossible: about another axis that is a constraint
+                between strains.
         """
         if any(self.rigid):
             raise ValueError(
@@ -183,14 +187,15 @@ class Section(Tree):
     ) -> Section:
         """Section with uncoupled stiffness.
 
-        EA       (...) N, axial stiffness
-        GA       (...) N, shear stiffness kGA along y and z; or a pair (along y, along z)
-        GJ       (...) N m^2, torsional stiffness
-        EI       (...) N m^2, bending stiffness; or a pair (about y: bending in the x-z plane, about
-                 z)
-        mass     (...) kg/m
-        inertia  (...) kg m, rotary inertia per length; or a pair (about y, about z). The polar one
-                 is their sum.
+        Args:
+            EA: (...) N, axial stiffness
+            GA: (...) N, shear stiffness kGA along y and z; or a pair (along y, along z)
+            GJ: (...) N m^2, torsional stiffness
+            EI: (...) N m^2, bending stiffness; or a pair (about y: bending in the x-z plane, about
+                z)
+            mass: (...) kg/m
+            inertia: (...) kg m, rotary inertia per length; or a pair (about y, about z). The polar
+                one is their sum.
 
         math.inf makes a strain impossible. A pair is a Python list or tuple of two, whose entries
         may have batch axes; all axes of a tensor or an array are batch axes, whatever their

@@ -27,8 +27,9 @@ class Table(Tree):
     """A number along the beam: straight lines between the places s, the first and the last value
     held outside.
 
-    s       (..., n) m, arc length from the root, strictly increasing
-    values  (..., n), or (..., n, k) with `width` = k numbers at each place
+    Args:
+        s: (..., n) m, arc length from the root, strictly increasing
+        values: (..., n), or (..., n, k) with `width` = k numbers at each place
     """
 
     s: Tensor = leaf(1)
@@ -61,17 +62,19 @@ class Stations(Tree):
     """Sections at places along a beam, in place of one section:
     `Beam.straight(length, elements, Stations(s, sections))`.
 
-    s        (n,) or (..., n) m, arc length from the root, strictly increasing; the beam lies
-             between the first and the last
-    section  a sequence of n `Section`, or one whose last batch axis is n
+    Args:
+        s: (n,) or (..., n) m, arc length from the root, strictly increasing; the beam lies between
+            the first and the last
+        section: a sequence of n `Section`, or one whose last batch axis is n
 
     Between stations the 6x6 stiffness and the 6x6 mass run along straight lines. Not the
     compliance: where a height tapers, EI goes like its p-th power, p = 1 to 4, and over a relative
     change x of the height from station to station straight lines in EI err by p (p - 1) x^2/8, in
     1/EI by p (p + 1) x^2/8. A strain that is impossible must be so at every station.
 
-    Raises ValueError for places that do not increase, another number of sections, or a strain that
-    is impossible at some.
+    Raises:
+        ValueError: for places that do not increase, another number of sections, or a strain that is
+            impossible at some.
     """
 
     s: Tensor = leaf(1)

@@ -23,8 +23,9 @@ Motion = Callable[[Tensor], Tensor]
 class Frame(Tree):
     """Prescribed motion of frame a, in its own axes: values (..., 3) or functions t -> (..., 3).
 
-    velocity          v of the origin, m/s
-    angular_velocity  omega, rad/s
+    Args:
+        velocity: v of the origin, m/s
+        angular_velocity: omega, rad/s
     """
 
     velocity: Value | Motion | None = leaf(1, default=None)
@@ -42,8 +43,9 @@ class RootMotion(Tree):
     earthquake. Rates of functions are taken by forward mode: they are written in torch operations
     on t (torch.sin(t), not math.sin(t)), else a ValueError says so.
 
-    displacement  of node 0 from its place in the beam, m
-    rotation      of node 0 from its axes in the beam: a rotation vector, rad, frame a
+    Args:
+        displacement: of node 0 from its place in the beam, m
+        rotation: of node 0 from its axes in the beam: a rotation vector, rad, frame a
     """
 
     displacement: Value | Motion | None = leaf(1, default=None)
@@ -58,22 +60,24 @@ class RootMotion(Tree):
 class Support(Tree):
     """Support: prescribed position and rotation components of a node.
 
-    node          counts from the root, -1 is the tip; in a structure (name, node), or the name of a
-                  body
-    position      the components in frame a that are held: "xyz" all, "yz" a slide along x, "" none
-    rotation      "xyz" all; two letters: a hinge about the third axis of frame a; "": a pin
-    displacement  (..., 3) m of the held components from where the beam has the node, frame a: a
-                  value, or a function of t for a support that moves. None = none
-    turn          (..., 3) rad, likewise: rotation vector from the node's axes in the beam, frame a;
-                  wants rotation="xyz"
+    Args:
+        node: counts from the root, -1 is the tip; in a structure (name, node), or the name of a
+            body
+        position: the components in frame a that are held: "xyz" all, "yz" a slide along x, "" none
+        rotation: "xyz" all; two letters: a hinge about the third axis of frame a; "": a pin
+        displacement: (..., 3) m of the held components from where the beam has the node, frame a: a
+            value, or a function of t for a support that moves. None = none
+        turn: (..., 3) rad, likewise: rotation vector from the node's axes in the beam, frame a;
+            wants rotation="xyz"
 
     What is held is where the beam has the node, displaced and turned so, in statics and in motion,
     whatever a start has there: an equilibrium looks for its shape from there, a motion refuses a
     start that is elsewhere, or that moves where nothing does (see `simulate`). Values that do not
     change are no motion: what takes supports that stand takes them.
 
-    Raises ValueError for other letters, a rotation about which one axis is held, or a motion of
-    what is not held.
+    Raises:
+        ValueError: for other letters, a rotation about which one axis is held, or a motion of what
+            is not held.
     """
 
     node: int

@@ -38,15 +38,18 @@ class NodeAcceleration(_OfNode):
     a block tridiagonal solve; absolute, where frame a or a support moves. (After an implicit step
     it is that at the end of the step; the step itself ran on the mean.)
 
-    scene   whose loads act;  inputs  by name, (..., size), where the scene has some
-    body    in the axes of the node's section
-    proper  less gravity g (..., 3) m/s^2, in inertial axes as in `Gravity`, which turn against a
-            frame that turns: what an accelerometer reads; None = not
-    lumped  as in `Stepper`
+    Args:
+        scene: whose loads act
+        inputs: by name, (..., size), where the scene has some
+        body: in the axes of the node's section
+        proper: less gravity g (..., 3) m/s^2, in inertial axes as in `Gravity`, which turn against
+            a frame that turns: what an accelerometer reads; None = not
+        lumped: as in `Stepper`
 
-    Raises ValueError for a scene that the nodal form does not take, or one with joints, tendons, or
-    parts that touch each other, an infinite stiffness (the acceleration then follows from
-    constraints that a state does not hold), or a state of another form.
+    Raises:
+        ValueError: for a scene that the nodal form does not take, or one with joints, tendons, or
+            parts that touch each other, an infinite stiffness (the acceleration then follows from
+            constraints that a state does not hold), or a state of another form.
     """
 
     scene: Scene

@@ -54,8 +54,9 @@ class _OfNode(OnPart):
 class NodePosition(_OfNode):
     """Position (..., 3) m of a node, frame a.
 
-    reference  what is taken off: (..., 3) m, or a state whose reading it is (the reading is then a
-               displacement)
+    Args:
+        reference: what is taken off: (..., 3) m, or a state whose reading it is (the reading is
+            then a displacement)
     """
 
     reference: Any = None
@@ -161,15 +162,13 @@ class NodeRotation(_Turned):
 class Angles(_Turned):
     """A node's rotation as three angles (..., 3) rad.
 
-    kind  "tait-bryan": yaw, pitch and roll of R = Rz(yaw) Ry(pitch) Rx(roll): turn about z, then
-          about the new y, then about
-              the section's own x, along the beam; yaw and roll in (-pi, pi], pitch in [-pi/2,
-                  pi/2]. Where the section's x
-              stands along z (pitch = +-pi/2),
-                  yaw and roll turn about the same axis: yaw is then taken as zero, and
-              derivatives mean nothing
-          "vector": the rotation vector, axis times angle,
-              |.| <= pi; it jumps where the angle passes pi
+    Args:
+        kind: "tait-bryan": yaw, pitch and roll of R = Rz(yaw) Ry(pitch) Rx(roll): turn about z,
+            then about the new y, then about the section's own x, along the beam; yaw and roll in
+            (-pi, pi], pitch in [-pi/2, pi/2]. Where the section's x stands along z (pitch =
+            +-pi/2), yaw and roll turn about the same axis: yaw is then taken as zero, and
+            derivatives mean nothing "vector": the rotation vector, axis times angle, |.| <= pi; it
+            jumps where the angle passes pi
     """
 
     kind: str = "tait-bryan"

@@ -27,15 +27,16 @@ def observe(
 ) -> Tensor:
     """Readings (times, ..., *sensor.shape) of a solution at times between its instants.
 
-    solution  `Solution` of any form, with instants t (time,)
-    sensor    of `tb.sensors`, or a function of the states that gives (time, ..., *shape)
-    times     (times,) s in any order, or (times, ...) of each sample; NaN: nothing is read, the
-              reading is NaN
-    delay     (...) s by which the readings lag: at the time s the motion of s - delay is read. What
-              that finds before the first instant is the reading there, at rest (its rate is zero);
-              what it finds behind the last is NaN
-    rate      the reading's derivative by time, per s. Of `NodeVelocity` it is the acceleration in
-              the axes of frame a
+    Args:
+        solution: `Solution` of any form, with instants t (time,)
+        sensor: of `tb.sensors`, or a function of the states that gives (time, ..., *shape)
+        times: (times,) s in any order, or (times, ...) of each sample; NaN: nothing is read, the
+            reading is NaN
+        delay: (...) s by which the readings lag: at the time s the motion of s - delay is read.
+            What that finds before the first instant is the reading there, at rest (its rate is
+            zero); what it finds behind the last is NaN
+        rate: the reading's derivative by time, per s. Of `NodeVelocity` it is the acceleration in
+            the axes of frame a
 
     Between two instants a reading is the cubic of both values and slopes (Hermite), the slopes
     those of the polynomial through the five nearest instants: errors h^4/384 y''''
@@ -47,7 +48,8 @@ def observe(
     Stress and reactions are means over a step of an implicit method, which lag by half of it:
     `delay=-step/2` takes that back.
 
-    Raises ValueError for times beyond the trajectory where there is no delay, and for other shapes.
+    Raises:
+        ValueError: for times beyond the trajectory where there is no delay, and for other shapes.
     """
     boolean("rate", rate)
     if not (hasattr(solution, "t") and hasattr(solution, "state")):

@@ -67,7 +67,8 @@ class Reaction(Sensor):
     """Force and moment (..., 6) N and N m of one of the scene's supports on the beam, frame a: the
     state's own (see `State`).
 
-    support  its place in `scene.supports`, which are in the order given
+    Args:
+        support: its place in `scene.supports`, which are in the order given
     """
 
     support: int
@@ -96,7 +97,8 @@ class RootSpringLoad(Sensor):
     at the instant of the state: what `RootReaction` is of a clamp. Such a scene has no support
     whose reaction a state could hold.
 
-    Raises ValueError for a scene without a RootSpring, or a state of another form.
+    Raises:
+        ValueError: for a scene without a RootSpring, or a state of another form.
     """
 
     scene: Scene

@@ -22,7 +22,8 @@ class Sensor:
     """Base of all sensors; a subclass has `name`, `unit`, `labels` and `read(state)`, and `shape`
     if that is no vector.
 
-    on  name of the part of a structure that it is on; None = the whole state is read
+    Attributes:
+        on: name of the part of a structure that it is on; None = the whole state is read
     """
 
     name: str

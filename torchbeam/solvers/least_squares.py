@@ -82,13 +82,14 @@ def search(
     """By the method of Levenberg and Marquardt, each start (S, p) by itself, those that are not
     done as one batch.
 
-    known     r (S, T) and J (S, T, p) at x, which is near the end: J is then carried along by
-              Broyden's update (1965), and found anew, by differences of one side, where a step does
-              less than it promises, and once before a start counts as converged
-    negligible  decrease of the squares: a step that promises no more is the last
-    follow    so many starts at most, those that are best at first; the others stay where they are,
-              with the status LEFT
-    progress  gets the iteration, how many starts are at work, and the least squares so far
+    Args:
+        known: r (S, T) and J (S, T, p) at x, which is near the end: J is then carried along by
+            Broyden's update (1965), and found anew, by differences of one side, where a step does
+            less than it promises, and once before a start counts as converged
+        negligible: decrease of the squares: a step that promises no more is the last
+        follow: so many starts at most, those that are best at first; the others stay where they
+            are, with the status LEFT
+        progress: gets the iteration, how many starts are at work, and the least squares so far
 
     Few starts have their derivatives at each trial, in one call of the model; those of many at
     steps that are taken, by differences of one side while the squares fall fast.

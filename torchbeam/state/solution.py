@@ -44,20 +44,21 @@ class Event(NamedTuple):
 class Stats:
     """Solver statistics. Counters that a method does not have stay None.
 
-    steps        time steps (implicit: of the grid; adaptive: of the sample with most, in the last
-                 run)
-    evaluations  right-hand-side evaluations
-    iterations   Newton iterations, (steps, ...) per step and sample
-    drift        largest violation of the undifferentiated equations, (...) (block rate form)
-    lengths      s, adaptive steps (steps, ...) of each sample, of which 1/2^level (...) were made;
-                 0 behind its last
-    level        see `lengths`
-    rejected     adaptive steps that were made again, (...)
-    error        m, (...), the largest error of a position over the run as the solution found it
-                 itself
-    reason       one sentence per kind of failure that occurred: status -> sentence
-    engine       what made the steps: "native"; "eager" (torch operations); "mixed", as where parts
-                 of a failed step are eager
+    Args:
+        steps: time steps (implicit: of the grid; adaptive: of the sample with most, in the last
+            run)
+        evaluations: right-hand-side evaluations
+        iterations: Newton iterations, (steps, ...) per step and sample
+        drift: largest violation of the undifferentiated equations, (...) (block rate form)
+        lengths: s, adaptive steps (steps, ...) of each sample, of which 1/2^level (...) were made;
+            0 behind its last
+        level: see `lengths`
+        rejected: adaptive steps that were made again, (...)
+        error: m, (...), the largest error of a position over the run as the solution found it
+            itself
+        reason: one sentence per kind of failure that occurred: status -> sentence
+        engine: what made the steps: "native"; "eager" (torch operations); "mixed", as where parts
+            of a failed step are eager
     """
 
     steps: int | None = None
@@ -76,12 +77,13 @@ class Stats:
 class Solution:
     """A trajectory; time is the first axis of everything in it.
 
-    t         (time,) s
-    states    the states, see `state`, or `ReducedStates`: who asks for the tip alone does not pay
-              for all of them
-    energies  `Energy`, or what gives it: who does not ask for it does not pay for it
-    stats     `Stats`
-    event     `Event`, where a sample was to stop at one
+    Args:
+        t: (time,) s
+        states: the states, see `state`, or `ReducedStates`: who asks for the tip alone does not pay
+            for all of them
+        energies: `Energy`, or what gives it: who does not ask for it does not pay for it
+        stats: `Stats`
+        event: `Event`, where a sample was to stop at one
     """
 
     t: Tensor

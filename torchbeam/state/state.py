@@ -27,38 +27,37 @@ from .supported_nodes import at_rest, at_supports
 class State(Instant):
     """The beam at one instant. Leading axes are batch axes (time first in a trajectory).
 
-    position  (..., N+1, 3) m, frame a
-    rotation  (..., N+1, 4) unit quaternion w x y z, scalar first, section axes -> frame a; `axes`
-              are the same as matrices
-    velocity  (..., N+1, 3) m/s, absolute, frame a
-    spin      (..., N+1, 3) rad/s, absolute angular velocity Omega in section axes (frame B)
-    stress    (..., N, 6) [F1 F2 F3 M1 M2 M3] N and N m, frame B, or (..., 2 N, 6) (see `Beam`): of
-              an equilibrium; after an implicit step its mean over that step
-    reaction  (..., K, 6) load of each support on the beam, in the order of `scene.supports`, force
-              N and moment N m, frame a: of an equilibrium; after an implicit step its mean over
-              that step
-    work      (...) J, done by the loads and by supports that move since the start
-    defect    (...) J, gained by the time integration itself since the start; kept where `conserve`
-              asks for it, else 0
-    t         (...) s
-    status    (...) int: 0 = success; anything else names the failure, see
-              `torchbeam.core.status.STATUS`. A failed sample
-              keeps its last good state.
-    frame     (..., 4) unit quaternion w x y z, frame a -> inertial axes, which coincide at t = 0;
-              None where frame a does not
-              turn
-    internal  (..., z) internal states of user loads, one load after the other, those of a load
-              along the beam node by node; None without
-    joints    (..., J, 10) of the joints of a structure, see `joint`; None without
-    tendons   (..., K, 3) of the scene's tendons: tension N of the first stretch and of the last,
-              length m; None without
-    coordinates  which coordinates each joint has, 0 an angle, 1 a travel
-    supports  nodes of the supports that `reaction` is of; None where the state was made without a
-              scene
-    parts     of a structure, whose nodes and stations stand one part after the other; see
-              `__getitem__`
-    joined    pairs of nodes that its joints connect, None = the ground; stress has a row for each
-              behind those of the stations
+    Args:
+        position: (..., N+1, 3) m, frame a
+        rotation: (..., N+1, 4) unit quaternion w x y z, scalar first, section axes -> frame a;
+            `axes` are the same as matrices
+        velocity: (..., N+1, 3) m/s, absolute, frame a
+        spin: (..., N+1, 3) rad/s, absolute angular velocity Omega in section axes (frame B)
+        stress: (..., N, 6) [F1 F2 F3 M1 M2 M3] N and N m, frame B, or (..., 2 N, 6) (see `Beam`):
+            of an equilibrium; after an implicit step its mean over that step
+        reaction: (..., K, 6) load of each support on the beam, in the order of `scene.supports`,
+            force N and moment N m, frame a: of an equilibrium; after an implicit step its mean over
+            that step
+        work: (...) J, done by the loads and by supports that move since the start
+        defect: (...) J, gained by the time integration itself since the start; kept where
+            `conserve` asks for it, else 0
+        t: (...) s
+        status: (...) int: 0 = success; anything else names the failure, see
+            `torchbeam.core.status.STATUS`. A failed sample keeps its last good state.
+        frame: (..., 4) unit quaternion w x y z, frame a -> inertial axes, which coincide at t = 0;
+            None where frame a does not turn
+        internal: (..., z) internal states of user loads, one load after the other, those of a load
+            along the beam node by node; None without
+        joints: (..., J, 10) of the joints of a structure, see `joint`; None without
+        tendons: (..., K, 3) of the scene's tendons: tension N of the first stretch and of the last,
+            length m; None without
+        coordinates: which coordinates each joint has, 0 an angle, 1 a travel
+        supports: nodes of the supports that `reaction` is of; None where the state was made without
+            a scene
+        parts: of a structure, whose nodes and stations stand one part after the other; see
+            `__getitem__`
+        joined: pairs of nodes that its joints connect, None = the ground; stress has a row for each
+            behind those of the stations
     """
 
     position: Tensor = leaf(2)
@@ -94,27 +93,28 @@ class State(Instant):
     ) -> State:
         """The scene's beam bent into a curve, to start a motion or an equilibrium from.
 
-        nodes     (..., N+1, 3) m, frame a
-        frames    section axes as columns, frame a: (..., N+1, 3, 3) of the nodes, or (..., N, 3, 3)
-                  of the elements (those of the nodes are then half way, as in `Beam.from_nodes`).
-                  None = those that the beam has, carried to the curve without twist: parallel
-                  transport by second-order tangents, from a root that turns no more than its
-                  tangent asks for. The undeformed nodes give the undeformed axes
-        twist     rad by which the axes are turned about the curve beside that: a number (...) at
-                  the tip, growing evenly from none at the root; or a function of s (..., N+1) m
-                  that gives (..., N+1)
-        velocity  (..., N+1, 3) m/s, absolute, frame a. None = at rest in frame a
-        spin      (..., N+1, 3) rad/s, absolute, section axes. None = as the axes follow the nodes,
-                  where those have a velocity
-                  and `frames` were not given; else at rest in frame a
-        t         s, when what supports hold is where they have it
+        Args:
+            nodes: (..., N+1, 3) m, frame a
+            frames: section axes as columns, frame a: (..., N+1, 3, 3) of the nodes, or (..., N, 3,
+                3) of the elements (those of the nodes are then half way, as in `Beam.from_nodes`).
+                None = those that the beam has, carried to the curve without twist: parallel
+                transport by second-order tangents, from a root that turns no more than its tangent
+                asks for. The undeformed nodes give the undeformed axes
+            twist: rad by which the axes are turned about the curve beside that: a number (...) at
+                the tip, growing evenly from none at the root; or a function of s (..., N+1) m that
+                gives (..., N+1)
+            velocity: (..., N+1, 3) m/s, absolute, frame a. None = at rest in frame a
+            spin: (..., N+1, 3) rad/s, absolute, section axes. None = as the axes follow the nodes,
+                where those have a velocity and `frames` were not given; else at rest in frame a
+            t: s, when what supports hold is where they have it
 
         The axes that supports hold are those of the supports, unless `frames` were given; nodes
         that supports hold are to be given where they are. Stress and reactions are zero: a motion
         finds them, an equilibrium starts without. Differentiable and batched.
 
-        Raises ValueError for other shapes, frames that are no rotations, frames with a twist, or a
-        curve that turns back.
+        Raises:
+            ValueError: for other shapes, frames that are no rotations, frames with a twist, or a
+                curve that turns back.
         """
         return bent(rest(scene, t=t), scene, nodes, frames, twist, velocity, spin)
 

@@ -56,27 +56,28 @@ def equilibrium(
     """Static equilibrium under the scene's loads at time t (s); steady in a frame that moves, which
     stands as it does at t (its axes are the inertial ones at t = 0).
 
-    initial    where to start, at no load; None = the undeformed beam. What supports hold is put
-               where they have it
-    tolerance  of the scaled residual, which is measured before the last update; default 1e-8 in
-               float64
-    throw      raise where a sample has no equilibrium; otherwise its `status` says so and it holds
-               the last shape on the way
-    branch     "first": the one that the way up leads to; "stable": a sample that is unstable there
-               is followed again from no load on, by arc length (see `path`), along the branches
-               that bifurcate, to the side to which it leans
-    relax      come there by a motion without inertia in a viscous fluid instead of by load steps,
-               then by Newton's method: for what is far from where it starts and hardly stiff on the
-               way, as a slack cable or a hinged beam that swings down
-    engine     "eager": torch operations. "compiled": the load is raised by native code, many
-               samples at once on the CPU (llvmlite, the extra `fast`), the same answers up to
-               rounding; what follows (gradients, `branch`) is eager. "auto": compiled for many
-               samples (32,768 and more, times elements; all those of a run of `monte_carlo` count)
-               where llvmlite is installed and the scene is taken; else eager, of which a
-               SlowPathWarning tells (TORCHBEAM_ENGINE in the environment says otherwise)
-    inputs     of the scene by name, (..., size)
-    accuracy   relative, of positions and axes of the middle and the tip: the state is on a mesh of
-               its own choice, see `simulate`
+    Args:
+        initial: where to start, at no load; None = the undeformed beam. What supports hold is put
+            where they have it
+        tolerance: of the scaled residual, which is measured before the last update; default 1e-8 in
+            float64
+        throw: raise where a sample has no equilibrium; otherwise its `status` says so and it holds
+            the last shape on the way
+        branch: "first": the one that the way up leads to; "stable": a sample that is unstable there
+            is followed again from no load on, by arc length (see `path`), along the branches that
+            bifurcate, to the side to which it leans
+        relax: come there by a motion without inertia in a viscous fluid instead of by load steps,
+            then by Newton's method: for what is far from where it starts and hardly stiff on the
+            way, as a slack cable or a hinged beam that swings down
+        engine: "eager": torch operations. "compiled": the load is raised by native code, many
+            samples at once on the CPU (llvmlite, the extra `fast`), the same answers up to
+            rounding; what follows (gradients, `branch`) is eager. "auto": compiled for many samples
+            (32,768 and more, times elements; all those of a run of `monte_carlo` count) where
+            llvmlite is installed and the scene is taken; else eager, of which a SlowPathWarning
+            tells (TORCHBEAM_ENGINE in the environment says otherwise)
+        inputs: of the scene by name, (..., size)
+        accuracy: relative, of positions and axes of the middle and the tip: the state is on a mesh
+            of its own choice, see `simulate`
 
     The load is raised in steps, per sample, where Newton's method needs it: a step in which it
     fails, or a node turns by more than 1 rad, is halved, and so is a long one that takes more than

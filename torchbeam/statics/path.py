@@ -42,20 +42,19 @@ class Path:
     """Equilibria in path order, P of them; leading axes (P, ...). A sample that ended early repeats
     its last one.
 
-    factor     of the load
-    state      `State`, its status that of the whole path
-    negative   int: negative pivots of the tangent, 0 = stable (where the loads are conservative);
-               one that is less than 1e-4 of
-               the softest at the start does not count: a round column turns about its axis at no
-                   cost
-    sign       int: of the tangent's determinant, for loads that are not
-    kind       int, of the way from the equilibrium before: BRANCH_POINT = 2 where a pivot changed
-               sign without the factor
-               turning back, LIMIT_POINT = 1 where it turned back,
-                   REGULAR = 0. The event is anywhere on that way: its factor is
-               that of `critical_load`, or of `path` with a smaller `step`
-    valid      bool: False where the last one is repeated
-    reached    (...) bool: whether the end asked for was reached
+    Args:
+        factor: of the load
+        state: `State`, its status that of the whole path
+        negative: int: negative pivots of the tangent, 0 = stable (where the loads are
+            conservative); one that is less than 1e-4 of the softest at the start does not count: a
+            round column turns about its axis at no cost
+        sign: int: of the tangent's determinant, for loads that are not
+        kind: int, of the way from the equilibrium before: BRANCH_POINT = 2 where a pivot changed
+            sign without the factor turning back, LIMIT_POINT = 1 where it turned back, REGULAR = 0.
+            The event is anywhere on that way: its factor is that of `critical_load`, or of `path`
+            with a smaller `step`
+        valid: bool: False where the last one is repeated
+        reached: (...) bool: whether the end asked for was reached
     """
 
     factor: Tensor
@@ -141,29 +140,32 @@ def path(
 ) -> Path:
     """The equilibria of a scene from no load on, as its load factor changes.
 
-    highest  the path of a sample ends where its factor reaches this, or `lowest`
-    load     name of the input that is multiplied by the factor, beside loads that stay; None = all
-             loads are
-    step     length of a step along the path: 1 is a node's mean move by L, a mean turn by 1 rad, or
-             the whole `highest`; the first and the longest. Halved where Newton's method fails or a
-             node turns by more than 1 rad
-    steps    at most this many attempts
-    control  q: state -> (...), the path then goes in equal steps of q from where it is to `target`
-             (...), whatever the factor does; `step` is a share of that way. It reads positions and
-             rotations
-    branch   where a pivot changes sign and the factor does not turn back, go on along the branch
-             that leaves there: by a `step` in the critical shape, to the side to which the beam had
-             been going, however little
-    initial  an equilibrium at factor 0; None = the undeformed beam
-    inputs   by name, (..., size)
-    engine   "auto", "eager" or "compiled": what finds the balance at each point. "auto" takes
-             native code for all but tendons, loads between nodes, supports that turn with the
-             factor, and loads with internal states
+    Args:
+        highest: the path of a sample ends where its factor reaches this, or `lowest`
+        load: name of the input that is multiplied by the factor, beside loads that stay; None = all
+            loads are
+        step: length of a step along the path: 1 is a node's mean move by L, a mean turn by 1 rad,
+            or the whole `highest`; the first and the longest. Halved where Newton's method fails or
+            a node turns by more than 1 rad
+        steps: at most this many attempts
+        control: q: state -> (...), the path then goes in equal steps of q from where it is to
+            `target` (...), whatever the factor does; `step` is a share of that way. It reads
+            positions and rotations
+        branch: where a pivot changes sign and the factor does not turn back, go on along the branch
+            that leaves there: by a `step` in the critical shape, to the side to which the beam had
+            been going, however little
+        initial: an equilibrium at factor 0; None = the undeformed beam
+        inputs: by name, (..., size)
+        engine: "auto", "eager" or "compiled": what finds the balance at each point. "auto" takes
+            native code for all but tendons, loads between nodes, supports that turn with the
+            factor, and loads with internal states
 
     Each sample goes its own way at its own pace. Without derivatives: `equilibrium` has those.
 
-    Raises ValueError for what the nodal form does not take, an unknown `load`, `control` without
-    `target`, a `control` of more than one number a sample, or an `initial` that is no equilibrium.
+    Raises:
+        ValueError: for what the nodal form does not take, an unknown `load`, `control` without
+            `target`, a `control` of more than one number a sample, or an `initial` that is no
+            equilibrium.
     """
     model = discretise(scene)
     refuse_friction(scene)

@@ -52,24 +52,26 @@ def converge(
 ) -> Convergence:
     """The cheapest element, mesh, method and step by which a quantity is known to `rtol`.
 
-    scene     on any mesh that `remesh` can make anew; or a function (elements, order) -> scene, for
-              structures and whatever else it cannot
-    t         (time,) s of the motion; None = `solve(scene)` takes the place of `simulate`
-    read      a sensor, or a function of the solution, or of the solution and its scene, that gives
-              a tensor: (time, ..., *), a history, or (..., *), numbers, with the batch's axes at
-              `...`. Its node is a place: another mesh has it at the same arc length
-    rtol      relative error: RMS over instants and numbers, over the RMS by which the quantity
-              moves from its first instant (of numbers over their RMS)
-    size      in place of that RMS, in the quantity's units: a number, or (...)
-    solve     of a scene without t: `tb.equilibrium` (None), `lambda scene: tb.modes(scene,
-              count=3)`, anything that depends on the mesh alone
-    share     of a batch's samples whose error is to be that small; all share one setting
-    elements, methods  that may be chosen: "linear", "linked", "order 2"; "midpoint", "midpoint4",
-              "generalized_alpha"
-    most_elements, most_steps  beyond which nothing is chosen;  seconds: of CPU time, which all runs
-              together are not to exceed
-    initial, inputs, engine    as in `simulate`; initial may be a function of the scene
-    progress  called with the number of runs so far and the next one's setting; True: a line each
+    Args:
+        scene: on any mesh that `remesh` can make anew; or a function (elements, order) -> scene,
+            for structures and whatever else it cannot
+        t: (time,) s of the motion; None = `solve(scene)` takes the place of `simulate`
+        read: a sensor, or a function of the solution, or of the solution and its scene, that gives
+            a tensor: (time, ..., *), a history, or (..., *), numbers, with the batch's axes at
+            `...`. Its node is a place: another mesh has it at the same arc length
+        rtol: relative error: RMS over instants and numbers, over the RMS by which the quantity
+            moves from its first instant (of numbers over their RMS)
+        size: in place of that RMS, in the quantity's units: a number, or (...)
+        solve: of a scene without t: `tb.equilibrium` (None), `lambda scene: tb.modes(scene,
+            count=3)`, anything that depends on the mesh alone
+        share: of a batch's samples whose error is to be that small; all share one setting
+        elements, methods: that may be chosen: "linear", "linked", "order 2"; "midpoint",
+            "midpoint4", "generalized_alpha"
+        most_elements, most_steps: beyond which nothing is chosen;  seconds: of CPU time, which all
+            runs together are not to exceed
+        initial, inputs, engine: as in `simulate`; initial may be a function of the scene
+        progress: called with the number of runs so far and the next one's setting; True: a line
+            each
 
     The errors of mesh and of step are told apart, each by nested levels, and fall by powers whose
     orders are observed; the cheapest pair by measured CPU time that should do is run, and checked

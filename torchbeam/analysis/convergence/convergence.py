@@ -44,16 +44,17 @@ COLUMNS = (
 class Convergence:
     """Result of `converge`. Printed, it is a table of what was tried, and what is to be known.
 
-    solution    at the settings, without gradient: a `Solution`, or what `solve` gives
-    settings    `Setting`: element, elements, method, step;  code: the same to be pasted
-    scene       the scene on the mesh of the settings, differentiable; options: those of `simulate`,
-                so that `tb.simulate(best.scene, t, **best.options)` is the run
-    error       estimated, relative: the sum of mesh_error and step_error
-    rtol        what was wanted;  converged: whether the error is no more
-    notes       sentences on what was observed: orders that were not reached, what was refused, what
-                would be needed
-    table       `Tried` settings, in the order in which they were run
-    seconds     CPU time of the search, compiling included
+    Attributes:
+        solution: at the settings, without gradient: a `Solution`, or what `solve` gives
+        settings: `Setting`: element, elements, method, step code: the same to be pasted
+        scene: the scene on the mesh of the settings, differentiable options: those of `simulate`,
+            so that `tb.simulate(best.scene, t, **best.options)` is the run error: estimated,
+            relative: the sum of mesh_error and step_error
+        rtol: what was wanted converged: whether the error is no more
+        notes: sentences on what was observed: orders that were not reached, what was refused, what
+            would be needed
+        table: `Tried` settings, in the order in which they were run
+        seconds: CPU time of the search, compiling included
     """
 
     solution: Any

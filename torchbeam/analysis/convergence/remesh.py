@@ -29,7 +29,8 @@ def remesh(
 ) -> Scene:
     """A scene of the same physics on a mesh of `elements` elements. Differentiable.
 
-    order, linked  of the elements, see `Beam.straight` and `Beam.linked`; None = as they are
+    Args:
+        order, linked: of the elements, see `Beam.straight` and `Beam.linked`; None = as they are
 
     The beam is made again as it was made: functions of s are evaluated anew, tables are integrated
     anew. Of a chain through given nodes, and of a beam that was copied since, elements are divided.
@@ -37,8 +38,9 @@ def remesh(
     ends of the new elements. Values of single elements (`PerElement`, `Actuation.elements`, a
     `Load`'s values) are those of the element that a part lies in.
 
-    Raises ValueError where the new mesh has no node at a place, elements that have values of their
-    own are not divided evenly, or the scene is a structure.
+    Raises:
+        ValueError: where the new mesh has no node at a place, elements that have values of their
+            own are not divided evenly, or the scene is a structure.
     """
     instance("a scene", scene, Scene)
     check_count("elements", elements)

@@ -32,19 +32,20 @@ SAME = 0.1
 class FieldFit:
     """Result of `identify_fields`.
 
-    fit         `Fit` with these weights; its covariance is that of the posterior, the prior
-                included: what it says of a field holds as far as it is smooth in that sense
-    weight      name -> weight of its smoothness, see `Smoothness`
-    sigma       standard deviation of the data, where it was not given with them; else 1
-    effective   how many numbers the data determine (trace of the resolution matrix), of
-                len(fit.theta)
-    weighing    of the last round: misfit, roughness and criterion over the weights
-    rounds      searches, each with the weights that the one before asks for;  settled: the last
-                asks for the same, or moved by less than a tenth of the deviations
-    samples     (n, p) coordinates of the search, drawn from the posterior of the linearised model,
-                in which weights and noise that were found are no better known than the data say,
-                and rows of a sharp field have Student's t; None where all of that was given, and
-                the posterior is normal
+    Args:
+        fit: `Fit` with these weights; its covariance is that of the posterior, the prior included:
+            what it says of a field holds as far as it is smooth in that sense
+        weight: name -> weight of its smoothness, see `Smoothness`
+        sigma: standard deviation of the data, where it was not given with them; else 1
+        effective: how many numbers the data determine (trace of the resolution matrix), of
+            len(fit.theta)
+        weighing: of the last round: misfit, roughness and criterion over the weights
+        rounds: searches, each with the weights that the one before asks for;  settled: the last
+            asks for the same, or moved by less than a tenth of the deviations
+        samples: (n, p) coordinates of the search, drawn from the posterior of the linearised model,
+            in which weights and noise that were found are no better known than the data say, and
+            rows of a sharp field have Student's t; None where all of that was given, and the
+            posterior is normal
     """
 
     fit: Fit
@@ -147,8 +148,9 @@ def identify_fields(
     The first search has weights that are small enough to follow the data. Where data have no sigma,
     that is found too: the squares over the number of data less that of numbers told.
 
-    Raises ValueError for smoothness of what is no field of `start`, absolute_sigma=False, and what
-    `identify` raises.
+    Raises:
+        ValueError: for smoothness of what is no field of `start`, absolute_sigma=False, and what
+            `identify` raises.
     """
     choice("criterion", criterion, CRITERIA)
     task = _Task.of(

@@ -50,45 +50,43 @@ def warn_of(doubts: Sequence[str]) -> None:
 class Fit:
     """Result of `identify`, from the best of the starts.
 
-    theta       (p,) the parameters;  names (p,). `fit["EI"]` is one of them, of its own shape;
-                offsets and drifts come last
-    covariance  (p, p) of the parameters: sigma^2 (J^T J)^-1, first order, where sigma is that given
-                or found, with priors, of the posterior. `deviation` (p,) the roots of its diagonal,
-                `correlation` (p, p). Parameters that the data do not tell apart have huge
-                deviations and a correlation near 1 or -1. Those that a bound holds, `held` (p,)
-                bool, count as known: zeros
-    freedom     (p,) degrees of freedom of these deviations: inf where sigma was given; T - p where
-                the misfit told it; of noise by channel by Satterthwaite's formula, see
-                `covariance.py`
-    redundancy  (channels,) data less parameters of the noise that was found: one number, or one for
-                each channel
-    scale       deviation of the noise over the sigma that weighs the data: 1 where that is known,
-                or was found by channel
-    noise       channel -> its deviation, of those that were found by `identify(noise="channel")`
-    y           (...) the model there, offsets and drifts included, as the data were given
-    misfit      RMS of y - data (over sigma, where given or found by channel)
-    status      0 = converged, 1 = more iterations are wanted, 2 = no step makes the misfit smaller,
-                3 = not identifiable:
-                the data do not say where parameters are,
-                    and theta is no estimate of these; 4 = the model fails there; 5 = not
-                followed, as other starts were better at first (of `statuses` alone)
-    unidentifiable  a sentence for each parameter that ran away, 1e9 times its start, and for each
-                    direction in which the
-                parameters can change by their own size while the misfit stays; empty where all are
-                    determined. `open` (p,)
-                bool says which parameters these are about
-    hints       sentences about what looks wrong: units, a misfit above sigma, residuals that are
-                alike or have a line, bounds that are reached. `doubts` are those of the misfit and
-                its residuals, with which `interval` warns
-    message     the status in words, with these sentences, and what the model raised at trials
-    iterations  evaluations of the model and its derivatives, less the first;  derivatives how these
-                were found
-    history     (iterations + 1, starts, p) the parameters on the way
-    starts      (starts, p) where each start ended;  misfits (starts,) with what misfit, statuses
-                (starts,)
-    readings    data beside the model's values, of each measurement
-    jacobian    (data, p) derivatives of the readings that were measured, over sigma, by the
-                coordinates of the search
+    Args:
+        theta: (p,) the parameters
+        names: (p,). `fit["EI"]` is one of them, of its own shape; offsets and drifts come last
+        covariance: (p, p) of the parameters: sigma^2 (J^T J)^-1, first order, where sigma is that
+            given or found, with priors, of the posterior. `deviation` (p,) the roots of its
+            diagonal, `correlation` (p, p). Parameters that the data do not tell apart have huge
+            deviations and a correlation near 1 or -1. Those that a bound holds, `held` (p,) bool,
+            count as known: zeros
+        freedom: (p,) degrees of freedom of these deviations: inf where sigma was given; T - p where
+            the misfit told it; of noise by channel by Satterthwaite's formula, see `covariance.py`
+        redundancy: (channels,) data less parameters of the noise that was found: one number, or one
+            for each channel
+        scale: deviation of the noise over the sigma that weighs the data: 1 where that is known, or
+            was found by channel
+        noise: channel -> its deviation, of those that were found by `identify(noise="channel")`
+        y: (...) the model there, offsets and drifts included, as the data were given
+        misfit: RMS of y - data (over sigma, where given or found by channel)
+        status: 0 = converged, 1 = more iterations are wanted, 2 = no step makes the misfit smaller,
+            3 = not identifiable: the data do not say where parameters are, and theta is no estimate
+            of these; 4 = the model fails there; 5 = not followed, as other starts were better at
+            first (of `statuses` alone)
+        unidentifiable: a sentence for each parameter that ran away, 1e9 times its start, and for
+            each direction in which the parameters can change by their own size while the misfit
+            stays; empty where all are determined. `open` (p,) bool says which parameters these are
+            about
+        hints: sentences about what looks wrong: units, a misfit above sigma, residuals that are
+            alike or have a line, bounds that are reached. `doubts` are those of the misfit and its
+            residuals, with which `interval` warns
+        message: the status in words, with these sentences, and what the model raised at trials
+        iterations: evaluations of the model and its derivatives, less the first
+        derivatives: how these were found
+        history: (iterations + 1, starts, p) the parameters on the way
+        starts: (starts, p) where each start ended
+        misfits: (starts,) with what misfit, statuses (starts,)
+        readings: data beside the model's values, of each measurement
+        jacobian: (data, p) derivatives of the readings that were measured, over sigma, by the
+            coordinates of the search
     """
 
     theta: Tensor
@@ -206,16 +204,16 @@ class Fit:
         fewest, where these differ). A parameter at a bound counts as known; a reading that moves
         with one that is not determined has an infinite band.
 
-        model       as `identify` takes one, of another load, place or time; None = the model that
-                    was fitted
-        sensor, times  by which a Solution is read, see `tb.observe`; times (s) None = those of the
-                       solution. Offsets, drifts,
-                    delays and clocks of instruments are not in it
-        sigma       of the noise of a new measurement: the bands are then of that, not of what is
-                    there. A number, or a tensor that broadcasts with the readings; where the misfit
-                    told the noise, `fit.scale` times the data's
-        experiment  whose model, and whose own parameters; wanted where there are several with their
-                    own
+        Args:
+            model: as `identify` takes one, of another load, place or time; None = the model that
+                was fitted
+            sensor, times: by which a Solution is read, see `tb.observe`; times (s) None = those of
+                the solution. Offsets, drifts, delays and clocks of instruments are not in it
+            sigma: of the noise of a new measurement: the bands are then of that, not of what is
+                there. A number, or a tensor that broadcasts with the readings; where the misfit
+                told the noise, `fit.scale` times the data's
+            experiment: whose model, and whose own parameters; wanted where there are several with
+                their own
 
         Like intervals it takes the model as right: a UserWarning says so where there are `doubts`.
         Raises ValueError for a fit from a file, a model that fails at the fit, or other shapes.
@@ -271,10 +269,12 @@ class Fit:
         each, in place of a search with the finer model; derivatives are the model's at hand, found
         once more on the way. What the parameters move by is the error that the mesh has brought in.
 
-        model  as `identify` was given, for the same parameters and data
+        Args:
+            model: as `identify` was given, for the same parameters and data
 
-        Raises ValueError where the finer model fails, or the steps do not become smaller: the
-        models differ too much.
+        Raises:
+            ValueError: where the finer model fails, or the steps do not become smaller: the models
+                differ too much.
         """
         finer, search, region = refined(
             self._problem("refined fit"), model, self.x[None], self.jacobian[None], self.scale

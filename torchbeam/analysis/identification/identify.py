@@ -58,41 +58,42 @@ def identify(
     """Parameters theta for which model(theta) is nearest to the data, in the sum of squares over
     sigma.
 
-    model        theta -> y, batched: sample i of y depends on sample i of theta alone. theta is
-                 (N, p), or name -> (N, *shape) where parameters have names. y (N, ...) is as the
-                 data; or (y, status (N,)), 0 = success; or the `Solution` of N samples, which the
-                 measurements read
-    data         (...) as y without its first axis; NaN where nothing was measured. Or a
-                 `Measurement`, which has noise, times, sensor, offset and drift; or several of one
-                 experiment, in a list: y is then a list too, or a Solution. name -> any of these:
-                 several experiments; then `model` is name -> model, or one for all
-    start        (p,), or (starts, p) to be followed all at once, as one batch: the best end counts;
-                 or name -> `Parameter`, number or tensor. Parameters are all experiments', but for
-                 those that are each one's own
-    starts       so many, drawn about the one that was given, within a factor of `spread`, the
-                 bounds and the priors' supports; between bounds, or ends of a support, where there
-                 are two, evenly in the coordinate of the search
-    follow       of these, so many that fit best are followed; the others are evaluated once
-    log          search in log theta (theta is positive): for stiffness, mass and damping
-    bounds       (least, largest) of theta, (p,) each: a step that leaves them is cut, and goes
-                 along them
-    sigma        (...) standard deviation of the data: weights them, and scales the covariance
-    absolute_sigma  False: sigma (of measurements too) weighs the data, but the size of the noise is
-                    that of the misfit
-    noise        of data without sigma: "common", one deviation for all of them, from the misfit;
-                 "channel", each channel has its own (heteroscedastic), beside data with sigma:
-                 searches in turn with the deviations that the one before left (iteratively
-                 reweighted least squares), until these are those of restricted maximum likelihood
-    derivatives  "difference": central differences of `relative_step` (1e-4), a batch of 2 p times
-                 the starts, which run on the compiled engine. "forward": forward mode, the p
-                 directions as a batch, by eager steps. "adjoint": the gradient of the squares by
-                 reverse mode, whatever p, and L-BFGS (torch.optim) in place of Gauss-Newton, for p
-                 beyond some hundreds; it takes more iterations, one start after the other, no
-                 bounds but by logits. "auto": differences, where those of ten times the step agree
-                 with them to 1e-3 at the start, and else, with a RuntimeWarning, forward mode
-    tolerance    of the largest step, relative to theta (of log theta, absolute); also, squared, of
-                 the decrease of the squares
-    progress     a line of progress (tqdm)
+    Args:
+        model: theta -> y, batched: sample i of y depends on sample i of theta alone. theta is (N,
+            p), or name -> (N, *shape) where parameters have names. y (N, ...) is as the data; or
+            (y, status (N,)), 0 = success; or the `Solution` of N samples, which the measurements
+            read
+        data: (...) as y without its first axis; NaN where nothing was measured. Or a `Measurement`,
+            which has noise, times, sensor, offset and drift; or several of one experiment, in a
+            list: y is then a list too, or a Solution. name -> any of these: several experiments;
+            then `model` is name -> model, or one for all
+        start: (p,), or (starts, p) to be followed all at once, as one batch: the best end counts;
+            or name -> `Parameter`, number or tensor. Parameters are all experiments', but for those
+            that are each one's own
+        starts: so many, drawn about the one that was given, within a factor of `spread`, the bounds
+            and the priors' supports; between bounds, or ends of a support, where there are two,
+            evenly in the coordinate of the search
+        follow: of these, so many that fit best are followed; the others are evaluated once
+        log: search in log theta (theta is positive): for stiffness, mass and damping
+        bounds: (least, largest) of theta, (p,) each: a step that leaves them is cut, and goes along
+            them
+        sigma: (...) standard deviation of the data: weights them, and scales the covariance
+        absolute_sigma: False: sigma (of measurements too) weighs the data, but the size of the
+            noise is that of the misfit
+        noise: of data without sigma: "common", one deviation for all of them, from the misfit;
+            "channel", each channel has its own (heteroscedastic), beside data with sigma: searches
+            in turn with the deviations that the one before left (iteratively reweighted least
+            squares), until these are those of restricted maximum likelihood
+        derivatives: "difference": central differences of `relative_step` (1e-4), a batch of 2 p
+            times the starts, which run on the compiled engine. "forward": forward mode, the p
+            directions as a batch, by eager steps. "adjoint": the gradient of the squares by reverse
+            mode, whatever p, and L-BFGS (torch.optim) in place of Gauss-Newton, for p beyond some
+            hundreds; it takes more iterations, one start after the other, no bounds but by logits.
+            "auto": differences, where those of ten times the step agree with them to 1e-3 at the
+            start, and else, with a RuntimeWarning, forward mode
+        tolerance: of the largest step, relative to theta (of log theta, absolute); also, squared,
+            of the decrease of the squares
+        progress: a line of progress (tqdm)
 
     Levenberg's and Marquardt's method: (J^T J + lambda diag(J^T J)) step = -J^T r, lambda raised
     until the squares go down, each start by itself. (Nocedal and Wright 2006, section 10.3.) No
@@ -105,9 +106,10 @@ def identify(
     several together, that change the misfit by no more than `tolerance` of itself, or than
     rounding, where they change by their own size. The status is then never 0.
 
-    Raises ValueError for a model whose output does not fit the data, for starts at none of which it
-    is finite, fewer data than parameters without a prior, data without a number; what the model
-    raises at all starts goes through.
+    Raises:
+        ValueError: for a model whose output does not fit the data, for starts at none of which it
+            is finite, fewer data than parameters without a prior, data without a number; what the
+            model raises at all starts goes through.
     """
     choice("derivatives", derivatives, DERIVATIVES)
     check_tolerance("tolerance", tolerance)

@@ -19,27 +19,29 @@ from ...sensors.observe import observe
 class Measurement:
     """Values of an instrument with one or more channels.
 
-    values  (times, *channels) in the unit of the model's readings, or of any shape where there are
-            no times; NaN: missing
-    sigma   standard deviation of the noise, in that unit, that broadcasts with `values`: a number,
-            or one for each channel (channels,). None = not known: estimated from the misfit, one
-            for all data or one for each channel (`noise` of `identify`)
-    times   (times,) s by the instrument's clock, in any order
-    sensor  of tb.sensors, or a function of states: then a model may return a `Solution`, which is
-            read by `tb.observe`
-    rate    the sensor's rate is what was measured: of a velocity the acceleration
-    delay   s by which the readings lag; or the name of a parameter that is it
-    clock   relative error of the clock, or the name of a parameter that is it: where it shows s,
+    Args:
+        values: (times, *channels) in the unit of the model's readings, or of any shape where there
+            are no times; NaN: missing
+        sigma: standard deviation of the noise, in that unit, that broadcasts with `values`: a
+            number, or one for each channel (channels,). None = not known: estimated from the
+            misfit, one for all data or one for each channel (`noise` of `identify`)
+        times: (times,) s by the instrument's clock, in any order
+        sensor: of tb.sensors, or a function of states: then a model may return a `Solution`, which
+            is read by `tb.observe`
+        rate: the sensor's rate is what was measured: of a velocity the acceleration
+        delay: s by which the readings lag; or the name of a parameter that is it
+        clock: relative error of the clock, or the name of a parameter that is it: where it shows s,
             (1 + clock) s have passed
-    offset  each channel reads a constant more than what is there, a parameter beside the others
-    drift   each channel reads a straight line more, per s, or per the series' length where it has
-            no times
-    name    in sentences and pictures; None = the sensor's
-    fitted  how many numbers the model itself takes from the values, as `pair_modes` the scale of
-            each shape: so many degrees of freedom less has the noise
+        offset: each channel reads a constant more than what is there, a parameter beside the others
+        drift: each channel reads a straight line more, per s, or per the series' length where it
+            has no times
+        name: in sentences and pictures; None = the sensor's
+        fitted: how many numbers the model itself takes from the values, as `pair_modes` the scale
+            of each shape: so many degrees of freedom less has the noise
 
-    Raises ValueError for values without a number, other shapes, a sigma that is not positive, a
-    sensor without times; a delay, a clock or a rate without a sensor.
+    Raises:
+        ValueError: for values without a number, other shapes, a sigma that is not positive, a
+            sensor without times; a delay, a clock or a rate without a sensor.
     """
 
     values: Any

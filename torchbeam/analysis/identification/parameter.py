@@ -18,21 +18,21 @@ from .transform import TRANSFORMS
 class Parameter:
     """A quantity to be identified, a number or a tensor of them.
 
-    start      where the search begins, of any shape
-    transform  None: searched as it is; "log": its logarithm, for what is positive
-               (stiffness, mass, damping); "logit": of its place between the bounds, which it then
-               never touches
-    bounds     (least, largest), numbers or tensors like `start`
-    prior      of torch.distributions, what is known beforehand of theta itself: minus its logarithm
-               is added to half the squares over sigma, so that the estimate is that of the largest
-               posterior density of theta
-    scale      size of a change that matters, for what starts at zero. None = |start|, or the
-               deviation of the prior, or the
-               width of the bounds
-    own        one for each experiment, in place of one for all; named "experiment.name"
+    Args:
+        start: where the search begins, of any shape
+        transform: None: searched as it is; "log": its logarithm, for what is positive (stiffness,
+            mass, damping); "logit": of its place between the bounds, which it then never touches
+        bounds: (least, largest), numbers or tensors like `start`
+        prior: of torch.distributions, what is known beforehand of theta itself: minus its logarithm
+            is added to half the squares over sigma, so that the estimate is that of the largest
+            posterior density of theta
+        scale: size of a change that matters, for what starts at zero. None = |start|, or the
+            deviation of the prior, or the width of the bounds
+        own: one for each experiment, in place of one for all; named "experiment.name"
 
-    Raises ValueError for a start outside of bounds or prior, "logit" without bounds, a prior of
-    vectors or of another shape, as bounds and scale of another shape.
+    Raises:
+        ValueError: for a start outside of bounds or prior, "logit" without bounds, a prior of
+            vectors or of another shape, as bounds and scale of another shape.
     """
 
     start: Any

@@ -17,13 +17,14 @@ class Smoothness:
     """A field of n numbers is smooth: its derivative of an order is normally distributed about zero
     (Tikhonov 1963).
 
-    order  of the derivative: 1, a field is about constant; 2, about a straight line; 0, about its
-           start. A field of order 1 or 2 needs data that tell its mean, or line
-    sharp  large derivatives are rare but not excluded: Student's t with one degree of freedom in
-           place of the normal law, by reweighting (Lange, Little and Taylor 1989, JASA 84, 881).
-           For dents and steps, which a normal law smears
-    at     (n,) places of the numbers, increasing (arc length, time); None = evenly spaced. Only
-           their proportions count
+    Args:
+        order: of the derivative: 1, a field is about constant; 2, about a straight line; 0, about
+            its start. A field of order 1 or 2 needs data that tell its mean, or line
+        sharp: large derivatives are rare but not excluded: Student's t with one degree of freedom
+            in place of the normal law, by reweighting (Lange, Little and Taylor 1989, JASA 84,
+            881). For dents and steps, which a normal law smears
+        at: (n,) places of the numbers, increasing (arc length, time); None = evenly spaced. Only
+            their proportions count
 
     The penalty is weight / 2 times the integral of the squared derivative over places from 0 to 1,
     of theta or, where a parameter is searched by its logarithm, of log theta.

@@ -16,7 +16,9 @@ from .parametric_laws import TwoTails, set_fields
 class Empirical(TwoTails):
     """Values that were observed, each as likely as the others, or by `weights`.
 
-    values   (K,);  weights (K,) positive, of any sum
+    Args:
+        values: (K,)
+        weights: (K,) positive, of any sum
     """
 
     values: Tensor

@@ -34,9 +34,10 @@ class Estimate:
     """Estimate with an interval that covers the true value in `level` of all runs:
     `estimate, low, high = ...`. An index takes some of the numbers: `e[0]`, `e[..., 2]`.
 
-    estimate, low, high  tensors of one shape
-    samples              good ones that it is of;  failed: samples left out, by reason in `reasons`
-    method               how the interval was found
+    Args:
+        estimate, low, high: tensors of one shape
+        samples: good ones that it is of;  failed: samples left out, by reason in `reasons`
+        method: how the interval was found
     """
 
     estimate: Tensor

@@ -32,8 +32,9 @@ class MomentDerivatives:
     """Moments of y (...) and their derivatives by the parameters q (m,) of laws, each an
     `Estimate`.
 
-    mean, deviation          (...) and (...)
-    mean_by, deviation_by    (m, ...) their derivatives
+    Args:
+        mean, deviation: (...) and (...)
+        mean_by, deviation_by: (m, ...) their derivatives
     """
 
     mean: Estimate
@@ -63,12 +64,13 @@ def moment_derivatives(
     """Mean and standard deviation of y, and their derivatives by parameters of the laws, such as
     the deviation of a stiffness.
 
-    function  as `monte_carlo` has it, and differentiable by theta: y carries gradients
-    laws      q (m,) -> dict of laws, differentiable: such as lambda q: {"EI":
-              torch.distributions.Normal(q[0], q[1])}, or a function of u
-    q         (m,) where the derivatives are taken
-    n, replicates, correlation, seed, chunk, by_name   as `monte_carlo` has them; n is a multiple of
-    the replicates
+    Args:
+        function: as `monte_carlo` has it, and differentiable by theta: y carries gradients
+        laws: q (m,) -> dict of laws, differentiable: such as lambda q: {"EI":
+            torch.distributions.Normal(q[0], q[1])}, or a function of u
+        q: (m,) where the derivatives are taken
+        n, replicates, correlation, seed, chunk, by_name: as `monte_carlo` has them; n is a multiple
+            of the replicates
 
     theta = F^-1(u; q) at fixed u, so that d mean/dq = mean(dy/dtheta dtheta/dq) (pathwise
     derivatives; Glasserman 2003, section 7.2): y has to be continuous in theta. Computed here, in

@@ -54,51 +54,52 @@ def monte_carlo(
 ) -> Samples:
     """Evaluate a function at n samples of parameters, in chunks.
 
-    function  theta (N, p) -> y (N, ...), batched; or (y, status (N,)), with a status other than 0
-              for samples that failed
-    laws      by name, in the order of theta's columns: (least, largest) for a uniform law; one of
-              `tb.laws`, where a `RandomField` is a column for each of its places; anything with
-              `icdf`, such as torch.distributions.Normal(1.0, 0.1); or a function of u (N,), uniform
-              in (0, 1), that gives (N,)
-    n         samples: those of one scrambled Sobol sequence (Matousek 1998), best a power of two.
-              The first n of a longer run with the same seed are the same (y but for rounding, where
-              so many make native code worth while)
-
-    correlation  (p, p) of the laws, or {("EI", "mass"): 0.5}: of their normal scores, by a Gaussian
-                 copula
-    theta        (n, p) samples of your own in place of a design; `laws` are then names alone, or
-                 laws that are not used
-    design       "sobol", or "plain": independent samples
-    replicates   independent Sobol sequences that the n are shared out to, from whose scatter
-                 intervals come: 16 are a good number, and each best a power of two. None: one
-                 sequence, whose intervals are those of independent samples, too wide
-    until        relative error: replicates (64 of them, if not said otherwise) are computed until
-                 half the 95 % interval of the mean is within this part of it, in each number of y;
-                 n is the most. Or (error, lambda samples: Estimate) for another quantity, such as
-                 (0.02, lambda samples: samples.quantile(0.99, 0.95)). It is looked at after 8, 12,
-                 16, 24 ... replicates; looking often makes the interval a little too short
-    chunk     samples a call. Chunk i is a function of (seed, i) alone: who computes it, when, or
-              how often does not matter. None: 256; 512 from 32,768 samples on, 1,024 from 65,536
-              on. "auto": measured, from throughput and memory. With either a folder keeps its own
-    executor  any concurrent.futures.Executor, such as ProcessPoolExecutor, or a Dask cluster's
-              Client.get_executor(); None = here, one after the other. Function and laws must then
-              pickle; other processes compute on one thread
-    out       a folder: each chunk is a file there, and what is there already is not computed again;
-              a run that was killed continues, and so does one with a larger n (with `replicates`,
-              more of them of the same size; with `theta` of one's own, none). A chunk that is
-              damaged is computed again, with a warning. A folder of another run is refused: of
-              other laws or another order of them, correlation, design, seed, chunk, dtype, release
-              of this library, or function
-    dtype     of theta; None = the default dtype
-    version   of the function, a text or number of your own that changes with it. None: the function
-              is known by its code, by what it closes over and by the globals and functions that it
-              uses, and by the versions of packages. What it changes itself while it runs does not
-              count
-    by_name   the function takes its parameters by name: f(EI=(N,), mass=(N,)), a field as
-              (N, places)
-    sentences what a status of the function means, {3: "buckled"}: reasons of samples that failed
-    progress  a function that is given the `Progress` after each chunk, or True: a line on the
-              terminal
+    Args:
+        function: theta (N, p) -> y (N, ...), batched; or (y, status (N,)), with a status other than
+            0 for samples that failed
+        laws: by name, in the order of theta's columns: (least, largest) for a uniform law; one of
+            `tb.laws`, where a `RandomField` is a column for each of its places; anything with
+            `icdf`, such as torch.distributions.Normal(1.0, 0.1); or a function of u (N,), uniform
+            in (0, 1), that gives (N,)
+        n: samples: those of one scrambled Sobol sequence (Matousek 1998), best a power of two. The
+            first n of a longer run with the same seed are the same (y but for rounding, where so
+            many make native code worth while)
+        correlation: (p, p) of the laws, or {("EI", "mass"): 0.5}: of their normal scores, by a
+            Gaussian copula
+        theta: (n, p) samples of your own in place of a design; `laws` are then names alone, or laws
+            that are not used
+        design: "sobol", or "plain": independent samples
+        replicates: independent Sobol sequences that the n are shared out to, from whose scatter
+            intervals come: 16 are a good number, and each best a power of two. None: one sequence,
+            whose intervals are those of independent samples, too wide
+        until: relative error: replicates (64 of them, if not said otherwise) are computed until
+            half the 95 % interval of the mean is within this part of it, in each number of y; n is
+            the most. Or (error, lambda samples: Estimate) for another quantity, such as (0.02,
+            lambda samples: samples.quantile(0.99, 0.95)). It is looked at after 8, 12, 16, 24 ...
+            replicates; looking often makes the interval a little too short
+        chunk: samples a call. Chunk i is a function of (seed, i) alone: who computes it, when, or
+            how often does not matter. None: 256; 512 from 32,768 samples on, 1,024 from 65,536 on.
+            "auto": measured, from throughput and memory. With either a folder keeps its own
+        executor: any concurrent.futures.Executor, such as ProcessPoolExecutor, or a Dask cluster's
+            Client.get_executor(); None = here, one after the other. Function and laws must then
+            pickle; other processes compute on one thread
+        out: a folder: each chunk is a file there, and what is there already is not computed again;
+            a run that was killed continues, and so does one with a larger n (with `replicates`,
+            more of them of the same size; with `theta` of one's own, none). A chunk that is damaged
+            is computed again, with a warning. A folder of another run is refused: of other laws or
+            another order of them, correlation, design, seed, chunk, dtype, release of this library,
+            or function
+        dtype: of theta; None = the default dtype
+        version: of the function, a text or number of your own that changes with it. None: the
+            function is known by its code, by what it closes over and by the globals and functions
+            that it uses, and by the versions of packages. What it changes itself while it runs does
+            not count
+        by_name: the function takes its parameters by name: f(EI=(N,), mass=(N,)), a field as (N,
+            places)
+        sentences: what a status of the function means, {3: "buckled"}: reasons of samples that
+            failed
+        progress: a function that is given the `Progress` after each chunk, or True: a line on the
+            terminal
 
     A sample with a y that is not finite has the status 1 and keeps its place. y and status are
     detached and on the CPU.

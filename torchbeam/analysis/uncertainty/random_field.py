@@ -23,14 +23,15 @@ class RandomField:
     """A quantity that varies along the beam, at places s: as a law, one column of theta for each
     place.
 
-    s                   (m,) m, places such as the middles of elements, increasing
-    mean, deviation     of the quantity, the same everywhere
-    correlation_length  c, m: the correlation at a distance r is exp(-r/c) ("exponential": rough, no
-                        slope) or exp(-(r/c)^2) ("gaussian": smooth). Of a lognormal field it is
-                        that of the logarithm
-    marginal            "lognormal" (positive) or "normal"
-    terms               of the expansion; None: so many that they hold 99 % of the variance, on
-                        average over the length
+    Args:
+        s: (m,) m, places such as the middles of elements, increasing
+        mean, deviation: of the quantity, the same everywhere
+        correlation_length: c, m: the correlation at a distance r is exp(-r/c) ("exponential":
+            rough, no slope) or exp(-(r/c)^2) ("gaussian": smooth). Of a lognormal field it is that
+            of the logarithm
+        marginal: "lognormal" (positive) or "normal"
+        terms: of the expansion; None: so many that they hold 99 % of the variance, on average over
+            the length
 
     At s a normal field is mean + deviation sum_k sqrt(lambda_k) phi_k(s) z_k, z independent and
     standard normal, where lambda and phi are the eigenvalues and eigenfunctions of the correlation

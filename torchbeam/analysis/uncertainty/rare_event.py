@@ -30,12 +30,14 @@ METHODS = ("subset", "importance")
 class RareEvent:
     """Probability of y > threshold, and its interval from `low` to `high` at `level`.
 
-    method       "subset" or "importance";  evaluations of the function;  failed of them, by reason
-                 in `reasons`: they count as not the event
-    thresholds   (levels,) of y that the runs of subset simulation passed on the way, on average
-    points       (k, p) theta at the design points, the likeliest first;  beta (k,) their distances
-                 from the medians in normal scores;  form: the first-order probability Phi(-beta) of
-                 the likeliest, of importance sampling
+    Attributes:
+        method: "subset" or "importance"
+        evaluations: of the function failed: of them, by reason in `reasons`: they count as not the
+            event
+        thresholds: (levels,) of y that the runs of subset simulation passed on the way, on average
+        points: (k, p) theta at the design points, the likeliest first
+        beta: (k,) their distances from the medians in normal scores
+        form: the first-order probability Phi(-beta) of the likeliest, of importance sampling
     """
 
     names: tuple[str, ...]
@@ -87,24 +89,26 @@ def rare_event(
 ) -> RareEvent:
     """Probability that a function of random parameters exceeds a threshold.
 
-    function   as `monte_carlo` has it, y (N,): one number a sample
-    n          samples: of each level of subset simulation, all runs together; of importance
-               sampling
-    method     "subset": subset simulation (Au and Beck 2001), which asks nothing of the function;
-               about n (1 + 0.9 levels) evaluations, a level for each factor of ten. Best 500 or
-               more of n a run: of 100 the estimate is too large by a fifth at 1e-4, and by a third
-               at 1e-6. "importance": importance sampling around design points, which are found by
-               gradients (FORM): fewer evaluations, for a y that is smooth, and a few regions of
-               failure; a region that no start leads to is missed
-    replicates independent runs from whose scatter the interval comes: 10 of subset simulation, 16
-    of importance sampling
-    starts     of the search for design points: the medians, and random ones
-    laws, correlation, seed, chunk, executor, dtype, by_name   as `monte_carlo` has them; gradients
-    are taken here
+    Args:
+        function: as `monte_carlo` has it, y (N,): one number a sample
+        n: samples: of each level of subset simulation, all runs together; of importance sampling
+        method: "subset": subset simulation (Au and Beck 2001), which asks nothing of the function;
+            about n (1 + 0.9 levels) evaluations, a level for each factor of ten. Best 500 or more
+            of n a run: of 100 the estimate is too large by a fifth at 1e-4, and by a third at 1e-6.
+            "importance": importance sampling around design points, which are found by gradients
+            (FORM): fewer evaluations, for a y that is smooth, and a few regions of failure; a
+            region that no start leads to is missed
+        replicates: independent runs from whose scatter the interval comes: 10 of subset simulation,
+            16 of importance sampling
+        starts: of the search for design points: the medians, and random ones
+        laws, correlation, seed, chunk, executor, dtype, by_name: as `monte_carlo` has them;
+            gradients are taken here
 
-    Raises ValueError as `monte_carlo` does, for a y of several numbers, and where nothing leads to
-    the threshold: a y that is one value for a tenth of the samples, or more, on the way is none for
-    subset simulation, and a law whose values are steps (`Empirical`) for importance sampling.
+    Raises:
+        ValueError: as `monte_carlo` does, for a y of several numbers, and where nothing leads to
+            the threshold: a y that is one value for a tenth of the samples, or more, on the way is
+            none for subset simulation, and a law whose values are steps (`Empirical`) for
+            importance sampling.
     """
     joint, threshold = JointLaw.of(laws, correlation), number("threshold", threshold)
     level = level_of("interval", interval)

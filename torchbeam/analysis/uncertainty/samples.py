@@ -25,11 +25,12 @@ class Samples(output.Summary):
     """theta (n, p), its columns by `names`; y (n, ...); status (n,): 0 = good. Statistics are of
     the good ones, and say how many failed, and why.
 
-    replicates   the samples are that many independent designs of equal size, one after the other
-    independent  whether samples are independent: of plain sampling. Those of a Sobol sequence are
-                 not; in one replicate their intervals are those of independent ones: too wide, as a
-                 rule
-    sentences    by status: why samples failed
+    Args:
+        replicates: the samples are that many independent designs of equal size, one after the other
+        independent: whether samples are independent: of plain sampling. Those of a Sobol sequence
+            are not; in one replicate their intervals are those of independent ones: too wide, as a
+            rule
+        sentences: by status: why samples failed
     """
 
     names: tuple[str, ...]
@@ -121,8 +122,9 @@ class Samples(output.Summary):
     ) -> Estimate:
         """Probability that y > x, for thresholds x that broadcast with one sample's y.
 
-        failed_exceed  None: of the good samples; True or False: samples that failed are taken to
-                       exceed, or not to
+        Args:
+            failed_exceed: None: of the good samples; True or False: samples that failed are taken
+                to exceed, or not to
         """
         x = finite("x", as_tensor(x, self.y.dtype if self.y.is_floating_point() else torch.float64))
         broadcast("the thresholds and y of a sample", x.shape, self.y.shape[1:])

@@ -85,13 +85,14 @@ def sobol_indices(
 ) -> SobolIndices:
     """First and total Sobol indices of a function of independent random parameters.
 
-    n           points of each of the two samples A and B, shared out to the replicates: a multiple
-                of them, best by a power of two. The function is evaluated n (p + 2) times, p laws
-                that are random; a `RandomField` is one of them
-    replicates  independent Sobol sequences, from whose scatter the intervals come (Student's, of
-                jackknife values)
-    function, laws, seed, chunk, executor, out, dtype, version, by_name, progress   as `monte_carlo`
-    has them
+    Args:
+        n: points of each of the two samples A and B, shared out to the replicates: a multiple of
+            them, best by a power of two. The function is evaluated n (p + 2) times, p laws that are
+            random; a `RandomField` is one of them
+        replicates: independent Sobol sequences, from whose scatter the intervals come (Student's,
+            of jackknife values)
+        function, laws, seed, chunk, executor, out, dtype, version, by_name, progress: as
+            `monte_carlo` has them
 
     With y_A, y_B and y_i of A, of B, and of A with parameter i exchanged for B's, and V the
     variance of y_A and y_B together:

@@ -77,10 +77,12 @@ class Stream(Summary):
     """What is kept of a stream of samples: moments and a sketch of each number of y, by replicate;
     failed samples by reason.
 
-    names       of theta's columns;  shape of one y
-    replicates  moments, None of one without good samples, and sketches, one for each number of y,
-                of each
-    samples     how many were seen
+    Attributes:
+        names: of theta's columns
+        shape: of one y
+        moments: of each replicate, None of one without good samples
+        sketches: of each replicate, one for each number of y
+        samples: how many were seen
     """
 
     names: tuple[str, ...]

@@ -23,11 +23,11 @@ class Tornado:
     """y (...) with one parameter at its low or high quantile and the others at their medians; laws
     by `names`, those of the largest swing (of the largest number of y) first.
 
-    base       (...) all at their medians
-    low, high  (p, ...) the parameter at its low and its high quantile;  at (p, 2) where it was
-               (NaN for a field)
-    swing      (p, ...) |high - low|
-    status     (2 p + 1,) of the base, of low and high by turns, as they were computed
+    Attributes:
+        base: (...) all at their medians
+        low, high: (p, ...) the parameter at its low and its high quantile
+        at: (p, 2) where it was (NaN for a field) swing: (p, ...) |high - low|
+        status: (2 p + 1,) of the base, of low and high by turns, as they were computed
     """
 
     names: tuple[str, ...]
@@ -72,8 +72,9 @@ def tornado(
     """Effect of each parameter by itself, from its (1 - level)/2 to its (1 + level)/2 quantile, in
     one batch of 2 p + 1.
 
-    function, laws, dtype, by_name   as `monte_carlo` has them. A `RandomField` moves as a whole:
-                                     all of its first term
+    Args:
+        function, laws, dtype, by_name: as `monte_carlo` has them. A `RandomField` moves as a whole:
+            all of its first term
 
     A screening, not a share of the variance: interactions do not show. Failed samples are NaN.
     Raises ValueError as `monte_carlo` does.

@@ -21,13 +21,15 @@ class Actuation(Effect):
     """Intrinsic curvature and strain of a beam bent by tendons, piezo patches, heat: [F; M] = S^-1
     (strain - intrinsic).
 
-    curvature  (..., 3) 1/m, twist and bending about y and z, frame B: numbers, a function of t, an
-               `Input`, or `PerElement` (..., N, 3)
-    strain     (..., 3) likewise: stretch, shear along y and z
-    elements   which elements: None = all, a range, a slice, or their numbers from the root
-    on         name of a beam of a structure; None = all
+    Args:
+        curvature: (..., 3) 1/m, twist and bending about y and z, frame B: numbers, a function of t,
+            an `Input`, or `PerElement` (..., N, 3)
+        strain: (..., 3) likewise: stretch, shear along y and z
+        elements: which elements: None = all, a range, a slice, or their numbers from the root
+        on: name of a beam of a structure; None = all
 
-    Raises ValueError where neither is given, or an element does not exist.
+    Raises:
+        ValueError: where neither is given, or an element does not exist.
     """
 
     curvature: Value | None = leaf(1, default=None)

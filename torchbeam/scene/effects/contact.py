@@ -68,9 +68,10 @@ class Contact(ContactTerms):
     keeps the energy; friction is that of the slip, and of the pressure, in the middle of the step
     itself.
 
-    Raises ValueError for what is no obstacle, a thickness or slip speed that is not above 0,
-    negative numbers, both or none of force and stiffness, friction without a slip speed, or a
-    radius that has no room in a tube; in a scene for parts that are not there.
+    Raises:
+        ValueError: for what is no obstacle, a thickness or slip speed that is not above 0, negative
+            numbers, both or none of force and stiffness, friction without a slip speed, or a radius
+            that has no room in a tube; in a scene for parts that are not there.
     """
 
     obstacle: Obstacle | str | None = leaf(1)

@@ -39,30 +39,31 @@ class Load(LoadEffect):
     """A load by a function of the motion:
     `function(position, rotation, velocity, spin, t, **named)` -> (force, moment).
 
-    function  position (..., 3) m, rotation (..., 3, 3) section axes -> frame a, velocity (..., 3)
-              m/s absolute, spin (..., 3) rad/s, all in frame a; t (0-dim) s. Returns force and
-              moment (..., 3) in frame a, N and N m, per metre along the beam, tensors or sequences
-              of numbers; None = absent. Written in torch operations; what it returns for a site
-              depends on that site alone. Where samples stand at different times it is called once
-              for each of these.
-    node      counts from the root, -1 is the tip; None = along the beam, where the arguments are
-              (..., sites, ...)
-    inputs    `Input`s, or names with sizes {"u": 2}: the function takes them by name, with as many
-              axes as the motion
-    values    parameters by name, numbers or tensors, which the function takes by that name: (...)
-              at a node; along the beam one for each element (..., N), for each node (..., N+1) or
-              for all (..., 1), handed over as (..., sites), where a node takes the mean of its
-              elements by their lengths
-    internal  how many internal states z it has (actuator lag, inflow), along the beam at each site;
-              the function then takes `z` by name, (..., internal) or (..., sites, internal)
-    rate      z' = rate(z, position, rotation, velocity, spin, t, **named), 1/s of z, z by its
-              place; z starts at zero
-    of        what the function and the rate depend on, of "position", "rotation", "velocity",
-              "spin": the others are given as None, and their derivatives are not taken. Empty: a
-              load of t, inputs, values and z. Handed over by name are "acceleration" (..., 3) m/s^2
-              and "angular_acceleration" (..., 3) rad/s^2, absolute, frame a, and along the beam the
-              arclength "s" (..., sites) m from the root
-    on        along the beam: name of a beam of a structure; None = all
+    Args:
+        function: position (..., 3) m, rotation (..., 3, 3) section axes -> frame a, velocity (...,
+            3) m/s absolute, spin (..., 3) rad/s, all in frame a; t (0-dim) s. Returns force and
+            moment (..., 3) in frame a, N and N m, per metre along the beam, tensors or sequences of
+            numbers; None = absent. Written in torch operations; what it returns for a site depends
+            on that site alone. Where samples stand at different times it is called once for each of
+            these.
+        node: counts from the root, -1 is the tip; None = along the beam, where the arguments are
+            (..., sites, ...)
+        inputs: `Input`s, or names with sizes {"u": 2}: the function takes them by name, with as
+            many axes as the motion
+        values: parameters by name, numbers or tensors, which the function takes by that name: (...)
+            at a node; along the beam one for each element (..., N), for each node (..., N+1) or for
+            all (..., 1), handed over as (..., sites), where a node takes the mean of its elements
+            by their lengths
+        internal: how many internal states z it has (actuator lag, inflow), along the beam at each
+            site; the function then takes `z` by name, (..., internal) or (..., sites, internal)
+        rate: z' = rate(z, position, rotation, velocity, spin, t, **named), 1/s of z, z by its
+            place; z starts at zero
+        of: what the function and the rate depend on, of "position", "rotation", "velocity", "spin":
+            the others are given as None, and their derivatives are not taken. Empty: a load of t,
+            inputs, values and z. Handed over by name are "acceleration" (..., 3) m/s^2 and
+            "angular_acceleration" (..., 3) rad/s^2, absolute, frame a, and along the beam the
+            arclength "s" (..., sites) m from the root
+        on: along the beam: name of a beam of a structure; None = all
 
     The tangent comes by automatic differentiation. In an implicit step z is taken at mid step,
     linearly implicit,
@@ -74,9 +75,10 @@ class Load(LoadEffect):
     mass, its derivative by them; an explicit method wants it linear in them. In `State.internal`
     the loads' states stand one load after the other, (sites x internal) row by row.
 
-    Raises ValueError for internal states without a rate, a rate without them, unknown names in
-    `of`, "s" at a node, or two arguments of one name; when it acts, for a function that returns
-    anything but force and moment of the right shape.
+    Raises:
+        ValueError: for internal states without a rate, a rate without them, unknown names in `of`,
+            "s" at a node, or two arguments of one name; when it acts, for a function that returns
+            anything but force and moment of the right shape.
     """
 
     function: Callable[..., tuple[Tensor | None, Tensor | None]] = leaf(None)

@@ -23,15 +23,16 @@ from .values import Inputs, parameter, plain
 class Damping(Effect):
     """Stiffness-proportional damping: [F; M] = S^-1 (strain + tau * strain rate).
 
-    tau  (...) s, one value; or six in a Python sequence, one for each strain
-         [gamma1..3, kappa1..3]: then the damping matrix is D^1/2 S^-1 D^1/2 with D = diag(tau),
-         which is symmetric and never pumps energy.
-    six  whether tau (..., 6) has a value for each strain. Default: a sequence has, a tensor or an
-         array is one value with batch axes, six samples as well as five.
+    Args:
+        tau: (...) s, one value; or six in a Python sequence, one for each strain [gamma1..3,
+            kappa1..3]: then the damping matrix is D^1/2 S^-1 D^1/2 with D = diag(tau), which is
+            symmetric and never pumps energy.
+        six: whether tau (..., 6) has a value for each strain. Default: a sequence has, a tensor or
+            an array is one value with batch axes, six samples as well as five.
+        on: name of a beam of a structure; None = all. Each beam may have one of its own
 
-    on   name of a beam of a structure; None = all. Each beam may have one of its own
-
-    Raises ValueError for a negative tau, and for a sequence of another length.
+    Raises:
+        ValueError: for a negative tau, and for a sequence of another length.
     """
 
     tau: Value = leaf(lambda damping: int(damping.six))
@@ -60,8 +61,9 @@ class MassDamping(LoadEffect):
     absolute motion, of all that has mass: per length of the beam, and of each `PointMass` at its
     node.
 
-    alpha  (...) 1/s; a free vibration decays as exp(-alpha t / 2), whatever its frequency
-    on     name of a beam or a body of a structure; None = all
+    Args:
+        alpha: (...) 1/s; a free vibration decays as exp(-alpha t / 2), whatever its frequency
+        on: name of a beam or a body of a structure; None = all
 
     A rigid motion is damped too: it models the air around a beam, not the beam. Raises ValueError
     for a negative alpha.
@@ -107,9 +109,10 @@ def rayleigh(
     modes, or nearest in the sum of squares to those of more: ratio = alpha/(2 w) + tau w/2
     (Rayleigh 1877).
 
-    frequency  two or more w, rad/s, (...) each; or (..., n), as in `modes(scene).frequency`
-    ratio      of each mode, likewise; 1 = critical. A mode between two is damped less than they
-               are, modes beyond them more
+    Args:
+        frequency: two or more w, rad/s, (...) each; or (..., n), as in `modes(scene).frequency`
+        ratio: of each mode, likewise; 1 = critical. A mode between two is damped less than they
+            are, modes beyond them more
 
     Which modal damping a beam can have: this one, whatever the way it moves; and, for kinds of
     motion that strain it in different ways, a tau of their own: `Damping` of six values damps
@@ -117,8 +120,9 @@ def rayleigh(
     the mode meant. A damping matrix made of the modes themselves would tie every node to every
     other, and would hold for small motions about one shape alone.
 
-    Raises ValueError for fewer than two different frequencies, and where the fit takes a negative
-    coefficient: the ratios are then too different for the frequencies.
+    Raises:
+        ValueError: for fewer than two different frequencies, and where the fit takes a negative
+            coefficient: the ratios are then too different for the frequencies.
     """
     plainly = not has_dtype([frequency, ratio])
     dtype = torch.float64 if plainly else common_dtype(frequency, ratio)[0]

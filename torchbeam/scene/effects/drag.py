@@ -41,22 +41,23 @@ class Drag(LoadEffect):
     mass. The axis of the beam leaves that normal by the shear strain, an angle that is small unless
     the beam is soft in shear; so much of v_t counts as v_n, and the other way round
 
-    density   (...) kg/m^3 of the fluid;  diameter (...) m: width across the flow, pi d the wetted
-              circumference
-    normal, tangential  (...) C_n and C_t; a smooth circular cylinder has C_n near 1.2 below and 0.4
-                        above the drag crisis
-    flow      m/s: (..., 3) or an Input of size 3, uniform, in inertial axes, as Gravity's g; or
-              function(position, t) -> (..., sites, 3), both in frame a; None = still
-    added_mass  (...) C_a of the fluid that moves along; a circular cylinder in potential flow
-                has 1. None or 0: none
-
-    on        name of a beam of a structure; None = all
+    Args:
+        density: (...) kg/m^3 of the fluid
+        diameter: (...) m: width across the flow, pi d the wetted circumference
+        normal, tangential: (...) C_n and C_t; a smooth circular cylinder has C_n near 1.2 below and
+            0.4 above the drag crisis
+        flow: m/s: (..., 3) or an Input of size 3, uniform, in inertial axes, as Gravity's g; or
+            function(position, t) -> (..., sites, 3), both in frame a; None = still
+        added_mass: (...) C_a of the fluid that moves along; a circular cylinder in potential flow
+            has 1. None or 0: none
+        on: name of a beam of a structure; None = all
 
     The fluid's inertia is a load: its work is in `energy.work`, and `energy.kinetic` is the beam's
     alone.
 
-    Raises ValueError for a negative density, diameter or coefficient, or an added mass in a flow
-    that is a function or an Input (whose own acceleration would push as well).
+    Raises:
+        ValueError: for a negative density, diameter or coefficient, or an added mass in a flow that
+            is a function or an Input (whose own acceleration would push as well).
     """
 
     density: Value = leaf(0)

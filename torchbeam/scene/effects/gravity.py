@@ -18,7 +18,8 @@ from .values import Inputs, load_value, value_at
 class Gravity(LoadEffect):
     """Uniform acceleration g (..., 3) m/s^2, in inertial axes that coincide with frame a at t = 0.
 
-    on  name of a beam or a body of a structure; None = all
+    Args:
+        on: name of a beam or a body of a structure; None = all
     """
 
     g: Value = leaf(1)

@@ -17,8 +17,9 @@ class History(FunctionOfTime):
     """A load's value as a function of t: straight lines between samples, the first and the last
     held outside.
 
-    t       (n,) s, strictly increasing
-    values  (..., n, 3)
+    Args:
+        t: (n,) s, strictly increasing
+        values: (..., n, 3)
 
     Its rate, which the block rate form needs, is the slope of the line. Differentiable in t and in
     both tensors.
@@ -45,8 +46,9 @@ class Accelerogram(FunctionOfTime):
     """A displacement (..., 3) m as a function of t whose acceleration is sampled: the record of a
     shaker or an earthquake, for `RootMotion(displacement=...)`.
 
-    t             (n,) s, strictly increasing
-    acceleration  (..., n, 3) m/s^2, frame a: straight lines between the samples
+    Args:
+        t: (n,) s, strictly increasing
+        acceleration: (..., n, 3) m/s^2, frame a: straight lines between the samples
 
     Displacement and velocity are zero at the first sample and before; after the last the velocity
     stays. A cubic between samples, exact: u = u_k + v_k h + a_k h^2/2 + (a_{k+1} - a_k) h^3/(6 dt).

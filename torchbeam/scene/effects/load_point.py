@@ -37,25 +37,27 @@ class LoadPoint:
     """Point where a load acts at one instant (of an implicit step: its middle), frame a:
     (..., sites, ...) along the beam, (...) at one node.
 
-    R         (..., 3, 3) section axes -> frame a
-    mass      (..., 6, 6) mass per length about the site, point masses included, section axes; only
-              along the beam
-    position  (..., 3) m;  velocity (..., 3) m/s absolute;  spin (..., 3) rad/s absolute angular
-              velocity, frame a's axes: None unless the effect reads them
-    acceleration  (..., 3) m/s^2 and angular_acceleration (..., 3) rad/s^2, absolute, likewise; None
-                  also where they are not
-              known: an explicit form takes the derivative by them as a mass
-    s         (..., sites) m, arclength of the sites from the root; only along the beam
-    axes      (..., 3, 3) inertial axes -> frame a at this instant; None = they coincide
-    support   node 0's prescribed pose, for effects that want it (`wants_support`)
-    internal  (..., z), along the beam (..., sites, z): internal states of this effect at the start
-              of the step, or at this instant where there is no step
-    dt        (...) s, length of the step whose middle this is; None = there is no step
-    elements  of the beam; only along it
-    frame     velocity m/s of frame a and its angular velocity rad/s (..., 3), in its axes, each
-              None = it has none, for effects
-              that want them (`wants_frame`)
-    secant    (...) 1 where friction's derivative is to be its secant, 0 or None = it is its own
+    Args:
+        R: (..., 3, 3) section axes -> frame a
+        mass: (..., 6, 6) mass per length about the site, point masses included, section axes; only
+            along the beam
+        position: (..., 3) m
+        velocity: (..., 3) m/s absolute
+        spin: (..., 3) rad/s absolute angular velocity, frame a's axes: None unless the effect reads
+            them
+        acceleration: (..., 3) m/s^2 and angular_acceleration (..., 3) rad/s^2, absolute, likewise;
+            None also where they are not known: an explicit form takes the derivative by them as a
+            mass
+        s: (..., sites) m, arclength of the sites from the root; only along the beam
+        axes: (..., 3, 3) inertial axes -> frame a at this instant; None = they coincide
+        support: node 0's prescribed pose, for effects that want it (`wants_support`)
+        internal: (..., z), along the beam (..., sites, z): internal states of this effect at the
+            start of the step, or at this instant where there is no step
+        dt: (...) s, length of the step whose middle this is; None = there is no step
+        elements: of the beam; only along it
+        frame: velocity m/s of frame a and its angular velocity rad/s (..., 3), in its axes, each
+            None = it has none, for effects that want them (`wants_frame`)
+        secant: (...) 1 where friction's derivative is to be its secant, 0 or None = it is its own
     """
 
     R: Tensor

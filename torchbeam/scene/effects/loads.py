@@ -80,8 +80,9 @@ class GivenLoad(LoadEffect):
 class PointLoad(GivenLoad):
     """Force (N) and moment (N m) on one node; nodes count from the root, -1 is the tip.
 
-    offset  (..., 3) m from the node to where the force acts, section axes; None = at the node. Of a
-            body, node = (name, point in its axes) says the same
+    Args:
+        offset: (..., 3) m from the node to where the force acts, section axes; None = at the node.
+            Of a body, node = (name, point in its axes) says the same
     """
 
     node: int = field()
@@ -123,7 +124,8 @@ class LineLoad(GivenLoad):
     """Force (N/m) and moment (N) per unit length along the whole beam: the same everywhere,
     `Along(function)` of s and t, or `PerElement(values)`.
 
-    on  name of a beam of a structure; None = all
+    Args:
+        on: name of a beam of a structure; None = all
     """
 
     on: str | None = field(default=None, kw_only=True)

@@ -71,8 +71,9 @@ def _with_rate(value: Any, t: Tensor) -> tuple[Tensor, Tensor]:
 class Obstacle(Tree):
     """Base of all obstacles. drift m/s of its `place` and turning rad/s (..., 3): None = it stands.
 
-    PLACE    name of the field about which it turns
-    passes   whether a beam could be on its other side, beyond what is solid
+    Attributes:
+        PLACE: name of the field about which it turns
+        passes: whether a beam could be on its other side, beyond what is solid
     """
 
     drift: Value | Callable[[Tensor], Tensor] | None = leaf(1, default=None, init=False)
@@ -158,8 +159,9 @@ class Obstacle(Tree):
 class Plane(Obstacle):
     """All that lies below a plane.
 
-    point   (..., 3) m on it, or a function of t; one that moves along the plane makes it a belt
-    normal  (..., 3) of any length, away from what is solid, or a function of t
+    Args:
+        point: (..., 3) m on it, or a function of t; one that moves along the plane makes it a belt
+        normal: (..., 3) of any length, away from what is solid, or a function of t
     """
 
     point: Value | Callable[[Tensor], Tensor] = leaf(1)
@@ -184,9 +186,10 @@ class Plane(Obstacle):
 class Sphere(Obstacle):
     """A ball.
 
-    centre  (..., 3) m, or a function of t
-    radius  (...) m
-    spin    (..., 3) rad/s by which it turns, frame a; None = it does not
+    Args:
+        centre: (..., 3) m, or a function of t
+        radius: (...) m
+        spin: (..., 3) rad/s by which it turns, frame a; None = it does not
     """
 
     centre: Value | Callable[[Tensor], Tensor] = leaf(1)
@@ -215,11 +218,12 @@ class Sphere(Obstacle):
 class Cylinder(Obstacle):
     """A round bar without end, or with `inside` all that is outside of a tube.
 
-    point   (..., 3) m on its axis, or a function of t
-    axis    (..., 3) of any length, or a function of t
-    radius  (...) m
-    inside  whether the beam is inside
-    spin    (...) rad/s by which it turns about its axis; None = it does not
+    Args:
+        point: (..., 3) m on its axis, or a function of t
+        axis: (..., 3) of any length, or a function of t
+        radius: (...) m
+        inside: whether the beam is inside
+        spin: (...) rad/s by which it turns about its axis; None = it does not
     """
 
     point: Value | Callable[[Tensor], Tensor] = leaf(1)
@@ -305,11 +309,12 @@ class Capsule(Obstacle):
 class Box(Obstacle):
     """A box with rounded edges.
 
-    centre    (..., 3) m, or a function of t
-    size      (..., 3) m, from side to side along its axes
-    rounding  (...) m, radius of its edges, below half of its smallest size; no deeper in the box
-              does a contact know which side is near
-    rotation  (..., 3) rad, the rotation vector of its axes; None = those of frame a
+    Args:
+        centre: (..., 3) m, or a function of t
+        size: (..., 3) m, from side to side along its axes
+        rounding: (...) m, radius of its edges, below half of its smallest size; no deeper in the
+            box does a contact know which side is near
+        rotation: (..., 3) rad, the rotation vector of its axes; None = those of frame a
     """
 
     centre: Value | Callable[[Tensor], Tensor] = leaf(1)

@@ -22,22 +22,24 @@ from .values import plain
 class PointMass(Effect):
     """A rigid body at a node.
 
-    mass     (...) kg; or its 6x6 mass matrix (..., 6, 6) about the node, [velocity; spin], section
-             axes: then it is the whole
-    inertia  (..., 3) principal or (..., 3, 3) moments about its own centre, kg m^2, section axes;
-             None = a point. A sequence of three has principal moments; a tensor whose shape ends in
-             (3, 3) has matrices: principal moments of three bodies in one tensor go by
-             `torch.diag_embed`
-    offset   (..., 3) m of its centre from the node, section axes; None = at the node. On a body,
-             node = (name, point in its axes) says the same
-    node     counts from the root, -1 is the tip
+    Args:
+        mass: (...) kg; or its 6x6 mass matrix (..., 6, 6) about the node, [velocity; spin], section
+            axes: then it is the whole
+        inertia: (..., 3) principal or (..., 3, 3) moments about its own centre, kg m^2, section
+            axes; None = a point. A sequence of three has principal moments; a tensor whose shape
+            ends in (3, 3) has matrices: principal moments of three bodies in one tensor go by
+            `torch.diag_embed`
+        offset: (..., 3) m of its centre from the node, section axes; None = at the node. On a body,
+            node = (name, point in its axes) says the same
+        node: counts from the root, -1 is the tip
 
     Weight acts on it where the scene has `Gravity`. After construction mass is (...), offset
     (..., 3) or None, inertia (..., 3, 3) or None, whichever way they were given.
 
-    Raises ValueError for a negative mass, an inertia that is not symmetric, has a negative
-    principal moment or one above the sum of the others, or a 6x6 matrix that no rigid body has (a
-    mass that depends on the direction).
+    Raises:
+        ValueError: for a negative mass, an inertia that is not symmetric, has a negative principal
+            moment or one above the sum of the others, or a 6x6 matrix that no rigid body has (a
+            mass that depends on the direction).
     """
 
     mass: Value = leaf(0)

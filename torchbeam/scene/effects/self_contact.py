@@ -15,8 +15,9 @@ from .contact_terms import ContactTerms
 class SelfContact(ContactTerms):
     """Contact of a beam with itself: `SelfContact(...)`, in a structure `SelfContact("arm", ...)`.
 
-    on     name of the beam in a structure
-    apart  how many radii two places are apart along the beam, at least, where they may touch
+    Args:
+        on: name of the beam in a structure
+        apart: how many radii two places are apart along the beam, at least, where they may touch
 
     The rest as of `Contact`; a radius is wanted. Raises ValueError as `Contact` does, without a
     radius, or for `apart` that is not above 0.

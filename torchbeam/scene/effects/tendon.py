@@ -61,21 +61,24 @@ class Tendon(Effect):
     """A rope through eyelets, held at the last one and pulled at the first: straight in between,
     without mass, and without force where it is slack.
 
-    eyelets     at least two (node, (x, y, z)), in order; node None = a point of the ground
-    tension     (...) N at the first eyelet: a number, a function of t, or an `Input`
-    length      (...) m unstretched from the first eyelet to the last, as a winch gives it: the
-                same; None = as drawn. Instead of `tension`, with
-    stiffness   (...) N/m of the whole: the tension is stiffness times what it is too long by
-    friction    (...) mu at the eyelets between: the tension falls by exp(-mu angle) in the sense
-                in which the tendon slides (Euler and Eytelwein), None = none; with
-    slip_speed  (...) m/s: the sense is r/sqrt(r^2 + s^2) of the sliding rate r
+    Args:
+        eyelets: at least two (node, (x, y, z)), in order; node None = a point of the ground
+        tension: (...) N at the first eyelet: a number, a function of t, or an `Input`
+        length: (...) m unstretched from the first eyelet to the last, as a winch gives it: the
+            same; None = as drawn. Instead of `tension`, with
+        stiffness: (...) N/m of the whole: the tension is stiffness times what it is too long by
+        friction: (...) mu at the eyelets between: the tension falls by exp(-mu angle) in the sense
+            in which the tendon slides (Euler and Eytelwein), None = none; with
+        slip_speed: (...) m/s: the sense is r/sqrt(r^2 + s^2) of the sliding rate r
 
     At rest, where nothing slides, friction is that of a tendon that has been pulled at its first
     eyelet. Readings: `TendonTension`, `TendonLength` of `torchbeam.sensors`.
 
-    Raises ValueError for fewer than two eyelets, tension and length together or neither of tension
-    and stiffness, friction without a slip speed, negative numbers; in a scene for eyelets that do
-    not exist, lie within an element of order 2, are of one node, or coincide with the next.
+    Raises:
+        ValueError: for fewer than two eyelets, tension and length together or neither of tension
+            and stiffness, friction without a slip speed, negative numbers; in a scene for eyelets
+            that do not exist, lie within an element of order 2, are of one node, or coincide with
+            the next.
     """
 
     kind = "tendon"
@@ -119,11 +122,12 @@ class Tendon(Effect):
     def along(cls, beam: Any, point: Any, name: str | None = None, **given: Any) -> Tendon:
         """Along the whole of a beam, from its root to its tip, through all ends of its elements.
 
-        beam   the `Beam`
-        point  (..., 3) m in the section axes; or a function of the arc length s (m,) m that gives
-               (..., m, 3): a helix
-        name   of the beam in a structure
-        given  what else a Tendon takes
+        Args:
+            beam: the `Beam`
+            point: (..., 3) m in the section axes; or a function of the arc length s (m,) m that
+                gives (..., m, 3): a helix
+            name: of the beam in a structure
+            given: what else a Tendon takes
         """
         instance("a beam", beam, Beam)
         s = beam.topology.arclength(beam.length)[..., :: beam.order]

@@ -1,0 +1,53 @@
+"""The site (`make docs` builds it, and looks up links and names): nothing public is missing."""
+
+import importlib.util
+import re
+from pathlib import Path
+
+import pytest
+
+import torchbeam as tb
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def site():
+    spec = importlib.util.spec_from_file_location("site_pages", ROOT / "docs" / "site.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_public_name_has_its_entry(site):
+    """Names of `torchbeam` in one page each; those that are modules, a page of their own."""
+    entries = [name for *_, names in site.REFERENCE.values() for name in names]
+    modules = {module.rpartition(".")[2] for *_, module in site.MODULES.values()}
+    assert len(entries) == len(set(entries)) and not modules & set(entries)
+    assert {*entries, "sensors", "laws", "plot"} == set(tb.__all__)
+    text = "\n".join(site.reference().values())
+    for name in ("torchbeam.Scene", "torchbeam.sensors.Strain", "torchbeam_envs.TipReachEnv"):
+        assert f"\n::: {name}\n" in text
+
+
+def test_every_page_can_be_reached(site):
+    """From the navigation: pages of docs/, and those that are made of other files."""
+    said = set(re.findall(r"[\w/]+\.md", (ROOT / "mkdocs.yml").read_text()))
+    own = {path.name for path in (ROOT / "docs").glob("*.md")} - {"README.md"}
+    assert said == own | set(site.HOMES)
+    made = site.generated()
+    assert {f"examples/{path.stem}.md" for path in (ROOT / "examples").glob("*.py")} <= set(made)
+
+
+def test_links_lead_to_the_site_s_pages(site):
+    """Of README.md, of docs/, of examples/: to pages, or out of the site by name alone; code stays
+    as it is.
+    """
+    linked = site.linked
+    assert linked("[a](docs/statics.md#roll)", "index.md") == "[a](statics.md#roll)"
+    assert linked("[a](../examples/lqr.py)", "linear.md") == "[a](examples/lqr.md)"
+    assert linked("[a](README.md)", "statics.md") == "[a](guide.md)"
+    assert linked("[`f`](../tests/conftest.py)", "gradients.md") == "`f`"
+    assert linked("![p](docs/figures/x.png)", "index.md") == "![p](figures/x.png)"
+    code = "```\n[a](docs/statics.md)\n```\n[b](https://x.org/y)"
+    assert linked(code, "index.md") == code
