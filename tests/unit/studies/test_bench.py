@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from torchbeam import simulate
 from torchbeam.studies import mechanisms as cases
 from torchbeam.studies.bench import (
     errors,
@@ -249,8 +250,10 @@ def test_mechanisms():
     assert tuple(known) == cases.NAMES == tuple(mechanisms.SETTINGS)
     assert max(one.agreement for one in known.values()) < 1e-4
     for name, (places, _) in known.items():
-        motion = cases.motion(name, 1, 2, 25, intervals=25, engine="eager")
-        assert cases.error(cases.places(name, motion), places[::4]) < 0.02
+        t = torch.linspace(0, 0.1, 3, dtype=places.dtype)  # of the instants every 10 ms
+        motion = simulate(cases.scene(name, 1, 2), t, step=0.01, engine="eager")
+        # 3 %: steps of 10 ms leave out the hand's fastest waves while it has hardly moved
+        assert cases.error(cases.places(name, motion), places[:11:5]) < 0.03
         other = torch.cat((places[:1], torch.tensor(exudyn[name], dtype=places.dtype)))
         assert cases.error(other, places[::10]) < bounds[name]
     row = Measured(mechanisms.PART, "hand", 10.0, 9.0, CPU, "other 1.0", "3D", 3, 20.0, error=0.002)

@@ -170,7 +170,8 @@ CASES = [
     Case("slider-crank with a flexible rod", SEGMENTS, "middle of the rod after 0.2 s, m",
          "4 elements of order 2, midpoint4", crank, 3e-5, MESH, 0.4),
     Case("flexible four-bar linkage", "exudyn, 1e-6", "two pins every 0.1 s, m",
-         "3 x 3 elements of order 2, 5 ms", lambda: of_exudyn("four-bar", 3, 200), 9.5e-5, MESH, 1.0),
+         "3 x 3 elements of order 2, 5 ms", lambda: of_exudyn("four-bar", 3, 200), 9.5e-5, MESH,
+         1.0),
     Case("hand of three jointed fingers", "exudyn, 1e-4", "tips every 0.1 s, m",
          "6 x 2 elements of order 2, 5 ms", lambda: of_exudyn("hand", 2, 200), 1e-3, MESH, 1.0),
 ]  # fmt: skip
