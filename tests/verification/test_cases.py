@@ -3,11 +3,14 @@
 import csv
 import json
 import re
+from importlib import import_module
 from pathlib import Path
 
 import pytest
+import torch
 
 import torchbeam
+from torchbeam.studies import verification
 from torchbeam.studies.verification.case import run
 from torchbeam.studies.verification.cases import CASES
 from torchbeam.studies.verification.command import main
@@ -77,6 +80,16 @@ def test_every_reference_file_is_used():
     assert (
         names and {name for name in names if not re.search(rf'\b{name}(\.json)?"', read)} == set()
     )
+
+
+def test_no_constant_of_a_module_has_a_dtype():
+    """The command's default is float32 when it imports what it then runs in float64."""
+    folder = Path(verification.__file__).parent
+    modules = [
+        import_module(f"{verification.__name__}.{path.stem}") for path in folder.glob("*.py")
+    ]
+    held = [value for module in modules for value in vars(module).values()]
+    assert [value for value in held if isinstance(value, torch.Tensor | torchbeam.Section)] == []
 
 
 def test_command(tmp_path, capsys):
