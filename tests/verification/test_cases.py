@@ -10,7 +10,6 @@ import pytest
 import torch
 
 import torchbeam
-from torchbeam.studies import verification
 from torchbeam.studies.verification.case import run
 from torchbeam.studies.verification.cases import CASES
 from torchbeam.studies.verification.command import main
