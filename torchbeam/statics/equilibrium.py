@@ -131,6 +131,8 @@ def equilibrium(
         states = native(model, time, given, start, tolerance, judged=judged or branch == "stable")
     if states is None:
         x, reaction, status = (relaxation.relax if relax else climb)(problem, start, tolerance)
+        if relax and model.conservative:  # which ends in minima
+            doubtful = torch.zeros_like(status, dtype=torch.bool)
     else:
         x, reaction, status, doubtful = states
     start = Configuration(*(v.expand(*status.shape, *v.shape[-2:]) for v in start))
