@@ -17,6 +17,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ..scene.effects.drag import norm
+
 INNER = ((0.5, 0.5, 0.0), (0.0, 1.0, 0.0), (0.0, 0.5, 0.5))
 FIRST = ((0.0, 1.0, 0.0), (0.0, 0.75, 0.25), (0.0, 0.5, 0.5))
 LAST = ((0.5, 0.5, 0.0), (0.25, 0.75, 0.0), (0.0, 1.0, 0.0))
@@ -40,6 +42,18 @@ def control_shares(count: int) -> tuple[tuple[tuple[float, ...], ...], ...]:
 def bernstein(t: Tensor) -> Tensor:
     """(..., 3) of t (...)."""
     return torch.stack(((1 - t) ** 2, 2 * t * (1 - t), t**2), -1)
+
+
+def least_distance(x: Tensor, points: Tensor) -> Tensor:
+    """(...) m that places x (..., 3) are away from pieces of these control points (..., 3, 3), at
+    least: from their chords, less by how far the curve is off these.
+    """
+    first, middle, last = points.unbind(-2)
+    chord = last - first
+    size = chord.square().sum(-1)
+    share = ((x - first) * chord).sum(-1) / torch.where(size > 0, size, torch.ones_like(size))
+    off = x - first - share.clamp(0.0, 1.0)[..., None] * chord
+    return (norm(off) - norm(middle - (first + last) / 2) / 2)[..., 0]
 
 
 def nearest(x: Tensor, nodes: Tensor, control: Tensor, ends: Tensor) -> tuple[Tensor, Tensor]:

@@ -21,7 +21,7 @@ from ..math.shapes import broadcast_shapes
 from ..scene.effects.contact_terms import ContactTerms
 from ..scene.effects.load_point import SPIN, VELOCITY
 from ..topology.cut import added
-from .centreline import piece_nodes
+from .centreline import least_distance, piece_nodes
 from .coordinates.spatial import Spatial
 from .touching_motion import NoTouching, TouchingMotion
 from .touching_pairs import PairMotion, TouchingPairs
@@ -83,7 +83,8 @@ class Touching(Tree):
     @property
     def points(self) -> tuple[tuple[int, int, int], ...]:
         """Of each place its three nodes."""
-        return tuple(own for own in piece_nodes(*self.along) for _ in range(self.places.count))
+        count = self.places.count
+        return tuple(own for own in piece_nodes(*self.along) for _ in range(count))
 
     @property
     def allowed(self) -> Tensor:
@@ -100,8 +101,8 @@ class Touching(Tree):
         return away.to(along).repeat_interleave(self.places.count, -2)
 
     def nearby(self, motion: TouchingMotion, skin: Tensor | float = 0.0) -> Nearby:
-        """By the spheres about pieces, larger by a skin m; all pairs where samples are seen one at
-        a time.
+        """Those with no more than a skin m of `slack`; all pairs where samples are seen one at a
+        time.
         """
         if mapped(motion.position):
             pairs = concrete((self.allowed > 0).detach())
@@ -109,34 +110,34 @@ class Touching(Tree):
         return self.chosen(self.slack(motion) <= skin)
 
     def slack(self, motion: TouchingMotion) -> Tensor:
-        """(P, K) m: how far each place is from the sphere about each piece, of the nearest sample;
-        inf where it may not touch it.
+        """(P, K) m: by how much the gap of each place to each piece is wider than where forces
+        begin, at least, in the nearest sample, wherever they are in the step; inf where it may not
+        touch it. No gap changes by more than two nodes move towards each other.
         """
-        device, shares = motion.position.device, self.places.shares
-        points, pieces = (torch.tensor(x, device=device) for x in (self.points, self.pieces))
-        x = concrete(motion.position.detach())
-        place = (shares[..., None] * x[..., points, :]).sum(-2)
-        own = x[..., pieces[:, 1], :]
-        corners = self.control @ x[..., pieces, :] - own[..., None, :]
-        reach = torch.linalg.vector_norm(corners, dim=-1).amax(-1)
-        reach = reach + (self.radii.sum(-1) + self.contact.thickness)[..., None]
-        reach = reach[..., None, :]
+        shares, points, pieces = self.places.shares[..., None], *self._nodes(motion.position.device)
+
+        def apart(x: Tensor) -> tuple[Tensor, Tensor]:
+            x = concrete(x.detach())
+            return (shares * x[..., points, :]).sum(-2)[..., None, :], x[..., None, pieces, :]
+
+        place, nodes = apart(motion.position)
+        slack = least_distance(place, self.control @ nodes)
+        slack = slack - (self.radii.sum(-1) + self.contact.thickness)[..., None, None]
         if motion.half is not None:
-            half = concrete(motion.half.detach())
-            moves = torch.linalg.vector_norm(half, dim=-1)
-            there = torch.linalg.vector_norm(
-                (shares[..., None] * half[..., points, :]).sum(-2), dim=-1
-            )
-            reach = reach + moves[..., pieces].amax(-1)[..., None, :] + there[..., None]
-        apart = torch.linalg.vector_norm(place[..., :, None, :] - own[..., None, :, :], dim=-1)
-        slack = torch.where(self.allowed > 0, apart - reach, torch.inf)
-        slack = concrete(slack.detach())
+            place, nodes = apart(motion.half)
+            moves = torch.linalg.vector_norm(nodes - place[..., None, :], dim=-1)
+            slack = slack - moves.amax(-1)
+        slack = concrete(torch.where(self.allowed > 0, slack, torch.inf).detach())
         return slack.flatten(0, -3).amin(0) if slack.ndim > 2 else slack
+
+    def _nodes(self, device: torch.device) -> tuple[Tensor, Tensor]:
+        """Of each place (P, 3), and of each piece (K, 3)."""
+        return tuple(torch.tensor(x, device=device) for x in (self.points, self.pieces))
 
     def chosen(self, pairs: Tensor) -> Nearby:
         """Those where pairs (P, K) bool is true."""
         point, piece = concrete(pairs).nonzero().unbind(-1)
-        points, pieces = (torch.tensor(x, device=pairs.device) for x in (self.points, self.pieces))
+        points, pieces = self._nodes(pairs.device)
         return Nearby(point, piece, torch.cat((points[point], pieces[piece]), -1))
 
     def pairs(self, near: Nearby) -> TouchingPairs:

@@ -28,7 +28,7 @@ from ..core.leaves import Tree, leaf
 from ..scene.effects.contact_law import damped, potential, pressure, rubbing
 from ..scene.effects.drag import norm
 from ..scene.effects.load_point import SPIN, VELOCITY, jacobians
-from .centreline import bernstein, nearest
+from .centreline import bernstein, least_distance, nearest
 
 POINTS = (0, 0, 0, 1, 2, 3)  # which of the four points each of the six nodes is part of
 
@@ -111,18 +111,16 @@ class TouchingPairs(Tree):
 
         return PairMotion(*(None if x is None else four(x) for x in motion[:4]), motion.secant)
 
-    def far(self, motion: PairMotion) -> Tensor:
-        """(..., U) bool: whether the place is outside of a sphere about the piece, wherever both
+    def slack(self, motion: PairMotion) -> Tensor:
+        """(..., U) m: by how much the gap is wider than where forces begin, at least, wherever both
         are in the step.
         """
         x, half, *_ = self.points(motion)
-        middle = x[..., 2, :]
-        corners = self.control @ x[..., 1:, :] - middle[..., None, :]
-        reach = norm(corners).amax((-1, -2)) + self.radii.sum(-1) + self.thickness
-        if half is not None:
-            moves = norm(half)[..., 0]
-            reach = reach + moves[..., 1:].amax(-1) + moves[..., 0]
-        return (x[..., 0, :] - middle).square().sum(-1) > reach.square()
+        apart = least_distance(x[..., 0, :], self.control @ x[..., 1:, :])
+        slack = apart - self.radii.sum(-1) - self.thickness
+        if half is None:
+            return slack
+        return slack - norm(half[..., 1:, :] - half[..., :1, :])[..., 0].amax(-1)
 
     def meeting(self, points: PairMotion) -> Meeting:
         """Of the pairs, whose points move so."""

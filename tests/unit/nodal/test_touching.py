@@ -11,7 +11,13 @@ from torch.testing import assert_close
 import torchbeam as tb
 from torchbeam.equations.generalized_alpha import GeneralizedAlphaProblem
 from torchbeam.equations.midpoint import MidpointProblem
-from torchbeam.nodal.centreline import bernstein, control_shares, nearest, piece_nodes
+from torchbeam.nodal.centreline import (
+    bernstein,
+    control_shares,
+    least_distance,
+    nearest,
+    piece_nodes,
+)
 from torchbeam.nodal.discretise import discretise
 from torchbeam.nodal.touching_motion import TouchingMotion
 
@@ -78,6 +84,21 @@ def test_nearest_place_on_a_centreline():
     assert_close(d, torch.cdist(x, curve).amin(-1), rtol=1e-6, atol=1e-8)
     slope = jacfwd(lambda x: distance(x)[0].sum())(x)
     assert_close(torch.linalg.vector_norm(slope[:-1], dim=-1), torch.ones(len(x) - 1))
+
+
+def test_least_distance_is_below_that_to_a_piece():
+    """By no more than twice the piece's rise over its chord; exact where it is straight."""
+    g = torch.Generator().manual_seed(2)
+    points = torch.randn(50, 3, 3, generator=g)
+    points[:10, 1] = points[:10, (0, 2)].mean(1)
+    points[0, 2] = points[0, 1] = points[0, 0]  # a body
+    x = 2 * torch.randn(40, 1, 3, generator=g)
+    curve = bernstein(torch.linspace(0, 1, 2001)) @ points
+    wanted = torch.cdist(x.expand(40, 50, 3).transpose(0, 1), curve).amin(-1).mT
+    below = wanted - least_distance(x, points)
+    rise = torch.linalg.vector_norm(points[:, 1] - points[:, (0, 2)].mean(1), dim=-1) / 2
+    assert (below > -1e-12).all()
+    assert (below < 2 * rise + 1e-5).all()  # of the sampling
 
 
 @pytest.mark.parametrize("plane", [None, "xz"])

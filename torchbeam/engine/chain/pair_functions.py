@@ -29,7 +29,7 @@ class PairFunctions(LocalProblems):
         problem, kinematics = self.of_pair(fields, kind)
         (near,) = problem.model.touching.near(None)
         motion = of_nodes(near.nodes, problem.touching_way(kinematics))
-        return {"far": near.pairs.far(motion)[0].to(problem.t)}
+        return {"far": (near.pairs.slack(motion)[0] > 0).to(problem.t)}
 
     def pair(self, held: bool, kind: PairKind, **fields: Tensor) -> Fields:
         """What a pair gives its nodes: its push (w) on their balances, and blocks (w, w), those of

@@ -5,7 +5,7 @@ they leave is put into the system of the interface.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import accumulate, pairwise, product
 
 from ...nodal.model import Model
@@ -104,6 +104,11 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
         table += [*between(place, unit), *pattern.place(place, unit), pattern.right(place).first]
         return [*table, other, *own(other), pattern.solution(other), pattern.solution(unit)]
 
+    @cache
+    def touching(own: tuple[int, ...]) -> list[int]:
+        blocks = [number for pair in product(own, own) for number in between(*pair)]
+        return [*(nodes[at] for at in own), *blocks]
+
     common = {*range(len(nodes) - shared, len(nodes))}
     own_joints = [k for k, pair in enumerate(how.joints) if not {*pair} <= {*common, None}]
     common |= {len(nodes) + k for k in range(J) if k not in own_joints}
@@ -166,14 +171,7 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
         ],
         "joint_table": [x for k in range(J) for x in joint(k)],
         "stretch_table": [x for s in range(len(stretches)) for x in stretch(s)],
-        "pair_table": [
-            x
-            for own in pairs
-            for x in (
-                *(nodes[at] for at in own),
-                *(number for pair in product(own, own) for number in between(*pair)),
-            )
-        ],
+        "pair_table": [x for own in pairs for x in touching(own)],
         "elimination": [x for group in pattern.elimination for x in group],
         "substitution": [x for group in pattern.substitution for x in group],
     }

@@ -1,16 +1,16 @@
 """Steps by native code where beams and bodies touch each other: which pairs may do so is found out
 in torch, once for as many steps as nodes move by little.
 
-Of all pairs, those are taken that would touch if nodes moved by up to a quarter of a skin, which is
-then as wide as it can be without another pair: a list after Verlet (1967). They belong to what is
-compiled for, as joints do: the matrix has blocks for them. Steps are made with the list as long as
-no node is farther from where it stood when the list was made; from there on they are made again,
-with another list. What is not in the list is too far to press, so that no result depends on the
-skin.
+Of all pairs, those are taken that may touch once two nodes have moved by up to a skin towards each
+other, which is then as wide as it can be without another pair: a list after Verlet (1967). They
+belong to what is compiled for, as joints do: the matrix has blocks for them. Steps are made with
+the list as long as no two nodes have moved by more; from there on they are made again, with another
+list. What is not in the list is too far to press, so that no result depends on the skin.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -22,6 +22,7 @@ from torch._C import _functorch as functorch
 from ...core.derivatives import lasting
 from ...core.functions_of_time import past_hooks
 from ...core.leaves import leaves
+from ...core.remembered import keep
 from ...core.status import SUCCESS
 from ...nodal.model import Model
 from ...nodal.touching import Nearby, fixed
@@ -37,9 +38,14 @@ ROOM = 1.5  # of what nodes have moved by in a step: so much is there for the ne
 LISTS = 16  # of pairs that are kept; the one that was not asked for for longest goes first
 
 
+def spread(x: Tensor) -> Tensor:
+    """(...) of the nodes' x (..., nodes, 3): no two of them differ by more."""
+    return torch.linalg.vector_norm(x.amax(-2) - x.amin(-2), dim=-1)
+
+
 class PairList(NamedTuple):
     """Steps with the pairs that were near when nodes were at `position` (..., nodes, 3) m, which
-    are all as long as no node is more than a quarter of the skin m from there.
+    are all as long as no two nodes have moved by more than the skin m towards each other.
     """
 
     step: CompiledStep
@@ -48,14 +54,21 @@ class PairList(NamedTuple):
     recorded: bool  # whether derivatives were, by the constants of pairs
 
     def moved(self, position: Tensor) -> Tensor:
-        """(K) m of positions (K, ...): the most that a node has moved by."""
-        moved = torch.linalg.vector_norm(position.detach() - self.position, dim=-1)
-        return moved.flatten(1).amax(1).nan_to_num(0.0)
+        """(K) m of positions (K, ...): no two nodes have moved by more towards each other."""
+        moved = spread(position.detach() - self.position)
+        return moved.reshape(len(moved), -1).amax(1).nan_to_num(0.0)
 
     def holds(self, position: Tensor) -> bool:
         if self.recorded != torch.is_grad_enabled() or self.position.shape != position.shape:
             return False
-        return bool(self.moved(position[None]) <= self.skin / 8)
+        return bool(self.moved(position[None]) <= self.skin / 2)
+
+    def steps_left(self, position: Tensor, way: float, wanted: int) -> int:
+        """Of the steps that are wanted as many as move nodes by no more than what is left of the
+        skin, if each does by `way` m: all, or a power of two, so that calls are alike.
+        """
+        left = self.skin - float(self.moved(position[None]))
+        return wanted if wanted * way <= left else 2 ** int(math.log2(max(left / way, 1.0)))
 
 
 class TouchingStep:
@@ -106,11 +119,14 @@ class TouchingStep:
         first, parts, at_once = 0, [], K or 1
         while first < (K or 1):
             position = self.model.space.public_position(start.position).detach()
+            way = float(
+                (spread(start.velocity.detach()) * dt.detach().abs().amax()).nan_to_num().amax()
+            )
             pairs = self._list
             if pairs is None or not pairs.holds(position):
-                speed = torch.linalg.vector_norm(start.velocity.detach(), dim=-1).amax()
-                pairs = self._listed(position, float(speed * dt.detach().abs().amax()))
+                pairs = self._listed(position, way)
             count = min(at_once, (K or 1) - first)
+            count = pairs.steps_left(position, way, count) if count > 1 else 1
             rows = slice(first, first + count)
 
             def of(x: Tensor, own: int, rows: Any = rows) -> Tensor:
@@ -126,7 +142,7 @@ class TouchingStep:
                 return None
             made = made if K else _stacked(made)
             moved = pairs.moved(self.model.space.public_position(made.fields["position"]))
-            beyond = (moved > pairs.skin / 4).nonzero()
+            beyond = (moved > pairs.skin).nonzero()
             whole = int(beyond[0]) if len(beyond) else count
             if whole < count:
                 at_once, self._list = max(1, 2 * whole), None
@@ -153,7 +169,7 @@ class TouchingStep:
         """The pairs for steps in which nodes move by so much."""
         motion = TouchingMotion(position, None, None, None, None, dict)
         slack = [one.slack(motion) for one in self.model.touching.each]
-        skin = max(self.skin, 4 * ROOM * move)
+        skin = max(self.skin, ROOM * move)
         near = [
             one.chosen(x <= skin) for one, x in zip(self.model.touching.each, slack, strict=True)
         ]
@@ -168,12 +184,9 @@ class TouchingStep:
         key = torch.is_grad_enabled(), key
         step = self._steps.pop(key, None)
         if step is None:
-            for oldest in [*self._steps][: max(0, len(self._steps) + 1 - LISTS)]:
-                self._steps.pop(oldest, None)
             with lasting(), past_hooks():
                 step = self.step(with_pairs(self.model, near))
-        self._steps[key] = step
-        return step
+        return keep(self._steps, key, step, LISTS)
 
 
 def with_pairs(model: Model, near: list[Nearby]) -> Model:
@@ -195,6 +208,8 @@ def _stacked(steps: Steps) -> Steps:
 
 def _joined(parts: list[Steps], K: int | None) -> Steps:
     """One after the other; a sample that has failed has its status from then on."""
+    if K is not None and len(parts) == 1:
+        return parts[0]
     fields = {name: torch.cat([part.fields[name] for part in parts]) for name in parts[0].fields}
     status = torch.cat([part.status for part in parts])
     iterations, well = torch.cat([part.iterations for part in parts]), all(p.well for p in parts)

@@ -70,6 +70,18 @@ class BlockPattern:
             self._below.append(at + n * self._stride(g))
             at += n * (self._stride(g) + w * len(self.rows[g]))
         self._solution, self.size = at, at + w * len(order)
+        # of each group where the blocks of units lie in its rows, and behind them
+        self._across, self._down = (
+            [{unit: k for k, unit in enumerate(units)} for units in own]
+            for own in (
+                [
+                    (*group, *behind)
+                    for group, behind in zip(self.groups, self.columns, strict=True)
+                ],
+                [(*group, *behind) for group, behind in zip(self.groups, self.rows, strict=True)],
+            )
+        )
+        self._strides = [self._stride(g) for g in range(len(self.groups))]
 
     def begin(self, g: int) -> int:
         """Where the first number of group g lies; of one more than there are, the solution."""
@@ -77,16 +89,14 @@ class BlockPattern:
 
     def place(self, row: int, column: int) -> Place:
         """Of the block of two units."""
-        g, other = self._group[row], self._group[column]
+        g, other, w = self._group[row], self._group[column], self.w
         if g > other:
-            n = self.w * len(self.groups[other])
-            first = self.w * n * self.rows[other].index(row)
-            first += self.w * self.groups[other].index(column)
-            return Place(self._below[other] + first, n)
-        stride = self._stride(g)
-        units = (*self.groups[g], *self.columns[g])
-        first = self.w * (stride * self.groups[g].index(row) + units.index(column))
-        return Place(self._panels[g] + first, stride)
+            size = len(self.groups[other])
+            first = w * size * (self._down[other][row] - size) + self._across[other][column]
+            return Place(self._below[other] + w * first, w * size)
+        stride = self._strides[g]
+        first = stride * self._down[g][row] + self._across[g][column]
+        return Place(self._panels[g] + w * first, stride)
 
     def right(self, row: int) -> Place:
         """Of the right-hand side of a unit."""

@@ -118,6 +118,41 @@ def test_what_is_far_is_stepped_as_if_it_did_not_touch():
     assert names[0] == names[1]
 
 
+def test_what_falls_together_is_stepped_once(monkeypatch):
+    """With one list, and no step again: no gap has changed; and few steps again where parts fly
+    from each other, as velocities foretell that the list ends.
+    """
+    scene, start = falling(X[0])
+    parts = {name: tb.Beam.straight(0.12, 2, SECTION, root=(0, 0, z))
+             for name, z in (("lower", 0), ("upper", 2.5 * R))}  # fmt: skip
+    law = tb.Contact("lower", "upper", radius=R, thickness=1e-4, force=100.0)
+    scene = tb.Scene(parts, [law, tb.Gravity((0, 0, -9.81))], plane="xz")
+    still = tb.rest(scene)
+    lists, steps, listed = [], [], touching_step.TouchingStep._listed
+
+    def count(self, *given):
+        pairs = listed(self, *given)
+        lists.append(pairs)
+        return pairs
+
+    monkeypatch.setattr(touching_step.TouchingStep, "_listed", count)
+    run, made = touching_step.CompiledStep.__call__, []
+
+    def ran(self, *given, **named):
+        result = run(self, *given, **named)
+        steps.append(len(result.status))
+        return result
+
+    monkeypatch.setattr(touching_step.CompiledStep, "__call__", ran)
+    for state in (still, replace(still, velocity=-start.velocity)):
+        lists.clear(), steps.clear()
+        tb.simulate(scene, [0.0, 0.016], step=2.5e-4, initial=state, engine="compiled")
+        made.append((len(lists), sum(steps)))
+    assert made[0] == (1, 64)
+    assert made[1][0] > 0
+    assert made[1][1] < 1.25 * 64
+
+
 def test_gradients_are_recorded_after_steps_without():
     """With the same list of pairs; and torch.func steps eagerly."""
     x = X[0].clone().requires_grad_()
