@@ -71,12 +71,15 @@ def is_the_slope(held, model, engine):
     z = coordinates(model)
     A, B = stepper.jacobian(model.state_at(z), U, model)
 
-    def after(z, u):
-        return model.departure(stepper(model.state_at(z), u=u))
+    count = z.shape[-1]
 
-    for found, at in ((A, lambda e: after(z + e, U)), (B, lambda e: after(z, U + e))):
-        wanted = differences(at, found)
-        assert_close(found, wanted, rtol=0, atol=1e-8 * max(1.0, wanted.abs().max().item()))
+    def after(e):
+        state = model.state_at(z + e[..., :count])
+        return model.departure(stepper(state, u=U + e[..., count:]))
+
+    wanted = differences(after, torch.cat((A, B), -1)).split((count, len(U)), -1)
+    for found, slope in zip((A, B), wanted, strict=True):
+        assert_close(found, slope, rtol=0, atol=1e-8 * max(1.0, slope.abs().max().item()))
 
 
 @pytest.mark.parametrize("kind", SCENES)
