@@ -7,7 +7,17 @@ from pathlib import Path
 
 from ...core.results import table
 from ...plot.canvas import grid, save
-from . import breakdown, calls, first_use, gradients, growth, operations, structures, throughput
+from . import (
+    breakdown,
+    calls,
+    contact,
+    first_use,
+    gradients,
+    growth,
+    operations,
+    structures,
+    throughput,
+)
 from .measurement import CPU, WALL, Measured
 from .others import PEERS
 
@@ -110,6 +120,7 @@ def _elsewhere(rows: Sequence[Measured]) -> str:
         gradients.PART,
         calls.PART,
         structures.PART,
+        contact.PART,
         first_use.PART,
         breakdown.PART,
         growth.PART,
@@ -185,6 +196,7 @@ TABLES = {
     "Gradients": _gradients,
     "Calls": _pairs(calls.PART, "", f"{calls.STEPS} steps, {calls.ELEMENTS} elements"),
     "Structures": _pairs(structures.PART, "", "ratio of CPU times"),
+    "Contact": _pairs(contact.PART, "", "ratio of CPU times"),
     "Environments": _elsewhere,
     "First use": _pairs(first_use.PART, "", "seconds"),
     "Breakdown": _pairs(breakdown.PART, "", "CPU us a step of the batch"),
