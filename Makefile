@@ -6,6 +6,9 @@ PYTEST := python -m pytest -n 2 --dist worksteal
 # Another processor's rounding, in software: MKL's and ATen's plainest instructions, and sums split over two threads.
 OTHER_ROUNDING := MKL_CBWR=COMPATIBLE ATEN_CPU_CAPABILITY=default OMP_NUM_THREADS=2 OMP_WAIT_POLICY=PASSIVE
 
+# A process that finds no compiled modules takes a second longer to import torchbeam, whatever the environment says.
+export PYTHONDONTWRITEBYTECODE =
+
 .PHONY: demo test test-long test-second test-rounding test-lowest bench lint clean
 
 demo: .venv/demo.done

@@ -73,11 +73,12 @@ def differences(
     ) / h
 
 
-def reverse(f: Callable[[Tensor], Tensor], n: int, w: Tensor) -> Tensor:
-    """w^T J (n,)."""
+def reverse(f: Callable[[Tensor], Tensor], n: int, *w: Tensor) -> Tensor:
+    """w^T J (n,) of each w, behind each other (..., n) where they are several; of one graph."""
     x = torch.zeros(n, requires_grad=True)
-    y = (f(x) * w).sum() + 0 * x.sum()  # what knows nothing of x has the derivative 0
-    return torch.autograd.grad(y, x)[0]
+    y = f(x) + 0 * x.sum()  # what knows nothing of x has the derivative 0
+    slopes = [torch.autograd.grad(y, x, one, retain_graph=True)[0] for one in w]
+    return torch.stack(slopes) if len(w) > 1 else slopes[0]
 
 
 def forward(f: Callable[[Tensor], Tensor], v: Tensor) -> Tensor:

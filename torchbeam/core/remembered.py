@@ -13,7 +13,7 @@ from torch import Tensor
 from .derivatives import cache_of, lasting, untracked
 from .leaves import Tree, map_leaves
 
-T = TypeVar("T")
+K, T = TypeVar("K"), TypeVar("T")
 LARGE = 2**14  # numbers in the arguments, from which on looking costs what computing does
 RECENT = 4  # values of a function, for arguments of one structure
 STRUCTURES = 64  # of all functions; the one that was not asked for for longest goes first
@@ -49,10 +49,19 @@ def remembered(function: Callable[..., T], *given: Any) -> T:
             for x in copies:
                 structure_of(x, known)
             recent = (known, function(*copies)), *recent[: RECENT - 1]
-        for oldest in [*_VALUES][: max(0, len(_VALUES) + 1 - STRUCTURES)]:
-            _VALUES.pop(oldest, None)
-    _VALUES[key] = recent
+    keep(_VALUES, key, recent, STRUCTURES)
     return recent[0][1]
+
+
+def keep(entries: dict[K, T], key: K, value: T, most: int) -> T:
+    """The value, as the last of at most so many entries: those that came first go. Other threads
+    may do the same.
+    """
+    entries.pop(key, None)
+    for oldest in [*entries][: max(0, len(entries) + 1 - most)]:
+        entries.pop(oldest, None)
+    entries[key] = value
+    return value
 
 
 def structure_of(x: Any, tensors: list[Tensor]) -> Hashable:

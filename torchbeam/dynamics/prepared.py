@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from ..core.derivatives import untracked
+from ..core.remembered import keep
 from ..engine.chain.coverage import meaning
 from ..scene.scene import Scene
 from .stepper import Stepper
@@ -47,10 +48,7 @@ def prepared(scene: Scene, dt: float, method: str, **options: Any) -> Stepper:
     if found is None or not all(map(torch.equal, found.numbers, tensors)):
         # of a twin: the scene holds the stepper, which holds no scene that holds it
         found = Prepared(Stepper(_twin(scene), dt, method, **options), _copied(tensors))
-        for oldest in [*steppers][: max(0, len(steppers) + 1 - RECENT)]:
-            steppers.pop(oldest, None)
-    steppers[key] = found
-    return found.stepper.again(dt)
+    return keep(steppers, key, found, RECENT).stepper.again(dt)
 
 
 @torch.no_grad()

@@ -4,6 +4,7 @@ the slip speed asks for.
 
 from dataclasses import replace
 
+import pytest
 import torch
 from torch.testing import assert_close
 
@@ -63,6 +64,7 @@ def test_steps_converge_by_secants_in_both_engines():
     assert_close(native.velocity, eager.velocity, rtol=0, atol=1e-9)  # which a step divides
 
 
+@pytest.mark.steps
 def test_what_is_thrown_comes_to_rest_where_it_must():
     """v^2/(2 mu g) ahead, with v/(mu g) of 25 steps: the last of them, in which it stops, is not
     resolved, which leaves friction's way of one step, mu g dt^2, and the creep of what slips

@@ -114,7 +114,7 @@ def test_adaptive_steps_of_a_body_alone():
     scene = tb.Scene(
         {"b": tb.Body(1.0, (1.0, 2.0, 2.5))}, [tb.PointLoad("b", moment=(1.0, 30.0, 1.0))]
     )
-    times = torch.tensor([0.0, 0.5])
+    times = torch.tensor([0.0, 0.3])
     fine = tb.simulate(scene, times, method="midpoint4", step=0.02, engine="eager").state[-1]
     found = tb.simulate(scene, times, atol=1e-3, engine="eager").state[-1]
     assert (found.rotation - fine.rotation).abs().max() < 1e-3

@@ -15,7 +15,7 @@ from torch._C import _functorch as functorch
 
 from ...core.arguments import instance
 from ...core.arguments import tolerance as check_tolerance
-from ...core.remembered import structure_of
+from ...core.remembered import keep, structure_of
 from ...core.warning import warn
 from ...dynamics import simulate as dynamics
 from ...linear import modes as linear
@@ -173,15 +173,14 @@ def _setting(
     try:
         recent = _CHOICES.get(key, ())
     except TypeError:  # a part has no hash
-        return search().settings
+        key, recent = None, ()
     choice = next((choice for choice in recent if choice.suits(values)), None)
     if choice is None:
         best = search()
         known = tuple(x.detach().clone() for x in values)
         choice = Choice(call, float(accuracy), known, best.settings, best.error, best.notes)
-        for oldest in [*_CHOICES][: max(0, len(_CHOICES) + 1 - STRUCTURES)]:
-            _CHOICES.pop(oldest, None)
-        _CHOICES[key] = choice, *recent[: RECENT - 1]
+        if key is not None:
+            keep(_CHOICES, key, (choice, *recent[: RECENT - 1]), STRUCTURES)
     if choice.error > accuracy:
         warn(f"accuracy = {accuracy:g} was not reached. {' '.join(choice.notes)}")
     return choice.setting

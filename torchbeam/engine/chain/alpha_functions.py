@@ -120,16 +120,6 @@ class AlphaFunctions(LocalFunctions):
         x = problem.apply_supports(x)
         return {STRAINING: problem.straining(problem.motion.kinematics(x.u, x.m))}
 
-    def solution(
-        self,
-        position: Tensor,
-        rotation: Tensor,
-        after_position: Tensor,
-        after_rotation: Tensor,
-        **fields: Tensor,
-    ) -> Fields:
-        space = self.model.space
-        return {
-            "u": after_position - position,
-            "m": space.multiply(space.inverse(rotation), after_rotation),
-        }
+    def solution(self, **fields: Tensor) -> Fields:
+        way, turn = self.moved(fields)
+        return {"u": way, "m": turn}

@@ -56,18 +56,11 @@ class ExtrapolatedFunctions(LocalFunctions):
         after["rotation"] = self.model.space.normalize(after["rotation"])
         return after
 
-    def solution(
-        self,
-        position: Tensor,
-        rotation: Tensor,
-        after_position: Tensor,
-        after_rotation: Tensor,
-        **fields: Tensor,
-    ) -> Fields:
+    def end(self, fields: Fields) -> tuple[Tensor, Tensor]:
         """Where the end is remembered, by it."""
         k = self._common(fields).mixture[3]
-        ends = (
-            k * fields[f"after_{OTHER}{name}"] + (1 - k) * own
-            for name, own in (("position", after_position), ("rotation", after_rotation))
+        position, rotation = (
+            k * fields[f"after_{OTHER}{name}"] + (1 - k) * fields[f"after_{name}"]
+            for name in ("position", "rotation")
         )
-        return super().solution(position, rotation, *ends)
+        return position, rotation

@@ -398,20 +398,24 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
 
     # Functions of the adjoint
 
-    def solution(
-        self,
-        position: Tensor,
-        rotation: Tensor,
-        after_position: Tensor,
-        after_rotation: Tensor,
-        **fields: Tensor,
-    ) -> Fields:
-        """u and m of a step between two states of a node; fields: what else is of it, and of the
-        state after (`after_`).
+    def solution(self, **fields: Tensor) -> Fields:
+        """u and m of a step between two states of a node; fields: what is of it, and of the state
+        after (`after_`).
         """
+        way, turn = self.moved(fields)
+        return {"u": way / 2, "m": self.model.space.sqrt(turn)}
+
+    def moved(self, fields: Fields) -> tuple[Tensor, Tensor]:
+        """How far a node went in a step, and how it turned."""
+        position, rotation = self.end(fields)
         space = self.model.space
-        turn = space.multiply(space.inverse(rotation), after_rotation)
-        return {"u": (after_position - position) / 2, "m": space.sqrt(turn)}
+        return position - fields["position"], space.multiply(
+            space.inverse(fields["rotation"]), rotation
+        )
+
+    def end(self, fields: Fields) -> tuple[Tensor, Tensor]:
+        """Position and rotation to which the step's equations belong."""
+        return fields["after_position"], fields["after_rotation"]
 
     def pushed(self, gap: Tensor, hB: Tensor, **fields: Tensor) -> Fields:
         """What an element's strain gap asks of its nodes (w)."""

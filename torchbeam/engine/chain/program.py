@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ...core.derivatives import cache_of
 from ...core.leaves import Tree, map_leaves
+from ...core.remembered import keep
 from ...core.surroundings import Surroundings
 from ...nodal.coordinates.planar import Planar
 from ..compiler.function import Function
@@ -407,10 +408,7 @@ def _kept(
     entry = entries.pop(key, None)  # other threads may ask too: at worst two of them make it
     if entry is None:
         entry = new(), around
-        for oldest in [*entries][: max(0, len(entries) + 1 - count)]:
-            entries.pop(oldest, None)
-    entries[key] = entry
-    return entry[0]
+    return keep(entries, key, entry, count)[0]
 
 
 def adjoint_of(

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from ...core.remembered import structure_of
+from ...core.remembered import keep, structure_of
 from ...math.shapes import broadcast_shapes
 from ...nodal.coordinates.planar import Planar
 from ...nodal.model import Model
@@ -119,9 +119,8 @@ class StepStructure:
         )
         found = self.forms.get(key)
         if found is None:
-            for oldest in [*self.forms][: max(0, len(self.forms) + 1 - FORMS)]:
-                self.forms.pop(oldest, None)
-            found = self.forms[key] = self._form(tensors, constants, K, dims, *options)
+            form = self._form(tensors, constants, K, dims, *options)
+            found = keep(self.forms, key, form, FORMS)
         return found
 
     @torch.no_grad()
@@ -234,7 +233,4 @@ def known_structure(key: Hashable | None) -> StepStructure | None:
 
 def keep_structure(key: Hashable | None, structure: StepStructure) -> None:
     if key is not None:
-        _STRUCTURES.pop(key, None)
-        for oldest in [*_STRUCTURES][: max(0, len(_STRUCTURES) + 1 - STRUCTURES)]:
-            _STRUCTURES.pop(oldest, None)
-        _STRUCTURES[key] = structure
+        keep(_STRUCTURES, key, structure, STRUCTURES)

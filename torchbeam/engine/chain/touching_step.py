@@ -22,6 +22,7 @@ from torch._C import _functorch as functorch
 from ...core.derivatives import lasting
 from ...core.functions_of_time import past_hooks
 from ...core.leaves import leaves
+from ...core.remembered import keep
 from ...core.status import SUCCESS
 from ...nodal.model import Model
 from ...nodal.touching import Nearby, fixed
@@ -183,12 +184,9 @@ class TouchingStep:
         key = torch.is_grad_enabled(), key
         step = self._steps.pop(key, None)
         if step is None:
-            for oldest in [*self._steps][: max(0, len(self._steps) + 1 - LISTS)]:
-                self._steps.pop(oldest, None)
             with lasting(), past_hooks():
                 step = self.step(with_pairs(self.model, near))
-        self._steps[key] = step
-        return step
+        return keep(self._steps, key, step, LISTS)
 
 
 def with_pairs(model: Model, near: list[Nearby]) -> Model:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import fields, replace
@@ -10,18 +9,16 @@ from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
-from torch.utils._python_dispatch import TorchDispatchMode
 
 from ...core.leaves import AXES, own_leaves, with_values
 from ...core.surroundings import Read, Surroundings, Unsteady, of_class
-from ...core.warning import PACKAGE, TORCH
 from ...nodal.conditions import conditions
 from ...nodal.loads import Nodes, advanced, external, load_points
 from ...nodal.model import Model
 from ...scene.effects import Inputs, Load, LoadPoint
 from ...scene.effects.effect import of_library
 from ...scene.effects.load_point import INTERNAL, MOTION, ROTATION, together
-from ..compiler.readings import NotTraceable, Readings
+from ..compiler.readings import NotTraceable, Readings, Ungraded
 from .constants import Constants
 from .local_problem import OwnBatch
 
@@ -211,25 +208,9 @@ def _with_gradient(model: Model) -> bool:
     if not by_function(model):
         return True
     still = Constants(model).still
-    with torch.enable_grad(), _Ungraded() as tried:
+    with torch.enable_grad(), Ungraded() as tried:
         _in_motion(model, still, torch.full_like(still.position, 0.1))
     return not tried.ungraded
-
-
-class _Ungraded(TorchDispatchMode):
-    """Notices what code outside the package and torch computes where gradients are off."""
-
-    ungraded = False
-
-    def __torch_dispatch__(
-        self, function: Any, types: Any, args: tuple = (), kwargs: dict | None = None
-    ) -> Any:
-        if not torch.is_grad_enabled() and not self.ungraded:
-            frame = sys._getframe(1)
-            while frame is not None and frame.f_code.co_filename.startswith(TORCH):
-                frame = frame.f_back
-            self.ungraded = frame is None or not frame.f_code.co_filename.startswith(PACKAGE)
-        return function(*args, **(kwargs or {}))
 
 
 def _alone(load: Load, point: LoadPoint, t: Tensor, inputs: Inputs) -> bool:

@@ -22,9 +22,12 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 # fmt: off
+PLAIN = {  # of Python's numbers, with numpy's results
+    "add": operator.add, "sub": operator.sub, "mul": operator.mul, "neg": operator.neg,
+    "lt": operator.lt, "le": operator.le, "eq": operator.eq,
+}
 FOLDED: dict[str, Callable] = {
-    "add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide, "neg": np.negative,
-    "sqrt": np.sqrt,
+    **PLAIN, "div": np.divide, "sqrt": np.sqrt,
     "norm": np.sqrt, "sin": np.sin, "cos": np.cos, "atan2": np.arctan2, "exp": np.exp,
     "log": np.log, "tanh": np.tanh,
     "expm1": np.expm1, "log1p": np.log1p, "sinh": np.sinh, "cosh": np.cosh, "asinh": np.arcsinh,
@@ -32,14 +35,9 @@ FOLDED: dict[str, Callable] = {
     "atanh": np.arctanh, "erf": lambda x: math.erf(x), "erfc": lambda x: math.erfc(x),
     "pow": np.power, "abs": np.abs,
     "floor": np.floor, "round": np.rint, "max": lambda *x: np.max(x), "min": lambda *x: np.min(x),
-    "lt": np.less, "le": np.less_equal, "eq": np.equal, "and": np.logical_and, "or": np.logical_or,
-    "not": np.logical_not,
+    "and": np.logical_and, "or": np.logical_or, "not": np.logical_not,
     "exponent": lambda x: np.frexp(x)[1] - 1.0, "mantissa": lambda x: 2 * np.frexp(x)[0],
     "power2": np.exp2, "stop": np.positive,
-}
-PLAIN = {  # of Python's numbers, with the same results
-    "add": operator.add, "sub": operator.sub, "mul": operator.mul, "neg": operator.neg,
-    "lt": operator.lt, "le": operator.le, "eq": operator.eq,
 }
 # fmt: on
 TRUTHS = {"lt", "le", "eq", "and", "or", "not"}

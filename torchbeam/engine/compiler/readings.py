@@ -12,12 +12,13 @@ import torch
 from torch import Tensor
 from torch._C import _functorch as functorch
 from torch.overrides import TorchFunctionMode
+from torch.utils._python_dispatch import TorchDispatchMode
 
+from ...core.warning import PACKAGE, TORCH
 from .decompositions import FUNCTIONS
 
 READ = {torch.Tensor.tolist, torch.Tensor.numpy, torch.Tensor.__array__, torch.Tensor.__dlpack__}
-PACKAGE = os.path.dirname(os.path.dirname(os.path.dirname(__file__))) + os.sep
-LIBRARIES = (os.path.dirname(torch.__file__) + os.sep, os.path.dirname(__file__) + os.sep)
+LIBRARIES = (TORCH, os.path.dirname(__file__) + os.sep)
 
 
 class NotTraceable(Exception):
@@ -112,3 +113,15 @@ def memory(x: Tensor) -> int:
     while functorch.is_functorch_wrapped_tensor(x):
         x = functorch.get_unwrapped(x)
     return id(x) if x._is_zerotensor() else x.untyped_storage()._cdata
+
+
+class Ungraded(TorchDispatchMode):
+    """Notices what code outside of this package computes where gradients are off."""
+
+    ungraded = False
+
+    def __torch_dispatch__(
+        self, func: Any, types: Any, args: tuple = (), kwargs: dict | None = None
+    ) -> Any:
+        self.ungraded |= not torch.is_grad_enabled() and of_user()
+        return func(*args, **(kwargs or {}))

@@ -273,7 +273,7 @@ class _Tracer(TorchDispatchMode):
         self.stopped.add(memory(stopped))
         nodes = self.nodes(x)
         stop = [y if y == UNKNOWN else self.graph.make("stop", y) for y in nodes.flatten().tolist()]
-        self.hold(stopped, torch.tensor(stop, dtype=torch.long).reshape(x.shape))
+        self.hold(stopped, array(stop, x.shape))
         return stopped
 
     def _own(self, func: Any, x: Tensor) -> None:

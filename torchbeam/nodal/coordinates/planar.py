@@ -99,16 +99,11 @@ class Planar(Spatial):
     @classmethod
     def of(cls, beam: Beam, name: str) -> Planar:
         """Raises ValueError where the beam or its mass leaves the plane `name`."""
-        plane = cls.through(beam, name)
+        numbers = (x.detach() for x in (beam.nodes, beam.frames, beam.elements, beam.length))
+        plane = remembered(cls._through, name, beam.order, bool(beam.parts), *numbers)
         if beam.offset or beam.rotary:
             plane.check_section("mass", beam.mass.detach())
         return plane
-
-    @classmethod
-    def through(cls, beam: Beam, name: str) -> Planar:
-        """Raises ValueError where the beam leaves the plane `name`, wherever its mass is."""
-        numbers = (x.detach() for x in (beam.nodes, beam.frames, beam.elements, beam.length))
-        return remembered(cls._through, name, beam.order, bool(beam.parts), *numbers)
 
     @classmethod
     def _through(
