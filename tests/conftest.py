@@ -24,6 +24,19 @@ torch.set_num_threads(THREADS)
 UNIT, ENGINE = Path(__file__).parent / "unit", "TORCHBEAM_ENGINE"
 
 
+def pytest_addoption(parser):
+    parser.addoption("--share", help="K/N: of the chosen tests each N-th, from the K-th (1 to N)")
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config, items):
+    """A share of long nets: the N shares together are the whole, each goes through all kinds."""
+    if share := config.getoption("--share"):
+        k, n = map(int, share.split("/"))
+        config.hook.pytest_deselected(items=[x for i, x in enumerate(items) if i % n != k - 1])
+        items[:] = items[k - 1 :: n]
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item):
     """Tests run by the engine that users have. Unit tests, hundreds of scenes that make a step or

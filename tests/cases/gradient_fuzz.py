@@ -4,6 +4,7 @@ wants many different scenes.
 
 import collections
 import csv
+import time
 import traceback
 from pathlib import Path
 
@@ -163,9 +164,12 @@ class Fuzz:
             self.crowded,
         )
 
-    def run(self, cases: int) -> None:
-        """So many, and more until nothing is missing."""
+    def run(self, cases: int, seconds: float = float("inf")) -> None:
+        """So many, and more until nothing is missing; of CPU seconds at most so many."""
+        end = time.process_time() + seconds
         while (self.cases < cases or self.missing()) and self.tried < 20 * cases:
+            if time.process_time() > end:
+                break
             spec = self._spec()
             if self.one(spec):
                 self.queue = [entry for entry in self.queue if entry not in spec.names]

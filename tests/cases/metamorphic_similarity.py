@@ -247,6 +247,11 @@ class Similarity:
             found["flow"] = lambda x, t: self.value(
                 VELOCITY, tensor(of.flow(self.inverse.value(PLACE, x), self.instant(t)))
             )
+        if isinstance(of, tb.Tendon):
+            found["eyelets"] = [
+                (e.node, self.value(PLACE if e.node is None else OFFSET, torch.as_tensor(e.point)))
+                for e in of.eyelets
+            ]
         if isinstance(of, tb.Support):
             found |= dict(position=self._letters(of.position), rotation=self._letters(of.rotation))
         return replace(of, **found)

@@ -207,7 +207,7 @@ def supports_said(parts: Parts) -> Parts:
             replace(s, node=s.node + count if s.node < 0 else s.node - count)
             for s in parts["supports"]
         ]
-        return {**parts, "supports": tuple(turned[::-1])}
+        return {**parts, "supports": tuple(turned)}  # in their order, which is that of reactions
     if any(isinstance(e, tb.RootSpring) for e in parts["effects"]):
         raise NotHere
     root = parts["root"]

@@ -268,6 +268,19 @@ def distances(seed: int) -> dict[str, float]:
     return found | {"gradient": gradient(drawn)}
 
 
+def engine_distances(seed: int) -> dict[str, float]:
+    """What native steps of a random structure differ by from eager ones, of the largest."""
+    drawn = draw(seed)
+    native, eager = (run(build(drawn), drawn, engine=engine) for engine in ("compiled", "eager"))
+    names = "position", "rotation", "velocity", "spin", "stress", "reaction", "joints"
+    pairs = {name: (getattr(native, name), getattr(eager, name)) for name in names}
+    return {
+        name: float((a - b).abs().max() / b.abs().max().clamp(min=1.0))
+        for name, (a, b) in pairs.items()
+        if b is not None and b.numel()
+    }
+
+
 def gradient(drawn: Drawn) -> float:
     """Of a reading by all numbers along one direction, beside a difference."""
     rng = torch.Generator().manual_seed(1)

@@ -51,6 +51,22 @@ def test_samples():
         )
 
 
+@pytest.mark.parametrize(
+    "script, package, error",
+    [
+        ("exudyn_mechanisms", "exudyn", {"four-bar": 0.0007, "hand": 0.0019}),
+        ("mujoco_mechanisms", "mujoco", {"four-bar": 0.0029, "hand": 0.0029}),
+    ],
+)
+def test_mechanisms(script, package, error):
+    """Of a linkage and a hand, as `test_peer`: three programs agree on the reference."""
+    pytest.importorskip(package)
+    rows = {row["what"]: row for row in reversed(printed(f"mechanisms/{script}"))}
+    for name, stated in error.items():
+        assert abs(rows[name]["error"] - stated) < 0.1 * stated
+
+
 def test_readme_lists_every_script():
     text = (PEERS.parent / "README.md").read_text()
-    assert [p.name for p in PEERS.glob("*.py") if f"`peers/{p.name}`" not in text] == []
+    paths = [*PEERS.glob("*.py"), *PEERS.glob("mechanisms/*.py")]
+    assert [p for p in paths if f"`{p.relative_to(PEERS.parent)}`" not in text] == []

@@ -46,11 +46,12 @@ def main() -> None:
     parser.add_argument(
         "--out", type=Path, default=Path("out/gradients.csv"), help="CSV of all derivatives"
     )
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="of CPU, at most")
     arguments = parser.parse_args()
     torch.set_default_dtype(torch.float64)
     torch.set_num_threads(1)
     begin, fuzz = time.process_time(), Fuzz(arguments.seed)
-    fuzz.run(arguments.cases)
+    fuzz.run(arguments.cases, arguments.seconds)
     fuzz.save(arguments.out)
     for sentence, often in fuzz.refused.most_common():
         print(f"refused {often}: {sentence}")

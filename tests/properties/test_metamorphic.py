@@ -157,6 +157,8 @@ def test_scenes_said_twice(name):
 
 BUCKLED = (*PLAIN, ("effect", "TipLoad force Input"))
 BENT = (("section", "from_stiffness"), ("beam", "arc"), TIP, ("effect", "Gravity value"))
+PULLED = (*PLAIN, TIP, ("effect", "Tendon elastic"))
+HELD = (*PLAIN, TIP, ("supports", "inner node held xz"))
 
 
 @pytest.mark.parametrize(
@@ -167,11 +169,14 @@ BENT = (("section", "from_stiffness"), ("beam", "arc"), TIP, ("effect", "Gravity
         ("modes", "vmap", BUCKLED),
         ("equilibrium", "words: rest shape by actuation", BENT),
         ("equilibrium", "chunks", BENT),
+        ("equilibrium", "turned", PULLED),
+        ("equilibrium", "words: supports said", HELD),
     ],
 )
 def test_what_stands_said_twice(answer, relation, names):
     """A cantilever that buckles under its input; its frequencies mapped over samples; an arc under
-    its weight, which is a straight beam that takes its strains by itself."""
+    its weight, which is a straight beam that takes its strains by itself; eyelets of a tendon in
+    the ground and on the beam; two supports."""
     row = compare(said(Spec(3, "equilibrium", "3D", names), answer, gradient=False), relation)
     assert row.passed, row
 

@@ -36,6 +36,13 @@ def touching(**numbers):
     return tb.Scene(parts, [tb.Contact("lower", "upper", **law)])
 
 
+def pulled(**numbers):
+    """By a tendon that is longer than when it is slack, and rubs."""
+    eyelets = [(None, (0.0, 0, 0.1)), (1, (0, 0, 0.05)), (2, (0, 0, 0.05))]
+    law = dict(stiffness=10.0, length=0.9, friction=0.3, slip_speed=0.1) | numbers
+    return loaded(tb.Tendon(eyelets, **law))
+
+
 # a scene of one tensor, that tensor, and whose values hold after it was written to: those of a
 # beam, its section, a point mass and a record are looked at once, and kept; those of other effects,
 # supports and frames are read where they are needed
@@ -83,6 +90,9 @@ SCENES = {
     "radius of beams that touch": (lambda x: touching(radius=x), 0.05, NEW),
     "thickness between beams": (lambda x: touching(thickness=x), 0.02, NEW),  # sets the places
     "force between beams": (lambda x: touching(force=x), 10.0, NEW),
+    "stiffness of a tendon": (lambda x: pulled(stiffness=x), 10.0, NEW),
+    "length of a tendon": (lambda x: pulled(length=x), 0.9, NEW),
+    "friction of a tendon": (lambda x: pulled(friction=x), 0.3, NEW),
 }
 # fmt: on
 # others: long
@@ -96,6 +106,7 @@ COMPILED = (
     "spring",
     "turning frame",
     "thickness between beams",
+    "stiffness of a tendon",
 )
 
 

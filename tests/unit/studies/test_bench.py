@@ -2,11 +2,23 @@
 
 import json
 import sys
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
+import torch
 
-from torchbeam.studies.bench import errors, gradients, growth, operations, others, throughput
+from torchbeam import simulate
+from torchbeam.studies import mechanisms as cases
+from torchbeam.studies.bench import (
+    errors,
+    gradients,
+    growth,
+    mechanisms,
+    operations,
+    others,
+    throughput,
+)
 from torchbeam.studies.bench.command import main
 from torchbeam.studies.bench.measurement import CPU, Measured, Times, exponent, timed
 from torchbeam.studies.bench.report import markdown
@@ -227,3 +239,23 @@ def test_gradients_and_growth_run_what_they_say():
         gradients.rollout("plane", 3, False, steps=8, engine="eager"), rel=1e-12
     )
     assert all(len(sizes) == 5 and growth.USUAL[what] for what, sizes in growth.LADDERS.items())
+
+
+def test_mechanisms():
+    """Coarse motions are near the references, and these are where exudyn's places are; a program
+    that is nowhere within an error has an empty cell, the cheapest of several settings the others.
+    """
+    known, bounds = cases.load(), {"four-bar": 1e-6, "hand": 2e-4}
+    exudyn = json.loads(files("torchbeam").joinpath("data/mechanisms_exudyn.json").read_text())
+    assert tuple(known) == cases.NAMES == tuple(mechanisms.SETTINGS)
+    assert max(one.agreement for one in known.values()) < 1e-4
+    for name, (places, _) in known.items():
+        t = torch.linspace(0, 0.1, 3, dtype=places.dtype)  # of the instants every 10 ms
+        motion = simulate(cases.scene(name, 1, 2), t, step=0.01, engine="eager")
+        # 3 %: steps of 10 ms leave out the hand's fastest waves while it has hardly moved
+        assert cases.error(cases.places(name, motion), places[:11:5]) < 0.03
+        other = torch.cat((places[:1], torch.tensor(exudyn[name], dtype=places.dtype)))
+        assert cases.error(other, places[::10]) < bounds[name]
+    row = Measured(mechanisms.PART, "hand", 10.0, 9.0, CPU, "other 1.0", "3D", 3, 20.0, error=0.002)
+    _, (line,) = mechanisms.table([row, row._replace(best=20.0, error=0.008)])
+    assert line == ("hand", "other 1.0", "50 (3, 20 ms)", "100 (3, 20 ms)", "", "", "")

@@ -10,6 +10,8 @@ from torch import Tensor
 from torch._C import _functorch as functorch
 from torch.autograd import forward_ad
 
+from ...core.derivatives import lasting, no_derivatives
+from ...core.functions_of_time import past_hooks
 from ...core.leaves import functions, wants_gradient
 from ...core.status import SUCCESS
 from ...core.surroundings import Surroundings
@@ -100,11 +102,10 @@ class CompiledStep:
         self.structure = known_structure(key)
         if self.structure is not None:
             self.around, self.function = NOTHING, False
-            trees = self.constants.trees(dict.fromkeys(self.structure.values, self.none))
         else:
-            self.structure, trees = self._traced(around)
+            self.structure = self._traced(around)
             keep_structure(key, self.structure)
-        self.constant, length = self.structure.constant(trees), model.spans.detach()
+        self.constant, length = self._constant(), model.spans.detach()
         total, longest = length.sum((-1, -2)), length.amax((-1, -2))
         self._lengths = [Field("common", "total", total, 0), Field("common", "longest", longest, 0)]
         if model.joints.count:
@@ -115,7 +116,12 @@ class CompiledStep:
         self._seen: tuple[int, ...] | None = None
         self._forms: dict[tuple, Form] = {}
 
-    def _traced(self, around: Surroundings | None) -> tuple[StepStructure, Trees]:
+    def _constant(self) -> list[Field]:
+        """Fields of the trees that no step changes: the model's tensors, or made of them."""
+        trees = self.constants.trees(dict.fromkeys(self.structure.values, self.none))
+        return self.structure.constant(trees)
+
+    def _traced(self, around: Surroundings | None) -> StepStructure:
         """The structure, by a look at all trees; its program is that of an earlier one, or
         traced.
         """
@@ -140,9 +146,7 @@ class CompiledStep:
                 "a function of the motion writes to what it reads; one without memory is wanted"
             )
         by_cells = self._by_cells(program, kinds, trees)
-        return StepStructure(
-            program, model, kinds, trees, values, self.constants.asks, by_cells
-        ), trees
+        return StepStructure(program, model, kinds, trees, values, self.constants.asks, by_cells)
 
     def _by_cells(self, program: StepProgram, kinds: Kinds, trees: Trees) -> Chain | None:
         """The model cell by cell, where it has any and nothing else couples them."""
@@ -330,6 +334,9 @@ class CompiledStep:
         except RuntimeError:  # tensors of inference mode do not count
             seen = None
         if seen is None or seen != self._seen:
+            if self._seen is not None:
+                with lasting(), past_hooks():
+                    self.constant = self._constant()
             self.constants.forget()
             self._forms.clear()
             self._seen = seen
@@ -352,14 +359,17 @@ class CompiledStep:
         return form
 
     def adjoint(self, names: frozenset[str], values: dict[str, Tensor]) -> Chain:
-        """Of the cotangents of constants of these names; values: of those that change."""
-        return self.structure.adjoint(
-            names,
-            self.model,
-            lambda: adjoint_of(
-                self.program, self.local(self.constants.trees(values)), names, self.around
-            ),
-        )
+        """Of the cotangents of constants of these names; values: of those that change. Traced once,
+        and no part of the graph: a part of torch.utils.checkpoint that is made again does not find
+        it missing there.
+        """
+
+        @no_derivatives()
+        def make() -> Chain:
+            trees = self.constants.trees(values)
+            return adjoint_of(self.program, self.local(trees), names, self.around)
+
+        return self.structure.adjoint(names, self.model, make)
 
 
 def _again(model: Model, **options: Any) -> CompiledStep:

@@ -102,5 +102,5 @@ def _machine() -> Any:
     binding = _binding()
     _, processor, features = _host()
     return binding.Target.from_default_triple().create_target_machine(
-        cpu=processor, features=features, opt=1, codemodel="jitdefault", jit=True
+        cpu=processor, features=features, opt=2, codemodel="jitdefault", jit=True
     )

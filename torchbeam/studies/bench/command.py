@@ -24,6 +24,7 @@ from . import (
     gradients,
     growth,
     loads,
+    mechanisms,
     operations,
     others,
     structures,
@@ -39,12 +40,15 @@ PARTS: dict[str, Callable[[bool], Iterator[Measured]]] = {
     "calls": calls.rows,
     "structures": structures.rows,
     "contact": contact.rows,
+    "mechanisms": mechanisms.rows,
     "environments": others.found,
     "first-use": first_use.rows,
     "breakdown": breakdown.rows,
     "growth": growth.rows,
     "operations": operations.rows,
 }
+# parts that other programs have rows of
+PEERS = {"throughput": others.peers, "mechanisms": mechanisms.peers}
 # option: what its file holds, the unit, and those of now
 GUARDS: dict[str, tuple[str, str, Callable[[], dict[str, Any]]]] = {
     "operations": ("operation counts", "operations", lambda: operations.counts()),
@@ -53,10 +57,10 @@ GUARDS: dict[str, tuple[str, str, Callable[[], dict[str, Any]]]] = {
 ABOUT = (
     "The compiled engine in numbers, float64: simulated seconds a second of the common dynamic "
     "case beside the eager engine, with the error of each setting; gradients over their forward, "
-    "and memory; structures beside one beam; contact; environments; compile times; the parts of a "
-    "step; growth with elements, batch and steps; operation counts. Writes bench.csv, bench.md and "
-    "bench.json (with machine and versions), and with matplotlib bench.png. About five minutes "
-    "on an idle machine."
+    "and memory; structures beside one beam; a linkage and a hand; contact; environments; "
+    "compile times; the parts of a step; growth with elements, batch and steps; operation "
+    "counts. Writes bench.csv, bench.md and bench.json (with machine and versions), and with "
+    "matplotlib bench.png. About five minutes on an idle machine."
 )
 
 QUICK = "Quick run: few sizes and repeats, short pieces of the case."
@@ -156,8 +160,8 @@ def _rows(given: argparse.Namespace) -> Iterator[Measured]:
     for name in given.parts:
         progress(f"{name} ...")
         yield from PARTS[name](given.quick)
-        if name == "throughput" and given.peers is not None:
-            yield from others.peers(given.peers, given.python, given.quick)
+        if name in PEERS and given.peers is not None:
+            yield from PEERS[name](given.peers, given.python, given.quick)
 
 
 def _compare(name: str, path: Path, update: bool, parser: argparse.ArgumentParser) -> int:

@@ -14,6 +14,7 @@ from . import (
     first_use,
     gradients,
     growth,
+    mechanisms,
     operations,
     structures,
     throughput,
@@ -121,6 +122,7 @@ def _elsewhere(rows: Sequence[Measured]) -> str:
         calls.PART,
         structures.PART,
         contact.PART,
+        mechanisms.PART,
         first_use.PART,
         breakdown.PART,
         growth.PART,
@@ -197,6 +199,9 @@ TABLES = {
     "Calls": _pairs(calls.PART, "", f"{calls.STEPS} steps, {calls.ELEMENTS} elements"),
     "Structures": _pairs(structures.PART, "", "ratio of CPU times"),
     "Contact": _pairs(contact.PART, "", "ratio of CPU times"),
+    "Mechanisms: CPU ms of one simulated second within an error": lambda rows: _table(
+        *mechanisms.table(rows), words=2
+    ),
     "Environments": _elsewhere,
     "First use": _pairs(first_use.PART, "", "seconds"),
     "Breakdown": _pairs(breakdown.PART, "", "CPU us a step of the batch"),

@@ -2,7 +2,7 @@
 same beams by angles in place of nodes, integrated in time by another method.
 
 n segments of a beam without extension and shear have errors of h^2; those of n = 4, 8 and 16 are
-extrapolated.
+extrapolated. Two mechanisms are beside another program's.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from torch import Tensor
 
 import torchbeam as tb
 
+from .. import mechanisms
 from .build import section
-from .case import Case
+from .case import Case, reference
 
 G, EI, MASS = 9.81, 0.05, 0.2  # m/s^2, N m^2, kg/m
 CRANK, SLIDER = 0.1, 0.05  # m, kg
@@ -154,6 +155,13 @@ def crank(t: float = 0.2) -> tuple[Tensor, Tensor]:
     return run["rod"].nodes[-1, 4, :2], _extrapolated(crank_of_segments, t)
 
 
+def of_exudyn(name: str, elements: int, steps: int) -> tuple[Tensor, Tensor]:
+    """A linkage or a hand let go: places of its ends every 0.1 s."""
+    known = torch.tensor(reference("mechanisms_exudyn")[name])
+    motion = mechanisms.motion(name, elements, 2, steps, intervals=len(known))
+    return mechanisms.places(name, motion)[1:], known
+
+
 SEGMENTS = "chains of 4, 8, 16 rigid segments, extrapolated"
 MESH = "the measured error of this mesh, rounded up"
 CASES = [
@@ -161,4 +169,9 @@ CASES = [
          "2 x 4 elements of order 2, midpoint4", pendulum, 3e-5, MESH, 1.0),
     Case("slider-crank with a flexible rod", SEGMENTS, "middle of the rod after 0.2 s, m",
          "4 elements of order 2, midpoint4", crank, 3e-5, MESH, 0.4),
+    Case("flexible four-bar linkage", "exudyn, 1e-6", "two pins every 0.1 s, m",
+         "3 x 3 elements of order 2, 5 ms", lambda: of_exudyn("four-bar", 3, 200), 9.5e-5, MESH,
+         1.0),
+    Case("hand of three jointed fingers", "exudyn, 1e-4", "tips every 0.1 s, m",
+         "6 x 2 elements of order 2, 5 ms", lambda: of_exudyn("hand", 2, 200), 1e-3, MESH, 1.0),
 ]  # fmt: skip

@@ -214,6 +214,25 @@ def test_an_adjoint_that_is_first_wanted_in_a_checkpoint_is_compiled(monkeypatch
     assert_close(found[0], found[1], rtol=1e-12, atol=0)
 
 
+def test_an_adjoint_of_an_elastic_tendon_that_is_first_wanted_in_a_checkpoint():
+    """Whose constants are made of the scene's by operations: tracing them saves nothing for the
+    graph of the part, which is not traced again.
+    """
+    section = tb.Section.from_stiffness(EA=100.0, GA=50.0, GJ=0.8, EI=1.0, mass=0.2, inertia=1e-3)
+    eyelets = [(None, (0.0, 0, 0.1)), (1, (0, 0, 0.05))]
+    found = []
+    for checkpoint in (True, False):
+        stiffness = torch.tensor(10.0, requires_grad=True)
+        tendon = tb.Tendon(eyelets, stiffness=stiffness, length=0.9)
+        scene = tb.Scene(tb.Beam.straight(1.0, 1, section), [tendon])
+        solution = tb.simulate(
+            scene, [0.0, 0.02, 0.04], step=0.02, checkpoint=checkpoint, engine="compiled"
+        )
+        found.append(torch.autograd.grad(solution.tip.position[-1, 2], stiffness)[0])
+    assert found[0].abs() > 1e-6
+    assert_close(found[0], found[1], rtol=1e-12, atol=0)
+
+
 def test_the_text_is_the_same_in_whatever_order_cotangents_are_asked_for():
     """Sets are ordered differently in each process, and objects are kept by their text."""
     step = tb.Stepper(bent((), plane="xz")[0], 0.01, engine="compiled").compiled
