@@ -304,7 +304,7 @@ class Simulation:
         if (
             "clamp" in params
             and "clamp" not in self.varying
-            and given.get("reset_mask") is not None
+            and not torch.as_tensor(given.get("reset_mask", True)).all()
         ):
             raise ValueError(
                 "clamp was given for some episodes of an env that does not vary it, where others "

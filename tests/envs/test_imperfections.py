@@ -146,6 +146,8 @@ def test_bad_input():
     part = {"reset_mask": torch.tensor([True, False]), "params": {"clamp": 0.01}}
     with pytest.raises(ValueError, match="clamp was given for some episodes"):
         env.reset(options=part)
+    env.reset(options={**part, "reset_mask": torch.tensor([True, True])})
+    assert (env.simulation.parameters_of(env.episodes)["clamp"] == 0.01).all()
     with pytest.raises(ValueError, match="a dictionary of"):
         envs.TipReachVectorEnv(1, randomize=True, **BLOCK_RATE)
     env = reach(randomize={"latency": (0, 1.5)})

@@ -178,6 +178,16 @@ def level_of(name: str, value: Any) -> float:
     return level
 
 
+def accuracy(name: str, value: Any) -> float:
+    """A relative error that is asked for, in (0, 1); ValueError otherwise."""
+    tolerance(name, value)
+    if value >= 1:
+        raise ValueError(
+            f"{name} = {value:g} was given; a relative error below 1 is wanted, 0.01 for a percent"
+        )
+    return float(value)
+
+
 def instants(name: str, value: Any, like: Tensor) -> Tensor:
     """Times (...) s, one or one of each sample, in the dtype and on the device of `like`;
     ValueError for what is none.

@@ -18,7 +18,7 @@ from ..nodal import loads as external
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.constitutive_law import times
 from ..nodal.coordinates.spatial import Spatial
-from ..nodal.joint_motion import JointDrive
+from ..nodal.joint_motion import JointDrive, JointValues
 from ..nodal.loads import STEADY, Nodes
 from ..nodal.model import Model
 from ..nodal.touching_motion import TouchingMotion
@@ -103,8 +103,8 @@ class SteadyProblem(BalanceProblem):
 
     @cached
     def least(self) -> tuple[Tensor, ...]:
-        """See `rounding_stress`."""
-        return (rounding_stress(self.model),)
+        """See `least_forces`."""
+        return least_forces(self.model, self.conditions.joints)
 
     @cached
     def element(self) -> ElementAtRest:
@@ -273,9 +273,18 @@ class SteadyProblem(BalanceProblem):
         return Configuration(position, rotation, x.stress)
 
 
+def least_forces(model: Model, joints: JointValues) -> tuple[Tensor, ...]:
+    """Forces N and moments N m (..., n, *), of which p are forces, that a balance is measured
+    against where nothing but joints acts: the stress of rounding, and the efforts in joints,
+    which what resists in these may balance by itself.
+    """
+    efforts = model.joints.efforts(joints)
+    return (rounding_stress(model), *(() if efforts is None else (efforts,)))
+
+
 def rounding_stress(model: Model) -> Tensor:
     """(..., N, k) N and N m, the stress of strains that are rounding alone, in differences of
-    places over an element: what a balance is measured against where nothing acts.
+    places over an element.
     """
     p, C = model.space.dims.position, model.tangent_stiffness()
     h = model.length.detach()

@@ -155,8 +155,9 @@ def of_nodes(
             here = element_matrix(model, nodes, now, still)
             K = total(K, here.each(torch.neg))
             D = total(D, element_matrix(model, nodes, now, moved).each(torch.neg), here)
-        if model.read.intersection(moved) and not isinstance(at, float):
-            rate = at - external.tangent(model, nodes, now, moved)
+        by_rates = model.read.intersection(moved)
+        rate = at - external.tangent(model, nodes, now, moved) if by_rates else 0.0
+        if not isinstance(rate, float):
             D = model.topology.diagonal(rate) if D is None else D.plus(rate)
     dampers = model.joints.damping(lambda: problem.joint_poses(x))
     if dampers is not None:

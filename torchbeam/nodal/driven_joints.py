@@ -57,8 +57,12 @@ class DrivenJoints(Joints):
         return self.laws.dissipative
 
     @property
+    def limited(self) -> bool:
+        return self.laws.limit_stiffness is not None
+
+    @property
     def smooth(self) -> bool:
-        return self.laws.friction is None and self.laws.limit_stiffness is None
+        return self.laws.friction is None and not self.limited
 
     def driven(self, motion: JointMotion) -> Driven:
         drive = motion.drive
@@ -95,6 +99,16 @@ class DrivenJoints(Joints):
         product = (self.v.at(motion.end).value * found.closing.at(motion.end).value).sum(-1)
         nodes = self._load(motion.acting, found.acting, self._forces(stress, found), nodes)
         return nodes, stacked(gap, self.held * (product - found.offset))
+
+    def efforts(self, values: JointValues) -> Tensor | None:
+        drawn = torch.zeros_like(self.c)
+        laws, _ = self.laws.effort(CoordinateStep(drawn, drawn, self.angles > 0, None, None))
+        total = laws.abs() if values.effort is None else laws.abs() + values.effort.abs()
+        force, moment = (
+            (rows * total).sum(-1, keepdim=True) for rows in (self.travels, self.angles)
+        )
+        p = self.space.dims.position
+        return torch.cat((force.expand(*force.shape[:-1], p), moment), -1)
 
     def blocks_of(
         self, motion: JointMotion, force: Tensor, half: Tensor | None, rate: float

@@ -117,6 +117,7 @@ class NoJoints(Tree):
     count = 0
     dissipative = False
     smooth = True
+    limited = False  # whether one has limits
     held_count = 0
 
     def split(self, stress: Tensor) -> tuple[Tensor, Tensor | None]:
@@ -136,6 +137,12 @@ class NoJoints(Tree):
         poses: `Pose` where forces act, and where joints are to be closed.
         """
         return nodes, gap
+
+    def efforts(self, values: JointValues) -> Tensor | None:
+        """(..., J, p + 1) N and N m, the sizes of efforts as joints are drawn, those that are given
+        and those by limits that exclude this; None = there are none.
+        """
+        return None
 
     def joined(
         self,

@@ -92,9 +92,10 @@ def equilibrium(
     is a constant); at a point of bifurcation a RuntimeWarning says that some do not exist.
 
     What swings, as a pendulum, is held by its loads once these have stressed it; where by their
-    stiffness it is more than 0.5 rad away, relax=True is wanted. A rigid motion that nothing holds
-    and no load drives stays as it starts, and derivatives are those with it held at the first
-    support (node 0 where there is none).
+    stiffness it is more than 0.5 rad away, relax=True is wanted. It is what follows by itself where
+    load steps fail and joints have limits, which end the way. A rigid motion that nothing holds and
+    no load drives stays as it starts, and derivatives are those with it held at the first support
+    (node 0 where there is none).
 
     Returns a `State` at rest with stress and reaction. Raises ValueError for what the nodal form
     does not take and RuntimeError for a sample without equilibrium; where nothing holds a rigid
@@ -121,6 +122,7 @@ def equilibrium(
     problem = SteadyProblem(model, time, given, time.new_ones(()))
     if initial is None:  # at no load
         start = replace(problem, load_factor=time.new_zeros(())).apply_supports(start)
+    whole, begin = problem, start
     if not relax:
         start, driven = stressed(problem, start)
         problem = problem if driven is None else braced(problem, start)
@@ -129,6 +131,8 @@ def equilibrium(
         states = native(model, time, given, start, tolerance, judged=judged or branch == "stable")
     if states is None:
         x, reaction, status = (relaxation.relax if relax else climb)(problem, start, tolerance)
+        if relax and model.conservative:  # which ends in minima
+            doubtful = torch.zeros_like(status, dtype=torch.bool)
     else:
         x, reaction, status, doubtful = states
     start = Configuration(*(v.expand(*status.shape, *v.shape[-2:]) for v in start))
@@ -136,6 +140,12 @@ def equilibrium(
     problem = braced(problem, x) if relax else problem
     if driven is not None:
         x, status = where(driven, start, x), torch.where(driven, DIVERGED, status)
+    if not relax and model.joints.limited and concrete(status != 0).any():
+        # nothing holds a joint between its limits: load steps find no way there
+        relaxed, found = relaxation.relax(whole, begin, tolerance), status != 0
+        x, reaction, status = where(found & (relaxed[-1] == 0), relaxed, (x, reaction, status))
+        problem = replace(braced(whole, x), load_factor=problem.load_factor)
+        doubtful = None
     good = status == 0
     if branch == "stable":
         unstable = good & _unstable(problem, x, start, doubtful)

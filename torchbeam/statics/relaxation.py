@@ -41,6 +41,9 @@ LIMIT = 12  # iterations
 # strain by a force like all loads together, or like EI/L^2: of a softened stretch or shear
 SOFT = 1e-2, 1e-3
 TRACE = 1e-6  # rad
+# of the viscosity over tau = 1: by so little stiffness what is at rest is held, where no motion of
+# it, as the roll of a bent round beam about itself, is resisted but by rounding
+NEUTRAL = 1e-6
 
 
 @dataclass(frozen=True)
@@ -109,7 +112,9 @@ def relax(
                     still, still.apply_supports(x), calm, tolerance, LIMIT, foresee=~calm
                 )
                 at_rest = calm & (outcome.status == 0) & (_turned(model, x, outcome.x) < CALM)
-                at_rest = at_rest & _minimum(still, outcome.x) if downhill else at_rest
+                if downhill:
+                    held = replace(fluid, load_factor=whole.load_factor, drag=NEUTRAL * viscosity)
+                    at_rest = at_rest & _minimum(replace(held, model=model), outcome.x)
                 x = _where(at_rest, outcome.x, x)
                 reaction = torch.where(at_rest[..., None, None], outcome.reaction, reaction)
                 going = going & ~at_rest

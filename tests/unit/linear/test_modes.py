@@ -249,3 +249,19 @@ def test_units_do_not_matter(order):
         return tb.modes(tb.Scene(beam, supports=pins)).frequency
 
     assert_close(frequencies(1e-12), frequencies(1.0), rtol=1e-8, atol=0)
+
+
+def test_small_motions_are_damped_by_drag_in_a_flow():
+    """Small rotations do not turn the beam in the flow, so that the drag reads velocities alone:
+    it damps as much as beside a load of zero that reads places too.
+    """
+    section = tb.Section.from_stiffness(EA=100.0, GA=50.0, GJ=0.8, EI=1.0, mass=0.2, inertia=1e-3)
+    drag = tb.Drag(10.0, 0.1, flow=(0.3, 0.5, 0.2))
+
+    def ratios(*more):
+        scene = tb.Scene(tb.Beam.straight(1.0, 2, section), [drag, *more], small=True)
+        return tb.modes(scene, count=2).damping_ratio
+
+    alone = ratios()
+    assert (alone > 0.1).all()
+    torch.testing.assert_close(alone, ratios(tb.Spring(1, 0.0, (0.3, 0.2, 0.1))), rtol=1e-9, atol=0)

@@ -1,6 +1,7 @@
 """Planes and small rotations: the same beam with fewer unknowns, held against 3D."""
 
 import math
+import warnings
 
 import pytest
 import torch
@@ -387,3 +388,20 @@ def test_a_plane_scene_is_made_under_vmap(plane):
             torch.func.vmap(tip)(*aside)
     else:
         assert torch.func.vmap(tip)(*aside)[1, 1] > 1e-6
+
+
+def test_small_rotations_beyond_half_a_turn_are_said():
+    """A quaternion holds less: what a state would lose without a word."""
+    section = tb.Section.rectangle(width=0.01, height=0.01, E=1e9, nu=0.3, rho=1000.0)
+
+    def bent(moment):
+        load = tb.TipLoad(moment=(0, moment * 1e9 * 0.01**4 / 12, 0))
+        return tb.equilibrium(
+            tb.Scene(tb.Beam.straight(1.0, 2, section), [load], small=True)
+        ).position
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        bent(3.1)
+    with pytest.warns(RuntimeWarning, match=r"rotations of 3\.2 rad .* less than half a turn"):
+        bent(3.2)

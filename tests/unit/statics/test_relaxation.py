@@ -1,6 +1,7 @@
 """Relaxation to rest: what starts where Newton's method finds nothing."""
 
 import math
+import warnings
 
 import pytest
 import torch
@@ -65,6 +66,20 @@ def test_inextensible_cable(shape):
         rtol=1e-8,
         atol=0,
     )
+
+
+def test_a_cable_that_may_roll_about_itself():
+    """In space a bent round cable with pinned ends rolls about its own axis without any work: that
+    is neutral, and the shape is that in its plane.
+    """
+    beam, supports = inextensible(1e-3, "moved")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)  # it is not unstable
+        flat, state = (
+            tb.equilibrium(tb.Scene(beam, [WEIGHT], supports=supports, plane=plane), relax=True)
+            for plane in ("xz", None)
+        )
+    assert_close(state.position, flat.position, rtol=0, atol=1e-6)
 
 
 def test_supports_too_far_apart():

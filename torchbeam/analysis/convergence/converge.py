@@ -11,6 +11,7 @@ from typing import Any
 
 from torch import Tensor
 
+from ...core.arguments import accuracy as check_accuracy
 from ...core.arguments import choice, instance, listed, number
 from ...core.arguments import count as check_count
 from ...core.arguments import function as check_function
@@ -84,7 +85,7 @@ def converge(
     the mesh; RuntimeError where no setting's run succeeds.
     """
     begun = time.process_time()
-    check_tolerance("rtol", rtol)
+    check_accuracy("rtol", rtol)
     if number("share", share) != 1:
         check_level("share", share)
     problem = _problem(scene, t, read, size, solve)

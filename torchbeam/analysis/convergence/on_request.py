@@ -4,6 +4,7 @@ choice.
 
 from __future__ import annotations
 
+import inspect
 import logging
 from collections.abc import Callable, Hashable
 from functools import wraps
@@ -13,8 +14,8 @@ import torch
 from torch import Tensor
 from torch._C import _functorch as functorch
 
+from ...core.arguments import accuracy as check_accuracy
 from ...core.arguments import instance
-from ...core.arguments import tolerance as check_tolerance
 from ...core.remembered import keep, structure_of
 from ...core.warning import warn
 from ...dynamics import simulate as dynamics
@@ -92,6 +93,7 @@ def simulate(scene: Scene, t: Any, *given: Any, accuracy: Any = None, **options:
         return dynamics.simulate(scene, t, *given, **options)
     if given:
         options |= dict(zip(("initial", "method"), given, strict=False))
+    inspect.signature(dynamics.simulate).bind(scene, t, **options)  # raises for unknown keywords
     for name, value in options.items():
         if name not in (*SEARCHED, *FREE) and value is not None:
             raise ValueError(
@@ -108,6 +110,11 @@ def simulate(scene: Scene, t: Any, *given: Any, accuracy: Any = None, **options:
         searched = {name: options[name] for name in SEARCHED if name in options}
         return converge(scene, t, shape, accuracy, progress=_log, **searched)
 
+    if isinstance(accuracy, Convergence) and accuracy.settings.method is None:
+        raise ValueError(
+            "what tb.converge gave without t was given as accuracy of a motion; one with t, which "
+            "chooses a step too, is wanted"
+        )
     instants = tuple(torch.as_tensor(t).detach().flatten().tolist())
     asked = instants, initial, options.get("inputs")
     setting = _setting("simulate", scene, accuracy, asked, search)
@@ -161,7 +168,7 @@ def _setting(
     """As was found before for what is `asked` of a scene like this one, or by a search."""
     if isinstance(accuracy, Convergence):
         return accuracy.settings
-    check_tolerance("accuracy", accuracy)
+    check_accuracy("accuracy", accuracy)
     instance("a scene", scene, Scene)
     values: list[Tensor] = []
     key = structure_of(scene, values), call, float(accuracy), structure_of(asked, values)

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from ...core.derivatives import no_derivatives
 from ...dynamics.simulate import simulate
+from ...scene.effects import PerInterval
 from ...scene.scene import Scene
 from .reading import Reader
 from .setting import Setting
@@ -177,11 +178,17 @@ class Trials:
 
     def _solve(self, scene: Scene, setting: Setting, short: bool = False) -> Any:
         if self.t is None:
-            return self.solve(scene)
+            if (result := self.solve(scene)) is None:
+                raise ValueError("solve gave None; what `read` takes, as a state, is wanted")
+            return result
         options = dict(self.options)
         if callable(initial := options.get("initial")):
             options["initial"] = initial(scene)
         t = self.t
         if short:
             t = t[0] + torch.stack((0 * t[0], t[0] * 0 + min(setting.step, (t[1] - t[0]).item())))
+            options["inputs"] = {
+                name: PerInterval(v.value[..., :1, :]) if isinstance(v, PerInterval) else v
+                for name, v in (options.get("inputs") or {}).items()
+            }
         return simulate(scene, t, **setting.steps, **options)

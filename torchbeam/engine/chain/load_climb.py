@@ -13,9 +13,9 @@ from ...core.repetition import repetitions
 from ...core.surroundings import Surroundings
 from ...core.validation import broadcast
 from ...equations.load_steps import LIMIT
-from ...equations.steady import Configuration, rounding_stress
+from ...equations.steady import Configuration, least_forces
 from ...math.shapes import broadcast_shapes
-from ...nodal.balance import same_law
+from ...nodal.balance import most, same_law
 from ...nodal.joints import stacked
 from ...nodal.model import Model
 from ...scene.effects import Inputs
@@ -161,7 +161,9 @@ def _called(
     local = SteadyFunctions(model, *trees_at_rest(constants, t, inputs))
     joints = model.joints.count > 0
     judged = judged and not model.scene.beam.parts  # of a structure it is looked at by torch
-    chain, fields = prepared(local, constants, t, around, JudgedProgram if judged else LoadProgram)
+    chain, fields = prepared(
+        local, constants, t, inputs, around, JudgedProgram if judged else LoadProgram
+    )
     exact = same_law(local.elements.C, model.law.C)
     tolerance = model.length.new_tensor(tolerance or TOLERANCE[model.length.dtype])
     stress, forces = model.joints.split(x.stress)
@@ -203,6 +205,7 @@ def prepared(
     local: SteadyFunctions,
     constants: Constants,
     t: Tensor,
+    inputs: Inputs,
     around: Surroundings | None,
     made: type[ChainProgram],
 ) -> tuple[Chain, list[Field]]:
@@ -211,14 +214,12 @@ def prepared(
     kinds = kinds_of(model, constants.acts, rest=True)
     program = program_of(local, kinds, bool(model.constraints.nodes), around, made)
     chain = Chain(program, model, kinds)
-    length, p, least = model.spans, model.space.dims.position, rounding_stress(model)
-    least = least if model.station_count else torch.zeros_like(length).expand(1, p + 1)
-    numbers = {
-        "total": length.sum((-1, -2)),
-        "longest": length.amax((-1, -2)),
-        "least_force": least[..., :p].amax((-1, -2)),
-        "least_moment": least[..., p:].amax((-1, -2)),
-    }
+    length, p = model.spans, model.space.dims.position
+    least = least_forces(model, model.joints.values(model.scene.joints, t, inputs, t))
+    numbers = {"total": length.sum((-1, -2)), "longest": length.amax((-1, -2))}
+    for name, columns in (("force", slice(p)), ("moment", slice(p, None))):
+        sizes = torch.broadcast_tensors(*(most(x[..., columns]) for x in least))
+        numbers[f"least_{name}"] = torch.stack(sizes).amax(0)
     if model.joints.count:
         numbers["joint_size"] = model.joints.size
     fields = [

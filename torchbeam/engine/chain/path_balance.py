@@ -78,7 +78,9 @@ class NativeBalance:
         constants = Constants(model, steps=False, around=around)
         trees, rising, rises, led = self._trees(constants, problem, load)
         local = PathFunctions(model, *trees, rising=rising, led=led is not None)
-        self.chain, fields = prepared(local, constants, problem.t, around, PathProgram)
+        self.chain, fields = prepared(
+            local, constants, problem.t, problem.inputs, around, PathProgram
+        )
         self.exact, self.load = same_law(local.elements.C, model.law.C), load
         self.rising = [one for one in fields if one.name in rises]
         self.fields = [one for one in fields if one.name not in rises]

@@ -116,7 +116,7 @@ class SteadyFunctions(LocalFunctions):
         **fields: Tensor,
     ) -> Fields:
         """See `LocalFunctions.judge`; where it is all of the load, nothing is foreseen. The least:
-        see `rounding_stress`.
+        see `least_forces`.
         """
         force, moment = torch.maximum(force, least_force), torch.maximum(moment, least_moment)
         return super().judge(force, moment, **fields, foresee=whole == 0)

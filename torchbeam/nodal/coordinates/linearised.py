@@ -6,6 +6,7 @@ times the nodes' moves.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple
 
@@ -13,6 +14,8 @@ import torch
 from torch import Tensor
 
 from ...core.leaves import Tree, leaf
+from ...core.validation import concrete
+from ...core.warning import warn
 from ...math import quaternions as quat
 from ...math.shapes import broadcast_shapes
 from ...scene.beam import Beam
@@ -121,6 +124,17 @@ class Linearised(Spatial):
         return replace(state, rotation=self.to_reduced_rotation(state.rotation))
 
     def to_public(self, state: State) -> State:
+        """A public state's quaternion holds less than half a turn: a vector beyond it, which small
+        rotations never are, loses whole turns, of which a RuntimeWarning tells.
+        """
+        angle = state.rotation.detach().norm(dim=-1)
+        if concrete(angle > math.pi).any():
+            warn(
+                f"rotations of {concrete(angle.amax()).item():.3g} rad came of small=True, which "
+                "are not small, and of which a state holds what is less than half a turn: what "
+                "goes on from it or is read of its rotations is wrong; a scene without small, or "
+                "smaller loads, are wanted"
+            )
         return replace(state, rotation=quat.multiply(self.frames, quat.exponential(state.rotation)))
 
     def pose(self, position: Tensor, rotation: Tensor) -> tuple[Tensor, Tensor]:

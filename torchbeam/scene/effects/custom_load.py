@@ -43,8 +43,9 @@ class Load(LoadEffect):
               m/s absolute, spin (..., 3) rad/s, all in frame a; t (0-dim) s. Returns force and
               moment (..., 3) in frame a, N and N m, per metre along the beam, tensors or sequences
               of numbers; None = absent. Written in torch operations; what it returns for a site
-              depends on that site alone. Where samples stand at different times it is called once
-              for each of these.
+              of a sample depends on these alone: which others come in the same call is the engine's
+              choice, so that a mean over them, or their number, is no number of the physics.
+              Where samples stand at different times it is called once for each of these.
     node      counts from the root, -1 is the tip; None = along the beam, where the arguments are
               (..., sites, ...)
     inputs    `Input`s, or names with sizes {"u": 2}: the function takes them by name, with as many

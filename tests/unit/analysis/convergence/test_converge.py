@@ -133,12 +133,15 @@ def test_laws_of_errors():
         (dict(rtol=0.0), "rtol = 0"),
         (dict(elements=["cubic"]), "one of elements"),
         (dict(methods=[]), "one of methods"),
+        (dict(rtol=1.0), "a relative error below 1 is wanted"),
         (dict(solve=tb.equilibrium), "t and solve were given"),
+        (dict(t=None, solve=lambda scene: None), "solve gave None"),
+        (dict(t=None, read=lambda state: None), "read gave None"),
         (dict(read=lambda solution: solution.nodes), "one that no mesh changes is wanted"),
         (dict(read=lambda solution: solution.tip.position[0, 0] > 0), "real floating numbers"),
     ],
 )
 def test_refusals(given, sentence):
-    given = {"read": tb.sensors.TipPosition(), **given}
+    given = {"t": T, "read": tb.sensors.TipPosition(), **given}
     with pytest.raises(ValueError, match=sentence):
-        tb.converge(strip(tb.Damping(0.01)), T, **FEW | given)
+        tb.converge(strip(tb.Damping(0.01)), **FEW | given)

@@ -8,6 +8,7 @@ import torch
 
 import torchbeam as tb
 from torchbeam.analysis.convergence import on_request
+from torchbeam.analysis.convergence.on_request import shape
 from torchbeam.analysis.convergence.reading import Reader
 from torchbeam.statics import equilibrium as statics
 
@@ -99,6 +100,17 @@ def test_what_is_missed_is_said(searches, monkeypatch):
     assert len(searches) == 1
 
 
+def test_inputs_held_over_intervals(searches):
+    """The same as held throughout; an unknown keyword is Python's to say."""
+    scene = tb.Scene(strip().beam, [tb.TipLoad(force=tb.Input("f", 3))], plane="xz")
+    held = tb.PerInterval(torch.tensor([0.0, 0, 1.0]).expand(len(T) - 1, 3))
+    moved = tb.simulate(scene, T, inputs={"f": held}, accuracy=0.2).tip.position
+    fine = tb.simulate(tb.remesh(strip(), 8), T, step=0.025).tip.position
+    assert searches and (moved - fine).abs().max() < 0.2 * fine[:, 2].abs().max()
+    with pytest.raises(TypeError, match="unexpected keyword argument 'stepp'"):
+        tb.simulate(scene, T, stepp=0.1, accuracy=0.1)
+
+
 def test_what_has_no_hash_is_searched_each_time(searches):
     scene = tb.Scene(strip().beam, [tb.TipLoad(force=tb.Input("f", 3))], plane="xz")
     for _ in range(2):
@@ -121,6 +133,11 @@ def test_bad_input():
             "tb.equilibrium, is wanted",
         ),
         (lambda: tb.simulate(strip(), T, accuracy=-1.0), "positive"),
+        (lambda: tb.equilibrium(strip(), accuracy=1.0), "relative error below 1"),
+        (
+            lambda: tb.simulate(strip(), T, accuracy=tb.converge(strip(), None, shape, 0.1)),
+            "one with t, which chooses a step too",
+        ),
         (lambda: tb.equilibrium(3, accuracy=0.1), "torchbeam.Scene is wanted"),
         (
             lambda: tb.equilibrium(strip(), initial=tb.rest(strip()), accuracy=0.1),
