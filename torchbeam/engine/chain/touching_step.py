@@ -33,7 +33,7 @@ from ...topology.chain import Chain
 from ...topology.framework import Framework
 from .compiled_step import CompiledStep, Steps
 
-SKIN = 0.25  # of an element's length, at least
+SKIN = 1.0  # of an element's length, at least: blocks of what does not touch are passed over
 ROOM = 1.5  # of what nodes have moved by in a step: so much is there for the next ones
 LISTS = 16  # of pairs that are kept; the one that was not asked for for longest goes first
 

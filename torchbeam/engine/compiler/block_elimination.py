@@ -9,6 +9,7 @@ passed over.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 
 from .llvm import FLAGS, Lanes
 from .loop_text import Code
@@ -38,6 +39,7 @@ class BlockElimination:
             self._add("column", 1),
             self._subtract(),
             self._pivot(),
+            self._some(),
             self._eliminate(),
             self._substitute(),
         ]
@@ -209,26 +211,67 @@ class BlockElimination:
                 rest = self._make(code, "fsub", self._load(code, at, lanes), part, lanes)
                 self._store(code, rest, at, lanes)
 
+    def _some(self) -> str:
+        """some(a, stride, rows, columns, result): 1 where a number is other than zero in any lane,
+        else 0; by the first row that has one.
+        """
+        given = ["ptr %a", "i64 %stride", "i64 %rows", "i64 %columns", "ptr %result"]
+        code = Code("some", given)
+        row, truth = code.slot(), code.slot("i1")
+        code.store(0, row)
+        code.store("false", truth, "i1")
+        with code.until() as ends:
+            i = code.load(row)
+            here = self._at(code, "%a", code.mul(i, "%stride"))
+            with code.loop(0, "%columns") as j:
+                x = self._load(code, self._at(code, here, j))
+                zero = self.lanes.constant(0.0)
+                other = self._any(code, code.new(f"fcmp une {self.lanes.vector} {x}, {zero}"))
+                either = code.new(f"or i1 {code.load(truth, 'i1')}, {other}")
+                code.store(either, truth, "i1")
+            code.store(after := code.add(i, 1), row)
+            last = code.compare("sge", after, "%rows")
+            ends.append(code.new(f"or i1 {code.load(truth, 'i1')}, {last}"))
+        code.store(code.choose(code.load(truth, "i1"), 1, 0), "%result")
+        return _internal(code)
+
+    @contextmanager
+    def _unless_zero(
+        self, code: Code, a: str, stride: str, rows: str | int, columns: str | int
+    ) -> Iterator[None]:
+        """What is written is passed over where a block is zero in all lanes: what may couple, and
+        does not now.
+        """
+        result = code.slot()
+        code.line(
+            f'call void @"some"(ptr {a}, i64 {stride}, i64 {rows}, i64 {columns}, ptr {result})'
+        )
+        with code.when(code.compare("eq", code.load(result), 1)):
+            yield
+
     def _eliminate(self) -> str:
         code = Code("eliminate", ["ptr %memory", "ptr %table", "i64 %groups"])
         slot = code.slot("ptr")
         code.store("%table", slot, "ptr")
         with code.loop(0, "%groups"):
             entry = code.load(slot, "ptr")
-            n, columns, panel, count = (code.load(code.at(entry, k)) for k in range(4))
+            n, columns, panel, rows, count = (code.load(code.at(entry, k)) for k in range(5))
             panel = self._at(code, "%memory", panel)
             code.line(f'call void @"pivot"(ptr {panel}, i64 {n}, i64 {columns})')
-            entry = code.at(entry, 4)
-            with code.loop(0, count) as k:
-                product = code.at(entry, code.mul(k, 5))
-                to, stride, first, column, size = (code.load(code.at(product, i)) for i in range(5))
-                to, first = self._at(code, "%memory", to), self._at(code, "%memory", first)
-                column = self._at(code, panel, column)
-                code.line(
-                    f'call void @"subtract"(ptr {to}, i64 {stride}, ptr {first}, i64 {n}, i64 {n}, '
-                    f"ptr {column}, i64 {columns}, i64 {size})"
-                )
-            code.store(code.at(entry, code.mul(count, 5)), slot, "ptr")
+            entry, size = code.at(entry, 5), code.add(1, code.mul(count, 4))
+            with code.loop(0, rows) as i:
+                row = code.at(entry, code.mul(i, size))
+                first = self._at(code, "%memory", code.load(row))
+                with self._unless_zero(code, first, n, self.w, n), code.loop(0, count) as k:
+                    product = code.at(row, code.add(1, code.mul(k, 4)))
+                    to, stride, column, width = (code.load(code.at(product, i)) for i in range(4))
+                    to, column = self._at(code, "%memory", to), self._at(code, panel, column)
+                    with self._unless_zero(code, column, columns, n, width):
+                        code.line(
+                            f'call void @"subtract"(ptr {to}, i64 {stride}, ptr {first}, i64 {n}, '
+                            f"i64 {n}, ptr {column}, i64 {columns}, i64 {width})"
+                        )
+            code.store(code.at(entry, code.mul(rows, size)), slot, "ptr")
         return _internal(code)
 
     def _substitute(self) -> str:

@@ -116,23 +116,22 @@ class BlockPattern:
     @cached_property
     def elimination(self) -> list[list[int]]:
         """Table of `block_elimination.eliminate`, by group: its rows, its columns, where its panel
-        lies, and how many products are subtracted; of each of these, where it is subtracted from
-        and how far the rows there are apart, where its first factor lies, which columns of the
-        panel are the second, and how many.
+        lies, how many units have rows behind it, and how many products are subtracted from these;
+        of each of these units where its first factor lies, and of each product there where it is
+        subtracted from and how far the rows there are apart, which columns of the panel are the
+        second factor, and how many.
         """
         table: list[list[int]] = []
         for g, group in enumerate(self.groups):
-            n, products = self.w * len(group), []
+            n, rows = self.w * len(group), []
             for k, row in enumerate(self.rows[g]):
-                first = self._below[g] + self.w * n * k
+                rows.append(self._below[g] + self.w * n * k)
                 columns = [(self.place(row, unit), self.w) for unit in self.columns[g]]
                 columns.append((self.right(row), 1))
-                at = n
-                for place, count in columns:
-                    products += [*place, first, at, count]
-                    at += count
-            count = len(products) // 5
-            table.append([n, self._stride(g), self._panels[g], count, *products])
+                for i, (place, count) in enumerate(columns):
+                    rows += [*place, n + self.w * i, count]
+            counts = len(self.rows[g]), len(self.columns[g]) + 1
+            table.append([n, self._strides[g], self._panels[g], *counts, *rows])
         return table
 
     @cached_property

@@ -18,6 +18,7 @@ from .. import peers
 from . import (
     breakdown,
     calls,
+    contact,
     errors,
     first_use,
     gradients,
@@ -38,6 +39,7 @@ PARTS: dict[str, Callable[[bool], Iterator[Measured]]] = {
     "gradients": gradients.rows,
     "calls": calls.rows,
     "structures": structures.rows,
+    "contact": contact.rows,
     "mechanisms": mechanisms.rows,
     "environments": others.found,
     "first-use": first_use.rows,
@@ -55,10 +57,10 @@ GUARDS: dict[str, tuple[str, str, Callable[[], dict[str, Any]]]] = {
 ABOUT = (
     "The compiled engine in numbers, float64: simulated seconds a second of the common dynamic "
     "case beside the eager engine, with the error of each setting; gradients over their forward, "
-    "and memory; structures beside one beam; a linkage and a hand; environments; compile times; "
-    "the parts of a step; growth with elements, batch and steps; operation counts. Writes "
-    "bench.csv, bench.md and bench.json (with machine and versions), and with matplotlib "
-    "bench.png. About five minutes on an idle machine."
+    "and memory; structures beside one beam; a linkage and a hand; contact; environments; "
+    "compile times; the parts of a step; growth with elements, batch and steps; operation "
+    "counts. Writes bench.csv, bench.md and bench.json (with machine and versions), and with "
+    "matplotlib bench.png. About five minutes on an idle machine."
 )
 
 QUICK = "Quick run: few sizes and repeats, short pieces of the case."

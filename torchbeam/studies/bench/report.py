@@ -10,6 +10,7 @@ from ...plot.canvas import grid, save
 from . import (
     breakdown,
     calls,
+    contact,
     first_use,
     gradients,
     growth,
@@ -120,6 +121,7 @@ def _elsewhere(rows: Sequence[Measured]) -> str:
         gradients.PART,
         calls.PART,
         structures.PART,
+        contact.PART,
         mechanisms.PART,
         first_use.PART,
         breakdown.PART,
@@ -196,6 +198,7 @@ TABLES = {
     "Gradients": _gradients,
     "Calls": _pairs(calls.PART, "", f"{calls.STEPS} steps, {calls.ELEMENTS} elements"),
     "Structures": _pairs(structures.PART, "", "ratio of CPU times"),
+    "Contact": _pairs(contact.PART, "", "ratio of CPU times"),
     "Mechanisms: CPU ms of one simulated second within an error": lambda rows: _table(
         *mechanisms.table(rows), words=2
     ),

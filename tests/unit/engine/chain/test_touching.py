@@ -129,6 +129,7 @@ def test_what_falls_together_is_stepped_once(monkeypatch):
     scene = tb.Scene(parts, [law, tb.Gravity((0, 0, -9.81))], plane="xz")
     still = tb.rest(scene)
     lists, steps, listed = [], [], touching_step.TouchingStep._listed
+    monkeypatch.setattr(touching_step, "SKIN", 0.1)
 
     def count(self, *given):
         pairs = listed(self, *given)

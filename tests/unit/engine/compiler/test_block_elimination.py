@@ -93,3 +93,23 @@ def test_a_singular_lane_leaves_others_alone():
     x, y = (solved(pattern, *system, torch.float64, both([(0, 1)])) for system in (whole, twice))
     assert torch.equal(x[0], y[0])
     assert not torch.isfinite(x[1]).any()
+
+
+def test_blocks_that_are_zero_count_as_those_that_are_not_there():
+    """In some lanes, in all of them, or the first of a block's rows alone; one direction of a
+    coupling alone.
+    """
+    lanes, w, units, dtype = 2, 3, 6, torch.float64
+    pattern = BlockPattern(w, GROUPS, BLOCKS)
+    A = torch.zeros(lanes, units, units, w, w, dtype=dtype)
+    generator = torch.Generator().manual_seed(3)
+    for i, j in BLOCKS:
+        A[:, i, j] = torch.randn(lanes, w, w, generator=generator, dtype=dtype)
+    A += 6 * torch.eye(units, dtype=dtype)[:, :, None, None] * torch.eye(w, dtype=dtype)
+    A[:, 0, 1] = A[:, 2, 5] = 0
+    A[0, 3, 4] = A[1, 4, 3] = 0
+    A[:, 1, 3, :2] = 0
+    b = torch.randn(lanes, units, w, generator=generator, dtype=dtype)
+    expected = torch.linalg.solve(A.transpose(2, 3).reshape(lanes, 18, 18), b.flatten(1))
+    error = (solved(pattern, A, b, dtype).flatten(1) - expected).abs().max()
+    assert error < 1e3 * torch.finfo(dtype).eps * expected.abs().max()

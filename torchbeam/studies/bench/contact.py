@@ -1,0 +1,84 @@
+"""Contact beside the same scene without: beams that may touch and are far from each other, a rod
+that may touch itself and does not, two beams of which one lies on the other; each a ratio of CPU
+times that are taken in turns. Steps with contact start anew each time: lists of near pairs are
+made within.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from statistics import median
+
+import torch
+
+from ...dynamics.rollout import rollout
+from ...dynamics.stepper import Stepper
+from ...scene.beam import Beam
+from ...scene.effects import Contact, Gravity, SelfContact
+from ...scene.scene import Scene
+from ...scene.section import Section
+from ...scene.supports import Support
+from .measurement import Measured, progress, timed
+
+PART = "contact"
+RADIUS, ELEMENTS, STEP, STEPS = 5e-3, 25, 1e-3, 200
+LAW = dict(radius=RADIUS, thickness=1e-3, force=100.0)
+BATCHES = 1, 64
+
+
+def section() -> Section:
+    return Section.circle(RADIUS, E=1e7, nu=0.35, rho=1200.0)
+
+
+def over(height: float, touches: bool) -> Scene:
+    """A clamped beam above one that is clamped at both ends, surfaces so high above each other."""
+    root = (0.0, 0.0, 2 * RADIUS + height)
+    parts = {
+        "lower": Beam.straight(0.5, ELEMENTS, section()),
+        "upper": Beam.straight(0.5, ELEMENTS, section(), root=root),
+    }
+    effects = [Gravity((0.0, 0.0, -9.81))]
+    if touches:
+        effects.append(Contact("lower", "upper", **LAW, points=1))
+    ends = [("lower", 0), ("lower", -1), ("upper", 0)]
+    return Scene(parts, effects, supports=[Support(end) for end in ends])
+
+
+def alone(touches: bool) -> Scene:
+    """A clamped rod."""
+    beam = Beam.straight(1.0, 2 * ELEMENTS, section())
+    return Scene(beam, [Gravity((0.0, 0.0, -9.81)), *[SelfContact(**LAW)] * touches])
+
+
+CASES: dict[str, Callable[[bool], Scene]] = {
+    "two beams far from each other": lambda touches: over(0.3, touches),
+    "a rod that does not touch itself": alone,
+    "a beam that lies on another, 25 elements": lambda touches: over(5e-4, touches),
+}
+
+
+def rows(quick: bool) -> Iterator[Measured]:
+    """Ratios by scene and batch."""
+    steps, repeats = (20, 2) if quick else (STEPS, 4)
+    for name, scene in CASES.items():
+        for batch in BATCHES[: 1 if quick else None]:
+            pair = [_stepping(scene(touches), batch, steps) for touches in (True, False)]
+            a, b = timed(pair, repeats)
+            ratios = [x / y for x, y in zip(a.cpu, b.cpu, strict=True)]
+            what, best = f"contact / without, {name}", min(a.cpu) / min(b.cpu)
+            where = dict(engine="compiled", space="3D", batch=batch, step_ms=1e3 * STEP)
+            yield Measured(PART, what, best, median(ratios), "", **where)
+            progress(f"{what}, batch {batch}: {best:.2f}")
+
+
+def _stepping(scene: Scene, batch: int, steps: int) -> Callable[[], None]:
+    """A rollout from rest, of samples that a small velocity sets apart."""
+    stepper = Stepper(scene, STEP, engine="compiled")
+    start = stepper.rest()
+    if batch > 1:
+        start = start.map(lambda x: x.expand(batch, *x.shape).clone())
+        apart = torch.linspace(0.0, 0.01, batch, dtype=torch.float64)[:, None, None]
+        free = start.velocity.new_tensor((0.0, 1.0, 0.0))
+        start = replace(start, velocity=start.velocity + apart * free)
+    return lambda: rollout(stepper, start, steps) and None
