@@ -1,7 +1,7 @@
 """Contact beside the same scene without: beams that may touch and are far from each other, a rod
 that may touch itself and does not, two beams of which one lies on the other; each a ratio of CPU
-times that are taken in turns. Steps with contact start anew each time: lists of near pairs are
-made within.
+times that are taken in turns. Warmed up: the programs of lists of near pairs that came before are
+kept, the lists themselves are looked for again.
 """
 
 from __future__ import annotations
