@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import torch
@@ -19,6 +20,7 @@ from ..core.validation import concrete
 from ..math.concrete import mapped
 from ..math.shapes import broadcast_shapes
 from ..scene.effects.contact_terms import ContactTerms
+from ..scene.effects.drag import norm
 from ..scene.effects.load_point import SPIN, VELOCITY
 from ..topology.cut import added
 from .centreline import least_distance, piece_nodes
@@ -26,6 +28,11 @@ from .coordinates.spatial import Spatial
 from .touching_motion import NoTouching, TouchingMotion
 from .touching_pairs import PairMotion, TouchingPairs
 from .touching_places import Places, places_along
+
+
+def spread(x: Tensor) -> Tensor:
+    """(...) of the nodes' x (..., nodes, 3): no two of them differ by more."""
+    return torch.linalg.vector_norm(x.amax(-2) - x.amin(-2), dim=-1)
 
 
 class Nearby(NamedTuple):
@@ -81,24 +88,13 @@ class Touching(Tree):
         return remembered(places_along, *self.along, self.s, self.radii.detach(), *given)
 
     @property
-    def points(self) -> tuple[tuple[int, int, int], ...]:
-        """Of each place its three nodes."""
-        count = self.places.count
-        return tuple(own for own in piece_nodes(*self.along) for _ in range(count))
-
-    @property
     def allowed(self) -> Tensor:
         """(..., P, K), 1 or 0: which of the pieces a place may touch."""
+        count = self.places.count
         if not self.itself:
-            count = self.along[1] * self.places.count
-            return self.s.new_ones(count, len(self.pieces))
-        first, count = self.along
-        along = self.s.detach()[..., first : first + count]
-        away = (along[..., :, None] - along[..., None, :]).abs()
-        away = away >= (self.contact.apart * self.radii.detach()[..., 0])[..., None, None]
-        number = torch.arange(count, device=along.device)
-        away = away & ((number[:, None] - number).abs() > 1)
-        return away.to(along).repeat_interleave(self.places.count, -2)
+            return self.s.new_ones(self.along[1] * count, len(self.pieces))
+        radii = self.radii.detach()[..., 0]
+        return remembered(_allowed, *self.along, count, self.s.detach(), radii, self.contact.apart)
 
     def nearby(self, motion: TouchingMotion, skin: Tensor | float = 0.0) -> Nearby:
         """Those with no more than a skin m of `slack`; all pairs where samples are seen one at a
@@ -107,32 +103,67 @@ class Touching(Tree):
         if mapped(motion.position):
             pairs = concrete((self.allowed > 0).detach())
             return self.chosen(pairs.flatten(0, -3).any(0) if pairs.ndim > 2 else pairs)
-        return self.chosen(self.slack(motion) <= skin)
+        return self.chosen(self.slack(motion, skin) <= skin)
 
-    def slack(self, motion: TouchingMotion) -> Tensor:
+    def slack(self, motion: TouchingMotion, skin: Tensor | float = torch.inf) -> Tensor:
         """(P, K) m: by how much the gap of each place to each piece is wider than where forces
         begin, at least, in the nearest sample, wherever they are in the step; inf where it may not
-        touch it. No gap changes by more than two nodes move towards each other.
+        touch it. No gap changes by more than two nodes move towards each other. What is surely
+        wider than a skin m is less closely looked at.
         """
-        shares, points, pieces = self.places.shares[..., None], *self._nodes(motion.position.device)
+        every = self.allowed > 0
+        shape = every.shape[-2:]
+        slack = torch.where(every, self._between_balls(motion), torch.inf)
+        slack, every = slack.reshape(-1, *shape).amin(0), every.reshape(-1, *shape).any(0)
+        near = self.chosen(every & (slack <= skin))
+        closely = self._between(motion, near)
+        slack[near.point, near.piece] = closely.expand(1, *closely.shape).flatten(0, -2).amin(0)
+        return slack
 
-        def apart(x: Tensor) -> tuple[Tensor, Tensor]:
-            x = concrete(x.detach())
-            return (shares * x[..., points, :]).sum(-2)[..., None, :], x[..., None, pieces, :]
+    def _between_balls(self, motion: TouchingMotion) -> Tensor:
+        """(..., P, K) m: the same of the balls around the pieces that they are in."""
+        x = concrete(motion.position.detach())
 
-        place, nodes = apart(motion.position)
-        slack = least_distance(place, self.control @ nodes)
-        slack = slack - (self.radii.sum(-1) + self.contact.thickness)[..., None, None]
+        def ball(triples: Tensor) -> tuple[Tensor, Tensor]:
+            nodes = x[..., triples, :]
+            centre = nodes[..., 1:2, :]
+            return centre[..., 0, :], norm(nodes - centre)[..., 0].amax(-1) / 2
+
+        points, pieces = self._nodes(x.device)
+        (a, of_a), (b, of_b) = ball(points[:: self.places.count]), ball(pieces)
+        apart = torch.cdist(a, b, compute_mode="donot_use_mm_for_euclid_dist")
+        slack = apart - of_a[..., :, None] - of_b[..., None, :] - self._reach[..., None, None]
         if motion.half is not None:
-            place, nodes = apart(motion.half)
+            slack = slack - spread(concrete(motion.half.detach()))[..., None, None]
+        return slack.repeat_interleave(self.places.count, -2)
+
+    def _between(self, motion: TouchingMotion, near: Nearby) -> Tensor:
+        """(..., U) m: the same of pairs."""
+        shares = self.places.shares[..., near.point, :, None]
+
+        def of(x: Tensor) -> tuple[Tensor, Tensor]:
+            x = concrete(x.detach())
+            own, other = near.nodes[:, :3], near.nodes[:, 3:]
+            return (shares * x[..., own, :]).sum(-2), x[..., other, :]
+
+        place, nodes = of(motion.position)
+        slack = least_distance(place, self.control[near.piece] @ nodes) - self._reach[..., None]
+        if motion.half is not None:
+            place, nodes = of(motion.half)
             moves = torch.linalg.vector_norm(nodes - place[..., None, :], dim=-1)
             slack = slack - moves.amax(-1)
-        slack = concrete(torch.where(self.allowed > 0, slack, torch.inf).detach())
-        return slack.flatten(0, -3).amin(0) if slack.ndim > 2 else slack
+        allowed = self.allowed[..., near.point, near.piece] > 0
+        return concrete(torch.where(allowed, slack, torch.inf).detach())
+
+    @property
+    def _reach(self) -> Tensor:
+        """(...) m between axes where forces begin."""
+        return concrete((self.radii.sum(-1) + self.contact.thickness).detach())
 
     def _nodes(self, device: torch.device) -> tuple[Tensor, Tensor]:
         """Of each place (P, 3), and of each piece (K, 3)."""
-        return tuple(torch.tensor(x, device=device) for x in (self.points, self.pieces))
+        points = _numbers(piece_nodes(*self.along), device)
+        return points.repeat_interleave(self.places.count, 0), _numbers(self.pieces, device)
 
     def chosen(self, pairs: Tensor) -> Nearby:
         """Those where pairs (P, K) bool is true."""
@@ -163,6 +194,22 @@ class Touching(Tree):
     @property
     def lossy(self) -> bool:
         return self.contact.lossy
+
+
+@lru_cache(64)
+def _numbers(triples: tuple[tuple[int, int, int], ...], device: torch.device) -> Tensor:
+    return torch.tensor(triples, device=device)
+
+
+def _allowed(first: int, nodes: int, count: int, s: Tensor, radius: Tensor, apart: float) -> Tensor:
+    """Of a beam itself: those that are so many radii (...) m from each other along it, s (..., N+1)
+    m, and have an element between them.
+    """
+    along = s[..., first : first + nodes]
+    away = (along[..., :, None] - along[..., None, :]).abs() >= (apart * radius)[..., None, None]
+    number = torch.arange(nodes, device=s.device)
+    away = away & ((number[:, None] - number).abs() > 1)
+    return away.to(s).repeat_interleave(count, -2)
 
 
 def of_nodes(nodes: Tensor, motion: TouchingMotion) -> PairMotion:

@@ -25,32 +25,30 @@ from ...core.leaves import leaves
 from ...core.remembered import keep
 from ...core.status import SUCCESS
 from ...nodal.model import Model
-from ...nodal.touching import Nearby, fixed
+from ...nodal.touching import Nearby, fixed, spread
 from ...nodal.touching_motion import TouchingMotion
 from ...scene.effects import Inputs
 from ...state.state import State
 from ...topology.chain import Chain
 from ...topology.framework import Framework
 from .compiled_step import CompiledStep, Steps
+from .neighbours import Neighbours, neighbours
 
 SKIN = 1.0  # of an element's length, at least: blocks of what does not touch are passed over
 ROOM = 1.5  # of what nodes have moved by in a step: so much is there for the next ones
 LISTS = 16  # of pairs that are kept; the one that was not asked for for longest goes first
 
 
-def spread(x: Tensor) -> Tensor:
-    """(...) of the nodes' x (..., nodes, 3): no two of them differ by more."""
-    return torch.linalg.vector_norm(x.amax(-2) - x.amin(-2), dim=-1)
-
-
 class PairList(NamedTuple):
     """Steps with the pairs that were near when nodes were at `position` (..., nodes, 3) m, which
-    are all as long as no two nodes have moved by more than the skin m towards each other.
+    are all as long as no two nodes have moved by more than the skin m towards each other, and
+    neighbours along a beam are not nearer.
     """
 
     step: CompiledStep
     position: Tensor
     skin: float
+    neighbours: tuple[Neighbours, ...]
     recorded: bool  # whether derivatives were, by the constants of pairs
 
     def moved(self, position: Tensor) -> Tensor:
@@ -61,7 +59,13 @@ class PairList(NamedTuple):
     def holds(self, position: Tensor) -> bool:
         if self.recorded != torch.is_grad_enabled() or self.position.shape != position.shape:
             return False
-        return bool(self.moved(position[None]) <= self.skin / 2)
+        still = position[None].expand(2, *position.shape)
+        return bool(self.moved(position[None]) <= self.skin / 2) and not self.nearer(still)
+
+    def nearer(self, position: Tensor) -> Tensor:
+        """(K) bool: whether neighbours are, in the steps between positions (K + 1, ...)."""
+        nearer = torch.zeros(len(position) - 1, dtype=torch.bool, device=position.device)
+        return sum((own.nearer(position) for own in self.neighbours), nearer)
 
     def steps_left(self, position: Tensor, way: float, wanted: int) -> int:
         """Of the steps that are wanted as many as move nodes by no more than what is left of the
@@ -141,13 +145,17 @@ class TouchingStep:
                 self.eager_because = pairs.step.eager_because
                 return None
             made = made if K else _stacked(made)
-            moved = pairs.moved(self.model.space.public_position(made.fields["position"]))
-            beyond = (moved > pairs.skin).nonzero()
+            after = self.model.space.public_position(made.fields["position"]).detach()
+            moved = pairs.moved(after)
+            beyond = moved > pairs.skin
+            if pairs.neighbours:
+                beyond = beyond | pairs.nearer(torch.cat((position.expand_as(after[:1]), after)))
+            beyond = beyond.nonzero()
             whole = int(beyond[0]) if len(beyond) else count
             if whole < count:
                 at_once, self._list = max(1, 2 * whole), None
             if not whole:
-                self._listed(position, float(moved[0]))
+                self._listed(position, float(moved[0]), alike=False)
                 continue
             status = made.status[:whole]
             well = made.well or bool((status == SUCCESS).all())
@@ -165,17 +173,23 @@ class TouchingStep:
         # tensors of inference mode do not count how often they were
         return [x.tolist() if x.is_inference() else x._version for x in self._numbers]
 
-    def _listed(self, position: Tensor, move: float) -> PairList:
-        """The pairs for steps in which nodes move by so much."""
+    def _listed(self, position: Tensor, move: float, alike: bool = True) -> PairList:
+        """The pairs for steps in which nodes move by so much; alike: those that neighbours along a
+        beam are of need not be in it.
+        """
         motion = TouchingMotion(position, None, None, None, None, dict)
-        slack = [one.slack(motion) for one in self.model.touching.each]
-        skin = max(self.skin, ROOM * move)
-        near = [
-            one.chosen(x <= skin) for one, x in zip(self.model.touching.each, slack, strict=True)
-        ]
-        left = torch.cat([x[x > skin] for x in slack])
+        skin, near, left, watched = max(self.skin, ROOM * move), [], [], []
+        for one in self.model.touching.each:
+            slack = one.slack(motion, 2 * skin)
+            if alike and (along := neighbours(one, position)):
+                watched.append(along[0])
+                slack[along[1]] = torch.inf
+            near.append(one.chosen(slack <= skin))
+            left.append(slack[slack > skin])
+        left = torch.cat(left)
         skin = float(left.amin()) if left.numel() else torch.inf
-        self._list = PairList(self._known(near), position, skin, torch.is_grad_enabled())
+        recorded = torch.is_grad_enabled()
+        self._list = PairList(self._known(near), position, skin, tuple(watched), recorded)
         return self._list
 
     def _known(self, near: list[Nearby]) -> CompiledStep:
