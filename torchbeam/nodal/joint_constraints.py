@@ -11,7 +11,10 @@ import torch
 from torch import Tensor
 
 from ..math import quaternions as quat
+from ..scene.ball import Ball
 from ..scene.scene import Scene
+from .ball_laws import BallLaws
+from .balls import Balls
 from .coordinates.spatial import Spatial
 from .driven_joints import DrivenJoints
 from .joint_laws import JointLaws
@@ -127,11 +130,13 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
         # 1 m of a body that turns about its own centre, where nothing has a length
         size=torch.where(size > 0, size, 1.0),
         angles=mask(lambda row: row.coordinate == "angle"),
-        travels=mask(lambda row: row.coordinate == "travel"))
+        travels=mask(lambda row: row.coordinate == "travel"),
+        second=mask(lambda row: row.second), balls=_balls(scene))
     # fmt: on
     if not any(joint.acts for joint in scene.joints):
         return Joints(**fields)
-    rows = fields["angles"], fields["travels"]
+    second = fields["second"]
+    rows = fields["angles"] + fields["travels"] - second, second
     prescribed = sum(
         own
         * like.new_tensor(
@@ -151,8 +156,8 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
 
 
 def _given(joints: tuple[Any, ...], name: str, rows: tuple[Tensor, Tensor]) -> Tensor | None:
-    """A law's number of each joint, in its rows (J, w) of angles and of travels; None where no
-    joint has one.
+    """A law's number of each joint, in its rows (J, w) of first and of second coordinates; None
+    where no joint has one.
     """
     total = None
     for k, own in enumerate(rows):
@@ -168,8 +173,8 @@ def _given(joints: tuple[Any, ...], name: str, rows: tuple[Tensor, Tensor]) -> T
 
 class Row(NamedTuple):
     """A constraint v . w = c of a joint, one that it does not hold as well: it may be its
-    coordinate, "travel" or "angle". across: what w becomes by a right angle, in the row of an
-    angle.
+    coordinate, "travel" or "angle", its `second`, of which a travel always is. across: what w
+    becomes by a right angle, in the row of an angle.
     """
 
     v: Vector
@@ -178,6 +183,7 @@ class Row(NamedTuple):
     held: bool
     across: Vector
     coordinate: str | None = None
+    second: bool = False
 
 
 def _rows(joint: Any, beam: Any, space: Spatial) -> list[Row]:
@@ -200,12 +206,16 @@ def _rows(joint: Any, beam: Any, space: Spatial) -> list[Row]:
             i in joint.position,
             nothing,
             "travel" if i == "x" and joint.position == "yz" else None,
+            i == "x" and joint.position == "yz",
         )
         for i in along
     ]
     turns = ABOUT_X if joint.rotation == "yz" else TURNS
     for k in about:
         i, j, sign = turns[k]
+        if k in "xy" and joint.rotation == "z":
+            rows.append(_of_universal(k, names, a, b, none))
+            continue
         free = k == "x" and joint.rotation == "yz"
         rows.append(
             Row(
@@ -224,6 +234,76 @@ def _rows(joint: Any, beam: Any, space: Spatial) -> list[Row]:
             *(row._replace(held=False) for row in rows[1:]),
         ]
     return rows
+
+
+def _of_universal(k: str, axes: dict[str, Tensor], a: End, b: End, none: Tensor) -> Row:
+    """The turn about x, which is fixed in a, by F_b,y . F_a,z, or about y, fixed in b, by F_a,x .
+    F_b,z.
+    """
+    if k == "x":
+        return Row(
+            b.direction(axes["y"]),
+            a.direction(axes["z"]),
+            none,
+            False,
+            a.direction(axes["y"]).times(-1.0),
+            "angle",
+        )
+    return Row(
+        a.direction(axes["x"]),
+        b.direction(axes["z"]),
+        none,
+        False,
+        b.direction(axes["x"]).times(-1.0),
+        "angle",
+        True,
+    )
+
+
+def _balls(scene: Scene) -> Balls | None:
+    """The joints of a scene that leave all turns, of which something may be read and act."""
+    joints, like = scene.joints, scene.beam.nodes
+    at = tuple(k for k, joint in enumerate(joints) if isinstance(joint, Ball))
+    if not at:
+        return None
+    ground = [[[[float(end is None)]] for end in joint.ends] for joint in joints]
+    eye = torch.eye(3, dtype=like.dtype, device=like.device)
+    axes = quat.matrix(scene.beam.frames).mT
+    own = [
+        torch.stack(
+            torch.broadcast_tensors(
+                *(eye if end is None else axes[..., end, :, :] for end in joint.ends)
+            ),
+            -3,
+        )
+        for joint in joints
+    ]
+
+    def each(name: str, axes: int) -> Tensor | None:
+        given = [getattr(joint, name) if k in at else None for k, joint in enumerate(joints)]
+        if all(value is None for value in given):
+            return None
+        none = like.new_zeros((3,) * axes)
+        given = torch.broadcast_tensors(*(none if value is None else value for value in given))
+        return torch.stack(given, -1 - axes)
+
+    limits = each("limit", 0)
+    axis = None if limits is None else each("axis", 1)
+    if axis is not None:
+        size = torch.linalg.vector_norm(axis, dim=-1, keepdim=True)
+        axis = axis / torch.where(size > 0, size, 1.0)
+    laws = BallLaws(
+        each("stiffness", 2),
+        each("damping", 0),
+        each("friction", 0),
+        each("slip_speed", 0),
+        axis,
+        limits,
+        each("limit_stiffness", 0),
+    )
+    own = torch.stack(torch.broadcast_tensors(*own), -4)
+    torques = any(joints[k].torque is not None for k in at)
+    return Balls(at, like.new_tensor(ground), own, laws, torques)
 
 
 def _of_plane(joint: Any, axes: dict[str, Tensor], normal: Tensor) -> tuple[str, str]:

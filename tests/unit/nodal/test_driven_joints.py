@@ -34,18 +34,49 @@ LAWS = {
 }
 KINDS = {"hinge": (tb.Hinge, "torque", "angle"), "slider": (tb.Slider, "force", "travel")}
 TABLE = [(kind, law) for kind in KINDS for law in (*LAWS, "effort", "prescribed")]
+K = ((3.0, 0.4, -0.2), (0.4, 2.0, 0.3), (-0.2, 0.3, 5.0))
+BALL = {
+    "spring": dict(stiffness=3.0),
+    "matrix": dict(stiffness=K),
+    "damping": dict(damping=0.7),
+    "friction": dict(friction=2.0, slip_speed=4.0),
+    "limit": dict(limit=0.1, limit_stiffness=40.0),
+    "effort": dict(torque=lambda t: torch.stack((0.4 + torch.sin(t), t, -t))),
+}
+BALL["all"] = {name: value for own in BALL.values() for name, value in own.items()}
+FIRST_OF_TWO = dict(torque=lambda t: 0.4 + t, second_angle=lambda t: 0.2 + torch.sin(t))
+TWO = {
+    "laws": dict(
+        stiffness=(3.0, 2.0),
+        damping=(0.7, 0.2),
+        friction=(2.0, 1.0),
+        slip_speed=(4.0, 3.0),
+        limits=((-0.1, 0.2), (-0.3, 0.01)),
+        limit_stiffness=(40.0, 30.0),
+    ),
+    "given": FIRST_OF_TWO,
+}
+TABLE += [("ball", law) for law in BALL] + [("universal", law) for law in TWO]
 
 
-def joined(kind, law, pair="two bodies"):
+def joint_of(kind, law, pair):
+    if kind == "ball":
+        return tb.Ball(*pair, axis=AXIS, at=AT, **BALL[law])
+    if kind == "universal":
+        return tb.Universal(*pair, axis=AXIS, second=(0, 1.0, 0), at=AT, **TWO[law])
     joint, effort, coordinate = KINDS[kind]
     more = LAWS.get(law) or {
         effort if law == "effort" else coordinate: lambda t: 0.4 + torch.sin(t)
     }
+    return joint(*pair, axis=AXIS, at=AT, **more)
+
+
+def joined(kind, law, pair="two bodies"):
     places = {"foot": (0.4, 0.1, 0), "hub": (1.2, 0.3, -0.1)}
     parts = {
         name: tb.Body(0.2, (0.01, 0.02, 0.025), position=place) for name, place in places.items()
     }
-    return discretise(tb.Scene(parts, joints=[joint(*PAIRS[pair], axis=AXIS, at=AT, **more)]))
+    return discretise(tb.Scene(parts, joints=[joint_of(kind, law, PAIRS[pair])]))
 
 
 def random(*shape, seed=0):
@@ -66,7 +97,7 @@ class Step:
             if still
             else JointDrive(
                 values,
-                torch.zeros(1),
+                torch.zeros(1, 2),
                 torch.tensor(0.1),
                 moving=lambda: (random(n, 3, seed=4), random(n, 3, seed=5)),
             )
