@@ -135,7 +135,8 @@ class BallLaws(Tree):
         # (beta_{n+1} - beta_n)/(cos beta_{n+1} - cos beta_n) = -arc/sin of the mean
         ratio, ratio_by = CoordinateStep(before, beta, angles, None, None).arc()
         mean = (beta + before) / 2
-        sine = torch.where(slope > 0, torch.sin(mean), 1.0)
+        # where either is beyond the limit
+        sine = torch.where(mean >= limit / 2, torch.sin(mean), 1.0)
         weight = -slope * ratio / sine
         C = weight[..., None, None] * line
         if by is None:
@@ -143,7 +144,7 @@ class BallLaws(Tree):
         weight_by = -(slope_by * ratio + slope * ratio_by) / sine + slope * ratio * torch.cos(
             mean
         ) / (2 * sine**2)
-        own = torch.where(slope > 0, torch.sin(beta), 1.0)
+        own = torch.where(beta > 0, torch.sin(beta), 1.0)
         # d(beta) = -d(cos beta)/sin beta
         change = -(weight_by / own)[..., None] * (by * line[..., None, :, :]).sum((-1, -2))
         twice = 2.0 if step.dt is None else 1.0

@@ -2,8 +2,6 @@
 are about one axis, the work that it does, moments by differences of energies, gradients, modes.
 """
 
-import math
-
 import pytest
 import torch
 from torch.autograd import gradcheck
@@ -20,7 +18,7 @@ LAWS = {
     "stiffness": dict(stiffness=3.0),
     "damping": RESTING[0],
     "friction": RESTING[1],
-    "limit": dict(limit=0.2, limit_stiffness=20.0),
+    "limit": dict(limit=0.05, limit_stiffness=20.0),
     "torque": {},
 }
 LAWS["all"] = {name: value for own in LAWS.values() for name, value in own.items()}
@@ -72,7 +70,7 @@ def swing(joint, engine, method="midpoint"):
         inputs = {"m": motor}
     found = tb.simulate(
         scene,
-        [0.0, 0.2, 0.4],
+        [0.0, 0.1, 0.2],
         step=0.02,
         inputs=inputs,
         engine=engine,
@@ -83,9 +81,14 @@ def swing(joint, engine, method="midpoint"):
     return found
 
 
-@pytest.mark.parametrize("engine", ["eager", "compiled"])
 @pytest.mark.parametrize(
-    ("law", "method"), [(law, "midpoint") for law in LAWS] + [("stiffness", "generalized_alpha")]
+    ("law", "method", "engine"),
+    [
+        ("all", "midpoint", "eager"),
+        ("all", "midpoint", "compiled"),
+        ("torque", "midpoint", "eager"),
+        ("stiffness", "generalized_alpha", "eager"),
+    ],
 )
 def test_balls_and_universal_joints_are_hinges_about_one_axis(law, method, engine):
     """To rounding, in coordinate, rate, moment and work, whichever of a universal's two axes it
@@ -115,22 +118,21 @@ def test_balls_and_universal_joints_are_hinges_about_one_axis(law, method, engin
             moments = (run.joint[0].moment[1:] for run in (found, wanted))
             assert_close(*moments, rtol=0, atol=1e-12)
             assert_close(found.state.work, wanted.state.work, rtol=0, atol=1e-12)
-    assert wanted.joint[0].coordinate.abs().max() > 0.2
+    assert wanted.joint[0].coordinate.abs().max() > 0.1
 
 
-def tumble(steps=25, dt=0.04, engine="eager", **joint):
+def tumble(steps=25, dt=0.04, **joint):
     """Two bodies in free flight that tumble against each other about a ball."""
     places = {"foot": (0.0, 0, 0), "hub": (1.0, 0, 0)}
     inertia = {"foot": (0.1, 0.2, 0.25), "hub": (0.05, 0.1, 0.08)}
     parts = {name: tb.Body(0.5, inertia[name], position=places[name]) for name in places}
-    joint = joint.pop("joint", None) or tb.Ball("foot", "hub", at=(0.4, 0, 0), **joint)
-    scene = tb.Scene(parts, joints=[joint])
+    scene = tb.Scene(parts, joints=[tb.Ball("foot", "hub", at=(0.4, 0, 0), **joint)])
     spins = torch.tensor([[1.0, -0.7, 2.0], [3.0, 0.8, -1.0]])
     rest, at = tb.rest(scene), torch.tensor([0.4, 0, 0])
     velocity = torch.linalg.cross(spins, rest.position - at)
     start = tb.State(**{**vars(rest), "spin": spins, "velocity": velocity})
     times = torch.linspace(0, steps * dt, steps + 1)
-    found = tb.simulate(scene, times, step=dt, initial=start, engine=engine, tolerance=1e-12)
+    found = tb.simulate(scene, times, step=dt, initial=start, engine="eager", tolerance=1e-12)
     assert not found.status.any()
     return discretise(scene), found
 
@@ -139,12 +141,11 @@ def energy_of(model, state):
     return model.kinetic_energy(state.rotation, state.velocity, state.spin)
 
 
-@pytest.mark.parametrize("engine", ["eager", "compiled"])
-def test_energy_and_momentum_of_an_anisotropic_spring(engine):
+def test_energy_and_momentum_of_an_anisotropic_spring():
     """Kinetic energy and phi K phi/2 together stay, to rounding, and both momenta."""
-    model, found = tumble(engine=engine, stiffness=K)
+    model, found = tumble(dt=0.03, stiffness=0.1 * torch.tensor(K))
     states, turn = found.state, found.joint[0].coordinate
-    held = ((turn @ torch.tensor(K)) * turn).sum(-1) / 2
+    held = 0.1 * ((turn @ torch.tensor(K)) * turn).sum(-1) / 2
     assert turn.norm(dim=-1).max() > 1 and held.max() > 0.2 * energy_of(model, states[0])
     total = energy_of(model, states) + held
     assert_close(total, total[:1].expand_as(total), rtol=0, atol=1e-10)
@@ -163,7 +164,7 @@ def test_energy_changes_by_the_work(law):
     if "limit" not in law:
         assert (found.state.work.diff() < 0).all()
         return
-    swung = torch.tensor(found.joint[0].coordinate)
+    swung = found.joint[0].coordinate
     axis = torch.tensor([1.0, 0, 0])
     angle = torch.acos(quat.rotate(quat.exponential(swung), axis)[:, 0])
     assert found.state.work.min() < -0.05
@@ -324,11 +325,28 @@ def test_modes_of_a_ball_with_a_spring_and_a_damper():
     ball = tb.Ball(None, "a", at=(0, 0, 0), stiffness=k.diag(), damping=c)
     modes = tb.modes(tb.Scene(body, joints=[ball]), count=3)
     wanted = torch.sqrt(k.sort()[0] / J)
-    assert_close(modes.frequency * 2 * math.pi, wanted, rtol=1e-9, atol=0)
-    assert_close(modes.damping, c / (2 * J * wanted), rtol=1e-6, atol=1e-9)
+    ratio = c / (2 * J * wanted)
+    assert_close(modes.frequency, wanted * torch.sqrt(1 - ratio**2), rtol=1e-9, atol=0)
+    assert_close(modes.damping_ratio, ratio, rtol=1e-6, atol=0)
     universal = tb.Universal(None, "a", (1.0, 0, 0), (0, 1.0, 0), at=(0, 0, 0), stiffness=k[:2])
     modes = tb.modes(tb.Scene(body, joints=[universal]), count=2)
-    assert_close(modes.frequency * 2 * math.pi, torch.sqrt(k[:2].sort()[0] / J), rtol=1e-9, atol=0)
+    assert_close(modes.frequency, torch.sqrt(k[:2].sort()[0] / J), rtol=1e-9, atol=0)
+
+
+def test_linear_model_of_a_ball_with_motors():
+    """About a body's centre: phi' ' = (tau - K phi - c phi')/J, and its readings."""
+    J, c, k = torch.tensor([0.2, 0.3, 0.4]), 0.03, torch.tensor(K)
+    joint = tb.Ball(None, "a", at=(0, 0, 0), stiffness=k, damping=c, torque=tb.Input("m", 3))
+    scene = tb.Scene({"a": tb.Body(1.0, J)}, joints=[joint])
+    read = [tb.sensors.JointCoordinate(0, i) for i in range(3)]
+    read += [tb.sensors.JointRate(0, i) for i in range(3)]
+    model = tb.linearize(scene, inputs={"m": torch.zeros(3)}, outputs=read)
+    zero, eye = torch.zeros(3, 3), torch.eye(3)
+    A = torch.cat((torch.cat((zero, eye), 1), torch.cat((-k / J[:, None], -c * (1 / J).diag()), 1)))
+    B = torch.cat((zero, (1 / J).diag()))
+    C = model.C
+    assert_close(C @ model.A, A @ C, rtol=0, atol=1e-10)
+    assert_close(C @ model.B, B, rtol=0, atol=1e-10)
 
 
 def test_a_ball_in_a_plane_is_a_hinge():
