@@ -55,7 +55,48 @@ MODULES = {
                    "torchbeam_envs.functional"),
     "baselines": ("Baselines", "Controllers to compare with.", "torchbeam_envs.baselines"),
 }
+# What users call and read of a class, by its name; the rest of its members only the library asks.
+# A class that is not named here shows all of its members; those of BARE pages show none: a scene
+# takes their objects, and nobody calls them.
+MEMBERS = {
+    "Scene": ("to", "inputs", "batch_shape"),
+    "Beam": ("straight", "curve", "arc", "from_nodes"),
+    "Section": ("from_stiffness", "rectangle", "circle", "rotated", "shifted"),
+    "Body": (),
+    "Support": (),
+    "Stepper": ("rest", "jacobian", "engine"),
+    "ExplicitStepper": ("rest",),
+    "State": ("from_nodes", "at", "part", "node", "tip", "root", "reaction_of", "joint", "axes",
+              "element_axes"),
+    "Parameter": (),
+    "Measurement": (),
+    "Smoothness": (),
+    "Fit": ("interval", "predict", "profile", "bootstrap", "refined", "summary", "save", "load"),
+    "Path": (),
+    "Linear": ("departure", "state_at", "discrete", "reduced", "response"),
+    "MixedState": ("node",),
+    "Stream": ("all", "error", "mean_interval", "quantile", "exceedance", "histogram"),
+    "BatchSubset": ("gather", "scatter", "take", "put"),
+    "LoadEffect": ("wrench", "tangent", "depends_on", "internal_states"),
+    "NodeAcceleration": (),
+    "Tendon": ("along",),
+    "RandomField": ("captured",),
+}
+BARE = ("effects", "values", "laws")
 # fmt: on
+
+
+def entry(path: str, page: str) -> str:
+    """What mkdocstrings reads for one name."""
+    name = path.rpartition(".")[2]
+    if name not in MEMBERS and page not in BARE:
+        return f"::: {path}"
+    return f"::: {path}\n    options:\n      members: {list(MEMBERS.get(name, ()))}"
+
+
+def place(module: str, name: str) -> str:
+    """A function whose file is named after it is looked for in that file."""
+    return f"{name}.{name}" if (ROOT / module.replace(".", "/") / f"{name}.py").exists() else name
 
 
 def public(module: str) -> list[str]:
@@ -72,12 +113,12 @@ def reference() -> dict[str, str]:
     """Markdown of the pages, by their paths."""
     pages, rows, modules = {}, [], {module for *_, module in MODULES.values()}
     for key, (title, about, names) in REFERENCE.items():
-        entries = "\n\n".join(f"::: torchbeam.{name}" for name in names)
+        entries = "\n\n".join(entry(f"torchbeam.{name}", key) for name in names)
         pages[f"reference/{key}.md"] = f"# {title}\n\n{about}\n\n{entries}\n"
         rows.append(f"| [{title}]({key}.md) | {about} |")
     for key, (title, about, module) in MODULES.items():
         entries = "\n\n".join(
-            f"::: {module}.{name}"
+            entry(f"{module}.{place(module, name)}", key)
             for name in public(module)
             if not name.isupper() and f"{module}.{name}" not in modules
         )

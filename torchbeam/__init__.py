@@ -42,6 +42,7 @@ from .linear.state_space import linearize
 from .mixed.block import BlockRate, block_rate
 from .mixed.consistent import consistent_state
 from .mixed.state import MixedState
+from .scene.ball import Ball
 from .scene.beam import Beam
 from .scene.body import Body
 from .scene.effects import (
@@ -73,7 +74,7 @@ from .scene.effects import (
     TipLoad,
     rayleigh,
 )
-from .scene.joints import Ball, Cylindrical, Distance, Hinge, Slider, Universal, Weld
+from .scene.joints import Cylindrical, Distance, Hinge, Slider, Universal, Weld
 from .scene.scene import Scene
 from .scene.section import Section
 from .scene.stations import Stations, Table

@@ -230,7 +230,22 @@ CALLS = {
     "RootMotion": (tb.RootMotion, dict(displacement=FORCE, rotation=FORCE)),
     "Body": (tb.Body, dict(mass=1.0, inertia=0.1, position=FORCE, rotation=torch.eye(3))),
     "Weld": (tb.Weld, dict(a=("arm", -1), b="hub", at=FORCE)),
-    "Ball": (tb.Ball, dict(a=("arm", -1), b="hub", at=FORCE)),
+    "Ball": (
+        tb.Ball,
+        dict(
+            a=("arm", -1),
+            b="hub",
+            at=FORCE,
+            stiffness=1.0,
+            damping=0.1,
+            friction=0.1,
+            slip_speed=0.1,
+            axis=FORCE,
+            limit=1.0,
+            limit_stiffness=1.0,
+            torque=FORCE,
+        ),
+    ),
     "Hinge": (
         tb.Hinge,
         dict(
@@ -266,7 +281,18 @@ CALLS = {
     "Cylindrical": (tb.Cylindrical, dict(a=("arm", -1), b="hub", axis=FORCE, at=FORCE)),
     "Universal": (
         tb.Universal,
-        dict(a=("arm", -1), b="hub", axis=FORCE, second=(1.0, 0, 0), at=FORCE),
+        dict(
+            a=("arm", -1),
+            b="hub",
+            axis=FORCE,
+            second=(1.0, 0, 0),
+            at=FORCE,
+            stiffness=(1.0, 2.0),
+            limits=((-1.0, 1.0), (-2.0, 2.0)),
+            limit_stiffness=(1.0, 2.0),
+            torque=1.0,
+            second_angle=0.1,
+        ),
     ),
     "Distance": (tb.Distance, dict(a=None, b="hub", at=FORCE)),
     "Scene of parts": (
@@ -630,7 +656,7 @@ CALLS = {
     "S.TendonLength": (S.TendonLength, dict(tendon=0)),
     "S.JointCoordinate": (S.JointCoordinate, dict(joint=0)),
     "S.JointLoad": (S.JointLoad, dict(joint=0)),
-    "S.JointRate": (S.JointRate, dict(joint=0)),
+    "S.JointRate": (S.JointRate, dict(joint=0, component=0)),
     "S.read.Joint": (lambda joint: S.JointCoordinate(joint)(HINGED), dict(joint=0)),
     "S.Spin": (S.Spin, dict(node=0, body=False)),
     "S.Stack": (S.Stack, dict(sensors=(S.TipPosition(),))),

@@ -199,18 +199,19 @@ def _joint(
     axis, place = n[f"axis {k}"] @ units.turn.mT, units.vector(at)
     if kind == "weld":
         return tb.Weld(a, b)
-    if kind == "ball":
-        return tb.Ball(a, b, at=place)
-    if kind == "universal":
-        z = torch.tensor([0.2, 0.3, 0.9], dtype=torch.float64) @ units.turn.mT
-        second = torch.linalg.cross(*torch.broadcast_tensors(axis, z))
-        return tb.Universal(a, b, axis=axis, second=second, at=place)
-    if kind == "cylindrical":
-        return tb.Cylindrical(a, b, axis=axis)
-    angle = kind == "hinge"
+    angle = kind != "slider"
     law = {"stiffness": units.size(1, 2 if angle else 0, -2) * n[f"stiffness {k}"]}
     if method == "midpoint":
         law["damping"] = units.size(1, 2 if angle else 0, -1) * n[f"damping {k}"]
+    if kind == "ball":
+        return tb.Ball(a, b, at=place, **law)
+    if kind == "universal":
+        pair = {name: torch.stack((value, 2 * value), -1) for name, value in law.items()}
+        z = torch.tensor([0.2, 0.3, 0.9], dtype=torch.float64) @ units.turn.mT
+        second = torch.linalg.cross(*torch.broadcast_tensors(axis, z))
+        return tb.Universal(a, b, axis=axis, second=second, at=place, **pair)
+    if kind == "cylindrical":
+        return tb.Cylindrical(a, b, axis=axis)
     if angle:
         return tb.Hinge(a, b, axis=axis, at=place, **law)
     return tb.Slider(a, b, axis=axis, **law)

@@ -72,12 +72,23 @@ def acting(kind, name, least=True, **beside) -> Case:
     )
 
 
-def acting_on_both(name, least=True, **beside) -> Case:
-    """The same of a cylindrical joint: of its turn, and twice that of its travel."""
+def acting_with(kind, name, value, **beside) -> Case:
+    """The same of what is made of one number (..., 1)."""
+    return Case(
+        lambda x: joined(kind(*ENDS, **beside, **{name: value(x)})),
+        1,
+        ("eager",),
+        scale=1e-4,
+        least=True,
+    )
+
+
+def acting_on_both(kind, name, least=True, **beside) -> Case:
+    """The same of a joint with two coordinates: of the first, and twice that of the second."""
 
     def made(x: Tensor) -> tb.Scene:
         pair = torch.stack((x[..., 0], 2 * x[..., 0]), -1)
-        return joined(tb.Cylindrical(*ENDS, **beside, **{name: pair}))
+        return joined(kind(*ENDS, **beside, **{name: pair}))
 
     return Case(made, 1, ("eager",), scale=1e-4, least=least)
 
@@ -664,7 +675,8 @@ CASES = {
         )
     },
     **{
-        f"Cylindrical.{name}": acting_on_both(name, least, **beside)
+        f"{kind.__name__}.{name}": acting_on_both(kind, name, least, **beside)
+        for kind in (tb.Cylindrical, tb.Universal)
         for name, least, beside in (
             ("stiffness", True, {}),
             ("damping", True, {}),
@@ -676,6 +688,20 @@ CASES = {
         f"Cylindrical.{name}": acting(tb.Cylindrical, name, False)
         for name in ("torque", "force", "angle", "travel")
     },
+    **{
+        f"Universal.{name}": acting(tb.Universal, name, False)
+        for name in ("torque", "second_torque", "angle", "second_angle")
+    },
+    **{
+        f"Ball.{name}": acting(tb.Ball, name, True, **beside)
+        for name, beside in (
+            ("damping", {}),
+            ("friction", dict(slip_speed=0.1)),
+            ("limit_stiffness", dict(limit=1e-4)),
+        )
+    },
+    "Ball.stiffness": acting_with(tb.Ball, "stiffness", lambda x: x[..., None] * torch.eye(3)),
+    "Ball.torque": Case(lambda x: joined(tb.Ball(*ENDS, torque=x)), 3, ("eager",), scale=1e-4),
     "State.velocity": Case(moved(velocity=lambda x, v: v + free_nodes(x)), 3, MOVING, scale=1e-2),
     "State.spin": Case(moved(spin=lambda x, v: v + free_nodes(x)), 3, MOVING, scale=1e-2),
     "State.position": Case(moved(position=lambda x, v: v + free_nodes(x)), 3, MOVING),
@@ -727,6 +753,8 @@ NEVER_ZERO = {  # or not only; why there is no case
     "State.tendons": "readings alone",
     "Hinge.limits": ORDERED, "Slider.limits": ORDERED,
     "Cylindrical.limits": ORDERED, "Cylindrical.slip_speed": POSITIVE,
+    "Universal.limits": ORDERED, "Universal.slip_speed": POSITIVE,
+    "Ball.axis": "is a direction", "Ball.limit": POSITIVE, "Ball.slip_speed": POSITIVE,
     "TipLoad.offset": "as PointLoad.offset",
     "Contact.obstacle": "is one", "Contact.thickness": POSITIVE, "Contact.force": POSITIVE,
     "Contact.stiffness": POSITIVE, "Contact.slip_speed": POSITIVE,

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import torchbeam as tb
+from torchbeam import extend
 
 ROOT = Path(__file__).parents[2]
 
@@ -28,6 +29,20 @@ def test_every_public_name_has_its_entry(site):
     text = "\n".join(site.reference().values())
     for name in ("torchbeam.Scene", "torchbeam.sensors.Strain", "torchbeam_envs.TipReachEnv"):
         assert f"\n::: {name}\n" in text
+
+
+def test_members_that_the_reference_shows_are_there(site):
+    """Those that are named; how to make a beam is shown, what an effect does inside is not."""
+    own = {name: getattr(tb, name, None) for name in site.MEMBERS}
+    for module in (tb.laws, tb.sensors, extend):
+        own |= {name: getattr(module, name) for name in site.MEMBERS if hasattr(module, name)}
+    for name, members in site.MEMBERS.items():
+        assert [member for member in members if not hasattr(own[name], member)] == [], name
+    pages = site.reference()
+    assert "'straight'" in pages["reference/scene.md"]
+    effects = pages["reference/effects.md"]
+    assert "::: torchbeam.Gravity\n    options:\n      members: []\n" in effects
+    assert "wrench" not in effects and "'wrench'" in pages["reference/extend.md"]
 
 
 def test_every_page_can_be_reached(site):

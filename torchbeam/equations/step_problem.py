@@ -202,7 +202,7 @@ class StepProblem(BalanceProblem):
     def joint_drive(self) -> JointDrive:
         """What acts in joints: over the step, or where forces act at its end at that instant."""
         start = self.start
-        turns = None if start.joints is None else start.joints[..., 0]
+        turns = None if start.joints is None else start.joints[..., :2]
         return JointDrive(
             self.conditions.joints,
             turns,

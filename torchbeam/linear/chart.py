@@ -128,7 +128,7 @@ class Chart:
         velocity, spin = u.split((space.dims.position, space.dims.spin), -1)
         if self.joints.count:
             pose = self.joints.pose(position, rotation)
-            joints = self.joints.reading(pose, joints, self.joints.rate(pose, velocity, spin))
+            joints = self.joints.reading(pose, joints, (velocity, spin))
         before = space.to_frame(own.rotation, own.spin)
         return replace(
             near,
@@ -241,7 +241,7 @@ class Chart:
         if not self.joints.count:
             return ()
         now, before = (
-            self.joints.coordinates(self.joints.pose(*pose), counted[..., 0])
+            self.joints.coordinates(self.joints.pose(*pose), counted)
             for pose, counted in (
                 ((position, rotation), joints),
                 ((self.own.position, self.own.rotation), self.own.joints),

@@ -150,7 +150,7 @@ class Perturbation:
         def joint_motion() -> JointMotion:
             motion = problem.joint_poses(x)
             return motion._replace(
-                drive=motion.drive._replace(turns=state.joints[..., 0], moving=rates)
+                drive=motion.drive._replace(turns=state.joints[..., :2], moving=rates)
             )
 
         return space.to_public(

@@ -6,13 +6,14 @@ from typing import Any, NamedTuple
 
 from ..scene.beam import Beam
 from .rows import Rows
+from .sample_check import written
 
 
 class ActingLoad(NamedTuple):
     """A load; node: the row that it acts on, or the rows along which it does, None = all of them;
     what it reads of a node's motion; which of the internal states are its own, None = it has none;
-    elements: along how many it acts, None = the beam's. Of `Conditions` the load holds numbers
-    alone, see `LoadEffect.resolved`.
+    elements: along how many it acts, None = the beam's; functions: what a user wrote in it. Of
+    `Conditions` the load holds numbers alone, see `LoadEffect.resolved`.
     """
 
     load: Any
@@ -20,6 +21,7 @@ class ActingLoad(NamedTuple):
     reads: frozenset[str]
     internal: slice | None
     elements: int | None = None
+    functions: tuple[Any, ...] = ()
 
     def acts_on(self, row: int) -> bool:
         if isinstance(self.node, slice):
@@ -41,8 +43,9 @@ def acting(
     acting_loads, at = [], 0
     for load, size in zip(loads, sizes, strict=True):
         place = None if load.node is None else load.node % rows.node_count if node is None else node
+        internal = slice(at, at + size) if size else None
         acting_loads.append(
-            ActingLoad(load, place, rows.depends_on(load), slice(at, at + size) if size else None)
+            ActingLoad(load, place, rows.depends_on(load), internal, functions=written(load))
         )
         at += size
     return tuple(acting_loads)

@@ -23,11 +23,14 @@ import torch
 from torch import Tensor
 
 from ..core.leaves import leaf
-from ..scene.effects.values import Inputs, scalar_at
+from ..scene.effects.values import Inputs, scalar_at, value_at
 from ..topology.framework_matrix import JointBlocks
+from .ball_laws import BallLaws, BallStep
+from .balls import Balls
 from .joint_laws import CoordinateStep, JointLaws
 from .joint_motion import JointValues, Pose
 from .joints import Factor, JointMotion, Joints, Vector, stacked
+from .rotation_vector import Turn
 
 
 class Driven(NamedTuple):
@@ -54,15 +57,32 @@ class DrivenJoints(Joints):
     @property
     def dissipative(self) -> bool:
         """Whether there is damping or friction."""
-        return self.laws.dissipative
+        return any(laws.dissipative for laws in self._all_laws)
 
     @property
     def limited(self) -> bool:
-        return self.laws.limit_stiffness is not None
+        return any(laws.limit_stiffness is not None for laws in self._all_laws)
 
     @property
     def smooth(self) -> bool:
-        return self.laws.friction is None and not self.limited
+        return not self.limited and all(laws.friction is None for laws in self._all_laws)
+
+    @property
+    def _all_laws(self) -> tuple[JointLaws | BallLaws, ...]:
+        return (self.laws,) if self.balls is None else (self.laws, self.balls.laws)
+
+    @property
+    def acting_balls(self) -> Balls | None:
+        """Balls in which something acts."""
+        return self.balls if self.balls is not None and self.balls.act else None
+
+    @property
+    def turning_rows(self) -> Tensor:
+        """(J, w) 1 in the rows of turns of balls, which their constraints and efforts have not."""
+        if self.balls is None:
+            return torch.zeros_like(self.held)
+        rows = self.moves[:, 3:].abs().sum(-1).expand(len(self.balls.at), -1)
+        return self.balls.to_joints(rows, -2, self.count)
 
     def driven(self, motion: JointMotion) -> Driven:
         drive = motion.drive
@@ -71,7 +91,7 @@ class DrivenJoints(Joints):
             if drive.values.coordinate is None
             else self.prescribed * drive.raised(drive.values.coordinate)
         )
-        near = goal if drive.turns is None else drive.turns[..., None] * self.angles
+        near = goal if drive.turns is None else self.turns(drive.turns)
         if drive.dt is None:
             after = self.coordinate(motion.end, near)
             step = CoordinateStep(after, after, self.angles > 0, None, None)
@@ -81,10 +101,10 @@ class DrivenJoints(Joints):
             rate = None if self.laws.friction is None else self.rate(motion.start, *drive.moving())
             step = CoordinateStep(before, after, self.angles > 0, drive.dt[..., None, None], rate)
         effort, by = self.laws.effort(step)
-        if drive.dt is None and drive.moving is not None and self.dissipative:
+        if drive.dt is None and drive.moving is not None and self.laws.dissipative:
             effort = effort - self.laws.damper * self.rate(motion.end, *drive.moving())
         if drive.values.effort is not None:
-            effort = effort + drive.raised(drive.values.effort)
+            effort = effort + self._coordinates * drive.raised(drive.values.effort)
         acting = self.turned(self._middle(step))
         closing, offset = self.w, self.c
         if goal is not None:
@@ -98,6 +118,14 @@ class DrivenJoints(Joints):
         found = self.driven(motion)
         product = (self.v.at(motion.end).value * found.closing.at(motion.end).value).sum(-1)
         nodes = self._load(motion.acting, found.acting, self._forces(stress, found), nodes)
+        if self.acting_balls is not None:
+            M = self._ball_moment(motion)
+            none = torch.zeros_like(M)
+            nodes = self.framework.from_joints(
+                torch.stack((torch.cat((none, -M), -1), torch.cat((none, M), -1)), -2)
+                @ self.moves.mT,
+                nodes,
+            )
         return nodes, stacked(gap, self.held * (product - found.offset))
 
     def efforts(self, values: JointValues) -> Tensor | None:
@@ -105,7 +133,8 @@ class DrivenJoints(Joints):
         laws, _ = self.laws.effort(CoordinateStep(drawn, drawn, self.angles > 0, None, None))
         total = laws.abs() if values.effort is None else laws.abs() + values.effort.abs()
         force, moment = (
-            (rows * total).sum(-1, keepdim=True) for rows in (self.travels, self.angles)
+            (rows * total).sum(-1, keepdim=True)
+            for rows in (self.travels, self.angles + self.turning_rows)
         )
         p = self.space.dims.position
         return torch.cat((force.expand(*force.shape[:-1], p), moment), -1)
@@ -129,27 +158,72 @@ class DrivenJoints(Joints):
                 force[..., None] * turning - rate * found.effort_by[..., None] * push
             ).mT @ by_end
 
+        added = None if self.acting_balls is None else self._ball_stiffness(motion, rate)
         return self._blocks(
-            motion.acting, motion.end, found.acting, found.closing, force, half, rate, more
+            motion.acting, motion.end, found.acting, found.closing, force, half, rate, more, added
         )
+
+    def _ball_step(self, motion: JointMotion) -> BallStep:
+        drive, balls = motion.drive, self.balls
+        torque = spin = None
+        if balls.torques:
+            torque = balls.of(drive.raised(drive.values.effort) @ self.moves[:, 3:], -2)
+        after = balls.axes(motion.end).relative
+        if drive.dt is None:
+            if drive.moving is not None and balls.laws.dissipative:
+                spin = self.spin(motion.end, *drive.moving())
+            return BallStep(after, after, None, spin, torque)
+        if balls.laws.friction is not None:
+            spin = self.spin(motion.start, *drive.moving())
+        return BallStep(balls.axes(motion.start).relative, after, drive.dt[..., None], spin, torque)
+
+    def _ball_moment(self, motion: JointMotion) -> Tensor:
+        """M (..., J, 3) on first parts, frame a: of second parts its opposite."""
+        M = self.balls.moment(self.balls.conjugate(self._ball_step(motion)), motion.acting)
+        return self.balls.to_joints(M, -2, self.count)
+
+    def _ball_stiffness(self, motion: JointMotion, rate: float) -> Tensor:
+        """(..., J, 12, 12): of what they add to the balances of both ends, by half the moves of
+        the ends.
+        """
+        by = self.balls.moment_by(self._ball_step(motion), motion.acting, motion.end, rate)
+        none = torch.zeros_like(by[..., :3])
+        by = torch.cat((none, by[..., :3], none, by[..., 3:]), -1)
+        none = torch.zeros_like(by)
+        return self.balls.to_joints(torch.cat((none, -by, none, by), -2), -3, self.count)
 
     def damping(self, poses: Callable[[], JointMotion]) -> JointBlocks | None:
         """Of dampers, and of friction as it is next to no motion."""
         if not self.dissipative:
             return None
         motion, w = poses(), self.space.unknowns
-        by = (
-            self.coordinate_by(motion.end, self.driven(motion).step.after)
-            @ torch.block_diag(self.moves, self.moves).mT
-        )
-        blocks = by.mT @ (self.laws.damper[..., None] * by)  # (..., J, 2 w, 2 w)
+        ends, blocks = torch.block_diag(self.moves, self.moves).mT, 0.0
+        if self.laws.dissipative:
+            by = self.coordinate_by(motion.end, self.driven(motion).step.after) @ ends
+            blocks = by.mT @ (self.laws.damper[..., None] * by)  # (..., J, 2 w, 2 w)
+        if self.balls is not None and self.balls.laws.dissipative:
+            by = self.balls.spin_rows(motion.end) @ ends
+            damper = self.balls.own_laws.damper[..., None, None]
+            blocks = blocks + self.balls.to_joints(by.mT @ (damper * by), -3, self.count)
         blocks = blocks.unflatten(-1, (2, w)).unflatten(-3, (2, w)).transpose(-3, -2)
         none = torch.zeros_like(blocks[..., 0, :, :])
         return JointBlocks(torch.zeros_like(self.held), blocks, none, none)
 
     def acting(self, stress: Tensor, motion: JointMotion) -> tuple[Tensor, Factor]:
         found = self.driven(motion)
-        return stacked(self.split(stress)[0], self._forces(stress, found)), found.acting
+        force = self._forces(stress, found)
+        if self.acting_balls is not None:  # as on a, in its axes
+            M = self.balls.of(self._ball_moment(motion), -2)[..., None]
+            own = (self.balls.axes(motion.end).a.mT @ M)[..., 0] @ self.moves[:, 3:].mT
+            force = force + self.balls.to_joints(own, -2, self.count)
+        return stacked(self.split(stress)[0], force), found.acting
+
+    def wrench(self, motion: JointMotion, w: Factor, force: Tensor) -> Tensor:
+        wrench = super().wrench(motion, w, (1 - self.turning_rows) * force)
+        if self.acting_balls is None:
+            return wrench
+        M = self._ball_moment(motion)
+        return wrench - torch.cat((torch.zeros_like(M), M), -1)
 
     def held_rows(self, pose: Pose) -> Tensor:
         by = self._gradient(self.v.at(pose), self.w.at(pose))
@@ -157,7 +231,7 @@ class DrivenJoints(Joints):
         return self._at_nodes(self.held, torch.where(self.prescribed[..., None] > 0, own, by))
 
     def gaps(self, pose: Pose, joints: Tensor) -> Tensor:
-        wanted = joints[..., :1] * self.angles + joints[..., 1:2] * self.travels
+        wanted = self.given(joints)
         moved = self.coordinate(pose, wanted) - wanted
         return self._flat(torch.where(self.prescribed > 0, moved, self.gap(pose)))
 
@@ -174,22 +248,23 @@ class DrivenJoints(Joints):
         self, joints: tuple[Any, ...], name: str, t: Tensor, inputs: Inputs
     ) -> Tensor | None:
         """(..., J, w) of what is given of each joint, in the rows of its coordinates."""
-        total = None
+        total, balls = None, () if self.balls is None else self.balls.at
         given = [
-            (k, rows, getattr(joint, name)(coordinate))
+            (k, None if k in balls else rows, getattr(joint, name)(coordinate))
             for k, joint in enumerate(joints)
-            for coordinate, rows in enumerate((self.angles, self.travels))
-            if coordinate in joint.coordinates
+            for coordinate, rows in enumerate((self.first, self.second))
+            if coordinate in joint.coordinates and not (coordinate and k in balls)
         ]
         for k, rows, value in given:
             if value is None:
                 continue
-            value = scalar_at("what acts in a joint", value, t, inputs, self.c)
-            part = (
-                value[..., None, None]
-                * rows
-                * (torch.arange(len(rows), device=rows.device) == k)[:, None]
-            )
+            if rows is None:  # of a torque its numbers, in the rows of turns
+                own = value_at(value, t, inputs, self.c) @ self.moves[:, 3:].mT
+                own = own[..., None, :]
+            else:
+                own = scalar_at("what acts in a joint", value, t, inputs, self.c)
+                own = own[..., None, None] * rows
+            part = own * (torch.arange(self.count, device=own.device) == k)[:, None]
             total = part if total is None else total + part
         return total
 
@@ -220,7 +295,20 @@ class DrivenJoints(Joints):
         if before is not None:
             force = (force + self.split(before)[1]) / 2
             made = step.after - self.coordinate(motion.start, step.after)
-        return -(force * (self.angles + self.travels) * made).sum((-1, -2))
+        total = -(force * self._coordinates * made).sum((-1, -2))
+        if self.acting_balls is None:
+            return total
+        ball = self._ball_step(motion)
+        if before is None:
+            change = ball.after - ball.before
+            return total - (self.balls.conjugate(ball) * change).sum((-1, -2, -3))
+        start = self.balls.axes(motion.start).relative
+        turn = Turn.of(ball.after @ start.mT).vector @ self.moves[:, 3:].mT
+        return total - (self.balls.of(force, -2) * turn).sum((-1, -2))
+
+    @property
+    def _coordinates(self) -> Tensor:
+        return self.angles + self.travels
 
     def _forces(self, stress: Tensor, found: Driven) -> Tensor:
         return self.held * self.split(stress)[1] - found.effort

@@ -23,6 +23,7 @@ from .acting import ActingLoad
 from .conditions import Conditions
 from .loads import STAYS, MotionJacobian, Nodes, chained, external, wrench, wrench_blocks
 from .rows import Rows
+from .sample_check import check_samples, tried
 
 
 def element_loads(rows: Rows, nodes: Nodes, now: Conditions) -> tuple[Tensor, ...]:
@@ -151,7 +152,10 @@ def load_point(rows: Rows, acting: ActingLoad, nodes: Nodes, now: Conditions) ->
 
 def _points(rows: Rows, nodes: Nodes, now: Conditions) -> Iterator[tuple[ActingLoad, LoadPoint]]:
     for acting in now.between:
-        yield acting, load_point(rows, acting, nodes, now)
+        point = load_point(rows, acting, nodes, now)
+        if acting.functions and not tried(acting.functions):
+            check_samples(acting.load, point, now.t, now.inputs)
+        yield acting, point
 
 
 def _corners(rows: Rows, acting: ActingLoad, x: Tensor) -> tuple[Tensor, ...]:

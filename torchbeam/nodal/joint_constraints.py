@@ -10,8 +10,15 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from ..core.leaves import with_values
+from ..core.remembered import remembered
 from ..math import quaternions as quat
+from ..scene.ball import Ball
+from ..scene.joint import ACTS, Joint
 from ..scene.scene import Scene
+from ..scene.structure import Structure, unstressed
+from .ball_laws import BallLaws
+from .balls import Balls
 from .coordinates.spatial import Spatial
 from .driven_joints import DrivenJoints
 from .joint_laws import JointLaws
@@ -94,44 +101,13 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
     """`Joints` of a scene, or `NoJoints`."""
     if not scene.joints:
         return NoJoints()
-    each = [_rows(joint, scene.beam, space) for joint in scene.joints]
-    J, m = len(each), space.unknowns
-
-    def stacked(parts: list[Tensor], axes: int) -> Tensor:
-        return torch.stack(torch.broadcast_tensors(*parts), -1 - axes).unflatten(-1 - axes, (J, m))
-
-    def factor(name: str) -> Factor:
-        own = [getattr(row, name) for rows in each for row in rows]
-        arms = (stacked([getattr(x, name) for x in own], 1) for name in ("in_a", "in_b"))
-        fixed = torch.stack(torch.broadcast_tensors(*arms), -3)
-        return Factor(
-            stacked([x.constant for x in own], 1),
-            stacked([x.shift for x in own], 0)[..., None],
-            fixed,
-        )
-
-    def mask(which: Callable[[Row], bool]) -> Tensor:
-        return like.new_tensor([[float(which(row)) for row in rows] for rows in each])
-
-    like = scene.beam.nodes
-    places = [x for joint in scene.joints for x in joint.drawn(scene.beam)[:2]]
-    size = scene.beam.size_with(torch.stack(torch.broadcast_tensors(*places), -2)).detach()
-    # fmt: off
-    fields = dict(
-        space=space, framework=topology, held=mask(lambda row: row.held), v=factor("v"),
-        w=factor("w"), across=factor("across"),
-        parts=like.new_tensor([[[row.v.parts, row.w.parts, row.across.parts] for row in rows]
-                               for rows in each]),
-        c=stacked([row.c for rows in each for row in rows], 0),
-        moves=space.embed(torch.eye(m, dtype=like.dtype, device=like.device)),
-        # 1 m of a body that turns about its own centre, where nothing has a length
-        size=torch.where(size > 0, size, 1.0),
-        angles=mask(lambda row: row.coordinate == "angle"),
-        travels=mask(lambda row: row.coordinate == "travel"))
-    # fmt: on
+    bare = tuple(map(_without_laws, scene.joints))
+    fields = remembered(_as_drawn, bare, unstressed(scene.beam), space, topology)
+    fields = fields | dict(space=space, framework=topology, balls=_balls(scene))
     if not any(joint.acts for joint in scene.joints):
         return Joints(**fields)
-    rows = fields["angles"], fields["travels"]
+    second, like = fields["second"], scene.beam.nodes
+    rows = fields["angles"] + fields["travels"] - second, second
     prescribed = sum(
         own
         * like.new_tensor(
@@ -150,9 +126,56 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
     )
 
 
+def _without_laws(joint: Joint) -> Joint:
+    """What says where it is and what it holds."""
+    return with_values(joint, **{name: None for name in ACTS if hasattr(joint, name)})
+
+
+def _as_drawn(
+    joints: tuple[Joint, ...], beam: Structure, space: Spatial, topology: Any
+) -> dict[str, Any]:
+    """Fields of `Joints` that follow from how parts are drawn."""
+    each = [_rows(joint, beam, space) for joint in joints]
+    J, m = len(each), space.unknowns
+
+    def stacked(parts: list[Tensor], axes: int) -> Tensor:
+        return torch.stack(torch.broadcast_tensors(*parts), -1 - axes).unflatten(-1 - axes, (J, m))
+
+    def factor(name: str) -> Factor:
+        own = [getattr(row, name) for rows in each for row in rows]
+        arms = (stacked([getattr(x, name) for x in own], 1) for name in ("in_a", "in_b"))
+        fixed = torch.stack(torch.broadcast_tensors(*arms), -3)
+        return Factor(
+            stacked([x.constant for x in own], 1),
+            stacked([x.shift for x in own], 0)[..., None],
+            fixed,
+        )
+
+    def mask(which: Callable[[Row], bool]) -> Tensor:
+        return like.new_tensor([[float(which(row)) for row in rows] for rows in each])
+
+    like = beam.nodes
+    places = [x for joint in joints for x in joint.drawn(beam)[:2]]
+    size = beam.size_with(torch.stack(torch.broadcast_tensors(*places), -2)).detach()
+    # fmt: off
+    return dict(
+        held=mask(lambda row: row.held), v=factor("v"),
+        w=factor("w"), across=factor("across"),
+        parts=like.new_tensor([[[row.v.parts, row.w.parts, row.across.parts] for row in rows]
+                               for rows in each]),
+        c=stacked([row.c for rows in each for row in rows], 0),
+        moves=space.embed(torch.eye(m, dtype=like.dtype, device=like.device)),
+        # 1 m of a body that turns about its own centre, where nothing has a length
+        size=torch.where(size > 0, size, 1.0),
+        angles=mask(lambda row: row.coordinate == "angle"),
+        travels=mask(lambda row: row.coordinate == "travel"),
+        second=mask(lambda row: row.second))
+    # fmt: on
+
+
 def _given(joints: tuple[Any, ...], name: str, rows: tuple[Tensor, Tensor]) -> Tensor | None:
-    """A law's number of each joint, in its rows (J, w) of angles and of travels; None where no
-    joint has one.
+    """A law's number of each joint, in its rows (J, w) of first and of second coordinates; None
+    where no joint has one.
     """
     total = None
     for k, own in enumerate(rows):
@@ -168,8 +191,8 @@ def _given(joints: tuple[Any, ...], name: str, rows: tuple[Tensor, Tensor]) -> T
 
 class Row(NamedTuple):
     """A constraint v . w = c of a joint, one that it does not hold as well: it may be its
-    coordinate, "travel" or "angle". across: what w becomes by a right angle, in the row of an
-    angle.
+    coordinate, "travel" or "angle", its `second`, of which a travel always is. across: what w
+    becomes by a right angle, in the row of an angle.
     """
 
     v: Vector
@@ -178,6 +201,7 @@ class Row(NamedTuple):
     held: bool
     across: Vector
     coordinate: str | None = None
+    second: bool = False
 
 
 def _rows(joint: Any, beam: Any, space: Spatial) -> list[Row]:
@@ -200,12 +224,16 @@ def _rows(joint: Any, beam: Any, space: Spatial) -> list[Row]:
             i in joint.position,
             nothing,
             "travel" if i == "x" and joint.position == "yz" else None,
+            i == "x" and joint.position == "yz",
         )
         for i in along
     ]
     turns = ABOUT_X if joint.rotation == "yz" else TURNS
     for k in about:
         i, j, sign = turns[k]
+        if k in "xy" and joint.rotation == "z":
+            rows.append(_of_universal(k, names, a, b, none))
+            continue
         free = k == "x" and joint.rotation == "yz"
         rows.append(
             Row(
@@ -224,6 +252,76 @@ def _rows(joint: Any, beam: Any, space: Spatial) -> list[Row]:
             *(row._replace(held=False) for row in rows[1:]),
         ]
     return rows
+
+
+def _of_universal(k: str, axes: dict[str, Tensor], a: End, b: End, none: Tensor) -> Row:
+    """The turn about x, which is fixed in a, by F_b,y . F_a,z, or about y, fixed in b, by F_a,x .
+    F_b,z.
+    """
+    if k == "x":
+        return Row(
+            b.direction(axes["y"]),
+            a.direction(axes["z"]),
+            none,
+            False,
+            a.direction(axes["y"]).times(-1.0),
+            "angle",
+        )
+    return Row(
+        a.direction(axes["x"]),
+        b.direction(axes["z"]),
+        none,
+        False,
+        b.direction(axes["x"]).times(-1.0),
+        "angle",
+        True,
+    )
+
+
+def _balls(scene: Scene) -> Balls | None:
+    """The joints of a scene that leave all turns, of which something may be read and act."""
+    joints, like = scene.joints, scene.beam.nodes
+    at = tuple(k for k, joint in enumerate(joints) if isinstance(joint, Ball))
+    if not at:
+        return None
+    ground = [[[[float(end is None)]] for end in joint.ends] for joint in joints]
+    eye = torch.eye(3, dtype=like.dtype, device=like.device)
+    axes = quat.matrix(scene.beam.frames).mT
+    own = [
+        torch.stack(
+            torch.broadcast_tensors(
+                *(eye if end is None else axes[..., end, :, :] for end in joint.ends)
+            ),
+            -3,
+        )
+        for joint in joints
+    ]
+
+    def each(name: str, axes: int) -> Tensor | None:
+        given = [getattr(joint, name) if k in at else None for k, joint in enumerate(joints)]
+        if all(value is None for value in given):
+            return None
+        none = like.new_zeros((3,) * axes)
+        given = torch.broadcast_tensors(*(none if value is None else value for value in given))
+        return torch.stack(given, -1 - axes)
+
+    limits = each("limit", 0)
+    axis = None if limits is None else each("axis", 1)
+    if axis is not None:
+        size = torch.linalg.vector_norm(axis, dim=-1, keepdim=True)
+        axis = axis / torch.where(size > 0, size, 1.0)
+    laws = BallLaws(
+        each("stiffness", 2),
+        each("damping", 0),
+        each("friction", 0),
+        each("slip_speed", 0),
+        axis,
+        limits,
+        each("limit_stiffness", 0),
+    )
+    own = torch.stack(torch.broadcast_tensors(*own), -4)
+    torques = any(joints[k].torque is not None for k in at)
+    return Balls(at, like.new_tensor(ground), own, laws, torques)
 
 
 def _of_plane(joint: Any, axes: dict[str, Tensor], normal: Tensor) -> tuple[str, str]:

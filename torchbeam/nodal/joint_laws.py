@@ -118,14 +118,27 @@ class JointLaws(Tree):
         if self.stiffness is not None:
             total, by = total + self.stiffness * (q + p) / 2, by + self.stiffness / 2
         if self.limit_stiffness is not None:
-            soft = SOFT * (self.highest - self.lowest)
-            soft = torch.where(soft > 0, soft, 1.0)
-            k = self.limit_stiffness / (6 * soft)
+            span = self.highest - self.lowest
             for sign, limit in ((1.0, self.highest), (-1.0, self.lowest)):
-                x, y = sign * (q - limit), sign * (p - limit)
-                (near, near_by), (far, far_by) = _cubes(x, y), _cubes(x - soft, y - soft)
-                total, by = total + sign * k * (near - far), by + k * (near_by - far_by)
+                push, push_by = limit_slope(
+                    sign * q, sign * p, sign * limit, self.limit_stiffness, span
+                )
+                total, by = total + sign * push, by + push_by
         return total, by
+
+
+def limit_slope(
+    q: Tensor, p: Tensor, limit: Tensor, stiffness: Tensor, span: Tensor
+) -> tuple[Tensor, Tensor]:
+    """(V(q) - V(p))/(q - p) of the energy V beyond a limit whose stiffness rises over a hundredth
+    of the span, and its derivative by q.
+    """
+    soft = SOFT * span
+    soft = torch.where(soft > 0, soft, 1.0)
+    k = stiffness / (6 * soft)
+    x, y = q - limit, p - limit
+    (near, near_by), (far, far_by) = _cubes(x, y), _cubes(x - soft, y - soft)
+    return k * (near - far), k * (near_by - far_by)
 
 
 def _cubes(a: Tensor, b: Tensor) -> tuple[Tensor, Tensor]:

@@ -50,10 +50,10 @@ NO_VALUES = JointValues()
 
 
 class JointDrive(NamedTuple):
-    """What acts in joints: values; turns (..., J) rad before, None = unknown; dt (...) s,
-    None = laws of an instant, at rest; share (...), as far as loads are raised, None = all;
-    moving() velocity and spin (..., N+1, *) of nodes before the step, or at an instant, None = at
-    rest, as seen in frame a.
+    """What acts in joints: values; turns (..., J, 2) coordinates before, None = unknown; dt
+    (...) s, None = laws of an instant, at rest; share (...), as far as loads are raised, None =
+    all; moving() velocity and spin (..., N+1, *) of nodes before the step, or at an instant, None =
+    at rest, as seen in frame a.
     """
 
     values: JointValues

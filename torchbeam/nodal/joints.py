@@ -35,6 +35,7 @@ from ..math.quaternions import skew
 from ..math.shapes import broadcast_shapes
 from ..topology.framework import Framework
 from ..topology.framework_matrix import FrameworkMatrix, JointBlocks
+from .balls import Balls
 from .coordinates.spatial import Spatial
 from .joint_motion import Factor, JointMotion, NoJoints, Pose, Vector, end_moves
 
@@ -54,6 +55,8 @@ class Joints(NoJoints):
     size    (...) m of the whole
     angles, travels  (J, w) 1 in the row of an angle, or of a travel, that is a coordinate of a
                      joint: free, or prescribed
+    second  (J, w) 1 in the row of a joint's second coordinate
+    balls   those of its joints that leave all turns, None = there are none
     across  what w becomes where it is turned about x by a right angle, in the rows of angles; zero
             in others
     parts   (J, w, 3, 3) 1 where v, w and across (third axis) have a constant, and a vector in the
@@ -70,8 +73,10 @@ class Joints(NoJoints):
     size: Tensor = leaf(0)
     angles: Tensor = leaf(2)
     travels: Tensor = leaf(2)
+    second: Tensor = leaf(2)
     across: Factor
     parts: Tensor = leaf(4)
+    balls: Balls | None
 
     @property
     def count(self) -> int:
@@ -132,35 +137,63 @@ class Joints(NoJoints):
     ) -> dict[str, Any]:
         motion = motion()
         stress, w = self.acting(stress, motion)
-        q = self.after(motion)
-        rate = torch.zeros_like(q) if moving is None else self.rate(motion.end, *moving())
-        wrench = self.wrench(motion.acting, w, self.split(stress)[1])
-        return {"stress": stress, "joints": self._readings(q, rate, wrench)}
+        wrench = self.wrench(motion, w, self.split(stress)[1])
+        moves = None if moving is None else moving()
+        joints = self._readings(motion.end, self.after(motion), moves, wrench)
+        return {"stress": stress, "joints": joints}
 
-    def reading(self, pose: Pose, before: Tensor, rate: Tensor | None = None) -> Tensor:
-        """(..., J, 10) as in `State`, where nothing is known of forces: turns as `before` has
-        them, rates (..., J, w), None = at rest.
+    def reading(
+        self, pose: Pose, before: Tensor, moving: tuple[Tensor, Tensor] | None = None
+    ) -> Tensor:
+        """(..., J, 12) as in `State`, where nothing is known of forces: turns as `before` has
+        them; velocity and spin of nodes (..., N+1, *), as seen in frame a, None = at rest.
         """
-        q = self.coordinate(pose, before[..., :1] * self.angles)
-        rate = torch.zeros_like(q) if rate is None else rate
-        return self._readings(q, rate, torch.zeros_like(before[..., 4:]))
+        q = self.coordinate(pose, self.turns(before))
+        return self._readings(pose, q, moving, torch.zeros_like(before[..., 6:]))
 
-    def _readings(self, q: Tensor, rate: Tensor, wrench: Tensor) -> Tensor:
-        numbers = [
-            (x * rows).sum(-1)[..., None] for x in (q, rate) for rows in (self.angles, self.travels)
-        ]
-        numbers.append(wrench)
+    def _readings(
+        self, pose: Pose, q: Tensor, moving: tuple[Tensor, Tensor] | None, wrench: Tensor
+    ) -> Tensor:
+        rate = torch.zeros_like(q) if moving is None else self.rate(pose, *moving)
+        turn = spin = None
+        if self.balls is not None:
+            turn = self.balls.to_joints(self.balls.turn(pose), -2, self.count)
+            spin = None if moving is None else self.spin(pose, *moving)
+            spin = None if spin is None else self.balls.to_joints(spin, -2, self.count)
+        numbers = self._three(q, turn), self._three(rate, spin), wrench
         shape = broadcast_shapes(*(x.shape[:-2] for x in numbers))
         return torch.cat([x.expand(*shape, *x.shape[-2:]) for x in numbers], -1)
+
+    def _three(self, rows: Tensor, vectors: Tensor | None) -> Tensor:
+        """(..., J, 3) of rows (..., J, w) of coordinates, and of what balls have."""
+        pair = [(rows * own).sum(-1) for own in (self.first, self.second)]
+        three = torch.stack((*pair, torch.zeros_like(pair[0])), -1)
+        return three if vectors is None else three + vectors
+
+    @property
+    def first(self) -> Tensor:
+        """(J, w) 1 in the row of a joint's first coordinate; of a travel alone it is the second."""
+        return self.angles + self.travels - self.second
+
+    def turns(self, readings: Tensor) -> Tensor:
+        """(..., J, w) rad of angles, in their rows, by what is read of joints (..., J, 2 or more),
+        the two coordinates first.
+        """
+        return self.angles * self.given(readings)
+
+    def given(self, readings: Tensor) -> Tensor:
+        """(..., J, w) of coordinates, in their rows, likewise."""
+        return readings[..., :1] * self.first + readings[..., 1:2] * self.second
 
     def acting(self, stress: Tensor, motion: JointMotion) -> tuple[Tensor, Factor]:
         """The stress with all forces of joints, and w where they act."""
         return stress, self.w
 
-    def wrench(self, pose: Pose, w: Factor, force: Tensor) -> Tensor:
+    def wrench(self, motion: JointMotion, w: Factor, force: Tensor) -> Tensor:
         """Force N and moment N m (..., J, 6) on second parts, at the joints' points there, frame
         a.
         """
+        pose = motion.acting
         by, arms = self._gradient(self.v.at(pose), w.at(pose)), self.w.at(pose).turning[..., 0, :]
         push, moment = (
             torch.einsum("...jmk,...jm->...jk", by, -force).unflatten(-1, (2, 2, 3)).unbind(-2)
@@ -177,9 +210,7 @@ class Joints(NoJoints):
         before.
         """
         turns = motion.drive.turns
-        return self.coordinate(
-            motion.end, None if turns is None else turns[..., None] * self.angles
-        )
+        return self.coordinate(motion.end, None if turns is None else self.turns(turns))
 
     def turned(self, angle: Tensor) -> Factor:
         """w, turned about x by angles (..., J, w), 0 in rows of others."""
@@ -229,7 +260,7 @@ class Joints(NoJoints):
 
     def gaps(self, pose: Pose, joints: Tensor) -> Tensor:
         """(..., m) m or rad by which they are open; what is prescribed is to be as in `joints`
-        (..., J, 10).
+        (..., J, 12).
         """
         return self._flat(self.gap(pose))
 
@@ -247,18 +278,28 @@ class Joints(NoJoints):
         return self.alone(JointBlocks(which, none[..., None, :, :], none.mT, columns)).constraints()
 
     def coordinates(self, pose: Pose, near: Tensor) -> Tensor:
-        """(..., c) m, or rad within half a turn of `near` (..., J): those of `coordinate_rows`."""
-        q = self.coordinate(pose, near[..., None] * self.angles)
+        """(..., c) m, or rad within half a turn of readings `near` (..., J, 12): those of
+        `coordinate_rows`.
+        """
+        q = self.coordinate(pose, self.turns(near))
         return q.flatten(-2)[..., (self.angles + self.travels).flatten().nonzero()[:, 0]]
 
     def rate(self, pose: Pose, velocity: Tensor, spin: Tensor) -> Tensor:
         """(..., J, w) m/s or rad/s of nodes that move so (..., N+1, *), frame a; 0 in rows of
         others.
         """
-        motion = self.framework.at_joints(torch.cat((velocity, spin), -1)) @ self.moves
+        motion = self._moving(velocity, spin)
         return (self.coordinate_by(pose, self.coordinate(pose)) @ motion.flatten(-2)[..., None])[
             ..., 0
         ]
+
+    def spin(self, pose: Pose, velocity: Tensor, spin: Tensor) -> Tensor:
+        """(..., B, 3) rad/s of balls' second parts against the first, axes of these."""
+        return self.balls.spin(pose, self._moving(velocity, spin)[..., 3:])
+
+    def _moving(self, velocity: Tensor, spin: Tensor) -> Tensor:
+        """(..., J, 2, 6) velocity and spin of both ends, in space."""
+        return self.framework.at_joints(torch.cat((velocity, spin), -1)) @ self.moves
 
     def measure(self, size: Tensor, gap: Tensor) -> Tensor:
         p = self.space.dims.position
@@ -327,9 +368,10 @@ class Joints(NoJoints):
         half: Tensor | None,
         rate: float,
         more: Callable[[Vector, Tensor], Tensor] | None = None,
+        added: Tensor | None = None,
     ) -> JointBlocks:
-        """With w as it is where forces act, and where joints are closed; more(v, dg/dq)
-        (..., J, 12, 12): what the forces' wrenches change by beside that.
+        """With w as it is where forces act, and where joints are closed; more(v, dg/dq) and
+        `added` (..., J, 12, 12): what the forces' wrenches change by beside that.
         """
         v, w, v_end = self.v.at(acting), w_acting.at(acting), self.v.at(end)
         w_end = w_acting.at(end)
@@ -338,6 +380,7 @@ class Joints(NoJoints):
         stiffness = self._curvature(v, w, by_v, by_w, v_end, w_end, force)
         if more is not None:
             stiffness = stiffness + more(v, push)
+        stiffness = stiffness if added is None else stiffness + added
         if w_closing is not w_acting:
             w_end = w_closing.at(end)
             by_w = w_closing.by_moves(w_end.turning)

@@ -28,6 +28,7 @@ from .acting import ActingLoad
 from .conditions import Conditions
 from .coordinates.spatial import Spatial
 from .rows import Rows
+from .sample_check import check_samples, tried
 
 ANGULAR = (ROTATION, SPIN, ANGULAR_ACCELERATION)
 # of the fields of `Nodes`
@@ -368,7 +369,10 @@ def load_points(
             place["frame"] = now.velocities
         if load.rubs:
             place["secant"] = nodes.secant
-        yield acting, load_point(space, load, acting.reads, at, **place)
+        point = load_point(space, load, acting.reads, at, **place)
+        if acting.functions and not tried(acting.functions):
+            check_samples(load, point, now.t, now.inputs)
+        yield acting, point
 
 
 def _spread(rows: Rows, acting: ActingLoad, x: Tensor, axes: int) -> Tensor:

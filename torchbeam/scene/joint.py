@@ -24,9 +24,12 @@ ACTS = (
     "friction",
     "slip_speed",
     "limits",
+    "limit",
     "limit_stiffness",
     "torque",
     "angle",
+    "second_torque",
+    "second_angle",
     "force",
     "travel",
 )
@@ -133,7 +136,9 @@ class Joint(Tree):
 
     @property
     def coordinates(self) -> tuple[int, ...]:
-        """Which coordinates it has: 0 an angle, 1 a travel."""
+        """Which coordinates it has: 0 an angle, 1 a travel or a second angle; all three of a turn
+        about a point.
+        """
         return tuple(k for k, held in enumerate((self.rotation, self.position)) if held == "yz")
 
     @property
@@ -148,8 +153,8 @@ class Joint(Tree):
         return None
 
     def effort(self, coordinate: int) -> Any:
-        """The torque about an angle (0) or the force along a travel (1) that is given, None =
-        none.
+        """The torque about an angle or the force along a travel that is given, by the coordinate
+        that it acts along; None = none.
         """
         return None
 

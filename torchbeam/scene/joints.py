@@ -27,13 +27,6 @@ class Weld(Joint):
 
 
 @dataclass(frozen=True)
-class Ball(Joint):
-    """b turns about a point of a, in any way."""
-
-    rotation = ""
-
-
-@dataclass(frozen=True)
 class AxisJoint(Joint):
     """Base of joints with an axis.
 
@@ -75,7 +68,12 @@ def check_laws(joint: AxisJoint, *pair: int) -> None:
                 "then the highest, is wanted"
             )
         object.__setattr__(joint, "limits", limits)
-    for one, other in (("friction", "slip_speed"), ("limits", "limit_stiffness")):
+    check_together(joint, ("friction", "slip_speed"), ("limits", "limit_stiffness"))
+
+
+def check_together(joint: Joint, *pairs: tuple[str, str]) -> None:
+    """ValueError where one of a pair of numbers was given alone."""
+    for one, other in pairs:
         there = [name for name in (one, other) if getattr(joint, name) is not None]
         if len(there) == 1:
             raise ValueError(
@@ -176,7 +174,46 @@ class Slider(DrivenJoint):
 
 
 @dataclass(frozen=True)
-class Cylindrical(AxisJoint):
+class PairJoint(AxisJoint):
+    """Base of joints with two coordinates, whose laws are in pairs, 0 of what is not there."""
+
+    stiffness: Value | None = leaf(1, default=None, kw_only=True)
+    damping: Value | None = leaf(1, default=None, kw_only=True)
+    friction: Value | None = leaf(1, default=None, kw_only=True)
+    slip_speed: Value | None = leaf(1, default=None, kw_only=True)
+    limits: Value | None = leaf(2, default=None, kw_only=True)
+    limit_stiffness: Value | None = leaf(1, default=None, kw_only=True)
+
+    # names of the effort, and of the coordinate, that may be given, by coordinate
+    GIVEN: ClassVar[tuple[tuple[str, str], tuple[str, str]]]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_laws(self, 2)
+        for effort, prescribed in self.GIVEN:
+            check_given(self, (effort, prescribed))
+            if {effort, prescribed} <= self.acts.keys():
+                raise ValueError(
+                    f"a {self.called} with {prescribed} and {effort} was given; one of them is "
+                    "wanted, for nothing acts along a coordinate that is prescribed"
+                )
+
+    def law(self, name: str, coordinate: int) -> Tensor | None:
+        if name in ("lowest", "highest"):
+            limits = self.limits
+            return None if limits is None else limits[..., coordinate, int(name == "highest")]
+        value = getattr(self, name)
+        return None if value is None else value[..., coordinate]
+
+    def effort(self, coordinate: int) -> Any:
+        return getattr(self, self.GIVEN[coordinate][0])
+
+    def prescribed(self, coordinate: int) -> Any:
+        return getattr(self, self.GIVEN[coordinate][1])
+
+
+@dataclass(frozen=True)
+class Cylindrical(PairJoint):
     """b slides along an axis of a, and turns about it. What acts on the turn and on the travel are
     those of a `Hinge` and of a `Slider`, in pairs (turn, travel); 0 of what is not there.
 
@@ -193,55 +230,40 @@ class Cylindrical(AxisJoint):
     position = "yz"
     rotation = "yz"
     meets = False
+    GIVEN = ("torque", "angle"), ("force", "travel")
 
-    stiffness: Value | None = leaf(1, default=None, kw_only=True)
-    damping: Value | None = leaf(1, default=None, kw_only=True)
-    friction: Value | None = leaf(1, default=None, kw_only=True)
-    slip_speed: Value | None = leaf(1, default=None, kw_only=True)
-    limits: Value | None = leaf(2, default=None, kw_only=True)
-    limit_stiffness: Value | None = leaf(1, default=None, kw_only=True)
     torque: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
     angle: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
     force: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
     travel: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_laws(self, 2)
-        for effort, prescribed in (("torque", "angle"), ("force", "travel")):
-            check_given(self, (effort, prescribed))
-            if {effort, prescribed} <= self.acts.keys():
-                raise ValueError(
-                    f"a {self.called} with {prescribed} and {effort} was given; one of them is "
-                    "wanted, for nothing acts along a coordinate that is prescribed"
-                )
-
-    def law(self, name: str, coordinate: int) -> Tensor | None:
-        if name in ("lowest", "highest"):
-            limits = self.limits
-            return None if limits is None else limits[..., coordinate, int(name == "highest")]
-        value = getattr(self, name)
-        return None if value is None else value[..., coordinate]
-
-    def effort(self, coordinate: int) -> Any:
-        return (self.torque, self.force)[coordinate]
-
-    def prescribed(self, coordinate: int) -> Any:
-        return (self.angle, self.travel)[coordinate]
-
 
 @dataclass(frozen=True)
-class Universal(AxisJoint):
+class Universal(PairJoint):
     """b turns about two axes that stay at right angles: `axis`, which is fixed in a, and `second`,
-    fixed in b.
+    fixed in b. What acts on the two turns are those of a `Hinge`, in pairs (about axis, about
+    second); 0 of what is not there.
 
     Args:
         second: (..., 3), frame a, as drawn; of any length
+        stiffness, damping, friction, slip_speed, limit_stiffness: (..., 2)
+        limits: (..., 2, 2) lowest and highest angle, of each
+        torque, angle: N m about `axis` on b, or rad, prescribed
+        second_torque, second_angle: likewise about `second`
+
+    Raises:
+        ValueError: as `Cylindrical`.
     """
 
     rotation = "z"
+    coordinates = (0, 1)
+    GIVEN = ("torque", "angle"), ("second_torque", "second_angle")
 
     second: Value = leaf(1, default=(0.0, 1.0, 0.0))
+    torque: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
+    angle: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
+    second_torque: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
+    second_angle: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

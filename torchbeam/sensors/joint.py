@@ -29,25 +29,39 @@ class _OfJoint(Sensor):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _OfCoordinate(_OfJoint):
-    """field: of a `JointReading`. ValueError for a joint without a coordinate, or with two."""
+    """field: of a `JointReading`; component: which one of a joint that has several, counted from 0.
+    ValueError for a joint without a coordinate, or with several, of which none is named.
+    """
 
     field: ClassVar[str]
+
+    component: int | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.component is not None:
+            whole("component", self.component)
 
     def read(self, state: Any) -> Tensor:
         reading = self.found(state)
         x = getattr(reading, self.field)
-        if x is None or x.ndim != reading.force.ndim - 1:
-            have = "none" if x is None else "two"
-            raise ValueError(
-                f"the {self.name} was asked for, which has {have}; that of a Hinge or a Slider "
-                "is wanted"
-            )
-        return x[..., None]
+        if x is not None:
+            x = x[..., None] if x.ndim == reading.force.ndim - 1 else x
+            count = x.shape[-1]
+            if self.component is not None:
+                k = place("component", self.component, count, "there are the coordinates")
+                return x[..., k : k + 1]
+            if count == 1:
+                return x
+        have, wanted = ("none", "a joint with one") if x is None else (x.shape[-1], "component=")
+        raise ValueError(f"the {self.name} was asked for, which has {have}; {wanted} is wanted")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JointCoordinate(_OfCoordinate):
-    """Angle rad of a hinge, counted over turns, or travel m of a slider (..., 1), zero as drawn."""
+    """Angle rad of a hinge, counted over turns, or travel m of a slider (..., 1), zero as drawn; of
+    joints with several coordinates one `component`, of a `Ball` that of its rotation vector.
+    """
 
     field = "coordinate"
     name = property(lambda self: f"coordinate of joint {self.joint}")
@@ -57,7 +71,7 @@ class JointCoordinate(_OfCoordinate):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JointRate(_OfCoordinate):
-    """Its rate (..., 1)."""
+    """Its rate (..., 1), of a `Ball` a component of the spin of its parts against each other."""
 
     field = "rate"
     name = property(lambda self: f"rate of joint {self.joint}")

@@ -69,11 +69,15 @@ class Reaction(NamedTuple):
     moment: Tensor
 
 
+READINGS = 12  # numbers of a joint in a state
+
+
 class JointReading(NamedTuple):
-    """A joint: its coordinate, rad of an angle counted over turns or m of a travel, of both
-    (..., 2) the angle first, zero as drawn; None = it has none; the rate; force (..., 3) N and
-    moment (..., 3) N m of the joint on its second part, at its point there, frame a (after an
-    implicit step their mean over it).
+    """A joint: its coordinate, rad of an angle counted over turns or m of a travel, of two
+    (..., 2) in their order, zero as drawn; of a `Ball` (..., 3) the rotation vector, as seen from
+    its first part; None = it has none; the rate, of a `Ball` the spin of the second part against
+    the first, likewise; force (..., 3) N and moment (..., 3) N m of the joint on its second part,
+    at its point there, frame a (after an implicit step their mean over it).
     """
 
     coordinate: Tensor | None
@@ -83,8 +87,8 @@ class JointReading(NamedTuple):
 
     @classmethod
     def of(cls, row: Tensor, coordinates: tuple[int, ...]) -> JointReading:
-        """row (..., 10): angle, travel, their rates, force, moment; coordinates: 0 angle, 1
-        travel.
+        """row (..., READINGS): up to three coordinates, their rates, force, moment; coordinates:
+        which of them the joint has.
         """
 
         def own(first: int) -> Tensor | None:
@@ -93,10 +97,10 @@ class JointReading(NamedTuple):
             return (
                 row[..., first + coordinates[0]]
                 if len(coordinates) == 1
-                else row[..., first : first + 2]
+                else row[..., first : first + len(coordinates)]
             )
 
-        return cls(own(0), own(2), row[..., 4:7], row[..., 7:])
+        return cls(own(0), own(3), row[..., 6:9], row[..., 9:])
 
 
 class TensorFields(Tree):

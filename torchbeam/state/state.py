@@ -19,7 +19,7 @@ from ..scene.parts import Part, one_beam, part_of, row_of
 from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
 from ..scene.scene import Scene
 from .bent import bent
-from .instant import Instant, JointReading, Point, Reaction
+from .instant import READINGS, Instant, JointReading, Point, Reaction
 from .supported_nodes import at_rest, at_supports
 
 
@@ -48,10 +48,10 @@ class State(Instant):
             None where frame a does not turn
         internal: (..., z) internal states of user loads, one load after the other, those of a load
             along the beam node by node; None without
-        joints: (..., J, 10) of the joints of a structure, see `joint`; None without
+        joints: (..., J, 12) of the joints of a structure, see `joint`; None without
         tendons: (..., K, 3) of the scene's tendons: tension N of the first stretch and of the last,
             length m; None without
-        coordinates: which coordinates each joint has, 0 an angle, 1 a travel
+        coordinates: which coordinates each joint has, see `Joint.coordinates`
         supports: nodes of the supports that `reaction` is of; None where the state was made without
             a scene
         parts: of a structure, whose nodes and stations stand one part after the other; see
@@ -317,7 +317,7 @@ def no_motion(scene: Any, like: Tensor) -> dict[str, Any]:
     if not scene.joints:
         return {}
     return {
-        "joints": like.new_zeros(*like.shape, len(scene.joints), 10),
+        "joints": like.new_zeros(*like.shape, len(scene.joints), READINGS),
         "coordinates": tuple(joint.coordinates for joint in scene.joints),
     }
 

@@ -39,6 +39,10 @@ SCENES = {
     "a slider": linkage(tb.Slider(**ELBOW, stiffness=30.0)),
     "a driven hinge": linkage(tb.Hinge(**ELBOW, angle=lambda t: 0.1 + 0 * t)),
     "a ball, order 2": linkage(tb.Ball(("arm", -1), ("fore", 0)), order=2),
+    "a sprung ball": linkage(tb.Ball(("arm", -1), ("fore", 0), **LAW)),
+    "a universal joint": linkage(
+        tb.Universal(**ELBOW, second=(1.0, 0, 0), stiffness=(3.0, 2.0), damping=(0.05, 0.1))
+    ),
     "a cylindrical joint": linkage(tb.Cylindrical(**ELBOW)),
     "in a frame that turns": linkage(tb.Hinge(**ELBOW, stiffness=3.0), frame=TURNING, section=THIN),
     "parts apart": tb.Scene(
@@ -85,12 +89,10 @@ def test_state_at_is_the_inverse_of_departure(kind):
             rtol=0,
             atol=1e-14,
         )
-        assert_close(
-            state.joints[..., 0],
-            (joints.coordinate(pose) * joints.angles).sum(-1),
-            rtol=0,
-            atol=1e-12,
-        )
+        angle = (joints.coordinate(pose) * joints.angles * joints.first).sum(-1)
+        if joints.balls is not None:
+            angle = angle + joints.balls.to_joints(joints.balls.turn(pose), -2, joints.count)[:, 0]
+        assert_close(state.joints[..., 0], angle, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", SCENES)

@@ -2,9 +2,12 @@
 what is refused.
 """
 
+from dataclasses import replace
+
 import pytest
 import torch
 from torch.func import jacrev
+from torch.nn.functional import pad
 from torch.testing import assert_close
 
 import torchbeam as tb
@@ -34,18 +37,49 @@ LAWS = {
 }
 KINDS = {"hinge": (tb.Hinge, "torque", "angle"), "slider": (tb.Slider, "force", "travel")}
 TABLE = [(kind, law) for kind in KINDS for law in (*LAWS, "effort", "prescribed")]
+K = ((3.0, 0.4, -0.2), (0.4, 2.0, 0.3), (-0.2, 0.3, 5.0))
+BALL = {
+    "spring": dict(stiffness=3.0),
+    "matrix": dict(stiffness=K),
+    "damping": dict(damping=0.7),
+    "friction": dict(friction=2.0, slip_speed=4.0),
+    "limit": dict(limit=0.1, limit_stiffness=40.0),
+    "effort": dict(torque=lambda t: torch.stack((0.4 + torch.sin(t), t, -t))),
+}
+BALL["all"] = {name: value for own in BALL.values() for name, value in own.items()}
+FIRST_OF_TWO = dict(torque=lambda t: 0.4 + t, second_angle=lambda t: 0.2 + torch.sin(t))
+TWO = {
+    "laws": dict(
+        stiffness=(3.0, 2.0),
+        damping=(0.7, 0.2),
+        friction=(2.0, 1.0),
+        slip_speed=(4.0, 3.0),
+        limits=((-0.1, 0.2), (-0.3, 0.01)),
+        limit_stiffness=(40.0, 30.0),
+    ),
+    "given": FIRST_OF_TWO,
+}
+TABLE += [("ball", law) for law in BALL] + [("universal", law) for law in TWO]
 
 
-def joined(kind, law, pair="two bodies"):
+def joint_of(kind, law, pair):
+    if kind == "ball":
+        return tb.Ball(*pair, axis=AXIS, at=AT, **BALL[law])
+    if kind == "universal":
+        return tb.Universal(*pair, axis=AXIS, second=(0, 1.0, 0), at=AT, **TWO[law])
     joint, effort, coordinate = KINDS[kind]
     more = LAWS.get(law) or {
         effort if law == "effort" else coordinate: lambda t: 0.4 + torch.sin(t)
     }
+    return joint(*pair, axis=AXIS, at=AT, **more)
+
+
+def joined(kind, law, pair="two bodies"):
     places = {"foot": (0.4, 0.1, 0), "hub": (1.2, 0.3, -0.1)}
     parts = {
         name: tb.Body(0.2, (0.01, 0.02, 0.025), position=place) for name, place in places.items()
     }
-    return discretise(tb.Scene(parts, joints=[joint(*PAIRS[pair], axis=AXIS, at=AT, **more)]))
+    return discretise(tb.Scene(parts, joints=[joint_of(kind, law, PAIRS[pair])]))
 
 
 def random(*shape, seed=0):
@@ -66,7 +100,7 @@ class Step:
             if still
             else JointDrive(
                 values,
-                torch.zeros(1),
+                torch.zeros(1, 2),
                 torch.tensor(0.1),
                 moving=lambda: (random(n, 3, seed=4), random(n, 3, seed=5)),
             )
@@ -257,9 +291,7 @@ def test_redundant_constraints_are_named():
 
 
 def test_sensors_read_what_the_state_does():
-    """Coordinate, rate and load of a hinge; a joint with other coordinates than one has no such
-    reading.
-    """
+    """Coordinate, rate and load of a hinge; of a ball one component each; a weld has none."""
     _, states = fly(2.0, 1)
     state, read = states[-1], states[-1].joint[0]
     found = tb.sensors.Stack(
@@ -268,12 +300,20 @@ def test_sensors_read_what_the_state_does():
     assert_close(
         found, torch.cat((read.coordinate[None], read.rate[None], read.force, read.moment))
     )
-    ball = tb.rest(
-        tb.Scene({"hub": tb.Body(1.0, 0.1)}, joints=[tb.Ball(None, "hub", at=(0, 0, 0))])
-    )
-    for joint, words in ((0, "has none"), (1, "there are the joints 0 to 0")):
+    joints = [tb.Ball(None, "hub", at=(0, 0, 0)), tb.Weld("hub", "foot")]
+    parts = {"hub": tb.Body(1.0, 0.1), "foot": tb.Body(1.0, 0.1, position=(0.1, 0, 0))}
+    turned = torch.tensor([0.3, -0.2, 0.1])
+    ball = tb.rest(tb.Scene(parts, joints=joints))
+    ball = replace(ball, joints=ball.joints + pad(turned, (0, 9)))
+    assert_close(tb.sensors.JointCoordinate(0, component=1)(ball), turned[1:2])
+    for joint, more, words in (
+        (0, {}, "has 3; component= is wanted"),
+        (0, {"component": 3}, "there are the coordinates 0 to 2"),
+        (1, {}, "has none"),
+        (2, {}, "there are the joints 0 to 1"),
+    ):
         with pytest.raises(ValueError, match=words):
-            tb.sensors.JointCoordinate(joint)(ball)
+            tb.sensors.JointCoordinate(joint, **more)(ball)
 
 
 TURN = dict(stiffness=0.5, damping=0.02, friction=0.03, slip_speed=0.1, limit_stiffness=3.0)
@@ -330,10 +370,8 @@ def test_a_cylindrical_joint_is_a_hinge_and_a_slider(given, engine):
         ),
         (lambda: tb.Cylindrical(None, "a", angle=0.1, torque=1.0), "with angle and torque"),
         (lambda: tb.Cylindrical(None, "a", travel=0.1, force=1.0), "with travel and force"),
-        (lambda: tb.Ball(None, "a", stiffness=1.0), "stiffness"),
-        (lambda: tb.Universal(None, "a", torque=1.0), "torque"),
     ],
 )
-def test_what_cylindrical_joints_and_others_refuse(make, words):
+def test_what_cylindrical_joints_refuse(make, words):
     with pytest.raises((ValueError, TypeError), match=words):
         make()

@@ -11,6 +11,7 @@ from typing import Any
 from torch import Tensor
 
 from ...core.leaves import Tree, leaf, leaves_in_order, map_leaves
+from ...nodal.balls import Balls
 from ...nodal.joint_laws import JointLaws
 from ...nodal.joint_motion import Factor
 from ...nodal.rows import ElementRows, NodeRows
@@ -120,7 +121,9 @@ class SupportConstants(Tree):
 
 @dataclass(frozen=True)
 class JointConstants(Tree):
-    """Rows of joints, see `Joints` and `DrivenJoints`; effort, coordinate: of `JointValues`."""
+    """Rows of joints, see `Joints` and `DrivenJoints`; effort, coordinate: of `JointValues`;
+    balls: of all joints, of which kinds say whether they are some.
+    """
 
     v: Factor
     w: Factor
@@ -129,6 +132,7 @@ class JointConstants(Tree):
     laws: JointLaws | None
     effort: Tensor | None = leaf(2)
     coordinate: Tensor | None = leaf(2)
+    balls: Balls | None
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from ...core.functions_of_time import past_hooks
 from ...core.leaves import functions, wants_gradient
 from ...core.status import SUCCESS
 from ...core.surroundings import Surroundings
+from ...math.shapes import broadcast_shapes
 from ...nodal.joints import stacked
 from ...nodal.model import Model
 from ...scene.effects import Inputs
@@ -35,7 +36,7 @@ from .node_kinds import Kinds, kinds_of
 from .program import NOTHING, StepProgram, adjoint_of, program_of, traced_of
 from .step_structure import FORMS, Form, StepStructure, keep_structure, key_of, known_structure
 from .structure_order import connectivity_of
-from .user_functions import by_function, by_sample, known
+from .user_functions import by_function, by_sample, check_batch, known
 
 EXTRAPOLATION = "extrapolation"  # means of midpoint steps, see `ExtrapolatedFunctions`
 # by the method, and whether it conserves energy
@@ -114,6 +115,7 @@ class CompiledStep:
         self.sources = [*(one.value for one in self.constant), *self.constants.sources]
         self.eager_because: str | None = None  # of the last call: what a user may mend
         self._seen: tuple[int, ...] | None = None
+        self._checked = not by_function(model)  # whether these keep samples apart
         self._forms: dict[tuple, Form] = {}
 
     def _constant(self) -> list[Field]:
@@ -235,6 +237,8 @@ class CompiledStep:
         states = [self._of_state(start, name) for name in structure.state]
         if functorch.peek_interpreter_stack() is not None:
             return None
+        if not self._checked:
+            self._check(start.status.shape if moving is None else moving.shape)
         if forward_ad._current_level >= 0 and any(
             forward_ad.unpack_dual(x).tangent is not None
             for x in (*self.sources, dt, t, *inputs.values(), *states)
@@ -304,6 +308,12 @@ class CompiledStep:
             fields["frame"] = torch.where(good[..., None], frame, start.frame)
         failed = status.item() if status.numel() == 1 else status.numpy().any()
         return Steps(fields, status.long(), iterations.long(), not failed, every)
+
+    def _check(self, batch: torch.Size) -> None:
+        """What users wrote, at the first call with several samples."""
+        batch = broadcast_shapes(self.batch, batch)
+        check_batch(self.model, batch)
+        self._checked = batch.numel() > 1
 
     def _of_state(self, start: State, name: str) -> Tensor:
         """A field of `StepStructure.state`."""

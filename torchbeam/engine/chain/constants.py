@@ -347,7 +347,9 @@ class Constants:
             return None
         laws = getattr(joints, "laws", None)
         given = (values.get(f"joint {name}") for name in JointValues._fields)
-        return JointConstants(joints.v, joints.w, joints.c, joints.across, laws, *given)
+        return JointConstants(
+            joints.v, joints.w, joints.c, joints.across, laws, *given, joints.balls
+        )
 
     def _stretches(self, values: dict[str, Tensor]) -> StretchConstants | None:
         tendons = self.model.tendons

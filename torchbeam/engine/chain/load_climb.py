@@ -33,7 +33,7 @@ from .native import NotCompiled
 from .node_kinds import kinds_of
 from .program import NOTHING, ChainProgram, program_of
 from .steady_functions import SteadyFunctions
-from .user_functions import by_function, by_sample, known, surroundings
+from .user_functions import by_function, by_sample, check_batch, known, surroundings
 
 # samples times elements that "auto" compiles for: eager ones then take longer than tracing and
 # loading
@@ -176,6 +176,7 @@ def _called(
         *(Field(*place.get(name, ("kept", name)), v, 2) for name, v in start.items()),
     ]
     batch = broadcast_shapes(*(one.value.shape[: one.value.ndim - one.axes] for one in given))
+    check_batch(model, batch)
     call = Call(chain, batch, 1, lanes)
     states = {name: call.empty(*v.shape[-2:], steps=False) for name, v in start.items()}
     states["reaction"] = call.empty(*model.constraints.fixed.shape, steps=False)

@@ -274,7 +274,7 @@ class LocalProblems:
 
         numbers = {
             name: like.new_tensor([getattr(kind, name)])
-            for name in ("held", "angles", "travels", "prescribed")
+            for name in ("held", "angles", "travels", "second", "prescribed")
             if getattr(kind, name) is not None
         }
         numbers |= {} if constants.laws is None else {"laws": constants.laws}
@@ -287,6 +287,7 @@ class LocalProblems:
             c=constants.c,
             across=known(2, constants.across),
             moves=joints.moves.detach(),
+            balls=replace(constants.balls, at=(0,)) if kind.ball else None,
             **numbers,
         )
 

@@ -74,17 +74,20 @@ NO_ELEMENT = ElementKind((EndKind(), EndKind()))
 
 class JointKind(NamedTuple):
     """What code of a joint depends on: what holds its two ends, None = it is the ground; its rows
-    of `Joints.held`, `angles`, `travels` and, where there are any, `prescribed`; of v, w and across
-    the shift, row by row, None = a value; its rows of `Joints.parts`.
+    of `Joints.held`, `angles`, `travels`, `second` and, where there are any, `prescribed`; of v, w
+    and across the shift, row by row, None = a value; its rows of `Joints.parts`; whether it is a
+    ball.
     """
 
     ends: tuple[EndKind | None, EndKind | None]
     held: tuple[float, ...]
     angles: tuple[float, ...]
     travels: tuple[float, ...]
+    second: tuple[float, ...]
     prescribed: tuple[float, ...] | None
     shifts: tuple[tuple[float | None, ...], ...]
     parts: tuple[tuple[tuple[float, ...], ...], ...]
+    ball: bool = False
 
     @property
     def sides(self) -> tuple[str, ...]:
@@ -203,18 +206,20 @@ def _of_joints(model: Model, held: list[EndKind]) -> tuple[JointKind, ...]:
     joints = model.joints
     if not joints.count:
         return ()
-    masks = [joints.held, joints.angles, joints.travels]
+    masks = [joints.held, joints.angles, joints.travels, joints.second]
     prescribed = getattr(joints, "prescribed", None)
     masks = [
         *map(_tuples, masks),
         [None] * joints.count if prescribed is None else _tuples(prescribed),
     ]
+    at = () if joints.balls is None else joints.balls.at
+    balls = [k in at for k in range(joints.count)]
     factors = joints.v, joints.w, joints.across
     shifts = zip(*(_shifts(factor.shift) for factor in factors), strict=True)
     return tuple(
         JointKind(tuple(None if node is None else held[node] for node in pair), *own)
         for pair, *own in zip(
-            model.topology.joints, *masks, shifts, _tuples(joints.parts), strict=True
+            model.topology.joints, *masks, shifts, _tuples(joints.parts), balls, strict=True
         )
     )
 

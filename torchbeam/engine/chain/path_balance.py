@@ -30,7 +30,7 @@ from .load_climb import prepared, refusal, trees_at_rest
 from .native import NotCompiled
 from .path_program import PIVOT, RATE, PathFunctions, PathProgram
 from .program import NOTHING
-from .user_functions import by_function, by_sample, known, surroundings, written
+from .user_functions import by_function, by_sample, check_batch, known, surroundings, written
 
 Answer = tuple[Tensor, Tensor, Tensor]
 
@@ -152,6 +152,7 @@ class NativeBalance:
             for name, own in rows.items()
         ]
         if call is None:
+            check_batch(self.model, batch)
             slope = torch.tensor((0.0, 1.0), dtype=factor.dtype).reshape(2, *(1,) * len(batch))
             fixed = [Field("common", "slope", slope, 0), Field("free", "free", self.chain.free, 2)]
             fixed += structure_fields(self.chain)

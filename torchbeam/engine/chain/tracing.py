@@ -8,6 +8,7 @@ from functools import partial
 import torch
 from torch import Tensor
 
+from ...state.instant import READINGS as JOINT_READINGS
 from ..compiler.function import Function
 from ..compiler.trace import trace
 from .chain_constants import flattened
@@ -17,7 +18,6 @@ from .local_problem import INTERNAL
 from .node_kinds import PAIR_SIDES, SIDES
 from .tendon_functions import SUMMED
 
-JOINT_READINGS = 10  # numbers of a joint in a state
 Shapes = dict[str, tuple[int, ...]]
 Traced = dict[tuple, Function]  # by their names, kinds and shapes
 OF_LOADS = ("node", "finish")  # functions that ask loads, and so what users wrote

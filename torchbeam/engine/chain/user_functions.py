@@ -15,6 +15,8 @@ from ...core.surroundings import Read, Surroundings, Unsteady, of_class
 from ...nodal.conditions import conditions
 from ...nodal.loads import Nodes, advanced, external, load_points
 from ...nodal.model import Model
+from ...nodal.sample_check import check_samples, tried
+from ...nodal.sample_check import written as functions_of
 from ...scene.effects import Inputs, Load, LoadPoint
 from ...scene.effects.effect import of_library
 from ...scene.effects.load_point import INTERNAL, MOTION, ROTATION, together
@@ -34,6 +36,19 @@ def by_function(model: Model) -> list[Any]:
 def written(effect: Any) -> bool:
     """Whether an effect is of a class that a user wrote, or holds such a function of the motion."""
     return not of_library(effect) or any(leaf.axes is None for leaf in own_leaves(effect))
+
+
+def check_batch(model: Model, batch: tuple[int, ...]) -> None:
+    """See `check_samples`: of functions of the motion that native code evaluates for a batch."""
+    own = [load for load in by_function(model) if not tried(functions_of(load))]
+    if not own or torch.Size(batch).numel() < 2:
+        return
+    with torch.no_grad():
+        still = Constants(model).still
+        nodes, t, inputs = _moving(model, still, torch.zeros_like(still.position))
+        now = conditions(model, t, inputs, loads=tuple(own))
+        for acting, point in load_points(model, nodes, now, now.loads):
+            check_samples(acting.load, point, t, inputs, batch)
 
 
 def surroundings(loads: list[Any]) -> Surroundings:

@@ -1,0 +1,92 @@
+"""Ball: a joint that leaves all turns about a point."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..core.leaves import leaf
+from ..core.validation import Value, concrete, finite, positive
+from .effects.values import load_value, parameter, plain
+from .joint import Joint
+from .joints import check_together
+
+SYMMETRIC = 1e-6  # of the largest number of a matrix: how far it may be from its transposed
+
+
+@dataclass(frozen=True)
+class Ball(Joint):
+    """b turns about a point of a, in any way: by the rotation vector phi rad, as seen from a, zero
+    as drawn, and less than half a turn. Its numbers are in axes that turn with a, those of frame a
+    as drawn. What acts in the joint acts on b, and its opposite on a.
+
+    Args:
+        stiffness: K, N m/rad: one number, or (..., 3, 3), symmetric: the energy phi K phi/2
+        damping: (...) c, N m s/rad: the moment -c omega, of the spin omega of b against a
+        friction: (...) mu, N m: -mu omega/sqrt(|omega|^2 + s^2), Coulomb's law regularised with
+        slip_speed: (...) s, rad/s: far slower, it creeps
+        axis: (..., 3), frame a, as drawn; of any length: the direction of b that swings
+        limit: (...) rad, less than pi: a cone about `axis`, beyond which a moment rises to the
+        limit_stiffness: (...) N m/rad, smoothly over a hundredth of the cone's opening
+        torque: (..., 3) N m on b, its opposite on a: numbers, a function of t, or an `Input`
+
+    Raises:
+        ValueError: for a negative number, a stiffness that is not symmetric or has a negative
+            eigenvalue, friction without a slip speed, a limit without a stiffness.
+    """
+
+    rotation = ""
+    coordinates = (0, 1, 2)
+
+    stiffness: Value | None = leaf(2, default=None, kw_only=True)
+    damping: Value | None = leaf(0, default=None, kw_only=True)
+    friction: Value | None = leaf(0, default=None, kw_only=True)
+    slip_speed: Value | None = leaf(0, default=None, kw_only=True)
+    axis: Value = leaf(1, default=(1.0, 0.0, 0.0), kw_only=True)
+    limit: Value | None = leaf(0, default=None, kw_only=True)
+    limit_stiffness: Value | None = leaf(0, default=None, kw_only=True)
+    torque: Value | Callable[[Tensor], Tensor] | None = leaf(1, default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._vector("axis")
+        for name in ("damping", "friction", "slip_speed", "limit", "limit_stiffness"):
+            if (value := getattr(self, name)) is not None:
+                positive_alone = name in ("slip_speed", "limit")
+                value = parameter(f"a Ball's {name}", value, zero=not positive_alone)
+                object.__setattr__(self, name, value)
+        if self.limit is not None and concrete(torch.as_tensor(self.limit) >= torch.pi).any():
+            raise ValueError("a Ball with a limit of half a turn was given; less is wanted")
+        if self.stiffness is not None:
+            object.__setattr__(self, "stiffness", _matrix(self.stiffness))
+        if self.torque is not None:
+            object.__setattr__(self, "torque", load_value("a Ball's torque", self.torque))
+        check_together(self, ("friction", "slip_speed"), ("limit", "limit_stiffness"))
+
+    def effort(self, coordinate: int) -> Any:
+        """(..., 3) whichever it is."""
+        return self.torque
+
+
+def _matrix(value: Any) -> Tensor | np.ndarray:
+    """(..., 3, 3) of a stiffness; ValueError where it is none."""
+    value = plain(value)
+    if tuple(value.shape[-2:]) != (3, 3):
+        value = parameter("a Ball's stiffness", value)
+        same = torch.eye(3, dtype=value.dtype) if isinstance(value, Tensor) else np.eye(3)
+        return value[..., None, None] * (same.to(value) if isinstance(value, Tensor) else same)
+    K = concrete(torch.as_tensor(value)).detach()
+    finite("a Ball's stiffness", K)
+    size = K.abs().amax((-1, -2), keepdim=True)
+    if ((K - K.mT).abs() > SYMMETRIC * size).any():
+        raise ValueError(
+            "a Ball with a stiffness that is not symmetric was given; K = K^T is wanted"
+        )
+    least = torch.linalg.eigvalsh(K)[..., :1, None]
+    positive("a Ball's stiffness along an eigenvector", (least + SYMMETRIC * size), zero=True)
+    return value
