@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from torch import Tensor
 
 from ...nodal.acting import ActingLoad
+from ...nodal.centreline import piece_nodes
 from ...nodal.model import Model
 from ...nodal.touching import FixedTouching
 from ...topology.framework import Framework
@@ -249,7 +250,7 @@ def _of_pairs(
     for touching in model.touching.each:
         points, pieces = (
             dict.fromkeys(tuple(held[node] for node in nodes) for nodes in own)
-            for own in (touching.points, touching.pieces)
+            for own in (piece_nodes(*touching.along), touching.pieces)
         )
         law = touching.contact.rubs, touching.contact.damping is not None
         found |= dict.fromkeys(PairKind(a + b, *law) for a in points for b in pieces)

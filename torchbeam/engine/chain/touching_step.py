@@ -36,6 +36,7 @@ from .neighbours import Neighbours, neighbours
 
 SKIN = 1.0  # of an element's length, at least: blocks of what does not touch are passed over
 ROOM = 1.5  # of what nodes have moved by in a step: so much is there for the next ones
+UNSEEN = 16  # steps at most until it is seen how nodes become faster
 LISTS = 16  # of pairs that are kept; the one that was not asked for for longest goes first
 
 
@@ -67,12 +68,16 @@ class PairList(NamedTuple):
         nearer = torch.zeros(len(position) - 1, dtype=torch.bool, device=position.device)
         return sum((own.nearer(position) for own in self.neighbours), nearer)
 
-    def steps_left(self, position: Tensor, way: float, wanted: int) -> int:
+    def steps_left(self, position: Tensor, way: float, gain: float, wanted: int) -> int:
         """Of the steps that are wanted as many as move nodes by no more than what is left of the
-        skin, if each does by `way` m: all, or a power of two, so that calls are alike.
+        skin, if the first does by `way` m and each by `gain` more: all, or a power of two, so that
+        calls are alike.
         """
         left = self.skin - float(self.moved(position[None]))
-        return wanted if wanted * way <= left else 2 ** int(math.log2(max(left / way, 1.0)))
+        if wanted * (way + gain * wanted / 2) <= left:
+            return wanted
+        count = 2 * left / (way + math.sqrt(way**2 + 2 * gain * left))
+        return 2 ** int(math.log2(max(count, 1.0)))
 
 
 class TouchingStep:
@@ -120,17 +125,15 @@ class TouchingStep:
             self._steps.clear()
             self._list, self._seen = None, seen
         axes = start.status.ndim if moving is None else moving.ndim
-        first, parts, at_once = 0, [], K or 1
+        first, parts, at_once = 0, [], min(K or 1, UNSEEN)
+        way, gain = _way(start.velocity, dt), 0.0
         while first < (K or 1):
             position = self.model.space.public_position(start.position).detach()
-            way = float(
-                (spread(start.velocity.detach()) * dt.detach().abs().amax()).nan_to_num().amax()
-            )
             pairs = self._list
             if pairs is None or not pairs.holds(position):
                 pairs = self._listed(position, way)
             count = min(at_once, (K or 1) - first)
-            count = pairs.steps_left(position, way, count) if count > 1 else 1
+            count = pairs.steps_left(position, way, gain, count) if count > 1 else 1
             rows = slice(first, first + count)
 
             def of(x: Tensor, own: int, rows: Any = rows) -> Tensor:
@@ -152,6 +155,7 @@ class TouchingStep:
                 beyond = beyond | pairs.nearer(torch.cat((position.expand_as(after[:1]), after)))
             beyond = beyond.nonzero()
             whole = int(beyond[0]) if len(beyond) else count
+            at_once = K or 1
             if whole < count:
                 at_once, self._list = max(1, 2 * whole), None
             if not whole:
@@ -163,6 +167,8 @@ class TouchingStep:
             parts.append(Steps(fields, status, made.iterations[:whole], well))
             first += whole
             start = replace(start, **{name: x[-1] for name, x in fields.items()})
+            before, way = way, _way(start.velocity, dt)
+            gain = max(way - before, 0.0) / whole  # what velocities do not foretell
             if not well:
                 good = status[-1] == SUCCESS
                 moving = good if moving is None else moving & good
@@ -212,6 +218,11 @@ def with_pairs(model: Model, near: list[Nearby]) -> Model:
         nodes = sorted({node for own in touching.nodes for node in own})
         topology = replace(topology, ties=(*topology.ties, *((node,) for node in nodes)))
     return replace(model, touching=touching, topology=topology)
+
+
+def _way(velocity: Tensor, dt: Tensor) -> float:
+    """By no more than so much (m) do two of the nodes move towards each other in a step."""
+    return float((spread(velocity.detach()) * dt.detach().abs().amax()).nan_to_num().amax())
 
 
 def _stacked(steps: Steps) -> Steps:
