@@ -101,7 +101,7 @@ class Touching(Tree):
         time.
         """
         if mapped(motion.position):
-            pairs = concrete((self.allowed > 0).detach())
+            pairs = self._every
             return self.chosen(pairs.flatten(0, -3).any(0) if pairs.ndim > 2 else pairs)
         return self.chosen(self.slack(motion, skin) <= skin)
 
@@ -111,7 +111,7 @@ class Touching(Tree):
         touch it. No gap changes by more than two nodes move towards each other. What is surely
         wider than a skin m is less closely looked at.
         """
-        every = self.allowed > 0
+        every = self._every
         shape = every.shape[-2:]
         slack = torch.where(every, self._between_balls(motion), torch.inf)
         slack, every = slack.reshape(-1, *shape).amin(0), every.reshape(-1, *shape).any(0)
@@ -152,8 +152,13 @@ class Touching(Tree):
             place, nodes = of(motion.half)
             moves = torch.linalg.vector_norm(nodes - place[..., None, :], dim=-1)
             slack = slack - moves.amax(-1)
-        allowed = self.allowed[..., near.point, near.piece] > 0
-        return concrete(torch.where(allowed, slack, torch.inf).detach())
+        allowed = self._every[..., near.point, near.piece]
+        return torch.where(allowed, concrete(slack.detach()), torch.inf)
+
+    @property
+    def _every(self) -> Tensor:
+        """(..., P, K): `allowed`, of all samples, to decide by."""
+        return concrete(self.allowed.detach()) > 0
 
     @property
     def _reach(self) -> Tensor:
