@@ -4,6 +4,7 @@ estimates a disturbance of the actions and cancels it: integral action.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -149,7 +150,8 @@ class JointLQG(JointLQR):
     def begin(self, env: Any) -> None:
         super().begin(env)
         self.x, self.P = self._starts()
-        self.__dict__.pop("hinges", None)
+        for name in ("hinges", "turns"):
+            self.__dict__.pop(name, None)
 
     def restart(self, fresh: Tensor) -> None:
         super().restart(fresh)
@@ -171,6 +173,18 @@ class JointLQG(JointLQR):
         size = len(self.A)
         moves = STEP * torch.eye(size, dtype=self.A.dtype, device=self.A.device)
         return torch.stack([(self._errors(m) - self._errors(-m)) / (2 * STEP) for m in moves], -1)
+
+    @cached_property
+    def turns(self) -> Tensor:
+        """(z, k): moves that turn a hinge each, its error growing by 1 rad, and rest there."""
+        at = self.hinges[: len(self.hinges) // 2]
+        loose = torch.linalg.svd(self.A - torch.eye(len(self.A)).to(self.A))[2][-len(at) :].mT
+        return loose @ torch.linalg.inv(at @ loose)
+
+    def _within_a_turn(self, z: Tensor) -> Tensor:
+        """z (n, z), whole turns of hinges less: those are no coordinates of a state."""
+        errors = z @ self.hinges[: len(self.hinges) // 2].mT
+        return z - 2 * math.pi * torch.round(errors / (2 * math.pi)) @ self.turns.mT
 
     def _errors(self, z: Tensor) -> Tensor:
         """(e,) of the first episode, with its beam at z."""
@@ -198,7 +212,10 @@ class JointLQG(JointLQR):
         z, rest = self.x[:, :size], self.resting()
         seen, slopes = self.readings(z)
         errors = torch.cat(env.task.tracking_error(env.state), -1)
-        gap = torch.cat((sensed(env, observation) - seen, errors - (z - rest) @ self.hinges.mT), -1)
+        away = errors - (z - rest) @ self.hinges.mT
+        angles, rates = away.split(away.shape[-1] // 2, -1)
+        angles = angles - 2 * math.pi * torch.round(angles / (2 * math.pi))  # read modulo a turn
+        gap = torch.cat((sensed(env, observation) - seen, angles, rates), -1)
         C = torch.cat((slopes, self.hinges.expand(len(z), -1, -1)), 1)
         C = torch.nn.functional.pad(C, (0, len(self.whole) - size))
         R = torch.cat(
@@ -212,7 +229,8 @@ class JointLQG(JointLQR):
         action = self.feedback(x[:, :size] - rest)
         action = (action - d if d.shape[-1] else action).clamp(-1, 1)
         acts = self.late.give(env.state.pending, action)[:, 0]
-        self.x = x @ self.whole.mT + acts @ self.acts.mT
+        x = x @ self.whole.mT + acts @ self.acts.mT
+        self.x = torch.cat((self._within_a_turn(x[:, :size]), x[:, size:]), -1)
         P = self.whole @ P @ self.whole.mT + self.Q
         self.P = (P + P.mT) / 2
         return action

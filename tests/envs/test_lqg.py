@@ -74,3 +74,22 @@ def test_filter_turns_a_hub():
     far = (tip - env.state.beam.position[:, -1]).norm(dim=-1)
     assert seen < -1.1 * play(env, JointLQR(env, effort=1.0))[0]
     assert far.max() < 0.02 * env.task.length
+
+
+def test_filter_knows_turns_that_angles_do_not_tell():
+    """The hub is driven on for 1.6 s, past where its angle is read a whole turn less: the estimate
+    stays with it. (Its innovation was a turn, and it was lost.)
+    """
+    env = SlewVectorEnv(2, planar=True, **SMALL)
+    observation, _ = env.reset(seed=0)
+    controller = JointLQG(env)
+    controller.begin(env)
+    controller.feedback = lambda z: torch.ones(2, env.task.actions, dtype=env.dtype)
+    read = []
+    for _ in range(80):
+        observation, *_ = env.step(controller(observation))
+        read.append(env.state.measures["angle"])
+    assert torch.stack(read).diff(dim=0).abs().max() > 6
+    tip = controller.model.state_at(controller.x[:, : len(controller.A)]).position[:, -1]
+    far = (tip - env.state.beam.position[:, -1]).norm(dim=-1)
+    assert far.max() < 0.1 * env.task.length
