@@ -32,7 +32,8 @@ SPEEDS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 # by how many intervals actions are taken to be later, where it is drawn; held actions of a schedule
 LATENCIES, SCHEDULES = (0, 1, 2), (1, 3, 5)
 # deviations that a filter reckons with, of the actions' disturbance and of their noise
-DISTURBANCES, ACTIONS = (0.0, 0.003, 0.01, 0.03, 0.1), (0.1, 0.03, 0.3, 1.0)
+DISTURBANCES, ACTIONS = (0.0, 0.003, 0.01, 0.03, 0.1), (0.03, 0.1, 0.3, 1.0)
+START = {"effort": 0.1, "speed_weight": 0.1, "action": 0.1}  # of the search; of others the least
 STARTS = 3  # of the optimum
 
 
@@ -67,9 +68,7 @@ def returns(env, controller: Controller, seeds: list[int]) -> torch.Tensor:
 
 
 def settings(kind: type[Controller], task: Task) -> dict[str, tuple[float, ...]]:
-    """What of a regulator is tuned, in this order, one after the other: values by name, its default
-    among them.
-    """
+    """What of a regulator is tuned, one after the other in this order: values by name, rising."""
     tried: dict[str, tuple[float, ...]] = {"effort": EFFORTS, "speed_weight": SPEEDS}
     if "latency" in (task.arguments.get("randomize") or {}):
         tried["latency"] = LATENCIES
@@ -78,6 +77,24 @@ def settings(kind: type[Controller], task: Task) -> dict[str, tuple[float, ...]]
     if issubclass(kind, LQR):
         tried["schedule"] = SCHEDULES
     return tried
+
+
+def climbed(
+    chosen: dict[str, float],
+    name: str,
+    values: tuple[float, ...],
+    score: Callable[[dict[str, float]], float],
+) -> dict[str, float]:
+    """The settings with that value of one of them from which its neighbours score no more: up from
+    where it stands as long as the score rises, or else down.
+    """
+    start = chosen.get(name, START.get(name))
+    each = [{**chosen, name: value} for value in values]
+    at = values.index(start) if start in values else 0
+    for way in (1, -1):
+        while 0 <= at + way < len(each) and score(each[at + way]) > score(each[at]):
+            at += way
+    return each[at]
 
 
 def regulated(kind: type[LQR]) -> Callable[[Task], Controller]:
@@ -98,7 +115,7 @@ def regulated(kind: type[LQR]) -> Callable[[Task], Controller]:
 
         tried, chosen = settings(used, task), {}
         for name in (*tried, "effort"):
-            chosen = max(({**chosen, name: value} for value in tried[name]), key=score)
+            chosen = climbed(chosen, name, tried[name], score)
         controller = used(env, **chosen)
         controller.settings = chosen
         return controller

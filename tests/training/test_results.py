@@ -188,6 +188,11 @@ def test_baselines_are_tuned_on_training_episodes(monkeypatch):
     )
     best = {"effort": 0.1, "speed_weight": 0.1, "schedule": 1}
     assert controller.settings == best and set(seen) == {baselines.TRAINING}
+    values = (0.01, 0.1, 1.0, 10.0)
+    for best in values:  # of a score that rises to one and falls
+        scores = {value: -abs(value - best) for value in values}
+        tops = baselines.climbed({"a": 1.0}, "effort", values, lambda c, s=scores: s[c["effort"]])
+        assert tops == {"a": 1.0, "effort": best}
     turn = Task(
         "turn", "torchbeam/SlewPlanar-v0", dict(elements=2, substeps=1, max_episode_steps=5)
     )
