@@ -10,11 +10,12 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import boolean, instance
-from ..core.leaves import own_leaves, sent, with_values
+from ..core.leaves import own_leaves, sent
 from ..core.remembered import remembered
 from ..scene.beam import Beam
 from ..scene.effects import PerElement, PointMass
 from ..scene.scene import Scene
+from ..scene.structure import unstressed
 from ..topology.protocols import Topology
 from .assembly import Assembly
 from .constitutive_law import law_of
@@ -47,9 +48,8 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
     topology = scene.topology if topology is None else topology
     check_space(scene)
     warn_of_uneven(beam)
-    unstressed = with_values(beam, compliance=beam.mass[..., :0], rigid=(), coupled=False)
     drawn = remembered(
-        _as_drawn, unstressed, scene.bodies, scene.plane, scene.small, topology, lumped
+        _as_drawn, unstressed(beam), scene.bodies, scene.plane, scene.small, topology, lumped
     )
     space = drawn.space
     if space.plane is not None and beam.coupled:

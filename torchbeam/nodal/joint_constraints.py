@@ -10,9 +10,13 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from ..core.leaves import with_values
+from ..core.remembered import remembered
 from ..math import quaternions as quat
 from ..scene.ball import Ball
+from ..scene.joint import ACTS, Joint
 from ..scene.scene import Scene
+from ..scene.structure import Structure, unstressed
 from .ball_laws import BallLaws
 from .balls import Balls
 from .coordinates.spatial import Spatial
@@ -97,7 +101,41 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
     """`Joints` of a scene, or `NoJoints`."""
     if not scene.joints:
         return NoJoints()
-    each = [_rows(joint, scene.beam, space) for joint in scene.joints]
+    bare = tuple(map(_without_laws, scene.joints))
+    fields = remembered(_as_drawn, bare, unstressed(scene.beam), space, topology)
+    fields = fields | dict(space=space, framework=topology, balls=_balls(scene))
+    if not any(joint.acts for joint in scene.joints):
+        return Joints(**fields)
+    second, like = fields["second"], scene.beam.nodes
+    rows = fields["angles"] + fields["travels"] - second, second
+    prescribed = sum(
+        own
+        * like.new_tensor(
+            [[k in joint.coordinates and joint.prescribed(k) is not None] for joint in scene.joints]
+        )
+        for k, own in enumerate(rows)
+    )
+    laws = JointLaws(
+        **{
+            field.name: _given(scene.joints, field.name, rows)
+            for field in dataclasses.fields(JointLaws)
+        }
+    )
+    return DrivenJoints(
+        **fields | dict(held=fields["held"] + prescribed), laws=laws, prescribed=prescribed
+    )
+
+
+def _without_laws(joint: Joint) -> Joint:
+    """What says where it is and what it holds."""
+    return with_values(joint, **{name: None for name in ACTS if hasattr(joint, name)})
+
+
+def _as_drawn(
+    joints: tuple[Joint, ...], beam: Structure, space: Spatial, topology: Any
+) -> dict[str, Any]:
+    """Fields of `Joints` that follow from how parts are drawn."""
+    each = [_rows(joint, beam, space) for joint in joints]
     J, m = len(each), space.unknowns
 
     def stacked(parts: list[Tensor], axes: int) -> Tensor:
@@ -116,12 +154,12 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
     def mask(which: Callable[[Row], bool]) -> Tensor:
         return like.new_tensor([[float(which(row)) for row in rows] for rows in each])
 
-    like = scene.beam.nodes
-    places = [x for joint in scene.joints for x in joint.drawn(scene.beam)[:2]]
-    size = scene.beam.size_with(torch.stack(torch.broadcast_tensors(*places), -2)).detach()
+    like = beam.nodes
+    places = [x for joint in joints for x in joint.drawn(beam)[:2]]
+    size = beam.size_with(torch.stack(torch.broadcast_tensors(*places), -2)).detach()
     # fmt: off
-    fields = dict(
-        space=space, framework=topology, held=mask(lambda row: row.held), v=factor("v"),
+    return dict(
+        held=mask(lambda row: row.held), v=factor("v"),
         w=factor("w"), across=factor("across"),
         parts=like.new_tensor([[[row.v.parts, row.w.parts, row.across.parts] for row in rows]
                                for rows in each]),
@@ -131,28 +169,8 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
         size=torch.where(size > 0, size, 1.0),
         angles=mask(lambda row: row.coordinate == "angle"),
         travels=mask(lambda row: row.coordinate == "travel"),
-        second=mask(lambda row: row.second), balls=_balls(scene))
+        second=mask(lambda row: row.second))
     # fmt: on
-    if not any(joint.acts for joint in scene.joints):
-        return Joints(**fields)
-    second = fields["second"]
-    rows = fields["angles"] + fields["travels"] - second, second
-    prescribed = sum(
-        own
-        * like.new_tensor(
-            [[k in joint.coordinates and joint.prescribed(k) is not None] for joint in scene.joints]
-        )
-        for k, own in enumerate(rows)
-    )
-    laws = JointLaws(
-        **{
-            field.name: _given(scene.joints, field.name, rows)
-            for field in dataclasses.fields(JointLaws)
-        }
-    )
-    return DrivenJoints(
-        **fields | dict(held=fields["held"] + prescribed), laws=laws, prescribed=prescribed
-    )
 
 
 def _given(joints: tuple[Any, ...], name: str, rows: tuple[Tensor, Tensor]) -> Tensor | None:

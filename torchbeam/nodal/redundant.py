@@ -8,8 +8,11 @@ import torch
 from torch import Tensor
 
 from ..core.derivatives import no_derivatives
+from ..core.leaves import with_values
+from ..core.remembered import remembered
 from ..core.validation import concrete
 from .joint_motion import Pose
+from .joints import Joints
 from .model import Model
 
 RANK = {torch.float64: 1e-9, torch.float32: 1e-4}  # of a row
@@ -22,11 +25,13 @@ def refuse_redundant(model: Model) -> None:
     """
     if not model.joints.count:
         return
+    beam, least = model.scene.beam, RANK[model.scene.dtype]
+    bare = {name: None for name in ("laws", "balls") if hasattr(model.joints, name)}
+    joints, moving = with_values(model.joints, **bare), model.constraints.moving.flatten()
     with no_derivatives():
-        G = concrete(_gradient(model)).double()
-    least = RANK[model.scene.dtype]
-    if _rank(G, least) == G.shape[-2]:
-        return
+        G = concrete(remembered(_gradient, joints, beam.nodes, beam.axes, moving)).double()
+        if remembered(_rank, G, least) == G.shape[-2]:
+            return
     counts, before = [int(held.sum()) for held in model.joints.held], 0
     for k, (joint, count) in enumerate(zip(model.scene.joints, counts, strict=True)):
         more = count - _rank(G[..., : before + count, :], least) + before
@@ -44,17 +49,16 @@ def _rank(G: Tensor, least: float) -> int:
     return int((torch.linalg.svdvals(G) > least).sum(-1).amin())
 
 
-def _gradient(model: Model) -> Tensor:
-    """(..., constraints, unknowns) as drawn, by what supports leave: displacements in sizes of the
-    whole, and rotations.
+def _gradient(joints: Joints, nodes: Tensor, axes: Tensor, moving: Tensor) -> Tensor:
+    """(..., constraints, unknowns) as drawn, by what supports leave `moving` (unknowns,):
+    displacements in sizes of the whole, and rotations.
     """
-    joints, beam = model.joints, model.scene.beam
     ends = joints.framework.at_joints
-    pose = Pose(ends(beam.nodes), ends(beam.axes.flatten(-2)).unflatten(-1, (3, 3)))
-    none = beam.nodes.new_zeros(joints.held.shape)
+    pose = Pose(ends(nodes), ends(axes.flatten(-2)).unflatten(-1, (3, 3)))
+    none = nodes.new_zeros(joints.held.shape)
     G = joints.alone(joints.blocks(pose, pose, none, None, 1.0)).constraints()
-    size, p = joints.size.detach()[..., None, None], model.space.dims.position
-    along = torch.arange(model.space.unknowns, device=G.device).repeat(model.node_count) < p
-    G = G * torch.where(along, size, 1.0) * model.constraints.moving.flatten()
+    size, space = joints.size.detach()[..., None, None], joints.space
+    along = torch.arange(len(moving), device=G.device) % space.unknowns < space.dims.position
+    G = G * torch.where(along, size, 1.0) * moving
     rows = torch.linalg.vector_norm(G, dim=-1, keepdim=True)
     return G / torch.where(rows > 0, rows, 1.0)

@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.leaves import bound, leaves
+from ..core.leaves import bound, leaves, with_values
 from ..core.summary import kind, lines, point, span
 from ..core.validation import broadcast, common_dtype, shown
 from ..math import quaternions as quat
@@ -244,6 +244,11 @@ class Structure(Beam):
 
     def _span(self, part: Part) -> Span:
         return Span(part.nodes, part.stations, part.station_count // self.order)
+
+
+def unstressed(beam: Beam) -> Beam:
+    """With all that says where a beam is, and its mass, and nothing that it resists by."""
+    return with_values(beam, compliance=beam.mass[..., :0], rigid=(), coupled=False)
 
 
 def _sorted(given: dict[str, Beam | Body]) -> tuple[dict[str, Beam], dict[str, Body]]:
