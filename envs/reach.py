@@ -214,13 +214,24 @@ def holding_action(
 
 def _products(x: Tensor, degrees: Tensor, slope: int | None = None) -> Tensor:
     """Terms (..., terms) at x (..., a) in [-1, 1]^a: products of T_n(x_i), n = degrees (terms, a);
-    or their slopes along one axis: T_{n+1} = 2 x T_n - T_{n-1}, T'_{n+1} = 2 T_n + 2 x
-    T'_n - T'_{n-1}.
+    or their slopes along one axis.
     """
-    T, rate = [torch.ones_like(x), x], [torch.zeros_like(x), torch.ones_like(x)]
-    for _ in range(int(degrees.max()) - 1):
-        rate.append(2 * T[-1] + 2 * x * rate[-1] - rate[-2])
-        T.append(2 * x * T[-1] - T[-2])
-    T, rate = torch.stack(T, -1), torch.stack(rate, -1)
+    T, rate = _chebyshev(x, int(degrees.max()), slope is not None)
     factors = ((rate if i == slope else T)[..., i, n] for i, n in enumerate(degrees.unbind(-1)))
     return functools.reduce(operator.mul, factors)
+
+
+def _chebyshev(x: Tensor, degree: int, slopes: bool) -> tuple[Tensor, Tensor | None]:
+    """T_n(x) (..., degree + 1) at least, and their slopes where these are wanted, m at a time:
+    T_{m+n} = 2 T_m T_n - T_{m-n}, n = 1 ... m.
+    """
+    T = torch.stack((torch.ones_like(x), x), -1)
+    rate = torch.stack((torch.zeros_like(x), torch.ones_like(x)), -1) if slopes else None
+    for doubling in range((max(degree, 1) - 1).bit_length()):
+        m = 2**doubling
+        last, own, low = T[..., m:], T[..., 1:], T[..., :m].flip(-1)
+        if rate is not None:
+            more = rate[..., m:] * own + last * rate[..., 1:]
+            rate = torch.cat((rate, 2 * more - rate[..., :m].flip(-1)), -1)
+        T = torch.cat((T, 2 * last * own - low), -1)
+    return T, rate

@@ -8,7 +8,6 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.extend import map_leaves
 
 from ..episodes import Episodes
 from ..plant import Plant
@@ -47,21 +46,22 @@ class TipWay:
         return self._way(now.beam, acting)
 
     def slopes(self, now: Episodes, acting: Tensor) -> tuple[Tensor, Tensor]:
-        """The same, and its derivatives (n, T, d, T, a): by reverse mode, all rows as one batch of
-        equal motions, or as many batches as memory takes.
+        """The same, and its derivatives (n, T, d, T, a): by reverse mode, all rows of steps that
+        are made once, or as many at a time as memory takes.
         """
         n, T, _ = acting.shape
-        rows = torch.eye(T * self.task.directions).to(acting)
-        parts = []
-        for seed in rows.split(max(1, SAMPLES // (n * T * self.task.config.substeps))):
-            with torch.enable_grad():
-                beam = _copies(now.beam, len(seed))
-                copies = acting.detach().expand(len(seed), -1, -1, -1).clone().requires_grad_()
-                way = self._way(beam, copies)
-                seed = seed.unflatten(-1, (T, -1))[:, None].expand_as(way)
-                parts.append(torch.autograd.grad(way, copies, seed)[0])
-        slopes = torch.cat(parts).movedim(0, 1).unflatten(1, (T, -1))
-        return way[0].detach(), slopes
+        rows = torch.eye(T * self.task.directions).to(acting).unflatten(-1, (T, 1, -1))
+        with torch.enable_grad():
+            acting = acting.detach().clone().requires_grad_()
+            way = self._way(now.beam, acting)
+
+        def row(seed: Tensor) -> Tensor:
+            seed = seed.movedim(-2, 0).expand_as(way)
+            return torch.autograd.grad(way, acting, seed, retain_graph=True)[0]
+
+        size = max(1, SAMPLES // (n * T * self.task.config.substeps))
+        slopes = torch.func.vmap(row, chunk_size=size)(rows)
+        return way.detach(), slopes.movedim(0, 1).unflatten(1, (T, -1))
 
     def _way(self, beam: tb.State, acting: Tensor) -> Tensor:
         task, substeps = self.task, self.task.config.substeps
@@ -95,11 +95,6 @@ class TipWay:
         eye = torch.eye(plan.shape[-1], dtype=plan.dtype, device=plan.device)
         g = (weighted.mT @ gap.flatten(1)[..., None])[..., 0] + cost * plan
         return g, J.mT @ weighted + cost * eye
-
-
-def _copies(beam: tb.State, count: int) -> tb.State:
-    """The same `count` times, along a new first axis."""
-    return map_leaves(lambda x, axes: x[None].expand(count, *x.shape), beam)
 
 
 def within_bounds(g: Tensor, H: Tensor, plan: Tensor, damping: float | Tensor = 0.0) -> Tensor:

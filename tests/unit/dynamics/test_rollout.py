@@ -1,5 +1,7 @@
 """rollout and PerInterval: many steps in one call, with inputs of their own."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from torch.testing import assert_close
@@ -123,3 +125,48 @@ def test_refusals():
     ):
         with pytest.raises(ValueError, match=sentence):
             call()
+
+
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+def test_rows_of_a_jacobian_are_taken_at_once(engine):
+    """Of steps that were made once, by torch.func.vmap: by forces of each step, of each sample and
+    of all, a stiffness of each sample, one for all and the start; of many steps and of one; twice
+    with other numbers, and with a cotangent that all rows have in common. As row by row. (Native
+    code refused them with an error about torch's insides.)
+    """
+    generator = torch.Generator().manual_seed(3)
+
+    def check(batch, steps):
+        damping = torch.tensor(1e-3).requires_grad_()
+        EI = (1 + torch.rand(batch, generator=generator)).requires_grad_()
+        section = tb.Section.from_stiffness(EA=1e3, GA=400.0, GJ=0.8, EI=EI, mass=0.5, inertia=0.01)
+        effects = [tb.TipLoad(force=tb.Input("force", 3)), tb.Damping(damping)]
+        held = tb.Scene(tb.Beam.straight(1.0, 2, section), effects)
+        stepper = tb.Stepper(held, DT, engine=engine)
+        u = torch.randn(*batch, steps, 3, generator=generator).requires_grad_()
+        everywhere = torch.randn(steps, 3, generator=generator).requires_grad_()
+        velocity = (0.1 * torch.rand(*batch, 3, 3, generator=generator)).requires_grad_()
+        moving = velocity * torch.tensor([0.0, 1.0, 1.0])[:, None]
+        start = replace(stepper.rest(batch), velocity=moving)
+        if steps == 1:
+            tip = stepper(start, force=u[..., 0, :] + everywhere[0]).tip.position
+        else:
+            way = tb.rollout(stepper, start, steps, force=tb.PerInterval(u + everywhere))
+            tip = way.tip.position
+        wanted = u, everywhere, damping, EI, velocity
+
+        def row(seed, common=None):
+            ends = tip if common is None else (tip, (tip**2).sum())
+            seeds = seed if common is None else (seed, common)
+            return torch.autograd.grad(ends, wanted, seeds, retain_graph=True)
+
+        rows = torch.randn(5, *tip.shape, generator=generator)
+        for given in ((), (torch.tensor(0.3),)):
+            alone = [row(seed, *given) for seed in rows]
+            together = torch.func.vmap(row, in_dims=(0, *(None,) * len(given)))(rows, *given)
+            for x, each in zip(together, zip(*alone, strict=True), strict=True):
+                assert x.abs().max() > 1e-9
+                assert_close(x, torch.stack(each), rtol=1e-9, atol=1e-12)
+
+    for batch, steps in (((3,), STEPS), ((3,), STEPS), ((), 4), ((2,), 1)):
+        check(batch, steps)

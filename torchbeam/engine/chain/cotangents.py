@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
+from torch._C import _functorch as functorch
 
 from ...core.entry_point import without_autocast
 from ...math.first_derivative import first_only
@@ -81,6 +82,67 @@ class Adjoint:
         self, start: Sequence[Tensor], made: Sequence[Tensor], grads: Sequence[Tensor | None]
     ) -> list[Tensor | None]:
         """Of what is wanted, from those of the states after each step, None = zero."""
+        own = self._found(start, made, grads)
+        given = (*self.known, *start)
+        return [own[k].sum_to_size(given[k].shape) if k in own else None for k in self.wanted]
+
+    def rows(
+        self,
+        count: int,
+        start: Sequence[Tensor],
+        made: Sequence[Tensor],
+        grads: Sequence[Tensor | None],
+    ) -> list[Tensor | None]:
+        """Those of so many rows at once, (count, ...) each."""
+        call, (K, B) = self.call, self.good.shape
+        batch = torch.Size((count, *call.batch))
+        many = Adjoint(
+            self.chain,
+            Call(call.chain, batch, call.K),
+            self.calls.setdefault(("rows", count), {}),
+            [
+                one._replace(value=one.value.unsqueeze(1)) if self._stepwise(k) else one
+                for k, one in enumerate(self.changing)
+            ],
+            self.constant,
+            self.good[:, None].expand(K, count, B).reshape(K, -1),
+            self.wanted,
+        )
+        shapes = [
+            after.shape[after.ndim - self._axes(name) :]
+            for name, after in zip(self.state, made, strict=True)
+        ]
+        made = [
+            after.reshape(K, 1, B, *own).expand(K, count, B, *own)
+            for after, own in zip(made, shapes, strict=True)
+        ]
+        grads = [
+            None if grad is None else grad.reshape(count, K, B, *own).movedim(0, 1)
+            for grad, own in zip(grads, shapes, strict=True)
+        ]
+        given, rows = (*self.known, *start), []
+        found = many._found(start, made, grads)
+        for k in self.wanted:
+            x = found.get(k)
+            if x is not None:
+                shape = given[k].shape
+                x = x.movedim(1, 0) if self._stepwise(k) else x
+                x = x.sum_to_size((count, *(1,) * (x.ndim - 1 - len(shape)), *shape))
+                x = x.reshape(count, *shape)
+            rows.append(x)
+        return rows
+
+    @property
+    def known(self) -> list[Tensor]:
+        """The constants."""
+        return [one.value for one in (*self.changing, *self.constant)]
+
+    def _found(
+        self, start: Sequence[Tensor], made: Sequence[Tensor], grads: Sequence[Tensor | None]
+    ) -> dict[int, Tensor]:
+        """By number, of the whole batch: (K, *batch, ...) of constants that each step has its own
+        of, (*batch, ...) of the others.
+        """
         fields = [
             *self.changing,
             Field("sample", "good", self.good, 0, flat=True),
@@ -101,14 +163,14 @@ class Adjoint:
             stepwises=[*stepwise.values()],
         )
         cotangents = {k: x.reshape((*call.batch, *x.shape[1:])) for k, x in whole.items()}
-        cotangents |= {
+        return cotangents | {
             k: x.reshape((call.K, *call.batch, *x.shape[2:])) for k, x in stepwise.items()
         }
-        given = [*(one.value for one in (*self.changing, *self.constant)), *start]
-        return [
-            cotangents[k].sum_to_size(given[k].shape) if k in cotangents else None
-            for k in self.wanted
-        ]
+
+    def _stepwise(self, k: int) -> bool:
+        """Whether each step has its own of the constant of this number."""
+        known = (*self.changing, *self.constant)
+        return k < len(known) and known[k].value.ndim - known[k].axes > len(self.call.batch)
 
     def _steps(
         self, start: Sequence[Tensor], made: Sequence[Tensor], grads: Sequence[Tensor | None]
@@ -159,7 +221,7 @@ class Adjoint:
                 place = one.value.ndim - one.axes
                 if not chain.has(record, name):
                     continue
-                rows, steps = one.record != "common", place > len(call.batch)
+                rows, steps = one.record != "common", self._stepwise(k)
                 own = one.value.shape[place + rows :]
                 if rows:
                     components = chain.program.layout.records[record].fields[name][1]
@@ -189,6 +251,44 @@ class Adjoint:
         )
 
 
+class _Rows(torch.autograd.Function):
+    """Cotangents, of which torch.func.vmap takes many rows at once, of steps that were made
+    once.
+    """
+
+    @staticmethod
+    def forward(
+        adjoint: Adjoint, start: Sequence[Tensor], made: Sequence[Tensor], *grads: Tensor | None
+    ) -> tuple[Tensor | None, ...]:
+        return tuple(adjoint.cotangents(start, made, grads))
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: tuple[Any, ...]) -> None:
+        pass
+
+    @staticmethod
+    def vmap(
+        info: Any,
+        in_dims: tuple[Any, ...],
+        adjoint: Adjoint,
+        start: Sequence[Tensor],
+        made: Sequence[Tensor],
+        *grads: Tensor | None,
+    ) -> tuple[tuple[Tensor | None, ...], tuple[int | None, ...]]:
+        count = info.batch_size
+        rows = [
+            grad if grad is None or dim is None else grad.movedim(dim, 0)
+            for grad, dim in zip(grads, in_dims[3:], strict=True)
+        ]
+        rows = [
+            grad.expand(count, *grad.shape) if grad is not None and dim is None else grad
+            for grad, dim in zip(rows, in_dims[3:], strict=True)
+        ]
+        with torch.no_grad():
+            found = adjoint.rows(count, start, made, rows)
+        return tuple(found), tuple(None if x is None else 0 for x in found)
+
+
 class Differentiated(torch.autograd.Function):
     """The states after steps that were made, as functions of what is wanted of the constants and
     the start.
@@ -202,9 +302,7 @@ class Differentiated(torch.autograd.Function):
         ctx.set_materialize_grads(False)
         # constants are read by where they lie: saved, so that torch refuses those that were written
         # to in the meantime
-        ctx.save_for_backward(
-            *start, *made, *(one.value for one in (*adjoint.changing, *adjoint.constant))
-        )
+        ctx.save_for_backward(*start, *made, *adjoint.known)
         return tuple(made)
 
     @staticmethod
@@ -212,7 +310,10 @@ class Differentiated(torch.autograd.Function):
         adjoint, saved, count = ctx.adjoint, ctx.saved_tensors, len(grads)
         start, made, known = saved[:count], saved[count : 2 * count], saved[2 * count :]
         with torch.no_grad(), without_autocast():  # it may be on where backward is called
-            cotangents = adjoint.cotangents(start, made, grads)
+            if functorch.peek_interpreter_stack() is None:
+                cotangents = adjoint.cotangents(start, made, grads)
+            else:
+                cotangents = _Rows.apply(adjoint, start, made, *grads)
         sources = [grad for grad in grads if grad is not None] + [
             (*known, *start)[k] for k in adjoint.wanted
         ]
