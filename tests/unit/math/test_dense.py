@@ -1,4 +1,4 @@
-"""Dense systems of many rows, each sample by itself; threads that a user sets: unit/test_imports."""
+"""Dense systems of many rows, each sample by itself; threads set by a user: unit/test_imports."""
 
 import pytest
 import torch
