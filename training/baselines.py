@@ -13,6 +13,7 @@ from torchbeam_envs.baselines import (
     MPC,
     PD,
     Controller,
+    JointLQG,
     JointLQR,
     Optimum,
     Static,
@@ -25,9 +26,14 @@ from .tuned import TRAINING, Task
 
 EPISODES = 16  # that tuning looks at
 SETS = 24  # of gains in a round of the search
-# weights of the action that LQR and LQG choose from, and then of the tip's velocity
+# what LQR and LQG choose from: weights of the action, of the tip's velocity
 EFFORTS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
 SPEEDS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+# by how many intervals actions are taken to be later, where it is drawn; held actions of a schedule
+LATENCIES, SCHEDULES = (0, 1, 2), (1, 3, 5)
+# deviations that a filter reckons with, of the actions' disturbance and of their noise
+DISTURBANCES, ACTIONS = (0.0, 0.003, 0.01, 0.03, 0.1), (0.03, 0.1, 0.3, 1.0)
+START = {"effort": 0.1, "speed_weight": 0.1, "action": 0.1}  # of the search; of others the least
 STARTS = 3  # of the optimum
 
 
@@ -61,23 +67,55 @@ def returns(env, controller: Controller, seeds: list[int]) -> torch.Tensor:
     return total
 
 
+def settings(kind: type[Controller], task: Task) -> dict[str, tuple[float, ...]]:
+    """What of a regulator is tuned, one after the other in this order: values by name, rising."""
+    tried: dict[str, tuple[float, ...]] = {"effort": EFFORTS, "speed_weight": SPEEDS}
+    if "latency" in (task.arguments.get("randomize") or {}):
+        tried["latency"] = LATENCIES
+    if issubclass(kind, (LQG, JointLQG)):
+        tried |= {"disturbance": DISTURBANCES, "action": ACTIONS}
+    if issubclass(kind, LQR):
+        tried["schedule"] = SCHEDULES
+    return tried
+
+
+def climbed(
+    chosen: dict[str, float],
+    name: str,
+    values: tuple[float, ...],
+    score: Callable[[dict[str, float]], float],
+) -> dict[str, float]:
+    """The settings with that value of one of them from which its neighbours score no more: up from
+    where it stands as long as the score rises, or else down.
+    """
+    start = chosen.get(name, START.get(name))
+    each = [{**chosen, name: value} for value in values]
+    at = values.index(start) if start in values else 0
+    for way in (1, -1):
+        while 0 <= at + way < len(each) and score(each[at + way]) > score(each[at]):
+            at += way
+    return each[at]
+
+
 def regulated(kind: type[LQR]) -> Callable[[Task], Controller]:
     def made(task: Task) -> Controller:
-        """The effort of most return, then the weight of the tip's velocity."""
+        """The settings of most return, one after the other; then the effort again."""
         env = make(task, 1)
         # where a hub or a hinge turns, about where it is to rest
-        used = kind if env.task.HOLDS or kind is not LQR else JointLQR
+        used = kind if env.task.HOLDS else {LQR: JointLQR, LQG: JointLQG}[kind]
         together = make(task, EPISODES)
+        scores: dict[tuple, float] = {}
 
-        def best(settings: list[dict[str, float]]) -> dict[str, float]:
-            controllers = [used(env, **one) for one in settings]
-            scores = [
-                evaluate(task, c, EPISODES, TRAINING, together)["return"] for c in controllers
-            ]
-            return settings[max(range(len(scores)), key=scores.__getitem__)]
+        def score(chosen: dict[str, float]) -> float:
+            key = tuple(sorted(chosen.items()))
+            if key not in scores:
+                controller = used(env, **chosen)
+                scores[key] = evaluate(task, controller, EPISODES, TRAINING, together)["return"]
+            return scores[key]
 
-        chosen = best([{"effort": effort} for effort in EFFORTS])
-        chosen = best([{**chosen, "speed_weight": weight} for weight in SPEEDS])
+        tried, chosen = settings(used, task), {}
+        for name in (*tried, "effort"):
+            chosen = climbed(chosen, name, tried[name], score)
         controller = used(env, **chosen)
         controller.settings = chosen
         return controller

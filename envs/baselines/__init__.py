@@ -13,7 +13,8 @@ exactly, at its usual parameters.
 
 from .holding import PD, Controller, Static, Zero, search
 from .insert import Insert
-from .linear import LQG, LQR, JointLQR
+from .linear import LQR, JointLQR
+from .lqg import LQG, JointLQG
 from .mpc import MPC
 from .optimum import Optimum
 from .resolved_rate import ResolvedRate
@@ -25,6 +26,7 @@ __all__ = [
     "PD",
     "Controller",
     "Insert",
+    "JointLQG",
     "JointLQR",
     "Optimum",
     "ResolvedRate",

@@ -119,11 +119,13 @@ class FeedForward:
     """Along the targets of an env's episodes, the actions that hold them in static equilibrium.
 
     model  an env of the task: its beam at the usual parameters is what is known;  read: as in
-           `Holding.of`
+           `Holding.of`;  latency: intervals by which actions act later than the env's delay
     """
 
-    def __init__(self, model: BeamVectorEnv, read: Callable[[State], Tensor] | None = None) -> None:
-        self.model, self.read = vector_env(model), read
+    def __init__(
+        self, model: BeamVectorEnv, read: Callable[[State], Tensor] | None = None, latency: int = 0
+    ) -> None:
+        self.model, self.read, self.latency = vector_env(model), read, latency
 
     @cached_property
     def holding(self) -> Holding:
@@ -138,11 +140,11 @@ class FeedForward:
         self.fresh = fresh
 
     def actions(self) -> Tensor:
-        """(n, delay + 2, a): the actions that hold the target now, and at the ends of the next
-        intervals until an action that is given now has acted; zeros where the task has no target,
-        or where none holds it.
+        """(n, delay + latency + 2, a): the actions that hold the target now, and at the ends of the
+        next intervals until an action that is given now has acted; zeros where the task has no
+        target, or where none holds it.
         """
-        env, ahead = self.env, self.env.config.delay + 1
+        env, ahead = self.env, self.env.config.delay + self.latency + 1
         target = env.task.target(env.state, ahead) if env.task.HOLDS else None
         if target is None:
             return env.high.new_zeros(env.num_envs, ahead + 1, env.task.actions)

@@ -21,7 +21,7 @@ from torchbeam_envs import (
 )
 from torchbeam_envs.baselines import LQG, LQR, MPC, PD, JointLQR, Optimum, Static, Zero
 from torchbeam_envs.baselines.holding import Holding, search
-from torchbeam_envs.baselines.linear import gain
+from torchbeam_envs.baselines.riccati import gain
 from torchbeam_envs.baselines.trajectory import TipWay, within_bounds
 from torchbeam_envs.reach import share_in_ball
 
@@ -105,14 +105,14 @@ def test_model_is_the_simulation_for_small_actions():
     env = make(1, substeps=10, gravity=None)
     model = LQR(env)
     env.reset(seed=0)
-    z = torch.zeros(len(model.A), 1, dtype=torch.float64)
+    z = torch.zeros(model.A.shape[-1], 1, dtype=torch.float64)
     pending = torch.zeros(2, 1, dtype=torch.float64)
     generator, largest, off = torch.Generator().manual_seed(0), 0.0, 0.0
     for _ in range(10):
         action = 1e-4 * torch.randn(1, 2, generator=generator, dtype=torch.float64)
         env.step(action)
-        z, pending = model.A @ z + model.B @ pending, action.mT
-        seen, expected = model.readings(env, env.state.beam)[0], (model.C @ z)[:, 0]
+        z, pending = model.A[0] @ z + model.B[0] @ pending, action.mT
+        seen, expected = model.readings(env, env.state.beam)[0], (model.C[0] @ z)[:, 0]
         largest = max(largest, seen.abs().max().item())
         off = max(off, (seen - expected).abs().max().item())
     assert 0 < off < 0.01 * largest

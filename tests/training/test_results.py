@@ -8,7 +8,7 @@ import json
 import numpy as np
 import pytest
 import torch
-from torchbeam_envs.baselines import JointLQR
+from torchbeam_envs.baselines import JointLQG, JointLQR
 
 from training import baselines, report, results
 from training.policies import load
@@ -175,6 +175,9 @@ def test_baselines_are_tuned_on_training_episodes(monkeypatch):
     seen = []
     monkeypatch.setattr(baselines, "EFFORTS", (0.1, 100.0))
     monkeypatch.setattr(baselines, "SPEEDS", (0.1, 1e3))
+    monkeypatch.setattr(baselines, "SCHEDULES", (1,))
+    monkeypatch.setattr(baselines, "DISTURBANCES", (0.0, 0.1))
+    monkeypatch.setattr(baselines, "ACTIONS", (0.1,))
     monkeypatch.setattr(baselines, "EPISODES", 4)
     scored = baselines.evaluate
     monkeypatch.setattr(
@@ -183,12 +186,20 @@ def test_baselines_are_tuned_on_training_episodes(monkeypatch):
     controller = baselines.BASELINES["lqr"](
         Task("tiny", "torchbeam/TipReachPlanar-v0", dict(elements=2, substeps=1))
     )
-    best = {"effort": 0.1, "speed_weight": 0.1}
+    best = {"effort": 0.1, "speed_weight": 0.1, "schedule": 1}
     assert controller.settings == best and set(seen) == {baselines.TRAINING}
-    slew = baselines.BASELINES["lqr"](
-        Task("turn", "torchbeam/SlewPlanar-v0", dict(elements=2, substeps=1, max_episode_steps=5))
+    values = (0.01, 0.1, 1.0, 10.0)
+    for best in values:  # of a score that rises to one and falls
+        scores = {value: -abs(value - best) for value in values}
+        tops = baselines.climbed({"a": 1.0}, "effort", values, lambda c, s=scores: s[c["effort"]])
+        assert tops == {"a": 1.0, "effort": best}
+    turn = Task(
+        "turn", "torchbeam/SlewPlanar-v0", dict(elements=2, substeps=1, max_episode_steps=5)
     )
-    assert isinstance(slew, JointLQR)
+    assert isinstance(baselines.BASELINES["lqr"](turn), JointLQR)
+    late = baselines.BASELINES["lqg"](turn.varied(randomize={"latency": (0.0, 1.0)}))
+    assert isinstance(late, JointLQG)
+    assert set(late.settings) == {"effort", "speed_weight", "latency", "disturbance", "action"}
 
 
 def test_refusals(tmp_path):

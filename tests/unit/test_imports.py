@@ -1,12 +1,21 @@
-"""What importing torchbeam, and using it, imports: no extra and no computer algebra before they are
-needed, which would take seconds.
+"""What only a process of its own shows, in one: what importing torchbeam, and using it, imports (no
+extra and no computer algebra before they are needed, which would take seconds); hashes of texts;
+threads that a user sets.
 """
 
 import os
 import subprocess
 import sys
+from collections import namedtuple
 
-CODE = """
+import pytest
+
+from tests.unit.analysis.test_fingerprint import function
+from torchbeam.analysis.fingerprint import fingerprint
+
+IN_SET = "def f(x):\n    return x in {'a', 'b', 'c', 'd', 'e', 'f', 'g', 'h'}"
+CODES = {  # one after the other; each prints its name at its end
+    "library": """
 import sys, torchbeam as tb
 section = tb.Section.from_stiffness(EA=1e3, GA=400.0, GJ=0.8, EI=1.0, mass=1.0, inertia=0.01)
 scene = tb.Scene(tb.Beam.straight(1.0, 2, section), [tb.Gravity((0, 0, -9.81))])
@@ -16,12 +25,70 @@ tb.describe(scene)
 assert "llvmlite" not in sys.modules
 tb.Stepper(scene, 0.01, engine="eager")(tb.rest(scene))
 assert "sympy" not in sys.modules
-"""
+""",
+    "environments": """
+import torchbeam_envs
+assert not {"stable_baselines3", "pygame", "matplotlib"} & set(sys.modules)
+torchbeam_envs.TipReachVectorEnv(2, elements=2)
+assert "sympy" not in sys.modules
+try:
+    torchbeam_envs.Sb3VecEnv
+except ImportError as error:
+    assert "torchbeam[rl]" in str(error)
+else:
+    assert "stable_baselines3" in sys.modules
+""",
+    "fingerprint": f"""
+{IN_SET}
+from torchbeam.analysis.fingerprint import fingerprint
+print(fingerprint(f)[0])
+""",
+    "dense systems": """
+import torch
+from torchbeam.math.dense import inverse_unchecked, solve, solve_unchecked
+torch.manual_seed(0)
+torch.set_num_threads(2)
+A, x = (torch.randn(4, 200, n, dtype=torch.float64) for n in (200, 3))
+found = (inverse_unchecked(A) @ (A @ x), solve(A, A @ x), solve_unchecked(A, A @ x))
+assert all((y - x).abs().max() < 1e-9 for y in found)
+""",
+    "search": """
+torch.set_default_dtype(torch.float64)
+torch.manual_seed(0)
+X = torch.randn(200, 160) / 12
+start = torch.full((160,), 2.0)
+fit = tb.identify(lambda theta: theta @ X.mT, X.sum(-1), start, starts=3, derivatives="difference")
+assert fit.status == 0 and (fit.theta - 1).abs().max() < 1e-6
+""",
+}
+OTHER = {"PYTHONHASHSEED": "1", "OMP_NUM_THREADS": "2", "OMP_WAIT_POLICY": "PASSIVE"}
+Done = namedtuple("Done", "status printed said")
 
 
-def test_extras_and_computer_algebra_are_imported_when_they_are_needed():
-    """Importing no matplotlib, a stepper and `describe` no llvmlite, a step no sympy: in a process
-    of their own.
-    """
+@pytest.fixture(scope="module")
+def done():
+    """Names and lines that it printed, and what it said of an error."""
+    code = "\n".join(f"{code}\nprint({name!r}, flush=True)" for name, code in CODES.items())
     env = {name: value for name, value in os.environ.items() if name != "TORCHBEAM_ENGINE"}
-    subprocess.run([sys.executable, "-c", CODE], check=True, env=env, timeout=120)
+    ran = subprocess.run(
+        [sys.executable, "-c", code], env=env | OTHER, timeout=300, capture_output=True, text=True
+    )
+    return Done(ran.returncode, ran.stdout.splitlines(), ran.stderr)
+
+
+@pytest.mark.parametrize("name", CODES)
+def test_a_process_of_its_own(done, name):
+    """library: importing it imports no matplotlib, a stepper and `describe` no llvmlite, a step no
+    sympy. environments: neither pygame, nor stable-baselines3 before it is asked for.
+
+    dense systems: torch's own LU of this batch is wrong on threads set by the user, or never ends
+    (torch 2.13, MKL 2024.2). search: a linear model of 160 parameters, which are all 1, by
+    differences; the same of three starts.
+    """
+    assert name in done.printed, done.said
+
+
+def test_another_process_finds_the_same_fingerprint(done):
+    """Hashes of texts, and so the order of sets, are another process's own."""
+    assert str(fingerprint(function(IN_SET))[0]) in done.printed
+    assert done.status == 0, done.said

@@ -46,6 +46,7 @@ def test_hinge_holds_its_axis_at_any_angle():
     torch.testing.assert_close(torch.stack(least), torch.ones(12), rtol=0, atol=1e-9)
 
 
+@pytest.mark.steps
 @pytest.mark.parametrize("method", METHODS)
 def test_pendulum_of_a_body_alone_has_order_two(method):
     """(J + m l^2) a = -m g l sin(angle), without any beam, against the ODE."""

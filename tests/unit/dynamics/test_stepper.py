@@ -30,6 +30,7 @@ def balance(sol: tb.Solution) -> torch.Tensor:
     return sol.energy.kinetic + sol.energy.strain - sol.energy.work
 
 
+@pytest.mark.steps
 @pytest.mark.parametrize(
     "conserve, steps, most",
     [
@@ -51,6 +52,7 @@ def test_energy_of_long_undamped_motion(conserve, steps, most):
     assert balance(sol).abs().max() < most * sol.energy.strain.max()
 
 
+@pytest.mark.steps
 @pytest.mark.parametrize("conserve, most", [(False, 1e-4), (True, 1e-12)])
 def test_energy_of_a_beam_that_bends_by_itself(conserve, most):
     """A suddenly curled beam, undamped: what the curl would take to hold back (1/2 EI kappa^2 L at
@@ -71,6 +73,7 @@ def test_energy_of_a_beam_that_bends_by_itself(conserve, most):
         )
 
 
+@pytest.mark.steps
 def test_conserve_takes_only_what_damping_does_not():
     """With damping, energy falls by exactly what the damper takes: `defect` stays at zero and the
     beam comes to rest at the static equilibrium (the damper does not shift it).
@@ -84,6 +87,7 @@ def test_conserve_takes_only_what_damping_does_not():
     assert (sol.tip.position[-1] - still).abs().max() < 5e-6
 
 
+@pytest.mark.steps
 def test_violent_load_is_made_in_smaller_steps():
     """P L^2/EI = 50 applied suddenly at 10 ms: whole steps have spurious solutions that gain energy
     50-fold; steps in which a node turns by more than 1.2 rad are refused and made in parts. The

@@ -57,6 +57,7 @@ def test_forces_of_a_structure():
         assert len(sensor.labels) == sensor.size
 
 
+@pytest.mark.steps
 def test_first_touch_is_an_event():
     """A free fall by a metre's hundredth less the thickness: t = sqrt(2 h/g)."""
     beam = tb.Beam.straight(1.0, 2, SECTION)

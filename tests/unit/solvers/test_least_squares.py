@@ -1,9 +1,5 @@
 """Search by least squares: starts whose derivatives cannot be found on the way."""
 
-import os
-import subprocess
-import sys
-
 import pytest
 import torch
 from torch.testing import assert_close
@@ -64,30 +60,3 @@ def test_finite_derivatives(starts):
         low, high = (x, high) if x + (1 - x) / 5 * (5 - (x - 1) ** 2 / 10) < 0 else (low, x)
     assert (end.status == CONVERGED).all()
     assert_close(end.x, torch.full((starts, 1), low), rtol=1e-5, atol=0)
-
-
-ON_TWO_THREADS = """
-import torch
-import torchbeam as tb
-torch.set_default_dtype(torch.float64)
-torch.set_num_threads(2)
-torch.manual_seed(0)
-X = torch.randn(200, 160) / 12
-start = torch.full((160,), 2.0)
-fit = tb.identify(lambda theta: theta @ X.mT, X.sum(-1), start, starts=3, derivatives="difference")
-assert fit.status == 0 and (fit.theta - 1).abs().max() < 1e-6
-"""
-
-
-def test_many_parameters_on_threads_set_by_the_user():
-    """A linear model, whose parameters are all 1; torch's own LU of a batch of 160 rows is wrong
-    there (torch 2.13).
-    """
-    done = subprocess.run(
-        [sys.executable, "-c", ON_TWO_THREADS],
-        env={**os.environ, "OMP_NUM_THREADS": "2"},
-        timeout=120,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
