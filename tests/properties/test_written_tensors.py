@@ -43,8 +43,37 @@ def pulled(**numbers):
     return loaded(tb.Tendon(eyelets, **law))
 
 
+def jointed(kind, **numbers):
+    """An arm that hangs on a joint at the tip of another one, pushed to all sides."""
+    parts = {"arm": straight(), "bar": straight(root=(1.0, 0, 0), direction=(0, 0, -1.0))}
+    joint = kind(("arm", -1), ("bar", 0), **numbers)
+    push = tb.PointLoad(("bar", -1), force=torch.tensor([0.5, 0.3, 0.4]), moment=FORCE)
+    return tb.Scene(parts, [push], supports=[tb.Support(("arm", 0))], joints=[joint])
+
+
+def hubbed(point):
+    """A hub that swings about a point of its own, to which a beam is fixed."""
+    hub = tb.Body(position=(1.2, 0, 0), mass=0.3, inertia=(1e-3,) * 3)
+    joints = [tb.Ball(None, ("hub", point), stiffness=0.5), tb.Weld("hub", ("bar", 0))]
+    parts = {"hub": hub, "bar": straight(root=(1.2, 0, 0))}
+    return tb.Scene(parts, [tb.PointLoad(("bar", -1), force=FORCE)], joints=joints)
+
+
+def rung(point):
+    """Pulled by a tendon through this point of the middle node."""
+    eyelets = [(None, (0.0, 0, 0.1)), (1, point), (2, (0, 0, 0.05))]
+    return loaded(tb.Tendon(eyelets, stiffness=10.0, length=0.9))
+
+
+def pressed(obstacle, **numbers):
+    """A beam that lies within the thickness of an obstacle."""
+    law = dict(radius=0.05, thickness=0.05, force=10.0) | numbers
+    return loaded(tb.Contact(obstacle, **law))
+
+
 # a scene of one tensor, that tensor, and whose values hold after it was written to: those of a
-# beam, its section, a point mass and a record are looked at once, and kept; those of other effects,
+# beam, its section, a point mass, a record, a joint's place and laws, and eyelets are looked at
+# once, and kept; those of other effects,
 # supports and frames are read where they are needed
 # fmt: off
 SCENES = {
@@ -93,6 +122,39 @@ SCENES = {
     "stiffness of a tendon": (lambda x: pulled(stiffness=x), 10.0, NEW),
     "length of a tendon": (lambda x: pulled(length=x), 0.9, NEW),
     "friction of a tendon": (lambda x: pulled(friction=x), 0.3, NEW),
+    "an eyelet": (rung, [0.01, 0.02, 0.05], OLD),
+    "eyelets along a beam": (lambda x: loaded(tb.Tendon.along(straight(), x, tension=2.0)),
+                             [0.01, 0.02, 0.05], OLD),
+    "stiffness of a hinge": (lambda x: jointed(tb.Hinge, stiffness=x), 2.0, OLD),
+    "damping of a hinge": (lambda x: jointed(tb.Hinge, damping=x), 0.1, OLD),
+    "friction of a hinge": (lambda x: jointed(tb.Hinge, friction=x, slip_speed=0.1), 0.1, OLD),
+    "slip speed of a hinge": (lambda x: jointed(tb.Hinge, friction=0.1, slip_speed=x), 0.1, OLD),
+    "limits of a hinge": (lambda x: jointed(tb.Hinge, limits=x, limit_stiffness=5.0),
+                          [-1e-3, 1e-3], OLD),
+    "stiffness of a limit": (lambda x: jointed(tb.Hinge, limits=(-1e-3, 1e-3), limit_stiffness=x),
+                             5.0, OLD),
+    "place of a joint": (lambda x: jointed(tb.Hinge, at=x), [1.0, 0.2, 0.1], OLD),
+    "torque of a hinge": (lambda x: jointed(tb.Hinge, torque=x), 0.1, NEW),
+    "angle of a hinge": (lambda x: jointed(tb.Hinge, angle=x), 0.1, NEW),
+    "force of a slider": (lambda x: jointed(tb.Slider, force=x), 0.1, NEW),
+    "stiffness of a cylindrical joint": (lambda x: jointed(tb.Cylindrical, stiffness=x),
+                                         [2.0, 5.0], OLD),
+    "damping of a universal joint": (lambda x: jointed(tb.Universal, damping=x), [0.1, 0.2], OLD),
+    "limits of a universal joint": (lambda x: jointed(tb.Universal, limits=x,
+        limit_stiffness=(5.0, 4.0)), [[-1e-3, 1e-3], [-2e-3, 2e-3]], OLD),
+    "stiffness of a ball": (lambda x: jointed(tb.Ball, stiffness=x), 2.0, OLD),
+    "matrix of a ball": (lambda x: jointed(tb.Ball, stiffness=x), torch.eye(3), OLD),
+    "damping of a ball": (lambda x: jointed(tb.Ball, damping=x), 0.1, OLD),
+    "limit of a ball": (lambda x: jointed(tb.Ball, limit=x, limit_stiffness=5.0), 1e-3, OLD),
+    "torque of a ball": (lambda x: jointed(tb.Ball, torque=x), [0.1, 0.3, 0.2], NEW),
+    "point of a body in a joint": (hubbed, [-0.2, 0.0, 0.0], OLD),
+    "centre of a sphere": (lambda x: pressed(tb.Sphere(x, 0.1)), [0.5, 0.03, -0.16], NEW),
+    "radius of a sphere": (lambda x: pressed(tb.Sphere((0.5, 0.03, -0.16), x)), 0.1, NEW),
+    "point of a plane": (lambda x: pressed(tb.Plane(x, (0.1, 0, 1.0))), [0.1, 0, -0.07], NEW),
+    "end of a capsule": (lambda x: pressed(tb.Capsule((0.5, -1.0, -0.16), x, 0.1)),
+                         [0.5, 1.0, -0.16], NEW),
+    "size of a box": (lambda x: pressed(tb.Box((0.5, 0.0, -0.3), x, rounding=0.01)),
+                      [0.6, 0.6, 0.43], NEW),
 }
 # fmt: on
 # others: long
@@ -107,6 +169,9 @@ COMPILED = (
     "turning frame",
     "thickness between beams",
     "stiffness of a tendon",
+    "an eyelet",
+    "stiffness of a hinge",
+    "damping of a ball",
 )
 
 

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ..core.leaves import leaf
 from ..core.validation import Value, concrete, finite, positive
-from .effects.values import load_value, parameter, plain
+from .effects.values import load_value, own, parameter, plain
 from .joint import Joint
 from .joints import check_together
 
@@ -59,11 +59,11 @@ class Ball(Joint):
             if (value := getattr(self, name)) is not None:
                 positive_alone = name in ("slip_speed", "limit")
                 value = parameter(f"a Ball's {name}", value, zero=not positive_alone)
-                object.__setattr__(self, name, value)
+                object.__setattr__(self, name, own(value))
         if self.limit is not None and concrete(torch.as_tensor(self.limit) >= torch.pi).any():
             raise ValueError("a Ball with a limit of half a turn was given; less is wanted")
         if self.stiffness is not None:
-            object.__setattr__(self, "stiffness", _matrix(self.stiffness))
+            object.__setattr__(self, "stiffness", own(_matrix(self.stiffness)))
         if self.torque is not None:
             object.__setattr__(self, "torque", load_value("a Ball's torque", self.torque))
         check_together(self, ("friction", "slip_speed"), ("limit", "limit_stiffness"))

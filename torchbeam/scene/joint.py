@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ..core.leaves import Tree, leaf
 from ..core.validation import Value, axis_last, concrete, finite
-from .effects.values import plain
+from .effects.values import own, plain
 from .parts import check_node, node_and_point
 from .structure import Structure
 
@@ -55,7 +55,7 @@ class JointEnd(Tree):
             return given
         node, point = node_and_point(given)
         if point is not None:
-            point = axis_last("a joint's point", plain(point), 3)
+            point = own(axis_last("a joint's point", plain(point), 3))
             finite("a joint's point", torch.as_tensor(point))
         elif node is not None:
             check_node(node, "a joint's part")
@@ -116,7 +116,7 @@ class Joint(Tree):
 
     def _vector(self, name: str) -> None:
         if (value := getattr(self, name)) is not None:
-            value = axis_last(f"{self.called}'s {name}", plain(value), 3)
+            value = own(axis_last(f"{self.called}'s {name}", plain(value), 3))
             finite(f"{self.called}'s {name}", torch.as_tensor(value))
             object.__setattr__(self, name, value)
 

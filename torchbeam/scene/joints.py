@@ -12,7 +12,7 @@ from torch import Tensor
 from ..core.leaves import leaf
 from ..core.validation import Value, axis_last, concrete, finite, shown
 from .axes import axes_along
-from .effects.values import parameter, plain, scalar_value
+from .effects.values import own, parameter, plain, scalar_value
 from .joint import MET, Joint
 from .structure import Structure
 
@@ -53,7 +53,7 @@ def check_laws(joint: AxisJoint, *pair: int) -> None:
             value = parameter(what, value, zero=name != "slip_speed")
             if pair:
                 value = axis_last(what, value, *pair)
-            object.__setattr__(joint, name, value)
+            object.__setattr__(joint, name, own(value))
     if joint.limits is not None:
         what = f"a {joint.called}'s limits"
         limits = axis_last(what, plain(joint.limits), 2)
@@ -67,7 +67,7 @@ def check_laws(joint: AxisJoint, *pair: int) -> None:
                 f"a {joint.called} with the limits {shown(joint.limits)} was given; the lowest, "
                 "then the highest, is wanted"
             )
-        object.__setattr__(joint, "limits", limits)
+        object.__setattr__(joint, "limits", own(limits))
     check_together(joint, ("friction", "slip_speed"), ("limits", "limit_stiffness"))
 
 

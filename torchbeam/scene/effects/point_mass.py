@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +14,7 @@ from ...core.validation import inertia as check_inertia
 from ...math.quaternions import skew
 from .effect import Effect
 from .loads import at_offset
-from .values import plain
+from .values import own, plain
 
 
 @dataclass(frozen=True)
@@ -79,9 +78,7 @@ class PointMass(Effect):
             _check_inertia(J, m.detach() * arm.detach())
         # its own: a model's inertia is of these
         for name, value in (("mass", mass), ("inertia", inertia), ("offset", offset)):
-            object.__setattr__(
-                self, name, value.clone() if isinstance(value, Tensor) else copy(value)
-            )
+            object.__setattr__(self, name, None if value is None else own(value))
 
     @property
     def about_node(self) -> Tensor:

@@ -16,7 +16,7 @@ from ...core.validation import Value, axis_last, concrete, finite, shown
 from ...math import quaternions as quat
 from ..beam import Beam
 from .effect import Effect
-from .values import parameter, plain, scalar_value
+from .values import own, parameter, plain, scalar_value
 
 APART = {
     torch.float64: 1e-9,
@@ -44,7 +44,7 @@ class Eyelet(Tree):
             raise ValueError(
                 f"{shown(given)} was given as an eyelet of a Tendon; (node, (x, y, z)) is wanted"
             )
-        point = axis_last("an eyelet's point", plain(given[1]), 3)
+        point = own(axis_last("an eyelet's point", plain(given[1]), 3))
         finite("an eyelet's point", torch.as_tensor(point))
         return cls(given[0], point)
 

@@ -336,6 +336,13 @@ def plain(value: Value) -> Tensor | np.ndarray:
     return as_tensor(value, *common_dtype(value)) if has_dtype(value) else numbers(value)
 
 
+def own(value: Tensor | np.ndarray) -> Tensor | np.ndarray:
+    """A copy, of which other numbers are made: nothing written to the value later changes some of
+    these alone.
+    """
+    return value.clone() if isinstance(value, Tensor) else value.copy()
+
+
 def load_value(name: str, value: Value, *, along: bool = False) -> LoadValue:
     """`value` checked: (..., 3), a function of t, an Input of size 3; `along` the beam also Along
     and PerElement.
