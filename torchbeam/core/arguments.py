@@ -14,7 +14,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .validation import BOOLEANS, as_tensor, broadcast, finite, positive, real, scalars, shown
+from .validation import (
+    BOOLEANS,
+    as_tensor,
+    broadcast,
+    converted,
+    finite,
+    positive,
+    real,
+    scalars,
+    shown,
+)
 
 
 @cache
@@ -161,7 +171,7 @@ def number(name: str, value: Any, *, infinite: bool = False) -> float:
     """One real number, of Python, NumPy or a tensor, as Python's; ValueError otherwise, and for one
     that is not finite.
     """
-    one = as_tensor(value, torch.float64) if value is not None else torch.empty(0)
+    one = converted(value, torch.float64) if value is not None else torch.empty(0)
     if one.ndim or not (torch.isfinite(one) or (infinite and torch.isinf(one))):
         raise ValueError(
             f"{name} = {shown(value)} was given; one {'' if infinite else 'finite '}number is "

@@ -34,7 +34,8 @@ def taken(what: str, value: Any, like: Tensor, size: int | None = None) -> Tenso
     stacked (see `validation.as_tensor`), as a tensor of dtype and device of `like`. Gradients
     survive.
 
-    Raises ValueError for what is no real number, or where the last axis has not `size` entries.
+    Raises ValueError for what is no real number, or of another precision (but single numbers), or
+    where the last axis has not `size` entries.
     """
     if not isinstance(value, Tensor):
         if value is None:
@@ -48,6 +49,10 @@ def taken(what: str, value: Any, like: Tensor, size: int | None = None) -> Tenso
     elif value.dtype != like.dtype or value.device != like.device:
         if value.is_complex() or value.dtype == torch.bool:
             raise ValueError(f"{what} is of {value.dtype}; real numbers are wanted")
+        if value.is_floating_point() and value.dtype != like.dtype and value.ndim:
+            raise ValueError(
+                f"{what} is of {value.dtype} in a scene of {like.dtype}; one dtype is wanted"
+            )
         value = value.to(like)
     return value if size is None else axis_last(what, value, size)
 

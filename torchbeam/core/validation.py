@@ -69,12 +69,34 @@ def as_tensor(value: Value, dtype: torch.dtype, device: torch.device | None = No
     arrays are copied.
 
     Raises ValueError for what is no real number: text, None, booleans, complex numbers, rows of
-    different lengths.
+    different lengths; and for a tensor or a floating array of NumPy of another precision, unless it
+    is a single number.
     """
+    one_dtype(value, dtype)
+    return converted(value, dtype, device)
+
+
+def one_dtype(value: Value, dtype: torch.dtype, what: str = "a tensor") -> None:
+    """ValueError for a tensor, or a floating array of NumPy, of another precision than `dtype`, but
+    for single numbers.
+    """
+    for leaf in _leaves(value):
+        if not isinstance(leaf, (Tensor, np.ndarray)) or leaf.ndim == 0:
+            continue
+        if isinstance(leaf, Tensor):
+            own = leaf.dtype if leaf.is_floating_point() else None
+        else:
+            own = numpy_dtype(leaf) if leaf.dtype.kind == "f" else None
+        if own not in (None, dtype):
+            raise ValueError(f"{what} of {own} was given among {dtype}; one dtype is wanted")
+
+
+def converted(value: Value, dtype: torch.dtype, device: torch.device | None = None) -> Tensor:
+    """The same, of numbers of any precision."""
     if isinstance(value, Tensor):
         return real(value).to(dtype=dtype, device=device)
     if holds_tensor(value):
-        parts = [as_tensor(v, dtype, device) for v in value]
+        parts = [converted(v, dtype, device) for v in value]
         broadcast("a sequence of tensors", *(part.shape for part in parts))
         return torch.stack(torch.broadcast_tensors(*parts), -_depth(value))
     return torch.from_numpy(numbers(value)).to(dtype=dtype, device=device)

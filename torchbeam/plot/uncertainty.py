@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.validation import Value, as_tensor
+from ..core.validation import Value, converted
 from .canvas import Axes, axes, numbers
 
 
@@ -192,7 +192,7 @@ def bands(
         ValueError: for another y.
     """
     ax = axes() if ax is None else ax
-    t = as_tensor(t, torch.float64)
+    t = converted(t, torch.float64)
     band = samples.bands(level, interval or 0.95)
     if band.estimate.shape != (3, *t.shape) or t.ndim != 1:
         raise ValueError(

@@ -26,7 +26,7 @@ from ..core.leaves import (
     with_values,
 )
 from ..core.summary import kind, lines
-from ..core.validation import as_tensor, axis_last, broadcast, precision, shown
+from ..core.validation import as_tensor, axis_last, broadcast, one_dtype, precision, shown
 from ..topology.framework import Framework
 from ..topology.protocols import Topology
 from .beam import Beam
@@ -383,6 +383,7 @@ class Scene(Tree):
                 )
         tensors = {}
         for name, value in given.items():
+            one_dtype(value, dtype, f"the input {name!r}")
             value = as_tensor(value, dtype, device)
             # a number for an input of one
             value = value[None] if value.ndim == 0 and sizes[name] == 1 else value

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ...core.validation import as_tensor, finite
+from ...core.validation import converted, finite
 from ...math.distributions import normal_probability
 from .parametric_laws import TwoTails, set_fields
 
@@ -25,11 +25,11 @@ class Empirical(TwoTails):
     weights: Tensor | None = None
 
     def __post_init__(self) -> None:
-        values = finite("Empirical's values", as_tensor(self.values, torch.float64)).cpu()
+        values = finite("Empirical's values", converted(self.values, torch.float64)).cpu()
         weights = (
             torch.ones_like(values)
             if self.weights is None
-            else as_tensor(self.weights, torch.float64).cpu()
+            else converted(self.weights, torch.float64).cpu()
         )
         if (
             values.ndim != 1

@@ -13,7 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.validation import as_tensor, shown
+from ...core.validation import converted, shown
 from ...math.distributions import (
     binomial_interval,
     binomial_ranks,
@@ -99,7 +99,7 @@ def replicated_well(groups: int, samples: int) -> bool:
 
 def probabilities(levels: Any) -> Tensor:
     """Levels of quantiles, () or (K,), float64; ValueError for what are no probabilities."""
-    given = as_tensor(levels, torch.float64)
+    given = converted(levels, torch.float64)
     if given.ndim > 1 or not ((given >= 0) & (given <= 1)).all():
         raise ValueError(
             f"levels = {shown(levels)} were given; probabilities, one or a sequence, are wanted"

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import number
-from ...core.validation import as_tensor, finite, shown
+from ...core.validation import converted, finite, shown
 from ...math.distributions import normal_score
 from .given_law import checked, of_uniform
 from .law_scores import has_tails, of_score
@@ -199,7 +199,7 @@ def _correlation(given: Correlation, laws: dict[str, Law]) -> Tensor:
             i, j = map(names.index, pair)
             matrix[i, j] = matrix[j, i] = number(f"the correlation of {pair!r}", value)
     else:
-        matrix = as_tensor(given, torch.float64).cpu()
+        matrix = converted(given, torch.float64).cpu()
     finite("correlation", matrix)
     if matrix.shape != (p, p):
         raise ValueError(

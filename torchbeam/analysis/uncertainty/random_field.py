@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import choice, count
-from ...core.validation import Value, as_tensor, finite
+from ...core.validation import Value, converted, finite
 from .parametric_laws import plain_number, set_fields
 
 KERNELS = ("exponential", "gaussian")
@@ -50,7 +50,7 @@ class RandomField:
     terms: int | None = None
 
     def __post_init__(self) -> None:
-        s = finite("RandomField's s", as_tensor(self.s, torch.float64)).cpu()
+        s = finite("RandomField's s", converted(self.s, torch.float64)).cpu()
         if s.ndim != 1 or len(s) < 2 or not (s[1:] > s[:-1]).all():
             raise ValueError(
                 f"RandomField's s {tuple(s.shape)} was given; (m,) increasing places, at least "

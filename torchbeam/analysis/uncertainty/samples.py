@@ -12,7 +12,7 @@ from torch import Tensor
 from ...core.arguments import boolean, level_of
 from ...core.arguments import function as checked_function
 from ...core.status import STATUS
-from ...core.validation import Value, as_tensor, broadcast, finite, shown
+from ...core.validation import Value, broadcast, converted, finite, shown
 from . import estimate, output
 from .estimate import Estimate, Statistic, failures, probabilities
 
@@ -126,7 +126,7 @@ class Samples(output.Summary):
             failed_exceed: None: of the good samples; True or False: samples that failed are taken
                 to exceed, or not to
         """
-        x = finite("x", as_tensor(x, self.y.dtype if self.y.is_floating_point() else torch.float64))
+        x = finite("x", converted(x, self.y.dtype if self.y.is_floating_point() else torch.float64))
         broadcast("the thresholds and y of a sample", x.shape, self.y.shape[1:])
         values = self.y.reshape(
             len(self), *[1] * max(x.ndim - (self.y.ndim - 1), 0), *self.y.shape[1:]
@@ -170,7 +170,7 @@ class Samples(output.Summary):
         centre = (
             torch.cat(groups).mean(0)
             if reference is None
-            else finite("reference", as_tensor(reference, torch.float64))
+            else finite("reference", converted(reference, torch.float64))
         )
         if (
             broadcast("the reference and y of a sample", centre.shape, self.y.shape[1:])

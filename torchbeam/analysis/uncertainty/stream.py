@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import level_of
-from ...core.validation import Value, as_tensor, broadcast, finite
+from ...core.validation import Value, broadcast, converted, finite
 from ...math.distributions import binomial_interval, binomial_ranks, student_quantile
 from .estimate import (
     FEW,
@@ -208,7 +208,7 @@ class Stream(Summary):
         """
         level, n, pooled = level_of("interval", interval), self._good, self._pooled()
         groups = self._groups
-        x = finite("x", as_tensor(x, torch.float64))
+        x = finite("x", converted(x, torch.float64))
         shape = broadcast("the thresholds and y of a sample", x.shape, torch.Size(self.shape))
         numbers = (
             torch.arange(max(math.prod(self.shape), 1))
@@ -236,7 +236,7 @@ class Stream(Summary):
         """Shares (..., bins) of the good samples between edges (bins + 1,): those at an edge lie
         below it, but for the least of all; a sketch's bins that an edge cuts go half to each side.
         """
-        edges = finite("edges", as_tensor(edges, torch.float64))
+        edges = finite("edges", converted(edges, torch.float64))
         if edges.ndim != 1 or len(edges) < 2 or not (edges.diff() > 0).all():
             raise ValueError(
                 f"edges {tuple(edges.shape)} were given; (bins + 1,) increasing numbers are wanted"
