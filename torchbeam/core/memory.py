@@ -11,17 +11,33 @@ from pathlib import Path
 
 SMALL = 2**28  # bytes that are not asked about
 GROUP = Path("/sys/fs/cgroup")  # limits of a container
+STATUS = "/proc/self/status"
 
 
 def available() -> int | None:
     """Bytes that this process may still take, None = not known."""
-    free = _free()
+    left = [x for x in (_free(), _left_to_group(), _left_to_process()) if x is not None]
+    return max(0, min(left)) if left else None
+
+
+def _left_to_group() -> int | None:
+    """Under the limit of a container, None = there is none."""
     try:
         most, taken = ((GROUP / f"memory.{name}").read_text() for name in ("max", "current"))
-        left = int(most) - int(taken)
-    except (OSError, ValueError):  # no group, or one without limit
-        return free
-    return left if free is None else min(left, free)
+        return int(most) - int(taken)
+    except (OSError, ValueError):
+        return None
+
+
+def _left_to_process() -> int | None:
+    """Under this process's own limit of addresses (`ulimit -v`), None = there is none."""
+    try:
+        import resource
+
+        most, _ = resource.getrlimit(resource.RLIMIT_AS)
+        return None if most == resource.RLIM_INFINITY else most - _told(STATUS, "VmSize")
+    except (ImportError, AttributeError, OSError, KeyError, ValueError):
+        return None
 
 
 def _free() -> int | None:
@@ -70,7 +86,7 @@ def most_held() -> int:
 
 def _most_since() -> int:
     """Bytes held at most since the count began."""
-    return _told("/proc/self/status", "VmHWM")
+    return _told(STATUS, "VmHWM")
 
 
 def _told(path: str, name: str) -> int:

@@ -42,6 +42,18 @@ def test_a_limit_of_the_container_is_kept_to(monkeypatch, tmp_path):
         )
 
 
+def test_a_limit_of_the_process_is_kept_to(monkeypatch):
+    """As `ulimit -v` sets it, beside what the process has taken; nothing where it is exceeded."""
+    resource = pytest.importorskip("resource")
+    if not Path(memory.STATUS).exists():
+        pytest.skip("the system does not tell what a process has taken")
+    taken = memory._told(memory.STATUS, "VmSize")
+    for beyond, wanted in ((10**7, 10**7), (-(10**7), 0)):
+        limit = taken + beyond
+        monkeypatch.setattr(resource, "getrlimit", lambda which, limit=limit: (limit, limit))
+        assert memory.available() == pytest.approx(wanted, abs=5 * 10**6)
+
+
 def test_what_a_run_takes_is_told(monkeypatch):
     """64 MB that are written and given back again count; where the count cannot begin anew, what is
     beyond the most so far; and where nothing is known it is nan.
