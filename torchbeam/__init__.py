@@ -9,6 +9,7 @@ from .analysis.convergence.convergence import Convergence
 from .analysis.convergence.on_request import equilibrium, modes, simulate
 from .analysis.convergence.remesh import remesh
 from .analysis.describe import Description, describe
+from .analysis.export import export
 from .analysis.identification.bootstrap import Bootstrap
 from .analysis.identification.fields import FieldFit, identify_fields
 from .analysis.identification.fit import Fit
@@ -100,7 +101,7 @@ __all__ = [
     "Stream", "Support", "Table", "Tendon", "TipLoad",
     "Tornado", "Universal", "Weld", "advise", "block_rate", "consistent_state", "converge",
     "critical_load",
-    "describe", "equilibrium",
+    "describe", "equilibrium", "export",
     "identify", "identify_fields", "laws", "linearize", "modal_assurance", "modes",
     "moment_derivatives", "monte_carlo",
     "monte_carlo_stream", "observe", "pair_modes", "path", "plot", "rare_event", "rayleigh",

@@ -2,6 +2,9 @@
 name).
 """
 
+from pathlib import Path
+from tempfile import gettempdir
+
 import torch
 
 import torchbeam as tb
@@ -49,6 +52,8 @@ DATA = model({"f": torch.tensor(1.0)})
 
 PRESSED = tb.Scene(BEAM, [tb.TipLoad(force=(-1.0, 0, 0))])
 SHAKEN = tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, 1.0)), tb.Damping(0.01)])
+EXPORTED = str(Path(gettempdir()) / "exported.vtu")  # nothing else is written
+
 CALLS = {
     "from_stiffness": (
         tb.Section.from_stiffness,
@@ -509,6 +514,8 @@ CALLS = {
             progress=lambda done, setting: None,
         ),
     ),
+    "export": (tb.export, dict(what=START, path=EXPORTED, state=None)),
+    "export2": (tb.export, dict(what=MODES, path=EXPORTED, state=EQUILIBRIUM)),
     "remesh": (tb.remesh, dict(scene=SCENE, elements=8, order=2, linked=False)),
     "advise": (
         tb.advise,

@@ -211,6 +211,11 @@ def animated(of):
         return torch.tensor(tb.plot.animate(of.run(), f"{folder}/a.gif", dpi=20).exists())
 
 
+def exported(of):
+    with TemporaryDirectory() as folder:
+        return torch.tensor(tb.export(of.run(), f"{folder}/a.pvd").exists())
+
+
 def drawn(of, plot):
     ax = plot()
     found = torch.tensor([len(ax.lines) + len(ax.collections) > 0])
@@ -361,6 +366,7 @@ SAME = {
     "S.TipVelocity": read(lambda of: S.TipVelocity(**of.named)),
     "S.TendonTension": tendon,
     "S.TendonLength": tendon,
+    "export": exported,
     "plot.animate": animated,
     "plot.shape": lambda of: drawn(of, lambda: tb.plot.shape(of.equilibrium())),
     "plot.energies": lambda of: drawn(of, lambda: tb.plot.energies(of.run())),

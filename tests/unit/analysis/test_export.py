@@ -1,0 +1,130 @@
+"""export: what ParaView reads is what was written."""
+
+import base64
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import torch
+
+import torchbeam as tb
+
+DTYPES = {"Float64": "<f8", "Int64": "<i8", "UInt8": "u1"}
+
+
+def section():
+    return tb.Section.from_stiffness(
+        EA=100.0, GA=50.0, GJ=0.8, EI=(1.0, 2.0), mass=0.2, inertia=1e-3
+    )
+
+
+def scene(order=1, force=(0.1, 0.3, 0.2)):
+    beam = tb.Beam.straight(1.0, 2, section(), order=order)
+    return tb.Scene(beam, [tb.TipLoad(force=force)])
+
+
+def read(path):
+    """Arrays of a .vtu file by name, as VTK's format says."""
+    found = {}
+    for array in ElementTree.parse(path).iter("DataArray"):
+        data = base64.b64decode(array.text)
+        values = np.frombuffer(data[8:], DTYPES[array.get("type")])
+        assert int.from_bytes(data[:8], "little") == values.nbytes
+        width = int(array.get("NumberOfComponents"))
+        found[array.get("Name")] = values if width == 1 else values.reshape(-1, width)
+    piece = next(ElementTree.parse(path).iter("Piece"))
+    assert len(found["points"]) == int(piece.get("NumberOfPoints"))
+    assert len(found["types"]) == len(found["offsets"]) == int(piece.get("NumberOfCells"))
+    return found
+
+
+def same(x, y):
+    return np.array_equal(x, torch.as_tensor(y).reshape(x.shape).numpy())
+
+
+def test_a_motion_is_a_file_for_each_instant(tmp_path):
+    """Of a batch, all samples in each."""
+    force = torch.tensor([[0.1, 0.3, 0.2], [0.0, -0.5, 0.2]])
+    solution = tb.simulate(scene(force=force), torch.linspace(0, 0.1, 3), step=0.05)
+    assert tb.export(solution, tmp_path / "run.pvd") == tmp_path / "run.pvd"
+    sets = list(ElementTree.parse(tmp_path / "run.pvd").iter("DataSet"))
+    assert [float(one.get("timestep")) for one in sets] == solution.t.tolist()
+    for i, one in enumerate(sets):
+        found, state = read(tmp_path / one.get("file")), solution.state[i]
+        assert same(found["points"], state.position) and same(found["velocity"], state.velocity)
+        assert same(found["connectivity"], [0, 1, 1, 2, 3, 4, 4, 5])
+        assert same(found["offsets"], [2, 4, 6, 8]) and same(found["types"], [3] * 4)
+        assert same(found["sample"], [0, 0, 1, 1])
+        assert same(found["force"], state.stress[..., :3])
+        assert same(found["moment"], state.stress[..., 3:])
+        axes = np.stack([found[name] for name in "xyz"], -1).reshape(2, 3, 3, 3)
+        spin = axes @ state.spin.numpy()[..., None]
+        assert np.abs(found["angular velocity"] - spin.reshape(-1, 3)).max() < 1e-14
+        assert np.abs(axes - state.axes.numpy()).max() < 1e-15
+
+
+def test_halves_of_elements_of_order_2_have_their_own_stress(tmp_path):
+    state = tb.equilibrium(scene(order=2))
+    found = read(tb.export(state, tmp_path / "shape.vtu"))
+    assert same(found["points"], state.position) and len(found["types"]) == 4
+    assert same(found["moment"], state.stress[..., 3:])
+
+
+def test_parts_of_structures(tmp_path):
+    """Beams as lines of their own stations, a body, behind them, as a vertex."""
+    parts = {
+        "a": tb.Beam.straight(1.0, 2, section()),
+        "ball": tb.Body(0.1, 1e-3, position=(1.0, 0, 0)),
+        "b": tb.Beam.straight(1.0, 1, section(), root=(1.0, 0, 0)),
+    }
+    joints = [tb.Weld(("a", 2), "ball"), tb.Hinge(("b", 0), "ball")]
+    structure = tb.Scene(parts, joints=joints, supports=[tb.Support(("a", 0))])
+    found = read(tb.export(structure, tmp_path / "shape.vtu"))
+    assert same(found["connectivity"], [0, 1, 1, 2, 3, 4, 5])
+    assert same(found["types"], [3, 3, 3, 1]) and same(found["part"], [0, 0, 1, 2])
+    assert same(found["points"], structure.beam.nodes)
+    state = tb.equilibrium(
+        tb.Scene(
+            parts,
+            [tb.Gravity((0, 0, -1.0))],
+            joints=[tb.Weld(("a", 2), "ball"), tb.Weld(("b", 0), "ball")],
+            supports=[tb.Support(("a", 0))],
+        )
+    )
+    found = read(tb.export(state, tmp_path / "shape.vtu"))
+    assert same(found["force"][:3], state.stress[:3, :3])
+    assert np.isnan(found["force"][3]).all()
+
+
+def test_modes_are_vectors_to_warp_by(tmp_path):
+    """Real, along the mode, the largest displacement 1; of a torsional mode the largest turn."""
+    still = tb.equilibrium(scene(force=(0.0, 0, 0)))
+    modes = tb.modes(scene(force=(0.0, 0, 0)), still, count=6)
+    found = read(tb.export(modes, tmp_path / "modes.vtu", state=still))
+    for k, shape in enumerate(modes.shape, 1):
+        moved, turned = (found[f"mode {k} {name}"] for name in ("displacement", "turn"))
+        assert max(np.abs(moved).max(), np.abs(turned).max() * (np.abs(moved).max() < 1e-9)) == (
+            pytest.approx(1)
+        )
+        along = np.concatenate((moved, turned), -1).reshape(-1)
+        wanted = shape.reshape(-1).numpy()
+        cosine = abs(np.vdot(wanted, along)) / np.linalg.norm(wanted) / np.linalg.norm(along)
+        assert cosine == pytest.approx(1, abs=1e-9)
+
+
+def test_bad_input(tmp_path):
+    state = tb.rest(scene())
+    modes = tb.modes(scene(force=(0.0, 0, 0)), state, count=2)
+    solution = tb.simulate(scene(), torch.linspace(0, 0.1, 2), step=0.1)
+    for what, name, given, message in (
+        (state, "run.pvd", {}, "one that ends in .vtu is wanted"),
+        (solution, "run.vtu", {}, "one that ends in .pvd is wanted"),
+        (3, "run.vtu", {}, "int was given to export"),
+        (state, "a/b/c.vtu", {}, "folder"),
+        (modes, "run.vtu", {}, "Modes without a state"),
+        (solution, "run.pvd", dict(state=state), "Solution with a state"),
+        (modes, "run.vtu", dict(state=tb.rest(scene(order=2))), "modes of 3 nodes"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            tb.export(what, tmp_path / name, **given)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,218 @@
+"""Export: motions, shapes and modes as files that ParaView opens.
+
+VTK's XML formats: a `.vtu` file is an unstructured grid at one instant, a `.pvd` file names one for
+each instant (Kitware, VTK file formats, https://docs.vtk.org/en/latest/vtk_file_formats).
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..core.arguments import instance
+from ..core.files import folder, path_of, written
+from ..linear.modes import Modes
+from ..math import quaternions as quat
+from ..math.shapes import broadcast_shapes
+from ..scene.scene import Scene
+from ..state.solution import Solution
+from ..state.state import State, rest
+
+VERTEX, LINE = 1, 3  # VTK's numbers of cells
+TYPES = {"float64": "Float64", "int64": "Int64", "uint8": "UInt8"}
+INERT = 1e-300  # m: of a mode that moves nothing
+
+
+def export(what: Any, path: str | Path, *, state: State | None = None) -> Path:
+    """Write a motion, a shape or modes for ParaView.
+
+    Args:
+        what: a `Solution`, a `State`, a `Scene` (as drawn), or `Modes`
+        path: of a solution "run.pvd", beside which the folder "run" gets a file for each instant;
+            of all else "shape.vtu"
+        state: where modes are about
+
+    Returns:
+        The path.
+
+    Each file has the nodes (m, frame a), a line between each two that follow each other, and a
+    vertex for each body; `sample` counts a batch, `part` the parts of a structure. Of points:
+    `velocity` (m/s) and `angular velocity` (rad/s), both absolute, and the section axes `x`, `y`,
+    `z`, all in frame a. Of lines: `force` (N) and `moment` (N m) in section axes, nan for bodies;
+    of elements of order 2 those of the Gauss point in each half. Of modes: `mode k displacement`
+    and `mode k turn`, frame a, at the instant at which the largest component of the displacement
+    is largest, that then 1 (where the mode has none, that of the turn).
+
+    Raises:
+        ValueError: for what is none of these, a path of another ending, a folder that is not
+            there, modes without the state that they are about, or one of another batch.
+        NotWritten: (an OSError) where the disk is full.
+    """
+    path = path_of("path", path)
+    if isinstance(what, Modes) != (state is not None):
+        raise ValueError(
+            f"{type(what).__name__} {'with' if state is not None else 'without'} a state was given "
+            "to export; modes and the state that they are about are wanted together"
+        )
+    if not isinstance(what, Solution | State | Scene | Modes):
+        raise ValueError(
+            f"{type(what).__name__} was given to export; a Solution, a State, a Scene or Modes are "
+            "wanted"
+        )
+    if state is not None:
+        instance("state", state, State)
+    ending = ".pvd" if isinstance(what, Solution) else ".vtu"
+    if path.suffix != ending:
+        raise ValueError(
+            f"the file {path.name!r} was given for a {type(what).__name__}; one that ends in "
+            f"{ending} is wanted"
+        )
+    folder(path.parent)
+    if isinstance(what, Solution):
+        return _series(what, path)
+    if isinstance(what, Modes):
+        _write(_grid(state, _mode_columns(what, state)), path)
+    else:
+        _write(_grid(rest(what) if isinstance(what, Scene) else what), path)
+    return path
+
+
+def _series(solution: Solution, path: Path) -> Path:
+    """A file for each instant, and one that names them."""
+    files = folder(path.with_suffix(""))
+    root = ElementTree.Element("VTKFile", type="Collection", version="1.0")
+    names = ElementTree.SubElement(root, "Collection")
+    digits = len(str(len(solution.t) - 1))
+    for i, t in enumerate(solution.t.tolist()):
+        file = files / f"{i:0{digits}}.vtu"
+        _write(_grid(solution.state[i]), file)
+        ElementTree.SubElement(names, "DataSet", timestep=repr(t), file=f"{files.name}/{file.name}")
+    _write(root, path)
+    return path
+
+
+def _grid(state: State, extra: dict[str, Tensor] | None = None) -> ElementTree.Element:
+    """A state, and further vectors (..., N+1, 3) of its nodes, as an unstructured grid."""
+    R = quat.matrix(state.rotation)
+    nodes = {
+        "points": state.position,
+        "velocity": state.velocity,
+        "angular velocity": (R @ state.spin[..., None])[..., 0],
+        **dict(zip("xyz", R.unbind(-1), strict=True)),
+        **(extra or {}),
+    }
+    batch = broadcast_shapes(state.stress.shape[:-2], *(v.shape[:-2] for v in nodes.values()))
+    flat = {name: _flat(v, batch) for name, v in nodes.items()}
+    samples, count = flat["points"].shape[:2]
+    cells = list(_cells(state, count))
+    stress = _flat(state.stress, batch)
+    load = np.stack(
+        [np.full((samples, 6), np.nan) if row is None else stress[:, row] for *_, row in cells], 1
+    )
+    connectivity = np.concatenate([nodes for nodes, *_ in cells])
+    ends = np.cumsum([len(nodes) for nodes, *_ in cells])
+    first = np.arange(samples)[:, None]
+    root = ElementTree.Element(
+        "VTKFile",
+        type="UnstructuredGrid",
+        version="1.0",
+        byte_order="LittleEndian",
+        header_type="UInt64",
+    )
+    piece = ElementTree.SubElement(
+        ElementTree.SubElement(root, "UnstructuredGrid"),
+        "Piece",
+        NumberOfPoints=str(samples * count),
+        NumberOfCells=str(samples * len(cells)),
+    )
+    parts = np.array([part for _, part, _ in cells])
+    groups: dict[str, dict[str, Any]] = {
+        "Points": {"points": flat.pop("points")},
+        "Cells": {
+            "connectivity": first * count + connectivity,
+            "offsets": first * len(connectivity) + ends,
+            "types": np.tile(
+                np.uint8([LINE if len(nodes) == 2 else VERTEX for nodes, *_ in cells]), samples
+            ),
+        },
+        "PointData": flat,
+        "CellData": {
+            "force": load[..., :3],
+            "moment": load[..., 3:],
+            "sample": np.broadcast_to(first, (samples, len(cells))),
+            "part": np.broadcast_to(parts, (samples, len(cells))),
+        },
+    }
+    for group, arrays in groups.items():
+        element = ElementTree.SubElement(piece, group)
+        for name, values in arrays.items():
+            _array(element, name, values)
+    return root
+
+
+def _cells(state: State, count: int) -> Iterator[tuple[list[int], int, int | None]]:
+    """Nodes, part and station of each: lines of beams, vertices of bodies."""
+    if not state.parts:
+        yield from (([i, i + 1], 0, i) for i in range(count - 1))
+    for k, part in enumerate(state.parts):
+        if part.body:
+            yield [part.first_node], k, None
+        for i in range(part.station_count):
+            yield [part.first_node + i, part.first_node + i + 1], k, part.first_station + i
+
+
+def _mode_columns(modes: Modes, state: State) -> dict[str, Tensor]:
+    """Vectors of nodes (..., N+1, 3) by name: displacement and turn of each mode."""
+    batch, nodes = modes.shape.shape[:-3], modes.shape.shape[-2]
+    if state.position.shape[:-2] != batch or state.position.shape[-2] != nodes:
+        raise ValueError(
+            f"modes of {nodes} nodes in the batch {tuple(batch)} and a state of "
+            f"{state.position.shape[-2]} in {tuple(state.position.shape[:-2])} were given; the "
+            "state that the modes are about is wanted"
+        )
+    columns = {}
+    for k, shape in enumerate(modes.shape.detach().unbind(-3), 1):
+        parts = [shape[..., columns_of] for columns_of in (slice(3), slice(3, 6))]
+        sizes = [part.flatten(-2).abs().amax(-1) for part in parts]
+        moves = sizes[0] > torch.finfo(sizes[0].dtype).eps * sizes[1]
+        leading = torch.where(moves[..., None, None], *parts).flatten(-2)
+        peak = leading.gather(-1, leading.abs().argmax(-1, keepdim=True))[..., None]
+        peak = torch.where(peak.abs() > INERT, peak, 1)
+        for name, part in zip(("displacement", "turn"), parts, strict=True):
+            columns[f"mode {k} {name}"] = (part / peak).real
+    return columns
+
+
+def _flat(x: Tensor, batch: torch.Size) -> np.ndarray:
+    """(samples, rows, columns)."""
+    x = x.detach().expand(*batch, *x.shape[-2:])
+    return x.reshape(-1, *x.shape[-2:]).double().cpu().numpy()
+
+
+def _array(parent: ElementTree.Element, name: str, values: np.ndarray) -> None:
+    """Numbers in base64, behind how many bytes they are."""
+    values = np.ascontiguousarray(values)
+    width = values.shape[-1] if values.dtype == np.float64 else 1
+    element = ElementTree.SubElement(
+        parent,
+        "DataArray",
+        type=TYPES[str(values.dtype)],
+        Name=name,
+        NumberOfComponents=str(width),
+        format="binary",
+    )
+    data = values.astype(values.dtype.newbyteorder("<")).tobytes()
+    element.text = base64.b64encode(np.array(len(data), "<u8").tobytes() + data).decode()
+
+
+def _write(root: ElementTree.Element, path: Path) -> None:
+    ElementTree.indent(root)
+    with written(path) as part:
+        ElementTree.ElementTree(root).write(part, "utf-8", xml_declaration=True)
