@@ -79,15 +79,14 @@ class LQG(LQR):
         super().__init__(env, effort, speed_weight, latency=latency, schedule=schedule)
         env = vector_env(env)
         self.noise = Noise(max(env.config.noise, SENSOR), action, disturbance)
-        eye = torch.eye(self.C.shape[-2], dtype=self.C.dtype, device=self.C.device)
+        R = self.noise.readings**2 * torch.eye(self.C.shape[-2]).to(self.C)
         gains = []
         for A, B, C in zip(self.A, self.B, self.C, strict=True):
             A, B, Q = self.noise.model(A, B)
             C = torch.nn.functional.pad(C, (0, len(A) - C.shape[-1]))
             # covariance of the prediction
-            P = riccati(A.mT, C.mT, Q, self.noise.readings**2 * eye)
+            P = riccati(A.mT, C.mT, Q, R)
             # what a reading says of z and of the disturbance
-            R = self.noise.readings**2 * eye
             gains.append(torch.linalg.solve(C @ P @ C.mT + R, C @ P).mT)
         self.M = torch.stack(gains)
 

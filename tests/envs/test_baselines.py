@@ -26,6 +26,7 @@ from torchbeam_envs.baselines.trajectory import TipWay, within_bounds
 from torchbeam_envs.reach import share_in_ball
 
 import torchbeam as tb
+from tests.cases.episodes import play
 
 torch.set_num_threads(1)
 SMALL = dict(elements=2, substeps=1, output="torch", autoreset_mode="Disabled")
@@ -33,19 +34,6 @@ SMALL = dict(elements=2, substeps=1, output="torch", autoreset_mode="Disabled")
 
 def make(n=8, **arguments):
     return TipReachVectorEnv(n, **{**SMALL, **arguments})
-
-
-@torch.no_grad()
-def play(env, controller, seed=0):
-    """(return, distance at the end), means."""
-    observation, _ = env.reset(seed=seed)
-    controller.begin(env)
-    total = 0.0
-    for _ in range(env.max_episode_steps):
-        observation, reward, terminated, _, info = env.step(controller(observation))
-        total = total + reward
-    assert not terminated.any()
-    return total.mean().item(), info["distance"].mean().item()
 
 
 def test_gain_of_a_scalar_is_the_closed_form():

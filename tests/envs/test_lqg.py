@@ -5,25 +5,14 @@ import torch
 from torchbeam_envs import SlewVectorEnv, TipReachVectorEnv
 from torchbeam_envs.baselines import LQG, LQR, JointLQG, JointLQR
 
+from tests.cases.episodes import play
+
 torch.set_num_threads(1)
 SMALL = dict(elements=2, substeps=1, output="torch", autoreset_mode="Disabled")
 
 
 def make(n, **arguments):
     return TipReachVectorEnv(n, **{**SMALL, **arguments})
-
-
-@torch.no_grad()
-def play(env, controller):
-    """(return, distance at the end), means."""
-    observation, _ = env.reset(seed=0)
-    controller.begin(env)
-    total = 0.0
-    for _ in range(env.max_episode_steps):
-        observation, reward, terminated, _, info = env.step(controller(observation))
-        total = total + reward
-    assert not terminated.any()
-    return total.mean().item(), info["distance"].mean().item()
 
 
 def test_integral_action_takes_off_what_the_model_does_not_know():

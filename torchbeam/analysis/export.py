@@ -179,7 +179,7 @@ def _mode_columns(modes: Modes, state: State) -> dict[str, Tensor]:
         )
     columns = {}
     for k, shape in enumerate(modes.shape.detach().unbind(-3), 1):
-        parts = [shape[..., columns_of] for columns_of in (slice(3), slice(3, 6))]
+        parts = shape.split(3, -1)
         sizes = [part.flatten(-2).abs().amax(-1) for part in parts]
         moves = sizes[0] > torch.finfo(sizes[0].dtype).eps * sizes[1]
         leading = torch.where(moves[..., None, None], *parts).flatten(-2)
