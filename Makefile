@@ -9,7 +9,7 @@ OTHER_ROUNDING := MKL_CBWR=COMPATIBLE ATEN_CPU_CAPABILITY=default OMP_NUM_THREAD
 # A process that finds no compiled modules takes a second longer to import torchbeam, whatever the environment says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test test-long test-second test-rounding test-lowest bench docs docs-serve lint clean
+.PHONY: demo test test-long test-second test-rounding test-lowest bench docs docs-serve dist lint clean
 
 demo: .venv/demo.done
 	$(BIN)/python -m torchbeam demo --out out/demo
@@ -48,6 +48,12 @@ docs-serve: .venv/docs.done
 # Every dependency at the lowest version that pyproject.toml states, all at once.
 test-lowest: .venv-lowest/done
 	$(LOWEST)/$(PYTEST)
+
+# What is released: the source and a wheel, into dist/, installed in an empty environment and tried there.
+dist: .venv/dev.done
+	rm -rf dist
+	$(BIN)/python -m build --outdir dist
+	TORCHBEAM_DIST=$(CURDIR)/dist $(BIN)/$(PYTEST) -n 0 -m "long or not long" tests/unit/test_release.py
 
 lint: .venv/dev.done
 	$(BIN)/ruff check .

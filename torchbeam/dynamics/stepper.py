@@ -63,7 +63,7 @@ class Stepper:
             parts; twice as many where contacts have friction)
         halvings: a failed step is made again in 2, 4, ... 2^halvings parts
         engine: "eager": torch operations. "compiled": native code for many samples at once on the
-            CPU (llvmlite, the extra `fast`), the same answers up to rounding, and gradients
+            CPU (by llvmlite), the same answers up to rounding, and gradients
             (reverse mode); compiled at the first step. Made eagerly there: forward mode,
             torch.func, gradients where strains are impossible or next to, some of the parts of a
             failed step. What a user's function of the motion closes over is taken here, once.

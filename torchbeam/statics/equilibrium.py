@@ -70,7 +70,7 @@ def equilibrium(
             then by Newton's method: for what is far from where it starts and hardly stiff on the
             way, as a slack cable or a hinged beam that swings down
         engine: "eager": torch operations. "compiled": the load is raised by native code, many
-            samples at once on the CPU (llvmlite, the extra `fast`), the same answers up to
+            samples at once on the CPU (by llvmlite), the same answers up to
             rounding; what follows (gradients, `branch`) is eager. "auto": compiled for many samples
             (32,768 and more, times elements; all those of a run of `monte_carlo` count) where
             llvmlite is installed and the scene is taken; else eager, of which a SlowPathWarning

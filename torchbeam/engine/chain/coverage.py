@@ -21,7 +21,7 @@ from .user_functions import by_function, by_sample, known, surroundings
 
 ENGINES = ("auto", "eager", "compiled")
 VARIABLE = "TORCHBEAM_ENGINE"  # of the environment: what "auto" means
-MISSING = "llvmlite is not installed: `pip install torchbeam[fast]`"
+MISSING = "llvmlite is not installed: `pip install llvmlite`"
 VALUES = (
     "; numbers that change are wanted by tb.Load(values=), others in numbers, tensors, lists, "
     "dictionaries, modules of torch.nn or attributes of objects, which the function reads and "

@@ -1,7 +1,6 @@
 """Native code: LLVM's text compiled for this processor, loaded, and kept by its object.
 
-llvmlite, the compiler library, is imported here when code is first asked for; the extra `fast`
-installs it.
+llvmlite, the compiler library, is imported here when code is first asked for.
 """
 
 from __future__ import annotations
@@ -78,7 +77,7 @@ def _binding() -> Any:
         import llvmlite.binding as binding
     except ImportError as error:
         raise ImportError(
-            "native code was asked for without llvmlite; `pip install torchbeam[fast]` is wanted"
+            "native code was asked for without llvmlite; `pip install llvmlite` is wanted"
         ) from error
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
