@@ -59,6 +59,14 @@ def hubbed(point):
     return tb.Scene(parts, [tb.PointLoad(("bar", -1), force=FORCE)], joints=joints)
 
 
+def falling(mass):
+    """A beam that ends in a body of this mass."""
+    hub = tb.Body(mass, inertia=(1e-3,) * 3, position=(1.0, 0, 0))
+    parts = {"bar": straight(), "hub": hub}
+    supports, joints = [tb.Support(("bar", 0))], [tb.Weld(("bar", -1), "hub")]
+    return tb.Scene(parts, [tb.Gravity((0, 0, -9.81))], supports=supports, joints=joints)
+
+
 def rung(point):
     """Pulled by a tendon through this point of the middle node."""
     eyelets = [(None, (0.0, 0, 0.1)), (1, point), (2, (0, 0, 0.05))]
@@ -106,6 +114,7 @@ SCENES = {
     "point mass": (lambda x: loaded(tb.PointMass(x), tb.Gravity((0, 0, -9.81))), 0.2, OLD),
     "inertia of a point mass": (lambda x: loaded(tb.PointMass(0.2, inertia=x)), torch.eye(3) / 50,
                                 OLD),
+    "mass of a body": (lambda x: falling(x), 0.3, OLD),
     "damping": (lambda x: loaded(tb.Damping(x)), 0.02, NEW),
     "mass damping": (lambda x: loaded(tb.MassDamping(x)), 2.0, NEW),
     "drag": (lambda x: loaded(tb.Drag(1000.0, x)), 0.1, NEW),
@@ -234,6 +243,10 @@ KEPT = {
     "stations": (lambda x: tb.Stations([0.0, 1.0],
                                        [section(mass=x), section(mass=0.5)])(torch.tensor([0.2])),
                  0.2),
+    "mass of a body": (lambda x: tb.Body(x, inertia=1e-3), 0.3),
+    "inertia of a body": (lambda x: tb.Body(0.3, inertia=x), torch.eye(3) / 50),
+    "place of a body": (lambda x: tb.Body(0.3, position=x), [1.0, 0, 0]),
+    "axes of a body": (lambda x: tb.Body(0.3, rotation=x), torch.eye(3)),
     "accelerogram": (lambda x: tb.Accelerogram([0.0, 1.0], x), [[1.0, 2, 3]] * 2),
     "instants": (lambda x: tb.Accelerogram(x, torch.ones(2, 3)), [0.01, 1.0]),
     "record with a gradient": (lambda x: tb.Accelerogram(x, torch.ones(2, 3, requires_grad=True)),

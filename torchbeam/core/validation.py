@@ -102,6 +102,14 @@ def converted(value: Value, dtype: torch.dtype, device: torch.device | None = No
     return torch.from_numpy(numbers(value)).to(dtype=dtype, device=device)
 
 
+def as_instants(value: Value, dtype: torch.dtype, device: torch.device | None = None) -> Tensor:
+    """The same of instants s, of which NumPy's, of double precision unless asked for otherwise, may
+    be more precise than the dtype.
+    """
+    wider = isinstance(value, np.ndarray) and value.dtype.itemsize >= dtype.itemsize
+    return (converted if wider else as_tensor)(value, dtype, device)
+
+
 def real(value: Tensor) -> Tensor:
     """`value` if it holds real numbers; ValueError for booleans and complex numbers."""
     if value.dtype == torch.bool or value.dtype.is_complex:

@@ -11,7 +11,7 @@ from ..core.arguments import boolean, choice, chosen, instance, keywords, not_he
 from ..core.arguments import instants as check_instants
 from ..core.arguments import options as check_options
 from ..core.status import STATUS
-from ..core.validation import as_tensor, concrete, increasing, shown
+from ..core.validation import as_instants, concrete, increasing, shown
 from ..core.warning import warn
 from ..scene.effects import PerInterval
 from ..scene.scene import Scene, merge_inputs
@@ -72,7 +72,8 @@ def simulate(
 
     Args:
         scene: what is simulated; its tensors may carry gradient, and everything is differentiable.
-        t: (time,) s, strictly increasing; the first is that of the initial state.
+        t: (time,) s, strictly increasing; the first is that of the initial state. A tensor is of
+            the scene's dtype; NumPy's numbers may be more precise, and are rounded to it.
         initial: a state of the form; None = undeformed and at rest. What supports hold has to be
             where they have it at t[0], see `Support`, and at rest where neither they nor frame a
             move: `rest`, `equilibrium`, `State.from_nodes` and states of a solution are. What is
@@ -167,7 +168,7 @@ def simulate(
             solver=solver,
         ),
     )
-    t = increasing("t", as_tensor(t, scene.dtype, scene.device))
+    t = increasing("t", as_instants(t, scene.dtype, scene.device))
     mixed, implicit = form != "nodal", method in IMPLICIT_METHODS
     controlled = not mixed and implicit and any(name in given for name in TOLERANCES)
     if controlled and (fixed := [name for name in FIXED if name in given]):

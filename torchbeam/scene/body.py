@@ -12,7 +12,7 @@ from ..core.leaves import Tree, leaf
 from ..core.validation import Value, axis_last, finite, rotations
 from ..math import quaternions as quat
 from .effects.point_mass import PointMass
-from .effects.values import parameter, plain
+from .effects.values import own, parameter, plain
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,8 @@ class Body(Tree):
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__
-        set_(self, "mass", parameter("a Body's mass", self.mass, zero=False))
+        # its own: the inertia of a scene is of all of these
+        set_(self, "mass", own(parameter("a Body's mass", self.mass, zero=False)))
         if self.inertia is not None:
             inertia = plain(self.inertia)
             if inertia.ndim == 0:  # the same about every axis
@@ -53,7 +54,7 @@ class Body(Tree):
             if getattr(self, name) is not None:
                 value = axis_last(f"a Body's {name}", plain(getattr(self, name)), 3)
                 finite(f"a Body's {name}", torch.as_tensor(value))
-                set_(self, name, value)
+                set_(self, name, own(value))
         if self.rotation is not None:
             if self.rotation.ndim < 2 or self.rotation.shape[-2] != 3:
                 raise ValueError(

@@ -71,6 +71,18 @@ def test_two_are_refused(door, given, own):
         DOORS[door](x, own)
 
 
+def test_instants_of_numpy_may_be_more_precise():
+    """numpy.linspace gives double precision to whoever asks for none; less is an error of its own
+    in the instants, and refused.
+    """
+    t = np.linspace(0, 0.2, 3)
+    assert tb.simulate(scene(NARROW), t).t.dtype == NARROW
+    with pytest.raises(ValueError, match="one dtype is wanted"):
+        tb.simulate(scene(WIDE), t.astype(np.float32))
+    with pytest.raises(ValueError, match=r"goes from 0\.1 to 0\.1"):
+        tb.simulate(scene(NARROW), np.array([0.1, 0.1 + 1e-12]))
+
+
 @pytest.mark.parametrize("own", [WIDE, NARROW])
 def test_numbers_take_the_dtype_of_the_scene(own):
     """Python's, whole ones, a single one as a tensor or by NumPy, a sequence of such."""
