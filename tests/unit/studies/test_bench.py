@@ -106,7 +106,7 @@ def test_files_of_a_part(tmp_path, capsys):
             of[space, f"native: {name}"]
             for name in ("assembly", "elimination", "other functions", "driver")
         ]
-        assert sum(parts) == pytest.approx(of[space, "native"]) and min(parts) >= 0
+        assert sum(parts) == pytest.approx(of[space, "native"])  # one of them what is left
         assert of[space, "native"] + of[space, "wrapper"] == pytest.approx(whole)
 
 

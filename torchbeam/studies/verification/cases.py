@@ -3,6 +3,7 @@
 from . import (
     contact,
     flexible_mechanisms,
+    joined_wing,
     motion,
     rotating,
     stability,
@@ -21,6 +22,7 @@ CASES = [
     *rotating.CASES,
     *structures.CASES,
     *flexible_mechanisms.CASES,
+    *joined_wing.CASES,
     *tendons.CASES,
     *touching.CASES,
     *contact.CASES,
