@@ -9,7 +9,7 @@ OTHER_ROUNDING := MKL_CBWR=COMPATIBLE ATEN_CPU_CAPABILITY=default OMP_NUM_THREAD
 # A process that finds no compiled modules takes a second longer to import torchbeam, whatever the environment says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test test-long test-second test-rounding test-lowest bench docs docs-serve dist lint clean
+.PHONY: demo test test-long test-second test-rounding test-lowest bench docs docs-serve gallery dist lint clean
 
 demo: .venv/demo.done
 	$(BIN)/python -m torchbeam demo --out out/demo
@@ -41,6 +41,10 @@ bench: .venv/dev.done
 # The site, into out/site: every link and every name in the reference is looked up, and one that is missing is an error.
 docs: .venv/docs.done
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+# Each example once more, its picture and its time, for the gallery of the site.
+gallery: .venv/dev.done
+	$(BIN)/python docs/gallery.py
 
 docs-serve: .venv/docs.done
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs serve --strict

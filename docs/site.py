@@ -5,6 +5,7 @@ link.
 """
 
 import ast
+import json
 import posixpath
 import re
 from pathlib import Path
@@ -83,6 +84,20 @@ MEMBERS = {
     "RandomField": ("captured",),
 }
 BARE = ("effects", "values", "laws")
+# The gallery: each example once.
+GALLERY = {
+    "Statics and stability": ("axes_and_signs", "spring", "lees_frame", "portal_frame"),
+    "Vibration": ("campbell", "rotor"),
+    "Motion": ("four_bar", "converge", "block_rate_matrix"),
+    "Contact and tendons": ("capstan", "crossing", "tendon_arm"),
+    "Control": ("two_link", "parallel_robot", "mpc", "lqr"),
+    "Identification": (
+        "identify", "identify_accelerometers", "identify_field", "identify_modes", "identify_wing",
+        "identify_nuts", "identify_scipy"),
+    "Uncertainty": (
+        "monte_carlo", "uncertainty_intervals", "uncertainty_sensitivity",
+        "uncertainty_rare_event", "uncertainty_controller"),
+}
 # fmt: on
 
 
@@ -129,6 +144,36 @@ def reference() -> dict[str, str]:
     return {"reference/index.md": "\n".join((about, "", "| | |", "|---|---|", *rows, ""))} | pages
 
 
+def picture_of(name: str) -> str | None:
+    """The picture of an example, seen from the examples' pages; None where it draws none."""
+    for folder in ("figures", "figures/gallery"):
+        if (ROOT / "docs" / folder / f"{name}.png").exists():
+            return f"../{folder}/{name}.png"
+    return None
+
+
+def gallery() -> str:
+    """Cards of all examples, by group: the picture, what it is about, how long it takes."""
+    taken = ROOT / "docs/results/gallery/gallery.json"
+    seconds = json.loads(taken.read_text())["seconds"] if taken.exists() else {}
+    lines = []
+    for group, names in GALLERY.items():
+        lines += [f"## {group}", "", '<div class="grid cards" markdown>', ""]
+        for name in names:
+            about = ast.get_docstring(ast.parse((ROOT / f"examples/{name}.py").read_text()))
+            first = " ".join(about.partition("\n\n")[0].split())
+            picture = picture_of(name)
+            lines.append(f"- [![{name}]({picture})]({name}.md)" if picture else "- ")
+            after = f" *{seconds[name]:.0f} s*" if name in seconds else ""
+            lines += ["", f"    **[{title_of(name)}]({name}.md)** {first}{after}", ""]
+        lines += ["</div>", ""]
+    return "\n".join(lines)
+
+
+def title_of(name: str) -> str:
+    return name.replace("_", " ").capitalize()
+
+
 def examples() -> dict[str, str]:
     """A page of each: what it says of itself, its picture, its code."""
     pages = {}
@@ -137,17 +182,18 @@ def examples() -> dict[str, str]:
         about = ast.get_docstring(ast.parse(text)) or path.stem
         first, _, rest = about.partition("\n\n")
         code = text[text.index('"""', text.index('"""') + 3) + 3 :].strip()
-        figure = ROOT / "docs" / "figures" / f"{path.stem}.png"
-        picture = f"![{path.stem}](../figures/{figure.name})\n\n" if figure.exists() else ""
-        title = path.stem.replace("_", " ").capitalize()
+        figure = picture_of(path.stem)
+        picture = f"![{path.stem}]({figure})\n\n" if figure else ""
         pages[f"examples/{path.stem}.md"] = (
-            f"# {title}\n\n{first}\n\n{picture}{rest}\n\n"
+            f"# {title_of(path.stem)}\n\n{first}\n\n{picture}{rest}\n\n"
             f"`python examples/{path.name}`\n\n````python\n{code}\n````\n"
         )
     table = (ROOT / "examples" / "README.md").read_text()
     for path in EXAMPLES:
         table = table.replace(f"| `{path.name}` |", f"| [`{path.name}`]({path.stem}.md) |")
-    return {"examples/index.md": table} | pages
+    title, rest = table.split("\n\n", 1)
+    seen = f"{title}\n\n{gallery()}\n## Checks and peers\n\n{rest}"
+    return {"examples/index.md": seen} | pages
 
 
 def generated() -> dict[str, str]:

@@ -54,6 +54,17 @@ def test_every_page_can_be_reached(site):
     assert {f"examples/{path.stem}.md" for path in (ROOT / "examples").glob("*.py")} <= set(made)
 
 
+def test_every_example_has_its_card(site):
+    """In one group, with the picture that it draws where there is one."""
+    names = [name for group in site.GALLERY.values() for name in group]
+    assert sorted(names) == sorted(path.stem for path in (ROOT / "examples").glob("*.py"))
+    page = site.examples()["examples/index.md"]
+    pictures = {path.stem for path in (ROOT / "docs/figures/gallery").glob("*.png")}
+    assert pictures <= set(names) and len(pictures) > len(names) / 2
+    for name in names:
+        assert f"({name}.md)**" in page and (name not in pictures or f"{name}.png)]" in page)
+
+
 def test_links_lead_to_the_site_s_pages(site):
     """Of README.md, of docs/, of examples/: to pages, or out of the site by name alone; code stays
     as it is.

@@ -47,6 +47,12 @@ class Body(Tree):
                 inertia = inertia * (
                     torch.eye(3, dtype=inertia.dtype) if isinstance(inertia, Tensor) else np.eye(3)
                 )
+            elif inertia.shape[-1] != 3:
+                raise ValueError(
+                    f"a Body's inertia of shape {tuple(inertia.shape)} was given; one number, "
+                    "(..., 3) or (..., 3, 3) is wanted (of samples that have J each the same about "
+                    "every axis, J[:, None].expand(-1, 3))"
+                )
             elif isinstance(self.inertia, (list, tuple)):
                 inertia = self.inertia
             set_(self, "inertia", PointMass(self.mass, inertia).inertia)

@@ -17,8 +17,8 @@ from .mechanism import sample_of, unheld
 CLOSE = 1e-6  # of a length
 BENT = 2.0  # rad, of an element, which takes less than half a turn
 NOT_FOUND = (
-    "Newton's method found none; the load may be past a limit point, or the beam slack: "
-    "relax=True starts from a damped run"
+    "Newton's method found none; the load may be past a limit point, which `path` goes through, or "
+    "the beam slack: relax=True starts from a damped run"
 )
 SWING = "relax=True lets it swing to where its loads hold it"
 NO_REST = "the damped run came to no rest"

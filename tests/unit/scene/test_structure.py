@@ -167,6 +167,7 @@ REFUSED = {
                                                                       dtype=torch.float32), 1.0)}),
     "the parts of a structure": lambda: tb.Scene({"arm": ARM,
         "hub": tb.Body(torch.ones(3), 1.0, position=torch.zeros(3, 3))}),
+    "inertia of shape (5,) was given; one number": lambda: tb.Body(torch.ones(5), torch.ones(5)),
     "the body 'dot' without inertia": lambda: tb.Scene({"arm": ARM, "dot": tb.Body(1.0)}),
     "a Ball was given in a scene of one beam": lambda: tb.Scene(ARM,
                                                                 joints=[tb.Ball(("arm", 0), None)]),

@@ -12,7 +12,7 @@ import pytest
 import torchbeam as tb
 from torchbeam.scene.effects import Effect
 from torchbeam.studies import oracle
-from torchbeam.studies.oracle import comparison, draws, scenes
+from torchbeam.studies.oracle import command, comparison, draws, scenes
 from torchbeam.studies.oracle import effects as fx
 from torchbeam.studies.oracle.balances import Motion, balances
 from torchbeam.studies.oracle.command import main
@@ -175,3 +175,17 @@ def test_the_command_writes_a_table(tmp_path, capsys):
     assert {f.name for f in tmp_path.iterdir()} == {"oracle.csv", "oracle.md", "oracle.json"}
     assert "position" in (tmp_path / "oracle.csv").read_text()
     assert "1 of 1" in capsys.readouterr().out
+
+
+def test_a_case_that_runs_out_of_memory_loses_no_other(monkeypatch, tmp_path, capsys):
+    """It is among those without an answer, in the files too."""
+
+    def compare(net, seed, number):
+        if number:
+            raise MemoryError("too many nodes")
+        return [comparison.Comparison(net, seed, number, "a rod", "position", 1e-9, 1e-8, 1e-9)]
+
+    monkeypatch.setattr(command, "compare", compare)
+    assert command.main(["--cases", "2", "--net", "statics", "--out", str(tmp_path)]) == 1
+    for text in (capsys.readouterr().out, (tmp_path / "oracle.md").read_text()):
+        assert "1 of 1" in text and "MemoryError: too many nodes" in text

@@ -87,7 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                         "; ".join(bad) or "ok",
                         file=sys.stderr,
                     )
-                except (NotFound, RuntimeError, ValueError) as error:
+                except (NotFound, RuntimeError, ValueError, MemoryError) as error:
                     failed.append((net, str(number), f"{type(error).__name__}: {error}"))
                     print(net, number, *failed[-1][2:], file=sys.stderr)
             seconds[net] = time.perf_counter() - start
