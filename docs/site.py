@@ -188,7 +188,7 @@ def examples() -> dict[str, str]:
             f"# {title_of(path.stem)}\n\n{first}\n\n{picture}{rest}\n\n"
             f"`python examples/{path.name}`\n\n````python\n{code}\n````\n"
         )
-    table = (ROOT / "examples" / "README.md").read_text()
+    table = linked((ROOT / "examples" / "README.md").read_text(), "examples/index.md")
     for path in EXAMPLES:
         table = table.replace(f"| `{path.name}` |", f"| [`{path.name}`]({path.stem}.md) |")
     title, rest = table.split("\n\n", 1)
@@ -267,12 +267,8 @@ def on_files(files, config):
     if old is not None:
         files.remove(old)
     for path, text in generated().items():
-        if path.startswith("examples/") and path != "examples/index.md":
-            files.append(File.generated(config, path, content=text))
-        elif path.startswith("reference/"):
-            files.append(File.generated(config, path, content=text))
-        else:
-            files.append(File.generated(config, path, content=linked(text, path)))
+        content = linked(text, path) if path in HOMES else text
+        files.append(File.generated(config, path, content=content))
     return files
 
 

@@ -62,7 +62,10 @@ def test_every_example_has_its_card(site):
     pictures = {path.stem for path in (ROOT / "docs/figures/gallery").glob("*.png")}
     assert pictures <= set(names) and len(pictures) > len(names) / 2
     for name in names:
-        assert f"({name}.md)**" in page and (name not in pictures or f"{name}.png)]" in page)
+        assert f"({name}.md)**" in page and f"| [`{name}.py`]({name}.md) |" in page
+        assert name not in pictures or f"{name}.png)]({name}.md)" in page
+    shown = re.findall(r"\]\(\.\./(figures/\S+\.png)\)", page)
+    assert all((ROOT / "docs" / path).exists() for path in shown) and len(shown) >= len(pictures)
 
 
 def test_links_lead_to_the_site_s_pages(site):
