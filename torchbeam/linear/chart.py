@@ -40,8 +40,8 @@ class Chart:
     strain (..., N, k) of `own`;  solve (..., w (N+1), r): from displacements and turns of the
                                   bases, strains and coordinates of joints to q
     free   (n,) places of the moves that supports leave free among the nodes' w (N+1)
-    told   (..., n - m, w (N+1)): of q, numbers that tell all of it where supports and the m
-           constraints of joints hold
+    independent (..., n - m, w (N+1)): of q, the coordinates that all of it follows from where
+           supports and the m constraints of joints hold
     """
 
     assembly: Assembly
@@ -53,7 +53,7 @@ class Chart:
     strain: Tensor
     solve: Tensor
     free: Tensor
-    told: Tensor
+    independent: Tensor
 
     @classmethod
     def of(cls, model: Model, state: State, moves: Tensor) -> Chart:
@@ -75,11 +75,11 @@ class Chart:
         )
         rows = chart._rows(own.position, own.rotation)
         if model.joints.count:
-            solve, told = chart._told_by(moves, rows)
+            solve, independent = chart._independent(moves, rows)
         else:
             eye = torch.eye(rows.shape[-1], dtype=rows.dtype, device=rows.device)
-            solve, told = inverse_unchecked(rows), eye[chart.free]
-        return replace(chart, solve=solve, told=told)
+            solve, independent = inverse_unchecked(rows), eye[chart.free]
+        return replace(chart, solve=solve, independent=independent)
 
     def __call__(self, position: Tensor, rotation: Tensor, joints: Tensor | None = None) -> Tensor:
         """q (..., w (N+1)) of a configuration in the space's coordinates; joints: as in `State`."""
@@ -121,9 +121,9 @@ class Chart:
         space, own, w = self.space, self.own, self.solve.shape[-2]
         q, rate, lags = by.split((w, w, by.shape[-1] - 2 * w), -1)
         position, rotation, joints = self._placed(near, q)
-        u, rows = self.velocity(near).flatten(-2), self.told_and_held(position, rotation)
-        more = self.told_and_held(near.position, near.rotation) - rows
-        more = self.told_alone(rate) + (more @ u[..., None])[..., 0]
+        u, rows = self.velocity(near).flatten(-2), self.independent_and_held(position, rotation)
+        more = self.independent_and_held(near.position, near.rotation) - rows
+        more = self.independent_alone(rate) + (more @ u[..., None])[..., 0]
         u = (u + self._free_moves(rows, more)).unflatten(-1, (-1, space.unknowns))
         velocity, spin = u.split((space.dims.position, space.dims.spin), -1)
         if self.joints.count:
@@ -154,18 +154,19 @@ class Chart:
         lead = broadcast_shapes(*(x.shape[:-2] for x in parts))
         return self.solve @ torch.cat([x.expand(*lead, -1, -1) for x in parts], -2)
 
-    def told_and_held(self, position: Tensor, rotation: Tensor) -> Tensor:
-        """(..., n, w (N+1)): what tells q, and behind it what joints hold, by moves of the nodes at
-        a configuration.
+    def independent_and_held(self, position: Tensor, rotation: Tensor) -> Tensor:
+        """(..., n, w (N+1)): the independent coordinates, and behind them what joints hold, by
+        moves of the nodes at a configuration.
         """
-        rows = self.told @ self.by_moves(position, rotation)
+        rows = self.independent @ self.by_moves(position, rotation)
         if not self.joints.count:
             return rows
         return stacked(rows, self.joints.held_rows(self.joints.pose(position, rotation)))
 
-    def told_alone(self, q: Tensor) -> Tensor:
-        """(..., n) of what `told_and_held` has rows of: of q, and 0 of what joints hold."""
-        return pad((self.told @ q[..., None])[..., 0], (0, len(self.free) - self.told.shape[-2]))
+    def independent_alone(self, q: Tensor) -> Tensor:
+        """(..., n) of what `independent_and_held` has rows of: of q, and 0 of what joints hold."""
+        own = (self.independent @ q[..., None])[..., 0]
+        return pad(own, (0, len(self.free) - own.shape[-1]))
 
     def _placed(self, near: State, by: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
         """The configuration whose coordinates are those of `near` and `by` more, by Newton's method
@@ -186,12 +187,12 @@ class Chart:
         enough, largest = torch.finfo(q.dtype).eps ** 0.5, torch.inf
         for _ in range(ITERATIONS):
             with torch.no_grad():
-                rows = self.told_and_held(position, rotation)
+                rows = self.independent_and_held(position, rotation)
                 at = self(position, rotation, joints)
-            change = self.told_alone(q - at)
+            change = self.independent_alone(q - at)
             if self.joints.count:
                 gaps = self.joints.gaps(self.joints.pose(position, rotation), near.joints).detach()
-                change = change - pad(gaps, (self.told.shape[-2], 0))
+                change = change - pad(gaps, (self.independent.shape[-2], 0))
             move = self._free_moves(rows, change).unflatten(-1, (-1, space.unknowns))
             largest = concrete((move.detach() / unit).abs().amax()).item()
             displacement, turn = move.split((space.dims.position, space.dims.spin), -1)
@@ -210,8 +211,8 @@ class Chart:
         )
 
     def _free_moves(self, rows: Tensor, change: Tensor) -> Tensor:
-        """Moves of the nodes (..., w (N+1)) that change what `told_and_held` has rows of by those
-        (..., n), and none that is held.
+        """Moves of the nodes (..., w (N+1)) that change what `independent_and_held` has rows of by
+        those (..., n), and none that is held.
         """
         free = self.free
         own = solve_unchecked(rows[..., free], change[..., None])[..., 0]
@@ -249,9 +250,9 @@ class Chart:
         )
         return (now - before,)
 
-    def _told_by(self, moves: Tensor, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """`solve` and `told` of fewer coordinates, of moves (..., w (N+1), n), by as many of the
-        rows.
+    def _independent(self, moves: Tensor, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """`solve` and `independent` of fewer coordinates, of moves (..., w (N+1), n), by as many of
+        the rows.
         """
         all_rows, rows, w, bases = rows, rows @ moves, self.space.unknowns, len(self.bases)
         at = torch.arange(rows.shape[-2], device=rows.device)

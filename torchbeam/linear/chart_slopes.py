@@ -29,11 +29,11 @@ def slopes(chart: Chart, state: State) -> tuple[Tensor, Tensor]:
     """
     space, u, free = chart.space, chart.velocity(state), chart.free
     J = chart.by_moves(state.position, state.rotation)
-    rows = chart.told_and_held(state.position, state.rotation)
+    rows = chart.independent_and_held(state.position, state.rotation)
     before = space.to_frame(chart.own.rotation, chart.own.spin)
     carried = _of_each(pad(space.skew(before), (0, space.dims.spin, 0, space.dims.spin)))
     rate, held_rate = _by_moves_of_rate(chart, state, u)
-    rows_rate = chart.told @ rate
+    rows_rate = chart.independent @ rate
     if held_rate is not None:
         rows_rate = stacked(rows_rate, held_rate)
     rate, rows_rate = rate - J @ carried, rows_rate - rows @ carried
@@ -43,8 +43,8 @@ def slopes(chart: Chart, state: State) -> tuple[Tensor, Tensor]:
     w = J.shape[-1]
     at = torch.cat((free, w + free, 2 * w + torch.arange(states, device=free.device)))
     whole = after.new_zeros(*after.shape[:-2], 2 * w + states, after.shape[-1])
-    told = chart.told_alone(torch.eye(w, dtype=J.dtype, device=J.device)).mT
-    whole = whole.index_copy(-2, at, after) @ _triangular(told, torch.zeros_like(told), states)
+    own = pad(chart.independent, (0, 0, 0, len(free) - chart.independent.shape[-2]))
+    whole = whole.index_copy(-2, at, after) @ _triangular(own, torch.zeros_like(own), states)
     return _triangular(J.expand_as(rate), rate, states), whole
 
 

@@ -100,3 +100,18 @@ def test_is_the_slope_of_a_step(kind):
     """One of them by the adjoint of native steps."""
     engine = "compiled" if kind == "a loop in a plane" else "eager"
     is_the_slope(SCENES[kind], model_of(SCENES[kind]), engine)
+
+
+def test_a_batch_of_structures_is_each_of_them():
+    """Of three stiffnesses of the hinge, about three equilibria."""
+    stiffness = torch.tensor([2.0, 3.0, 5.0])
+
+    def jacobian(k):
+        scene = linkage(tb.Hinge(**ELBOW, stiffness=k, damping=0.05), effects=[tb.Damping(1e-3)])
+        model = tb.linearize(scene, tb.equilibrium(scene, inputs={"u": U}), inputs={"u": U})
+        return tb.Stepper(scene, 0.01, engine="eager").jacobian(model.state, U, model)
+
+    together = jacobian(stiffness)
+    for k, own in enumerate(stiffness):
+        for batch, alone in zip(together, jacobian(own), strict=True):
+            assert_close(batch[k], alone, rtol=0, atol=1e-9 * alone.abs().max().item())
