@@ -10,17 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 import torch
-from scipy.integrate import solve_bvp
-from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 import torchbeam as tb
 
 from .case import Case
+from .rods import UNTURNED, Rod, along, collocated, matrix, misfit
 
 FRONT, REAR = np.array([-7.1726, -12.0, -3.21539]), np.array([7.1726, -12.0, 3.21539])  # clamps, m
 # 1/N and 1/(N m^2): extension, two shears, twist, two bendings, from a clamp to the tip
@@ -38,16 +36,7 @@ TIP = ("front 3", -1)
 Force = Callable[[np.ndarray], np.ndarray]  # in LOAD, of the turn of the tip (3, 3)
 
 
-class Piece(NamedTuple):
-    """Of one section: root m, section axes as columns (along it, level, upwards), length m."""
-
-    root: np.ndarray
-    axes: np.ndarray
-    length: float
-    compliance: np.ndarray
-
-
-def pieces() -> dict[str, Piece]:
+def pieces() -> dict[str, Rod]:
     """By name: four of the front limb and one of the rear, each from its clamp towards the tip."""
     found = {}
     for name, clamp, limb in (
@@ -59,7 +48,7 @@ def pieces() -> dict[str, Piece]:
         length, axes = np.linalg.norm(clamp) / len(limb), np.stack((x, y, np.cross(x, y)), -1)
         for k, own in enumerate(limb):
             root = clamp + k * length * x
-            found[f"{name} {k}"] = Piece(root, axes, length, np.array(own))
+            found[f"{name} {k}"] = Rod(root, axes, length, np.array(own))
     return found
 
 
@@ -80,61 +69,30 @@ def wing(load: tb.PointLoad) -> tb.State:
     welds = [tb.Weld((a, -1), (b, 0)) for a, b in pairwise(front)]
     held = [tb.Support((front[0], 0)), tb.Support(("rear 0", 0))]
     scene = tb.Scene(parts, [load], joints=[*welds, tb.Weld(TIP, ("rear 0", -1))], supports=held)
-    return tb.path(scene).state
+    return tb.path(scene).state[-1]
 
 
 def collocation(force: Force, state: tb.State) -> np.ndarray:
-    """The tip's place (3,) by the Cosserat equations, all pieces side by side over 0 < s < 1:
-    r' = R (e_1 + gamma), q' = (0, R kappa) q / 2, m' = -r' x n; n the same along each limb, both
-    unknown. A state says where the search begins, and so which of the equilibria is meant.
+    """The tip's place (3,) by the Cosserat equations: n the same along each limb, both unknown. A
+    state says where the search begins, and so which of the equilibria is meant.
     """
     own = [*pieces().values()]
 
-    def rates(s: np.ndarray, y: np.ndarray, n: np.ndarray) -> np.ndarray:
-        found = []
-        for k, (_, axes, length, compliance) in enumerate(own):
-            _, q, m = np.split(y.reshape(5, 10, -1)[k].T, (3, 7), -1)
-            R = matrix(q) @ axes
-            N = n[:3] if k < 4 else n[3:]
-            gamma, kappa = (
-                LOAD * c * np.einsum("sji,sj->si", R, np.broadcast_to(x, m.shape))
-                for c, x in ((compliance[:3], N), (compliance[3:], m))
-            )
-            slope, spin = (R @ (gamma + np.eye(3)[0])[..., None])[..., 0], (R @ kappa[..., None])
-            spin, w, v = spin[..., 0], q[:, :1], q[:, 1:]
-            turn = -(spin * v).sum(-1, keepdims=True) / 2, (w * spin + np.cross(spin, v)) / 2
-            found.append(length * np.concatenate((slope, *turn, -np.cross(slope, N)), -1).T)
-        return np.concatenate(found)
-
     def ends(a: np.ndarray, b: np.ndarray, n: np.ndarray) -> np.ndarray:
-        a, b = a.reshape(5, 10), b.reshape(5, 10)
         front, rear = b[3], b[4]
-        clamps = [a[k, :7] - (*own[k].root, 1.0, 0.0, 0.0, 0.0) for k in (0, 4)]
-        (w, *v), (c, *u) = front[3:7], rear[3:7]
-        apart = front[:3] - rear[:3], np.multiply(c, v) - np.multiply(w, u) - np.cross(v, u)
-        loads = n[:3] + n[3:] - force(matrix(front[None, 3:7])[0]), front[7:] + rear[7:]
+        clamps = [a[k, :7] - (*own[k].root, *UNTURNED) for k in (0, 4)]
+        apart = front[:3] - rear[:3], misfit(front[3:7], rear[3:7])
+        loads = n[:3] + n[3:] - force(matrix(front[3:7])), front[7:] + rear[7:]
         return np.concatenate((*clamps, *(b[:3] - a[1:4]), *apart, *loads))
 
-    s, begun, n = np.linspace(0, 1, 2 * ELEMENTS + 1), [], []
-    for name, piece in pieces().items():
-        part = state.part(name)
-        R, stress = part.axes[-1].numpy(), part.stress[-1].numpy() / LOAD
-        N, M = (np.einsum("sij,sj->si", R[1:], x) for x in np.split(stress, 2, -1))
-        at = (np.arange(len(M)) + 0.5) / len(M)
-        q = Rotation.from_matrix(R @ piece.axes.T).as_quat(scalar_first=True)
-        q = q * np.cumprod(np.sign(np.r_[q[:1, 0], (q[1:] * q[:-1]).sum(-1)]))[:, None]
-        m = np.stack([np.interp(s, at, x) for x in M.T], -1)
-        begun.append(np.concatenate((part.position[-1].numpy(), q, m), -1).T)
-        n.append(N.mean(0))
-    done = solve_bvp(rates, ends, s, np.concatenate(begun), np.concatenate((n[0], n[4])), tol=EXACT)
-    if done.status:
-        raise RuntimeError(f"collocation of the joined wing has failed: {done.message}")
-    return done.y[30:33, -1]
+    s = np.linspace(0, 1, 2 * ELEMENTS + 1)
+    begin = [along(rod, state.part(name), LOAD, s) for name, rod in pieces().items()]
+    start = np.concatenate((begin[0][1], begin[4][1]))
 
+    def of_rods(n: np.ndarray) -> np.ndarray:
+        return np.stack([n[:3]] * 4 + [n[3:]])
 
-def matrix(q: np.ndarray) -> np.ndarray:
-    """Of quaternions (S, 4), which collocation may scale: (S, 3, 3)."""
-    return Rotation.from_quat(q, scalar_first=True).as_matrix()
+    return collocated(own, of_rods, ends, begin, start, LOAD, EXACT)[3, :3]
 
 
 def dead() -> tuple[Tensor, Tensor]:
@@ -153,7 +111,7 @@ def follower() -> tuple[Tensor, Tensor]:
 
 
 def _tip(state: tb.State) -> Tensor:
-    return state["front 3"].tip.position[-1]
+    return state["front 3"].tip.position
 
 
 MESH = f"5 x {ELEMENTS} elements of order 2"
