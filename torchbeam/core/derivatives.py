@@ -5,7 +5,7 @@ rest.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache, cached_property
 from typing import Any
 
@@ -33,16 +33,20 @@ def untracked(tensors: Iterable[torch.Tensor]) -> bool:
     )
 
 
-@contextmanager
-def lasting() -> Iterator[None]:
+def lasting() -> AbstractContextManager[None]:
     """For values that are kept: in inference mode too they become tensors that can be used in a
     graph later.
     """
-    if not torch.is_inference_mode_enabled():
-        yield
-        return
+    return _past_inference() if torch.is_inference_mode_enabled() else NOTHING
+
+
+@contextmanager
+def _past_inference() -> Iterator[None]:
     with torch.inference_mode(False), torch.no_grad():
         yield
+
+
+NOTHING = nullcontext()
 
 
 class cached(cached_property):
@@ -64,13 +68,13 @@ class cached(cached_property):
         if owner is None:
             return self
         held = owner.__dict__
-        key = self.keys[torch.is_grad_enabled(), torch._C._is_fwd_grad_enabled()]
-        value = held.get(key, ABSENT)
+        value = held.get(self.keys[True, True], ABSENT)  # asked for most, and serves all
         if value is ABSENT:
-            value = held.get(self.keys[True, True], ABSENT)
-        if value is ABSENT:
-            with lasting():
-                value = held[key] = self.func(owner)
+            key = self.keys[torch.is_grad_enabled(), torch._C._is_fwd_grad_enabled()]
+            value = held.get(key, ABSENT)
+            if value is ABSENT:
+                with lasting():
+                    value = held[key] = self.func(owner)
         return value
 
 

@@ -72,7 +72,7 @@ def entry_points(module: dict[str, Any], names: Iterable[str]) -> None:
 def _function(function: Callable[..., Any]) -> Callable[..., Any]:
     @functools.wraps(function)
     def entered(*args: Any, **kwargs: Any) -> Any:
-        if not (torch.is_autocast_enabled("cpu") or torch.is_autocast_enabled("cuda")):
+        if not torch._C._is_any_autocast_enabled():  # in a third of the time of two questions
             return function(*args, **kwargs)
         with without_autocast():
             return function(*args, **kwargs)

@@ -27,6 +27,9 @@ from .step_inputs import StepInputs, in_line
 
 AT_ONCE = 256  # steps that native code is asked for, at most
 ROOM = 2**18  # nodes, over samples and steps, of the states that native code makes at once
+# samples, over steps, of which torch computes on one thread: behind what it divides, its other
+# threads wait for more so busily that native ones get half of the cores
+SERIAL = 2**15 - 1
 # of a state, and their own axes: what native code may leave as it is
 STILL = {"defect": 0, "straining": 2}
 
@@ -57,14 +60,22 @@ class StepPlan(NamedTuple):
         )
 
 
+class Reached(NamedTuple):
+    """A state that steps have come to: public; in the space's coordinates, None = to be found of
+    that. Each is made where it is asked for.
+    """
+
+    public: Callable[[], State]
+    reduced: Callable[[], State] | None = None
+
+
 class MadeSteps(NamedTuple):
-    """The states that were asked for (time, ...), in the space's coordinates, and the last, a
-    public one, each made where it is asked for; iterations (steps, ...); whether the next step is
-    to be made by itself.
+    """The states that were asked for (time, ...), in the space's coordinates, made where they are
+    asked for, and the last; iterations (steps, ...); whether the next step is to be made by itself.
     """
 
     states: Callable[[], State]
-    last: Callable[[], State]
+    last: Reached
     iterations: Tensor
     stopped: bool
 
@@ -73,17 +84,18 @@ def make_steps(stepper: Any, state: State, plan: StepPlan) -> Iterator[MadeSteps
     """The steps of a plan by a `Stepper`, from a public state on, some at a time. A sample whose
     step fails keeps its state, with a status, and makes none of those that follow.
     """
-    done, steps = 0, len(plan.dt)
+    done, steps, start = 0, len(plan.dt), Reached(lambda: state)
     size = AT_ONCE if stepper.compiled is not None else 1
     while done < steps:
         few = plan.part(done, min(done + size, steps))
         inputs = few.inputs(0, len(few.dt))
-        made = _natively(stepper, state, few, inputs) or _one(stepper, state, few, inputs)
+        made = _natively(stepper, start, few, inputs)
+        if made is None:
+            made = _one(stepper, start.public(), few, inputs)
         size = 1 if made.stopped else min(2 * len(made.iterations), AT_ONCE)
         done += len(made.iterations)
+        start = made.last
         yield made
-        if done < steps:
-            state = made.last()
 
 
 def states_after(stepper: Any, state: State, plan: StepPlan) -> State:
@@ -108,10 +120,12 @@ def _one(stepper: Any, state: State, plan: StepPlan, inputs: StepInputs) -> Made
     after = replace(after, t=torch.where(moved, t + dt, state.t))
     asked = 1 if plan.wanted is None else int(plan.wanted[0])
     states = lambda: stepper.reduced(after).map(lambda x: x[None][:asked])  # noqa: E731
-    return MadeSteps(states, lambda: after, stepper.iterations[None], True)
+    return MadeSteps(states, Reached(lambda: after), stepper.iterations[None], True)
 
 
-def _natively(stepper: Any, state: State, plan: StepPlan, inputs: StepInputs) -> MadeSteps | None:
+def _natively(
+    stepper: Any, reached: Reached, plan: StepPlan, inputs: StepInputs
+) -> MadeSteps | None:
     """As many of the steps as native code makes at once and all samples make well; those that fail
     too where no failed step is made in parts, and nobody asks why. None where the first is to be
     made by itself.
@@ -119,7 +133,10 @@ def _natively(stepper: Any, state: State, plan: StepPlan, inputs: StepInputs) ->
     if stepper.compiled is None:
         return None
     method, solver, dt, t = stepper.method, stepper.solver, plan.dt, plan.t
-    start, _ = stepper.started(state, dt[0], inputs.at(0, method.INSTANT))
+    if reached.reduced is None:
+        start, _ = stepper.started(reached.public(), dt[0], inputs.at(0, method.INSTANT))
+    else:
+        start = reached.reduced()
     active = () if plan.active is None else (plan.active.shape,)
     shape = broadcast(
         "a scene, a state and inputs",
@@ -136,7 +153,8 @@ def _natively(stepper: Any, state: State, plan: StepPlan, inputs: StepInputs) ->
     wanted, n = [True] * len(dt) if plan.wanted is None else plan.wanted, scheme.solves
     size = max(1, shape.numel() * stepper.model.node_count * n)
     every = _spacing(wanted) if n == 1 else 1
-    count = min(len(dt), every * max(1, ROOM // size))
+    most = min(ROOM // size, SERIAL // max(1, every * shape.numel()))
+    count = min(len(dt), every * max(1, most))
     every, count = (every, count - count % every) if count >= every else (1, count)
     moving = start.status == SUCCESS
     moving = (moving if plan.active is None else moving & plan.active).expand(shape)
@@ -186,12 +204,12 @@ def _natively(stepper: Any, state: State, plan: StepPlan, inputs: StepInputs) ->
         }
         return with_values(start, **fields, **same, t=_at(now, k), status=_at(status, k))
 
-    def last() -> State:
-        return stepper.known(after(count // result.every - 1, count - 1), well=False)
+    def reduced() -> State:
+        return after(count // result.every - 1, count - 1)
 
     return MadeSteps(
         lambda: after(asked, _rows(places, count), len(places)),
-        last,
+        Reached(lambda: stepper.known(reduced(), well=False), reduced),
         result.iterations[:count],
         stopped,
     )

@@ -117,7 +117,7 @@ def implicit_run(
                 if progress is not None and done > reported:
                     reported = done
                     progress(done, len(plan))
-        return states, few.last, joined(*iterations)
+        return states, few.last.public, joined(*iterations)
 
     def flat(begin: int, end: int, *fields: Tensor) -> tuple[Tensor, ...]:
         """The same, from tensors to tensors."""

@@ -282,7 +282,7 @@ class Stepper:
         )
         for made in make_steps(self, state, plan):
             self.iterations = made.iterations[-1]
-        return made.last()
+        return made.last.public()
 
     def _quickly(
         self, state: State, well: bool, dt: Tensor, t: Tensor | None, inputs: HeldInputs
