@@ -63,7 +63,7 @@ def commands() -> dict[str, EntryPoint]:
     installed.
     """
     here = {"info": EntryPoint("info", "torchbeam.cli:info", GROUP)}
-    return {**here, **{found.name: found for found in entry_points(group=GROUP)}}
+    return {**here, **{entry.name: entry for entry in entry_points(group=GROUP)}}
 
 
 def info(argv: Sequence[str]) -> None:

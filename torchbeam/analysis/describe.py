@@ -106,8 +106,8 @@ def describe(scene: Scene) -> Description:
         "engine": _engine(model),
         "frequencies": _frequencies(scene),
     }
-    if found := choices_of(scene):
-        lines["accuracy"] = tuple(map(str, found))
+    if choices := choices_of(scene):
+        lines["accuracy"] = tuple(map(str, choices))
     return Description(lines, plane, planes, free, states, refusals)
 
 

@@ -49,9 +49,9 @@ def entry_point(of: T) -> T:
         if kind.__module__.partition(".")[0] == package:
             for name, value in list(vars(kind).items()):
                 if (name in SPECIAL or not name.startswith("_")) and (
-                    made := _member(value)
+                    member := _member(value)
                 ) is not value:
-                    setattr(kind, name, made)
+                    setattr(kind, name, member)
     return of
 
 

@@ -35,14 +35,14 @@ def _left_to_process() -> int | None:
         import resource
 
         most, _ = resource.getrlimit(resource.RLIMIT_AS)
-        return None if most == resource.RLIM_INFINITY else most - _told(STATUS, "VmSize")
+        return None if most == resource.RLIM_INFINITY else most - _amount(STATUS, "VmSize")
     except (ImportError, AttributeError, OSError, KeyError, ValueError):
         return None
 
 
 def _free() -> int | None:
     try:
-        return _told("/proc/meminfo", "MemAvailable")
+        return _amount("/proc/meminfo", "MemAvailable")
     except (OSError, ValueError, KeyError):
         pass
     try:
@@ -86,10 +86,10 @@ def most_held() -> int:
 
 def _most_since() -> int:
     """Bytes held at most since the count began."""
-    return _told(STATUS, "VmHWM")
+    return _amount(STATUS, "VmHWM")
 
 
-def _told(path: str, name: str) -> int:
+def _amount(path: str, name: str) -> int:
     """Bytes that a file of /proc tells by this name. Raises OSError, ValueError or KeyError where
     it does not.
     """

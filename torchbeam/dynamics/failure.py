@@ -197,7 +197,7 @@ class Failures(dict[int, Failure]):
     def reasons(self) -> dict[int, str]:
         """Sentences by status, where one is found."""
         return {
-            code: found for code, failed in self.items() if (found := failed.reason()) is not None
+            code: reason for code, failed in self.items() if (reason := failed.reason()) is not None
         }
 
 

@@ -44,11 +44,11 @@ def prepared(scene: Scene, dt: float, method: str, **options: Any) -> Stepper:
         return Stepper(scene, dt, method, **options)
     if not all(isinstance(x, Hashable) for x in options.values()):  # for `Stepper` to refuse
         return Stepper(scene, dt, method, **options)
-    found = steppers.pop(key, None)
-    if found is None or not all(map(torch.equal, found.numbers, tensors)):
+    entry = steppers.pop(key, None)
+    if entry is None or not all(map(torch.equal, entry.numbers, tensors)):
         # of a twin: the scene holds the stepper, which holds no scene that holds it
-        found = Prepared(Stepper(_twin(scene), dt, method, **options), _copied(tensors))
-    return keep(steppers, key, found, RECENT).stepper.again(dt)
+        entry = Prepared(Stepper(_twin(scene), dt, method, **options), _copied(tensors))
+    return keep(steppers, key, entry, RECENT).stepper.again(dt)
 
 
 @torch.no_grad()

@@ -125,15 +125,17 @@ def inputs_of_steps(
         )
     if not any(isinstance(v, PerInterval) or callable(v) for v in inputs.values()):
         return StepInputs(scene.tensors(inputs))
-    found = inputs_over(
+    values = inputs_over(
         inputs,
         range(len(lengths)),
         lambda k: begins[k] + method.INSTANT * lengths[k],
         lambda k: intervals[k],
         lengths,
     )
-    held = scene.tensors(first_of(found))
-    each = {name: v.value.movedim(-2, 0) for name, v in found.items() if isinstance(v, PerInterval)}
+    held = scene.tensors(first_of(values))
+    each = {
+        name: v.value.movedim(-2, 0) for name, v in values.items() if isinstance(v, PerInterval)
+    }
     return StepInputs({name: x for name, x in held.items() if name not in each}, each)
 
 

@@ -55,10 +55,13 @@ def _words(problem: StepProblem, moves: Tensor) -> str:
     turns = bool(turn.abs().max() * model.scene.beam.extent.max() > shift.abs().max() * NONE**0.5)
     vectors = turn if turns else shift
     node = int(torch.linalg.vector_norm(vectors, dim=-1).argmax())
-    way = vectors[node] / torch.linalg.vector_norm(vectors[node])
-    way = torch.where(way.abs() < ROUNDING, 0.0, way * way[way.abs().argmax()].sign())
+    direction = vectors[node] / torch.linalg.vector_norm(vectors[node])
+    direction = torch.where(
+        direction.abs() < ROUNDING, 0.0, direction * direction[direction.abs().argmax()].sign()
+    )
     what = "a rotation about" if turns else "a displacement along"
-    return f"{what} ({', '.join(f'{v:.3g}' for v in way.tolist())}) of node {_named(model, node)}"
+    axis = ", ".join(f"{v:.3g}" for v in direction.tolist())
+    return f"{what} ({axis}) of node {_named(model, node)}"
 
 
 def _named(model: Any, node: int) -> str:

@@ -25,9 +25,9 @@ def pivots(G: Tensor, groups: Iterable[Tensor]) -> Tensor:
     with no_derivatives():
         rest = concrete(G).detach().reshape(-1, *G.shape[-2:])
         norm = torch.linalg.vector_norm(rest, dim=-1, keepdim=True)
-        rest, least, found = rest / torch.where(norm > 0, norm, 1.0), RANK[G.dtype], []
+        rest, least, chosen = rest / torch.where(norm > 0, norm, 1.0), RANK[G.dtype], []
         for group in groups:
-            while len(found) < G.shape[-2]:
+            while len(chosen) < G.shape[-2]:
                 size = torch.linalg.vector_norm(rest, dim=-2) * group
                 common = size.amin(0)
                 if not bool(common.amax() > least):
@@ -41,8 +41,8 @@ def pivots(G: Tensor, groups: Iterable[Tensor]) -> Tensor:
                 column = rest[..., place] / size[:, place, None]
                 rest = rest - column[..., None] * (column[..., None, :] @ rest)
                 rest[..., place] = 0.0
-                found.append(place)
-    return torch.tensor(sorted(found), dtype=torch.long, device=G.device)
+                chosen.append(place)
+    return torch.tensor(sorted(chosen), dtype=torch.long, device=G.device)
 
 
 def others(places: Tensor, count: int) -> Tensor:

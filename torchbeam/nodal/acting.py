@@ -56,11 +56,11 @@ def by_part(beam: Beam, one: ActingLoad) -> tuple[ActingLoad, ...]:
     spans = beam.spans(one.load) if one.node is None else None
     if spans is None:
         return (one,)
-    found, at = [], None if one.internal is None else one.internal.start
+    pieces, at = [], None if one.internal is None else one.internal.start
     for span in spans:
         size = 0 if at is None else one.load.internal * (span.nodes.stop - span.nodes.start)
         internal = slice(at, at + size) if size else None
         rows = span.stations if one.load.between_nodes else span.nodes
-        found.append(one._replace(node=rows, elements=span.element_count, internal=internal))
+        pieces.append(one._replace(node=rows, elements=span.element_count, internal=internal))
         at = None if at is None else at + size
-    return tuple(found)
+    return tuple(pieces)

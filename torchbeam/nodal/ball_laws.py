@@ -82,12 +82,12 @@ class BallLaws(Tree):
         rest by those of D.
         """
         parts = [self._spring, self._limit, self._moments]
-        found = [x for part in parts if (x := part(step, by)) is not None]
-        if not found:
+        conjugates = [x for part in parts if (x := part(step, by)) is not None]
+        if not conjugates:
             zero = torch.zeros_like(step.after)
             return zero, None if by is None else torch.zeros_like(by)
-        C = sum(x for x, _ in found)
-        return C, None if by is None else sum(x for _, x in found)
+        C = sum(x for x, _ in conjugates)
+        return C, None if by is None else sum(x for _, x in conjugates)
 
     def _spring(self, step: BallStep, by: Tensor | None) -> tuple[Tensor, Tensor | None] | None:
         if self.stiffness is None:

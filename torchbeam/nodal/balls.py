@@ -68,8 +68,8 @@ class Balls(Tree):
 
     def axes(self, pose: Pose) -> Axes:
         eye = torch.eye(3, dtype=pose.R.dtype, device=pose.R.device)
-        found = (self.of(pose.R, -4) + self.of(self.ground, -4) * eye) @ self.of(self.own, -4)
-        return Axes(*found.unbind(-3))
+        axes = (self.of(pose.R, -4) + self.of(self.ground, -4) * eye) @ self.of(self.own, -4)
+        return Axes(*axes.unbind(-3))
 
     def spin(self, pose: Pose, spins: Tensor) -> Tensor:
         """(..., B, 3) rad/s of b against a, axes of a; spins (..., J, 2, 3), frame a."""

@@ -204,9 +204,12 @@ def law_of(scene: Scene, space: Spatial) -> ElasticLaw:
     C = _slim(_regular_inverse(beam, compliance), beam, space) if rigid or beam.coupled else 1 / S
     if scene.damping is None:
         return ElasticLaw(S, C, rigid)
-    found = [_retardation(damping, beam, space) for damping in scene.dampings]
+    retardations = [_retardation(damping, beam, space) for damping in scene.dampings]
     return ViscoelasticLaw(
-        S, C, rigid, found[0] if scene.damping.on is None else _by_part(scene, found, S)
+        S,
+        C,
+        rigid,
+        retardations[0] if scene.damping.on is None else _by_part(scene, retardations, S),
     )
 
 
@@ -285,20 +288,20 @@ def _regular_inverse(beam: Beam, S: Tensor) -> Tensor:
     )
 
 
-def _by_part(scene: Scene, found: list[Tensor], like: Tensor) -> Tensor:
+def _by_part(scene: Scene, retardations: list[Tensor], like: Tensor) -> Tensor:
     """Retardations of one beam each (..., N or 1, k or 1, *), in the form of S where one of them is
     a matrix: (..., N, *).
     """
-    if any(one.shape[-2] > 1 for one in found):
+    if any(one.shape[-2] > 1 for one in retardations):
         k = like.shape[-2]
         unit = (
             like.new_ones(k, 1)
             if like.shape[-1] == 1
             else torch.eye(k, dtype=like.dtype, device=like.device)
         )
-        found = [one * unit if one.shape[-2] == 1 else one for one in found]
+        retardations = [one * unit if one.shape[-2] == 1 else one for one in retardations]
     total = 0.0
-    for one, damping in zip(found, scene.dampings, strict=True):
+    for one, damping in zip(retardations, scene.dampings, strict=True):
         (span,) = scene.beam.spans(damping)
         here = torch.zeros(scene.beam.station_count, 1, 1, dtype=like.dtype, device=like.device)
         here[span.stations] = 1

@@ -115,9 +115,9 @@ class DrivenJoints(Joints):
         self, nodes: Tensor, gap: Tensor, stress: Tensor, poses: Callable[[], JointMotion]
     ) -> tuple[Tensor, Tensor]:
         motion = poses()
-        found = self.driven(motion)
-        product = (self.v.at(motion.end).value * found.closing.at(motion.end).value).sum(-1)
-        nodes = self._load(motion.acting, found.acting, self._forces(stress, found), nodes)
+        driven = self.driven(motion)
+        product = (self.v.at(motion.end).value * driven.closing.at(motion.end).value).sum(-1)
+        nodes = self._load(motion.acting, driven.acting, self._forces(stress, driven), nodes)
         if self.acting_balls is not None:
             M = self._ball_moment(motion)
             none = torch.zeros_like(M)
@@ -126,7 +126,7 @@ class DrivenJoints(Joints):
                 @ self.moves.mT,
                 nodes,
             )
-        return nodes, stacked(gap, self.held * (product - found.offset))
+        return nodes, stacked(gap, self.held * (product - driven.offset))
 
     def efforts(self, values: JointValues) -> Tensor | None:
         drawn = torch.zeros_like(self.c)
@@ -142,25 +142,25 @@ class DrivenJoints(Joints):
     def blocks_of(
         self, motion: JointMotion, force: Tensor, half: Tensor | None, rate: float
     ) -> JointBlocks:
-        found = self.driven(motion)
-        force = self.held * force - found.effort
-        by_end = self.coordinate_by(motion.end, found.step.after)  # (..., J, m, 12)
+        driven = self.driven(motion)
+        force = self.held * force - driven.effort
+        by_end = self.coordinate_by(motion.end, driven.step.after)  # (..., J, m, 12)
 
         def more(v: Vector, push: Tensor) -> Tensor:
             """By the coordinate after the step: of the effort, and of the direction in which forces
             act.
             """
-            middle = self._middle(found.step) + torch.pi / 2 * self.angles
+            middle = self._middle(driven.step) + torch.pi / 2 * self.angles
             turning = self.angles[..., None] * self._gradient(
                 v, self.turned(middle).at(motion.acting)
             )
             return (
-                force[..., None] * turning - rate * found.effort_by[..., None] * push
+                force[..., None] * turning - rate * driven.effort_by[..., None] * push
             ).mT @ by_end
 
         added = None if self.acting_balls is None else self._ball_stiffness(motion, rate)
         return self._blocks(
-            motion.acting, motion.end, found.acting, found.closing, force, half, rate, more, added
+            motion.acting, motion.end, driven.acting, driven.closing, force, half, rate, more, added
         )
 
     def _ball_step(self, motion: JointMotion) -> BallStep:
@@ -210,13 +210,13 @@ class DrivenJoints(Joints):
         return JointBlocks(torch.zeros_like(self.held), blocks, none, none)
 
     def acting(self, stress: Tensor, motion: JointMotion) -> tuple[Tensor, Factor]:
-        found = self.driven(motion)
-        force = self._forces(stress, found)
+        driven = self.driven(motion)
+        force = self._forces(stress, driven)
         if self.acting_balls is not None:  # as on a, in its axes
             M = self.balls.of(self._ball_moment(motion), -2)[..., None]
             own = (self.balls.axes(motion.end).a.mT @ M)[..., 0] @ self.moves[:, 3:].mT
             force = force + self.balls.to_joints(own, -2, self.count)
-        return stacked(self.split(stress)[0], force), found.acting
+        return stacked(self.split(stress)[0], force), driven.acting
 
     def wrench(self, motion: JointMotion, w: Factor, force: Tensor) -> Tensor:
         wrench = super().wrench(motion, w, (1 - self.turning_rows) * force)
@@ -276,11 +276,11 @@ class DrivenJoints(Joints):
         work: Tensor | None = None,
         before: Tensor | None = None,
     ) -> dict[str, Any]:
-        found = super().finished(stress, motion, moving)
+        fields = super().finished(stress, motion, moving)
         return (
-            found
+            fields
             if work is None
-            else found | {"work": work + self.work(found["stress"], motion, before)}
+            else fields | {"work": work + self.work(fields["stress"], motion, before)}
         )
 
     def work(
@@ -291,11 +291,11 @@ class DrivenJoints(Joints):
         """
         motion = motion()
         step = self.driven(motion).step
-        force, made = self.split(stress)[1], step.made()[0]
+        force, travelled = self.split(stress)[1], step.difference()[0]
         if before is not None:
             force = (force + self.split(before)[1]) / 2
-            made = step.after - self.coordinate(motion.start, step.after)
-        total = -(force * self._coordinates * made).sum((-1, -2))
+            travelled = step.after - self.coordinate(motion.start, step.after)
+        total = -(force * self._coordinates * travelled).sum((-1, -2))
         if self.acting_balls is None:
             return total
         ball = self._ball_step(motion)
@@ -310,8 +310,8 @@ class DrivenJoints(Joints):
     def _coordinates(self) -> Tensor:
         return self.angles + self.travels
 
-    def _forces(self, stress: Tensor, found: Driven) -> Tensor:
-        return self.held * self.split(stress)[1] - found.effort
+    def _forces(self, stress: Tensor, driven: Driven) -> Tensor:
+        return self.held * self.split(stress)[1] - driven.effort
 
     def _middle(self, step: CoordinateStep) -> Tensor:
         """(..., J, w) rad"""

@@ -42,7 +42,7 @@ class CoordinateStep(NamedTuple):
     dt: Tensor | None
     rate: Tensor | None
 
-    def made(self) -> tuple[Tensor, Tensor]:
+    def difference(self) -> tuple[Tensor, Tensor]:
         """D, and its derivative by `after`."""
         change = self.after - self.before
         return (
@@ -102,8 +102,8 @@ class JointLaws(Tree):
             ratio, ratio_by = step.arc()
             total, by = total - slope * ratio, by - slope_by * ratio - slope * ratio_by
         if self.damping is not None:
-            made, made_by = step.made()
-            total, by = total - self.damping * made / step.dt, by - self.damping * made_by / step.dt
+            D, D_by = step.difference()
+            total, by = total - self.damping * D / step.dt, by - self.damping * D_by / step.dt
         if self.friction is not None:
             rate = 2 * (step.after - step.before) / step.dt - step.rate
             slip = torch.where(self.slip_speed > 0, self.slip_speed, 1.0)

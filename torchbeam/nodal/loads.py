@@ -283,12 +283,14 @@ def lags(
         }
         zero = torch.zeros_like(space.project(G.new_zeros(*G.shape[:-1], 6)))
 
-        def total(way: MotionJacobian, by: dict[str, Tensor] = by, zero: Tensor = zero) -> Tensor:
+        def total(
+            jacobian: MotionJacobian, by: dict[str, Tensor] = by, zero: Tensor = zero
+        ) -> Tensor:
             return sum(
                 (
-                    chained(space, name, block, way)
+                    chained(space, name, block, jacobian)
                     for name, block in by.items()
-                    if _moved(space, name, way)
+                    if _moved(space, name, jacobian)
                 ),
                 zero,
             )

@@ -132,17 +132,17 @@ class Tendons(NoTendons):
                 change = lengths[..., 1, :] - self.lengths_before(motion, k)
                 last = None if before is None else before[..., k, :1]
                 done = done - (mean_tension(T, last) * change).sum(-1)
-        found = {"tendons": torch.stack(torch.broadcast_tensors(*rows), -2)}
-        return found if work is None else found | {"work": work + done}
+        fields = {"tendons": torch.stack(torch.broadcast_tensors(*rows), -2)}
+        return fields if work is None else fields | {"work": work + done}
 
     def steps(self, motion: TendonMotion) -> tuple[RopeStep, ...]:
         """What each rope is asked for."""
-        drive, found = motion.drive, []
+        drive, steps = motion.drive, []
         over = drive.dt is not None and motion.start is not None
         rates = self._rates(motion) if over and self.dissipative else None
         for k, (rope, part) in enumerate(zip(self.ropes, self._parts, strict=True)):
             given = rope.raised(motion.given[..., k], drive.share)
-            found.append(
+            steps.append(
                 RopeStep(
                     motion.acting.p[..., part, :],
                     motion.end.p[..., part, :],
@@ -152,7 +152,7 @@ class Tendons(NoTendons):
                     None if rates is None else rates[..., part, :],
                 )
             )
-        return tuple(found)
+        return tuple(steps)
 
     def lengths_before(self, motion: TendonMotion, k: int) -> Tensor:
         """(..., n) m of the stretches of rope k before the step."""

@@ -153,18 +153,18 @@ def _curves(
     rows: list[slice], position: Tensor, along: Tensor, length: Tensor | None = None
 ) -> Tensor:
     """`_curve` of each beam, with a gap (not a number) between two."""
-    found = []
+    curves = []
     for own in rows:
         inner = own if own.stop is None else slice(own.start, own.stop - 1)
-        found.append(
+        curves.append(
             _curve(
                 position[..., own, :],
                 along[..., own, :],
                 None if length is None else length[..., inner, :],
             )
         )
-        found.append(torch.full_like(found[-1][..., :1, :], torch.nan))
-    return torch.cat(found[:-1], -2) if found else position[..., :0, :]
+        curves.append(torch.full_like(curves[-1][..., :1, :], torch.nan))
+    return torch.cat(curves[:-1], -2) if curves else position[..., :0, :]
 
 
 def _curve(position: Tensor, along: Tensor, length: Tensor | None = None) -> Tensor:

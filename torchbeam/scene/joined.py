@@ -19,7 +19,7 @@ def joints_of(scene: Any) -> tuple[Joint, ...]:
     two at one place of the same two nodes, parts that do not meet as drawn, joints with small
     motions, and bodies without inertia which nothing keeps from turning.
     """
-    structure, found = scene.beam, []
+    structure, joints = scene.beam, []
     for given in scene.joints:
         instance("a joint", given, Joint)
         if not structure.parts:
@@ -29,24 +29,24 @@ def joints_of(scene: Any) -> tuple[Joint, ...]:
             )
         joint = with_values(given, a=_resolved(given.a, structure), b=_resolved(given.b, structure))
         joint.check(structure)
-        for other in found:
+        for other in joints:
             if {joint.ends, joint.ends[::-1]} & {other.ends} and _together(joint, other, structure):
                 raise ValueError(
                     f"two joints of {joint.a!r} and {joint.b!r} at one place were given; one is "
                     "wanted"
                 )
-        found.append(joint)
-    if found and scene.small:
+        joints.append(joint)
+    if joints and scene.small:
         raise ValueError(
             "small=True with joints was given; large rotations (small=False) are wanted there"
         )
     for body in structure.masses:
-        if body.inertia is None and not _kept(body.node, scene, found):
+        if body.inertia is None and not _cannot_turn(body.node, scene, joints):
             raise ValueError(
                 f"the body {body.node!r} without inertia was given, which nothing keeps from "
                 "turning; an inertia is wanted, or a Weld or a Slider"
             )
-    return tuple(found)
+    return tuple(joints)
 
 
 def _resolved(end: JointEnd, structure: Structure) -> JointEnd:
@@ -71,7 +71,7 @@ def _together(one: Joint, other: Joint, structure: Structure) -> bool:
     return bool(concrete(off <= MET[off.dtype] * structure.size.detach()).all())
 
 
-def _kept(node: int, scene: Any, joints: list[Joint]) -> bool:
+def _cannot_turn(node: int, scene: Any, joints: list[Joint]) -> bool:
     """Whether a support or a joint keeps a node from turning."""
     supports = scene.supports.given if hasattr(scene.supports, "given") else scene.supports
     return any(len(joint.rotation) == 3 for joint in joints if node in joint.ends) or any(

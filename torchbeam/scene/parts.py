@@ -135,12 +135,12 @@ def row_of(parts: tuple[Part, ...], node: Any, name: str = "node") -> Row:
 
 def part_of(parts: tuple[Part, ...], name: Any) -> Part:
     """The part of that name. Raises ValueError where there is none such."""
-    found = [part for part in parts if part.name == name]
-    if not found:
+    matches = [part for part in parts if part.name == name]
+    if not matches:
         names = ", ".join(repr(part.name) for part in parts)
         there = f"there are {names}" if parts else "a scene of one beam has no names"
         raise ValueError(f"the part {shown(name)} was asked for; {there}")
-    return found[0]
+    return matches[0]
 
 
 def one_beam(parts: tuple[Part, ...], name: str) -> None:

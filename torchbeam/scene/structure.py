@@ -62,12 +62,12 @@ class Structure(Beam):
                     f"beams of {what} were given; all alike are wanted in one structure"
                 )
         bodies = {name: bound(body, dtype, device) for name, body in bodies.items()}
-        found = {name: [_own(beam, name) for beam in beams.values()] for name in AXES}
-        found["nodes"] += [body.position[..., None, :] for body in bodies.values()]
-        found["frames"] += [body.frame[..., None, :] for body in bodies.values()]
+        by_name = {name: [_own(beam, name) for beam in beams.values()] for name in AXES}
+        by_name["nodes"] += [body.position[..., None, :] for body in bodies.values()]
+        by_name["frames"] += [body.frame[..., None, :] for body in bodies.values()]
         tensors = {
             name: _joined(parts, axes, dtype, device)
-            for (name, axes), parts in zip(AXES.items(), found.values(), strict=True)
+            for (name, axes), parts in zip(AXES.items(), by_name.values(), strict=True)
         }
         parts, node, station = [], 0, 0
         for name, beam in beams.items():
@@ -210,10 +210,10 @@ class Structure(Beam):
         )
 
     def station_axes(self, frames: Tensor) -> Tensor:
-        found = [
+        axes = [
             self.part(part.name).station_axes(frames[..., part.nodes, :]) for part in self.beams
         ]
-        return torch.cat(found, -2) if found else frames[..., :0, :]
+        return torch.cat(axes, -2) if axes else frames[..., :0, :]
 
     def row(self, node: Any, name: str = "node") -> Row:
         return row_of(self.parts, node, name)

@@ -22,7 +22,7 @@ class _OfJoint(Sensor):
     def __post_init__(self) -> None:
         whole("joint", self.joint)
 
-    def found(self, state: Any) -> JointReading:
+    def reading(self, state: Any) -> JointReading:
         joints = getattr(state, "joint", ())
         return joints[place("joint", self.joint, len(joints), "there are the joints")]
 
@@ -43,7 +43,7 @@ class _OfCoordinate(_OfJoint):
             whole("component", self.component)
 
     def read(self, state: Any) -> Tensor:
-        reading = self.found(state)
+        reading = self.reading(state)
         x = getattr(reading, self.field)
         if x is not None:
             x = x[..., None] if x.ndim == reading.force.ndim - 1 else x
@@ -90,5 +90,5 @@ class JointLoad(_OfJoint):
     labels = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
     def read(self, state: Any) -> Tensor:
-        found = self.found(state)
-        return torch.cat((found.force, found.moment), -1)
+        reading = self.reading(state)
+        return torch.cat((reading.force, reading.moment), -1)

@@ -143,8 +143,8 @@ def equilibrium(
         x, status = where(driven, start, x), torch.where(driven, DIVERGED, status)
     if not relax and model.joints.limited and concrete(status != 0).any():
         # nothing holds a joint between its limits: load steps find no way there
-        relaxed, found = relaxation.relax(whole, begin, tolerance), status != 0
-        x, reaction, status = where(found & (relaxed[-1] == 0), relaxed, (x, reaction, status))
+        relaxed, lost = relaxation.relax(whole, begin, tolerance), status != 0
+        x, reaction, status = where(lost & (relaxed[-1] == 0), relaxed, (x, reaction, status))
         problem = replace(braced(whole, x), load_factor=problem.load_factor)
         doubtful = None
     good = status == 0

@@ -134,9 +134,9 @@ def places(name: str, solution: Solution) -> Tensor:
     )
 
 
-def error(found: Tensor, reference: Tensor) -> float:
+def error(here: Tensor, reference: Tensor) -> float:
     """RMS |place - reference| / RMS |reference - its start|, (time, point, 3) each."""
-    apart, moved = found - reference, reference - reference[0]
+    apart, moved = here - reference, reference - reference[0]
     return (apart.square().sum() / moved.square().sum()).sqrt().item()
 
 

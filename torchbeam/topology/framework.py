@@ -101,8 +101,8 @@ class Framework:
         """Nodes (..., nodes, w) -> their values (..., J, 2, w) at both ends of each joint; zeros at
         the ground.
         """
-        found = x.index_select(-2, places(self._joined, x.device)).unflatten(-2, (-1, 2))
-        return found * self._not_ground(x) if self._grounded else found
+        ends = x.index_select(-2, places(self._joined, x.device)).unflatten(-2, (-1, 2))
+        return ends * self._not_ground(x) if self._grounded else ends
 
     def from_joints(self, push: Tensor, total: Tensor) -> Tensor:
         """total (..., nodes, w) with (..., J, 2, w) of the joints' ends added."""

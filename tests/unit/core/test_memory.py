@@ -47,7 +47,7 @@ def test_a_limit_of_the_process_is_kept_to(monkeypatch):
     resource = pytest.importorskip("resource")
     if not Path(memory.STATUS).exists():
         pytest.skip("the system does not tell what a process has taken")
-    taken = memory._told(memory.STATUS, "VmSize")
+    taken = memory._amount(memory.STATUS, "VmSize")
     for beyond, wanted in ((10**7, 10**7), (-(10**7), 0)):
         limit = taken + beyond
         monkeypatch.setattr(resource, "getrlimit", lambda which, limit=limit: (limit, limit))

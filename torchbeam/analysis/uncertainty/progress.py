@@ -27,9 +27,9 @@ class Progress:
     begun: float
     report: Report | bool
     done: int = 0
-    found: int = 0
+    restored: int = 0
     failed: int = 0
-    _told: float = 0.0
+    _reported: float = 0.0
 
     def __post_init__(self) -> None:
         if self.report is not True:
@@ -38,15 +38,15 @@ class Progress:
     def add(self, samples: int, failed: int, stored: bool) -> None:
         """Count a chunk, and tell."""
         self.done += samples
-        self.found += samples * stored
+        self.restored += samples * stored
         self.failed += failed
         if self.report is not True:
             self.report(self)
         elif (
-            time.monotonic() - self._told > (EVERY if sys.stderr.isatty() else LOG)
+            time.monotonic() - self._reported > (EVERY if sys.stderr.isatty() else LOG)
             or self.done >= self.total
         ):
-            self._told = time.monotonic()
+            self._reported = time.monotonic()
             over = sys.stderr.isatty() and self.done < self.total
             print(
                 f"\r{self}" if sys.stderr.isatty() else self,
@@ -62,7 +62,7 @@ class Progress:
     @property
     def rate(self) -> float:
         """Samples a second, 0 while none was computed."""
-        return (self.done - self.found) / max(self.seconds, 1e-9)
+        return (self.done - self.restored) / max(self.seconds, 1e-9)
 
     @property
     def eta(self) -> float:
@@ -79,7 +79,7 @@ class Progress:
         return (
             f"{self.done:,} of {self.total:,} samples, {100 * self.done / self.total:.0f} %; "
             f"{self.rate:,.0f}/s, {_clock(self.eta)} to go; {self.failed} failed"
-            + (f"; {self.found:,} were there" if self.found else "")
+            + (f"; {self.restored:,} were there" if self.restored else "")
         )
 
 

@@ -121,5 +121,5 @@ class AlphaFunctions(LocalFunctions):
         return {STRAINING: problem.straining(problem.motion.kinematics(x.u, x.m))}
 
     def solution(self, **fields: Tensor) -> Fields:
-        way, turn = self.moved(fields)
-        return {"u": way, "m": turn}
+        displacement, turn = self.moved(fields)
+        return {"u": displacement, "m": turn}

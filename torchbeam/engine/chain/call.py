@@ -118,13 +118,13 @@ class Chain:
         sort = self.program.layout.records[record].rows
         if self.cells is None or sort not in self.cells.rows:
             return [(0, count, 0, 0)]
-        found: list[list[int]] = []
+        segments: list[list[int]] = []
         for k, (there, cell) in enumerate(self.cells.rows[sort]):
-            if found and found[-1][3] == cell and found[-1][2] + found[-1][1] == there:
-                found[-1][1] += 1
+            if segments and segments[-1][3] == cell and segments[-1][2] + segments[-1][1] == there:
+                segments[-1][1] += 1
             else:
-                found.append([k, 1, there, cell])
-        return [tuple(own) for own in found]
+                segments.append([k, 1, there, cell])
+        return [tuple(own) for own in segments]
 
     def taken(self, lanes: int) -> Tensor:
         """A block of memory, to be given back after the call."""
@@ -367,11 +367,11 @@ def structure_fields(chain: Chain) -> list[Field]:
 
 
 def like(shape: Sequence[int], dtype: torch.dtype) -> Tensor:
-    """A tensor of this shape that takes no memory, for `made_like`."""
+    """A tensor of this shape that takes no memory, for `empty_like`."""
     return torch.empty((), dtype=dtype, device=CPU).expand(shape)
 
 
-def made_like(tensors: Iterable[Tensor]) -> list[Tensor]:
+def empty_like(tensors: Iterable[Tensor]) -> list[Tensor]:
     """Memory for tensors of the same shapes, in a third of the time that it takes by shape and
     dtype.
     """

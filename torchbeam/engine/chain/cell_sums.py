@@ -28,9 +28,9 @@ class CellSums:
 
         def extreme(compared: str) -> Callable[[Code, str, str], str]:
             def merged(code: Code, a: str, b: str) -> str:
-                kept = code.new(f"fcmp {compared} {V} {a}, {b}")
+                chosen = code.new(f"fcmp {compared} {V} {a}, {b}")
                 broken = code.new(f"fcmp uno {V} {a}, {a}")
-                a_is = code.new(f"or {T} {kept}, {broken}")
+                a_is = code.new(f"or {T} {chosen}, {broken}")
                 return code.new(f"select {T} {a_is}, {V} {a}, {V} {b}")
 
             return merged

@@ -41,13 +41,13 @@ def cells_of(connectivity: Connectivity, kinds: Kinds) -> Cells | None:
     part_of = {node: part for part, own in enumerate(nodes) for node in own}
     joined = [{part_of[node] for node in pair if node is not None} for pair in framework.joints]
     degree = {part: sum(part in pair for pair in joined) for part in range(chains, len(nodes))}
-    found = []
+    candidates = []
     for least in {*degree.values(), max(degree.values(), default=0) + 1}:
         shared = tuple(part for part, count in degree.items() if count >= least)
         groups = _components([k for k in range(len(nodes)) if k not in shared], joined)
         if LEAST <= len(groups) <= MOST:
-            found.append((len(groups), groups, shared))
-    for _, groups, shared in sorted(found, reverse=True):
+            candidates.append((len(groups), groups, shared))
+    for _, groups, shared in sorted(candidates, reverse=True):
         cells = _alike(connectivity, kinds, nodes, groups, shared)
         if cells is not None:
             return cells

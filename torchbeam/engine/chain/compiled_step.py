@@ -23,7 +23,7 @@ from ...scene.effects.effect import of_library
 from ...state.state import State
 from ..compiler.trace import NotTraceable
 from .alpha_functions import AlphaFunctions
-from .call import Chain, Field, made_like
+from .call import Chain, Field, empty_like
 from .cells import cells_of
 from .chain_constants import Trees
 from .conserving_functions import ConservingFunctions
@@ -275,7 +275,7 @@ class CompiledStep:
         tensors = [*given, values["exact"], self.all if moving is None else moving, *states]
         every = 1 if wanted or frame is not None else every
         form = self._form(tensors, K, dims, (tolerance, least, lanes, every))
-        outputs = made_like(form.made)
+        outputs = empty_like(form.templates)
         form.call.run(limit, inputs=tensors, outputs=outputs)
         *outputs, status, iterations = outputs
         if wanted:

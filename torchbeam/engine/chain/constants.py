@@ -124,7 +124,7 @@ class Constants:
             Captured(x, x.ndim - (axes := batched.get(id(x), 0)), axes)
             for x in (() if around is None else around.inputs)
         )
-        self._kept: dict[Any, Any] = {}
+        self._cache: dict[Any, Any] = {}
 
     @cached
     def _rest(self) -> State:
@@ -143,7 +143,7 @@ class Constants:
 
     def forget(self) -> None:
         """Take values afresh: a tensor that they were made from has been written to."""
-        self._kept = {}
+        self._cache = {}
 
     def changing(
         self, dt: Tensor, t: Tensor, inputs: Inputs, frame: Tensor | None = None
@@ -223,8 +223,8 @@ class Constants:
         def values() -> list[Tensor]:
             return [self._of_all(k, *x) for x in flattened(self._valued(act, t, inputs))]
 
-        found = self._held(f"load {k}", values) if _unchanging(act.load) else values()
-        return {f"load {k} {i}": x for i, x in enumerate(found)}
+        numbers = self._held(f"load {k}", values) if _unchanging(act.load) else values()
+        return {f"load {k} {i}": x for i, x in enumerate(numbers)}
 
     def _valued(self, act: ActingLoad, t: Tensor, inputs: Inputs) -> Any:
         return act.load.resolved(*self._places(act, t, inputs))
@@ -426,17 +426,17 @@ class Constants:
         """
         if torch.is_grad_enabled() and any(x.requires_grad for x in self.sources):
             return value()
-        if name not in self._kept:
+        if name not in self._cache:
             with lasting():
-                self._kept[name] = value()
-        return self._kept[name]
+                self._cache[name] = value()
+        return self._cache[name]
 
     def _tangent(self, dt: Tensor) -> tuple[Tensor, Tensor]:
         """C of the tangent, and whether it is the law's; those of the last two dt are kept, between
         which midpoint4 goes to and fro where damping is strong.
         """
         known = dt is concrete(dt)
-        cached_tangents = self._kept.setdefault("tangents", []) if known else []
+        cached_tangents = self._cache.setdefault("tangents", []) if known else []
         tangent = next(
             (
                 cached_tangent

@@ -13,7 +13,7 @@ from torch._C import _functorch as functorch
 
 from ...core.entry_point import without_autocast
 from ...math.first_derivative import first_only
-from .call import Call, Chain, Field, like, made_like, structure_fields
+from .call import Call, Chain, Field, empty_like, like, structure_fields
 from .chain_constants import flattened
 from .native import NativeProgram
 
@@ -79,10 +79,10 @@ class Adjoint:
         self.changing, self.constant, self.state = changing, constant, state_fields(chain.program)
 
     def cotangents(
-        self, start: Sequence[Tensor], made: Sequence[Tensor], grads: Sequence[Tensor | None]
+        self, start: Sequence[Tensor], states: Sequence[Tensor], grads: Sequence[Tensor | None]
     ) -> list[Tensor | None]:
         """Of what is wanted, from those of the states after each step, None = zero."""
-        own = self._found(start, made, grads)
+        own = self._by_number(start, states, grads)
         given = (*self.known, *start)
         return [own[k].sum_to_size(given[k].shape) if k in own else None for k in self.wanted]
 
@@ -90,7 +90,7 @@ class Adjoint:
         self,
         count: int,
         start: Sequence[Tensor],
-        made: Sequence[Tensor],
+        states: Sequence[Tensor],
         grads: Sequence[Tensor | None],
     ) -> list[Tensor | None]:
         """Those of so many rows at once, (count, ...) each."""
@@ -110,20 +110,20 @@ class Adjoint:
         )
         shapes = [
             after.shape[after.ndim - self._axes(name) :]
-            for name, after in zip(self.state, made, strict=True)
+            for name, after in zip(self.state, states, strict=True)
         ]
-        made = [
+        states = [
             after.reshape(K, 1, B, *own).expand(K, count, B, *own)
-            for after, own in zip(made, shapes, strict=True)
+            for after, own in zip(states, shapes, strict=True)
         ]
         grads = [
             None if grad is None else grad.reshape(count, K, B, *own).movedim(0, 1)
             for grad, own in zip(grads, shapes, strict=True)
         ]
         given, rows = (*self.known, *start), []
-        found = many._found(start, made, grads)
+        cotangents = many._by_number(start, states, grads)
         for k in self.wanted:
-            x = found.get(k)
+            x = cotangents.get(k)
             if x is not None:
                 shape = given[k].shape
                 x = x.movedim(1, 0) if self._stepwise(k) else x
@@ -137,8 +137,8 @@ class Adjoint:
         """The constants."""
         return [one.value for one in (*self.changing, *self.constant)]
 
-    def _found(
-        self, start: Sequence[Tensor], made: Sequence[Tensor], grads: Sequence[Tensor | None]
+    def _by_number(
+        self, start: Sequence[Tensor], states: Sequence[Tensor], grads: Sequence[Tensor | None]
     ) -> dict[int, Tensor]:
         """By number, of the whole batch: (K, *batch, ...) of constants that each step has its own
         of, (*batch, ...) of the others.
@@ -146,7 +146,7 @@ class Adjoint:
         fields = [
             *self.changing,
             Field("sample", "good", self.good, 0, flat=True),
-            *self._steps(start, made, grads),
+            *self._steps(start, states, grads),
         ]
         form = (*self.wanted, None, *[grad is None for grad in grads])
         if form not in self.calls:
@@ -154,7 +154,7 @@ class Adjoint:
         call, whole, stepwise = self.calls[form]
         call = call.holding(inputs=[one.value for one in self.constant])
         whole, stepwise = (
-            dict(zip(cotangents, made_like(cotangents.values()), strict=True))
+            dict(zip(cotangents, empty_like(cotangents.values()), strict=True))
             for cotangents in (whole, stepwise)
         )
         call.run(
@@ -173,11 +173,11 @@ class Adjoint:
         return k < len(known) and known[k].value.ndim - known[k].axes > len(self.call.batch)
 
     def _steps(
-        self, start: Sequence[Tensor], made: Sequence[Tensor], grads: Sequence[Tensor | None]
+        self, start: Sequence[Tensor], states: Sequence[Tensor], grads: Sequence[Tensor | None]
     ) -> Iterator[Field]:
         """The states that each step lies between, and the cotangents of what it made."""
         K, B = self.good.shape
-        for name, x, after, grad in zip(self.state, start, made, grads, strict=True):
+        for name, x, after, grad in zip(self.state, start, states, grads, strict=True):
             own = after.shape[after.ndim - self._axes(name) :]
             grad = after.new_zeros(own) if grad is None else grad.reshape(K, B, *own).contiguous()
             yield Field(*self._place(name, "_grad"), grad, len(own), flat=True)
@@ -245,8 +245,8 @@ class Adjoint:
         return Backward(
             call,
             *(
-                {k: like(one.value.shape, chain.dtype) for k, one in found.items()}
-                for found in (outputs, stepwises)
+                {k: like(one.value.shape, chain.dtype) for k, one in written.items()}
+                for written in (outputs, stepwises)
             ),
         )
 
@@ -258,9 +258,9 @@ class _Rows(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        adjoint: Adjoint, start: Sequence[Tensor], made: Sequence[Tensor], *grads: Tensor | None
+        adjoint: Adjoint, start: Sequence[Tensor], states: Sequence[Tensor], *grads: Tensor | None
     ) -> tuple[Tensor | None, ...]:
-        return tuple(adjoint.cotangents(start, made, grads))
+        return tuple(adjoint.cotangents(start, states, grads))
 
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Any, ...], output: tuple[Any, ...]) -> None:
@@ -272,7 +272,7 @@ class _Rows(torch.autograd.Function):
         in_dims: tuple[Any, ...],
         adjoint: Adjoint,
         start: Sequence[Tensor],
-        made: Sequence[Tensor],
+        states: Sequence[Tensor],
         *grads: Tensor | None,
     ) -> tuple[tuple[Tensor | None, ...], tuple[int | None, ...]]:
         count = info.batch_size
@@ -285,8 +285,8 @@ class _Rows(torch.autograd.Function):
             for grad, dim in zip(rows, in_dims[3:], strict=True)
         ]
         with torch.no_grad():
-            found = adjoint.rows(count, start, made, rows)
-        return tuple(found), tuple(None if x is None else 0 for x in found)
+            cotangents = adjoint.rows(count, start, states, rows)
+        return tuple(cotangents), tuple(None if x is None else 0 for x in cotangents)
 
 
 class Differentiated(torch.autograd.Function):
@@ -296,24 +296,24 @@ class Differentiated(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: Any, adjoint: Adjoint, start: list[Tensor], made: list[Tensor], *wanted: Tensor
+        ctx: Any, adjoint: Adjoint, start: list[Tensor], states: list[Tensor], *wanted: Tensor
     ) -> tuple[Tensor, ...]:
         ctx.adjoint = adjoint
         ctx.set_materialize_grads(False)
         # constants are read by where they lie: saved, so that torch refuses those that were written
         # to in the meantime
-        ctx.save_for_backward(*start, *made, *adjoint.known)
-        return tuple(made)
+        ctx.save_for_backward(*start, *states, *adjoint.known)
+        return tuple(states)
 
     @staticmethod
     def backward(ctx: Any, *grads: Tensor | None) -> tuple[Tensor | None, ...]:
         adjoint, saved, count = ctx.adjoint, ctx.saved_tensors, len(grads)
-        start, made, known = saved[:count], saved[count : 2 * count], saved[2 * count :]
+        start, states, known = saved[:count], saved[count : 2 * count], saved[2 * count :]
         with torch.no_grad(), without_autocast():  # it may be on where backward is called
             if functorch.peek_interpreter_stack() is None:
-                cotangents = adjoint.cotangents(start, made, grads)
+                cotangents = adjoint.cotangents(start, states, grads)
             else:
-                cotangents = _Rows.apply(adjoint, start, made, *grads)
+                cotangents = _Rows.apply(adjoint, start, states, *grads)
         sources = [grad for grad in grads if grad is not None] + [
             (*known, *start)[k] for k in adjoint.wanted
         ]

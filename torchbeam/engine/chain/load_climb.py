@@ -185,10 +185,10 @@ def _called(
     out += [Field("sample", name, v, 0, flat=True) for name, v in outputs.items()]
     given += [Field("free", "free", chain.free, 2), *structure_fields(chain)]
     call.bound({}, inputs=given, outputs=out).run(LIMIT)
-    found = {name: v.reshape(*batch, *v.shape[1:]) for name, v in states.items()}
+    solution = {name: v.reshape(*batch, *v.shape[1:]) for name, v in states.items()}
     if joints:
-        found["stress"] = stacked(found["stress"], found.pop(FORCES))
-    *shape, reaction = found.values()
+        solution["stress"] = stacked(solution["stress"], solution.pop(FORCES))
+    *shape, reaction = solution.values()
     status, indefinite = (v.reshape(batch) for v in outputs.values())
     return Climbed(
         Configuration(*shape), reaction, status.long(), indefinite != 0 if judged else None
@@ -208,12 +208,12 @@ def prepared(
     t: Tensor,
     inputs: Inputs,
     around: Surroundings | None,
-    made: type[ChainProgram],
+    program_type: type[ChainProgram],
 ) -> tuple[Chain, list[Field]]:
     """A model at rest in a program of this class, and the fields that are the same throughout."""
     model = local.model
     kinds = kinds_of(model, constants.acts, rest=True)
-    program = program_of(local, kinds, bool(model.constraints.nodes), around, made)
+    program = program_of(local, kinds, bool(model.constraints.nodes), around, program_type)
     chain = Chain(program, model, kinds)
     length, p = model.spans, model.space.dims.position
     least = least_forces(model, model.joints.values(model.scene.joints, t, inputs, t))

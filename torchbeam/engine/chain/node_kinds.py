@@ -246,15 +246,15 @@ def _of_pairs(
         PairKind(tuple(held[node] for node in nodes), *law)
         for nodes, law in zip(model.touching.nodes, model.touching.laws, strict=True)
     )
-    found = {}
+    possible = {}
     for touching in model.touching.each:
         points, pieces = (
             dict.fromkeys(tuple(held[node] for node in nodes) for nodes in own)
             for own in (piece_nodes(*touching.along), touching.pieces)
         )
         law = touching.contact.rubs, touching.contact.damping is not None
-        found |= dict.fromkeys(PairKind(a + b, *law) for a in points for b in pieces)
-    return pairs, tuple(found)
+        possible |= dict.fromkeys(PairKind(a + b, *law) for a in points for b in pieces)
+    return pairs, tuple(possible)
 
 
 def _tuples(x: Tensor) -> tuple[Any, ...]:

@@ -224,26 +224,26 @@ def native_balance(problem: SteadyProblem, load: str | None, engine: str) -> Nat
         return None
     model = problem.model
     reason, own = path_refusal(problem, load), by_function(model)
-    told = engine == "compiled"
+    required = engine == "compiled"
     try:
-        if reason is None and not told and (reason := unsteady(model)) is not None:
+        if reason is None and not required and (reason := unsteady(model)) is not None:
             slow_path("a path is found", reason)
             return None
         if reason is None:
-            around = (known if told else surroundings)(own) if own else NOTHING
+            around = (known if required else surroundings)(own) if own else NOTHING
             return by_sample(lambda one: NativeBalance(problem, load, one), model, around)
     except NotTraceable as error:
         reason = str(error)
-        if not told:
+        if not required:
             slow_path("a path is found", untraceable(own[0], error) if own else reason)
     except NotCompiled as error:
-        if told:
+        if required:
             raise
         given_up(error, "a path is found")
     except Exception:
-        if told or not own:  # else of the user's function: raised eagerly, too
+        if required or not own:  # else of the user's function: raised eagerly, too
             raise
-    if told:
+    if required:
         raise ValueError(
             f"engine = 'compiled' was given, which does not take this scene ({reason}); 'eager' "
             "does"

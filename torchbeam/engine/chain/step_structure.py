@@ -34,7 +34,7 @@ class Form(NamedTuple):
     """
 
     call: Call
-    made: list[Tensor]
+    templates: list[Tensor]
     adjoints: dict[Any, Any]
 
 
@@ -117,11 +117,11 @@ class StepStructure:
                 for x in (*tensors, *(constant.value for constant in constants))
             ],
         )
-        found = self.forms.get(key)
-        if found is None:
+        known = self.forms.get(key)
+        if known is None:
             form = self._form(tensors, constants, K, dims, *options)
-            found = keep(self.forms, key, form, FORMS)
-        return found
+            known = keep(self.forms, key, form, FORMS)
+        return known
 
     @torch.no_grad()
     def _form(
@@ -188,11 +188,11 @@ class StepStructure:
             inputs=fields,
             outputs=outputs,
         )
-        made = [
+        templates = [
             like((*(() if K is None else (K // each,)), *own, *part), self.chain.dtype)
             for part, each in parts
         ]
-        return Form(call, made, {})
+        return Form(call, templates, {})
 
 
 _STRUCTURES: dict[Hashable, StepStructure] = {}
@@ -224,11 +224,11 @@ def key_of(model: Model, *options: Any) -> Hashable | None:
 
 def known_structure(key: Hashable | None) -> StepStructure | None:
     """As long as its program is kept."""
-    found = _STRUCTURES.get(key)
-    kept = found is not None and any(
-        program is found.program for program, _ in programs.PROGRAMS.values()
+    structure = _STRUCTURES.get(key)
+    held = structure is not None and any(
+        program is structure.program for program, _ in programs.PROGRAMS.values()
     )
-    return found if kept else None
+    return structure if held else None
 
 
 def keep_structure(key: Hashable | None, structure: StepStructure) -> None:

@@ -92,13 +92,13 @@ def manners_by(framework: Framework, order: Order) -> tuple[str, ...]:
 
 
 def _stretches(tendons: NoTendons) -> tuple[Stretch, ...]:
-    found, pairs = [], tendons.stretches
+    stretches, pairs = [], tendons.stretches
     for s, (k, e) in enumerate(pairs):
         first, last = s == 0 or pairs[s - 1][0] < k, s + 1 == len(pairs) or pairs[s + 1][0] > k
         rope = tendons.ropes[k]
         coupled = rope.stiffness is not None or rope.friction is not None
-        found.append(Stretch(tendons.nodes[e : e + 2], k, first, last, coupled))
-    return tuple(found)
+        stretches.append(Stretch(tendons.nodes[e : e + 2], k, first, last, coupled))
+    return tuple(stretches)
 
 
 @lru_cache(maxsize=64)

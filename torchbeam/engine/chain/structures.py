@@ -96,8 +96,8 @@ def of_joints(
     for k, kind in enumerate(kinds):
         functions[f"joint {k}"] = joint(kind)
         if held:
-            made, ends = functions[f"joint {k}"], (*kind.sides, "joint")
-            functions |= reactions(local, traced, f"joint reaction {k}", made, kind.sides, ends)
+            function, ends = functions[f"joint {k}"], (*kind.sides, "joint")
+            functions |= reactions(local, traced, f"joint reaction {k}", function, kind.sides, ends)
     return functions
 
 
@@ -105,7 +105,7 @@ def reactions(
     local: LocalFunctions,
     traced: Tracing,
     called: str,
-    made: Function,
+    function: Function,
     sides: tuple[str, ...],
     ends: tuple[str, ...],
 ) -> dict[str, Function]:
@@ -118,7 +118,7 @@ def reactions(
     return {
         f"{called} {side}": traced(
             partial(local.end_reaction, side, ends),
-            {"end_free": (w,), f"{side}.row": made.outputs[f"{side}.row"].shape} | moves,
+            {"end_free": (w,), f"{side}.row": function.outputs[f"{side}.row"].shape} | moves,
         )
         for side in sides
     }

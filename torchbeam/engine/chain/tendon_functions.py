@@ -160,7 +160,7 @@ class TendonFunctions(LocalProblems):
         by = torch.stack(
             (fields["tension"] * fields["by_q"], fields["direction"], fields["turned"])
         )
-        found, nodes = {}, [node for node in tendons.nodes if node is not None]
+        by_side, nodes = {}, [node for node in tendons.nodes if node is not None]
         for end, sign in ((0, 1.0), (1, -1.0)):
             if tendons.nodes[end] is None:
                 continue
@@ -170,8 +170,8 @@ class TendonFunctions(LocalProblems):
                 k = nodes.index(tendons.nodes[end])
                 rows = rows @ end_moves(half[k], self.model.space.dims.position)
             w = rows.shape[-1]
-            found[SIDES[1][end]] = torch.cat((rows, rows.new_zeros(w - 3, w)))
-        return found
+            by_side[SIDES[1][end]] = torch.cat((rows, rows.new_zeros(w - 3, w)))
+        return by_side
 
     def transposed_tie(self, held: bool, kind: StretchKind, **fields: Tensor) -> Fields:
         """Blocks in the transposed matrix; where supports hold nodes, with what cotangents of their

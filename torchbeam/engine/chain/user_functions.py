@@ -82,7 +82,7 @@ def by_sample(
     found of which each sample reads its own row alone, and NotTraceable for functions along the
     beam that tell its sites apart.
     """
-    made = _by_rows(make, model, around)
+    program = _by_rows(make, model, around)
     if not _site_by_site(model):
         raise NotTraceable(
             "a function along the beam gives a site what depends on its number, or on other "
@@ -95,7 +95,7 @@ def by_sample(
             "torch.autograd.Function), which native code would differentiate; x.detach() of what "
             "counts as constant is wanted"
         )
-    return made
+    return program
 
 
 def _by_rows(
@@ -151,7 +151,7 @@ def _rows(model: Model, around: Surroundings, batch: torch.Size) -> list[Tensor]
         return x[tuple(slice(None) if n == 1 else slice(k, k + 1 or None) for n in x.shape[:axes])]
 
     stand = {name: x for name, (_, x) in numbers.items()}
-    whole, found = given(stand, shift), []
+    whole, separable = given(stand, shift), []
     for name, x in stand.items():
         other = x.clone()
         own = torch.zeros(*(1 if n == 1 else size for n, size in zip(x.shape, batch, strict=False)))
@@ -159,14 +159,14 @@ def _rows(model: Model, around: Surroundings, batch: torch.Size) -> list[Tensor]
         row(own, 0).add_(1.0)
         changed = (given({**stand, name: other}, shift) != whole).any(-1)
         if changed.any() and not (changed & (own == 0)).any():
-            found.append(name)
+            separable.append(name)
     for now in (stand, {name: x for name, (x, _) in numbers.items()}):
         whole = given(now, shift)
         for k in (0, -1):
-            alone = given(now | {name: row(now[name], k) for name in found}, row(shift, k))
+            alone = given(now | {name: row(now[name], k) for name in separable}, row(shift, k))
             if not torch.allclose(row(whole, k), alone, rtol=1e-6, equal_nan=True):
                 return []
-    return [numbers[name][0] for name in found]
+    return [numbers[name][0] for name in separable]
 
 
 def _in_motion(model: Model, still: Nodes, shift: Tensor) -> tuple[Tensor | float, Tensor | float]:

@@ -232,10 +232,10 @@ class _Body:
 
     def _mantissa(self, x: str) -> str:
         lanes, long = self.lanes, self.lanes.of("i64")
-        kept = self.new(f"and {long} {self._bits(x)}, {lanes.all('i64', str(2**52 - 1))}")
+        mantissa = self.new(f"and {long} {self._bits(x)}, {lanes.all('i64', str(2**52 - 1))}")
         return (
             f"bitcast {long} "
-            f"{self.new(f'or {long} {kept}, ' + lanes.all('i64', str(1023 << 52)))} to "
+            f"{self.new(f'or {long} {mantissa}, ' + lanes.all('i64', str(1023 << 52)))} to "
             f"{lanes.vector}"
         )
 

@@ -59,8 +59,8 @@ def base(
 ) -> tuple[float, bool, AccuracyRun] | None:
     """What the second-order setting costs at an error, whether that is measured, and its row."""
     of_base = [row for row in rows if (row.element, row.method) == BASE]
-    if (found := best(of_base, target, cost)) is not None:
-        return cost(found), True, found
+    if (setting := best(of_base, target, cost)) is not None:
+        return cost(setting), True, setting
     known = [row for row in of_base if row.error is not None and cost(row) is not None]
     if not known:
         return None

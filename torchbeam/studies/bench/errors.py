@@ -33,12 +33,12 @@ STATICS: dict[str, Callable[[], tuple[Tensor, Tensor]]] = {
 
 def errors() -> dict[str, float]:
     """By name; relative, RMS: of the tip's path over 2 s, of equilibria, of frequencies."""
-    case, found = Case.load(), {}
+    case, by_name = Case.load(), {}
     for space, elements, element, options in MOTIONS:
         said = ", ".join(f"{name} {value}" for name, value in options.items() if value)
         solution = motion(case, space, elements, element=element, every=2, **options)
-        found[f"{space}, {elements} {element}, {said}"] = case.error(solution)
+        by_name[f"{space}, {elements} {element}, {said}"] = case.error(solution)
     for name, answers in STATICS.items():
         value, published = answers()
-        found[name] = ((value - published).norm() / published.norm()).item()
-    return found
+        by_name[name] = ((value - published).norm() / published.norm()).item()
+    return by_name

@@ -52,10 +52,10 @@ def tree() -> Scene:
     roots, own = [None, *((k - 1) // 2 for k in range(1, BEAMS))], 1 / BEAMS
     tips, parts = [], {}
     for k, root in enumerate(roots):
-        way = torch.tensor(AXES[k % 3], dtype=torch.float64)
-        start = torch.zeros_like(way) if root is None else tips[root]
-        parts[f"{k}"] = Beam.straight(own, ELEMENTS, section(), root=start, direction=way)
-        tips.append(start + own * way)
+        direction = torch.tensor(AXES[k % 3], dtype=torch.float64)
+        start = torch.zeros_like(direction) if root is None else tips[root]
+        parts[f"{k}"] = Beam.straight(own, ELEMENTS, section(), root=start, direction=direction)
+        tips.append(start + own * direction)
     return welded(roots, parts)
 
 
@@ -64,9 +64,13 @@ def ring() -> Scene:
     angle, own, parts = 2 * math.pi / BEAMS, 1 / BEAMS, {}
     place = torch.zeros(3, dtype=torch.float64)
     for k in range(BEAMS):
-        way = torch.tensor((math.cos(k * angle), 0.0, math.sin(k * angle)), dtype=torch.float64)
-        made = Beam.straight(own, ELEMENTS, section(), root=place, direction=way, up=(0, 1, 0))
-        parts[f"{k}"], place = made, place + own * way
+        direction = torch.tensor(
+            (math.cos(k * angle), 0.0, math.sin(k * angle)), dtype=torch.float64
+        )
+        side = Beam.straight(
+            own, ELEMENTS, section(), root=place, direction=direction, up=(0, 1, 0)
+        )
+        parts[f"{k}"], place = side, place + own * direction
     last = Weld((f"{BEAMS - 1}", -1), ("0", 0))
     return welded([None, *range(BEAMS - 1)], parts, last)
 
@@ -84,8 +88,8 @@ def loop() -> Scene:
     """Two beams, welded and hinged to each other, on a third: what operations are counted of."""
     ends = ((0.0, 0, 0), (1.0, 0, 0)), ((0.0, 0, 0), (0, 0, 1.0)), ((1.0, 0, 0), (0, 0, 1.0))
     parts = {
-        name: Beam.straight(1.0, 3, section(), root=root, direction=way)
-        for name, (root, way) in zip("abc", ends, strict=True)
+        name: Beam.straight(1.0, 3, section(), root=root, direction=direction)
+        for name, (root, direction) in zip("abc", ends, strict=True)
     }
     joints = [Weld(("a", 0), ("b", 0)), Weld(("a", -1), ("c", 0))]
     joints.append(Hinge(("b", 2), ("c", 2), axis=(0, 1, 0), at=(0.5, 0, 0.5)))

@@ -38,7 +38,7 @@ Force = Callable[[np.ndarray], np.ndarray]  # in LOAD, of the turn of the tip (3
 
 def pieces() -> dict[str, Rod]:
     """By name: four of the front limb and one of the rear, each from its clamp towards the tip."""
-    found = {}
+    rods = {}
     for name, clamp, limb in (
         ("front", FRONT, FRONT_COMPLIANCE),
         ("rear", REAR, (REAR_COMPLIANCE,)),
@@ -48,8 +48,8 @@ def pieces() -> dict[str, Rod]:
         length, axes = np.linalg.norm(clamp) / len(limb), np.stack((x, y, np.cross(x, y)), -1)
         for k, own in enumerate(limb):
             root = clamp + k * length * x
-            found[f"{name} {k}"] = Rod(root, axes, length, np.array(own))
-    return found
+            rods[f"{name} {k}"] = Rod(root, axes, length, np.array(own))
+    return rods
 
 
 def wing(load: tb.PointLoad) -> tb.State:

@@ -34,8 +34,8 @@ def elbow_modes() -> tuple[Tensor, Tensor]:
     """Frequencies 1 to 4 within its plane: the second leg moves along itself with the first's end,
     as a mass, and both turn alike at the corner (Euler and Bernoulli, roots of the determinant).
     """
-    found = tb.modes(_elbow(section(GJ=1.0, EI=1.0, mass=1.0), plane="xy"), count=4).frequency
-    return found, torch.tensor(_roots(_elbow_determinant, 4)) ** 2
+    frequencies = tb.modes(_elbow(section(GJ=1.0, EI=1.0, mass=1.0), plane="xy"), count=4).frequency
+    return frequencies, torch.tensor(_roots(_elbow_determinant, 4)) ** 2
 
 
 def _elbow(of: tb.Section, effects: list[tb.Load] | None = None, plane: str | None = None):
@@ -68,16 +68,16 @@ def _elbow_determinant(b: float) -> float:
 
 def _roots(function: Callable[[float], float], count: int) -> list[float]:
     """The first zeros above 0.3, by halves."""
-    found, low = [], 0.3
-    while len(found) < count:
+    roots, low = [], 0.3
+    while len(roots) < count:
         a, b = low, low + 0.05
         if function(a) * function(b) < 0:
             for _ in range(50):
                 middle = (a + b) / 2
                 a, b = (a, middle) if function(a) * function(middle) < 0 else (middle, b)
-            found.append((a + b) / 2)
+            roots.append((a + b) / 2)
         low += 0.05
-    return found
+    return roots
 
 
 def portal(push: float = 1e-4) -> tuple[Tensor, Tensor]:
@@ -151,13 +151,13 @@ def pendulum(bodies: int) -> tuple[Tensor, Tensor]:
         tb.Hinge(names[k], names[k + 1], at=(float(k), 0, 0), axis=(0, 1, 0)) for k in range(bodies)
     ]
     scene = tb.Scene(parts, [tb.Gravity((0, 0, -G))], joints=joints, plane="xz")
-    times, found = torch.tensor([0.0, 0.3]), []
+    times, places = torch.tensor([0.0, 0.3]), []
     for steps in (6, 12, 24, 48):
         sizes = dict(step=0.3 / steps, tolerance=1e-13, engine="eager")
-        found.append(tb.simulate(scene, times, **sizes).state[-1].position)
+        places.append(tb.simulate(scene, times, **sizes).state[-1].position)
     for order in (4, 16, 64):
-        found = [(order * fine - coarse) / (order - 1) for coarse, fine in pairwise(found)]
-    return found[0], _pendulum(bodies, 0.3)
+        places = [(order * fine - coarse) / (order - 1) for coarse, fine in pairwise(places)]
+    return places[0], _pendulum(bodies, 0.3)
 
 
 def _pendulum(n: int, t: float) -> Tensor:
@@ -228,13 +228,13 @@ def ring() -> tuple[Tensor, Tensor]:
     """Lengthening and narrowing of four welded arcs that two forces pull apart, over F R^3/EI:
     pi/4 - 2/pi and 2/pi - 1/2 (Timoshenko 1930); extrapolated from 4 and 8 elements an arc.
     """
-    force, found = 1e-3, []
+    force, changes = 1e-3, []
     for elements in (4, 8):
         state = tb.equilibrium(_ring(force, elements), tolerance=1e-12)
         right, top, left, bottom = (state[f"arc {k}"].nodes[0] for k in range(4))
-        found.append(torch.stack(((right - left)[0] - 2, 2 - (top - bottom)[1])) / force)
+        changes.append(torch.stack(((right - left)[0] - 2, 2 - (top - bottom)[1])) / force)
     wanted = torch.tensor([math.pi / 4 - 2 / math.pi, 2 / math.pi - 0.5])
-    return (4 * found[1] - found[0]) / 3, wanted
+    return (4 * changes[1] - changes[0]) / 3, wanted
 
 
 def _ring(force: float, elements: int) -> tb.Scene:
