@@ -20,7 +20,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.surroundings import codes
+from ..core.python_values import codes
 from .installed import package, version_of
 
 # which attribute of a module they read, code does not say

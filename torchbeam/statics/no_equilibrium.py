@@ -12,7 +12,8 @@ from ..core.status import DIVERGED, STATUS
 from ..core.validation import concrete
 from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.model import Model
-from .mechanism import sample_of, unheld
+from .mechanism import unheld
+from .rigid_motions import sample_of
 
 CLOSE = 1e-6  # of a length
 BENT = 2.0  # rad, of an element, which takes less than half a turn

@@ -11,7 +11,8 @@ import torch
 from torch import Tensor
 
 from ...core.leaves import AXES, own_leaves, with_values
-from ...core.surroundings import Read, Surroundings, Unsteady, of_class
+from ...core.python_values import Read, of_class
+from ...core.surroundings import Surroundings, Unsteady
 from ...nodal.conditions import conditions
 from ...nodal.loads import Nodes, advanced, external, load_points
 from ...nodal.model import Model

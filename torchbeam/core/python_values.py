@@ -1,0 +1,216 @@
+"""Values of Python: which are known by themselves, whose they are, and what they hold."""
+
+from __future__ import annotations
+
+import builtins
+import enum
+import sys
+import types
+from collections import namedtuple
+from collections.abc import Callable, Iterator
+from dataclasses import fields, is_dataclass, make_dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+STEADY = (
+    type(None),
+    type(Ellipsis),
+    bool,
+    int,
+    float,
+    complex,
+    str,
+    bytes,
+    torch.dtype,
+    torch.device,
+    torch.layout,
+    enum.Enum,
+    np.generic,
+)
+PACKAGES = {  # of functions without memory
+    "torch",
+    "math",
+    "cmath",
+    "operator",
+    "functools",
+    "typing",
+    "itertools",
+    "collections",
+    "dataclasses",
+    "enum",
+    "abc",
+    __name__.split(".")[0],
+}
+# fmt: off
+PURE = {  # of Python's own
+    "abs", "all", "any", "bool", "complex", "dict", "divmod", "enumerate", "filter", "float",
+    "frozenset", "getattr",
+    "hasattr", "int", "isinstance", "issubclass", "len", "list", "map", "max", "min", "pow",
+    "range", "repr", "reversed",
+    "round", "set", "slice", "sorted", "str", "sum", "super", "tuple", "type", "zip",
+}
+# fmt: on
+FILES = {"load", "fromfile", "loadtxt", "genfromtxt", "memmap"}
+PUT = (bool, int, float, complex, str, tuple, list, dict, Tensor)  # on modules
+ABSENT = object()
+# what Python gives classes, and what only makes their objects
+MADE = {
+    "__post_init__",
+    "__setattr__",
+    "__new__",
+    "__init_subclass__",
+    *vars(make_dataclass("Empty", (), frozen=True, order=True)),
+    *vars(namedtuple("Empty", ())),
+}
+
+Read = tuple[str, Callable[[], Any]]  # a name, and what gives what it stands for
+
+
+def of_class(kind: type) -> Iterator[Read]:
+    """What the classes that a user wrote give their objects beside fields: methods, functions of
+    properties, values.
+    """
+    own = {*getattr(kind, "__dataclass_fields__", ()), *getattr(kind, "_fields", ())} | MADE
+    for parent in kind.__mro__:
+        for name, value in () if of_package(parent) else vars(parent).items():
+            if name not in own and (
+                not name.startswith("__") or isinstance(value, types.FunctionType)
+            ):
+                yield (
+                    name,
+                    lambda parent=parent, name=name: function_of(vars(parent).get(name, ABSENT)),
+                )
+
+
+def function_of(value: Any) -> Any:
+    """The function that a property, or a method of the class, is made from; all else as it is."""
+    return (
+        value.fget
+        if isinstance(value, property)
+        else value.__func__
+        if isinstance(value, (staticmethod, classmethod))
+        else value
+    )
+
+
+def class_attribute(kind: type, name: str) -> Any:
+    return function_of(vars(kind).get(name, ABSENT))
+
+
+def generated(value: Any) -> bool:
+    """Whether it is a function that Python wrote, of a dataclass or of a named tuple."""
+    return isinstance(value, types.FunctionType) and value.__code__.co_filename == "<string>"
+
+
+def steady(value: Any) -> bool:
+    """Whether it is a number or a word, or a tuple of such: known by itself."""
+    return isinstance(value, STEADY) or (type(value) is tuple and all(map(steady, value)))
+
+
+def version_of(x: Tensor) -> tuple[int, bool]:
+    return x._version, x.requires_grad
+
+
+def frozen(value: Any) -> bool:
+    return is_dataclass(value) and not isinstance(value, type) and value.__dataclass_params__.frozen
+
+
+def followed(value: Any) -> bool:
+    """Whether it is a module of torch.nn, a user's Python module, or an object of a user's class,
+    or of a frozen one.
+    """
+    if isinstance(value, types.ModuleType):
+        name = value.__name__.split(".")[0]
+        return name == "numpy" or name not in PACKAGES | sys.stdlib_module_names | {"__main__"}
+    if isinstance(value, (type, types.FunctionType, types.BuiltinFunctionType, np.ufunc)):
+        return False
+    if isinstance(value, torch.nn.Module) or frozen(value):
+        return True
+    own = type(value).__module__.split(".")[0]
+    return own == "__main__" or not (own in PACKAGES | {"numpy"} or own in sys.stdlib_module_names)
+
+
+def put_on(module: types.ModuleType, names: set[str]) -> list[str]:
+    """Of what code names in a module of `PACKAGES` numbers, tensors and users' functions, which may
+    be put there by anyone; and modules in it, where the same may be so.
+    """
+    held = {one: vars(module)[one] for one in names & vars(module).keys()}
+    return [
+        one
+        for one, value in held.items()
+        if isinstance(value, PUT)
+        or (
+            isinstance(value, (types.FunctionType, types.ModuleType))
+            and of_package(value) == isinstance(value, types.ModuleType)
+        )
+    ]
+
+
+def attributes(value: Any) -> list[str]:
+    """Names of what an object holds: of a frozen dataclass its fields, else what it was given, also
+    in slots.
+    """
+    if frozen(value):
+        return [field.name for field in fields(value)]
+    slots = (parent.__dict__.get("__slots__", ()) for parent in type(value).__mro__)
+    return [
+        *getattr(value, "__dict__", ()),
+        *(name for some in slots for name in ((some,) if isinstance(some, str) else some)),
+    ]
+
+
+def attribute(value: Any, name: str) -> Any:
+    held = getattr(value, "__dict__", {})
+    return (
+        held[name]
+        if name in held
+        else getattr(value, name, ABSENT)
+        if hasattr(type(value), name)
+        else ABSENT
+    )
+
+
+def of_numpy(value: Any) -> bool:
+    """Whether it is a function, or type, of NumPy that reads no file and draws no number."""
+    if isinstance(value, (types.ModuleType, np.ufunc)):
+        return isinstance(value, np.ufunc)
+    module = str(getattr(value, "__module__", ""))
+    return (
+        callable(value)
+        and hasattr(value, "__name__")
+        and module.split(".")[0] == "numpy"
+        and not (module.startswith("numpy.random") or value.__name__ in FILES)
+    )
+
+
+def of_package(value: Any) -> bool:
+    """Whether a module, class, function or operation is of one of `PACKAGES`, or of Python's own
+    that are pure.
+    """
+    if isinstance(value, types.ModuleType):
+        name = value.__name__
+    elif callable(value) and hasattr(value, "__name__"):
+        name = getattr(value, "__module__", None)
+        if isinstance(value, types.BuiltinFunctionType):
+            if not isinstance(value.__self__, (types.ModuleType, type, type(None))):
+                return False  # a method of an object that it holds
+            if name == builtins.__name__:
+                return value.__name__ in PURE
+        elif name is None and not isinstance(value, types.FunctionType):
+            # one that is made by exec has none either
+            name = type(value).__module__
+        name = name or ""
+    else:
+        return False
+    return name.split(".")[0] in PACKAGES or name == builtins.__name__
+
+
+def codes(code: types.CodeType) -> Iterator[types.CodeType]:
+    """Code, and the code of functions within it."""
+    yield code
+    for constant in code.co_consts:
+        if isinstance(constant, types.CodeType):
+            yield from codes(constant)

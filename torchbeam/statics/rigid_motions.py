@@ -1,0 +1,211 @@
+"""Rigid motions of a beam, or of the parts of a structure, and what holds them: supports, joints,
+the scene's plane, loads, and the stress that these have brought about.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from ..core.validation import concrete
+from ..equations.steady import Configuration, SteadyProblem
+from ..math.shapes import broadcast_shapes
+from ..nodal import loads as external
+from ..nodal.coordinates.planar import PLANES
+from ..nodal.element_loads import element_matrix
+from ..nodal.model import Model
+from ..topology.protocols import Matrix
+
+NONE = 1e-8  # of the largest: a singular value that is none
+
+
+class Base(NamedTuple):
+    """A part that moves as a rigid one: its name, its nodes, and the one that its rotations are
+    about.
+    """
+
+    name: str
+    nodes: slice
+    node: int
+
+
+def bases_of(model: Model) -> list[Base]:
+    """The beam, or all parts of a structure; rotations are about the first node that has a support,
+    or the first of all.
+    """
+    held = sorted(model.constraints.nodes)
+    parts = [(part.name, part.nodes) for part in model.scene.beam.parts] or [
+        ("", slice(0, model.node_count))
+    ]
+    return [
+        Base(name, nodes, next((n for n in held if nodes.start <= n < nodes.stop), nodes.start))
+        for name, nodes in parts
+    ]
+
+
+def sample_of(x: Tensor, own: int, sample: tuple[int, ...]) -> Tensor:
+    """One sample of x (..., `own` axes), whose leading axes may be fewer than the batch's, or one
+    long.
+    """
+    lead = x.shape[: x.ndim - own]
+    return concrete(x)[
+        tuple(
+            i if n > 1 else 0 for n, i in zip(lead, sample[len(sample) - len(lead) :], strict=True)
+        )
+    ]
+
+
+def free_motions(problem: SteadyProblem, x: Configuration) -> Tensor:
+    """(..., m, m) projector onto the rigid motions that nothing holds, see `holding`; zero where
+    there are none.
+    """
+    nodes, _, hold = holding(problem, x)
+    _, s, V = torch.linalg.svd(hold, full_matrices=True)
+    none = (pad(s, (0, max(0, hold.shape[-1] - s.shape[-1]))) <= NONE)[..., None] * V
+    return (none.mT @ none).to(nodes)
+
+
+def holding(problem: SteadyProblem, x: Configuration) -> tuple[Tensor, list[Base], Tensor]:
+    """Nodes (..., N+1, 3) m, the bases, and the matrix (..., m, 6 of each part), of size one, which
+    takes rigid motions of x to what holds them: displacement of a base (in lengths of all) and
+    rotation to those that supports, joints and the scene's plane forbid, and to the generalised
+    forces by which loads and stress resist what is left.
+    """
+    model, bases = problem.model, bases_of(problem.model)
+    nodes = (
+        model.space.public_position(x.position)
+        if model.space.turns
+        else model.scene.beam.nodes.detach()
+    )
+    moves, left, parts = moves_of(nodes, bases), torch.eye(6 * len(bases)).to(nodes), []
+    held = _forbidden(problem, x, nodes, moves)
+    if held is not None:
+        _, s, V = torch.linalg.svd(held, full_matrices=True)
+        rank = pad(s > NONE * s[..., :1], (0, max(0, held.shape[-1] - s.shape[-1])))
+        free = torch.where(rank[..., None], 0.0, V)  # rows
+        left = (free.mT @ free).to(nodes)
+        parts.append(held / s[..., :1, None])
+    parts.append(_resisted(problem, x, moves, left))
+    lead = broadcast_shapes(*(x.shape[:-2] for x in parts))
+    return nodes, bases, torch.cat([x.expand(*lead, *x.shape[-2:]) for x in parts], -2)
+
+
+def moves_of(nodes: Tensor, bases: list[Base]) -> tuple[Tensor, Tensor]:
+    """Displacements m and rotations (..., 6 of each part, N+1, 3) of all nodes by each rigid
+    motion.
+    """
+    eye, parts = torch.eye(6).to(nodes), []
+    for base in bases:
+        own = nodes[..., base.nodes, :]
+        shift, turn = (
+            x[:, None].expand(*own.shape[:-2], 6, own.shape[-2], 3) for x in eye.split(3, -1)
+        )
+        arm = (own - nodes[..., base.node : base.node + 1, :])[..., None, :, :].expand_as(turn)
+        shift = length_of(nodes)[..., None, None, None] * shift + torch.linalg.cross(turn, arm)
+        others = (0, 0, base.nodes.start, nodes.shape[-2] - base.nodes.stop)
+        parts.append([pad(x, others) if len(bases) > 1 else x for x in (shift, turn)])
+    return tuple(x[0] if len(bases) == 1 else torch.cat(x, -3) for x in zip(*parts, strict=True))
+
+
+def length_of(nodes: Tensor) -> Tensor:
+    length = torch.linalg.vector_norm(nodes.diff(dim=-2), dim=-1).sum(-1)
+    return torch.where(length > 0, length, 1.0)  # of a body alone
+
+
+def _forbidden(
+    problem: SteadyProblem, x: Configuration, nodes: Tensor, moves: tuple[Tensor, Tensor]
+) -> Tensor | None:
+    """(..., m, 6 of each part) what supports, joints and the scene's plane forbid, by each rigid
+    motion; None = nothing.
+    """
+    (shift, turn), model = moves, problem.model
+    scene, size = model.scene, length_of(nodes)[..., None]
+    rows = [
+        shift[..., s.node, i] / size if i < 3 else turn[..., s.node, i - 3]
+        for s in scene.supports
+        for i, fixed in enumerate(s.held)
+        if fixed
+    ]
+    if scene.plane is not None:
+        normal = int(torch.tensor(PLANES[scene.plane][2]).abs().argmax())
+        eye = torch.eye(shift.shape[-3]).to(nodes)
+        out = (normal, *(3 + j for j in range(3) if j != normal))
+        rows += [row for k, row in enumerate(eye) if k % 6 in out]
+    if model.joints.count:
+        G = _joined(problem, x).constraints()
+        G = G / torch.linalg.vector_norm(G, dim=-1, keepdim=True) / size[..., None]
+        rows += (G @ as_unknowns(problem, moves).flatten(-2).mT).unbind(-2)
+    return torch.stack(torch.broadcast_tensors(*rows), -2).double() if rows else None
+
+
+def _resisted(
+    problem: SteadyProblem, x: Configuration, moves: tuple[Tensor, Tensor], left: Tensor
+) -> Tensor:
+    """(..., 6, 6) generalised forces by which loads, and the stress of x, resist the rigid motions
+    that are `left`, a projector; of size one.
+    """
+    work, size = stiffness_of(problem, x, as_unknowns(problem, moves))
+    work = left @ work @ left
+    most = work.abs().amax((-1, -2), keepdim=True)
+    resisted = most > NONE * size
+    return torch.where(resisted, work / torch.where(resisted, most, 1), 0).double()
+
+
+def stiffness_of(problem: SteadyProblem, x: Configuration, moves: Tensor) -> tuple[Tensor, Tensor]:
+    """(..., 6, 6) of rigid motions, moves (..., 6, N+1, w) of the nodes, by loads and the stress of
+    x; (..., 1, 1) the size of its terms.
+    """
+    model, space = problem.model, problem.model.space
+    own, _ = model.joints.split(x.stress)
+    stress = space.geometric_stiffness(model.kinematics(x.position, x.rotation), own, model.length)
+    ends, size = model.assembly.to_elements(moves), _largest(stress)
+    work = torch.einsum("...anw,...nwv,...bnv->...ab", ends, stress, ends)
+    all_moves = moves.flatten(-2)
+    for matrix in _between(problem, x):
+        blocks = matrix.dense()
+        work = work + all_moves @ blocks @ all_moves.mT
+        size = torch.maximum(size, blocks.abs().amax((-1, -2), keepdim=True))
+    if problem.conditions.moving:
+        by = external.tangent(model, problem.nodes(x), problem.conditions)
+        if not isinstance(by, float):
+            work = work - torch.einsum("...anw,...nwv,...bnv->...ab", moves, by, moves)
+            size = torch.maximum(size, _largest(by))
+    return work, size * _largest(moves) ** 2
+
+
+def _between(problem: SteadyProblem, x: Configuration) -> Iterator[Matrix]:
+    """What joints, loads between nodes, and tendons each add to the tangent."""
+    model = problem.model
+    loads = element_matrix(model, problem.nodes(x), problem.conditions)
+    if model.joints.count:
+        yield _joined(problem, x)
+    if loads is not None:
+        yield loads.each(torch.neg)
+    if model.scene.tendons or model.scene.pairs:
+        w = model.space.unknowns
+        none = model.topology.diagonal(x.position.new_zeros(model.node_count, w, w))
+        tied = model.tendons.matrix(none, lambda: problem.tendon_motion(x))
+        yield model.touching.matrix(tied, lambda: problem.touching_motion(x))
+
+
+def _joined(problem: SteadyProblem, x: Configuration) -> Any:
+    """The matrix of the joints alone."""
+    joints = problem.model.joints
+    return joints.alone(
+        joints.blocks_of(problem.joint_poses(x), joints.split(x.stress)[1], None, 1.0)
+    )
+
+
+def as_unknowns(problem: SteadyProblem, moves: tuple[Tensor, Tensor]) -> Tensor:
+    """Displacements and rotations (..., 3) as moves (..., w)."""
+    space = problem.model.space
+    return torch.cat((space.project_vector(moves[0]), space.project_spin(moves[1])), -1)
+
+
+def _largest(x: Tensor) -> Tensor:
+    """(..., 1, 1) of the numbers (..., n, w, v), or (..., k, n, w)."""
+    return (x.abs().amax((-1, -2, -3)) if x.numel() else x.new_zeros(x.shape[:-3]))[..., None, None]
