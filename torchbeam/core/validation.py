@@ -72,6 +72,8 @@ def as_tensor(value: Value, dtype: torch.dtype, device: torch.device | None = No
     different lengths; and for a tensor or a floating array of NumPy of another precision, unless it
     is a single number.
     """
+    if isinstance(value, Tensor) and value.dtype == dtype and device in (None, value.device):
+        return value  # as a rule
     one_dtype(value, dtype)
     return converted(value, dtype, device)
 
@@ -233,20 +235,20 @@ def positive(name: str, value: Tensor, *, infinite: bool = False, zero: bool = F
     """`value` if every entry is positive (or zero, or infinite, where allowed); ValueError
     otherwise.
     """
-    bad = ~(value >= 0) if zero else ~(value > 0)
-    if not infinite:
-        bad = bad | torch.isinf(value)
-    bad = concrete(bad)
-    if bad.any():
-        wanted = (
-            ("a non-negative" if zero else "a positive")
-            + (" or infinite" if infinite else " finite")
-            + " number"
-        )
-        raise ValueError(
-            f"{name} = {concrete(value)[bad].flatten()[0].item():g} was given; {wanted} is wanted"
-        )
-    return value
+    numbers = concrete(value).detach()
+    if not numbers.numel():
+        return value
+    least, most = (x.item() for x in numbers.aminmax())  # not a number, where one is not
+    if (least >= 0 if zero else least > 0) and (infinite or most < math.inf):
+        return value
+    bad = ~(numbers >= 0) if zero else ~(numbers > 0)
+    bad = bad if infinite else bad | torch.isinf(numbers)
+    wanted = (
+        ("a non-negative" if zero else "a positive")
+        + (" or infinite" if infinite else " finite")
+        + " number"
+    )
+    raise ValueError(f"{name} = {numbers[bad].flatten()[0].item():g} was given; {wanted} is wanted")
 
 
 def finite(name: str, value: Tensor) -> Tensor:

@@ -85,7 +85,7 @@ class Section(Tree):
         set_ = object.__setattr__  # the dataclass is frozen
         set_(self, "compliance", S)
         set_(self, "mass", mass)
-        set_(self, "rigid", tuple(bool(concrete(c == 0).any()) for c in S_diagonal.unbind(-1)))
+        set_(self, "rigid", _zeros(S_diagonal))
         self.declared(
             coupled=present(given[0], S - torch.diag_embed(S_diagonal)),
             offset=present(given[1], mass[..., :3, 3:]),
@@ -211,16 +211,21 @@ class Section(Tree):
                     f"{name} = {given[name]!r} was given; one value is wanted (a batch is a tensor)"
                 )
         for name in ("EA", "GA", "GJ", "EI"):
-            for value in pair[name]:
+            for value in dict.fromkeys(pair[name]):
                 positive(name, value, infinite=True)
         for name in ("mass", "inertia"):
-            for value in pair[name]:
+            for value in dict.fromkeys(pair[name]):
                 positive(name, value, zero=name == "inertia")
         stiffness = (pair["EA"][0], *pair["GA"], pair["GJ"][0], *pair["EI"])
         m, (i_y, i_z) = pair["mass"][0], pair["inertia"]
-        return cls(
-            _diagonal([1 / k for k in stiffness]), _diagonal([m, m, m, i_y + i_z, i_y, i_z])
-        ).declared(coupled=False, offset=False, rotary=present(inertia))
+        compliance = _row([1 / k for k in stiffness])
+        mass = _row([m, m, m, i_y + i_z, i_y, i_z])
+        broadcast("compliance and mass", compliance.shape[:-1], mass.shape[:-1])
+        section = object.__new__(cls)  # whose matrices are right by what its numbers are
+        for name, row in (("compliance", compliance), ("mass", mass)):
+            object.__setattr__(section, name, torch.diag_embed(finite(name, row)))
+        object.__setattr__(section, "rigid", _zeros(compliance))
+        return section.declared(coupled=False, offset=False, rotary=present(inertia))
 
     @classmethod
     def rectangle(cls, width: Value, height: Value, E: Value, nu: Value, rho: Value) -> Section:
@@ -290,9 +295,14 @@ def _pair(
     return one, one
 
 
-def _diagonal(entries: list[Tensor]) -> Tensor:
+def _row(entries: list[Tensor]) -> Tensor:
     shape = broadcast("a section's numbers", *(x.shape for x in entries))
-    return torch.diag_embed(torch.stack([x.expand(shape) for x in entries], -1))
+    return torch.stack([x.expand(shape) for x in entries], -1)
+
+
+def _zeros(row: Tensor) -> tuple[bool, ...]:
+    """Which entries of a row (..., n) are 0 in any sample."""
+    return tuple((concrete(row) == 0).reshape(-1, row.shape[-1]).any(0).tolist())
 
 
 def _blocks(a: Tensor, b: Tensor, c: Tensor, d: Tensor) -> Tensor:
