@@ -65,7 +65,7 @@ class BalancedElement(Tree):
         raise NotImplementedError
 
     def tangent(
-        self, found: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]
+        self, balance: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]
     ) -> ElementTangent:
         """half() (..., N, s, s) of an element's nodes: half the spin of a rotation at the end by
         its spin at mid step.
@@ -105,7 +105,7 @@ class ElementAtRest(BalancedElement):
         return self._balance(kinematics, kinematics, strain - self.eigenstrain, stress)
 
     def tangent(
-        self, found: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]
+        self, balance: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]
     ) -> ElementTangent:
-        B = self.space.strain_operator(found.end, self.length)
-        return self._tangent(found.acting, stress, B, B)
+        B = self.space.strain_operator(balance.end, self.length)
+        return self._tangent(balance.acting, stress, B, B)

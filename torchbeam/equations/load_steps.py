@@ -92,15 +92,15 @@ def advanced(
     reached: Tensor,
     step: Tensor,
     status: Tensor,
-    found_status: Tensor,
+    step_status: Tensor,
     cosine: Tensor,
     iterations: Tensor,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """After a step that Newton's method has `found` a status for in so many iterations; cosine: of
+    """After a step that Newton's method has `step_status` for in so many iterations; cosine: of
     half the largest angle that a node turned by. Whether it went well, reached, step, status.
     """
     direct = (iterations <= QUICK) | (share - reached <= FEWEST)
-    good = climbing & (found_status == SUCCESS) & (cosine > math.cos(TURN / 2)) & direct
+    good = climbing & (step_status == SUCCESS) & (cosine > math.cos(TURN / 2)) & direct
     turned = 2 * torch.arccos(cosine.clamp(max=1))
     step = torch.where(good, (EASY / turned).clamp(1.5, 4.0) * step, step / 2)
     stuck = climbing & ~good & (step < LEAST)
@@ -108,5 +108,5 @@ def advanced(
         good,
         torch.where(good, share, reached),
         step,
-        torch.where(stuck, found_status.clamp(min=DIVERGED), status),
+        torch.where(stuck, step_status.clamp(min=DIVERGED), status),
     )

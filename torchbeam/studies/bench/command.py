@@ -41,7 +41,7 @@ PARTS: dict[str, Callable[[bool], Iterator[Measured]]] = {
     "structures": structures.rows,
     "contact": contact.rows,
     "mechanisms": mechanisms.rows,
-    "environments": others.found,
+    "environments": others.measurements,
     "first-use": first_use.rows,
     "breakdown": breakdown.rows,
     "growth": growth.rows,

@@ -19,7 +19,7 @@ from .measurement import CPU, Measured, progress
 GROUP, PEERS = "torchbeam.benchmarks", "peers"
 
 
-def found(quick: bool) -> Iterator[Measured]:
+def measurements(quick: bool) -> Iterator[Measured]:
     """Rows of every package that has some."""
     for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name):
         yield from entry.load()(quick)
