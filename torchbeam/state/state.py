@@ -13,6 +13,7 @@ from torch.nn.functional import pad
 
 from ..core.arguments import batch, instance, instants, place
 from ..core.leaves import leaf, map_leaves
+from ..core.memory import check_memory
 from ..core.validation import Value, broadcast
 from ..core.warning import warn
 from ..math import quaternions as quat
@@ -270,7 +271,8 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
     """The scene's beam undeformed and at rest in frame a, with the scene's batch axes
     (or those given). What supports hold is where they have it at the time t s (0-dim, or one of
     each sample), and moves with them. A frame that turns has turned since t = 0, when it coincides
-    with the inertial axes. Raises ValueError for what is no scene, batch axes or time.
+    with the inertial axes. Raises ValueError for what is no scene, batch axes or time; MemoryError
+    for more samples than there is memory for.
     """
     time = instants("t", t, instance("a scene", scene, Scene).beam.nodes)
     shape = broadcast("a scene and t", scene.batch_shape, time.shape)
@@ -282,6 +284,9 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
                 "with its axes is wanted"
             )
         shape = wanted
+    numbers = 13 * scene.beam.node_count + 6 * scene.beam.stress_count
+    size = shape.numel() * numbers * time.element_size()
+    check_memory(f"a state of {shape.numel()} samples", size, "fewer are wanted")
     return resting(scene, shape, time)
 
 
