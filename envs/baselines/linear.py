@@ -4,6 +4,8 @@ target; where hinges turn, around the arm at rest.
 
 from __future__ import annotations
 
+from math import inf
+from numbers import Real
 from typing import Any
 
 import torch
@@ -43,6 +45,15 @@ class Late:
         queue = torch.cat((self.queue(pending), action[:, None]), 1)
         self.past = queue[:, 1 : self.latency + 1]
         return queue
+
+
+def amount(name: str, value: float, *, zero: bool = False) -> float:
+    """A finite positive number, or 0 where that is one too; ValueError for anything else."""
+    number = isinstance(value, Real) and not isinstance(value, bool)
+    if not number or not (0 < value < inf or (zero and value == 0)):
+        wanted = "a finite number of at least 0" if zero else "a positive finite number"
+        raise ValueError(f"{name} = {value!r} was given; {wanted} is wanted")
+    return value
 
 
 class Schedule:
@@ -111,6 +122,8 @@ class LQR(Controller):
                 "a task whose targets no constant action holds was given (a hub turns); LQR "
                 "wants one that does"
             )
+        amount("effort", effort)
+        amount("speed_weight", speed_weight, zero=True)
         self.late = Late(latency)
         self.schedule = Schedule(schedule, env.task.actions, env.high)
         still = {name: env.high.new_zeros(1, size) for name, size in env.plant.scene.inputs.items()}
@@ -125,8 +138,8 @@ class LQR(Controller):
         self.A, self.B, wholes, self.C = self._models(env)
         tip = wholes.unflatten(1, (4, env.task.elements, 3))[:, :, -1]
         # displacement, turn, velocity, spin of the tip
-        scale = 0.1 * env.task.length, env.task.speed[0].item() / speed_weight**0.5
-        near = torch.cat((tip[:, 0] / scale[0], tip[:, 2] / scale[1]), 1)
+        share = speed_weight**0.5 / env.task.speed[0].item()
+        near = torch.cat((tip[:, 0] / (0.1 * env.task.length), share * tip[:, 2]), 1)
         delay = env.config.delay + latency
         self.K = torch.stack(
             [
@@ -243,6 +256,8 @@ class JointLQR(Controller):
             raise ValueError(
                 "a task without hinges that rest at any angle was given; LQR is there for it"
             )
+        amount("effort", effort)
+        amount("speed_weight", speed_weight, zero=True)
         self.late = Late(latency)
         still = {name: env.high.new_zeros(size) for name, size in scene.inputs.items()}
         tip = (lambda s: s.position[..., -1, :], lambda s: s.velocity[..., -1, :])
@@ -252,8 +267,8 @@ class JointLQR(Controller):
         self.B = torch.cat(
             [held.B[:, held.inputs[drive.input]] @ drive.gain.mT for drive in task.drives], -1
         )
-        scale = 0.1 * task.length, task.speed[0].item() / speed_weight**0.5
-        near = torch.cat((held.C[:3] / scale[0], held.C[3:] / scale[1]))
+        share = speed_weight**0.5 / task.speed[0].item()
+        near = torch.cat((held.C[:3] / (0.1 * task.length), share * held.C[3:]))
         delay = env.config.delay + latency
         self.K = delayed_gain(self.A, self.B, near.mT @ near, effort, delay)
 

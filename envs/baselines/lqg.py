@@ -14,7 +14,7 @@ from torch import Tensor
 
 from ..core import BeamVectorEnv
 from .holding import vector_env
-from .linear import LQR, JointLQR, times
+from .linear import LQR, JointLQR, amount, times
 from .riccati import riccati
 
 # standard deviations that a filter reckons with: of readings without noise; of the actions
@@ -28,10 +28,8 @@ class Noise:
     """
 
     def __init__(self, readings: float, action: float, disturbance: float) -> None:
-        for name, value, least in (("action", action, True), ("disturbance", disturbance, False)):
-            if not (value > 0 if least else value >= 0) or value == float("inf"):
-                wanted = "a positive number" if least else "a number of at least 0"
-                raise ValueError(f"{name} = {value!r} was given; {wanted} is wanted")
+        amount("action", action)
+        amount("disturbance", disturbance, zero=True)
         self.readings, self.action, self.disturbance = readings, action, disturbance
 
     def model(self, A: Tensor, B: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -7,8 +7,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchbeam.extend import count
+
 from ..core import BeamVectorEnv
 from .holding import Controller, vector_env
+from .linear import amount
 from .trajectory import TipWay, within_bounds
 
 
@@ -28,8 +31,8 @@ class MPC(Controller):
         damping: of the steps, beside the largest entry on the diagonal of their matrix
 
     Raises:
-        ValueError: for a task with a memory beside its beam, and for a horizon that is not longer
-            than the delay.
+        ValueError: for a task with a memory beside its beam, a horizon that is not longer than the
+            delay, no iterations, and negative weights.
     """
 
     def __init__(
@@ -42,6 +45,10 @@ class MPC(Controller):
         damping: float = 1e-6,
     ) -> None:
         env = vector_env(env)
+        count("horizon", horizon)
+        count("iterations", iterations)
+        amount("terminal", terminal, zero=True)
+        amount("damping", damping, zero=True)
         if horizon <= env.config.delay:
             raise ValueError(
                 f"horizon = {horizon} was given for a delay of {env.config.delay}; more is wanted"

@@ -9,6 +9,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchbeam.extend import count
+
 from ..core import BeamVectorEnv
 from ..episodes import Episodes
 from .holding import Controller, Static, vector_env
@@ -37,7 +39,7 @@ class Optimum(Controller):
     env steps that were played.
 
     Raises:
-        ValueError: for an env without end, and for what `TipWay` refuses.
+        ValueError: for an env without end, no iterations or starts, and for what `TipWay` refuses.
     """
 
     def __init__(
@@ -50,6 +52,9 @@ class Optimum(Controller):
         seed: int = 0,
     ) -> None:
         env = vector_env(env)
+        count("iterations", iterations)
+        count("starts", starts)
+        count("seed", seed, 0)
         self.guess = Static(env) if guess is None else guess
         self.iterations, self.starts, self.seed, self.steps = iterations, starts, seed, 0
 

@@ -226,6 +226,32 @@ def test_predictive_control_follows():
         MPC(env, horizon=1)
 
 
+@pytest.mark.parametrize(
+    ("kind", "options", "said"),
+    [
+        (LQR, dict(effort=0.0), "effort = 0.0 was given; a positive"),
+        (LQR, dict(effort=math.nan), "effort = nan"),
+        (LQG, dict(speed_weight=-1.0), "speed_weight = -1.0 was given; a finite number of at"),
+        (JointLQR, dict(effort=-1.0), "effort = -1.0"),
+        (LQG, dict(action=0.0), "action = 0.0"),
+        (MPC, dict(iterations=0), "iterations = 0"),
+        (MPC, dict(terminal=math.inf), "terminal = inf"),
+        (Optimum, dict(starts=0), "starts = 0"),
+    ],
+)
+def test_numbers_of_controllers(kind, options, said):
+    env = SlewVectorEnv(1) if kind is JointLQR else TipTrackVectorEnv(1, **SMALL)
+    with pytest.raises(ValueError, match=said):
+        kind(env, **options)
+
+
+def test_a_weight_of_zero():
+    """LQR that does not mind how fast the tip is: the limit of small weights."""
+    env = TipTrackVectorEnv(1, **SMALL)
+    none, little = (LQR(env, speed_weight=w).K for w in (0.0, 1e-12))
+    torch.testing.assert_close(none, little, rtol=1e-6, atol=1e-9)
+
+
 @pytest.mark.parametrize("kind", [Static, LQR, LQG, MPC])
 def test_episodes_that_begin_later_are_begun_anew(kind):
     """Episode 1 is reset by hand after four intervals: from there on its actions are those of a

@@ -51,8 +51,8 @@ def export(what: Any, path: str | Path, *, state: State | None = None) -> Path:
     is largest, that then 1 (where the mode has none, that of the turn).
 
     Raises:
-        ValueError: for what is none of these, a path of another ending, a folder that is not
-            there, modes without the state that they are about, or one of another batch.
+        ValueError: for what is none of these, another form, a path of another ending, a folder that
+            is not there, modes without the state that they are about, or one of another batch.
         NotWritten: (an OSError) where the disk is full.
     """
     path = path_of("path", path)
@@ -73,6 +73,11 @@ def export(what: Any, path: str | Path, *, state: State | None = None) -> Path:
         raise ValueError(
             f"the file {path.name!r} was given for a {type(what).__name__}; one that ends in "
             f"{ending} is wanted"
+        )
+    if isinstance(what, Solution) and not isinstance(what.state, State):
+        raise ValueError(
+            f"a Solution of {type(what.state).__name__} was given to export; one of the nodal form "
+            "is wanted"
         )
     folder(path.parent)
     if isinstance(what, Solution):

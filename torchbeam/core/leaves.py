@@ -104,6 +104,12 @@ class Placeholder:
     """Stands for a tensor that is given later."""
 
 
+class Mark:
+    """A static value that says whose a tree is: of several trees it stays where all have the same
+    object, see `map_leaves`.
+    """
+
+
 class Leaf(NamedTuple):
     """One leaf: the object that holds it, its name there, its value, its number of own axes
     (None: not separable).
@@ -203,9 +209,12 @@ def map_leaves(
     """The tree with `function(value, axes, *values of the others)` in place of each leaf that is
     not None; trees in tuples, lists and dictionaries likewise. Objects are copied without checking
     them again and without what they had cached, and not at all where nothing in them changes; one
-    that stands in several places is made once. Static fields are the first tree's.
+    that stands in several places is made once. Static fields are the first tree's; of a `Mark` that
+    others do not share None is left.
     """
     results = {} if results is None else results
+    if isinstance(tree, Mark):
+        return tree if all(other is tree for other in others) else None
     if isinstance(tree, Tree):
         if id(tree) not in results:
             # held, so that its id stays its own

@@ -76,6 +76,13 @@ class Failure(NamedTuple):
                         f"{name} jumps in time, and no smaller step helps; let it rise over "
                         "some steps"
                     )
+            last = problem.motion.kinematics(iterates[-1].u, iterates[-1].m)
+            passed = problem.passed(last)
+            if passed is not None and (passed & self.failed).any():
+                return (
+                    "the step leads through what is to be touched; a smaller one may help, or "
+                    "contact with a larger force, which holds more energy"
+                )
             motion = unresisted_motion(problem, self.failed)
             return motion and f"neither stiffness nor inertia resists {motion}; {RESIST}"
 

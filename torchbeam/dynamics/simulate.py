@@ -94,8 +94,8 @@ def simulate(
             positions; rotations in undamped twist were off by up to 4.1 of it); numbers, or (...).
             Of torchdiffeq's: numbers, None = 1e-6 and 1e-8.
         events: with adaptive steps: a function of the state that gives one number (...) a sample,
-            or a list of such: a sample stops where one crosses zero, and `sol.event` says which,
-            when and how.
+            of that sample alone, or a list of such: a sample stops where one crosses zero, and
+            `sol.event` says which, when and how.
         max_steps: adaptive steps in a run, at most.
         first_step: s, of adaptive steps; None = found by a trial.
         engine, lumped, conserve, rho_inf, tolerance, iterations, halvings: of implicit methods, see

@@ -166,7 +166,7 @@ class StepSolver:
             foresee=None if model.smooth else torch.zeros_like(moving),
         )
         lost = self.model.space.cosine(x.m).amin(-1) < self._least
-        if problem.conditions.between or model.touching.present:
+        if problem.conditions.between or model.touching.present or model.bodies_touch:
             passed = problem.passed(problem.motion.kinematics(x.u, x.m))
             lost = lost if passed is None else lost | passed
         status = torch.where((status == SUCCESS) & lost, DIVERGED, status)

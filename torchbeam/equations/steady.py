@@ -23,6 +23,7 @@ from ..nodal.loads import STEADY, Nodes
 from ..nodal.model import Model
 from ..nodal.touching_motion import TouchingMotion
 from ..scene.effects import Inputs
+from ..state.rest_shape import RestShape
 from ..state.state import State
 from ..state.supported_nodes import set_node
 from ..topology.protocols import Matrix, total
@@ -247,6 +248,7 @@ class SteadyProblem(BalanceProblem):
                 internal=external.internal(model, self.nodes(x), self.conditions, shape),
                 supports=model.constraints.nodes,
                 parts=model.scene.beam.parts,
+                rest_shape=RestShape.of(model.scene.beam),
                 joined=model.scene.beam.joined,
                 coordinates=tuple(joint.coordinates for joint in model.scene.joints),
                 **model.joints.finished(x.stress, lambda: self.joint_poses(x)),

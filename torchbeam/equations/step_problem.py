@@ -259,8 +259,13 @@ class StepProblem(BalanceProblem):
         each = [self.model.touching.passed(lambda: self.touching_way(kinematics))]
         if now.between:
             each.append(element_loads.passed(self.model, self._way(kinematics), now))
+        each.append(self.body_passed(kinematics))
         each = [x for x in each if x is not None]
         return torch.stack(torch.broadcast_tensors(*each)).any(0) if each else None
+
+    def body_passed(self, kinematics: Any) -> Tensor | None:
+        """`passed` of bodies and obstacles."""
+        return element_loads.body_passed(self.model, self._way(kinematics), self.conditions)
 
     def touching_motion(self, kinematics: Any, nodes: Any = None) -> TouchingMotion:
         model = self.model

@@ -17,7 +17,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..math.quadratic import X, gauss_points, values_at
-from ..scene.effects import LoadPoint
+from ..scene.effects import Contact, LoadPoint
 from ..topology.protocols import Blocks, Matrix
 from .acting import ActingLoad
 from .conditions import Conditions
@@ -124,6 +124,17 @@ def passed(rows: Rows, way: Way, now: Conditions) -> Tensor:
         half = rows.space.public_vector(_at_points(rows, acting, way.half))
         each.append(acting.load.passed(x, half, way.dt).any(-1))
     return torch.stack(torch.broadcast_tensors(*each)).any(0)
+
+
+def body_passed(rows: Rows, way: Way, now: Conditions) -> Tensor | None:
+    """The same of bodies, single nodes; None where none touches an obstacle."""
+    each = []
+    for acting in now.moving:
+        if isinstance(acting.load, Contact):
+            x = rows.space.public_position(way.middle[..., acting.node, :])
+            half = rows.space.public_vector(way.half[..., acting.node, :])
+            each.append(acting.load.passed(x[..., None, :], half[..., None, :], way.dt)[..., 0])
+    return torch.stack(torch.broadcast_tensors(*each)).any(0) if each else None
 
 
 def load_point(rows: Rows, acting: ActingLoad, nodes: Nodes, now: Conditions) -> LoadPoint:

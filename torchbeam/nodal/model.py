@@ -14,7 +14,7 @@ from torch.nn.functional import pad
 from ..core.derivatives import cached
 from ..core.remembered import remembered
 from ..math import quaternions as quat
-from ..scene.effects import INERTIAL, Inputs
+from ..scene.effects import INERTIAL, Contact, Inputs
 from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
 from ..scene.scene import Scene
 from ..topology.chain import Chain
@@ -77,6 +77,12 @@ class Model(Rows):
             and not self.touching.lossy
             and not self.turning
         )
+
+    @property
+    def bodies_touch(self) -> bool:
+        """Whether bodies, single nodes, touch obstacles."""
+        loads = self.scene.loads
+        return any(isinstance(load, Contact) and load.node is not None for load in loads)
 
     @property
     def rubs(self) -> bool:

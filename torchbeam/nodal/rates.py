@@ -16,6 +16,7 @@ from ..math.shapes import broadcast_shapes
 from ..scene.effects import INERTIAL, Inputs
 from ..scene.scene import Scene
 from ..scene.supports import Support
+from ..state.rest_shape import RestShape
 from ..state.state import State
 from .conditions import Conditions, conditions
 from .discretise import discretise
@@ -375,5 +376,6 @@ class Rates:
                 internal=nodes.internal,
                 supports=self.model.constraints.nodes,
                 parts=self.model.scene.beam.parts,
+                rest_shape=RestShape.of(self.model.scene.beam),
             )
         )

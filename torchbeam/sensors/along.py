@@ -17,6 +17,7 @@ from ..nodal.coordinates.spatial import Spatial
 from ..scene.beam import Beam
 from ..scene.element_stations import STATIONS
 from ..scene.scene import Scene
+from ..state.rest_shape import RestShape
 from ..state.state import State
 from ..topology.chain import Chain
 from .sensor import OnPart
@@ -38,7 +39,7 @@ class _Along(OnPart):
              read; of order 2 the mean of its two
 
     Raises ValueError for both or neither, a station beyond the beam, or an element that does not
-    exist.
+    exist; and where it is called, for a state of a beam of another shape at rest.
     """
 
     station: Value | None = None
@@ -46,6 +47,7 @@ class _Along(OnPart):
     element: int | None = None
     weights: Tensor | None = field(default=None, init=False)
     space: Spatial | None = field(default=None, init=False)
+    known: RestShape | None = field(default=None, init=False)
     what: ClassVar[str]
 
     def __post_init__(self) -> None:
@@ -97,13 +99,29 @@ class _Along(OnPart):
         return f"{self.place}{self.what} {where}"
 
     def __call__(self, state: Any) -> Tensor:
-        position = getattr(self.seen(state), "position", None)
+        seen = self.seen(state)
+        position = getattr(seen, "position", None)
         if position is not None and self.beam.node_count != position.shape[-2]:
             raise ValueError(
                 f"a state with {position.shape[-2]} nodes was given; the sensor's beam has "
                 f"{self.beam.node_count}"
             )
+        self._refuse_another(getattr(seen, "rest_shape", None))
         return super().__call__(state)
+
+    def _refuse_another(self, shape: RestShape | None) -> None:
+        """ValueError for the rest shape of another beam."""
+        own = RestShape.of(self.beam)
+        if shape is None or own is None or shape is own or shape is self.known:
+            return
+        off = shape.differs(own)
+        if off is not None:
+            raise ValueError(
+                f"a state of another beam was given to the sensor {self.name!r}, whose shape at "
+                f"rest differs from that of the sensor's beam {off}; a sensor of the state's own "
+                "beam is wanted"
+            )
+        object.__setattr__(self, "known", shape)
 
     def of_elements(self, state: Any) -> Tensor:
         """(..., N, size)"""

@@ -13,13 +13,16 @@ from torch.nn.functional import pad
 
 from ..core.arguments import batch, instance, instants, place
 from ..core.leaves import leaf, map_leaves
+from ..core.memory import check_memory
 from ..core.validation import Value, broadcast
+from ..core.warning import warn
 from ..math import quaternions as quat
 from ..scene.parts import Part, one_beam, part_of, row_of
 from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
 from ..scene.scene import Scene
 from .bent import bent
 from .instant import READINGS, Instant, JointReading, Point, Reaction
+from .rest_shape import RestShape
 from .supported_nodes import at_rest, at_supports
 
 
@@ -58,6 +61,8 @@ class State(Instant):
             `__getitem__`
         joined: pairs of nodes that its joints connect, None = the ground; stress has a row for each
             behind those of the stations
+        rest_shape: of its beam (`RestShape`), by which a sensor of another one is refused; None =
+            not known
     """
 
     position: Tensor = leaf(2)
@@ -78,6 +83,7 @@ class State(Instant):
     parts: tuple[Part, ...] = field(default=(), kw_only=True)
     coordinates: tuple[tuple[int, ...], ...] = field(default=(), kw_only=True)
     joined: tuple[tuple[int | None, int | None], ...] = field(default=(), kw_only=True)
+    rest_shape: RestShape | None = field(default=None, kw_only=True)
 
     @classmethod
     def from_nodes(
@@ -194,6 +200,7 @@ class State(Instant):
             tendons=None,
             coordinates=(),
             joined=(),
+            rest_shape=self.rest_shape and self.rest_shape.of_nodes(part.nodes),
         )
 
     def node(self, index: Any) -> Point:
@@ -264,7 +271,8 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
     """The scene's beam undeformed and at rest in frame a, with the scene's batch axes
     (or those given). What supports hold is where they have it at the time t s (0-dim, or one of
     each sample), and moves with them. A frame that turns has turned since t = 0, when it coincides
-    with the inertial axes. Raises ValueError for what is no scene, batch axes or time.
+    with the inertial axes. Raises ValueError for what is no scene, batch axes or time; MemoryError
+    for more samples than there is memory for.
     """
     time = instants("t", t, instance("a scene", scene, Scene).beam.nodes)
     shape = broadcast("a scene and t", scene.batch_shape, time.shape)
@@ -276,6 +284,9 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
                 "with its axes is wanted"
             )
         shape = wanted
+    numbers = 13 * scene.beam.node_count + 6 * scene.beam.stress_count
+    size = shape.numel() * numbers * time.element_size()
+    check_memory(f"a state of {shape.numel()} samples", size, "fewer are wanted")
     return resting(scene, shape, time)
 
 
@@ -302,6 +313,7 @@ def resting(scene: Any, shape: tuple[int, ...], time: Tensor) -> State:
         supports=supported(scene),
         parts=beam.parts,
         joined=beam.joined,
+        rest_shape=RestShape.of(beam),
     )
     state = with_tendons(state, scene)
     if not scene.has_prescribed_motion and not any(s.displaced for s in scene.supports):
@@ -330,9 +342,11 @@ def supported(scene: Any) -> tuple[int, ...]:
 def with_optional_fields(state: State, scene: Any) -> State:
     """With an orientation of frame a and internal states of loads, where the scene wants them and
     the state has none; with the reactions of the scene's supports, zero where the state has those
-    of others. Raises ValueError where it has other orientations or internal states.
+    of others. Warns where it is of a beam of another rest shape. Raises ValueError where it has
+    other orientations or internal states.
     """
     nodes, known = supported(scene), state.supports
+    state = _of_this_beam(state, scene.beam)
     if state.reaction.shape[-2] != len(nodes) or known not in (None, nodes):
         state = replace(
             state, reaction=state.reaction.new_zeros(*state.reaction.shape[:-2], len(nodes), 6)
@@ -359,6 +373,21 @@ def with_optional_fields(state: State, scene: Any) -> State:
         state = replace(state, **no_motion(scene, state.position.new_zeros(state.batch_shape)))
     count = 0 if state.tendons is None else state.tendons.shape[-2]
     return state if count == len(scene.tendons) else with_tendons(state, scene)
+
+
+def _of_this_beam(state: State, beam: Any) -> State:
+    own, shape = RestShape.of(beam), state.rest_shape
+    if shape is own:
+        return state
+    off = None if own is None or shape is None else shape.differs(own)
+    if off is not None:
+        warn(
+            "a state of another beam was given to start from, whose shape at rest differs from "
+            f"this one's {off}, so that it starts strained; State.from_nodes bends this beam into "
+            "a curve",
+            UserWarning,
+        )
+    return replace(state, rest_shape=own)
 
 
 def with_tendons(state: State, scene: Any) -> State:

@@ -136,7 +136,7 @@ class Continuation:
             after = self.settle(x, now.factor, outcome.reaction, now.least)
             good = good & after.sound
             kind = torch.where(after.by_factor * now.by_factor < 0, LIMIT_POINT, BRANCH_POINT)
-            kind = torch.where(~leap & (after.negative != now.negative), kind, REGULAR)
+            kind = torch.where(~leap & self.passed(now, after), kind, REGULAR)
             chord = self.along_chord(now, after)
             sharp = (kind == BRANCH_POINT) & (chord < STRAIGHT)
             if first is None:
@@ -144,7 +144,8 @@ class Continuation:
                 sharp = sharp | (~final & ((self.alike(after, now) < ALIKE) | (chord < ALONG)))
             good = good & ~beyond & ~(sharp & ~leap & (step > LEAST * self.step))
             kind = torch.where(good, kind, REGULAR)
-            leaps = good & (after.negative > now.negative) & (kind == BRANCH_POINT) & self.branch
+            leaps = good & (kind == BRANCH_POINT) & self.branch
+            leaps = leaps & ((after.negative > now.negative) | (after.sign < now.sign))
             now, behind = where(good, (after, now), (now, behind))
             record.append((now, kind, good))
             at = torch.where(good, at + step, at)
@@ -250,6 +251,14 @@ class Continuation:
         return (self.size * a.move * b.move).sum((-1, -2)) + a.by_factor * b.by_factor / self.span[
             1
         ] ** 2
+
+    def passed(self, now: PathState, after: PathState) -> Tensor:
+        """Whether (...) the tangent has become singular on the way: of symmetric ones their pivots
+        tell, of those under loads that are not conservative the determinant alone.
+        """
+        if self.model.conservative:
+            return after.negative != now.negative
+        return after.sign != now.sign
 
     def along_chord(self, now: PathState, after: PathState) -> Tensor:
         """The smaller cosine between a step and the tangents at its two ends: of a path that is

@@ -49,10 +49,10 @@ class Path:
             conservative); one that is less than 1e-4 of the softest at the start does not count: a
             round column turns about its axis at no cost
         sign: int: of the tangent's determinant, for loads that are not
-        kind: int, of the way from the equilibrium before: BRANCH_POINT = 2 where a pivot changed
-            sign without the factor turning back, LIMIT_POINT = 1 where it turned back, REGULAR = 0.
-            The event is anywhere on that way: its factor is that of `critical_load`, or of `path`
-            with a smaller `step`
+        kind: int, of the way from the equilibrium before: BRANCH_POINT = 2 where a pivot (under
+            loads that are not conservative the determinant) changed sign without the factor turning
+            back, LIMIT_POINT = 1 where it turned back, REGULAR = 0. The event is anywhere on that
+            way: its factor is that of `critical_load`, or of `path` with a smaller `step`
         valid: bool: False where the last one is repeated
         reached: (...) bool: whether the end asked for was reached
     """

@@ -116,11 +116,13 @@ def test_bad_input(tmp_path):
     state = tb.rest(scene())
     modes = tb.modes(scene(force=(0.0, 0, 0)), state, count=2)
     solution = tb.simulate(scene(), torch.linspace(0, 0.1, 2), step=0.1)
+    mixed = tb.Solution(solution.t, tb.consistent_state(scene())[None], lambda: None, tb.Stats())
     for what, name, given, message in (
         (state, "run.pvd", {}, "one that ends in .vtu is wanted"),
         (solution, "run.vtu", {}, "one that ends in .pvd is wanted"),
         (3, "run.vtu", {}, "int was given to export"),
         (state, "a/b/c.vtu", {}, "folder"),
+        (mixed, "run.pvd", {}, "a Solution of MixedState"),
         (modes, "run.vtu", {}, "Modes without a state"),
         (solution, "run.pvd", dict(state=state), "Solution with a state"),
         (modes, "run.vtu", dict(state=tb.rest(scene(order=2))), "modes of 3 nodes"),

@@ -6,7 +6,23 @@ from pathlib import Path
 import pytest
 import torch
 
+import torchbeam as tb
 from torchbeam.core import memory
+
+SECTION = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=3.0, EI=2.0, mass=0.3)
+SCENE = tb.Scene(tb.Beam.straight(1.0, 2, SECTION))
+LAWS = {"a": (0.0, 1.0)}
+MANY = {
+    "steps": lambda: tb.simulate(SCENE, [0, 1.0], step=1e-300),
+    "a straight beam": lambda: tb.Beam.straight(0.5, 10**9, SECTION),
+    "an arc": lambda: tb.Beam.arc(0.5, 1.0, 10**9, SECTION),
+    "a curve": lambda: tb.Beam.curve(0.5, 10**9, SECTION, curvature=(0, 0, 1.0)),
+    "another mesh": lambda: tb.remesh(SCENE, 10**9),
+    "a batch": lambda: tb.rest(SCENE, (10**11,)),
+    "a rollout": lambda: tb.rollout(tb.Stepper(SCENE, 0.01), tb.rest(SCENE), 10**12),
+    "a chunk": lambda: tb.monte_carlo(lambda theta: theta, LAWS, 2**30, chunk=2**30),
+    "starts": lambda: tb.identify(lambda theta: theta, [1.0], [1.0], starts=10**12),
+}
 
 
 def test_memory_that_is_there_is_known_where_the_machine_says():
@@ -21,6 +37,13 @@ def test_what_is_too_much_is_said_in_a_sentence(monkeypatch):
         MemoryError, match=r"^the states would take 4 GB, and 3 GB are free; less is wanted$"
     ):
         memory.check_memory("the states", 4 * 10**9, "less is wanted")
+
+
+@pytest.mark.parametrize("what", MANY)
+def test_what_there_is_no_memory_for_is_refused_before_it_is_made(monkeypatch, what):
+    monkeypatch.setattr(memory, "available", lambda: 5 * 10**9)
+    with pytest.raises(MemoryError, match=r"GB, and 5 GB are free; .* (wanted|takes)"):
+        MANY[what]()
 
 
 def test_what_is_not_known_or_little_is_not_asked_about(monkeypatch):

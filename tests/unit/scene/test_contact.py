@@ -1,5 +1,7 @@
 """Contact: laws at a point, obstacles, and loads between nodes, each against its definition."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from torch.testing import assert_close
@@ -234,6 +236,27 @@ def test_a_step_that_leads_through_an_obstacle_is_told():
     start, end = (torch.tensor([way[k] for way in ways.values()]) for k in (0, 1))
     found = contact.passed((start + end) / 2, (end - start) / 2, torch.tensor(0.1))
     assert found.tolist() == 5 * [True] + 4 * [False]
+
+
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+def test_a_body_does_not_step_through_an_obstacle(engine):
+    """A ball thrown at a plate at 5 m/s, 0.1 m a step, comes back as fast; at 50 m/s, with more
+    energy than the contact holds, it stops with a sentence.
+    """
+    if engine == "compiled":
+        pytest.importorskip("llvmlite")
+    contact = tb.Contact(tb.Box((0, 0, 0.0), (1.0, 1.0, 0.01), 0.002), radius=0.02,
+                         thickness=0.002, force=10.0, on="ball")  # fmt: skip
+    scene = tb.Scene({"ball": tb.Body(0.1, 1e-4, position=(0, 0, 0.5))}, [contact])
+    speed = torch.tensor([5.0, 50.0])
+    start = tb.rest(scene, (2,))
+    velocity = torch.stack((0 * speed, 0 * speed, -speed), -1)[:, None]
+    start = replace(start, velocity=velocity)
+    with pytest.warns(RuntimeWarning, match="the step leads through what is to be touched"):
+        solution = tb.simulate(scene, [0.0, 0.14], initial=start, step=0.02, engine=engine)
+    assert solution.status.tolist() == [0, 1]
+    assert (solution.state.position[-1, :, 0, 2] > 0).all()
+    assert abs(solution.state.velocity[-1, 0, 0, 2] - 5) < 1e-6
 
 
 @pytest.mark.parametrize(

@@ -252,6 +252,25 @@ def test_snap_through():
     assert abs((4 * found[1] - found[0]) / 3 / wanted - 1) < 2e-3
 
 
+def test_limit_points_under_loads_that_follow():
+    """A follower force and a dead moment: the factor turns back where the determinant of the
+    tangent, which is not symmetric, changes its sign, and nowhere else is there an event; pivots of
+    its symmetric part change theirs elsewhere, and more often.
+    """
+    section = tb.Section.from_stiffness(EA=1e4, GA=1e3, GJ=1.0, EI=1.0, mass=1.0)
+    loads = [
+        tb.TipLoad(force=(-4.53, -9.23, -20.02), follower=True),
+        tb.TipLoad(moment=(3.5, -10.69, -0.13)),
+    ]
+    path = tb.path(tb.Scene(tb.Beam.straight(1.0, 4, section), loads), step=0.1)
+    back = path.factor.diff().sign().diff().nonzero()[:, 0] + 1  # the last before it turns
+    events = path.kind.nonzero()[:, 0]
+    assert path.reached and len(events) == len(back) == 2
+    assert ((events - back) * (back + 1 - events) >= 0).all()
+    assert (path.kind[events] == LIMIT_POINT).all()
+    assert (path.negative.diff() != 0).sum() > 2
+
+
 def _peak(y, F, event):
     k = max(range(event - 1, event + 2), key=lambda k: abs(F[k]))
     c = torch.linalg.solve(

@@ -31,8 +31,8 @@ class Parameter:
         own: one for each experiment, in place of one for all; named "experiment.name"
 
     Raises:
-        ValueError: for a start outside of bounds or prior, "logit" without bounds, a prior of
-            vectors or of another shape, as bounds and scale of another shape.
+        ValueError: for a start without numbers, or outside of bounds or prior, "logit" without
+            bounds, a prior of vectors or of another shape, as bounds and scale of another shape.
     """
 
     start: Any
@@ -47,6 +47,11 @@ class Parameter:
         boolean("own", self.own)
         dtype, device = common_dtype(self.start)
         start = finite("start", as_tensor(self.start, dtype, device)).detach()
+        if not start.numel():
+            raise ValueError(
+                f"a start of shape {tuple(start.shape)}, without numbers, was given; one at least "
+                "is wanted"
+            )
         object.__setattr__(self, "start", start)
         if self.transform == "log":
             positive("a start by its logarithm", start)

@@ -18,6 +18,7 @@ from torch import Tensor
 from ...core.arguments import count
 from ...core.arguments import function as checked_function
 from ...core.files import NotWritten
+from ...core.memory import check_memory
 from ...core.repetition import one_of
 from ...core.validation import precision, shown
 from .chunks import Chunk, ChunkFolder
@@ -88,6 +89,12 @@ class Evaluation:
     total: int = 1
     points: int | None = None
     reduce: Callable[[Chunk], Any] | None = None
+
+    def __post_init__(self) -> None:
+        """Raises MemoryError where the parameters of a call are more than there is memory for."""
+        count = min(self.chunk, self.total)
+        size = 2 * 8 * count * len(self.joint.names)  # and the numbers that they are drawn from
+        check_memory(f"the parameters of {count} samples", size, "a smaller chunk is wanted")
 
     def chunks(
         self, first: int, last: int, progress: Progress | None = None

@@ -55,8 +55,9 @@ def monte_carlo(
     """Evaluate a function at n samples of parameters, in chunks.
 
     Args:
-        function: theta (N, p) -> y (N, ...), batched; or (y, status (N,)), with a status other than
-            0 for samples that failed
+        function: theta (N, p) -> y (N, ...), batched: sample i of y depends on sample i of theta
+            alone (a mean or norm over the batch is not seen, and would depend on `chunk`); or (y,
+            status (N,)), with a status other than 0 for samples that failed
         laws: by name, in the order of theta's columns: (least, largest) for a uniform law; one of
             `tb.laws`, where a `RandomField` is a column for each of its places; anything with
             `icdf`, such as torch.distributions.Normal(1.0, 0.1); or a function of u (N,), uniform

@@ -84,6 +84,9 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
             terms["load"] = load
         if isinstance(problem, StepProblem):
             terms["rounding"] = problem.rounding[0]
+            if self.model.bodies_touch:
+                passed = problem.body_passed(kinematics)
+                terms["passed"] = balance.new_zeros(()) if passed is None else passed.to(balance)
         return {"balance": balance, "D": D if matrix is None else D + matrix.diagonal[0], **terms}
 
     def update(self, kind: NodeKind, move: Tensor, **fields: Tensor) -> Fields:
@@ -347,7 +350,7 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
 
     def _sizes(self, fields: Fields, inertia: Tensor | None, left: Tensor) -> Fields:
         """The largest force and moment in a node's terms, and left of its balance (w) beyond
-        rounding.
+        rounding; whether a body passes through what it touches.
         """
         p = self.model.space.dims.position
         terms = torch.stack(self.terms(fields.get("own.load"), inertia)).abs()
@@ -359,6 +362,7 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
             "moment": terms[:, p:].amax(),
             "left_force": left[:p].amax(),
             "left_moment": left[p:].amax(),
+            **({"passed": fields["own.passed"]} if "own.passed" in fields else {}),
         }
 
     def terms(self, load: Tensor | None, inertia: Tensor | None) -> list[Tensor]:

@@ -238,6 +238,7 @@ class ChainProgram(NativeProgram):
         for kind in self.touching:
             layout.record("at_load", ONE, [("far", 1), *outputs(f"element load {kind}")])
             layout.record("sums", ONE, outputs(f"element load {kind}", "passed"))
+        layout.record("sums", ONE, [out for out in outputs(row) if out[0] == "passed"])
         layout.record("row", ENDS, outputs(row, "ahead", "y"))
         layout.record(
             "at_row", ONE, [output for output in outputs(row) if output[0] not in ("ahead", "y")]
@@ -318,7 +319,7 @@ class StepProgram(ChainProgram):
             finish = partial(local.finish_element_load, self.kinds.elements[k])
             functions[f"finish element load {k}"] = traced(finish, traced.element)
         asked = ("moving", "done", "status", "before", "cosine", "least")
-        passes = bool(self.touching or self.kinds.pairs)
+        passes = bool(self.touching or self.kinds.pairs or local.model.bodies_touch)
         functions["outcome"] = traced(
             local.outcome, dict.fromkeys((*asked, *["passed"] * passes), ())
         )

@@ -29,6 +29,8 @@ CASES = {
     "no status": (lambda: dict(model=lambda t: (wave(t), torch.ones(2, dtype=torch.long))),
                   r"a status \(2,\)"),
     "no parameters": (lambda: dict(start={}), "no parameters were given"),
+    "a parameter without numbers": (lambda: dict(start=parameter(start=torch.zeros(0))),
+                                    r"a start of shape \(0,\), without numbers"),
     "a name that is none": (lambda: dict(start={1: 2.0}), "a parameter named 1"),
     "names beside names": (lambda: dict(names=("a", "b")), "beside parameters by name"),
     "logit": (lambda: dict(start=parameter(transform="logit")), "'logit' was given without bounds"),
