@@ -79,6 +79,11 @@ class Model(Rows):
         )
 
     @property
+    def touches(self) -> bool:
+        """Whether there are contacts."""
+        return any(one.touches for one in (*self.scene.loads, *self.scene.pairs))
+
+    @property
     def rubs(self) -> bool:
         """Whether there is friction of contacts."""
         return any(one.rubs for one in (*self.scene.loads, *self.scene.pairs))
