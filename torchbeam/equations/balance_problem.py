@@ -236,6 +236,14 @@ class BalanceProblem(Tree):
         matrix = self.model.touching.matrix(matrix, lambda: self.touching_motion(kinematics, nodes))
         return joined if matrix is joined.matrix else joined._replace(matrix=matrix)
 
+    def merit(self, residual: Residual) -> Tensor | None:
+        """See `Problem`."""
+        return None
+
+    def between(self, last: Any, x: Any, share: Tensor) -> Any:
+        """See `Problem`."""
+        raise NotImplementedError
+
     def by_secants(self, secant: Tensor) -> BalanceProblem:
         """See `Problem`."""
         return self

@@ -17,6 +17,7 @@ from ..core.derivatives import cached
 from ..core.leaves import leaf
 from ..nodal import element_loads
 from ..nodal import loads as external
+from ..nodal.balance import Residual
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.inertia import InertiaForces
 from ..nodal.joint_motion import JointDrive
@@ -158,6 +159,17 @@ class StepProblem(BalanceProblem):
         return nodes._replace(
             frame=self._frame_middle, internal=self.start.internal, dt=dt, secant=self.secant
         )
+
+    def merit(self, residual: Residual) -> Tensor | None:
+        if not self.model.touches:
+            return None
+        return residual.square(self.model.spans.detach().amax((-1, -2)))
+
+    def between(self, last: Any, x: Any, share: Tensor) -> Any:
+        u, m, stress = (
+            torch.lerp(a, b, share[..., None, None]) for a, b in zip(last, x, strict=True)
+        )
+        return self.UNKNOWNS(u, self.model.space.normalize(m), stress)
 
     def by_secants(self, secant: Tensor) -> StepProblem:
         return replace(self, secant=secant) if self.model.rubs else self

@@ -51,17 +51,31 @@ class Residual(NamedTuple):
         """(...) the scaled residual: what is left of each equation beyond rounding, over the
         largest term in it; not finite where anything is not.
         """
-        left = self.nodes.detach().abs() - self.rounding
-        free = self.constraints.unknowns.select(left).clamp(min=0)
-        p = (free.shape[-1] + 1) // 2  # of 6: 3, of 3: 2
+        forces, moments = self._left()
         constitutive_residual, joints = self.joints.split(self.strain.detach())
         size = scaled(
-            free[..., :p].amax((-1, -2)),
-            free[..., p:].amax((-1, -2)),
+            forces.amax((-1, -2)),
+            moments.amax((-1, -2)),
             most_beyond(constitutive_residual, self.strain_rounding),
             *self[3:6],
         )
         return self.joints.measure(size, joints)
+
+    def square(self, length: Tensor) -> Tensor:
+        """(...) N^2 m^2: the sum of squares of what is left of the nodes' balances beyond rounding,
+        of forces at a lever (...) m.
+        """
+        forces, moments = (x.square().sum((-1, -2)) for x in self._left())
+        return length.square() * forces + moments
+
+    def _left(self) -> tuple[Tensor, Tensor]:
+        """(..., n, *) what is left of the forces and the moments of nodes that nothing holds,
+        beyond rounding.
+        """
+        left = self.nodes.detach().abs() - self.rounding
+        free = self.constraints.unknowns.select(left).clamp(min=0)
+        p = (free.shape[-1] + 1) // 2  # of 6: 3, of 3: 2
+        return free[..., :p], free[..., p:]
 
 
 def scaled(

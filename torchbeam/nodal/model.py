@@ -85,6 +85,11 @@ class Model(Rows):
         return any(isinstance(load, Contact) and load.node is not None for load in loads)
 
     @property
+    def touches(self) -> bool:
+        """Whether there are contacts."""
+        return any(one.touches for one in (*self.scene.loads, *self.scene.pairs))
+
+    @property
     def rubs(self) -> bool:
         """Whether there is friction of contacts."""
         return any(one.rubs for one in (*self.scene.loads, *self.scene.pairs))

@@ -18,6 +18,8 @@ TOLERANCE = {torch.float64: 1e-8, torch.float32: 1e-4}  # of the scaled residual
 LIMIT = 25  # iterations
 # friction by secants: after so many iterations, above this residual, unless it falls by this factor
 PATIENCE, CLOSE, FALLS = 6, 0.01, 0.3
+# a step is shortened by factors between these two, to no less than this share
+SHORTER, LEAST = (0.1, 0.5), 0.01
 TRUSTED = 0.01  # a residual that falls by this factor goes on to fall at the order of convergence
 
 
@@ -58,6 +60,10 @@ def newton(
     tangents take friction by secants, as the lagged iteration of Kacanov does (Vogel and Oman 1996:
     convergent of itself, but linearly), until what is left is small, see `next_secant`.
 
+    Where a contact begins, or what sticks begins to slip, tangents tell little of what is beyond:
+    of a problem with a merit, a step that raises it is shortened until it does not, see
+    `step_length`. Each time counts as an iteration.
+
     trust_start  whether r may be the residual of x; not where that is the size of a step to come,
                  whatever the balance lacks
     foresee      (...) whether what is foreseen counts, None = of all; where it does not, as in
@@ -66,6 +72,16 @@ def newton(
     """
     with no_derivatives():
         return _iterate(problem, x, active, None, tolerance, limit, trust_start, foresee)
+
+
+class Search(NamedTuple):
+    """Where steps may be shortened: the unknowns that the last began from, the merit there, and the
+    share of it that has been taken.
+    """
+
+    last: Any
+    merit: Tensor
+    share: Tensor
 
 
 def _iterate(
@@ -79,9 +95,11 @@ def _iterate(
     foresee: Tensor | None,
     earlier: int = 0,
     secant: Tensor | None = None,
+    search: Search | None = None,
 ) -> Outcome:
     """`before` (...): the scaled residual of the iteration before; None = there was none; earlier:
-    how many have been made; secant (...): whether the problem has secants, None = no.
+    how many have been made; secant (...): whether the problem has secants, None = no; search: of
+    the last step, None = it was whole.
     """
     first = before is None
     for k in range(limit):
@@ -117,22 +135,27 @@ def _iterate(
                 return _joined(
                     few, Outcome(x, reaction, torch.where(over, SUCCESS, status), iterations), rest
                 )
+        free = ~over & (size > tolerance)
+        length, search = _searched(problem, residual, x, search, free)
         tangent = problem.linearise(x, *about)
         if k == 0:
             exact = tangent.exact
         *change, root = tangent.solve(residual.nodes, residual.strain)
         keep = over[..., None, None]
-        x = type(x)(
-            *(torch.where(keep, a, b) for a, b in zip(x, problem.update(x, *change), strict=True))
-        )
+        after = problem.update(x, *change)
+        if length is not None:
+            after = _where(length.back, problem.between(search.last, x, length.ratio), after)
+            search = search._replace(last=_where(length.back, search.last, x))
+        x = type(x)(*(torch.where(keep, a, b) for a, b in zip(x, after, strict=True)))
         reaction = torch.where(keep, size.new_zeros(()) if k == 0 else reaction, root)
         iterations = iterations + ~over
         done = done | (~over & converged(size, before, exact, tolerance, foresee))
         over = done | ~torch.isfinite(size)
         if earlier + k >= PATIENCE:
-            last, secant = secant, next_secant(size, before, earlier + k, secant)
+            last, secant = secant, next_secant(size, before, earlier + k, secant, length)
             problem = problem.by_secants(secant) if concrete(secant != last).any() else problem
-        before = size if trust_start or not first or k else before
+        if trust_start or not first or k:
+            before = size if length is None else torch.where(length.back, before, size)
         if concrete(over).all():
             break
         few = BatchSubset.worthwhile(~over) if k < limit - 1 else None
@@ -149,6 +172,9 @@ def _iterate(
                 _some(few, foresee),
                 earlier + k + 1,
                 few.take(secant, 0),
+                None
+                if search is None
+                else Search(_taken(few, search.last), *(few.take(v, 0) for v in search[1:])),
             )
             return _joined(
                 few, Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations), rest
@@ -156,12 +182,48 @@ def _iterate(
     return Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations)
 
 
-def next_secant(size: Tensor, before: Tensor, iterations: Tensor, secant: Tensor) -> Tensor:
+class Length(NamedTuple):
+    """back (...) bool: whether the last step is taken back, to which ratio of it; short (...) bool:
+    whether it is taken as it is, which is not whole; merit, share (...): of the step to come.
+    """
+
+    back: Tensor
+    ratio: Tensor
+    short: Tensor
+    merit: Tensor
+    share: Tensor
+
+
+def step_length(merit: Tensor, last: Tensor, share: Tensor, free: Tensor) -> Length:
+    """What becomes of the step that has led to a merit (...), a sum of squares, from one of `last`,
+    a share of it having been taken; free (...): samples in which it may be shortened. The ratio is
+    where a parabola that falls at first as Newton's step promises has its least value (Dennis and
+    Schnabel 1983, 6.3.2), within bounds.
+    """
+    back = free & (merit > last) & (share > LEAST)
+    ratio = (last / (last + merit)).clamp(*SHORTER)
+    one = torch.ones_like(ratio)
+    return Length(
+        back,
+        torch.where(back, ratio, one),
+        ~back & (share < 1),
+        torch.where(back, last, merit),
+        torch.where(back, ratio * share, one),
+    )
+
+
+def next_secant(
+    size: Tensor, before: Tensor, iterations: Tensor, secant: Tensor, length: Length | None = None
+) -> Tensor:
     """(...) 1 where the next iteration is to take friction by secants, after so many with tangents:
-    where the residual is not small, and has not fallen by much with a tangent.
+    where the residual is not small, and has not fallen by much with a tangent. Of a step with
+    secants that was not whole the next is with tangents, which lead down.
     """
     falls = (secant == 0) & (size < FALLS * before)
-    return ((size > CLOSE) & ~falls & (iterations >= PATIENCE)).to(size)
+    if length is not None:
+        falls = falls | (secant != 0) & length.short
+    after = ((size > CLOSE) & ~falls & (iterations >= PATIENCE)).to(size)
+    return after if length is None else torch.where(length.back, secant, after)
 
 
 def converged(
@@ -178,6 +240,23 @@ def converged(
     coming = size * drop * torch.where(exact, drop, 1.0)
     foreseen = (drop < TRUSTED) & (coming <= tolerance)
     return (size <= tolerance) | (foreseen if foresee is None else foreseen & foresee)
+
+
+def _searched(
+    problem: Problem, residual: Any, x: Any, search: Search | None, free: Tensor
+) -> tuple[Length | None, Search | None]:
+    """What becomes of the last step, and the search after that; None, where steps are whole."""
+    merit = problem.merit(residual)
+    if merit is None:
+        return None, None
+    if search is None:
+        search = Search(x, torch.full_like(merit, torch.inf), torch.ones_like(merit))
+    length = step_length(merit, search.merit, search.share, free)
+    return length, search._replace(merit=length.merit, share=length.share)
+
+
+def _where(which: Tensor, a: Any, b: Any) -> Any:
+    return type(a)(*(torch.where(which[..., None, None], v, w) for v, w in zip(a, b, strict=True)))
 
 
 def _part(problem: Problem, few: BatchSubset) -> Problem | None:

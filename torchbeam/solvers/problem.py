@@ -70,6 +70,18 @@ class Problem(Protocol):
         """x after a change."""
         ...
 
+    def merit(self, residual: Any) -> Tensor | None:
+        """(...) what no step of Newton's method is to raise, see `step_length`; None = steps are
+        whole.
+        """
+        ...
+
+    def between(self, last: Any, x: Any, share: Tensor) -> Any:
+        """What is a share (...) of the way from the unknowns `last` to x, of a problem that has a
+        merit.
+        """
+        ...
+
     def by_secants(self, secant: Tensor) -> Problem:
         """The same whose tangents have, of the samples where secant (...) is 1, friction as if its
         share of the slip stayed; itself where there is no friction.

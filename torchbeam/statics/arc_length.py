@@ -198,6 +198,9 @@ class ArcLengthProblem(Tree):
         shape = self.loaded(x.factor[..., 0, 0]).update(x.shape, move, dstress)
         return PathPoint(*shape, x.factor + dfactor, x.way + move)
 
+    def merit(self, residual: Balance) -> None:
+        """Steps along a path are whole."""
+
     def by_secants(self, secant: Tensor) -> ArcLengthProblem:
         """Paths refuse friction."""
         return self

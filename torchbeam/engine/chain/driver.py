@@ -18,6 +18,7 @@ from .layout import BETWEEN, INNER, LAW, MIDDLE, OWN
 from .node_kinds import SIDES
 
 SUMS = ("force", "moment", "strain", "left_force", "left_moment", "left_strain")
+SQUARES = ("square_force", "square_moment")
 
 
 class Driver(ChainCode):
@@ -109,7 +110,12 @@ class Driver(ChainCode):
         code.store(0, count)
         with code.until() as ends:
             self._pass()
-            self._back()
+            if "search" in self.functions:
+                self._search()
+                self._back("still")
+                self._take_back()
+            else:
+                self._back()
             self._judge()
             iterations = code.add(code.load(count), 1)
             code.store(iterations, count)
@@ -243,12 +249,14 @@ class Driver(ChainCode):
                 ),
             )
 
-    def _back(self) -> None:
-        """Moves, those of midside nodes last; what follows from them."""
+    def _back(self, still: str = "over") -> None:
+        """Moves, those of midside nodes last; what follows from them, but of samples that are
+        `still`, by a field of these.
+        """
         code, N = self.code, self.args["elements"]
         self._moves()
         self._restore("move")
-        over = self.at("sample", 0, "over")
+        over = self.at("sample", 0, still)
         if self.held:
             with code.loop(0, self.args["supports"]) as k:
                 node = code.load(code.at(self.args["support_nodes"], k))
@@ -318,6 +326,47 @@ class Driver(ChainCode):
                 self._blend(self.at("unknown", j, name), self.at("change", 0, name), over, size)
         self._update_joints(over)
 
+    def _search(self) -> None:
+        """Which samples take their last step back; of the others, what the next begins from."""
+        self._call_of_sample("search")
+        back = self.at("sample", 0, "back")
+        for name, last, count in self._unknowns():
+            with self.code.loop(0, count) as k:
+                size = self.layout.records[name].size
+                self._blend(self.at(last, k), self.at(name, k), back, size)
+
+    def _take_back(self) -> None:
+        """Part of the way back, of samples that take it."""
+        code = self.code
+        code.call("all", self.at("sample", 0, "forth"), result := code.slot())
+        with code.when(code.compare("eq", code.load(result), 0)):
+            forth = self.at("sample", 0, "forth")
+            for name, last, count in self._unknowns():
+                with code.loop(0, count) as k:
+                    self._part_back(name, last, k)
+                    size = self.layout.records[name].size
+                    self._blend(self.at(name, k), self.at(f"{name}_back"), forth, size)
+
+    def _part_back(self, name: str, last: str, k: str) -> None:
+        def where(f: str) -> str:
+            if f == "ratio":
+                return self.at("sample", 0, f)
+            if f[0] == ">":
+                return self.at(f"{name}_back", 0, f[2:] if name == "unknown" else None)
+            if f.startswith("to"):
+                return self.at(name, k, f[3:] or None)
+            return self.at(last, k, f if name == "unknown" else None)
+
+        self._call("between" if name == "unknown" else f"part {name}", where)
+
+    def _unknowns(self) -> list[tuple[str, str, str]]:
+        """Records of unknowns, of what they were before the last step, and how many there are."""
+        args = self.args
+        return [
+            ("unknown", "last_unknown", args["nodes"]),
+            ("stress", "last_stress", args["elements"]),
+        ]
+
     # Joints, of which a chain has none: see `StructurePasses`
 
     def _clear_records(self, *names: str) -> None:
@@ -342,6 +391,11 @@ class Driver(ChainCode):
         """Where they are at the end of the step, of what has gone well."""
 
     def _judge(self) -> None:
+        self._call_of_sample("judge")
+
+    def _call_of_sample(self, name: str) -> None:
+        """A function of what is of a sample, whose outputs are, too."""
+
         def where(f: str) -> str:
             if f[0] == ">":
                 return self.at("judged", 0, f[2:])
@@ -354,14 +408,20 @@ class Driver(ChainCode):
             )
             return self.at(record, 0, f)
 
-        self._call("judge", where)
-        for name in self.functions["judge"].outputs:
-            to = "common" if name == "secant" else "sample"
-            self._copy_to(self.at(to, 0, name), self.at("judged", 0, name), 1)
+        self._call(name, where)
+        for output in self.functions[name].outputs:
+            to = "common" if output == "secant" else "sample"
+            self._copy_to(self.at(to, 0, output), self.at("judged", 0, output), 1)
 
     def _largest(self, name: str, record: str) -> None:
-        if name in self.layout.records[record].fields:
-            self.code.call("largest", self.at("sums", 0, name), self.at(record, 0, name))
+        """Of what a record has of a sum; of squares the sum itself."""
+        if name not in self.layout.records[record].fields:
+            return
+        to, own = self.at("sums", 0, name), self.at(record, 0, name)
+        if name in SQUARES:
+            self._add(to, own, 1)
+        else:
+            self.code.call("largest", to, own)
 
     def _finish(self) -> None:
         code, N, nodes = self.code, self.args["elements"], self.args["nodes"]

@@ -25,7 +25,7 @@ from ...equations.step_problem import StepProblem
 from ...math.block_tridiagonal import eliminated
 from ...nodal.balance import dstress, mixed, most_beyond, pushed_by, restrained_forces, scaled
 from ...nodal.joints import measured
-from ...solvers.newton import converged, next_secant
+from ...solvers.newton import Length, converged, next_secant, step_length
 from ...state.state import State
 from ...topology.chain_unknowns import masked
 from ...topology.midside import condensed, following
@@ -59,6 +59,11 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
     def loaded(self) -> bool:
         """Whether nodes have a term of loads."""
         return bool(self.model.scene.loads)
+
+    @property
+    def searches(self) -> bool:
+        """Whether steps of Newton's method may be shortened."""
+        return self.pairs is not None or any(load.touches for load in self.model.scene.loads)
 
     # Functions of a node
 
@@ -94,6 +99,16 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
         problem, x = self.of_node(fields, kind)
         after = problem.apply_supports(problem.update(x, move[None], x.stress))
         return {name: value[0] for name, value in zip(after._fields, after[:2], strict=False)}
+
+    def between(self, u: Tensor, m: Tensor, to_u: Tensor, to_m: Tensor, ratio: Tensor) -> Fields:
+        """The unknowns of a node, so much of the way from u and m to others."""
+        m = self.model.space.normalize(torch.lerp(m, to_m, ratio))
+        return {"u": torch.lerp(u, to_u, ratio), "m": m}
+
+    @staticmethod
+    def part(x: Tensor, to: Tensor, ratio: Tensor) -> Fields:
+        """The stress of an element, or the force of a joint, so much of the way from x."""
+        return {"x": torch.lerp(x, to, ratio)}
 
     def cosine(self, m: Tensor) -> Fields:
         """Of half the angle that a node has turned by at mid step."""
@@ -357,13 +372,17 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
         left = left.abs()
         if "own.rounding" in fields:
             left = left - fields["own.rounding"]
-        return {
+        sizes = {
             "force": terms[:, :p].amax(),
             "moment": terms[:, p:].amax(),
             "left_force": left[:p].amax(),
             "left_moment": left[p:].amax(),
             **({"passed": fields["own.passed"]} if "own.passed" in fields else {}),
         }
+        if not self.searches:
+            return sizes
+        square = left.clamp(min=0).square()
+        return sizes | {"square_force": square[:p].sum(), "square_moment": square[p:].sum()}
 
     def terms(self, load: Tensor | None, inertia: Tensor | None) -> list[Tensor]:
         """Those of a node's balance (w) that its largest are looked for in, beside the
@@ -509,7 +528,29 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
 
     # Functions of a sample
 
-    def judge(
+    def search(
+        self,
+        square_force: Tensor,
+        square_moment: Tensor,
+        longest: Tensor,
+        tolerance: Tensor,
+        iterations: Tensor,
+        over: Tensor,
+        merit: Tensor,
+        share: Tensor,
+        **sizes: Tensor,
+    ) -> Fields:
+        """What becomes of the last step, see `Length`; `forth`: which samples do not take it back,
+        `still`: which make no other one. sizes: what `_size` takes.
+        """
+        free = (over == 0) & (iterations > 0) & (self._size(longest=longest, **sizes) > tolerance)
+        now = square_force * longest.square() + square_moment
+        length = step_length(now, merit, share, free)._asdict()
+        outputs = {name: value.to(over) for name, value in length.items()}
+        still, forth = torch.maximum(over, outputs["back"]), 1 - outputs["back"]
+        return outputs | {"still": still, "forth": forth}
+
+    def _size(
         self,
         force: Tensor,
         moment: Tensor,
@@ -519,6 +560,18 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
         left_strain: Tensor,
         total: Tensor,
         longest: Tensor,
+        **joints: Tensor,
+    ) -> Tensor:
+        """The scaled residual; joints: the largest gap and turn of joints, and the size of what
+        they connect.
+        """
+        size = scaled(
+            left_force, left_moment, left_strain, *mixed(force, moment, total, longest), strain
+        )
+        return self.with_gaps(size, joints)
+
+    def judge(
+        self,
         exact: Tensor,
         tolerance: Tensor,
         before: Tensor,
@@ -528,17 +581,16 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
         iterations: Tensor,
         foresee: Tensor | None = None,
         secant: Tensor | None = None,
-        **joints: Tensor,
+        back: Tensor | None = None,
+        short: Tensor | None = None,
+        **sizes: Tensor,
     ) -> Fields:
         """What `newton` asks of an iteration's largest numbers: size of the residual, which samples
         are done or over, iterations, the status of those that are not done (that of the first
-        iteration, when `iterations` was 0), and whether the next takes secants. joints: the largest
-        gap and turn of joints, and the size of what they connect.
+        iteration, when `iterations` was 0), and whether the next takes secants. sizes: what `_size`
+        takes.
         """
-        size = scaled(
-            left_force, left_moment, left_strain, *mixed(force, moment, total, longest), strain
-        )
-        size = self.with_gaps(size, joints)
+        size = self._size(**sizes)
         if foresee is None and not self.model.smooth:
             foresee = size < 0  # never
         finite = torch.isfinite(size)
@@ -549,13 +601,20 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
             torch.ones_like(done),
             done,
         )
+        length = None
+        if back is not None:
+            length = Length(back != 0, back, short != 0, back, back)
         return {
-            "before": size,
+            "before": size if length is None else torch.where(length.back, before, size),
             "done": done,
             "over": ((done != 0) | ~finite).to(done),
             "status": torch.where(iterations == 0, first, status),
             "iterations": iterations + going.to(iterations),
-            **({} if secant is None else {"secant": next_secant(size, before, iterations, secant)}),
+            **(
+                {}
+                if secant is None
+                else {"secant": next_secant(size, before, iterations, secant, length)}
+            ),
         }
 
     def with_gaps(self, size: Tensor, joints: Fields) -> Tensor:

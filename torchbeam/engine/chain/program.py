@@ -24,12 +24,13 @@ from ..compiler.split import HOISTED, split
 from . import midsides, pairs, stretches, structures
 from .adjoint import AdjointProgram
 from .disk_key import key_on_disk
-from .driver import SUMS, Driver
+from .driver import SQUARES, SUMS, Driver
 from .layout import (
     BETWEEN,
     ELEMENTS,
     ENDS,
     INNER,
+    JOINTS,
     LAW,
     MOVES,
     NODES,
@@ -59,6 +60,9 @@ SAMPLE = (
     "last_status",
     "work",
 )
+# of a step's search for its length: what it takes and gives of a sample
+LENGTH = "merit", "share"
+LENGTHS = (*LENGTH, "back", "short", "forth", "still", "ratio")
 
 
 class ChainProgram(NativeProgram):
@@ -162,6 +166,26 @@ class ChainProgram(NativeProgram):
             )
         judging = (*self.judging, *(structures.JUDGED if self.kinds.joints else ()))
         functions["judge"] = traced(local.judge, dict.fromkeys(judging, ()))
+        if local.searches:
+            functions |= self._searching(local, traced, judging)
+        return functions
+
+    def _searching(
+        self, local: LocalFunctions, traced: Tracing, judging: tuple[str, ...]
+    ) -> dict[str, Function]:
+        """Functions of what shortens steps."""
+        other = ("exact", "before", "done", "status", "back", "short", "secant")
+        given = [name for name in (*judging, *SQUARES, *LENGTH) if name not in other]
+        places = {name: self.shapes[name] for name in self.unknown}
+        ends = places | {f"to_{name}": shape for name, shape in places.items()}
+        functions = {
+            "search": traced(local.search, dict.fromkeys(given, ())),
+            "between": traced(local.between, ends | {"ratio": ()}),
+        }
+        sizes = {"stress": self.k} | ({"joint_unknown": self.w} if self.kinds.joints else {})
+        for name, size in sizes.items():
+            numbers = {"x": (size,), "to": (size,), "ratio": ()}
+            functions[f"part {name}"] = traced(local.part, numbers)
         return functions
 
     def _joints(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
@@ -249,6 +273,12 @@ class ChainProgram(NativeProgram):
         layout.record("change", ONE, [*outputs("update 0"), ("stress", k)])
         layout.record("judged", ONE, outputs("judge"))
         layout.record("sums", ONE, [(name, 1) for name in SUMS])
+        if "search" in self.functions:
+            layout.record("sums", ONE, [(name, 1) for name in SQUARES])
+            layout.record("judged", ONE, outputs("search"))
+            layout.record("sample", ONE, [(name, 1) for name in LENGTHS])
+            for name, rows in (("unknown", NODES), ("stress", ELEMENTS)):
+                _beside(layout, name, rows)
         if self.held:
             layout.record("free", NODES, [("free", w)])
             layout.record(
@@ -266,6 +296,8 @@ class ChainProgram(NativeProgram):
             stretch = len(self.kinds.stretches)
             stretches.record(layout, self.functions, inputs("stretch"), w, stretch)
             layout.record("common", ONE, [("joint_size", 1)] if kinds else [])
+            if "part joint_unknown" in self.functions:
+                _beside(layout, "joint_unknown", JOINTS)
             own = inputs("pair")
             pairs.record(layout, self.functions, own, w, len(self.kinds.pairs))
         return layout
@@ -278,6 +310,8 @@ class StepProgram(ChainProgram):
     unknown = "u", "m"
 
     def __init__(self, local: LocalFunctions, *args: Any, **named: Any) -> None:
+        if local.searches:
+            self.judging = (*self.judging, "back", "short")
         if local.model.rubs:
             self.varying = ("secant",)
             self.judging = (*self.judging, "secant")
@@ -344,6 +378,15 @@ class StepProgram(ChainProgram):
             layout.record("sample", ONE, [("defect", 1)])
             layout.record("change", ONE, [("defect", 1)])
         return layout
+
+
+def _beside(layout: Layout, name: str, rows: str) -> None:
+    """Records like that of an unknown: what it was before the last step, and is part of the way
+    back.
+    """
+    fields = [(field, size) for field, (_, size) in layout.fields(name).items()]
+    layout.record(f"last_{name}", rows, fields)
+    layout.record(f"{name}_back", ONE, fields)
 
 
 def _split(
@@ -446,6 +489,7 @@ def structure(local: LocalFunctions, kinds: Kinds, held: bool) -> tuple:
         bool(model.scene.loads),
         model.touching.present,
         model.rubs,
+        local.searches,
         kinds,
         held,
         *(_static(_shapes(tree, rows)) for tree, rows in trees),

@@ -41,6 +41,7 @@ class SteadyFunctions(LocalFunctions):
 
     SAMPLE = ("load_factor",)
     OVER_STEP = False
+    searches = False
 
     @property
     def state(self) -> tuple[str, ...]:
@@ -119,7 +120,7 @@ class SteadyFunctions(LocalFunctions):
         see `least_forces`.
         """
         force, moment = torch.maximum(force, least_force), torch.maximum(moment, least_moment)
-        return super().judge(force, moment, **fields, foresee=whole == 0)
+        return super().judge(**fields, force=force, moment=moment, foresee=whole == 0)
 
     def first_step(self, turn: Tensor) -> Fields:
         """See `load_steps`."""

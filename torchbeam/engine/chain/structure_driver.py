@@ -152,9 +152,17 @@ class StructurePasses(StructureRuns, PairPasses):
                             self._call(f"joint reaction {kind} {side}", where)
                             self._add(total, self.at("joint_reaction"), w)
 
+    def _search(self) -> None:
+        self._agree()
+        super()._search()
+
     def _judge(self) -> None:
-        self._over_cells("largest", self.at("sums"), self.layout.records["sums"].size)
+        self._agree()
         super()._judge()
+
+    def _agree(self) -> None:
+        """Of what the cells of a sample are judged by."""
+        self._over_cells("largest", self.at("sums"), self.layout.records["sums"].size)
 
     def _begin_work(self) -> None:
         """What there is of it, and what cells share, counts in the lane of the first."""
@@ -171,6 +179,10 @@ class StructurePasses(StructureRuns, PairPasses):
             return good
         shared = self.code.compare("sge", row, self.args[own])
         return self.code.choose(shared, self.at("sample", 0, "counted"), good, "ptr")
+
+    def _unknowns(self) -> list[tuple[str, str, str]]:
+        joints = [("joint_unknown", "last_joint_unknown", self.args["joint_count"])]
+        return [*super()._unknowns(), *joints * bool(self.kinds.joints)]
 
     def _update_joints(self, over: str) -> None:
         if not self.kinds.joints:

@@ -78,6 +78,8 @@ class ContactTerms(LoadEffect):
                 "there"
             )
 
+    touches = True
+
     @property
     def rubs(self) -> bool:
         return self.friction is not None

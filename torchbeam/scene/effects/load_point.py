@@ -125,6 +125,7 @@ class LoadEffect(Effect):
     # whether it acts between nodes, at points of elements, see `torchbeam.nodal.element_loads`
     between_nodes = False
     points = 2  # of an element, where it does
+    touches = False  # whether it pushes what is near alone, and far more the nearer that is
     rubs = False  # whether it holds what stands still, by friction
     anchor = None  # (..., 3) m, frame a: a point that its node is tied to
     offset = None  # (..., 3) m from its node to where it acts, section axes
