@@ -25,7 +25,7 @@ from .convergence import Convergence, Tried
 from .notes import notes
 from .reading import Reader, takes_scene
 from .remesh import least_elements, remesh
-from .search import Checked, Search, finer
+from .search import Checked, Search
 from .setting import ELEMENTS, METHODS, Setting
 from .trials import Trials
 
@@ -131,7 +131,7 @@ def converge(
     return Convergence(
         trials(best.setting).result,
         best.setting,
-        make(best.setting),
+        trials.scene(best.setting),
         float(rtol),
         best.space,
         best.time,
@@ -188,9 +188,8 @@ def _table(trials: Trials, best: Checked) -> tuple[Tried, ...]:
     """All that was run, against the chosen reading with what its finer levels change."""
     chosen = trials(best.setting).reading
     limit = chosen.clone()
-    for level in finer(best.setting):
-        if level is not None:
-            limit = limit + (trials(level).reading - chosen)
+    for coarse, fine in best.levels:
+        limit = limit + (trials(fine).reading - trials(coarse).reading)
     limit = replace(trials(best.setting), reading=limit)
     return tuple(
         Tried(
