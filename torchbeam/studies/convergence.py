@@ -48,12 +48,12 @@ ABOUT = (
     "from {seed} on), one after the other; {duration:g} s of motion at {instants} instants, or "
     "an equilibrium, or three frequencies. Read are the tip's path, that of a node at half length, "
     "or the root's moment where damped. True error: against elements of order 2 with {finer} times "
-    "the nodes, by midpoint4 with a step of 1/{shorter} of the chosen. Best, of each {every}rd scene: the cheapest of all "
-    "elements, meshes, methods and steps of the same grid whose true errors of mesh and of step, "
-    "measured one by one, add up to no more; timed in turns with the chosen. Search: CPU time of a "
-    "whole call of `converge` over that of the chosen run on a mesh of its own, compiling not "
-    "counted; runs: how many. Setting up: share of the chosen run's time that one of a single step "
-    "takes."
+    "the nodes, by midpoint4 with a step of 1/{shorter} of the chosen. Best, of one scene in "
+    "{every}: the cheapest of all elements, meshes, methods and steps of the same grid whose true "
+    "errors of mesh and of step, measured one by one, add up to no more; timed in turns with the "
+    "chosen. Search: CPU time of a whole call of `converge` over that of the chosen run on a mesh "
+    "of its own, compiling not counted; runs: how many. Setting up: share of the chosen run's time "
+    "that one of a single step takes."
 )
 
 

@@ -74,11 +74,12 @@ def converge(
         progress: called with the number of runs so far and the next one's setting; True: a line
             each
 
-    The errors of mesh and of step are told apart, each by nested levels, and fall by powers whose
-    orders are observed; the cheapest pair by measured CPU time that should do is run, and checked
-    by twice the elements and by half the step: what these change is its error, so that none is
-    accepted where mesh and step cancel. Equally cheap settings may take turns from run to run, as
-    times do.
+    A setting is run, and by twice its elements, and by half its step: what these change, each
+    apart, is its error, so that none is accepted where mesh and step cancel. Errors fall by powers
+    whose orders are observed; the cheapest setting by measured CPU time that should do is next.
+    Runs serve again: what a mesh is off by may be told by other steps, what a step is off by on
+    another mesh, where the error of these is below 5 %. Equally cheap settings may take turns from
+    call to call, as times do.
 
     Returns `Convergence`: where the error is not reached it is the best that was tried, with
     `converged` False and sentences on what would be needed.
