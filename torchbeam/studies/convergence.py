@@ -28,7 +28,6 @@ from ..analysis.trials import seconds
 from ..cli import study
 from ..core.results import measured_on, sentence, table, write
 from ..linear.modes import modes
-from ..scene import effects as fx
 from ..scene.scene import Scene
 from ..sensors.node import NodePosition, TipPosition
 from ..statics.equilibrium import equilibrium
@@ -115,10 +114,8 @@ def question(number: int, seed: int = SEED) -> Question:
     family, kind = pairs[number % len(pairs)]
     scene = families(ELEMENTS_GIVEN)[family](Draw(seed + number, 1))
     if kind == "modes":
-        if family == "free":  # at rest: nothing holds it against its load
-            scene = replace(
-                scene, effects=[x for x in scene.effects if not isinstance(x, fx.TipLoad)]
-            )
+        if family == "free":  # by itself: nothing holds it against its load, nor do its modes ring
+            scene = replace(scene, effects=())
         return Question(family, kind, "frequencies", scene, _frequencies, None, _modes)
     reads = [("tip", TipPosition()), ("half way", NodePosition(ELEMENTS_GIVEN // 2))]
     if scene.damping is not None or kind == "equilibrium":
@@ -211,7 +208,7 @@ def _cheapest(trials: Trials, chosen: Setting, rtol: float) -> list[Setting]:
     search = Search(
         trials,
         rtol,
-        least_elements(trials.reader.scene),
+        least_elements(trials.reader.scene, trials.reader.nodes()),
         None if trials.t is None else trials.t.diff().min().item(),
         list(ELEMENTS),
         [] if trials.t is None else ["midpoint", "midpoint4"],

@@ -155,7 +155,7 @@ def _problem(
         if t is not None:
             raise ValueError("t and solve were given; one of them is wanted")
     if isinstance(scene, Scene):
-        first, base = scene, least_elements(scene)
+        first, base = scene, least_elements(scene, Reader(read, scene).nodes())
 
         def make(setting: Setting) -> Scene:
             return remesh(scene, **setting.mesh)

@@ -81,6 +81,18 @@ def test_statics_and_modes():
     assert modal.converged and error <= modal.error
 
 
+def test_meshes_have_a_node_where_a_sensor_is():
+    """Of four elements at the first node: multiples of four, with no element left out for another
+    number; and where sensors are made of others.
+    """
+    at = tb.sensors.NodePosition(1)
+    both = tb.sensors.Stack([at[2], tb.sensors.TipPosition()])
+    for read in (at, both):
+        best = tb.converge(strip(), None, read, 1e-3)
+        assert best.converged and "Without" not in str(best)
+        assert all(tried.setting.elements % 4 == 0 for tried in best.table)
+
+
 def test_what_cannot_be_reached_is_said():
     """Too few elements and steps are allowed: the sentences name what is missing."""
     best = tb.converge(strip(), T, tb.sensors.TipVelocity(), 1e-4, most_elements=8, most_steps=40)
@@ -198,6 +210,7 @@ def test_failed_runs_ask_for_finer_ones():
         (dict(solve=tb.equilibrium), "t and solve were given"),
         (dict(t=None, solve=lambda scene: None), "solve gave None"),
         (dict(t=None, read=lambda state: None), "read gave None"),
+        (dict(read=lambda solution: solution.tip.position[..., :0]), "without a number"),
         (dict(read=lambda solution: solution.nodes), "one that no mesh changes is wanted"),
         (dict(read=lambda solution: solution.tip.position[0, 0] > 0), "real floating numbers"),
     ],
