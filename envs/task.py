@@ -65,6 +65,8 @@ class Task:
         measures(now)               what goes into `info`, name -> (n,)
         tracking_error(now)         what proportional and derivative feedback acts on
         render_data(now)            what a picture shows beside the beam: see `envs/rendering.py`
+        MESHED                      whether actions are the same inputs of the scene on every mesh,
+                                    so that its elements can be chosen by an accuracy
 
     Attributes
         config, dtype, device
