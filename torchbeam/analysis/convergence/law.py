@@ -6,7 +6,7 @@ import itertools
 import math
 from dataclasses import dataclass, field
 
-LEAST_ORDER = 0.5  # a law that falls slower is not used to predict what finer ones give
+LEAST_ORDER = 0.5  # a law that falls slower counts as one of this order, which is hardly one
 
 
 @dataclass
@@ -30,8 +30,8 @@ class Law:
         return math.log(d / f) / math.log(m / n) if min(d, f) > 0 else math.nan
 
     def error(self, fineness: float) -> float:
-        """What the change from a fineness tells, by an order of 1 to 2, so that it is not told too
-        small where the order is less than it was; by 1 where none was observed.
+        """What the change from a fineness tells, by an order of 2 at most, so that it is not told
+        too small where the order is less than it was; by 1 where none was observed.
         """
         order = self.order()
         observed = order is not None and not math.isnan(order)
@@ -74,7 +74,7 @@ class Law:
 
 
 def _cautious(order: float) -> float:
-    return min(max(order, 1.0), 2.0)
+    return min(max(order, LEAST_ORDER), 2.0)
 
 
 def remaining(difference: float, order: float) -> float:

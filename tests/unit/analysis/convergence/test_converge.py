@@ -130,7 +130,7 @@ def test_sensors_keep_their_places():
 def test_laws_of_errors():
     """Changes of e = 3 n^-2: errors are 4/3 of them between, beyond and below the levels; of one
     level the expected order holds, but its own error is told as by order 1; no faster than the
-    element's order.
+    element's order. A low order leaves much behind a small change.
     """
     law = Law(4.0, 2.0, {n: 0.75 * 3 * n**-2.0 for n in (4, 8)})
     for n in (2, 4, 6, 8, 20):
@@ -141,6 +141,8 @@ def test_laws_of_errors():
     assert one.predicted(8) == pytest.approx(1 / 8)
     assert Law(2.0, 2.0, {4: 1.0, 8: 1e-3}).predicted(16) == pytest.approx(4 / 3 * 0.25e-3)
     assert Law(2.0, 2.0).predicted(4) == math.inf
+    slow = Law(4.0, 2.0, {n: (1 - 2**-0.5) * n**-0.5 for n in (4, 16)})  # e = n^-1/2
+    assert slow.error(16) == pytest.approx(1 / 4) and slow.predicted(64) == pytest.approx(1 / 8)
     assert Law(2.0, 2.0, {4: 0.0, 8: 0.0}).predicted(16) == 0 and remaining(0.75, 2.0) == 1.0
 
 
