@@ -43,6 +43,8 @@ class BeamEnvConfig:
     actuators          in place of the task's own, for instance that force: one or more `Actuator`s
     delay              control intervals from an action to its effect
     control_interval   s;  substeps: calls of the stepper in one
+    accuracy           in place of elements and substeps, which are chosen by it: relative error of
+                       the tip's path under random actions, see `torchbeam.converge`
 
     Simulation
     form, method       "nodal" and "midpoint" (implicit); or, for a soft section, a form and a
@@ -79,6 +81,7 @@ class BeamEnvConfig:
     delay: int = 1
     control_interval: float = 0.02
     substeps: int = 2
+    accuracy: float | None = None
     form: str = "nodal"
     method: str = "midpoint"
     solver: Mapping[str, Any] | None = None
@@ -98,6 +101,8 @@ class BeamEnvConfig:
         self.check_numbers("failure_reward")
         self.check_numbers("control_interval", "length", above=0.0)
         self.check_numbers("control_cost", "noise", least=0.0)
+        if self.accuracy is not None:
+            self.check_numbers("accuracy", above=0.0, most=0.5)
         if self.damping is not None:
             self.check_numbers("damping", least=0.0)
         gravity = np.zeros(3) if self.gravity is None else numbers("gravity", self.gravity)

@@ -18,6 +18,7 @@ from torch import Tensor
 import torchbeam as tb
 from torchbeam.extend import count, shown
 
+from .accuracy import resolved
 from .config import BeamEnvConfig
 from .episodes import Episodes
 from .output import converted
@@ -106,7 +107,7 @@ class BeamVectorEnv(VectorEnv):
             )
         self.num_envs, self.output, self.render_mode = num_envs, output, render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self.config = self._configuration(config, keywords)
+        self.config = resolved(self.task_type, self._configuration(config, keywords))
         self.task = self.task_type(self.config)
         self.simulation = Simulation(self.task, num_envs)
         self.dtype, self.device, self.high = self.task.dtype, self.task.device, self.simulation.high

@@ -21,6 +21,7 @@ from torch import Tensor
 
 from torchbeam.extend import count, entry_points
 
+from .accuracy import resolved
 from .core import BeamVectorEnv
 from .episodes import Episodes
 from .simulation import Simulation
@@ -50,7 +51,7 @@ def simulation(of: type[BeamVectorEnv] | type[Task], num_envs: int, **keywords: 
         raise ValueError(
             f"{of!r} was given; a class derived from BeamVectorEnv or from Task is wanted"
         )
-    return Simulation(task(task.Config(**keywords)), num_envs)
+    return Simulation(task(resolved(task, task.Config(**keywords))), num_envs)
 
 
 def reset(

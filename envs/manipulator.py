@@ -76,6 +76,7 @@ class Manipulator(Task):
 
     Config = ManipulatorConfig
     PLANE = "xz"
+    MESHED = False
     HOLDS = False  # an action changes the curvature; none holds it
     VIEW = (-1.15, 1.15, 1.15)
     TWIST = False  # whether segments are twisted too

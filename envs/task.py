@@ -65,6 +65,8 @@ class Task:
         measures(now)               what goes into `info`, name -> (n,)
         tracking_error(now)         what proportional and derivative feedback acts on
         render_data(now)            what a picture shows beside the beam: see `envs/rendering.py`
+        MESHED                      whether actions are the same inputs of the scene on every mesh,
+                                    so that its elements can be chosen by an accuracy
 
     Attributes
         config, dtype, device
@@ -85,6 +87,7 @@ class Task:
     RANDOM: ClassVar[bool] = False  # whether an episode draws random numbers after its start
     # whether all start as the usual beam rests, whatever their parameters: nothing tells them
     STARTS_ALIKE: ClassVar[bool] = False
+    MESHED: ClassVar[bool] = True  # whether actions are the same inputs on every mesh
     # of a picture, in lengths: x from, to; half its height
     VIEW: ClassVar[tuple[float, float, float] | None] = None
     UNITS: ClassVar[dict[str, str]] = {"distance": "m"}  # of what is measured
@@ -170,6 +173,14 @@ class Task:
             plane=self.plane,
             supports=self.supports(),
         )
+
+    def usual_scene(self) -> tb.Scene:
+        """Of one sub-env with the usual parameters."""
+        params = {
+            name: torch.tensor(p.value, dtype=self.dtype, device=self.device)
+            for name, p in self.parameters().items()
+        }
+        return self.scene(params, torch.arange(1, device=self.device), set())
 
     def loads(self, params: dict[str, Tensor], varying: set[str]) -> list[Any]:
         """All effects of the scene, with parameters as in `scene`."""

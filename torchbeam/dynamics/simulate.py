@@ -115,7 +115,7 @@ def simulate(
         accuracy: of the whole motion, in place of method and step: relative, as of `converge`, of
             positions and axes of the middle and the tip; or what `converge` gave. The beam is made
             anew on the mesh that is chosen, `initial` is None or a function of its scene. The
-            search is made once (it takes tens of runs; logging shows them) and holds for scenes of
+            search is made once (it takes some runs; logging shows them) and holds for scenes of
             the same structure whose numbers are off by no more than half. Of scenes of one beam.
 
     Returns:

@@ -50,6 +50,14 @@ class Made(NamedTuple):
     iterations: Tensor
 
 
+def mixes_ends(model: Model) -> bool:
+    """Whether native code makes a whole step of several compositions, see `Scheme`: not of what has
+    more than nodes to remember.
+    """
+    more = model.joints.count, model.tendons.stretches, model.touching.present
+    return not any(more) and model.scene.frame is None
+
+
 class StepSolver:
     """Solves the problem of a method for a model; engine, tolerance and limit (of iterations): see
     `Stepper`.
@@ -114,9 +122,7 @@ class StepSolver:
         """The same for solves whose ends are mixed, see `ExtrapolatedFunctions`; None where native
         code does not do that: for what has more than nodes to remember.
         """
-        model = self.model
-        more = model.joints.count, model.tendons.stretches, model.touching.present
-        if self.compiled is None or any(more) or model.scene.frame is not None:
+        if self.compiled is None or not mixes_ends(self.model):
             return None
         if self._extrapolating is None:
             other = self._extrapolating = copy(self)

@@ -25,7 +25,7 @@ from .convergence import Convergence, Tried
 from .notes import notes
 from .reading import Reader, takes_scene
 from .remesh import least_elements, remesh
-from .search import Checked, Search, finer
+from .search import Checked, Search
 from .setting import ELEMENTS, METHODS, Setting
 from .trials import Trials
 
@@ -74,11 +74,12 @@ def converge(
         progress: called with the number of runs so far and the next one's setting; True: a line
             each
 
-    The errors of mesh and of step are told apart, each by nested levels, and fall by powers whose
-    orders are observed; the cheapest pair by measured CPU time that should do is run, and checked
-    by twice the elements and by half the step: what these change is its error, so that none is
-    accepted where mesh and step cancel. Equally cheap settings may take turns from run to run, as
-    times do.
+    A setting is run, and by twice its elements, and by half its step: what these change, each
+    apart, is its error, so that none is accepted where mesh and step cancel. Errors fall by powers
+    whose orders are observed; the cheapest setting by measured CPU time that should do is next.
+    Runs serve again: what a mesh is off by may be told by other steps, what a step is off by on
+    another mesh, where the error of these is below 5 %. Equally cheap settings may take turns from
+    call to call, as times do.
 
     Returns `Convergence`: where the error is not reached it is the best that was tried, with
     `converged` False and sentences on what would be needed.
@@ -131,7 +132,7 @@ def converge(
     return Convergence(
         trials(best.setting).result,
         best.setting,
-        make(best.setting),
+        trials.scene(best.setting),
         float(rtol),
         best.space,
         best.time,
@@ -154,7 +155,7 @@ def _problem(
         if t is not None:
             raise ValueError("t and solve were given; one of them is wanted")
     if isinstance(scene, Scene):
-        first, base = scene, least_elements(scene)
+        first, base = scene, least_elements(scene, Reader(read, scene).nodes())
 
         def make(setting: Setting) -> Scene:
             return remesh(scene, **setting.mesh)
@@ -188,9 +189,8 @@ def _table(trials: Trials, best: Checked) -> tuple[Tried, ...]:
     """All that was run, against the chosen reading with what its finer levels change."""
     chosen = trials(best.setting).reading
     limit = chosen.clone()
-    for level in finer(best.setting):
-        if level is not None:
-            limit = limit + (trials(level).reading - chosen)
+    for coarse, fine in best.levels:
+        limit = limit + (trials(fine).reading - trials(coarse).reading)
     limit = replace(trials(best.setting), reading=limit)
     return tuple(
         Tried(

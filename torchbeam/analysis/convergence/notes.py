@@ -17,24 +17,24 @@ def notes(search: Search, best: Checked) -> Iterator[str]:
     the wanted error was not reached, what would be needed.
     """
     setting = best.setting
-    names = (setting.element, *search.elements)
-    seen = next((name for name in names if search.observed.get(name) is not None), names[0])
-    mesh = search.observed.get(seen)
-    steps = None if setting.method is None else search.observed.get(setting.method)
-    if mesh is not None and not mesh >= SLOW * ELEMENTS[seen].rate:
+    mesh, steps = (
+        None if name not in laws else laws[name].order()
+        for laws, name in ((search.space, setting.element), (search.time, setting.method))
+    )
+    if mesh is not None and not mesh >= SLOW * ELEMENTS[setting.element].rate:
         yield (
-            f"The error of meshes was seen to fall with h^{mesh:.2g}, where {seen} "
-            f"elements have order {ELEMENTS[seen].rate:g}: not yet the asymptotic "
+            f"The error of meshes was seen to fall with h^{mesh:.2g}, where {setting.element} "
+            f"elements have order {ELEMENTS[setting.element].rate:g}: not yet the asymptotic "
             "range, or the quantity is not smooth along the beam."
         )
-    if steps is not None and not steps >= SLOW * METHODS[setting.method]:
+    if steps is not None and not steps >= SLOW * METHODS[setting.method].rate:
         yield (
             f"The error of the steps falls with h^{steps:.2g}, where {setting.method} has order "
-            f"{METHODS[setting.method]:g}: not yet its asymptotic range, or something acts "
+            f"{METHODS[setting.method].rate:g}: not yet its asymptotic range, or something acts "
             "suddenly, and what oscillates faster than the step has a wrong phase."
         )
     for name, sentence in search.refused.items():
-        yield f"Without {name} elements: {sentence}"
+        yield f"Without {name}{' elements' * (name in ELEMENTS)}: {sentence}"
     if best.error <= search.rtol:
         return
     yield f"The error {best.error:.2g} is more than the {search.rtol:g} that were wanted."

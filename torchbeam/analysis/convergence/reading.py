@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -31,6 +31,10 @@ class Reader:
     scene: Scene
     size: Any = None
 
+    def nodes(self) -> list[int]:
+        """Of the scene's beam that a sensor is at: a mesh has to have nodes there."""
+        return [] if self.scene.beam.parts else [*_nodes(self.read)]
+
     def __call__(self, result: Any, scene: Scene) -> Tensor:
         """The quantity of a result of a scene on another mesh, detached."""
         if isinstance(self.read, Sensor):
@@ -47,6 +51,11 @@ class Reader:
         if value.is_complex() or not value.is_floating_point():
             raise ValueError(
                 f"read gave a tensor of {value.dtype}; real floating numbers are wanted"
+            )
+        if not value.numel():
+            raise ValueError(
+                f"read gave a tensor of shape {tuple(value.shape)}, without a number; some are "
+                "wanted"
             )
         return value.detach()
 
@@ -83,6 +92,20 @@ class Reader:
                 size = torch.where(moved > still, moved, size)
         error = rms(value - reference) / size
         return torch.where(error.isnan(), math.inf, error)
+
+
+def _nodes(read: Any) -> Iterator[int]:
+    """Of a sensor, and of those that it is made of."""
+    if isinstance(read, (tuple, list)):
+        for one in read:
+            yield from _nodes(one)
+    elif isinstance(read, Sensor):
+        for one in fields(read):
+            value = getattr(read, one.name)
+            if one.name == "node" and value is not None:
+                yield value
+            else:
+                yield from _nodes(value)
 
 
 def takes_scene(read: Any) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
@@ -63,13 +63,13 @@ def remesh(
     )
 
 
-def least_elements(scene: Scene) -> int:
+def least_elements(scene: Scene, nodes: Iterable[int] = ()) -> int:
     """The number of which those of all meshes that `remesh` can give are multiples: whatever acts
-    at a node has one there.
+    at a node has one there, and so have these.
     """
     beam = _one_beam(scene)
     rows = beam.station_count
-    places = [Fraction(node % beam.node_count, rows) for node in _nodes(scene)]
+    places = [Fraction(node % beam.node_count, rows) for node in (*_nodes(scene), *nodes)]
     least = math.lcm(*(place.denominator for place in places))
     arguments = recipe.arguments if (recipe := recipe_of(beam)) else {}
     own = beam.curved and "elements" not in arguments

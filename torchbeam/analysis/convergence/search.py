@@ -1,43 +1,51 @@
 """The search: errors of mesh and of step apart, from nested levels, and the cheapest pair of both.
 
-What a mesh is off by is told at equal steps and what a step is off by on one mesh, against the
-finest level: where both would cancel that is no accuracy. Each falls by a power (`Law`), so that
-the cost of what is fine enough can be told before it is run. What is chosen is then run with twice
-the elements, and with half the step: what these change is the error that it is accepted by.
+A setting is run, and one with twice the elements, and one with half the step: what these change are
+the errors that it is accepted by, each told at equal steps or on one mesh: where both would cancel
+that is no accuracy. Errors fall by powers (`Law`), so that the cost of what is fine enough can be
+told before it is run. What was run serves again wherever it tells the same.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import takewhile
 
-from .law import Law, observed_order, remaining
+from ...dynamics.step_solver import mixes_ends
+from ...nodal.discretise import discretise
+from .law import Law
 from .setting import ELEMENTS, METHODS, Setting
 from .trials import Trials
 
 SAFETY = 0.7  # share of the wanted error that a choice is predicted to have
 # numbers of elements and of steps: 1, 2, 3, 4, 6, 8, 12, ...
 LEVELS = sorted({k * 2**j for k in (1, 3) for j in range(24)} - {3 * 2**23})
-FIRST_INTERVALS, FIRST_STEPS = 4, 32
-# of the seconds that all runs may take: how much until errors of steps, and of meshes, are known
-STEPS_PART, MESHES_PART = 0.2, 0.5
+# of the first setting: intervals between nodes at least, whose error is guessed by `GUESSED`
+# intervals; steps at least
+FIRST_INTERVALS, GUESSED, FIRST_STEPS = 4, 8, 32
 CHECKS = 8  # choices that are checked, at most
 REFUSALS = (ValueError, NotImplementedError)  # of an element or a method that a scene does not take
-DEAR = 16  # times the cheapest steps' time: midpoint4's cost five times midpoint's where native
-CHEAPER = 0.6  # share of the cost that makes another check worth its while
+# error of the step by which a mesh's error is told, and of the mesh by which a step's is: what both
+# have in common is of the order of their product
+LOOSE = 0.05
+CHEAPER = 0.5  # share of the cost that makes another check worth its while
+CHECKING = 0.5  # share of the cost of what a choice is to be checked by that counts as its own
+SINGLE = 20  # times the cost of steps that are made one by one
 
 
 @dataclass
 class Checked:
-    """A choice, and the errors that its mesh and its step leave, as twice the elements and half the
-    step tell.
+    """A choice, and the errors that its mesh and its step leave, as `levels` tell: pairs of
+    settings, the second with twice the elements, or half the step, of the first.
     """
 
     setting: Setting
     space: float
     time: float
+    levels: tuple[tuple[Setting, Setting], ...]
 
     @property
     def error(self) -> float:
@@ -52,7 +60,8 @@ class Search:
     interval  s, the shortest of the output's, of which a step is a whole part
     elements, methods  that are tried, by name; refused: sentences of those that are not possible
     most      elements and steps at most
-    observed  orders, by the name of an element or a method; None = told by fewer than three levels
+    failed    by how many elements, or steps, and fewer, runs fail
+    space, time  laws of the errors, by the name of an element and of a method, that were measured
     """
 
     trials: Trials
@@ -63,37 +72,35 @@ class Search:
     methods: list[str]
     most: tuple[int, int]
     refused: dict[str, str] = field(default_factory=dict)
+    failed: dict[str, int] = field(default_factory=dict)
     space: dict[str, Law] = field(default_factory=dict)
     time: dict[str, Law] = field(default_factory=dict)
     checked: list[Checked] = field(default_factory=list)
-    observed: dict[str, float | None] = field(default_factory=dict)
 
     def run(self) -> Checked:
         """The setting accepted; where there is none the best that was checked."""
-        steps = self._first_steps()
-        if self.methods:
-            self._measure_steps(steps)
-        self._measure_meshes()
         accepted: list[Checked] = []
+        choice = self._first()
         for _ in range(CHECKS):
-            choice = self._choice()
-            if choice is None or any(c.setting == choice for c in self.checked):
-                break
-            if accepted and (
-                len(accepted) > 1
-                or self.trials.cost(choice) > CHEAPER * self.trials.cost(accepted[0].setting)
-            ):
-                break
             check = self._check(choice)
-            self.checked.append(check)
-            if check.error <= self.rtol:
+            if check is not None and check.error <= self.rtol:
                 accepted.append(check)
             elif accepted:
                 break
+            choice = self._choice() if self.checked else self._first()
+            if choice is None or (
+                accepted
+                and (
+                    len(accepted) > 1
+                    or self.trials.cost(choice) > CHEAPER * self.trials.cost(accepted[0].setting)
+                )
+            ):
+                break
         if accepted:
             return min(accepted, key=lambda c: self.trials.cost(c.setting))
-        if not self.checked:
-            self.checked.append(self._check(self._finest()))
+        finest = self._finest()
+        if finest is not None:
+            self._check(finest)
         return min(self.checked, key=lambda c: c.error)
 
     # fineness of steps is their number over all instants
@@ -101,213 +108,237 @@ class Search:
     def step_lengths(self) -> list[float]:
         """Steps that are whole parts of the shortest interval, from long to short."""
         parts = (float(f"{self.interval / parts:.9g}") for parts in LEVELS)
-        return list(takewhile(lambda h: self.trials.step_count(h) <= self.most[1], parts))
+        lengths = takewhile(lambda h: self.trials.step_count(h) <= self.most[1], parts)
+        return list(lengths) or [self.interval]
 
     def element_counts(self) -> list[int]:
         """Multiples of `base`."""
         return [self.base * n for n in LEVELS if self.base * n <= self.most[0]] or [self.base]
 
-    def _first_steps(self) -> float | None:
-        if not self.methods:
-            return None
-        steps = self.step_lengths() or [self.interval]
-        return next((h for h in steps if self.trials.step_count(h) >= FIRST_STEPS), steps[-1])
-
-    def _first_elements(self, element: str, intervals: int = FIRST_INTERVALS) -> int:
-        counts = self.element_counts()
-        order = ELEMENTS[element].order
-        return next((n for n in counts if n * order >= intervals), counts[-1])
-
-    def _measure_steps(self, step: float) -> None:
-        """Errors of steps by each method, on one coarse mesh, against the finest of the best."""
-        element = self._possible_element(step)
-        mesh = self._first_elements(element)
-        count = self.trials.step_count
-
-        def at(method: str, h: float) -> Setting:
-            return Setting(element, mesh, method, h)
-
-        levels, methods = [step, step / 2], list(self.methods)
-        while True:
-            methods = self._not_dear([at(m, levels[-2]) for m in methods])
-            best = max(methods, key=lambda m: METHODS[m])
-            changes = [self.trials.difference(at(best, h), at(best, h / 2)) for h in levels[:-1]]
-            law = Law(METHODS[best])
-            for h, change in zip(levels, changes, strict=False):
-                law.errors[count(h)] = remaining(change, law.trusted())
-            self.observed[best] = observed_order(changes)
-            left = law.predicted(count(levels[-1]))
-            finer = [at(m, levels[-1] / 2) for m in methods]
-            too_many = count(levels[-1] / 2) > self.most[1]
-            if left <= self.rtol / 2 or too_many or not self._room(finer, STEPS_PART):
-                break
-            levels.append(levels[-1] / 2)
-        for method in self.methods:
-            self.time[method] = Law(METHODS[method])
-            for h in levels[:-1]:
-                if at(method, h) in self.trials.made:
-                    error = self.trials.difference(at(method, h), at(best, levels[-1]))
-                    self.time[method].errors[count(h)] = error
-        self.time[best].errors[count(levels[-1])] = left
-
-    def _room(self, settings: list[Setting], part: float) -> bool:
-        return self.trials.allowed(*settings, part=part)
-
-    def _not_dear(self, tried: list[Setting]) -> list[str]:
-        """Methods whose steps, of one length, cost no more than `DEAR` times the cheapest's."""
-        least = self.trials.least
-        times = {s.method: max(self.trials(s).seconds - least, 0.1 * least) for s in tried}
-        return [m for m, time in times.items() if time <= DEAR * min(times.values())]
-
-    def _measure_meshes(self) -> None:
-        """Errors of meshes of each element, by steps that are fine enough, against the finest of
-        the best.
-        """
-        steps = self._fine_steps()
-
-        def at(element: str, count: int) -> Setting:
-            return Setting(element, count, *steps)
-
-        while True:
-            best = max(self.elements, key=lambda e: (ELEMENTS[e].rate, ELEMENTS[e].order))
-            try:
-                counts, law = self._mesh_levels(best, at)
-                break
-            except REFUSALS as error:
-                self._drop(best, error)
-        for element in list(self.elements):
-            if element == best:
-                self.space[element] = law
-                continue
-            count = self._first_elements(element, 2 * FIRST_INTERVALS)
-            try:
-                error = self.trials.difference(at(element, count), at(best, counts[-1]))
-            except REFUSALS as refusal:
-                self._drop(element, refusal)
-                continue
-            self.space[element] = Law(ELEMENTS[element].rate, {count: error})
-
-    def _mesh_levels(
-        self, element: str, at: Callable[[str, int], Setting]
-    ) -> tuple[list[int], Law]:
-        """Nested meshes of an element, until the finest is good enough, and its errors."""
-        counts, law = [self._first_elements(element)], Law(ELEMENTS[element].rate)
-        changes: list[float] = []
-        while True:
-            counts.append(2 * counts[-1])
-            change = self.trials.difference(at(element, counts[-2]), at(element, counts[-1]))
-            law.errors[counts[-2]] = remaining(change, law.trusted())
-            changes.append(change)
-            self.observed[element] = observed_order(changes)
-            left = law.predicted(counts[-1])
-            too_many = 2 * counts[-1] > self.most[0]
-            room = self._room([at(element, 2 * counts[-1])], MESHES_PART)
-            if left <= self.rtol / 2 or too_many or not room:
-                law.errors[counts[-1]] = left
-                return counts, law
-
-    def _drop(self, element: str, error: Exception) -> None:
-        """Without an element that the scene does not take."""
-        self.elements.remove(element)
-        self.space.pop(element, None)
-        self.refused[element] = str(error).splitlines()[0]
-        if not self.elements:
-            raise error
-
-    def _possible_element(self, step: float) -> str:
-        """The first element by which the scene runs."""
-        while True:
-            element = self.elements[0]
-            try:
-                self.trials(Setting(element, self._first_elements(element), self.methods[0], step))
-                return element
-            except REFUSALS as error:
-                self._drop(element, error)
-
-    def _fine_steps(self) -> tuple[str, float] | tuple[()]:
-        """The cheapest method and step whose error does not hide that of meshes, which are told
-        at equal steps.
-        """
-        if not self.methods:
-            return ()
-        element = self.elements[0]
-        mesh = self._first_elements(element)
-        pairs = [Setting(element, mesh, m, h) for m in self.methods for h in self.step_lengths()]
-        enough = [s for s in pairs if self._time_error(s) <= 2 * self.rtol]
-        if enough:
-            chosen = min(enough, key=self.trials.cost)
-        else:
-            chosen = min(pairs, key=self._time_error)
-        return chosen.method, chosen.step
-
-    def _time_error(self, setting: Setting) -> float:
-        if setting.method is None:
-            return 0.0
-        return self.time[setting.method].predicted(self.trials.step_count(setting.step))
-
-    def _space_error(self, setting: Setting) -> float:
-        return self.space[setting.element].predicted(setting.elements)
-
     def settings(self) -> Iterator[Setting]:
         """All that may be chosen."""
-        steps = [(m, h) for m in self.methods for h in self.step_lengths()] or [(None, None)]
         for element in self.elements:
-            for count in self.element_counts():
-                if count * ELEMENTS[element].order > 1:
-                    yield from (Setting(element, count, *step) for step in steps)
+            for count in self._counts(element):
+                yield from (replace(s, elements=count) for s in self._steps(element))
 
-    def _choice(self) -> Setting | None:
-        """The cheapest setting that is predicted to be good enough; None where there is none, or no
-        time to check it.
-        """
-        enough = [s for s in self.settings() if self.error(s) <= SAFETY * self.rtol]
-        choice = min(enough, key=self.trials.cost, default=None)
-        return choice if choice is not None and self._checkable(choice) else None
+    def _counts(self, element: str) -> list[int]:
+        return [n for n in self.element_counts() if n * ELEMENTS[element].order > 1]
 
-    def _finest(self) -> Setting:
-        """Of all that there is time to check the one of the least predicted error."""
-        all_ = list(self.settings())
-        return min(
-            filter(self._checkable, all_), key=self.error, default=min(all_, key=self.trials.cost)
-        )
+    def _steps(self, element: str) -> list[Setting]:
+        """Of all methods and lengths, the longest first; one of none in statics."""
+        steps = [(m, h) for m in self.methods for h in self.step_lengths()] or [(None, None)]
+        return [Setting(element, self.base, *step) for step in steps]
 
     def error(self, setting: Setting) -> float:
         """As the laws predict it."""
         return self._space_error(setting) + self._time_error(setting)
 
+    def _time_error(self, setting: Setting) -> float:
+        """As the method's law predicts it, or that of another one: errors are c (omega h)^p."""
+        name = setting.method
+        if name is None:
+            return 0.0
+        steps = self.trials.step_count(setting.step)
+        if steps <= self.failed.get(name, 0):
+            return math.inf
+        if name in self.time:
+            return self.time[name].predicted(steps)
+        guesses = [
+            METHODS[name].factor
+            * (law.predicted(steps) / METHODS[other].factor)
+            ** (METHODS[name].rate / METHODS[other].rate)
+            for other, law in self.time.items()
+        ]
+        return min(guesses, default=0.0)
+
+    def _space_error(self, setting: Setting) -> float:
+        """As the element's law predicts it, or a guess, by how far off that of another one is."""
+        name, count = setting.element, setting.elements
+        if count <= self.failed.get(name, 0):
+            return math.inf
+        if name in self.space:
+            return self.space[name].predicted(count)
+        off = [
+            law.predicted(finest) / guess(other, finest)
+            for other, law in self.space.items()
+            for finest in [max(law.changes)]
+        ]
+        return guess(name, count) * max(off, default=1.0)
+
+    def _first(self) -> Setting:
+        """The cheapest mesh that is guessed to do, by the longest steps: how short they have to be
+        is not guessed.
+        """
+        method = min(self.methods, key=lambda m: METHODS[m].cost, default=None)
+        step = None
+        if method is not None:
+            lengths = self.step_lengths()
+            step = next(
+                (h for h in lengths if self.trials.step_count(h) >= FIRST_STEPS), lengths[-1]
+            )
+        meshes = [
+            Setting(element, count, method, step)
+            for element in self.elements
+            for count in self.element_counts()
+        ]
+        enough = [
+            s
+            for s in meshes
+            if s.intervals >= FIRST_INTERVALS and self._space_error(s) <= SAFETY * self.rtol / 2
+        ]
+        return min(enough, key=self.trials.work, default=min(meshes, key=self._space_error))
+
+    def _choice(self) -> Setting | None:
+        """The cheapest setting that is predicted to be good enough; None where there is none, or no
+        time to check it.
+        """
+        choice = min(self._good_enough(), key=self._cost, default=None)
+        return choice if choice is not None and self._checkable(choice) else None
+
+    def _good_enough(self) -> Iterator[Setting]:
+        """Settings whose predicted error is allowed, of each element and method those of which no
+        other has fewer elements and no shorter steps.
+        """
+        checked = {check.setting for check in self.checked}
+        steps = {(s.method, s.step): self._time_error(s) for s in self._steps(self.elements[0])}
+        for element in self.elements:
+            longest = dict.fromkeys(self.methods or [None], 0.0)
+            for count in self._counts(element):
+                error = self._space_error(Setting(element, count))
+                for (method, step), of_step in steps.items():
+                    setting = Setting(element, count, method, step)
+                    if (
+                        (step or 1.0) > longest[method]
+                        and error + of_step <= self._allowed(setting)
+                        and setting not in checked
+                    ):
+                        longest[method] = step or 1.0
+                        yield setting
+
+    def _allowed(self, setting: Setting) -> float:
+        """Error that a choice may have: all that is wanted where both parts were measured."""
+        known = setting.element in self.space and (
+            setting.elements in self.space[setting.element].changes
+        )
+        if known and setting.method is not None:
+            steps = self.trials.step_count(setting.step)
+            known = setting.method in self.time and steps in self.time[setting.method].changes
+        return self.rtol if known else SAFETY * self.rtol
+
+    def _cost(self, setting: Setting) -> float:
+        """CPU seconds of a setting, and a share of those of what checks it."""
+        cost = self.trials.cost(setting) * (SINGLE if self._singly(setting) else 1)
+        more = [fine for fine in finer(setting) if fine and not self._known_by(setting, fine)]
+        return cost + CHECKING * sum(map(self.trials.cost, more))
+
+    def _finest(self) -> Setting | None:
+        """Of all that there is time to check the one of the least predicted error, where that is
+        less than what was reached.
+        """
+        reached = min((check.error for check in self.checked), default=math.inf)
+        better = [s for s in self.settings() if self.error(s) < reached / 2]
+        return min(filter(self._checkable, better), key=self.error, default=None)
+
     def _checkable(self, setting: Setting) -> bool:
         return self.trials.allowed(setting, *(s for s in finer(setting) if s is not None))
 
-    def _check(self, choice: Setting) -> Checked:
-        """By twice the elements, and by half the step; the laws then know better."""
-        finer_mesh, finer_steps = finer(choice)
-        change = self.trials.difference(choice, finer_mesh)
-        space = self._told(self.space, choice.element, choice.elements, change)
-        if finer_steps is None:
-            return Checked(choice, space, 0.0)
-        change = self.trials.difference(choice, finer_steps)
-        steps = self.trials.step_count(choice.step)
-        return Checked(choice, space, self._told(self.time, choice.method, steps, change))
+    @cached_property
+    def _single(self) -> bool:
+        """Whether steps of several compositions are made one by one."""
+        scene = self.trials.scene(next(iter(self.trials.made)))
+        return scene.damping is not None and not mixes_ends(discretise(scene))
 
-    @staticmethod
-    def _told(laws: dict[str, Law], name: str, fineness: float, change: float) -> float:
-        """The error that a change by a finer level tells of, by an order of 1 to 2, so that it is
-        not told too small where the order is less than it was. All laws of the kind are scaled
-        where it is more than was expected, that of the name at any rate.
+    def _singly(self, setting: Setting) -> bool:
+        """Whether steps are made one by one, of a method that was not tried."""
+        return setting.method == "midpoint4" and "midpoint4" not in self.time and self._single
+
+    def _check(self, choice: Setting) -> Checked | None:
+        """By twice the elements, and by half the step; the laws then know better. None where the
+        scene does not take the element or the method, which is not chosen again.
         """
-        law = laws[name]
-        order = min(max(law.trusted(), 1.0), 2.0)
-        error, expected = remaining(change, order), law.predicted(fineness)
-        if error == math.inf:
-            law.errors[fineness] = math.inf
-            return error
-        ratio = error / expected if 0 < expected < math.inf else 1.0
-        for other, of_other in laws.items():
-            if other == name or ratio > 1:
-                of_other.scale(ratio)
-        law.errors = {n: e for n, e in law.errors.items() if not fineness <= n <= 2 * fineness}
-        law.errors |= {fineness: error, 2 * fineness: error * 2**-order}
-        return error
+        mesh, steps = finer(choice)
+        try:
+            if self.trials.difference(choice, choice) > 0:
+                self._fails(choice, choice)
+                levels = []
+            else:
+                levels = [self._level(choice, fine) for fine in (mesh, steps) if fine is not None]
+        except REFUSALS as error:
+            self._refuse(choice, error)
+            return None
+        changes = [self.trials.difference(*level) for level in levels]
+        space = time = math.inf
+        if changes and changes[0] < math.inf:
+            kind = ELEMENTS[choice.element]
+            law = self.space.setdefault(choice.element, Law(kind.rate, kind.expected))
+            law.changes[choice.elements] = changes[0]
+            space = law.error(choice.elements)
+        if steps is None:
+            time = 0.0
+        elif changes and changes[1] < math.inf:
+            method, count = METHODS[choice.method], self.trials.step_count(choice.step)
+            law = self.time.setdefault(choice.method, Law(method.rate, method.expected))
+            law.changes[count] = changes[1]
+            time = law.error(count)
+        self.checked.append(Checked(choice, space, time, tuple(levels)))
+        return self.checked[-1]
+
+    def _level(self, setting: Setting, fine: Setting) -> tuple[Setting, Setting]:
+        """Two settings whose difference tells what one changes that is as fine twice as fine."""
+        known = self._known_by(setting, fine)
+        if known is not None:
+            return known
+        if self.trials.difference(fine, fine) > 0:
+            self._fails(setting, fine)
+        return setting, fine
+
+    def _known_by(self, setting: Setting, fine: Setting) -> tuple[Setting, Setting] | None:
+        """The same of those that were run: themselves, or by other steps of small error, or on
+        another mesh of small error.
+        """
+        made = self.trials.made
+        if fine in made:
+            return setting, fine
+        pairs = []
+        for one in made:
+            if fine.step == setting.step:
+                like = (one.element, one.elements) == (setting.element, setting.elements)
+                other, error = replace(one, elements=fine.elements), self._time_error
+            else:
+                like = (one.method, one.step) == (setting.method, setting.step)
+                other, error = replace(one, step=fine.step), self._space_error
+            if like and other in made and self.trials.difference(one, other) < math.inf:
+                pairs.append((error(one), one, other))
+        error, *pair = min(pairs, key=lambda pair: pair[0], default=(math.inf,))
+        return tuple(pair) if error <= LOOSE else None
+
+    def _fails(self, setting: Setting, run: Setting) -> None:
+        """A run has failed: of the setting, or of one that was to check it. Other choices have at
+        least twice the elements, or half the step.
+        """
+        checking = run != setting
+        if run.method is None or not checking:
+            self.failed[run.element] = 2 * setting.elements - 1 + checking
+        if run.method is not None:
+            self.failed[run.method] = 2 * self.trials.step_count(setting.step) - 1 + checking
+
+    def _refuse(self, choice: Setting, error: Exception) -> None:
+        """Without an element, or a method, that the scene does not take."""
+        ran = any(s.element == choice.element for s in self.trials.made)
+        by_method = choice.method is not None and (ran or len(self.elements) == 1)
+        names, name = (
+            (self.methods, choice.method) if by_method else (self.elements, choice.element)
+        )
+        names.remove(name)
+        self.refused[name] = str(error).splitlines()[0]
+        if not names:
+            raise error
+
+
+def guess(element: str, count: int) -> float:
+    """The error of a mesh, as soft rods have it."""
+    kind = ELEMENTS[element]
+    return kind.guess * (GUESSED / (count * kind.order)) ** kind.expected
 
 
 def finer(setting: Setting) -> tuple[Setting, Setting | None]:

@@ -6,6 +6,7 @@ import math
 import time
 import warnings
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,10 +15,10 @@ from torch import Tensor
 
 from ...core.derivatives import no_derivatives
 from ...dynamics.simulate import simulate
-from ...scene.effects import PerInterval
+from ...engine.compiler.library import Library
 from ...scene.scene import Scene
 from .reading import Reader
-from .setting import Setting
+from .setting import ELEMENTS, METHODS, Setting
 
 END = 4  # nodes that a step of a beam without any would cost as much as, see `Trials.work`
 SPAN = 1e-6  # of a step: how much longer an interval may be than a whole number of them
@@ -59,17 +60,24 @@ class Trials:
     report: Callable[[int, Setting], None] | None = None
     seconds: float = math.inf
     made: dict[Setting, Trial] = field(default_factory=dict)
-    warm: set[tuple[str, str | None]] = field(default_factory=set)
     counts: dict[float, int] = field(default_factory=dict)  # of steps, by their length
-    rates: dict[tuple[int, int], dict] = field(default_factory=dict)  # see `_rates`
-    least: float = math.inf  # CPU s of a run of one step, which is setting up
+    setup: float = 0.0  # CPU s of a run without steps, as these runs tell
+    scenes: dict[tuple[str, int], Scene] = field(default_factory=dict)  # by their meshes
 
     def __call__(self, setting: Setting) -> Trial:
         if setting not in self.made:
             if self.report is not None:
                 self.report(len(self.made), setting)
             self.made[setting] = self._run(setting)
+            self.setup = self._setup()
         return self.made[setting]
+
+    def scene(self, setting: Setting) -> Scene:
+        """On a setting's mesh."""
+        mesh = setting.element, setting.elements
+        if mesh not in self.scenes:
+            self.scenes[mesh] = self.mesh(setting)
+        return self.scenes[mesh]
 
     def difference(self, setting: Setting, reference: Setting) -> float:
         """The relative error that `share` of the samples do not exceed; inf where a run failed."""
@@ -95,79 +103,67 @@ class Trials:
 
     def work(self, setting: Setting) -> float:
         """What a setting's time grows with: steps times nodes, and some more for what a step costs
-        whatever their number.
+        whatever their number, by what elements and methods usually cost.
         """
-        return self.step_count(setting.step) * (setting.intervals + END)
+        kind = ELEMENTS[setting.element].cost
+        if setting.method is not None:
+            kind *= METHODS[setting.method].cost
+        return kind * self.step_count(setting.step) * (setting.intervals + END)
 
     def cost(self, setting: Setting) -> float:
-        """CPU seconds of a setting: measured, or predicted from the trial of its element and method
-        that is nearest in its number of steps; of a pair that was not tried by those of its method
-        and of its element.
+        """CPU seconds of a setting: measured, or predicted from the trials of its element and
+        method, else of its method, else of all: what setting up takes, and a rate.
         """
         if setting in self.made:
             return self.made[setting].seconds
-        return self.least + self.work(setting) * self._rate(setting)
+        if not self.made:
+            return self.work(setting)
+        made = [*self.made.values()]
+        like = [
+            [one for one in made if one.setting.method == setting.method],
+            [one for one in made if one.setting.element == setting.element],
+        ]
+        both = [one for one in like[0] if one in like[1]]
+        nearest = max(both or like[0] or made, key=lambda one: self.work(one.setting))
+        rate = max(nearest.seconds - self.setup, 1e-2 * self.setup) / self.work(nearest.setting)
+        return self.setup + rate * self.work(setting)
 
-    def allowed(self, *settings: Setting, part: float = 1.0) -> bool:
-        """Whether there is time for these, as predicted, in a part of the seconds."""
+    def _setup(self) -> float:
+        """CPU seconds of a run without steps, as those of one element and method tell of which the
+        work differs most.
+        """
+        span, setup = 1.0, 0.0
+        kinds: dict[tuple, list[tuple[float, float]]] = {}
+        for one in self.made.values():
+            kind = kinds.setdefault((one.setting.element, one.setting.method), [])
+            kind.append((self.work(one.setting), one.seconds))
+        for kind in kinds.values():
+            (w, s), (v, r) = min(kind), max(kind)
+            if v > span * w:
+                rate = min(max((r - s) / (v - w), 0.0), s / w)
+                span, setup = v / w, s - rate * w
+        return setup
+
+    def allowed(self, *settings: Setting) -> bool:
+        """Whether there is time for these, as predicted."""
         if not self.made:
             return True
         spent = sum(trial.seconds for trial in self.made.values())
         more = sum(self.cost(s) for s in settings if s not in self.made)
-        return spent + more <= part * self.seconds
-
-    def _rate(self, setting: Setting) -> float:
-        """CPU seconds a unit of work."""
-        element, method, steps = setting.element, setting.method, self.step_count(setting.step)
-        rates = self._rates(steps)
-        if (element, method) in rates:
-            return rates[element, method]
-        by_method = {e: rate for (e, m), rate in rates.items() if m == method}
-        by_element = {m: rate for (e, m), rate in rates.items() if e == element}
-        pairs = [
-            rate * by_method[e] / rates[e, m]
-            for m, rate in by_element.items()
-            for e in by_method
-            if (e, m) in rates
-        ]
-        return min(pairs or [*by_method.values(), *by_element.values()] or rates.values())
-
-    def _rates(self, steps: int) -> dict[tuple[str, str | None], float]:
-        """By element and method, of those trials that are nearest to so many steps, of these the
-        one with most work.
-        """
-        if (key := (len(self.made), steps)) in self.rates:
-            return self.rates[key]
-
-        def nearness(trial: Trial) -> tuple[float, float]:
-            ratio = self.step_count(trial.setting.step) / steps
-            return -abs(math.log(ratio)), self.work(trial.setting)
-
-        rates = {}
-        for trial in sorted(self.made.values(), key=nearness):  # the last one stays
-            spent = max(trial.seconds - self.least, 1e-2 * self.least)
-            name = trial.setting.element, trial.setting.method
-            rates[name] = spent / self.work(trial.setting)
-        self.rates = {k: v for k, v in self.rates.items() if k[0] == len(self.made)}
-        self.rates[key] = rates
-        return rates
+        return spent + more <= self.seconds
 
     def _run(self, setting: Setting) -> Trial:
         with no_derivatives(), warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # of samples that failed
-            scene = self.mesh(setting)
-            kind = setting.element, setting.method
-            if kind not in self.warm:  # compile what the kind of setting runs by
-                self.warm.add(kind)
-                repeats = 2 if math.isinf(self.least) else 1
-                for _ in range(repeats):
-                    begun = time.process_time()
-                    self._solve(scene, setting, short=True)
-                    self.least = min(self.least, time.process_time() - begun)
-            begun = time.process_time()
-            result = self._solve(scene, setting)
-            reading = self.reader(result, scene)
-            seconds = time.process_time() - begun
+            for _ in range(2):  # the second time only where the first one compiled
+                # a copy is prepared for anew, so that times tell what a first call takes
+                scene, known = copy(self.scene(setting)), Library.count
+                begun = time.process_time()
+                result = self._solve(scene, setting)
+                reading = self.reader(result, scene)
+                seconds = time.process_time() - begun
+                if Library.count == known:
+                    break
         status = getattr(result, "status", None)
         failed = torch.zeros((), dtype=torch.bool) if status is None else status != 0
         if failed.ndim > len(self.reader.scene.batch_shape):
@@ -176,7 +172,7 @@ class Trials:
         iterations = None if counted is None else counted.double().sum(0).mean().item()
         return Trial(setting, reading, failed, seconds, iterations, result)
 
-    def _solve(self, scene: Scene, setting: Setting, short: bool = False) -> Any:
+    def _solve(self, scene: Scene, setting: Setting) -> Any:
         if self.t is None:
             if (result := self.solve(scene)) is None:
                 raise ValueError("solve gave None; what `read` takes, as a state, is wanted")
@@ -184,11 +180,4 @@ class Trials:
         options = dict(self.options)
         if callable(initial := options.get("initial")):
             options["initial"] = initial(scene)
-        t = self.t
-        if short:
-            t = t[0] + torch.stack((0 * t[0], t[0] * 0 + min(setting.step, (t[1] - t[0]).item())))
-            options["inputs"] = {
-                name: PerInterval(v.value[..., :1, :]) if isinstance(v, PerInterval) else v
-                for name, v in (options.get("inputs") or {}).items()
-            }
-        return simulate(scene, t, **setting.steps, **options)
+        return simulate(scene, self.t, **setting.steps, **options)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any
+from typing import Any, ClassVar
 
 from .object_cache import ObjectCache, key_of
 
@@ -15,8 +15,10 @@ from .object_cache import ObjectCache, key_of
 class Library:
     """Functions of one module in memory; they stay as long as this object does. cache:
     None = nothing is kept on disk; name: what determines the text, which is then asked for only
-    where there is no object by that name, None = the text itself.
+    where there is no object by that name, None = the text itself. count: of all made so far.
     """
+
+    count: ClassVar[int] = 0
 
     def __init__(
         self,
@@ -39,6 +41,7 @@ class Library:
         self._engine = binding.create_mcjit_compiler(binding.parse_assembly(""), machine)
         self._engine.add_object_file(binding.ObjectFileRef.from_data(data))
         self._engine.finalize_object()
+        Library.count += 1
 
     def address(self, name: str) -> int:
         """Of a function. Raises ValueError where there is none of that name."""

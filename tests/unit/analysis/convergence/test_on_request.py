@@ -54,6 +54,23 @@ def test_equilibrium_to_an_accuracy(searches):
     assert len(searches) == 3 and EI.grad < -0.1
 
 
+def test_a_model_of_identify_names_an_accuracy(searches):
+    """In place of a mesh: the stiffness behind what a much finer mesh bends to; two elements find
+    another one. Searched once for each size of batch.
+    """
+    data = tb.equilibrium(strip(1.1, n=64)).tip.position
+
+    def found(**options):
+        def model(EI):
+            return tb.equilibrium(strip(EI[:, 0]), **options).tip.position
+
+        return tb.identify(model, data, torch.tensor([1.0]), log=True).theta.item()
+
+    assert found(accuracy=1e-4) == pytest.approx(1.1, rel=1e-3)
+    assert found() != pytest.approx(1.1, rel=1e-2)
+    assert len(searches) <= 3
+
+
 def test_inputs_are_a_part_of_the_scene(searches):
     beam = strip().beam
     scene = tb.Scene(beam, [tb.TipLoad(force=tb.Input("f", 3))], plane="xz")
