@@ -20,6 +20,7 @@ from .analysis.identification.prediction import Prediction
 from .analysis.identification.profile import Profile
 from .analysis.identification.smoothness import Smoothness
 from .analysis.identification.transform import Transform
+from .analysis.saved import load, save
 from .analysis.uncertainty import laws
 from .analysis.uncertainty.estimate import Estimate
 from .analysis.uncertainty.moment_derivatives import MomentDerivatives, moment_derivatives
@@ -102,12 +103,12 @@ __all__ = [
     "Tornado", "Universal", "Weld", "advise", "block_rate", "consistent_state", "converge",
     "critical_load",
     "describe", "equilibrium", "export",
-    "identify", "identify_fields", "laws", "linearize", "modal_assurance", "modes",
+    "identify", "identify_fields", "laws", "linearize", "load", "modal_assurance", "modes",
     "moment_derivatives", "monte_carlo",
     "monte_carlo_stream", "observe", "pair_modes", "path", "plot", "rare_event", "rayleigh",
     "remesh",
     "rest",
-    "rollout", "sensors",
+    "rollout", "save", "sensors",
     "simulate", "sobol_indices", "tornado",
 ]
 # fmt: on

@@ -313,17 +313,7 @@ class Fit:
         """A fit from its file: without the model, so without profiles and bootstrap. Raises
         ValueError for another file.
         """
-        try:
-            given = torch.load(path, weights_only=True)
-        except Exception as error:
-            if isinstance(error, OSError):
-                raise
-            given = None
-        if not isinstance(given, dict) or given.pop("torchbeam fit", None) != FORMAT:
-            raise ValueError(
-                f"the file {str(path)!r} was given, which is no saved fit of this version; one "
-                "is wanted"
-            )
+        given = files.load(path, "torchbeam fit", FORMAT, "saved fit")
         return cls(
             **{
                 **given,
