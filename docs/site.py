@@ -28,7 +28,7 @@ REFERENCE = {
         "Input", "PerInterval", "PerElement", "Along", "History", "Accelerogram")),
     "motion": ("Motion", "Simulations, steps, states and solutions.", (
         "simulate", "rollout", "Stepper", "rest", "State", "Solution", "Energy", "Stats",
-        "ExplicitStepper", "SlowPathWarning", "save", "load", "export")),
+        "ExplicitStepper", "SlowPathWarning", "save", "load", "export", "view", "View")),
     "statics": ("Statics and stability", "Equilibria, paths of them, critical loads.", (
         "equilibrium", "path", "Path", "critical_load", "Critical")),
     "linear": ("Modes and linear models", "About an equilibrium, or a motion.", (

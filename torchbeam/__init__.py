@@ -44,6 +44,8 @@ from .linear.state_space import linearize
 from .mixed.block import BlockRate, block_rate
 from .mixed.consistent import consistent_state
 from .mixed.state import MixedState
+from .plot.notebook import in_html
+from .plot.view import View, view
 from .scene.ball import Ball
 from .scene.beam import Beam
 from .scene.body import Body
@@ -82,6 +84,7 @@ from .scene.section import Section
 from .scene.stations import Stations, Table
 from .scene.supports import Frame, RootMotion, Support
 from .sensors.observe import observe
+from .state.instant import Instant
 from .state.solution import Energy, Solution, Stats
 from .state.state import State, rest
 from .statics.path import Path, path
@@ -100,7 +103,7 @@ __all__ = [
     "SlowPathWarning", "Smoothness",
     "SobolIndices", "Solution", "Sphere", "Spring", "State", "Stations", "Stats", "Stepper",
     "Stream", "Support", "Table", "Tendon", "TipLoad",
-    "Tornado", "Universal", "Weld", "advise", "block_rate", "consistent_state", "converge",
+    "Tornado", "Universal", "View", "Weld", "advise", "block_rate", "consistent_state", "converge",
     "critical_load",
     "describe", "equilibrium", "export",
     "identify", "identify_fields", "laws", "linearize", "load", "modal_assurance", "modes",
@@ -109,7 +112,7 @@ __all__ = [
     "remesh",
     "rest",
     "rollout", "save", "sensors",
-    "simulate", "sobol_indices", "tornado",
+    "simulate", "sobol_indices", "tornado", "view",
 ]
 # fmt: on
 
@@ -135,5 +138,8 @@ torch.serialization.add_safe_globals(
         slice,
     ]
 )
+
+for shown in (Scene, Solution, Instant):  # in notebooks
+    shown._repr_html_ = in_html  # type: ignore[attr-defined]
 
 entry_points(globals(), __all__)

@@ -105,7 +105,9 @@ class Solution:
         """Made where it is first asked for."""
         return self.energies() if callable(self.energies) else self.energies
 
-    def __repr__(self) -> str:
+    @property
+    def summary(self) -> dict[str, str]:
+        """What there is, in words, by headings."""
         done = [counted(self.stats.steps, "step")] if self.stats.steps is not None else []
         done += (
             [counted(self.stats.evaluations, "evaluation")]
@@ -113,15 +115,17 @@ class Solution:
             else []
         )
         nodes = self.nodes
-        return lines(
-            "Solution",
-            f"{counted(len(self.t), 'instant')}, t = {span(self.t)} s"
-            + "".join(f", {x}" for x in done),
-            f"{self._form} of {nodes.shape[-2]} nodes, {where(self._parts, nodes[-1])[0]} in the "
-            "end",
-            statuses(self.status),
-            kind(nodes.shape[1:-2], nodes),
-        )
+        instants = f"{counted(len(self.t), 'instant')}, t = {span(self.t)} s"
+        return {
+            "time": ", ".join((instants, *done)),
+            "end": f"{self._form} of {nodes.shape[-2]} nodes, {where(self._parts, nodes[-1])[0]} "
+            "in the end",
+            "status": statuses(self.status),
+            "batch": kind(nodes.shape[1:-2], nodes),
+        }
+
+    def __repr__(self) -> str:
+        return lines("Solution", *self.summary.values())
 
     def __getitem__(self, name: str) -> Any:
         """The trajectory of a part of a structure: `state[name]`, see `State`."""
