@@ -8,6 +8,7 @@ import ast
 import json
 import posixpath
 import re
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
@@ -84,6 +85,9 @@ MEMBERS = {
     "RandomField": ("captured",),
 }
 BARE = ("effects", "values", "laws")
+# Where examples find public names, and how many examples an entry names.
+MODULES_SEEN = ("tb", "tb.sensors", "tb.laws", "tb.plot", "torchbeam_envs", "baselines", "sensors")
+SHOWN = 4
 # The gallery: each example once.
 GALLERY = {
     "Statics and stability": ("axes_and_signs", "spring", "lees_frame", "portal_frame"),
@@ -124,23 +128,46 @@ def public(module: str) -> list[str]:
     raise ValueError(f"{file} says nothing in __all__")
 
 
+@cache
+def uses() -> dict[str, list[str]]:
+    """Examples that use a public name, the shortest first: by `tb.name`, or `tb.module.name`."""
+    found: dict[str, list[str]] = {}
+    for path in sorted(EXAMPLES, key=lambda path: path.stat().st_size):
+        used = {
+            node.attr
+            for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.Attribute) and ast.unparse(node.value) in MODULES_SEEN
+        }
+        for name in used:
+            found.setdefault(name, []).append(path.stem)
+    return found
+
+
+def used_in(name: str) -> str:
+    """A line with links to examples."""
+    links = [f"[{title_of(stem)}](../examples/{stem}.md)" for stem in uses().get(name, ())[:SHOWN]]
+    return f"\n\n*In examples:* {', '.join(links)}" if links else ""
+
+
 def reference() -> dict[str, str]:
     """Markdown of the pages, by their paths."""
     pages, rows, modules = {}, [], {module for *_, module in MODULES.values()}
     for key, (title, about, names) in REFERENCE.items():
-        entries = "\n\n".join(entry(f"torchbeam.{name}", key) for name in names)
+        entries = "\n\n".join(entry(f"torchbeam.{name}", key) + used_in(name) for name in names)
         pages[f"reference/{key}.md"] = f"# {title}\n\n{about}\n\n{entries}\n"
         rows.append(f"| [{title}]({key}.md) | {about} |")
     for key, (title, about, module) in MODULES.items():
         entries = "\n\n".join(
-            entry(f"{module}.{place(module, name)}", key)
+            entry(f"{module}.{place(module, name)}", key) + used_in(name)
             for name in public(module)
             if not name.isupper() and f"{module}.{name}" not in modules
         )
         said = "tb.laws" if key == "laws" else module
         pages[f"reference/{key}.md"] = f"# {title}\n\n`{said}`. {about}\n\n{entries}\n"
         rows.append(f"| [{title}]({key}.md) | {about} |")
-    about = "# Reference\n\nSI units; leading axes of every tensor are batch axes."
+    lines = ast.get_docstring(ast.parse((ROOT / "torchbeam/__init__.py").read_text()))
+    lines = lines.partition("\n\n")[2].replace(":\n\n", ":\n\n```python\n") + "\n```"
+    about = f"# Reference\n\nSI units; leading axes of every tensor are batch axes.\n\n{lines}"
     return {"reference/index.md": "\n".join((about, "", "| | |", "|---|---|", *rows, ""))} | pages
 
 
@@ -171,7 +198,9 @@ def gallery() -> str:
 
 
 def title_of(name: str) -> str:
-    return name.replace("_", " ").capitalize()
+    """Of an example: letters as people write them."""
+    title = name.replace("_", " ").capitalize()
+    return re.sub(r"\b(lqr|mpc|nuts)\b", lambda m: m.group().upper(), title, flags=re.I)
 
 
 def examples() -> dict[str, str]:

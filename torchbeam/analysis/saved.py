@@ -43,9 +43,8 @@ def save(what: Any, path: str | Path, *, scene: Scene | None = None) -> Path:
         NotWritten: (an OSError) where the disk is full.
 
     Examples:
-        >>> scene = tb.Scene(beam, [tb.TipLoad(force=(0, 0, 2.0))])
         >>> first = tb.simulate(scene, [0.0, 0.1], step=0.01)
-        >>> path = tb.save(first.state[-1], folder / "start.pt", scene=scene)
+        >>> path = tb.save(first.state[-1], "start.pt", scene=scene)
         >>> again = tb.simulate(scene, [0.1, 0.2], tb.load(path, scene=scene), step=0.01)
     """
     path = files.path_of("path", path)
@@ -74,6 +73,11 @@ def load(path: str | Path, *, scene: Scene | None = None) -> Any:
     Raises:
         ValueError: for another file, and where the scene differs: it says in what. To start
             another scene from a state, load it without `scene=`.
+
+    Examples:
+        >>> path = tb.save(solution, "run.pt")
+        >>> tb.load(path).tip.position.shape
+        torch.Size([6, 3])
     """
     path = files.path_of("path", path)
     if scene is not None:

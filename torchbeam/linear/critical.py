@@ -55,6 +55,14 @@ class Critical:
             entry is 1
         factors: (P, ...) the load path that was looked at
         eigenvalue: (P, ..., count) complex, 1/s: along it, the slowest
+
+    Examples:
+        >>> column = lambda P: tb.Scene(
+        ...     beam, [tb.TipLoad(force=-P[..., None] * torch.tensor([1.0, 0, 0]))]
+        ... )
+        >>> critical = tb.critical_load(column, highest=10.0)
+        >>> critical.factor  # N, of a clamped column
+        tensor(3.4945)
     """
 
     factor: Tensor
@@ -129,6 +137,15 @@ def critical_load(
     Raises:
         ValueError: for what the nodal form does not take, a range that is empty, rigid motions that
             nothing holds, or a scene that is unstable at `lowest`.
+
+    Examples:
+        >>> column = lambda P: tb.Scene(
+        ...     beam, [tb.TipLoad(force=-P[..., None] * torch.tensor([1.0, 0, 0]))]
+        ... )
+        >>> P = tb.critical_load(column, highest=10.0).factor
+        >>> EI = 69e9 * 0.03 * 0.002**3 / 12
+        >>> P / (torch.pi**2 * EI / 4)  # of Euler's
+        tensor(1.0263)
     """
     highest, lowest, t = number("highest", highest), number("lowest", lowest), number("t", t)
     check_tolerance("tolerance", tolerance)

@@ -40,6 +40,13 @@ class Modes:
         eigenvalue: (..., count) complex, 1/s; a positive real part grows
         shape: (..., count, N+1, 6) complex: displacement (m) and rotation (rad) of the nodes, frame
             a
+
+    Examples:
+        >>> modes = tb.modes(scene, count=2)
+        >>> modes.frequency / (2 * torch.pi)  # Hz
+        tensor([1.8410, 7.8660])
+        >>> modes.shape.shape  # modes, nodes, moves and turns
+        torch.Size([2, 5, 6])
     """
 
     eigenvalue: Tensor
@@ -125,6 +132,11 @@ def modes(
     Raises:
         ValueError: for more modes than the mesh has, a state that moves or is no equilibrium, or
             what the nodal form does not take.
+
+    Examples:
+        >>> modes = tb.modes(tb.Scene(beam), count=2)
+        >>> modes.frequency / (2 * torch.pi)  # Hz
+        tensor([ 1.6252, 10.9443])
     """
     not_here("accuracy", accuracy, "torchbeam.modes")
     choice("normalize", normalize, NORMS)

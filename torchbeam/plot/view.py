@@ -68,7 +68,7 @@ def view(
     Examples:
         >>> scene = tb.Scene(beam, [tb.TipLoad(force=(0, 0, 2.0))])
         >>> view = tb.view(tb.simulate(scene, [0.0, 0.1], step=0.01), scene=scene)
-        >>> page = view.save(folder / "motion.html")  # plays in any browser, without Python
+        >>> page = view.save("motion.html")  # plays in any browser, without Python
         >>> view.close()
     """
     if not isinstance(what, Instant | Solution | Scene):
@@ -99,6 +99,11 @@ class View:
     Attributes:
         url: of the page
         t: s, the instants
+
+    Examples:
+        >>> scene = tb.Scene(beam, [tb.TipLoad(force=(0, 0, 2.0))])
+        >>> with tb.view(scene) as view:
+        ...     view.update(tb.equilibrium(scene))
     """
 
     def __init__(

@@ -72,6 +72,17 @@ class Scene(Tree):
         ValueError: for an object without a kind, two dampings, a node that does not exist, a load
             whose dtype is not the beam's, two inputs of one name with different sizes, two supports
             of one node, what leaves the plane, or joints that do not fit (see `joints_of`).
+
+    Examples:
+        >>> scene = tb.Scene(beam, [tb.TipLoad(force=(0, 0, 2.0)), tb.Gravity((0, 0, -9.81))])
+        >>> pinned = tb.Scene(
+        ...     beam, supports=[tb.Support(0, rotation=""), tb.Support(-1, rotation="")]
+        ... )
+        >>> many = tb.Scene(
+        ...     beam, [tb.TipLoad(force=torch.rand(100, 3))]
+        ... )  # a batch of a hundred
+        >>> many.batch_shape
+        torch.Size([100])
     """
 
     beam: Beam | dict[str, Beam | Body]

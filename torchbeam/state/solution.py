@@ -22,6 +22,14 @@ class Energy(NamedTuple):
     Undamped, kinetic + strain - work is constant, but for what a change of the eigenstrain brings
     in. By a compliance matrix with a zero on its diagonal `strain` has no derivative, and asking
     for it raises NotImplementedError: what so stiff a strain stores alternates from step to step.
+
+    Examples:
+        >>> (
+        ...     solution.energy.work[-1]
+        ...     - solution.energy.kinetic[-1]
+        ...     - solution.energy.strain[-1]
+        ... )  # J, lost by damping
+        tensor(0.0349)
     """
 
     kinetic: Tensor
@@ -59,6 +67,10 @@ class Stats:
         reason: one sentence per kind of failure that occurred: status -> sentence
         engine: what made the steps: "native"; "eager" (torch operations); "mixed", as where parts
             of a failed step are eager
+
+    Examples:
+        >>> solution.stats.steps, solution.stats.iterations.shape  # Newton iterations by step
+        (10, torch.Size([10]))
     """
 
     steps: int | None = None
@@ -84,6 +96,13 @@ class Solution:
         energies: `Energy`, or what gives it: who does not ask for it does not pay for it
         stats: `Stats`
         event: `Event`, where a sample was to stop at one
+
+    Examples:
+        >>> solution.tip.position.shape, solution.nodes.shape  # time first
+        (torch.Size([6, 3]), torch.Size([6, 5, 3]))
+        >>> solution.status  # 0: success
+        tensor(0)
+        >>> again = tb.simulate(scene, [0.1, 0.2], solution.state[-1], step=0.01)
     """
 
     t: Tensor

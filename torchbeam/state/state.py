@@ -58,6 +58,13 @@ class State(Instant):
             `__getitem__`
         joined: pairs of nodes that its joints connect, None = the ground; stress has a row for each
             behind those of the stations
+
+    Examples:
+        >>> state = tb.equilibrium(scene)
+        >>> state.tip.position, state.root.moment  # m, N m
+        (tensor([0.9004, 0.0000, 0.3972]), tensor([0.0000, 1.8008, 0.0000]))
+        >>> state.stress.shape  # elements; forces and moments
+        torch.Size([4, 6])
     """
 
     position: Tensor = leaf(2)
@@ -265,6 +272,11 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
     (or those given). What supports hold is where they have it at the time t s (0-dim, or one of
     each sample), and moves with them. A frame that turns has turned since t = 0, when it coincides
     with the inertial axes. Raises ValueError for what is no scene, batch axes or time.
+
+    Examples:
+        >>> state = tb.rest(scene)
+        >>> state.tip.position
+        tensor([1., 0., 0.])
     """
     time = instants("t", t, instance("a scene", scene, Scene).beam.nodes)
     shape = broadcast("a scene and t", scene.batch_shape, time.shape)

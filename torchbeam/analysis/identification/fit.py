@@ -87,6 +87,16 @@ class Fit:
         readings: data beside the model's values, of each measurement
         jacobian: (data, p) derivatives of the readings that were measured, over sigma, by the
             coordinates of the search
+
+    Examples:
+        >>> x = torch.tensor([1.0, 2.0, 3.0, 4.0])
+        >>> fit = tb.identify(
+        ...     lambda p: p["k"][..., None] * x,
+        ...     2 * x + torch.tensor([0.1, -0.1, 0.1, -0.1]),
+        ...     {"k": 1.0},
+        ... )
+        >>> fit.theta, fit.deviation  # the estimate, its standard deviation
+        (tensor([1.9933]), tensor([0.0207]))
     """
 
     theta: Tensor
