@@ -29,10 +29,12 @@ from ..core.leaves import wants_gradient
 from ..core.memory import check_memory
 from ..core.summary import kind, lines, span
 from ..core.validation import concrete, unmapped
+from ..core.warning import warn
 from ..engine.chain.coverage import ENGINES
 from ..math.first_derivative import Once
 from ..math.quadratic_eigen import upright
 from ..scene.scene import Scene
+from .in_double import SINGLE, narrowed
 from .load_path import DIVERGENCE, FLUTTER, STABLE, Factored, LoadPath
 from .system_matrices import moves
 
@@ -129,6 +131,8 @@ def critical_load(
     else two frequencies that meet (and half as many unknowns); for a value of 0 the frequency at
     flutter is one of two that are about to, off by 4e-4.
 
+    Scenes in single precision are solved in double and the answer is rounded, as in `modes`.
+
     The path is that of `equilibrium`: past a point of buckling it keeps to the branch it is on. At
     a limit point it ends, or leaps; `path` finds those more quickly. O(N) a factor along one beam
     of more than 96 unknowns without damping; dense, O(N^3), of anything else, and where the few
@@ -156,7 +160,22 @@ def critical_load(
         )
     boolean("lumped", lumped)
     choice("engine", engine, ENGINES)
-    path = LoadPath(scene, inputs, t, lumped, check_count("count", count), engine)
+    given = scene, inputs, t, lumped, check_count("count", count), engine
+    path = LoadPath(*given, wide=True)
+    try:
+        critical = _critical_load(path, highest, lowest, points, tolerance)
+    except ValueError:
+        if not path.single:
+            raise
+        critical = _critical_load(LoadPath(*given, wide=False), highest, lowest, points, tolerance)
+        warn(SINGLE, UserWarning)
+    return narrowed(critical) if path.single else critical
+
+
+def _critical_load(
+    path: LoadPath, highest: float, lowest: float, points: int, tolerance: float
+) -> Critical:
+    """`critical_load` along a path."""
     with no_derivatives():
         shape = path.batch_shape(lowest)
         states = check_count("points", points, least=2) * shape.numel()
