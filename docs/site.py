@@ -5,11 +5,13 @@ link.
 """
 
 import ast
+import importlib.util
 import json
 import posixpath
 import re
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = ROOT / "out" / "packages"
@@ -197,6 +199,14 @@ def gallery() -> str:
     return "\n".join(lines)
 
 
+def notebooks() -> Any:
+    """The module beside this file, which no package holds."""
+    spec = importlib.util.spec_from_file_location("notebooks", ROOT / "docs" / "notebooks.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 def title_of(name: str) -> str:
     """Of an example: letters as people write them."""
     title = name.replace("_", " ").capitalize()
@@ -298,10 +308,21 @@ def on_files(files, config):
     for path, text in generated().items():
         content = linked(text, path) if path in HOMES else text
         files.append(File.generated(config, path, content=content))
+    made = notebooks()
+    for name in made.TUTORIALS:
+        content = made.written(name)
+        files.append(File.generated(config, f"notebooks/{name}.ipynb", content=content))
     return files
 
 
 def on_page_markdown(markdown, page, config, files):
-    """mkdocs: links of pages of docs/."""
-    made = page.file.src_uri in HOMES or page.file.src_uri.startswith(("examples/", "reference/"))
-    return markdown if made else linked(markdown, page.file.src_uri)
+    """mkdocs: links of pages of docs/, and those of tutorials to their notebooks."""
+    path = page.file.src_uri
+    made = path in HOMES or path.startswith(("examples/", "reference/"))
+    markdown = markdown if made else linked(markdown, path)
+    name = path.removesuffix(".md")
+    if name not in notebooks().TUTORIALS:
+        return markdown
+    title, rest = markdown.split("\n", 1)
+    download = f"[:material-download: As a notebook](notebooks/{name}.ipynb){{ download }}"
+    return f"{title}\n\n{download}\n{rest}"
