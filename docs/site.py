@@ -5,10 +5,13 @@ link.
 """
 
 import ast
+import importlib.util
 import json
 import posixpath
 import re
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = ROOT / "out" / "packages"
@@ -28,7 +31,7 @@ REFERENCE = {
         "Input", "PerInterval", "PerElement", "Along", "History", "Accelerogram")),
     "motion": ("Motion", "Simulations, steps, states and solutions.", (
         "simulate", "rollout", "Stepper", "rest", "State", "Solution", "Energy", "Stats",
-        "ExplicitStepper", "SlowPathWarning", "export")),
+        "ExplicitStepper", "SlowPathWarning", "save", "load", "export", "view", "View")),
     "statics": ("Statics and stability", "Equilibria, paths of them, critical loads.", (
         "equilibrium", "path", "Path", "critical_load", "Critical")),
     "linear": ("Modes and linear models", "About an equilibrium, or a motion.", (
@@ -84,6 +87,9 @@ MEMBERS = {
     "RandomField": ("captured",),
 }
 BARE = ("effects", "values", "laws")
+# Where examples find public names, and how many examples an entry names.
+MODULES_SEEN = ("tb", "tb.sensors", "tb.laws", "tb.plot", "torchbeam_envs", "baselines", "sensors")
+SHOWN = 4
 # The gallery: each example once.
 GALLERY = {
     "Statics and stability": ("axes_and_signs", "spring", "lees_frame", "portal_frame"),
@@ -124,23 +130,46 @@ def public(module: str) -> list[str]:
     raise ValueError(f"{file} says nothing in __all__")
 
 
+@cache
+def uses() -> dict[str, list[str]]:
+    """Examples that use a public name, the shortest first: by `tb.name`, or `tb.module.name`."""
+    found: dict[str, list[str]] = {}
+    for path in sorted(EXAMPLES, key=lambda path: path.stat().st_size):
+        used = {
+            node.attr
+            for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.Attribute) and ast.unparse(node.value) in MODULES_SEEN
+        }
+        for name in used:
+            found.setdefault(name, []).append(path.stem)
+    return found
+
+
+def used_in(name: str) -> str:
+    """A line with links to examples."""
+    links = [f"[{title_of(stem)}](../examples/{stem}.md)" for stem in uses().get(name, ())[:SHOWN]]
+    return f"\n\n*In examples:* {', '.join(links)}" if links else ""
+
+
 def reference() -> dict[str, str]:
     """Markdown of the pages, by their paths."""
     pages, rows, modules = {}, [], {module for *_, module in MODULES.values()}
     for key, (title, about, names) in REFERENCE.items():
-        entries = "\n\n".join(entry(f"torchbeam.{name}", key) for name in names)
+        entries = "\n\n".join(entry(f"torchbeam.{name}", key) + used_in(name) for name in names)
         pages[f"reference/{key}.md"] = f"# {title}\n\n{about}\n\n{entries}\n"
         rows.append(f"| [{title}]({key}.md) | {about} |")
     for key, (title, about, module) in MODULES.items():
         entries = "\n\n".join(
-            entry(f"{module}.{place(module, name)}", key)
+            entry(f"{module}.{place(module, name)}", key) + used_in(name)
             for name in public(module)
             if not name.isupper() and f"{module}.{name}" not in modules
         )
         said = "tb.laws" if key == "laws" else module
         pages[f"reference/{key}.md"] = f"# {title}\n\n`{said}`. {about}\n\n{entries}\n"
         rows.append(f"| [{title}]({key}.md) | {about} |")
-    about = "# Reference\n\nSI units; leading axes of every tensor are batch axes."
+    lines = ast.get_docstring(ast.parse((ROOT / "torchbeam/__init__.py").read_text()))
+    lines = lines.partition("\n\n")[2].replace(":\n\n", ":\n\n```python\n") + "\n```"
+    about = f"# Reference\n\nSI units; leading axes of every tensor are batch axes.\n\n{lines}"
     return {"reference/index.md": "\n".join((about, "", "| | |", "|---|---|", *rows, ""))} | pages
 
 
@@ -170,8 +199,18 @@ def gallery() -> str:
     return "\n".join(lines)
 
 
+def notebooks() -> Any:
+    """The module beside this file, which no package holds."""
+    spec = importlib.util.spec_from_file_location("notebooks", ROOT / "docs" / "notebooks.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 def title_of(name: str) -> str:
-    return name.replace("_", " ").capitalize()
+    """Of an example: letters as people write them."""
+    title = name.replace("_", " ").capitalize()
+    return re.sub(r"\b(lqr|mpc|nuts)\b", lambda m: m.group().upper(), title, flags=re.I)
 
 
 def examples() -> dict[str, str]:
@@ -269,10 +308,21 @@ def on_files(files, config):
     for path, text in generated().items():
         content = linked(text, path) if path in HOMES else text
         files.append(File.generated(config, path, content=content))
+    made = notebooks()
+    for name in made.TUTORIALS:
+        content = made.written(name)
+        files.append(File.generated(config, f"notebooks/{name}.ipynb", content=content))
     return files
 
 
 def on_page_markdown(markdown, page, config, files):
-    """mkdocs: links of pages of docs/."""
-    made = page.file.src_uri in HOMES or page.file.src_uri.startswith(("examples/", "reference/"))
-    return markdown if made else linked(markdown, page.file.src_uri)
+    """mkdocs: links of pages of docs/, and those of tutorials to their notebooks."""
+    path = page.file.src_uri
+    made = path in HOMES or path.startswith(("examples/", "reference/"))
+    markdown = markdown if made else linked(markdown, path)
+    name = path.removesuffix(".md")
+    if name not in notebooks().TUTORIALS:
+        return markdown
+    title, rest = markdown.split("\n", 1)
+    download = f"[:material-download: As a notebook](notebooks/{name}.ipynb){{ download }}"
+    return f"{title}\n\n{download}\n{rest}"

@@ -1,4 +1,17 @@
-"""torchbeam: batched, differentiable, geometrically exact beam dynamics in PyTorch."""
+"""torchbeam: batched, differentiable, geometrically exact beam dynamics in PyTorch.
+
+Examples in docstrings go on from these lines:
+
+>>> import torch
+>>> import torchbeam as tb
+>>> torch.set_default_dtype(torch.float64)
+>>> strip = tb.Section.rectangle(width=0.03, height=0.002, E=69e9, nu=0.33, rho=2700.0)
+>>> beam = tb.Beam.straight(1.0, 4, strip)
+>>> scene = tb.Scene(beam, [tb.TipLoad(force=(0, 0, 2.0)), tb.Damping(0.01)])
+>>> solution = tb.simulate(scene, torch.linspace(0, 0.1, 6), step=0.01)
+>>> laws = {"EI": tb.laws.LogNormal(1.0, 0.1), "P": tb.laws.Normal(1.0, 0.1)}
+>>> deflection = lambda EI, P: P / (3 * EI)
+"""
 
 import torch
 
@@ -20,6 +33,7 @@ from .analysis.identification.prediction import Prediction
 from .analysis.identification.profile import Profile
 from .analysis.identification.smoothness import Smoothness
 from .analysis.identification.transform import Transform
+from .analysis.saved import load, save
 from .analysis.uncertainty import laws
 from .analysis.uncertainty.estimate import Estimate
 from .analysis.uncertainty.moment_derivatives import MomentDerivatives, moment_derivatives
@@ -43,6 +57,8 @@ from .linear.state_space import linearize
 from .mixed.block import BlockRate, block_rate
 from .mixed.consistent import consistent_state
 from .mixed.state import MixedState
+from .plot.notebook import in_html
+from .plot.view import View, view
 from .scene.ball import Ball
 from .scene.beam import Beam
 from .scene.body import Body
@@ -81,6 +97,7 @@ from .scene.section import Section
 from .scene.stations import Stations, Table
 from .scene.supports import Frame, RootMotion, Support
 from .sensors.observe import observe
+from .state.instant import Instant
 from .state.solution import Energy, Solution, Stats
 from .state.state import State, rest
 from .statics.path import Path, path
@@ -99,16 +116,16 @@ __all__ = [
     "SlowPathWarning", "Smoothness",
     "SobolIndices", "Solution", "Sphere", "Spring", "State", "Stations", "Stats", "Stepper",
     "Stream", "Support", "Table", "Tendon", "TipLoad",
-    "Tornado", "Universal", "Weld", "advise", "block_rate", "consistent_state", "converge",
+    "Tornado", "Universal", "View", "Weld", "advise", "block_rate", "consistent_state", "converge",
     "critical_load",
     "describe", "equilibrium", "export",
-    "identify", "identify_fields", "laws", "linearize", "modal_assurance", "modes",
+    "identify", "identify_fields", "laws", "linearize", "load", "modal_assurance", "modes",
     "moment_derivatives", "monte_carlo",
     "monte_carlo_stream", "observe", "pair_modes", "path", "plot", "rare_event", "rayleigh",
     "remesh",
     "rest",
-    "rollout", "sensors",
-    "simulate", "sobol_indices", "tornado",
+    "rollout", "save", "sensors",
+    "simulate", "sobol_indices", "tornado", "view",
 ]
 # fmt: on
 
@@ -134,5 +151,8 @@ torch.serialization.add_safe_globals(
         slice,
     ]
 )
+
+for shown in (Scene, Solution, Instant):  # in notebooks
+    shown._repr_html_ = in_html  # type: ignore[attr-defined]
 
 entry_points(globals(), __all__)

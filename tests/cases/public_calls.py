@@ -52,9 +52,12 @@ DATA = model({"f": torch.tensor(1.0)})
 
 PRESSED = tb.Scene(BEAM, [tb.TipLoad(force=(-1.0, 0, 0))])
 SHAKEN = tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, 1.0)), tb.Damping(0.01)])
-EXPORTED = str(Path(gettempdir()) / "exported.vtu")  # nothing else is written
+SAVED = tb.save(START, Path(gettempdir()) / "saved.pt", scene=SCENE)
+EXPORTED = str(Path(gettempdir()) / "exported.vtu")  # nothing else is written, but SAVED
 
 CALLS = {
+    "save": (tb.save, dict(what=START, path=str(SAVED), scene=SCENE)),
+    "load": (tb.load, dict(path=str(SAVED), scene=SCENE)),
     "from_stiffness": (
         tb.Section.from_stiffness,
         dict(EA=10.0, GA=4.0, GJ=0.5, EI=1.0, mass=0.3, inertia=0.01),

@@ -56,6 +56,13 @@ class Advice:
     """Result of `advise`. `seconds`: CPU time of the scene as given; `together`: everything that
     does not matter changed at once, None where that is nothing or one thing. Printed, it is a
     table.
+
+    Examples:
+        >>> advice = tb.advise(
+        ...     scene, [0.0, 0.02], tb.sensors.TipPosition(), step=0.01, repeats=1, show=False
+        ... )
+        >>> len(advice.trials) > 5  # print(advice): a table of them
+        True
     """
 
     tolerance: float
@@ -119,6 +126,13 @@ def advise(
 
     Raises ValueError for a tolerance that is not positive, RuntimeError where the scene itself does
     not run.
+
+    Examples:
+        >>> advice = tb.advise(
+        ...     scene, [0.0, 0.02], tb.sensors.TipPosition(), step=0.01, repeats=1, show=False
+        ... )
+        >>> advice.tolerance  # print(advice): what matters
+        0.01
     """
     instance("a scene", scene, Scene)
     check_function("quantity", quantity, "trajectory")

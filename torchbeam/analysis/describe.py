@@ -47,6 +47,12 @@ class Description:
         unknowns: of an implicit step and of an equilibrium: the moves of the nodes that are free
         states: form or method -> numbers in a state of it; None where it does not take the scene
         refusals: form or method -> why it does not
+
+    Examples:
+        >>> tb.describe(scene).unknowns  # of a step
+        24
+        >>> tb.describe(scene).planes  # in which the whole scene lies
+        ('xz',)
     """
 
     lines: dict[str, tuple[str, ...]]
@@ -70,6 +76,11 @@ def describe(scene: Scene) -> Description:
     """Description of a scene: effects, supports, planes that it lies in, unknowns of a step, first
     frequencies, mechanisms, and which forms and methods take it. Raises ValueError for a scene that
     the nodal form does not take.
+
+    Examples:
+        >>> description = tb.describe(scene)  # print it
+        >>> description.unknowns, description.planes
+        (24, ('xz',))
     """
     model = discretise(scene)
     space = model.space

@@ -54,6 +54,12 @@ def export(what: Any, path: str | Path, *, state: State | None = None) -> Path:
         ValueError: for what is none of these, another form, a path of another ending, a folder that
             is not there, modes without the state that they are about, or one of another batch.
         NotWritten: (an OSError) where the disk is full.
+
+    Examples:
+        >>> solution = tb.simulate(scene, torch.linspace(0, 0.1, 6), step=0.01)
+        >>> path = tb.export(solution, "run.pvd")  # open it in ParaView
+        >>> modes = tb.modes(scene, tb.equilibrium(scene))
+        >>> path = tb.export(modes, "modes.vtu", state=tb.equilibrium(scene))
     """
     path = path_of("path", path)
     if isinstance(what, Modes) != (state is not None):

@@ -81,6 +81,29 @@ def save(path: str | Path, content: Any) -> None:
     write(path, file.getvalue())
 
 
+def load(path: str | Path, kind: str, version: int, wanted: str) -> dict[str, Any]:
+    """Content of a file that `save` wrote, a dictionary with {kind: version}, less those; on the
+    CPU. It runs no code of the file's.
+
+    Raises:
+        ValueError: for another file, or one that cannot be read.
+    """
+    try:
+        content = torch.load(path, map_location="cpu", weights_only=True)
+    except OSError as error:
+        raise ValueError(
+            f"the file {str(path)!r} was given, which cannot be read ({reason(error)}); a "
+            f"{wanted} is wanted"
+        ) from None
+    except Exception:  # of another file torch.load may raise anything
+        content = None
+    if not isinstance(content, dict) or content.pop(kind, None) != version:
+        raise ValueError(
+            f"the file {str(path)!r} was given, which is no {wanted} of this version; one is wanted"
+        )
+    return content
+
+
 def csv_text(rows: Iterable[Iterable[Any]]) -> str:
     """Text of a CSV file with these rows."""
     text = io.StringIO()

@@ -18,6 +18,12 @@ PACKAGE, TORCH = (
 class SlowPathWarning(UserWarning):
     """Steps or equilibria are made by eager torch operations, 15 to 300 times slower, where native
     code was to be expected.
+
+    Examples:
+        >>> import warnings
+        >>> warnings.simplefilter(
+        ...     "error", tb.SlowPathWarning
+        ... )  # an eager step is a mistake here
     """
 
 

@@ -44,6 +44,17 @@ class ExplicitStepper:
     Raises:
         ValueError: for an unknown form or method, a dt that is not positive, or a scene that the
             form does not take.
+
+    Examples:
+        >>> soft = tb.Section.from_stiffness(
+        ...     EA=10.0, GA=4.0, GJ=0.5, EI=1.0, mass=0.3, inertia=0.01
+        ... )
+        >>> stepper = tb.ExplicitStepper(
+        ...     tb.Scene(tb.Beam.straight(1.0, 2, soft)), 0.001, "rk4", form="nodal"
+        ... )
+        >>> state = stepper(stepper.rest())
+        >>> state.t  # s
+        tensor(0.0010)
     """
 
     def __init__(

@@ -35,6 +35,15 @@ def rollout(
 
     Differentiable as the steps are. A sample that fails keeps its last good state, with a status.
     Raises ValueError for what `Stepper` refuses, and for values for another number of steps.
+
+    Examples:
+        >>> stepper = tb.Stepper(tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3))]), 0.01)
+        >>> pushes = torch.zeros(20, 3)  # N, one a step
+        >>> states = tb.rollout(
+        ...     stepper, stepper.rest(), 20, inputs={"u": tb.PerInterval(pushes)}
+        ... )
+        >>> states.t[-1]  # s
+        tensor(0.2000)
     """
     instance("a stepper", stepper, Stepper)
     of_mesh(state, stepper.scene.beam, "a state")

@@ -124,6 +124,12 @@ def simulate(
     Raises:
         ValueError: for a t that does not increase, an unknown form or method, an option that the
         method does not have. RuntimeError: with `throw`, where a sample fails.
+
+    Examples:
+        >>> solution = tb.simulate(scene, torch.linspace(0, 0.1, 11), step=0.01)
+        >>> solution.tip.position.shape, solution.status
+        (torch.Size([11, 3]), tensor(0))
+        >>> sure = tb.simulate(scene, [0.0, 0.1], rtol=1e-2)  # steps by an error bound
     """
     not_here("accuracy", accuracy, "torchbeam.simulate")
     choice("form", form, FORMS)

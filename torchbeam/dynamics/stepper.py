@@ -75,6 +75,14 @@ class Stepper:
     Raises:
         ValueError: for an unknown method, a step that is not positive, a scene that the nodal form
             does not take, or that the engine does not.
+
+    Examples:
+        >>> stepper = tb.Stepper(tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3))]), 0.01)
+        >>> state = stepper.rest()
+        >>> for _ in range(3):
+        ...     state = stepper(state, u=(0, 0, 1.0))
+        >>> state.t  # s
+        tensor(0.0300)
     """
 
     def __init__(

@@ -29,10 +29,12 @@ from ..core.leaves import wants_gradient
 from ..core.memory import check_memory
 from ..core.summary import kind, lines, span
 from ..core.validation import concrete, unmapped
+from ..core.warning import warn
 from ..engine.chain.coverage import ENGINES
 from ..math.first_derivative import Once
 from ..math.quadratic_eigen import upright
 from ..scene.scene import Scene
+from .in_double import SINGLE, narrowed
 from .load_path import DIVERGENCE, FLUTTER, STABLE, Factored, LoadPath
 from .system_matrices import moves
 
@@ -55,6 +57,14 @@ class Critical:
             entry is 1
         factors: (P, ...) the load path that was looked at
         eigenvalue: (P, ..., count) complex, 1/s: along it, the slowest
+
+    Examples:
+        >>> column = lambda P: tb.Scene(
+        ...     beam, [tb.TipLoad(force=-P[..., None] * torch.tensor([1.0, 0, 0]))]
+        ... )
+        >>> critical = tb.critical_load(column, highest=10.0)
+        >>> critical.factor  # N, of a clamped column
+        tensor(3.4945)
     """
 
     factor: Tensor
@@ -121,6 +131,8 @@ def critical_load(
     else two frequencies that meet (and half as many unknowns); for a value of 0 the frequency at
     flutter is one of two that are about to, off by 4e-4.
 
+    Scenes in single precision are solved in double and the answer is rounded, as in `modes`.
+
     The path is that of `equilibrium`: past a point of buckling it keeps to the branch it is on. At
     a limit point it ends, or leaps; `path` finds those more quickly. O(N) a factor along one beam
     of more than 96 unknowns without damping; dense, O(N^3), of anything else, and where the few
@@ -129,6 +141,15 @@ def critical_load(
     Raises:
         ValueError: for what the nodal form does not take, a range that is empty, rigid motions that
             nothing holds, or a scene that is unstable at `lowest`.
+
+    Examples:
+        >>> column = lambda P: tb.Scene(
+        ...     beam, [tb.TipLoad(force=-P[..., None] * torch.tensor([1.0, 0, 0]))]
+        ... )
+        >>> P = tb.critical_load(column, highest=10.0).factor
+        >>> EI = 69e9 * 0.03 * 0.002**3 / 12
+        >>> P / (torch.pi**2 * EI / 4)  # of Euler's
+        tensor(1.0263)
     """
     highest, lowest, t = number("highest", highest), number("lowest", lowest), number("t", t)
     check_tolerance("tolerance", tolerance)
@@ -139,7 +160,22 @@ def critical_load(
         )
     boolean("lumped", lumped)
     choice("engine", engine, ENGINES)
-    path = LoadPath(scene, inputs, t, lumped, check_count("count", count), engine)
+    given = scene, inputs, t, lumped, check_count("count", count), engine
+    path = LoadPath(*given, wide=True)
+    try:
+        critical = _critical_load(path, highest, lowest, points, tolerance)
+    except ValueError:
+        if not path.single:
+            raise
+        critical = _critical_load(LoadPath(*given, wide=False), highest, lowest, points, tolerance)
+        warn(SINGLE, UserWarning)
+    return narrowed(critical) if path.single else critical
+
+
+def _critical_load(
+    path: LoadPath, highest: float, lowest: float, points: int, tolerance: float
+) -> Critical:
+    """`critical_load` along a path."""
     with no_derivatives():
         shape = path.batch_shape(lowest)
         states = check_count("points", points, least=2) * shape.numel()

@@ -47,6 +47,16 @@ class Linear:
 
     z = [q_1; q_1'], or [q_1; q_0; q_1'] where coordinates without inertia are damped: m, rad, m/s,
     rad/s; behind them the departures of `State.internal`, where loads have internal states.
+
+    Examples:
+        >>> model = tb.linearize(
+        ...     tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3))]),
+        ...     outputs=tb.sensors.TipPosition(),
+        ...     inputs={"u": (0.0, 0, 0)},
+        ... )
+        >>> model.A.shape, model.B.shape, model.C.shape
+        (torch.Size([48, 48]), torch.Size([48, 3]), torch.Size([3, 48]))
+        >>> sampled = model.discrete(0.01)  # s: for LQR, Kalman filters
     """
 
     A: Tensor

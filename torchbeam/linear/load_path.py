@@ -22,6 +22,7 @@ from ..scene.scene import Scene
 from ..state.state import State
 from ..statics.equilibrium import equilibrium
 from ..statics.mechanism import unheld
+from .in_double import widened
 from .system_matrices import in_basis, of_chain, of_nodes
 
 STABLE, DIVERGENCE, FLUTTER, LOST = range(4)
@@ -56,7 +57,9 @@ class LoadPath:
         lumped: bool,
         count: int,
         engine: str,
+        wide: bool,
     ) -> None:
+        """wide: scenes in single precision are solved in double, see `in_double`."""
         if not isinstance(scene, Scene) and not callable(scene):
             raise ValueError(
                 f"a scene of type {type(scene).__name__} was given; a Scene, or a function of the "
@@ -72,14 +75,23 @@ class LoadPath:
         self.of, self.inputs, self.t, self.lumped, self.count = scene, inputs, t, lumped, count
         self.engine = engine
         self.damped, self.device = False, scene.device if isinstance(scene, Scene) else None
+        self.wide, self.single = wide, isinstance(scene, Scene) and scene.dtype == torch.float32
 
     def scene(self, factor: Tensor) -> tuple[Scene, dict[str, Tensor]]:
+        scene, inputs = self._as_given(factor)
+        self.single = scene.dtype == torch.float32
+        if not (self.single and self.wide):
+            return scene, inputs
+        return scene.to(torch.float64), widened(inputs)
+
+    def _as_given(self, factor: Tensor) -> tuple[Scene, dict[str, Tensor]]:
+        """In the scene's own precision."""
         if isinstance(self.of, Scene):
             given = self.of.tensors(self.inputs)
             return self.of, {
                 name: factor[..., None].to(value) * value for name, value in given.items()
             }
-        scene = self.of(factor)
+        scene = self.of(factor.float() if self.single else factor)
         if not isinstance(scene, Scene):
             raise ValueError(
                 f"a function that returns {type(scene).__name__} was given; one that returns a "

@@ -26,6 +26,14 @@ class PairedModes:
             one
         mac: (..., k) modal assurance of each pair, 1 = the same shape
         index: (..., k) places among the computed modes
+
+    Examples:
+        >>> free = tb.Scene(beam)
+        >>> modes = tb.modes(free, count=4)
+        >>> measured = modes.shape[[1, 0], 1:, 2].real  # z of each node, of two modes
+        >>> paired = tb.pair_modes(modes, measured, lambda shape: shape[..., 1:, 2])
+        >>> paired.index, paired.mac  # which modes, how alike
+        (tensor([1, 0]), tensor([1.0000, 1.0000]))
     """
 
     frequency: Tensor
@@ -44,6 +52,11 @@ def modal_assurance(a: Tensor, b: Tensor) -> Tensor:
 
     Raises:
         ValueError: for another number of channels.
+
+    Examples:
+        >>> shapes = tb.modes(scene, count=2).shape[..., 2]  # z of all nodes
+        >>> tb.modal_assurance(shapes, shapes).diagonal()
+        tensor([1., 1.])
     """
     for name, x in (("a", a), ("b", b)):
         instance(name, x, Tensor)
@@ -85,6 +98,13 @@ def pair_modes(modes: Modes, shapes: Any, read: Callable[[Tensor], Tensor]) -> P
     The pairs are made the best first, for each sample by itself. A mode that no channel sees is
     paired last. Raises ValueError for fewer computed modes than measured ones, other channels, or a
     measured shape that is zero.
+
+    Examples:
+        >>> free = tb.Scene(beam)
+        >>> modes = tb.modes(free, count=4)
+        >>> measured = modes.shape[[1, 0], 1:, 2].real  # z of each node, of two modes
+        >>> tb.pair_modes(modes, measured, lambda shape: shape[..., 1:, 2]).index
+        tensor([1, 0])
     """
     instance("modes", modes, Modes)
     own = check_function("read", read, "shape")(modes.shape)

@@ -21,9 +21,11 @@ from ..core.summary import counted, kind, lines, span
 from ..core.validation import concrete
 from ..math.quadratic_eigen import attach, slowest, slowest_of_chain, upright
 from ..nodal.discretise import discretise
+from ..nodal.model import Model
 from ..scene.scene import Scene
 from ..state.state import State
 from ..statics.equilibrium import equilibrium
+from .in_double import in_double
 from .system_matrices import at_rest, augmented, dense, free_moves, moves, of_chain, of_nodes
 
 # real part over |eigenvalue| from which on a motion grows: where eigenvalues meet, rounding counts
@@ -40,6 +42,13 @@ class Modes:
         eigenvalue: (..., count) complex, 1/s; a positive real part grows
         shape: (..., count, N+1, 6) complex: displacement (m) and rotation (rad) of the nodes, frame
             a
+
+    Examples:
+        >>> modes = tb.modes(scene, count=2)
+        >>> modes.frequency / (2 * torch.pi)  # Hz
+        tensor([1.8410, 7.8660])
+        >>> modes.shape.shape  # modes, nodes, moves and turns
+        torch.Size([2, 5, 6])
     """
 
     eigenvalue: Tensor
@@ -118,6 +127,10 @@ def modes(
     and shapes are differentiable; where they are repeated (equal bending in two planes) there is no
     derivative of one by itself, and asking for it raises a RuntimeError.
 
+    A scene in single precision is solved in double, and the answer rounded: stretching is so much
+    stiffer than bending that float32 would lose the slowest modes. Where its functions give single
+    precision whatever they are asked in, all is single, with a warning.
+
     Internal states of loads are unknowns of their own, in the dense solver. The motions that they
     add decay without oscillating, often slowly: where loads have such states, what does so comes
     last, behind what oscillates or grows.
@@ -125,22 +138,38 @@ def modes(
     Raises:
         ValueError: for more modes than the mesh has, a state that moves or is no equilibrium, or
             what the nodal form does not take.
+
+    Examples:
+        >>> modes = tb.modes(tb.Scene(beam), count=2)
+        >>> modes.frequency / (2 * torch.pi)  # Hz
+        tensor([ 1.6252, 10.9443])
     """
     not_here("accuracy", accuracy, "torchbeam.modes")
     choice("normalize", normalize, NORMS)
     model = discretise(scene, lumped)
     check_count("count", count)
     given, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
-    state = (
-        equilibrium(scene, t=t, inputs=inputs)
-        if state is None
-        else at_rest(model, state, time, given, lumped)
-    )
+    if state is not None:
+        at_rest(model, state, time, given, lumped)
+
+    def found(scene: Scene, state: State | None, given: dict[str, Tensor], t: Tensor) -> Modes:
+        if state is None:
+            state = equilibrium(scene, t=t.item(), inputs=given)
+        own = model if scene is model.scene else discretise(scene, lumped)
+        return _modes(own, state, count, normalize, given, t)
+
+    return in_double(found, scene, state, given, time)
+
+
+def _modes(
+    model: Model, state: State, count: int, normalize: str, given: dict[str, Tensor], time: Tensor
+) -> Modes:
+    """`modes`, about an equilibrium."""
     free = model.constraints.count - model.joints.held_count
     if count > free:
         raise ValueError(
-            f"count = {count} was given; {scene.beam.element_count} elements have at most {free} "
-            "modes"
+            f"count = {count} was given; {model.scene.beam.element_count} elements have at most "
+            f"{free} modes"
         )
     M, D, K, lags = of_nodes(model, state, time, given)
     derivatives = wants_gradient(

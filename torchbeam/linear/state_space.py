@@ -78,6 +78,14 @@ def linearize(
     joint's coordinate that is an `Input`, which would act by its acceleration, for damping that
     leaves a coordinate without inertia undamped, where internal states of loads follow the rate of
     one that is undamped, or within torch.func.vmap.
+
+    Examples:
+        >>> driven = tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3))])
+        >>> model = tb.linearize(
+        ...     driven, outputs=tb.sensors.TipPosition(), inputs={"u": (0.0, 0, 0)}
+        ... )
+        >>> model.A.shape, model.B.shape, model.C.shape
+        (torch.Size([48, 48]), torch.Size([48, 3]), torch.Size([3, 48]))
     """
     model = discretise(scene, lumped)
     held = [

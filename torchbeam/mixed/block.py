@@ -24,6 +24,12 @@ class BlockRate:
     A (..., n, n), b (..., n), n = 24 N + 12; for N = 1 rows and columns stand as the derivation
     prints them. `rows` and `columns` name the 3x3 blocks' places, `blocks` holds those that exist:
     (row name, column name) -> (..., 3, 3).
+
+    Examples:
+        >>> undamped = tb.Scene(beam, [tb.TipLoad(force=(0, 0, 2.0))])
+        >>> rates = tb.block_rate(undamped, tb.consistent_state(undamped))
+        >>> rates.solve().shape  # 24 an element, and 12
+        torch.Size([108])
     """
 
     model: MixedModel
@@ -116,6 +122,12 @@ def block_rate(
 
     Raises:
         ValueError: where the scene has no block rate form, or for a vector of another length.
+
+    Examples:
+        >>> undamped = tb.Scene(beam, [tb.TipLoad(force=(0, 0, 2.0))])
+        >>> rates = tb.block_rate(undamped, tb.consistent_state(undamped))
+        >>> rates.A.shape, rates.b.shape  # A x_dot = b
+        (torch.Size([108, 108]), torch.Size([108]))
     """
     instance("a scene", scene, Scene)
     model = MixedModel(scene, "block_rate", {} if inputs is None else inputs)

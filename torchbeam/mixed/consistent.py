@@ -131,6 +131,12 @@ def consistent_state(
 
     Raises:
         ValueError: for a wrong shape or a scene that the form does not take.
+
+    Examples:
+        >>> V = torch.zeros(4, 3)
+        >>> V[:, 2] = torch.linspace(0, 1, 4)  # m/s, of four elements
+        >>> tb.consistent_state(scene, V=V).V[-1]
+        tensor([0., 0., 1.])
     """
     instance("a scene", scene, Scene)
     choice("form", form, ("minimal", "block_rate"))

@@ -68,6 +68,11 @@ class MixedState(Instant):
               short wave undiminished: velocities of inner nodes are rough
     reaction  (..., 6) load of the support on the beam, frame a, N and N m
     t (...) s;  status (...) int, 0 = success, see `torchbeam.core.status.STATUS`
+
+    Examples:
+        >>> state = tb.consistent_state(scene)
+        >>> state.F.shape, state.V.shape  # of the elements
+        (torch.Size([4, 3]), torch.Size([4, 3]))
     """
 
     u: Tensor = leaf(2)

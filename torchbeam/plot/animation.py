@@ -47,6 +47,9 @@ def animate(
 
     Raises ValueError for another kind of file, and for a folder that cannot be made or written, or
     lies in none; files.NotWritten (an OSError) where the disk is full.
+
+    Examples:
+        >>> path = tb.plot.animate(solution, "motion.gif", fps=10, speed=0.2)
     """
     path = Path(path)
     for name, value in (("fps", fps), ("speed", speed)):

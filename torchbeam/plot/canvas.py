@@ -19,6 +19,10 @@ GREY = "0.6"
 def axes(size: tuple[float, float] = (6.0, 3.8), *, three: bool = False) -> Axes:
     """Axes in a new figure of the given size (inches), flat or three-dimensional. Raises
     ImportError without matplotlib.
+
+    Examples:
+        >>> ax = tb.plot.axes(size=(4, 3))
+        >>> ax = tb.plot.shape(solution.state[-1], ax, plane="xz")
     """
     figure = _figure(size)
     return _tidy(figure.add_subplot(projection="3d" if three else None))
@@ -30,6 +34,11 @@ def grid(
     """Axes, rows x columns of them row by row, in one new figure of the given size (inches);
     `three`: the places, counted from 0, of three-dimensional ones. Raises ImportError without
     matplotlib.
+
+    Examples:
+        >>> left, right = tb.plot.grid(1, 2)
+        >>> ax = tb.plot.energies(solution, left)
+        >>> ax = tb.plot.history(solution, tb.sensors.TipPosition(), right)
     """
     figure = _figure(size or (5.0 * columns, 3.4 * rows))
     return [
@@ -44,6 +53,9 @@ def save(ax: Axes, path: str | Path, dpi: int = 150) -> Path:
 
     Raises ValueError for a kind that matplotlib does not have, and for a folder that cannot be made
     or written, or lies in none; files.NotWritten (an OSError) where the disk is full.
+
+    Examples:
+        >>> path = tb.plot.save(tb.plot.shape(solution.state), "shapes.png")
     """
     path = Path(path)
     if not path.suffix:

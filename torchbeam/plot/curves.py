@@ -28,6 +28,9 @@ def history(
     Args:
         label: in front of the sensor's own labels
         line: as matplotlib has them for lines
+
+    Examples:
+        >>> ax = tb.plot.history(solution, tb.sensors.TipPosition()["z"], label="tip")
     """
     ax = axes() if ax is None else ax
     t, values = numbers(solution.t), sensor.flat(solution.state).detach()
@@ -57,6 +60,9 @@ def history(
 def energies(solution: Solution, ax: Axes | None = None) -> Axes:
     """Energies (J) of one sample over time (s): kinetic, strain, their sum, and the loads' work.
     The gap between the sum and the work is what damping took. Raises ValueError for a batch.
+
+    Examples:
+        >>> ax = tb.plot.energies(solution)
     """
     ax = axes() if ax is None else ax
     t, energy = numbers(solution.t), solution.energy
@@ -92,6 +98,10 @@ def load_path(
         path: what `tb.path` returns: factor (P, ...), state, stable, valid and kind, P equilibria
             in path order
         name: of the load's axis
+
+    Examples:
+        >>> arch = tb.Scene(tb.Beam.arc(1.0, 1.0, 8, strip), [tb.TipLoad(force=(0, 0, -2.0))])
+        >>> ax = tb.plot.load_path(tb.path(arch, 1.0), tb.sensors.TipPosition()["z"])
     """
     ax = axes() if ax is None else ax
     P = len(path.factor)
@@ -142,6 +152,14 @@ def campbell(
 
     Raises:
         ValueError: for other shapes.
+
+    Examples:
+        >>> speed = torch.tensor([0.0, 10.0, 20.0])  # rad/s
+        >>> rotating = tb.Scene(
+        ...     beam,
+        ...     frame=tb.Frame(angular_velocity=speed[:, None] * torch.tensor([0, 0, 1.0])),
+        ... )
+        >>> ax = tb.plot.campbell(speed, tb.modes(rotating, count=3).frequency)
     """
     ax = axes() if ax is None else ax
     x, y = numbers(torch.as_tensor(speed)), numbers(torch.as_tensor(frequency))
@@ -179,6 +197,12 @@ def _legend(ax: Axes) -> Axes:
 def tried(best: Any, ax: Axes | None = None) -> Axes:
     """What `tb.converge` has tried: error against CPU time, one colour for each element and one
     mark for each method, the chosen one ringed, the wanted error a line.
+
+    Examples:
+        >>> best = tb.converge(
+        ...     scene, None, lambda state: state.tip.position, rtol=0.05, solve=tb.equilibrium
+        ... )
+        >>> ax = tb.plot.tried(best)
     """
     ax = axes() if ax is None else ax
     kinds: dict[tuple[str, str | None], list[Any]] = {}

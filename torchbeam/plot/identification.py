@@ -21,6 +21,13 @@ def fit(fit: Any) -> list[Axes]:
 
     Raises:
         ValueError: for a fit all of whose measurements are single readings.
+
+    Examples:
+        >>> x = torch.linspace(0, 1, 9)
+        >>> fit = tb.identify(
+        ...     lambda p: p["b"][..., None] * x, 2 * x + 0.01 * torch.cos(40 * x), {"b": 1.0}
+        ... )
+        >>> panels = tb.plot.fit(fit)
     """
     shown = [
         (reading, k, name)
@@ -68,6 +75,12 @@ def fit(fit: Any) -> list[Axes]:
 def correlation(fit: Any, ax: Axes | None = None) -> Axes:
     """Correlation matrix of the parameters of a `Fit`, numbers in colours; parameters that the data
     do not tell are grey.
+
+    Examples:
+        >>> x = torch.linspace(0, 1, 9)
+        >>> model = lambda p: p["a"][..., None] + p["b"][..., None] * x
+        >>> fit = tb.identify(model, 1 + 2 * x + 0.01 * torch.cos(40 * x), {"a": 0.5, "b": 1.0})
+        >>> ax = tb.plot.correlation(fit)
     """
     p, names = len(fit.names), [textwrap.fill(name, LABEL) for name in fit.names]
     ax = axes((2.2 + 0.62 * p, 1.8 + 0.62 * p)) if ax is None else ax
@@ -96,6 +109,13 @@ def correlation(fit: Any, ax: Axes | None = None) -> Axes:
 def profile(profile: Any, ax: Axes | None = None) -> Axes:
     """Profile of one parameter, as `Fit.profile` gives them: the rise of the least misfit over the
     value at which the parameter is held, with the threshold and the interval.
+
+    Examples:
+        >>> x = torch.linspace(0, 1, 9)
+        >>> fit = tb.identify(
+        ...     lambda p: p["b"][..., None] * x, 2 * x + 0.01 * torch.cos(40 * x), {"b": 1.0}
+        ... )
+        >>> ax = tb.plot.profile(fit.profile("b")[0])
     """
     ax = axes((4.6, 3.2)) if ax is None else ax
     low, high = profile.interval.tolist()

@@ -22,6 +22,12 @@ def obstacles(scene: Scene, ax: Axes, *, plane: str, t: float = 0.0, color: Any 
 
     Raises:
         ValueError: for a plane that is none, and for three-dimensional axes.
+
+    Examples:
+        >>> floor = tb.Contact(tb.Plane((0, 0, -0.1), (0, 0, 1)), thickness=0.01, force=100.0)
+        >>> lying = tb.Scene(beam, [tb.Gravity((0, 0, -9.81)), floor])
+        >>> ax = tb.plot.shape(tb.rest(lying), plane="xz")
+        >>> ax = tb.plot.obstacles(lying, ax, plane="xz")
     """
     instance("a scene", scene, Scene)
     if plane not in PLANES or is_3d(ax):

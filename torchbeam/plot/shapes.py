@@ -45,6 +45,9 @@ def shape(
     Raises:
         ValueError: for what is no state, a plane that is none, and flat axes for a beam that lies
             in no plane.
+
+    Examples:
+        >>> ax = tb.plot.shape(solution.state)  # each instant, the first darkest
     """
     position, turn = _nodes(state)
     ax, seen = _prepared(ax, plane, position)
@@ -75,6 +78,9 @@ def mode_shapes(
     each mode at the instant at which its displacement is largest, then `scale` times the beam's
     length; frequencies in Hz, of motions that do not oscillate the rate in 1/s. A mode that hardly
     displaces the axis (torsion) is named, not drawn. Raises ValueError for a batch, and as `shape`.
+
+    Examples:
+        >>> ax = tb.plot.mode_shapes(tb.rest(scene), tb.modes(tb.Scene(beam), count=3))
     """
     position, turn = _nodes(state)
     if len(position) > 1 or modes.shape.ndim != 3:

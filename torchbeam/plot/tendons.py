@@ -30,6 +30,12 @@ def tendons(
     Raises:
         ValueError: for a scene without tendons, a state that is not one of it, and a plane that is
             not that of the axes.
+
+    Examples:
+        >>> rope = tb.Tendon([(None, (0, 0, 0.05)), (-1, (0, 0, 0.05))], tension=1.0)
+        >>> pulled = tb.Scene(beam, [rope])
+        >>> state = tb.equilibrium(pulled)
+        >>> ax = tb.plot.tendons(pulled, state, tb.plot.shape(state, plane="xz"), plane="xz")
     """
     instance("a scene", scene, Scene)
     if not scene.tendons:

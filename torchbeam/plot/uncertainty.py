@@ -32,6 +32,10 @@ def histogram(
 
     Raises:
         ValueError: for a y of several numbers.
+
+    Examples:
+        >>> samples = tb.monte_carlo(deflection, laws, 256, replicates=16, by_name=True)
+        >>> ax = tb.plot.histogram(samples, name="deflection / m")
     """
     ax = axes() if ax is None else ax
     mean, quantile = samples.mean_interval(interval), samples.quantile(tuple(levels), interval)
@@ -104,6 +108,10 @@ def convergence(
 
     Raises:
         ValueError: for a y of several numbers, and for one Sobol sequence.
+
+    Examples:
+        >>> samples = tb.monte_carlo(deflection, laws, 1024, replicates=16, by_name=True)
+        >>> ax = tb.plot.convergence({"Sobol": samples})
     """
     ax = axes() if ax is None else ax
     for k, (label, samples) in enumerate(runs.items()):
@@ -137,6 +145,11 @@ def tornado(table: Any, ax: Axes | None = None, *, name: str = "y") -> Axes:
 
     Raises:
         ValueError: for a y of several numbers.
+
+    Examples:
+        >>> ax = tb.plot.tornado(
+        ...     tb.tornado(deflection, laws, by_name=True), name="deflection / m"
+        ... )
     """
     ax = axes((6.0, 1.2 + 0.35 * len(table.names))) if ax is None else ax
     if table.base.numel() != 1:
@@ -190,6 +203,13 @@ def bands(
 
     Raises:
         ValueError: for another y.
+
+    Examples:
+        >>> t = torch.linspace(0, 1, 11)
+        >>> samples = tb.monte_carlo(
+        ...     lambda P: P[:, None] * t, {"P": laws["P"]}, 256, replicates=16, by_name=True
+        ... )
+        >>> ax = tb.plot.bands(t, samples, name="deflection / m")
     """
     ax = axes() if ax is None else ax
     t = converted(t, torch.float64)

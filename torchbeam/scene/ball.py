@@ -38,6 +38,16 @@ class Ball(Joint):
     Raises:
         ValueError: for a negative number, a stiffness that is not symmetric or has a negative
             eigenvalue, friction without a slip speed, a limit without a stiffness.
+
+    Examples:
+        >>> arms = {"upper": beam, "lower": tb.Beam.straight(1.0, 4, strip, root=(1.0, 0, 0))}
+        >>> pair = tb.Scene(
+        ...     arms,
+        ...     joints=[tb.Ball(("upper", -1), ("lower", 0))],
+        ...     supports=[tb.Support(("upper", 0))],
+        ... )
+        >>> tb.rest(pair).joint[0].coordinate  # rad, the rotation vector
+        tensor([0., 0., 0.])
     """
 
     rotation = ""

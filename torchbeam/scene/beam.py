@@ -42,6 +42,14 @@ class Beam(BeamRows):
                 an element: what has an axis of N above then has one of 2 N, each station standing
                 for half of its element
     linked_interpolation: see `linked`
+
+    Examples:
+        >>> blade = tb.Beam.straight(
+        ...     2.0, 10, strip, direction=(0, 0, 1.0), up=(1.0, 0, 0), twist=0.3
+        ... )
+        >>> ring = tb.Beam.arc(0.5, 3.0, 12, strip)  # radius m, angle rad
+        >>> ring.length.sum()  # m, of the chords
+        tensor(1.5000)
     """
 
     nodes: Tensor = leaf(2)

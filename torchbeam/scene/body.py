@@ -30,6 +30,16 @@ class Body(Tree):
     Raises:
         ValueError: for a mass that is not positive, an inertia that no body has, or axes that are
             no rotation.
+
+    Examples:
+        >>> hub = tb.Body(mass=0.5, inertia=0.001, position=(1.0, 0, 0))
+        >>> tipped = tb.Scene(
+        ...     {"arm": beam, "hub": hub},
+        ...     joints=[tb.Weld(("arm", -1), "hub")],
+        ...     supports=[tb.Support(("arm", 0))],
+        ... )
+        >>> tb.modes(tipped, count=1).frequency  # rad/s
+        tensor([2.7859])
     """
 
     mass: Value = leaf(0)

@@ -21,7 +21,20 @@ SQUARE = {torch.float64: 1e-9, torch.float32: 1e-5}  # cosine between axes that 
 
 @dataclass(frozen=True)
 class Weld(Joint):
-    """Nothing is left free: b moves with a as drawn, at whatever distance and angle."""
+    """Nothing is left free: b moves with a as drawn, at whatever distance and angle.
+
+    Examples:
+        >>> column = tb.Beam.straight(
+        ...     1.0, 4, strip, root=(1.0, 0, 0), direction=(0, 0, 1.0), up=(1.0, 0, 0)
+        ... )
+        >>> corner = tb.Scene(
+        ...     {"floor": beam, "column": column},
+        ...     joints=[tb.Weld(("floor", -1), ("column", 0))],
+        ...     supports=[tb.Support(("floor", 0))],
+        ... )
+        >>> len(corner.joints)
+        1
+    """
 
     meets = False
 
@@ -146,6 +159,15 @@ class Hinge(DrivenJoint):
     Args:
         torque: N m about the axis on b, its opposite on a: a number, a function of t, or an `Input`
         angle: rad, prescribed likewise
+
+    Examples:
+        >>> arms = {"upper": beam, "lower": tb.Beam.straight(1.0, 4, strip, root=(1.0, 0, 0))}
+        >>> elbow = tb.Hinge(
+        ...     ("upper", -1), ("lower", 0), axis=(0, 1, 0), torque=tb.Input("motor", 1)
+        ... )
+        >>> two = tb.Scene(arms, joints=[elbow], supports=[tb.Support(("upper", 0))])
+        >>> two.inputs  # given at each step
+        {'motor': 1}
     """
 
     rotation = "yz"
@@ -163,6 +185,12 @@ class Slider(DrivenJoint):
     Args:
         force: N along the axis on b, its opposite on a: a number, a function of t, or an `Input`
         travel: m, prescribed likewise
+
+    Examples:
+        >>> rail = tb.Slider(("cart", 0), None, axis=(1, 0, 0), force=tb.Input("motor", 1))
+        >>> cart = tb.Scene({"cart": beam}, [tb.Gravity((0, 0, -9.81))], joints=[rail])
+        >>> cart.inputs
+        {'motor': 1}
     """
 
     position = "yz"
@@ -225,6 +253,14 @@ class Cylindrical(PairJoint):
 
     Raises:
         ValueError: as `DrivenJoint`, and for an angle beside a torque, a travel beside a force.
+
+    Examples:
+        >>> sleeve = tb.Cylindrical(
+        ...     ("rod", 0), None, axis=(1, 0, 0), damping=(0.01, 0.1)
+        ... )  # N m s, N s/m
+        >>> guided = tb.Scene({"rod": beam}, [tb.Gravity((-9.81, 0, 0))], joints=[sleeve])
+        >>> tb.rest(guided).joint[0].coordinate  # rad about and m along the axis
+        tensor([0., 0.])
     """
 
     position = "yz"
@@ -253,6 +289,14 @@ class Universal(PairJoint):
 
     Raises:
         ValueError: as `Cylindrical`.
+
+    Examples:
+        >>> arms = {"shaft": beam, "wheel": tb.Beam.straight(1.0, 4, strip, root=(1.0, 0, 0))}
+        >>> cross = tb.Universal(("shaft", -1), ("wheel", 0), axis=(0, 1, 0), second=(0, 0, 1))
+        >>> tb.rest(tb.Scene(arms, joints=[cross], supports=[tb.Support(("shaft", 0))])).joint[
+        ...     0
+        ... ].coordinate  # rad
+        tensor([0., 0.])
     """
 
     rotation = "z"
@@ -290,6 +334,19 @@ class Universal(PairJoint):
 class Distance(Joint):
     """The distance of a point of a from one of b stays as drawn: a rigid rod with a ball at either
     end. With the ground `at` is the point there.
+
+    Examples:
+        >>> rod = tb.Distance(
+        ...     ("arm", -1), None, at=(1.0, 0, 1.0)
+        ... )  # a hinged rod to the ceiling
+        >>> hung = tb.Scene(
+        ...     {"arm": beam},
+        ...     [tb.Gravity((0, 0, -9.81))],
+        ...     joints=[rod],
+        ...     supports=[tb.Support(("arm", 0))],
+        ... )
+        >>> tb.equilibrium(hung)["arm"].tip.position[2].abs() < 1e-3  # m
+        tensor(True)
     """
 
     position = ""

@@ -72,6 +72,17 @@ class Scene(Tree):
         ValueError: for an object without a kind, two dampings, a node that does not exist, a load
             whose dtype is not the beam's, two inputs of one name with different sizes, two supports
             of one node, what leaves the plane, or joints that do not fit (see `joints_of`).
+
+    Examples:
+        >>> scene = tb.Scene(beam, [tb.TipLoad(force=(0, 0, 2.0)), tb.Gravity((0, 0, -9.81))])
+        >>> pinned = tb.Scene(
+        ...     beam, supports=[tb.Support(0, rotation=""), tb.Support(-1, rotation="")]
+        ... )
+        >>> many = tb.Scene(
+        ...     beam, [tb.TipLoad(force=torch.rand(100, 3))]
+        ... )  # a batch of a hundred
+        >>> many.batch_shape
+        torch.Size([100])
     """
 
     beam: Beam | dict[str, Beam | Body]
@@ -129,14 +140,15 @@ class Scene(Tree):
             raise ValueError(f"{len(damped)} dampings were given; at most one is wanted{of}")
         _ = self.inputs, self.batch_shape  # say so where sizes or axes do not fit
 
-    def __repr__(self) -> str:
+    @property
+    def summary(self) -> dict[str, str]:
+        """What there is, in words, by headings."""
         held = [
             ("clamp" if s.clamp else "support")
             + f" of node {s.node}"
             + (", moving" if s.moves else "")
             for s in self.supports
         ]
-        joints = [f"joints: {', '.join(map(str, self.joints)) or 'none'}"] * bool(self.beam.parts)
         moving = ("frame a moves; " if self.frame is not None else "") + (
             "small displacements and rotations"
             if self.small
@@ -144,15 +156,22 @@ class Scene(Tree):
             if self.plane is None
             else f"plane {self.plane!r}"
         )
-        return lines(
-            "Scene",
-            repr(self.beam),
-            f"effects: {', '.join(map(self._where, self.effects)) or 'none'}",
-            *joints,
-            "supports: " + (", ".join(held) or "none, free"),
-            moving,
-            kind(self.batch_shape, self.beam.nodes),
-        )
+        joints = {"joints": ", ".join(map(str, self.joints)) or "none"} if self.beam.parts else {}
+        return {
+            "structure" if self.beam.parts else "beam": repr(self.beam),
+            "effects": ", ".join(map(self._where, self.effects)) or "none",
+            **joints,
+            "supports": ", ".join(held) or "none, free",
+            "moves": moving,
+            "batch": kind(self.batch_shape, self.beam.nodes),
+        }
+
+    def __repr__(self) -> str:
+        said = self.summary
+        named = [
+            f"{name}: {said[name]}" for name in ("effects", "joints", "supports") if name in said
+        ]
+        return lines("Scene", next(iter(said.values())), *named, said["moves"], said["batch"])
 
     def to(self, *args: Any, **kwargs: Any) -> Scene:
         """On another device, or in another floating dtype, as `Tensor.to`; differentiable. What

@@ -54,6 +54,15 @@ class Section(Tree):
     Raises:
         ValueError: for a wrong shape, an asymmetric matrix, a negative diagonal, NaN or infinity,
             or a rotary inertia that no body has (one principal moment above the sum of the others).
+
+    Examples:
+        >>> strip = tb.Section.rectangle(width=0.03, height=0.002, E=69e9, nu=0.33, rho=2700.0)
+        >>> rod = tb.Section.circle(radius=0.005, E=210e9, nu=0.3, rho=7850.0)
+        >>> given = tb.Section.from_stiffness(
+        ...     EA=1e5, GA=4e4, GJ=1.0, EI=(1.0, 2.0), mass=0.3, inertia=1e-3
+        ... )
+        >>> strip.mass[0, 0]  # kg/m
+        tensor(0.1620)
     """
 
     compliance: Tensor = leaf(2)

@@ -30,6 +30,12 @@ class Table(Tree):
     Args:
         s: (..., n) m, arc length from the root, strictly increasing
         values: (..., n), or (..., n, k) with `width` = k numbers at each place
+
+    Examples:
+        >>> measured = tb.Table((0.0, 0.4, 1.0), (0.0, 0.1, 0.3))  # rad, linear between places
+        >>> twisted = tb.Beam.straight(1.0, 8, strip, twist=measured)
+        >>> twisted.node_count
+        9
     """
 
     s: Tensor = leaf(1)
@@ -75,6 +81,12 @@ class Stations(Tree):
     Raises:
         ValueError: for places that do not increase, another number of sections, or a strain that is
             impossible at some.
+
+    Examples:
+        >>> thick = tb.Section.rectangle(0.03, 0.004, E=69e9, nu=0.33, rho=2700.0)
+        >>> tapered = tb.Beam.straight(1.0, 8, tb.Stations((0.0, 1.0), [thick, strip]))
+        >>> tapered.mass.shape  # one an element
+        torch.Size([8, 6, 6])
     """
 
     s: Tensor = leaf(1)

@@ -26,6 +26,13 @@ class Frame(Tree):
     Args:
         velocity: v of the origin, m/s
         angular_velocity: omega, rad/s
+
+    Examples:
+        >>> spinning = tb.Scene(
+        ...     beam, frame=tb.Frame(angular_velocity=(0, 0, 20.0))
+        ... )  # rad/s, about the root
+        >>> tb.equilibrium(spinning).root.force[0]  # N: what holds the beam
+        tensor(-32.4002)
     """
 
     velocity: Value | Motion | None = leaf(1, default=None)
@@ -46,6 +53,18 @@ class RootMotion(Tree):
     Args:
         displacement: of node 0 from its place in the beam, m
         rotation: of node 0 from its axes in the beam: a rotation vector, rad, frame a
+
+    Examples:
+        >>> shaken = tb.Scene(
+        ...     beam,
+        ...     root=tb.RootMotion(
+        ...         displacement=lambda t: torch.stack(
+        ...             (0 * t, 0 * t, 0.01 * torch.sin(30 * t) ** 2)
+        ...         )
+        ...     ),
+        ... )
+        >>> tb.simulate(shaken, [0.0, 0.05], step=0.005).nodes[-1, 0]  # m
+        tensor([0.0000, 0.0000, 0.0099])
     """
 
     displacement: Value | Motion | None = leaf(1, default=None)
@@ -78,6 +97,17 @@ class Support(Tree):
     Raises:
         ValueError: for other letters, a rotation about which one axis is held, or a motion of what
             is not held.
+
+    Examples:
+        >>> hinge, roller = (
+        ...     tb.Support(0, rotation="xz"),
+        ...     tb.Support(-1, position="yz", rotation=""),
+        ... )
+        >>> bridge = tb.Scene(
+        ...     beam, [tb.PointLoad(2, force=(0, 0, -1.0))], supports=[hinge, roller]
+        ... )
+        >>> tb.equilibrium(bridge).reaction_of(1).force[2]  # N, half of the load
+        tensor(0.5000)
     """
 
     node: int

@@ -50,6 +50,13 @@ class NodeAcceleration(_OfNode):
         ValueError: for a scene that the nodal form does not take, or one with joints, tendons, or
             parts that touch each other, an infinite stiffness (the acceleration then follows from
             constraints that a state does not hold), or a state of another form.
+
+    Examples:
+        >>> accelerometer = tb.sensors.NodeAcceleration(
+        ...     -1, scene, body=True, proper=(0, 0, -9.81)
+        ... )
+        >>> accelerometer(solution.state).shape  # m/s^2, in section axes
+        torch.Size([6, 3])
     """
 
     scene: Scene

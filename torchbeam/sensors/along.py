@@ -227,6 +227,10 @@ class _Strains(_Along):
 class Strain(_Strains):
     """gamma (..., 3): extension, and shear along y and z, of the reference axis, section axes; by
     the kinematics, see `_Strains`. station, beam, element: where, see `_Along`.
+
+    Examples:
+        >>> tb.sensors.Strain(0.05, beam)(solution.state).shape  # extension, two shears
+        torch.Size([6, 3])
     """
 
     what = "strain"
@@ -239,6 +243,10 @@ class Strain(_Strains):
 class Curvature(_Strains):
     """kappa (..., 3) 1/m: twist, and bending about y and about z, section axes; by the kinematics,
     see `_Strains`. station, beam, element: where, see `_Along`.
+
+    Examples:
+        >>> tb.sensors.Curvature(0.0, beam)(solution.state)[-1]  # 1/m, at the root
+        tensor([ 0.0000, -0.6134,  0.0000])
     """
 
     what = "curvature"
@@ -252,6 +260,13 @@ class Gauge(_Strains):
     """Reading (..., 1) of a strain gauge along the beam, on the fibre at (y, z) m of the section:
     gamma1 + z kappa2 - y kappa3; by the kinematics, see `_Strains`. station, beam, element: where,
     see `_Along`.
+
+    Examples:
+        >>> gauge = tb.sensors.Gauge(
+        ...     0.05, beam, z=0.001
+        ... )  # 5 cm from the root, on the upper side
+        >>> gauge(solution.state)[-1]  # m/m
+        tensor([-0.0006])
     """
 
     y: Value = 0.0
@@ -278,6 +293,10 @@ class Gauge(_Strains):
 class Stress(_Along):
     """Stress resultants (..., 6) N and N m, section axes: the state's own, after an implicit step
     its mean over the step, damping included. station, beam, element: where, see `_Along`.
+
+    Examples:
+        >>> tb.sensors.Stress(0.05, beam)(tb.equilibrium(scene))  # N and N m, in section axes
+        tensor([ 0.1428,  0.0000,  2.0168,  0.0000, -1.6973,  0.0000])
     """
 
     what = "stress"

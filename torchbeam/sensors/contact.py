@@ -123,6 +123,14 @@ class OfContact(Sensor):
 class ContactForce(OfContact):
     """Force (..., 3) N of an obstacle on the beam, or of the second part on the first, frame a,
     friction included. Raises ValueError for a SelfContact, whose forces sum up to nothing.
+
+    Examples:
+        >>> floor = tb.Contact(tb.Plane((0, 0, -0.1), (0, 0, 1)), thickness=0.01, force=100.0)
+        >>> lying = tb.Scene(beam, [tb.Gravity((0, 0, -9.81)), floor])
+        >>> tb.sensors.ContactForce(lying)(tb.equilibrium(lying))[
+        ...     2
+        ... ] > 0  # N, of the floor on the beam
+        tensor(True)
     """
 
     name: ClassVar[str] = "contact force"
@@ -145,6 +153,12 @@ class ContactForce(OfContact):
 class ContactForces(OfContact):
     """The same on each of the N elements along which it acts, (..., N, 3). Raises ValueError for a
     contact of two parts, or of a body.
+
+    Examples:
+        >>> floor = tb.Contact(tb.Plane((0, 0, -0.1), (0, 0, 1)), thickness=0.01, force=100.0)
+        >>> lying = tb.Scene(beam, [tb.Gravity((0, 0, -9.81)), floor])
+        >>> tb.sensors.ContactForces(lying)(tb.rest(lying)).shape  # N, by element
+        torch.Size([4, 3])
     """
 
     name: ClassVar[str] = "contact forces"
@@ -174,6 +188,11 @@ class ContactForces(OfContact):
 class ContactGap(OfContact):
     """Smallest gap (..., 1) m between the surfaces of the beam and of an obstacle, or of two parts,
     at the points of its contact: where it falls below the thickness, they begin to touch.
+
+    Examples:
+        >>> floor = tb.Contact(tb.Plane((0, 0, -0.1), (0, 0, 1)), thickness=0.01, force=100.0)
+        >>> tb.sensors.ContactGap(tb.Scene(beam, [floor]))(tb.rest(scene))  # m, the smallest
+        tensor([0.1000])
     """
 
     name: ClassVar[str] = "contact gap"
@@ -190,6 +209,20 @@ class ContactSlip(OfContact):
     """Of a contact with friction: the mean speed (m/s) at which surfaces that touch slip, weighted
     by their pressure, and the share of the pressure that is on what sticks, below the slip speed
     (..., 2); 0 where nothing touches.
+
+    Examples:
+        >>> floor = tb.Contact(
+        ...     tb.Plane((0, 0, -0.1), (0, 0, 1)),
+        ...     thickness=0.01,
+        ...     force=100.0,
+        ...     friction=0.3,
+        ...     slip_speed=0.01,
+        ... )
+        >>> lying = tb.Scene(beam, [tb.Gravity((0, 0, -9.81)), floor])
+        >>> tb.sensors.ContactSlip(lying)(
+        ...     tb.rest(lying)
+        ... ).shape  # mean slip m/s, share that sticks
+        torch.Size([2])
     """
 
     name: ClassVar[str] = "contact slip"

@@ -61,6 +61,13 @@ class _OfCoordinate(_OfJoint):
 class JointCoordinate(_OfCoordinate):
     """Angle rad of a hinge, counted over turns, or travel m of a slider (..., 1), zero as drawn; of
     joints with several coordinates one `component`, of a `Ball` that of its rotation vector.
+
+    Examples:
+        >>> door = tb.Scene(
+        ...     {"door": beam}, joints=[tb.Hinge(("door", 0), None, axis=(0, 0, 1))]
+        ... )
+        >>> tb.sensors.JointCoordinate(0)(tb.rest(door))  # rad
+        tensor([0.])
     """
 
     field = "coordinate"
@@ -71,7 +78,15 @@ class JointCoordinate(_OfCoordinate):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JointRate(_OfCoordinate):
-    """Its rate (..., 1), of a `Ball` a component of the spin of its parts against each other."""
+    """Its rate (..., 1), of a `Ball` a component of the spin of its parts against each other.
+
+    Examples:
+        >>> door = tb.Scene(
+        ...     {"door": beam}, joints=[tb.Hinge(("door", 0), None, axis=(0, 0, 1))]
+        ... )
+        >>> tb.sensors.JointRate(0)(tb.rest(door))  # rad/s
+        tensor([0.])
+    """
 
     field = "rate"
     name = property(lambda self: f"rate of joint {self.joint}")
@@ -83,6 +98,13 @@ class JointRate(_OfCoordinate):
 class JointLoad(_OfJoint):
     """Force and moment (..., 6) N and N m of a joint on its second part, at its point there, frame
     a.
+
+    Examples:
+        >>> door = tb.Scene(
+        ...     {"door": beam}, joints=[tb.Hinge(("door", 0), None, axis=(0, 0, 1))]
+        ... )
+        >>> tb.sensors.JointLoad(0)(tb.rest(door)).shape  # N, N m
+        torch.Size([6])
     """
 
     name = property(lambda self: f"load of joint {self.joint}")

@@ -57,6 +57,12 @@ class NodePosition(_OfNode):
     Args:
         reference: what is taken off: (..., 3) m, or a state whose reading it is (the reading is
             then a displacement)
+
+    Examples:
+        >>> tb.sensors.NodePosition(2, reference=tb.rest(scene))(solution.state)[
+        ...     -1
+        ... ]  # m, its displacement
+        tensor([-0.0052,  0.0000,  0.0652])
     """
 
     reference: Any = None
@@ -85,7 +91,12 @@ class NodePosition(_OfNode):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class NodeVelocity(_OfNode):
-    """Velocity (..., 3) m/s of a node: absolute, in the axes of frame a."""
+    """Velocity (..., 3) m/s of a node: absolute, in the axes of frame a.
+
+    Examples:
+        >>> tb.sensors.NodeVelocity(2)(solution.state)[-1]  # m/s
+        tensor([-0.2013,  0.0000,  1.2654])
+    """
 
     what = "velocity"
     unit = "m/s"
@@ -99,6 +110,11 @@ class NodeVelocity(_OfNode):
 class Spin(_OfNode):
     """Angular velocity (..., 3) rad/s of a node: absolute, in the axes of frame a, or with `body`
     in those of its section (what a gyroscope there reads).
+
+    Examples:
+        >>> gyroscope = tb.sensors.Spin(-1, body=True)
+        >>> gyroscope(solution.state)[-1]  # rad/s, in section axes
+        tensor([ 0.0000, -5.2346,  0.0000])
     """
 
     body: bool = False
@@ -147,6 +163,10 @@ class _Turned(_OfNode):
 class NodeRotation(_Turned):
     """Rotation matrix (..., 3, 3) of a node: section axes -> frame a, or -> the reference's
     axes.
+
+    Examples:
+        >>> tb.sensors.NodeRotation(-1)(solution.state).shape  # rotation matrices
+        torch.Size([6, 3, 3])
     """
 
     what = "rotation"
@@ -169,6 +189,12 @@ class Angles(_Turned):
             +-pi/2), yaw and roll turn about the same axis: yaw is then taken as zero, and
             derivatives mean nothing "vector": the rotation vector, axis times angle, |.| <= pi; it
             jumps where the angle passes pi
+
+    Examples:
+        >>> tb.sensors.Angles(-1)(solution.state).shape  # rad: roll, pitch, yaw of the tip
+        torch.Size([6, 3])
+        >>> tb.sensors.Angles(-1)["pitch"](solution.state)[-1]
+        tensor([-0.3550])
     """
 
     kind: str = "tait-bryan"
@@ -217,13 +243,23 @@ def _quaternion(state: Any, node: int) -> Tensor:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TipPosition(NodePosition):
-    """`NodePosition` of the tip."""
+    """`NodePosition` of the tip.
+
+    Examples:
+        >>> tb.sensors.TipPosition()(solution.state).shape  # m; time first
+        torch.Size([6, 3])
+    """
 
     node: int = field(default=-1, init=False)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TipVelocity(NodeVelocity):
-    """`NodeVelocity` of the tip."""
+    """`NodeVelocity` of the tip.
+
+    Examples:
+        >>> tb.sensors.TipVelocity()(solution.state)[-1]  # m/s
+        tensor([-0.9755,  0.0000,  3.6511])
+    """
 
     node: int = field(default=-1, init=False)

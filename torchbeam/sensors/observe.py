@@ -50,6 +50,13 @@ def observe(
 
     Raises:
         ValueError: for times beyond the trajectory where there is no delay, and for other shapes.
+
+    Examples:
+        >>> times = torch.tensor([0.013, 0.05, 0.0777])  # s, of a clock of its own
+        >>> tb.observe(solution, tb.sensors.TipPosition(), times).shape
+        torch.Size([3, 3])
+        >>> tb.observe(solution, tb.sensors.TipVelocity(), times, rate=True).shape  # m/s^2
+        torch.Size([3, 3])
     """
     boolean("rate", rate)
     if not (hasattr(solution, "t") and hasattr(solution, "state")):

@@ -24,6 +24,10 @@ from .sensor import XYZ, OnPart, Sensor
 class RootForce(OnPart):
     """Force (..., 3) N of the support at node 0 on the beam, frame a: the state's own
     (see `State`); on: name of the beam, in a structure. ValueError without one.
+
+    Examples:
+        >>> tb.sensors.RootForce()(tb.equilibrium(scene))[2]  # N
+        tensor(-2.)
     """
 
     name = property(lambda self: f"{self.place}root force")
@@ -38,6 +42,10 @@ class RootForce(OnPart):
 class RootMoment(OnPart):
     """Moment (..., 3) N m of the support at node 0 on the beam, frame a: the state's own
     (see `State`); on: name of the beam, in a structure. ValueError without one.
+
+    Examples:
+        >>> tb.sensors.RootMoment()(tb.equilibrium(scene))  # N m
+        tensor([0.0000, 1.8008, 0.0000])
     """
 
     name = property(lambda self: f"{self.place}root moment")
@@ -52,6 +60,10 @@ class RootMoment(OnPart):
 class RootReaction(OnPart):
     """Force and moment (..., 6) N and N m of the support at node 0 on the beam, frame a: the
     state's own (see `State`); on: name of the beam, in a structure. ValueError without one.
+
+    Examples:
+        >>> tb.sensors.RootReaction()(tb.equilibrium(scene)).shape  # force N, moment N m
+        torch.Size([6])
     """
 
     name = property(lambda self: f"{self.place}root reaction")
@@ -69,6 +81,10 @@ class Reaction(Sensor):
 
     Args:
         support: its place in `scene.supports`, which are in the order given
+
+    Examples:
+        >>> tb.sensors.Reaction(0)(tb.equilibrium(scene))[2]  # N of the clamp, then N m
+        tensor(-2.)
     """
 
     support: int
@@ -99,6 +115,17 @@ class RootSpringLoad(Sensor):
 
     Raises:
         ValueError: for a scene without a RootSpring, or a state of another form.
+
+    Examples:
+        >>> sprung = tb.Scene(
+        ...     beam,
+        ...     [
+        ...         tb.RootSpring(stiffness=(1e4, 1e4, 1e4, 5.0, 5.0, 5.0)),
+        ...         tb.TipLoad(force=(0, 0, 1.0)),
+        ...     ],
+        ... )
+        >>> tb.sensors.RootSpringLoad(sprung)(tb.equilibrium(sprung))[2]  # N
+        tensor(-1.)
     """
 
     scene: Scene

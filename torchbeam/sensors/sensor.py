@@ -24,6 +24,15 @@ class Sensor:
 
     Attributes:
         on: name of the part of a structure that it is on; None = the whole state is read
+
+    Examples:
+        >>> class Reach(tb.sensors.Sensor):
+        ...     name, unit, labels = "reach", "m", ("reach",)
+        ...
+        ...     def read(self, state):
+        ...         return state.tip.position.norm(dim=-1, keepdim=True)
+        >>> Reach()(solution.state)[-1]  # as any other sensor
+        tensor([0.9947])
     """
 
     name: str
@@ -102,7 +111,12 @@ def part_of_state(state: Any, name: str) -> Any:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Component(Sensor):
-    """Some numbers of another sensor's reading: `sensor[which]`."""
+    """Some numbers of another sensor's reading: `sensor[which]`.
+
+    Examples:
+        >>> tb.sensors.TipPosition()["z"](solution.state)[-1]  # m, one component of a sensor
+        tensor([0.2189])
+    """
 
     of: Sensor
     which: int | str | slice
@@ -160,7 +174,15 @@ class Component(Sensor):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Stack(Sensor):
-    """Several sensors as one vector, in their order; `split` takes such a vector apart."""
+    """Several sensors as one vector, in their order; `split` takes such a vector apart.
+
+    Examples:
+        >>> both = tb.sensors.Stack(
+        ...     (tb.sensors.TipPosition(), tb.sensors.Gauge(0.05, beam, z=0.001))
+        ... )
+        >>> both(solution.state).shape, both.labels[-1]
+        (torch.Size([6, 4]), 'gauge at 0.05 m strain')
+    """
 
     sensors: Iterable[Sensor]
     name: ClassVar[str] = "sensors"

@@ -30,6 +30,11 @@ class _OfTendon(Sensor):
 class TendonTension(_OfTendon):
     """Tension (..., 2) N of a tendon's first stretch and of its last: over a step its mean, as
     friction leaves it.
+
+    Examples:
+        >>> rope = tb.Tendon([(None, (0, 0, 0.05)), (-1, (0, 0, 0.05))], tension=1.0)
+        >>> tb.sensors.TendonTension(0)(tb.equilibrium(tb.Scene(beam, [rope])))  # N
+        tensor([1., 1.])
     """
 
     name = property(lambda self: f"tension of tendon {self.tendon}")
@@ -42,7 +47,13 @@ class TendonTension(_OfTendon):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TendonLength(_OfTendon):
-    """Length (..., 1) m of a tendon from its first eyelet to its last."""
+    """Length (..., 1) m of a tendon from its first eyelet to its last.
+
+    Examples:
+        >>> rope = tb.Tendon([(None, (0, 0, 0.05)), (-1, (0, 0, 0.05))], tension=1.0)
+        >>> tb.sensors.TendonLength(0)(tb.rest(tb.Scene(beam, [rope])))  # m
+        tensor([1.])
+    """
 
     name = property(lambda self: f"length of tendon {self.tendon}")
     unit = "m"

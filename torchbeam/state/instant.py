@@ -160,15 +160,19 @@ class Instant(TensorFields):
 
     parts: ClassVar[tuple[Any, ...]] = ()
 
+    @property
+    def summary(self) -> dict[str, str]:
+        """What there is, in words, by headings."""
+        return {
+            "time": f"t = {span(self.t)} s",
+            "nodes": f"{self.nodes.shape[-2]} nodes",
+            "end": "; ".join(where(self.parts, self.nodes)),
+            "status": statuses(self.status),
+            "batch": kind(self.batch_shape, self.nodes),
+        }
+
     def __repr__(self) -> str:
-        return lines(
-            type(self).__name__,
-            f"t = {span(self.t)} s",
-            f"{self.nodes.shape[-2]} nodes",
-            *where(self.parts, self.nodes),
-            statuses(self.status),
-            kind(self.batch_shape, self.nodes),
-        )
+        return lines(type(self).__name__, *self.summary.values())
 
     @property
     def tip(self) -> Point:

@@ -39,6 +39,10 @@ class ReducedStates:
         """All of them."""
         return self.space.to_public(self.whole())
 
+    def some(self, index: Any) -> Any:
+        """Those at some instants."""
+        return self.space.to_public(self.whole()[index])
+
     def node(self, index: int) -> Point:
         """As `State.node`."""
         nodes = self.parts[0].position.shape[-2]

@@ -22,6 +22,14 @@ class Energy(NamedTuple):
     Undamped, kinetic + strain - work is constant, but for what a change of the eigenstrain brings
     in. By a compliance matrix with a zero on its diagonal `strain` has no derivative, and asking
     for it raises NotImplementedError: what so stiff a strain stores alternates from step to step.
+
+    Examples:
+        >>> (
+        ...     solution.energy.work[-1]
+        ...     - solution.energy.kinetic[-1]
+        ...     - solution.energy.strain[-1]
+        ... )  # J, lost by damping
+        tensor(0.0349)
     """
 
     kinetic: Tensor
@@ -59,6 +67,10 @@ class Stats:
         reason: one sentence per kind of failure that occurred: status -> sentence
         engine: what made the steps: "native"; "eager" (torch operations); "mixed", as where parts
             of a failed step are eager
+
+    Examples:
+        >>> solution.stats.steps, solution.stats.iterations.shape  # Newton iterations by step
+        (10, torch.Size([10]))
     """
 
     steps: int | None = None
@@ -84,6 +96,13 @@ class Solution:
         energies: `Energy`, or what gives it: who does not ask for it does not pay for it
         stats: `Stats`
         event: `Event`, where a sample was to stop at one
+
+    Examples:
+        >>> solution.tip.position.shape, solution.nodes.shape  # time first
+        (torch.Size([6, 3]), torch.Size([6, 5, 3]))
+        >>> solution.status  # 0: success
+        tensor(0)
+        >>> again = tb.simulate(scene, [0.1, 0.2], solution.state[-1], step=0.01)
     """
 
     t: Tensor
@@ -105,7 +124,9 @@ class Solution:
         """Made where it is first asked for."""
         return self.energies() if callable(self.energies) else self.energies
 
-    def __repr__(self) -> str:
+    @property
+    def summary(self) -> dict[str, str]:
+        """What there is, in words, by headings."""
         done = [counted(self.stats.steps, "step")] if self.stats.steps is not None else []
         done += (
             [counted(self.stats.evaluations, "evaluation")]
@@ -113,15 +134,17 @@ class Solution:
             else []
         )
         nodes = self.nodes
-        return lines(
-            "Solution",
-            f"{counted(len(self.t), 'instant')}, t = {span(self.t)} s"
-            + "".join(f", {x}" for x in done),
-            f"{self._form} of {nodes.shape[-2]} nodes, {where(self._parts, nodes[-1])[0]} in the "
-            "end",
-            statuses(self.status),
-            kind(nodes.shape[1:-2], nodes),
-        )
+        instants = f"{counted(len(self.t), 'instant')}, t = {span(self.t)} s"
+        return {
+            "time": ", ".join((instants, *done)),
+            "end": f"{self._form} of {nodes.shape[-2]} nodes, {where(self._parts, nodes[-1])[0]} "
+            "in the end",
+            "status": statuses(self.status),
+            "batch": kind(nodes.shape[1:-2], nodes),
+        }
+
+    def __repr__(self) -> str:
+        return lines("Solution", *self.summary.values())
 
     def __getitem__(self, name: str) -> Any:
         """The trajectory of a part of a structure: `state[name]`, see `State`."""

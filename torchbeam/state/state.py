@@ -63,6 +63,13 @@ class State(Instant):
             behind those of the stations
         rest_shape: of its beam (`RestShape`), by which a sensor of another one is refused; None =
             not known
+
+    Examples:
+        >>> state = tb.equilibrium(scene)
+        >>> state.tip.position, state.root.moment  # m, N m
+        (tensor([0.9004, 0.0000, 0.3972]), tensor([0.0000, 1.8008, 0.0000]))
+        >>> state.stress.shape  # elements; forces and moments
+        torch.Size([4, 6])
     """
 
     position: Tensor = leaf(2)
@@ -273,6 +280,11 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
     each sample), and moves with them. A frame that turns has turned since t = 0, when it coincides
     with the inertial axes. Raises ValueError for what is no scene, batch axes or time; MemoryError
     for more samples than there is memory for.
+
+    Examples:
+        >>> state = tb.rest(scene)
+        >>> state.tip.position
+        tensor([1., 0., 0.])
     """
     time = instants("t", t, instance("a scene", scene, Scene).beam.nodes)
     shape = broadcast("a scene and t", scene.batch_shape, time.shape)

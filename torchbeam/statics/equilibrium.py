@@ -101,6 +101,11 @@ def equilibrium(
     Returns a `State` at rest with stress and reaction. Raises ValueError for what the nodal form
     does not take and RuntimeError for a sample without equilibrium; where nothing holds a rigid
     motion of it, the sentence says which.
+
+    Examples:
+        >>> state = tb.equilibrium(scene)
+        >>> state.tip.position, state.root.moment  # m, N m
+        (tensor([0.9004, 0.0000, 0.3972]), tensor([0.0000, 1.8008, 0.0000]))
     """
     not_here("accuracy", accuracy, "torchbeam.equilibrium")
     choice("branch", branch, ("first", "stable"))

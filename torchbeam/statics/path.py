@@ -55,6 +55,12 @@ class Path:
             way: its factor is that of `critical_load`, or of `path` with a smaller `step`
         valid: bool: False where the last one is repeated
         reached: (...) bool: whether the end asked for was reached
+
+    Examples:
+        >>> arch = tb.Scene(tb.Beam.arc(1.0, 1.0, 8, strip), [tb.TipLoad(force=(0, 0, -2.0))])
+        >>> path = tb.path(arch, 1.0)
+        >>> path.factor[-1], path.state.tip.position.shape  # steps first
+        (tensor(1.), torch.Size([13, 3]))
     """
 
     factor: Tensor
@@ -166,6 +172,12 @@ def path(
         ValueError: for what the nodal form does not take, an unknown `load`, `control` without
             `target`, a `control` of more than one number a sample, or an `initial` that is no
             equilibrium.
+
+    Examples:
+        >>> arch = tb.Scene(tb.Beam.arc(1.0, 1.0, 8, strip), [tb.TipLoad(force=(0, 0, -2.0))])
+        >>> path = tb.path(arch, 1.0)  # from no load to all of it
+        >>> path.factor[-1]
+        tensor(1.)
     """
     model = discretise(scene)
     refuse_friction(scene)

@@ -55,6 +55,13 @@ class Convergence:
             would be needed
         table: `Tried` settings, in the order in which they were run
         seconds: CPU time of the search, compiling included
+
+    Examples:
+        >>> best = tb.converge(
+        ...     scene, None, lambda state: state.tip.position, rtol=0.05, solve=tb.equilibrium
+        ... )
+        >>> best.mesh_error < 0.05, best.scene.beam.element_count
+        (True, 8)
     """
 
     solution: Any

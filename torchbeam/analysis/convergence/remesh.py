@@ -41,6 +41,11 @@ def remesh(
     Raises:
         ValueError: where the new mesh has no node at a place, elements that have values of their
             own are not divided evenly, or the scene is a structure.
+
+    Examples:
+        >>> finer = tb.remesh(scene, 16, order=2)
+        >>> finer.beam.node_count
+        33
     """
     instance("a scene", scene, Scene)
     check_count("elements", elements)

@@ -87,6 +87,16 @@ class Fit:
         readings: data beside the model's values, of each measurement
         jacobian: (data, p) derivatives of the readings that were measured, over sigma, by the
             coordinates of the search
+
+    Examples:
+        >>> x = torch.tensor([1.0, 2.0, 3.0, 4.0])
+        >>> fit = tb.identify(
+        ...     lambda p: p["k"][..., None] * x,
+        ...     2 * x + torch.tensor([0.1, -0.1, 0.1, -0.1]),
+        ...     {"k": 1.0},
+        ... )
+        >>> fit.theta, fit.deviation  # the estimate, its standard deviation
+        (tensor([1.9933]), tensor([0.0207]))
     """
 
     theta: Tensor
@@ -313,17 +323,7 @@ class Fit:
         """A fit from its file: without the model, so without profiles and bootstrap. Raises
         ValueError for another file.
         """
-        try:
-            given = torch.load(path, weights_only=True)
-        except Exception as error:
-            if isinstance(error, OSError):
-                raise
-            given = None
-        if not isinstance(given, dict) or given.pop("torchbeam fit", None) != FORMAT:
-            raise ValueError(
-                f"the file {str(path)!r} was given, which is no saved fit of this version; one "
-                "is wanted"
-            )
+        given = files.load(path, "torchbeam fit", FORMAT, "saved fit")
         return cls(
             **{
                 **given,

@@ -110,6 +110,16 @@ def identify(
         ValueError: for a model whose output does not fit the data, for starts at none of which it
             is finite, fewer data than parameters without a prior, data without a number; what the
             model raises at all starts goes through.
+
+    Examples:
+        >>> x = torch.tensor([1.0, 2.0, 3.0, 4.0])
+        >>> fit = tb.identify(
+        ...     lambda p: p["k"][..., None] * x,
+        ...     2 * x + torch.tensor([0.1, -0.1, 0.1, -0.1]),
+        ...     {"k": 1.0},
+        ... )
+        >>> fit.theta, fit.interval(0.95)  # the estimate, where it is
+        (tensor([1.9933]), tensor([[1.9274, 2.0593]]))
     """
     choice("derivatives", derivatives, DERIVATIVES)
     check_tolerance("tolerance", tolerance)

@@ -42,6 +42,28 @@ class Measurement:
     Raises:
         ValueError: for values without a number, other shapes, a sigma that is not positive, a
             sensor without times; a delay, a clock or a rate without a sensor.
+
+    Examples:
+        >>> times = torch.linspace(0, 0.1, 6)
+        >>> data = tb.Measurement(
+        ...     solution.tip.position[..., 2:],
+        ...     sigma=1e-4,
+        ...     times=times,
+        ...     sensor=tb.sensors.TipPosition()["z"],
+        ... )
+        >>> model = lambda p: tb.simulate(
+        ...     tb.Scene(
+        ...         beam,
+        ...         [
+        ...             tb.TipLoad(force=p["F"][..., None] * torch.tensor([0, 0, 1.0])),
+        ...             tb.Damping(0.01),
+        ...         ],
+        ...     ),
+        ...     times,
+        ...     step=0.01,
+        ... )
+        >>> tb.identify(model, data, {"F": 1.5}).theta  # N
+        tensor([2.0000])
     """
 
     values: Any

@@ -33,6 +33,12 @@ class Parameter:
     Raises:
         ValueError: for a start without numbers, or outside of bounds or prior, "logit" without
             bounds, a prior of vectors or of another shape, as bounds and scale of another shape.
+
+    Examples:
+        >>> stiffness = tb.Parameter(60e9, bounds=(50e9, 80e9))  # Pa
+        >>> model = lambda p: 69e9 / p["E"][..., None]
+        >>> tb.identify(model, torch.tensor([1.0]), {"E": stiffness}, sigma=0.01).theta
+        tensor([6.9000e+10])
     """
 
     start: Any

@@ -28,6 +28,18 @@ class Smoothness:
 
     The penalty is weight / 2 times the integral of the squared derivative over places from 0 to 1,
     of theta or, where a parameter is searched by its logarithm, of log theta.
+
+    Examples:
+        >>> x = torch.linspace(0, 3, 20)
+        >>> found = tb.identify_fields(
+        ...     lambda p: p["f"],
+        ...     torch.sin(x),
+        ...     {"f": torch.zeros(20)},
+        ...     {"f": tb.Smoothness(order=2)},
+        ...     sigma=0.05,
+        ... )
+        >>> found.fit.theta.shape
+        torch.Size([20])
     """
 
     order: int = 1

@@ -19,6 +19,11 @@ class Empirical(TwoTails):
     Args:
         values: (K,)
         weights: (K,) positive, of any sum
+
+    Examples:
+        >>> measured = tb.laws.Empirical(torch.tensor([0.9, 1.0, 1.0, 1.2]))
+        >>> tb.monte_carlo(deflection, {"EI": measured, "P": laws["P"]}, 256, by_name=True).mean
+        tensor(0.3287)
     """
 
     values: Tensor

@@ -38,6 +38,12 @@ class Estimate:
         estimate, low, high: tensors of one shape
         samples: good ones that it is of;  failed: samples left out, by reason in `reasons`
         method: how the interval was found
+
+    Examples:
+        >>> samples = tb.monte_carlo(deflection, laws, 256, replicates=16, by_name=True)
+        >>> mean = samples.mean_interval()
+        >>> mean.low < mean.estimate < mean.high  # of 95 %, see `level`
+        tensor(True)
     """
 
     estimate: Tensor

@@ -109,6 +109,11 @@ def monte_carlo(
     run or one that cannot be written; files.NotWritten (an OSError) where the disk is full: what
     was written stays, and the same call continues; MemoryError where samples are more than there is
     memory for (`tb.monte_carlo_stream` keeps none).
+
+    Examples:
+        >>> samples = tb.monte_carlo(deflection, laws, 256, by_name=True)
+        >>> samples.mean, samples.quantile(0.95).shape
+        (tensor(0.3367), torch.Size([]))
     """
     if theta is not None:
         joint, theta = _own(laws, theta, n, dtype, correlation)

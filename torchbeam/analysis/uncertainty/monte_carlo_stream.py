@@ -60,6 +60,11 @@ def monte_carlo_stream(
               has them
 
     Raises what `monte_carlo` raises.
+
+    Examples:
+        >>> stream = tb.monte_carlo_stream(deflection, laws, 1024, by_name=True)
+        >>> stream.quantile(0.95)
+        tensor(0.4181)
     """
     joint = JointLaw.of(laws, correlation)
     choice("design", design, DESIGNS)

@@ -39,6 +39,13 @@ class RandomField:
     Gauss-Legendre quadrature and Nystrom's interpolation. What is left out makes the deviation a
     little smaller, not the mean: `captured` (m,) is the share of the variance that is there at each
     place.
+
+    Examples:
+        >>> E = tb.laws.RandomField(
+        ...     torch.linspace(0, 1, 8), mean=1.0, deviation=0.1, correlation_length=0.3
+        ... )
+        >>> tb.monte_carlo(lambda E: E, {"E": E}, 256, by_name=True).y.shape  # along the beam
+        torch.Size([256, 8])
     """
 
     s: Value

@@ -38,6 +38,11 @@ class RareEvent:
         points: (k, p) theta at the design points, the likeliest first
         beta: (k,) their distances from the medians in normal scores
         form: the first-order probability Phi(-beta) of the likeliest, of importance sampling
+
+    Examples:
+        >>> event = tb.rare_event(deflection, laws, 2.0, 256, method="importance", by_name=True)
+        >>> event.low < event.probability < event.high
+        True
     """
 
     names: tuple[str, ...]
@@ -109,6 +114,11 @@ def rare_event(
             the threshold: a y that is one value for a tenth of the samples, or more, on the way is
             none for subset simulation, and a law whose values are steps (`Empirical`) for
             importance sampling.
+
+    Examples:
+        >>> event = tb.rare_event(deflection, laws, 2.0, 256, method="importance", by_name=True)
+        >>> event.probability < 1e-6  # that it exceeds 2
+        True
     """
     joint, threshold = JointLaw.of(laws, correlation), number("threshold", threshold)
     level = level_of("interval", interval)

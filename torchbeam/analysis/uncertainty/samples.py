@@ -31,6 +31,12 @@ class Samples(output.Summary):
             are not; in one replicate their intervals are those of independent ones: too wide, as a
             rule
         sentences: by status: why samples failed
+
+    Examples:
+        >>> samples = tb.monte_carlo(deflection, laws, 256, replicates=16, by_name=True)
+        >>> q = samples.quantile(0.95, interval=0.9)
+        >>> q.low < q.estimate < q.high
+        tensor(True)
     """
 
     names: tuple[str, ...]

@@ -34,6 +34,11 @@ class SobolIndices:
     level     of the intervals;  variance (...) of y
     evaluations of the function; failed: groups of them left out, because one failed, by reason in
     `reasons`
+
+    Examples:
+        >>> indices = tb.sobol_indices(deflection, laws, 256, by_name=True)
+        >>> indices.names, indices.first.sum() > 0.9  # shares of the variance
+        (('EI', 'P'), tensor(True))
     """
 
     names: tuple[str, ...]
@@ -103,6 +108,11 @@ def sobol_indices(
     intervals are infinite where one replicate alone has good groups. Raises ValueError as
     `monte_carlo` does, for a `correlation`, with which indices do not share out the variance, and
     where all groups failed.
+
+    Examples:
+        >>> indices = tb.sobol_indices(deflection, laws, 256, by_name=True)
+        >>> dict(zip(indices.names, indices.total > 0.1))
+        {'EI': tensor(True), 'P': tensor(True)}
     """
     if correlation is not None:
         raise ValueError(

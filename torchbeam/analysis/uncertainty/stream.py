@@ -83,6 +83,11 @@ class Stream(Summary):
         moments: of each replicate, None of one without good samples
         sketches: of each replicate, one for each number of y
         samples: how many were seen
+
+    Examples:
+        >>> stream = tb.monte_carlo_stream(deflection, laws, 1024, by_name=True)
+        >>> stream.samples, stream.mean_interval().estimate.shape
+        (1024, torch.Size([]))
     """
 
     names: tuple[str, ...]

@@ -28,6 +28,11 @@ class Tornado:
         low, high: (p, ...) the parameter at its low and its high quantile
         at: (p, 2) where it was (NaN for a field) swing: (p, ...) |high - low|
         status: (2 p + 1,) of the base, of low and high by turns, as they were computed
+
+    Examples:
+        >>> table = tb.tornado(deflection, laws, by_name=True)
+        >>> table.names, table.low.shape
+        (('EI', 'P'), torch.Size([2]))
     """
 
     names: tuple[str, ...]
@@ -78,6 +83,10 @@ def tornado(
 
     A screening, not a share of the variance: interactions do not show. Failed samples are NaN.
     Raises ValueError as `monte_carlo` does.
+
+    Examples:
+        >>> print(tb.tornado(deflection, laws, by_name=True))
+        Tornado(2 laws, the largest swing that of EI; y ())
     """
     joint, level = JointLaw.of(laws), level_of("level", level)
     boolean("by_name", by_name)

@@ -28,6 +28,11 @@ LEAST = 1e-12
 class Truncated(TwoTails):
     """A law with both `cdf` and `icdf`, or (least, largest), on condition that the value lies
     between `least` and `largest`.
+
+    Examples:
+        >>> positive = tb.laws.Truncated(tb.laws.Normal(1.0, 0.5), least=0.1)
+        >>> tb.monte_carlo(lambda EI: EI, {"EI": positive}, 256, by_name=True).y.min() >= 0.1
+        tensor(True)
     """
 
     law: Any

@@ -30,6 +30,13 @@ class Actuation(Effect):
 
     Raises:
         ValueError: where neither is given, or an element does not exist.
+
+    Examples:
+        >>> bent = tb.Scene(
+        ...     beam, [tb.Actuation(curvature=(0, -1.0, 0))]
+        ... )  # 1/m, piezo patches or tendons
+        >>> tb.equilibrium(bent).tip.position  # an arc of radius 1 m
+        tensor([0.8437, 0.0000, 0.4609])
     """
 
     curvature: Value | None = leaf(1, default=None)

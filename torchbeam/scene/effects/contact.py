@@ -72,6 +72,12 @@ class Contact(ContactTerms):
         ValueError: for what is no obstacle, a thickness or slip speed that is not above 0, negative
             numbers, both or none of force and stiffness, friction without a slip speed, or a radius
             that has no room in a tube; in a scene for parts that are not there.
+
+    Examples:
+        >>> floor = tb.Contact(tb.Plane((0, 0, -0.1), (0, 0, 1)), thickness=0.01, force=100.0)
+        >>> falling = tb.Scene(beam, [tb.Gravity((0, 0, -9.81)), floor])
+        >>> tb.equilibrium(falling).tip.position[2]  # m, on the floor
+        tensor(-0.0981)
     """
 
     obstacle: Obstacle | str | None = leaf(1)

@@ -80,6 +80,12 @@ class Load(LoadEffect):
         ValueError: for internal states without a rate, a rate without them, unknown names in `of`,
             "s" at a node, or two arguments of one name; when it acts, for a function that returns
             anything but force and moment of the right shape.
+
+    Examples:
+        >>> jet = tb.Load(lambda x, R, v, w, t: (-0.5 * v, None))  # N: a damper at the tip
+        >>> slowed = tb.Scene(beam, [jet, tb.TipLoad(force=(0, 0, 1.0))])
+        >>> tb.simulate(slowed, [0.0, 0.1], step=0.01).status
+        tensor(0)
     """
 
     function: Callable[..., tuple[Tensor | None, Tensor | None]] = leaf(None)

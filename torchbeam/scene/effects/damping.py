@@ -33,6 +33,11 @@ class Damping(Effect):
 
     Raises:
         ValueError: for a negative tau, and for a sequence of another length.
+
+    Examples:
+        >>> damped = tb.Scene(beam, [tb.Damping(tau=0.01)])  # s
+        >>> tb.modes(damped, count=1).damping_ratio  # tau omega/2 of the first mode
+        tensor([0.0511])
     """
 
     tau: Value = leaf(lambda damping: int(damping.six))
@@ -67,6 +72,11 @@ class MassDamping(LoadEffect):
 
     A rigid motion is damped too: it models the air around a beam, not the beam. Raises ValueError
     for a negative alpha.
+
+    Examples:
+        >>> aired = tb.Scene(beam, [tb.MassDamping(alpha=2.0)])  # 1/s
+        >>> tb.modes(aired, count=1).damping_ratio  # alpha/(2 omega) of the first mode
+        tensor([0.1003])
     """
 
     alpha: Value = leaf(0)
@@ -123,6 +133,12 @@ def rayleigh(
     Raises:
         ValueError: for fewer than two different frequencies, and where the fit takes a negative
             coefficient: the ratios are then too different for the frequencies.
+
+    Examples:
+        >>> first, second = tb.modes(tb.Scene(beam), count=2).frequency  # rad/s
+        >>> effects = tb.rayleigh((first, second), (0.01, 0.02))  # damping ratios of both
+        >>> tb.modes(tb.Scene(beam, effects), count=2).damping_ratio
+        tensor([0.0102, 0.0202])
     """
     plainly = not has_dtype([frequency, ratio])
     dtype = torch.float64 if plainly else common_dtype(frequency, ratio)[0]

@@ -58,6 +58,11 @@ class Drag(LoadEffect):
     Raises:
         ValueError: for a negative density, diameter or coefficient, or an added mass in a flow that
             is a function or an Input (whose own acceleration would push as well).
+
+    Examples:
+        >>> swim = tb.Scene(beam, [tb.Drag(density=1000.0, diameter=0.03, flow=(0, 0, 0.5))])
+        >>> tb.equilibrium(swim).tip.position[2] > 0  # bent by the stream
+        tensor(True)
     """
 
     density: Value = leaf(0)

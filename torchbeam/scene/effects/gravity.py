@@ -20,6 +20,11 @@ class Gravity(LoadEffect):
 
     Args:
         on: name of a beam or a body of a structure; None = all
+
+    Examples:
+        >>> weighed = tb.Scene(beam, [tb.Gravity((0, 0, -9.81))])
+        >>> tb.equilibrium(weighed).root.force[2]  # N, the weight
+        tensor(1.5892)
     """
 
     g: Value = leaf(1)

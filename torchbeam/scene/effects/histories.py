@@ -23,6 +23,15 @@ class History(FunctionOfTime):
 
     Its rate, which the block rate form needs, is the slope of the line. Differentiable in t and in
     both tensors.
+
+    Examples:
+        >>> t = torch.linspace(0, 1, 11)
+        >>> record = tb.History(
+        ...     t, torch.stack((0 * t, 0 * t, torch.sin(3 * t)), -1)
+        ... )  # N, linear between samples
+        >>> shaken = tb.Scene(beam, [tb.TipLoad(force=record)])
+        >>> record(torch.tensor(0.05))
+        tensor([0.0000, 0.0000, 0.1478])
     """
 
     t: Tensor = leaf(1)
@@ -54,6 +63,15 @@ class Accelerogram(FunctionOfTime):
     stays. A cubic between samples, exact: u = u_k + v_k h + a_k h^2/2 + (a_{k+1} - a_k) h^3/(6 dt).
     Differentiable in t and in both tensors. A record with an offset drifts as its square: take the
     offset off before.
+
+    Examples:
+        >>> t = torch.linspace(0, 1, 201)  # s, a record of 200 Hz
+        >>> quake = tb.Accelerogram(
+        ...     t, 3.0 * torch.sin(20 * t)[:, None] * torch.tensor([0.0, 0.0, 1.0])
+        ... )
+        >>> shaken = tb.Scene(beam, root=tb.RootMotion(displacement=quake))
+        >>> tb.simulate(shaken, t[:11], step=0.005).nodes[-1, 0]  # m, where the ground is
+        tensor([0.0000, 0.0000, 0.0012])
     """
 
     t: Tensor = leaf(1)

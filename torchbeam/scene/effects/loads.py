@@ -83,6 +83,13 @@ class PointLoad(GivenLoad):
     Args:
         offset: (..., 3) m from the node to where the force acts, section axes; None = at the node.
             Of a body, node = (name, point in its axes) says the same
+
+    Examples:
+        >>> pushed = tb.Scene(
+        ...     beam, [tb.PointLoad(2, force=(0, 0, 1.0))]
+        ... )  # N, in the middle of four elements
+        >>> tb.equilibrium(pushed).root.moment  # N m
+        tensor([0.0000, 0.4991, 0.0000])
     """
 
     node: int = field()
@@ -109,7 +116,19 @@ class PointLoad(GivenLoad):
 
 @dataclass(frozen=True)
 class TipLoad(PointLoad):
-    """Force (N) and moment (N m) on the last node."""
+    """Force (N) and moment (N m) on the last node.
+
+    Examples:
+        >>> pushed = tb.Scene(beam, [tb.TipLoad(force=(0, 0, 1.0))])  # N, keeps its direction
+        >>> beck = tb.Scene(
+        ...     beam, [tb.TipLoad(force=(-1.0, 0, 0), follower=True)]
+        ... )  # turns with the tip
+        >>> rising = tb.Scene(
+        ...     beam, [tb.TipLoad(force=lambda t: torch.stack((0 * t, 0 * t, 10 * t)))]
+        ... )
+        >>> tb.equilibrium(pushed).root.force[2]  # N
+        tensor(-1.)
+    """
 
     node: int = -1
 
@@ -126,6 +145,11 @@ class LineLoad(GivenLoad):
 
     Args:
         on: name of a beam of a structure; None = all
+
+    Examples:
+        >>> snow = tb.Scene(beam, [tb.LineLoad(force=(0, 0, -1.0))])  # N/m
+        >>> tb.equilibrium(snow).root.force[2]  # N
+        tensor(1.)
     """
 
     on: str | None = field(default=None, kw_only=True)

@@ -162,6 +162,15 @@ class Plane(Obstacle):
     Args:
         point: (..., 3) m on it, or a function of t; one that moves along the plane makes it a belt
         normal: (..., 3) of any length, away from what is solid, or a function of t
+
+    Examples:
+        >>> floor = tb.Plane(point=(0, 0, -0.1), normal=(0, 0, 1))
+        >>> falling = tb.Scene(
+        ...     beam,
+        ...     [tb.Gravity((0, 0, -9.81)), tb.Contact(floor, thickness=0.01, force=100.0)],
+        ... )
+        >>> tb.sensors.ContactGap(falling)(tb.rest(falling))  # m
+        tensor([0.1000])
     """
 
     point: Value | Callable[[Tensor], Tensor] = leaf(1)
@@ -190,6 +199,14 @@ class Sphere(Obstacle):
         centre: (..., 3) m, or a function of t
         radius: (...) m
         spin: (..., 3) rad/s by which it turns, frame a; None = it does not
+
+    Examples:
+        >>> ball = tb.Sphere(centre=(0.8, 0, -0.2), radius=0.1)
+        >>> laid = tb.Scene(
+        ...     beam, [tb.Gravity((0, 0, -9.81)), tb.Contact(ball, thickness=0.01, force=100.0)]
+        ... )
+        >>> tb.sensors.ContactGap(laid)(tb.rest(laid))  # m
+        tensor([0.1000])
     """
 
     centre: Value | Callable[[Tensor], Tensor] = leaf(1)
@@ -224,6 +241,15 @@ class Cylinder(Obstacle):
         radius: (...) m
         inside: whether the beam is inside
         spin: (...) rad/s by which it turns about its axis; None = it does not
+
+    Examples:
+        >>> tube = tb.Cylinder(point=(0, 0, 0), axis=(1, 0, 0), radius=0.02, inside=True)
+        >>> held = tb.Scene(
+        ...     beam,
+        ...     [tb.TipLoad(force=(0, 0, 1.0)), tb.Contact(tube, thickness=0.005, force=100.0)],
+        ... )
+        >>> tb.sensors.ContactGap(held)(tb.rest(held))  # m
+        tensor([0.0200])
     """
 
     point: Value | Callable[[Tensor], Tensor] = leaf(1)
@@ -276,6 +302,14 @@ class Capsule(Obstacle):
     """A round bar with round ends: all that is nearer than `radius` (...) m to the line from a to b
     (..., 3) m, each a function of t, or not. Where the bar goes over to its ends the distance has a
     jump in its curvature, and none in its direction.
+
+    Examples:
+        >>> bar = tb.Capsule(a=(0.8, -0.1, -0.1), b=(0.8, 0.1, -0.1), radius=0.05)
+        >>> laid = tb.Scene(
+        ...     beam, [tb.Gravity((0, 0, -9.81)), tb.Contact(bar, thickness=0.01, force=100.0)]
+        ... )
+        >>> tb.sensors.ContactGap(laid)(tb.rest(laid))  # m
+        tensor([0.0500])
     """
 
     a: Value | Callable[[Tensor], Tensor] = leaf(1)
@@ -315,6 +349,15 @@ class Box(Obstacle):
         rounding: (...) m, radius of its edges, below half of its smallest size; no deeper in the
             box does a contact know which side is near
         rotation: (..., 3) rad, the rotation vector of its axes; None = those of frame a
+
+    Examples:
+        >>> table = tb.Box(centre=(0.5, 0, -0.2), size=(1.0, 1.0, 0.1), rounding=0.01)
+        >>> laid = tb.Scene(
+        ...     beam,
+        ...     [tb.Gravity((0, 0, -9.81)), tb.Contact(table, thickness=0.01, force=100.0)],
+        ... )
+        >>> tb.sensors.ContactGap(laid)(tb.rest(laid))  # m
+        tensor([0.1500])
     """
 
     centre: Value | Callable[[Tensor], Tensor] = leaf(1)

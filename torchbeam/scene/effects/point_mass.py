@@ -39,6 +39,11 @@ class PointMass(Effect):
         ValueError: for a negative mass, an inertia that is not symmetric, has a negative principal
             moment or one above the sum of the others, or a 6x6 matrix that no rigid body has (a
             mass that depends on the direction).
+
+    Examples:
+        >>> tipped = tb.Scene(beam, [tb.PointMass(0.1)])  # kg, at the tip
+        >>> tb.modes(tipped, count=1).frequency < tb.modes(tb.Scene(beam), count=1).frequency
+        tensor([True])
     """
 
     mass: Value = leaf(0)

@@ -21,6 +21,14 @@ class SelfContact(ContactTerms):
 
     The rest as of `Contact`; a radius is wanted. Raises ValueError as `Contact` does, without a
     radius, or for `apart` that is not above 0.
+
+    Examples:
+        >>> coil = tb.Scene(
+        ...     tb.Beam.arc(0.1, 5.0, 12, strip),
+        ...     [tb.SelfContact(radius=0.002, thickness=0.002, force=10.0)],
+        ... )
+        >>> tb.rest(coil).tip.position  # m
+        tensor([-0.0959,  0.0716,  0.0000])
     """
 
     on: str | None = None

@@ -54,6 +54,17 @@ class Spring(LoadEffect):
 
     Raises:
         ValueError: for a negative stiffness, length or damping.
+
+    Examples:
+        >>> tied = tb.Scene(
+        ...     beam,
+        ...     [
+        ...         tb.TipLoad(force=(0, 0, 1.0)),
+        ...         tb.Spring(-1, stiffness=100.0, to=(1.0, 0, -0.5)),
+        ...     ],
+        ... )
+        >>> tb.equilibrium(tied).tip.position[2] < tb.equilibrium(scene).tip.position[2]
+        tensor(True)
     """
 
     node: int = field()
@@ -174,6 +185,17 @@ class RootSpring(LoadEffect):
 
     Raises:
         ValueError: for a negative or infinite stiffness or damping.
+
+    Examples:
+        >>> sprung = tb.Scene(
+        ...     beam,
+        ...     [
+        ...         tb.RootSpring(stiffness=(1e4, 1e4, 1e4, 5.0, 5.0, 5.0)),
+        ...         tb.TipLoad(force=(0, 0, 1.0)),
+        ...     ],
+        ... )
+        >>> tb.equilibrium(sprung).nodes[0, 2]  # m, by which the foot gives way
+        tensor(0.0001)
     """
 
     stiffness: Value = leaf(1)

@@ -79,6 +79,14 @@ class Tendon(Effect):
             and stiffness, friction without a slip speed, negative numbers; in a scene for eyelets
             that do not exist, lie within an element of order 2, are of one node, or coincide with
             the next.
+
+    Examples:
+        >>> rope = tb.Tendon(
+        ...     [(None, (0, 0, 0.05)), (2, (0, 0, 0.05)), (-1, (0, 0, 0.05))], tension=1.0
+        ... )  # N
+        >>> pulled = tb.Scene(beam, [rope])
+        >>> tb.equilibrium(pulled).tip.position[2] > 0
+        tensor(True)
     """
 
     kind = "tendon"

@@ -35,6 +35,11 @@ from .effect import Effect
 class Input(Placeholder):
     """In place of a load's value: `size` numbers by `name`, given at each step (or call) and held
     over it.
+
+    Examples:
+        >>> driven = tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3))])
+        >>> stepper = tb.Stepper(driven, 0.01)
+        >>> state = stepper(stepper.rest(), u=(0, 0, 1.0))  # N, held over the step
     """
 
     name: str
@@ -75,6 +80,13 @@ class Along(ByPlace):
 
     s (..., sites) m is the arclength from the root, t (0-dim) s. It may return a tensor or a
     (nested) sequence.
+
+    Examples:
+        >>> load = tb.LineLoad(
+        ...     force=tb.Along(lambda s, t: torch.stack((0 * s, 0 * s, 2 * s), -1))
+        ... )
+        >>> tb.equilibrium(tb.Scene(beam, [load])).root.force[2]  # N, of 2 s N/m over 1 m
+        tensor(-1.)
     """
 
     function: Callable[[Tensor, Tensor], Tensor] = leaf(None)
@@ -97,6 +109,13 @@ class PerElement(ByPlace):
 
     A node takes the mean of its two elements, by the lengths that they give it: all nodes together
     bear what the elements do.
+
+    Examples:
+        >>> growing = tb.PerElement(
+        ...     torch.tensor([[0.0, 0, 1], [0, 0, 2], [0, 0, 3], [0, 0, 4]])
+        ... )  # N/m
+        >>> tb.equilibrium(tb.Scene(beam, [tb.LineLoad(force=growing)])).root.force[2]  # N
+        tensor(-2.5000)
     """
 
     value: Value | Callable[[Tensor], Tensor] = leaf(2)
@@ -232,6 +251,14 @@ def input_at(value: Input, inputs: Inputs) -> Tensor:
 class PerInterval(Tree):
     """An input's values (..., K, size), each held over one of the K intervals between output times,
     or of the steps of a rollout. Given in place of an input's value.
+
+    Examples:
+        >>> driven = tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3))])
+        >>> pushes = torch.tensor([[0, 0, 1.0], [0, 0, -1.0]])  # N, one an interval of t
+        >>> tb.simulate(
+        ...     driven, [0.0, 0.05, 0.1], step=0.01, inputs={"u": tb.PerInterval(pushes)}
+        ... ).status
+        tensor(0)
     """
 
     value: Value = leaf(2)

@@ -1,0 +1,44 @@
+"""Notebooks of the tutorials: their cells are the blocks of the pages, which test_pages runs, and
+they run in order; nothing in them points out of them.
+"""
+
+import importlib.util
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+spec = importlib.util.spec_from_file_location("notebooks", ROOT / "docs" / "notebooks.py")
+notebooks = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(notebooks)
+
+
+@pytest.mark.parametrize("name", notebooks.TUTORIALS)
+def test_cells_are_the_page(name):
+    page = (ROOT / "docs" / f"{name}.md").read_text()
+    made = json.loads(notebooks.written(name))
+    cells = made["cells"]
+    code = [cell["source"] for cell in cells if cell["cell_type"] == "code"]
+    assert code == [block.strip("\n") for block in re.findall(r"```python\n(.*?)```", page, re.S)]
+    assert cells[0]["source"].startswith(page.splitlines()[0])
+    assert len({cell["id"] for cell in cells}) == len(cells)
+    assert all(re.fullmatch(r"[a-zA-Z0-9_-]{1,64}", cell["id"]) for cell in cells)
+    for cell in cells:
+        if cell["cell_type"] == "markdown":
+            targets = re.findall(r"\]\(([^)\s]+)\)", cell["source"])
+            assert targets == [f"attachment:{each}" for each in cell.get("attachments", {})]
+
+
+def test_a_notebook_runs(tmp_path, monkeypatch):
+    """Cell by cell, as a kernel does, in an empty folder; what the last line of a cell gives is
+    shown.
+    """
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    for cell in notebooks.notebook("getting_started")["cells"]:
+        if cell["cell_type"] == "code":
+            exec(compile(cell["source"], cell["id"], "exec"), names)
+    for shown in (names["scene"], names["solution"], names["state"]):
+        assert "<table>" in shown._repr_html_()

@@ -1,0 +1,96 @@
+"""What a notebook shows: a picture and a table, in HTML."""
+
+import base64
+import io
+import re
+import sys
+from html.parser import HTMLParser
+
+import pytest
+import torch
+from PIL import Image
+
+import torchbeam as tb
+
+SECTION = tb.Section.rectangle(0.03, 0.002, E=69e9, nu=0.33, rho=2700.0)
+BEAM = tb.Beam.straight(1.0, 3, SECTION)
+SCENE = tb.Scene(BEAM, [tb.TipLoad(force=torch.tensor([[0.0, 0, 1], [0, 0, 2]]))])
+
+
+class Reader(HTMLParser):
+    """Text of the table's cells, and how tags are nested."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.cells, self.open, self.images = [], [], []
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attributes):
+        if tag == "img":
+            self.images.append(dict(attributes)["src"])
+        else:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open[-1] in ("th", "td"):
+            self.cells.append(data)
+
+
+def colours(source):
+    """Number of colours of a picture, by its address in a page."""
+    data = base64.b64decode(source.removeprefix("data:image/png;base64,"))
+    with Image.open(io.BytesIO(data)) as image:
+        return len(image.convert("RGB").getcolors(10**6))
+
+
+@pytest.mark.parametrize("what", ["scene", "state", "batch", "solution", "structure", "mixed"])
+def test_picture_and_table(what):
+    """All that `print` says stands in the table."""
+    shown = {
+        "scene": lambda: SCENE,
+        "state": lambda: tb.rest(tb.Scene(BEAM)),
+        "batch": lambda: tb.equilibrium(SCENE),
+        "solution": lambda: tb.simulate(SCENE, [0.0, 0.05, 0.1], step=0.05),
+        "structure": lambda: tb.Scene(
+            {"a": BEAM, "b<i>": tb.Body(0.1, 0.1, position=(1.0, 0, 0))},
+            [
+                tb.Tendon([(None, (0, 0, 0.2)), ("b<i>", (0, 0, 0.1))], tension=1.0),
+                tb.Contact("a", tb.Sphere((0.5, 0, -0.2), 0.1), thickness=0.01, force=1.0),
+            ],
+            joints=[tb.Weld(("a", -1), "b<i>")],
+        ),
+        "mixed": lambda: tb.simulate(tb.Scene(BEAM), [0.0, 1e-5], form="minimal").state[-1],
+    }[what]()
+    page = Reader(shown._repr_html_())
+    assert page.cells[1::2] == list(shown.summary.values())
+
+    def words(text):
+        return set(re.findall(r"[\w.<>]+", text))
+
+    assert words(" ".join(page.cells[1::2])) >= words(repr(shown)) - {
+        type(shown).__name__,
+        "effects",
+        "supports",
+        "joints",
+    }
+    assert len(page.images) == 1 and colours(page.images[0]) > 20
+
+
+def test_without_matplotlib_the_table_alone(monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    monkeypatch.setitem(sys.modules, "matplotlib.backends.backend_agg", None)
+    page = Reader(SCENE._repr_html_())
+    assert page.images == [] and page.cells[0] == "beam"
+
+
+def test_a_picture_draws_some_of_many():
+    """It costs as much for ten thousand samples as for eight, and takes no gradient."""
+    force = torch.zeros(10_000, 3, requires_grad=True)
+    scene = tb.Scene(BEAM, [tb.TipLoad(force=force)])
+    assert Reader(scene._repr_html_()).images and Reader(tb.rest(scene)._repr_html_()).images

@@ -1,0 +1,156 @@
+"""save and load: states and solutions in files, to go on from later."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..core import files
+from ..core.arguments import instance
+from ..core.leaves import map_leaves
+from ..core.validation import broadcast
+from ..mixed.state import MixedState
+from ..scene.scene import Scene
+from ..state.instant import Instant
+from ..state.solution import Solution
+from ..state.state import State
+from ..state.state_check import of_mesh
+from .fingerprint import NoFingerprint, fingerprint
+
+KIND, FORMAT = "torchbeam state", 1
+
+
+def save(what: Any, path: str | Path, *, scene: Scene | None = None) -> Path:
+    """Write a state or a solution into a file, whole or not at all; `load` reads it. The file holds
+    numbers and names, no code, and no gradient.
+
+    Args:
+        what: a state of any form, or a `Solution`
+        path: any name; the folder is there
+        scene: whose it is: the file keeps a fingerprint of it, no copy, so that `load` with another
+            scene says what differs
+
+    Returns:
+        The path.
+
+    Raises:
+        ValueError: for what is neither, a state that is none of the scene's, or a folder that is
+            not there.
+        NotWritten: (an OSError) where the disk is full.
+
+    Examples:
+        >>> first = tb.simulate(scene, [0.0, 0.1], step=0.01)
+        >>> path = tb.save(first.state[-1], "start.pt", scene=scene)
+        >>> again = tb.simulate(scene, [0.1, 0.2], tb.load(path, scene=scene), step=0.01)
+    """
+    path = files.path_of("path", path)
+    if not isinstance(what, Instant | Solution):
+        raise ValueError(
+            f"{type(what).__name__} was given to save; a state or a Solution is wanted"
+        )
+    if scene is not None:
+        _fits(what, instance("scene", scene, Scene))
+    files.folder(path.parent)
+    content = {KIND: FORMAT, "what": _plain(what), "scene": scene and _digests(scene)}
+    files.save(path, content)
+    return path
+
+
+def load(path: str | Path, *, scene: Scene | None = None) -> Any:
+    """The state or `Solution` of a file that `save` wrote, on the CPU or where the scene is. A run
+    that goes on from a state by the same engine, with steps of a given length, moves as one that
+    was never interrupted, to the bit; its `work` and `energy.work` count from there. Adaptive steps
+    begin anew.
+
+    Args:
+        scene: whose it is to be: it is compared, in shape and, where the file was saved with its
+            scene, in every number and function
+
+    Raises:
+        ValueError: for another file, and where the scene differs: it says in what. To start
+            another scene from a state, load it without `scene=`.
+
+    Examples:
+        >>> path = tb.save(solution, "run.pt")
+        >>> tb.load(path).tip.position.shape
+        torch.Size([6, 3])
+    """
+    path = files.path_of("path", path)
+    if scene is not None:
+        instance("scene", scene, Scene)
+    content = files.load(path, KIND, FORMAT, "saved state or solution")
+    what = content["what"]
+    if scene is None:
+        return what
+    what = _map(lambda x: x.to(scene.device), what)
+    _fits(what, scene)
+    known, own = content["scene"], _digests(scene)
+    differ = [
+        name
+        for name in own
+        if known is not None and None not in (known[name], own[name]) and known[name] != own[name]
+    ]
+    if differ:
+        raise ValueError(
+            f"the file {str(path)!r} was saved with another scene: its {' and '.join(differ)} "
+            "differ; the same is wanted, or none, to start another scene"
+        )
+    return what
+
+
+def _map(function: Any, what: Any) -> Any:
+    """A state, or a solution whose states are all made, with a function of its tensors."""
+    if isinstance(what, Instant):
+        return what.map(function)
+
+    def own(x: Any) -> Any:
+        if isinstance(x, Tensor):
+            return function(x)
+        if hasattr(x, "_fields"):
+            return type(x)(*map(own, x))
+        return x.map(function) if isinstance(x, Instant) else x
+
+    stats = replace(
+        what.stats, **{f.name: own(getattr(what.stats, f.name)) for f in fields(what.stats)}
+    )
+    return Solution(own(what.t), own(what.state), own(what.energy), stats, own(what.event))
+
+
+def _plain(what: Any) -> Any:
+    """Without gradient, and without the rest of what its tensors are parts of."""
+    return _map(lambda x: x.detach().clone(memory_format=torch.contiguous_format), what)
+
+
+def _fits(what: Any, scene: Scene) -> None:
+    """ValueError where a state is not one of the scene's."""
+    state = what.state if isinstance(what, Solution) else what
+    if isinstance(state, State):
+        of_mesh(state, scene.beam, "a state")
+        if state.parts != scene.beam.parts:
+            ours = ", ".join(part.name for part in scene.beam.parts) or "no parts"
+            theirs = ", ".join(part.name for part in state.parts) or "no parts"
+            raise ValueError(f"a state with {theirs} was given; the scene has {ours}")
+    elif isinstance(state, MixedState) and state.nodes.shape[-2] != scene.beam.node_count:
+        raise ValueError(
+            f"a state with {state.nodes.shape[-2]} nodes was given; the beam has "
+            f"{scene.beam.node_count}"
+        )
+    one = state[0] if isinstance(what, Solution) else state
+    broadcast("a scene and a state", scene.batch_shape, one.batch_shape)
+
+
+def _digests(scene: Scene) -> dict[str, str | None]:
+    """A digest of each field of a scene; None of one with functions that cannot be read."""
+    scene = map_leaves(lambda x, axes: x.detach().cpu() if isinstance(x, Tensor) else x, scene)
+    digests: dict[str, str | None] = {}
+    for field in fields(scene):
+        try:
+            parts, versions = fingerprint(getattr(scene, field.name))
+            digests[field.name] = " ".join((*parts.values(), *map(str, versions.items())))
+        except NoFingerprint:
+            digests[field.name] = None
+    return digests

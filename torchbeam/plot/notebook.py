@@ -1,0 +1,98 @@
+"""What a notebook shows of a scene, a state or a solution: a picture, where matplotlib is there,
+beside a table.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+from html import escape
+from typing import Any
+
+import torch
+
+from ..scene.scene import Scene
+from ..state.instant import Instant
+from ..state.reduced import ReducedStates
+from ..state.solution import Solution
+from ..state.state import State, rest
+from .canvas import Axes
+from .obstacles import obstacles
+from .shapes import PLANES, _nodes, _prepared, shape
+from .tendons import tendons
+
+SHAPES = 8  # at most so many in a picture
+DPI = 80
+LEFT = ' style="text-align: left"'
+
+
+def in_html(what: Any) -> str:
+    """The picture and the table, of what has a `summary`. A motion is drawn at some instants, a
+    batch by some samples, the first darkest.
+    """
+    rows = "".join(
+        f"<tr><th{LEFT}>{escape(name)}</th><td{LEFT}>{escape(text)}</td></tr>"
+        for name, text in what.summary.items()
+    )
+    picture = _picture(what)
+    seen = f'<img alt="shape" src="data:image/png;base64,{picture}">' if picture else ""
+    return (
+        '<div style="display: flex; align-items: center; gap: 1em">'
+        f"{seen}<table><caption>{type(what).__name__}</caption>{rows}</table></div>"
+    )
+
+
+@torch.no_grad()
+def _picture(what: Any) -> str | None:
+    """PNG in base64; None without matplotlib, and where there are no numbers to draw (within
+    torch.func).
+    """
+    try:
+        figure = _drawn(what).figure
+        file = io.BytesIO()
+        figure.savefig(file, dpi=DPI, format="png")
+    except (ImportError, RuntimeError):
+        return None
+    return base64.b64encode(file.getvalue()).decode()
+
+
+def _drawn(what: Any) -> Axes:
+    if isinstance(what, Scene):
+        return _of_scene(what, _samples(rest(what)))
+    if isinstance(what, Solution):
+        return shape(_instants(what))
+    return shape(_samples(what))
+
+
+def _of_scene(scene: Scene, state: State) -> Axes:
+    """As drawn, with tendons and, in a plane, obstacles."""
+    eyelets = [rope.at(state.position, state.rotation) for rope in scene.tendons]
+    points = [x.flatten(0, -2) for x in (_nodes(state)[0], *eyelets)]
+    ax, seen = _prepared(None, None, torch.cat(points)[None])
+    plane = next((name for name, pair in PLANES.items() if list(pair) == seen), None)
+    shape(state, ax, plane=plane)
+    if scene.tendons:
+        tendons(scene, state, ax, plane=plane)
+    return ax if plane is None else obstacles(scene, ax, plane=plane)
+
+
+def _samples(state: Instant) -> Any:
+    """Some of a batch."""
+    state = state.broadcast() if isinstance(state, State) else state
+    while len(state.batch_shape) > 1:
+        state = state[0]
+    return state[_spread(state.batch_shape[0])] if state.batch_shape else state
+
+
+def _instants(solution: Solution) -> Any:
+    """Some of a motion: of a batch the first sample's."""
+    index, states = _spread(len(solution.t)), solution.states
+    some = states.some(index) if isinstance(states, ReducedStates) else states[index]
+    while len(some.batch_shape) > 1:
+        some = some[:, 0]
+    return some
+
+
+def _spread(count: int) -> torch.Tensor:
+    """At most SHAPES places of `count`, first and last among them."""
+    return torch.linspace(0, count - 1, min(count, SHAPES)).round().long()

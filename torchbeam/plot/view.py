@@ -1,0 +1,408 @@
+"""view: a scene, a shape or a motion in three dimensions, in a browser (extra `view`: viser)."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..core.arguments import count, instance
+from ..core.files import folder, path_of, write
+from ..core.validation import positive, shown
+from ..math import quaternions as quat
+from ..scene.effects.contact import Contact
+from ..scene.effects.obstacles import Box, Capsule, Cylinder, Obstacle, Plane, Sphere
+from ..scene.scene import Scene
+from ..state.instant import Instant
+from ..state.solution import Solution
+from ..state.state import State, rest
+from .canvas import numbers
+from .shapes import _curve, _nodes, _rows
+
+FPS = 25.0  # 1/s
+SIDE = 0.01  # of the beams' length: side of a section of which nothing is known
+SIDES = 0.003, 0.2  # of the same: least and largest
+# matplotlib's
+COLOURS = ((31, 119, 180), (255, 127, 14), (44, 160, 44), (148, 103, 189), (140, 86, 75))
+FAILED, SOLID, ROPE = (214, 39, 40), (190, 190, 190), (60, 60, 60)
+CORNERS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) / 2  # of a section, by width and height
+
+
+def view(
+    what: Any,
+    *,
+    scene: Scene | None = None,
+    samples: int = 16,
+    speed: float = 1.0,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+) -> View:
+    """A motion, a shape or a scene in three dimensions, in a browser: it serves a page at
+    `View.url`, until `View.close` or the end of the process. A notebook shows the page where the
+    view stands last in a cell.
+
+    Args:
+        what: a `Solution`, with a slider over its instants; a state of any form, or a `Scene` as
+            drawn
+        scene: of a solution or a state: for the sizes of sections, obstacles and tendons
+        samples: of a batch, at most so many of the first, each in its own colour; one that has
+            failed is red
+        speed: of the motion when it plays: 0.1 is ten times slower
+        host: from where the page can be asked for: this machine alone, or "0.0.0.0": from others
+        port: the next free one is taken
+
+    A section is drawn as the rectangle of its EI and EA, in its axes, so that a twist is seen;
+    a body as a ball.
+
+    Raises:
+        ValueError: for what is none of these, or a scene of other nodes.
+        ImportError: without viser: pip install 'torchbeam[view]'.
+
+    Examples:
+        >>> scene = tb.Scene(beam, [tb.TipLoad(force=(0, 0, 2.0))])
+        >>> view = tb.view(tb.simulate(scene, [0.0, 0.1], step=0.01), scene=scene)
+        >>> page = view.save("motion.html")  # plays in any browser, without Python
+        >>> view.close()
+    """
+    if not isinstance(what, Instant | Solution | Scene):
+        raise ValueError(
+            f"{type(what).__name__} was given to view; a Solution, a state or a Scene is wanted"
+        )
+    if scene is not None:
+        instance("scene", scene, Scene)
+    positive("speed", torch.as_tensor(float(speed)))
+    count("samples", samples)
+    count("port", port, 0)
+    if not isinstance(host, str) or not host:
+        raise ValueError(f"host = {shown(host)} was given; an address is wanted")
+    if isinstance(what, Scene):
+        what, scene = rest(what), what
+    states = what.state if isinstance(what, Solution) else what.map(lambda x: x[None])
+    if scene is not None and states.nodes.shape[-2] != scene.beam.node_count:
+        raise ValueError(
+            f"a state with {states.nodes.shape[-2]} nodes was given to view; the scene has "
+            f"{scene.beam.node_count}"
+        )
+    return View(states, scene, samples, speed, host, port)
+
+
+class View:
+    """What `view` has opened: a page with the motion, a slider over its instants, and "play".
+
+    Attributes:
+        url: of the page
+        t: s, the instants
+
+    Examples:
+        >>> scene = tb.Scene(beam, [tb.TipLoad(force=(0, 0, 2.0))])
+        >>> with tb.view(scene) as view:
+        ...     view.update(tb.equilibrium(scene))
+    """
+
+    def __init__(
+        self, states: Any, scene: Scene | None, samples: int, speed: float, host: str, port: int
+    ) -> None:
+        try:
+            import viser
+        except ImportError:
+            raise ImportError("torchbeam.view wants viser: pip install 'torchbeam[view]'") from None
+        self._scene, self._count = scene, samples
+        self._states = states
+        t = states.t.detach().double().cpu()
+        self.t = t.flatten(1)[:, 0] if t.ndim > 1 else t
+        with contextlib.redirect_stdout(io.StringIO()):  # viser's own box; `url` says as much
+            self._server = viser.ViserServer(host=host, port=port, label="torchbeam", verbose=False)
+        self._drawn: dict[str, Any] = {}
+        self._lock, self._closed = threading.Lock(), threading.Event()
+        self._shapes = _Shapes.of(states[0], scene, samples)
+        self._frame_camera()
+        last = len(self.t) - 1
+        gui = self._server.gui
+        gui.configure_theme(show_logo=False, show_share_button=False)
+        self._slider = gui.add_slider("instant", 0, max(last, 1), 1, 0, disabled=not last)
+        self._clock = gui.add_text("t / s", "", disabled=True)
+        self._plays = gui.add_checkbox("play", False, disabled=not last)
+        self._speed = gui.add_number("speed", float(speed), min=1e-6)
+        self._slider.on_update(lambda event: self.show(int(self._slider.value)))
+        self.show(0)
+        if last:
+            threading.Thread(target=self._play, daemon=True).start()
+
+    @property
+    def url(self) -> str:
+        return f"http://{self._server.get_host()}:{self._server.get_port()}"
+
+    def show(self, instant: int) -> None:
+        """The motion at one of its instants, counted from either end."""
+        k = range(len(self.t))[instant]
+        self._draw(self._states[k], self.t[k].item())
+        if self._slider.value != k:
+            self._slider.value = k
+
+    def update(self, state: Any) -> None:
+        """Another state of the same beams in place of what is shown, as it comes: from a
+        `Stepper`'s loop, or from an environment while a controller learns.
+
+        Raises:
+            ValueError: for what is no state of as many nodes.
+        """
+        instance("a state", state, Instant)
+        if state.nodes.shape[-2] != self._states.nodes.shape[-2]:
+            raise ValueError(
+                f"a state with {state.nodes.shape[-2]} nodes was given; the view has "
+                f"{self._states.nodes.shape[-2]}"
+            )
+        self._plays.value = False
+        self._draw(state, state.t.detach().flatten()[0].item())
+
+    def save(self, path: str | Path) -> Path:
+        """The motion as one file (.html) that plays in any browser, without Python and the network:
+        about 2 MB. Returns the path.
+
+        Raises:
+            ValueError: for another ending, or a folder that is not there.
+            NotWritten: (an OSError) where the disk is full.
+        """
+        path = path_of("path", path)
+        if path.suffix != ".html":
+            raise ValueError(f"the file {path.name!r} was given; one that ends in .html is wanted")
+        folder(path.parent)
+        self._plays.value = False
+        self.show(0)
+        recorded = self._server.get_scene_serializer()
+        for k in range(1, len(self.t)):
+            recorded.insert_sleep((self.t[k] - self.t[k - 1]).item() / self._speed.value)
+            self.show(k)
+        if len(self.t) > 1:
+            recorded.insert_sleep(1.0)  # the end is seen before it plays again
+        write(path, recorded.as_html())
+        self.show(0)
+        return path
+
+    def wait(self) -> None:
+        """Until `close`, or the keyboard interrupts: at the end of a script."""
+        try:
+            self._closed.wait()
+        except KeyboardInterrupt:
+            self.close()
+
+    def close(self) -> None:
+        """The page is served no longer."""
+        if not self._closed.is_set():
+            self._closed.set()
+            with contextlib.redirect_stdout(io.StringIO()):
+                self._server.stop()
+
+    def __enter__(self) -> View:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"View({len(self.t)} instants at {self.url})"
+
+    def _repr_html_(self) -> str:
+        return f'<iframe src="{self.url}" width="100%" height="420" frameborder="0"></iframe>'
+
+    def _play(self) -> None:
+        """The motion in real time times the speed, again and again, while "play" is on."""
+        before = time.monotonic()
+        now = 0.0
+        while not self._closed.wait(1 / FPS):
+            passed, before = time.monotonic() - before, time.monotonic()
+            if not self._plays.value:
+                now = self.t[int(self._slider.value)].item()
+                continue
+            now += passed * self._speed.value
+            now = self.t[0].item() if now > self.t[-1] else now
+            self.show(int(torch.searchsorted(self.t, now, right=True).clamp(1, len(self.t))) - 1)
+
+    def _draw(self, state: Any, t: float) -> None:
+        with self._lock, self._server.atomic():
+            for name, (kind, static, moving) in self._shapes.at(state, t).items():
+                if name not in self._drawn:
+                    add = getattr(self._server.scene, f"add_{kind}")
+                    self._drawn[name] = add(f"/{name}", **static, **moving)
+                    continue
+                for key, value in moving.items():
+                    setattr(self._drawn[name], key, value)
+            self._clock.value = f"{t:.4g}"
+
+    def _frame_camera(self) -> None:
+        """All of the motion in the picture, from the side that shows most of it."""
+        position = numbers(self._states.nodes).reshape(-1, 3)
+        least, most = position.min(0), position.max(0)
+        middle, reach = (least + most) / 2, max(np.linalg.norm(most - least), 1e-9)
+        side = np.array([0.45, -1.0, 0.4])
+        camera = self._server.initial_camera
+        camera.position, camera.look_at = tuple(middle + 0.75 * reach * side), tuple(middle)
+        self._server.scene.set_up_direction("+z")
+
+
+class _Shapes:
+    """What is drawn of a state: name -> kind of viser's, what stays, what moves."""
+
+    def __init__(
+        self,
+        rows: list[slice],
+        sides: list[np.ndarray],
+        bodies: list[int],
+        size: float,
+        **more: Any,
+    ) -> None:
+        self.rows, self.sides, self.bodies, self.size = rows, sides, bodies, size
+        self.scene, self.samples = more["scene"], more["samples"]
+
+    @classmethod
+    def of(cls, state: Any, scene: Scene | None, samples: int) -> _Shapes:
+        position, _ = _nodes(state)
+        rows = [row for row in _rows(state)]
+        lengths = [
+            torch.linalg.vector_norm(position[0, row].diff(dim=0), dim=-1).sum() for row in rows
+        ]
+        extent = (position[0].amax(0) - position[0].amin(0)).norm()
+        size = max([x.item() for x in (*lengths, extent)])
+        parts = getattr(state, "parts", ())
+        bodies = [part.first_node for part in parts if part.body]
+        sides = _sides(scene, rows, position.shape[-2], size)
+        return cls(rows, sides, bodies, size, scene=scene, samples=samples)
+
+    def at(self, state: Any, t: float) -> dict[str, tuple[str, dict, dict]]:
+        position, axes = (x[: self.samples].double() for x in _nodes(state))
+        failed = numbers(state.status.expand(state.batch_shape)).reshape(-1) != 0
+        shapes: dict[str, tuple[str, dict, dict]] = {}
+        for i, (x, R) in enumerate(zip(position, axes, strict=True)):
+            colour = FAILED if failed[i] else COLOURS[i % len(COLOURS)]
+            for k, (row, side) in enumerate(zip(self.rows, self.sides, strict=True)):
+                vertices, faces = _tube(x[row], R[row], side)
+                shapes[f"sample {i}/beam {k}"] = (
+                    "mesh_simple",
+                    dict(faces=faces, flat_shading=True, side="double"),
+                    dict(vertices=vertices, color=colour),
+                )
+            for k, node in enumerate(self.bodies):
+                shapes[f"sample {i}/body {k}"] = (
+                    "icosphere",
+                    dict(radius=2.5 * SIDE * self.size),
+                    dict(position=numbers(x[node]), color=colour),
+                )
+        if self.scene is not None:
+            shapes |= self._ropes(state) | self._obstacles(t)
+        return shapes
+
+    def _ropes(self, state: Any) -> dict[str, tuple[str, dict, dict]]:
+        ropes = {}
+        for k, tendon in enumerate(self.scene.tendons if isinstance(state, State) else ()):
+            points = numbers(tendon.at(state.position.detach(), state.rotation.detach()))
+            points = points.reshape(-1, *points.shape[-2:])[: self.samples]
+            lines = np.stack((points[:, :-1], points[:, 1:]), -2).reshape(-1, 2, 3)
+            ropes[f"tendon {k}"] = (
+                "line_segments",
+                dict(colors=ROPE, thickness=0.3 * SIDE * self.size),
+                dict(points=lines.astype(np.float32)),
+            )
+        return ropes
+
+    def _obstacles(self, t: float) -> dict[str, tuple[str, dict, dict]]:
+        shapes, beam = {}, self.scene.beam
+        now, s = torch.as_tensor(t).to(beam.nodes), beam.nodes.new_zeros(1)
+        contacts = [load for load in self.scene.loads if isinstance(load, Contact)]
+        own = {id(load.obstacle): load for load in contacts if load.obstacle is not None}
+        for k, load in enumerate(own.values()):
+            obstacle = load.resolved(s, now, {}, beam.element_count).obstacle
+            for part, shape in _solid(obstacle, self.size).items():
+                shapes[f"obstacle {k}{part}"] = shape
+        return shapes
+
+
+def _sides(scene: Scene | None, rows: list[slice], nodes: int, size: float) -> list[np.ndarray]:
+    """Width and height (intervals, 2) m of each beam, in each interval between its nodes: of the
+    rectangle with its EA and EI, of a batch the first sample's.
+    """
+    counts = [len(range(nodes)[row]) - 1 for row in rows]
+    if scene is None:
+        return [np.full((n, 2), SIDE * size) for n in counts]
+    S = scene.beam.compliance.detach().diagonal(dim1=-2, dim2=-1)
+    S = S.expand(*S.shape[:-2], scene.beam.element_count, 6)
+    S = S.reshape(-1, *S.shape[-2:])[0].double()
+    sides = torch.sqrt(12 * S[:, :1] / S[:, [5, 4]])
+    sides = torch.where(torch.isfinite(sides) & (sides > 0), sides, SIDE * size)
+    least, most = (share * size for share in SIDES)
+    each = numbers(sides.clamp(least, most)).repeat(scene.beam.order, 0)  # intervals
+    return np.split(each, np.cumsum(counts)[:-1])
+
+
+def _tube(x: Tensor, R: Tensor, sides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and triangles of a beam with nodes (N+1, 3) and section axes (N+1, 3, 3)."""
+    centre = numbers(_curve(x[None], R[None, ..., 0])[0])
+    at = np.linspace(0, len(x) - 1, len(centre))
+    left = np.minimum(at.astype(int), len(x) - 2)
+    share = (at - left)[:, None, None]
+    axes = numbers(R)[..., 1:]
+    across = (1 - share) * axes[left] + share * axes[left + 1]
+    across /= np.linalg.norm(across, axis=-2, keepdims=True)
+    corners = CORNERS * sides[left][:, None]  # (points, 4, 2)
+    vertices = centre[:, None] + corners @ across.transpose(0, 2, 1)
+    first = 4 * np.arange(len(centre) - 1)[:, None]
+    ring = np.arange(4)
+    a, b = first + ring, first + (ring + 1) % 4
+    sides_ = np.stack((np.stack((a, b, b + 4), -1), np.stack((a, b + 4, a + 4), -1)), 2)
+    end = 4 * (len(centre) - 1)
+    caps = np.array([(0, 2, 1), (0, 3, 2), (end, end + 1, end + 2), (end, end + 2, end + 3)])
+    faces = np.concatenate((sides_.reshape(-1, 3), caps))
+    return vertices.reshape(-1, 3).astype(np.float32), faces.astype(np.uint32)
+
+
+def _solid(obstacle: Obstacle, size: float) -> dict[str, tuple[str, dict, dict]]:
+    """An obstacle of one sample, as far as `size` (m) where it has no end."""
+
+    def own(name: str) -> np.ndarray:
+        value = torch.as_tensor(getattr(obstacle, name)).detach().double().cpu()
+        wide = 0 if name in ("radius", "rounding") else 1
+        return value.reshape(-1, *value.shape[value.ndim - wide :])[0].numpy()
+
+    look = dict(color=SOLID, opacity=0.6)
+    if isinstance(obstacle, Plane):
+        turn = _turned(own("normal"))
+        place = own("point") - 0.005 * size * own("normal")
+        static = dict(dimensions=(2 * size, 2 * size, 0.01 * size), **look)
+        return {"": ("box", static, dict(position=place, wxyz=turn))}
+    if isinstance(obstacle, Sphere):
+        return {"": ("icosphere", dict(radius=float(own("radius")), **look),
+                     dict(position=own("centre")))}  # fmt: skip
+    if isinstance(obstacle, Cylinder):
+        static = dict(radius=float(own("radius")), height=2 * size, **look)
+        if obstacle.inside:
+            static |= dict(opacity=0.25)
+        return {"": ("cylinder", static, dict(position=own("point"), wxyz=_turned(own("axis"))))}
+    if isinstance(obstacle, Capsule):
+        a, b, radius = own("a"), own("b"), float(own("radius"))
+        static = dict(radius=radius, height=float(np.linalg.norm(b - a)), **look)
+        moving = dict(position=(a + b) / 2, wxyz=_turned(b - a))
+        ends = {
+            f" end {k}": ("icosphere", dict(radius=radius, **look), dict(position=end))
+            for k, end in enumerate((a, b))
+        }
+        return {"": ("cylinder", static, moving), **ends}
+    if isinstance(obstacle, Box):
+        turn = np.array([1.0, 0, 0, 0])
+        if obstacle.rotation is not None:
+            turn = quat.exponential(torch.from_numpy(own("rotation"))).numpy()
+        static = dict(dimensions=tuple(own("size")), **look)
+        return {"": ("box", static, dict(position=own("centre"), wxyz=turn))}
+    return {}
+
+
+def _turned(axis: np.ndarray) -> np.ndarray:
+    """A unit quaternion that turns z to the direction of an axis."""
+    axis = axis / np.linalg.norm(axis)
+    q = np.array([1 + axis[2], -axis[1], axis[0], 0.0])
+    return q / np.linalg.norm(q) if np.linalg.norm(q) > 1e-6 else np.array([0.0, 1, 0, 0])
