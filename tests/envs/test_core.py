@@ -264,6 +264,7 @@ def test_sections_by_sub_env():
         (dict(output="jax"), "output = 'jax'"),
         (dict(substeps=0), "substeps = 0"),
         (dict(delay=-1), "delay = -1"),
+        (dict(frames=0), "frames = 0"),
         (dict(control_interval=0.0), "control_interval = 0.0"),
         (dict(max_episode_steps=0), "max_episode_steps"),
         (dict(failure_reward=-np.inf), "failure_reward"),
