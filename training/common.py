@@ -88,8 +88,8 @@ def train(
     first, the policy is scored on `episodes` validation episodes and a checkpoint is written; the
     time that takes is not in `seconds`, the CPU seconds of this process: what else the machine does
     is not in them, and those of a run that goes on add up. The policy of the best such score is
-    the one that is saved, and scored on `final` held-out episodes, which choose nothing:
-    `chosen_steps` says when it was met, `last_return` is that of the last policy.
+    the one that is saved, in float64, and scored on `final` held-out episodes, which choose
+    nothing: `chosen_steps` says when it was met, `last_return` is that of the last policy.
 
     Raises ValueError for a folder that cannot be written, and for a checkpoint that is damaged, of
     another release or learner, or holds more than tensors and plain data: nothing in it is ever
@@ -147,6 +147,7 @@ def train(
                 )
                 bar.say(f"return {scores['validation_return']:.1f}")
             bar.to(over)
+    learner.policy.double()  # scores are the same then, to 1e-9, on whatever machine
     last = evaluate(task, learner.policy, final)
     learner.policy.load_state_dict(best.weights)
     result = {
