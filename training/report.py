@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import shutil
 from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 
 from torchbeam.extend.commands import measured_on, sentence
 
+from .cards import policies
 from .statistics import estimate, improvement, interquartile_mean
 from .tuned import TASKS
 
@@ -248,22 +248,6 @@ def _said(
     digits = (2 if abs(value) < 10 else 1) if digits is None else digits
     interval = "" if low == high else f" [{low:.{digits}f}, {high:.{digits}f}]"
     return f"{value:.{digits}f}{interval}{unit}"
-
-
-def policies(out: Path, runs: list[Run]) -> None:
-    """Copy the policies of seed 0 (not of the best seed) with their scores."""
-    folder, scores = out / "policies", {}
-    for run in runs:
-        source = out / "runs" / f"{run['task']}-{run['algorithm']}-{run['seed']}.pt"
-        if run["seed"] == 0 and source.exists():
-            folder.mkdir(exist_ok=True)
-            name = f"{run['task']}-{run['algorithm']}.pt"
-            shutil.copyfile(source, folder / name)
-            scores[name] = {
-                key: value for key, value in run.items() if key not in ("cpu_minutes_all", "budget")
-            }
-    if scores:
-        (folder / "scores.json").write_text(json.dumps(scores, indent=2) + "\n")
 
 
 def picture(out: Path, runs: list[Run]) -> None:
