@@ -58,6 +58,8 @@ class BeamEnvConfig:
                        `Observed` sensors; None where a task has its own
     noise              standard deviation, in units of the observation, of white noise on each entry
                        of the sensors
+    frames             observations side by side, the oldest first, one control interval apart; at a
+                       reset all are its first one
     randomize          what is drawn uniformly at each reset, from the sub-env's generator:
                        name -> (low, high); True = every
                        parameter, from its documented range; None
@@ -88,13 +90,14 @@ class BeamEnvConfig:
     engine: str = "auto"
     sensors: str | Observed | Sequence[str | Observed] = ("tip", "middle")
     noise: float = 0.0
+    frames: int = 1
     randomize: bool | Mapping[str, Sequence[float]] | None = None
     control_cost: float = 1e-3
     failure_reward: float = -100.0
     max_episode_steps: int | None = 50
 
     def __post_init__(self) -> None:
-        for name, least in (("substeps", 1), ("elements", 2), ("delay", 0)):
+        for name, least in (("substeps", 1), ("elements", 2), ("delay", 0), ("frames", 1)):
             count(name, getattr(self, name), least)
         if self.max_episode_steps is not None:
             count("max_episode_steps", self.max_episode_steps, 1)

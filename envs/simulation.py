@@ -33,7 +33,8 @@ class Simulation:
         rest: the states that its episodes start from: in equilibrium, and the same with what the
             method remembers of a step without action
         observer: what is seen of the beam
-        high: (o,) bounds of whole observations: target, sensors, actions still to act
+        high: (o,) bounds of whole observations: of each frame target, sensors, actions still to act
+        bounds: lower and upper ones of one frame
         known: the parameters that there are
         ranges: name -> (low, high) of those drawn at each reset
         spare: intervals by which actions may be late
@@ -63,8 +64,8 @@ class Simulation:
         high = np.concatenate(
             (task.target_high(), self.observer.high, np.ones(c.delay * task.actions))
         )
-        self.high = torch.as_tensor(high.astype(np.float32), dtype=task.dtype, device=task.device)
-        self.low = -self.high
+        high = torch.as_tensor(high.astype(np.float32), dtype=task.dtype, device=task.device)
+        self.bounds, self.high = (-high, high), high.repeat(c.frames)
 
     def advance(
         self, before: Episodes, action: Tensor, active: Tensor | None
@@ -93,7 +94,7 @@ class Simulation:
         steps = before.steps + (1 if everyone else active)
         moved = dict(beam=beam, acting=acting, pending=pending, steps=steps, memory=memory)
         after = self._told(with_values(before, **moved, late=late))
-        observation = self._observation(after)
+        observation = self._observation(after, before.observation)
         reward = -torch.add(
             self.task.cost(after), action.square().sum(-1), alpha=self.config.control_cost
         )
@@ -207,7 +208,16 @@ class Simulation:
         now = with_values(now, target=self.task.target(now, self.task.preview))
         return with_values(now, measures=self.task.measures(now))
 
-    def _observation(self, now: Episodes) -> Tensor:
+    def _observation(self, now: Episodes, past: Tensor | None = None) -> Tensor:
+        """(n, o) of all frames, the last of them of now; past: what was observed before (n, o)."""
+        frame = self._frame(now)
+        if self.config.frames == 1:
+            return frame
+        if past is None:
+            return frame.repeat(1, self.config.frames)
+        return torch.cat((past[:, frame.shape[-1] :], frame), -1)
+
+    def _frame(self, now: Episodes) -> Tensor:
         seen = self.observer.read(now.beam, now.start, self.task.of(now, self.observer.scale))
         if self.config.noise:
             seen = seen + self.config.noise * normal(
@@ -218,7 +228,7 @@ class Simulation:
         tip = None if self.observer.tip is None else seen[:, self.observer.tip]
         parts = self.task.target_observation(now, tip), seen
         whole = torch.cat((*parts, now.pending.flatten(1)) if self.config.delay else parts, -1)
-        return whole.clamp(self.low, self.high)
+        return whole.clamp(*self.bounds)
 
     def _plant(self, values: dict[str, Tensor], rows: Tensor) -> Plant:
         """Of the sub-envs rows (k,), with values (k,) of parameters; those that vary and are not

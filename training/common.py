@@ -51,8 +51,8 @@ class Learner(Protocol):
 
 @dataclass(frozen=True)
 class Budget:
-    """When a run ends: at so many environment steps, or minutes of training, whichever comes first
-    (None: no such limit).
+    """When a run ends: at so many environment steps, or CPU minutes of training, whichever comes
+    first (None: no such limit).
     """
 
     steps: int | None = 1_000_000
@@ -86,9 +86,10 @@ def train(
     A run whose checkpoint is there goes on from it. With a budget of steps alone, it then ends in
     the same bits as a run that was never stopped. About every `every` steps, and more often at
     first, the policy is scored on `episodes` validation episodes and a checkpoint is written; the
-    time that takes is not in `seconds`. The policy of the best such score is the one that is saved,
-    and scored on `final` held-out episodes, which choose nothing: `chosen_steps` says when it was
-    met, `last_return` is that of the last policy.
+    time that takes is not in `seconds`, the CPU seconds of this process: what else the machine does
+    is not in them, and those of a run that goes on add up. The policy of the best such score is
+    the one that is saved, in float64, and scored on `final` held-out episodes, which choose
+    nothing: `chosen_steps` says when it was met, `last_return` is that of the last policy.
 
     Raises ValueError for a folder that cannot be written, and for a checkpoint that is damaged, of
     another release or learner, or holds more than tensors and plain data: nothing in it is ever
@@ -116,9 +117,9 @@ def train(
         log.write({"iteration": 0, "steps": 0, "seconds": 0.0, **scores})
     with Bar(name, progress) as bar:
         while (done := budget.done(steps, seconds)) < 1:
-            start = time.perf_counter()
+            start = time.process_time()
             figures = learner.iteration(done)
-            seconds += time.perf_counter() - start
+            seconds += time.process_time() - start
             iteration, steps = iteration + 1, steps + learner.batch
             over = budget.done(steps, seconds)
             if iteration % max(1, min(each, iteration // 8)) == 0 or over >= 1:
@@ -146,6 +147,7 @@ def train(
                 )
                 bar.say(f"return {scores['validation_return']:.1f}")
             bar.to(over)
+    learner.policy.double()  # scores are the same then, to 1e-9, on whatever machine
     last = evaluate(task, learner.policy, final)
     learner.policy.load_state_dict(best.weights)
     result = {
@@ -306,7 +308,7 @@ def main(
         "--budget", type=int, default=1_000_000, help="environment steps (default: %(default)s)"
     )
     parser.add_argument(
-        "--minutes", type=float, help="end after so many minutes of training at the latest"
+        "--minutes", type=float, help="end after so many CPU minutes of training at the latest"
     )
     parser.add_argument(
         "--out",

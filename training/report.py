@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import shutil
 from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 
 from torchbeam.extend.commands import measured_on, sentence
 
+from .cards import policies
 from .statistics import estimate, improvement, interquartile_mean
 from .tuned import TASKS
 
@@ -54,8 +54,8 @@ STYLES = {
 
 
 def report(out: Path) -> str:
-    """Write results.json, results.csv, results.md, curves.png (with matplotlib) and policies/;
-    returns the Markdown table.
+    """Write results.json, results.csv, results.md, summary.md, curves.png (with matplotlib) and
+    policies/; returns the Markdown of results.md.
     """
     runs = [json.loads(path.read_text()) for path in sorted((out / "runs").glob("*.json"))]
     rows, compared = table(runs, lambda run: curve(out / "runs", run)), comparisons(runs)
@@ -74,6 +74,7 @@ def report(out: Path) -> str:
     text = markdown(rows, compared) + "".join(f"\n{name}: failed\n" for name in failed)
     text += f"\n\n{sentence(heading)}"
     (out / "results.md").write_text(text + "\n")
+    (out / "summary.md").write_text(f"{summary(rows, runs)}\n\n{sentence(heading)}\n")
     policies(out, runs)
     try:
         import matplotlib
@@ -193,7 +194,7 @@ def markdown(rows: list[dict[str, Any]], compared: list[dict[str, Any]]) -> str:
             lines.append("")
             lines.append(
                 f"{task}: equal steps are {one['common_steps']:,.0f}, equal time is "
-                f"{one['common_seconds']:.0f} s of training on one thread; "
+                f"{one['common_seconds']:.0f} CPU s of training on one thread; "
                 f"{max(row['runs'] for row in common)} seeds, interquartile mean [95 % interval]."
             )
     for row in compared:
@@ -203,6 +204,38 @@ def markdown(rows: list[dict[str, Any]], compared: list[dict[str, Any]]) -> str:
             f"{_said(row, 'probability', 100, 0, ' %')} (mean of {', '.join(row['tasks'])})."
         )
     return "\n".join(lines)
+
+
+def summary(rows: list[dict[str, Any]], runs: list[Run]) -> str:
+    """A row a task: the best of `LINEAR` beside the learners, return and success, and by how many
+    seeds of each; then, of each pair of learners, the probability that a seed of the one returns
+    more.
+    """
+    learners = [name for name in COLORS if any(row["algorithm"] == name for row in rows)]
+    pairs = list(combinations(learners, 2))
+    heads = ["task", "best linear", *(LABELS[name] for name in learners)]
+    heads += [f"{LABELS[a]} ahead of {LABELS[b]}" for b, a in pairs]
+    lines = [f"| {' | '.join(heads)} |", f"|---|{'---:|' * (len(heads) - 1)}"]
+    for task in dict.fromkeys(row["task"] for row in rows):
+        here = {row["algorithm"]: row for row in rows if row["task"] == task}
+        linear = [row for name, row in here.items() if name in LINEAR]
+        best = max(linear, key=lambda row: row["return"], default=None)
+        cells = [task, f"{_cell(best)}, {best['algorithm'].upper()}" if best else ""]
+        cells += [_cell(here[name], seeds=True) if name in here else "" for name in learners]
+        returns = {
+            name: [run["return"] for run in runs if (run["task"], run["algorithm"]) == (task, name)]
+            for name in learners
+        }
+        for other, one in pairs:
+            both = [returns[one], returns[other]] if returns[one] and returns[other] else []
+            cells.append(_said(_entry("ahead", improvement, *both), "ahead", 100, 0, " %"))
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _cell(row: dict[str, Any], seeds: bool = False) -> str:
+    text = f"{_said(row, 'return')}, {100 * row['success']:.0f} %"
+    return f"{text} ({row['runs']})" if seeds else text
 
 
 def _said(
@@ -215,22 +248,6 @@ def _said(
     digits = (2 if abs(value) < 10 else 1) if digits is None else digits
     interval = "" if low == high else f" [{low:.{digits}f}, {high:.{digits}f}]"
     return f"{value:.{digits}f}{interval}{unit}"
-
-
-def policies(out: Path, runs: list[Run]) -> None:
-    """Copy the policies of seed 0 (not of the best seed) with their scores."""
-    folder, scores = out / "policies", {}
-    for run in runs:
-        source = out / "runs" / f"{run['task']}-{run['algorithm']}-{run['seed']}.pt"
-        if run["seed"] == 0 and source.exists():
-            folder.mkdir(exist_ok=True)
-            name = f"{run['task']}-{run['algorithm']}.pt"
-            shutil.copyfile(source, folder / name)
-            scores[name] = {
-                key: value for key, value in run.items() if key not in ("minutes_all", "budget")
-            }
-    if scores:
-        (folder / "scores.json").write_text(json.dumps(scores, indent=2) + "\n")
 
 
 def picture(out: Path, runs: list[Run]) -> None:
@@ -263,7 +280,7 @@ def picture(out: Path, runs: list[Run]) -> None:
             )
             for ax, axis, unit, label in (
                 (pair[0], "steps", 1e3, "environment steps (thousands)"),
-                (pair[1], "seconds", 1, "training time, one thread (s)"),
+                (pair[1], "seconds", 1, "training, one thread (CPU s)"),
             ):
                 levels = _levels(ax, here)
                 levels += _curves(ax, out, here, axis, unit)

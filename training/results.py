@@ -1,12 +1,13 @@
 """One command for the table: tasks x (baselines, learners) x seeds, scored on the same held-out
 episodes.
 
-    python -m training.results --out out/results       # ten seeds, five tasks: 2 hours, 2 cores
+    python -m training.results --out out/results       # five tasks at two levels, ten seeds
     python -m training.results --out out/quick --quick # three seeds, seconds each: 3 minutes
 
 Each run writes its own file when it is complete; called again, the command makes what is missing,
 goes on with what was interrupted, and writes results.json, .csv, .md, curves.png and policies/ from
-all there is.
+all there is. Runs are made seed by seed, each seed of each algorithm in the order that these
+are named in, so that all tasks have had as many seeds wherever it is cut off.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ def run(
     """One run, in its own files; returns what goes into its JSON."""
     torch.set_num_threads(1)
     task, name = tuned.TASKS[task_name], run_name(task_name, algorithm, seed)
-    start = time.perf_counter()
+    start = time.process_time()
     if algorithm in BASELINES:
         controller = BASELINES[algorithm](task)
         episodes = min(episodes, getattr(controller, "episodes", episodes))
@@ -62,7 +63,7 @@ def run(
     elif algorithm in LEARNERS:
         learner, arguments, settings = LEARNERS[algorithm]
         settings = {**settings.get(task_name, {}), "seed": seed}
-        result = train(
+        trained = train(
             learner(task, arguments(**settings)),
             task,
             folder,
@@ -71,6 +72,7 @@ def run(
             progress=False,
             final=episodes,
         )
+        result = {**trained, "settings": settings}
     else:
         from . import sb3
 
@@ -88,7 +90,7 @@ def run(
         "task": task_name,
         "algorithm": algorithm,
         "seed": seed,
-        "minutes_all": (time.perf_counter() - start) / 60,
+        "cpu_minutes_all": (time.process_time() - start) / 60,
         "budget": vars(budget),
         **result,
     }
@@ -150,8 +152,8 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
         "--minutes",
         type=float,
         default=2.0,
-        help="of training in a run, at most (default: %(default)s); results then depend on the "
-        "machine",
+        help="of training in a run, at most, CPU time (default: %(default)s); results then "
+        "depend on the machine",
     )
     parser.add_argument(
         "--episodes",
@@ -185,17 +187,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     folder = out / "runs"
     folder.mkdir(exist_ok=True)
     wanted = [
-        (task, algorithm, seed)
+        (task, algorithm, None if algorithm in BASELINES else seed)
         for seed in range(options.seeds)
         for algorithm in options.algorithms
         for task in options.tasks
-        if algorithm not in BASELINES
-    ]
-    wanted += [
-        (task, algorithm, None)
-        for task in options.tasks
-        for algorithm in options.algorithms
-        if algorithm in BASELINES
+        if seed == 0 or algorithm not in BASELINES
     ]
     missing = [one for one in wanted if not (folder / f"{run_name(*one)}.json").exists()]
     budget = Budget(options.budget, options.minutes)

@@ -114,8 +114,8 @@ def train(
 
 
 class Watch(BaseCallback):
-    """Scores the policy every so many seconds of training, which do not hold that time, keeps the
-    best, and ends with the budget.
+    """Scores the policy every so many CPU seconds of training, which do not hold that time, keeps
+    the best, and ends with the budget.
     """
 
     def __init__(
@@ -136,16 +136,16 @@ class Watch(BaseCallback):
     def _on_training_start(self) -> None:
         self.log.rewind(0)
         self._score()
-        self.start = time.perf_counter()
+        self.start = time.process_time()
 
     def _on_step(self) -> bool:
-        now = time.perf_counter()
+        now = time.process_time()
         self.seconds, self.start = self.seconds + now - self.start, now
         done = self.budget.done(self.num_timesteps, self.seconds)
         if self.seconds >= self.next or done >= 1:
             self.next = self.seconds + self.every
             self._score()
-            self.start = time.perf_counter()
+            self.start = time.process_time()
         self.bar.to(done)
         return done < 1
 
@@ -175,7 +175,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--budget", type=int, default=300_000, help="environment steps (default: %(default)s)"
     )
     parser.add_argument(
-        "--minutes", type=float, help="end after so many minutes of training at the latest"
+        "--minutes", type=float, help="end after so many CPU minutes of training at the latest"
     )
     parser.add_argument(
         "--out", default="out/training", help="folder for log and model (default: %(default)s)"

@@ -264,6 +264,7 @@ def test_sections_by_sub_env():
         (dict(output="jax"), "output = 'jax'"),
         (dict(substeps=0), "substeps = 0"),
         (dict(delay=-1), "delay = -1"),
+        (dict(frames=0), "frames = 0"),
         (dict(control_interval=0.0), "control_interval = 0.0"),
         (dict(max_episode_steps=0), "max_episode_steps"),
         (dict(failure_reward=-np.inf), "failure_reward"),
@@ -332,3 +333,43 @@ def test_a_reset_does_not_touch_the_others(method):
     np.testing.assert_array_equal(second[-1][1], first[-1][1])
     # 0-2 hold the target, which is another
     np.testing.assert_array_equal(second[-1][0, 3:], first[1][0, 3:])
+
+
+@pytest.mark.parametrize("output", ["numpy", "torch"])
+def test_frames_are_the_observations_before(output):
+    """Of noisy sensors and late actions, across resets by the env itself: the last three
+    observations of the env without frames, the first of an episode in place of those before it; so
+    is the last one of an episode. Gradients reach the actions through all of them.
+    """
+    given = dict(
+        elements=2, substeps=1, max_episode_steps=4, noise=0.1, randomize={"latency": (0, 2)}
+    )
+    given |= dict(autoreset_mode="SameStep", output=output)
+    one, three = TipReachVectorEnv(2, **given), TipReachVectorEnv(2, frames=3, **given)
+    past = [one.reset(seed=5)[0]] * 3
+    now = three.reset(seed=5)[0]
+    stacked = np.concatenate if output == "numpy" else torch.cat
+    assert three.observation_space.shape[1] == 3 * one.observation_space.shape[1]
+    one.action_space.seed(0)
+    for k in range(6):
+        assert np.array_equal(now, stacked(past, -1))
+        action = one.action_space.sample()
+        last, _, _, over, info = one.step(action)
+        now, _, _, _, more = three.step(action)
+        past = [*past[1:], last]
+        if k == 3:
+            assert over.all()
+            final = [*past[:2], info["final_obs"]]
+            assert np.array_equal(more["final_obs"], stacked(final, -1))
+            past = [last] * 3
+
+
+def test_gradients_run_through_frames():
+    env = TipReachVectorEnv(2, elements=2, substeps=1, delay=0, frames=2, output="torch")
+    env.reset(seed=0)
+    action = torch.zeros(2, env.task.actions, dtype=torch.float64, requires_grad=True)
+    env.step(action)
+    before, now = env.step(torch.zeros_like(action))[0].chunk(2, -1)
+    for frame in (before, now):
+        (slope,) = torch.autograd.grad(frame.sum(), action, retain_graph=True)
+        assert (slope != 0).any(-1).all()

@@ -71,6 +71,8 @@ def test_one_command(tmp_path, monkeypatch, capsys):
     assert before == {path: path.stat().st_mtime_ns for path in before} and not list(
         (tmp_path / "runs").glob("*.failed")
     )
+    said = (tmp_path / "summary.md").read_text()
+    assert "| task | best linear | PPO | SHAC | SHAC ahead of PPO |" in said and "(2)" in said
     rows = list(csv.DictReader(open(tmp_path / "results.csv")))
     assert [row["algorithm"] for row in rows] == ["zero", "static", "pd", "ppo", "shac"]
     mean = np.mean([runs[f"tiny-shac-{k}"]["return"] for k in (0, 1)])
