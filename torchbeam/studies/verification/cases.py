@@ -5,6 +5,7 @@ from . import (
     flexible_mechanisms,
     joined_wing,
     motion,
+    ropes,
     rotating,
     stability,
     statics,
@@ -26,4 +27,5 @@ CASES = [
     *tendons.CASES,
     *touching.CASES,
     *contact.CASES,
+    *ropes.CASES,
 ]
