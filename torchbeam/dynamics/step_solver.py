@@ -131,10 +131,13 @@ class StepSolver:
         return self._extrapolating if self._extrapolating.compiled is not None else None
 
     def by_midpoint(self) -> StepSolver:
-        """The same by the midpoint step, eagerly."""
+        """The same by the midpoint step, eagerly; by native code where beams touch, of which one
+        eager step may take a minute.
+        """
         other = copy(self)
         other.method = Midpoint()
-        other._compiled, other._decided, other.use = None, True, EngineUse()
+        other._compiled, other.use = None, EngineUse()
+        other._decided = self.compiled is None or not self.model.touching.present
         return other
 
     def solve(

@@ -35,14 +35,17 @@ TOUCHING = 4  # parts of that where anything touches
 LAYER = 0.3  # thickness of the contact, over the radius: so that the rod lies on its surface
 STIFF = 20.0  # force where surfaces meet, over what is expected to press
 SLIP = 3e-3  # slip speed, over the rod's length, 1/s
+HOLDS = 5e-4  # the same round a cylinder, where friction holds a weight
 DAMPING = 5e-3  # s, of the contact
+POINTS = 4  # of an element at which it may touch an obstacle
 NODES = {End.START: 0, End.END: -1}
 SHEAR = 27 / 28  # coefficient of a circular section, as the suite's other solver has it
 
 
 class TorchbeamSolver:
-    """Geometrically exact beams of two-node elements by the implicit midpoint rule. Where the
-    scenario is quasi-static, motion is damped by its mass, critically for the slowest mode.
+    """Geometrically exact beams by the implicit midpoint rule, with as many nodes as the suite asks
+    for: two elements in one of order 2 where no rods touch. Where the scenario is quasi-static,
+    motion is damped by its mass, critically for the slowest mode.
     """
 
     name = "torchbeam"
@@ -104,8 +107,12 @@ def _motion(scene: tb.Scene, start: tb.State, times: np.ndarray, step: float) ->
 # A rod as a beam
 
 
-def _beam(rods: Sequence[Rod], elements: int) -> tuple[tb.Beam, torch.Tensor]:
-    """The beam, straight at rest, of a batch of rods, and where its nodes are (k, N+1, 3) m."""
+def _beam(
+    rods: Sequence[Rod], elements: int, touching: bool = False
+) -> tuple[tb.Beam, torch.Tensor]:
+    """The beam, straight at rest, of a batch of rods, and where its nodes are (k, N+1, 3) m; of
+    order 2, half as many elements, where there can be and rods do not touch, which order 1 is for.
+    """
     nodes = torch.tensor(np.stack([rod.nodes(elements) for rod in rods]))
     first, last, rod = nodes[:, 1] - nodes[:, 0], nodes[:, -1] - nodes[:, 0], rods[0]
     both = rod.start is rod.end is EndCondition.CLAMPED
@@ -124,13 +131,15 @@ def _beam(rods: Sequence[Rod], elements: int) -> tuple[tb.Beam, torch.Tensor]:
         mass=rho * A,
         inertia=rho * second,
     )
+    order = 1 if touching or elements % 2 else 2
     beam = tb.Beam.straight(
         torch.tensor([x.length for x in rods]),
-        elements,
+        elements // order,
         section,
         last if both else first,
         torch.tensor([x.normal for x in rods]),
         root=nodes[:, 0],
+        order=order,
     )
     return beam, nodes
 
@@ -217,7 +226,8 @@ def _law(scenario: Scenario, rod: Rod, other: Any) -> dict[str, float]:
         "damping": DAMPING,
         "radius": rod.radius * (1 - LAYER * (1 - STIFF**-0.5)),  # surfaces meet where that presses
     }
-    return {**law, "friction": mu, "slip_speed": SLIP * rod.length} if mu else law
+    slip = HOLDS if isinstance(other, Cylinder) else SLIP
+    return {**law, "friction": mu, "slip_speed": slip * rod.length} if mu else law
 
 
 def _obstacles(scenario: Scenario, rod: Rod, name: str | None = None) -> list[tb.Contact]:
@@ -229,7 +239,7 @@ def _obstacles(scenario: Scenario, rod: Rod, name: str | None = None) -> list[tb
             else tb.Plane(it.point, it.normal)
         )
         where = (solid,) if name is None else (name, solid)
-        contacts.append(tb.Contact(*where, **_law(scenario, rod, it)))
+        contacts.append(tb.Contact(*where, **_law(scenario, rod, it), points=POINTS))
     return contacts
 
 
@@ -284,8 +294,10 @@ def _alike(rods: Sequence[Rod]) -> list[list[int]]:
     return list(groups.values())
 
 
-def _batch(scenario: Scenario, rods: Sequence[Rod], elements: int) -> tuple[tb.Scene, tb.State]:
-    beam, nodes = _beam(rods, elements)
+def _batch(
+    scenario: Scenario, rods: Sequence[Rod], elements: int, touching: bool = False
+) -> tuple[tb.Scene, tb.State]:
+    beam, nodes = _beam(rods, elements, touching)
     effects = [*_loads(rods), *_everywhere(scenario), *_obstacles(scenario, rods[0])]
     scene = tb.Scene(beam, effects, supports=_supports(rods, beam, nodes))
     return scene, tb.State.from_nodes(scene, nodes)
@@ -298,8 +310,8 @@ def _structure(
     beams, supports, places, effects = {}, [], [], _everywhere(scenario)
     for i in together:
         rod, name = scenario.rods[i], f"rod{i}"
-        start = _batch(scenario, [rod], elements)[1]
-        beams[name], nodes = _beam([rod], elements)
+        start = _batch(scenario, [rod], elements, touching=True)[1]
+        beams[name], nodes = _beam([rod], elements, touching=True)
         places.append((nodes, quat.matrix(start.rotation)))
         supports += _supports([rod], beams[name], nodes, name)
         effects += [*_loads([rod], name), *_obstacles(scenario, rod, name)]

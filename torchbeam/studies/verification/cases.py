@@ -6,6 +6,7 @@ from . import (
     joined_wing,
     motion,
     parallel_robot,
+    ropes,
     rotating,
     stability,
     statics,
@@ -28,4 +29,5 @@ CASES = [
     *tendons.CASES,
     *touching.CASES,
     *contact.CASES,
+    *ropes.CASES,
 ]
