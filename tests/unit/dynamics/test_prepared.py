@@ -153,6 +153,48 @@ def test_other_values_of_one_structure():
         assert_close(*(grad for _, grad in grads), rtol=1e-8, atol=1e-12)
 
 
+def linkage(EI=0.5, stiffness=2.0, axis=(0.1, 1.0, 0.2), at=(0.4, 0.1, -0.6)):
+    """A beam on a hinge on another, a body on its end, and a rod from that to the ground."""
+    section = tb.Section.from_stiffness(EA=100.0, GA=50.0, GJ=0.4, EI=EI, mass=0.2, inertia=1e-3)
+    parts = {
+        "arm": tb.Beam.straight(0.5, 2, section),
+        "fore": tb.Beam.straight(0.5, 2, section, root=(0.5, 0, 0), direction=(0, 0, -1)),
+        "hand": tb.Body(0.1, 1e-3, position=(0.5, 0, -0.5)),
+    }
+    joints = [
+        tb.Hinge(("arm", -1), ("fore", 0), axis=axis, stiffness=stiffness, damping=0.01),
+        tb.Weld(("fore", -1), "hand"),
+        tb.Distance("hand", None, at=at),
+    ]
+    loads = [tb.Gravity((0.5, 0, -9.81)), tb.PointLoad("hand", force=(0.1, 0.2, 0.0))]
+    return tb.Scene(parts, loads, joints=joints, supports=[tb.Support(("arm", 0))])
+
+
+def test_other_values_of_one_structure_of_joints():
+    """The same of beams, a body and joints in a loop: sections, laws, places and axes of joints;
+    native steps of such have their structure in common.
+    """
+    pytest.importorskip("llvmlite")
+    structures = []
+    for values in (
+        dict(stiffness=2.0),
+        dict(stiffness=3.0, EI=0.7, axis=(-0.3, 1.0, 0.1), at=(0.3, 0.0, -0.7)),
+        dict(stiffness=3.0, axis=(0.0, 1.0, 0.0)),
+    ):
+        runs = []
+        for engine in ("compiled", "eager"):
+            k = torch.tensor(values["stiffness"], requires_grad="at" in values)
+            run = tb.Stepper(linkage(**{**values, "stiffness": k}), 0.01, engine=engine)
+            places = tb.rollout(run, run.rest(), 2).position
+            slope = torch.autograd.grad(places[-1].sum(), k)[0] if k.requires_grad else 0 * k
+            runs.append((places.detach(), slope))
+            structures += [run.compiled.structure] if engine == "compiled" else []
+        assert_close(runs[0][0], runs[1][0], rtol=0, atol=1e-12)
+        assert_close(runs[0][1], runs[1][1], rtol=1e-7, atol=1e-12)
+    first, second, third = structures
+    assert first is second is third
+
+
 @pytest.mark.steps
 def test_other_values_cost_few_operations():
     """Steps are native code; what is left is checks, memory, and what other numbers change: the

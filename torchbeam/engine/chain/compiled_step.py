@@ -21,6 +21,7 @@ from ...nodal.model import Model
 from ...scene.effects import Inputs
 from ...scene.effects.effect import of_library
 from ...state.state import State
+from ...topology.framework import Framework
 from ..compiler.trace import NotTraceable
 from .alpha_functions import AlphaFunctions
 from .call import Chain, Field, empty_like
@@ -99,12 +100,15 @@ class CompiledStep:
         self._own, self._options = options, {"method": method, "conserve": conserve, **options}
         self.constants = Constants(model, instant=functions_of.INSTANT, around=around)
         self.none, self.all = model.length.new_zeros(()), model.length.new_ones(())
-        key = key_of(model, method, conserve, *sorted(options.items()))
+        kinds = None
+        if isinstance(model.topology, Framework):
+            kinds = kinds_of(model, self.constants.acts)
+        key = key_of(model, kinds, method, conserve, *sorted(options.items()))
         self.structure = known_structure(key)
         if self.structure is not None:
             self.around, self.function = NOTHING, False
         else:
-            self.structure = self._traced(around)
+            self.structure = self._traced(around, kinds)
             keep_structure(key, self.structure)
         self.constant, length = self._constant(), model.spans.detach()
         total, longest = length.sum((-1, -2)), length.amax((-1, -2))
@@ -123,9 +127,9 @@ class CompiledStep:
         trees = self.constants.trees(dict.fromkeys(self.structure.values, self.none))
         return self.structure.constant(trees)
 
-    def _traced(self, around: Surroundings | None) -> StepStructure:
+    def _traced(self, around: Surroundings | None, kinds: Kinds | None) -> StepStructure:
         """The structure, by a look at all trees; its program is that of an earlier one, or
-        traced.
+        traced. kinds: None = not known yet.
         """
         model, instant = self.model, self._functions.INSTANT
         nothing = {name: self.none.new_zeros(size) for name, size in model.scene.inputs.items()}
@@ -141,7 +145,7 @@ class CompiledStep:
         )
         by_user = self.function or not all(map(of_library, self.constants.loads))
         self.around = NOTHING if around is None and not by_user else around
-        kinds = kinds_of(model, self.constants.acts)
+        kinds = kinds_of(model, self.constants.acts) if kinds is None else kinds
         program = program_of(self.local(trees), kinds, bool(model.constraints.nodes), self.around)
         if self.around is not None and not self.around.unchanged():
             raise NotTraceable(

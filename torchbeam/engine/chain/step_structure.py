@@ -15,6 +15,7 @@ from ...math.shapes import broadcast_shapes
 from ...nodal.coordinates.planar import Planar
 from ...nodal.model import Model
 from ...topology.chain import Chain as ChainTopology
+from ...topology.framework import Framework
 from . import program as programs
 from .adjoint import AdjointProgram
 from .call import Call, Chain, Field, like, structure_fields
@@ -198,13 +199,14 @@ class StepStructure:
 _STRUCTURES: dict[Hashable, StepStructure] = {}
 
 
-def key_of(model: Model, *options: Any) -> Hashable | None:
+def key_of(model: Model, kinds: Kinds | None, *options: Any) -> Hashable | None:
     """What the structure of a model's steps with these options follows from, without a look at its
     trees; None where it takes one: a function, or an effect of a user's own, is asked for what it
-    gives.
+    gives. kinds: of what joints connect, whose numbers are part of it; None = of one chain.
     """
     scene, space = model.scene, model.space
-    if scene.numbers is None or not isinstance(model.topology, ChainTopology):
+    known = ChainTopology if kinds is None else Framework
+    if scene.numbers is None or scene.pairs or not isinstance(model.topology, known):
         return None
     plane = space.section_axes if isinstance(space, Planar) else None
     key = (
@@ -213,6 +215,7 @@ def key_of(model: Model, *options: Any) -> Hashable | None:
         plane,
         type(model.inertia.translational),
         model.topology,
+        kinds,
         options,
     )
     try:
