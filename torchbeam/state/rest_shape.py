@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -16,15 +15,18 @@ from ..math import quaternions as quat
 HELD = " rest shape"  # of a beam: a name that begins with a space is this object's alone
 
 
-@dataclass(frozen=True, eq=False)
-class RestShape(Mark):
+class Between(NamedTuple):
+    """From each node to the next, see `RestShape`."""
+
+    distances: Tensor
+    turns: Tensor
+
+
+class RestShape(Between, Mark):
     """From each node to the next, at rest: distances (..., n) m and rotation vectors (..., n, 3)
     rad of the section axes, without derivatives; of samples that were taken from a batch those of
     all. Where and which way a beam stands does not count, nor what it is made of.
     """
-
-    distances: Tensor
-    turns: Tensor
 
     @classmethod
     def of(cls, beam: Any) -> RestShape | None:

@@ -124,6 +124,9 @@ class Path:
 
     @property
     def stable(self) -> Tensor:
+        """(P, ...) bool: no negative pivots. It says nothing of loads that are not conservative: of
+        those a `sign` of -1 tells that a motion diverges.
+        """
         return self.negative == 0
 
 
