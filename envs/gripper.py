@@ -26,7 +26,7 @@ from .task import Task
 
 OWN = "section", "direction", "up", "beam", "supports", "actuators", "force"
 LAW = dict(thickness=1e-3, damping=2e-3, slip_speed=0.02)
-PRESSED = 20.0, 5.0  # N/m of a finger on the ball, and N of the ball on the table, at no gap
+PRESSED = 20.0, 5.0  # N of a finger on the ball, and of the table, at no gap
 LEVER = 1.4  # of a tendon about a finger's axis, over the finger's radius
 GAP = 0.004  # m between open fingers and a ball below the middle
 NEAR = 0.005  # m from its target within which the ball is lifted
@@ -307,10 +307,10 @@ class GripperVectorEnv(BeamVectorEnv):
     told. The fingers close below the ball's middle, so that a light touch lifts a rough ball, and a
     smooth one has to be held from below.
 
-    Contact is that of torchbeam (docs/contact.md): fingers press along all of their length, with
-    20 N/m where surfaces meet, the table with 5 N; thickness 1 mm, damping 2 ms, and Coulomb's
-    friction beyond a slip speed of 0.02 m/s. What is held below it creeps: at half of what friction
-    could hold by 6 mm/s. Implicit steps of control_interval / substeps.
+    Contact is that of torchbeam (docs/contact.md), of the ball with the nearest place along each
+    finger and with the table: 20 N and 5 N where surfaces meet, thickness 1 mm, damping 2 ms, and
+    Coulomb's friction beyond a slip speed of 0.02 m/s. What is held creeps: at half of what
+    friction could hold by 6 mm/s. Implicit steps of control_interval / substeps.
 
     ## Action space
     `Box(-1, 1, (4,), float32)`, held over an interval. Values outside are clipped; a row that is
