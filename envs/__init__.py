@@ -25,6 +25,7 @@ from .core import BeamVectorEnv
 from .episodes import Episodes
 from .flutter_hold import FlutterHoldEnv, FlutterHoldVectorEnv
 from .follow_target import FollowTargetEnv, FollowTargetVectorEnv
+from .gripper import GripperEnv, GripperVectorEnv
 from .inverse_kinematics import InverseKinematicsEnv, InverseKinematicsVectorEnv
 from .parameters import Parameter
 from .payload import PayloadEnv, PayloadVectorEnv
@@ -46,12 +47,12 @@ if TYPE_CHECKING:
 # fmt: off
 __all__ = [
     "UNCERTAIN", "Actuator", "BeamEnvConfig", "BeamVectorEnv", "Episodes", "FlutterHoldEnv",
-    "FlutterHoldVectorEnv", "FollowTargetEnv", "FollowTargetVectorEnv", "InverseKinematicsEnv",
-    "InverseKinematicsVectorEnv", "Observed", "Parameter", "PayloadEnv", "PayloadVectorEnv",
-    "PegEnv", "PegVectorEnv", "Sb3VecEnv", "SingleEnv", "SlewEnv", "SlewVectorEnv", "Task",
-    "TipForce", "TipReachEnv", "TipReachVectorEnv", "TipTrackEnv", "TipTrackVectorEnv",
-    "TwoLinkEnv", "TwoLinkVectorEnv", "aluminium_strip", "functional", "holding_action",
-    "silicone_rod",
+    "FlutterHoldVectorEnv", "FollowTargetEnv", "FollowTargetVectorEnv", "GripperEnv",
+    "GripperVectorEnv", "InverseKinematicsEnv", "InverseKinematicsVectorEnv", "Observed",
+    "Parameter", "PayloadEnv", "PayloadVectorEnv", "PegEnv", "PegVectorEnv", "Sb3VecEnv",
+    "SingleEnv", "SlewEnv", "SlewVectorEnv", "Task", "TipForce", "TipReachEnv",
+    "TipReachVectorEnv", "TipTrackEnv", "TipTrackVectorEnv", "TwoLinkEnv", "TwoLinkVectorEnv",
+    "aluminium_strip", "functional", "holding_action", "silicone_rod",
 ]
 # fmt: on
 LAZY = {"Sb3VecEnv": "sb3"}  # what wants an extra, by module
@@ -86,6 +87,7 @@ for _task, _module, _steps in (
     ("TwoLink", "two_link", 100),
     ("FollowTarget", "follow_target", 500),
     ("Peg", "peg", 100),
+    ("Gripper", "gripper", 100),
 ):
     _register(_task, _steps, _module, _task)
     _register(f"{_task}Planar", _steps, _module, _task, planar=True)

@@ -41,6 +41,7 @@ class Renderer:
                 usual one
         thrust  (n,), a follower force against the beam's end
         solid  (n, boxes, 2, 3) m: opposite corners of what is solid, drawn as a box in each view
+        balls  (n, balls, 4) m: centre and radius;  bars (n, bars, 2, 3) m: ends of straight ones
     In the heading: the time, and what the task measures. A beam whose solve failed is red. The part
     of space that is seen is the task's VIEW, or where it is None the box around the beam unloaded
     and at the start, and a third of its length more.
@@ -207,13 +208,17 @@ class Renderer:
             )
 
         tip, parts = at(line[-1]), (len(line) - 1) // (len(self.rest) - 1)
-        for a, b in pairwise(
-            at(self.rest[:: len(self.rest) - 1] if self.task.straight else self.rest)
-        ):
-            self._dashes(surface, a, b)
+        for rows in self.task.drawn_curves():
+            rest = self.rest[rows]
+            for a, b in pairwise(at(rest[:: len(rest) - 1] if self.task.straight else rest)):
+                self._dashes(surface, a, b)
         for corners in shown.get("solid", ()):
             low, high = np.sort(at(corners), axis=0)
             pygame.draw.rect(surface, FRAME, pygame.Rect(low, high - low))
+        for *centre, radius in shown.get("balls", ()):
+            pygame.draw.circle(surface, PATH, at(centre), self.scale * radius)
+        for bar in shown.get("bars", ()):
+            self._stroke(surface, PALE, at(bar), 4 * unit)
         if "path" in shown:
             self._stroke(surface, PATH, at(shown["path"]), 0.8 * unit)
         if len(trace) > 1:
@@ -222,7 +227,10 @@ class Renderer:
             k = node % len(self.rest)
             along = at(self.rest[min(k + 1, len(self.rest) - 1)]) - at(self.rest[max(k - 1, 0)])
             self._support(surface, at(line[k * parts]), along, unit, hinge)
-        self._stroke(surface, FAILED if failed else BEAM, at(line), 2 * unit)
+        for rows in self.task.drawn_curves():
+            k = rows.indices(len(self.rest))
+            of_part = line[k[0] * parts : (k[1] - 1) * parts + 1]
+            self._stroke(surface, FAILED if failed else BEAM, at(of_part), 2 * unit)
         if "thrust" in shown:
             along = at(line[-2]) - tip
             along = along / max(np.hypot(*along), 1e-9) * ARROW * self.scale * self.task.length

@@ -136,6 +136,10 @@ class Task:
         given = (given,) if isinstance(given, tb.Support) else given
         return [(support.node, support.rotation != "xyz") for support in given]
 
+    def drawn_curves(self) -> list[slice]:
+        """Rows of the nodes that a picture joins to a curve each."""
+        return [slice(None)]
+
     @property
     def straight(self) -> bool:
         """Whether the beam at rest is drawn as one straight line."""

@@ -11,6 +11,7 @@ exactly, at its usual parameters.
     env.step(controller(observation))
 """
 
+from .grasp import Grasp
 from .holding import PD, Controller, Static, Zero, search
 from .insert import Insert
 from .linear import LQR, JointLQR
@@ -25,6 +26,7 @@ __all__ = [
     "MPC",
     "PD",
     "Controller",
+    "Grasp",
     "Insert",
     "JointLQG",
     "JointLQR",

@@ -18,7 +18,8 @@ SMALL = dict(elements=2, substeps=1)
 ARMS = dict(elements=5, substeps=1)  # of a segment each
 EPISODES = json.loads((Path(__file__).parent / "env_episodes.json").read_text())
 TASKS = [
-    "TipReach", "TipTrack", "FlutterHold", "Slew", "Payload", "TwoLink", "FollowTarget", "Peg"
+    "TipReach", "TipTrack", "FlutterHold", "Slew", "Payload", "TwoLink", "FollowTarget", "Peg",
+    "Gripper"
 ]  # fmt: skip
 VERSION = dict.fromkeys(TASKS, 0) | {"Payload": 1}
 IDS = [f"torchbeam/{t}{planar}-v{VERSION[t]}" for t in TASKS for planar in ("", "Planar")]
@@ -42,8 +43,8 @@ def vector(id, n, **changes):
 
 def once_long(ids):
     """What takes long to compile, and is another's code but for a third axis, is `long`."""
-    slow = "torchbeam/Peg-v0"
-    return [pytest.param(id, marks=[pytest.mark.long] * (id == slow)) for id in ids]
+    slow = "torchbeam/Peg-v0", "torchbeam/Gripper-v0"
+    return [pytest.param(id, marks=[pytest.mark.long] * (id in slow)) for id in ids]
 
 
 @pytest.mark.parametrize("id", once_long(IDS))

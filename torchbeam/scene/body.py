@@ -61,7 +61,7 @@ class Body(Tree):
                 raise ValueError(
                     f"a Body's inertia of shape {tuple(inertia.shape)} was given; one number, "
                     "(..., 3) or (..., 3, 3) is wanted (of samples that have J each the same about "
-                    "every axis, J[:, None].expand(-1, 3))"
+                    "every axis, J[:, None, None] * torch.eye(3))"
                 )
             elif isinstance(self.inertia, (list, tuple)):
                 inertia = self.inertia

@@ -26,8 +26,8 @@ def grasp(mass):
         effects.append(
             tb.Contact(name, "ball", radius=RADIUS, other_radius=BALL, force=20.0, **LAW)
         )
-    inertia = 0.4 * mass * BALL**2
-    parts["ball"] = tb.Body(mass, inertia[:, None].expand(-1, 3), position=(0, 0, BALL - 3e-4))
+    inertia = 0.4 * mass[:, None, None] * BALL**2 * torch.eye(3)
+    parts["ball"] = tb.Body(mass, inertia, position=(0, 0, BALL - 3e-4))
     table = tb.Plane((0, 0, 0), (0, 0, 1.0))
     effects.append(tb.Contact("ball", table, radius=BALL, force=5.0, **LAW))
     support = tb.Support("hub", position="xyz", rotation="xyz")

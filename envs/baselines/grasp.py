@@ -1,0 +1,50 @@
+"""Grasp: fingers closed, then a hub lifted."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ..core import BeamVectorEnv
+from ..gripper import Gripper
+from .holding import Controller, vector_env
+
+
+class Grasp(Controller):
+    """All tendons of a `Gripper` tightened over a time, then the hub lifted by a force
+    stiffness (height to go of the ball) - damping velocity, and the usual ball's weight.
+
+    Args:
+        grip: of the tendons' range, in [0, 1]
+        closing: s
+        stiffness: N/m
+        damping: N s/m
+
+    Raises:
+        ValueError: for another task.
+    """
+
+    def __init__(
+        self,
+        env: BeamVectorEnv,
+        grip: float = 1.0,
+        closing: float = 0.4,
+        stiffness: float = 120.0,
+        damping: float = 8.0,
+    ) -> None:
+        task = vector_env(env).task
+        if not isinstance(task, Gripper):
+            raise ValueError(f"{type(task).__name__} was given to Grasp; Gripper is wanted")
+        self.grip, self.closing = grip, closing
+        self.stiffness, self.damping = stiffness, damping
+
+    def act(self, observation: Tensor) -> Tensor:
+        task, now = self.env.task, self.env.state
+        c = task.config
+        share = now.steps * c.control_interval / self.closing
+        tension = (2 * self.grip * share.clamp(max=1) - 1)[:, None].to(now.beam.position)
+        to_go = (task.aim - now.beam.position[:, -1])[:, 2]
+        weight = 0.0 if task.gravity is None else -c.mass * task.gravity[2]
+        force = weight + self.stiffness * to_go - self.damping * task.carried(now)[1]
+        lift = torch.where(share < 1, 0.0, force / c.motor)[:, None]
+        return torch.cat((lift, tension.expand(-1, len(task.fingers))), -1)

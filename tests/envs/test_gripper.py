@@ -1,0 +1,77 @@
+"""Gripper: what it holds, what its balancer bears, what a finger is pulled by."""
+
+import numpy as np
+import pytest
+import torch
+from torchbeam_envs import GripperVectorEnv, TipReachVectorEnv
+from torchbeam_envs.baselines import Grasp, Zero
+
+
+def test_balls_are_lifted_and_kept():
+    """`Grasp` has sixteen balls, whatever their mass and friction, within 5 mm of their target
+    after 1 s and to the end; without action none leaves the table. No solve fails.
+    """
+    env = GripperVectorEnv(16, planar=True, autoreset_mode="Disabled")
+    for kind, wanted in ((Grasp, 1.0), (Zero, 0.0)):
+        controller = kind(env)
+        observation, info = env.reset(seed=0)
+        assert np.ptp(info["params"]["ball"]) > 0.02 and np.ptp(info["params"]["friction"]) > 0.3
+        controller.begin(env)
+        for k in range(100):
+            observation, *_, info = env.step(controller(observation))
+            assert not info["solver_failed"].any()
+            assert k < 50 or info["lifted"].mean() == wanted
+
+
+def test_smooth_balls_slip_out_of_a_loose_grip():
+    """The heaviest ball in six tenths of the grip: a rough one goes up with the hub, a smooth one
+    stays on the table, of which the whole grip lifts it.
+    """
+    env = GripperVectorEnv(2, planar=True, autoreset_mode="Disabled")
+    given = {"params": {"ball": 0.07, "friction": [0.5, 0.8]}, "goal": [[0.0], [0.0]]}
+    heights = []
+    for grip in (0.6, 1.0):
+        controller = Grasp(env, grip=grip)
+        observation, _ = env.reset(seed=0, options=given)
+        controller.begin(env)
+        for _ in range(60):
+            observation, *_ = env.step(controller(observation))
+        heights.append(env.state.beam.position[:, -1, 2] - env.config.ball)
+    loose, tight = heights
+    assert loose[0] < 1e-3 and loose[1] > 0.03 and (tight > 0.03).all()
+
+
+def test_nothing_moves_by_itself():
+    """Slack tendons, the usual ball and no force on the hub: all rests but for the stretch of the
+    fingers under their weight, 0.1 mm.
+    """
+    env = GripperVectorEnv(1, planar=True, randomize={"ball": (0.05, 0.05)})
+    env.reset(seed=0)
+    start = env.state.beam.position
+    for _ in range(10):
+        env.step(np.array([[0.0, -1.0, -1.0]]))
+    assert (env.state.beam.position - start).abs().max() < 1e-4
+    assert env.state.beam.tendons[..., 0].abs().max() == 0
+    env.step(np.array([[0.0, 1.0, -1.0]]))
+    tension = torch.tensor([10.0, 0.0], dtype=torch.float64)
+    torch.testing.assert_close(env.state.beam.tendons[0, :, 0], tension)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (dict(length=0.05), "length = 0.05"),
+        (dict(pull=-1.0), "pull = -1.0"),
+        (dict(offset=0.01), "offset = 0.01"),
+        (dict(friction=-0.1), "friction = -0.1"),
+        (dict(force=(1.0, 1.0)), "force was given"),
+    ],
+)
+def test_bad_arguments_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        GripperVectorEnv(1, **arguments)
+
+
+def test_grasp_is_for_grippers():
+    with pytest.raises(ValueError, match="Gripper is wanted"):
+        Grasp(TipReachVectorEnv(1, elements=2))
