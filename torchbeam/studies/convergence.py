@@ -27,6 +27,7 @@ from ..analysis.convergence.trials import Trials
 from ..analysis.trials import seconds
 from ..cli import study
 from ..core.results import measured_on, sentence, table, write
+from ..engine.compiler.library import Library
 from ..linear.modes import modes
 from ..scene.scene import Scene
 from ..sensors.node import NodePosition, TipPosition
@@ -42,6 +43,7 @@ STATIC, MODAL = ("sudden", "weight", "follower"), ("sudden", "pendulum", "free")
 # of a reference: times the nodes, and parts of a step, by the method whose step it is
 FINER, SHORTER = 4, {"midpoint": 2, "midpoint4": 6}
 REPEATS = 3  # of a time, in turns with others
+SEARCHES = 4  # of a scene, at most, until one finds all its code made
 EXHAUSTIVE, LONG = 3, 0.2  # of so many scenes one is searched exhaustively; CPU s beyond which none
 ABOUT = (
     "Random scenes of {families} (soft rods of random stiffness, mass, load and damping; seeds "
@@ -145,8 +147,11 @@ def measure(number: int, rtol: float, exhaustive: bool, seed: int = SEED) -> Row
     asked = question(number, seed)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
-        for _ in range(1 if asked.t is None else 2):  # the first time compiles
+        for _ in range(SEARCHES):  # one that compiles nothing: equal choices may take turns
+            known = Library.count
             best = converge(asked.scene, asked.t, asked.read, rtol, solve=asked.solve)
+            if Library.count == known:
+                break
         trials = Trials(
             lambda setting: remesh(asked.scene, **setting.mesh),
             Reader(asked.read, asked.scene),
