@@ -27,6 +27,7 @@ from ..analysis.convergence.trials import Trials
 from ..analysis.trials import seconds
 from ..cli import study
 from ..core.results import measured_on, sentence, table, write
+from ..engine.compiler.library import Library
 from ..linear.modes import modes
 from ..scene.scene import Scene
 from ..sensors.node import NodePosition, TipPosition
@@ -39,19 +40,22 @@ SEED = 70_000  # of the first scene; none of these was looked at while `converge
 ELEMENTS_GIVEN, DURATION, INSTANTS = 8, 1.0, 41
 # beside the families of random scenes that move: equilibria and frequencies
 STATIC, MODAL = ("sudden", "weight", "follower"), ("sudden", "pendulum", "free")
-FINER, SHORTER = 4, 6  # of a reference: times the nodes, and parts of a step
+# of a reference: times the nodes, and parts of a step, by the method whose step it is
+FINER, SHORTER = 4, {"midpoint": 2, "midpoint4": 6}
 REPEATS = 3  # of a time, in turns with others
-EXHAUSTIVE = 3  # of so many scenes one is searched exhaustively
+SEARCHES = 4  # of a scene, at most, until one finds all its code made
+EXHAUSTIVE, LONG = 3, 0.2  # of so many scenes one is searched exhaustively; CPU s beyond which none
 ABOUT = (
     "Random scenes of {families} (soft rods of random stiffness, mass, load and damping; seeds "
     "from {seed} on), one after the other; {duration:g} s of motion at {instants} instants, or "
     "an equilibrium, or three frequencies. Read are the tip's path, that of a node at half length, "
     "or the root's moment where damped. True error: against elements of order 2 with {finer} times "
-    "the nodes, by midpoint4 with a step of 1/{shorter} of the chosen. Best, of one scene in "
-    "{every}: the cheapest of all elements, meshes, methods and steps of the same grid whose true "
-    "errors of mesh and of step, measured one by one, add up to no more; timed in turns with the "
-    "chosen. Search: CPU time of a whole call of `converge` over that of the chosen run on a mesh "
-    "of its own, compiling not counted; runs: how many. Setting up: share of the chosen run's time "
+    "the nodes, by midpoint4 with a step of 1/{shorter} of the chosen, 1/{half} of midpoint's. "
+    "Best, of one scene in {every} whose run takes less than {long:g} s: the cheapest of all "
+    "elements, meshes, methods and steps of the same grid whose true errors of mesh and of step, "
+    "measured one by one, add up to no more; timed in turns with the chosen. Search: CPU time of a "
+    "whole call of `converge` over that of the chosen run on a mesh of its own, compiling not "
+    "counted; runs: how many. Setting up: share of the chosen run's time "
     "that one of a single step takes."
 )
 
@@ -143,8 +147,11 @@ def measure(number: int, rtol: float, exhaustive: bool, seed: int = SEED) -> Row
     asked = question(number, seed)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
-        for _ in range(1 if asked.t is None else 2):  # the first time compiles
+        for _ in range(SEARCHES):  # one that compiles nothing: equal choices may take turns
+            known = Library.count
             best = converge(asked.scene, asked.t, asked.read, rtol, solve=asked.solve)
+            if Library.count == known:
+                break
         trials = Trials(
             lambda setting: remesh(asked.scene, **setting.mesh),
             Reader(asked.read, asked.scene),
@@ -154,7 +161,11 @@ def measure(number: int, rtol: float, exhaustive: bool, seed: int = SEED) -> Row
             {},
         )
         error = trials.difference(best.settings, _reference(best.settings))
-        cheapest = _cheapest(trials, best.settings, rtol) if exhaustive else []
+        chosen = next(tried for tried in best.table if tried.chosen)
+        if exhaustive and chosen.seconds < LONG:
+            cheapest = _cheapest(trials, best.settings, rtol)
+        else:
+            cheapest = []
         ours, *others = seconds(
             [
                 _run(trials, best.settings, asked.t),
@@ -197,7 +208,7 @@ def _reference(setting: Setting) -> Setting:
     elements = math.ceil(FINER * setting.intervals / ELEMENTS["order 2"].order)
     if setting.method is None:
         return Setting("order 2", elements)
-    return Setting("order 2", elements, "midpoint4", setting.step / SHORTER)
+    return Setting("order 2", elements, "midpoint4", setting.step / SHORTER[setting.method])
 
 
 def _cheapest(trials: Trials, chosen: Setting, rtol: float) -> list[Setting]:
@@ -332,6 +343,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 
     def more(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("--scenes", type=int, default=SCENES, help="how many (%(default)s)")
+        parser.add_argument("--first", type=int, default=0, help="begin with it (%(default)s)")
         parser.add_argument("--seed", type=int, default=SEED, help="of the first (%(default)s)")
         parser.add_argument(
             "--seconds", type=float, default=math.inf, help="begin no scene after these"
@@ -348,13 +360,15 @@ def main(argv: Sequence[str] | None = None) -> None:
         duration=DURATION,
         instants=INSTANTS,
         finer=FINER,
-        shorter=SHORTER,
+        shorter=SHORTER["midpoint4"],
+        half=SHORTER["midpoint"],
+        long=LONG,
         every=EXHAUSTIVE,
     )
     rows = _before(out, given.seed) if given.resume else []
     known = {(row.scene, row.rtol) for row in rows}
     begun, heading = time.monotonic(), measured_on()
-    for number in range(3 if given.quick else given.scenes):
+    for number in range(given.first, 3 if given.quick else given.scenes):
         asked = [rtol for rtol in TOLERANCES if (number, rtol) not in known]
         if not asked:
             continue
@@ -364,6 +378,7 @@ def main(argv: Sequence[str] | None = None) -> None:
             whole = number % EXHAUSTIVE == 0 and not given.quick
             rows.append(measure(number, rtol, whole, given.seed))
             progress(f"{rows[-1]}")
+        rows.sort(key=lambda row: (row.scene, -row.rtol))
         text = f"{about}\n\n{report(rows)}\n\n{sentence(heading)}"
         data = {**heading, "seed": given.seed, "rows": [asdict(row) for row in rows]}
         head = [f.name for f in fields(Row)]
