@@ -235,8 +235,62 @@ def examples() -> dict[str, str]:
     return {"examples/index.md": seen} | pages
 
 
+def environment_cards() -> str:
+    """Cards of the environments: a film of the baseline, what the module says of the task, its
+    reward by the specification, sizes, and returns as `docs/env_cards.py` has stored them.
+    """
+    taken = json.loads((ROOT / "docs/results/env_cards/env_cards.json").read_text())
+    lines = [
+        "# Tasks",
+        "",
+        "An episode of each under a controller without learning, and the mean return of "
+        f"{taken['episodes']} held-out episodes. [Specification](environments.md), "
+        "[learners](learning.md), [baselines](reference/baselines.md); "
+        "`python docs/env_cards.py` makes films and numbers.",
+        "",
+        '<div class="grid cards" markdown>',
+        "",
+    ]
+    for task, card in taken["cards"].items():
+        name = re.sub(r"(Planar)?-v\d+$", "", task)
+        file = re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
+        tree = ast.parse((ROOT / f"envs/{file}.py").read_text())
+        about = " ".join(ast.get_docstring(tree).partition("\n\n")[0].split()).partition(": ")[2]
+        scores = ", ".join(
+            f"**{mean:.4g}** {controller}" for controller, (mean, _) in card["returns"].items()
+        )
+        lines += [
+            f"- ![{task}](figures/envs/{task}.gif)",
+            "",
+            f"    **`torchbeam/{task}`** {about[0].upper()}{about[1:]}",
+            "",
+            f"    {card['action']} actions, {card['observation']} observations, {card['steps']} "
+            f"steps. Return: {scores}.",
+            "",
+            *(f"    {line}" for line in ("```text", *reward(tree, name), "```")),
+            "",
+        ]
+    return "\n".join((*lines, "</div>", "", sentence_of(taken), ""))
+
+
+def reward(tree: ast.Module, name: str) -> list[str]:
+    """Lines of a task's specification about its reward."""
+    of = next(n for n in tree.body if getattr(n, "name", "") == f"{name}VectorEnv")
+    said = re.search(
+        r"^## [^\n]*reward[^\n]*\n(.*?)(?=^## |\Z)", ast.get_docstring(of), re.M | re.S | re.I
+    )
+    return said[1].strip().splitlines()
+
+
+def sentence_of(taken: dict) -> str:
+    """Where and when numbers were made."""
+    versions = ", ".join(f"{name} {own}" for name, own in taken["versions"].items())
+    return f"Measured on: {taken['machine']}, Python {taken['python']}, {versions}."
+
+
 def generated() -> dict[str, str]:
     return {
+        "tasks.md": environment_cards(),
         "index.md": "---\nhide: [navigation]\n---\n\n" + (ROOT / "README.md").read_text(),
         "guide.md": (ROOT / "docs" / "README.md").read_text(),
         "changelog.md": (ROOT / "CHANGELOG.md").read_text(),
@@ -315,11 +369,33 @@ def on_files(files, config):
     return files
 
 
+def typeset(text: str) -> str:
+    """Formulas as MathML, which browsers draw by themselves: blocks ```math, and $...$ in a page
+    that has some.
+    """
+    from latex2mathml.converter import convert
+
+    block = re.compile(r"^```math\n(.*?)^```$", re.M | re.S)
+    if not block.search(text):
+        return text
+    text = block.sub(
+        lambda m: (
+            f'<div class="formula">{convert(" ".join(m.group(1).split()), display="block")}</div>'
+        ),
+        text,
+    )
+    parts = re.split(r"(^```.*?^```$|`[^`\n]+`)", text, flags=re.M | re.S)
+    return "".join(
+        part if part.startswith("`") else re.sub(r"\$([^$\n]+)\$", lambda m: convert(m[1]), part)
+        for part in parts
+    )
+
+
 def on_page_markdown(markdown, page, config, files):
     """mkdocs: links of pages of docs/, and those of tutorials to their notebooks."""
     path = page.file.src_uri
     made = path in HOMES or path.startswith(("examples/", "reference/"))
-    markdown = markdown if made else linked(markdown, path)
+    markdown = markdown if made else typeset(linked(markdown, path))
     name = path.removesuffix(".md")
     if name not in notebooks().TUTORIALS:
         return markdown

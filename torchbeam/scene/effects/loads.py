@@ -12,7 +12,7 @@ from ...core.arguments import boolean
 from ...core.leaves import leaf, with_values
 from ...core.validation import Value, axis_last, finite
 from ...math.quaternions import skew
-from ..parts import check_node, node_and_point
+from ..parts import Place, check_node, node_and_point
 from .load_point import ROTATION, LoadEffect, LoadPoint, Wrench, together
 from .values import AtSites, ByPlace, Inputs, LoadValue, load_value, plain, value_along, value_at
 
@@ -92,7 +92,7 @@ class PointLoad(GivenLoad):
         tensor([0.0000, 0.4991, 0.0000])
     """
 
-    node: int = field()
+    node: Place = field()
     offset: Value | None = leaf(1, default=None, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -130,7 +130,7 @@ class TipLoad(PointLoad):
         tensor(-1.)
     """
 
-    node: int = -1
+    node: Place = -1
 
     def __post_init__(self) -> None:
         super().__post_init__()
