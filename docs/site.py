@@ -199,9 +199,10 @@ def gallery() -> str:
     return "\n".join(lines)
 
 
-def notebooks() -> Any:
-    """The module beside this file, which no package holds."""
-    spec = importlib.util.spec_from_file_location("notebooks", ROOT / "docs" / "notebooks.py")
+@cache
+def beside(name: str) -> Any:
+    """A module beside this file, which no package holds."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -362,7 +363,7 @@ def on_files(files, config):
     for path, text in generated().items():
         content = linked(text, path) if path in HOMES else text
         files.append(File.generated(config, path, content=content))
-    made = notebooks()
+    made = beside("notebooks")
     for name in made.TUTORIALS:
         content = made.written(name)
         files.append(File.generated(config, f"notebooks/{name}.ipynb", content=content))
@@ -391,13 +392,24 @@ def typeset(text: str) -> str:
     )
 
 
+def with_diagrams(text: str) -> str:
+    """Blocks ```mermaid as the pictures that were drawn of them."""
+    diagrams = beside("diagrams")
+
+    def picture(match: re.Match) -> str:
+        path = diagrams.picture_of(match[1]).relative_to(ROOT / "docs")
+        return f"![diagram]({path}){{ .diagram }}"
+
+    return diagrams.BLOCK.sub(picture, text)
+
+
 def on_page_markdown(markdown, page, config, files):
     """mkdocs: links of pages of docs/, and those of tutorials to their notebooks."""
     path = page.file.src_uri
     made = path in HOMES or path.startswith(("examples/", "reference/"))
-    markdown = markdown if made else typeset(linked(markdown, path))
+    markdown = markdown if made else typeset(with_diagrams(linked(markdown, path)))
     name = path.removesuffix(".md")
-    if name not in notebooks().TUTORIALS:
+    if name not in beside("notebooks").TUTORIALS:
         return markdown
     title, rest = markdown.split("\n", 1)
     download = f"[:material-download: As a notebook](notebooks/{name}.ipynb){{ download }}"

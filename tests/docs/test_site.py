@@ -105,3 +105,11 @@ def test_formulas_are_typeset(site):
 def test_names_lead_to_the_examples_that_use_them(site):
     assert "examples/capstan.md" in site.used_in("Tendon") + site.used_in("Contact")
     assert site.used_in("nothing of the kind") == ""
+
+
+def test_diagrams_are_drawn(site):
+    """Each as it is written; `python docs/diagrams.py` draws what has changed."""
+    diagrams = site.beside("diagrams")
+    files = {path.name for path in (ROOT / "docs/figures/diagrams").glob("*")}
+    assert files == {diagrams.picture_of(source).name for source in diagrams.diagrams()}
+    assert "mermaid" not in site.with_diagrams((ROOT / "docs/architecture.md").read_text())
