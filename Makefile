@@ -62,6 +62,7 @@ dist: .venv/dev.done
 lint: .venv/dev.done
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/mypy
 
 # One stamp per extra: made again only when pyproject.toml changes, so a second call starts in seconds.
 .venv/%.done: pyproject.toml

@@ -199,9 +199,10 @@ def gallery() -> str:
     return "\n".join(lines)
 
 
-def notebooks() -> Any:
-    """The module beside this file, which no package holds."""
-    spec = importlib.util.spec_from_file_location("notebooks", ROOT / "docs" / "notebooks.py")
+@cache
+def beside(name: str) -> Any:
+    """A module beside this file, which no package holds."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -235,8 +236,62 @@ def examples() -> dict[str, str]:
     return {"examples/index.md": seen} | pages
 
 
+def environment_cards() -> str:
+    """Cards of the environments: a film of the baseline, what the module says of the task, its
+    reward by the specification, sizes, and returns as `docs/env_cards.py` has stored them.
+    """
+    taken = json.loads((ROOT / "docs/results/env_cards/env_cards.json").read_text())
+    lines = [
+        "# Tasks",
+        "",
+        "An episode of each under a controller without learning, and the mean return of "
+        f"{taken['episodes']} held-out episodes. [Specification](environments.md), "
+        "[learners](learning.md), [baselines](reference/baselines.md); "
+        "`python docs/env_cards.py` makes films and numbers.",
+        "",
+        '<div class="grid cards" markdown>',
+        "",
+    ]
+    for task, card in taken["cards"].items():
+        name = re.sub(r"(Planar)?-v\d+$", "", task)
+        file = re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
+        tree = ast.parse((ROOT / f"envs/{file}.py").read_text())
+        about = " ".join(ast.get_docstring(tree).partition("\n\n")[0].split()).partition(": ")[2]
+        scores = ", ".join(
+            f"**{mean:.4g}** {controller}" for controller, (mean, _) in card["returns"].items()
+        )
+        lines += [
+            f"- ![{task}](figures/envs/{task}.gif)",
+            "",
+            f"    **`torchbeam/{task}`** {about[0].upper()}{about[1:]}",
+            "",
+            f"    {card['action']} actions, {card['observation']} observations, {card['steps']} "
+            f"steps. Return: {scores}.",
+            "",
+            *(f"    {line}" for line in ("```text", *reward(tree, name), "```")),
+            "",
+        ]
+    return "\n".join((*lines, "</div>", "", sentence_of(taken), ""))
+
+
+def reward(tree: ast.Module, name: str) -> list[str]:
+    """Lines of a task's specification about its reward."""
+    of = next(n for n in tree.body if getattr(n, "name", "") == f"{name}VectorEnv")
+    said = re.search(
+        r"^## [^\n]*reward[^\n]*\n(.*?)(?=^## |\Z)", ast.get_docstring(of), re.M | re.S | re.I
+    )
+    return said[1].strip().splitlines()
+
+
+def sentence_of(taken: dict) -> str:
+    """Where and when numbers were made."""
+    versions = ", ".join(f"{name} {own}" for name, own in taken["versions"].items())
+    return f"Measured on: {taken['machine']}, Python {taken['python']}, {versions}."
+
+
 def generated() -> dict[str, str]:
     return {
+        "tasks.md": environment_cards(),
         "index.md": "---\nhide: [navigation]\n---\n\n" + (ROOT / "README.md").read_text(),
         "guide.md": (ROOT / "docs" / "README.md").read_text(),
         "changelog.md": (ROOT / "CHANGELOG.md").read_text(),
@@ -308,20 +363,53 @@ def on_files(files, config):
     for path, text in generated().items():
         content = linked(text, path) if path in HOMES else text
         files.append(File.generated(config, path, content=content))
-    made = notebooks()
+    made = beside("notebooks")
     for name in made.TUTORIALS:
         content = made.written(name)
         files.append(File.generated(config, f"notebooks/{name}.ipynb", content=content))
     return files
 
 
+def typeset(text: str) -> str:
+    """Formulas as MathML, which browsers draw by themselves: blocks ```math, and $...$ in a page
+    that has some.
+    """
+    from latex2mathml.converter import convert
+
+    block = re.compile(r"^```math\n(.*?)^```$", re.M | re.S)
+    if not block.search(text):
+        return text
+    text = block.sub(
+        lambda m: (
+            f'<div class="formula">{convert(" ".join(m.group(1).split()), display="block")}</div>'
+        ),
+        text,
+    )
+    parts = re.split(r"(^```.*?^```$|`[^`\n]+`)", text, flags=re.M | re.S)
+    return "".join(
+        part if part.startswith("`") else re.sub(r"\$([^$\n]+)\$", lambda m: convert(m[1]), part)
+        for part in parts
+    )
+
+
+def with_diagrams(text: str) -> str:
+    """Blocks ```mermaid as the pictures that were drawn of them."""
+    diagrams = beside("diagrams")
+
+    def picture(match: re.Match) -> str:
+        path = diagrams.picture_of(match[1]).relative_to(ROOT / "docs")
+        return f"![diagram]({path}){{ .diagram }}"
+
+    return diagrams.BLOCK.sub(picture, text)
+
+
 def on_page_markdown(markdown, page, config, files):
     """mkdocs: links of pages of docs/, and those of tutorials to their notebooks."""
     path = page.file.src_uri
     made = path in HOMES or path.startswith(("examples/", "reference/"))
-    markdown = markdown if made else linked(markdown, path)
+    markdown = markdown if made else typeset(with_diagrams(linked(markdown, path)))
     name = path.removesuffix(".md")
-    if name not in notebooks().TUTORIALS:
+    if name not in beside("notebooks").TUTORIALS:
         return markdown
     title, rest = markdown.split("\n", 1)
     download = f"[:material-download: As a notebook](notebooks/{name}.ipynb){{ download }}"

@@ -4,7 +4,9 @@ import importlib.util
 import re
 from pathlib import Path
 
+import gymnasium
 import pytest
+import torchbeam_envs  # noqa: F401
 
 import torchbeam as tb
 from torchbeam import extend
@@ -49,7 +51,7 @@ def test_every_page_can_be_reached(site):
     """From the navigation: pages of docs/, and those that are made of other files."""
     said = set(re.findall(r"[\w/]+\.md", (ROOT / "mkdocs.yml").read_text()))
     own = {path.name for path in (ROOT / "docs").glob("*.md")} - {"README.md"}
-    assert said == own | set(site.HOMES)
+    assert said == own | set(site.HOMES) | {"tasks.md"}
     made = site.generated()
     assert {f"examples/{path.stem}.md" for path in (ROOT / "examples").glob("*.py")} <= set(made)
 
@@ -80,3 +82,34 @@ def test_links_lead_to_the_site_s_pages(site):
     assert linked("![p](docs/figures/x.png)", "index.md") == "![p](figures/x.png)"
     code = "```\n[a](docs/statics.md)\n```\n[b](https://x.org/y)"
     assert linked(code, "index.md") == code
+
+
+def test_every_task_has_a_card(site):
+    """A film, sizes as they are, and the reward of its specification."""
+    names = {re.sub(r"(Planar)?-v\d+$", "", name) for name in gymnasium.registry if "beam/" in name}
+    page = site.environment_cards()
+    cards = re.findall(r"!\[(.+?)\]\((figures/envs/.+?)\)", page)
+    assert all((site.ROOT / "docs" / film).exists() for _, film in cards)
+    shown = {f"torchbeam/{re.sub(r'(Planar)?-v.+$', '', task)}" for task, _ in cards}
+    assert shown == names - {"torchbeam/TipReachBlockRate"}
+    assert page.count("```text\n    ") == len(cards) and "(0.1 L) - control_cost |a|^2" in page
+
+
+def test_formulas_are_typeset(site):
+    pytest.importorskip("latex2mathml")  # of the extra docs
+    seen = site.typeset("Of $x_1$:\n\n```math\n\\frac{a}{b}\n```\n\nand `$HOME`.\n")
+    assert "<msub><mi>x</mi>" in seen and "<mfrac>" in seen and "`$HOME`" in seen
+    assert site.typeset("costs $1 and $2") == "costs $1 and $2"
+
+
+def test_names_lead_to_the_examples_that_use_them(site):
+    assert "examples/capstan.md" in site.used_in("Tendon") + site.used_in("Contact")
+    assert site.used_in("nothing of the kind") == ""
+
+
+def test_diagrams_are_drawn(site):
+    """Each as it is written; `python docs/diagrams.py` draws what has changed."""
+    diagrams = site.beside("diagrams")
+    files = {path.name for path in (ROOT / "docs/figures/diagrams").glob("*")}
+    assert files == {diagrams.picture_of(source).name for source in diagrams.diagrams()}
+    assert "mermaid" not in site.with_diagrams((ROOT / "docs/architecture.md").read_text())

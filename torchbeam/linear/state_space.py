@@ -30,6 +30,7 @@ from ..core.arguments import function as check_function
 from ..core.arguments import instant, listed
 from ..core.leaves import wants_gradient
 from ..core.validation import unmapped
+from ..core.warning import warn
 from ..math.dense import solve
 from ..nodal.discretise import discretise
 from ..scene.effects.values import Input
@@ -149,6 +150,8 @@ def linearize(
             "linearize, where an Input turns these and they would follow its rate; a small rotary "
             "inertia is wanted"
         )
+    if scene.dtype == torch.float32:
+        _warn_of_rounding(A)
     if forces is not None and sensed:
         by_z, by_u = _out_of_balance(nodal, T, loads, A, B, C[..., sensed:, :], D[..., sensed:, :])
         Y_force = pad(Y_force @ forces, (0, 0, 0, free))
@@ -188,6 +191,22 @@ def linearize(
         mass=mass,
         moves=writes,
     )
+
+
+def _warn_of_rounding(A: Tensor) -> None:
+    """Where a rounding of A (..., n, n), whose entries are stiffness over mass, could move its
+    slowest eigenvalue by a per cent.
+    """
+    wide = A.detach().double()
+    slowest = torch.linalg.eigvals(wide).abs().amin(-1)
+    rounding = torch.finfo(A.dtype).eps * wide.abs().amax((-2, -1))
+    if (rounding > 0.02 * slowest**2).any():
+        warn(
+            f"a linear model in single precision holds up to {wide.abs().max().item():.1e} 1/s^2 "
+            f"beside motions of {slowest.min().item():.1e} 1/s, which rounding moves; a scene of "
+            "torch.float64 is wanted",
+            UserWarning,
+        )
 
 
 def _free(Y: Tensor, free: int) -> Tensor:

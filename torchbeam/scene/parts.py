@@ -11,6 +11,9 @@ import torch
 from ..core.arguments import whole
 from ..core.validation import BOOLEANS, shown
 
+# A node: its number, of a structure the name of a beam and the number there, or that of a body
+# alone or with a point in its axes.
+Place = int | str | tuple[str, Any]
 FLAGS = ("rigid", "coupled", "offset", "rotary", "curved")  # what a `Beam` is declared to have
 
 

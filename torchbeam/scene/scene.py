@@ -86,13 +86,13 @@ class Scene(Tree):
     """
 
     beam: Beam | dict[str, Beam | Body]
-    effects: Iterable[Effect] = ()
+    effects: Effect | Iterable[Effect] = ()
     frame: Frame | None = None
     root: RootMotion | None = None
     plane: str | None = None
-    supports: Iterable[Support] | None = None
+    supports: Support | Iterable[Support] | None = None
     small: bool = False
-    joints: Iterable[Joint] = ()
+    joints: Joint | Iterable[Joint] = ()
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__

@@ -13,7 +13,7 @@ from ..core.arguments import function as check_function
 from ..core.leaves import Tree, leaf
 from ..core.validation import Value, axis_last, finite, shown
 from .effects.values import plain
-from .parts import check_node
+from .parts import Place, check_node
 
 AXES = "xyz"
 Motion = Callable[[Tensor], Tensor]
@@ -110,7 +110,7 @@ class Support(Tree):
         tensor(0.5000)
     """
 
-    node: int
+    node: Place
     position: str = AXES
     rotation: str = AXES
     displacement: Value | Motion | None = leaf(1, default=None)

@@ -11,7 +11,7 @@ from torch import Tensor
 from ..core.arguments import boolean, choice, place
 from ..core.validation import as_tensor, axis_last, common_dtype, finite, has_dtype, rotations
 from ..math import quaternions as quat
-from ..scene.parts import check_node
+from ..scene.parts import Place, check_node
 from ..state.state import State
 from .sensor import XYZ, OnPart
 
@@ -22,7 +22,7 @@ class _OfNode(OnPart):
     (name, node) or the name of a body; or `on` has the name.
     """
 
-    node: int
+    node: Place
 
     def __post_init__(self) -> None:
         node, on = self.node, self.on

@@ -152,7 +152,7 @@ class State(Instant):
         """
         return quat.matrix(quat.half_way(self.rotation[..., :-1, :], self.rotation[..., 1:, :]))
 
-    def at(self, t: Tensor) -> State:
+    def at(self, t: float | Tensor) -> State:
         """The same state at another time, its work counted from there and its failures
         forgotten.
         """

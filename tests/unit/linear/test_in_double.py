@@ -1,5 +1,7 @@
 """Spectra of scenes in single precision: PyTorch's default, in which a newcomer makes them."""
 
+import warnings
+
 import pytest
 import torch
 
@@ -82,3 +84,15 @@ def test_functions_that_give_float32_alone_are_told():
     scene = tb.Scene(strip(F32), [tb.TipLoad(force=lambda t: force)])
     with pytest.warns(UserWarning, match="solved in float32"):
         tb.modes(scene)
+
+
+def test_a_linear_model_that_single_precision_cannot_hold_is_told():
+    """Of a thin strip (in float32 its static gain had the other sign); a soft rod is as it is."""
+    soft = tb.Section.from_stiffness(EA=10.0, GA=4.0, GJ=0.5, EI=1.0, mass=0.3, inertia=0.01)
+    rod = tb.Scene(tb.Beam.straight(1.0, 2, soft)).to(F32)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert tb.linearize(rod).A.dtype == F32
+        tb.linearize(tb.Scene(strip(F64)))
+    with pytest.warns(UserWarning, match=r"single precision .* torch\.float64 is wanted"):
+        tb.linearize(tb.Scene(strip(F32)))

@@ -21,6 +21,7 @@ from ...core.warning import warn
 from ...dynamics import simulate as dynamics
 from ...linear import modes as linear
 from ...scene.scene import Scene
+from ...state.solution import Solution
 from ...state.state import State
 from ...statics import equilibrium as statics
 from .converge import converge
@@ -88,7 +89,7 @@ def shape(result: Any, scene: Scene) -> Tensor:
 
 
 @wraps(dynamics.simulate)
-def simulate(scene: Scene, t: Any, *given: Any, accuracy: Any = None, **options: Any) -> Any:
+def simulate(scene: Scene, t: Any, *given: Any, accuracy: Any = None, **options: Any) -> Solution:
     if accuracy is None:
         return dynamics.simulate(scene, t, *given, **options)
     if given:

@@ -66,8 +66,8 @@ class Uniform(TwoTails):
         tensor(1.)
     """
 
-    least: float
-    largest: float
+    least: float | Tensor
+    largest: float | Tensor
 
     def __post_init__(self) -> None:
         _ordered(self, "least", "largest")
@@ -98,8 +98,8 @@ class Normal:
         tensor(1.0000)
     """
 
-    mean: float
-    deviation: float
+    mean: float | Tensor
+    deviation: float | Tensor
 
     def __post_init__(self) -> None:
         _positive(self, "mean", deviation=True)
@@ -132,8 +132,8 @@ class LogNormal:
         tensor(1.0000)
     """
 
-    mean: float
-    deviation: float
+    mean: float | Tensor
+    deviation: float | Tensor
 
     def __post_init__(self) -> None:
         _positive(self, mean=True, deviation=True)
@@ -173,9 +173,9 @@ class Triangular(TwoTails):
         tensor(0.9667)
     """
 
-    least: float
-    mode: float
-    largest: float
+    least: float | Tensor
+    mode: float | Tensor
+    largest: float | Tensor
 
     def __post_init__(self) -> None:
         _ordered(self, "least", "largest")
@@ -220,8 +220,8 @@ class Weibull(TwoTails):
         tensor(0.9419)
     """
 
-    scale: float
-    shape: float = 1.0
+    scale: float | Tensor
+    shape: float | Tensor = 1.0
 
     def __post_init__(self) -> None:
         _positive(self, scale=True, shape=True)
@@ -250,8 +250,8 @@ class Gumbel(TwoTails):
         tensor(0.4935)
     """
 
-    location: float
-    scale: float
+    location: float | Tensor
+    scale: float | Tensor
 
     def __post_init__(self) -> None:
         _positive(self, "location", scale=True)

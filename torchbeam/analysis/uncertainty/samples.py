@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, overload
 
 import torch
 from torch import Tensor
@@ -77,6 +77,12 @@ class Samples(output.Summary):
     @property
     def deviation(self) -> Tensor:
         return self._numbers().std(0)
+
+    @overload
+    def quantile(self, levels: Any, interval: None = None) -> Tensor: ...
+
+    @overload
+    def quantile(self, levels: Any, interval: float) -> Estimate: ...
 
     def quantile(self, levels: Any, interval: float | None = None) -> Tensor | Estimate:
         """Quantiles, (...) of one level and (levels, ...) of several; with `interval`, a confidence

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, overload
 
 import torch
 from torch import Tensor
@@ -171,6 +171,12 @@ class Stream(Summary):
         return self._estimate(
             whole.mean, whole.mean - half, whole.mean + half, level, torch.tensor(self._groups == 1)
         )
+
+    @overload
+    def quantile(self, levels: Any, interval: None = None) -> Tensor: ...
+
+    @overload
+    def quantile(self, levels: Any, interval: float) -> Estimate: ...
 
     def quantile(self, levels: Any, interval: float | None = None) -> Tensor | Estimate:
         """Quantiles, (...) of one level and (levels, ...) of several, to the relative `error`; with

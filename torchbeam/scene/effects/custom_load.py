@@ -17,6 +17,7 @@ from ...core.leaves import leaf, with_values
 from ...core.validation import Value, broadcast, finite, shown
 from ...math.shapes import broadcast_shapes
 from ..beam import Beam
+from ..parts import Place
 from .load_point import (
     INERTIAL,
     INTERNAL,
@@ -89,7 +90,7 @@ class Load(LoadEffect):
     """
 
     function: Callable[..., tuple[Tensor | None, Tensor | None]] = leaf(None)
-    node: int | None = -1
+    node: Place | None = -1
     inputs: Iterable[Input] | dict[str, int] = ()
     internal: int = 0
     rate: Callable[..., Tensor] | None = leaf(None, default=None)

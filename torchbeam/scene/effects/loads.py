@@ -12,7 +12,7 @@ from ...core.arguments import boolean
 from ...core.leaves import leaf, with_values
 from ...core.validation import Value, axis_last, finite
 from ...math.quaternions import skew
-from ..parts import check_node, node_and_point
+from ..parts import Place, check_node, node_and_point
 from .load_point import ROTATION, LoadEffect, LoadPoint, Wrench, together
 from .values import AtSites, ByPlace, Inputs, LoadValue, load_value, plain, value_along, value_at
 
@@ -81,6 +81,11 @@ class PointLoad(GivenLoad):
     """Force (N) and moment (N m) on one node; nodes count from the root, -1 is the tip.
 
     Args:
+        node: its number, of a structure (name, number) or the name of a body
+        force: (..., 3) N: numbers, a function of t, an `Input`, a `History`; dead: it keeps its
+            direction in frame a
+        moment: (..., 3) N m, the same
+        follower: whether both turn with the section that they act on
         offset: (..., 3) m from the node to where the force acts, section axes; None = at the node.
             Of a body, node = (name, point in its axes) says the same
 
@@ -92,7 +97,7 @@ class PointLoad(GivenLoad):
         tensor([0.0000, 0.4991, 0.0000])
     """
 
-    node: int = field()
+    node: Place = field()
     offset: Value | None = leaf(1, default=None, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -118,6 +123,13 @@ class PointLoad(GivenLoad):
 class TipLoad(PointLoad):
     """Force (N) and moment (N m) on the last node.
 
+    Args:
+        force: (..., 3) N: numbers, a function of t, an `Input`, a `History`; dead: it keeps its
+            direction in frame a
+        moment: (..., 3) N m, the same
+        follower: whether both turn with the section that they act on
+        offset: as in `PointLoad`
+
     Examples:
         >>> pushed = tb.Scene(beam, [tb.TipLoad(force=(0, 0, 1.0))])  # N, keeps its direction
         >>> beck = tb.Scene(
@@ -130,7 +142,7 @@ class TipLoad(PointLoad):
         tensor(-1.)
     """
 
-    node: int = -1
+    node: Place = -1
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -144,6 +156,10 @@ class LineLoad(GivenLoad):
     `Along(function)` of s and t, or `PerElement(values)`.
 
     Args:
+        force: (..., 3) N/m: numbers, a function of t, an `Input`, `Along`, `PerElement`; dead: it
+            keeps its direction in frame a
+        moment: (..., 3) N, the same
+        follower: whether both turn with the sections that they act on
         on: name of a beam of a structure; None = all
 
     Examples:

@@ -12,6 +12,7 @@ from ...core.leaves import leaf
 from ...core.validation import ROUNDING, Value, axis_last, concrete, finite, numbers, positive
 from ...core.validation import inertia as check_inertia
 from ...math.quaternions import skew
+from ..parts import Place
 from .effect import Effect
 from .loads import at_offset
 from .values import own, plain
@@ -49,7 +50,7 @@ class PointMass(Effect):
     mass: Value = leaf(0)
     inertia: Value | None = leaf(2, default=None)
     offset: Value | None = leaf(1, default=None)
-    node: int = -1
+    node: Place = -1
 
     kind = "inertia"
 

@@ -17,6 +17,7 @@ from ...core.validation import Value, as_tensor, axis_last, common_dtype, has_dt
 from ...math import quaternions as quat
 from ...math.quaternions import skew
 from ...math.shapes import broadcast_shapes
+from ..parts import Place
 from .drag import norm, outer
 from .load_point import POSITION, ROTATION, SPIN, VELOCITY, LoadEffect, LoadPoint, Pose, Wrench
 from .loads import at_offset
@@ -67,7 +68,7 @@ class Spring(LoadEffect):
         tensor(True)
     """
 
-    node: int = field()
+    node: Place = field()
     stiffness: Value = leaf(0)
     to: Value | Callable[[Tensor], Tensor] = leaf(1)
     length: Value | None = leaf(0, default=None)
