@@ -207,35 +207,36 @@ def markdown(rows: list[dict[str, Any]], compared: list[dict[str, Any]]) -> str:
 
 
 def summary(rows: list[dict[str, Any]], runs: list[Run]) -> str:
-    """A row a task: the best of `LINEAR` beside the learners, return and success, and by how many
-    seeds of each; then, of each pair of learners, the probability that a seed of the one returns
-    more.
+    """A row a task: the controllers of `LINEAR` beside the learners, with return, success and the
+    number of seeds, the largest return in bold; then, of each pair of learners, the probability
+    that a seed of the one returns more.
     """
-    learners = [name for name in COLORS if any(row["algorithm"] == name for row in rows)]
-    pairs = list(combinations(learners, 2))
-    heads = ["task", "best linear", *(LABELS[name] for name in learners)]
-    heads += [f"{LABELS[a]} ahead of {LABELS[b]}" for b, a in pairs]
+    shown = [name for name in (*LINEAR, *COLORS) if any(row["algorithm"] == name for row in rows)]
+    pairs = [(b, a) for a, b in combinations((name for name in shown if name in COLORS), 2)]
+    heads = ["task", *(LABELS[name] for name in shown)]
+    heads += [f"{LABELS[one]} ahead of {LABELS[other]}" for one, other in pairs]
     lines = [f"| {' | '.join(heads)} |", f"|---|{'---:|' * (len(heads) - 1)}"]
     for task in dict.fromkeys(row["task"] for row in rows):
         here = {row["algorithm"]: row for row in rows if row["task"] == task}
-        linear = [row for name, row in here.items() if name in LINEAR]
-        best = max(linear, key=lambda row: row["return"], default=None)
-        cells = [task, f"{_cell(best)}, {best['algorithm'].upper()}" if best else ""]
-        cells += [_cell(here[name], seeds=True) if name in here else "" for name in learners]
+        best = max((here[name]["return"] for name in shown if name in here), default=None)
+        cells = [_cell(here[name], best) if name in here else "" for name in shown]
         returns = {
             name: [run["return"] for run in runs if (run["task"], run["algorithm"]) == (task, name)]
-            for name in learners
+            for name in shown
         }
-        for other, one in pairs:
-            both = [returns[one], returns[other]] if returns[one] and returns[other] else []
-            cells.append(_said(_entry("ahead", improvement, *both), "ahead", 100, 0, " %"))
-        lines.append(f"| {' | '.join(cells)} |")
+        for pair in pairs:
+            both = [returns[name] for name in pair]
+            found = _entry("ahead", improvement, *(both if all(both) else ()))
+            cells.append(_said(found, "ahead", 100, 0, " %"))
+        lines.append(f"| {task} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
-def _cell(row: dict[str, Any], seeds: bool = False) -> str:
-    text = f"{_said(row, 'return')}, {100 * row['success']:.0f} %"
-    return f"{text} ({row['runs']})" if seeds else text
+def _cell(row: dict[str, Any], best: float) -> str:
+    text = _said(row, "return")
+    text = f"**{text}**" if row["return"] == best else text
+    seeds = f" ({row['runs']})" if row["algorithm"] in COLORS else ""
+    return f"{text}, {100 * row['success']:.0f} %{seeds}"
 
 
 def _said(
@@ -256,6 +257,7 @@ def picture(out: Path, runs: list[Run]) -> None:
     from three seeds on, and each seed.
     """
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import LogLocator, NullLocator
 
     names = [name for name in TASKS if any(run["task"] == name for run in runs)]
     if not names:
@@ -271,8 +273,9 @@ def picture(out: Path, runs: list[Run]) -> None:
         }
     ):
         figure, axes = plt.subplots(
-            len(names), 2, figsize=(11, 3.2 * len(names)), squeeze=False, layout="constrained"
+            len(names), 2, figsize=(9, 1 + 1.9 * len(names)), squeeze=False, layout="constrained"
         )
+        lines: dict[str, Any] = {}
         for name, pair in zip(names, axes, strict=True):
             here = sorted(
                 (run for run in runs if run["task"] == name),
@@ -287,14 +290,19 @@ def picture(out: Path, runs: list[Run]) -> None:
                 ax.set(
                     xscale="log",
                     yscale="log",
-                    xlabel=label,
+                    xlabel=label if name == names[-1] else "",
                     ylim=(min(levels) / 1.3, max(levels) * 1.3),
                     title=f"{name}: cost (- return) on validation episodes",
                 )
                 ax.xaxis.set_minor_formatter("")
                 ax.xaxis.set_major_formatter("{x:g}")
-            pair[1].legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
-        figure.savefig(out / "curves.png", dpi=120)
+                ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+                ax.yaxis.set_major_formatter("{x:g}")
+                ax.yaxis.set_minor_locator(NullLocator())
+                handles, labels = ax.get_legend_handles_labels()
+                lines |= dict(zip(labels, handles, strict=True))
+        figure.legend(lines.values(), lines, loc="outside upper center", ncols=4, fontsize=8)
+        figure.savefig(out / "curves.png", dpi=100)
         plt.close(figure)
 
 

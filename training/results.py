@@ -2,7 +2,7 @@
 episodes.
 
     python -m training.results --out out/results       # five tasks at two levels, ten seeds
-    python -m training.results --out out/quick --quick # three seeds, seconds each: 3 minutes
+    python -m training.results --out out/quick --quick # one of them, three seeds, seconds each
 
 Each run writes its own file when it is complete; called again, the command makes what is missing,
 goes on with what was interrupted, and writes results.json, .csv, .md, curves.png and policies/ from
@@ -41,7 +41,7 @@ LEARNERS = {
 SB3 = ("sb3-ppo", "sb3-sac")
 ALGORITHMS = (*BASELINES, *LEARNERS, *SB3)
 FAILED = ".failed"
-QUICK = {"seeds": 3, "minutes": 0.1, "episodes": 32}
+QUICK = {"tasks": ["track", "track-uncertain"], "seeds": 3, "minutes": 0.1, "episodes": 32}
 
 
 def run(
@@ -136,8 +136,9 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--quick",
         action="store_true",
-        help=f"{QUICK['seeds']} seeds, {60 * QUICK['minutes']:.0f} s of training and "
-        f"{QUICK['episodes']} episodes, where these are not given",
+        help=f"{' and '.join(QUICK['tasks'])}, {QUICK['seeds']} seeds, "
+        f"{60 * QUICK['minutes']:.0f} s of training and {QUICK['episodes']} episodes, where these "
+        "are not given",
     )
     parser.add_argument(
         "--seeds", type=int, default=10, help="runs of each learner (default: %(default)s)"

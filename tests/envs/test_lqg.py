@@ -82,3 +82,20 @@ def test_filter_knows_turns_that_angles_do_not_tell():
     tip = controller.model.state_at(controller.x[:, : len(controller.A)]).position[:, -1]
     far = (tip - env.state.beam.position[:, -1]).norm(dim=-1)
     assert far.max() < 0.1 * env.task.length
+
+
+def test_frames_of_the_past_are_no_matter():
+    """The filter reads the last frame: the same actions, of noisy readings and a random plant."""
+    given = dict(elements=2, substeps=1, planar=True, noise=0.01, output="torch")
+    acted = []
+    for frames in (1, 3):
+        env = TipReachVectorEnv(2, randomize={"stiffness": (0.7, 1.3)}, frames=frames, **given)
+        controller = LQG(env)
+        seen, _ = env.reset(seed=0)
+        controller.begin(env)
+        actions = []
+        for _ in range(4):
+            actions.append(controller(seen))
+            seen, *_ = env.step(actions[-1])
+        acted.append(torch.stack(actions))
+    assert torch.equal(*acted) and acted[0].abs().max() > 0.01

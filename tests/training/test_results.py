@@ -72,7 +72,8 @@ def test_one_command(tmp_path, monkeypatch, capsys):
         (tmp_path / "runs").glob("*.failed")
     )
     said = (tmp_path / "summary.md").read_text()
-    assert "| task | best linear | PPO | SHAC | SHAC ahead of PPO |" in said and "(2)" in said
+    assert "| task | PD + static | PPO | SHAC | SHAC ahead of PPO |" in said
+    assert said.count("(2)") == 2  # seeds of each learner
     rows = list(csv.DictReader(open(tmp_path / "results.csv")))
     assert [row["algorithm"] for row in rows] == ["zero", "static", "pd", "ppo", "shac"]
     mean = np.mean([runs[f"tiny-shac-{k}"]["return"] for k in (0, 1)])
