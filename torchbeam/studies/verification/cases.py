@@ -4,6 +4,7 @@ from . import (
     contact,
     flexible_mechanisms,
     joined_wing,
+    knot,
     motion,
     ropes,
     rotating,
@@ -28,4 +29,5 @@ CASES = [
     *touching.CASES,
     *contact.CASES,
     *ropes.CASES,
+    *knot.CASES,
 ]
