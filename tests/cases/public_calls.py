@@ -197,7 +197,13 @@ CALLS = {
     ),
     **{
         name: (getattr(S, name), dict(scene=LEANING, contact=0))
-        for name in ("ContactForce", "ContactForces", "ContactGap", "ContactSlip")
+        for name in (
+            "ContactForce",
+            "ContactForces",
+            "ContactGap",
+            "ContactPressure",
+            "ContactSlip",
+        )
     },
     "Plane": (tb.Plane, dict(point=FORCE, normal=FORCE)),
     "Sphere": (tb.Sphere, dict(centre=FORCE, radius=0.1, spin=FORCE)),

@@ -17,6 +17,7 @@ LONG = {
     "identify_accelerometers",
     "identify_field",
     "identify_nuts",
+    "knot",
     "mpc",
     "two_link",
     "uncertainty_controller",

@@ -348,6 +348,7 @@ SAME = {
     "S.ContactForce": touching(S.ContactForce),
     "S.ContactForces": touching(S.ContactForces),
     "S.ContactGap": touching(lambda *x: lambda s: S.ContactGap(*x)(s).amin()),
+    "S.ContactPressure": touching(lambda *x: lambda s: S.ContactPressure(*x)(s).amax()),
     "S.ContactSlip": touching(lambda *x: lambda s: S.ContactSlip(*x)(s).amax()),
     "S.Curvature": read(lambda of: S.Curvature(element=0, beam=of.scene, **part_of(of))),
     "S.Gauge": read(lambda of: S.Gauge(element=0, beam=of.scene, y=0.1, **part_of(of))),

@@ -60,3 +60,47 @@ def test_what_is_faster_than_its_steps_meets_its_obstacle():
     assert (solution.status == 0).all()
     heights = solution.nodes[..., 2]
     assert (heights > 0).all() and (heights[-1] > heights[-2]).all()
+
+
+def alternation(velocity):
+    """Half of the least change, over the last five steps, of velocities (time) that change sign
+    from one to the next; 0 where they do not.
+    """
+    changes = velocity.diff()[-5:]
+    return float(changes.abs().amin()) / 2 if (changes[1:] * changes[:-1] < 0).all() else 0.0
+
+
+def test_velocities_that_ring_are_damped_by_generalized_alpha():
+    """A rod that comes to rest on a floor, friction g dt a hundred times the slip speed: midpoint
+    steps end with velocities that alternate; in joints, whose friction is that of the rate at the
+    end of a step, what sticks does not, and creeps by that law.
+    """
+    slip, dt = 1e-4, 2e-3
+    t, push = torch.linspace(0, 0.08, 41), tb.Gravity((1.0, 0, -9.81))
+    section = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=0.2, inertia=1e-4)
+    gap = 1e-3 * (1 - (0.2 * 9.81 / 8) ** 0.5)
+    beam = tb.Beam.straight(1.0, 2, section, root=(0, 0, 0.01 + gap))
+    floor = tb.Contact(tb.Plane((0, 0, 0), (0, 0, 1.0)), thickness=1e-3, force=8.0, radius=0.01,
+                       friction=0.5, slip_speed=slip)  # fmt: skip
+    slider = tb.Slider(None, "box", axis=(1.0, 0, 0), friction=0.2 * 0.5 * 9.81, slip_speed=slip)
+    scenes = {
+        "midpoint": tb.Scene(beam, [push, floor], supports=(), plane="xz"),
+        "generalized_alpha": tb.Scene(beam, [push, floor], supports=(), plane="xz"),
+        "joint": tb.Scene({"box": tb.Body(0.2, 1e-4)}, [push], joints=[slider]),
+    }
+    rings = {}
+    for name, scene in scenes.items():
+        start = tb.rest(scene)
+        thrown = torch.tensor([0.05, 0, 0]).expand_as(start.velocity)
+        method = "midpoint" if name == "joint" else name
+        engine = "eager" if name == "joint" else "auto"
+        run = tb.simulate(scene, t, replace(start, velocity=thrown), method, step=dt, engine=engine)
+        assert (run.status == 0).all()
+        velocity = run.state.velocity[:, 0, 0]
+        assert velocity.abs()[-1] < 0.05 * 0.05
+        rings[name] = alternation(velocity)
+    assert rings["midpoint"] > 5 * slip
+    assert rings["generalized_alpha"] == rings["joint"] == 0.0
+    share = 1.0 / (0.5 * 9.81)  # of what friction holds: mu r/sqrt(r^2 + s^2) is it
+    creep = slip * share / (1 - share**2) ** 0.5
+    assert_close(velocity[-1], torch.tensor(creep), rtol=1e-6, atol=0)

@@ -205,6 +205,28 @@ class ContactGap(OfContact):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class ContactPressure(OfContact):
+    """What presses in all, whatever its direction (N), and the mean gap (m) that it keeps, weighted
+    by it (..., 2): of a beam that touches itself each pair of places counts once; 0 where nothing
+    touches.
+    """
+
+    name: ClassVar[str] = "contact pressure"
+    unit: ClassVar[str] = "N, m"
+    labels: ClassVar[tuple[str, ...]] = ("force", "gap")
+
+    def read(self, state: Any) -> Tensor:
+        sums = []
+        for measure, touch in self._touches(state):
+            force = (measure * touch.pressure)[..., 0]
+            gap = torch.where(force > 0, touch.gap[..., 0], torch.zeros_like(force))
+            sums.append(torch.stack((force, force * gap), -1).sum(-2))
+        total, weighted = sum(sums[1:], sums[0]).unbind(-1)
+        whole = torch.where(total > 0, total, torch.ones_like(total))
+        return torch.stack((total, weighted / whole), -1)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class ContactSlip(OfContact):
     """Of a contact with friction: the mean speed (m/s) at which surfaces that touch slip, weighted
     by their pressure, and the share of the pressure that is on what sticks, below the slip speed

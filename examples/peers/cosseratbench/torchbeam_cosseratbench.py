@@ -37,7 +37,8 @@ STIFF = 20.0  # force where surfaces meet, over what is expected to press
 SLIP = 3e-3  # slip speed, over the rod's length, 1/s
 HOLDS = 5e-4  # the same round a cylinder, where friction holds a weight
 DAMPING = 5e-3  # s, of the contact
-POINTS = 4  # of an element at which it may touch an obstacle
+# of an element at which it may touch an obstacle: where a tip comes down, near to that
+POINTS = {"Cylinder": 4, "Plane": 8}
 NODES = {End.START: 0, End.END: -1}
 SHEAR = 27 / 28  # coefficient of a circular section, as the suite's other solver has it
 
@@ -220,11 +221,12 @@ def _law(scenario: Scenario, rod: Rod, other: Any) -> dict[str, float]:
     weight = rod.material.density * rod.area * g
     bend = other.radius if isinstance(other, (Cylinder, Rod)) else math.inf
     mu = max(rod.friction, getattr(other, "friction", 0.0))
+    layer = LAYER / (2 if isinstance(other, Rod) else 1)  # of each surface
     law = {
         "thickness": LAYER * rod.radius,
         "force": STIFF * weight * (1 + rod.length / (2 * bend)),
         "damping": DAMPING,
-        "radius": rod.radius * (1 - LAYER * (1 - STIFF**-0.5)),  # surfaces meet where that presses
+        "radius": rod.radius * (1 - layer * (1 - STIFF**-0.5)),  # surfaces meet where that presses
     }
     slip = HOLDS if isinstance(other, Cylinder) else SLIP
     return {**law, "friction": mu, "slip_speed": slip * rod.length} if mu else law
@@ -239,7 +241,9 @@ def _obstacles(scenario: Scenario, rod: Rod, name: str | None = None) -> list[tb
             else tb.Plane(it.point, it.normal)
         )
         where = (solid,) if name is None else (name, solid)
-        contacts.append(tb.Contact(*where, **_law(scenario, rod, it), points=POINTS))
+        contacts.append(
+            tb.Contact(*where, **_law(scenario, rod, it), points=POINTS[type(it).__name__])
+        )
     return contacts
 
 

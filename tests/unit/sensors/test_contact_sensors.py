@@ -35,6 +35,8 @@ def test_force_gap_and_slip():
     assert_close(
         S.ContactGap(scene)(state)[:, 0], torch.tensor([1e-3 * (1 - (1.962 / 4) ** 0.5), 0.99])
     )
+    pressure = torch.stack((weight[:, 2], torch.tensor([1e-3 * (1 - (1.962 / 4) ** 0.5), 0.0])), -1)
+    assert_close(S.ContactPressure(scene)(state), pressure)
     assert_close(S.ContactSlip(scene)(state), torch.tensor([[0.0, 1.0], [0.0, 0.0]]))
     moving = state.map(lambda x: x + torch.tensor([0.5, 0, 0]) if x is state.velocity else x)
     assert_close(S.ContactSlip(scene)(moving), torch.tensor([[0.5, 0.0], [0.0, 0.0]]))

@@ -4,6 +4,7 @@ from . import (
     contact,
     flexible_mechanisms,
     joined_wing,
+    knot,
     motion,
     parallel_robot,
     ropes,
@@ -30,4 +31,5 @@ CASES = [
     *touching.CASES,
     *contact.CASES,
     *ropes.CASES,
+    *knot.CASES,
 ]

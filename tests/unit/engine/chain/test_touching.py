@@ -10,6 +10,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from torchbeam.dynamics import step_solver
 from torchbeam.engine.chain import touching_step
 
 R = 0.005
@@ -81,6 +82,16 @@ def test_native_steps_and_gradients_are_the_eager_ones(case):
     assert_close(native[0], eager[0], rtol=0, atol=1e-10)  # of velocities m/s, by forces of 100 N
     assert_close(native[1], eager[1], rtol=1e-9, atol=1e-9 * float(eager[1].abs().max()))
     assert torch.equal(native[2], eager[2])
+
+
+def test_generalized_alpha_begins_by_native_code(monkeypatch):
+    """Its trial step too: an eager one of a long rod that lies on itself took a minute."""
+
+    def eagerly(*given, **options):
+        raise AssertionError("a step was solved eagerly")
+
+    monkeypatch.setattr(step_solver, "newton", eagerly)
+    run(X, "compiled", dict(method="generalized_alpha"))
 
 
 def test_no_result_depends_on_the_list_of_pairs(monkeypatch):
