@@ -8,7 +8,6 @@ of the return through the simulation, which SHAC uses, and that of likelihood ra
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchbeam.extend.commands import csv_text, measured_on, results_folder, write
+from torchbeam.extend.commands import measured_on, results_folder, sentence, table, write_results
 
 from .evaluate import make
 from .policies import Policy
@@ -145,8 +144,25 @@ def picture(rows: list[dict[str, Any]], path: Path) -> None:
         plt.close(figure)
 
 
+def text(content: dict[str, Any]) -> str:
+    """Relative variances as a table, a row a task, policy and horizon."""
+    cells: dict[tuple[str, str, str], dict[str, str]] = {}
+    for row in content["rows"]:
+        place = row["task"], row["policy"], str(row["horizon"])
+        relative = row["relative"]
+        value = "lost in noise" if relative is None else f"{relative:.3g}"
+        cells.setdefault(place, {})[row["estimate"]] = value
+    rows = [(*place, *(values[name] for name in KINDS)) for place, values in cells.items()]
+    about = (
+        f"Variance over squared gradient, from {content['repeats']} estimates of "
+        f"{content['episodes']} episodes each."
+    )
+    head = ("task", "policy", "horizon", *KINDS.values())
+    return f"{about}\n\n{table(head, rows, words=2)}\n\n{sentence(content)}"
+
+
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure both, and write variance.json, variance.csv and variance.png."""
+    """Measure both, and write variance.json, variance.csv, variance.md and variance.png."""
     parser = argparse.ArgumentParser(
         prog="python -m training.variance",
         description=__doc__,
@@ -179,8 +195,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         "episodes": options.episodes,
         "rows": rows,
     }
-    write(out / "variance.json", json.dumps(content, indent=2) + "\n")
-    write(out / "variance.csv", csv_text([list(rows[0]), *(list(row.values()) for row in rows)]))
+    columns = list(rows[0])
+    values = [[row[name] for name in columns] for row in rows]
+    write_results(out, "variance", text(content), content, columns, values)
     picture(rows, out / "variance.png")
     return 0
 

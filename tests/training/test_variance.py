@@ -61,6 +61,8 @@ def test_command(tmp_path, monkeypatch):
     assert variance.main(given) == 0
     rows = json.loads((tmp_path / "variance.json").read_text())["rows"]
     assert len(rows) == 2 * 2 * 2 and all(row["variance"] >= 0 for row in rows)
+    lines = (tmp_path / "variance.md").read_text().splitlines()
+    assert sum(line.startswith("| tiny |") for line in lines) == len(rows) / 2
     assert (tmp_path / "variance.png").exists()
     with pytest.raises(SystemExit):
         variance.main([*given, "--repeats", "1"])
