@@ -32,6 +32,7 @@ TASKS = {
     "Payload-v1": baselines.LQR,
     "TwoLink-v0": baselines.JointLQR,
     "Peg-v0": baselines.Insert,
+    "Gripper-v0": baselines.Grasp,
     "FollowTarget-v0": baselines.ResolvedRate,
     "InverseKinematics-v0": baselines.ResolvedRate,
 }
