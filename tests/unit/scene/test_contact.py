@@ -114,6 +114,33 @@ def test_places_of_obstacles():
         assert_close(bound(obstacle).distance(x), torch.tensor([[wanted]]))
 
 
+@each
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_obstacles_outside_a_scene(name, dtype):
+    """Of plain numbers, they take the dtype of the points. (A capsule was an AttributeError, others
+    warned of NumPy's arrays.)
+    """
+    obstacle, x = OBSTACLES[name](), torch.tensor([[0.7, 0.1, 0.2], [0.2, -0.4, 0.3]], dtype=dtype)
+    for read in ("distance", "gradient"):
+        value = getattr(obstacle, read)(x)
+        wanted = getattr(bound(OBSTACLES[name]()), read)(x.double()).to(dtype)
+        assert_close(value, wanted, rtol=1e-5, atol=1e-6)
+
+
+def test_moving_obstacles_outside_a_scene():
+    """The surface's velocity by plain numbers; what is a function of t has none of a place."""
+    x = torch.tensor([[0.0, 0.0, 0.5]])
+    ball = tb.Sphere((0, 0, 0), 0.5, spin=(0, 2.0, 0))
+    assert_close(ball.surface_velocity(x), torch.tensor([[1.0, 0, 0]]))
+    bar = tb.Cylinder((0, 0, 0), (1.0, 0, 0), 0.5, spin=2.0)
+    assert_close(bar.surface_velocity(x), torch.tensor([[0.0, -1.0, 0]]))
+    moving = tb.Sphere(lambda t: torch.stack((t, 0 * t, 0 * t)), 0.5)
+    for read in (moving.distance, moving.gradient, moving.velocity):
+        with pytest.raises(ValueError, match="Sphere's centre as a function of t was given"):
+            read(x)
+
+
 def test_points_of_what_moves():
     """Velocity of an obstacle's points = rates of the places that it carries along, by differences:
     a drift, a turn of a direction, and the turn of a surface in itself.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import wraps
 from typing import Any, ClassVar
 
 import torch
@@ -15,7 +16,7 @@ from torch import Tensor
 
 from ...core.arguments import boolean
 from ...core.functions_of_time import taken, with_user_rate
-from ...core.leaves import FunctionOfTime, Tree, leaf
+from ...core.leaves import FunctionOfTime, Tree, bound, leaf, own_leaves
 from ...core.validation import Value, axis_last, concrete, finite
 from ...math import quaternions as quat
 from .drag import norm
@@ -67,6 +68,24 @@ def _with_rate(value: Any, t: Tensor) -> tuple[Tensor, Tensor]:
     return with_user_rate(what, lambda now: taken(what, value(now), now, 3), t)
 
 
+def _of_points(method: Callable[[Any, Tensor], Any]) -> Callable[[Any, Tensor], Any]:
+    """A method of an obstacle and points whose numbers are tensors like the points, as in a scene;
+    ValueError where one is a function of t.
+    """
+
+    @wraps(method)
+    def of_points(self: Obstacle, x: Tensor) -> Any:
+        for one in own_leaves(self):
+            if callable(one.value):
+                raise ValueError(
+                    f"{self.called}'s {one.name} as a function of t was given; at an instant a "
+                    "value is wanted"
+                )
+        return method(bound(self, x.dtype, x.device), x)
+
+    return of_points
+
+
 @dataclass(frozen=True)
 class Obstacle(Tree):
     """Base of all obstacles. drift m/s of its `place` and turning rad/s (..., 3): None = it stands.
@@ -81,6 +100,12 @@ class Obstacle(Tree):
 
     PLACE: ClassVar[str]
     passes: ClassVar[bool] = True
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        for name in ("distance", "gradient"):
+            if name in vars(cls):
+                setattr(cls, name, _of_points(vars(cls)[name]))
 
     def distance(self, x: Tensor) -> Tensor:
         """(..., points, 1) m of points (..., points, 3), frame a."""
@@ -100,10 +125,12 @@ class Obstacle(Tree):
         """(..., 3) rad/s by which its surface turns in itself; None = it does not."""
         return None
 
+    @_of_points
     def velocity(self, x: Tensor) -> Tensor | None:
         """(..., points, 3) m/s in frame a of its points as it moves; None = it stands."""
         return self._carried(x, self.turning)
 
+    @_of_points
     def surface_velocity(self, x: Tensor) -> Tensor | None:
         """The same of its surface."""
         parts = [spin for spin in (self.turning, self.spinning) if spin is not None]
