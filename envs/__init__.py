@@ -9,6 +9,14 @@ What an environment of one's own is made of: `Task`, `BeamEnvConfig`, `Actuator`
 `Observed`, `Parameter`, behind `BeamVectorEnv` and `SingleEnv` (docs/own_environment.md).
 `functional`: episodes as values, begun and stepped by functions. `Sb3VecEnv` puts a vector env into
 stable-baselines3 (extra `rl`).
+
+Examples in docstrings go on from these lines:
+
+>>> import torch
+>>> import torchbeam as tb
+>>> import torchbeam_envs as envs
+>>> from torchbeam_envs import baselines
+>>> torch.set_default_dtype(torch.float64)
 """
 
 from importlib import import_module

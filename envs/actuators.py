@@ -22,17 +22,19 @@ class Actuator:
     """An effect with one `torchbeam.Input`, whose value is linear in some of the actions:
     value = action @ gain.
 
-        Actuator(tb.Actuation(curvature=tb.Input("tendons", 3)), [[0, 5.0, 0], [0, 0, 5.0]])
-        two pairs of tendons
-        Actuator(tb.PointLoad(0, moment=tb.Input("torque", 3)), [[0, 0, 1.0]])
-        a motor at the root, 1 N m
-
     Args:
         effect: any effect of `torchbeam` that takes an `Input`
         gain: (actions, size of the input): the input's value at an action of 1, in its own units
 
     Raises:
         ValueError: for an effect with no input or several, or a gain of another shape.
+
+    Examples:
+        >>> bend = tb.Actuation(curvature=tb.Input("tendons", 3))
+        >>> tendons = envs.Actuator(bend, [[0, 5.0, 0], [0, 0, 5.0]])  # two pairs of them
+        >>> motor = envs.Actuator(tb.PointLoad(0, moment=tb.Input("torque", 3)), [[0, 0, 1.0]])
+        >>> motor.inputs(torch.tensor([[0.5]]))  # N m
+        {'torque': tensor([[0.0000, 0.0000, 0.5000]])}
     """
 
     effect: Any
@@ -94,6 +96,11 @@ class TipForce(Actuator):
     """A force on the tip, along the rows of gain (actions, 3) N: of fixed direction, in frame a;
     or, `follower`, turning with the tip, in its section axes. A fixed force acts at a point
     `offset` (a parameter, m) beyond the last node, along the beam.
+
+    Examples:
+        >>> force = envs.TipForce(gain=[[0, 0.5, 0], [0, 0, 0.5]])  # N at an action of 1
+        >>> force.inputs(torch.tensor([[1.0, -0.5]]))
+        {'force': tensor([[ 0.0000,  0.5000, -0.2500]])}
     """
 
     effect: Any = None

@@ -66,6 +66,12 @@ class BeamEnvConfig:
     control_cost       per interval and |action|^2
     failure_reward     of the interval in which the solver fails, or the task does
     max_episode_steps  None = no end
+
+    Examples:
+        >>> config = envs.BeamEnvConfig(elements=2, planar=True, sensors=("tip", "gauges"))
+        >>> sim = envs.functional.Simulation(envs.Task(config), 2)
+        >>> envs.functional.reset(sim, seed=0).observation.shape
+        torch.Size([2, 7])
     """
 
     length: float = 1.5

@@ -58,6 +58,14 @@ class BeamVectorEnv(VectorEnv):
 
     Raises ValueError for a value of the wrong kind or out of bounds, TypeError for a keyword that
     does not exist.
+
+    Examples:
+        >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True, output="torch")
+        >>> observation, _ = env.reset(seed=0)
+        >>> push = torch.zeros(2, 1, requires_grad=True)
+        >>> observation, reward, *_ = env.step(push)
+        >>> torch.autograd.grad(observation.sum(), push)[0].shape
+        torch.Size([2, 1])
     """
 
     task_type: ClassVar[type[Task]] = Task

@@ -34,6 +34,12 @@ class Episodes(Tree):
             intervals; None where the task has no target
         measures: name -> (n,), what the task says of where the episodes stand: it goes into `info`
         memory: (n, m) what the task keeps from interval to interval beside the beam
+
+    Examples:
+        >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True)
+        >>> observation, _ = env.reset(seed=0)
+        >>> env.state.steps, env.state.beam.position.shape, env.state.goal.shape
+        (tensor([0, 0]), torch.Size([2, 3, 3]), torch.Size([2, 3]))
     """
 
     plant: Plant

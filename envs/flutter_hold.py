@@ -157,6 +157,13 @@ class FlutterHoldVectorEnv(BeamVectorEnv):
 
     ## Version history
     v0: first version.
+
+    Examples:
+        >>> env = envs.FlutterHoldVectorEnv(2, planar=True)
+        >>> observation, info = env.reset(seed=0)
+        >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+        >>> observation.shape, reward.shape
+        ((2, 9), (2,))
     """
 
     task_type = FlutterHold
@@ -168,6 +175,12 @@ class FlutterHoldEnv(SingleEnv):
 
     `gymnasium.make` ends the episode after 100 steps (`max_episode_steps` there); made directly, it
     ends only when it is lost.
+
+    Examples:
+        >>> env = envs.FlutterHoldEnv(planar=True)
+        >>> observation, info = env.reset(seed=0)
+        >>> env.observation_space.shape, env.action_space.shape
+        ((9,), (1,))
     """
 
     vector = FlutterHoldVectorEnv

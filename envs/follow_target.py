@@ -164,6 +164,13 @@ class FollowTargetVectorEnv(BeamVectorEnv):
 
     ## Version history
     v0: first version.
+
+    Examples:
+        >>> env = envs.FollowTargetVectorEnv(2, elements=5, planar=True)
+        >>> observation, info = env.reset(seed=0)
+        >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+        >>> observation.shape, reward.shape
+        ((2, 29), (2,))
     """
 
     task_type = FollowTarget
@@ -175,6 +182,12 @@ class FollowTargetEnv(SingleEnv):
 
     `gymnasium.make` ends the episode after 500 steps (`max_episode_steps` there); made directly, it
     does not end by itself.
+
+    Examples:
+        >>> env = envs.FollowTargetEnv(elements=5, planar=True)
+        >>> observation, info = env.reset(seed=0)
+        >>> env.observation_space.shape, env.action_space.shape
+        ((29,), (5,))
     """
 
     vector = FollowTargetVectorEnv

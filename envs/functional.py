@@ -32,7 +32,15 @@ __all__ = ["Simulation", "Transition", "reset", "simulation", "step"]
 
 
 class Transition(NamedTuple):
-    """`episodes` after the interval, and the reward (n,) of it."""
+    """`episodes` after the interval, and the reward (n,) of it.
+
+    Examples:
+        >>> sim = envs.functional.simulation(envs.TipReachVectorEnv, 2, elements=2, planar=True)
+        >>> now = envs.functional.reset(sim, seed=0)
+        >>> transition = envs.functional.step(sim, now, torch.zeros(2, 1))
+        >>> transition.episodes.steps, transition.reward.shape
+        (tensor([1, 1]), torch.Size([2]))
+    """
 
     episodes: Episodes
     reward: Tensor
@@ -44,6 +52,12 @@ def simulation(of: type[BeamVectorEnv] | type[Task], num_envs: int, **keywords: 
 
     Raises ValueError for what is neither a vector environment's class nor a task's, TypeError for a
     keyword that does not exist.
+
+    Examples:
+        >>> sim = envs.functional.simulation(envs.TipReachVectorEnv, 2, elements=2, planar=True)
+        >>> now = envs.functional.reset(sim, seed=0)
+        >>> now.observation.shape
+        torch.Size([2, 11])
     """
     count("num_envs", num_envs, 1)
     task = of.task_type if isinstance(of, type) and issubclass(of, BeamVectorEnv) else of
@@ -63,6 +77,12 @@ def reset(
         seed: s gives sub-env i the stream s + i; a sequence gives one each
         params: name -> number or (n,), parameters of these episodes
         goal: (g,) or (n, g), instead of the one that is drawn
+
+    Examples:
+        >>> sim = envs.functional.simulation(envs.TipReachVectorEnv, 2, elements=2, planar=True)
+        >>> now = envs.functional.reset(sim, seed=0)
+        >>> torch.equal(now.observation, envs.functional.reset(sim, seed=0).observation)
+        True
     """
     everyone = torch.ones(sim.count, dtype=torch.bool, device=sim.high.device)
     streams = Streams(sim.count)
@@ -77,6 +97,13 @@ def step(sim: Simulation, episodes: Episodes, action: Tensor) -> Transition:
 
     Raises:
         ValueError: for actions of another shape or that are no numbers.
+
+    Examples:
+        >>> sim = envs.functional.simulation(envs.TipReachVectorEnv, 2, elements=2, planar=True)
+        >>> now = envs.functional.reset(sim, seed=0)
+        >>> after, reward = envs.functional.step(sim, now, torch.zeros(2, 1))
+        >>> now.steps, after.steps
+        (tensor([0, 0]), tensor([1, 1]))
     """
     shape = (len(episodes.steps), sim.task.actions)
     if not isinstance(action, Tensor) or action.shape != shape:

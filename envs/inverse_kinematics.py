@@ -135,6 +135,13 @@ class InverseKinematicsVectorEnv(BeamVectorEnv):
 
     ## Version history
     v0: first version.
+
+    Examples:
+        >>> env = envs.InverseKinematicsVectorEnv(2)
+        >>> observation, info = env.reset(seed=0)
+        >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+        >>> observation.shape, reward.shape
+        ((2, 86), (2,))
     """
 
     task_type = InverseKinematics
@@ -146,6 +153,12 @@ class InverseKinematicsEnv(SingleEnv):
 
     `gymnasium.make` ends the episode after 100 steps (`max_episode_steps` there); made directly, it
     does not end by itself.
+
+    Examples:
+        >>> env = envs.InverseKinematicsEnv()
+        >>> observation, info = env.reset(seed=0)
+        >>> env.observation_space.shape, env.action_space.shape
+        ((86,), (15,))
     """
 
     vector = InverseKinematicsVectorEnv

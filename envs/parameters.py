@@ -22,6 +22,14 @@ class Parameter:
         value: what it is unless it varies
         low, high: the range that randomize=True draws from; where they are equal it does not
         least: smallest value; `above`: which it must exceed
+
+    Examples:
+        >>> payload = envs.Parameter(0.1, low=0.05, high=0.15, above=True)  # kg
+        >>> payload.check("payload", [0.06, 0.2])  # ValueError for a value that is not above 0
+        >>> env = envs.PayloadVectorEnv(2, elements=2, randomize={"payload": (0.06, 0.2)})
+        >>> observation, _ = env.reset(seed=0)
+        >>> ((env.state.plant.params["payload"] - 0.13).abs() < 0.07).all()
+        tensor(True)
     """
 
     value: float

@@ -91,6 +91,13 @@ class PayloadVectorEnv(BeamVectorEnv):
     ## Version history
     v1: all start in one shape. v0 started in equilibrium with the mass of the episode: how far the
     target was from there gave it away, to 2 g of 29 g in the first observation.
+
+    Examples:
+        >>> env = envs.PayloadVectorEnv(2, elements=2, planar=True)
+        >>> observation, info = env.reset(seed=0)
+        >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+        >>> observation.shape, reward.shape
+        ((2, 11), (2,))
     """
 
     task_type = Payload
@@ -102,6 +109,12 @@ class PayloadEnv(SingleEnv):
 
     `gymnasium.make` ends the episode after 100 steps (`max_episode_steps` there); made directly, it
     does not end by itself.
+
+    Examples:
+        >>> env = envs.PayloadEnv(elements=2, planar=True)
+        >>> observation, info = env.reset(seed=0)
+        >>> env.observation_space.shape, env.action_space.shape
+        ((11,), (1,))
     """
 
     vector = PayloadVectorEnv

@@ -298,6 +298,13 @@ class PegVectorEnv(BeamVectorEnv):
 
     ## Version history
     v0: first version.
+
+    Examples:
+        >>> env = envs.PegVectorEnv(2, planar=True)
+        >>> observation, info = env.reset(seed=0)
+        >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+        >>> observation.shape, reward.shape
+        ((2, 16), (2,))
     """
 
     task_type = Peg
@@ -309,6 +316,12 @@ class PegEnv(SingleEnv):
 
     `gymnasium.make` ends the episode after 100 steps (`max_episode_steps` there); made directly, it
     does not end by itself.
+
+    Examples:
+        >>> env = envs.PegEnv(planar=True)
+        >>> observation, info = env.reset(seed=0)
+        >>> env.observation_space.shape, env.action_space.shape
+        ((16,), (2,))
     """
 
     vector = PegVectorEnv

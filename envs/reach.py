@@ -194,6 +194,14 @@ def holding_action(
 ) -> Tensor:
     """The action (n, actions) whose equilibrium has its tip nearest the target (n, 3) m:
     `nearest_action` by `tb.equilibrium` of the scene under inputs(action), as `Task.inputs`.
+
+    Examples:
+        >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True)
+        >>> observation, _ = env.reset(seed=0)
+        >>> action = envs.holding_action(env.scene, env.state.goal, 1, env.task.inputs)
+        >>> held = tb.equilibrium(env.scene, inputs=env.task.inputs(action)).tip.position
+        >>> bool((held - env.state.goal).norm(dim=-1).max() < 1e-6)  # m
+        True
     """
 
     @torch.enable_grad()

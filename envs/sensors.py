@@ -100,6 +100,14 @@ class Observed:
         scale: of one unit of the observation, in the sensor's unit: a number, or one for each
             number of the reading
         high: bound, likewise
+
+    Examples:
+        >>> def angle(start):  # of the tip about y
+        ...     return tb.sensors.NodeRotation(-1)[1]
+        >>> sensors = ("tip", envs.Observed(angle, 1.0, 3.2))
+        >>> env = envs.TipReachVectorEnv(2, elements=2, sensors=sensors)
+        >>> env.observation_space.shape
+        (2, 12)
     """
 
     sensor: Sensor | Callable[[tb.State], Sensor]

@@ -40,6 +40,12 @@ class Simulation:
         spare: intervals by which actions may be late
         varying: names of the parameters that have a value for each sub-env; grows when a reset is
             given values for others
+
+    Examples:
+        >>> sim = envs.functional.simulation(envs.TipReachVectorEnv, 2, elements=2, planar=True)
+        >>> now = envs.functional.reset(sim, seed=0)
+        >>> sim.count, sim.task.actions
+        (2, 1)
     """
 
     def __init__(self, task: Task, count: int) -> None:

@@ -18,6 +18,13 @@ MANY = ("num_envs", "autoreset_mode", "output")  # arguments of a vector env alo
 class SingleEnv(gymnasium.Env):
     """One member of the class attribute `vector`; takes its arguments, but num_envs, autoreset_mode
     and output.
+
+    Examples:
+        >>> env = envs.TipReachEnv(elements=2, planar=True)
+        >>> observation, info = env.reset(seed=0)
+        >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+        >>> observation.shape, terminated, truncated
+        ((11,), False, False)
     """
 
     vector: ClassVar[type[BeamVectorEnv]]

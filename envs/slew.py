@@ -193,6 +193,13 @@ class SlewVectorEnv(BeamVectorEnv):
 
     ## Version history
     v0: first version.
+
+    Examples:
+        >>> env = envs.SlewVectorEnv(2, elements=2, planar=True)
+        >>> observation, info = env.reset(seed=0)
+        >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+        >>> observation.shape, reward.shape
+        ((2, 14), (2,))
     """
 
     task_type = Slew
@@ -203,6 +210,12 @@ class SlewEnv(SingleEnv):
 
     `gymnasium.make` ends the episode after 100 steps (`max_episode_steps` there); made directly, it
     does not end by itself.
+
+    Examples:
+        >>> env = envs.SlewEnv(elements=2, planar=True)
+        >>> observation, info = env.reset(seed=0)
+        >>> env.observation_space.shape, env.action_space.shape
+        ((14,), (2,))
     """
 
     vector = SlewVectorEnv

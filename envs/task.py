@@ -77,6 +77,14 @@ class Task:
         omega, speed     rad/s, and length * omega (m/s), by which rates are scaled: (1,) or
                          (num_envs, 1)
         drives, actions  the actuators, and how many actions they take
+
+    Examples:
+        >>> class Still(envs.Task):
+        ...     def cost(self, now):  # m, of the tip
+        ...         return (now.beam.position[:, -1] - now.start.position[:, -1]).norm(dim=-1)
+        >>> now = envs.functional.reset(envs.functional.simulation(Still, 2, elements=2), seed=0)
+        >>> now.observation.shape
+        torch.Size([2, 14])
     """
 
     Config: ClassVar[type[BeamEnvConfig]] = BeamEnvConfig

@@ -145,6 +145,13 @@ class TipReachVectorEnv(BeamVectorEnv):
 
     ## Version history
     v0: first version.
+
+    Examples:
+        >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True)
+        >>> observation, info = env.reset(seed=0)
+        >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+        >>> observation.shape, reward.shape
+        ((2, 11), (2,))
     """
 
     task_type = TipReach
@@ -156,6 +163,12 @@ class TipReachEnv(SingleEnv):
 
     `gymnasium.make` ends the episode after 50 steps (`max_episode_steps` there); made directly, it
     does not end by itself.
+
+    Examples:
+        >>> env = envs.TipReachEnv(elements=2, planar=True)
+        >>> observation, info = env.reset(seed=0)
+        >>> env.observation_space.shape, env.action_space.shape
+        ((11,), (1,))
     """
 
     vector = TipReachVectorEnv

@@ -208,6 +208,13 @@ class TipTrackVectorEnv(BeamVectorEnv):
 
     ## Version history
     v0: first version.
+
+    Examples:
+        >>> env = envs.TipTrackVectorEnv(2, elements=2, planar=True)
+        >>> observation, info = env.reset(seed=0)
+        >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+        >>> observation.shape, reward.shape
+        ((2, 19), (2,))
     """
 
     task_type = TipTrack
@@ -219,6 +226,12 @@ class TipTrackEnv(SingleEnv):
 
     `gymnasium.make` ends the episode after 100 steps (`max_episode_steps` there); made directly, it
     does not end by itself.
+
+    Examples:
+        >>> env = envs.TipTrackEnv(elements=2, planar=True)
+        >>> observation, info = env.reset(seed=0)
+        >>> env.observation_space.shape, env.action_space.shape
+        ((19,), (1,))
     """
 
     vector = TipTrackVectorEnv

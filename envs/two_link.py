@@ -283,6 +283,13 @@ class TwoLinkVectorEnv(BeamVectorEnv):
 
     ## Version history
     v0: first version.
+
+    Examples:
+        >>> env = envs.TwoLinkVectorEnv(2, elements=2, planar=True)
+        >>> observation, info = env.reset(seed=0)
+        >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+        >>> observation.shape, reward.shape
+        ((2, 24), (2,))
     """
 
     task_type = TwoLink
@@ -293,6 +300,12 @@ class TwoLinkEnv(SingleEnv):
 
     `gymnasium.make` ends the episode after 100 steps (`max_episode_steps` there); made directly, it
     does not end by itself.
+
+    Examples:
+        >>> env = envs.TwoLinkEnv(elements=2, planar=True)
+        >>> observation, info = env.reset(seed=0)
+        >>> env.observation_space.shape, env.action_space.shape
+        ((24,), (2,))
     """
 
     vector = TwoLinkVectorEnv

@@ -22,6 +22,14 @@ class Grasp(Controller):
 
     Raises:
         ValueError: for another task.
+
+    Examples:
+        >>> env = envs.GripperVectorEnv(2, planar=True)
+        >>> observation, _ = env.reset(seed=0)
+        >>> controller = baselines.Grasp(env)
+        >>> controller.begin(env)
+        >>> controller(observation).shape
+        (2, 3)
     """
 
     def __init__(

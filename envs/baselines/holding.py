@@ -38,6 +38,18 @@ class Controller:
     something of the episodes; `self.env` is the env that is controlled.
 
     Observations of a single env, (o,), give its action, (a,).
+
+    Examples:
+        >>> class Push(baselines.Controller):
+        ...     def act(self, observation):
+        ...         return torch.ones(len(observation), 1)
+        >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True)
+        >>> observation, _ = env.reset(seed=0)
+        >>> controller = Push()
+        >>> controller.begin(env)
+        >>> controller(observation)
+        array([[1.],
+               [1.]])
     """
 
     env: BeamVectorEnv | None = None
@@ -69,7 +81,16 @@ class Controller:
 
 
 class Zero(Controller):
-    """No action; it wants to know nothing of an env."""
+    """No action; it wants to know nothing of an env.
+
+    Examples:
+        >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True)
+        >>> observation, _ = env.reset(seed=0)
+        >>> controller = baselines.Zero(env)
+        >>> controller.begin(env)
+        >>> controller(observation).shape
+        (2, 1)
+    """
 
     def __init__(self, env: BeamVectorEnv | None = None) -> None:
         pass
@@ -160,6 +181,14 @@ class FeedForward:
 class Static(Controller):
     """The action that holds the target in static equilibrium, where the target is when the action
     acts; none where the task has no target, or no constant action holds it.
+
+    Examples:
+        >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True)
+        >>> observation, _ = env.reset(seed=0)
+        >>> controller = baselines.Static(env)
+        >>> controller.begin(env)
+        >>> controller(observation).shape
+        (2, 1)
     """
 
     def __init__(self, env: BeamVectorEnv) -> None:
@@ -191,6 +220,14 @@ class PD(Static):
 
     Args:
         gains: (2k,) for an error of k numbers, or (n, 2k), each sub-env's own
+
+    Examples:
+        >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True)
+        >>> observation, _ = env.reset(seed=0)
+        >>> controller = baselines.PD(env, gains=[1.0, 3.0])
+        >>> controller.begin(env)
+        >>> controller(observation).shape
+        (2, 1)
     """
 
     def __init__(self, env: BeamVectorEnv, gains: Tensor | Sequence[float]) -> None:
@@ -217,6 +254,12 @@ def search(
 
     Args:
         score: (sets, k) -> (sets,)
+
+    Examples:
+        >>> bowl = lambda tried: (tried.log() - 1).square().sum(-1)  # least at e
+        >>> best, least = baselines.search(bowl, [1.0], sets=200, seed=0)
+        >>> round(best.item(), 1)
+        2.7
     """
     generator = torch.Generator().manual_seed(seed)
     best, least = torch.tensor([first], dtype=torch.float64), float("inf")

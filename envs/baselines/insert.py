@@ -22,6 +22,14 @@ class Insert(Controller):
 
     Raises:
         ValueError: for another task.
+
+    Examples:
+        >>> env = envs.PegVectorEnv(2, planar=True)
+        >>> observation, _ = env.reset(seed=0)
+        >>> controller = baselines.Insert(env)
+        >>> controller.begin(env)
+        >>> controller(observation).shape
+        (2, 2)
     """
 
     def __init__(

@@ -105,6 +105,14 @@ class LQR(Controller):
     Raises:
         ValueError: for a task whose targets no constant action holds (a hub or a hinge turns:
             `JointLQR`), and for another number than these.
+
+    Examples:
+        >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True)
+        >>> observation, _ = env.reset(seed=0)
+        >>> controller = baselines.LQR(env)
+        >>> controller.begin(env)
+        >>> controller(observation).shape
+        (2, 1)
     """
 
     def __init__(
@@ -240,6 +248,14 @@ class JointLQR(Controller):
 
     Raises:
         ValueError: for a task without hinges that rest anywhere.
+
+    Examples:
+        >>> env = envs.SlewVectorEnv(2, elements=2, planar=True)
+        >>> observation, _ = env.reset(seed=0)
+        >>> controller = baselines.JointLQR(env)
+        >>> controller.begin(env)
+        >>> controller(observation).shape
+        (2, 2)
     """
 
     def __init__(

@@ -61,6 +61,14 @@ class LQG(LQR):
         action: standard deviation of the white noise that the filter reckons with on each action;
             on each reading it is the env's `noise`, at least 1e-3
         disturbance: standard deviation by which the disturbance changes in an interval; 0 = none
+
+    Examples:
+        >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True)
+        >>> observation, _ = env.reset(seed=0)
+        >>> controller = baselines.LQG(env)
+        >>> controller.begin(env)
+        >>> controller(observation).shape
+        (2, 1)
     """
 
     def __init__(
@@ -128,6 +136,14 @@ class JointLQG(JointLQR):
     Args:
         effort, speed_weight, latency: as in `JointLQR`
         action, disturbance: as in `LQG`
+
+    Examples:
+        >>> env = envs.SlewVectorEnv(2, elements=2, planar=True)
+        >>> observation, _ = env.reset(seed=0)
+        >>> controller = baselines.JointLQG(env)
+        >>> controller.begin(env)
+        >>> controller(observation).shape
+        (2, 2)
     """
 
     def __init__(

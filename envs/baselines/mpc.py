@@ -33,6 +33,14 @@ class MPC(Controller):
     Raises:
         ValueError: for a task with a memory beside its beam, a horizon that is not longer than the
             delay, no iterations, and negative weights.
+
+    Examples:
+        >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True)
+        >>> observation, _ = env.reset(seed=0)
+        >>> controller = baselines.MPC(env, horizon=5)
+        >>> controller.begin(env)
+        >>> controller(observation).shape
+        (2, 1)
     """
 
     def __init__(

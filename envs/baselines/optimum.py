@@ -40,6 +40,14 @@ class Optimum(Controller):
 
     Raises:
         ValueError: for an env without end, no iterations or starts, and for what `TipWay` refuses.
+
+    Examples:
+        >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True, max_episode_steps=4)
+        >>> observation, _ = env.reset(seed=0)
+        >>> controller = baselines.Optimum(env, iterations=2, starts=1)
+        >>> controller.begin(env)
+        >>> controller(observation).shape
+        (2, 1)
     """
 
     def __init__(

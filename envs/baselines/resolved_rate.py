@@ -26,6 +26,14 @@ class ResolvedRate(Controller):
 
     Raises:
         ValueError: for a task that is no manipulator.
+
+    Examples:
+        >>> env = envs.InverseKinematicsVectorEnv(2)
+        >>> observation, _ = env.reset(seed=0)
+        >>> controller = baselines.ResolvedRate(env)
+        >>> controller.begin(env)
+        >>> controller(observation).shape
+        (2, 15)
     """
 
     def __init__(

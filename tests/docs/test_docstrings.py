@@ -7,16 +7,33 @@ import warnings
 
 import pytest
 import torch
+import torchbeam_envs
+from torchbeam_envs import baselines
 
 import torchbeam as tb
+from torchbeam import extend
 
-PUBLIC = {
-    f"{module.__name__}.{name}": getattr(module, name)
-    for module in (tb, tb.sensors, tb.laws, tb.plot)
-    for name in module.__all__
-    if not inspect.ismodule(getattr(module, name))
+# The module in whose docstring stands what examples go on from -> those whose names they are of.
+MODULES = {
+    tb: (tb, tb.sensors, tb.laws, tb.plot),
+    extend: (extend,),
+    torchbeam_envs: (torchbeam_envs, torchbeam_envs.functional, baselines),
 }
-EXTRAS = {"torchbeam.view": "viser", "torchbeam.View": "viser", "torchbeam.plot": "matplotlib"}
+# Constants, and what annotates alone, have no docstring: they stand in their modules'.
+PUBLIC = {
+    f"{module.__name__}.{name}": (value, start)
+    for start, modules in MODULES.items()
+    for module in modules
+    for name in module.__all__
+    for value in [getattr(module, name)]
+    if (inspect.isclass(value) or inspect.isroutine(value)) and value is not extend.Value
+}
+EXTRAS = {
+    "torchbeam.view": "viser",
+    "torchbeam.View": "viser",
+    "torchbeam.plot": "matplotlib",
+    "torchbeam_envs.Sb3VecEnv": "stable_baselines3",
+}
 NUMBER = re.compile(r"-?\d+\.?\d*(?:e[+-]?\d+)?")
 
 
@@ -47,8 +64,11 @@ def run(text, names, name):
 
 @pytest.fixture(scope="module")
 def given():
-    """What examples go on from: it stands in the docstring of the package."""
-    return run(tb.__doc__, {}, "torchbeam")
+    """What examples go on from, by module."""
+    names = {}
+    for module in MODULES:  # a dataclass asks for the module that it is written in
+        names[module] = run(module.__doc__, {"__name__": __name__}, module.__name__)
+    return names
 
 
 @pytest.mark.parametrize("name", PUBLIC)
@@ -59,11 +79,12 @@ def test_example(name, given, tmp_path, monkeypatch):
             pytest.importorskip(package)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TORCHBEAM_ENGINE", "eager")
-    text = inspect.getdoc(PUBLIC[name])
+    value, start = PUBLIC[name]
+    text = inspect.getdoc(value)
     assert ">>> " in text, f"the docstring of {name} has no example"
     filters = list(warnings.filters)
     try:
-        run(text, dict(given), name)
+        run(text, dict(given[start]), name)
     finally:
         warnings.filters[:] = filters
         torch.set_default_dtype(torch.float64)

@@ -88,7 +88,12 @@ def place(name: str, value: int, count: int, there: str) -> int:
 
 
 def count(name: str, value: int, least: int = 1) -> int:
-    """`value` if it is a whole number of at least `least`; ValueError otherwise."""
+    """`value` if it is a whole number of at least `least`; ValueError otherwise.
+
+    Examples:
+        >>> extend.count("elements", 4, 1)
+        4
+    """
     if isinstance(value, BOOLEANS) or not isinstance(value, (int, np.integer)) or value < least:
         raise ValueError(
             f"{name} = {shown(value)} was given; a whole number of at least {least} is wanted"
@@ -106,6 +111,10 @@ def boolean(name: str, value: bool) -> bool:
 def choice(name: str, value: Any, known: Iterable[Any]) -> Any:
     """`value` if it is one of the `known` strings (or None, where that is one); ValueError
     otherwise.
+
+    Examples:
+        >>> extend.choice("method", "midpoint", ("midpoint", "rk4"))
+        'midpoint'
     """
     if not isinstance(value, (str, type(None))) or value not in known:
         raise ValueError(

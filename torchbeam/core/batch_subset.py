@@ -29,7 +29,14 @@ class NotSeparable(Exception):
 
 @dataclass(frozen=True)
 class BatchSubset:
-    """Samples `index` (n,) of a batch with the one axis (count,)."""
+    """Samples `index` (n,) of a batch with the one axis (count,).
+
+    Examples:
+        >>> few = extend.BatchSubset(torch.tensor([0, 2]), 3)
+        >>> few.gather(tb.PointLoad(-1, force=torch.eye(3))).force  # of samples 0 and 2
+        tensor([[1., 0., 0.],
+                [0., 0., 1.]])
+    """
 
     index: Tensor
     count: int

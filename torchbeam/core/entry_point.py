@@ -41,6 +41,13 @@ MARK = "_torchdynamo_disable"
 def entry_point(of: T) -> T:
     """A function as an entry point; or a class, of which every public method and property becomes
     one, with those that it has from other classes of its package.
+
+    Examples:
+        >>> @extend.entry_point
+        ... def doubled(x):
+        ...     return 2 * x
+        >>> doubled(torch.ones(2))
+        tensor([2., 2.])
     """
     if not isinstance(of, type):
         return _function(of)
@@ -59,6 +66,12 @@ def entry_points(module: dict[str, Any], names: Iterable[str]) -> None:
     """The functions and classes of these names in a module's dictionary as entry points: a function
     is one under the module's name alone, so that those who import it from where it is written do
     without.
+
+    Examples:
+        >>> module = {"__name__": "mine", "doubled": lambda x: 2 * x}
+        >>> extend.entry_points(module, ["doubled"])
+        >>> module["doubled"](torch.ones(2))
+        tensor([2., 2.])
     """
     for name in names:
         value = module.get(name)

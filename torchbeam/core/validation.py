@@ -151,7 +151,12 @@ torch.serialization.add_safe_globals([numbers])
 
 
 def shown(value: Any) -> str:
-    """`value` in one short line."""
+    """`value` in one short line.
+
+    Examples:
+        >>> extend.shown(list(range(1000)))
+        '[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 2...'
+    """
     text = " ".join(repr(value).split())
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 

@@ -18,6 +18,14 @@ Public names      `entry_points`: what users call, left alone by torch.autocast 
 
 A sensor is derived from `torchbeam.sensors.Sensor`; commands are in `torchbeam.extend.commands`.
 How each is used: docs/architecture.md.
+
+Examples in docstrings go on from these lines:
+
+>>> from dataclasses import dataclass
+>>> import torch
+>>> import torchbeam as tb
+>>> from torchbeam import extend
+>>> torch.set_default_dtype(torch.float64)
 """
 
 from ..core.arguments import choice, count

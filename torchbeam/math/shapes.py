@@ -10,6 +10,10 @@ import torch
 def broadcast_shapes(*shapes: Sequence[int]) -> torch.Size:
     """Common broadcast shape. Raises RuntimeError where there is none. As `torch.broadcast_shapes`,
     whose first call imports a computer algebra system, for most of a second.
+
+    Examples:
+        >>> extend.broadcast_shapes((5, 1), (3,))
+        torch.Size([5, 3])
     """
     sizes = [1] * max(map(len, shapes), default=0)
     for shape in shapes:

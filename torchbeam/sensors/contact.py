@@ -209,6 +209,13 @@ class ContactPressure(OfContact):
     """What presses in all, whatever its direction (N), and the mean gap (m) that it keeps, weighted
     by it (..., 2): of a beam that touches itself each pair of places counts once; 0 where nothing
     touches.
+
+    Examples:
+        >>> floor = tb.Contact(tb.Plane((0, 0, -0.1), (0, 0, 1)), thickness=0.01, force=100.0)
+        >>> lying = tb.Scene(beam, [tb.Gravity((0, 0, -9.81)), floor])
+        >>> pressure = tb.sensors.ContactPressure(lying)(tb.equilibrium(lying))
+        >>> bool(0.2 < pressure[0] < 0.21), bool(pressure[1] < 0.01)  # N; m, of the thickness
+        (True, True)
     """
 
     name: ClassVar[str] = "contact pressure"

@@ -61,7 +61,7 @@ class Convergence:
         ...     scene, None, lambda state: state.tip.position, rtol=0.05, solve=tb.equilibrium
         ... )
         >>> best.mesh_error < 0.05, best.scene.beam.element_count
-        (True, 8)
+        (True, 4)
     """
 
     solution: Any

@@ -24,6 +24,15 @@ LIBRARIES = (TORCH, os.path.dirname(__file__) + os.sep)
 class NotTraceable(Exception):
     """What a function does depends on the values of its inputs in a way that no graph of scalar
     operations can tell.
+
+    Examples:
+        >>> def sign(x):
+        ...     return x if x > 0 else -x
+        >>> try:
+        ...     extend.trace(sign, {"x": torch.ones(())})
+        ... except extend.NotTraceable:
+        ...     print("control flow by a value")
+        control flow by a value
     """
 
 

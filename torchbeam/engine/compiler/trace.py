@@ -55,6 +55,11 @@ def trace(
     captured: by the names of inputs, tensors that the function reads beside its arguments: it reads
     these inputs instead. An input of fewer axes stands for one of its samples: it is read with axes
     of 1 in the place of those that it has not.
+
+    Examples:
+        >>> function = extend.trace(lambda x: x * x + 1, {"x": torch.ones(2)})
+        >>> function.operations(), list(function.outputs)
+        (4, ['out'])
     """
     captured = captured or {}
     own = set(inputs)

@@ -58,6 +58,11 @@ class LoadPoint:
         frame: velocity m/s of frame a and its angular velocity rad/s (..., 3), in its axes, each
             None = it has none, for effects that want them (`wants_frame`)
         secant: (...) 1 where friction's derivative is to be its secant, 0 or None = it is its own
+
+    Examples:
+        >>> point = extend.LoadPoint(torch.eye(3), position=torch.tensor([1.0, 0, 0]))
+        >>> point.at(torch.tensor([0, 0, 0.1])).position
+        tensor([1.0000, 0.0000, 0.1000])
     """
 
     R: Tensor
@@ -111,6 +116,20 @@ INTERNAL = "internal"
 class LoadEffect(Effect):
     """Base of all loads. A load declares what its wrench depends on (`depends`); its tangent comes
     by automatic differentiation unless it writes its own.
+
+    Examples:
+        >>> @dataclass(frozen=True)
+        ... class Pull(extend.LoadEffect):  # toward the origin
+        ...     stiffness: extend.Value = extend.leaf(0)  # N/m
+        ...     depends = frozenset({extend.POSITION})
+        ...
+        ...     def wrench(self, point, t, inputs):
+        ...         return -self.stiffness * point.position, None
+        >>> point = extend.LoadPoint(torch.eye(3), position=torch.tensor([1.0, 0, 0]))
+        >>> Pull(2.0).tangent(point, 0.0, {})["position"][:3]
+        tensor([[-2., -0., -0.],
+                [-0., -2., -0.],
+                [-0., -0., -2.]])
     """
 
     kind = "load"

@@ -93,6 +93,17 @@ class Obstacle(Tree):
     Attributes:
         PLACE: name of the field about which it turns
         passes: whether a beam could be on its other side, beyond what is solid
+
+    Examples:
+        >>> @dataclass(frozen=True)
+        ... class Ball(extend.Obstacle):  # of 0.1 m
+        ...     centre: extend.Value = extend.leaf(1)
+        ...     PLACE = "centre"
+        ...
+        ...     def distance(self, x):
+        ...         return (x - self.centre).norm(dim=-1, keepdim=True) - 0.1
+        >>> Ball((0, 0, 0)).distance(torch.tensor([[0.5, 0, 0]]))
+        tensor([[0.4000]])
     """
 
     drift: Value | Callable[[Tensor], Tensor] | None = leaf(1, default=None, init=False)

@@ -214,7 +214,12 @@ def to_sites(name: str, value: Tensor, s: Tensor, elements: int) -> Tensor:
 
 
 def inputs_of(effect: Effect | Tree) -> list[Input]:
-    """The inputs that an effect, or a joint, takes, in its leaves or beside them."""
+    """The inputs that an effect, or a joint, takes, in its leaves or beside them.
+
+    Examples:
+        >>> extend.inputs_of(tb.TipLoad(force=tb.Input("u", 3)))
+        [Input(name='u', size=3)]
+    """
     held = [*(leaf.value for leaf in leaves(effect)), *getattr(effect, "inputs", ())]
     return [value for value in held if isinstance(value, Input)]
 
@@ -421,7 +426,12 @@ def scalar_at(what: str, value: Any, t: Tensor, inputs: Inputs, like: Tensor) ->
 
 
 def parameter(name: str, value: Value, *, zero: bool = True) -> Tensor | np.ndarray:
-    """A number (...) that may not be negative (nor zero, without `zero`); ValueError otherwise."""
+    """A number (...) that may not be negative (nor zero, without `zero`); ValueError otherwise.
+
+    Examples:
+        >>> extend.parameter("Spring's stiffness", torch.tensor(2.0))
+        tensor(2.)
+    """
     value = plain(value)
     positive(name, torch.as_tensor(value), zero=zero)
     return value
