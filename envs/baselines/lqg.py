@@ -14,7 +14,7 @@ from torch import Tensor
 
 from ..core import BeamVectorEnv
 from .holding import vector_env
-from .linear import LQR, JointLQR, amount, times
+from .linear import EFFORT, LQR, JointLQR, amount, times
 from .riccati import riccati
 
 # standard deviations that a filter reckons with: of readings without noise; of the actions
@@ -149,7 +149,7 @@ class JointLQG(JointLQR):
     def __init__(
         self,
         env: BeamVectorEnv,
-        effort: float = 0.01,
+        effort: float = EFFORT,
         speed_weight: float = 0.1,
         *,
         latency: int = 0,

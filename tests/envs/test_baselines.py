@@ -322,6 +322,7 @@ def test_pd_turns_a_hub():
     with pytest.raises(ValueError, match="no constant action holds was given"):
         LQR(env)
     assert play(env, JointLQR(env, effort=1.0))[0] > 0.8 * turned
+    assert play(env, JointLQR(env))[0] > 0.3 * rest  # (it was beyond what no action costs)
 
 
 def driven_by(actions):
