@@ -22,6 +22,18 @@ README = ROOT / "README.md"
 PAGES = tables.pages()
 ELSEWHERE = {"works_with.md", "own_environment.md"}  # run by the tests that are named after them
 LINES = 200  # of the README, and about as many of a page
+# by page, what it says in words of what its blocks give: names -> number, and that
+SAID = {
+    "coming_from": (
+        (lambda names: (names["coarse"] - names["fine"]).norm(), 6e-4),
+        (lambda names: names["bent"][0], 0.6124),
+        (lambda names: names["bent"][2], 0.7138),
+        (lambda names: names["first"][0], 10.24),
+        (lambda names: names["fit"].theta[0], 0.2995),
+        (lambda names: names["fit"].interval(0.95)[0, 0], 0.2955),
+        (lambda names: names["fit"].interval(0.95)[0, 1], 0.3034),
+    )
+}
 
 
 def blocks(page: Path) -> list[str]:
@@ -76,10 +88,13 @@ def test_readme_runs(dtype, capsys, monkeypatch):
 )
 def test_page_runs(page, monkeypatch):
     """In PyTorch's own default dtype, unless the page sets another. A load that native code does
-    not take is an error.
+    not take is an error. Numbers that its words tell are those of its blocks, to their last digits.
     """
     torch.set_default_dtype(torch.float32)
-    run(page, monkeypatch)
+    names = run(page, monkeypatch)
+    for read, said in SAID.get(page.stem, ()):
+        digits = 0.1 if said < 1e-3 else 1e-3
+        assert read(names).item() == pytest.approx(said, rel=digits)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
