@@ -207,11 +207,12 @@ def markdown(rows: list[dict[str, Any]], compared: list[dict[str, Any]]) -> str:
 
 
 def summary(rows: list[dict[str, Any]], runs: list[Run]) -> str:
-    """A row a task: the controllers of `LINEAR` beside the learners, with return, success and the
-    number of seeds, the largest return in bold; then, of each pair of learners, the probability
-    that a seed of the one returns more.
+    """A row a task: the controllers of `LINEAR` and MPC beside the learners, with return, success
+    and the number of seeds, the largest return in bold; then, of each pair of learners, the
+    probability that a seed of the one returns more.
     """
-    shown = [name for name in (*LINEAR, *COLORS) if any(row["algorithm"] == name for row in rows)]
+    there = {row["algorithm"] for row in rows}
+    shown = [name for name in (*LINEAR, "mpc", *COLORS) if name in there]
     pairs = [(b, a) for a, b in combinations((name for name in shown if name in COLORS), 2)]
     heads = ["task", *(LABELS[name] for name in shown)]
     heads += [f"{LABELS[one]} ahead of {LABELS[other]}" for one, other in pairs]
