@@ -34,6 +34,7 @@ LABELS = {
 }
 LINEAR = ("pd", "lqr", "lqg")
 CURVE = "validation_return"  # of a learner's log
+WIDE = 1e3  # ratio of costs from which powers of ten alone are labelled
 LEAST = 3  # seeds for a band; the curve of each is thin
 COLORS = {
     "ppo": "#e08214",
@@ -48,7 +49,7 @@ STYLES = {
     "pd": "--",
     "lqr": "-.",
     "lqg": (0, (5, 1)),
-    "mpc": "--",
+    "mpc": (0, (4, 1, 1, 1, 1, 1)),
     "optimum": "-",
 }
 
@@ -297,7 +298,8 @@ def picture(out: Path, runs: list[Run]) -> None:
                 )
                 ax.xaxis.set_minor_formatter("")
                 ax.xaxis.set_major_formatter("{x:g}")
-                ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+                wide = max(levels) > WIDE * min(levels)
+                ax.yaxis.set_major_locator(LogLocator(subs=(1,) if wide else (1, 2, 5)))
                 ax.yaxis.set_major_formatter("{x:g}")
                 ax.yaxis.set_minor_locator(NullLocator())
                 handles, labels = ax.get_legend_handles_labels()
