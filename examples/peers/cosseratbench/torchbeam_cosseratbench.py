@@ -45,7 +45,7 @@ SHEAR = 27 / 28  # coefficient of a circular section, as the suite's other solve
 
 class TorchbeamSolver:
     """Geometrically exact beams by the implicit midpoint rule, with as many nodes as the suite asks
-    for: two elements in one of order 2 where no rods touch. Where the scenario is quasi-static,
+    for: two elements in one of order 2 where no rods may touch. Where the scenario is quasi-static,
     motion is damped by its mass, critically for the slowest mode.
     """
 
@@ -71,7 +71,8 @@ class TorchbeamSolver:
         times = np.linspace(0.0, scenario.duration, n_frames)
         rods, found = scenario.rods, {}
         for alike in _alike(rods):
-            scene, start = _batch(scenario, [rods[i] for i in alike], n_elements)
+            may_touch = scenario.self_contact or len(rods) > len(alike)
+            scene, start = _batch(scenario, [rods[i] for i in alike], n_elements, may_touch)
             step = self._step(scenario, times, bool(scenario.obstacles))
             states = _motion(scene, start, times, step)
             found |= {
