@@ -37,8 +37,7 @@ STIFF = 20.0  # force where surfaces meet, over what is expected to press
 SLIP = 3e-3  # slip speed, over the rod's length, 1/s
 HOLDS = 5e-4  # the same round a cylinder, where friction holds a weight
 DAMPING = 5e-3  # s, of the contact
-# of an element at which it may touch an obstacle: where a tip comes down, near to that
-POINTS = {"Cylinder": 4, "Plane": 8}
+POINTS = 4  # of an element at which it may touch an obstacle
 NODES = {End.START: 0, End.END: -1}
 SHEAR = 27 / 28  # coefficient of a circular section, as the suite's other solver has it
 
