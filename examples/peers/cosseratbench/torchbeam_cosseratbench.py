@@ -241,9 +241,7 @@ def _obstacles(scenario: Scenario, rod: Rod, name: str | None = None) -> list[tb
             else tb.Plane(it.point, it.normal)
         )
         where = (solid,) if name is None else (name, solid)
-        contacts.append(
-            tb.Contact(*where, **_law(scenario, rod, it), points=POINTS[type(it).__name__])
-        )
+        contacts.append(tb.Contact(*where, **_law(scenario, rod, it), points=POINTS))
     return contacts
 
 
