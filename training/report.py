@@ -34,6 +34,7 @@ LABELS = {
 }
 LINEAR = ("pd", "lqr", "lqg")
 CURVE = "validation_return"  # of a learner's log
+WIDE = 1e3  # ratio of costs from which powers of ten alone are labelled
 LEAST = 3  # seeds for a band; the curve of each is thin
 COLORS = {
     "ppo": "#e08214",
@@ -48,7 +49,7 @@ STYLES = {
     "pd": "--",
     "lqr": "-.",
     "lqg": (0, (5, 1)),
-    "mpc": "--",
+    "mpc": (0, (4, 1, 1, 1, 1, 1)),
     "optimum": "-",
 }
 
@@ -207,11 +208,12 @@ def markdown(rows: list[dict[str, Any]], compared: list[dict[str, Any]]) -> str:
 
 
 def summary(rows: list[dict[str, Any]], runs: list[Run]) -> str:
-    """A row a task: the controllers of `LINEAR` beside the learners, with return, success and the
-    number of seeds, the largest return in bold; then, of each pair of learners, the probability
-    that a seed of the one returns more.
+    """A row a task: the controllers of `LINEAR` and MPC beside the learners, with return, success
+    and the number of seeds, the largest return in bold; then, of each pair of learners, the
+    probability that a seed of the one returns more.
     """
-    shown = [name for name in (*LINEAR, *COLORS) if any(row["algorithm"] == name for row in rows)]
+    there = {row["algorithm"] for row in rows}
+    shown = [name for name in (*LINEAR, "mpc", *COLORS) if name in there]
     pairs = [(b, a) for a, b in combinations((name for name in shown if name in COLORS), 2)]
     heads = ["task", *(LABELS[name] for name in shown)]
     heads += [f"{LABELS[one]} ahead of {LABELS[other]}" for one, other in pairs]
@@ -296,7 +298,8 @@ def picture(out: Path, runs: list[Run]) -> None:
                 )
                 ax.xaxis.set_minor_formatter("")
                 ax.xaxis.set_major_formatter("{x:g}")
-                ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+                wide = max(levels) > WIDE * min(levels)
+                ax.yaxis.set_major_locator(LogLocator(subs=(1,) if wide else (1, 2, 5)))
                 ax.yaxis.set_major_formatter("{x:g}")
                 ax.yaxis.set_minor_locator(NullLocator())
                 handles, labels = ax.get_legend_handles_labels()

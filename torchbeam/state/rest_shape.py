@@ -15,17 +15,16 @@ from ..math import quaternions as quat
 HELD = " rest shape"  # of a beam: a name that begins with a space is this object's alone
 
 
-class Between(NamedTuple):
-    """From each node to the next, see `RestShape`."""
+class AtRest(NamedTuple):
+    """Nodes at rest, see `RestShape`."""
 
-    distances: Tensor
-    turns: Tensor
+    position: Tensor
+    rotation: Tensor
 
 
-class RestShape(Between, Mark):
-    """From each node to the next, at rest: distances (..., n) m and rotation vectors (..., n, 3)
-    rad of the section axes, without derivatives; of samples that were taken from a batch those of
-    all. Where and which way a beam stands does not count, nor what it is made of.
+class RestShape(AtRest, Mark):
+    """Places (..., nodes, 3) m and section axes (..., nodes, 4) of nodes at rest, without
+    derivatives; of samples that were taken from a batch those of all.
     """
 
     @classmethod
@@ -35,31 +34,37 @@ class RestShape(Between, Mark):
             return None
         if HELD not in vars(beam):
             with lasting(), no_derivatives():
-                q, chords = beam.frames.detach(), beam.nodes.detach().diff(dim=-2)
-                between = quat.multiply(quat.conjugate(q[..., :-1, :]), q[..., 1:, :])
-                distances = torch.linalg.vector_norm(chords, dim=-1)
-                vars(beam)[HELD] = cls(distances, quat.logarithm(between))
+                vars(beam)[HELD] = cls(beam.nodes.detach(), beam.frames.detach())
         return vars(beam)[HELD]
 
     def of_nodes(self, nodes: slice) -> RestShape:
         """Of a part of a structure."""
-        rows = slice(nodes.start, nodes.stop - 1)
-        return RestShape(self.distances[..., rows], self.turns[..., rows, :])
+        return RestShape(self.position[..., nodes, :], self.rotation[..., nodes, :])
 
+    def steps(self) -> tuple[Tensor, Tensor]:
+        """From each node to the next: distances (..., n) m and rotation vectors (..., n, 3) rad:
+        where and which way a beam stands does not count.
+        """
+        q = self.rotation
+        between = quat.multiply(quat.conjugate(q[..., :-1, :]), q[..., 1:, :])
+        chords = self.position.diff(dim=-2)
+        return torch.linalg.vector_norm(chords, dim=-1), quat.logarithm(between)
+
+    @torch.no_grad()
     def differs(self, other: RestShape) -> str | None:
         """By how much at least, in words; None where a sample of the one is, but for rounding, as
         one of the other, or where they cannot be compared.
         """
-        distances, turns = (x.to(self.distances) for x in (other.distances, other.turns))
-        if distances.shape[-1] != self.distances.shape[-1]:
+        rounding = max(torch.finfo(x.position.dtype).eps for x in (self, other)) ** 0.5
+        own, others = self.steps(), [x.to(self.position) for x in other.steps()]
+        if own[0].shape[-1] != others[0].shape[-1]:
             return None
         try:
-            longer = (self.distances - distances).abs().amax(-1) / distances.sum(-1)
-            turned = (self.turns - turns).abs().amax((-2, -1))
+            longer = (own[0] - others[0]).abs().amax(-1) / others[0].sum(-1)
+            turned = (own[1] - others[1]).abs().amax((-2, -1))
         except RuntimeError:  # of other batches
             return None
         off = torch.maximum(longer, turned)
-        rounding = max(torch.finfo(x.dtype).eps for x in (self.turns, other.turns)) ** 0.5
         if not off.numel() or not bool((off > rounding).all()):
             return None
         k = int(off.argmin())

@@ -37,15 +37,14 @@ STIFF = 20.0  # force where surfaces meet, over what is expected to press
 SLIP = 3e-3  # slip speed, over the rod's length, 1/s
 HOLDS = 5e-4  # the same round a cylinder, where friction holds a weight
 DAMPING = 5e-3  # s, of the contact
-# of an element at which it may touch an obstacle: where a tip comes down, near to that
-POINTS = {"Cylinder": 4, "Plane": 8}
+POINTS = 4  # of an element at which it may touch an obstacle
 NODES = {End.START: 0, End.END: -1}
 SHEAR = 27 / 28  # coefficient of a circular section, as the suite's other solver has it
 
 
 class TorchbeamSolver:
     """Geometrically exact beams by the implicit midpoint rule, with as many nodes as the suite asks
-    for: two elements in one of order 2 where no rods touch. Where the scenario is quasi-static,
+    for: two elements in one of order 2 where no rods may touch. Where the scenario is quasi-static,
     motion is damped by its mass, critically for the slowest mode.
     """
 
@@ -71,7 +70,8 @@ class TorchbeamSolver:
         times = np.linspace(0.0, scenario.duration, n_frames)
         rods, found = scenario.rods, {}
         for alike in _alike(rods):
-            scene, start = _batch(scenario, [rods[i] for i in alike], n_elements)
+            may_touch = scenario.self_contact or len(rods) > len(alike)
+            scene, start = _batch(scenario, [rods[i] for i in alike], n_elements, may_touch)
             step = self._step(scenario, times, bool(scenario.obstacles))
             states = _motion(scene, start, times, step)
             found |= {
@@ -241,9 +241,7 @@ def _obstacles(scenario: Scenario, rod: Rod, name: str | None = None) -> list[tb
             else tb.Plane(it.point, it.normal)
         )
         where = (solid,) if name is None else (name, solid)
-        contacts.append(
-            tb.Contact(*where, **_law(scenario, rod, it), points=POINTS[type(it).__name__])
-        )
+        contacts.append(tb.Contact(*where, **_law(scenario, rod, it), points=POINTS))
     return contacts
 
 

@@ -90,7 +90,8 @@ class Reader:
                 moved = rms(reference - reference[:1])
                 still = torch.finfo(size.dtype).eps ** 0.5 * size  # what moves less is at rest
                 size = torch.where(moved > still, moved, size)
-        error = rms(value - reference) / size
+        difference = rms(value - reference)
+        error = torch.where(difference == 0, 0.0, difference / size)  # what vanishes is known
         return torch.where(error.isnan(), math.inf, error)
 
 

@@ -93,6 +93,16 @@ def test_meshes_have_a_node_where_a_sensor_is():
         assert all(tried.setting.elements % 4 == 0 for tried in best.table)
 
 
+def test_what_vanishes_is_known():
+    """The deflection across the plane, zero on every mesh, has no error; what is no number has."""
+    scene = strip(tb.Damping(0.01))
+    best = tb.converge(scene, T, lambda solution: solution.tip.position[..., 1], 1e-2, **FEW)
+    assert best.converged and best.error == 0
+    reader = Reader(None, scene)
+    nothing = torch.full((3,), math.nan)
+    assert reader.errors(nothing, nothing, None) == math.inf
+
+
 def test_what_cannot_be_reached_is_said():
     """Too few elements and steps are allowed: the sentences name what is missing."""
     best = tb.converge(strip(), T, tb.sensors.TipVelocity(), 1e-4, most_elements=8, most_steps=40)
