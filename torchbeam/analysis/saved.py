@@ -16,7 +16,7 @@ from ..core.validation import broadcast
 from ..mixed.state import MixedState
 from ..scene.scene import Scene
 from ..state.instant import Instant
-from ..state.solution import Solution
+from ..state.solution import Solution, Stats
 from ..state.state import State
 from ..state.state_check import of_mesh
 from .fingerprint import NoFingerprint, fingerprint
@@ -83,16 +83,21 @@ def load(path: str | Path, *, scene: Scene | None = None) -> Any:
     if scene is not None:
         instance("scene", scene, Scene)
     content = files.load(path, KIND, FORMAT, "saved state or solution")
-    what = content["what"]
+    what, known = content.get("what"), content.get("scene")
+    if not _whole(what) or not isinstance(known, dict | None):
+        raise ValueError(
+            f"the file {str(path)!r} was given, which holds no state or solution of this version; "
+            "one is wanted"
+        )
     if scene is None:
         return what
     what = _map(lambda x: x.to(scene.device), what)
     _fits(what, scene)
-    known, own = content["scene"], _digests(scene)
+    own = {} if known is None else _digests(scene)
     differ = [
         name
-        for name in own
-        if known is not None and None not in (known[name], own[name]) and known[name] != own[name]
+        for name, digest in own.items()
+        if None not in (known.get(name, ""), digest) and known.get(name, "") != digest
     ]
     if differ:
         raise ValueError(
@@ -118,6 +123,18 @@ def _map(function: Any, what: Any) -> Any:
         what.stats, **{f.name: own(getattr(what.stats, f.name)) for f in fields(what.stats)}
     )
     return Solution(own(what.t), own(what.state), own(what.energy), stats, own(what.event))
+
+
+def _whole(what: Any) -> bool:
+    """Whether this is a state or a solution with the fields that it has in this version: those of
+    a file are put in their places unseen.
+    """
+    if not isinstance(what, Instant | Solution):
+        return False
+    names = {f.name for f in fields(what)}
+    if not vars(what).keys() <= names or not all(hasattr(what, name) for name in names):
+        return False
+    return isinstance(what, Instant) or (isinstance(what.stats, Stats) and _whole(what.state))
 
 
 def _plain(what: Any) -> Any:

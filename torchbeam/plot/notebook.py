@@ -44,11 +44,15 @@ def in_html(what: Any) -> str:
 
 @torch.no_grad()
 def _picture(what: Any) -> str | None:
-    """PNG in base64; None without matplotlib, and where there are no numbers to draw (within
-    torch.func).
+    """PNG in base64; None without matplotlib, and where there are no numbers to draw (of no
+    samples, infinite, or within torch.func).
     """
     try:
-        figure = _drawn(what).figure
+        states = _states(what)
+        nodes = states.nodes.flatten(0, -2)
+        if nodes.isinf().any() or nodes.isnan().all(0).any():
+            return None
+        figure = (_of_scene(what, states) if isinstance(what, Scene) else shape(states)).figure
         file = io.BytesIO()
         figure.savefig(file, dpi=DPI, format="png")
     except (ImportError, RuntimeError):
@@ -56,12 +60,11 @@ def _picture(what: Any) -> str | None:
     return base64.b64encode(file.getvalue()).decode()
 
 
-def _drawn(what: Any) -> Axes:
+def _states(what: Any) -> Any:
+    """Those that are drawn."""
     if isinstance(what, Scene):
-        return _of_scene(what, _samples(rest(what)))
-    if isinstance(what, Solution):
-        return shape(_instants(what))
-    return shape(_samples(what))
+        return _samples(rest(what))
+    return _instants(what) if isinstance(what, Solution) else _samples(what)
 
 
 def _of_scene(scene: Scene, state: State) -> Axes:
@@ -79,7 +82,7 @@ def _of_scene(scene: Scene, state: State) -> Axes:
 def _samples(state: Instant) -> Any:
     """Some of a batch."""
     state = state.broadcast() if isinstance(state, State) else state
-    while len(state.batch_shape) > 1:
+    while len(state.batch_shape) > 1 and len(state.nodes):
         state = state[0]
     return state[_spread(state.batch_shape[0])] if state.batch_shape else state
 
@@ -88,7 +91,7 @@ def _instants(solution: Solution) -> Any:
     """Some of a motion: of a batch the first sample's."""
     index, states = _spread(len(solution.t)), solution.states
     some = states.some(index) if isinstance(states, ReducedStates) else states[index]
-    while len(some.batch_shape) > 1:
+    while len(some.batch_shape) > 1 and some.nodes.numel():
         some = some[:, 0]
     return some
 

@@ -19,6 +19,7 @@ from ..nodal.loads import Nodes, added_mass
 from ..nodal.rates import Rates, forces_between_nodes
 from ..scene.scene import Scene
 from ..state.state import State
+from ..state.state_check import of_mesh
 from ..state.supported_nodes import set_node
 from .node import _OfNode
 from .sensor import XYZ
@@ -113,11 +114,7 @@ class NodeAcceleration(_OfNode):
         return self.read(state)
 
     def read(self, state: Any) -> Tensor:
-        if not isinstance(state, State):
-            raise ValueError(
-                f"a {type(state).__name__} was given to NodeAcceleration; a State of the nodal "
-                "form is wanted"
-            )
+        of_mesh(state, self.scene.beam, "NodeAcceleration: a state")
         # at each instant the loads are asked for once
         if state.t.ndim > 1 and _trajectory(state.t):
             return torch.stack([self.read(state[k]) for k in range(len(state.t))])

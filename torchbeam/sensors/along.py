@@ -39,7 +39,8 @@ class _Along(OnPart):
              read; of order 2 the mean of its two
 
     Raises ValueError for both or neither, a station beyond the beam, or an element that does not
-    exist; and where it is called, for a state of a beam of another shape at rest.
+    exist; and where it is called, for a state of another dtype, or of a beam of another shape at
+    rest.
     """
 
     station: Value | None = None
@@ -105,6 +106,12 @@ class _Along(OnPart):
             raise ValueError(
                 f"a state with {position.shape[-2]} nodes was given; the sensor's beam has "
                 f"{self.beam.node_count}"
+            )
+        dtype = self.beam.nodes.dtype
+        if position is not None and position.dtype != dtype:
+            raise ValueError(
+                f"a state of {position.dtype} meets the sensor {self.name!r} of a beam of {dtype}; "
+                "one dtype is wanted"
             )
         self._refuse_another(getattr(seen, "rest_shape", None))
         return super().__call__(state)

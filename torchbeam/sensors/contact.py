@@ -23,6 +23,7 @@ from ..scene.effects.contact_terms import ContactTerms
 from ..scene.effects.self_contact import SelfContact
 from ..scene.scene import Scene
 from ..state.state import State
+from ..state.state_check import of_mesh
 from .sensor import XYZ, Sensor
 
 
@@ -58,11 +59,7 @@ class OfContact(Sensor):
         a body: on each part of a structure along which it acts. Raises ValueError for a state of
         another form.
         """
-        if not isinstance(state, State):
-            raise ValueError(
-                f"a {type(state).__name__} was given to {type(self).__name__}; a State of the "
-                "nodal form is wanted"
-            )
+        of_mesh(state, self.scene.beam, f"{type(self).__name__}: a state")
         model, t, law = self.model, shared(state.t), self._law
         state = model.space.to_reduced(state)
         spin = model.space.to_frame(state.rotation, state.spin)

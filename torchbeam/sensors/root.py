@@ -17,6 +17,7 @@ from ..nodal.model import Model
 from ..scene.effects import RootSpring
 from ..scene.scene import Scene
 from ..state.state import State
+from ..state.state_check import of_mesh
 from .sensor import XYZ, OnPart, Sensor
 
 
@@ -147,11 +148,7 @@ class RootSpringLoad(Sensor):
         return tuple(load for load in self.scene.loads if isinstance(load, RootSpring))
 
     def read(self, state: Any) -> Tensor:
-        if not isinstance(state, State):
-            raise ValueError(
-                f"a {type(state).__name__} was given to RootSpringLoad; a State of the nodal "
-                "form is wanted"
-            )
+        of_mesh(state, self.scene.beam, "RootSpringLoad: a state")
         space, t = self.model.space, shared(state.t)
         state = space.to_reduced(state)
         nodes = Nodes(

@@ -513,3 +513,24 @@ def test_load_of_an_elastic_clamp(plane):
     assert s.RootSpringLoad(scene)(tb.State.stack([state, state])).shape == (2, 6)
     with pytest.raises(ValueError, match="a scene without a RootSpring"):
         s.RootSpringLoad(tb.Scene(BEAM))
+
+
+def test_a_state_of_another_dtype_or_mesh_is_refused():
+    """By the sensors that know their beam, in words and not by what torch says of its matrices."""
+    floor = tb.Contact(tb.Plane((0, 0, -0.1), (0, 0, 1)), thickness=0.01, force=10.0)
+    spring = tb.RootSpring((1e3, 20.0))
+    scene = tb.Scene(BEAM, [floor, spring])
+    own = tb.rest(scene)
+    single = own.to(torch.float32)
+    other = tb.rest(tb.Scene(tb.Beam.straight(L, N + 1, SECTION)))
+    sensors = (
+        *(s.Strain(0.3, BEAM), s.Gauge(0.4, BEAM, y=0.01), s.Stress(0.3, BEAM)),
+        *(s.ContactForce(scene), s.ContactPressure(scene), s.ContactGap(scene)),
+        *(s.NodeAcceleration(-1, scene), s.RootSpringLoad(scene)),
+    )
+    for sensor in sensors:
+        sensor(own)
+        with pytest.raises(ValueError, match="one dtype is wanted"):
+            sensor(single)
+        with pytest.raises(ValueError, match=f"with {N + 2} nodes was given"):
+            sensor(other)
