@@ -8,6 +8,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch._C import _functorch as functorch
 
 from ..core import files
 from ..core.arguments import instance
@@ -38,8 +39,8 @@ def save(what: Any, path: str | Path, *, scene: Scene | None = None) -> Path:
         The path.
 
     Raises:
-        ValueError: for what is neither, a state that is none of the scene's, or a folder that is
-            not there.
+        ValueError: for what is neither, a state that is none of the scene's, a folder that is not
+            there, or within a transform of torch.func.
         NotWritten: (an OSError) where the disk is full.
 
     Examples:
@@ -55,6 +56,11 @@ def save(what: Any, path: str | Path, *, scene: Scene | None = None) -> Path:
     if scene is not None:
         _fits(what, instance("scene", scene, Scene))
     files.folder(path.parent)
+    if functorch.is_functorch_wrapped_tensor(what.nodes):
+        raise ValueError(
+            "save within a transform of torch.func was asked for, where there are no numbers; the "
+            "result of the transform is wanted"
+        )
     content = {KIND: FORMAT, "what": _plain(what), "scene": scene and _digests(scene)}
     files.save(path, content)
     return path

@@ -49,9 +49,8 @@ class StateCache(NamedTuple):
 
 
 def _versions(state: State) -> tuple[int, ...] | None:
-    """How often each field was written to in place; None = not known, in inference mode."""
-    return (
-        None
-        if state.position.is_inference()
-        else tuple([x._version for x in vars(state).values() if isinstance(x, Tensor)])
-    )
+    """How often each field was written to in place; None = not known, where one was made in
+    inference mode (views of a scene's tensors, made there, are not).
+    """
+    fields = [x for x in vars(state).values() if isinstance(x, Tensor)]
+    return None if any(x.is_inference() for x in fields) else tuple([x._version for x in fields])

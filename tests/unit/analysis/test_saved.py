@@ -160,3 +160,24 @@ def test_what_is_no_saved_state_is_refused(tmp_path, capsys):
         tb.load(tmp_path / "none.pt")
     with pytest.raises(ValueError, match="Scene was given to save"):
         tb.save(SCENES["batch"](), path)
+
+
+def test_a_run_in_inference_mode_is_the_run_and_goes_on_outside(tmp_path):
+    """A state at rest holds views of the scene's tensors beside tensors made in that mode."""
+    scene = tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, 1.0))])
+    with torch.inference_mode():
+        solution = tb.simulate(scene, T, step=0.01)
+        path = tb.save(solution.state[4], tmp_path / "state.pt", scene=scene)
+    assert same(tb.simulate(scene, T, step=0.01).state, solution.state)
+    start = tb.load(path, scene=scene)
+    assert same(tb.simulate(scene, T[4:], start, step=0.01).state, solution.state[4:])
+
+
+def test_within_a_transform_there_is_nothing_to_save(tmp_path):
+    def one(force):
+        state = tb.equilibrium(tb.Scene(BEAM, [tb.TipLoad(force=force)]))
+        tb.save(state, tmp_path / "state.pt")
+        return state.position
+
+    with pytest.raises(ValueError, match="within a transform"):
+        torch.func.vmap(one)(FORCE)

@@ -97,11 +97,12 @@ def test_a_picture_draws_some_of_many():
 
 
 def test_what_has_no_numbers_to_draw_is_the_table_alone():
-    state = tb.rest(SCENE, (2,))
+    plain = tb.Scene(BEAM)
+    state = tb.rest(plain, (2,))
     lost = state.map(lambda x: x + torch.nan if x.is_floating_point() else x)
     far = state.map(lambda x: x + torch.inf if x.is_floating_point() else x)
-    none = [tb.rest(SCENE, shape) for shape in ((0,), (0, 3), (3, 0))]
-    for shown in (lost, far, *none, tb.simulate(SCENE, [0.0, 0.01], none[0], step=0.01)):
+    none = [tb.rest(plain, shape) for shape in ((0,), (0, 3), (3, 0))]
+    for shown in (lost, far, *none, tb.simulate(plain, [0.0, 0.01], none[0], step=0.01)):
         page = Reader(shown._repr_html_())
         assert page.images == [] and page.cells[0] == "time"
     half = tb.State.stack((state[0], lost[0]))  # of which one can be drawn

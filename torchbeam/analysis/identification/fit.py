@@ -324,13 +324,15 @@ class Fit:
         ValueError for another file.
         """
         given = files.load(path, "torchbeam fit", FORMAT, "saved fit")
-        return cls(
-            **{
-                **given,
-                "transform": Transform(**given["transform"]),
-                "readings": tuple(Readings(**r) for r in given["readings"]),
-            }
-        )
+        try:
+            transform = Transform(**given.pop("transform"))
+            readings = tuple(Readings(**r) for r in given.pop("readings"))
+            return cls(**given, transform=transform, readings=readings)
+        except (KeyError, TypeError):  # other fields
+            raise ValueError(
+                f"the file {str(path)!r} was given, which holds no fit of this version; one is "
+                "wanted"
+            ) from None
 
     def __repr__(self) -> str:
         values = ", ".join(

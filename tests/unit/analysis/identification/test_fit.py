@@ -35,6 +35,12 @@ def test_a_summary_and_a_file(tmp_path):
     (tmp_path / "other.pt").write_bytes(b"nothing")
     with pytest.raises(ValueError, match=r"other\.pt' was given, which is no saved fit"):
         tb.Fit.load(tmp_path / "other.pt")
+    whole = torch.load(tmp_path / "fit.pt", weights_only=True)
+    less = {name: x for name, x in whole.items() if name != "theta"}
+    for content in ({"torchbeam fit": 2}, less, {**whole, "later": 1}, {**whole, "readings": 3}):
+        torch.save(content, tmp_path / "other.pt")
+        with pytest.raises(ValueError, match=r"other\.pt' was given, which holds no fit of this"):
+            tb.Fit.load(tmp_path / "other.pt")
 
 
 def test_hints():
