@@ -376,8 +376,11 @@ def _loaded(code: types.CodeType) -> set[int]:
 
 def _kept_for_later(kind: type, name: str) -> bool:
     """Whether an attribute is what a lazy property of the class has found
-    (functools.cached_property and its likes).
+    (functools.cached_property and its likes), or what the object alone remembers, its name begun by
+    a space, as copies and pickles go without it (`torchbeam.core.leaves.Tree`).
     """
+    if name.startswith(" "):
+        return True
     name = name.partition(" ")[0]  # of `torchbeam.core.derivatives.cached`, after the name its mode
     member = next((vars(k)[name] for k in kind.__mro__ if name in vars(k)), None)
     return (

@@ -135,6 +135,7 @@ def test_use_does_not_change():
     scene = tb.Scene(tb.Beam.straight(1.0, 2, tb.Section.from_stiffness(9.0, 9.0, 1.0, 1.0, 1.0)))
     before = fingerprint(model), fingerprint(lambda theta: scene)
     assert model.half and tb.equilibrium(scene) and tb.describe(scene)
+    assert tb.simulate(scene, [0.0, 0.1], step=0.1)
     assert before == (fingerprint(model), fingerprint(lambda theta: scene))
 
 
