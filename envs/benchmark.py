@@ -42,7 +42,7 @@ SWINGS, HELD = 4, 10  # episodes compared, and the intervals for which they hold
 STEPS = 12  # timed for the share of the simulation, after two more
 
 
-class Row(NamedTuple):
+class Throughput(NamedTuple):
     """One line of the table."""
 
     id: str
@@ -135,7 +135,7 @@ def error(id: str, **arguments: Any) -> float | None:
     )
 
 
-def measure(id: str, batches: Sequence[int], seconds: float, **arguments: Any) -> list[Row]:
+def measure(id: str, batches: Sequence[int], seconds: float, **arguments: Any) -> list[Throughput]:
     try:
         from gymnasium.utils.performance import benchmark_vector_step
     except ImportError:
@@ -149,7 +149,7 @@ def measure(id: str, batches: Sequence[int], seconds: float, **arguments: Any) -
         env = gymnasium.make_vec(id, num_envs=batch, **arguments)
         rate = benchmark_vector_step(env, seconds, seed=0)
         rows.append(
-            Row(
+            Throughput(
                 id,
                 batch,
                 rate,
@@ -257,7 +257,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def markdown(rows: Sequence[Row]) -> str:
+def markdown(rows: Sequence[Throughput]) -> str:
     lines = [
         (
             r.id,

@@ -141,7 +141,7 @@ def test_error_of_the_mesh(monkeypatch):
     assert (
         lost is None
         and "%"
-        not in benchmark.markdown([benchmark.Row(ID, 1, 1.0, 1.0, 0.1, None)]).split("|")[-2]
+        not in benchmark.markdown([benchmark.Throughput(ID, 1, 1.0, 1.0, 0.1, None)]).split("|")[-2]
     )
 
 

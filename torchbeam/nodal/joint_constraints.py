@@ -151,7 +151,7 @@ def _as_drawn(
             fixed,
         )
 
-    def mask(which: Callable[[Row], bool]) -> Tensor:
+    def mask(which: Callable[[Constraint], bool]) -> Tensor:
         return like.new_tensor([[float(which(row)) for row in rows] for rows in each])
 
     like = beam.nodes
@@ -189,7 +189,7 @@ def _given(joints: tuple[Any, ...], name: str, rows: tuple[Tensor, Tensor]) -> T
     return total
 
 
-class Row(NamedTuple):
+class Constraint(NamedTuple):
     """A constraint v . w = c of a joint, one that it does not hold as well: it may be its
     coordinate, "travel" or "angle", its `second`, of which a travel always is. across: what w
     becomes by a right angle, in the row of an angle.
@@ -204,7 +204,7 @@ class Row(NamedTuple):
     second: bool = False
 
 
-def _rows(joint: Any, beam: Any, space: Spatial) -> list[Row]:
+def _rows(joint: Any, beam: Any, space: Spatial) -> list[Constraint]:
     """The m constraints of a joint, those that it does not have as well."""
     at_a, at_b, axes = joint.drawn(beam)
     a, b = End.of(beam, joint.ends[0], False, at_a), End.of(beam, joint.ends[1], True, at_b)
@@ -217,7 +217,7 @@ def _rows(joint: Any, beam: Any, space: Spatial) -> list[Row]:
     none = apart.shift * 0.0
     nothing = dataclasses.replace(apart.times(0.0), parts=(0.0, 0.0, 0.0))
     rows = [
-        Row(
+        Constraint(
             a.direction(names[i]),
             apart,
             none,
@@ -236,7 +236,7 @@ def _rows(joint: Any, beam: Any, space: Spatial) -> list[Row]:
             continue
         free = k == "x" and joint.rotation == "yz"
         rows.append(
-            Row(
+            Constraint(
                 a.direction(names[i]).times(sign),
                 b.direction(names[j]),
                 none,
@@ -248,18 +248,18 @@ def _rows(joint: Any, beam: Any, space: Spatial) -> list[Row]:
     if joint.distance:
         L = torch.linalg.vector_norm(at_b - at_a, dim=-1)
         rows = [
-            Row(apart.times(0.5 / L), apart, L / 2, True, nothing),
+            Constraint(apart.times(0.5 / L), apart, L / 2, True, nothing),
             *(row._replace(held=False) for row in rows[1:]),
         ]
     return rows
 
 
-def _of_universal(k: str, axes: dict[str, Tensor], a: End, b: End, none: Tensor) -> Row:
+def _of_universal(k: str, axes: dict[str, Tensor], a: End, b: End, none: Tensor) -> Constraint:
     """The turn about x, which is fixed in a, by F_b,y . F_a,z, or about y, fixed in b, by F_a,x .
     F_b,z.
     """
     if k == "x":
-        return Row(
+        return Constraint(
             b.direction(axes["y"]),
             a.direction(axes["z"]),
             none,
@@ -267,7 +267,7 @@ def _of_universal(k: str, axes: dict[str, Tensor], a: End, b: End, none: Tensor)
             a.direction(axes["y"]).times(-1.0),
             "angle",
         )
-    return Row(
+    return Constraint(
         a.direction(axes["x"]),
         b.direction(axes["z"]),
         none,

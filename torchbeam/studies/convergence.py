@@ -61,7 +61,7 @@ ABOUT = (
 
 
 @dataclass(frozen=True)
-class Row:
+class ConvergedScene:
     """One scene and tolerance. error and estimated are relative; seconds: CPU time of the chosen
     run; ratio: that over the best's (nan = not looked for); setup: share that a run of one step
     takes (nan = no motion); search: time of the call of `converge` over that of the chosen run;
@@ -142,7 +142,7 @@ def _frequencies(found: Any) -> Tensor:
     return frequency[..., frequency[0] > 1e-3 * frequency.max()][..., :3]
 
 
-def measure(number: int, rtol: float, exhaustive: bool, seed: int = SEED) -> Row:
+def measure(number: int, rtol: float, exhaustive: bool, seed: int = SEED) -> ConvergedScene:
     """`converge` of a scene, its true error, and the best there is."""
     asked = question(number, seed)
     with warnings.catch_warnings():
@@ -176,7 +176,7 @@ def measure(number: int, rtol: float, exhaustive: bool, seed: int = SEED) -> Row
         )
     theirs = others[: len(cheapest)]
     times = dict(zip(theirs, cheapest, strict=True))
-    return Row(
+    return ConvergedScene(
         number,
         asked.family,
         asked.kind,
@@ -252,7 +252,7 @@ def _cheapest(trials: Trials, chosen: Setting, rtol: float) -> list[Setting]:
     return sorted(enough, key=trials.cost)[:3]
 
 
-def report(rows: Sequence[Row]) -> str:
+def report(rows: Sequence[ConvergedScene]) -> str:
     """Tables: a summary by tolerance and kind, and what is not as it should be."""
     head = ("rtol", "kind", "scenes", "accepted", "true error within it", "of those accepted")
     more = (
@@ -325,7 +325,7 @@ def report(rows: Sequence[Row]) -> str:
     )
 
 
-def _true(row: Row) -> bool:
+def _true(row: ConvergedScene) -> bool:
     return row.error <= row.rtol
 
 
@@ -334,7 +334,7 @@ def _median(values: Iterable[float]) -> str:
     return f"{median(known):.2g}" if known else ""
 
 
-def _share(rows: Sequence[Row], holds: Callable[[Row], bool]) -> str:
+def _share(rows: Sequence[ConvergedScene], holds: Callable[[ConvergedScene], bool]) -> str:
     return f"{sum(map(holds, rows))} of {len(rows)}" if rows else ""
 
 
@@ -381,14 +381,14 @@ def main(argv: Sequence[str] | None = None) -> None:
         rows.sort(key=lambda row: (row.scene, -row.rtol))
         text = f"{about}\n\n{report(rows)}\n\n{sentence(heading)}"
         data = {**heading, "seed": given.seed, "rows": [asdict(row) for row in rows]}
-        head = [f.name for f in fields(Row)]
+        head = [f.name for f in fields(ConvergedScene)]
         write(out, "convergence", text, data, head, [astuple(row) for row in rows])
 
 
-def _before(out: Path, seed: int) -> list[Row]:
+def _before(out: Path, seed: int) -> list[ConvergedScene]:
     """What an earlier call measured of the same scenes."""
     file = out / "convergence.json"
     if not file.is_file():
         return []
     data = json.loads(file.read_text())
-    return [Row(**row) for row in data["rows"]] if data.get("seed") == seed else []
+    return [ConvergedScene(**row) for row in data["rows"]] if data.get("seed") == seed else []

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from torchbeam.studies import convergence
-from torchbeam.studies.convergence import Row, kinds, main, question, report
+from torchbeam.studies.convergence import ConvergedScene, kinds, main, question, report
 
 
 def row(scene, rtol, **changed):
@@ -28,7 +28,7 @@ def row(scene, rtol, **changed):
         search=6.0,
         converged=True,
     )
-    return Row(**values | changed)
+    return ConvergedScene(**values | changed)
 
 
 def test_it_goes_on_where_it_was_cut_off(tmp_path, monkeypatch, capsys):
