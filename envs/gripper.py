@@ -79,6 +79,8 @@ class GripperConfig(BeamEnvConfig):
             drawn = {name: _range(getattr(self, name)) for name in ("mass", "friction")}
             renamed = {"ball": drawn["mass"], "friction": drawn["friction"]}
             object.__setattr__(self, "randomize", renamed)
+        if self.solver is None:  # fingers that hold a ball on the table fast want short steps
+            object.__setattr__(self, "solver", {"halvings": 5})
 
 
 def _range(usual: float) -> tuple[float, float]:
@@ -355,7 +357,7 @@ class GripperVectorEnv(BeamVectorEnv):
     Those of `BeamEnvConfig` (see `envs/config.py`) without section, direction, up, beam, supports,
     actuators and force, with its defaults but length = 0.11, elements = 4 (of a finger), damping =
     2e-3, delay = 0, substeps = 4, sensors = "tip", max_episode_steps = 100,
-    randomize = {"ball": (0.03, 0.07), "friction": (0.36, 0.84)}, and
+    randomize = {"ball": (0.03, 0.07), "friction": (0.36, 0.84)}, solver = {"halvings": 5}, and
     radius, young, density  of the fingers: 0.005 m, 2e7 Pa, 1100 kg/m^3
     ball, mass    m and kg, 0.025 (radius) and 0.05
     friction      0.6, what it is unless it varies

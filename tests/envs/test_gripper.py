@@ -23,6 +23,20 @@ def test_balls_are_lifted_and_kept():
             assert k < 50 or info["lifted"].mean() == wanted
 
 
+def test_a_ball_that_is_held_on_the_table_fails_no_solve():
+    """Fingers that squeeze it with all of their tension while the hub rests: a failed solve would
+    end the episode at less cost (100) than waiting has (3 an interval). With two halvings, those of
+    most tasks, solves of six of these eight fail.
+    """
+    env = GripperVectorEnv(8, planar=True, autoreset_mode="Disabled")
+    env.reset(seed=0)
+    action = np.zeros((8, 3))
+    for k in range(24):
+        action[:, 1:] = min(1.0, -1 + k / 10)
+        *_, info = env.step(action)
+        assert not info["solver_failed"].any()
+
+
 def test_smooth_balls_slip_out_of_a_loose_grip():
     """The heaviest ball in six tenths of the grip: a rough one goes up with the hub, a smooth one
     stays on the table, of which the whole grip lifts it.
