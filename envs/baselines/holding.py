@@ -15,11 +15,10 @@ from torch import Tensor
 from torchbeam import State
 
 from ..core import BeamVectorEnv
-from ..reach import Reach, nearest_action
+from ..reach import NEAR, Reach, nearest_action
 from ..single import SingleEnv
 
 ITERATIONS = 12  # from no force; two more a step follow a target that moves
-CLOSE = 1e-9  # damping there
 
 
 def vector_env(env: Any) -> BeamVectorEnv:
@@ -126,7 +125,7 @@ class Holding:
             return nearest_action(
                 self._slopes, target, target.new_zeros(len(target), self.reach.actions), ITERATIONS
             )
-        return nearest_action(self._slopes, target, guess, 2, CLOSE)
+        return nearest_action(self._slopes, target, guess, 2, NEAR)
 
     def at(self, action: Tensor) -> Tensor:
         """(n, c): values of `read` at the equilibria under these actions."""
