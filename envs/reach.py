@@ -21,6 +21,7 @@ SOFT = 1e-3  # of the length: below it the distance in a cost is rounded off
 DEGREE = 16  # of the polynomial, in either of two actions
 TERMS = 500  # of the polynomial in more than two, at most
 SPARE = 2  # points a term there
+NEAR = 1e-9  # damping of a search that starts near its end
 
 
 @dataclass(frozen=True)
@@ -191,9 +192,13 @@ def holding_action(
     actions: int,
     inputs: Callable[[Tensor], dict[str, Tensor]],
     iterations: int = 12,
+    guess: Tensor | None = None,
 ) -> Tensor:
     """The action (n, actions) whose equilibrium has its tip nearest the target (n, 3) m:
     `nearest_action` by `tb.equilibrium` of the scene under inputs(action), as `Task.inputs`.
+
+    Of a scene with k samples n is a multiple of k, and target i belongs to sample i % k. A guess
+    (n, actions) near it makes two iterations enough. Raises ValueError for another n.
 
     Examples:
         >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True)
@@ -203,21 +208,26 @@ def holding_action(
         >>> bool((held - env.state.goal).norm(dim=-1).max() < 1e-6)  # m
         True
     """
+    samples = scene.batch_shape
+    if len(target) % samples.numel():
+        raise ValueError(
+            f"{len(target)} targets were given for a scene of {samples.numel()} samples; as many, "
+            "or a multiple of that, are wanted"
+        )
 
     @torch.enable_grad()
     def tip(action: Tensor) -> tuple[Tensor, Tensor]:
         a = action.detach().requires_grad_()
-        at = tb.equilibrium(scene, inputs=inputs(a)).tip.position
+        given = inputs(a.unflatten(0, (-1, *samples)))
+        at = tb.equilibrium(scene, inputs=given).tip.position.reshape(-1, 3)
         return at.detach(), torch.stack(
             [torch.autograd.grad(at[:, i].sum(), a, retain_graph=True)[0] for i in range(3)], -2
         )
 
-    return nearest_action(
-        tip,
-        target,
-        torch.zeros(len(target), actions, dtype=scene.dtype, device=scene.device),
-        iterations,
-    )
+    if guess is not None:
+        return nearest_action(tip, target, guess, iterations, NEAR)
+    none = torch.zeros(len(target), actions, dtype=scene.dtype, device=scene.device)
+    return nearest_action(tip, target, none, iterations)
 
 
 def _products(x: Tensor, degrees: Tensor, slope: int | None = None) -> Tensor:

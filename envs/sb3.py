@@ -68,7 +68,7 @@ class Sb3VecEnv(VecEnv):
         return observation, reward.astype(np.float32), done, infos
 
     def _each(self, info: dict[str, Any]) -> list[dict[str, Any]]:
-        return [_one(info, i) for i in range(self.num_envs)]
+        return _rows(info) or [{} for _ in range(self.num_envs)]
 
     def close(self) -> None:
         self.env.close()
@@ -90,9 +90,15 @@ class Sb3VecEnv(VecEnv):
         return [False] * len(list(self._get_indices(indices)))
 
 
-def _one(info: dict[str, Any], i: int) -> dict[str, Any]:
-    return {
-        name: _one(value, i) if isinstance(value, dict) else value[i]
-        for name, value in info.items()
-        if not name.startswith("_")
-    }
+def _rows(info: dict[str, Any]) -> list[dict[str, Any]]:
+    """A dictionary of each sub-env, of columns (n, ...) by name; masks `_name` are left out."""
+    columns = {name: _column(v) for name, v in info.items() if not name.startswith("_")}
+    names = tuple(columns)
+    return [dict(zip(names, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def _column(value: Any) -> list[Any]:
+    """By sub-env; of one number each as Python's, all at once."""
+    if isinstance(value, dict):
+        return _rows(value)
+    return value.tolist() if value.ndim == 1 else list(value)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, wraps
 from typing import Any
 
 import torch
@@ -15,11 +15,10 @@ from torch import Tensor
 from torchbeam import State
 
 from ..core import BeamVectorEnv
-from ..reach import Reach, nearest_action
+from ..reach import NEAR, Reach, nearest_action
 from ..single import SingleEnv
 
 ITERATIONS = 12  # from no force; two more a step follow a target that moves
-CLOSE = 1e-9  # damping there
 
 
 def vector_env(env: Any) -> BeamVectorEnv:
@@ -31,6 +30,25 @@ def vector_env(env: Any) -> BeamVectorEnv:
             f"{type(env).__name__} was given; an environment of this package is wanted"
         )
     return inner
+
+
+def _check_begun(controller: Controller) -> None:
+    if controller.env is None:
+        raise ValueError(
+            f"{type(controller).__name__} was called before begin(env); begin(env) after the reset "
+            "is wanted"
+        )
+
+
+def _after_begin(act: Callable[[Any, Tensor], Tensor]) -> Callable[[Any, Tensor], Tensor]:
+    """The same, with a sentence where there was no `begin`."""
+
+    @wraps(act)
+    def checked(self: Controller, observation: Tensor) -> Tensor:
+        _check_begun(self)
+        return act(self, observation)
+
+    return checked
 
 
 class Controller:
@@ -54,6 +72,11 @@ class Controller:
 
     env: BeamVectorEnv | None = None
 
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        super().__init_subclass__(**keywords)
+        if "act" in vars(cls):
+            cls.act = _after_begin(cls.act)
+
     def begin(self, env: Any) -> None:
         """The env has been reset: all of its episodes start here."""
         self.env = vector_env(env)
@@ -66,11 +89,7 @@ class Controller:
 
     @torch.no_grad()
     def __call__(self, observation: Any) -> Any:
-        if self.env is None:
-            raise ValueError(
-                f"{type(self).__name__} was called before begin(env); begin(env) after the reset "
-                "is wanted"
-            )
+        _check_begun(self)
         seen = torch.as_tensor(observation, dtype=self.env.dtype)
         fresh = self.env.state.steps == 0
         if fresh.any():
@@ -126,7 +145,7 @@ class Holding:
             return nearest_action(
                 self._slopes, target, target.new_zeros(len(target), self.reach.actions), ITERATIONS
             )
-        return nearest_action(self._slopes, target, guess, 2, CLOSE)
+        return nearest_action(self._slopes, target, guess, 2, NEAR)
 
     def at(self, action: Tensor) -> Tensor:
         """(n, c): values of `read` at the equilibria under these actions."""

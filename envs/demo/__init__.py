@@ -84,8 +84,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if name != "model"
     }
     scores = table({**result["scores"], **check})
-    print(scores)
-    write(out / "demo.md", scores + "\n")
+    print(f"{scores}\n\n{result['sentence']}")
+    write(out / "demo.md", f"{result['sentence']}\n\n{scores}\n")
     with timed(result["seconds"], "pictures"):
         picture(records, result, out / "demo.png")
         animation(records, out / "demo.gif", result["settings"]["stride"])
@@ -149,8 +149,10 @@ def run(settings: dict, seed: int, out: Path) -> tuple[dict, dict]:
         )
         pool = Targets.of(env, TRAINING + 10_000 * seed, settings["rounds"])
         few = Targets.of(make(task, settings["pd_targets"]), TRAINING + 10_000 * seed)
-        unseen = Targets.of(make(task, settings["held_out"]), HELD_OUT + 10_000 * seed)
-        finer = Targets.of(make({**task, **FINER}, settings["finer"]), HELD_OUT + 10_000 * seed)
+        judge = make(task, settings["held_out"])
+        unseen = Targets.of(judge, HELD_OUT + 10_000 * seed)
+        finer_judge = make({**task, **FINER}, settings["finer"])
+        finer = Targets.of(finer_judge, HELD_OUT + 10_000 * seed)
 
     with (
         timed(seconds, "training"),
@@ -184,19 +186,21 @@ def run(settings: dict, seed: int, out: Path) -> tuple[dict, dict]:
     }
     with timed(seconds, "evaluation"):
         records = {
-            name: evaluate(task, one, unseen)
+            name: evaluate(judge, one, unseen)
             for name, one in tqdm(controllers.items(), desc="evaluating", unit="controller")
         }
         check = {
-            name: evaluate({**task, **FINER}, controllers[name], finer).scores()
+            name: evaluate(finer_judge, controllers[name], finer).scores()
             for name in ("PD + static force", "learned")
         }
     steps = {
         "learned": settings["updates"] * settings["batch"],
         "PD": 3 * settings["pd_sets"] * settings["pd_targets"],
     }
+    scores = {name: record.scores() for name, record in records.items()}
     return {
-        "scores": {name: record.scores() for name, record in records.items()},
+        "sentence": sentence(scores, settings["held_out"]),
+        "scores": scores,
         "scores_on_finer_model": {"model": FINER, **check},
         "learning": history,
         "pd_search": search,
@@ -206,6 +210,19 @@ def run(settings: dict, seed: int, out: Path) -> tuple[dict, dict]:
         **measured_on(),
         "seconds": seconds,
     }, records
+
+
+def sentence(scores: dict[str, dict], targets: int) -> str:
+    """What is seen, in one sentence."""
+    (far, long), (pd_far, pd_long) = (
+        (1e3 * scores[name]["final_distance_m"], scores[name]["settling_time_s"])
+        for name in ("learned", "PD + static force")
+    )
+    return (
+        f"Over {targets} unseen targets the learned controller ends {far:.2f} mm from the target, "
+        f"settled after {long:.2f} s; the tuned PD controller {pd_far:.2f} mm, after "
+        f"{pd_long:.2f} s (means)."
+    )
 
 
 def table(scores: dict[str, dict]) -> str:

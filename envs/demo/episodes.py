@@ -13,18 +13,19 @@ from torch import Tensor
 from torchbeam import Section
 
 from ..plant import aluminium_strip
-from ..reach import holding_action
+from ..reach import holding_action, nearest_action
 from ..tip_reach import TipReachVectorEnv
 
 Controller = Callable[[Tensor, Tensor], Tensor]
 WINDOW = 0.2  # s at the end of an episode, over which the final distance is the mean
+ITERATIONS = 12  # of the search on the polynomial
 CLOSE = 0.02  # of the length: "on the target"
 
 
 @dataclass(frozen=True)
 class Targets:
-    """Seeds of n episodes and the actions hold (n, 2) that hold their targets: found from the
-    targets, not from the seeds.
+    """Seeds of n episodes and the actions hold (n, 2) that hold their targets, sought by the
+    targets: what was drawn from the seeds is not read.
     """
 
     seeds: list[int]
@@ -32,14 +33,25 @@ class Targets:
 
     @classmethod
     def of(cls, env: TipReachVectorEnv, first: int, rounds: int = 1) -> Targets:
-        """num_envs * rounds targets; number i belongs to the strip of sub-env i % num_envs."""
-        holds = []
+        """num_envs * rounds targets; number i belongs to the strip of sub-env i % num_envs. All
+        equilibria are one batch, from what the polynomial of the task's reach says.
+        """
+        goals, task, count = [], env.task, env.num_envs
         for k in range(rounds):
-            env.reset(seed=first + k * env.num_envs)
-            holds.append(
-                holding_action(env.scene, env.state.goal, env.task.actions, env.task.inputs)
-            )
-        return cls([first + i for i in range(env.num_envs * rounds)], torch.cat(holds))
+            env.reset(seed=first + k * count)
+            goals.append(env.state.goal)
+        goal = torch.cat(goals)
+        rows = torch.arange(count).repeat(rounds)
+        share = nearest_action(
+            lambda action: (task.reach.tip(action, rows), task.reach.slopes(action, rows)),
+            goal,
+            goal.new_zeros(len(goal), task.actions),
+            ITERATIONS,
+        )
+        hold = holding_action(
+            env.scene, goal, task.actions, task.inputs, 2, guess=task.config.reach * share
+        )
+        return cls([first + i for i in range(len(goal))], hold)
 
     def pick(self, rows: Tensor) -> Targets:
         return Targets([self.seeds[i] for i in rows.tolist()], self.hold[rows])
@@ -130,5 +142,5 @@ def rollout(env: TipReachVectorEnv, controller: Controller, targets: Targets) ->
 
 
 @torch.no_grad()
-def evaluate(settings: dict, controller: Controller, targets: Targets) -> Record:
-    return rollout(make(settings, len(targets.seeds)), controller, targets)
+def evaluate(env: TipReachVectorEnv, controller: Controller, targets: Targets) -> Record:
+    return rollout(env, controller, targets)

@@ -5,16 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 import matplotlib
+import numpy as np
 import torch
+from PIL import Image
 
 from torchbeam.extend.commands import written
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
-from matplotlib.animation import FuncAnimation, PillowWriter
 
 from .episodes import CLOSE, WINDOW, Record
 
+HELD = 600  # ms, the last picture of the animation
 COLORS = {
     "nothing": "#b8b8b8",
     "static force": "#7f7f7f",
@@ -43,6 +45,7 @@ def picture(records: dict[str, Record], result: dict, path: Path) -> None:
             width_ratios=(1.15, 1, 1),
             layout="constrained",
         )
+        figure.suptitle(result["sentence"], x=0.01, ha="left", fontsize=11)
         one = example(records["learned"])
         _learning(axes["learning"], result)
         _distances(axes["distances"], records)
@@ -76,12 +79,13 @@ def _learning(ax: plt.Axes, result: dict) -> None:
         level = 1e3 * result["scores"][name]["final_distance_m"]
         ax.axhline(level, color=COLORS[name], ls="--", lw=1)
         ax.annotate(
-            f"{name}, unseen targets",
-            (updates[0], level),
-            xytext=(0, 2),
+            name.replace(" + ", " +\n") + ",\nunseen targets",
+            (1.0, level),
+            xycoords=("axes fraction", "data"),  # beside the axes, where no curve runs
+            xytext=(4, 0),
             textcoords="offset points",
             ha="left",
-            va="bottom",
+            va="center",
             color=COLORS[name],
             fontsize=8,
         )
@@ -100,7 +104,13 @@ def _distances(ax: plt.Axes, records: dict[str, Record]) -> None:
         ax.fill_between(t, low, high, color=COLORS[name], alpha=0.15, lw=0)
     ax.axhline(1e3 * CLOSE * record.length, color="k", lw=0.6, ls=":")
     ax.annotate(
-        "2 % of length", (t[-1], 1e3 * CLOSE * record.length), ha="right", va="bottom", fontsize=8
+        "2 % of\nlength",
+        (1.0, 1e3 * CLOSE * record.length),
+        xycoords=("axes fraction", "data"),
+        xytext=(4, 0),
+        textcoords="offset points",
+        va="center",
+        fontsize=8,
     )
     ax.set(
         title=f"{d.shape[1]} unseen targets: median, 10 to 90 %",
@@ -195,16 +205,18 @@ def smooth(nodes: torch.Tensor, points: int = 8) -> torch.Tensor:
 
 
 def animation(records: dict[str, Record], path: Path, stride: int = 1) -> None:
-    """The strip under each controller, from above and from the side, at half speed."""
+    """The strip under each controller, from above and from the side, at half speed. What stands
+    still is drawn once.
+    """
     with plt.rc_context(STYLE):
         one = example(records["learned"])
         shown = [name for name in records if name != "nothing"]
         figure, (top, side) = plt.subplots(
-            2, 1, figsize=(6.4, 5.2), height_ratios=(3, 1.3), layout="constrained"
+            2, 1, figsize=(6.4, 5.2), height_ratios=(3, 1.3), layout="constrained", dpi=90
         )
         everything = torch.cat([records[name].nodes[:, one] for name in shown])
         low, high = everything.amin((0, 1)) - 0.05, everything.amax((0, 1)) + 0.05
-        record, lines, trails = records["learned"], {}, {}
+        record, lines, trails, moving = records["learned"], {}, {}, []
         shapes = {name: smooth(records[name].nodes[:, one]) for name in shown}
         for ax, axis, label in ((top, 1, "y (m), from above"), (side, 2, "z (m), from the side")):
             ax.set(
@@ -213,35 +225,37 @@ def animation(records: dict[str, Record], path: Path, stride: int = 1) -> None:
                 aspect="equal",
                 ylabel=label,
             )
-            ax.plot(
-                record.target[one, 0],
-                record.target[one, axis],
-                "x",
-                color="crimson",
-                ms=9,
-                mew=2,
-                zorder=5,
-            )
             ax.plot(0, 0, "s", color="k", ms=7)
             for name in shown:
                 lines[ax, name] = ax.plot(
                     [], [], color=COLORS[name], lw=2.2 if name == "learned" else 1.5, label=name
                 )[0]
                 trails[ax, name] = ax.plot([], [], color=COLORS[name], lw=0.6, alpha=0.7)[0]
+                moving += [lines[ax, name], trails[ax, name]]
+            moving += ax.plot(*record.target[one, [0, axis]], "x", color="crimson", ms=9, mew=2)
         top.legend(loc="upper left", fontsize=8)
         side.set_xlabel("x (m)")
-        frames = [*range(0, len(record.nodes), stride)] + [len(record.nodes) - 1] * (15 // stride)
-
-        def draw(k: int) -> list:
+        title = top.set_title("t = 0.00 s (half speed)")
+        figure.draw_without_rendering()  # places the axes
+        figure.set_layout_engine("none")
+        for artist in (*moving, title):
+            artist.set_animated(True)
+        figure.canvas.draw()
+        still, pictures = figure.canvas.copy_from_bbox(figure.bbox), []
+        for k in range(0, len(record.nodes), stride):
             for ax, axis in ((top, 1), (side, 2)):
                 for name in shown:
                     shape = shapes[name]
                     lines[ax, name].set_data(shape[k, :, 0], shape[k, :, axis])
                     trails[ax, name].set_data(shape[: k + 1, -1, 0], shape[: k + 1, -1, axis])
-            top.set_title(f"t = {k * record.interval:.2f} s (half speed)")
-            return []
-
-        writer = PillowWriter(fps=max(1, round(0.5 / record.interval / stride)))
-        with written(path, path.suffix) as part:
-            FuncAnimation(figure, draw, frames=frames).save(part, writer, dpi=90)
+            title.set_text(f"t = {k * record.interval:.2f} s (half speed)")
+            figure.canvas.restore_region(still)
+            for artist in (*moving, title):
+                artist.axes.draw_artist(artist)
+            pictures.append(Image.fromarray(np.array(figure.canvas.buffer_rgba())[..., :3]))
         plt.close(figure)
+    colors = pictures[-1].quantize(method=Image.Quantize.MAXCOVERAGE)
+    pictures = [each.quantize(palette=colors, dither=Image.Dither.NONE) for each in pictures]
+    lasts = [round(2000 * stride * record.interval)] * (len(pictures) - 1) + [HELD]  # ms
+    with written(path, path.suffix) as part:
+        pictures[0].save(part, save_all=True, append_images=pictures[1:], duration=lasts, loop=0)

@@ -17,6 +17,7 @@ from torchbeam_envs import (
     TipReachVectorEnv,
     TipTrackVectorEnv,
     TwoLinkVectorEnv,
+    baselines,
     holding_action,
 )
 from torchbeam_envs.baselines import LQG, LQR, MPC, PD, JointLQR, Optimum, Static, Zero
@@ -408,3 +409,37 @@ def test_targets_of_three_actions_fill_the_ball():
     radius = points.norm(dim=-1)
     assert radius.max() <= 1 and abs((radius**3).mean() - 0.5) < 4 * (1 / 12 / 20_000) ** 0.5
     assert ((points / radius[:, None]).mean(0).abs() < 4 * (1 / 3 / 20_000) ** 0.5).all()
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        kind
+        for kind in map(vars(baselines).get, baselines.__all__)
+        if isinstance(kind, type) and kind is not baselines.Controller
+    ],
+    ids=lambda kind: kind.__name__,
+)
+def test_act_before_begin_is_a_sentence(kind):
+    """Of every baseline, however it was constructed."""
+    with pytest.raises(ValueError, match=rf"{kind.__name__} was called before begin\(env\)"):
+        object.__new__(kind).act(torch.zeros(1, 17))
+
+
+def test_holding_action_of_several_targets_a_sample():
+    """Two rounds of targets in one batch, near a guess, are those of each round by itself from
+    nothing; another number of targets is refused.
+    """
+    env = TipReachVectorEnv(2, elements=2, planar=True)
+    rounds = []
+    for seed in (0, 2):
+        env.reset(seed=seed)
+        rounds.append(env.state.goal)
+    alone = torch.cat([holding_action(env.scene, g, 1, env.task.inputs) for g in rounds])
+    goal = torch.cat(rounds)
+    both = holding_action(env.scene, goal, 1, env.task.inputs, 2, guess=alone + 1e-4)
+    torch.testing.assert_close(both, alone, rtol=0, atol=1e-8)
+    varied = TipReachVectorEnv(2, elements=2, planar=True, randomize={"stiffness": (0.8, 1.2)})
+    varied.reset(seed=0)
+    with pytest.raises(ValueError, match="3 targets were given for a scene of 2 samples"):
+        holding_action(varied.scene, goal[:3], 1, varied.task.inputs)
