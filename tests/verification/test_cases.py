@@ -103,3 +103,23 @@ def test_command(tmp_path, capsys):
         "| column under its own weight | Greenhill 1881" in table
         and table in capsys.readouterr().out
     )
+
+
+def test_command_resumes(tmp_path, capsys):
+    """What is stored of the same case is not computed again, of one that has changed it is."""
+    assert main(["--filter", "Greenhill", "--out", str(tmp_path)]) == 0
+    file = tmp_path / "verify.json"
+    data = json.loads(file.read_text())
+    data["results"][0]["seconds"] = -1.0
+    file.write_text(json.dumps(data))
+    again = ["--filter", "Greenhill", "--out", str(tmp_path), "--resume"]
+    assert main(again) == 0
+    assert json.loads(file.read_text())["results"] == data["results"]
+    data["results"][0]["bound"] = 1.0
+    file.write_text(json.dumps(data))
+    assert main(again) == 0
+    (row,) = json.loads(file.read_text())["results"]
+    assert row["seconds"] > 0 and row["bound"] < 1
+    with pytest.raises(SystemExit):
+        main(["--filter", "Greenhill", "--resume"])
+    assert "--resume was given without --out" in capsys.readouterr().err

@@ -1,7 +1,7 @@
 """torchbeam as a solver of cosseratbench 0.3.0 (entry point `cosseratbench.solvers`).
 
 Rods that are held alike are one batch. They move first as if nothing but the obstacles were there;
-those that came near each other, or themselves, then move again with contact between them.
+those that came near each other, or themselves, move again from there on, with contact between them.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from cosseratbench.metrics import segment_distance
 from cosseratbench.scenario import (
     Cylinder,
     End,
@@ -30,8 +29,9 @@ from cosseratbench.trajectory import Trajectory
 import torchbeam as tb
 from torchbeam.extend import quaternions as quat
 
-STEP = 0.02  # over the slowest angular frequency: a period to 3e-5
+STEP = 0.02  # over the slowest angular frequency
 TOUCHING = 4  # parts of that where anything touches
+FINER = 2  # elements in one of the suite's where there are several rods, which cross in a place
 LAYER = 0.3  # thickness of the contact, over the radius: so that the rod lies on its surface
 STIFF = 20.0  # force where surfaces meet, over what is expected to press
 SLIP = 3e-3  # slip speed, over the rod's length, 1/s
@@ -42,10 +42,14 @@ NODES = {End.START: 0, End.END: -1}
 SHEAR = 27 / 28  # coefficient of a circular section, as the suite's other solver has it
 
 
+Motions = tuple[torch.Tensor, ...]  # (time, N+1, ...) of places, rotations, velocities, spins
+
+
 class TorchbeamSolver:
-    """Geometrically exact beams by the implicit midpoint rule, with as many nodes as the suite asks
-    for: two elements in one of order 2 where no rods may touch. Where the scenario is quasi-static,
-    motion is damped by its mass, critically for the slowest mode.
+    """Geometrically exact beams, two elements in one of order 2 until rods touch: by generalised
+    alpha where the scenario is quasi-static, and motion is damped by its mass, critically for the
+    slowest mode; else by the midpoint rule of fourth order, or of second where there are obstacles.
+    Rods that touch are of order 1 and move by the midpoint rule.
     """
 
     name = "torchbeam"
@@ -56,39 +60,44 @@ class TorchbeamSolver:
         self.scale = time_step_scale
 
     def settings(self, scenario: Scenario, *, n_elements: int, n_frames: int) -> dict[str, Any]:
-        rods = scenario.rods
-        given = {"integrator": "midpoint (implicit)", "damping_rate": _damping(scenario)}
         times = np.linspace(0, scenario.duration, n_frames)
-        given["time_step"] = self._step(scenario, times, bool(scenario.obstacles))
-        given["time_step_touching"] = self._step(scenario, times, True)
-        laws = [_law(scenario, rod, None) for rod in rods]
-        return {**given, "contact": [{k: float(v) for k, v in law.items()} for law in laws]}
+        laws = [_law(scenario, rod, None) for rod in scenario.rods]
+        return {
+            "integrator": _method(scenario)["method"],
+            "integrator_touching": "midpoint",
+            "damping_rate": _damping(scenario),
+            "elements": _finer(scenario) * n_elements,
+            "time_step": self._step(scenario, times, bool(scenario.obstacles)),
+            "time_step_touching": self._step(scenario, times, True),
+            "contact": [{k: float(v) for k, v in law.items()} for law in laws],
+        }
 
     def run(self, scenario: Scenario, *, n_elements: int, n_frames: int) -> Trajectory:
         """Raises NotImplementedError for an end that slides along no axis of the world."""
         torch.set_default_dtype(torch.float64)
         times = np.linspace(0.0, scenario.duration, n_frames)
-        rods, found = scenario.rods, {}
+        rods, finer = scenario.rods, _finer(scenario)
+        step = self._step(scenario, times, bool(scenario.obstacles))
+        motions: dict[int, Motions] = {}
         for alike in _alike(rods):
-            may_touch = scenario.self_contact or len(rods) > len(alike)
-            scene, start = _batch(scenario, [rods[i] for i in alike], n_elements, may_touch)
-            step = self._step(scenario, times, bool(scenario.obstacles))
-            states = _motion(scene, start, times, step)
-            found |= {
-                i: (states.position[:, k], states.rotation[:, k]) for k, i in enumerate(alike)
-            }
-        met = _met(scenario, [found[i][0].numpy() for i in range(len(rods))])
+            scene, start = _batch(scenario, [rods[i] for i in alike], finer * n_elements)
+            states = _motion(scene, start, times, step, **_method(scenario))
+            motions |= {i: _of(states, k) for k, i in enumerate(alike)}
+        met = _met(scenario, [motions[i][0] for i in range(len(rods))])
         step = self._step(scenario, times, True)
         for together in _components(len(rods), met):
-            scene, start = _structure(scenario, together, met, n_elements)
-            states = _motion(scene, start, times, step)
-            own = {i: states[f"rod{i}"] for i in together}
-            found |= {i: (part.position[:, 0], part.rotation[:, 0]) for i, part in own.items()}
-        moved = [found[i] for i in range(len(rods))]
+            k = min(frame for pair, frame in met.items() if pair[0] in together)
+            now = {i: tuple(x[k] for x in motions[i]) for i in together}
+            scene, start = _structure(scenario, now, met, float(times[k]))
+            states = _motion(scene, start, times[k:], step, method="midpoint")
+            for i in together:
+                both = zip(motions[i], _of(states[f"rod{i}"], 0), strict=True)
+                motions[i] = tuple(torch.cat((x[:k], y)) for x, y in both)
+        moved = [[x[:, ::finer] for x in motions[i]] for i in range(len(rods))]
         return Trajectory(
             times,
-            tuple(x.numpy() for x, _ in moved),
-            tuple(_directors(x, q).numpy() for x, q in moved),
+            tuple(x.numpy() for x, *_ in moved),
+            tuple(_directors(x, q).numpy() for x, q, *_ in moved),
         )
 
     def _step(self, scenario: Scenario, times: np.ndarray, touching: bool) -> float:
@@ -97,12 +106,31 @@ class TorchbeamSolver:
         return float(times[1] / math.ceil(times[1] / most))
 
 
-def _motion(scene: tb.Scene, start: tb.State, times: np.ndarray, step: float) -> Any:
-    solution = tb.simulate(scene, torch.as_tensor(times), start, step=step)
+def _finer(scenario: Scenario) -> int:
+    return FINER if len(scenario.rods) > 1 else 1
+
+
+def _method(scenario: Scenario) -> dict[str, Any]:
+    """Of a motion in which rods do not touch."""
+    if scenario.quasi_static:
+        return {"method": "generalized_alpha", "rho_inf": 0.5}
+    return {"method": "midpoint" if scenario.obstacles else "midpoint4"}
+
+
+def _motion(
+    scene: tb.Scene, start: tb.State, times: np.ndarray, step: float, **method: Any
+) -> tb.State:
+    solution = tb.simulate(scene, torch.as_tensor(times), start, step=step, **method)
     failed = solution.status != 0
     if failed.any():
         raise Diverged("torchbeam's Newton method did not converge")
     return solution.state
+
+
+def _of(states: tb.State, k: int) -> Motions:
+    """Places, rotations, velocities and spins of a batch's k-th rod, time first."""
+    parts = states.position, states.rotation, states.velocity, states.spin
+    return tuple(x[:, k] for x in parts)
 
 
 # A rod as a beam
@@ -245,34 +273,32 @@ def _obstacles(scenario: Scenario, rod: Rod, name: str | None = None) -> list[tb
     return contacts
 
 
-def _met(scenario: Scenario, moved: list[np.ndarray]) -> set[tuple[int, int]]:
+def _met(scenario: Scenario, moved: list[torch.Tensor]) -> dict[tuple[int, int], int]:
     """Pairs of rods, or of a rod and itself, that may have come within their radii and the
-    contact's layer: at any frame, by as much as nodes move from there to the next one.
+    contact's layer: at which frame first, by as much as nodes move from there to the next one.
+    An element is taken for the ball around it.
     """
-    met, steps = set(), [_step_lengths(x) for x in moved]
+    met = {}
+    middles = [(x[:, 1:] + x[:, :-1]) / 2 for x in moved]
+    halves = [x.diff(dim=1).norm(dim=-1) / 2 for x in moved]
+    steps = [torch.nn.functional.pad(x.diff(dim=0).norm(dim=-1).amax(-1), (0, 1)) for x in moved]
     for i, j in itertools.combinations_with_replacement(range(len(moved)), 2):
         a, b = scenario.rods[i], scenario.rods[j]
         if i == j and not scenario.self_contact:
             continue
+        apart = torch.cdist(middles[i], middles[j]) - halves[i][..., None] - halves[j][:, None]
+        if i == j:
+            own = torch.arange(apart.shape[-1])
+            fewest = neighbour_elements(a.radius, a.length / len(own))
+            apart[:, own - own[:, None] <= fewest] = math.inf
         reach = (1 + LAYER) * (a.radius + b.radius) + steps[i] + steps[j] * (i != j)
-        first, second = (np.arange(x.shape[1] - 1) for x in (moved[i], moved[j]))
-        apart = neighbour_elements(a.radius, a.length / len(first))
-        looked = (second - first[:, None]) > apart if i == j else True
-        for x, y, near in zip(moved[i], moved[j], reach, strict=True):
-            d = segment_distance(x[:-1, None], x[1:, None], y[None, :-1], y[None, 1:])
-            if np.where(looked, d, np.inf).min() < near:
-                met.add((i, j))
-                break
+        near = (apart.amin((-1, -2)) < reach).nonzero()
+        if len(near):
+            met[i, j] = int(near[0])
     return met
 
 
-def _step_lengths(x: np.ndarray) -> np.ndarray:
-    """(frames,) m, by which a rod's nodes move at most until the next frame."""
-    moves = np.linalg.norm(np.diff(x, axis=0), axis=-1).max(-1)
-    return np.append(moves, 0.0)
-
-
-def _components(count: int, met: set[tuple[int, int]]) -> list[list[int]]:
+def _components(count: int, met: dict[tuple[int, int], int]) -> list[list[int]]:
     """Rods that have met, directly or by others."""
     groups = [{i} for i in range(count)]
     for i, j in met:
@@ -296,29 +322,25 @@ def _alike(rods: Sequence[Rod]) -> list[list[int]]:
     return list(groups.values())
 
 
-def _batch(
-    scenario: Scenario, rods: Sequence[Rod], elements: int, touching: bool = False
-) -> tuple[tb.Scene, tb.State]:
-    beam, nodes = _beam(rods, elements, touching)
+def _batch(scenario: Scenario, rods: Sequence[Rod], elements: int) -> tuple[tb.Scene, tb.State]:
+    beam, nodes = _beam(rods, elements)
     effects = [*_loads(rods), *_everywhere(scenario), *_obstacles(scenario, rods[0])]
     scene = tb.Scene(beam, effects, supports=_supports(rods, beam, nodes))
     return scene, tb.State.from_nodes(scene, nodes)
 
 
 def _structure(
-    scenario: Scenario, together: list[int], met: set[tuple[int, int]], elements: int
+    scenario: Scenario, now: dict[int, Motions], met: dict[tuple[int, int], int], t: float
 ) -> tuple[tb.Scene, tb.State]:
-    """Of rods that meet: a batch of one."""
-    beams, supports, places, effects = {}, [], [], _everywhere(scenario)
-    for i in together:
+    """Of rods that meet, from where they are at t on: a batch of one."""
+    beams, supports, effects = {}, [], _everywhere(scenario)
+    for i, (x, *_) in now.items():
         rod, name = scenario.rods[i], f"rod{i}"
-        start = _batch(scenario, [rod], elements, touching=True)[1]
-        beams[name], nodes = _beam([rod], elements, touching=True)
-        places.append((nodes, quat.matrix(start.rotation)))
+        beams[name], nodes = _beam([rod], len(x) - 1, touching=True)
         supports += _supports([rod], beams[name], nodes, name)
         effects += [*_loads([rod], name), *_obstacles(scenario, rod, name)]
     for i, j in sorted(met):
-        if i in together:
+        if i in now:
             law = _law(scenario, scenario.rods[i], scenario.rods[j])
             kind = (
                 tb.SelfContact(f"rod{i}", **law)
@@ -327,9 +349,8 @@ def _structure(
             )
             effects.append(kind)
     scene = tb.Scene(beams, effects, supports=supports)
-    return scene, tb.State.from_nodes(
-        scene, *(torch.cat(part, 1) for part in zip(*places, strict=True))
-    )
+    x, q, v, spin = (torch.cat(parts)[None] for parts in zip(*now.values(), strict=True))
+    return scene, tb.State.from_nodes(scene, x, quat.matrix(q), velocity=v, spin=spin, t=t)
 
 
 def _directors(x: torch.Tensor, q: torch.Tensor) -> torch.Tensor:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 from ...cli import results_folder
 from ...core.results import measured_on, sentence, write
-from .case import Result, run
+from .case import Case, Result, run
 from .cases import CASES
 
 HEAD = ("case", "source", "quantity", "reference", "here", "error", "mesh", "s")
@@ -37,28 +38,50 @@ def main(argv: Sequence[str]) -> int:
         metavar="TEXT",
         help="only cases whose name, source or quantity holds TEXT",
     )
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="keep the rows in --out of cases that are the same, and compute the others",
+    )
     args = parser.parse_args(argv)
+    if args.resume and not args.out:
+        parser.error("--resume was given without --out; the folder of what is kept is wanted")
     chosen = [case for case in CASES if args.filter in f"{case.name} {case.source} {case.quantity}"]
     if not chosen:
         parser.error(
             f"--filter {args.filter!r} was given; no case has that in its name, source or quantity"
         )
     out = args.out and results_folder(parser, args.out)
-    results = [run(case) for case in chosen]
+    stored = _stored(out) if args.resume else {}
+    rows: list[Result] = []
+    for k, case in enumerate(chosen):
+        rows.append(stored.get(_key(case)) or run(case))
+        if out:  # a run that is ended goes on from there
+            _write(out, rows + [old for x in chosen[k + 1 :] if (old := stored.get(_key(x)))])
+    print(f"{markdown(rows)}\n{sentence(measured_on())}")
+    return 0 if all(r.ok for r in rows) else 1
+
+
+def _key(row: Case | Result) -> tuple[str | float, ...]:
+    """What makes two rows the same case."""
+    name = row.case if isinstance(row, Result) else row.name
+    return name, row.source, row.quantity, row.mesh, row.bound
+
+
+def _stored(out: Path) -> dict[tuple[str | float, ...], Result]:
+    """Those of an earlier run in the folder, by their case."""
+    file = out / "verify.json"
+    rows = json.loads(file.read_text())["results"] if file.exists() else []
+    results = [Result(**{k: v for k, v in row.items() if k != "ok"}) for row in rows]
+    return {_key(r): r for r in results}
+
+
+def _write(out: Path, results: Sequence[Result]) -> None:
     heading = measured_on()
+    rows = [{**asdict(r), "ok": r.ok} for r in results]
     text = f"{markdown(results)}\n{sentence(heading)}"
-    print(text)
-    if out:
-        rows = [{**asdict(r), "ok": r.ok} for r in results]
-        write(
-            out,
-            "verify",
-            text,
-            {**heading, "results": rows},
-            list(rows[0]),
-            (row.values() for row in rows),
-        )
-    return 0 if all(r.ok for r in results) else 1
+    data = {**heading, "results": rows}
+    write(out, "verify", text, data, list(rows[0]), (row.values() for row in rows))
 
 
 def markdown(results: Iterable[Result]) -> str:
