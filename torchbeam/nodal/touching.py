@@ -106,10 +106,7 @@ class Touching(Tree):
         return self.chosen(self.slack(motion, skin) <= skin)
 
     def slack(
-        self,
-        motion: TouchingMotion,
-        skin: Tensor | float = torch.inf,
-        apart: Tensor | None = None,
+        self, motion: TouchingMotion, skin: Tensor | float = torch.inf, apart: Tensor | None = None
     ) -> Tensor:
         """(P, K) m: by how much the gap of each place to each piece is wider than where forces
         begin, at least, in the nearest sample, wherever they are in the step; inf where it may not
