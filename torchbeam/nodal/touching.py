@@ -105,13 +105,16 @@ class Touching(Tree):
             return self.chosen(pairs.flatten(0, -3).any(0) if pairs.ndim > 2 else pairs)
         return self.chosen(self.slack(motion, skin) <= skin)
 
-    def slack(self, motion: TouchingMotion, skin: Tensor | float = torch.inf) -> Tensor:
+    def slack(
+        self, motion: TouchingMotion, skin: Tensor | float = torch.inf, apart: Tensor | None = None
+    ) -> Tensor:
         """(P, K) m: by how much the gap of each place to each piece is wider than where forces
         begin, at least, in the nearest sample, wherever they are in the step; inf where it may not
         touch it. No gap changes by more than two nodes move towards each other. What is surely
-        wider than a skin m is less closely looked at.
+        wider than a skin m is less closely looked at; pairs that are known to be `apart` (P, K)
+        bool not at all: inf.
         """
-        every = self._every
+        every = self._every if apart is None else self._every & ~apart
         shape = every.shape[-2:]
         slack = torch.where(every, self._between_balls(motion), torch.inf)
         slack, every = slack.reshape(-1, *shape).amin(0), every.reshape(-1, *shape).any(0)

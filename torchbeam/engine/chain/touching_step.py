@@ -186,10 +186,10 @@ class TouchingStep:
         motion = TouchingMotion(position, None, None, None, None, dict)
         skin, near, left, watched = max(self.skin, ROOM * move), [], [], []
         for one in self.model.touching.each:
-            slack = one.slack(motion, 2 * skin)
-            if alike and (along := neighbours(one, position)):
+            along = neighbours(one, position) if alike else None
+            if along:
                 watched.append(along[0])
-                slack[along[1]] = torch.inf
+            slack = one.slack(motion, 2 * skin, along[1] if along else None)
             near.append(one.chosen(slack <= skin))
             left.append(slack[slack > skin])
         left = torch.cat(left)
