@@ -90,6 +90,7 @@ class OfContact(Sensor):
             space.public_spin(nodes.spin),
             None,
             dict,
+            axes=(space.axes(nodes.rotation),),
         )
         pairs = [effect for effect in self.scene.effects if effect.kind == "pair"]
         number = next(k for k, pair in enumerate(pairs) if pair is self._law)
