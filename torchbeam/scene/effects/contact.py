@@ -15,7 +15,7 @@ from ..parts import part_of
 from .contact_law import damped, pressure, rubbing
 from .contact_terms import ContactTerms
 from .load_point import POSITION, ROTATION, SPIN, VELOCITY, LoadPoint, Wrench, at_instant
-from .obstacles import Box, Capsule, Cylinder, Obstacle, Plane, Sphere
+from .obstacles import Box, Capsule, Cylinder, Obstacle, Plane
 from .rounded_box import RoundedBox
 from .values import Inputs, parameter
 

@@ -46,7 +46,9 @@ class RoundedBox(Tree):
             eye = torch.eye(3, dtype=shape.size.dtype, device=shape.size.device)
             turned = shape.rotation is not None
             axes = quat.matrix(quat.exponential(shape.rotation)) if turned else eye
-            return cls(shape.centre, axes, shape.size / 2 - shape.rounding[..., None], shape.rounding)
+            return cls(
+                shape.centre, axes, shape.size / 2 - shape.rounding[..., None], shape.rounding
+            )
         if isinstance(shape, Sphere):
             eye = torch.eye(3, dtype=shape.centre.dtype, device=shape.centre.device)
             return cls(shape.centre, eye, torch.zeros_like(shape.centre), shape.radius)
