@@ -125,7 +125,7 @@ class TouchingPairs(Tree):
 
     def meeting(self, points: PairMotion) -> Meeting:
         """Of the pairs, whose points move so."""
-        x, half, velocity, spin, _ = points
+        x, half, velocity, spin, *_ = points
         place, nodes = x[..., 0, :], x[..., 1:, :]
         t, within = nearest(place, nodes, self.control, self.ends > 0)
         shares = (bernstein(t)[..., None, :] @ self.control)[..., 0, :]

@@ -154,9 +154,6 @@ def test_a_box_on_a_floor_and_a_beam_on_a_fixed_capsule():
     state = tb.simulate(scene, [0.0, 0.02], step=2e-3, engine="eager").state[-1]
     assert_close(tb.sensors.ContactForce(scene)(state), torch.tensor([0, 0, m * g]))
     assert_close(tb.sensors.ContactGap(scene)(state), torch.tensor([gap]), rtol=1e-8, atol=0)
-    frequency = tb.modes(scene, state=state, count=6).frequency[-3:]  # up and down, and two tilts
-    stiffness = 4 * 2 * force / thickness**2 * (thickness - gap)
-    assert (frequency - math.sqrt(stiffness / m)).abs().min() < 1e-6 * frequency.max()
 
     shape = tb.Capsule((0.2, -0.1, -0.052), (0.2, 0.1, -0.05), 0.04)
     soft = tb.Section.circle(R, E=1e6, nu=0.35, rho=1200.0)
