@@ -365,6 +365,7 @@ SAME = {
     "S.ContactForce": touching(S.ContactForce),
     "S.ContactForces": touching(S.ContactForces),
     "S.ContactGap": touching(lambda *x: lambda s: S.ContactGap(*x)(s).amin()),
+    "S.ContactPoints": touching(lambda *x: lambda s: S.ContactPoints(*x)(s)[:, 3:6].sum(0)),
     "S.ContactPressure": touching(lambda *x: lambda s: S.ContactPressure(*x)(s).amax()),
     "S.ContactSlip": touching(lambda *x: lambda s: S.ContactSlip(*x)(s).amax()),
     "S.Curvature": read(lambda of: S.Curvature(element=0, beam=of.scene, **part_of(of))),

@@ -22,7 +22,7 @@ from ..nodal.joint_motion import JointDrive, JointValues
 from ..nodal.loads import STEADY, Nodes
 from ..nodal.model import Model
 from ..nodal.touching_motion import TouchingMotion
-from ..scene.effects import Inputs
+from ..scene.effects import ROTATION, Inputs
 from ..state.rest_shape import RestShape
 from ..state.state import State
 from ..state.supported_nodes import set_node
@@ -222,8 +222,10 @@ class SteadyProblem(BalanceProblem):
         return here, here, None
 
     def touching_motion(self, kinematics: Configuration, nodes: None = None) -> TouchingMotion:
-        position = self.model.space.public_position(kinematics.position)
-        return TouchingMotion(position, None, None, None, None, dict)
+        space, touching = self.model.space, self.model.touching
+        position = space.public_position(kinematics.position)
+        axes = (space.axes(kinematics.rotation),) if ROTATION in touching.reads else None
+        return TouchingMotion(position, None, None, None, None, dict, axes=axes)
 
     @property
     def joint_drive(self) -> JointDrive:

@@ -23,7 +23,7 @@ from ..nodal.inertia import InertiaForces
 from ..nodal.joint_motion import JointDrive
 from ..nodal.loads import Nodes
 from ..nodal.touching_motion import TouchingMotion
-from ..scene.effects import SPIN, VELOCITY, Inputs
+from ..scene.effects import ROTATION, SPIN, VELOCITY, Inputs
 from ..state.state import State
 from ..state.supported_nodes import set_node
 from ..topology.protocols import Matrix, total
@@ -285,22 +285,34 @@ class StepProblem(BalanceProblem):
         at, mid = self.motion.nodes(kinematics, reads), self.INSTANT == 0.5
         moving = {VELOCITY: space.public_vector, SPIN: space.public_spin}
         rates = [to(getattr(at, name)) if name in reads else None for name, to in moving.items()]
+
+        def by() -> dict[str, Tensor]:
+            own = self.TANGENT(self.motion, kinematics) if nodes is None else nodes
+            turned = {ROTATION: 2 * own.half} if mid and ROTATION in reads else {}
+            return external.motion_jacobian(own, reads) | turned
+
         return TouchingMotion(
             space.public_position(at.position),
             space.public_vector(at.position - self.start.position) if mid else None,
             *rates,
             self.dt if mid else None,
-            lambda: external.motion_jacobian(
-                self.TANGENT(self.motion, kinematics) if nodes is None else nodes, reads
-            ),
+            by,
             self.secant,
+            self._axes(kinematics, mid) if ROTATION in reads else None,
         )
+
+    def _axes(self, kinematics: Any, over: bool) -> tuple[Tensor, ...]:
+        """Of the nodes (..., N+1, 3, 3) after the step, and before it where it is over one."""
+        rotations = (self.start.rotation, kinematics.q_end)
+        return tuple(map(self.model.space.axes, rotations if over else rotations[1:]))
 
     def touching_way(self, kinematics: Any) -> TouchingMotion:
         """The same over the whole of the step, wherever forces act."""
         now, way, space = self.touching_motion(kinematics), self._way(kinematics), self.model.space
         return now._replace(
-            position=space.public_position(way.middle), half=space.public_vector(way.half)
+            position=space.public_position(way.middle),
+            half=space.public_vector(way.half),
+            axes=None if now.axes is None else self._axes(kinematics, True),
         )
 
     @cached

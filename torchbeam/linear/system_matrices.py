@@ -167,7 +167,8 @@ def of_nodes(
     if model.touching.lossy:
         w = space.unknowns
         none = model.topology.diagonal(x.position.new_zeros(model.node_count, w, w))
-        D = model.touching.damping(none if D is None else D, space.public_position(x.position))
+        place = space.public_position(x.position), space.axes(x.rotation)
+        D = model.touching.damping(none if D is None else D, *place)
     return M, D, model.touching.matrix(K, lambda: problem.touching_motion(x)), lagging
 
 

@@ -59,7 +59,10 @@ def refuse_penetration(model: Model, state: State, t: Tensor) -> None:
             f"in the {load.obstacle.called} of a {load.called}",
         )
     motion = TouchingMotion(
-        model.space.public_position(nodes.position), None, None, None, None, dict
+        model.space.public_position(nodes.position),
+        *(None,) * 4,
+        dict,
+        axes=(model.space.axes(nodes.rotation),),
     )
     for one in model.touching.each if model.touching.present else ():
         law, near = one.contact, one.nearby(motion)

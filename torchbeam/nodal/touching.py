@@ -6,7 +6,7 @@ have such places, and each half of the force.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -21,10 +21,11 @@ from ..math.concrete import mapped
 from ..math.shapes import broadcast_shapes
 from ..scene.effects.contact_terms import ContactTerms
 from ..scene.effects.drag import norm
-from ..scene.effects.load_point import SPIN, VELOCITY
+from ..scene.effects.load_point import POSITION, ROTATION, SPIN, VELOCITY
 from ..topology.cut import added
 from .centreline import least_distance, piece_nodes
 from .coordinates.spatial import Spatial
+from .surface_pairs import BODY, SurfacePairs
 from .touching_motion import NoTouching, TouchingMotion
 from .touching_pairs import PairMotion, TouchingPairs
 from .touching_places import Places, places_along
@@ -33,6 +34,14 @@ from .touching_places import Places, places_along
 def spread(x: Tensor) -> Tensor:
     """(...) of the nodes' x (..., nodes, 3): no two of them differ by more."""
     return torch.linalg.vector_norm(x.amax(-2) - x.amin(-2), dim=-1)
+
+
+class PairLaw(NamedTuple):
+    """Whether pairs have friction, and damping; whether their pieces are surfaces of bodies."""
+
+    rubs: bool
+    damps: bool
+    surface: bool
 
 
 class Nearby(NamedTuple):
@@ -79,12 +88,17 @@ class Touching(Tree):
         return torch.stack(torch.broadcast_tensors(*(both if self.first else both[::-1])), -1)
 
     @property
+    def points(self) -> int | None:
+        """Places in a piece; None = by the radii."""
+        return self.contact.points
+
+    @property
     def places(self) -> Places:
         """P places: shares (..., P, 3) of their three nodes; measure (..., P) m of the beam's
         length, 1 of a body, 0 of what a sample has fewer.
         """
         law = self.contact
-        given = law.thickness.detach(), law.points, self.share
+        given = law.thickness.detach(), self.points, self.share
         return remembered(places_along, *self.along, self.s, self.radii.detach(), *given)
 
     @property
@@ -203,6 +217,16 @@ class Touching(Tree):
     def lossy(self) -> bool:
         return self.contact.lossy
 
+    @property
+    def reads(self) -> frozenset[str]:
+        """See `TouchingPairs`."""
+        asked = {VELOCITY} if self.lossy else set()
+        return frozenset(asked | ({SPIN} if self.contact.rubs else set()))
+
+    @property
+    def law(self) -> PairLaw:
+        return PairLaw(self.contact.rubs, self.contact.damping is not None, False)
+
 
 @lru_cache(64)
 def _numbers(triples: tuple[tuple[int, int, int], ...], device: torch.device) -> Tensor:
@@ -223,11 +247,16 @@ def _allowed(first: int, nodes: int, count: int, s: Tensor, radius: Tensor, apar
 def of_nodes(nodes: Tensor, motion: TouchingMotion) -> PairMotion:
     """The motion of the nodes (U, 6) of pairs."""
     moves = (None if x is None else x[..., nodes, :] for x in motion[:4])
-    return PairMotion(*moves, motion.secant)
+    axes = None
+    if motion.axes is not None:
+        axes = tuple(R[..., nodes[:, BODY], :, :] for R in motion.axes)
+    return PairMotion(*moves, motion.secant, axes)
 
 
 # axes of the constants of a pair
 RANKS = {"own": 1, "measure": 0, "control": 2, "ends": 1, "radii": 1}
+SURFACE = {"centre": 1, "axes": 2, "half": 1, "rounding": 0}
+RANKS |= SURFACE
 RANKS |= dict.fromkeys(("thickness", "slope", "friction", "slip_speed", "damping"), 0)
 
 
@@ -263,13 +292,13 @@ class AnyTouching(NoTouching):
     def matrix(self, matrix: Any, motion: Callable[[], TouchingMotion]) -> Any:
         return self._tied(matrix, motion(), self.by_moves)
 
-    def damping(self, matrix: Any, position: Tensor) -> Any:
+    def damping(self, matrix: Any, position: Tensor, axes: Tensor) -> Any:
         still = torch.zeros_like(position)
         sizes = self.space.dims.position, self.space.dims.spin
         names = (VELOCITY, SPIN)
         eyes = (torch.eye(n, dtype=position.dtype, device=position.device)[None] for n in sizes)
         by = dict(zip(names, eyes, strict=True))
-        motion = TouchingMotion(position, None, still, still, None, lambda: by)
+        motion = TouchingMotion(position, None, still, still, None, lambda: by, axes=(axes,))
         return self._tied(matrix, motion, self._by_rates)
 
     def _tied(self, matrix: Any, now: TouchingMotion, blocks_of: Callable[..., Tensor]) -> Any:
@@ -305,27 +334,31 @@ class AnyTouching(NoTouching):
     def by_moves(self, near: Near, motion: TouchingMotion) -> Tensor:
         """(..., U, 6, 6, w, w): derivative of the balances of a pair's nodes by their moves."""
         of_pairs = of_nodes(near.nodes, motion)
-        by_x, *by_rates = near.pairs.slopes(of_pairs)
-        change = by_x @ self.moves[:, :3].mT + self._rates(near, motion, by_rates)
+        slopes = near.pairs.slopes(of_pairs)
+        change = slopes.pop(POSITION) @ self.moves[:, :3].mT + self._rates(near, motion, slopes)
         return self._balances(near.pairs.blocks(of_pairs, change))
 
     def _by_rates(self, near: Near, motion: TouchingMotion) -> Tensor:
         """The same by velocities and spins alone."""
         of_pairs = of_nodes(near.nodes, motion)
-        by_x, *by_rates = near.pairs.slopes(of_pairs)
+        slopes = near.pairs.slopes(of_pairs)
+        by_x, slopes = slopes.pop(POSITION), {n: x for n, x in slopes.items() if n != ROTATION}
         none = by_x.new_zeros(*by_x.shape[:-1], len(self.moves))
-        return self._balances(
-            near.pairs.blocks(of_pairs, none + self._rates(near, motion, by_rates))
-        )
+        return self._balances(near.pairs.blocks(of_pairs, none + self._rates(near, motion, slopes)))
 
     def _balances(self, blocks: Tensor) -> Tensor:
         """From wrenches (..., 6, w) to balances."""
         return -torch.einsum("vi,...abiw->...abvw", self.moves, blocks)
 
-    def _rates(self, near: Near, motion: TouchingMotion, by_rates: list[Tensor]) -> Tensor | float:
+    def _rates(
+        self, near: Near, motion: TouchingMotion, slopes: dict[str, Tensor]
+    ) -> Tensor | float:
         p, moves, whole = self.space.dims.position, self.moves, 0.0
-        by = motion.by() if by_rates else {}
-        for name, slope in zip((VELOCITY, SPIN), by_rates, strict=False):
+        by = motion.by() if slopes else {}
+        for name, slope in slopes.items():
+            if name == ROTATION and name not in by:  # it turns as the moves do
+                whole = whole + slope @ moves[:, 3:].mT
+                continue
             if name not in by:
                 continue
             own, more = by[name], len(moves) - by[name].shape[-1]
@@ -351,9 +384,7 @@ class AllTouching(AnyTouching):
 
     @property
     def reads(self) -> frozenset[str]:
-        laws = [one.contact for one in self.each]
-        asked = {VELOCITY} if self.lossy else set()
-        return frozenset(asked | ({SPIN} if any(law.rubs for law in laws) else set()))
+        return frozenset().union(*(one.reads for one in self.each))
 
     def near(self, motion: TouchingMotion) -> list[Near]:
         near = [(one, one.nearby(motion)) for one in self.each]
@@ -375,13 +406,11 @@ class OnePair(AnyTouching):
 
 @dataclass(frozen=True)
 class FixedTouching(AllTouching):
-    """Of all of a scene those pairs that are known, each with its six nodes, and whether its law
-    has friction, and damping.
-    """
+    """Of all of a scene those pairs that are known, each with its six nodes and its law."""
 
     pairs: TouchingPairs | None
     nodes: tuple[tuple[int, ...], ...]
-    laws: tuple[tuple[bool, bool], ...]
+    laws: tuple[PairLaw, ...]
 
     def near(self, motion: TouchingMotion | None) -> list[Near]:
         if self.pairs is None:
@@ -394,26 +423,30 @@ def fixed(touching: AllTouching, near: list[Nearby]) -> FixedTouching:
     1 where another's has it.
     """
     each = [(one, own) for one, own in zip(touching.each, near, strict=True) if len(own.point)]
-    laws = [(one.contact.rubs, one.contact.damping is not None) for one, _ in each]
-    laws = tuple(law for law, (_, own) in zip(laws, each, strict=True) for _ in own.point)
+    laws = tuple(one.law for one, own in each for _ in own.point)
     nodes = tuple(tuple(row) for _, own in each for row in own.nodes.tolist())
-    pairs = joined([one.pairs(own) for one, own in each]) if each else None
+    kind = SurfacePairs if any(one.law.surface for one in touching.each) else TouchingPairs
+    pairs = joined([one.pairs(own) for one, own in each], kind) if each else None
     return FixedTouching(touching.space, touching.moves, touching.each, pairs, nodes, laws)
 
 
-def joined(parts: list[TouchingPairs]) -> TouchingPairs:
-    """One behind the other, a row for each pair in all of their constants."""
+def joined(parts: list[TouchingPairs], kind: type[TouchingPairs]) -> TouchingPairs:
+    """One behind the other, a row for each pair in all of their constants, and in those of a
+    kind.
+    """
     counts = [part.own.shape[-2] for part in parts]
-    fields = {}
-    for name, rank in RANKS.items():
-        own = [getattr(part, name) for part in parts]
+    rows = {}
+    for name in (own.name for own in fields(kind)):
+        own, rank = [getattr(part, name, None) for part in parts], RANKS[name]
+        if name in SURFACE:
+            own = [parts[0].own.new_ones(1, *(3,) * rank) if x is None else x for x in own]
         like = next((x for x in own if x is not None), None)
         if like is None:
-            fields[name] = None
+            rows[name] = None
             continue
-        own = [like.new_ones(1) if x is None else x for x in own]
+        tail = like.shape[like.ndim - rank :]
+        own = [like.new_ones(1, *tail) if x is None else x for x in own]
         lead = broadcast_shapes(*(x.shape[: x.ndim - rank - 1] for x in own))
-        rows = zip(own, counts, strict=True)
-        whole = (x.expand(*lead, n, *x.shape[x.ndim - rank :]) for x, n in rows)
-        fields[name] = torch.cat([*whole], -1 - rank)
-    return TouchingPairs(**fields)
+        whole = (x.expand(*lead, n, *tail) for x, n in zip(own, counts, strict=True))
+        rows[name] = torch.cat([*whole], -1 - rank)
+    return kind(**rows)

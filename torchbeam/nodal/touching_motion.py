@@ -13,8 +13,10 @@ from ..core.leaves import Tree
 class TouchingMotion(NamedTuple):
     """Nodes (..., N+1, 3), frame a: position m where forces act; half m by which they move on
     either side of it over a step of dt (...) s, None = at an instant; velocity m/s and spin rad/s
-    there, absolute, None = at rest. by: derivatives by the nodes' moves, see `loads`; secant (...),
-    see `LoadPoint`.
+    there, absolute, None = at rest. by: derivatives by the nodes' moves, see `loads`, and by
+    `ROTATION` of the last axes' spin, where that is not the moves' own; secant (...), see
+    `LoadPoint`; axes (..., N+1, 3, 3) of the nodes before and after a step, at an instant once,
+    None = nothing reads them.
     """
 
     position: Tensor
@@ -24,6 +26,7 @@ class TouchingMotion(NamedTuple):
     dt: Tensor | None
     by: Callable[[], dict[str, Tensor]]
     secant: Tensor | None = None
+    axes: tuple[Tensor, ...] | None = None
 
 
 class NoTouching(Tree):
@@ -41,8 +44,10 @@ class NoTouching(Tree):
         """Their tangent, with that of these."""
         return matrix
 
-    def damping(self, matrix: Any, position: Tensor) -> Any:
-        """A damping matrix, None = none, with that of these at rest, nodes at (..., N+1, 3)."""
+    def damping(self, matrix: Any, position: Tensor, axes: Tensor) -> Any:
+        """A damping matrix, None = none, with that of these at rest, nodes at (..., N+1, 3), with
+        axes (..., N+1, 3, 3).
+        """
         return matrix
 
     def work(self, motion: Callable[[], TouchingMotion]) -> Tensor | float:

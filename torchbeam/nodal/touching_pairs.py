@@ -27,7 +27,7 @@ from torch import Tensor
 from ..core.leaves import Tree, leaf
 from ..scene.effects.contact_law import damped, potential, pressure, rubbing
 from ..scene.effects.drag import norm
-from ..scene.effects.load_point import SPIN, VELOCITY, jacobians
+from ..scene.effects.load_point import POSITION, SPIN, VELOCITY, jacobians
 from .centreline import bernstein, least_distance, nearest
 
 POINTS = (0, 0, 0, 1, 2, 3)  # which of the four points each of the six nodes is part of
@@ -35,7 +35,7 @@ POINTS = (0, 0, 0, 1, 2, 3)  # which of the four points each of the six nodes is
 
 class PairMotion(NamedTuple):
     """Of the nodes (..., U, 6, 3), or of the points (..., U, 4, 3), of U pairs: see
-    `TouchingMotion`.
+    `TouchingMotion`; axes (..., U, 3, 3) of the piece's own node.
     """
 
     position: Tensor
@@ -43,6 +43,7 @@ class PairMotion(NamedTuple):
     velocity: Tensor | None
     spin: Tensor | None
     secant: Tensor | None = None
+    axes: tuple[Tensor, ...] | None = None
 
 
 class Meeting(NamedTuple):
@@ -124,7 +125,7 @@ class TouchingPairs(Tree):
 
     def meeting(self, points: PairMotion) -> Meeting:
         """Of the pairs, whose points move so."""
-        x, half, velocity, spin, _ = points
+        x, half, velocity, spin, *_ = points
         place, nodes = x[..., 0, :], x[..., 1:, :]
         t, within = nearest(place, nodes, self.control, self.ends > 0)
         shares = (bernstein(t)[..., None, :] @ self.control)[..., 0, :]
@@ -199,13 +200,13 @@ class TouchingPairs(Tree):
         """(..., U, 4): of the force on the place what each point has."""
         return torch.cat((torch.ones_like(shares[..., :1]), -shares), -1)
 
-    def slopes(self, motion: PairMotion) -> tuple[Tensor, ...]:
-        """Derivatives (..., U, 6, n, 3) of the n numbers of `_actions` by position, velocity and
-        spin of each of the nodes; the last two where the law asks for them.
+    def slopes(self, motion: PairMotion) -> dict[str, Tensor]:
+        """Derivatives (..., U, 6, n, 3) of the n numbers of `_actions` by the position of each of
+        the nodes, and by what else is read.
         """
         points = self.points(motion)
         rates = zip((VELOCITY, SPIN), points[2:4], strict=True)
-        given = [x for name, x in rates if name in self.reads and x is not None]
+        asked = {name: x for name, x in rates if name in self.reads and x is not None}
         half = points.half
 
         def actions(x: Tensor, *moving: Tensor) -> Tensor:
@@ -215,10 +216,12 @@ class TouchingPairs(Tree):
             found = self._actions(PairMotion(x, now, velocity, spin, points.secant))
             return torch.cat([part for part in found if part is not None], -1)
 
-        slopes = jacobians(actions, *(x.flatten(-2) for x in (points.position, *given)))
+        given = points.position, *asked.values()
+        slopes = jacobians(actions, *(x.flatten(-2) for x in given))
         by_point = (slope.unflatten(-1, (4, 3)).movedim(-2, -3) for slope in slopes)
         weights = self._weights[..., None, None]
-        return tuple(weights * slope[..., POINTS, :, :] for slope in by_point)
+        by_node = (weights * slope[..., POINTS, :, :] for slope in by_point)
+        return dict(zip((POSITION, *asked), by_node, strict=True))
 
     def blocks(self, motion: PairMotion, change: Tensor) -> Tensor:
         """From changes (..., U, 6, n, w) of `_actions` by w numbers of each of the nodes those of
@@ -256,11 +259,15 @@ class TouchingPairs(Tree):
             return done
         points = self.points(motion)
         meeting = self.meeting(points)
-        apart = (self._signed(meeting.shares)[..., None] * points.velocity).sum(-2)
+        apart = self.parting(points, meeting.shares)
         power = (meeting.pressure - meeting.elastic) * (meeting.u * apart).sum(-1, keepdim=True)
         if meeting.rub is not None:
             power = power + (meeting.rub * meeting.slip).sum(-1, keepdim=True)
         return done + dt * (meeting.measure * power).sum((-1, -2))
+
+    def parting(self, points: PairMotion, shares: Tensor) -> Tensor:
+        """(..., U, 3) m/s of the place as seen from where it is nearest, by shares of the piece."""
+        return (self._signed(shares)[..., None] * points.velocity).sum(-2)
 
     def passed(self, motion: PairMotion) -> Tensor:
         """(...) bool: whether one of them goes through the other's axis over the step: surfaces

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import torch
 from torch import Tensor
 
 from ..scene.effects.contact_terms import ContactTerms
+from ..scene.effects.rounded_box import RoundedBox
 from ..scene.parts import part_of
 from ..scene.scene import Scene
 from .centreline import control_shares, piece_nodes
 from .coordinates.spatial import Spatial
 from .touching import AllTouching, Touching
 from .touching_motion import NoTouching
+from .touching_surface import TouchingSurface
 
 
 def touching_of(scene: Scene, space: Spatial, s: Tensor) -> NoTouching:
@@ -28,6 +32,11 @@ def _both(scene: Scene, pair: ContactTerms, k: int, s: Tensor) -> list[Touching]
     beam, or to a body; from a beam to itself.
     """
     first, second = (_nodes(scene, name) for name in (pair.on, pair.partner))
+    shapes = [_surface(scene, name) for name in (pair.on, pair.partner)]
+    if any(shapes):  # places on what has none
+        if shapes[0] is not None:
+            return [_one(pair, k, s, second, first, 1.0, False, shapes[0])]
+        return [_one(pair, k, s, first, second, 1.0, True, shapes[1])]
     if first == second:
         return [_one(pair, k, s, first, second, 0.5)]
     if len(second) == 1:
@@ -35,6 +44,11 @@ def _both(scene: Scene, pair: ContactTerms, k: int, s: Tensor) -> list[Touching]
     if len(first) == 1:
         return [_one(pair, k, s, first, second, 1.0)]
     return [_one(pair, k, s, first, second, 0.5), _one(pair, k, s, second, first, 0.5, False)]
+
+
+def _surface(scene: Scene, name: str | None) -> RoundedBox | None:
+    shape = scene.beam.surface(name) if scene.beam.parts and name is not None else None
+    return None if shape is None else RoundedBox.of(shape)
 
 
 def _nodes(scene: Scene, name: str | None) -> range:
@@ -53,11 +67,13 @@ def _one(
     second: range,
     share: float,
     is_first: bool = True,
+    surface: RoundedBox | None = None,
 ) -> Touching:
-    """Places along the first nodes, and pieces of the second."""
+    """Places along the first nodes, and pieces of the second, or the surface of a body there."""
     ends = s.new_zeros(len(second), 2)
     ends[0, 0] = ends[-1, 1] = 1.0
-    return Touching(
+    kind = Touching if surface is None else partial(TouchingSurface, surface=surface)
+    return kind(
         contact=pair,
         pair=k,
         first=is_first,

@@ -59,7 +59,7 @@ def view(
         port: the next free one is taken
 
     A section is drawn as the rectangle of its EI and EA, in its axes, so that a twist is seen;
-    a body as a ball.
+    a body as its surface, or as a ball.
 
     Raises:
         ValueError: for what is none of these, or a scene of other nodes.
@@ -260,6 +260,9 @@ class _Shapes:
     ) -> None:
         self.rows, self.sides, self.bodies, self.size = rows, sides, bodies, size
         self.scene, self.samples = more["scene"], more["samples"]
+        beam = None if self.scene is None else self.scene.beam
+        named = {} if beam is None else {p.first_node: p.name for p in beam.parts if p.body}
+        self.surfaces = {node: beam.surface(name) for node, name in named.items()}
 
     @classmethod
     def of(cls, state: Any, scene: Scene | None, samples: int) -> _Shapes:
@@ -289,6 +292,11 @@ class _Shapes:
                     dict(vertices=vertices, color=colour),
                 )
             for k, node in enumerate(self.bodies):
+                surface = self.surfaces.get(node)
+                if surface is not None:
+                    for part, shape in _solid(surface, self.size).items():
+                        shapes[f"sample {i}/body {k}{part}"] = _carried(shape, x[node], R[node])
+                    continue
                 shapes[f"sample {i}/body {k}"] = (
                     "icosphere",
                     dict(radius=2.5 * SIDE * self.size),
@@ -328,7 +336,7 @@ def _sides(scene: Scene | None, rows: list[slice], nodes: int, size: float) -> l
     rectangle with its EA and EI, of a batch the first sample's.
     """
     counts = [len(range(nodes)[row]) - 1 for row in rows]
-    if scene is None:
+    if scene is None or not counts:
         return [np.full((n, 2), SIDE * size) for n in counts]
     S = scene.beam.compliance.detach().diagonal(dim1=-2, dim2=-1)
     S = S.expand(*S.shape[:-2], scene.beam.element_count, 6)
@@ -399,6 +407,16 @@ def _solid(obstacle: Obstacle, size: float) -> dict[str, tuple[str, dict, dict]]
         static = dict(dimensions=tuple(own("size")), **look)
         return {"": ("box", static, dict(position=own("centre"), wxyz=turn))}
     return {}
+
+
+def _carried(shape: tuple[str, dict, dict], centre: Tensor, R: Tensor) -> tuple[str, dict, dict]:
+    """A shape in a body's axes where the body is: at centre (3) m with axes (3, 3)."""
+    kind, static, moving = shape
+    q = quat.from_matrix(R)
+    moved = {"position": numbers(centre + R @ torch.as_tensor(moving["position"]))}
+    if "wxyz" in moving:
+        moved["wxyz"] = numbers(quat.multiply(q, torch.as_tensor(moving["wxyz"])))
+    return kind, static, moving | moved
 
 
 def _turned(axis: np.ndarray) -> np.ndarray:

@@ -11,7 +11,9 @@ from torch import Tensor
 from ..core.leaves import Tree, leaf
 from ..core.validation import Value, axis_last, finite, rotations
 from ..math import quaternions as quat
+from .effects.obstacles import Obstacle
 from .effects.point_mass import PointMass
+from .effects.rounded_box import surface
 from .effects.values import own, parameter, plain
 
 
@@ -26,10 +28,12 @@ class Body(Tree):
             None = a point, which something has to keep from turning
         position: (..., 3) m of the centre, frame a, as drawn
         rotation: (..., 3, 3) the body's axes as columns, frame a, as drawn; None = those of frame a
+        surface: what of it is solid for a `Contact`: a `Sphere`, `Capsule`, `Cylinder` or `Box` in
+            the body's axes, which moves with it; None = a ball of the contact's radius
 
     Raises:
-        ValueError: for a mass that is not positive, an inertia that no body has, or axes that are
-            no rotation.
+        ValueError: for a mass that is not positive, an inertia that no body has, axes that are
+            no rotation, or a surface that is none of these, or moves by itself.
 
     Examples:
         >>> hub = tb.Body(mass=0.5, inertia=0.001, position=(1.0, 0, 0))
@@ -46,6 +50,7 @@ class Body(Tree):
     inertia: Value | None = leaf(2, default=None)
     position: Value = leaf(1, default=(0.0, 0.0, 0.0))
     rotation: Value | None = leaf(2, default=None)
+    surface: Obstacle | None = None
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__
@@ -78,6 +83,8 @@ class Body(Tree):
                     "3, 3) is wanted"
                 )
             rotations("a Body's rotation", torch.as_tensor(self.rotation))
+        if self.surface is not None:
+            surface("a Body's surface", self.surface)
 
     @property
     def frame(self) -> Tensor:

@@ -20,6 +20,7 @@ from ..topology.framework import Framework
 from .beam import Beam
 from .body import Body
 from .effects.effect import Effect
+from .effects.obstacles import Obstacle
 from .effects.point_mass import PointMass
 from .parts import FLAGS, Part, Row, Span, part_of, row_of
 
@@ -34,13 +35,14 @@ class Structure(Beam):
     a row for each body. rigid, coupled, offset, rotary, curved: whether any beam is.
 
     parts   what belongs to whom
-    masses  of the bodies, on their nodes
+    masses  of the bodies, on their nodes; surfaces: theirs, None = a body has none
     joined  rows that joints connect, in the order of the scene's: (row of a, row of b), None = the
             ground
     """
 
     parts: tuple[Part, ...] = ()
     masses: tuple[PointMass, ...] = ()
+    surfaces: tuple[Obstacle | None, ...] = ()
     joined: tuple[tuple[int | None, int | None], ...] = ()
 
     @classmethod
@@ -101,6 +103,7 @@ class Structure(Beam):
             linked_interpolation=first is not None and first.linked_interpolation,
             parts=tuple(parts),
             masses=tuple(masses),
+            surfaces=tuple(body.surface for body in bodies.values()),
         )
 
     def __repr__(self) -> str:
@@ -134,9 +137,11 @@ class Structure(Beam):
     def _line(self, part: Part) -> str:
         if part.body:
             at = next(mass for mass in self.masses if mass.node == part.first_node)
+            shape = self.surface(part.name)
             return (
                 f"{part.name!r}: a body of {span(at.mass)} kg at "
                 f"{point(self.nodes[..., part.first_node, :])} m"
+                + ("" if shape is None else f", a {shape.called}")
             )
         return f"{part.name!r}: {self.part(part.name)!r}"
 
@@ -188,6 +193,11 @@ class Structure(Beam):
             for part in self.parts
             if part.first_node <= row < part.first_node + part.node_count
         )
+
+    def surface(self, name: str) -> Obstacle | None:
+        """The surface of the body of that name, in its axes; None = it has none."""
+        bodies = [part.name for part in self.parts if part.body]
+        return self.surfaces[bodies.index(name)] if name in bodies else None
 
     def part(self, name: str) -> Beam:
         """The beam of that name by itself."""

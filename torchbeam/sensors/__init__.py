@@ -17,7 +17,14 @@ in what it was made of. Each has
 from ..core.entry_point import entry_points
 from .acceleration import NodeAcceleration
 from .along import Curvature, Gauge, Strain, Stress
-from .contact import ContactForce, ContactForces, ContactGap, ContactPressure, ContactSlip
+from .contact import (
+    ContactForce,
+    ContactForces,
+    ContactGap,
+    ContactPoints,
+    ContactPressure,
+    ContactSlip,
+)
 from .joint import JointCoordinate, JointLoad, JointRate
 from .node import Angles, NodePosition, NodeRotation, NodeVelocity, Spin, TipPosition, TipVelocity
 from .root import Reaction, RootForce, RootMoment, RootReaction, RootSpringLoad
@@ -26,7 +33,8 @@ from .tendon import TendonLength, TendonTension
 
 # fmt: off
 __all__ = [
-    "Angles", "Component", "ContactForce", "ContactForces", "ContactGap", "ContactPressure",
+    "Angles", "Component", "ContactForce", "ContactForces", "ContactGap", "ContactPoints",
+    "ContactPressure",
     "ContactSlip", "Curvature", "Gauge", "JointCoordinate", "JointLoad", "JointRate",
     "NodeAcceleration", "NodePosition", "NodeRotation", "NodeVelocity",
     "Reaction", "RootForce", "RootMoment", "RootReaction", "RootSpringLoad", "Sensor", "Spin",

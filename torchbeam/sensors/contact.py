@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
@@ -25,6 +25,45 @@ from ..scene.scene import Scene
 from ..state.state import State
 from ..state.state_check import of_mesh
 from .sensor import XYZ, Sensor
+
+
+class Touched(NamedTuple):
+    """Points of a contact: the length (..., n, 1) m that each stands for, 1 of a body; what it does
+    there; meets (..., n, 3) m: where the surface is. Of two parts n pairs, whose place along the
+    part is `place` (n), of `count`; None = each is its own.
+    """
+
+    measure: Tensor
+    touch: Touch
+    meets: Tensor
+    place: Tensor | None
+    count: int
+
+    @property
+    def force(self) -> Tensor:
+        """(..., n, 3) N on the first part."""
+        force = self.touch.pressure * self.touch.normal
+        return self.measure * (force if self.touch.rub is None else force + self.touch.rub)
+
+    @property
+    def rows(self) -> Tensor:
+        """(..., count, 7) by place: where it is, with the piece that is nearest; force; gap."""
+        force, gap = self.force, self.touch.gap
+        rows = torch.cat(torch.broadcast_tensors(self.meets, force), -1)
+        rows = torch.cat((rows, gap.expand(*rows.shape[:-1], 1)), -1)
+        if self.place is None:
+            return rows
+        each = []
+        for k in range(self.count):
+            own = rows[..., self.place == k, :]
+            if not own.shape[-2]:  # it may touch nothing
+                none = rows.new_zeros(*rows.shape[:-2], 7)
+                each.append(torch.cat((none[..., :6], none[..., 6:] + torch.inf), -1))
+                continue
+            nearest = own[..., 6:].argmin(-2, keepdim=True)
+            at = own.gather(-2, nearest.expand(*own.shape[:-2], 1, 7))[..., 0, :]
+            each.append(torch.cat((at[..., :3], own[..., 3:6].sum(-2), at[..., 6:]), -1))
+        return torch.stack(each, -2)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -59,6 +98,10 @@ class OfContact(Sensor):
         a body: on each part of a structure along which it acts. Raises ValueError for a state of
         another form.
         """
+        return [(one.measure, one.touch) for one in self._places(state)]
+
+    def _places(self, state: State) -> list[Touched]:
+        """The same, and where."""
         of_mesh(state, self.scene.beam, f"{type(self).__name__}: a state")
         model, t, law = self.model, shared(state.t), self._law
         state = model.space.to_reduced(state)
@@ -68,19 +111,24 @@ class OfContact(Sensor):
             return self._of_pair(nodes)
         now = conditions(model, t, {}, loads=(law,))
         if law.between_nodes:
-            return [
-                (
-                    point_weights(model, acting),
-                    acting.load.touch(load_point(model, acting, nodes, now)),
-                )
+            at = [
+                (point_weights(model, acting), acting.load, load_point(model, acting, nodes, now))
                 for acting in now.between
             ]
-        return [
-            (spin.new_ones(1, 1), acting.load.touch(acting.load.of_body(point)))
-            for acting, point in load_points(model, nodes, now, now.loads)
-        ]
+        else:
+            at = [
+                (spin.new_ones(1, 1), acting.load, acting.load.of_body(point))
+                for acting, point in load_points(model, nodes, now, now.loads)
+            ]
+        radius = 0.0 if law.radius is None else law.radius[..., None, None]
+        touched = []
+        for measure, load, point in at:
+            touch = load.touch(point)
+            meets = point.position - radius * touch.normal
+            touched.append(Touched(measure, touch, meets, None, touch.gap.shape[-2]))
+        return touched
 
-    def _of_pair(self, nodes: Nodes) -> list[tuple[Tensor, Touch]]:
+    def _of_pair(self, nodes: Nodes) -> list[Touched]:
         """Of two parts: at all places of both, on the first."""
         space, touches = self.model.space, []
         motion = TouchingMotion(
@@ -90,6 +138,7 @@ class OfContact(Sensor):
             space.public_spin(nodes.spin),
             None,
             dict,
+            axes=(space.axes(nodes.rotation),),
         )
         pairs = [effect for effect in self.scene.effects if effect.kind == "pair"]
         number = next(k for k, pair in enumerate(pairs) if pair is self._law)
@@ -101,19 +150,16 @@ class OfContact(Sensor):
             gap = torch.where(found.measure > 0, found.gap, torch.inf)
             sense = 1.0 if one.first else -1.0
             rub = None if found.rub is None else sense * found.rub
-            touches.append(
-                (found.measure, Touch(gap, sense * found.u, found.pressure, found.slip, rub))
-            )
+            touch = Touch(gap, sense * found.u, found.pressure, found.slip, rub)
+            own = pairs.own[..., None] * motion.position[..., near.nodes[:, :3], :]
+            meets = own.sum(-2) - one.radii[..., None, :1] * found.u
+            count = one.places.shares.shape[-2]
+            touches.append(Touched(found.measure, touch, meets, near.point, count))
         return touches
 
     def _forces(self, state: State) -> Tensor:
         """(..., points, 3) N on the beam, frame a."""
-        parts = []
-        for measure, touch in self._touches(state):
-            force = touch.pressure * touch.normal
-            force = force if touch.rub is None else force + touch.rub
-            parts.append(measure * force)
-        return torch.cat(parts, -2)
+        return torch.cat([one.force for one in self._places(state)], -2)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -269,3 +315,45 @@ class ContactSlip(OfContact):
         total, *sums = sum(parts[1:], parts[0]).unbind(-1)
         whole = torch.where(total > 0, total, torch.ones_like(total))
         return torch.stack([part / whole for part in sums], -1)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ContactPoints(OfContact):
+    """Each place of a contact by itself (..., n, 7): where its surface is (x, y, z in m), the force
+    there (N) on the beam, or on the first part, and the gap (m) to what is nearest, inf where
+    nothing is across it. Of an obstacle these are the points of each element, of a body its own or
+    its corners; of two beams places along the first, then along the second, of each of which half
+    of the force is; they sum up to `ContactForce`.
+
+    Examples:
+        >>> floor = tb.Contact(tb.Plane((0, 0, -0.1), (0, 0, 1)), thickness=0.01, force=100.0)
+        >>> lying = tb.Scene(beam, [tb.Gravity((0, 0, -9.81)), floor])
+        >>> points = tb.sensors.ContactPoints(lying)(tb.equilibrium(lying))
+        >>> points.shape  # two of each of four elements
+        torch.Size([8, 7])
+        >>> points[-1, 3:6].norm() > 0, points[-1, 6] < 0.01  # N, m
+        (tensor(True), tensor(True))
+    """
+
+    name: ClassVar[str] = "contact points"
+    unit: ClassVar[str] = "m, N"
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        columns = *XYZ, *(f"force {axis}" for axis in XYZ), "gap"
+        return tuple(f"{name} at place {k}" for k in range(self.shape[0]) for name in columns)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        law = self._law
+        if law.kind == "pair":
+            pairs = [effect for effect in self.scene.effects if effect.kind == "pair"]
+            number = next(k for k, pair in enumerate(pairs) if pair is law)
+            each = [one for one in self.model.touching.each if one.pair == number]
+            return (sum(one.places.shares.shape[-2] for one in each), 7)
+        if law.between_nodes:
+            return (sum(self.scene.beam.element_counts(law)) * law.points, 7)
+        return (1 if law.corners is None else law.corners.shape[-2], 7)
+
+    def read(self, state: Any) -> Tensor:
+        return torch.cat([one.rows for one in self._places(state)], -2)

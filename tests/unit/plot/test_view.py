@@ -119,3 +119,18 @@ def test_what_cannot_be_seen_is_refused():
         pytest.raises(ValueError, match="3 nodes was given; the view has 4"),
     ):
         view.update(tb.rest(tb.Scene(tb.Beam.straight(1.0, 2, SECTION))))
+
+
+def test_bodies_alone_are_drawn_as_their_surfaces_where_they_are():
+    turn = torch.tensor([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])  # x to y
+    box, bar = tb.Box((0.1, 0, 0), (0.2, 0.1, 0.1), 0.01), tb.Capsule((0, 0, 0), (0.2, 0, 0), 0.05)
+    bodies = {
+        "box": tb.Body(0.1, 1e-3, rotation=turn, surface=box),
+        "bar": tb.Body(0.1, 1e-3, position=(1.0, 0, 0), surface=bar),
+    }
+    with tb.view(tb.Scene(bodies)) as view:
+        drawn = view._drawn
+        middle = np.asarray(drawn["sample 0/body 0"].position, dtype=float)
+        assert np.allclose(middle, [0.0, 0.1, 0.0])
+        ends = [drawn[f"sample 0/body 1 end {k}"].position[0] for k in (0, 1)]
+        assert np.allclose(ends, [1.0, 1.2])

@@ -35,12 +35,62 @@ def test_force_gap_and_slip():
     assert_close(
         S.ContactGap(scene)(state)[:, 0], torch.tensor([1e-3 * (1 - (1.962 / 4) ** 0.5), 0.99])
     )
+    points = S.ContactPoints(scene)(state)
+    assert_close(points[..., 3:6].sum(-2), weight, rtol=0, atol=1e-12)
+    assert_close(points[..., 2], S.ContactGap(scene)(state).expand(2, 6))  # of the floor at 0
     pressure = torch.stack((weight[:, 2], torch.tensor([1e-3 * (1 - (1.962 / 4) ** 0.5), 0.0])), -1)
     assert_close(S.ContactPressure(scene)(state), pressure)
     assert_close(S.ContactSlip(scene)(state), torch.tensor([[0.0, 1.0], [0.0, 0.0]]))
     moving = state.map(lambda x: x + torch.tensor([0.5, 0, 0]) if x is state.velocity else x)
     assert_close(S.ContactSlip(scene)(moving), torch.tensor([[0.5, 0.0], [0.0, 0.0]]))
     assert_close(S.ContactForce(scene)(moving)[0, 0], torch.tensor(-0.3 * 1.962))
+
+
+ROD = tb.Section.circle(0.005, E=1e8, nu=0.35, rho=1200.0)
+LAW = dict(radius=0.005, thickness=2e-3, force=500.0)
+
+
+def crossing():
+    """Two rods, one across the other, which overlap."""
+    upper = tb.Beam.straight(0.1, 3, ROD, root=(0, -0.05, 0.0095), direction=(0.1, 1, 0))
+    parts = {"lower": tb.Beam.straight(0.12, 3, ROD, root=(-0.06, 0, 0)), "upper": upper}
+    return tb.Scene(parts, [tb.Contact("lower", "upper", **LAW, points=5)])
+
+
+def on_a_body():
+    """A rod that a box stands in, which stands on a floor."""
+    box = tb.Body(0.1, 1e-5, surface=tb.Box((0, 0, 0), (0.04, 0.04, 0.03), 0.005))
+    parts = {"rod": tb.Beam.straight(0.12, 3, ROD, root=(-0.06, 0, 0.0205)), "box": box}
+    floor = tb.Contact("box", tb.Plane((0, 0, -0.0155), (0.01, 0, 1)), thickness=1e-3, force=1.0)
+    return tb.Scene(parts, [tb.Contact("box", "rod", **LAW | dict(radius=None), other_radius=0.005),
+                            floor])  # fmt: skip
+
+
+PLACES = {
+    "two rods": (crossing, 0, 40, 0.0, 0.0095),
+    "a rod on a box": (on_a_body, 0, 8, 0.0155, 0.0155),
+    "a box on a floor": (on_a_body, 1, 8, -0.0151, 0.0151),
+}
+
+
+@pytest.mark.parametrize("case", PLACES)
+def test_each_place_by_itself(case):
+    """They sum up to the whole, and the smallest of the gaps is the gap; where forces are, is the
+    surface between two heights.
+    """
+    build, number, count, low, high = PLACES[case]
+    scene = build()
+    state = tb.rest(scene)
+    sensor = tb.sensors.ContactPoints(scene, number)
+    points = sensor(state)
+    assert points.shape == sensor.shape == (count, 7) and len(sensor.labels) == 7 * count
+    force = tb.sensors.ContactForce(scene, number)(state)
+    assert force.norm() > 0.1
+    assert_close(points[:, 3:6].sum(0), force)
+    assert_close(points[:, 6].amin()[None], tb.sensors.ContactGap(scene, number)(state))
+    there = points[points[:, 3:6].norm(dim=-1) > 0]
+    assert (there[:, 6] < 2e-3).all() and 0 < len(there) < count
+    assert (there[:, 2] > low - 1e-3).all() and (there[:, 2] < high + 1e-3).all()
 
 
 def test_forces_of_a_structure():

@@ -132,12 +132,13 @@ def alike(kinds: tuple[StretchKind, ...], k: int, word: str) -> int:
 
 class PairKind(NamedTuple):
     """What code of a pair that may touch depends on, see `TouchingPairs`: what holds its six nodes;
-    whether it has friction, and damping.
+    its law.
     """
 
     ends: tuple[EndKind, ...]
     rubs: bool
     damps: bool
+    surface: bool
 
     sides = property(lambda self: PAIR_SIDES)
 
@@ -252,8 +253,7 @@ def _of_pairs(
             dict.fromkeys(tuple(held[node] for node in nodes) for nodes in own)
             for own in (piece_nodes(*touching.along), touching.pieces)
         )
-        law = touching.contact.rubs, touching.contact.damping is not None
-        possible |= dict.fromkeys(PairKind(a + b, *law) for a in points for b in pieces)
+        possible |= dict.fromkeys(PairKind(a + b, *touching.law) for a in points for b in pieces)
     return pairs, tuple(possible)
 
 

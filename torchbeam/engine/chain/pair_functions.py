@@ -10,6 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ...nodal.surface_pairs import SurfacePairs
 from ...nodal.touching import OnePair, of_nodes
 from ...topology.framework import Framework
 from .chain_constants import filled
@@ -79,6 +80,8 @@ class PairFunctions(LocalProblems):
         """The problem of one pair, whose nodes have no loads, and how they move."""
         ends = self.of_ends(fields, kind, Framework(1, (), len(PAIR_SIDES)))
         pairs = filled(self.pairs, lambda k: fields[f"pair.{k}"][None])
+        if not kind.surface and isinstance(pairs, SurfacePairs):
+            pairs = pairs.curves
         if not kind.rubs:
             pairs = replace(pairs, friction=None, slip_speed=None)
         if not kind.damps:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import InitVar, dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -13,8 +14,9 @@ from ...core.validation import Value, concrete, shown
 from ..parts import part_of
 from .contact_law import damped, pressure, rubbing
 from .contact_terms import ContactTerms
-from .load_point import POSITION, SPIN, VELOCITY, LoadPoint, Wrench, at_instant
-from .obstacles import Obstacle
+from .load_point import POSITION, ROTATION, SPIN, VELOCITY, LoadPoint, Wrench, at_instant
+from .obstacles import Box, Capsule, Cylinder, Obstacle, Plane
+from .rounded_box import RoundedBox
 from .values import Inputs, parameter
 
 
@@ -39,8 +41,9 @@ class Contact(ContactTerms):
 
     `Contact(obstacle, ...)`, in a structure `Contact("arm", obstacle, ...)` for the part of that
     name, or without a name for all beams; `Contact("arm", "strut", ...)` of two beams, or of a beam
-    and a body. A body is a ball of the radius about its centre, and forces on it are in N where
-    those along a beam are in N/m.
+    and a body. A body without a `surface` is a ball of the radius about its centre, and forces on
+    it are in N where those along a beam are in N/m; one with a surface is touched by beams along
+    them, by balls, and touches planes in its corners, each of which has this law, in N.
 
     The gap is that of the beam's surface, at the `radius` about
     its axis; from `thickness` down it is pressed apart with a force per length that rises to
@@ -83,6 +86,7 @@ class Contact(ContactTerms):
     obstacle: Obstacle | str | None = leaf(1)
     other: InitVar[Obstacle | str | None] = None
     other_radius: Value | None = leaf(0, default=None, kw_only=True)
+    corners: Tensor | None = leaf(2, default=None, kw_only=True)
     on: str | None = field(default=None, kw_only=True)
     partner: str | None = field(default=None, kw_only=True)
     node: Any = field(default=None, kw_only=True)
@@ -136,12 +140,47 @@ class Contact(ContactTerms):
         return self.partner is None
 
     def placed(self, beam: Any) -> Contact:
-        for name in (self.on, self.partner):
-            if name is not None:
-                part_of(beam.parts, name)
-        if self.partner is not None or self.on is None or not part_of(beam.parts, self.on).body:
+        parts = [part_of(beam.parts, name) for name in (self.on, self.partner) if name is not None]
+        shapes = [beam.surface(part.name) if part.body else None for part in parts]
+        if any(shape is not None for shape in shapes):
+            return self._of_surface(shapes)
+        if self.partner is not None or self.on is None or not parts[0].body:
             return self
         return with_values(self, node=self.on)
+
+    def _of_surface(self, shapes: list[Obstacle | None]) -> Contact:
+        """Of bodies that have surfaces (None = a part has none), whose radius is theirs. Raises
+        ValueError for what cannot touch, and another radius.
+        """
+        names = [name for name in (self.on, self.partner) if name is not None]
+        name = next(own for own, shape in zip(names, shapes, strict=True) if shape is not None)
+        shape = shapes[names.index(name)]
+        if None not in shapes and len(shapes) == 2:
+            raise ValueError(
+                f"Contact of {names[0]!r} and {names[1]!r}, both with surfaces, was given; a beam, "
+                "or a body without one, is wanted as one of both"
+            )
+        if self.partner is None and (
+            not isinstance(self.obstacle, Plane) or isinstance(shape, Cylinder)
+        ):
+            raise ValueError(
+                f"Contact of {name!r}, whose surface is a {shape.called}, with a "
+                f"{self.obstacle.called} was given; a Sphere, Capsule or Box, and a Plane, are "
+                "wanted"
+            )
+        which = "radius" if name == self.on else "other_radius"
+        if getattr(self, which) is not None and self.corners is None:
+            raise ValueError(
+                f"Contact with a {which} of {name!r}, which has a surface, was given; None is "
+                "wanted"
+            )
+        if self.partner is not None:
+            return self
+        box = RoundedBox.of(shape)
+        corners = box.corners
+        if not isinstance(shape, Box):  # two ends of a bar, or one centre
+            corners = corners[..., :: 4 if isinstance(shape, Capsule) else 8, :]
+        return with_values(self, node=self.on, radius=box.rounding, corners=corners)
 
     @property
     def conservative(self) -> bool:
@@ -153,15 +192,19 @@ class Contact(ContactTerms):
     @property
     def depends(self) -> frozenset[str]:
         turns = self.friction is not None and self.radius is not None
-        return frozenset({POSITION, VELOCITY, *({SPIN} if turns else ())})
+        asked = {POSITION, VELOCITY, *({SPIN} if turns else ())}
+        return frozenset(asked if self.corners is None else asked | {ROTATION, SPIN})
 
     def resolved(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> Contact:
         return at_instant(self, t, inputs, s, obstacle=at_instant(self.obstacle, t, inputs, s))
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
         if self.node is not None:
-            found = with_values(self, node=None).wrench(self.of_body(point), t, inputs)
-            return tuple(None if x is None else x[..., 0, :] for x in found)
+            force, moment = with_values(self, node=None).wrench(self.of_body(point), t, inputs)
+            if self.corners is not None:
+                turned = _cross(self._arms(point), force)
+                moment = turned if moment is None else moment + turned
+            return force.sum(-2), None if moment is None else moment.sum(-2)
         touch = self.touch(point)
         force = touch.pressure * touch.normal
         if touch.rub is None:
@@ -172,9 +215,19 @@ class Contact(ContactTerms):
         return force + touch.rub, _cross(arm, touch.rub)
 
     def of_body(self, point: LoadPoint) -> LoadPoint:
-        """The one node of a body, as one of several points."""
+        """The one node of a body, or its corners, as several points."""
         at = {name: getattr(point, name) for name in (POSITION, VELOCITY, SPIN)}
-        return replace(point, **{n: None if x is None else x[..., None, :] for n, x in at.items()})
+        at = {name: None if x is None else x[..., None, :] for name, x in at.items()}
+        if self.corners is not None:
+            arms = self._arms(point)
+            at[POSITION] = at[POSITION] + arms
+            if at[VELOCITY] is not None:
+                at[VELOCITY] = at[VELOCITY] + _cross(at[SPIN], arms)
+        return replace(point, **at)
+
+    def _arms(self, point: LoadPoint) -> Tensor:
+        """(..., K, 3) m from a body's centre to its corners, frame a."""
+        return self.corners @ point.R.mT
 
     def touch(self, point: LoadPoint) -> Touch:
         """What it does at points; its numbers are those of an instant (`resolved`)."""
@@ -216,26 +269,8 @@ class Contact(ContactTerms):
         return (inside & (out | (turned < 0)))[..., 0]
 
     def least_gap(self, start: Tensor, way: Tensor) -> Tensor:
-        """(..., n, 1) m: about the smallest gap on straight ways (..., n, 3) from points on. It is
-        convex along a line, as what can be passed through is: least near where the tangents at both
-        ends meet, nearer yet between there and the end towards which it falls.
-        """
-
-        def at(share: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-            x = start + share * way
-            return share, self.gap(x), (self.directions(x) * way).sum(-1, keepdim=True)
-
-        none = torch.zeros_like(way[..., :1])
-        first, last = at(none), at(none + 1)
-        least = torch.minimum(first[1], last[1])
-        for _ in range(2):
-            middle = at(_meeting(first, last))
-            least, falls = torch.minimum(least, middle[1]), middle[2] < 0
-            first, last = (
-                tuple(torch.where(taken, m, x) for m, x in zip(middle, end, strict=True))
-                for taken, end in ((falls, first), (~falls, last))
-            )
-        return least
+        """(..., n, 1) m: see `least_along`."""
+        return least_along(self.gap, self.directions, start, way)
 
     def carried(self, x: Tensor, dt: Tensor) -> Tensor | None:
         """(..., n, 3) m by which the obstacle moves at x in half of a step; None = it stands."""
@@ -265,6 +300,35 @@ class Contact(ContactTerms):
             v = v - _cross(spin, _each(self.radius) * normal)
         v = v if moves is None else v - moves
         return v - (v * normal).sum(-1, keepdim=True) * normal
+
+
+def least_along(
+    gap: Callable[[Tensor], Tensor],
+    directions: Callable[[Tensor], Tensor],
+    start: Tensor,
+    way: Tensor,
+) -> Tensor:
+    """(..., n, 1) m: about the smallest gap on straight ways (..., n, 3) from points on, with its
+    gradient `directions`. It is convex along a line, as what can be passed through is: least near
+    where the tangents at both ends meet, nearer yet between there and the end towards which it
+    falls.
+    """
+
+    def at(share: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        x = start + share * way
+        return share, gap(x), (directions(x) * way).sum(-1, keepdim=True)
+
+    none = torch.zeros_like(way[..., :1])
+    first, last = at(none), at(none + 1)
+    least = torch.minimum(first[1], last[1])
+    for _ in range(2):
+        middle = at(_meeting(first, last))
+        least, falls = torch.minimum(least, middle[1]), middle[2] < 0
+        first, last = (
+            tuple(torch.where(taken, m, x) for m, x in zip(middle, end, strict=True))
+            for taken, end in ((falls, first), (~falls, last))
+        )
+    return least
 
 
 def _meeting(first: tuple[Tensor, ...], last: tuple[Tensor, ...]) -> Tensor:

@@ -419,15 +419,10 @@ class Box(Obstacle):
         self._moves()
 
     def distance(self, x: Tensor) -> Tensor:
-        q = self._beyond(x)[0]
-        inside = q.amax(-1, keepdim=True).clamp(max=0)
-        return norm(q.clamp(min=0)) + inside - _each(self.rounding)
+        return box_distance(self._beyond(x)[0]) - _each(self.rounding)
 
     def gradient(self, x: Tensor) -> Tensor:
-        q, side = self._beyond(x)
-        out = q.clamp(min=0)
-        nearest = (q >= q.amax(-1, keepdim=True)).to(q)
-        n = side * torch.where((out > 0).any(-1, keepdim=True), _unit(out), _unit(nearest))
+        n = box_direction(*self._beyond(x))
         return n if self.rotation is None else (self._axes @ n[..., None])[..., 0]
 
     @property
@@ -443,6 +438,20 @@ class Box(Obstacle):
         d = d if self.rotation is None else (self._axes.mT @ d[..., None])[..., 0]
         side = torch.where(d < 0, -1.0, 1.0).to(d)
         return side * d - (self.size[..., None, :] / 2 - _each(self.rounding)), side
+
+
+def box_distance(q: Tensor) -> Tensor:
+    """(..., 1) m from a box with sharp edges, of points that are beyond it by q (..., 3) m along
+    its axes, negative within.
+    """
+    return norm(q.clamp(min=0)) + q.amax(-1, keepdim=True).clamp(max=0)
+
+
+def box_direction(q: Tensor, side: Tensor) -> Tensor:
+    """Its gradient (..., 3) by the points, in the box's axes, of the sides that they are on."""
+    out = q.clamp(min=0)
+    nearest = (q >= q.amax(-1, keepdim=True)).to(q)
+    return side * torch.where((out > 0).any(-1, keepdim=True), _unit(out), _unit(nearest))
 
 
 def _each(value: Tensor) -> Tensor:

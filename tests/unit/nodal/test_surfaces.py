@@ -1,0 +1,205 @@
+"""Bodies with surfaces of their own: what beams and balls do to them and they to planes; forces,
+tangents, what they keep; in both engines.
+"""
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+from torch.func import jacfwd
+from torch.testing import assert_close
+
+import torchbeam as tb
+from torchbeam.equations.midpoint import MidpointProblem
+from torchbeam.math import quaternions as quat
+from torchbeam.nodal.discretise import discretise
+from torchbeam.scene.effects.rounded_box import RoundedBox, beyond
+
+R = 0.005
+SECTION = tb.Section.circle(R, E=1e8, nu=0.35, rho=1200.0)
+BOX = tb.Box((0.001, 0, 0), (0.06, 0.04, 0.03), 0.006, rotation=(0.2, 0, 0.1))
+CAPSULE = tb.Capsule((-0.02, 0, 0), (0.02, 0.01, 0), 0.012)
+RUBS = dict(friction=0.3, slip_speed=0.1, damping=1e-3)
+TURN = quat.matrix(quat.exponential(torch.tensor([0.3, 0.2, -0.4], dtype=torch.float64)))
+
+
+def fallen(x=None, surface=BOX, height=0.028, spin=(8.0, 3.0, 0), rod=None, **law):
+    """A body that falls on a rod, and turns; x (..., 3): the size of its surface and the thickness
+    and the friction of the contact, each over what it is.
+    """
+    x = torch.ones(3) if x is None else x
+    size, thick, mu = x.unbind(-1)
+    if isinstance(surface, tb.Box):
+        surface = tb.Box(
+            BOX.centre, size[..., None] * torch.tensor([0.06, 0.04, 0.03]), 0.006, BOX.rotation
+        )
+    rod = rod or tb.Beam.straight(0.12, 3, SECTION, root=(-0.06, 0, 0), direction=(1, 0.1, 0))
+    body = tb.Body(
+        0.02, (3e-6, 5e-6, 6e-6), position=(0.01, 0.004, height), rotation=TURN, surface=surface
+    )
+    if "friction" in law:
+        law = law | {"friction": mu * law["friction"]}
+    contact = tb.Contact("rod", "body", radius=R, thickness=2e-3 * thick, force=2000.0, **law)
+    scene = tb.Scene({"rod": rod, "body": body}, [contact])
+    start = tb.rest(scene)
+    rows = torch.arange(len(start.position.flatten(0, -3)[0]) if start.position.ndim > 2 else 5)
+    last = (rows == 4)[:, None]
+    velocity = start.velocity + last * torch.tensor([0.2, 0.1, -1.0])
+    return scene, replace(start, velocity=velocity, spin=start.spin + last * torch.tensor(spin))
+
+
+def test_a_rounded_box_is_as_far_as_the_obstacle_that_it_is_of():
+    bar = tb.Cylinder((0.01, 0, 0), (0.3, 1, 0.2), 0.02)
+    x = 0.05 * torch.randn(50, 3, generator=torch.Generator().manual_seed(0))
+    for shape in (BOX, CAPSULE, bar, tb.Sphere((0, 0.01, 0), 0.02)):
+        shape = shape.__class__(**{k: torch.as_tensor(v, dtype=x.dtype) if v is not None else None
+                                   for k, v in vars(shape).items()
+                                   if k not in ("drift", "turning", "inside", "spin")})  # fmt: skip
+        box = RoundedBox.of(shape)
+        gap = beyond((x - box.centre) @ box.axes, box.half, box.rounding[None]).gap
+        out = shape.distance(x) > -float(box.rounding)  # deeper in a side is as near as another
+        assert_close(gap[out], shape.distance(x)[out], rtol=1e-12, atol=1e-14)
+        assert out.sum() > 10
+
+
+@pytest.mark.parametrize("law", [{}, RUBS], ids=["smooth", "rough"])
+@pytest.mark.parametrize("surface", [BOX, CAPSULE], ids=["box", "capsule"])
+def test_tangent_is_the_derivative_of_the_forces(surface, law):
+    scene, start = fallen(surface=surface, height=0.021, **law)
+    model, dt = discretise(scene), torch.tensor(1e-3)
+    problem = MidpointProblem(model, model.space.to_reduced(start), dt, torch.tensor(0.0), {})
+    x = problem.apply_supports(problem.predictor())
+    g = torch.Generator().manual_seed(3)
+    x = problem.update(x, 1e-4 * torch.randn(5, 6, generator=g), torch.zeros_like(x.stress))
+    zero = torch.zeros(5, 6)
+
+    def forces(move):
+        moved = problem.update(x, move, torch.zeros_like(x.stress))
+        kinematics = problem.motion.kinematics(moved.u, moved.m)
+        return model.touching.loaded(zero, lambda: problem.touching_motion(kinematics))
+
+    kinematics = problem.motion.kinematics(x.u, x.m)
+    assert forces(zero).abs().max() > 1
+    wanted = jacfwd(forces)(zero).flatten(0, 1).flatten(-2)
+    none = model.topology.diagonal(torch.zeros(5, 6, 6))
+    found = model.touching.matrix(none, lambda: problem.touching_motion(kinematics)).dense()
+    assert_close(found, wanted, rtol=0, atol=1e-11 * wanted.abs().max())
+
+
+def momenta(scene, state):
+    """Linear and angular momentum (6), by the model's own masses."""
+    model = discretise(scene)
+    moves = torch.cat((state.velocity, 0 * state.velocity), -1)
+    p = model.inertia.masses(torch.eye(3)[None]).times(moves)[..., :3]
+    turning = quat.rotate(state.rotation, (model.inertia.rotary.J @ state.spin[..., None])[..., 0])
+    return torch.cat((p.sum(-2), (torch.linalg.cross(state.position, p) + turning).sum(-2)), -1)
+
+
+@pytest.mark.parametrize("law", [{}, RUBS], ids=["smooth", "rough"])
+def test_a_box_that_hits_a_free_rod_keeps_momenta_and_energy(law):
+    """Momenta to rounding; the energy, with that of the contact, to third order in the step, as
+    its sides turn while they touch.
+    """
+    scene, start = fallen(**law)
+    t, engine = torch.linspace(0, 8e-3, 5), "compiled" if law else "eager"
+    options = dict(step=2.5e-4 if law else 5e-4, engine=engine, tolerance=1e-13)
+    run = tb.simulate(scene, t, initial=start, **options)
+    assert (run.status == 0).all()
+    first, last = (momenta(scene, run.state[k]) for k in (0, -1))
+    assert_close(last, first, rtol=0, atol=1e-11 * float(first.abs().max()))
+    energy = run.energy
+    assert energy.strain.max() > 0.03 * energy.kinetic[0]  # it has hit
+    total = energy.kinetic + energy.strain - energy.work
+    assert (total - total[0]).abs().max() < 1e-3 * energy.kinetic[0]
+
+
+def test_native_steps_and_gradients_are_the_eager_ones_and_those_of_differences():
+    """Of a batch of two, by the size of the box, the thickness and the friction."""
+    x = torch.tensor([[1.0, 1.0, 1.0], [1.02, 0.9, 0.7]])
+
+    def place(x, engine):
+        scene, start = fallen(x, **RUBS)
+        options = dict(step=5e-4, initial=start, engine=engine, tolerance=1e-13)
+        run = tb.simulate(scene, [0.0, 6e-3], **options)
+        assert (run.status == 0).all()
+        state = run.state[-1]
+        numbers = torch.cat((state.position, state.rotation, 1e-2 * state.velocity), -1)
+        return torch.cat((numbers.flatten(-2), state.work[..., None]), -1)
+
+    ends, slopes = [], []
+    for engine in ("eager", "compiled"):
+        given = x.clone().requires_grad_()
+        ends.append(place(given, engine))
+        weights = torch.cos(torch.arange(ends[-1].shape[-1]))
+        slopes += torch.autograd.grad((ends[-1] * weights).sum(), given)
+    assert_close(ends[1], ends[0], rtol=0, atol=1e-12)
+    assert slopes[0].abs().min() > 1e-6
+    assert_close(slopes[1], slopes[0], rtol=1e-8, atol=1e-10)
+    d = 1e-6 * torch.tensor([1.0, -0.7, 0.5])
+    apart = (place(x + d, "compiled") - place(x - d, "compiled")) @ weights
+    assert_close(2 * (slopes[1] * d).sum(-1), apart, rtol=1e-5, atol=1e-13)
+
+
+def test_a_box_on_a_floor_and_a_beam_on_a_fixed_capsule():
+    """At rest: each of four corners bears a quarter of the weight, at the gap that the law has; a
+    beam that lies on a body has the same shape and force as on the obstacle of that shape.
+    """
+    m, thickness, force, g = 0.1, 1e-3, 1.0, 9.81
+    gap = thickness * (1 - math.sqrt(m * g / 4 / force))
+    surface = tb.Box((0, 0, 0), (0.04, 0.04, 0.03), 0.005)
+    box = tb.Body(m, 1e-5, position=(0, 0, 0.015 + gap), surface=surface)
+    floor = tb.Contact("box", tb.Plane((0, 0, 0), (0, 0, 1)), thickness=thickness, force=force)
+    scene = tb.Scene({"box": box}, [floor, tb.Gravity((0, 0, -g))])
+    state = tb.simulate(scene, [0.0, 0.02], step=2e-3, engine="eager").state[-1]
+    assert_close(tb.sensors.ContactForce(scene)(state), torch.tensor([0, 0, m * g]))
+    assert_close(tb.sensors.ContactGap(scene)(state), torch.tensor([gap]), rtol=1e-8, atol=0)
+
+    shape = tb.Capsule((0.2, -0.1, -0.052), (0.2, 0.1, -0.05), 0.04)
+    soft = tb.Section.circle(R, E=1e6, nu=0.35, rho=1200.0)
+    beam, terms = tb.Beam.straight(0.3, 8, soft), dict(radius=R, thickness=4e-3, force=20.0)
+    gravity = tb.Gravity((0, 0, -9.81))
+    one = tb.Scene(beam, [gravity, tb.Contact(shape, **terms, points=4)])
+    body = tb.Body(1.0, 1e-3, surface=shape)
+    two = tb.Scene(
+        {"arm": beam, "bar": body}, [gravity, tb.Contact("arm", "bar", **terms, points=4)],
+        supports=[tb.Support(("arm", 0)), tb.Support("bar")],
+    )  # fmt: skip
+    forces = [tb.sensors.ContactForce(scene)(tb.equilibrium(scene))[2] for scene in (one, two)]
+    assert forces[0] > 0.05
+    assert_close(forces[1], forces[0], rtol=0.02, atol=0)  # of places along the curve
+
+
+BODY = tb.Body(0.1, 1e-5, position=(0, 0, 1.0), surface=BOX)
+PARTS = {"a": tb.Beam.straight(0.1, 2, SECTION), "b": BODY, "c": BODY}
+TERMS = dict(thickness=1e-3, force=1.0)
+MOVES = tb.Sphere(lambda t: torch.stack((t, 0 * t, 0 * t), -1), 0.1)
+REFUSED = {
+    "a plane": (lambda: tb.Body(1.0, surface=tb.Plane((0, 0, 0), (0, 0, 1))), "Plane.*Sphere, Cap"),
+    "a number": (lambda: tb.Body(1.0, surface=0.1), "0.1 was given.*Sphere, Capsule"),
+    "a tube": (lambda: tb.Body(1.0, surface=tb.Cylinder((0, 0, 0), (1, 0, 0), 1, True)), "inside"),
+    "moves": (lambda: tb.Body(1.0, surface=MOVES), "function of t"),
+    "spins": (lambda: tb.Body(1.0, surface=tb.Sphere((0, 0, 0), 1, (1, 0, 0))), "spin"),
+    "two": (lambda: tb.Scene(PARTS, [tb.Contact("b", "c", **TERMS)]), "'b' and 'c', both"),
+    "on a ball": (
+        lambda: tb.Scene(PARTS, [tb.Contact("b", tb.Sphere((0, 0, 0), 1), **TERMS)]),
+        "'b'.*Box, with a Sphere.*Plane",
+    ),
+    "a radius": (lambda: tb.Scene(PARTS, [tb.Contact("b", "a", radius=1.0, **TERMS)]), "radius of"),
+    "other_radius": (
+        lambda: tb.Scene(PARTS, [tb.Contact("a", "b", other_radius=1.0, **TERMS)]), "other_radius",
+    ),
+    "starts inside": (
+        lambda: tb.simulate(
+            tb.Scene({"a": PARTS["a"], "b": replace(BODY, position=(0.05, 0, 0))},
+                     [tb.Contact("a", "b", radius=R, **TERMS)]), [0.0, 1e-3], step=1e-3),
+        "stands .* deep in 'b'",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_no_surface_is_refused(case):
+    call, said = REFUSED[case]
+    with pytest.raises(ValueError, match=said):
+        call()

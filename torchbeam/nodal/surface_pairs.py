@@ -1,0 +1,232 @@
+"""Pairs of a place along a beam, or of a ball's centre, and the surface of a body, which is a
+`RoundedBox` and moves with the body. With y the place as the body sees it, at both ends of a step
+(n, n+1), and o what of it is beyond the box without its rounding, the gap is |o| less the rounding
+and the radius about the place, and the force per length
+
+    f = p u - friction p s        on the place, -f on the body
+    u = R (o_n + o_{n+1})/(|o_n| + |o_{n+1}|),    R the mean of the body's axes at both ends
+
+which acts where the surface of the place is: at x - radius u. As R_{n+1} - R_n is theta x R, with
+theta that by which the body turns, p u does as much work as p has over y_{n+1} - y_n; p is the
+difference of the law's potential over that of the gap, so that faces, bars and balls give back what
+they took (Gonzalez 1996). Momentum and angular momentum stay.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import ClassVar, NamedTuple
+
+import torch
+from torch import Tensor
+
+from ..core.leaves import leaf
+from ..math.quaternions import skew
+from ..scene.effects.contact import least_along
+from ..scene.effects.contact_law import damped, potential, pressure, rubbing
+from ..scene.effects.drag import norm
+from ..scene.effects.load_point import POSITION, ROTATION, SPIN, VELOCITY, jacobians
+from ..scene.effects.obstacles import box_direction
+from ..scene.effects.rounded_box import beyond
+from .touching_pairs import Meeting, PairMotion, TouchingPairs
+
+BODY = 4  # of the six nodes of a pair the body's; the two beside it are it again, and have nothing
+
+
+class Lever(NamedTuple):
+    """(..., U, 3) from the body to where surfaces meet; from the place to there."""
+
+    body: Tensor
+    place: Tensor
+
+
+@dataclass(frozen=True)
+class SurfacePairs(TouchingPairs):
+    """Constants of U pairs; centre (..., U, 3) m, axes (..., U, 3, 3), half (..., U, 3) m and
+    rounding (..., U) m of the surface, in the body's axes. The radii are those of the place, and 0.
+    """
+
+    centre: Tensor = leaf(2)
+    axes: Tensor = leaf(3)
+    half: Tensor = leaf(2)
+    rounding: Tensor = leaf(1)
+
+    POINTS: ClassVar[tuple[int, ...]] = (0, 0, 0, 1, 1, 1)
+
+    @property
+    def curves(self) -> TouchingPairs:
+        """Pairs of these constants whose pieces are curves."""
+        return TouchingPairs(**{own.name: getattr(self, own.name) for own in fields(TouchingPairs)})
+
+    @property
+    def reads(self) -> frozenset[str]:
+        return frozenset({ROTATION} | ({VELOCITY, SPIN} if self.lossy else set()))
+
+    def points(self, motion: PairMotion) -> PairMotion:
+        """From the nodes' motion that of the place and of the body."""
+
+        def two(x: Tensor) -> Tensor:
+            place = (self.own[..., None] * x[..., :3, :]).sum(-2, keepdim=True)
+            return torch.cat((place, x[..., BODY, None, :].expand_as(place)), -2)
+
+        return motion._replace(
+            **{
+                name: None if x is None else two(x)
+                for name, x in motion._asdict().items()
+                if name in ("position", "half", "velocity", "spin")
+            }
+        )
+
+    def slack(self, motion: PairMotion) -> Tensor:
+        """Wherever it is on a straight way, as the body sees it: no distance changes by more than
+        that is long.
+        """
+        first, last = self._seen(self.points(motion))
+        gaps = sum(beyond(y, self.half, self._round).gap for y in (first, last))[..., 0]
+        way = torch.linalg.vector_norm(last - first, dim=-1)
+        return (gaps - way) / 2 - self.radii[..., 0] - self.thickness
+
+    def meeting(self, points: PairMotion) -> Meeting:
+        seen = self._seen(points)
+        at = [beyond(y, self.half, self._round) for y in seen]
+        radius = self.radii[..., :1]
+        gaps = [one.gap - radius for one in at]
+        out = [one.side * one.q.clamp(min=0) for one in at]
+        sizes = sum(map(norm, out))
+        middle = beyond((seen[0] + seen[1]) / 2, self.half, self._round)
+        direction = torch.where(
+            sizes > 0,
+            (out[0] + out[1]) / torch.where(sizes > 0, sizes, torch.ones_like(sizes)),
+            box_direction(middle.q, middle.side),
+        )
+        R = sum(points.axes) / len(points.axes)
+        u = (R @ (self.axes @ direction[..., None]))[..., 0]
+        d, slope = self.thickness[..., None], self.slope[..., None]
+        elastic = p = pressure(d - gaps[0], d - gaps[1], d, slope)
+        x, rub, slip = points.position, None, None
+        rho = x[..., 0, :] - x[..., 1, :]
+        if self.damping is not None and points.velocity is not None:
+            approach = -(self.parting(points) * u).sum(-1, keepdim=True)
+            p = p * damped(approach * self.damping[..., None] / d)
+        if self.friction is not None and points.velocity is not None:
+            slip = self._slip(points, self._lever(rho, u))
+            secant = None if points.secant is None else points.secant[..., None, None]
+            rub = -self.friction[..., None] * p * rubbing(slip, self.slip_speed[..., None], secant)
+        shares = torch.zeros_like(rho)
+        return Meeting(
+            shares, rho, (gaps[0] + gaps[1]) / 2, p, elastic, u, slip, rub, self.measure[..., None]
+        )
+
+    def parting(self, points: PairMotion, shares: Tensor | None = None) -> Tensor:
+        x, v = points.position, points.velocity
+        rho = x[..., 0, :] - x[..., 1, :]
+        return v[..., 0, :] - v[..., 1, :] - _cross(points.spin[..., 1, :], rho)
+
+    def _slip(self, points: PairMotion, lever: Lever) -> Tensor:
+        """(..., U, 3) m/s of the place's surface on the body's."""
+        v, spin = points.velocity, points.spin
+        own = v[..., 0, :] + _cross(spin[..., 0, :], lever.place)
+        slip = own - v[..., 1, :] - _cross(spin[..., 1, :], lever.body)
+        n = lever.place
+        size = n.square().sum(-1, keepdim=True)
+        return slip - (slip * n).sum(-1, keepdim=True) * n / torch.where(size > 0, size, 1.0)
+
+    def _actions(self, points: PairMotion) -> tuple[Tensor, Tensor, Tensor]:
+        """Force (..., U, 3) N on the place, moments N m on it and on the body."""
+        meeting = self.meeting(points)
+        force, lever = meeting.force, self._lever(meeting.r, meeting.u)
+        return force, _cross(lever.place, force), -_cross(lever.body, force)
+
+    def wrenches(self, motion: PairMotion) -> Tensor:
+        force, place, body = torch.broadcast_tensors(*self._actions(self.points(motion)))
+        two = torch.stack((torch.cat((force, place), -1), torch.cat((-force, body), -1)), -2)
+        return self._weights[..., None] * two[..., self.POINTS, :]
+
+    @property
+    def _weights(self) -> Tensor:
+        alone = torch.zeros_like(self.own)
+        alone = torch.cat((alone[..., :1], alone[..., 1:2] + 1, alone[..., 2:]), -1)
+        return torch.cat((self.own, alone), -1)
+
+    def slopes(self, motion: PairMotion) -> dict[str, Tensor]:
+        points = self.points(motion)
+        rates = zip((VELOCITY, SPIN), points[2:4], strict=True)
+        asked = {name: x for name, x in rates if name in self.reads and x is not None}
+        half, R = points.half, points.axes
+
+        def actions(x: Tensor, turn: Tensor, *moving: Tensor) -> Tensor:
+            x, *moving = (part.unflatten(-1, (2, 3)) for part in (x, *moving))
+            velocity, spin = (*moving, None, None)[:2]
+            now = None if half is None else half + (x - x.detach())
+            turned = *R[:-1], R[-1] + skew(turn) @ R[-1]
+            motion = PairMotion(x, now, velocity, spin, points.secant, turned)
+            return torch.cat(torch.broadcast_tensors(*self._actions(motion)), -1)
+
+        still = torch.zeros_like(points.position[..., 0, :])
+        given = points.position.flatten(-2), still, *(x.flatten(-2) for x in asked.values())
+        by_x, by_turn, *by_rates = jacobians(actions, *given)
+        weights = self._weights[..., None, None]
+        slopes = {}
+        for name, slope in zip((POSITION, *asked), (by_x, *by_rates), strict=True):
+            by_point = slope.unflatten(-1, (2, 3)).movedim(-2, -3)
+            slopes[name] = weights * by_point[..., self.POINTS, :, :]
+        none = torch.zeros_like(weights[..., :3, :, :])
+        only = torch.cat((none, weights[..., 3:, :, :]), -3)
+        return slopes | {ROTATION: only * by_turn[..., None, :, :]}
+
+    def blocks(self, motion: PairMotion, change: Tensor) -> Tensor:
+        force, place, body = change.split(3, -2)
+        rows = torch.stack((torch.cat((force, place), -2), torch.cat((-force, body), -2)), -4)
+        return self._weights[..., None, None, None] * rows[..., self.POINTS, :, :, :]
+
+    def energy(self, motion: PairMotion, side: float) -> Tensor:
+        y = self._seen(self.points(motion))[1 if side > 0 else 0]
+        gap = beyond(y, self.half, self._round).gap - self.radii[..., :1]
+        d, slope = self.thickness[..., None], self.slope[..., None]
+        return (self.measure[..., None] * potential(d - gap, d, slope)).sum((-1, -2))
+
+    def passed(self, motion: PairMotion) -> Tensor:
+        first, last = self._seen(self.points(motion))
+        at = [beyond(y, self.half, self._round) for y in (first, last)]
+        radius = self.radii[..., :1]
+
+        def gap(y: Tensor) -> Tensor:
+            return beyond(y, self.half, self._round).gap - radius
+
+        def directions(y: Tensor) -> Tensor:
+            there = beyond(y, self.half, self._round)
+            return box_direction(there.q, there.side)
+
+        inside = least_along(gap, directions, first, last - first) < 0
+        out = torch.minimum(at[0].gap, at[1].gap) > radius
+        ways = (box_direction(one.q, one.side) for one in at)
+        turned = (next(ways) * next(ways)).sum(-1, keepdim=True) < 0
+        there = self.measure[..., None] > 0
+        return (there & inside & (out | turned))[..., 0].any(-1)
+
+    @property
+    def _round(self) -> Tensor:
+        return self.rounding[..., None]
+
+    def _seen(self, points: PairMotion) -> tuple[Tensor, Tensor]:
+        """(..., U, 3) m: the place from the surface's centre, in its axes, before and after a step;
+        at an instant the same twice.
+        """
+        x, half = points.position, points.half
+
+        def seen(x: Tensor, R: Tensor) -> Tensor:
+            y = (R.mT @ (x[..., 0, :] - x[..., 1, :])[..., None])[..., 0] - self.centre
+            return (self.axes.mT @ y[..., None])[..., 0]
+
+        if half is None:
+            return (seen(x, points.axes[-1]),) * 2
+        return seen(x - half, points.axes[0]), seen(x + half, points.axes[-1])
+
+    def _lever(self, rho: Tensor, u: Tensor) -> Lever:
+        size = norm(u)
+        n = self.radii[..., :1] * u / torch.where(size > 0, size, torch.ones_like(size))
+        return Lever(rho - n, -n)
+
+
+def _cross(a: Tensor, b: Tensor) -> Tensor:
+    return torch.linalg.cross(*torch.broadcast_tensors(a, b))

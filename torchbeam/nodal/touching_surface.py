@@ -1,0 +1,59 @@
+"""A part that touches the surface of a body: `Touching` whose one piece is that surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..core.validation import concrete
+from ..scene.effects.load_point import ROTATION, SPIN, VELOCITY
+from ..scene.effects.rounded_box import RoundedBox
+from .surface_pairs import SurfacePairs
+from .touching import Nearby, PairLaw, Touching
+from .touching_pairs import TouchingPairs
+
+POINTS = 2  # places in a piece of a beam, as of an obstacle
+
+
+@dataclass(frozen=True)
+class TouchingSurface(Touching):
+    """Places along a beam, or the centre of a ball, and the surface of a body, in its axes. Which
+    of them may touch is asked of the ball about the body that its surface is in, however it turns.
+    """
+
+    surface: RoundedBox
+
+    @property
+    def radii(self) -> Tensor:
+        law = self.contact
+        given = (law.radius, law.other_radius) if self.first else (law.other_radius, law.radius)
+        own = next((x for x in given if x is not None), self.s.new_zeros(()))
+        return torch.stack((own, torch.zeros_like(own)), -1)
+
+    @property
+    def points(self) -> int:
+        return self.contact.points or POINTS
+
+    @property
+    def law(self) -> PairLaw:
+        return super().law._replace(surface=True)
+
+    @property
+    def reads(self) -> frozenset[str]:
+        return frozenset({ROTATION} | ({VELOCITY, SPIN} if self.lossy else set()))
+
+    def pairs(self, near: Nearby) -> TouchingPairs:
+        box, rows = self.surface, vars(super().pairs(near))
+        return SurfacePairs(
+            **rows,
+            centre=box.centre[..., None, :],
+            axes=box.axes[..., None, :, :],
+            half=box.half[..., None, :],
+            rounding=box.rounding[..., None],
+        )
+
+    @property
+    def _reach(self) -> Tensor:
+        return super()._reach + concrete(self.surface.reach.detach())
