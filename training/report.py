@@ -52,7 +52,7 @@ STYLES = {
     "lqr": "-.",
     "lqg": (0, (5, 1)),
     "mpc": (0, (4, 1, 1, 1, 1, 1)),
-    "mpc-informed": (0, (8, 1)),
+    "mpc-informed": (0, (12, 8)),
     "optimum": "-",
 }
 
