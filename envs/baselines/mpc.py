@@ -92,13 +92,13 @@ class MPC(Controller):
         """The plan after a step."""
         now = self.env.state
         way = TipWay(self.env.task, now.plant) if self.informed else self.way
-        tips, slopes = way.slopes(now, plan, self._acting)
+        tips, slopes = way.slopes(now, plan, self.acting)
         own = slopes.flatten(3)
         gap, flat = self.way.gaps(now, tips), plan.flatten(1)
         g, H = self.way.quadratic(gap, own, flat, self.weight)
         return within_bounds(g, H, flat, self.damping).view_as(plan)
 
-    def _acting(self, plan: Tensor) -> Tensor:
+    def acting(self, plan: Tensor) -> Tensor:
         """(n, horizon, a): what acts in the next intervals; given over those of the delay at the
         end, an action would act after them.
         """

@@ -247,7 +247,7 @@ def test_predictive_control_that_is_informed():
             action = controller(observation)
             plan = torch.cat((action[:, None], controller.plan[:, :-1]), 1)
             way = TipWay(env.task, env.state.plant) if informed else controller.way
-            promised = way(env.state, controller._acting(plan))[:, 0]
+            promised = way(env.state, controller.acting(plan))[:, 0]
             observation, reward, *_ = env.step(action)
             tip = env.state.beam.position[:, -1, env.task.vector]
             away, total = max(away, (tip - promised).abs().max().item()), total - reward.sum()
