@@ -88,16 +88,6 @@ class MPC(Controller):
         self.plan = torch.cat((self.plan[:, 1:], self.plan[:, -1:]), 1)
         return first
 
-    def _better(self, plan: Tensor) -> Tensor:
-        """The plan after a step."""
-        now = self.env.state
-        way = TipWay(self.env.task, now.plant) if self.informed else self.way
-        tips, slopes = way.slopes(now, plan, self.acting)
-        own = slopes.flatten(3)
-        gap, flat = self.way.gaps(now, tips), plan.flatten(1)
-        g, H = self.way.quadratic(gap, own, flat, self.weight)
-        return within_bounds(g, H, flat, self.damping).view_as(plan)
-
     def acting(self, plan: Tensor) -> Tensor:
         """(n, horizon, a): what acts in the next intervals; given over those of the delay at the
         end, an action would act after them.
@@ -111,3 +101,13 @@ class MPC(Controller):
             now = replace(now, acting=acting, pending=pending, late=late)
             acts.append(gain.reshape(-1, 1) * acting)
         return torch.stack(acts, 1)
+
+    def _better(self, plan: Tensor) -> Tensor:
+        """The plan after a step."""
+        now = self.env.state
+        way = TipWay(self.env.task, now.plant) if self.informed else self.way
+        tips, slopes = way.slopes(now, plan, self.acting)
+        own = slopes.flatten(3)
+        gap, flat = self.way.gaps(now, tips), plan.flatten(1)
+        g, H = self.way.quadratic(gap, own, flat, self.weight)
+        return within_bounds(g, H, flat, self.damping).view_as(plan)
