@@ -82,7 +82,7 @@ class Simulation:
         beam, acting, pending, everyone = before.beam, before.acting, before.pending, active is None
         memory, late = before.memory, before.late
         if everyone or active.any():
-            now, waiting, later = self._acting(before, action)
+            now, waiting, later = self.acting(before, action)
             gain = before.plant.params["gain"]
             done = gain[:, None] * now if gain.ndim else now
             beam = before.plant.advance(
@@ -193,10 +193,10 @@ class Simulation:
         """The sensors of these episodes, or of the usual start where there are none."""
         return self.observer.sensors(self.rest[0] if episodes is None else episodes.start)
 
-    # Inside
-
-    def _acting(self, before: Episodes, action: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
-        """(n, a) what acts over the next interval, and what then waits: pending, late."""
+    def acting(self, before: Episodes, action: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
+        """(n, a) what acts over the next interval, before the actuators' gain, and what then waits:
+        pending, late.
+        """
         pending, late, params = before.pending, before.late, before.plant.params
         now = action
         if self.config.delay or late is not None:
@@ -208,6 +208,8 @@ class Simulation:
         if params["lag"].ndim:
             now = lagging(before.acting, now, params["lag"], self.config.control_interval)
         return now, pending, late
+
+    # Inside
 
     def _told(self, now: Episodes) -> Episodes:
         """With what the task says of them."""

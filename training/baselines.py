@@ -130,10 +130,13 @@ def optimum(task: Task) -> Controller:
     return controller
 
 
-def predictive(task: Task) -> Controller:
-    controller = MPC(make(task, 1))
-    controller.episodes = 64
-    return controller
+def predictive(informed: bool) -> Callable[[Task], Controller]:
+    def made(task: Task) -> Controller:
+        controller = MPC(make(task, 1), informed=informed)
+        controller.episodes = 64
+        return controller
+
+    return made
 
 
 BASELINES: dict[str, Callable[[Task], Controller]] = {
@@ -142,6 +145,7 @@ BASELINES: dict[str, Callable[[Task], Controller]] = {
     "pd": pd,
     "lqr": regulated(LQR),
     "lqg": regulated(LQG),
-    "mpc": predictive,
+    "mpc": predictive(False),
+    "mpc-informed": predictive(True),
     "optimum": optimum,
 }

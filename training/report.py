@@ -25,6 +25,7 @@ LABELS = {
     "lqr": "LQR + static",
     "lqg": "LQG + static",
     "mpc": "MPC",
+    "mpc-informed": "MPC, plant known",
     "optimum": "open-loop optimum",
     "ppo": "PPO",
     "sac": "SAC",
@@ -33,6 +34,7 @@ LABELS = {
     "sb3-sac": "SAC (stable-baselines3)",
 }
 LINEAR = ("pd", "lqr", "lqg")
+KNOWING = "mpc-informed"
 CURVE = "validation_return"  # of a learner's log
 WIDE = 1e3  # ratio of costs from which powers of ten alone are labelled
 LEAST = 3  # seeds for a band; the curve of each is thin
@@ -50,6 +52,7 @@ STYLES = {
     "lqr": "-.",
     "lqg": (0, (5, 1)),
     "mpc": (0, (4, 1, 1, 1, 1, 1)),
+    "mpc-informed": (0, (12, 8)),
     "optimum": "-",
 }
 
@@ -209,18 +212,22 @@ def markdown(rows: list[dict[str, Any]], compared: list[dict[str, Any]]) -> str:
 
 def summary(rows: list[dict[str, Any]], runs: list[Run]) -> str:
     """A row a task: the controllers of `LINEAR` and MPC beside the learners, with return, success
-    and the number of seeds, the largest return in bold; then, of each pair of learners, the
+    and the number of seeds, the largest return in bold (but of `KNOWING`, which no real controller
+    can be); then, of each pair of learners, the
     probability that a seed of the one returns more.
     """
     there = {row["algorithm"] for row in rows}
-    shown = [name for name in (*LINEAR, "mpc", *COLORS) if name in there]
+    shown = [name for name in (*LINEAR, "mpc", KNOWING, *COLORS) if name in there]
     pairs = [(b, a) for a, b in combinations((name for name in shown if name in COLORS), 2)]
     heads = ["task", *(LABELS[name] for name in shown)]
     heads += [f"{LABELS[one]} ahead of {LABELS[other]}" for one, other in pairs]
     lines = [f"| {' | '.join(heads)} |", f"|---|{'---:|' * (len(heads) - 1)}"]
     for task in dict.fromkeys(row["task"] for row in rows):
         here = {row["algorithm"]: row for row in rows if row["task"] == task}
-        best = max((here[name]["return"] for name in shown if name in here), default=None)
+        best = max(
+            (here[name]["return"] for name in shown if name in here and name != KNOWING),
+            default=None,
+        )
         cells = [_cell(here[name], best) if name in here else "" for name in shown]
         returns = {
             name: [run["return"] for run in runs if (run["task"], run["algorithm"]) == (task, name)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -23,12 +24,15 @@ class MPC(Controller):
 
     It reads the whole state of the beam off the simulation and knows the targets over its horizon;
     its model is the beam at the usual parameters. Actions that are still to act are in it.
+    Informed, it knows more than any controller can: the parameters of each episode, of the beam and
+    of what lies between, so that its model is exact. What it returns says what there is to be had.
 
     Args:
         horizon: intervals
         iterations: Gauss-Newton steps an interval
         terminal: weight of the last gap, beside those before it
         damping: of the steps, beside the largest entry on the diagonal of their matrix
+        informed: whether the model is that of each episode's own parameters
 
     Raises:
         ValueError: for a task with a memory beside its beam, a horizon that is not longer than the
@@ -51,6 +55,7 @@ class MPC(Controller):
         iterations: int = 1,
         terminal: float = 5.0,
         damping: float = 1e-6,
+        informed: bool = False,
     ) -> None:
         env = vector_env(env)
         count("horizon", horizon)
@@ -62,6 +67,7 @@ class MPC(Controller):
                 f"horizon = {horizon} was given for a delay of {env.config.delay}; more is wanted"
             )
         self.horizon, self.iterations, self.damping = horizon, iterations, damping
+        self.informed = informed
         self.weight = torch.ones(horizon, dtype=env.dtype, device=env.device)
         self.weight[-1] = terminal
         self.way = TipWay(env.task, env.plant)
@@ -82,11 +88,26 @@ class MPC(Controller):
         self.plan = torch.cat((self.plan[:, 1:], self.plan[:, -1:]), 1)
         return first
 
+    def acting(self, plan: Tensor) -> Tensor:
+        """(n, horizon, a): what acts in the next intervals; given over those of the delay at the
+        end, an action would act after them.
+        """
+        now, rest = self.env.state, self.env.config.delay
+        if not self.informed:
+            return torch.cat((now.pending, plan), 1)
+        gain, acts = now.plant.params["gain"], []
+        for action in (*plan.unbind(1), *rest * [torch.zeros_like(plan[:, 0])]):
+            acting, pending, late = self.env.simulation.acting(now, action)
+            now = replace(now, acting=acting, pending=pending, late=late)
+            acts.append(gain.reshape(-1, 1) * acting)
+        return torch.stack(acts, 1)
+
     def _better(self, plan: Tensor) -> Tensor:
         """The plan after a step."""
         now = self.env.state
-        way, slopes = self.way.slopes(now, torch.cat((now.pending, plan), 1))
-        own = slopes[:, :, :, self.env.config.delay :].flatten(3)
-        gap, flat = self.way.gaps(now, way), plan.flatten(1)
+        way = TipWay(self.env.task, now.plant) if self.informed else self.way
+        tips, slopes = way.slopes(now, plan, self.acting)
+        own = slopes.flatten(3)
+        gap, flat = self.way.gaps(now, tips), plan.flatten(1)
         g, H = self.way.quadratic(gap, own, flat, self.weight)
         return within_bounds(g, H, flat, self.damping).view_as(plan)

@@ -4,6 +4,8 @@ of.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor
 
@@ -45,19 +47,24 @@ class TipWay:
         """
         return self._way(now.beam, acting)
 
-    def slopes(self, now: Episodes, acting: Tensor) -> tuple[Tensor, Tensor]:
-        """The same, and its derivatives (n, T, d, T, a): by reverse mode, all rows of steps that
-        are made once, or as many at a time as memory takes.
+    def slopes(
+        self, now: Episodes, plan: Tensor, acts: Callable[[Tensor], Tensor] = lambda plan: plan
+    ) -> tuple[Tensor, Tensor]:
+        """The way of a plan (n, P, a), of which acts(plan) (n, T, a) acts, and its derivatives
+        (n, T, d, P, a): by reverse mode, all rows of steps that are made once, or as many at a time
+        as memory takes.
         """
+        with torch.enable_grad():
+            plan = plan.detach().clone().requires_grad_()
+            acting = acts(plan)
+            way = self._way(now.beam, acting)
+
         n, T, _ = acting.shape
         rows = torch.eye(T * self.task.directions).to(acting).unflatten(-1, (T, 1, -1))
-        with torch.enable_grad():
-            acting = acting.detach().clone().requires_grad_()
-            way = self._way(now.beam, acting)
 
         def row(seed: Tensor) -> Tensor:
             seed = seed.movedim(-2, 0).expand_as(way)
-            return torch.autograd.grad(way, acting, seed, retain_graph=True)[0]
+            return torch.autograd.grad(way, plan, seed, retain_graph=True)[0]
 
         size = max(1, SAMPLES // (n * T * self.task.config.substeps))
         slopes = torch.func.vmap(row, chunk_size=size)(rows)
