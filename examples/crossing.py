@@ -7,6 +7,7 @@ solved by halves. Run as a script, it also draws out/crossing.png.
 """
 
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -14,7 +15,7 @@ import torchbeam as tb
 
 torch.set_default_dtype(torch.float64)
 RADIUS, EI, GA, ARM = 0.004, 0.5, 1e6, 0.2  # m, N m^2, N, m from the clamps to the crossing
-LAW = dict(radius=RADIUS, thickness=1e-3, force=800.0)
+LAW: dict[str, Any] = dict(radius=RADIUS, thickness=1e-3, force=800.0)
 lowered = torch.linspace(1e-3, 8e-3, 5)  # m: a batch of five
 
 section = tb.Section.from_stiffness(EA=1e6, GA=GA, GJ=0.4, EI=EI, mass=0.1, inertia=1e-6)

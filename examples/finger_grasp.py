@@ -15,6 +15,7 @@ it also draws the fingers and how far balls have come.
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -30,7 +31,7 @@ torch.set_default_dtype(torch.float64)
 LENGTH, RADIUS, BALL, AT = 0.12, 0.005, 0.02, 0.09  # m
 EI, GA, MASS, G = 0.05, 1e4, 0.1, 9.81  # N m^2, N, kg, m/s^2
 TENSION, LEVER = 8.0, 0.007  # N, m
-LAW = dict(thickness=5e-4, force=5.0, slip_speed=2e-3, damping=2e-3)
+LAW: dict[str, Any] = dict(thickness=5e-4, force=5.0, slip_speed=2e-3, damping=2e-3)
 CLOSED, END, STEP = 0.4, 0.5, 2e-3  # s
 ELEMENTS = 20
 TIMES = torch.linspace(0.0, END, 26)

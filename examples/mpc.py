@@ -95,7 +95,8 @@ class Mpc:
     """Torques of the next half second, improved at each call; seconds: what each took."""
 
     def __init__(self) -> None:
-        self.stepper, self.plan, self.seconds = tb.Stepper(model, DT), torch.zeros(HORIZON), []
+        self.stepper, self.plan = tb.Stepper(model, DT), torch.zeros(HORIZON)
+        self.seconds: list[float] = []
         self(goal)  # compiles
         self.plan, self.seconds = torch.zeros(HORIZON), []
 

@@ -80,7 +80,7 @@ def inverse(poses: torch.Tensor) -> tuple[torch.Tensor, list[float]]:
     """Lengths (..., 6) m at which the platform is in the poses (..., 6), and the largest distance
     before each step of Newton's method, the last one reached.
     """
-    lengths, distances = HOME.expand_as(poses), []
+    lengths, distances = HOME.expand_as(poses), list[float]()
     while not distances or (distances[-1] > 1e-6 and len(distances) < 12):
         lengths = lengths.detach().requires_grad_()
         _, pose = forward(lengths)

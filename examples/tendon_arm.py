@@ -57,7 +57,7 @@ def inverse(places: torch.Tensor) -> tuple[torch.Tensor, list[float]]:
     """x (..., 2) N for places (..., 2) m, and the largest distance before each step of Newton's
     method.
     """
-    x, distances = torch.zeros_like(places), []
+    x, distances = torch.zeros_like(places), list[float]()
     while not distances or (distances[-1] > 1e-9 and len(distances) < 12):
         x = x.detach().requires_grad_()
         place = tip(x)

@@ -8,6 +8,7 @@ out/uncertainty_histogram.png, uncertainty_convergence.png and uncertainty_bands
 
 import math
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -79,7 +80,7 @@ EXPECTED, TOLERANCE = 0.0, 1e-3  # three times the standard error of 1024 points
 
 
 def draw(folder: Path = Path("out")) -> None:
-    options = dict(correlation={("EI", "P"): RHO}, replicates=16, by_name=True)
+    options: dict[str, Any] = dict(correlation={("EI", "P"): RHO}, replicates=16, by_name=True)
     print(
         "wrote",
         tb.plot.save(

@@ -32,6 +32,8 @@ COLUMNS = (
     "best_cpu_s",
     "median_cpu_s",
     "rate",
+    "batch",
+    "gradient",
 )
 
 
@@ -46,15 +48,20 @@ def measure(
     element: str,
     settings: Sequence[tuple[int, float]],
     run: Callable[[int, float], tuple[np.ndarray, float]],
+    batch: int = 1,
+    gradient: Callable[[int, float], float] | None = None,
 ) -> Iterator[dict]:
     """A row by `COLUMNS` of each setting (elements, step s), of the first alone without --ladder:
     of run(*setting), which gives the tip every 10 ms for 2 s and the CPU seconds that this took;
-    rate in simulated s per CPU s. After one run to warm up. With --samples, which is about
-    something else, none.
+    rate in simulated s of all beams of a batch per CPU s. After one run to warm up. With --beside
+    also gradient(*setting), CPU seconds of a gradient and the run that it needs over those of the
+    run. Batches are for --beside alone; with --samples, which is about something else, there are no
+    rows.
     """
-    if "--samples" in sys.argv:
+    beside = "--beside" in sys.argv
+    if "--samples" in sys.argv or (batch > 1 and not beside):
         return
-    repeats = 3 if "--quick" in sys.argv or "--ladder" in sys.argv else 15
+    repeats = 3 if beside or "--quick" in sys.argv or "--ladder" in sys.argv else 15
     for elements, step in settings if "--ladder" in sys.argv else settings[:1]:
         (tip, _), *runs = [run(elements, step) for _ in range(repeats + 1)]
         seconds = [cpu for _, cpu in runs]
@@ -70,7 +77,9 @@ def measure(
                     error(tip),
                     min(seconds),
                     median(seconds),
-                    T[-1] / min(seconds),
+                    batch * T[-1] / min(seconds),
+                    batch,
+                    gradient(elements, step) if gradient and beside else None,
                 ),
                 strict=True,
             )

@@ -1,5 +1,5 @@
 """MuJoCo's flex rod (a discrete elastic rod, from 4.0 on) in the common dynamic case: explicit,
-inextensible edges.
+inextensible edges. With --beside also a batch by `mujoco.batch`, on one thread.
 
 MuJoCo holds the first edge rigid, which is a clamp of first order. So the rod begins half an edge
 before the clamp: the edge's middle, where the bending of the first free vertex ends, is where the
@@ -7,11 +7,13 @@ beam is held. Each vertex carries the mass of its part of the beam.
 """
 
 import math
+from itertools import chain
 
 import mujoco
 import numpy as np
 from case import EI, GJ, MASS, clock, measure, show
 
+BATCH = 64
 SETTINGS = ((14, 1e-3), (8, 2e-3), (20, 5e-4), (28, 2.5e-4), (40, 1.25e-4))  # edges, step s
 RADIUS = 0.01  # m: it gives the rod its polar inertia, stiffness follows E and G
 
@@ -48,5 +50,27 @@ def run(edges: int, step: float) -> tuple[np.ndarray, float]:
     return np.array(way), clock() - start
 
 
+def run_batch(edges: int, step: float) -> tuple[np.ndarray, float]:
+    """Of the last of `BATCH` rods."""
+    from mujoco.batch import Batch
+
+    made = model(edges, step)
+    rods, tip = Batch(made, BATCH, nthread=1), made.body(f"rod_{edges}").id
+    rods.xfrc_applied[:, tip, 1] = 1.0
+    position = rods.bind("xpos")
+    rods.forward()
+    way = [position[-1, tip].copy()]
+    start = clock()
+    for _ in range(200):
+        rods.step(nstep=round(0.01 / step))
+        way.append(position[-1, tip].copy())
+    return np.array(way), clock() - start
+
+
 if __name__ == "__main__":
-    show(measure("mujoco", "3D", "rod", SETTINGS, run))
+    show(
+        chain(
+            measure("mujoco", "3D", "rod", SETTINGS, run),
+            measure("mujoco", "3D", "rod", SETTINGS, run_batch, BATCH),
+        )
+    )
