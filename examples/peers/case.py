@@ -33,7 +33,6 @@ COLUMNS = (
     "median_cpu_s",
     "rate",
     "batch",
-    "gradient",
 )
 
 
@@ -49,14 +48,11 @@ def measure(
     settings: Sequence[tuple[int, float]],
     run: Callable[[int, float], tuple[np.ndarray, float]],
     batch: int = 1,
-    gradient: Callable[[int, float], float] | None = None,
 ) -> Iterator[dict]:
     """A row by `COLUMNS` of each setting (elements, step s), of the first alone without --ladder:
     of run(*setting), which gives the tip every 10 ms for 2 s and the CPU seconds that this took;
-    rate in simulated s of all beams of a batch per CPU s. After one run to warm up. With --beside
-    also gradient(*setting), CPU seconds of a gradient and the run that it needs over those of the
-    run. Batches are for --beside alone; with --samples, which is about something else, there are no
-    rows.
+    rate in simulated s of all beams of a batch per CPU s. After one run to warm up. Batches
+    are for --beside alone; with --samples, which is about something else, there are no rows.
     """
     beside = "--beside" in sys.argv
     if "--samples" in sys.argv or (batch > 1 and not beside):
@@ -79,7 +75,6 @@ def measure(
                     median(seconds),
                     batch * T[-1] / min(seconds),
                     batch,
-                    gradient(elements, step) if gradient and beside else None,
                 ),
                 strict=True,
             )
