@@ -41,7 +41,7 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument(
         "--resume",
         action="store_true",
-        help="keep the rows in --out of cases that are the same, and compute the others",
+        help="keep the rows in --out of cases that are the same and hold, and compute the others",
     )
     args = parser.parse_args(argv)
     if args.resume and not args.out:
@@ -69,11 +69,11 @@ def _key(row: Case | Result) -> tuple[str | float, ...]:
 
 
 def _stored(out: Path) -> dict[tuple[str | float, ...], Result]:
-    """Those of an earlier run in the folder, by their case."""
+    """Those of an earlier run in the folder that hold, by their case."""
     file = out / "verify.json"
     rows = json.loads(file.read_text())["results"] if file.exists() else []
     results = [Result(**{k: v for k, v in row.items() if k != "ok"}) for row in rows]
-    return {_key(r): r for r in results}
+    return {_key(r): r for r in results if r.ok}
 
 
 def _write(out: Path, results: Sequence[Result]) -> None:
