@@ -201,6 +201,7 @@ CALLS = {
             "ContactForce",
             "ContactForces",
             "ContactGap",
+            "ContactPoints",
             "ContactPressure",
             "ContactSlip",
         )
