@@ -54,11 +54,14 @@ def main(argv: Sequence[str]) -> int:
     out = args.out and results_folder(parser, args.out)
     stored = _stored(out) if args.resume else {}
     rows: list[Result] = []
-    for k, case in enumerate(chosen):
-        rows.append(stored.get(_key(case)) or run(case))
-        if out:  # a run that is ended goes on from there
-            _write(out, rows + [old for x in chosen[k + 1 :] if (old := stored.get(_key(x)))])
-    print(f"{markdown(rows)}\n{sentence(measured_on())}")
+    try:
+        for k, case in enumerate(chosen):
+            rows.append(stored.get(_key(case)) or run(case))
+            if out:  # a run that is ended goes on from there
+                _write(out, rows + [old for x in chosen[k + 1 :] if (old := stored.get(_key(x)))])
+    finally:  # and a disk that fills up, or Ctrl-C, takes no row from the screen
+        if rows:
+            print(f"{markdown(rows)}\n{sentence(measured_on())}")
     return 0 if all(r.ok for r in rows) else 1
 
 
