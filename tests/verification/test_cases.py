@@ -32,6 +32,8 @@ LONG = {  # what holds them in the suite otherwise, to the same reference
     "two crossed cantilevers": "docs/test_examples::test_example[crossing]",
     "six-strut parallel robot": "docs/test_examples::test_example[parallel_robot]",
     "overhand knot": "docs/test_examples::test_example[knot]",
+    # strands of one rod at rest, wound about each other
+    "plectoneme": "docs/test_examples::test_example[knot]",
     # within coarser bounds, and exudyn's places beside the references at all instants
     "flexible four-bar linkage": "unit/studies/test_bench::test_mechanisms",
     "hand of three jointed fingers": "unit/studies/test_bench::test_mechanisms",

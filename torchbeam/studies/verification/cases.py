@@ -7,6 +7,7 @@ from . import (
     knot,
     motion,
     parallel_robot,
+    plectoneme,
     pulley,
     ropes,
     rotating,
@@ -34,4 +35,5 @@ CASES = [
     *contact.CASES,
     *ropes.CASES,
     *knot.CASES,
+    *plectoneme.CASES,
 ]
