@@ -79,6 +79,16 @@ def where_installed() -> Iterator[None]:
         print(f"no picture: {error}", file=sys.stderr)
 
 
+def line_style(given: dict[str, Any], **usual: Any) -> dict[str, Any]:
+    """Keywords of a line: those that a user gave, and what is usual of the others, whichever of
+    matplotlib's names for the same both use (lw, linewidth).
+    """
+    from matplotlib.cbook import normalize_kwargs
+    from matplotlib.lines import Line2D
+
+    return normalize_kwargs(usual, Line2D) | normalize_kwargs(given, Line2D)
+
+
 def is_3d(ax: Axes) -> bool:
     """Whether axes are three-dimensional."""
     return ax.name == "3d"

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..sensors import Sensor
 from ..state.solution import Solution
-from .canvas import GREY, Axes, axes, numbers
+from .canvas import GREY, Axes, axes, line_style, numbers
 
 
 def history(
@@ -41,9 +41,8 @@ def history(
         else dict(lw=1.5)
     )
     for k, name in enumerate(sensor.labels):
-        lines = ax.plot(
-            t, numbers(values[..., k]), **{"color": ax._get_lines.get_next_color(), **crowd, **line}
-        )
+        style = line_style(line, color=ax._get_lines.get_next_color(), **crowd)
+        lines = ax.plot(t, numbers(values[..., k]), **style)
         lines[0].set_label(
             " ".join(filter(None, (label, name if sensor.size > 1 or label is None else None)))
         )
@@ -119,11 +118,8 @@ def load_path(
             cuts = [0, *((firm[1:] != firm[:-1]).nonzero()[:, 0] + 1).tolist(), n]
             for first, last in pairwise(cuts):
                 piece = slice(max(first - 1, 0), last)
-                ax.plot(
-                    x[piece],
-                    y[piece],
-                    **{"color": color, "lw": 1.6, "ls": "-" if firm[first] else "--", **line},
-                )
+                dash = "-" if firm[first] else "--"
+                ax.plot(x[piece], y[piece], **line_style(line, color=color, lw=1.6, ls=dash))
             for which, mark in ((1, "o"), (2, "x")):
                 there = (kind[:n, i] == which).numpy()
                 ax.plot(x[there], y[there], mark, color=color, ms=5)

@@ -11,7 +11,7 @@ from ..linear.modes import Modes
 from ..math import quaternions as quat
 from ..math.shapes import broadcast_shapes
 from ..state.state import State
-from .canvas import GREY, Axes, axes, is_3d, numbers
+from .canvas import GREY, Axes, axes, is_3d, line_style, numbers
 
 PLANES = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 TRIAD = ("#c0392b", "#27ae60", "#2c5fb3")  # x, y, z
@@ -55,7 +55,7 @@ def shape(
     dots = numbers(position[..., seen])
     for i, (curve, points) in enumerate(zip(curves, dots, strict=True)):
         shade = color if color is not None else "C0" if len(curves) == 1 else _shade(i, len(curves))
-        style = dict(color=shade, label=label if i == 0 else None, lw=1.8, **line)
+        style = line_style(line, color=shade, label=label if i == 0 else None, lw=1.8)
         (drawn,) = ax.plot(*curve.T, **style)
         if nodes:
             ax.plot(*points.T, "o", ms=2.5, color=drawn.get_color(), alpha=drawn.get_alpha())

@@ -7,7 +7,7 @@ from typing import Any
 from ..core.arguments import instance
 from ..scene.scene import Scene
 from ..state.state import State
-from .canvas import Axes, is_3d, numbers
+from .canvas import Axes, is_3d, line_style, numbers
 from .shapes import PLANES
 
 
@@ -52,7 +52,8 @@ def tendons(
             f"{scene.beam.nodes.shape[-2]}; as many are wanted"
         )
     seen = [0, 1, 2] if plane is None else list(PLANES[plane])
-    style = dict(color=color, lw=1.0, ls="--", marker="o", ms=4, mfc="none", mew=0.8) | line
+    usual = dict(color=color, lw=1.0, ls="--", marker="o", ms=4, mfc="none", mew=0.8)
+    style = line_style(line, **usual)
     for tendon in scene.tendons:
         eyelets = tendon.at(position.detach(), rotation.detach())[..., seen].detach()
         for points in numbers(eyelets.reshape(-1, *eyelets.shape[-2:])):

@@ -275,6 +275,28 @@ def test_obstacles_are_drawn_where_they_are(tmp_path):
         tb.plot.obstacles(scene, tb.plot.axes(three=True), plane="xz")
 
 
+@pytest.mark.parametrize("name", ["shape", "history", "load_path", "tendons"])
+def test_lines_are_as_a_user_wants_them(name, solution):
+    """By any of matplotlib's names, in the place of what is usual."""
+    scene = tb.Scene(BEAM, [tb.Tendon.along(BEAM, (0, 0, 0.1), tension=1.0)])
+    tip = tb.sensors.TipPosition()["z"]
+    states, yes = solution.state, torch.ones(9).bool()
+    path = SimpleNamespace(
+        factor=torch.arange(9.0), state=states, stable=yes, valid=yes, kind=0 * yes
+    )
+    draw = {
+        "shape": lambda **line: tb.plot.shape(states[-1], **line),
+        "history": lambda **line: tb.plot.history(solution, tip, **line),
+        "load_path": lambda **line: tb.plot.load_path(path, tip, **line),
+        "tendons": lambda **line: tb.plot.tendons(
+            scene, tb.rest(scene), tb.plot.axes(), plane="xz", **line
+        ),
+    }[name]
+    for line in (dict(lw=3, ls=":"), dict(linewidth=3, linestyle=":")):
+        first = draw(**line, color="C3").lines[0]
+        assert (first.get_linewidth(), first.get_linestyle(), first.get_color()) == (3, ":", "C3")
+
+
 def test_tendons_are_drawn_where_their_eyelets_are(tmp_path):
     """Of two samples, dashed, in a plane and in space; refused without tendons or a plane."""
     pulls = torch.tensor([0.0, 1.0])
