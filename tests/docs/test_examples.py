@@ -19,6 +19,7 @@ LONG = {
     "identify_nuts",
     "knot",
     "mpc",
+    "rope_pile",
     "two_link",
     "uncertainty_controller",
 }
