@@ -95,7 +95,8 @@ GALLERY = {
     "Statics and stability": ("axes_and_signs", "spring", "lees_frame", "portal_frame"),
     "Vibration": ("campbell", "rotor"),
     "Motion": ("four_bar", "converge", "block_rate_matrix"),
-    "Contact and tendons": ("capstan", "crossing", "finger_grasp", "knot", "rope_pile", "tendon_arm"),
+    "Contact and tendons": (
+        "capstan", "crossing", "finger_grasp", "knot", "rope_pile", "tendon_arm"),
     "Control": ("two_link", "parallel_robot", "mpc", "lqr"),
     "Identification": (
         "identify", "identify_accelerometers", "identify_field", "identify_modes", "identify_wing",
