@@ -17,9 +17,17 @@ from torchbeam.nodal.discretise import discretise
 
 pytest.importorskip("llvmlite")
 SINGLE = "network, float32"  # which no other is as exact beside
-TOGETHER = [name for name in LOADS if name != SINGLE]
-# two seconds each, to compile: so several act beside each other, and each alone in the long run
-GROUPS = [*(TOGETHER[k::5] for k in range(5)), [SINGLE]]
+# One of each kind, beside each other, as each asks for code of its own; alone in the long run.
+# Functions one by one are in engine/compiler, holders of numbers, partials and methods in
+# properties/test_metamorphic.py.
+# fmt: off
+GROUPS = [
+    ["cylinder", "LuGre", "stalling wing", "table", "spline in s", "linear solve",
+     "gradient of a potential", "writes into its own", "method of a dataclass",
+     "class of one's own", "network, residual", "recurrent cell", "rate of a field"],
+    [SINGLE],
+]
+# fmt: on
 ALONE = [pytest.param([name], id=name, marks=pytest.mark.long) for name in LOADS]
 SHARED = ("batch by places", "batch of an object", "batch of lags", "batch of a flow")
 
