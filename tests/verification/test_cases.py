@@ -15,35 +15,15 @@ from torchbeam.studies.verification.cases import CASES
 from torchbeam.studies.verification.command import main
 
 LONG = {  # what holds them in the suite otherwise, to the same reference
-    "elastica, dead tip load, P L^2/EI to 12": "test_statics::test_elastica_dead_load_and_its_gradient",
-    "the same, derivative by the load": "test_statics::test_elastica_dead_load_and_its_gradient",
-    "elastica, follower tip load, P L^2/EI to 16": "test_statics::test_elastica_follower_load",
-    "rolled up by an end moment, to a full circle": "test_statics::test_rolled_up_by_an_end_moment",
-    "elastica under its own weight, q L^3/EI to 10": "test_statics::test_heavy_elastica",
-    "with shear and extension, P L^2/EI to 10": "test_statics::test_reissner_cantilever",
-    "45 degree bend, 300 lb": "test_statics::test_bend_45_degrees",
-    "45 degree bend, 600 lb": "test_statics::test_bend_45_degrees_at_600_lb",
-    "slender cantilever": "test_frequencies::test_first_three_frequencies",
-    "stocky cantilevers": "test_frequencies::test_first_three_frequencies",
-    "torsion of a rod": "test_frequencies::test_torsion",
-    "sudden tip load, 2 s": "properties/test_dynamics::test_common_case_below_one_percent",
     "the derivation's element, ramped and sudden load": "unit/mixed/test_trajectories::test_stored_trajectories",
-    "double pendulum of bodies": "test_joints::test_rigid_double_pendulum",
-    "two crossed cantilevers": "docs/test_examples::test_example[crossing]",
     "six-strut parallel robot": "docs/test_examples::test_example[parallel_robot]",
     "overhand knot": "docs/test_examples::test_example[knot]",
     # strands of one rod at rest, wound about each other
     "plectoneme": "docs/test_examples::test_example[knot]",
     # within coarser bounds, and exudyn's places beside the references at all instants
-    "flexible four-bar linkage": "unit/studies/test_bench::test_mechanisms",
     "hand of three jointed fingers": "unit/studies/test_bench::test_mechanisms",
     # friction of a ball, on a floor in the place of fingers
     "ball held by two fingers": "unit/nodal/test_touching::test_ball_at_rest_on_a_floor",
-    "two rods collide": "unit/nodal/test_touching::test_free_rods_that_collide",
-    "two balls collide": "unit/nodal/test_touching::test_balls_collide_and_bounce",
-    "column, dead load": "unit/linear/test_critical::test_euler",
-    "strip on edge, tip load": "unit/linear/test_critical::test_sideways_under_a_tip_load",
-    "column, tangential load": "unit/linear/test_critical::test_beck",
 }
 
 

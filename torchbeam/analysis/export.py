@@ -204,7 +204,7 @@ def _mode_columns(modes: Modes, state: State) -> dict[str, Tensor]:
 def _flat(x: Tensor, batch: torch.Size) -> np.ndarray:
     """(samples, rows, columns)."""
     x = x.detach().expand(*batch, *x.shape[-2:])
-    return x.reshape(-1, *x.shape[-2:]).double().cpu().numpy()
+    return x.reshape(batch.numel(), *x.shape[-2:]).double().cpu().numpy()
 
 
 def _array(parent: ElementTree.Element, name: str, values: np.ndarray) -> None:

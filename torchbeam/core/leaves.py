@@ -197,6 +197,35 @@ def _add_leaves(tree: Any, found: list[Leaf]) -> None:
             _add_leaves(part, found)
 
 
+def values(tree: Any) -> list[Any]:
+    """Those of `leaves`, in no order."""
+    found: list[Any] = []
+    _add_values(tree, found)
+    return found
+
+
+def _add_values(tree: Any, found: list[Any]) -> None:
+    if isinstance(tree, Tree):
+        declared = _declared(type(tree))
+        for name, value in [*vars(tree).items()]:
+            if value is None or name not in declared:
+                continue
+            if isinstance(value, Tensor):
+                if declared[name] is not BRANCH:
+                    found.append(value)
+            elif declared[name] is BRANCH or isinstance(value, Tree):
+                _add_values(value, found)
+            else:
+                for part in _parts(value):
+                    if isinstance(part, Tree):
+                        _add_values(part, found)
+                    elif part is not None:
+                        found.append(part)
+    elif isinstance(tree, (tuple, list, dict)):
+        for part in tree.values() if isinstance(tree, dict) else tree:
+            _add_values(part, found)
+
+
 def leaves_in_order(tree: Any) -> list[tuple[Any, int | None]]:
     """Values and own axes of all leaves that `map_leaves` meets, in that order: an object in
     several places once.
@@ -349,9 +378,11 @@ def constant(tree: Any) -> bool:
 
 def functions(tree: Any) -> list[Leaf]:
     """Leaves that are functions; tensors that these close over are unknown."""
-    return [
-        leaf for leaf in leaves(tree) if callable(leaf.value) and not isinstance(leaf.value, Tensor)
-    ]
+    return [leaf for leaf in leaves(tree) if is_function(leaf.value)]
+
+
+def is_function(value: Any) -> bool:
+    return not isinstance(value, Tensor) and callable(value)
 
 
 def detached(tree: Any) -> Any:
@@ -406,15 +437,21 @@ def wants_gradient(*trees: Any) -> bool:
     """Whether a derivative, backward or forward, is being recorded for a tensor among these, or in
     one of the trees.
     """
-    tensors = (
-        part
-        for tree in trees
-        for part in ((tree,) if isinstance(tree, Tensor) else (x.value for x in leaves(tree)))
+    found: list[Any] = []
+    for tree in trees:
+        if isinstance(tree, Tensor):
+            found.append(tree)
+        else:
+            _add_values(tree, found)
+    return recorded(found)
+
+
+def recorded(values: list[Any]) -> bool:
+    """The same of tensors among values, trees apart."""
+    forward = torch.autograd.forward_ad
+    backward, dual = torch.is_grad_enabled(), forward._current_level >= 0
+    return any(
+        (backward and x.requires_grad) or (dual and forward.unpack_dual(x).tangent is not None)
+        for x in values
+        if isinstance(x, Tensor)
     )
-    return any(_recorded(x) for x in tensors if isinstance(x, Tensor))
-
-
-def _recorded(x: Tensor) -> bool:
-    return (x.requires_grad and torch.is_grad_enabled()) or torch.autograd.forward_ad.unpack_dual(
-        x
-    ).tangent is not None

@@ -96,7 +96,8 @@ class Midpoint4(Method):
         )
 
     def schemes(self, model: Model, dt: Tensor) -> list[tuple[Scheme, Tensor | None]]:
-        lossy = [x.called for x in model.scene.loads if x.between_nodes and not x.conservative]
+        touching = (x for x in model.scene.loads if x.between_nodes or x.touches)
+        lossy = [x.called for x in touching if not x.conservative]
         lossy += [f"{x.called} with friction" for x in model.scene.joints if "friction" in x.acts]
         lossy += ["Tendon with friction"] * model.tendons.dissipative
         lossy += [f"{x.called} with friction or damping" for x in model.scene.pairs if x.lossy]

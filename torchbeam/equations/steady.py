@@ -18,13 +18,13 @@ from ..nodal import loads as external
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.constitutive_law import times
 from ..nodal.coordinates.spatial import Spatial
-from ..nodal.joint_motion import JointDrive, JointValues
+from ..nodal.joint_motion import JointDrive
 from ..nodal.loads import STEADY, Nodes
 from ..nodal.model import Model
 from ..nodal.touching_motion import TouchingMotion
 from ..scene.effects import ROTATION, Inputs
 from ..state.rest_shape import RestShape
-from ..state.state import State
+from ..state.state import State, rest
 from ..state.supported_nodes import set_node
 from ..topology.protocols import Matrix, total
 from .balance_problem import BalanceProblem
@@ -105,7 +105,7 @@ class SteadyProblem(BalanceProblem):
     @cached
     def least(self) -> tuple[Tensor, ...]:
         """See `least_forces`."""
-        return least_forces(self.model, self.conditions.joints)
+        return least_forces(self.model, self.conditions)
 
     @cached
     def element(self) -> ElementAtRest:
@@ -277,13 +277,20 @@ class SteadyProblem(BalanceProblem):
         return Configuration(position, rotation, x.stress)
 
 
-def least_forces(model: Model, joints: JointValues) -> tuple[Tensor, ...]:
+def least_forces(model: Model, now: Conditions) -> tuple[Tensor, ...]:
     """Forces N and moments N m (..., n, *), of which p are forces, that a balance is measured
-    against where nothing but joints acts: the stress of rounding, and the efforts in joints,
-    which what resists in these may balance by itself.
+    against where nothing else acts: the stress of rounding, the efforts in joints, which what
+    resists in these may balance by itself, and the dead loads that what a body touches may.
     """
-    efforts = model.joints.efforts(joints)
-    return (rounding_stress(model), *(() if efforts is None else (efforts,)))
+    terms, efforts = [rounding_stress(model)], model.joints.efforts(now.joints)
+    if efforts is not None:
+        terms.append(efforts)
+    if model.bodies_touch:
+        drawn = model.space.to_reduced(rest(model.scene))
+        nodes = Nodes(drawn.position, drawn.rotation, frame=drawn.frame)
+        dead = external.external(model, nodes, now, now.still)
+        terms += [] if isinstance(dead, float) else [dead]
+    return tuple(terms)
 
 
 def rounding_stress(model: Model) -> Tensor:

@@ -17,6 +17,8 @@ q + H_v q' + H_a q'' and L z on the nodes,
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor
 
@@ -31,6 +33,7 @@ from ..nodal.discretise import discretise
 from ..nodal.element_loads import element_matrix
 from ..nodal.loads import Lags
 from ..nodal.model import Model
+from ..scene.effects.contact_terms import ContactTerms
 from ..state.state import State
 from ..state.state_check import check_state
 from ..statics.balance_check import check_rest
@@ -154,8 +157,9 @@ def of_nodes(
         if now.between:
             here = element_matrix(model, nodes, now, still)
             K = total(K, here.each(torch.neg))
-            D = total(D, element_matrix(model, nodes, now, moved).each(torch.neg), here)
-        by_rates = model.read.intersection(moved)
+            if any(_resists(act.load) for act in now.between):
+                D = total(D, element_matrix(model, nodes, now, moved).each(torch.neg), here)
+        by_rates = any(act.reads.intersection(moved) and _resists(act.load) for act in now.moving)
         rate = at - external.tangent(model, nodes, now, moved) if by_rates else 0.0
         if not isinstance(rate, float):
             D = model.topology.diagonal(rate) if D is None else D.plus(rate)
@@ -170,6 +174,13 @@ def of_nodes(
         place = space.public_position(x.position), space.axes(x.rotation)
         D = model.touching.damping(none if D is None else D, *place)
     return M, D, model.touching.matrix(K, lambda: problem.touching_motion(x)), lagging
+
+
+def _resists(load: Any) -> bool:
+    """Whether it may depend on rates at an instant: contact without friction and damping does so in
+    a step alone.
+    """
+    return load.lossy if isinstance(load, ContactTerms) else True
 
 
 def moves(model: Model, free: Tensor, basis: Tensor | None = None) -> Tensor:

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ..core.derivatives import no_derivatives
-from ..core.leaves import Tree, detached, functions, wants_gradient
+from ..core.leaves import Tree, detached, is_function, recorded, values, wants_gradient
 from ..core.validation import concrete
 from .problem import Problem
 
@@ -40,10 +40,11 @@ def differentiated(problem: Problem, x: Any) -> bool:
     """Whether a derivative is being recorded for anything that a problem depends on: its tensors,
     and, where it has functions, what comes of them.
     """
-    if wants_gradient(problem):
+    found = values(problem)
+    if recorded(found):
         return True
     recording = torch.is_grad_enabled() or torch.autograd.forward_ad._current_level >= 0
-    if not (recording and functions(problem)):
+    if not (recording and any(map(is_function, found))):
         return False
     residual = problem.residual(x)[0]
     return wants_gradient(residual.nodes, residual.strain)

@@ -83,7 +83,8 @@ def relax(
         whole = replace(whole, load_factor=t.new_ones(shape))
         x = Configuration(*(v.expand(*shape, *v.shape[-2:]) for v in x))
         force = _force(model, probe)
-        viscosity, flexibility = _viscosity(model, force), _flexibility(model, force)
+        viscosity = _viscosity(model, force)
+        flexibility = _flexibility(model, force) if model.law.rigid else force
         reached, step = t.new_zeros(shape), t.new_full(shape, FIRST)
         reaction = probe.nodes.new_zeros(*shape, *model.constraints.fixed.shape)
         going = torch.ones(shape, dtype=torch.bool, device=t.device)

@@ -96,6 +96,25 @@ def test_parts_of_structures(tmp_path):
     assert np.isnan(found["force"][3]).all()
 
 
+def test_bodies_alone(tmp_path):
+    """Vertices, without a force: of a scene, a batch of states, a motion and modes."""
+    body = tb.Body(0.1, 1e-3, position=[[0.0, 0, 1.0], [0, 0, 2.0]])
+    of = tb.Scene({"a": body}, joints=[tb.Hinge(None, "a", (0, 1, 0), stiffness=1.0)])
+    state = tb.equilibrium(of)
+    solution = tb.simulate(of, [0.0, 0.1], step=0.1)
+    files = [
+        tb.export(of, tmp_path / "drawn.vtu"),
+        tb.export(state, tmp_path / "state.vtu"),
+        tb.export(tb.modes(of, state, count=1), tmp_path / "modes.vtu", state=state),
+        *(tb.export(solution, tmp_path / "run.pvd").with_suffix("").iterdir()),
+    ]
+    assert len(files) == 5
+    for file in files:
+        found = read(file)
+        assert same(found["points"], of.beam.nodes) and same(found["types"], [1, 1])
+        assert np.isnan(found["force"]).all() and same(found["sample"], [0, 1])
+
+
 def test_modes_are_vectors_to_warp_by(tmp_path):
     """Real, along the mode, the largest displacement 1; of a torsional mode the largest turn."""
     still = tb.equilibrium(scene(force=(0.0, 0, 0)))

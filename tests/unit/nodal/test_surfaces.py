@@ -170,6 +170,76 @@ def test_a_box_on_a_floor_and_a_beam_on_a_fixed_capsule():
     assert_close(forces[1], forces[0], rtol=0.02, atol=0)  # of places along the curve
 
 
+M, G, FORCE, THICK = 0.1, 9.81, 2.0, 1e-3
+
+
+def on_a_floor(shape, above=0.0, **law):
+    """A body of M that rests on a floor, or stands so far above where it does; that place's z, and
+    at how many corners it is borne.
+    """
+    half, corners, surface = {
+        "ball": (0.02, 1, None),
+        "sphere": (0.02, 1, tb.Sphere((0, 0, 0), 0.02)),
+        "capsule": (0.02, 2, tb.Capsule((-0.02, 0, 0), (0.02, 0, 0), 0.02)),
+        "box": (0.015, 4, tb.Box((0, 0, 0), (0.04, 0.04, 0.03), 0.005)),
+    }[shape]
+    z = half + THICK * (1 - math.sqrt(M * G / corners / FORCE))
+    law |= {} if surface else {"radius": half}
+    body = tb.Body(M, 1e-5, position=(0, 0, z + above), surface=surface)
+    floor = tb.Contact("b", tb.Plane((0, 0, 0), (0, 0, 1)), thickness=THICK, force=FORCE, **law)
+    return tb.Scene({"b": body}, [floor, tb.Gravity((0, 0, -G))]), z, corners
+
+
+@pytest.mark.parametrize("shape", ["ball", "sphere", "capsule", "box"])
+def test_a_body_on_a_floor_has_its_equilibrium_and_modes(shape):
+    """At the gap that the law has, from its place, from above within the thickness, and, by
+    relaxation, from where nothing holds it yet. It rises and falls with sqrt(k/M), k the slope of
+    the law there, n times; rocks with the arms of its corners, less what the box's, below its
+    centre, have of its weight; slides, and rolls, freely.
+    """
+    for above, relax in ((0.0, False), (2e-4, False), (5e-3, True)):
+        scene, z, corners = on_a_floor(shape, above)
+        state = tb.equilibrium(scene, relax=relax)
+        assert_close(state.position[0], torch.tensor([0, 0, z]), rtol=0, atol=1e-9)
+        assert_close(tb.sensors.ContactForce(scene)(state), torch.tensor([0, 0, M * G]))
+    scene, *_ = on_a_floor(shape, 5e-3)
+    with pytest.raises(RuntimeError, match=r"nothing holds 6 motions of 'b'.*relax=True"):
+        tb.equilibrium(scene)
+    scene, *_ = on_a_floor(shape)
+    k = corners * 2 * FORCE / THICK * math.sqrt(M * G / corners / FORCE)
+    rocks = {"capsule": [k * 0.02**2], "box": [k * 0.015**2 - 0.01 * M * G] * 2}.get(shape, [])
+    squares = sorted([k / M, *(x / 1e-5 for x in rocks)])
+    free = 6 - len(squares)
+    for state in (None, tb.rest(scene)):
+        found = tb.modes(scene, state).frequency
+        assert_close(found[free:], torch.tensor(squares).sqrt(), rtol=1e-9, atol=0)
+        assert found[:free].abs().max() < 1e-6 * found[-1]
+    rates = torch.linalg.eigvals(tb.linearize(scene).A).imag.sort().values
+    assert_close(rates[-len(squares) :], torch.tensor(squares).sqrt(), rtol=1e-9, atol=0)
+
+
+def test_a_beam_on_a_floor_has_modes_of_its_own():
+    """One that nothing else holds slides, turns and rolls there, four motions, each counted once;
+    with damping, which resists at no rate but that of approach, they count twice.
+    """
+    beam = tb.Beam.straight(0.3, 4, SECTION, root=(0, 0, R + 5e-4))
+    gravity = tb.Gravity((0, 0, -G))
+    weight = float(SECTION.mass[..., 0, 0]) * G
+    for law, free in (({}, 4), (dict(damping=1e-3), 8)):
+        floor = tb.Contact(tb.Plane((0, 0, 0), (0, 0, 1)), radius=R, thickness=1e-3,
+                           force=4 * weight, **law)  # fmt: skip
+        modes = tb.modes(tb.Scene(beam, [gravity, floor], supports=()), count=10)
+        still = modes.frequency.abs() < 1e-3 * modes.frequency.max()
+        assert still.sum() == free
+
+
+@pytest.mark.parametrize("law", [dict(friction=0.3, slip_speed=0.1), dict(damping=1e-3)])
+def test_midpoint4_takes_no_losses_of_a_body(law):
+    scene, *_ = on_a_floor("box", **law)
+    with pytest.raises(ValueError, match=r"Contact, that takes or gives energy.*midpoint4"):
+        tb.simulate(scene, [0.0, 1e-3], step=1e-3, method="midpoint4")
+
+
 BODY = tb.Body(0.1, 1e-5, position=(0, 0, 1.0), surface=BOX)
 PARTS = {"a": tb.Beam.straight(0.1, 2, SECTION), "b": BODY, "c": BODY}
 TERMS = dict(thickness=1e-3, force=1.0)

@@ -59,7 +59,8 @@ def converge(
         t: (time,) s of the motion; None = `solve(scene)` takes the place of `simulate`
         read: a sensor, or a function of the solution, or of the solution and its scene, that gives
             a tensor: (time, ..., *), a history, or (..., *), numbers, with the batch's axes at
-            `...`. Its node is a place: another mesh has it at the same arc length
+            `...`; as many numbers as instants are a history if with one instant more there are
+            more of them. Its node is a place: another mesh has it at the same arc length
         rtol: relative error: RMS over instants and numbers, over the RMS by which the quantity
             moves from its first instant (of numbers over their RMS)
         size: in place of that RMS, in the quantity's units: a number, or (...)

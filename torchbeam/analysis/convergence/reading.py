@@ -15,6 +15,7 @@ from ...core.validation import shown
 from ...scene.beam import Beam
 from ...scene.scene import Scene
 from ...sensors.sensor import Sensor
+from ...state.solution import Energy, Solution
 from .remesh import rows_of
 
 
@@ -59,6 +60,20 @@ class Reader:
             )
         return value.detach()
 
+    def in_time(self, value: Tensor, result: Any, scene: Scene) -> bool:
+        """Whether the first axis of what was read of a solution is its instants, and not by chance
+        as long as these: it grows with one more of them, the last once more, if the function takes
+        that.
+        """
+        count = len(result.t)
+        if isinstance(self.read, Sensor) or not value.ndim or len(value) != count:
+            return True
+        try:
+            longer = self(_with_a_last_one(result), scene)
+        except Exception:  # as where what was measured at these instants is compared
+            return True
+        return longer.ndim > 0 and len(longer) == count + 1
+
     def errors(self, value: Tensor, reference: Tensor, instants: int | None) -> Tensor:
         """Relative errors (...) of the samples: RMS of the difference over the given size, or over
         the RMS by which the reference moves from its first instant; of what has no time, or does
@@ -93,6 +108,18 @@ class Reader:
         difference = rms(value - reference)
         error = torch.where(difference == 0, 0.0, difference / size)  # what vanishes is known
         return torch.where(error.isnan(), math.inf, error)
+
+
+def _with_a_last_one(solution: Solution) -> Solution:
+    """Its last instant is there twice."""
+    count = len(solution.t)
+    at = torch.arange(count + 1, device=solution.t.device).clamp(max=count - 1)
+    return replace(
+        solution,
+        t=torch.cat((solution.t, 2 * solution.t[-1:] - solution.t[-2:-1])),
+        states=solution.state[at],
+        energies=lambda: Energy(*(x if x is None else x[at] for x in solution.energy)),
+    )
 
 
 def _nodes(read: Any) -> Iterator[int]:

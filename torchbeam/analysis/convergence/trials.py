@@ -63,6 +63,7 @@ class Trials:
     counts: dict[float, int] = field(default_factory=dict)  # of steps, by their length
     setup: float = 0.0  # CPU s of a run without steps, as these runs tell
     scenes: dict[tuple[str, int], Scene] = field(default_factory=dict)  # by their meshes
+    in_time: bool | None = None  # whether readings are histories, if their shape is that of one
 
     def __call__(self, setting: Setting) -> Trial:
         if setting not in self.made:
@@ -85,7 +86,7 @@ class Trials:
 
     def apart(self, trial: Trial, reference: Trial) -> float:
         """The same of two trials."""
-        count = None if self.t is None else len(self.t)
+        count = len(self.t) if self.in_time else None
         errors = self.reader.errors(trial.reading, reference.reading, count)
         failed = trial.failed | reference.failed
         errors = torch.where(failed if errors.ndim else failed.any(), math.inf, errors).flatten()
@@ -164,6 +165,8 @@ class Trials:
                 seconds = time.process_time() - begun
                 if Library.count == known:
                     break
+        if self.in_time is None:
+            self.in_time = self.t is not None and self.reader.in_time(reading, result, scene)
         status = getattr(result, "status", None)
         failed = torch.zeros((), dtype=torch.bool) if status is None else status != 0
         if failed.ndim > len(self.reader.scene.batch_shape):

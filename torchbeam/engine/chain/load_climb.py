@@ -16,6 +16,7 @@ from ...equations.load_steps import LIMIT
 from ...equations.steady import Configuration, least_forces
 from ...math.shapes import broadcast_shapes
 from ...nodal.balance import most, same_law
+from ...nodal.conditions import conditions
 from ...nodal.joints import stacked
 from ...nodal.model import Model
 from ...scene.effects import Inputs
@@ -216,7 +217,7 @@ def prepared(
     program = program_of(local, kinds, bool(model.constraints.nodes), around, program_type)
     chain = Chain(program, model, kinds)
     length, p = model.spans, model.space.dims.position
-    least = least_forces(model, model.joints.values(model.scene.joints, t, inputs, t))
+    least = least_forces(model, conditions(model, t, inputs))
     numbers = {"total": length.sum((-1, -2)), "longest": length.amax((-1, -2))}
     for name, columns in (("force", slice(p)), ("moment", slice(p, None))):
         sizes = torch.broadcast_tensors(*(most(x[..., columns]) for x in least))

@@ -10,6 +10,7 @@ import torchbeam as tb
 from torchbeam.analysis.convergence.law import Law, remaining
 from torchbeam.analysis.convergence.reading import Reader, on_mesh
 from torchbeam.analysis.convergence.search import Search
+from torchbeam.analysis.convergence.setting import Setting
 from torchbeam.analysis.convergence.trials import Trials
 
 pytestmark = pytest.mark.steps
@@ -231,3 +232,35 @@ def test_refusals(given, sentence):
     given = {"t": T, "read": tb.sensors.TipPosition(), **given}
     with pytest.raises(ValueError, match=sentence):
         tb.converge(strip(tb.Damping(0.01)), **FEW | given)
+
+
+@pytest.mark.parametrize(
+    "read, alike",
+    [
+        pytest.param(
+            lambda x: torch.arange(1, 12) * x.tip.position[-1, 2],
+            lambda x: x.tip.position[-1, 2],
+            id="numbers, as many as instants",
+        ),
+        pytest.param(lambda x: x.tip.position[:, 2], tb.sensors.TipPosition()[2], id="a history"),
+        pytest.param(
+            lambda x: x.tip.position[:, 2] + torch.zeros(11),
+            tb.sensors.TipPosition()[2],
+            id="a history beside one that was measured",
+        ),
+        pytest.param(lambda x: x.energy.work, lambda x: x.energy.work[:, None], id="work"),
+    ],
+)
+def test_numbers_are_no_history_for_being_as_many_as_instants(read, alike):
+    """Their error is that of one of them, as all are multiples of it; a history's that of a
+    sensor's.
+    """
+    scene, errors = strip(tb.Damping(0.01)), []
+    settings = [Setting("linear", elements, "midpoint", 0.05) for elements in (4, 8)]
+    for one in (read, alike):
+        trials = Trials(
+            lambda at: tb.remesh(scene, **at.mesh), Reader(one, scene), T, None, 1.0, {}
+        )
+        errors.append(trials.difference(*settings))
+    assert errors[0] > 1e-5
+    assert errors[0] == pytest.approx(errors[1], rel=1e-9)

@@ -16,15 +16,20 @@ from torchbeam.engine.chain.coverage import why_eager, why_not_traced
 from torchbeam.nodal.discretise import discretise
 
 pytest.importorskip("llvmlite")
-# One of each kind: two seconds each, to compile. Functions one by one are in engine/compiler,
-# holders of numbers, partials and methods in properties/test_metamorphic.py.
+SINGLE = "network, float32"  # which no other is as exact beside
+# One of each kind, beside each other, as each asks for code of its own; alone in the long run.
+# Functions one by one are in engine/compiler, holders of numbers, partials and methods in
+# properties/test_metamorphic.py.
 # fmt: off
-SHORT = {
-    "cylinder", "LuGre", "stalling wing", "table", "spline in s",
-    "linear solve", "gradient of a potential", "writes into its own", "method of a dataclass",
-    "class of one's own",
-    "network, residual", "network, float32", "recurrent cell", "rate of a field"}
+GROUPS = [
+    ["cylinder", "LuGre", "stalling wing", "table", "spline in s", "linear solve",
+     "gradient of a potential", "writes into its own", "method of a dataclass",
+     "class of one's own", "network, residual", "recurrent cell", "rate of a field"],
+    [SINGLE],
+]
 # fmt: on
+ALONE = [pytest.param([name], id=name, marks=pytest.mark.long) for name in LOADS]
+SHARED = ("batch by places", "batch of an object", "batch of lags", "batch of a flow")
 
 
 @pytest.fixture(autouse=True)
@@ -32,11 +37,11 @@ def auto(monkeypatch):
     monkeypatch.setenv("TORCHBEAM_ENGINE", "auto")
 
 
-def scene(load, EI=1.0):
+def scene(*loads, EI=1.0):
     section = tb.Section.from_stiffness(EA=1e3, GA=4e2, GJ=0.8, EI=EI, mass=0.3, inertia=1e-4)
     return tb.Scene(
         tb.Beam.straight(1.0, 2, section),
-        [load, tb.TipLoad(force=(0.2, 0, 0.8)), tb.MassDamping(0.3)],
+        [*loads, tb.TipLoad(force=(0.2, 0, 0.8)), tb.MassDamping(0.3)],
         plane="xz",
     )
 
@@ -52,26 +57,23 @@ def parameters(load):
     ]
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=[] if name in SHORT else [pytest.mark.long]) for name in LOADS],
-)
-def test_loads_that_users_write_run_natively_as_they_stand(name):
+@pytest.mark.parametrize("names", [*GROUPS, *ALONE], ids=lambda names: ", ".join(names)[:40])
+def test_loads_that_users_write_run_natively_as_they_stand(names):
     """Three steps of 10 ms. float32: eager steps round the network's numbers, native ones do
     not.
     """
-    load, found = LOADS[name](), {}
-    single = any(p.dtype == torch.float32 for p in parameters(load))
+    loads, found, single = [LOADS[name]() for name in names], {}, names == [SINGLE]
+    numbers = [p for load in loads for p in parameters(load)]
     for engine in ("compiled", "eager"):
         EI = torch.tensor(1.0, requires_grad=True)
-        run = scene(load, EI)
+        run = scene(*loads, EI=EI)
         stepper = tb.Stepper(run, 0.01, engine=engine)
         state = stepper.rest()
         for _ in range(3):
             state = stepper(state)
         assert not state.status.any()
         value = state.position[-1] + 0.1 * state.velocity[-1]
-        slopes = torch.autograd.grad(value.sum(), [EI, *parameters(load)])
+        slopes = torch.autograd.grad(value.sum(), [EI, *numbers])
         found[engine] = value.detach(), slopes
     (value, slopes), (expected, gradient) = found.values()
     assert_close(value, expected, rtol=0, atol=1e-6 if single else 1e-12)
@@ -85,8 +87,8 @@ def test_loads_that_users_write_run_natively_as_they_stand(name):
     assert why_eager(discretise(run), "midpoint") is None  # "auto" takes it
 
 
-def stepped(load, engine="auto"):
-    stepper = tb.Stepper(scene(load), 0.01, engine=engine)
+def stepped(*loads, engine="auto"):
+    stepper = tb.Stepper(scene(*loads), 0.01, engine=engine)
     return stepper, stepper(stepper(stepper.rest()))
 
 
@@ -100,7 +102,9 @@ def test_steps_of_an_optimiser_and_other_networks_compile_nothing():
         state.position.square().sum().backward()
         optimiser.step()
         state = stepper(stepper(stepper.rest()))
-        assert_close(state.velocity, stepped(load, "eager")[1].velocity, rtol=1e-10, atol=1e-12)
+        assert_close(
+            state.velocity, stepped(load, engine="eager")[1].velocity, rtol=1e-10, atol=1e-12
+        )
     other = stepped(network(torch.nn.Linear(3, 3)))[0].compiled
     assert stepper.compiled.program is program is other.program
     assert deepcopy(tb.Stepper(scene(load), 0.01, engine="compiled"))(state).velocity.requires_grad
@@ -116,7 +120,7 @@ def test_numbers_of_objects_that_change_are_those_of_now():
     load = tb.Load(contact.force)
     stepper, _ = stepped(load)
     contact.stiffness, contact.settings["gap"][1] = 400.0, -0.1
-    expected = stepped(load, "eager")[1].velocity
+    expected = stepped(load, engine="eager")[1].velocity
     assert_close(stepper(stepper(stepper.rest())).velocity, expected, rtol=1e-10, atol=1e-12)
     again, state = stepped(load)
     assert stepper.compiled is None and again.compiled is not None
@@ -129,32 +133,25 @@ def test_forward_mode_through_what_a_function_closes_over():
     for engine in ("auto", "eager"):
         with forward_ad.dual_level():
             k = forward_ad.make_dual(torch.tensor(3.0), torch.tensor(1.0))
-            state = stepped(tb.Load(lambda x, R, v, w, t, k=k: (-k * x, None)), engine)[1]
+            state = stepped(tb.Load(lambda x, R, v, w, t, k=k: (-k * x, None)), engine=engine)[1]
             found.append(forward_ad.unpack_dual(state.velocity).tangent)
     assert_close(*found, rtol=1e-10, atol=1e-12)
     assert found[0].abs().max() > 1e-3
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(
-            name,
-            marks=[]
-            if name in ("batch by places", "batch of an object", "batch of lags", "batch of a flow")
-            else [pytest.mark.long],
-        )
-        for name in BATCHES
-    ],
+    "names",
+    [SHARED, *(pytest.param([name], id=name, marks=pytest.mark.long) for name in BATCHES)],
+    ids=lambda names: ", ".join(names)[:40],
 )
-def test_a_batch_that_a_function_closes_over_is_a_row_for_each_sample(name):
+def test_a_batch_that_a_function_closes_over_is_a_row_for_each_sample(names):
     """Natively as eagerly: two steps, iterations, the gradient by the batch. Three samples, as
     vectors have components.
     """
     found = []
     for engine in ("auto", "eager"):
         k = THREE.clone().requires_grad_()
-        stepper, state = stepped(BATCHES[name](k), engine)
+        stepper, state = stepped(*(BATCHES[name](k) for name in names), engine=engine)
         assert stepper.engine == (
             "native" if engine == "auto" else engine
         ) and state.batch_shape == (3,)
@@ -178,7 +175,7 @@ def test_a_closed_over_batch_that_changes_is_read_anew():
     k *= 2
     state = stepper(stepper(stepper.rest()))
     assert stepper.engine == "native"
-    assert_close(state.velocity, stepped(load, "eager")[1].velocity, rtol=0, atol=1e-12)
+    assert_close(state.velocity, stepped(load, engine="eager")[1].velocity, rtol=0, atol=1e-12)
     other = stepped(BATCHES["closed-over batch"](3 * THREE))[0]
     assert other.compiled.program is stepper.compiled.program
     shapes = [
