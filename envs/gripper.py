@@ -80,7 +80,7 @@ class GripperConfig(BeamEnvConfig):
             renamed = {"ball": drawn["mass"], "friction": drawn["friction"]}
             object.__setattr__(self, "randomize", renamed)
         if self.solver is None:  # fingers that hold a ball on the table fast want short steps
-            object.__setattr__(self, "solver", {"halvings": 5})
+            object.__setattr__(self, "solver", {"halvings": 5, "iterations": 60})
 
 
 def _range(usual: float) -> tuple[float, float]:

@@ -109,7 +109,7 @@ def _uncertain(task: Task) -> Task:
 TASKS |= {task.name: task for task in map(_uncertain, [*TASKS.values()])}
 # what it does not know is random at its own level
 TASKS["grip"] = Task(
-    "grip", "torchbeam/GripperPlanar-v0", dict(substeps=2), tolerance=0.005, hold=25
+    "grip", "torchbeam/GripperPlanar-v0", dict(substeps=8), tolerance=0.005, hold=25
 )
 
 # what the results table is made for unless tasks are named
