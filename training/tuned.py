@@ -73,28 +73,31 @@ def task_named(name: str) -> Task:
 TASKS = {
     task.name: task
     for task in (
-        Task("reach", "torchbeam/TipReachPlanar-v0", dict(elements=4, substeps=1)),
-        Task("track", "torchbeam/TipTrackPlanar-v0", dict(elements=4, substeps=1), hold=50),
+        Task("reach", "torchbeam/TipReachPlanar-v1", dict(elements=4, substeps=1)),
+        Task("track", "torchbeam/TipTrackPlanar-v1", dict(elements=4, substeps=1), hold=50),
         Task(
             "flutter",
-            "torchbeam/FlutterHoldPlanar-v0",
-            dict(elements=6, substeps=2),
+            "torchbeam/FlutterHoldPlanar-v1",
+            dict(elements=6, substeps=2, failure_reward=-100.0),  # as the studies have it
             tolerance=0.01,
         ),
         Task(
-            "slew", "torchbeam/SlewPlanar-v0", dict(elements=4, substeps=1), hold=25
+            "slew", "torchbeam/SlewPlanar-v1", dict(elements=4, substeps=1), hold=25
         ),  # half a period of the strip
         Task(
             "payload",
-            "torchbeam/PayloadPlanar-v1",
+            "torchbeam/PayloadPlanar-v2",
             dict(elements=4, substeps=1),
             tolerance=0.01,
             hold=25,
         ),
-        Task("reach-3d", "torchbeam/TipReach-v0", dict(elements=4, substeps=1)),
-        Task("track-3d", "torchbeam/TipTrack-v0", dict(elements=4, substeps=1), hold=50),
+        Task("reach-3d", "torchbeam/TipReach-v1", dict(elements=4, substeps=1)),
+        Task("track-3d", "torchbeam/TipTrack-v1", dict(elements=4, substeps=1), hold=50),
         Task(
-            "flutter-3d", "torchbeam/FlutterHold-v0", dict(elements=6, substeps=2), tolerance=0.01
+            "flutter-3d",
+            "torchbeam/FlutterHold-v1",
+            dict(elements=6, substeps=2, failure_reward=-100.0),
+            tolerance=0.01,
         ),
     )
 }
@@ -122,6 +125,7 @@ PPO: dict[str, dict[str, Any]] = {
     "flutter": dict(num_envs=32, horizon=50, deviation=0.1),
     "slew": dict(num_envs=32, horizon=50),
     "slew-uncertain": dict(num_envs=32, horizon=50),
+    "grip": dict(teacher="Grasp", lessons=4, num_envs=32, deviation=0.1, rate=5e-4),
 }
 SAC: dict[str, dict[str, Any]] = {}
 # rewards that become small are scaled up: else the critic's errors hide them
@@ -130,5 +134,6 @@ SHAC: dict[str, dict[str, Any]] = {
     "track-3d": dict(reward_scale=1.0, deviation=0.1),
     "flutter": dict(rate=5e-3, reward_scale=10.0, deviation=0.1),
     "flutter-3d": dict(rate=5e-3, reward_scale=10.0, deviation=0.1),
+    "grip": dict(teacher="Grasp", lessons=4, num_envs=32, horizon=25, rate=2e-3, deviation=0.1),
 }
 SB3: dict[str, dict[str, dict[str, Any]]] = {}

@@ -15,7 +15,7 @@ from torchbeam_envs import TipReachEnv, TipReachVectorEnv, holding_action
 
 import torchbeam as tb
 
-ID = "torchbeam/TipReach-v0"
+ID = "torchbeam/TipReach-v1"
 SMALL = dict(elements=2, substeps=1)
 torch.set_num_threads(1)
 

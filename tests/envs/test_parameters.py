@@ -222,7 +222,7 @@ def test_noise_is_normal():
 
 
 def test_motion_in_a_plane_stays_there():
-    env = gymnasium.make_vec("torchbeam/TipReachPlanar-v0", num_envs=2, **SMALL)
+    env = gymnasium.make_vec("torchbeam/TipReachPlanar-v1", num_envs=2, **SMALL)
     assert env.action_space.shape == (2, 1) and env.observation_space.shape == (2, 11)
     env.reset(seed=0)
     for _ in range(5):

@@ -19,7 +19,7 @@ from training.tuned import TASKS, Task
 torch.set_num_threads(1)
 TINY = Task(
     "tiny",
-    "torchbeam/TipReachPlanar-v0",
+    "torchbeam/TipReachPlanar-v1",
     dict(elements=2, substeps=1, max_episode_steps=12, control_interval=0.05),
 )
 LEARNERS = {
@@ -307,7 +307,7 @@ def test_a_task_of_ones_own(tmp_path, capsys, monkeypatch):
     """From its module, on the command line; its policy is scored by what the file says of it."""
     (tmp_path / "own_task.py").write_text(
         "from training.tuned import Task\n"
-        "lift = Task('lift', 'torchbeam/TipReachPlanar-v0', "
+        "lift = Task('lift', 'torchbeam/TipReachPlanar-v1', "
         "dict(elements=2, substeps=1, max_episode_steps=4), tolerance=0.5, hold=2)\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
