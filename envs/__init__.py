@@ -74,9 +74,9 @@ def __getattr__(name: str) -> Any:
 
 
 # those of which are not the first
-VERSIONS = dict.fromkeys(
-    ("TipReach", "TipTrack", "FlutterHold", "Slew", "TwoLink", "Peg"), 1
-) | {"Payload": 2}
+VERSIONS = dict.fromkeys(("TipReach", "TipTrack", "FlutterHold", "Slew", "TwoLink", "Peg"), 1) | {
+    "Payload": 2
+}
 
 
 def _register(task: str, steps: int, module: str, name: str, **arguments: Any) -> None:

@@ -17,10 +17,7 @@ IDS = sorted(
     for id in gymnasium.registry
     if id.startswith("torchbeam/") and not any(name in id for name in PUBLISHED)
 )
-ONCE = [
-    pytest.param(id, marks=[pytest.mark.long] * ("Planar" not in id))
-    for id in IDS
-]
+ONCE = [pytest.param(id, marks=[pytest.mark.long] * ("Planar" not in id)) for id in IDS]
 EPISODES = 2
 
 
