@@ -133,7 +133,7 @@ def test_parameters_that_cannot_be_solved_end_their_own_episode():
     np.testing.assert_allclose(a[0][others], b[0][others], atol=1e-6)
     assert (
         b[2].nonzero()[0].tolist() == [17]
-        and b[1][17] == -100
+        and b[1][17] == -ill.config.intervals * ill.simulation.worst
         and np.isfinite(b[0]).all()
         and np.isfinite(b[1]).all()
     )
