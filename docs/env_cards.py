@@ -25,13 +25,13 @@ SIZE, COLOURS, PICTURES, SHOWN = (420, 300), 32, 25, 80  # ms a picture
 # The baseline of each task: of those without learning and looking ahead the one made for it, with
 # its own settings, but for the effort that is best of 0.01 to 10 on episodes of seed 0.
 TASKS = {
-    "TipReach-v0": baselines.LQR,
-    "TipTrack-v0": baselines.LQR,
-    "FlutterHold-v0": baselines.LQR,
-    "SlewPlanar-v0": partial(baselines.JointLQR, effort=1.0),
-    "Payload-v1": baselines.LQR,
-    "TwoLink-v0": partial(baselines.JointLQR, effort=0.01),
-    "Peg-v0": baselines.Insert,
+    "TipReach-v1": baselines.LQR,
+    "TipTrack-v1": baselines.LQR,
+    "FlutterHold-v1": baselines.LQR,
+    "SlewPlanar-v1": partial(baselines.JointLQR, effort=1.0),
+    "Payload-v2": baselines.LQR,
+    "TwoLink-v1": partial(baselines.JointLQR, effort=0.01),
+    "Peg-v1": baselines.Insert,
     "Gripper-v0": baselines.Grasp,
     "FollowTarget-v0": baselines.ResolvedRate,
     "InverseKinematics-v0": baselines.ResolvedRate,

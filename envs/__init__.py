@@ -1,8 +1,8 @@
 """torchbeam_envs: Gymnasium environments over torchbeam. Importing it registers them under
 "torchbeam/".
 
-    gymnasium.make("torchbeam/TipReach-v0")
-    gymnasium.make_vec("torchbeam/TipReach-v0", num_envs=256)
+    gymnasium.make("torchbeam/TipReach-v1")
+    gymnasium.make_vec("torchbeam/TipReach-v1", num_envs=256)
     TipReachVectorEnv(256, output="torch")       tensors, differentiable end to end
 
 What an environment of one's own is made of: `Task`, `BeamEnvConfig`, `Actuator`, `TipForce`,
@@ -73,7 +73,10 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-VERSIONS = {"Payload": 1}  # those of which are not the first
+# those of which are not the first
+VERSIONS = dict.fromkeys(("TipReach", "TipTrack", "FlutterHold", "Slew", "TwoLink", "Peg"), 1) | {
+    "Payload": 2
+}
 
 
 def _register(task: str, steps: int, module: str, name: str, **arguments: Any) -> None:

@@ -168,8 +168,8 @@ def rows(quick: bool) -> Iterator[measurement.Measured]:
     and a batch in the plane.
     """
     for id, batch in (
-        ("torchbeam/TipReach-v0", 1),
-        ("torchbeam/TipReachPlanar-v0", 64 if quick else 1024),
+        ("torchbeam/TipReach-v1", 1),
+        ("torchbeam/TipReachPlanar-v1", 64 if quick else 1024),
     ):
         env = gymnasium.make(id) if batch == 1 else gymnasium.make_vec(id, num_envs=batch)
         env.action_space.seed(0)

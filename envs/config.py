@@ -20,7 +20,7 @@ from .sensors import Observed, check_names
 
 @dataclass(frozen=True, kw_only=True)
 class BeamEnvConfig:
-    """The keywords that every task takes (defaults are those of `torchbeam/TipReach-v0`); tasks add
+    """The keywords that every task takes (defaults are those of `torchbeam/TipReach-v1`); tasks add
     their own.
 
     The beam
@@ -64,7 +64,9 @@ class BeamEnvConfig:
                        name -> (low, high); True = every
                        parameter, from its documented range; None
     control_cost       per interval and |action|^2
-    failure_reward     of the interval in which the solver fails, or the task does
+    failure_reward     of the interval in which the solver fails, or the task does; None = so little
+                       that going on is never worse: for it and each interval that the time limit
+                       leaves as much as one costs at most (`Task.worst_cost`)
     max_episode_steps  None = no end
 
     Examples:
@@ -99,7 +101,7 @@ class BeamEnvConfig:
     frames: int = 1
     randomize: bool | Mapping[str, Sequence[float]] | None = None
     control_cost: float = 1e-3
-    failure_reward: float = -100.0
+    failure_reward: float | None = None
     max_episode_steps: int | None = 50
 
     def __post_init__(self) -> None:
@@ -107,7 +109,8 @@ class BeamEnvConfig:
             count(name, getattr(self, name), least)
         if self.max_episode_steps is not None:
             count("max_episode_steps", self.max_episode_steps, 1)
-        self.check_numbers("failure_reward")
+        if self.failure_reward is not None:
+            self.check_numbers("failure_reward")
         self.check_numbers("control_interval", "length", above=0.0)
         self.check_numbers("control_cost", "noise", least=0.0)
         if self.accuracy is not None:
@@ -206,6 +209,12 @@ class BeamEnvConfig:
             )
         if self.solver is not None:
             check_solver(self.form, self.method, self.solver)
+
+    @property
+    def intervals(self) -> int:
+        """In an episode; where nothing ends it, as many as the task has by default."""
+        usual = type(self).max_episode_steps or BeamEnvConfig.max_episode_steps
+        return self.max_episode_steps or usual
 
     def check_numbers(
         self,

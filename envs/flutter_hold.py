@@ -82,12 +82,15 @@ class FlutterHold(Task):
     def cost(self, now: Episodes) -> Tensor:
         return rounded(now.measures["distance"], self.length)
 
+    def farthest(self) -> float:
+        return self.length / 4  # beyond it is lost
+
     def task_failed(self, now: Episodes) -> Tensor:
         return now.measures["lost"]
 
     def measures(self, now: Episodes) -> dict[str, Tensor]:
         off = distance(now.beam.position[:, -1], now.start.position[:, -1])
-        return {"distance": off, "lost": off > self.length / 4}
+        return {"distance": off, "lost": off > self.farthest()}
 
     def render_data(self, now: Episodes) -> dict[str, Any]:
         return {"thrust": now.plant.params["thrust"].expand(len(now.steps))}
@@ -128,7 +131,8 @@ class FlutterHoldVectorEnv(BeamVectorEnv):
     ## Reward
     Per control interval, with d the tip's distance from its place on the straight strip:
         - (sqrt(d^2 + s^2) - s) / (0.1 L) - control_cost |a|^2,   s = L / 1000
-    In the interval in which the strip is lost, or the solver fails, failure_reward instead.
+    In the interval in which the strip is lost, or the solver fails, minus the most that one costs,
+    2.5, for it and for each that the time limit leaves, or the failure_reward that was given.
 
     ## Starting state
     Straight, kicked: velocities kick (x/L)^2 along y and z, each uniform in [-kick, kick], from the
@@ -148,7 +152,7 @@ class FlutterHoldVectorEnv(BeamVectorEnv):
     thrust  1.2, in units of Beck's load of the section at its usual stiffness
     kick    m/s, 0.2: of the tip at the start, at most, in each direction
 
-    "torchbeam/FlutterHoldPlanar-v0" is this with planar=True: the horizontal plane, the soft
+    "torchbeam/FlutterHoldPlanar-v1" is this with planar=True: the horizontal plane, the soft
     direction.
 
     ## Parameters
@@ -156,6 +160,8 @@ class FlutterHoldVectorEnv(BeamVectorEnv):
     (m/s) along y and z.
 
     ## Version history
+    v1: failing costs what is left; in v0 it cost 100, as with failure_reward = -100 (which the
+    studies of learning are made with).
     v0: first version.
 
     Examples:

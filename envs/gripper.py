@@ -20,7 +20,7 @@ from .core import BeamVectorEnv
 from .episodes import Episodes
 from .parameters import Parameter
 from .plant import first_frequency, varied
-from .reach import distance, rounded, share_in_ball, uniform_numbers
+from .reach import distance, rounded, share_in_ball, travelled, uniform_numbers
 from .single import SingleEnv
 from .task import Task
 
@@ -80,7 +80,7 @@ class GripperConfig(BeamEnvConfig):
             renamed = {"ball": drawn["mass"], "friction": drawn["friction"]}
             object.__setattr__(self, "randomize", renamed)
         if self.solver is None:  # fingers that hold a ball on the table fast want short steps
-            object.__setattr__(self, "solver", {"halvings": 5})
+            object.__setattr__(self, "solver", {"halvings": 5, "iterations": 60})
 
 
 def _range(usual: float) -> tuple[float, float]:
@@ -271,6 +271,11 @@ class Gripper(Task):
         far = distance(now.target[:, 0], now.beam.position[:, -1])
         return {"distance": far, "lifted": far < NEAR}
 
+    def farthest(self) -> float:
+        """As far as the motor takes the hub within an episode, and a hand with its ball beyond."""
+        c, seconds = self.config, self.config.intervals * self.config.control_interval
+        return travelled(c.motor, c.hub, c.drag, seconds) + c.lift + 2 * self.length
+
     def cost(self, now: Episodes) -> Tensor:
         return rounded(now.measures["distance"], self.length)
 
@@ -339,6 +344,8 @@ class GripperVectorEnv(BeamVectorEnv):
     ## Reward
     Per control interval, with d the distance from the ball's centre to its target:
         - (sqrt(d^2 + s^2) - s) / (0.1 L) - control_cost |a|^2,   s = L / 1000
+    A failed solve costs, for its interval and each that is left, as much as the farthest place to
+    which the motor takes the hand.
 
     ## Starting state
     At rest, fingers straight down and open. The ball lies on the table, uniformly in a circle of
@@ -357,7 +364,8 @@ class GripperVectorEnv(BeamVectorEnv):
     Those of `BeamEnvConfig` (see `envs/config.py`) without section, direction, up, beam, supports,
     actuators and force, with its defaults but length = 0.11, elements = 4 (of a finger), damping =
     2e-3, delay = 0, substeps = 4, sensors = "tip", max_episode_steps = 100,
-    randomize = {"ball": (0.03, 0.07), "friction": (0.36, 0.84)}, solver = {"halvings": 5}, and
+    randomize = {"ball": (0.03, 0.07), "friction": (0.36, 0.84)}, solver = {"halvings": 5,
+    "iterations": 60}, and
     radius, young, density  of the fingers: 0.005 m, 2e7 Pa, 1100 kg/m^3
     ball, mass    m and kg, 0.025 (radius) and 0.05
     friction      0.6, what it is unless it varies

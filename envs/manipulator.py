@@ -48,7 +48,7 @@ class ManipulatorConfig(BeamEnvConfig):
     delay: int = 0
     control_interval: float = 0.1
     control_cost: float = 0.0
-    failure_reward: float = -10.0
+    failure_reward: float | None = -10.0  # as published
     sensors: str | Observed | Sequence[str | Observed] | None = None
 
     def __post_init__(self) -> None:

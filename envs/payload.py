@@ -83,12 +83,13 @@ class PayloadVectorEnv(BeamVectorEnv):
     randomize = {"payload": (0.05, 0.15)}, and
     payload  kg, 0.1: the usual mass
 
-    "torchbeam/PayloadPlanar-v1" is this with planar=True: the vertical plane x-z.
+    "torchbeam/PayloadPlanar-v2" is this with planar=True: the vertical plane x-z.
 
     ## Parameters
     payload (half to one and a half times the usual, kg), and those of TipReach.
 
     ## Version history
+    v2: failing costs what is left, see TipReach; in v1 it cost 100, less than doing nothing.
     v1: all start in one shape. v0 started in equilibrium with the mass of the episode: how far the
     target was from there gave it away, to 2 g of 29 g in the first observation.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,7 +19,7 @@ from .config import BeamEnvConfig, is_number
 from .core import BeamVectorEnv
 from .episodes import Episodes
 from .parameters import Parameter
-from .reach import distance, rounded
+from .reach import distance, rounded, travelled
 from .single import SingleEnv
 from .task import Task
 
@@ -214,6 +215,13 @@ class Peg(Task):
         far = distance(now.target[:, 0], now.beam.position[:, -1])
         return {"distance": far, "inserted": far < NEAR}
 
+    def farthest(self) -> float:
+        """As far as the motors take the carriage within an episode, and a swinging rod beyond."""
+        c, seconds = self.config, self.config.intervals * self.config.control_interval
+        along = travelled(c.motor, c.carriage, c.drag, seconds)
+        start = c.offset + c.height + c.depth
+        return start + math.sqrt(self.directions) * along + 2 * self.length
+
     def cost(self, now: Episodes) -> Tensor:
         return rounded(now.measures["distance"], self.length)
 
@@ -267,6 +275,8 @@ class PegVectorEnv(BeamVectorEnv):
     ## Reward
     Per control interval, with d the distance from the tip to its target:
         - (sqrt(d^2 + s^2) - s) / (0.1 L) - control_cost |a|^2,   s = L / 1000
+    A failed solve costs, for its interval and each that is left, as much as the farthest place to
+    which the motors take the rod.
 
     ## Starting state
     Straight down and at rest, the tip 30 mm above the plate, and a quarter of offset to offset =
@@ -289,7 +299,7 @@ class PegVectorEnv(BeamVectorEnv):
     motor         N, 3;  carriage  kg, 0.5;  drag  N s/m, 5
     friction      0.2, what it is unless it varies
 
-    "torchbeam/PegPlanar-v0" is this with planar=True: the plane x-z, in which the hole is a slot;
+    "torchbeam/PegPlanar-v1" is this with planar=True: the plane x-z, in which the hole is a slot;
     two actions.
 
     ## Parameters
@@ -297,6 +307,7 @@ class PegVectorEnv(BeamVectorEnv):
     options={"goal": ...}, is where the rod starts: x, y (m); in the plane x.
 
     ## Version history
+    v1: failing costs what is left; in v0 it cost 100, less than doing nothing.
     v0: first version.
 
     Examples:

@@ -150,6 +150,14 @@ def rounded_square(square: Tensor, length: float) -> Tensor:
     return ((square + soft**2).sqrt() - soft) / (0.1 * length)
 
 
+def travelled(force: float, mass: float, drag: float, time: float) -> float:
+    """m by which a force (N) moves a mass (kg) at most, from rest and along an axis, against a drag
+    (N s/m) within a time (s): as without the drag, or as without the mass.
+    """
+    free = force * time**2 / (2 * mass)
+    return min(free, force * time / drag) if drag else free
+
+
 # actions (n, a) -> tips (n, 3) m and their derivatives (n, 3, a)
 Tip = Callable[[Tensor], tuple[Tensor, Tensor]]
 

@@ -1,6 +1,6 @@
 """Sb3VecEnv: the vector environments behind stable-baselines3's interface (extra `rl`).
 
-env = Sb3VecEnv(gymnasium.make_vec("torchbeam/TipReach-v0", 64, autoreset_mode="SameStep"))
+env = Sb3VecEnv(gymnasium.make_vec("torchbeam/TipReach-v1", 64, autoreset_mode="SameStep"))
 stable_baselines3.PPO("MlpPolicy", env).learn(100_000)
 """
 

@@ -38,6 +38,7 @@ class Simulation:
         known: the parameters that there are
         ranges: name -> (low, high) of those drawn at each reset
         spare: intervals by which actions may be late
+        worst: what an interval costs at most; None where failing costs something else
         varying: names of the parameters that have a value for each sub-env; grows when a reset is
             given values for others
 
@@ -64,6 +65,8 @@ class Simulation:
         self.rest = self._settled(self.plant, count)
         self.ranges = self.known.ranges(c.randomize)
         self.spare = imperfections.spare(self.ranges)
+        most = c.control_cost * task.actions
+        self.worst = task.worst_cost() + most if c.failure_reward is None else None
         self.varying |= set(self.ranges)
         task.prepare(self.plant)
         self.observer = Observer(task.observed(), self.rest[0])
@@ -116,7 +119,7 @@ class Simulation:
         good = active & ~failed
         observation = torch.where(good[:, None], observation, before.observation)
         ended = failed if over is None else failed | (good & over)
-        reward = torch.where(active, torch.where(ended, self.config.failure_reward, reward), 0.0)
+        reward = torch.where(active, torch.where(ended, self._failure_reward(before), reward), 0.0)
         terminated, truncated = before.terminated | ended, before.truncated
         if late is not None:
             truncated = truncated | (good & late & ~terminated)
@@ -210,6 +213,14 @@ class Simulation:
         return now, pending, late
 
     # Inside
+
+    def _failure_reward(self, before: Episodes) -> Tensor:
+        """() or (n,), of an interval in which episodes fail that stand as `before` at its start."""
+        c = self.config
+        if self.worst is None:
+            return before.observation.new_tensor(c.failure_reward)
+        left = (c.intervals - before.steps).clamp(min=1)
+        return -self.worst * left.to(before.observation)
 
     def _told(self, now: Episodes) -> Episodes:
         """With what the task says of them."""

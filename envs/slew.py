@@ -185,13 +185,14 @@ class SlewVectorEnv(BeamVectorEnv):
     torque   N m, 1
     inertia  kg m^2, 0.05: of the hub about z (the strip's own about the hub is 0.091)
 
-    "torchbeam/SlewPlanar-v0" is this with planar=True: the horizontal plane, two actions.
+    "torchbeam/SlewPlanar-v1" is this with planar=True: the horizontal plane, two actions.
 
     ## Parameters
     inertia (half to one and a half times the usual, kg m^2), and those of TipReach but offset. The
     goal, for options={"goal": ...}, is the angle (rad).
 
     ## Version history
+    v1: failing costs what is left, see TipReach; in v0 it cost 100, less than doing nothing.
     v0: first version.
 
     Examples:

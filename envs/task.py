@@ -60,6 +60,8 @@ class Task:
         target_observation(now, tip)  what is seen beside the sensors, (n, its size); tip: its
                                       displacement as it is observed
         cost(now)                   (n,), of an interval, at its end
+        farthest()                  m, or
+        worst_cost()                what an interval costs at most: from this, what failing does
         task_failed(now)            (n,) bool, or None: whether nothing is left to do; it costs what
                                     a failed solve does
         measures(now)               what goes into `info`, name -> (n,)
@@ -274,6 +276,18 @@ class Task:
         target (where there is none, its place at the start), for planning: concave, smooth at 0.
         """
         return rounded_square(square, self.length)
+
+    def farthest(self) -> float:
+        """m between the tip and a target within its reach, as long as the episode has not failed:
+        at most twice the length of a beam with one end held.
+        """
+        return 2 * self.length
+
+    def worst_cost(self) -> float:
+        """The most that `cost` is as long as the episode has not failed: that of the distance
+        `farthest`.
+        """
+        return self.square_cost(self.omega.new_tensor(self.farthest() ** 2)).item()
 
     def task_failed(self, now: Episodes) -> Tensor | None:
         return None

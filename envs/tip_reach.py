@@ -109,7 +109,9 @@ class TipReachVectorEnv(BeamVectorEnv):
     ## Reward
     Per control interval, with d = |target - tip| at its end and a the clipped action given:
         - (sqrt(d^2 + s^2) - s) / (0.1 L) - control_cost |a|^2,   s = L / 1000
-    so 15 cm from the target cost 1 a step. A failed solve gives failure_reward instead.
+    so 15 cm from the target cost 1 a step. A failed solve costs instead, for its interval and each
+    that the time limit leaves, as much as a distance of 2 L, 20: going on is never worse. Such a
+    reward is not discounted, and is another where failure_reward is given.
 
     ## Starting state
     Always the same: at rest under gravity, without tip force. The target is the static tip position
@@ -132,8 +134,8 @@ class TipReachVectorEnv(BeamVectorEnv):
     reach  0.8: share of the force bounds that targets need at most on the usual strip, above 0 and
            up to 1
 
-    "torchbeam/TipReachPlanar-v0" is this with planar=True: the horizontal plane, one action,
-    9 + delay observations. "torchbeam/TipReachBlockRate-v0" is the silicone rod, 0.3 m, in two
+    "torchbeam/TipReachPlanar-v1" is this with planar=True: the horizontal plane, one action,
+    9 + delay observations. "torchbeam/TipReachBlockRate-v1" is the silicone rod, 0.3 m, in two
     elements of the index-reduced block rate form, by rk4, without gravity and damping.
 
     ## Parameters
@@ -144,6 +146,7 @@ class TipReachVectorEnv(BeamVectorEnv):
     of reach is taken as it is, and its distance stays positive.
 
     ## Version history
+    v1: failing costs what is left; in v0 it cost 100, as with failure_reward = -100.
     v0: first version.
 
     Examples:

@@ -199,7 +199,7 @@ class TipTrackVectorEnv(BeamVectorEnv):
              above 0 and up to 1
     preview  3: intervals by which the target is known ahead
 
-    "torchbeam/TipTrackPlanar-v0" is this with planar=True: the horizontal plane, where circle and
+    "torchbeam/TipTrackPlanar-v1" is this with planar=True: the horizontal plane, where circle and
     lemniscate are one swing.
 
     ## Parameters
@@ -207,6 +207,7 @@ class TipTrackVectorEnv(BeamVectorEnv):
     a_1 b_1 a_2 b_2 a_3 b_3, each along y and z: (12,), or (6,) in a plane.
 
     ## Version history
+    v1: failing costs what is left, see TipReach; in v0 it cost 100, less than doing nothing.
     v0: first version.
 
     Examples:

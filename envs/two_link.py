@@ -274,7 +274,7 @@ class TwoLinkVectorEnv(BeamVectorEnv):
     inertia  kg m^2, 0.02: of either motor;  motor  kg, 0.05: the elbow's mass
     payload  kg, 0.05: on the tip
 
-    "torchbeam/TwoLinkPlanar-v0" is this with planar=True: two actions and 16 + 2 preview + 2 delay
+    "torchbeam/TwoLinkPlanar-v1" is this with planar=True: two actions and 16 + 2 preview + 2 delay
     observations.
 
     ## Parameters
@@ -282,6 +282,7 @@ class TwoLinkVectorEnv(BeamVectorEnv):
     for options={"goal": ...}, is a_1 b_1 a_2 b_2 a_3 b_3, each of shoulder and elbow: (12,).
 
     ## Version history
+    v1: failing costs what is left, see TipReach; in v0 it cost 100, less than doing nothing.
     v0: first version.
 
     Examples:

@@ -1,7 +1,7 @@
 """The uncertain level of tasks: keywords under which plants, actuators and sensors are no better
 known than to a real controller. The nominal level is a task's defaults.
 
-    gymnasium.make_vec("torchbeam/TipReach-v0", num_envs=256, **UNCERTAIN["TipReach"])
+    gymnasium.make_vec("torchbeam/TipReach-v1", num_envs=256, **UNCERTAIN["TipReach"])
 """
 
 from __future__ import annotations

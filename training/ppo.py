@@ -13,6 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from .common import environment_state, main, restore_environment, training_seed
+from .imitation import Imitation
 from .policies import Policy, Statistics, Value
 from .tuned import PPO as TUNED
 from .tuned import Task
@@ -54,6 +55,12 @@ class Arguments:
     """what the environment gives, "numpy" or "torch": the numbers are the same but for rounding to
     float32
     """
+    teacher: str = ""
+    """a controller of `torchbeam_envs.baselines` that the policy first learns to imitate, such as
+    LQR; none where it is empty
+    """
+    lessons: int = 40
+    """horizons in which it does so, and the value learns beside it"""
 
 
 class PPO:
@@ -84,17 +91,22 @@ class PPO:
         self.returns = Statistics(1)
         self.running = torch.zeros(a.num_envs, dtype=torch.float64)
         self.observation = torch.as_tensor(self.env.reset(seed=training_seed(a.seed))[0])
+        self.imitation = (
+            Imitation(self.env, self.policy, a.teacher, a.lessons) if a.teacher else None
+        )
 
     @torch.no_grad()
-    def collect(self) -> dict[str, Tensor]:
-        """One horizon of data, each (horizon, n, ...); `next` is the observation before any
-        reset.
+    def collect(self, lesson: Imitation | None = None) -> dict[str, Tensor]:
+        """One horizon of data, each (horizon, n, ...), with the policy as it is, or as a lesson;
+        `next` is the observation before any reset.
         """
         policy, rows = self.policy, []
         for _ in range(self.arguments.horizon):
             noise = torch.randn(self.env.action_space.shape, generator=self.generator)
             distribution = policy.distribution(self.observation)
             action = distribution.mean + distribution.stddev * noise
+            if lesson is not None:
+                action = lesson.act(self.observation, action)
             given = action if self.arguments.output == "torch" else action.numpy()
             after, reward, terminated, truncated, info = self.env.step(given)
             after, reward, terminated, truncated = map(
@@ -143,6 +155,9 @@ class PPO:
         a = self.arguments
         for group in self.optimizer.param_groups:
             group["lr"] = a.rate * (1 - 0.9 * done)
+        lesson = self.imitation
+        if lesson is not None and not lesson.over:
+            return self.imitate(lesson)
         data = self.collect()
         advantage, target = (x.flatten() for x in self.advantages(data))
         data = {name: data[name].flatten(0, 1) for name in ("observation", "action", "likelihood")}
@@ -184,6 +199,23 @@ class PPO:
             "deviation": self.policy.log_deviation.exp().mean().item(),
         }
 
+    def imitate(self, lesson: Imitation) -> dict[str, float]:
+        """An iteration that is a lesson."""
+        data = self.collect(lesson)
+        gap = lesson.learn(self.generator)
+        target = self.advantages(data)[1].flatten()
+        seen = self.policy.statistics(data["observation"]).flatten(0, 1).float()
+        for _ in range(self.arguments.epochs):
+            for rows in torch.randperm(self.batch, generator=self.generator).chunk(
+                self.arguments.minibatches
+            ):
+                error = (self.value(seen[rows]) - target[rows]).square().mean()
+                self.optimizer.zero_grad()
+                error.backward()
+                nn.utils.clip_grad_norm_(self.parameters, self.arguments.gradient_norm)
+                self.optimizer.step()
+        return {"imitation_error": gap, "value_error": error.item()}
+
     def state_dict(self) -> dict[str, Any]:
         return {
             "policy": self.policy.state_dict(),
@@ -193,6 +225,7 @@ class PPO:
             "returns": self.returns.state_dict(),
             "running": self.running,
             "environment": environment_state(self.env),
+            "imitation": self.imitation and self.imitation.state_dict(),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -201,6 +234,8 @@ class PPO:
         self.generator.set_state(state["generator"])
         self.running = state["running"]
         self.observation = torch.as_tensor(restore_environment(self.env, state["environment"]))
+        if self.imitation is not None:
+            self.imitation.load_state_dict(state["imitation"])
 
 
 if __name__ == "__main__":

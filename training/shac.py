@@ -14,6 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from .common import environment_state, main, restore_environment, training_seed
+from .imitation import Imitation
 from .policies import Policy, Value
 from .tuned import SHAC as TUNED
 from .tuned import Task
@@ -49,6 +50,12 @@ class Arguments:
     """rewards are multiplied by this, for the critic's sake"""
     deviation: float = 0.3
     """standard deviation of the actions (before tanh) at the start"""
+    teacher: str = ""
+    """a controller of `torchbeam_envs.baselines` that the policy first learns to imitate, such as
+    LQR; none where it is empty
+    """
+    lessons: int = 40
+    """windows in which it does so, and the critic learns beside it"""
 
 
 class SHAC:
@@ -82,10 +89,13 @@ class SHAC:
         self.generator = torch.Generator().manual_seed(a.seed)
         self.left_out = 0
         self.env.reset(seed=training_seed(a.seed))
+        self.imitation = (
+            Imitation(self.env, self.policy, a.teacher, a.lessons) if a.teacher else None
+        )
 
-    def window(self) -> tuple[Tensor, dict[str, Tensor]]:
+    def window(self, lesson: Imitation | None = None) -> tuple[Tensor, dict[str, Tensor]]:
         """(objective (n,) in the graph, data (horizon, n, ...) without): one window with the policy
-        as it is.
+        as it is, or as a lesson.
         """
         a, see = self.arguments, self.policy.statistics
         observation = self.env.initialize_trajectory()
@@ -94,9 +104,10 @@ class SHAC:
         rows = []
         for k in range(a.horizon):
             noise = torch.randn(self.env.action_space.shape, generator=self.generator)
-            after, reward, terminated, truncated, info = self.env.step(
-                self.policy.act(observation, noise)
-            )
+            action = self.policy.act(observation, noise)
+            if lesson is not None:
+                action = lesson.act(observation, action)
+            after, reward, terminated, truncated, info = self.env.step(action)
             reward, over, last = a.reward_scale * reward, terminated | truncated, after
             if over.any():
                 last = torch.where(over[:, None], info["final_obs"], after)
@@ -141,6 +152,8 @@ class SHAC:
         for optimizer, rate in ((self.optimizer, a.rate), (self.critic_optimizer, a.critic_rate)):
             for group in optimizer.param_groups:
                 group["lr"] = rate * (1 - 0.9 * done)
+        if self.imitation is not None and not self.imitation.over:
+            return self.imitate(self.imitation)
         objective, data = self.window()
         self.optimizer.zero_grad()
         (-objective.mean()).backward()
@@ -157,6 +170,13 @@ class SHAC:
             "value_error": error,
             "deviation": self.policy.log_deviation.exp().mean().item(),
         }
+
+    def imitate(self, lesson: Imitation) -> dict[str, float]:
+        """An iteration that is a lesson."""
+        with torch.no_grad():
+            _, data = self.window(lesson)
+        error = lesson.learn(self.generator)
+        return {"imitation_error": error, "value_error": self.learn_values(data)}
 
     def learn_values(self, data: dict[str, Tensor]) -> float:
         """Fit the critic to the window's targets; returns the mean squared error of the last
@@ -185,6 +205,7 @@ class SHAC:
             "left_out": self.left_out,
             "generator": self.generator.get_state(),
             "environment": environment_state(self.env),
+            "imitation": self.imitation and self.imitation.state_dict(),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -193,6 +214,8 @@ class SHAC:
         self.generator.set_state(state["generator"])
         self.left_out = state["left_out"]
         restore_environment(self.env, state["environment"])
+        if self.imitation is not None:
+            self.imitation.load_state_dict(state["imitation"])
 
     _PARTS = ("policy", "critic", "target", "optimizer", "critic_optimizer")
 

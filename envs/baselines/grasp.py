@@ -12,7 +12,8 @@ from .holding import Controller, vector_env
 
 class Grasp(Controller):
     """All tendons of a `Gripper` tightened over a time, then the hub lifted by a force
-    stiffness (height to go of the ball) - damping velocity, and the usual ball's weight.
+    stiffness (height to go of the ball) - damping velocity, and the usual ball's weight. Settings
+    are those of the best return on 64 training episodes in the plane.
 
     Args:
         grip: of the tendons' range, in [0, 1]
@@ -36,9 +37,9 @@ class Grasp(Controller):
         self,
         env: BeamVectorEnv,
         grip: float = 1.0,
-        closing: float = 0.4,
-        stiffness: float = 120.0,
-        damping: float = 8.0,
+        closing: float = 0.02,
+        stiffness: float = 700.0,
+        damping: float = 24.0,
     ) -> None:
         task = vector_env(env).task
         if not isinstance(task, Gripper):
@@ -49,7 +50,7 @@ class Grasp(Controller):
     def act(self, observation: Tensor) -> Tensor:
         task, now = self.env.task, self.env.state
         c = task.config
-        share = now.steps * c.control_interval / self.closing
+        share = (now.steps + 1) * c.control_interval / self.closing
         tension = (2 * self.grip * share.clamp(max=1) - 1)[:, None].to(now.beam.position)
         to_go = (task.aim - now.beam.position[:, -1])[:, 2]
         weight = 0.0 if task.gravity is None else -c.mass * task.gravity[2]

@@ -13,7 +13,8 @@ from .holding import Controller, vector_env
 class Insert(Controller):
     """Forces stiffness (wanted - place) - damping velocity on the carriage of a `Peg`, by its
     place: over the hole as high as it started, and once the tip is within `near` of the axis, or
-    below the plate's upper side, down to the target.
+    below the plate's upper side, down to the target. Settings are those of the best return on 64
+    training episodes in the plane.
 
     Args:
         stiffness: N/m
@@ -33,7 +34,7 @@ class Insert(Controller):
     """
 
     def __init__(
-        self, env: BeamVectorEnv, stiffness: float = 40.0, damping: float = 4.0, near: float = 0.003
+        self, env: BeamVectorEnv, stiffness: float = 60.0, damping: float = 4.0, near: float = 0.015
     ) -> None:
         task = vector_env(env).task
         if not isinstance(task, Peg):

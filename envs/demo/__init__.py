@@ -1,6 +1,6 @@
 """A flexible aluminium strip learns to reach, from gradients through its own simulation.
 
-Task: `torchbeam/TipReach-v0`. The strip is 1.5 m of 6061-T6 flat bar, 3 mm x 10 mm, clamped at one
+Task: `torchbeam/TipReach-v1`. The strip is 1.5 m of 6061-T6 flat bar, 3 mm x 10 mm, clamped at one
 end, under gravity; a tip force of up to 1.2 N sideways and 2 N up and down brings the tip to a
 target within 1 s, which is about one period of the first mode (1.1 Hz), and holds it there. It acts
 one control interval (20 ms) after it was decided. 3 mm x 10 mm, rather than a wider strip, because

@@ -310,7 +310,7 @@ def test_episodes_that_begin_later_are_begun_anew(kind):
 
 
 def test_controllers_take_single_envs_and_say_what_is_missing():
-    single = gymnasium.make("torchbeam/TipReachPlanar-v0", elements=2, substeps=1)
+    single = gymnasium.make("torchbeam/TipReachPlanar-v1", elements=2, substeps=1)
     controller = LQG(single)
     observation, _ = single.reset(seed=0)
     with pytest.raises(ValueError, match=r"LQG was called before begin\(env\)"):

@@ -11,7 +11,7 @@ from gymnasium.utils.env_checker import check_env
 
 import torchbeam as tb
 
-ID = "torchbeam/TipReachBlockRate-v0"
+ID = "torchbeam/TipReachBlockRate-v1"
 
 
 def vector(solver: str = "sweep", **changes) -> torchbeam_envs.TipReachVectorEnv:

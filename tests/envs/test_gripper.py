@@ -45,7 +45,7 @@ def test_smooth_balls_slip_out_of_a_loose_grip():
     given = {"params": {"ball": 0.07, "friction": [0.5, 0.8]}, "goal": [[0.0], [0.0]]}
     heights = []
     for grip in (0.6, 1.0):
-        controller = Grasp(env, grip=grip)
+        controller = Grasp(env, grip=grip, closing=0.4, stiffness=120.0, damping=8.0)
         observation, _ = env.reset(seed=0, options=given)
         controller.begin(env)
         for _ in range(60):

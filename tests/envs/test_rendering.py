@@ -22,7 +22,7 @@ def test_a_single_env_draws_its_beam_its_target_and_its_force():
     """
     from torchbeam_envs.rendering import BEAM, FORCE, TARGET
 
-    env = gymnasium.make("torchbeam/TipReach-v0", render_mode="rgb_array", **SMALL)
+    env = gymnasium.make("torchbeam/TipReach-v1", render_mode="rgb_array", **SMALL)
     env.reset(seed=0)
     start = env.render()
     assert start.dtype == np.uint8 and start.ndim == 3 and start.shape[2] == 3
@@ -95,12 +95,12 @@ def test_record_video(tmp_path, vector):
     pytest.importorskip("moviepy")
     made = dict(render_mode="rgb_array", max_episode_steps=3, **SMALL)
     if vector:
-        env = gymnasium.make_vec("torchbeam/TipReachPlanar-v0", num_envs=2, **made)
+        env = gymnasium.make_vec("torchbeam/TipReachPlanar-v1", num_envs=2, **made)
         env = gymnasium.wrappers.vector.RecordVideo(
             env, str(tmp_path), episode_trigger=lambda k: k == 0, video_length=3
         )
     else:
-        env = gymnasium.make("torchbeam/TipReach-v0", **made)
+        env = gymnasium.make("torchbeam/TipReach-v1", **made)
         env = gymnasium.wrappers.RecordVideo(env, str(tmp_path))
     env.reset(seed=0)
     for _ in range(4 if vector else 3):

@@ -214,14 +214,14 @@ def test_an_argument_of_reset_of_the_wrong_kind_gets_a_sentence(given, message):
     with pytest.raises(ValueError, match=message):
         env.reset(**given)
     np.testing.assert_array_equal(env.set_state(env.state), observation)
-    single = gymnasium.make("torchbeam/TipReach-v0", **SMALL).unwrapped
+    single = gymnasium.make("torchbeam/TipReach-v1", **SMALL).unwrapped
     if not isinstance(given.get("seed"), (list, set)):
         with pytest.raises(ValueError, match=message):
             single.reset(**given)
 
 
 @pytest.mark.parametrize(
-    "task", ["TipReach-v0", "TipTrack-v0", "Payload-v1", "FlutterHold-v0", "Slew-v0"]
+    "task", ["TipReach-v1", "TipTrack-v1", "Payload-v2", "FlutterHold-v1", "Slew-v1"]
 )
 def test_a_turned_beam_does_the_same(task):
     """Without gravity, about which directions differ: along y with its section turned likewise,

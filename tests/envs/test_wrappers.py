@@ -14,7 +14,7 @@ from torchbeam_envs import benchmark
 
 import torchbeam as tb
 
-ID = "torchbeam/TipReachPlanar-v0"
+ID = "torchbeam/TipReachPlanar-v1"
 SMALL = dict(elements=2, substeps=1, max_episode_steps=4)
 MODES = ["NextStep", "SameStep"]
 
@@ -136,7 +136,7 @@ def test_error_of_the_mesh(monkeypatch):
     assert 1e-3 < benchmark.error(ID, **SMALL) < 0.5
     monkeypatch.setattr(benchmark, "FINER", {})
     lost = benchmark.error(
-        "torchbeam/FlutterHoldPlanar-v0", elements=2, kick=30.0, max_episode_steps=3, engine="eager"
+        "torchbeam/FlutterHoldPlanar-v1", elements=2, kick=30.0, max_episode_steps=3, engine="eager"
     )
     assert (
         lost is None
@@ -169,7 +169,7 @@ def test_the_command_that_measures(tmp_path, capsys, monkeypatch):
         == 0
     )
     written = json.loads((tmp_path / "envs.json").read_text())
-    assert [row["id"] for row in written["rows"]] == ["torchbeam/TipReach-v0", ID]
+    assert [row["id"] for row in written["rows"]] == ["torchbeam/TipReach-v1", ID]
     assert (tmp_path / "envs.md").read_text().strip() in capsys.readouterr().out
     assert len((tmp_path / "envs.csv").read_text().splitlines()) == 3
 
@@ -197,8 +197,8 @@ def test_rows_for_the_benchmark_of_the_engine(monkeypatch):
     monkeypatch.setattr(benchmark, "overhead", lambda id, batch: 0.1)
     rows = list(benchmark.rows(quick=True))
     assert [(row.what.split(":")[0], row.batch) for row in rows[::2]] == [
-        ("torchbeam/TipReach-v0", 1),
-        ("torchbeam/TipReachPlanar-v0", 64),
+        ("torchbeam/TipReach-v1", 1),
+        ("torchbeam/TipReachPlanar-v1", 64),
     ]
     assert all(row.part == "environments" and row.best >= row.median > 0 for row in rows)
     assert rows[2].best > rows[0].best

@@ -16,7 +16,7 @@ from training.tuned import TASKS, Task
 
 torch.set_num_threads(1)
 TINY = Task(
-    "tiny", "torchbeam/TipReachPlanar-v0", dict(elements=2, substeps=1, max_episode_steps=6)
+    "tiny", "torchbeam/TipReachPlanar-v1", dict(elements=2, substeps=1, max_episode_steps=6)
 )
 
 
@@ -187,7 +187,7 @@ def test_baselines_are_tuned_on_training_episodes(monkeypatch):
         baselines, "evaluate", lambda *given: seen.append(given[3]) or scored(*given)
     )
     controller = baselines.BASELINES["lqr"](
-        Task("tiny", "torchbeam/TipReachPlanar-v0", dict(elements=2, substeps=1))
+        Task("tiny", "torchbeam/TipReachPlanar-v1", dict(elements=2, substeps=1))
     )
     best = {"effort": 0.1, "speed_weight": 0.1, "schedule": 1}
     assert controller.settings == best and set(seen) == {baselines.TRAINING}
@@ -197,7 +197,7 @@ def test_baselines_are_tuned_on_training_episodes(monkeypatch):
         tops = baselines.climbed({"a": 1.0}, "effort", values, lambda c, s=scores: s[c["effort"]])
         assert tops == {"a": 1.0, "effort": best}
     turn = Task(
-        "turn", "torchbeam/SlewPlanar-v0", dict(elements=2, substeps=1, max_episode_steps=5)
+        "turn", "torchbeam/SlewPlanar-v1", dict(elements=2, substeps=1, max_episode_steps=5)
     )
     assert isinstance(baselines.BASELINES["lqr"](turn), JointLQR)
     late = baselines.BASELINES["lqg"](turn.varied(randomize={"latency": (0.0, 1.0)}))

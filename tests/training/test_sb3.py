@@ -15,7 +15,7 @@ from training.tuned import Task
 
 torch.set_num_threads(1)
 TINY = Task(
-    "tiny", "torchbeam/TipReachPlanar-v0", dict(elements=2, substeps=1, max_episode_steps=4)
+    "tiny", "torchbeam/TipReachPlanar-v1", dict(elements=2, substeps=1, max_episode_steps=4)
 )
 
 

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from torchbeam_envs.baselines import LQR, Zero
 
 from training import common, ppo, results, sac, shac
-from training.evaluate import evaluate
+from training.evaluate import evaluate, make
 from training.evaluate import main as evaluation
 from training.policies import Policy, Statistics, load, save
 from training.tuned import TASKS, Task
@@ -19,7 +20,7 @@ from training.tuned import TASKS, Task
 torch.set_num_threads(1)
 TINY = Task(
     "tiny",
-    "torchbeam/TipReachPlanar-v0",
+    "torchbeam/TipReachPlanar-v1",
     dict(elements=2, substeps=1, max_episode_steps=12, control_interval=0.05),
 )
 LEARNERS = {
@@ -27,6 +28,7 @@ LEARNERS = {
     "sac": (sac.SAC, sac.Arguments),
     "shac": (shac.SHAC, shac.Arguments),
 }
+TAUGHT = {"teacher": "LQR", "lessons": 3}
 SMALL_SAC = {"warmup": 32, "updates": 4, "minibatch": 16, "memory": 80}
 
 
@@ -70,16 +72,26 @@ def test_gradient_of_a_window_is_that_of_differences():
 
 
 @pytest.mark.parametrize(
-    "name, task", [("ppo", TINY), ("sac", TINY), ("shac", TINY.varied(randomize=True, noise=0.01))]
+    "name, task, settings",
+    [
+        ("ppo", TINY, {}),
+        ("ppo", TINY, TAUGHT),
+        ("sac", TINY, {}),
+        ("shac", TINY.varied(randomize=True, noise=0.01), {}),
+        ("shac", TINY, TAUGHT),
+    ],
 )
-def test_resume_is_bit_exact(name, task, tmp_path):
+def test_resume_is_bit_exact(name, task, settings, tmp_path):
     """A run that is stopped between two checkpoints and goes on ends with the bits of one that
-    never was; also where beams change with the episode and sensors are noisy.
+    never was; also where beams change with the episode and sensors are noisy, and where it is
+    stopped after two of three lessons.
     """
     budget = common.Budget(steps=4 * 32)
     options = dict(episodes=2, final=2, progress=False, name="run")
-    whole = common.train(learner(name, task), task, tmp_path / "whole", budget, **options)
-    part = learner(name, task)
+    whole = common.train(
+        learner(name, task, **settings), task, tmp_path / "whole", budget, **options
+    )
+    part = learner(name, task, **settings)
     steps, stop = part.iteration, iter(range(2))
     part.iteration = lambda done: (
         steps(done),
@@ -88,7 +100,8 @@ def test_resume_is_bit_exact(name, task, tmp_path):
     with pytest.raises(pytest.fail.Exception):
         common.train(part, task, tmp_path / "part", budget, **options)
     assert (tmp_path / "part/run.checkpoint").exists()
-    resumed = common.train(learner(name, task), task, tmp_path / "part", budget, **options)
+    again = learner(name, task, **settings)
+    resumed = common.train(again, task, tmp_path / "part", budget, **options)
     assert not (tmp_path / "part/run.checkpoint").exists()
     a, b = (load(tmp_path / where / "run.pt").state_dict() for where in ("whole", "part"))
     assert all(torch.equal(a[key], b[key]) for key in a)
@@ -140,6 +153,32 @@ def test_learns(name, settings):
     for k in range(10):
         one.iteration(k / 10)
     assert evaluate(TINY, one.policy, 16)["return"] > 0.9 * before
+
+
+@pytest.mark.parametrize("name", ["ppo", "shac"])
+def test_lessons_make_a_policy_like_its_teacher(name):
+    """Six windows: on held-out episodes it then loses less than a quarter of what lies between no
+    action and LQR; its critic has learned beside it, and learning goes on from there.
+    """
+    one = learner(name, num_envs=16, horizon=12, teacher="LQR", lessons=6)
+    before = [p.clone() for p in (one.value if name == "ppo" else one.critic).parameters()]
+    for _ in range(6):
+        figures = one.iteration(0.0)
+    assert one.imitation.over and "imitation_error" in figures
+    after = (one.value if name == "ppo" else one.critic).parameters()
+    assert not any(torch.equal(a, b) for a, b in zip(before, after, strict=True))
+    env = make(TINY, 16)
+    idle, taught, teacher = (
+        evaluate(TINY, player, 16, env=env)["return"] for player in (Zero(), one.policy, LQR(env))
+    )
+    assert teacher - taught < 0.25 * (teacher - idle)
+    assert "imitation_error" not in one.iteration(0.5)
+
+
+def test_a_teacher_that_is_none_is_refused():
+    for name in ("search", "nobody", "Grasp"):
+        with pytest.raises(ValueError, match="was given"):
+            learner("shac", teacher=name)
 
 
 def test_numpy_and_torch_output_teach_the_same():
@@ -307,7 +346,7 @@ def test_a_task_of_ones_own(tmp_path, capsys, monkeypatch):
     """From its module, on the command line; its policy is scored by what the file says of it."""
     (tmp_path / "own_task.py").write_text(
         "from training.tuned import Task\n"
-        "lift = Task('lift', 'torchbeam/TipReachPlanar-v0', "
+        "lift = Task('lift', 'torchbeam/TipReachPlanar-v1', "
         "dict(elements=2, substeps=1, max_episode_steps=4), tolerance=0.5, hold=2)\n"
     )
     monkeypatch.syspath_prepend(tmp_path)

@@ -12,7 +12,7 @@ from training.tuned import TASKS, Task
 torch.set_num_threads(1)
 TINY = Task(
     "tiny",
-    "torchbeam/TipReachPlanar-v0",
+    "torchbeam/TipReachPlanar-v1",
     dict(elements=2, substeps=1, max_episode_steps=4, control_interval=0.1),
 )
 
