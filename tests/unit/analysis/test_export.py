@@ -181,7 +181,7 @@ def test_obstacles_are_surfaces(tmp_path, name):
     found = read(tb.export(state, tmp_path / "shape.vtu", scene=scene))
     assert same(found["points"][:3], state.position) and (found["kind"][:2] == 0).all()
     assert (found["kind"][2:] == 3).all() and (found["types"][2:] == 9).all()
-    points = torch.from_numpy(found["points"][3:])
+    points = torch.tensor(found["points"][3:])
     (obstacle,) = standing(scene, 0.7)
     assert obstacle.distance(points).abs().max() < 1e-12
     quads = found["connectivity"][4:].reshape(-1, 4) - 3
