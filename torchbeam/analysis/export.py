@@ -208,8 +208,8 @@ def _beside(scene: Scene, state: State) -> Iterator[Beside]:
         steps = np.arange(eyelets.shape[-2] - 1)
         for sample, points in enumerate(_flat(eyelets, eyelets.shape[:-2])):
             yield Beside(TENDON, sample, points, np.stack((steps, steps + 1), -1))
-    nodes = state.position.detach().double().reshape(-1, 3)
-    size = (nodes.amax(0) - nodes.amin(0)).norm().item()
+    drawn = scene.beam.nodes.detach().double().reshape(-1, 3)
+    size = (drawn.amax(0) - drawn.amin(0)).norm().item() or 1.0  # a body alone has no length
     eye = torch.eye(3, dtype=torch.float64)
     t = float(state.t.detach().reshape(-1)[0])
     solids = [(torch.zeros(3, dtype=torch.float64), eye, each) for each in standing(scene, t)]

@@ -222,3 +222,14 @@ def test_a_scene_goes_with_what_moves_in_it(tmp_path):
     other = tb.Scene(tb.Beam.straight(1.0, 3, section()))
     with pytest.raises(ValueError, match="3 nodes was given; the beam has 4"):
         tb.export(tb.rest(scene()), tmp_path / "shape.vtu", scene=other)
+
+
+def test_a_floor_has_one_size_in_all_instants(tmp_path):
+    """And has one under a body alone."""
+    floor = tb.Contact("ball", tb.Plane((0, 0, -0.2), (0, 0, 1.0)), radius=0.1, thickness=0.01,
+                       force=100.0)  # fmt: skip
+    alone = tb.Scene({"ball": tb.Body(0.1, 1e-3)}, [tb.Gravity((0, 0, -9.81)), floor])
+    solution = tb.simulate(alone, torch.linspace(0, 0.1, 3), step=0.05)
+    tb.export(solution, tmp_path / "run.pvd", scene=alone)
+    first, *others = [read(tmp_path / "run" / f"{i}.vtu")["points"][1:] for i in range(3)]
+    assert all(np.array_equal(first, each) for each in others) and np.ptp(first[:, 0]) > 0.1
