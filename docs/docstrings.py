@@ -19,12 +19,15 @@ class NamesByThemselves(griffe.Extension):
 
 class FieldsByTheirDefaults(griffe.Extension):
     """`leaf(1, default=None)` of a dataclass as the field with a default that it is, so that the
-    signature says `= None`, and nothing where there is none.
+    signature says `= None`, and nothing where there is none; `Sorted[accepted, held]` as what it
+    accepts.
     """
 
     def on_attribute_instance(self, *, attr: griffe.Attribute, **kwargs: Any) -> None:
-        call = attr.value
-        if isinstance(call, griffe.ExprCall) and str(call.function) in ("leaf", "field"):
+        call, kind = attr.value, attr.annotation
+        if isinstance(kind, griffe.ExprSubscript) and str(kind.left) == "Sorted":
+            attr.annotation = kind.slice.elements[0]
+        if isinstance(call, griffe.ExprCall) and str(call.function) in ("branch", "leaf", "field"):
             given = [each for each in call.arguments if isinstance(each, griffe.ExprKeyword)]
             given = [
                 griffe.ExprKeyword("default", "...")

@@ -211,7 +211,7 @@ def beside(name: str) -> Any:
 
 def title_of(name: str) -> str:
     """Of an example: letters as people write them."""
-    title = name.replace("_", " ").capitalize()
+    title = name.replace("_", " ").capitalize().replace("Lees", "Lee's").replace("carlo", "Carlo")
     return re.sub(r"\b(lqr|mpc|nuts)\b", lambda m: m.group().upper(), title, flags=re.I)
 
 

@@ -17,12 +17,12 @@ torch.set_default_dtype(torch.float64)
 torch.manual_seed(3)
 
 
-def spd():
+def spd() -> torch.Tensor:
     A = torch.randn(6, 6)
     return A @ A.T + torch.eye(6)
 
 
-def mass():
+def mass() -> torch.Tensor:
     """With all couplings, and a rotary inertia that a body can have: no principal moment above the
     sum of the others.
     """

@@ -32,6 +32,7 @@ scene = tb.Scene(
 t = torch.linspace(0, 1.0, 41)
 best = tb.converge(scene, t, tb.sensors.TipPosition(), WANTED)
 
+assert best.settings.step is not None  # of a motion
 fine = tb.remesh(scene, 2 * best.settings.intervals, order=2)
 limit = tb.simulate(fine, t, method="midpoint4", step=best.settings.step / 6).tip.position
 moved = (limit - limit[0]).norm()

@@ -124,7 +124,7 @@ if __name__ == "__main__":
     pictures[0].set(xlabel="ε = (h/R)$^{1/2}$")
     pictures[0].legend(frameon=False)
     for (state, _), h in zip(rows, RADII, strict=True):
-        x, _, z = state.position.unbind(-1)
+        x, z = state.position[:, (0, 2)].unbind(-1)
         pictures[1].plot(x, z, lw=0.5 + 20 * h, label=f"h = {h} R")
     pictures[1].set(aspect="equal", xlabel="x/R", ylabel="z/R", xlim=(-1.5, 1.5))
     pictures[1].legend(frameon=False, loc="center")

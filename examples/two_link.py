@@ -14,6 +14,7 @@ and torques. Wants scipy (`pip install torchbeam[control]`).
 import argparse
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -43,7 +44,7 @@ def arm(payload: float, pose: tuple[float, float] | None = None) -> tb.Scene:
         "forearm": tb.Beam.straight(0.5, 2, section, root=(0.5, 0, 0)),
     }
     ends = (None, ("upper arm", 0)), (("upper arm", -1), ("forearm", 0))
-    motors = (
+    motors: list[dict[str, Any]] = (
         [{"torque": tb.Input(name, 1)} for name in ("shoulder", "elbow")]
         if pose is None
         else [{"angle": angle} for angle in pose]

@@ -90,7 +90,7 @@ def store(folder: Path = Path("out")) -> None:
     )
     rows = [(answer, *numbers) for answer, numbers in ANSWERS.items()]
     text = table(
-        columns, [[answer, *(f"{x:.3g}" for x in numbers)] for answer, *numbers in rows], 1
+        columns, [[name, *(f"{x:.3g}" for x in numbers)] for name, numbers in ANSWERS.items()], 1
     )
     write_results(
         folder,

@@ -19,7 +19,7 @@ LAWS = {"EI": tb.laws.LogNormal(1.0, 0.15), "P": tb.laws.LogNormal(1e-3, 2e-4)}
 RHO = 0.3  # of the normal scores: stiffer strips carry more
 
 
-def scene(EI: torch.Tensor, P: torch.Tensor, *effects) -> tb.Scene:
+def scene(EI: torch.Tensor, P: torch.Tensor, *effects: tb.Damping) -> tb.Scene:
     section = tb.Section.from_stiffness(EA=4e4, GA=1.5e4, GJ=0.8, EI=EI, mass=0.2)
     force = tb.TipLoad(force=torch.stack((0 * P, 0 * P, P), -1))
     return tb.Scene(tb.Beam.straight(1.0, 4, section), [force, *effects], plane="xz")

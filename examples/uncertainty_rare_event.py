@@ -41,6 +41,7 @@ subset = tb.rare_event(deflection, LAWS, LIMIT, 2000, by_name=True)
 print(f"limit {1e3 * LIMIT:.3f} mm, exactly 1e-6")
 print("plain samples:", plain)
 print(important)
+assert important.points is not None  # of this method
 print("likeliest:", dict(zip(LAWS, important.points[0].tolist(), strict=True)))
 print(subset)
 

@@ -524,7 +524,7 @@ CALLS = {
             progress=lambda done, setting: None,
         ),
     ),
-    "export": (tb.export, dict(what=START, path=EXPORTED, state=None)),
+    "export": (tb.export, dict(what=START, path=EXPORTED, state=None, scene=None)),
     "export2": (tb.export, dict(what=MODES, path=EXPORTED, state=EQUILIBRIUM)),
     "remesh": (tb.remesh, dict(scene=SCENE, elements=8, order=2, linked=False)),
     "advise": (

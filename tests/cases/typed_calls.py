@@ -1,4 +1,4 @@
-"""Public calls as users annotate them: `make types` checks this file, and it runs as it is."""
+"""Public calls as users annotate them: `make lint` checks this file, and it runs as it is."""
 
 import torch
 from torch import Tensor
@@ -8,6 +8,9 @@ import torchbeam as tb
 strip = tb.Section.rectangle(width=0.03, height=0.002, E=69e9, nu=0.33, rho=2700.0)
 beam: tb.Beam = tb.Beam.straight(1.0, 4, strip)
 scene = tb.Scene(beam, [tb.TipLoad(force=(0, 0, 2.0)), tb.Damping(0.01)])
+
+places: Tensor = scene.beam.nodes
+effects: tuple[object, ...] = scene.effects
 
 state: tb.State = tb.equilibrium(scene)
 tip: Tensor = state.tip.position
@@ -27,6 +30,10 @@ arm = tb.Scene(
     [tb.PointLoad(("arm", 2), force=(0, 0, 1.0)), tb.PointMass(0.1, node=("arm", -1))],
     joints=tb.Weld(("arm", -1), "hub"),
     supports=tb.Support(("arm", 0)),
+)
+floor = tb.Contact("arm", tb.Plane((0, 0, -1.0), (0, 0, 1)), thickness=0.01, force=10.0)
+touching: tb.Scene = tb.Scene(
+    arm.beam, [*arm.effects, floor], joints=arm.joints, supports=arm.supports
 )
 hub: Tensor = tb.equilibrium(arm)["hub"].position
 

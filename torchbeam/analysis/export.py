@@ -9,7 +9,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -18,19 +18,36 @@ from torch import Tensor
 
 from ..core.arguments import instance
 from ..core.files import folder, path_of, written
+from ..core.leaves import sent
 from ..linear.modes import Modes
 from ..math import quaternions as quat
 from ..math.shapes import broadcast_shapes
+from ..plot.obstacles import standing, surfaces
 from ..scene.scene import Scene
 from ..state.solution import Solution
 from ..state.state import State, rest
+from ..state.state_check import of_mesh
+from .solids import surface_mesh
 
-VERTEX, LINE = 1, 3  # VTK's numbers of cells
+VERTEX, LINE, QUAD = 1, 3, 9  # VTK's numbers of cells
+CELL_TYPES = {1: VERTEX, 2: LINE, 4: QUAD}  # by their points
+BEAM, BODY, TENDON, SOLID = range(4)  # `kind` of a cell
 TYPES = {"float64": "Float64", "int64": "Int64", "uint8": "UInt8"}
 INERT = 1e-300  # m: of a mode that moves nothing
 
 
-def export(what: Any, path: str | Path, *, state: State | None = None) -> Path:
+class Beside(NamedTuple):
+    """What stands beside the nodes of a scene: points (n, 3) m, cells (m, 2 or 4) of them."""
+
+    kind: int
+    sample: int
+    points: np.ndarray
+    cells: np.ndarray
+
+
+def export(
+    what: Any, path: str | Path, *, state: State | None = None, scene: Scene | None = None
+) -> Path:
     """Write a motion, a shape or modes for ParaView.
 
     Args:
@@ -38,6 +55,8 @@ def export(what: Any, path: str | Path, *, state: State | None = None) -> Path:
         path: of a solution "run.pvd", beside which the folder "run" gets a file for each instant;
             of all else "shape.vtu"
         state: where modes are about
+        scene: of a solution or a state: for its tendons, of every sample, and, of the first one,
+            the obstacles of its contacts and the surfaces of bodies
 
     Returns:
         The path.
@@ -48,16 +67,19 @@ def export(what: Any, path: str | Path, *, state: State | None = None) -> Path:
     `z`, all in frame a. Of lines: `force` (N) and `moment` (N m) in section axes, nan for bodies;
     of elements of order 2 those of the Gauss point in each half. Of modes: `mode k displacement`
     and `mode k turn`, frame a, at the instant at which the largest component of the displacement
-    is largest, that then 1 (where the mode has none, that of the turn).
+    is largest, that then 1 (where the mode has none, that of the turn). With a scene, `kind` says
+    of each cell what it is: 0 a beam, 1 a body, 2 a tendon, 3 a surface; of the last two all else
+    is nan, and `part` -1.
 
     Raises:
         ValueError: for what is none of these, another form, a path of another ending, a folder that
-            is not there, modes without the state that they are about, or one of another batch.
+            is not there, modes without the state that they are about, or one of another batch, and
+            for a scene of another mesh, or with modes or another scene.
         NotWritten: (an OSError) where the disk is full.
 
     Examples:
         >>> solution = tb.simulate(scene, torch.linspace(0, 0.1, 6), step=0.01)
-        >>> path = tb.export(solution, "run.pvd")  # open it in ParaView
+        >>> path = tb.export(solution, "run.pvd", scene=scene)  # open it in ParaView
         >>> modes = tb.modes(scene, tb.equilibrium(scene))
         >>> path = tb.export(modes, "modes.vtu", state=tb.equilibrium(scene))
     """
@@ -74,6 +96,13 @@ def export(what: Any, path: str | Path, *, state: State | None = None) -> Path:
         )
     if state is not None:
         instance("state", state, State)
+    if scene is not None:
+        instance("scene", scene, Scene)
+        if not isinstance(what, Solution | State):
+            raise ValueError(
+                f"{type(what).__name__} with a scene was given to export; a Solution or a State is "
+                "wanted with one"
+            )
     ending = ".pvd" if isinstance(what, Solution) else ".vtu"
     if path.suffix != ending:
         raise ValueError(
@@ -87,15 +116,15 @@ def export(what: Any, path: str | Path, *, state: State | None = None) -> Path:
         )
     folder(path.parent)
     if isinstance(what, Solution):
-        return _series(what, path)
+        return _series(what, path, scene)
     if isinstance(what, Modes):
         _write(_grid(state, _mode_columns(what, state)), path)
     else:
-        _write(_grid(rest(what) if isinstance(what, Scene) else what), path)
+        _write(_grid(rest(what) if isinstance(what, Scene) else what, scene=scene), path)
     return path
 
 
-def _series(solution: Solution, path: Path) -> Path:
+def _series(solution: Solution, path: Path, scene: Scene | None) -> Path:
     """A file for each instant, and one that names them."""
     files = folder(path.with_suffix(""))
     root = ElementTree.Element("VTKFile", type="Collection", version="1.0")
@@ -103,14 +132,18 @@ def _series(solution: Solution, path: Path) -> Path:
     digits = len(str(len(solution.t) - 1))
     for i, t in enumerate(solution.t.tolist()):
         file = files / f"{i:0{digits}}.vtu"
-        _write(_grid(solution.state[i]), file)
+        _write(_grid(solution.state[i], scene=scene), file)
         ElementTree.SubElement(names, "DataSet", timestep=repr(t), file=f"{files.name}/{file.name}")
     _write(root, path)
     return path
 
 
-def _grid(state: State, extra: dict[str, Tensor] | None = None) -> ElementTree.Element:
-    """A state, and further vectors (..., N+1, 3) of its nodes, as an unstructured grid."""
+def _grid(
+    state: State, extra: dict[str, Tensor] | None = None, scene: Scene | None = None
+) -> ElementTree.Element:
+    """A state, further vectors (..., N+1, 3) of its nodes, and what its scene has beside these, as
+    an unstructured grid.
+    """
     R = quat.matrix(state.rotation)
     nodes = {
         "points": state.position,
@@ -137,21 +170,14 @@ def _grid(state: State, extra: dict[str, Tensor] | None = None) -> ElementTree.E
         byte_order="LittleEndian",
         header_type="UInt64",
     )
-    piece = ElementTree.SubElement(
-        ElementTree.SubElement(root, "UnstructuredGrid"),
-        "Piece",
-        NumberOfPoints=str(samples * count),
-        NumberOfCells=str(samples * len(cells)),
-    )
+    piece = ElementTree.SubElement(ElementTree.SubElement(root, "UnstructuredGrid"), "Piece")
     parts = np.array([part for _, part, _ in cells])
     groups: dict[str, dict[str, Any]] = {
         "Points": {"points": flat.pop("points")},
         "Cells": {
             "connectivity": first * count + connectivity,
             "offsets": first * len(connectivity) + ends,
-            "types": np.tile(
-                np.uint8([LINE if len(nodes) == 2 else VERTEX for nodes, *_ in cells]), samples
-            ),
+            "types": np.tile(np.uint8([CELL_TYPES[len(nodes)] for nodes, *_ in cells]), samples),
         },
         "PointData": flat,
         "CellData": {
@@ -161,11 +187,69 @@ def _grid(state: State, extra: dict[str, Tensor] | None = None) -> ElementTree.E
             "part": np.broadcast_to(parts, (samples, len(cells))),
         },
     }
+    if scene is not None:
+        kinds = np.array([BODY if row is None else BEAM for *_, row in cells])
+        groups["CellData"]["kind"] = np.broadcast_to(kinds, (samples, len(cells)))
+        groups = _joined(groups, list(_beside(scene, state)))
+    piece.set("NumberOfPoints", str(groups["Points"]["points"].size // 3))
+    piece.set("NumberOfCells", str(groups["Cells"]["types"].size))
     for group, arrays in groups.items():
         element = ElementTree.SubElement(piece, group)
         for name, values in arrays.items():
             _array(element, name, values)
     return root
+
+
+def _beside(scene: Scene, state: State) -> Iterator[Beside]:
+    """Tendons, obstacles at the state's instant, and surfaces of bodies."""
+    of_mesh(state, scene.beam, "a state")
+    for tendon in scene.tendons:
+        eyelets = tendon.at(state.position.detach(), state.rotation.detach())
+        steps = np.arange(eyelets.shape[-2] - 1)
+        for sample, points in enumerate(_flat(eyelets, eyelets.shape[:-2])):
+            yield Beside(TENDON, sample, points, np.stack((steps, steps + 1), -1))
+    drawn = scene.beam.nodes.detach().double().reshape(-1, 3)
+    size = (drawn.amax(0) - drawn.amin(0)).norm().item() or 1.0  # a body alone has no length
+    eye = torch.eye(3, dtype=torch.float64)
+    t = float(state.t.detach().reshape(-1)[0])
+    solids = [(torch.zeros(3, dtype=torch.float64), eye, each) for each in standing(scene, t)]
+    for centre, R, obstacle in (*solids, *surfaces(scene, state)):
+        points, cells = surface_mesh(sent(obstacle, torch.float64), size)
+        points = points.cpu() @ R.double().cpu().mT + centre.double().cpu()
+        yield Beside(SOLID, 0, points.numpy(), cells.cpu().numpy())
+
+
+def _joined(groups: dict[str, dict[str, Any]], beside: list[Beside]) -> dict[str, dict[str, Any]]:
+    """The arrays of a grid with what stands beside the nodes behind them."""
+    count = groups["Points"]["points"].reshape(-1, 3).shape[0]
+    end = groups["Cells"]["connectivity"].size
+    added: dict[str, list[np.ndarray]] = {"points": [], "connectivity": [], "offsets": []}
+    for each in beside:
+        added["points"].append(each.points)
+        added["connectivity"].append((count + each.cells).ravel())
+        added["offsets"].append(end + each.cells.shape[1] * (1 + np.arange(len(each.cells))))
+        count, end = count + len(each.points), end + each.cells.size
+    sizes = [len(each.cells) for each in beside]
+    of_cells = {
+        "types": [CELL_TYPES[each.cells.shape[1]] for each in beside],
+        "sample": [each.sample for each in beside],
+        "part": [-1] * len(beside),
+        "kind": [each.kind for each in beside],
+    }
+    points = sum(len(each.points) for each in beside)
+    joined: dict[str, dict[str, Any]] = {}
+    for group, arrays in groups.items():
+        joined[group] = {}
+        for name, values in arrays.items():
+            if name in added:
+                more = np.concatenate([np.empty((0, *values.shape[2:])), *added[name]])
+            elif name in of_cells:
+                more = np.repeat(of_cells[name], sizes)
+            else:
+                more = np.full((points if group == "PointData" else sum(sizes), 3), np.nan)
+            flat = values.reshape(-1, *more.shape[1:])
+            joined[group][name] = np.concatenate((flat, more)).astype(values.dtype)
+    return joined
 
 
 def _cells(state: State, count: int) -> Iterator[tuple[list[int], int, int | None]]:

@@ -22,7 +22,7 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import MISSING, Field, field
 from functools import cache, cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 import torch
@@ -30,6 +30,9 @@ from torch import Tensor
 
 from .derivatives import cache_of, cached, caches_of
 from .validation import as_tensor
+
+if TYPE_CHECKING:
+    from typing_extensions import dataclass_transform
 
 AXES = "axes"  # key of a field's metadata
 # in an annotation: the field can hold a tensor
@@ -55,6 +58,35 @@ def leaf(axes: Axes, *, default: Any = MISSING, init: bool = True, kw_only: Any 
     return field(default=default, init=init, kw_only=kw_only, metadata={AXES: axes})
 
 
+def branch() -> Any:
+    """A dataclass field that must be given, annotated as `Sorted`: a type checker takes what has no
+    value in the class for an attribute like any other.
+    """
+    return field()
+
+
+Accepted = TypeVar("Accepted", contravariant=True)
+Held = TypeVar("Held", covariant=True)
+
+
+class Sorted(Generic[Accepted, Held]):
+    """In an annotation: the field accepts the one when the object is made, and holds the other."""
+
+    def __get__(self, tree: Any, owner: Any = None) -> Held:
+        raise NotImplementedError
+
+    def __set__(self, tree: Any, value: Accepted) -> None:
+        raise NotImplementedError
+
+
+if not TYPE_CHECKING:
+
+    def dataclass_transform(**_: Any) -> Callable[[type], type]:
+        """For type checkers alone, see PEP 681: what `leaf` declares is a field of a dataclass."""
+        return lambda cls: cls
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(leaf, branch, field))
 class Tree:
     """A dataclass whose tensors are declared as leaves. Raises TypeError, when the class is
     defined, for a field that is annotated as a tensor and not declared, and for a cached property

@@ -59,13 +59,10 @@ def obstacles(
     middle = beam.nodes.detach().flatten(0, -2).mean(0)
     x = middle.expand(CELLS, CELLS, 3).clone()
     x[..., first], x[..., second] = across, up[:, None]
-    now, s = torch.as_tensor(t).to(beam.nodes), beam.nodes.new_zeros(1)
-    for load in scene.loads:
-        if isinstance(load, Contact):
-            obstacle = load.resolved(s, now, {}, beam.element_count).obstacle
-            distance = obstacle.distance(x.flatten(0, -2)).reshape(-1, CELLS, CELLS)[0]
-            cells = numbers(across), numbers(up), numbers(distance)
-            ax.contourf(*cells, levels=[-torch.inf, 0.0], colors=[color], zorder=0)
+    for obstacle in standing(scene, t):
+        distance = obstacle.distance(x.flatten(0, -2)).reshape(CELLS, CELLS)
+        cells = numbers(across), numbers(up), numbers(distance)
+        ax.contourf(*cells, levels=[-torch.inf, 0.0], colors=[color], zorder=0)
     for centre, R, surface in () if state is None else surfaces(scene, state):
         at = x.clone()
         normal = ({0, 1, 2} - {first, second}).pop()
@@ -74,6 +71,16 @@ def obstacles(
         cells = numbers(across), numbers(up), numbers(distance.reshape(-1, CELLS, CELLS)[0])
         ax.contourf(*cells, levels=[-torch.inf, 0.0], colors=[color], zorder=0)
     return ax
+
+
+def standing(scene: Scene, t: float) -> Iterator[Obstacle]:
+    """The obstacles of a scene's contacts at time t (s), each once, of the first sample."""
+    beam = scene.beam
+    now, s = torch.as_tensor(t).to(beam.nodes), beam.nodes.new_zeros(1)
+    contacts = [load for load in scene.loads if isinstance(load, Contact)]
+    own = {id(load.obstacle): load for load in contacts if load.obstacle is not None}
+    for load in own.values():
+        yield map_leaves(_first, load.resolved(s, now, {}, beam.element_count).obstacle)
 
 
 def surfaces(scene: Scene, state: State) -> Iterator[tuple[Tensor, Tensor, Obstacle]]:

@@ -17,13 +17,13 @@ from ..core.arguments import count, instance
 from ..core.files import folder, path_of, write
 from ..core.validation import positive, shown
 from ..math import quaternions as quat
-from ..scene.effects.contact import Contact
 from ..scene.effects.obstacles import Box, Capsule, Cylinder, Obstacle, Plane, Sphere
 from ..scene.scene import Scene
 from ..state.instant import Instant
 from ..state.solution import Solution
 from ..state.state import State, rest
 from .canvas import numbers
+from .obstacles import standing
 from .shapes import _curve, _nodes, _rows
 
 FPS = 25.0  # 1/s
@@ -320,12 +320,8 @@ class _Shapes:
         return ropes
 
     def _obstacles(self, t: float) -> dict[str, tuple[str, dict, dict]]:
-        shapes, beam = {}, self.scene.beam
-        now, s = torch.as_tensor(t).to(beam.nodes), beam.nodes.new_zeros(1)
-        contacts = [load for load in self.scene.loads if isinstance(load, Contact)]
-        own = {id(load.obstacle): load for load in contacts if load.obstacle is not None}
-        for k, load in enumerate(own.values()):
-            obstacle = load.resolved(s, now, {}, beam.element_count).obstacle
+        shapes = {}
+        for k, obstacle in enumerate(standing(self.scene, t)):
             for part, shape in _solid(obstacle, self.size).items():
                 shapes[f"obstacle {k}{part}"] = shape
         return shapes

@@ -4,7 +4,7 @@ effects that act on it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,9 +16,11 @@ from ..core.arguments import function as check_function
 from ..core.derivatives import cached
 from ..core.leaves import (
     Placeholder,
+    Sorted,
     Tree,
     batch_shapes,
     bound,
+    branch,
     functions,
     leaves,
     own_leaves,
@@ -85,14 +87,14 @@ class Scene(Tree):
         torch.Size([100])
     """
 
-    beam: Beam | dict[str, Beam | Body]
-    effects: Effect | Iterable[Effect] = ()
+    beam: Sorted[Beam | Mapping[str, Beam | Body], Beam] = branch()
+    effects: Sorted[Effect | Iterable[Effect], tuple[Effect, ...]] = ()
     frame: Frame | None = None
     root: RootMotion | None = None
     plane: str | None = None
-    supports: Support | Iterable[Support] | None = None
+    supports: Sorted[Support | Iterable[Support] | None, tuple[Support, ...]] = None
     small: bool = False
-    joints: Joint | Iterable[Joint] = ()
+    joints: Sorted[Joint | Iterable[Joint], tuple[Joint, ...]] = ()
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__

@@ -1,6 +1,7 @@
 """export: what ParaView reads is what was written."""
 
 import base64
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -8,6 +9,8 @@ import pytest
 import torch
 
 import torchbeam as tb
+from torchbeam.plot.obstacles import standing
+from torchbeam.scene.effects.obstacles import Obstacle
 
 DTYPES = {"Float64": "<f8", "Int64": "<i8", "UInt8": "u1"}
 
@@ -149,3 +152,84 @@ def test_bad_input(tmp_path):
         with pytest.raises(ValueError, match=message):
             tb.export(what, tmp_path / name, **given)
     assert not list(tmp_path.iterdir())
+
+
+SOLIDS = {
+    "plane": tb.Plane((0.1, 0.2, -0.3), (0.0, 1.0, 2.0)),
+    "moving plane": tb.Plane(lambda t: torch.stack((t, 0 * t, -t), -1), (0.0, 0, 1.0)),
+    "sphere": tb.Sphere((0.6, 0.0, -0.25), 0.1),
+    "cylinder": tb.Cylinder((0.3, 0.0, -0.4), (0.0, 1.0, 0.5), 0.1),
+    "tube": tb.Cylinder((0.5, 0.0, 0.0), (1.0, 0.0, 0.0), 0.5, inside=True),
+    "capsule": tb.Capsule((0.2, -0.5, -0.4), (0.2, 0.6, -0.3), 0.1),
+    "box": tb.Box((0.5, 0.1, -0.4), (0.4, 0.5, 0.2), 0.05, rotation=(0.1, 0.3, 0.2)),
+}
+
+
+def test_every_obstacle_has_its_surface():
+    own = {x for x in Obstacle.__subclasses__() if x.__module__.startswith("torchbeam.")}
+    assert {type(x) for x in SOLIDS.values()} == own
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_obstacles_are_surfaces(tmp_path, name):
+    """Points at the distance 0 from the obstacle where it is at the instant; every edge of a closed
+    surface belongs to two quadrilaterals, or to one that lies in a point.
+    """
+    touching = tb.Contact(SOLIDS[name], thickness=0.01, force=10.0)
+    scene = tb.Scene(tb.Beam.straight(1.0, 2, section()), [touching])
+    state = replace(tb.rest(scene), t=torch.tensor(0.7))
+    found = read(tb.export(state, tmp_path / "shape.vtu", scene=scene))
+    assert same(found["points"][:3], state.position) and (found["kind"][:2] == 0).all()
+    assert (found["kind"][2:] == 3).all() and (found["types"][2:] == 9).all()
+    points = torch.tensor(found["points"][3:])
+    (obstacle,) = standing(scene, 0.7)
+    assert obstacle.distance(points).abs().max() < 1e-12
+    quads = found["connectivity"][4:].reshape(-1, 4) - 3
+    assert quads.min() == 0 and quads.max() == len(points) - 1
+    assert np.isnan(found["velocity"][3:]).all() and np.isnan(found["force"][2:]).all()
+    assert np.array_equal(found["offsets"][1:] - found["offsets"][:-1], [2] + [4] * len(quads))
+    assert (found["part"][2:] == -1).all()
+
+
+def test_tendons_and_surfaces_of_bodies(tmp_path):
+    """A tendon of every sample from eyelet to eyelet; a ball about the body, where it is."""
+    eyelets = [(("arm", 0), (0, 0, 0.05)), (("arm", 1), (0, 0, 0.05)), ("ball", (0, 0, 0))]
+    rope = tb.Tendon(eyelets, tension=1.0)
+    parts = {
+        "arm": tb.Beam.straight(1.0, 2, section()),
+        "ball": tb.Body(0.1, 1e-3, position=(1.0, 0, 0), surface=tb.Sphere((0, 0, 0), 0.1)),
+    }
+    scene = tb.Scene(
+        parts,
+        [rope, tb.PointLoad(("arm", -1), force=torch.tensor([[0.0, 0, 0.1], [0.0, 0.2, 0]]))],
+        joints=tb.Weld(("arm", -1), "ball"),
+        supports=tb.Support(("arm", 0)),
+    )
+    state = tb.equilibrium(scene)
+    found = read(tb.export(state, tmp_path / "shape.vtu", scene=scene))
+    eyelets = scene.tendons[0].at(state.position, state.rotation)
+    nodes = 2 * state.position.shape[-2]
+    assert same(found["points"][nodes : nodes + 6], eyelets)
+    assert list(found["kind"][:10]) == [0, 0, 1] * 2 + [2] * 4
+    assert list(found["sample"][6:10]) == [0, 0, 1, 1]
+    ball = found["points"][nodes + 6 :] - state["ball"].position[0].numpy()
+    assert np.abs(np.linalg.norm(ball, axis=-1) - 0.1).max() < 1e-12 and len(ball) > 100
+
+
+def test_a_scene_goes_with_what_moves_in_it(tmp_path):
+    with pytest.raises(ValueError, match="Scene with a scene was given"):
+        tb.export(scene(), tmp_path / "shape.vtu", scene=scene())
+    other = tb.Scene(tb.Beam.straight(1.0, 3, section()))
+    with pytest.raises(ValueError, match="3 nodes was given; the beam has 4"):
+        tb.export(tb.rest(scene()), tmp_path / "shape.vtu", scene=other)
+
+
+def test_a_floor_has_one_size_in_all_instants(tmp_path):
+    """And has one under a body alone."""
+    floor = tb.Contact("ball", tb.Plane((0, 0, -0.2), (0, 0, 1.0)), radius=0.1, thickness=0.01,
+                       force=100.0)  # fmt: skip
+    alone = tb.Scene({"ball": tb.Body(0.1, 1e-3)}, [tb.Gravity((0, 0, -9.81)), floor])
+    solution = tb.simulate(alone, torch.linspace(0, 0.1, 3), step=0.05)
+    tb.export(solution, tmp_path / "run.pvd", scene=alone)
+    first, *others = [read(tmp_path / "run" / f"{i}.vtu")["points"][1:] for i in range(3)]
+    assert all(np.array_equal(first, each) for each in others) and np.ptp(first[:, 0]) > 0.1

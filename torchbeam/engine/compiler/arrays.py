@@ -131,7 +131,20 @@ def _largest_first(
     ]
 
 
-def _solve(g: Graph, A: Tensor, B: Tensor, *, left: bool = True, **_: object) -> tuple[Tensor, ...]:
+def _factors_of_transpose() -> bool:
+    """Whether this torch factors the transpose of a matrix whose rows are contiguous, and remembers
+    that in its derivatives (as 2.10 does).
+    """
+    factors = torch.ops.aten._linalg_solve_ex(torch.tensor([[1.0, 0], [1, 1]]), torch.eye(2))[1]
+    return factors[0, 1].item() == 1
+
+
+FACTORS_OF_TRANSPOSE = _factors_of_transpose()
+
+
+def _solve(
+    g: Graph, A: Tensor, B: Tensor, *, left: bool = True, transposed: bool = False, **_: object
+) -> tuple[Tensor, ...]:
     if not left or A.ndim == 0:
         raise NotImplementedError("a solve from the right")
     vector = B.ndim == A.ndim - 1 and B.shape == A.shape[:-1]
@@ -145,7 +158,7 @@ def _solve(g: Graph, A: Tensor, B: Tensor, *, left: bool = True, **_: object) ->
     solutions = torch.tensor([_solved(g, a, b) for a, b in pairs], dtype=torch.long).reshape(
         *lead, n, m
     )
-    factors = elementwise(g, _factor, A)
+    factors = elementwise(g, _factor, A.mT if transposed else A)
     return solutions[..., 0] if vector else solutions, factors, *[torch.full((), UNKNOWN)] * 2
 
 

@@ -12,7 +12,7 @@ from torch._decomp import decomposition_table
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from ...core.functions_of_time import beside_hooks
-from .arrays import OTHER, STRUCTURAL, UNKNOWN, accumulated
+from .arrays import FACTORS_OF_TRANSPOSE, OTHER, STRUCTURAL, UNKNOWN, accumulated
 from .decompositions import DECOMPOSED, INSTEAD
 from .elementwise import ELEMENTWISE, REDUCTIONS, array, elementwise, reduction
 from .function import Function, Output
@@ -367,6 +367,8 @@ class _Tracer(TorchDispatchMode):
             if name in ELEMENTWISE:
                 known = [None if x is None else self._known(func, x) for x in args]
                 return elementwise(graph, ELEMENTWISE[name], *known, **settings)
+            if name == "_linalg_solve_ex":
+                settings["transposed"] = FACTORS_OF_TRANSPOSE and args[0].is_contiguous()
             if name == "linalg_lu_solve":
                 args = [args[0], args[2]]  # no rows were exchanged
             known = [self._known(func, x) if isinstance(x, Tensor) else x for x in args]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import InitVar, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import torch
@@ -84,15 +84,16 @@ class Contact(ContactTerms):
     """
 
     obstacle: Obstacle | str | None = leaf(1)
-    other: InitVar[Obstacle | str | None] = None
+    other: Obstacle | str | None = field(default=None, repr=False)
     other_radius: Value | None = leaf(0, default=None, kw_only=True)
     corners: Tensor | None = leaf(2, default=None, kw_only=True)
     on: str | None = field(default=None, kw_only=True)
     partner: str | None = field(default=None, kw_only=True)
     node: Any = field(default=None, kw_only=True)
 
-    def __post_init__(self, other: Obstacle | str | None) -> None:
-        set_ = object.__setattr__
+    def __post_init__(self) -> None:
+        other, set_ = self.other, object.__setattr__
+        set_(self, "other", None)  # obstacle, on and partner say it all
         if isinstance(self.obstacle, str):
             set_(self, "on", self.obstacle)
             set_(self, "obstacle", None if isinstance(other, str) else other)

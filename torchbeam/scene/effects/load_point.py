@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
@@ -148,7 +148,7 @@ class LoadEffect(Effect):
     rubs = False  # whether it holds what stands still, by friction
     anchor = None  # (..., 3) m, frame a: a point that its node is tied to
     offset = None  # (..., 3) m from its node to where it acts, section axes
-    depends: frozenset[str] = frozenset()
+    depends: ClassVar[frozenset[str]] = frozenset()
 
     def depends_on(self, offset: bool) -> frozenset[str]:
         """Names among `MOTION`: what the wrench depends on; empty = a dead load. `offset`: whether

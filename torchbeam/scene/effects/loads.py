@@ -17,7 +17,7 @@ from .load_point import ROTATION, LoadEffect, LoadPoint, Wrench, together
 from .values import AtSites, ByPlace, Inputs, LoadValue, load_value, plain, value_along, value_at
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class GivenLoad(LoadEffect):
     """Force and moment with a value each: a tensor (..., 3), a function t -> (..., 3), an `Input`,
     or None = absent.
@@ -26,9 +26,9 @@ class GivenLoad(LoadEffect):
     with the section.
     """
 
-    force: Value | None = leaf(1, default=None)
-    moment: Value | None = leaf(1, default=None)
-    follower: bool = False
+    force: Value | None = leaf(1, default=None, kw_only=True)
+    moment: Value | None = leaf(1, default=None, kw_only=True)
+    follower: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
         if self.force is None and self.moment is None:

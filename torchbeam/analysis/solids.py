@@ -1,0 +1,74 @@
+"""Surfaces of obstacles as meshes of quadrilaterals."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from ..math import quaternions as quat
+from ..scene.effects.obstacles import Box, Capsule, Cylinder, Obstacle, Plane, Sphere
+
+QUARTER = 7  # points along a quarter of a circle
+
+
+def surface_mesh(obstacle: Obstacle, size: float) -> tuple[Tensor, Tensor]:
+    """Points (n, 3) m and quadrilaterals (m, 4) of an obstacle of one sample at one instant, as far
+    as `size` (m) where it has no end; of what a user derived from `Obstacle`, none.
+    """
+    if isinstance(obstacle, Plane):
+        R = _axes(obstacle.normal)
+        corners = obstacle.point.new_tensor([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+        return obstacle.point + size * corners @ R.mT, torch.arange(4)[None]
+    if isinstance(obstacle, Sphere):
+        R = torch.eye(3, dtype=obstacle.centre.dtype)
+        return _rounded(obstacle.centre, R, torch.zeros_like(obstacle.centre), obstacle.radius)
+    if isinstance(obstacle, Cylinder):
+        half = obstacle.point.new_tensor([0, 0, size])
+        return _rounded(obstacle.point, _axes(obstacle.axis), half, obstacle.radius, ends=False)
+    if isinstance(obstacle, Capsule):
+        a, b = obstacle.a, obstacle.b
+        half = torch.stack((a.new_zeros(()), a.new_zeros(()), (b - a).norm() / 2))
+        return _rounded((a + b) / 2, _axes(b - a), half, obstacle.radius)
+    if isinstance(obstacle, Box):
+        turn = torch.zeros(3) if obstacle.rotation is None else obstacle.rotation
+        R = quat.matrix(quat.exponential(turn.to(obstacle.size)))
+        half = obstacle.size / 2 - obstacle.rounding
+        return _rounded(obstacle.centre, R, half, obstacle.rounding)
+    return torch.empty(0, 3), torch.empty(0, 4, dtype=torch.long)
+
+
+def _rounded(
+    centre: Tensor, R: Tensor, half: Tensor, radius: Tensor, ends: bool = True
+) -> tuple[Tensor, Tensor]:
+    """What is at most `radius` from a box of the sides 2 `half` (3) about a centre, with axes R:
+    of the unit sphere's normals, octant by octant, each from its corner of the box. Without its
+    `ends` along the third axis, the tube between these.
+    """
+    quarter = torch.linspace(0, math.pi / 2, QUARTER, dtype=half.dtype)
+    around = torch.cat([quarter + k * math.pi / 2 for k in range(4)])
+    signs = half.new_tensor([[1, 1], [-1, 1], [-1, -1], [1, -1]]).repeat_interleave(QUARTER, 0)
+    up = torch.cat((quarter - math.pi / 2, quarter)) if ends else half.new_zeros(2)
+    side = half.new_tensor([-1.0, 1.0]).repeat_interleave(len(up) // 2)
+    flat = torch.stack((around.cos(), around.sin()), -1)
+    rows, columns = len(up), len(around)
+    normal = torch.cat(
+        (up.cos()[:, None, None] * flat, up.sin()[:, None, None].expand(rows, columns, 1)), -1
+    )
+    sign = torch.cat(
+        (signs.expand(rows, columns, 2), side[:, None, None].expand(rows, columns, 1)), -1
+    )
+    points = centre + (sign * half + radius * normal).flatten(0, 1) @ R.mT
+    first = columns * torch.arange(rows - 1)[:, None] + torch.arange(columns)
+    right = columns * torch.arange(rows - 1)[:, None] + (torch.arange(columns) + 1) % columns
+    return points, torch.stack((first, right, right + columns, first + columns), -1).flatten(0, 1)
+
+
+def _axes(direction: Tensor) -> Tensor:
+    """Axes (3, 3), columns, of which the third has a direction (3)."""
+    z = direction / direction.norm()
+    x = torch.eye(3, dtype=z.dtype)[z.abs().argmin()]
+    x = torch.linalg.cross(x, z)
+    x = x / x.norm()
+    return torch.stack((x, torch.linalg.cross(z, x), z), -1)
