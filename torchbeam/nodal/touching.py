@@ -119,26 +119,26 @@ class Touching(Tree):
             return self.chosen(pairs.flatten(0, -3).any(0) if pairs.ndim > 2 else pairs)
         return self.chosen(self.slack(motion, skin) <= skin)
 
-    def slack(
-        self, motion: TouchingMotion, skin: Tensor | float = torch.inf, apart: Tensor | None = None
-    ) -> Tensor:
+    def slack(self, motion: TouchingMotion, skin: Tensor | float = torch.inf) -> Tensor:
         """(P, K) m: by how much the gap of each place to each piece is wider than where forces
         begin, at least, in the nearest sample, wherever they are in the step; inf where it may not
         touch it. No gap changes by more than two nodes move towards each other. What is surely
-        wider than a skin m is less closely looked at; pairs that are known to be `apart` (P, K)
-        bool not at all: inf.
+        wider than a skin m is less closely looked at.
         """
-        every = self._every if apart is None else self._every & ~apart
+        every = self._every
         shape = every.shape[-2:]
-        slack = torch.where(every, self._between_balls(motion), torch.inf)
+        slack = self.ball_slack(motion).repeat_interleave(self.places.count, -2)
+        slack = torch.where(every, slack, torch.inf)
         slack, every = slack.reshape(-1, *shape).amin(0), every.reshape(-1, *shape).any(0)
         near = self.chosen(every & (slack <= skin))
         closely = self._between(motion, near)
         slack[near.point, near.piece] = closely.expand(1, *closely.shape).flatten(0, -2).amin(0)
         return slack
 
-    def _between_balls(self, motion: TouchingMotion) -> Tensor:
-        """(..., P, K) m: the same of the balls around the pieces that they are in."""
+    def ball_slack(self, motion: TouchingMotion) -> Tensor:
+        """(..., n, K) m: the same of balls about the nodes of places and of pieces, in which these
+        are.
+        """
         x = concrete(motion.position.detach())
 
         def ball(triples: Tensor) -> tuple[Tensor, Tensor]:
@@ -149,10 +149,20 @@ class Touching(Tree):
         points, pieces = self._nodes(x.device)
         (a, of_a), (b, of_b) = ball(points[:: self.places.count]), ball(pieces)
         apart = torch.cdist(a, b, compute_mode="donot_use_mm_for_euclid_dist")
-        slack = apart - of_a[..., :, None] - of_b[..., None, :] - self._reach[..., None, None]
+        slack = apart - of_a[..., :, None] - of_b[..., None, :] - self.reach[..., None, None]
         if motion.half is not None:
             slack = slack - spread(concrete(motion.half.detach()))[..., None, None]
-        return slack.repeat_interleave(self.places.count, -2)
+        return slack
+
+    def nearing(self, position: Tensor, velocity: Tensor) -> Tensor:
+        """(..., n, K) m/s by which they come nearer to each other, nodes at (..., nodes, 3) m with
+        these velocities.
+        """
+        own = ([node for _, node, _ in part] for part in self.nodes)
+        points, pieces = own
+        x, v = (a[..., points, None, :] - a[..., None, pieces, :] for a in (position, velocity))
+        size = norm(x)[..., 0]
+        return -(x * v).sum(-1) / torch.where(size > 0, size, 1.0)
 
     def _between(self, motion: TouchingMotion, near: Nearby) -> Tensor:
         """(..., U) m: the same of pairs."""
@@ -164,7 +174,7 @@ class Touching(Tree):
             return (shares * x[..., own, :]).sum(-2), x[..., other, :]
 
         place, nodes = of(motion.position)
-        slack = least_distance(place, self.control[near.piece] @ nodes) - self._reach[..., None]
+        slack = least_distance(place, self.control[near.piece] @ nodes) - self.reach[..., None]
         if motion.half is not None:
             place, nodes = of(motion.half)
             moves = torch.linalg.vector_norm(nodes - place[..., None, :], dim=-1)
@@ -178,14 +188,24 @@ class Touching(Tree):
         return concrete(self.allowed.detach()) > 0
 
     @property
-    def _reach(self) -> Tensor:
+    def may_touch(self) -> Tensor:
+        """(..., n, K) bool: `allowed`, by the nodes of places."""
+        return self._every[..., :: self.places.count, :]
+
+    @property
+    def nodes(self) -> tuple[tuple[tuple[int, int, int], ...], ...]:
+        """The three of each of the n nodes that have places, and of each piece."""
+        return piece_nodes(*self.along), self.pieces
+
+    @property
+    def reach(self) -> Tensor:
         """(...) m between axes where forces begin."""
         return concrete((self.radii.sum(-1) + self.contact.thickness).detach())
 
     def _nodes(self, device: torch.device) -> tuple[Tensor, Tensor]:
         """Of each place (P, 3), and of each piece (K, 3)."""
-        points = _numbers(piece_nodes(*self.along), device)
-        return points.repeat_interleave(self.places.count, 0), _numbers(self.pieces, device)
+        points, pieces = (_numbers(own, device) for own in self.nodes)
+        return points.repeat_interleave(self.places.count, 0), pieces
 
     def chosen(self, pairs: Tensor) -> Nearby:
         """Those where pairs (P, K) bool is true."""

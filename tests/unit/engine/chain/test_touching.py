@@ -130,8 +130,8 @@ def test_what_is_far_is_stepped_as_if_it_did_not_touch():
 
 
 def test_what_falls_together_is_stepped_once(monkeypatch):
-    """With one list, and no step again: no gap has changed; and few steps again where parts fly
-    from each other, as velocities foretell that the list ends.
+    """With one list, and no step again, as no gap has changed; so are parts that fly from each
+    other; and few steps are made again of those that come together, as velocities foretell when.
     """
     scene, start = falling(X[0])
     parts = {name: tb.Beam.straight(0.12, 2, SECTION, root=(0, 0, z))
@@ -156,13 +156,15 @@ def test_what_falls_together_is_stepped_once(monkeypatch):
         return result
 
     monkeypatch.setattr(touching_step.CompiledStep, "__call__", ran)
-    for state in (still, replace(still, velocity=-start.velocity)):
+    above = replace(still, position=still.position + 0.06 / 0.7 * start.velocity.abs())
+    away, near = (replace(x, velocity=k * start.velocity) for x, k in ((still, -1), (above, 4)))
+    for state in (still, away, near):
         lists.clear(), steps.clear()
-        tb.simulate(scene, [0.0, 0.016], step=2.5e-4, initial=state, engine="compiled")
+        tb.simulate(scene, [0.0, 0.064], step=2.5e-4, initial=state, engine="compiled")
         made.append((len(lists), sum(steps)))
-    assert made[0] == (1, 64)
-    assert made[1][0] > 0
-    assert made[1][1] < 1.25 * 64
+    assert made[:2] == [(1, 256), (0, 256)]
+    assert made[2][0] > 0
+    assert 256 <= made[2][1] < 1.25 * 256
 
 
 def test_gradients_are_recorded_after_steps_without():
