@@ -80,7 +80,12 @@ class StructureCode(ChainCode):
     def _loops(self) -> list[str]:
         w = self.layout.records["move"].size
         over_cells = CellSums(self.lanes, self.cells).functions() if self.cells > 1 else []
-        return [*super()._loops(), *over_cells, *BlockElimination(self.lanes, w).functions()]
+        elimination = BlockElimination(self.lanes, w, self._part())
+        return [*super()._loops(), *over_cells, *elimination.functions()]
+
+    def _part(self) -> int | None:
+        """Unknowns of a node by which pairs that touch couple; None = all, or there are none."""
+        return None
 
     def _over_cells(self, how: str, to: str, size: str | int = 1) -> None:
         if self.cells > 1:
@@ -177,9 +182,9 @@ class StructureCode(ChainCode):
         """Where a number of the interface's system lies."""
         return self.at("matrix", first)
 
-    def _add_block(self, first: str, stride: str, source: str) -> None:
+    def _add_block(self, first: str, stride: str, source: str, name: str = "block") -> None:
         self.code.line(
-            f'call void @"add_block"(ptr {self._matrix(first)}, i64 {stride}, ptr {source})'
+            f'call void @"add_{name}"(ptr {self._matrix(first)}, i64 {stride}, ptr {source})'
         )
 
     def _add_column(self, first: str, stride: str, source: str) -> None:

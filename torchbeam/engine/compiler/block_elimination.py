@@ -23,6 +23,7 @@ class BlockElimination:
         eliminate(ptr memory, ptr table, i64 groups)    see `BlockPattern.elimination`
         substitute(ptr memory, ptr table, i64 groups)   see `BlockPattern.substitution`
         add_block(ptr to, i64 stride, ptr source)           to += source, (w, w)
+        add_part(ptr to, i64 stride, ptr source)            the same of (part, part)
         add_column(ptr to, i64 stride, ptr source)          to += source, (w, 1)
         subtract(ptr to, i64 to_stride, ptr a, i64 a_stride, i64 inner, ptr b, i64 b_stride,
                  i64 columns)                               to -= a b
@@ -30,13 +31,14 @@ class BlockElimination:
     for units of w unknowns. Numbers lie as [component][lane].
     """
 
-    def __init__(self, lanes: Lanes, w: int) -> None:
-        self.lanes, self.w = lanes, w
+    def __init__(self, lanes: Lanes, w: int, part: int | None = None) -> None:
+        self.lanes, self.w, self.part = lanes, w, part or w
 
     def functions(self) -> list[str]:
         return [
-            self._add("block", self.w),
-            self._add("column", 1),
+            self._add("block", self.w, self.w),
+            self._add("part", self.part, self.part),
+            self._add("column", self.w, 1),
             self._subtract(),
             self._pivot(),
             self._some(),
@@ -106,9 +108,9 @@ class BlockElimination:
 
     # Functions
 
-    def _add(self, name: str, columns: int) -> str:
+    def _add(self, name: str, rows: int, columns: int) -> str:
         code = Code(f"add_{name}", ["ptr %to", "i64 %stride", "ptr %source"])
-        with code.loop(0, self.w) as i:
+        with code.loop(0, rows) as i:
             row, source = (
                 self._at(code, "%to", code.mul(i, "%stride")),
                 self._at(code, "%source", code.mul(i, columns)),
