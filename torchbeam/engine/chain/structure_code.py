@@ -44,6 +44,7 @@ COUNTS = (
     "stretch_count",
     "pair_count",
     "entry_count",
+    "group_count",
     "first_groups",
     "last_groups",
     "last_table",
@@ -182,20 +183,30 @@ class StructureCode(ChainCode):
         """Where a number of the interface's system lies."""
         return self.at("matrix", first)
 
+    @property
+    def _system(self) -> str:
+        """The matrix and its flags, which come behind it."""
+        matrix = self.base["matrix"]
+        flags = self.code.at(matrix, self.args["entry_count"], self.lanes.vector)
+        return f"ptr {matrix}, ptr {flags}"
+
+    def _on_block(self, name: str, first: str, stride: str, *given: str) -> None:
+        """A function of `BlockElimination` on a block of the matrix."""
+        more = "".join(f", ptr {x}" for x in given)
+        self.code.line(f'call void @"{name}"({self._system}, i64 {first}, i64 {stride}{more})')
+
     def _add_block(self, first: str, stride: str, source: str, name: str = "block") -> None:
-        self.code.line(
-            f'call void @"add_{name}"(ptr {self._matrix(first)}, i64 {stride}, ptr {source})'
-        )
+        self._on_block(f"add_{name}", first, stride, source)
 
     def _add_column(self, first: str, stride: str, source: str) -> None:
         self.code.line(
             f'call void @"add_column"(ptr {self._matrix(first)}, i64 {stride}, ptr {source})'
         )
 
-    def _subtract(self, to: str, stride: str | int, a: str, b: str, columns: int) -> None:
-        """to -= a b, of blocks that lie together."""
-        w = self.layout.records["move"].size
+    def _subtract_column(self, first: str, stride: str, a: str, b: str) -> None:
+        """-= a b, of what lies together."""
+        w, to = self.layout.records["move"].size, self._matrix(first)
         self.code.line(
             f'call void @"subtract"(ptr {to}, i64 {stride}, ptr {a}, i64 {w}, i64 {w}, ptr {b}, '
-            f"i64 {columns}, i64 {columns})"
+            "i64 1, i64 1)"
         )

@@ -9,26 +9,33 @@ passed over.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
-
 from .llvm import FLAGS, Lanes
 from .loop_text import Code
 
 CHUNKS = 4, 2  # columns of one sample at once
+SYSTEM = "ptr %memory", "ptr %flags"
 
 
 class BlockElimination:
     """Text of the functions
 
-        eliminate(ptr memory, ptr table, i64 groups)    see `BlockPattern.elimination`
-        substitute(ptr memory, ptr table, i64 groups)   see `BlockPattern.substitution`
-        add_block(ptr to, i64 stride, ptr source)           to += source, (w, w)
-        add_part(ptr to, i64 stride, ptr source)            the same of (part, part)
-        add_column(ptr to, i64 stride, ptr source)          to += source, (w, 1)
+        clear(ptr memory, ptr flags, ptr table, i64 groups)         a matrix without blocks; table:
+                                                            see `BlockPattern.elimination`
+        eliminate(ptr memory, ptr flags, ptr table, i64 groups)     the same table
+        substitute(ptr memory, ptr flags, ptr table, i64 groups)    see `BlockPattern.substitution`
+        add_block(ptr memory, ptr flags, i64 first, i64 stride, ptr source)  += source, (w, w)
+        add_part(ptr memory, ptr flags, i64 first, i64 stride, ptr source)   the same of (part,
+                                                            part)
+        subtract_block(ptr memory, ptr flags, i64 first, i64 stride, ptr a, ptr b)
+                                                            -= a b, of (w, w) each
+        there(ptr memory, ptr flags, i64 first, i64 stride)     zeros, if there is no block
+        add_column(ptr to, i64 stride, ptr source)              to += source, (w, 1)
         subtract(ptr to, i64 to_stride, ptr a, i64 a_stride, i64 inner, ptr b, i64 b_stride,
-                 i64 columns)                               to -= a b
+                 i64 columns)                                   to -= a b
 
-    for units of w unknowns. Numbers lie as [component][lane].
+    for units of w unknowns. Numbers lie as [component][lane]. What couples single units has a flag,
+    the byte of the number of its first component: while that is 0, there is no block, and nothing
+    is computed by it, whatever lies there.
     """
 
     def __init__(self, lanes: Lanes, w: int, part: int | None = None) -> None:
@@ -36,12 +43,17 @@ class BlockElimination:
 
     def functions(self) -> list[str]:
         return [
-            self._add("block", self.w, self.w),
-            self._add("part", self.part, self.part),
-            self._add("column", self.w, 1),
+            self._zero(),
+            self._clear(),
+            self._there(),
+            self._add_block("block", self.w),
+            self._add_block("part", self.part),
+            self._add(self.w, 1),
             self._subtract(),
+            self._subtract_block(),
             self._pivot(),
-            self._some(),
+            self._factor(),
+            self._solve(),
             self._eliminate(),
             self._substitute(),
         ]
@@ -108,8 +120,117 @@ class BlockElimination:
 
     # Functions
 
-    def _add(self, name: str, rows: int, columns: int) -> str:
-        code = Code(f"add_{name}", ["ptr %to", "i64 %stride", "ptr %source"])
+    def _zero(self) -> str:
+        """zeros(to, stride, rows, columns)"""
+        code = Code("zeros", ["ptr %to", "i64 %stride", "i64 %rows", "i64 %columns"])
+        with code.loop(0, "%rows") as i:
+            row = self._at(code, "%to", code.mul(i, "%stride"))
+            for j, lanes in self._columns(code, 0, "%columns"):
+                self._store(code, lanes.constant(0.0), self._at(code, row, j), lanes)
+        return _internal(code)
+
+    def _clear_numbers(
+        self, code: Code, to: str, stride: str | int, rows: str | int, columns: str | int
+    ) -> None:
+        given = f"ptr {to}, i64 {stride}, i64 {rows}, i64 {columns}"
+        code.line(f'call void @"zeros"({given})')
+
+    def _flag(self, code: Code, first: str | int) -> str:
+        return code.at("%flags", first, "i8")
+
+    def _is_there(self, code: Code, first: str | int) -> str:
+        flag = code.load(self._flag(code, first), "i8")
+        return code.new(f"icmp ne i8 {flag}, 0")
+
+    def _clear(self) -> str:
+        code, w = Code("clear", [*SYSTEM, "ptr %table", "i64 %groups"]), self.w
+        slot = code.slot("ptr")
+        code.store("%table", slot, "ptr")
+        with code.loop(0, "%groups"):
+            entry = code.load(slot, "ptr")
+            n, columns, first, rows, count = (code.load(code.at(entry, k)) for k in range(5))
+            panel = self._at(code, "%memory", first)
+            entry, size = code.at(entry, 5), code.add(1, code.mul(count, 4))
+            units = code.sub(count, 1)
+            single = code.compare("eq", n, w)
+            for flag, truth in ((0, single), (1, code.new(f"xor i1 {single}, true"))):
+                with code.when(truth):
+                    if flag:
+                        self._clear_numbers(code, panel, columns, n, columns)
+                    else:
+                        self._clear_numbers(code, panel, columns, n, n)
+                        right = self._at(code, panel, code.sub(columns, 1))
+                        self._clear_numbers(code, right, columns, n, 1)
+                        code.store(1, self._flag(code, first), "i8")
+                        with code.loop(0, units) as k:
+                            at = code.add(first, code.add(n, code.mul(k, w)))
+                            code.store(0, self._flag(code, at), "i8")
+                    with code.loop(0, rows) as i:
+                        at = code.load(code.at(entry, code.mul(i, size)))
+                        if flag:
+                            self._clear_numbers(code, self._at(code, "%memory", at), n, w, n)
+                        else:
+                            code.store(0, self._flag(code, at), "i8")
+                    if flag:
+                        self._all_there(code, first, columns, n, code.add(n, code.mul(units, w)))
+                        with code.loop(0, rows) as i:
+                            at = code.load(code.at(entry, code.mul(i, size)))
+                            self._all_there(code, at, n, w, n)
+            code.store(code.at(entry, code.mul(rows, size)), slot, "ptr")
+        return _internal(code)
+
+    def _all_there(
+        self, code: Code, first: str, stride: str, rows: str | int, columns: str
+    ) -> None:
+        """Flags of the blocks of so many rows and columns."""
+        with code.loop(0, rows, self.w) as i, code.loop(0, columns, self.w) as j:
+            at = code.add(first, code.add(code.mul(i, stride), j))
+            code.store(1, self._flag(code, at), "i8")
+
+    def _there(self) -> str:
+        code = Code("there", [*SYSTEM, "i64 %first", "i64 %stride"])
+        none = code.new(f"xor i1 {self._is_there(code, '%first')}, true")
+        with code.when(none):
+            self._clear_numbers(
+                code, self._at(code, "%memory", "%first"), "%stride", self.w, self.w
+            )
+            code.store(1, self._flag(code, "%first"), "i8")
+        return _internal(code)
+
+    def _put(self, code: Code, first: str, stride: str) -> str:
+        """A block that is there, by its flag at `first`."""
+        code.line(f'call void @"there"(ptr %memory, ptr %flags, i64 {first}, i64 {stride})')
+        return self._at(code, "%memory", first)
+
+    def _add_block(self, name: str, size: int) -> str:
+        """A block that is not there is copied."""
+        given = [*SYSTEM, "i64 %first", "i64 %stride", "ptr %source"]
+        code = Code(f"add_{name}", given)
+
+        def each(add: bool) -> None:
+            to = self._at(code, "%memory", "%first")
+            for i in range(size):
+                row = self._at(code, to, code.mul("%stride", i))
+                for j, lanes in self._columns(code, 0, size):
+                    at = self._at(code, row, j)
+                    source = self._at(code, "%source", code.add(i * size, j))
+                    part = self._load(code, source, lanes)
+                    if add:
+                        part = self._make(code, "fadd", self._load(code, at, lanes), part, lanes)
+                    self._store(code, part, at, lanes)
+
+        there = self._is_there(code, "%first")
+        with code.when(there):
+            each(True)
+        with code.when(code.new(f"xor i1 {there}, true")):
+            if size < self.w:
+                self._put(code, "%first", "%stride")
+            code.store(1, self._flag(code, "%first"), "i8")
+            each(False)
+        return _internal(code)
+
+    def _add(self, rows: int, columns: int) -> str:
+        code = Code("add_column", ["ptr %to", "i64 %stride", "ptr %source"])
         with code.loop(0, rows) as i:
             row, source = (
                 self._at(code, "%to", code.mul(i, "%stride")),
@@ -120,6 +241,18 @@ class BlockElimination:
                 part = self._load(code, self._at(code, source, k))
                 self._store(code, self._make(code, "fadd", self._load(code, at), part), at)
         return _internal(code)
+
+    def _subtract_block(self) -> str:
+        given = [*SYSTEM, "i64 %first", "i64 %stride", "ptr %a", "ptr %b"]
+        code = Code("subtract_block", given)
+        to, w = self._put(code, "%first", "%stride"), self.w
+        self._less_product(code, to, "%stride", "%a", w, w, "%b", w, w)
+        return _internal(code)
+
+    def _less_product(self, code: Code, *given: str | int) -> None:
+        kinds = ("ptr", "i64", "ptr", "i64", "i64", "ptr", "i64", "i64")
+        text = ", ".join(f"{kind} {x}" for kind, x in zip(kinds, given, strict=True))
+        code.line(f'call void @"subtract"({text})')
 
     def _subtract(self) -> str:
         """Column by column in registers, one for each row."""
@@ -213,94 +346,138 @@ class BlockElimination:
                 rest = self._make(code, "fsub", self._load(code, at, lanes), part, lanes)
                 self._store(code, rest, at, lanes)
 
-    def _some(self) -> str:
-        """some(a, stride, rows, columns, result): 1 where a number is other than zero in any lane,
-        else 0; by the first row that has one.
+    def _factor(self) -> str:
+        """factor(panel, columns): the first w columns of w rows in triangular factors, with the
+        inverses of what divides on the diagonal; rows change places as in `pivot`.
         """
-        given = ["ptr %a", "i64 %stride", "i64 %rows", "i64 %columns", "ptr %result"]
-        code = Code("some", given)
-        row, truth = code.slot(), code.slot("i1")
-        code.store(0, row)
-        code.store("false", truth, "i1")
-        with code.until() as ends:
-            i = code.load(row)
-            here = self._at(code, "%a", code.mul(i, "%stride"))
-            with code.loop(0, "%columns") as j:
-                x = self._load(code, self._at(code, here, j))
-                zero = self.lanes.constant(0.0)
-                other = self._any(code, code.new(f"fcmp une {self.lanes.vector} {x}, {zero}"))
-                either = code.new(f"or i1 {code.load(truth, 'i1')}, {other}")
-                code.store(either, truth, "i1")
-            code.store(after := code.add(i, 1), row)
-            last = code.compare("sge", after, "%rows")
-            ends.append(code.new(f"or i1 {code.load(truth, 'i1')}, {last}"))
-        code.store(code.choose(code.load(truth, "i1"), 1, 0), "%result")
+        code, w = Code("factor", ["ptr %panel", "i64 %columns"]), self.w
+        V = self.lanes.vector
+        rows = [self._at(code, "%panel", code.mul("%columns", k)) for k in range(w)]
+        for k in range(w):
+            best = self._size(code, self._load(code, self._at(code, rows[k], k)))
+            chosen = self.lanes.constant(float(k))
+            for i in range(k + 1, w):
+                size = self._size(code, self._load(code, self._at(code, rows[i], k)))
+                larger = code.new(f"fcmp ogt {V} {size}, {best}")
+                best = self._select(code, larger, size, best)
+                chosen = self._select(code, larger, self.lanes.constant(float(i)), chosen)
+            for i in range(k + 1, w):
+                mask = code.new(f"fcmp oeq {V} {chosen}, {self.lanes.constant(float(i))}")
+                with code.when(self._any(code, mask)), code.loop(0, "%columns") as j:
+                    one, other = (self._at(code, rows[m], j) for m in (k, i))
+                    a, b = self._load(code, one), self._load(code, other)
+                    self._store(code, self._select(code, mask, b, a), one)
+                    self._store(code, self._select(code, mask, a, b), other)
+            at = self._at(code, rows[k], k)
+            inverse = self._make(code, "fdiv", self.lanes.constant(1.0), self._load(code, at))
+            self._store(code, inverse, at)
+            own = [self._load(code, self._at(code, rows[k], j)) for j in range(k + 1, w)]
+            for i in range(k + 1, w):
+                at = self._at(code, rows[i], k)
+                factor = self._make(code, "fmul", self._load(code, at), inverse)
+                self._store(code, factor, at)
+                for j, other in zip(range(k + 1, w), own, strict=True):
+                    to = self._at(code, rows[i], j)
+                    part = self._make(code, "fmul", factor, other)
+                    self._store(code, self._make(code, "fsub", self._load(code, to), part), to)
         return _internal(code)
 
-    @contextmanager
-    def _unless_zero(
-        self, code: Code, a: str, stride: str, rows: str | int, columns: str | int
-    ) -> Iterator[None]:
-        """What is written is passed over where a block is zero in all lanes: what may couple, and
-        does not now.
-        """
-        result = code.slot()
-        code.line(
-            f'call void @"some"(ptr {a}, i64 {stride}, i64 {rows}, i64 {columns}, ptr {result})'
-        )
-        with code.when(code.compare("eq", code.load(result), 1)):
-            yield
+    def _solve(self) -> str:
+        """solve(panel, stride, first, columns): columns from `first` on by those factors."""
+        given = ["ptr %panel", "i64 %stride", "i64 %first", "i64 %columns"]
+        code, w = Code("solve", given), self.w
+        rows = [self._at(code, "%panel", code.mul("%stride", k)) for k in range(w)]
+        end = code.add("%first", "%columns")
+        for j, lanes in self._columns(code, "%first", end):
+            x = [self._load(code, self._at(code, row, j), lanes) for row in rows]
+
+            def factor(i: int, k: int, lanes: Lanes = lanes) -> str:
+                return self._in_all(code, self._load(code, self._at(code, rows[i], k)), lanes)
+
+            def less(i: int, k: int, x: list[str] = x, lanes: Lanes = lanes) -> None:
+                part = self._make(code, "fmul", factor(i, k), x[k], lanes)
+                x[i] = self._make(code, "fsub", x[i], part, lanes)
+
+            for k in range(w):
+                for i in range(k + 1, w):
+                    less(i, k)
+            for k in reversed(range(w)):
+                x[k] = self._make(code, "fmul", factor(k, k), x[k], lanes)
+                for i in range(k):
+                    less(i, k)
+            for row, value in zip(rows, x, strict=True):
+                self._store(code, value, self._at(code, row, j), lanes)
+        return _internal(code)
 
     def _eliminate(self) -> str:
-        code = Code("eliminate", ["ptr %memory", "ptr %table", "i64 %groups"])
+        code, w = Code("eliminate", [*SYSTEM, "ptr %table", "i64 %groups"]), self.w
         slot = code.slot("ptr")
         code.store("%table", slot, "ptr")
         with code.loop(0, "%groups"):
             entry = code.load(slot, "ptr")
-            n, columns, panel, rows, count = (code.load(code.at(entry, k)) for k in range(5))
-            panel = self._at(code, "%memory", panel)
-            code.line(f'call void @"pivot"(ptr {panel}, i64 {n}, i64 {columns})')
+            n, columns, begin, rows, count = (code.load(code.at(entry, k)) for k in range(5))
+            panel = self._at(code, "%memory", begin)
+            single, units = code.compare("eq", n, w), code.sub(count, 1)
+            with code.when(code.new(f"xor i1 {single}, true")):
+                code.line(f'call void @"pivot"(ptr {panel}, i64 {n}, i64 {columns})')
+            with code.when(single):
+                code.line(f'call void @"factor"(ptr {panel}, i64 {columns})')
+                solve = f'call void @"solve"(ptr {panel}, i64 {columns}'
+                with code.loop(0, units) as k:
+                    at = code.add(w, code.mul(k, w))
+                    with code.when(self._is_there(code, code.add(begin, at))):
+                        code.line(f"{solve}, i64 {at}, i64 {w})")
+                code.line(f"{solve}, i64 {code.sub(columns, 1)}, i64 1)")
             entry, size = code.at(entry, 5), code.add(1, code.mul(count, 4))
             with code.loop(0, rows) as i:
                 row = code.at(entry, code.mul(i, size))
-                first = self._at(code, "%memory", code.load(row))
-                with self._unless_zero(code, first, n, self.w, n), code.loop(0, count) as k:
-                    product = code.at(row, code.add(1, code.mul(k, 4)))
-                    to, stride, column, width = (code.load(code.at(product, i)) for i in range(4))
-                    to, column = self._at(code, "%memory", to), self._at(code, panel, column)
-                    with self._unless_zero(code, column, columns, n, width):
-                        code.line(
-                            f'call void @"subtract"(ptr {to}, i64 {stride}, ptr {first}, i64 {n}, '
-                            f"i64 {n}, ptr {column}, i64 {columns}, i64 {width})"
-                        )
+                factors = code.load(row)
+                with code.when(self._is_there(code, factors)):
+                    first = self._at(code, "%memory", factors)
+
+                    def product(k: str, row: str = row) -> list[str]:
+                        at = code.at(row, code.add(1, code.mul(k, 4)))
+                        return [code.load(code.at(at, i)) for i in range(4)]
+
+                    with code.loop(0, units) as k:
+                        to, stride, column, width = product(k)
+                        with code.when(self._is_there(code, code.add(begin, column))):
+                            to = self._put(code, to, stride)
+                            other = self._at(code, panel, column)
+                            self._less_product(code, to, stride, first, n, n, other, columns, width)
+                    to, stride, column, width = product(units)
+                    to, other = self._at(code, "%memory", to), self._at(code, panel, column)
+                    self._less_product(code, to, stride, first, n, n, other, columns, width)
             code.store(code.at(entry, code.mul(rows, size)), slot, "ptr")
         return _internal(code)
 
     def _substitute(self) -> str:
-        code = Code("substitute", ["ptr %memory", "ptr %table", "i64 %groups"])
+        code = Code("substitute", [*SYSTEM, "ptr %table", "i64 %groups"])
         V, slot = self.lanes.vector, code.slot("ptr")
         total = code.slot(V)
         code.store("%table", slot, "ptr")
         with code.loop(0, "%groups"):
             entry = code.load(slot, "ptr")
-            n, columns, panel, behind = (code.load(code.at(entry, k)) for k in range(4))
-            panel, own = self._at(code, "%memory", panel), code.at(entry, 4)
+            n, columns, begin, behind = (code.load(code.at(entry, k)) for k in range(4))
+            panel, own = self._at(code, "%memory", begin), code.at(entry, 4)
             units, last = code.at(own, n), code.sub(columns, 1)
             with code.loop(0, n) as i:
                 row = self._at(code, panel, code.mul(i, columns))
                 code.store(self._load(code, self._at(code, row, last)), total, V)
                 with code.loop(0, behind) as k:
-                    known = self._at(code, "%memory", code.load(code.at(units, k)))
-                    part = self._at(code, row, code.add(n, code.mul(k, self.w)))
-                    for c in range(self.w):
-                        product = self._make(
-                            code,
-                            "fmul",
-                            self._load(code, self._at(code, part, c)),
-                            self._load(code, self._at(code, known, c)),
-                        )
-                        rest = self._make(code, "fsub", code.load(total, V), product)
-                        code.store(rest, total, V)
+                    at = code.add(n, code.mul(k, self.w))
+                    with code.when(self._is_there(code, code.add(begin, at))):
+                        known = self._at(code, "%memory", code.load(code.at(units, k)))
+                        part = self._at(code, row, at)
+                        for c in range(self.w):
+                            product = self._make(
+                                code,
+                                "fmul",
+                                self._load(code, self._at(code, part, c)),
+                                self._load(code, self._at(code, known, c)),
+                            )
+                            rest = self._make(code, "fsub", code.load(total, V), product)
+                            code.store(rest, total, V)
                 to = self._at(code, "%memory", code.load(code.at(own, i)))
                 self._store(code, code.load(total, V), to)
             code.store(code.at(units, behind), slot, "ptr")
