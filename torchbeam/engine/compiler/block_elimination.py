@@ -9,6 +9,7 @@ passed over.
 from __future__ import annotations
 
 from collections.abc import Iterator
+
 from .llvm import FLAGS, Lanes
 from .loop_text import Code
 
