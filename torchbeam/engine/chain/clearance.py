@@ -11,7 +11,8 @@ import torch
 from torch import Tensor
 
 from ...math.shapes import broadcast_shapes
-from ...nodal.touching import AllTouching, Touching
+from ...nodal.touching import Touching
+from ...nodal.touching_forces import AllTouching
 from ..compiler.ball_distances import ARGS, PLANES, RUN, BallDistances
 from ..compiler.library import Library
 from ..compiler.llvm import Lanes

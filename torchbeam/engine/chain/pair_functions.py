@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ...nodal.surface_pairs import SurfacePairs
-from ...nodal.touching import OnePair, of_nodes
+from ...nodal.touching_forces import OnePair, of_nodes
 from ...topology.framework import Framework
 from .chain_constants import filled
 from .local_problem import Fields, LocalProblems, by_secants
