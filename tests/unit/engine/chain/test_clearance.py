@@ -100,11 +100,13 @@ def nothing(touching):
 
 
 def tangled(scene, count, seed):
-    """Positions (count, ..., nodes, 3) near each other of nodes that are thrown about."""
-    generator = torch.Generator().manual_seed(seed)
-    shape = (count, *scene.batch_shape, tb.rest(scene).position.shape[-2], 3)
-    x = 0.05 * torch.randn(shape, generator=generator)
-    return x + tb.rest(scene).position
+    """Positions (count, ..., nodes, 3), four times as far from each other as those at rest, from
+    such on to some that are thrown about.
+    """
+    generator, rest = torch.Generator().manual_seed(seed), tb.rest(scene).position
+    shape = (count, *scene.batch_shape, *rest.shape[-2:])
+    size = torch.linspace(0, 0.1, count).view(-1, *[1] * (len(shape) - 1))
+    return 4 * rest + size * torch.randn(shape, generator=generator)
 
 
 def slack_of(touching, position):
@@ -126,7 +128,7 @@ def test_pairs_that_are_cleared_are_apart(scene, dtype):
     """
     model = discretise(scene.to(dtype))
     touching, nodes = model.touching, model.node_count
-    clearance = Clearance(touching, nothing(touching), nodes)
+    clearance, seen = Clearance(touching, nothing(touching), nodes), set()
     for x in tangled(scene, 60, 0).to(dtype):
         motion = TouchingMotion(x, None, None, None, None, dict)
         least = min(
@@ -134,9 +136,11 @@ def test_pairs_that_are_cleared_are_apart(scene, dtype):
             for one in touching.each
         )
         assert (clearance.within(x) == 0) == (least > 0)
-    ways = tangled(scene, 400, 1).to(dtype) * 0.03 + 4 * tb.rest(scene.to(dtype)).position
-    ways = ways.cumsum(0) / torch.arange(1, 401).view(-1, *[1] * (ways.ndim - 1))
-    ways = (1 - torch.linspace(0, 0.9, 400).to(dtype).view(-1, *[1] * (ways.ndim - 1))) * ways
+        seen.add(least > 0)
+    assert seen == {False, True}
+    noise = 1e-3 * torch.randn(400, *x.shape, generator=torch.Generator().manual_seed(1)).cumsum(0)
+    shrinking = torch.linspace(4, 0.4, 400).view(-1, *[1] * x.ndim)
+    ways = (shrinking * tb.rest(scene).position + 0.1 * noise).to(dtype)
     steps = clearance.within(ways[0], ways[1:])
     assert 0 < steps < 399
     for share in torch.linspace(0, 1, 5).tolist():

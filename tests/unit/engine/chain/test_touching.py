@@ -95,18 +95,31 @@ def test_generalized_alpha_begins_by_native_code(monkeypatch):
 
 
 def test_no_result_depends_on_the_list_of_pairs(monkeypatch):
-    """Of those that steps are about to touch, or of many more; a copy by pickle makes its own."""
+    """Of those that steps are about to touch, or of many more, whenever it is made: step by step,
+    in one run or in short ones, of which steps are made again; a copy by pickle makes its own.
+    """
     scene, start = falling(X[0])
-    after, pairs = [], []
-    for skin in (0.02, 4.0):
-        monkeypatch.setattr(touching_step, "SKIN", skin)
+    after, pairs, count = [], [], 12
+    for skin, ahead, unseen in ((0.02, 0, 16), (0.02, 256, 2), (4.0, 0, 16)):
+        for name, value in (("SKIN", skin), ("AHEAD", ahead), ("UNSEEN", unseen)):
+            monkeypatch.setattr(touching_step, name, value)
         stepper = tb.Stepper(scene, 5e-4, engine="compiled")
         stepper = pickle.loads(pickle.dumps(stepper)) if skin == 4.0 else stepper
-        after.append(_steps(stepper, start, 6).velocity)
+        states = [start]
+        for _ in range(count):
+            states.append(stepper(states[-1]))
+        after.append(torch.stack([state.velocity for state in states[1:]]))
         lists = stepper.compiled._steps
         pairs.append(max(sum(len(point) for point, _ in own) for _, own in lists))
-    assert 0 < pairs[0] < pairs[1]
-    assert_close(*after, rtol=0, atol=1e-10)
+        stepper.compiled._list = None
+        run = tb.rollout(stepper, start, count)
+        assert_close(run.velocity, after[-1], rtol=0, atol=1e-10)
+    assert 0 < pairs[0] < pairs[2]
+    gaps = tb.sensors.ContactGap(scene)(run)
+    assert (gaps[0] > X[0, 2]).all()
+    assert (gaps < X[0, 2]).any()
+    for one in after[1:]:
+        assert_close(one, after[0], rtol=0, atol=1e-10)
 
 
 def _steps(stepper, state, count):
