@@ -99,6 +99,8 @@ def test_no_result_depends_on_the_list_of_pairs(monkeypatch):
     in one run or in short ones, of which steps are made again; a copy by pickle makes its own.
     """
     scene, start = falling(X[0])
+    above = 2e-3 * torch.tensor([0.0, 0.0, 1.0]) * (torch.arange(6) > 2)[:, None]
+    start = replace(start, position=start.position + above)
     after, pairs, count = [], [], 12
     for skin, ahead, unseen in ((0.02, 0, 16), (0.02, 256, 2), (4.0, 0, 16)):
         for name, value in (("SKIN", skin), ("AHEAD", ahead), ("UNSEEN", unseen)):
@@ -116,7 +118,7 @@ def test_no_result_depends_on_the_list_of_pairs(monkeypatch):
         assert_close(run.velocity, after[-1], rtol=0, atol=1e-10)
     assert 0 < pairs[0] < pairs[2]
     gaps = tb.sensors.ContactGap(scene)(run)
-    assert (gaps[0] > X[0, 2]).all()
+    assert gaps[0] > X[0, 2]
     assert (gaps < X[0, 2]).any()
     for one in after[1:]:
         assert_close(one, after[0], rtol=0, atol=1e-10)
