@@ -65,6 +65,7 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
             return (*NONE, *NONE)
         return (*between(place, place), *pattern.right(equation[place]))
 
+    @cache
     def between(row: int, column: int) -> tuple[int, int]:
         return pattern.place(equation[row], column)
 

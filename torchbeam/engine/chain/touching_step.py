@@ -38,7 +38,7 @@ from .compiled_step import CompiledStep, Steps, Whole
 SKIN = 0.25  # of an element's length, of a pair that comes no nearer
 AHEAD, MOST = 256, 4.0  # steps that a skin is for; of an element's length, the widest
 ROOM = 1.5  # of what nodes have moved by in a step: so much is there for the next ones
-UNSEEN = 16  # steps at most until it is seen how nodes become faster
+UNSEEN = 16  # steps at most with a new list, until it is seen how nodes become faster
 LISTS = 16  # of pairs that are kept; the one that was not asked for for longest goes first
 
 
@@ -111,12 +111,12 @@ class TouchingStep:
             self._steps.clear()
             self._list, self._seen = None, seen
         axes = start.status.ndim if moving is None else moving.ndim
-        first, parts, at_once, whole = 0, [], min(K or 1, UNSEEN), Whole(K) if K else None
+        first, parts, at_once, whole = 0, [], K or 1, Whole(K) if K else None
         while first < (K or 1):
             position, velocity = map(self._places, (start.position, start.velocity))
             pairs = self._list
             if pairs is None or not pairs.holds(position):
-                pairs = self._listed(position, velocity, dt)
+                pairs, at_once = self._listed(position, velocity, dt), UNSEEN
             count = min(at_once, (K or 1) - first)
             if count > 1:
                 count = pairs.steps_left(position, velocity, dt, count)
