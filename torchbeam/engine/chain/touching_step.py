@@ -106,6 +106,8 @@ class TouchingStep:
         """See `CompiledStep`; every: states are those after each step."""
         if functorch.peek_interpreter_stack() is not None:
             return None
+        if start.position.device.type != "cpu":  # which is refused there
+            return self.far(start, dt, t, inputs, moving, tolerance, least, limit, K, lanes)
         seen = self._written()
         if seen != self._seen:
             self._steps.clear()
@@ -159,8 +161,8 @@ class TouchingStep:
         return _joined(parts, K)
 
     def _places(self, x: Tensor) -> Tensor:
-        """Positions, or velocities, (..., nodes, 3)."""
-        return self.model.space.public_position(x).detach()
+        """Positions, or velocities, (..., nodes, 3), in the model's dtype."""
+        return self.model.space.public_position(x).detach().to(self.model.length.dtype)
 
     def _written(self) -> list[Any]:
         """What tells whether a number of the laws has been written to."""
