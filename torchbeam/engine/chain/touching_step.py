@@ -161,8 +161,8 @@ class TouchingStep:
         return _joined(parts, K)
 
     def _places(self, x: Tensor) -> Tensor:
-        """Positions, or velocities, (..., nodes, 3), in the model's dtype."""
-        return self.model.space.public_position(x).detach().to(self.model.length.dtype)
+        """Positions, or velocities, (..., nodes, 3)."""
+        return self.model.space.public_position(x).detach()
 
     def _written(self) -> list[Any]:
         """What tells whether a number of the laws has been written to."""
