@@ -145,14 +145,14 @@ class BallDistances:
         wide = self._make(code, "fsub", *ends, four)
         parts = [self._lane(code, wide, k, four) for k in range(3)]
         self._store(code, self._product(code, parts, parts, one), "%result")
-        return _internal(code)
+        return code.text(internal=True)
 
     def _copy(self) -> str:
         """copy(to, source, count)"""
         code = Code("copy", ["ptr %to", "ptr %source", "i64 %count"])
         with code.loop(0, "%count") as k:
             self._store(code, self._load(code, "%source", k), "%to", k)
-        return _internal(code)
+        return code.text(internal=True)
 
     def _least(self, rates: bool) -> str:
         """least_gap, or with rates least_time (x, velocity, before, after, nodes, runs, count,
@@ -228,7 +228,7 @@ class BallDistances:
         for part in parts[1:]:
             least = self._less(code, part, least, one)
         self._store(code, least, "%result")
-        return _internal(code)
+        return code.text(internal=True)
 
     def _of_sample(self, code: Code, args: dict[str, str], b: str) -> Callable[[str, str], str]:
         """f(function, x): its result, of sample b with nodes at x."""
@@ -306,7 +306,3 @@ class BallDistances:
             self._store(code, self._less(code, time, self._load(code, best, 0), self.one), best)
         self._store(code, self._load(code, best, 0), args["result"])
         return code.text()
-
-
-def _internal(code: Code) -> str:
-    return code.text().replace("define void", "define internal void")
