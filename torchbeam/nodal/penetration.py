@@ -16,7 +16,7 @@ from .conditions import conditions
 from .element_loads import load_point
 from .loads import Nodes, load_points
 from .model import Model
-from .touching import of_nodes
+from .touching_forces import of_nodes
 from .touching_motion import TouchingMotion
 
 

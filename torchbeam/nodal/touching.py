@@ -1,33 +1,26 @@
-"""Beams and bodies that touch each other: which of the places along one of them may touch which
-pieces of the other, and the forces of these `TouchingPairs` on the nodes. Between two beams both
-have such places, and each half of the force.
+"""Places along one part that may touch pieces of another, or of the same beam: which of them, and
+by how much they are apart. Between two beams both have such places, and each half of the force.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
-from ..core.leaves import Tree, leaf, wants_gradient
+from ..core.leaves import Tree, leaf
 from ..core.remembered import remembered
 from ..core.validation import concrete
 from ..math.concrete import mapped
-from ..math.shapes import broadcast_shapes
 from ..scene.effects.contact_terms import ContactTerms
 from ..scene.effects.drag import norm
-from ..scene.effects.load_point import POSITION, ROTATION, SPIN, VELOCITY
-from ..topology.cut import added
+from ..scene.effects.load_point import SPIN, VELOCITY
 from .centreline import least_distance, piece_nodes
-from .coordinates.spatial import Spatial
-from .surface_pairs import BODY, SurfacePairs
-from .touching_motion import NoTouching, TouchingMotion
-from .touching_pairs import PairMotion, TouchingPairs
+from .touching_motion import TouchingMotion
+from .touching_pairs import TouchingPairs
 from .touching_places import Places, places_along
 
 
@@ -119,26 +112,26 @@ class Touching(Tree):
             return self.chosen(pairs.flatten(0, -3).any(0) if pairs.ndim > 2 else pairs)
         return self.chosen(self.slack(motion, skin) <= skin)
 
-    def slack(
-        self, motion: TouchingMotion, skin: Tensor | float = torch.inf, apart: Tensor | None = None
-    ) -> Tensor:
+    def slack(self, motion: TouchingMotion, skin: Tensor | float = torch.inf) -> Tensor:
         """(P, K) m: by how much the gap of each place to each piece is wider than where forces
         begin, at least, in the nearest sample, wherever they are in the step; inf where it may not
         touch it. No gap changes by more than two nodes move towards each other. What is surely
-        wider than a skin m is less closely looked at; pairs that are known to be `apart` (P, K)
-        bool not at all: inf.
+        wider than a skin m is less closely looked at.
         """
-        every = self._every if apart is None else self._every & ~apart
+        every = self._every
         shape = every.shape[-2:]
-        slack = torch.where(every, self._between_balls(motion), torch.inf)
+        slack = self.ball_slack(motion).repeat_interleave(self.places.count, -2)
+        slack = torch.where(every, slack, torch.inf)
         slack, every = slack.reshape(-1, *shape).amin(0), every.reshape(-1, *shape).any(0)
         near = self.chosen(every & (slack <= skin))
         closely = self._between(motion, near)
         slack[near.point, near.piece] = closely.expand(1, *closely.shape).flatten(0, -2).amin(0)
         return slack
 
-    def _between_balls(self, motion: TouchingMotion) -> Tensor:
-        """(..., P, K) m: the same of the balls around the pieces that they are in."""
+    def ball_slack(self, motion: TouchingMotion) -> Tensor:
+        """(..., n, K) m: the same of balls about the nodes of places and of pieces, in which these
+        are.
+        """
         x = concrete(motion.position.detach())
 
         def ball(triples: Tensor) -> tuple[Tensor, Tensor]:
@@ -149,10 +142,20 @@ class Touching(Tree):
         points, pieces = self._nodes(x.device)
         (a, of_a), (b, of_b) = ball(points[:: self.places.count]), ball(pieces)
         apart = torch.cdist(a, b, compute_mode="donot_use_mm_for_euclid_dist")
-        slack = apart - of_a[..., :, None] - of_b[..., None, :] - self._reach[..., None, None]
+        slack = apart - of_a[..., :, None] - of_b[..., None, :] - self.reach[..., None, None]
         if motion.half is not None:
             slack = slack - spread(concrete(motion.half.detach()))[..., None, None]
-        return slack.repeat_interleave(self.places.count, -2)
+        return slack
+
+    def nearing(self, position: Tensor, velocity: Tensor) -> Tensor:
+        """(..., n, K) m/s by which they come nearer to each other, nodes at (..., nodes, 3) m with
+        these velocities.
+        """
+        own = ([node for _, node, _ in part] for part in self.nodes)
+        points, pieces = own
+        x, v = (a[..., points, None, :] - a[..., None, pieces, :] for a in (position, velocity))
+        size = norm(x)[..., 0]
+        return -(x * v).sum(-1) / torch.where(size > 0, size, 1.0)
 
     def _between(self, motion: TouchingMotion, near: Nearby) -> Tensor:
         """(..., U) m: the same of pairs."""
@@ -164,7 +167,7 @@ class Touching(Tree):
             return (shares * x[..., own, :]).sum(-2), x[..., other, :]
 
         place, nodes = of(motion.position)
-        slack = least_distance(place, self.control[near.piece] @ nodes) - self._reach[..., None]
+        slack = least_distance(place, self.control[near.piece] @ nodes) - self.reach[..., None]
         if motion.half is not None:
             place, nodes = of(motion.half)
             moves = torch.linalg.vector_norm(nodes - place[..., None, :], dim=-1)
@@ -178,14 +181,24 @@ class Touching(Tree):
         return concrete(self.allowed.detach()) > 0
 
     @property
-    def _reach(self) -> Tensor:
+    def may_touch(self) -> Tensor:
+        """(..., n, K) bool: `allowed`, by the nodes of places."""
+        return self._every[..., :: self.places.count, :]
+
+    @property
+    def nodes(self) -> tuple[tuple[tuple[int, int, int], ...], ...]:
+        """The three of each of the n nodes that have places, and of each piece."""
+        return piece_nodes(*self.along), self.pieces
+
+    @property
+    def reach(self) -> Tensor:
         """(...) m between axes where forces begin."""
         return concrete((self.radii.sum(-1) + self.contact.thickness).detach())
 
     def _nodes(self, device: torch.device) -> tuple[Tensor, Tensor]:
         """Of each place (P, 3), and of each piece (K, 3)."""
-        points = _numbers(piece_nodes(*self.along), device)
-        return points.repeat_interleave(self.places.count, 0), _numbers(self.pieces, device)
+        points, pieces = (_numbers(own, device) for own in self.nodes)
+        return points.repeat_interleave(self.places.count, 0), pieces
 
     def chosen(self, pairs: Tensor) -> Nearby:
         """Those where pairs (P, K) bool is true."""
@@ -242,211 +255,3 @@ def _allowed(first: int, nodes: int, count: int, s: Tensor, radius: Tensor, apar
     number = torch.arange(nodes, device=s.device)
     away = away & ((number[:, None] - number).abs() > 1)
     return away.to(s).repeat_interleave(count, -2)
-
-
-def of_nodes(nodes: Tensor, motion: TouchingMotion) -> PairMotion:
-    """The motion of the nodes (U, 6) of pairs."""
-    moves = (None if x is None else x[..., nodes, :] for x in motion[:4])
-    axes = None
-    if motion.axes is not None:
-        axes = tuple(R[..., nodes[:, BODY], :, :] for R in motion.axes)
-    return PairMotion(*moves, motion.secant, axes)
-
-
-# axes of the constants of a pair
-RANKS = {"own": 1, "measure": 0, "control": 2, "ends": 1, "radii": 1}
-SURFACE = {"centre": 1, "axes": 2, "half": 1, "rounding": 0}
-RANKS |= SURFACE
-RANKS |= dict.fromkeys(("thickness", "slope", "friction", "slip_speed", "damping"), 0)
-
-
-class Near(NamedTuple):
-    """Pairs that may touch each other, and their nodes (U, 6)."""
-
-    pairs: TouchingPairs
-    nodes: Tensor
-
-
-@dataclass(frozen=True)
-class AnyTouching(NoTouching):
-    """Parts that touch. moves (w, 6): displacement and spin in space of a node's moves. A subclass
-    knows which pairs are `near`.
-    """
-
-    space: Spatial
-    moves: Tensor = leaf(2)
-
-    present = True
-
-    def near(self, motion: TouchingMotion) -> list[Near]:
-        """Those that may touch over this motion."""
-        raise NotImplementedError
-
-    def loaded(self, nodes: Tensor, motion: Callable[[], TouchingMotion]) -> Tensor:
-        now = motion()
-        for pairs, own in self.near(now):
-            push = -(pairs.wrenches(of_nodes(own, now)) @ self.moves.mT).flatten(-3, -2)
-            nodes = added(nodes, tuple(own.flatten().tolist()), push, nodes.shape[-2], 1)
-        return nodes
-
-    def matrix(self, matrix: Any, motion: Callable[[], TouchingMotion]) -> Any:
-        return self._tied(matrix, motion(), self.by_moves)
-
-    def damping(self, matrix: Any, position: Tensor, axes: Tensor) -> Any:
-        still = torch.zeros_like(position)
-        sizes = self.space.dims.position, self.space.dims.spin
-        names = (VELOCITY, SPIN)
-        eyes = (torch.eye(n, dtype=position.dtype, device=position.device)[None] for n in sizes)
-        by = dict(zip(names, eyes, strict=True))
-        motion = TouchingMotion(position, None, still, still, None, lambda: by, axes=(axes,))
-        return self._tied(matrix, motion, self._by_rates)
-
-    def _tied(self, matrix: Any, now: TouchingMotion, blocks_of: Callable[..., Tensor]) -> Any:
-        """A matrix with blocks (..., U, 6, 6, w, w) of the pairs that have some."""
-        nodes, blocks = [], []
-        for near in self.near(now):
-            own, block = near.nodes, blocks_of(near, now)
-            if not mapped(block) and not wants_gradient(block):  # zeros may carry derivatives
-                some = concrete(block.detach() != 0).flatten(-4).any(-1)
-                some = some.flatten(0, -2).any(0) if some.ndim > 1 else some
-                own, block = own[some], block[..., some, :, :, :, :]
-            nodes.append(own)
-            blocks.append(block)
-        if not sum(map(len, nodes)):
-            return matrix
-        nodes = torch.cat(nodes)
-        tie, at = nodes.unique(return_inverse=True)
-        at, n = at.view_as(nodes), len(tie)
-        rows = tuple((at[:, :, None] * n + at[:, None, :]).flatten().tolist())
-        shape = broadcast_shapes(*(x.shape[:-5] for x in blocks))
-        every = torch.cat([x.expand(*shape, *x.shape[-5:]) for x in blocks], -5).flatten(-5, -3)
-        return matrix.tied_too(tuple(tie.tolist()), added(None, rows, every, n * n, 2))
-
-    def work(self, motion: Callable[[], TouchingMotion]) -> Tensor | float:
-        now = motion()
-        return sum(pairs.work(of_nodes(own, now), now.dt) for pairs, own in self.near(now))
-
-    def passed(self, motion: Callable[[], TouchingMotion]) -> Tensor | None:
-        now = motion()
-        each = [pairs.passed(of_nodes(own, now)) for pairs, own in self.near(now)]
-        return torch.stack(torch.broadcast_tensors(*each)).any(0) if each else None
-
-    def by_moves(self, near: Near, motion: TouchingMotion) -> Tensor:
-        """(..., U, 6, 6, w, w): derivative of the balances of a pair's nodes by their moves."""
-        of_pairs = of_nodes(near.nodes, motion)
-        slopes = near.pairs.slopes(of_pairs)
-        change = slopes.pop(POSITION) @ self.moves[:, :3].mT + self._rates(near, motion, slopes)
-        return self._balances(near.pairs.blocks(of_pairs, change))
-
-    def _by_rates(self, near: Near, motion: TouchingMotion) -> Tensor:
-        """The same by velocities and spins alone."""
-        of_pairs = of_nodes(near.nodes, motion)
-        slopes = near.pairs.slopes(of_pairs)
-        by_x, slopes = slopes.pop(POSITION), {n: x for n, x in slopes.items() if n != ROTATION}
-        none = by_x.new_zeros(*by_x.shape[:-1], len(self.moves))
-        return self._balances(near.pairs.blocks(of_pairs, none + self._rates(near, motion, slopes)))
-
-    def _balances(self, blocks: Tensor) -> Tensor:
-        """From wrenches (..., 6, w) to balances."""
-        return -torch.einsum("vi,...abiw->...abvw", self.moves, blocks)
-
-    def _rates(
-        self, near: Near, motion: TouchingMotion, slopes: dict[str, Tensor]
-    ) -> Tensor | float:
-        p, moves, whole = self.space.dims.position, self.moves, 0.0
-        by = motion.by() if slopes else {}
-        for name, slope in slopes.items():
-            if name == ROTATION and name not in by:  # it turns as the moves do
-                whole = whole + slope @ moves[:, 3:].mT
-                continue
-            if name not in by:
-                continue
-            own, more = by[name], len(moves) - by[name].shape[-1]
-            if name == VELOCITY:
-                rate = pad(moves[:p, :3].mT @ own, (0, more))
-            else:
-                rate = pad(moves[p:, 3:].mT @ own, (more, 0))
-            same = rate.shape[-3] == 1
-            rate = rate[..., None, :, :, :] if same else rate[..., near.nodes, :, :]
-            whole = whole + slope @ rate
-        return whole
-
-
-@dataclass(frozen=True)
-class AllTouching(AnyTouching):
-    """All of a scene."""
-
-    each: tuple[Touching, ...]
-
-    @property
-    def lossy(self) -> bool:
-        return any(one.lossy for one in self.each)
-
-    @property
-    def reads(self) -> frozenset[str]:
-        return frozenset().union(*(one.reads for one in self.each))
-
-    def near(self, motion: TouchingMotion) -> list[Near]:
-        near = [(one, one.nearby(motion)) for one in self.each]
-        return [Near(one.pairs(own), own.nodes) for one, own in near if len(own.point)]
-
-
-@dataclass(frozen=True)
-class OnePair(AnyTouching):
-    """Of six nodes, which are all that there are."""
-
-    pairs: TouchingPairs
-
-    lossy = property(lambda self: self.pairs.lossy)
-    reads = property(lambda self: self.pairs.reads)
-
-    def near(self, motion: TouchingMotion | None) -> list[Near]:
-        return [Near(self.pairs, torch.arange(6, device=self.moves.device)[None])]
-
-
-@dataclass(frozen=True)
-class FixedTouching(AllTouching):
-    """Of all of a scene those pairs that are known, each with its six nodes and its law."""
-
-    pairs: TouchingPairs | None
-    nodes: tuple[tuple[int, ...], ...]
-    laws: tuple[PairLaw, ...]
-
-    def near(self, motion: TouchingMotion | None) -> list[Near]:
-        if self.pairs is None:
-            return []
-        return [Near(self.pairs, torch.tensor(self.nodes, device=self.moves.device))]
-
-
-def fixed(touching: AllTouching, near: list[Nearby]) -> FixedTouching:
-    """With these pairs alone, of each of its places and pieces; what the law of a pair has not is
-    1 where another's has it.
-    """
-    each = [(one, own) for one, own in zip(touching.each, near, strict=True) if len(own.point)]
-    laws = tuple(one.law for one, own in each for _ in own.point)
-    nodes = tuple(tuple(row) for _, own in each for row in own.nodes.tolist())
-    kind = SurfacePairs if any(one.law.surface for one in touching.each) else TouchingPairs
-    pairs = joined([one.pairs(own) for one, own in each], kind) if each else None
-    return FixedTouching(touching.space, touching.moves, touching.each, pairs, nodes, laws)
-
-
-def joined(parts: list[TouchingPairs], kind: type[TouchingPairs]) -> TouchingPairs:
-    """One behind the other, a row for each pair in all of their constants, and in those of a
-    kind.
-    """
-    counts = [part.own.shape[-2] for part in parts]
-    rows = {}
-    for name in (own.name for own in fields(kind)):
-        own, rank = [getattr(part, name, None) for part in parts], RANKS[name]
-        if name in SURFACE:
-            own = [parts[0].own.new_ones(1, *(3,) * rank) if x is None else x for x in own]
-        like = next((x for x in own if x is not None), None)
-        if like is None:
-            rows[name] = None
-            continue
-        tail = like.shape[like.ndim - rank :]
-        own = [like.new_ones(1, *tail) if x is None else x for x in own]
-        lead = broadcast_shapes(*(x.shape[: x.ndim - rank - 1] for x in own))
-        whole = (x.expand(*lead, n, *tail) for x, n in zip(own, counts, strict=True))
-        rows[name] = torch.cat([*whole], -1 - rank)
-    return kind(**rows)

@@ -13,7 +13,8 @@ from ..scene.parts import part_of
 from ..scene.scene import Scene
 from .centreline import control_shares, piece_nodes
 from .coordinates.spatial import Spatial
-from .touching import AllTouching, Touching
+from .touching import Touching
+from .touching_forces import AllTouching
 from .touching_motion import NoTouching
 from .touching_surface import TouchingSurface
 

@@ -55,5 +55,5 @@ class TouchingSurface(Touching):
         )
 
     @property
-    def _reach(self) -> Tensor:
-        return super()._reach + concrete(self.surface.reach.detach())
+    def reach(self) -> Tensor:
+        return super().reach + concrete(self.surface.reach.detach())

@@ -16,7 +16,7 @@ from ..nodal.discretise import discretise
 from ..nodal.element_loads import load_point, point_weights
 from ..nodal.loads import Nodes, load_points
 from ..nodal.model import Model
-from ..nodal.touching import of_nodes
+from ..nodal.touching_forces import of_nodes
 from ..nodal.touching_motion import TouchingMotion
 from ..scene.effects.contact import Touch
 from ..scene.effects.contact_terms import ContactTerms

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -24,7 +25,7 @@ from ...state.state import State
 from ...topology.framework import Framework
 from ..compiler.trace import NotTraceable
 from .alpha_functions import AlphaFunctions
-from .call import Chain, Field, empty_like
+from .call import Chain, Field, empty_like, like
 from .cells import cells_of
 from .chain_constants import Trees
 from .conserving_functions import ConservingFunctions
@@ -76,6 +77,33 @@ class Steps(NamedTuple):
             *(self.status == SUCCESS).reshape(len(self.status), -1).all(1).tolist(),
             False,
         ].index(False)
+
+
+class Whole:
+    """Memory of a sequence of K steps, which are made by several calls."""
+
+    def __init__(self, K: int) -> None:
+        self.K, self.tensors = K, []
+
+    def behind(self, first: int) -> Callable[[list[Tensor]], list[Tensor]]:
+        """See `CompiledStep`, `into`: the steps from `first` on."""
+
+        def into(templates: list[Tensor]) -> list[Tensor]:
+            if not self.tensors:
+                whole = (like((self.K, *x.shape[1:]), x.dtype) for x in templates)
+                self.tensors = empty_like(whole)
+            count = len(templates[0])
+            return [x[first : first + count] for x in self.tensors]
+
+        return into
+
+    @staticmethod
+    def of(parts: list[Tensor]) -> Tensor:
+        """Of all steps, one part after the other: where these are all of a whole, that itself."""
+        whole, shape = parts[0]._base, (sum(map(len, parts)), *parts[0].shape[1:])
+        if whole is not None and whole.shape == shape and all(x._base is whole for x in parts):
+            return whole
+        return torch.cat(parts)
 
 
 class CompiledStep:
@@ -200,6 +228,7 @@ class CompiledStep:
         lanes: int | None = None,
         every: int = 1,
         mixture: Tensor | None = None,
+        into: Callable[[list[Tensor]], list[Tensor]] | None = None,
     ) -> Steps | None:
         """A step from `start`, in the space's coordinates, or K; differentiable once, backwards.
 
@@ -213,6 +242,7 @@ class CompiledStep:
                 work
         mixture (K, 4) of K solves, see `ExtrapolatedFunctions`
         least   cosine of half the largest angle that a node may have turned by at mid step
+        into    from tensors like those that K steps are put into to these; None = new ones
 
         A sample's status is 0 while it goes well, and for one that does not move; its iterations in
         a step that it does not make are 0. None where torch alone can do it: forward mode,
@@ -279,7 +309,7 @@ class CompiledStep:
         tensors = [*given, values["exact"], self.all if moving is None else moving, *states]
         every = 1 if wanted or frame is not None else every
         form = self._form(tensors, K, dims, (tolerance, least, lanes, every))
-        outputs = empty_like(form.templates)
+        outputs = (empty_like if wanted or into is None else into)(form.templates)
         form.call.run(limit, inputs=tensors, outputs=outputs)
         *outputs, status, iterations = outputs
         if wanted:

@@ -133,8 +133,8 @@ class JointFunctions(LocalProblems):
     def end_reaction(
         self, side: str, ends: tuple[str, ...], end_free: Tensor, **fields: Tensor
     ) -> Fields:
-        """What a joint, a stretch of a tendon or a pair adds to the reaction of the support of the
-        node at its `side` (w), by the moves of what its `row` has columns of: its nodes, and the
+        """What a joint or a stretch of a tendon adds to the reaction of the support of the node at
+        its `side` (w), by the moves of what its `row` has columns of: its nodes, and the
         change of its own unknowns.
         """
         moves = torch.cat([fields[f"{end}.move"] for end in ends])

@@ -11,8 +11,8 @@ from torch import Tensor
 
 from ...nodal.acting import ActingLoad
 from ...nodal.centreline import piece_nodes
+from ...nodal.fixed_touching import FixedTouching
 from ...nodal.model import Model
-from ...nodal.touching import FixedTouching
 from ...topology.framework import Framework
 from .structure_order import MANNERS, manners_of
 

@@ -55,9 +55,8 @@ class PairAdjoint(PairCode):
 
             self._call(f"pair blocks {k}", where)
             for side, node in at.items() if self.held else ():
-                size = self.layout.records["move"].size
                 asked = self.at("asked", self._move_of(node))
-                self._add(asked, self.at("pairs", p, f"{side}.asked"), size)
+                self._add(asked, self.at("pairs", p, f"{side}.asked"), self.coupled(k))
 
         self._each_pair(blocks)
 

@@ -4,12 +4,14 @@ is too far to touch, in all samples of a group, is told by one look, and left ou
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from math import isqrt
 
 from .node_kinds import PAIR_SIDES
 from .pair_functions import PAIR_BLOCKS
 from .structure_code import StructureCode
+
+NUMBER = "i32"  # as large as a number of the smallest dtype
 
 
 class PairCode(StructureCode):
@@ -21,21 +23,45 @@ class PairCode(StructureCode):
         """
         if not self.kinds.pairs:
             return
-        with self.code.loop(0, self.args["pair_count"]) as p:
-            nodes = self._pair_nodes(p)
-            with self._each("pair_kinds", len(self.kinds.pairs), p) as kinds:
-                for k in kinds:
-                    if look:
-                        self._call_pair(f"far pair {k}", p, nodes)
-                    with self._near_pair(p):
-                        then(p, nodes, k)
+        code, count = self.code, self.at("near_count")
+        if not look:
+            number = self._integer(count)
+            with code.loop(0, number) as n:
+                self._pair_of_kind(self._integer(self.at("near", n)), then)
+            return
+        code.store(0, count, NUMBER)
+        with code.loop(0, self.args["pair_count"]) as p:
 
-    @contextmanager
-    def _near_pair(self, p: str) -> Iterator[None]:
-        code = self.code
-        code.call("all", self.at("pairs", p, "far"), result := code.slot())
-        with code.when(code.compare("eq", code.load(result), 0)):
-            yield
+            def near(p: str, nodes: list[str], k: int) -> None:
+                self._call_pair(f"far pair {k}", p, nodes)
+                code.call("all", self.at("pairs", p, "far"), result := code.slot())
+                with code.when(code.compare("eq", code.load(result), 0)):
+                    number = self._integer(count)
+                    for value, to in ((p, self.at("near", number)), (code.add(number, 1), count)):
+                        code.store(code.new(f"trunc i64 {value} to {NUMBER}"), to, NUMBER)
+                    then(p, nodes, k)
+
+            self._pair_of_kind(p, near)
+
+    def _pair_of_kind(self, p: str, then: Callable[[str, list[str], int], None]) -> None:
+        """then(pair, its nodes, its kind) of a pair."""
+        nodes = self._pair_nodes(p)
+        with self._each("pair_kinds", len(self.kinds.pairs), p) as kinds:
+            for k in kinds:
+                then(p, nodes, k)
+
+    def _integer(self, pointer: str) -> str:
+        """That lies there."""
+        return self.code.new(f"sext {NUMBER} {self.code.load(pointer, NUMBER)} to i64")
+
+    def coupled(self, k: int) -> int:
+        """See `PairFunctions.coupled`."""
+        name = f"pair {k}" if f"pair {k}" in self.functions else f"pair blocks {k}"
+        return isqrt(len(self.functions[name].outputs["aa"].nodes))
+
+    def _part(self) -> int | None:
+        sizes = (self.coupled(k) for k in range(len(self.kinds.pairs)))
+        return min(sizes, default=None)
 
     def _pair_nodes(self, p: str) -> list[str]:
         entry = self._entry("pair", p)
@@ -44,6 +70,8 @@ class PairCode(StructureCode):
     def _pair_field(self, field: str, p: str, nodes: list[str]) -> str:
         """A field that is held by pair p, at one of its nodes, or by all."""
         side, _, name = field.partition(".")
+        if field in PAIR_BLOCKS:
+            return self.at("pairs", p, field)
         if side in PAIR_SIDES:
             return self._at_joint_node(name, nodes[PAIR_SIDES.index(side)])
         if field in self.layout.fields("pair"):
@@ -61,16 +89,34 @@ class PairCode(StructureCode):
         self._call(name, where)
 
     def _join_pairs(self) -> None:
-        """Their blocks."""
+        """Their blocks, of what supports leave."""
 
         def join(p: str, nodes: list[str], k: int) -> None:
-            entry = self._entry("pair", p)
-            for i, name in enumerate(PAIR_BLOCKS):
-                place = len(PAIR_SIDES) + 2 * i
-                at = (self.code.load(self.code.at(entry, place + n)) for n in range(2))
-                self._add_block(*at, self.at("pairs", p, name))
+            if not self.held:
+                self._join_pair(p, k, "pairs")
+                return
+            code, none = self.code, -1
+            for node in nodes:
+                none = code.new(f"and i64 {none}, {self._support_of(node)}")
+            held = code.compare("ne", none, -1)
+            with code.when(held):
+                self._call_pair(f"free pair {k}", p, nodes, "free_pair")
+                self._join_pair(p, k, "free_pair")
+            with code.when(code.new(f"xor i1 {held}, true")):
+                self._join_pair(p, k, "pairs")
 
         self._each_pair(join)
+
+    def _join_pair(self, p: str, k: int, record: str) -> None:
+        """Blocks of a record."""
+        entry, code = self._entry("pair", p), self.code
+        size = self.coupled(k)
+        name = "block" if size == self.layout.records["move"].size else "part"
+        for i, block in enumerate(PAIR_BLOCKS):
+            place = len(PAIR_SIDES) + 2 * i
+            at = (code.load(code.at(entry, place + n)) for n in range(2))
+            row = p if record == "pairs" else 0
+            self._add_block(*at, self.at(record, row, block), name)
 
 
 class PairPasses(PairCode):
@@ -83,8 +129,8 @@ class PairPasses(PairCode):
             self._call_pair(f"pair {k}", p, nodes)
             self.code.call("largest", self.at("sums", 0, "passed"), self.at("pairs", p, "passed"))
             for side, node in zip(PAIR_SIDES, nodes, strict=True):
-                size = self.layout.records["push"].size
-                self._add(self.at("push", node), self.at("pairs", p, f"{side}.push"), size)
+                push = self.at("pairs", p, f"{side}.push")
+                self._add(self.at("push", node), push, self.coupled(k))
 
         self._each_pair(touch, look=True)
 

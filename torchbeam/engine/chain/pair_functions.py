@@ -7,11 +7,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ...nodal.surface_pairs import SurfacePairs
-from ...nodal.touching import OnePair, of_nodes
+from ...nodal.touching_forces import OnePair, of_nodes
 from ...topology.framework import Framework
 from .chain_constants import filled
 from .local_problem import Fields, LocalProblems, by_secants
@@ -32,10 +32,10 @@ class PairFunctions(LocalProblems):
         motion = of_nodes(near.nodes, problem.touching_way(kinematics))
         return {"far": (near.pairs.slack(motion)[0] > 0).to(problem.t)}
 
-    def pair(self, held: bool, kind: PairKind, **fields: Tensor) -> Fields:
-        """What a pair gives its nodes: its push (w) on their balances, and blocks (w, w), those of
-        each by the moves of each; `passed`, see `StepProblem.passed`. Where supports hold nodes
-        (`held`), blocks of what is free of them, and a node's whole row (w, 6 w).
+    def pair(self, kind: PairKind, **fields: Tensor) -> Fields:
+        """What a pair gives its nodes: its push (q) on their balances, and blocks (q, q), those of
+        each by the moves of each, of the first q of w, see `coupled`; `passed`, see
+        `StepProblem.passed`.
         """
         problem, kinematics = self.of_pair(fields, kind)
         problem = by_secants(problem, fields)
@@ -44,18 +44,38 @@ class PairFunctions(LocalProblems):
         motion = problem.touching_motion(kinematics, nodes)
         (near,) = touching.near(motion)
         push = touching.loaded(problem.t.new_zeros(len(PAIR_SIDES), w), lambda: motion)
-        blocks = touching.by_moves(near, motion)[0]
+        blocks, q = touching.by_moves(near, motion)[0], self.coupled(kind)
         passed = touching.passed(lambda: problem.touching_way(kinematics))
         outputs = {"passed": passed.to(push)}
-        for k, side in enumerate(PAIR_SIDES):
-            outputs[f"{side}.push"] = push[k]
-            if held:
-                outputs[f"{side}.row"] = torch.cat([*blocks[k]], -1)
-        free = {side: fields[f"{side}.free"] for side in PAIR_SIDES} if held else {}
-        for name, (row, column) in PAIR_BLOCKS.items():
-            block = blocks[PAIR_SIDES.index(row), PAIR_SIDES.index(column)]
-            outputs[name] = block * free[row][:, None] * free[column] if held else block
+        outputs |= {f"{side}.push": x for side, x in zip(PAIR_SIDES, push[:, :q], strict=True)}
+        for name, sides in PAIR_BLOCKS.items():
+            row, column = map(PAIR_SIDES.index, sides)
+            outputs[name] = blocks[row, column, :q, :q]
         return outputs
+
+    def coupled(self, kind: PairKind) -> int:
+        """So many of a node's unknowns a pair pushes, and is moved by: without friction places
+        alone.
+        """
+        dims = self.model.space.dims
+        return self.model.space.unknowns if kind.rubs or kind.surface else dims.position
+
+    def free_pair(self, **fields: Tensor) -> Fields:
+        """Blocks of a pair (q, q), of what is `free` (w) of supports at its nodes."""
+        free = {side: fields[f"{side}.free"] for side in PAIR_SIDES}
+        outputs = {}
+        for name, (row, column) in PAIR_BLOCKS.items():
+            q = len(fields[name])
+            outputs[name] = fields[name] * free[row][:q, None] * free[column][:q]
+        return outputs
+
+    def pair_reaction(self, side: str, end_free: Tensor, **fields: Tensor) -> Fields:
+        """What a pair adds to the reaction of the support (w) of its node there, by its blocks and
+        the moves of its nodes.
+        """
+        q = len(fields[2 * side])
+        push = sum(fields[side + other] @ fields[f"{other}.move"][:q] for other in PAIR_SIDES)
+        return {"reaction": (1 - end_free) * pad(push, (0, len(end_free) - len(push)))}
 
     def finish_pair(self, kind: PairKind, **fields: Tensor) -> Fields:
         """Its work over the step."""
@@ -65,16 +85,15 @@ class PairFunctions(LocalProblems):
     def transposed_pair(self, held: bool, kind: PairKind, **fields: Tensor) -> Fields:
         """Blocks in the transposed matrix; where supports hold nodes, with what cotangents of their
         reactions are to the balances (`reaction`) of the nodes, what is asked of their moves
-        (`asked`, w).
+        (`asked`, q).
         """
         pushes = {side: fields.pop(f"{side}.reaction") for side in PAIR_SIDES if held}
-        outputs = self.pair(held, kind, **fields)
-        turned = {name: outputs[name[::-1]].mT for name in PAIR_BLOCKS}
-        if not held:
-            return turned
-        asked = sum(push @ outputs[f"{side}.row"] for side, push in pushes.items())
-        parts = asked.split(self.model.space.unknowns)
-        return turned | {f"{side}.asked": x for side, x in zip(PAIR_SIDES, parts, strict=True)}
+        blocks, q = self.pair(kind, **fields), self.coupled(kind)
+        outputs = {name: blocks[name[::-1]].mT for name in PAIR_BLOCKS}
+        for side in pushes:
+            asked = (push[:q] @ blocks[other + side] for other, push in pushes.items())
+            outputs[f"{side}.asked"] = sum(asked)
+        return outputs
 
     def of_pair(self, fields: Fields, kind: PairKind) -> tuple[Any, Any]:
         """The problem of one pair, whose nodes have no loads, and how they move."""

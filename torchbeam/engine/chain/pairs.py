@@ -9,7 +9,8 @@ from ..compiler.function import Function
 from .layout import ONE, PAIRS, Layout
 from .local_functions import LocalFunctions
 from .node_kinds import PAIR_SIDES, PairKind
-from .structures import largest, reactions
+from .pair_functions import PAIR_BLOCKS
+from .structures import largest
 from .tracing import Tracing
 
 
@@ -25,10 +26,29 @@ def of_pairs(
     for k, kind in enumerate(kinds):
         functions[f"far pair {k}"] = traced(partial(local.far_pair, kind), traced.pair)
         given = traced.pair | {name: () for name in varying}
-        functions[f"pair {k}"] = pair = traced(partial(local.pair, held, kind), given)
+        functions[f"pair {k}"] = traced(partial(local.pair, kind), given)
         if held:
-            called = f"pair reaction {k}"
-            functions |= reactions(local, traced, called, pair, PAIR_SIDES, PAIR_SIDES)
+            functions[f"free pair {k}"] = _free(local, traced, kind)
+            functions |= _reactions(local, traced, f"pair reaction {k}", kind)
+    return functions
+
+
+def _free(local: LocalFunctions, traced: Tracing, kind: PairKind) -> Function:
+    """See `PairFunctions.free_pair`."""
+    free = {f"{side}.free": (local.model.space.unknowns,) for side in PAIR_SIDES}
+    q = local.coupled(kind)
+    return traced(local.free_pair, dict.fromkeys(PAIR_BLOCKS, (q, q)) | free)
+
+
+def _reactions(
+    local: LocalFunctions, traced: Tracing, called: str, kind: PairKind
+) -> dict[str, Function]:
+    """See `PairFunctions.pair_reaction`; called: their names, but for the side."""
+    w, q, functions = local.model.space.unknowns, local.coupled(kind), {}
+    moves = {f"{side}.move": (w,) for side in PAIR_SIDES}
+    for side in PAIR_SIDES:
+        given = {"end_free": (w,)} | {side + other: (q, q) for other in PAIR_SIDES} | moves
+        functions[f"{called} {side}"] = traced(partial(local.pair_reaction, side), given)
     return functions
 
 
@@ -47,7 +67,9 @@ def adjoint_of_pairs(
         functions[f"far pair {k}"] = traced(partial(local.far_pair, kind), traced.pair)
         blocks = partial(local.transposed_pair, held, kind)
         functions[f"pair blocks {k}"] = traced(blocks, traced.pair)
-        pair = traced(partial(local.pair, False, kind), traced.pair)
+        if held:
+            functions[f"free pair {k}"] = _free(local, traced, kind)
+        pair = traced(partial(local.pair, kind), traced.pair)
         pushes = pair.only([f"{side}.push" for side in PAIR_SIDES])
         functions[f"pair bar {k}"] = derivative(pushes, by)
         finish = traced(partial(local.finish_pair, kind), traced.pair)
@@ -89,3 +111,6 @@ def record_adjoint(layout: Layout, functions: dict[str, Function], kinds: int) -
 
 def _record(layout: Layout, functions: dict[str, Function], blocks: str) -> None:
     layout.record("pairs", PAIRS, [("far", 1), *largest(functions, blocks).items()])
+    layout.record("near", PAIRS, [("pair", 1)])  # numbers of those that are not far
+    layout.record("near_count", ONE, [("count", 1)])
+    layout.record("free_pair", ONE, largest(functions, "free pair").items())

@@ -44,6 +44,7 @@ COUNTS = (
     "stretch_count",
     "pair_count",
     "entry_count",
+    "group_count",
     "first_groups",
     "last_groups",
     "last_table",
@@ -80,7 +81,12 @@ class StructureCode(ChainCode):
     def _loops(self) -> list[str]:
         w = self.layout.records["move"].size
         over_cells = CellSums(self.lanes, self.cells).functions() if self.cells > 1 else []
-        return [*super()._loops(), *over_cells, *BlockElimination(self.lanes, w).functions()]
+        elimination = BlockElimination(self.lanes, w, self._part())
+        return [*super()._loops(), *over_cells, *elimination.functions()]
+
+    def _part(self) -> int | None:
+        """Unknowns of a node by which pairs that touch couple; None = all, or there are none."""
+        return None
 
     def _over_cells(self, how: str, to: str, size: str | int = 1) -> None:
         if self.cells > 1:
@@ -177,20 +183,30 @@ class StructureCode(ChainCode):
         """Where a number of the interface's system lies."""
         return self.at("matrix", first)
 
-    def _add_block(self, first: str, stride: str, source: str) -> None:
-        self.code.line(
-            f'call void @"add_block"(ptr {self._matrix(first)}, i64 {stride}, ptr {source})'
-        )
+    @property
+    def _system(self) -> str:
+        """The matrix and its flags, which come behind it."""
+        matrix = self.base["matrix"]
+        flags = self.code.at(matrix, self.args["entry_count"], self.lanes.vector)
+        return f"ptr {matrix}, ptr {flags}"
+
+    def _on_block(self, name: str, first: str, stride: str, *given: str) -> None:
+        """A function of `BlockElimination` on a block of the matrix."""
+        more = "".join(f", ptr {x}" for x in given)
+        self.code.line(f'call void @"{name}"({self._system}, i64 {first}, i64 {stride}{more})')
+
+    def _add_block(self, first: str, stride: str, source: str, name: str = "block") -> None:
+        self._on_block(f"add_{name}", first, stride, source)
 
     def _add_column(self, first: str, stride: str, source: str) -> None:
         self.code.line(
             f'call void @"add_column"(ptr {self._matrix(first)}, i64 {stride}, ptr {source})'
         )
 
-    def _subtract(self, to: str, stride: str | int, a: str, b: str, columns: int) -> None:
-        """to -= a b, of blocks that lie together."""
-        w = self.layout.records["move"].size
+    def _subtract_column(self, first: str, stride: str, a: str, b: str) -> None:
+        """-= a b, of what lies together."""
+        w, to = self.layout.records["move"].size, self._matrix(first)
         self.code.line(
             f'call void @"subtract"(ptr {to}, i64 {stride}, ptr {a}, i64 {w}, i64 {w}, ptr {b}, '
-            f"i64 {columns}, i64 {columns})"
+            "i64 1, i64 1)"
         )

@@ -20,7 +20,7 @@ class StructureRuns(TendonPasses):
         """Of what nodes, elements and joints give. What cells share comes last, with what each of
         them leaves there.
         """
-        self._fill(self.base["matrix"], self.args["entry_count"])
+        self._groups("clear", self.args["group_count"])
         self._rows_at_joints(self.parts[0])
         with self._entries("direct") as (_, (i, j, *places)):
             self._add_block(*places[:2], self.at("interface", i, "U"))
@@ -99,10 +99,10 @@ class StructureRuns(TendonPasses):
         return is_first, node, code.choose(is_first, node, code.sub(node, step))
 
     def _groups(self, name: str, count: str, first: str | int = 0) -> None:
-        """Eliminate, or substitute, so many groups, whose table begins there."""
-        table = {"eliminate": "elimination", "substitute": "substitution"}[name]
-        table = self.code.at(self.args[table], first)
-        self.code.line(f'call void @"{name}"(ptr {self.base["matrix"]}, ptr {table}, i64 {count})')
+        """Clear, eliminate, or substitute, so many groups, whose table begins there."""
+        table = self.args["substitution" if name == "substitute" else "elimination"]
+        table = self.code.at(table, first)
+        self.code.line(f'call void @"{name}"({self._system}, ptr {table}, i64 {count})')
 
     def _before(self, fields: tuple[str, ...], is_first: str, node: str) -> dict[str, str]:
         """Fields of the row before, zeros in front of the first."""
@@ -155,6 +155,7 @@ class StructureRuns(TendonPasses):
         name, coupling, step = self._direction(manner)
         node = code.sub(first, step)
         to, right = (self.at("row", node, field) for field in ("ahead", "y"))
+        self._on_block("there", ahead, stride)
         for k in range(w):
             at = code.mul(stride, k)
             self._copy_to(code.at(to, k * w, vector), self._matrix(code.add(ahead, at)), w)
@@ -192,10 +193,8 @@ class StructureRuns(TendonPasses):
 
     def _leave(self, coupling: str, last: str, *places: str) -> None:
         """What a run leaves of the interface's row next to its last node."""
-        w = self.layout.records["move"].size
-        D, right = (self._matrix(place) for place in places[::2])
-        self._subtract(D, places[1], coupling, self.at("row", last, "ahead"), w)
-        self._subtract(right, places[3], coupling, self.at("row", last, "y"), 1)
+        self._on_block("subtract_block", *places[:2], coupling, self.at("row", last, "ahead"))
+        self._subtract_column(*places[2:], coupling, self.at("row", last, "y"))
 
     def _bordered_runs(self) -> None:
         """Runs between two nodes of the interface. E: the block of the first of these that the
@@ -218,18 +217,19 @@ class StructureRuns(TendonPasses):
                     is_first, self.at("edge", 0, "start"), self.at("row", previous, "side"), "ptr"
                 )
                 self._row_of("row bordered", node, ("row", node), fields)
-                D, right = (self._matrix(place) for place in before[::2])
-                self._subtract(D, before[1], E, self.at("row", node, "side"), w)
-                self._subtract(right, before[3], E, self.at("row", node, "y"), 1)
+                side, y, ahead = (self.at("row", node, name) for name in ("side", "y", "ahead"))
+                self._on_block("subtract_block", *before[:2], E, side)
+                self._subtract_column(*before[2:], E, y)
                 self._fill(pushed, w * w)
-                self._subtract(pushed, w, E, self.at("row", node, "ahead"), w)
+                given = f"ptr {pushed}, i64 {w}, ptr {E}, i64 {w}, i64 {w}, ptr {ahead}"
+                code.line(f'call void @"subtract"({given}, i64 {w}, i64 {w})')
                 self._copy_to(E, pushed, w * w)
             self._add_block(to_last, to_last_stride, E)
             last = code.add(first, code.mul(code.sub(count, 1), self.order))
             coupling = self.at("interface", q, "L")
             self._leave(coupling, last, *after)
             side = self.at("row", last, "side")
-            self._subtract(self._matrix(to_first), to_first_stride, coupling, side, w)
+            self._on_block("subtract_block", to_first, to_first_stride, coupling, side)
 
     def _join(self, k: str, entry: list[str]) -> None:
         """Blocks of a joint, and what its constraints are to change by."""

@@ -17,6 +17,7 @@ from .layout import ENTRIES, INTERFACE, JOINTS, PAIRS, STRETCHES, TENDONS
 from .structure_order import Connectivity, connectivity_of, order_of
 
 NONE = (-1, -1)  # the place of a block that is not there
+BYTES = 4  # of a number, at least
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,7 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
             return (*NONE, *NONE)
         return (*between(place, place), *pattern.right(equation[place]))
 
+    @cache
     def between(row: int, column: int) -> tuple[int, int]:
         return pattern.place(equation[row], column)
 
@@ -185,6 +187,7 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
         "stretch_count": len(stretches),
         "pair_count": len(pairs),
         "entry_count": pattern.size,
+        "group_count": len(pattern.groups),
         "following_count": len(order.following),
         "first_groups": parts[0][0],
         "last_groups": back[-2][0],
@@ -197,7 +200,8 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
         "own_interface": len(nodes) - shared,
         "own_joints": len(own_joints),
     }
-    rows = {JOINTS: J, INTERFACE: len(nodes), ENTRIES: pattern.size}
+    flags = pattern.size // BYTES + 1  # one a number, in bytes
+    rows = {JOINTS: J, INTERFACE: len(nodes), ENTRIES: pattern.size + flags}
     rows |= {STRETCHES: len(stretches), TENDONS: len({x.tendon for x in stretches})}
     rows |= {PAIRS: len(pairs)}
     return StructureTables(rows, lists, numbers)

@@ -109,9 +109,9 @@ def reactions(
     sides: tuple[str, ...],
     ends: tuple[str, ...],
 ) -> dict[str, Function]:
-    """What a joint, a stretch of a tendon or a pair adds to the reactions of supports at its
-    `sides`, by the rows that its function made and the moves of its ends; called: their names, but
-    for the side.
+    """What a joint or a stretch of a tendon adds to the reactions of supports at its `sides`, by
+    the rows that its function made and the moves of its ends; called: their names, but for the
+    side.
     """
     w = local.model.space.unknowns
     moves = {f"{end}.move": (w,) for end in ends}

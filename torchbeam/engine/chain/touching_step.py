@@ -1,11 +1,11 @@
 """Steps by native code where beams and bodies touch each other: which pairs may do so is found out
-in torch, once for as many steps as nodes move by little.
+in torch, once for as long as all others surely stay apart.
 
-Of all pairs, those are taken that may touch once two nodes have moved by up to a skin towards each
-other, which is then as wide as it can be without another pair: a list after Verlet (1967). They
-belong to what is compiled for, as joints do: the matrix has blocks for them. Steps are made with
-the list as long as no two nodes have moved by more; from there on they are made again, with another
-list. What is not in the list is too far to press, so that no result depends on the skin.
+Of all pairs, those are taken that are no further than a skin from where they may touch: a list
+after Verlet (1967). They belong to what is compiled for, as joints do: the matrix has blocks for
+them. Steps are made with the list as long as the `Clearance` of all others says so; from there on
+they are made again, with another list. What is not in the list is too far to press, so that no
+result depends on the skin.
 """
 
 from __future__ import annotations
@@ -24,60 +24,46 @@ from ...core.functions_of_time import past_hooks
 from ...core.leaves import leaves
 from ...core.remembered import keep
 from ...core.status import SUCCESS
+from ...nodal.fixed_touching import fixed
 from ...nodal.model import Model
-from ...nodal.touching import Nearby, fixed, spread
+from ...nodal.touching import Nearby, spread
 from ...nodal.touching_motion import TouchingMotion
 from ...scene.effects import Inputs
 from ...state.state import State
 from ...topology.chain import Chain
 from ...topology.framework import Framework
-from .compiled_step import CompiledStep, Steps
-from .neighbours import Neighbours, neighbours
+from .clearance import Clearance
+from .compiled_step import CompiledStep, Steps, Whole
 
-SKIN = 1.0  # of an element's length, at least: blocks of what does not touch are passed over
+SKIN = 0.25  # of an element's length, of a pair that comes no nearer
+AHEAD, MOST = 256, 4.0  # steps that a skin is for; of an element's length, the widest
 ROOM = 1.5  # of what nodes have moved by in a step: so much is there for the next ones
-UNSEEN = 16  # steps at most until it is seen how nodes become faster
+UNSEEN = 16  # steps at most with a new list, until it is seen how nodes become faster
 LISTS = 16  # of pairs that are kept; the one that was not asked for for longest goes first
 
 
 class PairList(NamedTuple):
-    """Steps with the pairs that were near when nodes were at `position` (..., nodes, 3) m, which
-    are all as long as no two nodes have moved by more than the skin m towards each other, and
-    neighbours along a beam are not nearer.
+    """Steps with the pairs that were near, as long as the others have clearance.
+
+    recorded  whether derivatives were, by the constants of pairs
     """
 
     step: CompiledStep
-    position: Tensor
-    skin: float
-    neighbours: tuple[Neighbours, ...]
-    recorded: bool  # whether derivatives were, by the constants of pairs
-
-    def moved(self, position: Tensor) -> Tensor:
-        """(K) m of positions (K, ...): no two nodes have moved by more towards each other."""
-        moved = spread(position.detach() - self.position)
-        return moved.reshape(len(moved), -1).amax(1).nan_to_num(0.0)
+    clearance: Clearance
+    recorded: bool
 
     def holds(self, position: Tensor) -> bool:
-        if self.recorded != torch.is_grad_enabled() or self.position.shape != position.shape:
-            return False
-        still = position[None].expand(2, *position.shape)
-        return bool(self.moved(position[None]) <= self.skin / 2) and not self.nearer(still)
+        return self.recorded == torch.is_grad_enabled() and self.clearance.within(position) >= 0
 
-    def nearer(self, position: Tensor) -> Tensor:
-        """(K) bool: whether neighbours are, in the steps between positions (K + 1, ...)."""
-        nearer = torch.zeros(len(position) - 1, dtype=torch.bool, device=position.device)
-        return sum((own.nearer(position) for own in self.neighbours), nearer)
-
-    def steps_left(self, position: Tensor, way: float, gain: float, wanted: int) -> int:
-        """Of the steps that are wanted as many as move nodes by no more than what is left of the
-        skin, if the first does by `way` m and each by `gain` more: all, or a power of two, so that
-        calls are alike.
+    def steps_left(self, position: Tensor, velocity: Tensor, dt: Tensor, wanted: int) -> int:
+        """Of the steps that are wanted as many as the others surely stay apart for, if nodes go on
+        as they do, or a few: all, or a power of two, so that calls are alike.
         """
-        left = self.skin - float(self.moved(position[None]))
-        if wanted * (way + gain * wanted / 2) <= left:
+        time = self.clearance.approach(position, velocity)
+        longest = float(dt.detach().abs().amax())
+        if wanted * longest <= time:
             return wanted
-        count = 2 * left / (way + math.sqrt(way**2 + 2 * gain * left))
-        return 2 ** int(math.log2(max(count, 1.0)))
+        return min(wanted, max(UNSEEN, 2 ** int(math.log2(max(time / longest, 1.0)))))
 
 
 class TouchingStep:
@@ -87,7 +73,7 @@ class TouchingStep:
 
     def __init__(self, model: Model, step: Callable[[Model], CompiledStep]) -> None:
         self.model, self.step = model, step
-        self.skin = SKIN * float(model.spans.detach().amin())
+        self.element = float(model.spans.detach().amin())
         self._steps: dict[Any, CompiledStep] = {}
         none = torch.zeros(0, dtype=torch.long)
         self._none = [Nearby(none, none, none.view(0, 6)) for _ in model.touching.each]
@@ -120,20 +106,22 @@ class TouchingStep:
         """See `CompiledStep`; every: states are those after each step."""
         if functorch.peek_interpreter_stack() is not None:
             return None
+        if start.position.device.type != "cpu":  # which is refused there
+            return self.far(start, dt, t, inputs, moving, tolerance, least, limit, K, lanes)
         seen = self._written()
         if seen != self._seen:
             self._steps.clear()
             self._list, self._seen = None, seen
         axes = start.status.ndim if moving is None else moving.ndim
-        first, parts, at_once = 0, [], min(K or 1, UNSEEN)
-        way, gain = _way(start.velocity, dt), 0.0
+        first, parts, at_once, whole = 0, [], K or 1, Whole(K) if K else None
         while first < (K or 1):
-            position = self.model.space.public_position(start.position).detach()
+            position, velocity = map(self._places, (start.position, start.velocity))
             pairs = self._list
             if pairs is None or not pairs.holds(position):
-                pairs = self._listed(position, way)
+                pairs, at_once = self._listed(position, velocity, dt), UNSEEN
             count = min(at_once, (K or 1) - first)
-            count = pairs.steps_left(position, way, gain, count) if count > 1 else 1
+            if count > 1:
+                count = pairs.steps_left(position, velocity, dt, count)
             rows = slice(first, first + count)
 
             def of(x: Tensor, own: int, rows: Any = rows) -> Tensor:
@@ -143,59 +131,61 @@ class TouchingStep:
             given = {name: of(x, axes + 1) for name, x in inputs.items()}
             of_t, number = None if t is None else of(t, 0), count if K else None
             options = tolerance, least, limit, number, lanes
-            made = pairs.step(start, of(dt, 0), of_t, given, moving, *options)
+            into = None if whole is None else whole.behind(first)
+            made = pairs.step(start, of(dt, 0), of_t, given, moving, *options, into=into)
             if made is None:
                 self.eager_because = pairs.step.eager_because
                 return None
             made = made if K else _stacked(made)
-            after = self.model.space.public_position(made.fields["position"]).detach()
-            moved = pairs.moved(after)
-            beyond = moved > pairs.skin
-            if pairs.neighbours:
-                beyond = beyond | pairs.nearer(torch.cat((position.expand_as(after[:1]), after)))
-            beyond = beyond.nonzero()
-            whole = int(beyond[0]) if len(beyond) else count
+            after = self._places(made.fields["position"])
+            before = position.expand(after.shape[1:])
+            good = pairs.clearance.within(before, after)
             at_once = K or 1
-            if whole < count:
-                at_once, self._list = max(1, 2 * whole), None
-            if not whole:
-                self._listed(position, float(moved[0]), alike=False)
-                continue
-            status = made.status[:whole]
+            if good < count:
+                at_once, last = UNSEEN, after[good - 1] if good else before
+                move = float(spread(after[good] - last).nan_to_num().amax())
+                if good:
+                    velocity = self._places(made.fields["velocity"][good - 1])
+                self._listed(last, velocity, dt, move)
+                if not good:
+                    continue
+            status = made.status[:good]
             well = made.well or bool((status == SUCCESS).all())
-            fields = {name: x[:whole] for name, x in made.fields.items()}
-            parts.append(Steps(fields, status, made.iterations[:whole], well))
-            first += whole
+            fields = {name: x[:good] for name, x in made.fields.items()}
+            parts.append(Steps(fields, status, made.iterations[:good], well))
+            first += good
             start = replace(start, **{name: x[-1] for name, x in fields.items()})
-            before, way = way, _way(start.velocity, dt)
-            gain = max(way - before, 0.0) / whole  # what velocities do not foretell
             if not well:
-                good = status[-1] == SUCCESS
-                moving = good if moving is None else moving & good
+                last = status[-1] == SUCCESS
+                moving = last if moving is None else moving & last
         return _joined(parts, K)
+
+    def _places(self, x: Tensor) -> Tensor:
+        """Positions, or velocities, (..., nodes, 3)."""
+        return self.model.space.public_position(x).detach()
 
     def _written(self) -> list[Any]:
         """What tells whether a number of the laws has been written to."""
         # tensors of inference mode do not count how often they were
         return [x.tolist() if x.is_inference() else x._version for x in self._numbers]
 
-    def _listed(self, position: Tensor, move: float, alike: bool = True) -> PairList:
-        """The pairs for steps in which nodes move by so much; alike: those that neighbours along a
-        beam are of need not be in it.
+    def _listed(
+        self, position: Tensor, velocity: Tensor, dt: Tensor, move: float = 0.0
+    ) -> PairList:
+        """The pairs for steps, of which the next one moves two nodes by so much (m) towards each
+        other.
         """
         motion = TouchingMotion(position, None, None, None, None, dict)
-        skin, near, left, watched = max(self.skin, ROOM * move), [], [], []
+        least, near, chosen = max(SKIN * self.element, ROOM * move), [], []
+        most = max(MOST * self.element, least)
+        ahead = AHEAD * dt.detach().abs().amax()
         for one in self.model.touching.each:
-            along = neighbours(one, position) if alike else None
-            if along:
-                watched.append(along[0])
-            slack = one.slack(motion, 2 * skin, along[1] if along else None)
-            near.append(one.chosen(slack <= skin))
-            left.append(slack[slack > skin])
-        left = torch.cat(left)
-        skin = float(left.amin()) if left.numel() else torch.inf
-        recorded = torch.is_grad_enabled()
-        self._list = PairList(self._known(near), position, skin, tuple(watched), recorded)
+            skin = (one.nearing(position, velocity) * ahead).clamp(least, most)
+            pairs = one.may_touch & (one.ball_slack(motion) <= skin)
+            near.append(pairs.flatten(0, -3).any(0) if pairs.ndim > 2 else pairs)
+            chosen.append(one.chosen(near[-1].repeat_interleave(one.places.count, 0)))
+        clearance = Clearance(self.model.touching, near, self.model.node_count)
+        self._list = PairList(self._known(chosen), clearance, torch.is_grad_enabled())
         return self._list
 
     def _known(self, near: list[Nearby]) -> CompiledStep:
@@ -220,11 +210,6 @@ def with_pairs(model: Model, near: list[Nearby]) -> Model:
     return replace(model, touching=touching, topology=topology)
 
 
-def _way(velocity: Tensor, dt: Tensor) -> float:
-    """By no more than so much (m) do two of the nodes move towards each other in a step."""
-    return float((spread(velocity.detach()) * dt.detach().abs().amax()).nan_to_num().amax())
-
-
 def _stacked(steps: Steps) -> Steps:
     """One step as one of a sequence."""
     fields = {name: x[None] for name, x in steps.fields.items()}
@@ -235,7 +220,7 @@ def _joined(parts: list[Steps], K: int | None) -> Steps:
     """One after the other; a sample that has failed has its status from then on."""
     if K is not None and len(parts) == 1:
         return parts[0]
-    fields = {name: torch.cat([part.fields[name] for part in parts]) for name in parts[0].fields}
+    fields = {name: Whole.of([part.fields[name] for part in parts]) for name in parts[0].fields}
     status = torch.cat([part.status for part in parts])
     iterations, well = torch.cat([part.iterations for part in parts]), all(p.well for p in parts)
     for k in range(1, 1 if well else len(status)):

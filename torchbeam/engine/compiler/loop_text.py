@@ -108,11 +108,12 @@ class Code:
         self.line(f"br i1 {ends[0]}, label %{done}, label %{body}")
         self.begin(done)
 
-    def text(self) -> str:
-        given = ", ".join(self.given)
+    def text(self, internal: bool = False) -> str:
+        """internal: whether others of its module alone call it."""
+        given, linkage = ", ".join(self.given), "internal " * internal
         return "\n".join(
             (
-                f'define void @"{self.name}"({given}) nounwind {{',
+                f'define {linkage}void @"{self.name}"({given}) nounwind {{',
                 "entry:",
                 *self.first,
                 *self.lines,

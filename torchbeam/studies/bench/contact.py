@@ -1,27 +1,35 @@
 """Contact beside the same scene without: beams that may touch and are far from each other, a rod
-that may touch itself and does not, two beams of which one lies on the other; each a ratio of CPU
-times that are taken in turns. Warmed up: the programs of lists of near pairs that came before are
-kept, the lists themselves are looked for again.
+that may touch itself and does not, two beams of which one falls on the other and lies there, two
+that are pressed on each other at twenty places and sway; each a ratio of CPU times that are taken
+in turns. Warmed up: the programs of lists of near pairs that came before are kept, the lists
+themselves are looked for again.
 """
 
 from __future__ import annotations
 
+import math
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache
 from statistics import median
+from typing import NamedTuple
 
 import torch
 
 from ...dynamics.rollout import rollout
 from ...dynamics.stepper import Stepper
 from ...scene.beam import Beam
-from ...scene.effects import Contact, Gravity, SelfContact
+from ...scene.effects import Contact, Gravity, LineLoad, SelfContact
 from ...scene.scene import Scene
 from ...scene.section import Section
 from ...scene.supports import Support
+from ...state.state import State, rest
+from ...statics.equilibrium import equilibrium
 from .measurement import Measured, progress, timed
 
 PART = "contact"
+ANGLE = math.radians(3.1)
 RADIUS, ELEMENTS, STEP, STEPS = 5e-3, 25, 1e-3, 200
 LAW = dict(radius=RADIUS, thickness=1e-3, force=100.0)
 BATCHES = 1, 64
@@ -51,19 +59,57 @@ def alone(touches: bool) -> Scene:
     return Scene(beam, [Gravity((0.0, 0.0, -9.81)), *[SelfContact(**LAW)] * touches])
 
 
-CASES: dict[str, Callable[[bool], Scene]] = {
-    "two beams far from each other": lambda touches: over(0.3, touches),
-    "a rod that does not touch itself": alone,
-    "a beam that lies on another, 25 elements": lambda touches: over(5e-4, touches),
+def crossed(touches: bool) -> Scene:
+    """Two beams, clamped at both ends, that cross at so small an angle that they touch along a
+    third of their length, where line loads press them on each other.
+    """
+    along = math.cos(ANGLE), math.sin(ANGLE)
+    root = (0.25 * (1 - along[0]), -0.25 * along[1], 2 * RADIUS + 9e-4)
+    parts = {
+        "lower": Beam.straight(0.5, ELEMENTS, section()),
+        "upper": Beam.straight(0.5, ELEMENTS, section(), root=root, direction=(*along, 0.0)),
+    }
+    loads = [LineLoad(force=(0.0, 0.0, p), on=on) for on, p in (("lower", 2.0), ("upper", -2.0))]
+    law = [Contact("lower", "upper", **LAW, points=1)] * touches
+    supports = [Support((name, end)) for name in parts for end in (0, -1)]
+    return Scene(parts, [*loads, *law], supports=supports)
+
+
+@cache
+def pressed() -> State:
+    """The equilibrium of `crossed` beams, swaying across both. They would slide from each other,
+    in many times the run.
+    """
+    scene = crossed(True)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".*unstable equilibrium", RuntimeWarning)
+        at_rest = equilibrium(scene)
+    mode = torch.sin(math.pi * torch.linspace(0.0, 1.0, ELEMENTS + 1)).repeat(2)[:, None]
+    fields = {name: getattr(at_rest, name) for name in ("position", "rotation", "stress")}
+    return replace(rest(scene), **fields, velocity=mode * torch.tensor([0.0, 0.1, 0.0]))
+
+
+class Case(NamedTuple):
+    """A scene, with contact or without, and what it starts from; None = from rest."""
+
+    scene: Callable[[bool], Scene]
+    start: Callable[[], State] | None = None
+
+
+CASES = {
+    "two beams far from each other": Case(lambda touches: over(0.3, touches)),
+    "a rod that does not touch itself": Case(alone),
+    "a beam that lies on another, 25 elements": Case(lambda touches: over(5e-4, touches)),
+    "two beams of 25 elements pressed at 20 places": Case(crossed, pressed),
 }
 
 
 def rows(quick: bool) -> Iterator[Measured]:
     """Ratios by scene and batch."""
     steps, repeats = (20, 2) if quick else (STEPS, 4)
-    for name, scene in CASES.items():
+    for name, case in CASES.items():
         for batch in BATCHES[: 1 if quick else None]:
-            pair = [_stepping(scene(touches), batch, steps) for touches in (True, False)]
+            pair = [stepping(case, touches, batch, steps) for touches in (True, False)]
             a, b = timed(pair, repeats)
             ratios = [x / y for x, y in zip(a.cpu, b.cpu, strict=True)]
             what, best = f"contact / without, {name}", min(a.cpu) / min(b.cpu)
@@ -72,10 +118,10 @@ def rows(quick: bool) -> Iterator[Measured]:
             progress(f"{what}, batch {batch}: {best:.2f}")
 
 
-def _stepping(scene: Scene, batch: int, steps: int) -> Callable[[], None]:
-    """A rollout from rest, of samples that a small velocity sets apart."""
-    stepper = Stepper(scene, STEP, engine="compiled")
-    start = stepper.rest()
+def stepping(case: Case, touches: bool, batch: int, steps: int) -> Callable[[], None]:
+    """A rollout, of samples that a small velocity sets apart."""
+    stepper = Stepper(case.scene(touches), STEP, engine="compiled")
+    start = stepper.rest() if case.start is None else case.start()
     if batch > 1:
         start = start.map(lambda x: x.expand(batch, *x.shape).clone())
         apart = torch.linspace(0.0, 0.01, batch, dtype=torch.float64)[:, None, None]

@@ -95,18 +95,33 @@ def test_generalized_alpha_begins_by_native_code(monkeypatch):
 
 
 def test_no_result_depends_on_the_list_of_pairs(monkeypatch):
-    """Of those that steps are about to touch, or of many more; a copy by pickle makes its own."""
+    """Of those that steps are about to touch, or of many more, whenever it is made: step by step,
+    in one run or in short ones, of which steps are made again; a copy by pickle makes its own.
+    """
     scene, start = falling(X[0])
-    after, pairs = [], []
-    for skin in (0.02, 4.0):
-        monkeypatch.setattr(touching_step, "SKIN", skin)
+    above = 2e-3 * torch.tensor([0.0, 0.0, 1.0]) * (torch.arange(6) > 2)[:, None]
+    start = replace(start, position=start.position + above)
+    after, pairs, count = [], [], 12
+    for skin, ahead, unseen in ((0.02, 0, 16), (0.02, 256, 2), (4.0, 0, 16)):
+        for name, value in (("SKIN", skin), ("AHEAD", ahead), ("UNSEEN", unseen)):
+            monkeypatch.setattr(touching_step, name, value)
         stepper = tb.Stepper(scene, 5e-4, engine="compiled")
         stepper = pickle.loads(pickle.dumps(stepper)) if skin == 4.0 else stepper
-        after.append(_steps(stepper, start, 6).velocity)
+        states = [start]
+        for _ in range(count):
+            states.append(stepper(states[-1]))
+        after.append(torch.stack([state.velocity for state in states[1:]]))
         lists = stepper.compiled._steps
         pairs.append(max(sum(len(point) for point, _ in own) for _, own in lists))
-    assert 0 < pairs[0] < pairs[1]
-    assert_close(*after, rtol=0, atol=1e-10)
+        stepper.compiled._list = None
+        run = tb.rollout(stepper, start, count)
+        assert_close(run.velocity, after[-1], rtol=0, atol=1e-10)
+    assert 0 < pairs[0] < pairs[2]
+    gaps = tb.sensors.ContactGap(scene)(run)
+    assert gaps[0] > X[0, 2]
+    assert (gaps < X[0, 2]).any()
+    for one in after[1:]:
+        assert_close(one, after[0], rtol=0, atol=1e-10)
 
 
 def _steps(stepper, state, count):
@@ -130,8 +145,8 @@ def test_what_is_far_is_stepped_as_if_it_did_not_touch():
 
 
 def test_what_falls_together_is_stepped_once(monkeypatch):
-    """With one list, and no step again: no gap has changed; and few steps again where parts fly
-    from each other, as velocities foretell that the list ends.
+    """With one list, and no step again, as no gap has changed; so are parts that fly from each
+    other; and few steps are made again of those that come together, as velocities foretell when.
     """
     scene, start = falling(X[0])
     parts = {name: tb.Beam.straight(0.12, 2, SECTION, root=(0, 0, z))
@@ -156,13 +171,15 @@ def test_what_falls_together_is_stepped_once(monkeypatch):
         return result
 
     monkeypatch.setattr(touching_step.CompiledStep, "__call__", ran)
-    for state in (still, replace(still, velocity=-start.velocity)):
+    above = replace(still, position=still.position + 0.06 / 0.7 * start.velocity.abs())
+    away, near = (replace(x, velocity=k * start.velocity) for x, k in ((still, -1), (above, 4)))
+    for state in (still, away, near):
         lists.clear(), steps.clear()
-        tb.simulate(scene, [0.0, 0.016], step=2.5e-4, initial=state, engine="compiled")
+        tb.simulate(scene, [0.0, 0.064], step=2.5e-4, initial=state, engine="compiled")
         made.append((len(lists), sum(steps)))
-    assert made[0] == (1, 64)
-    assert made[1][0] > 0
-    assert made[1][1] < 1.25 * 64
+    assert made[:2] == [(1, 256), (0, 256)]
+    assert made[2][0] > 0
+    assert 256 <= made[2][1] < 1.25 * 256
 
 
 def test_gradients_are_recorded_after_steps_without():

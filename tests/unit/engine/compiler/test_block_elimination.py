@@ -27,9 +27,14 @@ BLOCKS = [*both(COUPLINGS), (5, 3), (2, 0)]  # two of them in one direction alon
 def library(lanes, dtype, w):
     module = Module(lanes, dtype)
     module.added += BlockElimination(Lanes(lanes, dtype), w).functions()
-    code = Code("run", ["ptr %memory", "ptr %forward", "ptr %back", "i64 %groups"])
-    code.line('call void @"eliminate"(ptr %memory, ptr %forward, i64 %groups)')
-    code.line('call void @"substitute"(ptr %memory, ptr %back, i64 %groups)')
+    system = "ptr %memory", "ptr %flags"
+    for name in ("clear", "eliminate", "substitute"):
+        code = Code(f"run {name}", [*system, "ptr %table", "i64 %groups"])
+        code.line(f'call void @"{name}"({", ".join(code.given)})')
+        module.added.append(code.text())
+    given = *system, "i64 %first", "i64 %stride", "ptr %source"
+    code = Code("run add_block", given)
+    code.line(f'call void @"add_block"({", ".join(given)})')
     module.added.append(code.text())
     return Library(module.text())
 
@@ -38,20 +43,31 @@ def solved(pattern, A, b, dtype, blocks=BLOCKS):
     """A (lanes, units, units, w, w), b (lanes, units, w)"""
     lanes, units, w = b.shape
     own = library(lanes, dtype, w)
-    memory = torch.zeros(pattern.size, lanes, dtype=dtype)
+    memory = torch.full((pattern.size, lanes), torch.nan, dtype=dtype)  # what no block is put to
+    flags = torch.full((pattern.size,), 7, dtype=torch.uint8)
+    system = memory.data_ptr(), flags.data_ptr()
+    tables = [[*chain(*own)] for own in (pattern.elimination, pattern.substitution)]
+    tables = [(ctypes.c_int64 * len(x))(*x) for x in tables]
+
+    def run(name, *given):
+        kinds = [ctypes.c_void_p] * 2 + [ctypes.c_int64] * 2 + [ctypes.c_void_p]
+        if len(given) == 2:
+            kinds = [ctypes.c_void_p] * 3 + [ctypes.c_int64]
+        ctypes.CFUNCTYPE(None, *kinds)(own.address(f"run {name}"))(*system, *given)
+
+    run("clear", ctypes.addressof(tables[0]), len(pattern.groups))
     for i, j in [*blocks, *((k, k) for k in range(units))]:
-        place = pattern.place(i, j)
-        for k in range(w):
-            row = place.first + k * place.stride
-            memory[row : row + w] = A[:, i, j, k].T
+        if not A[:, i, j].any():
+            continue  # it is not there
+        for part in (0.25, 0.75):
+            block = (part * A[:, i, j]).movedim(0, -1).contiguous()
+            run("add_block", *pattern.place(i, j), block.data_ptr())
     for i in range(units):
         place = pattern.right(i)
         for k in range(w):
             memory[place.first + k * place.stride] = b[:, i, k]
-    run = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64)(own.address("run"))
-    tables = [[*chain(*own)] for own in (pattern.elimination, pattern.substitution)]
-    tables = [(ctypes.c_int64 * len(x))(*x) for x in tables]
-    run(memory.data_ptr(), *map(ctypes.addressof, tables), len(pattern.groups))
+    for name, table in zip(("eliminate", "substitute"), tables, strict=True):
+        run(name, ctypes.addressof(table), len(pattern.groups))
     at = [pattern.solution(unit) for unit in range(units)]
     return torch.stack([memory[first : first + w].T for first in at], 1)
 

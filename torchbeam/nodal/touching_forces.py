@@ -1,0 +1,178 @@
+"""Beams and bodies that touch each other: the forces of `TouchingPairs` on the nodes, and what ties
+these in tangents.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from ..core.leaves import leaf, wants_gradient
+from ..core.validation import concrete
+from ..math.concrete import mapped
+from ..math.shapes import broadcast_shapes
+from ..scene.effects.load_point import POSITION, ROTATION, SPIN, VELOCITY
+from ..topology.cut import added
+from .coordinates.spatial import Spatial
+from .surface_pairs import BODY
+from .touching import Touching
+from .touching_motion import NoTouching, TouchingMotion
+from .touching_pairs import PairMotion, TouchingPairs
+
+
+def of_nodes(nodes: Tensor, motion: TouchingMotion) -> PairMotion:
+    """The motion of the nodes (U, 6) of pairs."""
+    moves = (None if x is None else x[..., nodes, :] for x in motion[:4])
+    axes = None
+    if motion.axes is not None:
+        axes = tuple(R[..., nodes[:, BODY], :, :] for R in motion.axes)
+    return PairMotion(*moves, motion.secant, axes)
+
+
+class Near(NamedTuple):
+    """Pairs that may touch each other, and their nodes (U, 6)."""
+
+    pairs: TouchingPairs
+    nodes: Tensor
+
+
+@dataclass(frozen=True)
+class AnyTouching(NoTouching):
+    """Parts that touch. moves (w, 6): displacement and spin in space of a node's moves. A subclass
+    knows which pairs are `near`.
+    """
+
+    space: Spatial
+    moves: Tensor = leaf(2)
+
+    present = True
+
+    def near(self, motion: TouchingMotion) -> list[Near]:
+        """Those that may touch over this motion."""
+        raise NotImplementedError
+
+    def loaded(self, nodes: Tensor, motion: Callable[[], TouchingMotion]) -> Tensor:
+        now = motion()
+        for pairs, own in self.near(now):
+            push = -(pairs.wrenches(of_nodes(own, now)) @ self.moves.mT).flatten(-3, -2)
+            nodes = added(nodes, tuple(own.flatten().tolist()), push, nodes.shape[-2], 1)
+        return nodes
+
+    def matrix(self, matrix: Any, motion: Callable[[], TouchingMotion]) -> Any:
+        return self._tied(matrix, motion(), self.by_moves)
+
+    def damping(self, matrix: Any, position: Tensor, axes: Tensor) -> Any:
+        still = torch.zeros_like(position)
+        sizes = self.space.dims.position, self.space.dims.spin
+        names = (VELOCITY, SPIN)
+        eyes = (torch.eye(n, dtype=position.dtype, device=position.device)[None] for n in sizes)
+        by = dict(zip(names, eyes, strict=True))
+        motion = TouchingMotion(position, None, still, still, None, lambda: by, axes=(axes,))
+        return self._tied(matrix, motion, self._by_rates)
+
+    def _tied(self, matrix: Any, now: TouchingMotion, blocks_of: Callable[..., Tensor]) -> Any:
+        """A matrix with blocks (..., U, 6, 6, w, w) of the pairs that have some."""
+        nodes, blocks = [], []
+        for near in self.near(now):
+            own, block = near.nodes, blocks_of(near, now)
+            if not mapped(block) and not wants_gradient(block):  # zeros may carry derivatives
+                some = concrete(block.detach() != 0).flatten(-4).any(-1)
+                some = some.flatten(0, -2).any(0) if some.ndim > 1 else some
+                own, block = own[some], block[..., some, :, :, :, :]
+            nodes.append(own)
+            blocks.append(block)
+        if not sum(map(len, nodes)):
+            return matrix
+        nodes = torch.cat(nodes)
+        tie, at = nodes.unique(return_inverse=True)
+        at, n = at.view_as(nodes), len(tie)
+        rows = tuple((at[:, :, None] * n + at[:, None, :]).flatten().tolist())
+        shape = broadcast_shapes(*(x.shape[:-5] for x in blocks))
+        every = torch.cat([x.expand(*shape, *x.shape[-5:]) for x in blocks], -5).flatten(-5, -3)
+        return matrix.tied_too(tuple(tie.tolist()), added(None, rows, every, n * n, 2))
+
+    def work(self, motion: Callable[[], TouchingMotion]) -> Tensor | float:
+        now = motion()
+        return sum(pairs.work(of_nodes(own, now), now.dt) for pairs, own in self.near(now))
+
+    def passed(self, motion: Callable[[], TouchingMotion]) -> Tensor | None:
+        now = motion()
+        each = [pairs.passed(of_nodes(own, now)) for pairs, own in self.near(now)]
+        return torch.stack(torch.broadcast_tensors(*each)).any(0) if each else None
+
+    def by_moves(self, near: Near, motion: TouchingMotion) -> Tensor:
+        """(..., U, 6, 6, w, w): derivative of the balances of a pair's nodes by their moves."""
+        of_pairs = of_nodes(near.nodes, motion)
+        slopes = near.pairs.slopes(of_pairs)
+        change = slopes.pop(POSITION) @ self.moves[:, :3].mT + self._rates(near, motion, slopes)
+        return self._balances(near.pairs.blocks(of_pairs, change))
+
+    def _by_rates(self, near: Near, motion: TouchingMotion) -> Tensor:
+        """The same by velocities and spins alone."""
+        of_pairs = of_nodes(near.nodes, motion)
+        slopes = near.pairs.slopes(of_pairs)
+        by_x, slopes = slopes.pop(POSITION), {n: x for n, x in slopes.items() if n != ROTATION}
+        none = by_x.new_zeros(*by_x.shape[:-1], len(self.moves))
+        return self._balances(near.pairs.blocks(of_pairs, none + self._rates(near, motion, slopes)))
+
+    def _balances(self, blocks: Tensor) -> Tensor:
+        """From wrenches (..., 6, w) to balances."""
+        return -torch.einsum("vi,...abiw->...abvw", self.moves, blocks)
+
+    def _rates(
+        self, near: Near, motion: TouchingMotion, slopes: dict[str, Tensor]
+    ) -> Tensor | float:
+        p, moves, whole = self.space.dims.position, self.moves, 0.0
+        by = motion.by() if slopes else {}
+        for name, slope in slopes.items():
+            if name == ROTATION and name not in by:  # it turns as the moves do
+                whole = whole + slope @ moves[:, 3:].mT
+                continue
+            if name not in by:
+                continue
+            own, more = by[name], len(moves) - by[name].shape[-1]
+            if name == VELOCITY:
+                rate = pad(moves[:p, :3].mT @ own, (0, more))
+            else:
+                rate = pad(moves[p:, 3:].mT @ own, (more, 0))
+            same = rate.shape[-3] == 1
+            rate = rate[..., None, :, :, :] if same else rate[..., near.nodes, :, :]
+            whole = whole + slope @ rate
+        return whole
+
+
+@dataclass(frozen=True)
+class AllTouching(AnyTouching):
+    """All of a scene."""
+
+    each: tuple[Touching, ...]
+
+    @property
+    def lossy(self) -> bool:
+        return any(one.lossy for one in self.each)
+
+    @property
+    def reads(self) -> frozenset[str]:
+        return frozenset().union(*(one.reads for one in self.each))
+
+    def near(self, motion: TouchingMotion) -> list[Near]:
+        near = [(one, one.nearby(motion)) for one in self.each]
+        return [Near(one.pairs(own), own.nodes) for one, own in near if len(own.point)]
+
+
+@dataclass(frozen=True)
+class OnePair(AnyTouching):
+    """Of six nodes, which are all that there are."""
+
+    pairs: TouchingPairs
+
+    lossy = property(lambda self: self.pairs.lossy)
+    reads = property(lambda self: self.pairs.reads)
+
+    def near(self, motion: TouchingMotion | None) -> list[Near]:
+        return [Near(self.pairs, torch.arange(6, device=self.moves.device)[None])]
