@@ -32,6 +32,7 @@ from .derivatives import cache_of, cached, caches_of
 from .validation import as_tensor
 
 AXES = "axes"  # key of a field's metadata
+STATIC = frozenset({type(None), bool, int, float, str})  # what holds no tree
 # in an annotation: the field can hold a tensor
 TENSOR = re.compile(r"\b(Tensor|Value|Motion|LoadValue|Inputs)\b")
 FUNCTION = re.compile(r"\b(Callable|ClassVar)\[.*\]")  # what a function takes and gives is not held
@@ -190,7 +191,7 @@ def _add_leaves(tree: Any, found: list[Leaf]) -> None:
                 found.append(leaf)
         declared = _declared(type(tree))
         for name, value in [*vars(tree).items()]:
-            if declared.get(name) is BRANCH:
+            if type(value) not in STATIC and declared.get(name) is BRANCH:
                 _add_leaves(value, found)
     elif isinstance(tree, (tuple, list, dict)):
         for part in tree.values() if isinstance(tree, dict) else tree:
@@ -242,14 +243,17 @@ def _add_in_order(tree: Any, found: list[tuple[Any, int | None]], seen: set[int]
         seen.add(id(tree))
         declared = _declared(type(tree))
         for name, value in [*vars(tree).items()]:
-            if name not in declared:
+            if value is None or (axes := declared.get(name)) is None and name not in declared:
                 continue
-            axes = declared[name]
             if axes is BRANCH or isinstance(value, Tree):
-                _add_in_order(value, found, seen)
-            elif value is not None:
+                if type(value) not in STATIC:
+                    _add_in_order(value, found, seen)
+            else:
                 axes = axes(tree) if callable(axes) else axes
-                found += [(part, axes) for part in _parts(value)]
+                if isinstance(value, Tensor):
+                    found.append((value, axes))
+                else:
+                    found += [(part, axes) for part in _parts(value)]
     elif isinstance(tree, (tuple, list, dict)):
         for part in tree.values() if isinstance(tree, dict) else tree:
             _add_in_order(part, found, seen)

@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 import torch
 from torch import Tensor
 
-from .derivatives import cache_of, lasting, untracked
-from .leaves import Tree, map_leaves
+from .derivatives import caches_of, lasting, untracked
+from .leaves import STATIC, Tree, map_leaves
 
 K, T = TypeVar("K"), TypeVar("T")
 LARGE = 2**14  # numbers in the arguments, from which on looking costs what computing does
@@ -64,21 +64,33 @@ def keep(entries: dict[K, T], key: K, value: T, most: int) -> T:
     return value
 
 
-def structure_of(x: Any, tensors: list[Tensor]) -> Hashable:
-    """What is static in x, as something that can be a key; its tensors are added to those."""
+def structure_of(
+    x: Any, tensors: list[Tensor], known: dict[int, tuple[Hashable, Tree]] | None = None
+) -> Hashable:
+    """What is static in x, as something that can be a key; its tensors are added to those. Which
+    trees are one object is part of it: walks that meet each once (`leaves_in_order`) give of two
+    loads that are one another number of tensors than of two alike.
+    """
     if isinstance(x, Tensor):
         tensors.append(x)
         return x.shape, x.dtype
+    if type(x) in STATIC:
+        return x
+    known = {} if known is None else known
     if isinstance(x, Tree):
-        return type(x), *(
-            structure_of(value, tensors)
+        if (again := known.get(id(x))) is not None:
+            return again[0]
+        known[id(x)] = (Tree, len(known)), x  # held, so that its id stays its own
+        caches = caches_of(type(x))
+        return type(x), *[
+            value if type(value) in STATIC else structure_of(value, tensors, known)
             for name, value in [*vars(x).items()]
-            if not cache_of(x, name)
-        )
+            if " " not in name and name not in caches
+        ]
     if isinstance(x, (tuple, list)):
-        return type(x), *(structure_of(value, tensors) for value in x)
+        return type(x), *[structure_of(value, tensors, known) for value in x]
     if isinstance(x, dict):
-        return type(x), *((name, structure_of(value, tensors)) for name, value in x.items())
+        return type(x), *[(name, structure_of(value, tensors, known)) for name, value in x.items()]
     return x
 
 
