@@ -37,9 +37,11 @@ def remembered(function: Callable[..., T], *given: Any) -> T:
         recent = _VALUES.pop(key, ())  # other threads may ask too: at worst two of them compute it
     except TypeError:  # a part has no hash
         return function(*given)
-    at = next(
-        (k for k, (known, _) in enumerate(recent) if all(map(torch.equal, known, tensors))), None
-    )
+    for at, (known, _) in enumerate(recent):
+        if all(map(torch.equal, known, tensors)):
+            break
+    else:
+        at = None
     if at is not None:
         # the last one asked for is looked at first
         recent = recent[at], *recent[:at], *recent[at + 1 :]
@@ -103,8 +105,9 @@ def _copied(x: Any) -> Any:
 
 def _plain(tensors: list[Tensor]) -> bool:
     """Whether these are few numbers on the CPU, of which no derivative is recorded."""
-    return (
-        untracked(tensors)
-        and all(type(x) is Tensor and x.device.type == "cpu" for x in tensors)
-        and sum(x.numel() for x in tensors) <= LARGE
-    )
+    numbers = 0
+    for x in tensors:
+        if type(x) is not Tensor or not x.is_cpu:
+            return False
+        numbers += x.numel()
+    return numbers <= LARGE and untracked(tensors)

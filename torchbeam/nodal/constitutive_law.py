@@ -109,12 +109,16 @@ class ElasticLaw(Tree):
             S.shape[-2],
         )
         softest = (diagonal * bending).amax((-3, -2), keepdim=True)
-        # what bends round about
-        around = bending * (STIFFENED / torch.where(softest > 0, softest, 1.0))
-        least = REGULARISATION[S.dtype] / (around if dt is None else around + inertial)
-        least = torch.where(diagonal == 0 if dt is None else diagonal < least, least, diagonal)
+        # what bends round about; 1 in the place of 0
+        around = bending * (STIFFENED * (softest + (softest == 0)).reciprocal())
+        around = around if dt is None else around + inertial
+        least = REGULARISATION[S.dtype] * around.reciprocal()
+        if dt is None:
+            least = torch.where(diagonal == 0, least, diagonal)
+        else:
+            least = torch.maximum(diagonal, least)
         return (
-            1 / least
+            least.reciprocal()
             if slim
             else torch.linalg.inv(S + torch.diag_embed((least - diagonal)[..., 0]))
         )
@@ -201,7 +205,7 @@ def law_of(scene: Scene, space: Spatial) -> ElasticLaw:
     beam, rigid = scene.beam, any(impossible(scene.beam))
     compliance = _with_residual_bending(beam, beam.compliance)
     S = _slim(compliance, beam, space)
-    C = _slim(_regular_inverse(beam, compliance), beam, space) if rigid or beam.coupled else 1 / S
+    C = _slim(_regular_inverse(beam, compliance), beam, space) if rigid or beam.coupled else S.reciprocal()
     if scene.damping is None:
         return ElasticLaw(S, C, rigid)
     retardations = [_retardation(damping, beam, space) for damping in scene.dampings]

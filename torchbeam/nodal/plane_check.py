@@ -39,7 +39,8 @@ def check_plane(model: Model) -> None:
         (acting, at_nodes(whole, nodes, replace(now, between=(acting,)))) for acting in now.between
     ]
     for acting, load in given:
-        _refuse(space, acting.load.called, load, space.embed(space.project(load)))
+        if concrete(space.outside(load.detach())).any():
+            _refuse(space, acting.load.called, load, space.embed(space.project(load)))
     for load in scene.loads:
         if load.between_nodes and constant(load):
             pushed = load.directions(beam.nodes)
