@@ -243,20 +243,21 @@ def _add_in_order(tree: Any, found: list[tuple[Any, int | None]], seen: set[int]
         seen.add(id(tree))
         declared = _declared(type(tree))
         for name, value in [*vars(tree).items()]:
-            if value is None or (axes := declared.get(name)) is None and name not in declared:
+            if value is None or name not in declared:
                 continue
-            if axes is BRANCH or isinstance(value, Tree):
+            if (axes := declared[name]) is BRANCH or isinstance(value, Tree):
                 if type(value) not in STATIC:
                     _add_in_order(value, found, seen)
+                continue
+            axes = axes if type(axes) is int or axes is None else axes(tree)
+            if isinstance(value, Tensor):
+                found.append((value, axes))
             else:
-                axes = axes(tree) if callable(axes) else axes
-                if isinstance(value, Tensor):
-                    found.append((value, axes))
-                else:
-                    found += [(part, axes) for part in _parts(value)]
+                found += [(part, axes) for part in _parts(value)]
     elif isinstance(tree, (tuple, list, dict)):
         for part in tree.values() if isinstance(tree, dict) else tree:
-            _add_in_order(part, found, seen)
+            if type(part) not in STATIC:
+                _add_in_order(part, found, seen)
 
 
 def map_leaves(

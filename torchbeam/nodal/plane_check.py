@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -10,6 +11,7 @@ from torch import Tensor
 
 from ..core.leaves import constant, with_values
 from ..core.validation import concrete
+from ..scene.effects.loads import GivenLoad
 from .conditions import conditions
 from .coordinates.planar import Planar
 from .coordinates.selection import in_space
@@ -26,21 +28,9 @@ def check_plane(model: Model) -> None:
     sides, motions of the frame and of supports. Raises ValueError.
     """
     scene, space, beam = model.scene, model.space, model.scene.beam
-    whole = with_values(model, space=in_space(beam))
-    still = torch.zeros_like(beam.nodes)
-    t = still.new_zeros(())
-    nodes = Nodes(beam.nodes, beam.frames, still, still, axes=model.drawn_axes)
-    now = conditions(model, t, {}, loads=tuple(filter(constant, scene.loads)))
-    given = [
-        (acting, wrench(whole.space, acting.load, point, t, {}))
-        for acting, point in load_points(whole, nodes, now, now.loads)
-    ]
-    given += [
-        (acting, at_nodes(whole, nodes, replace(now, between=(acting,)))) for acting in now.between
-    ]
-    for acting, load in given:
-        if concrete(space.outside(load.detach())).any():
-            _refuse(space, acting.load.called, load, space.embed(space.project(load)))
+    t = beam.nodes.new_zeros(())
+    for called, load in _of_loads(model, t):
+        _refuse(space, called, load, space.embed(space.project(load)))
     for load in scene.loads:
         if load.between_nodes and constant(load):
             pushed = load.directions(beam.nodes)
@@ -95,6 +85,35 @@ def check_plane(model: Model) -> None:
                 else space.project_vector(x) @ space.basis[:, :2].mT
             )
             _refuse(space, what, x, inside)
+
+
+def _of_loads(model: Model, t: Tensor) -> Iterator[tuple[str, Tensor]]:
+    """Forces and moments (..., 6) of loads that are numbers, on the beam at rest, but for those
+    that lie in the plane to the bit whatever the beam does; with what loads are called.
+    """
+    loads = tuple([x for x in model.scene.loads if constant(x) and not _inside(model.space, x)])
+    if not loads:
+        return
+    beam, still = model.scene.beam, torch.zeros_like(model.scene.beam.nodes)
+    whole = with_values(model, space=in_space(beam))
+    nodes = Nodes(beam.nodes, beam.frames, still, still, axes=model.drawn_axes)
+    now = conditions(model, t, {}, loads=loads)
+    for acting, point in load_points(whole, nodes, now, now.loads):
+        yield acting.load.called, wrench(whole.space, acting.load, point, t, {})
+    for acting in now.between:
+        yield acting.load.called, at_nodes(whole, nodes, replace(now, between=(acting,)))
+
+
+def _inside(space: Planar, load: Any) -> bool:
+    """Whether a load is a dead force, or moment, in the plane."""
+    if not isinstance(load, GivenLoad) or load.depends:
+        return False
+    force, moment = load.force, load.moment
+    parts = ((force, space.basis[:, 2]), (moment, space.basis[:, :2]))
+    return all(
+        x is None or (isinstance(x, Tensor) and not concrete(x.detach() @ normals).any())
+        for x, normals in parts
+    )
 
 
 def _refuse_offset(space: Planar, effect: Any) -> None:

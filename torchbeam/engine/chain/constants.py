@@ -161,19 +161,26 @@ class Constants:
 
     def _sources(self) -> list[Tensor]:
         model, scene = self.model, self.model.scene
-        held: tuple[Any, ...] = model.law, model.inertia, model.joints, model.tendons
-        if scene.numbers is None:
-            by_place = [load for load, own in zip(self.loads, self.by_place, strict=True) if own]
-            prescribed = () if self.roles.rests else (scene.frame, scene.root)
-            held += self.given, by_place, prescribed, scene.eigenstrains, scene.beam
-            held += scene.supports, scene.joints, scene.tendons
-        return [
-            *(scene.numbers or ()),
-            *(x for x, _ in flattened((*held, model.touching))),
-            model.length,
-            model.section_mass,
-            model.tributary_length,
-        ]
+        if scene.numbers is not None:  # a model is made of them
+            return [*scene.numbers]
+        by_place = [load for load, own in zip(self.loads, self.by_place, strict=True) if own]
+        held = (
+            self.given,
+            by_place,
+            () if self.roles.rests else (scene.frame, scene.root),
+            scene.eigenstrains,
+            scene.beam,
+            scene.supports,
+            model.law,
+            model.inertia,
+            model.joints,
+            scene.joints,
+            model.tendons,
+            scene.tendons,
+            model.touching,
+        )
+        made = [model.length, model.section_mass, model.tributary_length]
+        return [x for x, _ in flattened(held)] + made
 
     @cached
     def _rest(self) -> State:
@@ -465,7 +472,7 @@ class Constants:
         """A value that is the same at all steps: kept, unless a derivative by what it is made from
         is recorded.
         """
-        if torch.is_grad_enabled() and any(x.requires_grad for x in self.sources):
+        if torch.is_grad_enabled() and any([x.requires_grad for x in self.sources]):
             return value()
         if name not in self._cache:
             with lasting():
@@ -488,8 +495,9 @@ class Constants:
         )
         if tangent is None:
             with lasting(), torch.no_grad():  # no solution depends on its tangent
-                C = self.model.tangent_stiffness(dt.detach())
-                tangent = dt.detach().clone(), C, same_law(C, self.model.law.C).to(C)
+                dt = dt.detach()
+                C = self.model.tangent_stiffness(dt)
+                tangent = dt.clone(), C, same_law(C, self.model.law.C).to(C)
             cached_tangents[:] = [tangent, *cached_tangents[:1]]
         return tangent[1:]
 

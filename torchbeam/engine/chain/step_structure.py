@@ -19,7 +19,7 @@ from ...topology.framework import Framework
 from . import program as programs
 from .adjoint import AdjointProgram
 from .call import Call, Chain, Field, like, structure_fields
-from .chain_constants import Trees, flattened
+from .chain_constants import Trees, reader_of
 from .constants import LoadRoles
 from .cotangents import constant_fields, state_fields
 from .node_kinds import Kinds
@@ -66,7 +66,7 @@ class StepStructure:
         # axes that functions of t may bring along; one at least, so that none of theirs is taken
         # for that of steps
         self.dims = max(1, *(field.value.ndim - field.axes for field in fields))
-        self.values = tuple(values)
+        self.values, self.readers = tuple(values), [reader_of(tree) for tree in trees]
         # of all fields: record, name and axes of a constant one, None of one that changes
         self.places = [
             None if id(field.value) in names else (field.record, field.name, field.axes)
@@ -85,7 +85,7 @@ class StepStructure:
 
     def constant(self, trees: Trees) -> list[Field]:
         """The fields of a model's trees that hold for all steps."""
-        tensors = (x for tree in trees for x, _ in flattened(tree))
+        tensors = [x for of, tree in zip(self.readers, trees, strict=True) for x in of(tree)]
         return [
             Field(*place[:2], x, place[2])
             for place, x in zip(self.places, tensors, strict=True)

@@ -39,8 +39,7 @@ LEFT_OUT = {torch.float64: 1e-6, torch.float32: 1e-3}  # of a state given to sta
 class Maps(NamedTuple):
     """Of a plane: the public quaternion of (cos, sin), (2, 4); the six of a section from those
     inside the plane, then those outside, (6, 6); inside ones alone, (6, 3), of stress or strain,
-    and of diagonals of their matrices; loads to those in the plane, (6, 3), and back, (3, 6), and
-    to those out of it, (6, 3).
+    and of diagonals of their matrices; loads to those in the plane, (6, 3), and back, (3, 6).
     """
 
     rotation: Tensor
@@ -49,7 +48,6 @@ class Maps(NamedTuple):
     diagonal: Tensor
     load: Tensor
     embedding: Tensor
-    outside: Tensor
     to_rotation: Columns
     to_stress: Columns
     to_load: Columns
@@ -65,9 +63,8 @@ class Maps(NamedTuple):
         stress = whole[:, : len(INSIDE)]
         load = torch.block_diag(basis[:, :2], basis[:, 2:])
         public = rotation, stress.mT, load.mT, basis[:, :2].mT, basis[:, 2:].mT
-        outside = torch.block_diag(basis[:, 2:], basis[:, :2])
         columns = map(Columns.of, public)
-        return cls(rotation, whole, stress, stress.abs(), load, load.mT, outside, *columns)
+        return cls(rotation, whole, stress, stress.abs(), load, load.mT, *columns)
 
 
 torch.serialization.add_safe_globals([Maps, Columns, Run])
@@ -264,10 +261,6 @@ class Planar(Spatial):
 
     def project(self, load: Tensor) -> Tensor:
         return load @ self._load_map
-
-    def outside(self, load: Tensor) -> Tensor:
-        """(..., 6) -> (..., 3): what of a load is out of the plane."""
-        return load @ self._maps.outside
 
     def project_map(self, by: Tensor) -> Tensor:
         return self._load_map.mT @ by @ self._load_map
