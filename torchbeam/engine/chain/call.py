@@ -5,7 +5,6 @@ arguments.
 from __future__ import annotations
 
 import ctypes
-import threading
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -15,6 +14,7 @@ from torch import Tensor
 
 from ...core.leaves import with_values
 from ...nodal.model import Model
+from ..compiler.team import in_threads
 from .cells import Cells
 from .chain_code import POINTERS
 from .layout import counts
@@ -322,9 +322,12 @@ class Call:
         work = self.B * max(self.chain.N, 1) * self.K
         threads = min(torch.get_num_threads(), self.groups, work // WORK)
         if threads < 2:
-            self._part(run, numbers, held)
+            block = self.chain.taken(self.lanes)
+            numbers[place["memory"]] = block.data_ptr()
+            run(numbers)
+            self.chain.given_back(self.lanes, block)
         else:
-            self._parts(run, numbers, held, threads)
+            self._parts(run, numbers, threads, held)
         self._arguments.append(arguments)
 
     def _new_arguments(self) -> Arguments:
@@ -334,28 +337,18 @@ class Call:
             numbers[self.place[name]] = ctypes.addressof(rows)
         return Arguments(numbers, tables)
 
-    def _parts(self, run: Callable[[Any], None], numbers: Any, held: Any, threads: int) -> None:
+    def _parts(self, run: Callable[[Any], None], numbers: Any, threads: int, held: Any) -> None:
+        """Some groups of the samples by each of so many threads."""
         ends = [self.groups * k // threads for k in range(threads + 1)]
-        parts = []
-        for first, end in pairwise(ends):
+        parts, blocks = [], [self.chain.taken(self.lanes) for _ in range(threads)]
+        for block, (first, end) in zip(blocks, pairwise(ends), strict=True):
             part = _copied(numbers)
             part[self.place["first_group"]], part[self.place["end_group"]] = first, end
+            part[self.place["memory"]] = block.data_ptr()
             parts.append(part)
-        others = [threading.Thread(target=self._part, args=(run, part, held)) for part in parts[1:]]
-        for thread in others:
-            thread.start()
-        self._part(run, parts[0], held)
-        for thread in others:
-            thread.join()
-
-    def _part(self, run: Callable[[Any], None], numbers: Any, held: Any) -> None:
-        """Some groups of the samples; a thread of its own keeps what is `held`, should nobody wait
-        for it.
-        """
-        block = self.chain.taken(self.lanes)
-        numbers[self.place["memory"]] = block.data_ptr()
-        run(numbers)
-        self.chain.given_back(self.lanes, block)
+        in_threads(run, parts, (held, blocks))
+        for block in blocks:
+            self.chain.given_back(self.lanes, block)
 
 
 def structure_fields(chain: Chain) -> list[Field]:
