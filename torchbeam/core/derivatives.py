@@ -75,8 +75,12 @@ class cached(cached_property):
             key = self.keys[torch.is_grad_enabled(), torch._C._is_fwd_grad_enabled()]
             value = held.get(key, ABSENT)
             if value is ABSENT:
-                with lasting():
-                    value = held[key] = self.func(owner)
+                if torch.is_inference_mode_enabled():
+                    with _past_inference():
+                        value = self.func(owner)
+                else:  # no context, in less time
+                    value = self.func(owner)
+                held[key] = value
         return value
 
 

@@ -30,19 +30,17 @@ def remembered(function: Callable[..., T], *given: Any) -> T:
     numbers.
     """
     tensors: list[Tensor] = []
-    key = function, *(structure_of(x, tensors) for x in given)
+    key = function, *[structure_of(x, tensors) for x in given]
     if not _plain(tensors):
         return function(*given)
     try:
         recent = _VALUES.pop(key, ())  # other threads may ask too: at worst two of them compute it
     except TypeError:  # a part has no hash
         return function(*given)
-    for at, (known, _) in enumerate(recent):
-        if all(map(torch.equal, known, tensors)):
-            break
-    else:
-        at = None
-    if at is not None:
+    at = 0
+    while at < len(recent) and not all(map(torch.equal, recent[at][0], tensors)):
+        at += 1
+    if at < len(recent):
         # the last one asked for is looked at first
         recent = recent[at], *recent[:at], *recent[at + 1 :]
     else:

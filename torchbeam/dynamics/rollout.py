@@ -81,7 +81,8 @@ def check_room(
     shape = broadcast_shapes(
         stepper.scene.batch_shape, state.batch_shape, *(x.shape[:-1] for x in inputs.values())
     )
-    solves, size = steps * stepper.method.SOLVES_A_STEP, shape.numel() * state.position.element_size()
+    solves = steps * stepper.method.SOLVES_A_STEP
+    size = shape.numel() * state.position.element_size()
     fields = [x for x in vars(state).values() if isinstance(x, Tensor)]
     if max(wanted, solves) * size * sum([x.numel() for x in fields]) <= SMALL:  # as a rule
         return
@@ -90,7 +91,7 @@ def check_room(
         for x in own_leaves(state)
         if x.value is not None
     )
-    size = size * sum(own)
+    size *= sum(own)
     least = (wanted + 2 * math.isqrt(steps)) * size
     most = max(wanted, solves) * size
     if most <= SMALL:

@@ -209,7 +209,10 @@ def law_of(scene: Scene, space: Spatial) -> ElasticLaw:
     beam, rigid = scene.beam, any(impossible(scene.beam))
     compliance = _with_residual_bending(beam, beam.compliance)
     S = _slim(compliance, beam, space)
-    C = _slim(_regular_inverse(beam, compliance), beam, space) if rigid or beam.coupled else S.reciprocal()
+    if rigid or beam.coupled:
+        C = _slim(_regular_inverse(beam, compliance), beam, space)
+    else:
+        C = S.reciprocal()
     if scene.damping is None:
         return ElasticLaw(S, C, rigid)
     retardations = [_retardation(damping, beam, space) for damping in scene.dampings]

@@ -28,8 +28,7 @@ def check_plane(model: Model) -> None:
     sides, motions of the frame and of supports. Raises ValueError.
     """
     scene, space, beam = model.scene, model.space, model.scene.beam
-    t = beam.nodes.new_zeros(())
-    for called, load in _of_loads(model, t):
+    for called, load in _of_loads(model):
         _refuse(space, called, load, space.embed(space.project(load)))
     for load in scene.loads:
         if load.between_nodes and constant(load):
@@ -51,7 +50,7 @@ def check_plane(model: Model) -> None:
             )
     for effect in scene.eigenstrains:
         if constant(effect):
-            own = effect.eigenstrain(t, {}, model.length, beam.element_count)
+            own = effect.eigenstrain(beam.nodes.new_zeros(()), {}, model.length, beam.element_count)
             _refuse(space, effect.called, own, space.embed_strain(space.project_strain(own)))
     for tendon in scene.tendons:
         points = tendon.at(beam.nodes, beam.frames) - beam.nodes[..., :1, :]
@@ -87,7 +86,7 @@ def check_plane(model: Model) -> None:
             _refuse(space, what, x, inside)
 
 
-def _of_loads(model: Model, t: Tensor) -> Iterator[tuple[str, Tensor]]:
+def _of_loads(model: Model) -> Iterator[tuple[str, Tensor]]:
     """Forces and moments (..., 6) of loads that are numbers, on the beam at rest, but for those
     that lie in the plane to the bit whatever the beam does; with what loads are called.
     """
@@ -95,6 +94,7 @@ def _of_loads(model: Model, t: Tensor) -> Iterator[tuple[str, Tensor]]:
     if not loads:
         return
     beam, still = model.scene.beam, torch.zeros_like(model.scene.beam.nodes)
+    t = still.new_zeros(())
     whole = with_values(model, space=in_space(beam))
     nodes = Nodes(beam.nodes, beam.frames, still, still, axes=model.drawn_axes)
     now = conditions(model, t, {}, loads=loads)
@@ -108,12 +108,12 @@ def _inside(space: Planar, load: Any) -> bool:
     """Whether a load is a dead force, or moment, in the plane."""
     if not isinstance(load, GivenLoad) or load.depends:
         return False
-    force, moment = load.force, load.moment
-    parts = ((force, space.basis[:, 2]), (moment, space.basis[:, :2]))
-    return all(
-        x is None or (isinstance(x, Tensor) and not concrete(x.detach() @ normals).any())
-        for x, normals in parts
-    )
+    for x, normals in ((load.force, slice(2, None)), (load.moment, slice(2))):
+        if x is not None and not isinstance(x, Tensor):
+            return False
+        if x is not None and concrete(x.detach() @ space.basis[:, normals]).any():
+            return False
+    return True
 
 
 def _refuse_offset(space: Planar, effect: Any) -> None:

@@ -302,9 +302,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
     return resting(scene, shape, time, distinct=True)
 
 
-def resting(
-    scene: Any, shape: tuple[int, ...], time: Tensor, distinct: bool = False
-) -> State:
+def resting(scene: Any, shape: tuple[int, ...], time: Tensor, distinct: bool = False) -> State:
     """`rest` of these batch axes, at times that broadcast with them; distinct: each field is a
     tensor of its own, which the scene and the other fields do not share.
     """

@@ -119,7 +119,7 @@ class CompiledStep:
         if model.joints.count:
             size = model.joints.size.detach()
             self._lengths.append(Field("common", "joint_size", size, 0))
-        self.sources = [*(one.value for one in self.constant), *self.constants.sources]
+        self.sources = [*[one.value for one in self.constant], *self.constants.sources]
         self.eager_because: str | None = None  # of the last call: what a user may mend
         self._seen: tuple[int, ...] | None = None
         self._checked = not by_function(model)  # whether these keep samples apart

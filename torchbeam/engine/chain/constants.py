@@ -84,9 +84,7 @@ class LoadRoles(NamedTuple):
                 (given if is_given else asked).append(k)
         none = {name: model.length.new_zeros(size) for name, size in scene.inputs.items()}
         zero = model.length.new_zeros(())
-        by_place = [
-            act.load.at_sites(*_places(model, act, zero, none)) is not None for act in own
-        ]
+        by_place = [act.load.at_sites(*_places(model, act, zero, none)) is not None for act in own]
         valued = _valued_at_rest(model, own)
         wants_support = any(load.wants_support for load in loads)
         rests = not scene.has_prescribed_motion and scene.root is None
@@ -496,8 +494,10 @@ class Constants:
         if tangent is None:
             with lasting(), torch.no_grad():  # no solution depends on its tangent
                 dt = dt.detach()
-                C = self.model.tangent_stiffness(dt)
-                tangent = dt.clone(), C, same_law(C, self.model.law.C).to(C)
+                C, law = self.model.tangent_stiffness(dt), self.model.law.C
+                same = C.shape == law.shape and C.data_ptr() == law.data_ptr()
+                exact = C.new_ones(C.shape[:-3]) if same else same_law(C, law).to(C)
+                tangent = dt.clone(), C, exact
             cached_tangents[:] = [tangent, *cached_tangents[:1]]
         return tangent[1:]
 

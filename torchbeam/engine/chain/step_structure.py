@@ -113,9 +113,10 @@ class StepStructure:
         constants: values of `constant`, and the lengths. dims: axes of the samples; shapes: all of
         this but for the constants, as a key.
         """
-        key = shapes, *[
-            (x.shape, x.stride(), x.dtype) for x in [constant.value for constant in constants]
-        ]
+        key = (
+            shapes,
+            *[(x.shape, x.stride(), x.dtype) for x in [constant.value for constant in constants]],
+        )
         known = self.forms.get(key)
         if known is None:
             form = self._form(tensors, constants, K, dims, *options)

@@ -61,7 +61,7 @@ def test_from_several_threads_at_once(add, team, monkeypatch):
         caller.start()
     for caller in callers:
         caller.join(60)
-    assert [[x[1] for x in some] for some in arrays] == [[n + k for k in range(3)] for n in range(4)]
+    assert all(x[1] == n + k for n, some in enumerate(arrays) for k, x in enumerate(some))
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="a system without fork")
