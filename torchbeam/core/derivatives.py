@@ -28,9 +28,10 @@ def untracked(tensors: Iterable[torch.Tensor]) -> bool:
     if forward_ad._current_level >= 0 or functorch.peek_interpreter_stack() is not None:
         return False
     recorded = torch.is_grad_enabled()
-    return not any(
-        (recorded and x.requires_grad) or functorch.is_functorch_wrapped_tensor(x) for x in tensors
-    )
+    for x in tensors:
+        if (recorded and x.requires_grad) or functorch.is_functorch_wrapped_tensor(x):
+            return False
+    return True
 
 
 def lasting() -> AbstractContextManager[None]:
@@ -63,18 +64,23 @@ class cached(cached_property):
             for grad in (False, True)
             for forward in (False, True)
         }
+        self.recorded = self.keys[True, True]
 
     def __get__(self, owner: Any, kind: type | None = None) -> Any:
         if owner is None:
             return self
         held = owner.__dict__
-        value = held.get(self.keys[True, True], ABSENT)  # asked for most, and serves all
+        value = held.get(self.recorded, ABSENT)  # asked for most, and serves all
         if value is ABSENT:
             key = self.keys[torch.is_grad_enabled(), torch._C._is_fwd_grad_enabled()]
             value = held.get(key, ABSENT)
             if value is ABSENT:
-                with lasting():
-                    value = held[key] = self.func(owner)
+                if torch.is_inference_mode_enabled():
+                    with _past_inference():
+                        value = self.func(owner)
+                else:  # no context, in less time
+                    value = self.func(owner)
+                held[key] = value
         return value
 
 

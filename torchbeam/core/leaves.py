@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from typing_extensions import dataclass_transform
 
 AXES = "axes"  # key of a field's metadata
+STATIC = frozenset({type(None), bool, int, float, str})  # what holds no tree
 # in an annotation: the field can hold a tensor
 TENSOR = re.compile(r"\b(Tensor|Value|Motion|LoadValue|Inputs)\b")
 FUNCTION = re.compile(r"\b(Callable|ClassVar)\[.*\]")  # what a function takes and gives is not held
@@ -222,7 +223,7 @@ def _add_leaves(tree: Any, found: list[Leaf]) -> None:
                 found.append(leaf)
         declared = _declared(type(tree))
         for name, value in [*vars(tree).items()]:
-            if declared.get(name) is BRANCH:
+            if type(value) not in STATIC and declared.get(name) is BRANCH:
                 _add_leaves(value, found)
     elif isinstance(tree, (tuple, list, dict)):
         for part in tree.values() if isinstance(tree, dict) else tree:
@@ -274,17 +275,21 @@ def _add_in_order(tree: Any, found: list[tuple[Any, int | None]], seen: set[int]
         seen.add(id(tree))
         declared = _declared(type(tree))
         for name, value in [*vars(tree).items()]:
-            if name not in declared:
+            if value is None or name not in declared:
                 continue
-            axes = declared[name]
-            if axes is BRANCH or isinstance(value, Tree):
-                _add_in_order(value, found, seen)
-            elif value is not None:
-                axes = axes(tree) if callable(axes) else axes
+            if (axes := declared[name]) is BRANCH or isinstance(value, Tree):
+                if type(value) not in STATIC:
+                    _add_in_order(value, found, seen)
+                continue
+            axes = axes if type(axes) is int or axes is None else axes(tree)
+            if isinstance(value, Tensor):
+                found.append((value, axes))
+            else:
                 found += [(part, axes) for part in _parts(value)]
     elif isinstance(tree, (tuple, list, dict)):
         for part in tree.values() if isinstance(tree, dict) else tree:
-            _add_in_order(part, found, seen)
+            if type(part) not in STATIC:
+                _add_in_order(part, found, seen)
 
 
 def map_leaves(

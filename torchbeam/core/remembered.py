@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 import torch
 from torch import Tensor
 
-from .derivatives import cache_of, lasting, untracked
-from .leaves import Tree, map_leaves
+from .derivatives import caches_of, lasting, untracked
+from .leaves import STATIC, Tree, map_leaves
 
 K, T = TypeVar("K"), TypeVar("T")
 LARGE = 2**14  # numbers in the arguments, from which on looking costs what computing does
@@ -30,17 +30,17 @@ def remembered(function: Callable[..., T], *given: Any) -> T:
     numbers.
     """
     tensors: list[Tensor] = []
-    key = function, *(structure_of(x, tensors) for x in given)
+    key = function, *[structure_of(x, tensors) for x in given]
     if not _plain(tensors):
         return function(*given)
     try:
         recent = _VALUES.pop(key, ())  # other threads may ask too: at worst two of them compute it
     except TypeError:  # a part has no hash
         return function(*given)
-    at = next(
-        (k for k, (known, _) in enumerate(recent) if all(map(torch.equal, known, tensors))), None
-    )
-    if at is not None:
+    at = 0
+    while at < len(recent) and not all(map(torch.equal, recent[at][0], tensors)):
+        at += 1
+    if at < len(recent):
         # the last one asked for is looked at first
         recent = recent[at], *recent[:at], *recent[at + 1 :]
     else:
@@ -64,21 +64,33 @@ def keep(entries: dict[K, T], key: K, value: T, most: int) -> T:
     return value
 
 
-def structure_of(x: Any, tensors: list[Tensor]) -> Hashable:
-    """What is static in x, as something that can be a key; its tensors are added to those."""
+def structure_of(
+    x: Any, tensors: list[Tensor], known: dict[int, tuple[Hashable, Tree]] | None = None
+) -> Hashable:
+    """What is static in x, as something that can be a key; its tensors are added to those. Which
+    trees are one object is part of it: walks that meet each once (`leaves_in_order`) give of two
+    loads that are one another number of tensors than of two alike.
+    """
     if isinstance(x, Tensor):
         tensors.append(x)
         return x.shape, x.dtype
+    if type(x) in STATIC:
+        return x
+    known = {} if known is None else known
     if isinstance(x, Tree):
-        return type(x), *(
-            structure_of(value, tensors)
+        if (again := known.get(id(x))) is not None:
+            return again[0]
+        known[id(x)] = (Tree, len(known)), x  # held, so that its id stays its own
+        caches = caches_of(type(x))
+        return type(x), *[
+            value if type(value) in STATIC else structure_of(value, tensors, known)
             for name, value in [*vars(x).items()]
-            if not cache_of(x, name)
-        )
+            if " " not in name and name not in caches
+        ]
     if isinstance(x, (tuple, list)):
-        return type(x), *(structure_of(value, tensors) for value in x)
+        return type(x), *[structure_of(value, tensors, known) for value in x]
     if isinstance(x, dict):
-        return type(x), *((name, structure_of(value, tensors)) for name, value in x.items())
+        return type(x), *[(name, structure_of(value, tensors, known)) for name, value in x.items()]
     return x
 
 
@@ -91,8 +103,9 @@ def _copied(x: Any) -> Any:
 
 def _plain(tensors: list[Tensor]) -> bool:
     """Whether these are few numbers on the CPU, of which no derivative is recorded."""
-    return (
-        untracked(tensors)
-        and all(type(x) is Tensor and x.device.type == "cpu" for x in tensors)
-        and sum(x.numel() for x in tensors) <= LARGE
-    )
+    numbers = 0
+    for x in tensors:
+        if type(x) is not Tensor or not x.is_cpu:
+            return False
+        numbers += x.numel()
+    return numbers <= LARGE and untracked(tensors)

@@ -311,7 +311,9 @@ def increasing(name: str, value: Tensor) -> Tensor:
             f"{name} of shape {tuple(value.shape)} was given; a series of two or more instants "
             "is wanted"
         )
-    numbers = concrete(finite(name, unmapped(name, value))).tolist()
+    numbers = concrete(unmapped(name, value)).tolist()
+    if not all(map(math.isfinite, numbers)):
+        finite(name, value)  # says which
     for a, b in pairwise(numbers):
         if a >= b:
             raise ValueError(

@@ -220,6 +220,8 @@ def _spacing(wanted: list[bool]) -> int:
     it; 1 where that differs.
     """
     first = wanted.index(True) + 1 if True in wanted else 1
+    if first == 1:
+        return 1
     return first if all(asked == (k % first == 0) for k, asked in enumerate(wanted, 1)) else 1
 
 

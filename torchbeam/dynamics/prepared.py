@@ -39,7 +39,7 @@ def prepared(scene: Scene, dt: float, method: str, **options: Any) -> Stepper:
         tensors is None
         or not untracked(tensors)
         or torch.is_inference_mode_enabled()
-        or any(x.is_inference() for x in tensors)
+        or any([x.is_inference() for x in tensors])
     ):
         return Stepper(scene, dt, method, **options)
     if not all(isinstance(x, Hashable) for x in options.values()):  # for `Stepper` to refuse
@@ -59,5 +59,6 @@ def _copied(tensors: Iterable[Tensor]) -> list[Tensor]:
 def _twin(scene: Scene) -> Scene:
     """The same scene, that holds no steppers."""
     twin = object.__new__(Scene)
-    vars(twin).update((name, value) for name, value in vars(scene).items() if name != KEPT)
+    vars(twin).update(vars(scene))
+    vars(twin).pop(KEPT, None)
     return twin

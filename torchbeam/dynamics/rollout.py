@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from ..core.arguments import count, instance
 from ..core.functions_of_time import shared
@@ -80,14 +81,19 @@ def check_room(
     shape = broadcast_shapes(
         stepper.scene.batch_shape, state.batch_shape, *(x.shape[:-1] for x in inputs.values())
     )
+    solves = steps * stepper.method.SOLVES_A_STEP
+    size = shape.numel() * state.position.element_size()
+    fields = [x for x in vars(state).values() if isinstance(x, Tensor)]
+    if max(wanted, solves) * size * sum([x.numel() for x in fields]) <= SMALL:  # as a rule
+        return
     own = (
         x.value.shape[x.value.ndim - x.axes :].numel()
         for x in own_leaves(state)
         if x.value is not None
     )
-    size = shape.numel() * sum(own) * state.position.element_size()
+    size *= sum(own)
     least = (wanted + 2 * math.isqrt(steps)) * size
-    most = max(wanted, steps * stepper.method.SOLVES_A_STEP) * size
+    most = max(wanted, solves) * size
     if most <= SMALL:
         return
     what = f"the states of {steps} steps of {shape.numel()} sample(s)"

@@ -83,8 +83,9 @@ def implicit_run(
         begins = begins[interval] + part * lengths
     stepper = prepared(scene, step, method, **options)
     changing(inputs, len(counts))
-    first = inputs_at(inputs, t[0], t)
-    start = stepper._begin(_begin(stepper.model, initial, t[0]), lengths[0], inputs=first)
+    at = t[0]
+    first = inputs_at(inputs, at, t)
+    start = stepper._begin(_begin(stepper.model, initial, at), lengths[0], inputs=first)
     begun = stepper.remember(start, stepper.reduced(start), well=False)
     check_room(stepper, start, first, len(plan), len(t), checkpoint)
     names, reported = tuple(vars(start)), 0
@@ -126,7 +127,7 @@ def implicit_run(
 
     checkpoint = checkpoint and not within_dual_numbers()  # hooks on saved tensors do not take them
     size, length = len(names), math.isqrt(len(plan)) if checkpoint else len(plan)
-    parts, state, iterations = [begun.map(lambda x: x[None])], start, []
+    parts, state, iterations = [], start, []
     for done in range(0, len(plan), length):
         span = done, min(done + length, len(plan))
         if checkpoint:
@@ -142,7 +143,7 @@ def implicit_run(
         reason=stepper.failures.reasons(),
         engine=stepper.engine,
     )
-    states = ReducedStates(tuple(parts), stepper.model.space)
+    states = ReducedStates(begun, parts, stepper.model.space)
     return Solution(t, states, partial(_energy, stepper.model, states, t, inputs), stats)
 
 

@@ -121,10 +121,14 @@ class Stepper:
 
     def again(self, dt: float | Tensor) -> Stepper:
         """This stepper with steps of another length, as if it had made none yet."""
-        other = copy(self)
-        other.dt = duration("dt", dt, self.scene.dtype, self.scene.device)
-        other.solver, other.failures, other.iterations = self.solver.again(), Failures(), None
-        return other
+        return with_values(
+            self,
+            dt=duration("dt", dt, self.scene.dtype, self.scene.device),
+            solver=self.solver.again(),
+            failures=Failures(),
+            iterations=None,
+            _last=None,
+        )
 
     @property
     def compiled(self) -> CompiledStep | None:

@@ -21,6 +21,7 @@ from torch.nn.functional import pad
 from ..core.derivatives import untracked
 from ..core.leaves import Tree, leaf
 from ..core.remembered import remembered
+from ..core.validation import concrete
 from ..scene.beam import Beam
 from ..scene.effects.damping import Damping, geometric_means
 from ..scene.scene import Scene
@@ -101,20 +102,26 @@ class ElasticLaw(Tree):
         if not (slim or self.rigid) or not S.shape[-3]:
             return self.C.detach()
         diagonal = S if slim else S.diagonal(dim1=-2, dim2=-1)[..., None]
-        bending, inertial = remembered(
+        bending, inertial, most = remembered(
             _surrounding_stiffness,
             h,
             None if line_mass is None else line_mass.detach(),
             dt,
             S.shape[-2],
         )
+        if most is not None and not self.rigid and S.is_cpu and concrete(S >= most).all():
+            return self.C.detach()  # as a rule
         softest = (diagonal * bending).amax((-3, -2), keepdim=True)
-        # what bends round about
-        around = bending * (STIFFENED / torch.where(softest > 0, softest, 1.0))
-        least = REGULARISATION[S.dtype] / (around if dt is None else around + inertial)
-        least = torch.where(diagonal == 0 if dt is None else diagonal < least, least, diagonal)
+        # what bends round about; 1 in the place of 0
+        around = bending * (STIFFENED * (softest + (softest == 0)).reciprocal())
+        around = around if dt is None else around + inertial
+        least = REGULARISATION[S.dtype] * around.reciprocal()
+        if dt is None:
+            least = torch.where(diagonal == 0, least, diagonal)
+        else:
+            least = torch.maximum(diagonal, least)
         return (
-            1 / least
+            least.reciprocal()
             if slim
             else torch.linalg.inv(S + torch.diag_embed((least - diagonal)[..., 0]))
         )
@@ -149,10 +156,10 @@ ENERGY_BY_ZEROS = (
 
 def _surrounding_stiffness(
     h: Tensor, line_mass: Tensor | None, dt: Tensor | None, k: int
-) -> tuple[Tensor, Tensor | None]:
+) -> tuple[Tensor, Tensor | None, Tensor | None]:
     """Of k strains, (..., 1, k, 1): how stiff the whole beam is against each for a unit of bending
-    stiffness, 1/L^2 or 1; and N or N m^2: what the inertia of the longest element resists them
-    with, in a step of dt (...), None without.
+    stiffness, 1/L^2 or 1; N or N m^2: what the inertia of the longest element resists them with, in
+    a step of dt (...); and the most that a strain's least flexibility is by that. None without dt.
     """
     moments = {6: 3, 3: 1}[k]  # strains that a moment brings about, in space and in a plane
 
@@ -163,10 +170,11 @@ def _surrounding_stiffness(
     L2 = h.sum(-2, keepdim=True)[..., None] ** 2
     bending = of_strains(1 / L2, torch.ones_like(L2))
     if dt is None:
-        return bending, None
+        return bending, None, None
     h2 = h.amax(-2, keepdim=True)[..., None] ** 2
     force = line_mass.amax(-2, keepdim=True)[..., None] * h2 * (2 / dt[..., None, None, None]) ** 2
-    return bending, of_strains(force, force * h2)
+    inertial = of_strains(force, force * h2)
+    return bending, inertial, REGULARISATION[h.dtype] * inertial.reciprocal()
 
 
 @dataclass(frozen=True)
@@ -201,7 +209,10 @@ def law_of(scene: Scene, space: Spatial) -> ElasticLaw:
     beam, rigid = scene.beam, any(impossible(scene.beam))
     compliance = _with_residual_bending(beam, beam.compliance)
     S = _slim(compliance, beam, space)
-    C = _slim(_regular_inverse(beam, compliance), beam, space) if rigid or beam.coupled else 1 / S
+    if rigid or beam.coupled:
+        C = _slim(_regular_inverse(beam, compliance), beam, space)
+    else:
+        C = S.reciprocal()
     if scene.damping is None:
         return ElasticLaw(S, C, rigid)
     retardations = [_retardation(damping, beam, space) for damping in scene.dampings]

@@ -64,9 +64,11 @@ class Nodes(NamedTuple):
     secant: Tensor | None = None
 
     def of(self, node: int | slice, reads: frozenset[str]) -> Nodes:
-        """Of one, (..., *), or of some: rotation, and what a load reads."""
+        """Of one, (..., *), or of some: how they are turned, and what a load reads."""
         known = {
-            name: getattr(self, name) for name in AT_NODES if name == ROTATION or name in reads
+            name: getattr(self, name)
+            for name in AT_NODES
+            if name in reads or (name == ROTATION and self.axes is None)
         }
         known = {name: x[..., node, :] for name, x in known.items() if x is not None}
         axes = None if self.axes is None else self.axes[..., node, :, :]

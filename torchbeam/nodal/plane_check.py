@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -10,6 +11,7 @@ from torch import Tensor
 
 from ..core.leaves import constant, with_values
 from ..core.validation import concrete
+from ..scene.effects.loads import GivenLoad
 from .conditions import conditions
 from .coordinates.planar import Planar
 from .coordinates.selection import in_space
@@ -26,20 +28,8 @@ def check_plane(model: Model) -> None:
     sides, motions of the frame and of supports. Raises ValueError.
     """
     scene, space, beam = model.scene, model.space, model.scene.beam
-    whole = with_values(model, space=in_space(beam))
-    still = torch.zeros_like(beam.nodes)
-    t = still.new_zeros(())
-    nodes = Nodes(beam.nodes, beam.frames, still, still, axes=model.drawn_axes)
-    now = conditions(model, t, {}, loads=tuple(filter(constant, scene.loads)))
-    given = [
-        (acting, wrench(whole.space, acting.load, point, t, {}))
-        for acting, point in load_points(whole, nodes, now, now.loads)
-    ]
-    given += [
-        (acting, at_nodes(whole, nodes, replace(now, between=(acting,)))) for acting in now.between
-    ]
-    for acting, load in given:
-        _refuse(space, acting.load.called, load, space.embed(space.project(load)))
+    for called, load in _of_loads(model):
+        _refuse(space, called, load, space.embed(space.project(load)))
     for load in scene.loads:
         if load.between_nodes and constant(load):
             pushed = load.directions(beam.nodes)
@@ -60,7 +50,7 @@ def check_plane(model: Model) -> None:
             )
     for effect in scene.eigenstrains:
         if constant(effect):
-            own = effect.eigenstrain(t, {}, model.length, beam.element_count)
+            own = effect.eigenstrain(beam.nodes.new_zeros(()), {}, model.length, beam.element_count)
             _refuse(space, effect.called, own, space.embed_strain(space.project_strain(own)))
     for tendon in scene.tendons:
         points = tendon.at(beam.nodes, beam.frames) - beam.nodes[..., :1, :]
@@ -94,6 +84,36 @@ def check_plane(model: Model) -> None:
                 else space.project_vector(x) @ space.basis[:, :2].mT
             )
             _refuse(space, what, x, inside)
+
+
+def _of_loads(model: Model) -> Iterator[tuple[str, Tensor]]:
+    """Forces and moments (..., 6) of loads that are numbers, on the beam at rest, but for those
+    that lie in the plane to the bit whatever the beam does; with what loads are called.
+    """
+    loads = tuple([x for x in model.scene.loads if constant(x) and not _inside(model.space, x)])
+    if not loads:
+        return
+    beam, still = model.scene.beam, torch.zeros_like(model.scene.beam.nodes)
+    t = still.new_zeros(())
+    whole = with_values(model, space=in_space(beam))
+    nodes = Nodes(beam.nodes, beam.frames, still, still, axes=model.drawn_axes)
+    now = conditions(model, t, {}, loads=loads)
+    for acting, point in load_points(whole, nodes, now, now.loads):
+        yield acting.load.called, wrench(whole.space, acting.load, point, t, {})
+    for acting in now.between:
+        yield acting.load.called, at_nodes(whole, nodes, replace(now, between=(acting,)))
+
+
+def _inside(space: Planar, load: Any) -> bool:
+    """Whether a load is a dead force, or moment, in the plane."""
+    if not isinstance(load, GivenLoad) or load.depends:
+        return False
+    for x, normals in ((load.force, slice(2, None)), (load.moment, slice(2))):
+        if x is not None and not isinstance(x, Tensor):
+            return False
+        if x is not None and concrete(x.detach() @ space.basis[:, normals]).any():
+            return False
+    return True
 
 
 def _refuse_offset(space: Planar, effect: Any) -> None:

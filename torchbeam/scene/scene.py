@@ -22,7 +22,7 @@ from ..core.leaves import (
     bound,
     branch,
     functions,
-    leaves,
+    leaves_in_order,
     own_leaves,
     sent,
     with_values,
@@ -251,11 +251,10 @@ class Scene(Tree):
         """All tensors of a scene that holds, beside inputs, nothing else, and no effect of a user's
         own: two such scenes of one structure differ in these alone. None where it holds functions.
         """
-        values = [leaf.value for leaf in leaves(self)]
-        plain = all(isinstance(x, (Tensor, Placeholder)) for x in values) and all(
-            map(of_library, self.effects)
-        )
-        return tuple(x for x in values if isinstance(x, Tensor)) if plain else None
+        values = [value for value, _ in leaves_in_order(self)]
+        numbers = tuple([x for x in values if isinstance(x, Tensor)])
+        plain = all([isinstance(x, Placeholder) for x in values if not isinstance(x, Tensor)])
+        return numbers if plain and all(map(of_library, self.effects)) else None
 
     @cached
     def topology(self) -> Topology:
@@ -277,17 +276,13 @@ class Scene(Tree):
         """Whether anything may be a function of time: a load, a motion, an eigenstrain, any effect
         that is none of the library's.
         """
-        held = (
-            v
-            for x in (*self.effects, *self.joints, *self.supports, self.frame, self.root)
-            if x is not None
-            for v in vars(x).values()
-        )
+        held = (*self.effects, *self.joints, *self.supports, self.frame, self.root)
+        called = [v for x in held if x is not None for v in vars(x).values() if callable(v)]
         if any(map(functions, self.effects)):
             return True
         return any(
-            callable(v) and not (isinstance(v, PerElement) and not callable(v.value)) for v in held
-        ) or any(not type(e).__module__.startswith(f"{__package__}.") for e in self.effects)
+            not (isinstance(v, PerElement) and not callable(v.value)) for v in called
+        ) or not all([type(e).__module__.startswith(f"{__package__}.") for e in self.effects])
 
     def _supported(self) -> tuple[Support, ...]:
         """The supports as given, nodes counted from the root; the root's motion in that of node

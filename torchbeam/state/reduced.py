@@ -4,7 +4,7 @@ for.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
@@ -20,19 +20,35 @@ AT_NODES = ("position", "rotation", "velocity", "spin")
 
 @entry_point
 class ReducedStates:
-    """Parts of a trajectory, one after the other, in the coordinates of a space (see
-    `torchbeam.nodal.coordinates`): of a plane they are half the numbers, and of the tip a few.
+    """A state, and parts of the trajectory from there on, one after the other, in the coordinates
+    of a space (see `torchbeam.nodal.coordinates`): of a plane they are half the numbers, and of the
+    tip a few.
     """
 
-    def __init__(self, parts: tuple[Any, ...], space: Any) -> None:
-        self.parts, self.space = tuple(part for part in parts if len(part.t)), space
+    def __init__(self, begun: Any, parts: Sequence[Any], space: Any) -> None:
+        self._begun, self._parts = begun, tuple(part for part in parts if len(part.t))
+        self.space = space
+
+    @property
+    def parts(self) -> tuple[Any, ...]:
+        """All of them, the first instant as a part too."""
+        if self._begun is not None:
+            first = self._begun.map(lambda x: x[None])
+            self._begun, self._parts = None, (first, *self._parts)
+        return self._parts
+
+    @property
+    def one(self) -> Any:
+        """A state, or some, by which all of them are known."""
+        return self._parts[0] if self._begun is None else self._begun
 
     def whole(self) -> Any:
         """All of them, in these coordinates."""
-        whole = whole_of(self.parts)
+        parts = self.parts
+        whole = whole_of(parts)
         recorded = torch.is_grad_enabled() and torch._C._is_fwd_grad_enabled()
-        if recorded or not any(part.position.requires_grad for part in self.parts):
-            self.parts = (whole,)  # the memory of the others is free
+        if recorded or not any(part.position.requires_grad for part in parts):
+            self._parts = (whole,)  # the memory of the others is free
         return whole
 
     def public(self) -> Any:
@@ -45,7 +61,7 @@ class ReducedStates:
 
     def node(self, index: int) -> Point:
         """As `State.node`."""
-        nodes = self.parts[0].position.shape[-2]
+        nodes = self.one.position.shape[-2]
         at = slice(index % nodes, index % nodes + 1)
         return Point(
             lambda: self.space.public_position(self._field("position", index)),
@@ -66,11 +82,15 @@ class ReducedStates:
 
     @property
     def status(self) -> Tensor:
-        return joined(*(part.status for part in self.parts))
+        return self._joined(lambda part: part.status)
 
     def _field(self, name: str, nodes: slice | int) -> Tensor:
         """Of these nodes alone, (time, ..., *)."""
-        return joined(*(getattr(part, name)[..., nodes, :] for part in self.parts))
+        return self._joined(lambda part: getattr(part, name)[..., nodes, :])
+
+    def _joined(self, of: Callable[[Any], Tensor]) -> Tensor:
+        first = () if self._begun is None else (of(self._begun)[None],)
+        return joined(*first, *map(of, self._parts))
 
     def _of(self, rows: dict[str, slice], nodes: slice = slice(0)) -> Any:
         """With these rows of these fields, and none of the others."""

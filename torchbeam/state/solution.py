@@ -159,7 +159,7 @@ class Solution:
     @property
     def _some(self) -> Any:
         """States, in whatever coordinates."""
-        return self.states.parts[0] if isinstance(self.states, ReducedStates) else self.states
+        return self.states.one if isinstance(self.states, ReducedStates) else self.states
 
     @property
     def _form(self) -> str:

@@ -299,25 +299,33 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
     numbers = 13 * scene.beam.node_count + 6 * scene.beam.stress_count
     size = shape.numel() * numbers * time.element_size()
     check_memory(f"a state of {shape.numel()} samples", size, "fewer are wanted")
-    return resting(scene, shape, time)
+    return resting(scene, shape, time, distinct=True)
 
 
-def resting(scene: Any, shape: tuple[int, ...], time: Tensor) -> State:
-    """`rest` of these batch axes, at times that broadcast with them."""
+def resting(scene: Any, shape: tuple[int, ...], time: Tensor, distinct: bool = False) -> State:
+    """`rest` of these batch axes, at times that broadcast with them; distinct: each field is a
+    tensor of its own, which the scene and the other fields do not share.
+    """
     beam = scene.beam
     nodes, stresses = beam.node_count, beam.stress_count
     zero = beam.nodes.new_zeros(())
     states = sum(scene.internal_states)
+
+    def wide(x: Tensor, *own: int) -> Tensor:
+        wanted = (*shape, *own)
+        return x if not distinct and x.shape == wanted else x.expand(wanted)
+
+    still, none = wide(zero, nodes, 3), wide(zero)
     state = State(
-        position=beam.nodes.expand(*shape, nodes, 3),
-        rotation=beam.frames.expand(*shape, nodes, 4),
-        velocity=zero.expand(*shape, nodes, 3),
-        spin=zero.expand(*shape, nodes, 3),
-        stress=zero.expand(*shape, stresses, 6),
-        reaction=zero.expand(*shape, len(scene.supports), 6),
-        work=zero.expand(shape),
-        defect=zero.expand(shape),
-        t=time.expand(shape),
+        position=wide(beam.nodes, nodes, 3),
+        rotation=wide(beam.frames, nodes, 4),
+        velocity=still,
+        spin=wide(still, nodes, 3),
+        stress=wide(zero, stresses, 6),
+        reaction=wide(zero, len(scene.supports), 6),
+        work=none,
+        defect=wide(none),
+        t=wide(time),
         status=torch.zeros(shape, dtype=torch.long, device=zero.device),
         frame=orientation(scene, shape, time),
         internal=zero.expand(*shape, states) if states else None,

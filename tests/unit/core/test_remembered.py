@@ -84,3 +84,14 @@ def test_structure_is_all_but_numbers():
     assert [x.shape for x in tensors] == [(2,), ()]
     assert key == structure_of([Rod(torch.zeros(2)), (3, Rod(torch.ones(())))], [])
     assert key != structure_of([Rod(torch.ones(2)), (4, Rod(torch.zeros(())))], [])
+
+
+def test_structure_tells_one_object_from_two_alike():
+    """Walks meet an object once, wherever it stands: [a, a, b] and [a, b, b] have two tensors each,
+    of other places.
+    """
+    a, b, c = (Rod(torch.ones(2)) for _ in range(3))
+    keys = [structure_of(some, []) for some in ([a, b, c], [a, a, b], [a, b, b], [a, a, a])]
+    assert len(set(keys)) == 4
+    assert structure_of([a, a, b], []) == structure_of([b, b, c], [])
+    assert structure_of([a, 0], []) != structure_of([a, a], [])

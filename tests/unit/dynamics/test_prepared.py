@@ -209,3 +209,28 @@ def test_other_values_cost_few_operations():
             tip(run)
         counts[name] = operations.count
     assert counts["again"] <= 110 and counts["other"] <= 250, counts
+
+
+@pytest.mark.parametrize("kind", ["follower", "damping of the air", "spring"])
+def test_loads_that_are_one_object(kind):
+    """In two places, other places, and in none, one after the other in one process: each as the
+    eager engine has it, which shares nothing.
+    """
+    pytest.importorskip("llvmlite")
+
+    def load(size):
+        if kind == "follower":
+            return tb.TipLoad(force=torch.tensor([0.0, 0.0, size]), follower=True)
+        if kind == "spring":
+            return tb.Spring(-1, torch.tensor(10 * size), torch.tensor([1.0, 0.0, 0.1]))
+        return tb.MassDamping(torch.tensor(10 * size))
+
+    push = tb.TipLoad(force=torch.tensor([0.0, 0.0, 0.2]))
+    for some in ((0, 0, 1), (0, 1, 1), (0, 1, 2), (2, 0, 2), (1, 1, 1)):
+        few = [load(0.1), load(0.5), load(0.3)]
+        run = replace(scene(), effects=[push, *(few[k] for k in some)])
+        native, eager = (
+            tb.simulate(run, T, step=0.01, engine=engine, tolerance=1e-12).tip.position
+            for engine in ("compiled", "eager")
+        )
+        assert_close(native, eager, rtol=0, atol=1e-12)

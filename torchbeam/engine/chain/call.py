@@ -5,16 +5,16 @@ arguments.
 from __future__ import annotations
 
 import ctypes
-import threading
 from collections.abc import Callable, Iterable, Sequence
-from copy import copy
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
+from ...core.leaves import with_values
 from ...nodal.model import Model
+from ..compiler.team import in_threads
 from .cells import Cells
 from .chain_code import POINTERS
 from .layout import counts
@@ -178,10 +178,9 @@ class TransferTable:
 
     def holding(self, constants: Sequence[Tensor]) -> TransferTable:
         """This table with these constants."""
-        other = copy(self)
-        other.rows, other.held = _copied(self.rows), [*self.held, *constants]
-        self._fill(self.constants, other.rows, constants, other.held)
-        return other
+        rows, held = _copied(self.rows), [*self.held, *constants]
+        self._fill(self.constants, rows, constants, held)
+        return with_values(self, rows=rows, held=held)
 
     def fill(self, rows: Any, values: Sequence[Tensor], held: list[Any]) -> None:
         """Write where the values of varying fields lie into a copy of `rows`; what has to last as
@@ -289,16 +288,23 @@ class Call:
             )
             for name, fields in tables.items()
         }
+        numbers = {
+            "samples": self.B,
+            "steps": self.K,
+            "elements": self.chain.N,
+            "supports": len(self.chain.supports),
+            "end_group": self.groups,
+            **self.chain.numbers,
+            **{name: ctypes.addressof(x) for name, x in self.chain.lists.items()},
+            **{f"{name[:-1]}_count": table.count for name, table in self.tables.items()},
+        }
+        self._numbers = _integers(numbers.get(name, 0) for name in self.place)
         return self
 
     def holding(self, **constants: Sequence[Tensor]) -> Call:
         """This call with these constants, by table."""
-        other = copy(self)
-        other._arguments = []
-        other.tables = self.tables | {
-            name: self.tables[name].holding(values) for name, values in constants.items()
-        }
-        return other
+        tables = {name: self.tables[name].holding(values) for name, values in constants.items()}
+        return with_values(self, tables=self.tables | tables, _arguments=[])
 
     def run(self, limit: int = 0, **values: Sequence[Tensor]) -> None:
         """values: tensors of the varying fields, by table."""
@@ -316,48 +322,33 @@ class Call:
         work = self.B * max(self.chain.N, 1) * self.K
         threads = min(torch.get_num_threads(), self.groups, work // WORK)
         if threads < 2:
-            self._part(run, numbers, held)
+            block = self.chain.taken(self.lanes)
+            numbers[place["memory"]] = block.data_ptr()
+            run(numbers)
+            self.chain.given_back(self.lanes, block)
         else:
-            self._parts(run, numbers, held, threads)
+            self._parts(run, numbers, threads, held)
         self._arguments.append(arguments)
 
     def _new_arguments(self) -> Arguments:
         tables = {name: _copied(table.rows) for name, table in self.tables.items()}
-        numbers = {
-            "samples": self.B,
-            "steps": self.K,
-            "elements": self.chain.N,
-            "supports": len(self.chain.supports),
-            "end_group": self.groups,
-            **self.chain.numbers,
-            **{name: ctypes.addressof(x) for name, x in self.chain.lists.items()},
-        }
+        numbers = _copied(self._numbers)
         for name, rows in tables.items():
-            numbers |= {name: ctypes.addressof(rows), f"{name[:-1]}_count": self.tables[name].count}
-        return Arguments(_integers(numbers.get(name, 0) for name in self.place), tables)
+            numbers[self.place[name]] = ctypes.addressof(rows)
+        return Arguments(numbers, tables)
 
-    def _parts(self, run: Callable[[Any], None], numbers: Any, held: Any, threads: int) -> None:
+    def _parts(self, run: Callable[[Any], None], numbers: Any, threads: int, held: Any) -> None:
+        """Some groups of the samples by each of so many threads."""
         ends = [self.groups * k // threads for k in range(threads + 1)]
-        parts = []
-        for first, end in pairwise(ends):
+        parts, blocks = [], [self.chain.taken(self.lanes) for _ in range(threads)]
+        for block, (first, end) in zip(blocks, pairwise(ends), strict=True):
             part = _copied(numbers)
             part[self.place["first_group"]], part[self.place["end_group"]] = first, end
+            part[self.place["memory"]] = block.data_ptr()
             parts.append(part)
-        others = [threading.Thread(target=self._part, args=(run, part, held)) for part in parts[1:]]
-        for thread in others:
-            thread.start()
-        self._part(run, parts[0], held)
-        for thread in others:
-            thread.join()
-
-    def _part(self, run: Callable[[Any], None], numbers: Any, held: Any) -> None:
-        """Some groups of the samples; a thread of its own keeps what is `held`, should nobody wait
-        for it.
-        """
-        block = self.chain.taken(self.lanes)
-        numbers[self.place["memory"]] = block.data_ptr()
-        run(numbers)
-        self.chain.given_back(self.lanes, block)
+        in_threads(run, parts, (held, blocks))
+        for block in blocks:
+            self.chain.given_back(self.lanes, block)
 
 
 def structure_fields(chain: Chain) -> list[Field]:

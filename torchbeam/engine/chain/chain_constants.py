@@ -4,8 +4,9 @@ have in common.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
 from torch import Tensor
@@ -164,6 +165,27 @@ Trees = tuple[
 def flattened(tree: Any) -> list[tuple[Tensor, int]]:
     """The tensors of a tree, each with its number of own axes, in the order of `filled`."""
     return [(x, axes) for x, axes in leaves_in_order(tree) if isinstance(x, Tensor)]
+
+
+def reader_of(tree: Any) -> Callable[[Any], Sequence[Tensor]]:
+    """What gives the tensors of trees of this one's structure, in the order of `flattened`: by
+    names, where they all are fields, or fields of fields.
+    """
+    tensors, names = [x for x, _ in flattened(tree)], [*_names(tree)]
+    if len(tensors) > 1:
+        by_names = attrgetter(*names) if len(names) == len(tensors) else lambda tree: ()
+        if [*map(id, by_names(tree))] == [*map(id, tensors)]:
+            return by_names
+    return lambda tree: [x for x, _ in flattened(tree)]
+
+
+def _names(tree: Any) -> Iterator[str]:
+    """Of the tensors of trees in fields."""
+    for name, value in vars(tree).items() if isinstance(tree, Tree) else ():
+        if isinstance(value, Tensor) and " " not in name:
+            yield name
+        elif isinstance(value, Tree):
+            yield from (f"{name}.{own}" for own in _names(value))
 
 
 def filled(tree: Any, value: Callable[[int], Tensor]) -> Any:

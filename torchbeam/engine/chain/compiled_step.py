@@ -126,25 +126,28 @@ class CompiledStep:
         functions_of = self._functions = FUNCTIONS[method, conserve]
         self.model, self.batch = model, model.scene.batch_shape
         self._own, self._options = options, {"method": method, "conserve": conserve, **options}
-        self.constants = Constants(model, instant=functions_of.INSTANT, around=around)
-        self.none, self.all = model.length.new_zeros(()), model.length.new_ones(())
         kinds = None
         if isinstance(model.topology, Framework):
+            self.constants = Constants(model, instant=functions_of.INSTANT, around=around)
             kinds = kinds_of(model, self.constants.acts)
         key = key_of(model, kinds, method, conserve, *sorted(options.items()))
         self.structure = known_structure(key)
+        if kinds is None:
+            roles = None if self.structure is None else self.structure.roles
+            self.constants = Constants(model, True, functions_of.INSTANT, around, roles)
         if self.structure is not None:
             self.around, self.function = NOTHING, False
         else:
             self.structure = self._traced(around, kinds)
             keep_structure(key, self.structure)
+        self.none, self.all = self.structure.none, self.structure.all
         self.constant, length = self._constant(), model.spans.detach()
         total, longest = length.sum((-1, -2)), length.amax((-1, -2))
         self._lengths = [Field("common", "total", total, 0), Field("common", "longest", longest, 0)]
         if model.joints.count:
             size = model.joints.size.detach()
             self._lengths.append(Field("common", "joint_size", size, 0))
-        self.sources = [*(one.value for one in self.constant), *self.constants.sources]
+        self.sources = [*[one.value for one in self.constant], *self.constants.sources]
         self.eager_because: str | None = None  # of the last call: what a user may mend
         self._seen: tuple[int, ...] | None = None
         self._checked = not by_function(model)  # whether these keep samples apart
@@ -160,6 +163,7 @@ class CompiledStep:
         traced. kinds: None = not known yet.
         """
         model, instant = self.model, self._functions.INSTANT
+        self.none = model.length.new_zeros(())
         nothing = {name: self.none.new_zeros(size) for name, size in model.scene.inputs.items()}
         dt = torch.full_like(self.none, TRIED)
         values = self.constants.changing(dt, instant * dt, nothing, self.constants.orientation)
@@ -180,7 +184,7 @@ class CompiledStep:
                 "a function of the motion writes to what it reads; one without memory is wanted"
             )
         by_cells = self._by_cells(program, kinds, trees)
-        return StepStructure(program, model, kinds, trees, values, self.constants.asks, by_cells)
+        return StepStructure(program, model, kinds, trees, values, self.constants.roles, by_cells)
 
     def _by_cells(self, program: StepProgram, kinds: Kinds, trees: Trees) -> Chain | None:
         """The model cell by cell, where it has any and nothing else couples them."""
@@ -395,7 +399,7 @@ class CompiledStep:
             if len(self._forms) >= FORMS:
                 self._forms.pop(next(iter(self._forms)), None)
             constants = [*self.constant, *self._lengths]
-            form = self.structure.form(tensors, constants, K, dims, options)
+            form = self.structure.form(tensors, constants, K, dims, options, key)
             form = form._replace(
                 call=form.call.holding(inputs=[constant.value for constant in constants])
             )

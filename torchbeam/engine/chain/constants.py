@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -42,6 +42,78 @@ from .chain_constants import (
 )
 
 
+class LoadRoles(NamedTuple):
+    """What native steps make of a model's loads, by their numbers in it; the same in all models of
+    one structure.
+
+    acts   of `Model.acts`, those that are evaluated natively: by_place, whether each has values by
+           place; alike: whether they are those of the load itself
+    given  of the dead ones (`Model.loads`), those whose values nothing changes; asked: the others
+    wants_support  whether a native one asks where the root's support stands; rests: whether that
+           stands still
+    given_eigenstrain  whether the beam's eigenstrain is the same at all times
+    by_time  whether loads are evaluated at t in torch; asks: whether anything is
+    """
+
+    acts: tuple[int, ...]
+    by_place: tuple[bool, ...]
+    alike: tuple[bool, ...]
+    given: tuple[int, ...]
+    asked: tuple[int, ...]
+    wants_support: bool
+    rests: bool
+    given_eigenstrain: bool
+    by_time: bool
+    asks: bool
+
+    @classmethod
+    def of(cls, model: Model) -> LoadRoles:
+        scene, acts = model.scene, model.acts
+        natively = [k for k, act in enumerate(acts) if act.reads]
+        natively += [
+            k
+            for k, act in enumerate(acts)
+            if not act.reads and (act.load.internal or _by_inputs(act.load))
+        ]
+        own = [acts[k] for k in natively]
+        loads = [act.load for act in own]
+        given, asked = [], []
+        for k, load in enumerate(model.loads[1]):
+            if load not in loads:
+                is_given = _given(load) and not (model.turning and load.wants_axes)
+                (given if is_given else asked).append(k)
+        none = {name: model.length.new_zeros(size) for name, size in scene.inputs.items()}
+        zero = model.length.new_zeros(())
+        by_place = [act.load.at_sites(*_places(model, act, zero, none)) is not None for act in own]
+        valued = _valued_at_rest(model, own)
+        wants_support = any(load.wants_support for load in loads)
+        rests = not scene.has_prescribed_motion and scene.root is None
+        given_eigenstrain = all(_given(effect) for effect in scene.eigenstrains)
+        by_time = bool(
+            asked or any(map(_by_time, loads, by_place)) or (wants_support and not rests)
+        )
+        drives = [
+            given
+            for joint in scene.joints
+            for coordinate in joint.coordinates
+            for given in (joint.effort(coordinate), joint.prescribed(coordinate))
+        ]
+        drives += [x for tendon in scene.tendons for x in (tendon.tension, tendon.length)]
+        asks = by_time or not given_eigenstrain or not rests or any(map(callable, drives))
+        return cls(
+            tuple(natively),
+            tuple(by_place),
+            tuple(load is known for load, known in zip(loads, valued, strict=True)),
+            tuple(given),
+            tuple(asked),
+            wants_support,
+            rests,
+            given_eigenstrain,
+            by_time,
+            asks,
+        )
+
+
 class Constants:
     """Of a model's steps (or, without `steps`, of what stands still in it), in two parts: trees of
     what holds for all of them, and values by name of what changes. instant: of a step, when it
@@ -61,51 +133,39 @@ class Constants:
         steps: bool = True,
         instant: float = 0.5,
         around: Surroundings | None = None,
+        roles: LoadRoles | None = None,
     ) -> None:
-        self.model, self.steps = model, steps
+        """roles: those of a model of the same structure, None = to be found."""
+        self.model, self.steps, self.instant = model, steps, instant
         self.prescribes = steps and model.scene.has_prescribed_motion
-        acts = model.acts
-        natively = [act for act in acts if act.load.internal or _by_inputs(act.load)]
-        self.acts = tuple(act for act in acts if act.reads)
-        self.acts += tuple(act for act in natively if not act.reads)
-        self.loads = tuple(act.load for act in self.acts)
-        dead = [load for load in model.loads[1] if load not in self.loads]
-        self.given = tuple(
-            load for load in dead if _given(load) and not (model.turning and load.wants_axes)
+        self.roles = roles = roles or LoadRoles.of(model)
+        self.acts = tuple([model.acts[k] for k in roles.acts])
+        self.loads = tuple([act.load for act in self.acts])
+        self.by_place = roles.by_place
+        dead = model.loads[1]
+        self.given, self.asked = (
+            tuple([dead[k] for k in some]) for some in (roles.given, roles.asked)
         )
-        self.asked = tuple(load for load in dead if load not in self.given)
-        none = {name: model.length.new_zeros(size) for name, size in model.scene.inputs.items()}
-        zero = model.length.new_zeros(())
-        self.by_place = tuple(
-            act.load.at_sites(*self._places(act, zero, none)) is not None for act in self.acts
-        )
-        self.valued = tuple(self._valued(act, zero, none) for act in self.acts)
+        self.valued = self.loads if all(roles.alike) else _valued_at_rest(model, self.acts)
         self.nodes, self.elements = model.nodes, model.elements
-        self.wants_support = any(load.wants_support for load in self.loads)
-        self.given_eigenstrain = all(_given(effect) for effect in model.scene.eigenstrains)
-        self.rests = not model.scene.has_prescribed_motion and model.scene.root is None
-        by_time = bool(
-            self.asked
-            or any(map(_by_time, self.loads, self.by_place))
-            or (self.wants_support and not self.rests)
+        self.asks, self.before = roles.asks, instant == 1 and roles.by_time
+        self.sources = self._sources()
+        batched = {} if around is None else around.batched
+        self.captured = tuple(
+            Captured(x, x.ndim - (axes := batched.get(id(x), 0)), axes)
+            for x in (() if around is None else around.inputs)
         )
-        drives = [
-            given(coordinate)
-            for joint in model.scene.joints
-            for coordinate in joint.coordinates
-            for given in (joint.effort, joint.prescribed)
-        ]
-        drives += [x for tendon in model.scene.tendons for x in (tendon.tension, tendon.length)]
-        self.asks = by_time or not self.given_eigenstrain or not self.rests
-        self.asks = self.asks or any(map(callable, drives))
-        self.instant, self.before = instant, instant == 1 and by_time
-        scene = model.scene
-        by_place = tuple(load for load, own in zip(self.loads, self.by_place, strict=True) if own)
-        prescribed = () if self.rests else (scene.frame, scene.root)
+        self._cache: dict[Any, Any] = {}
+
+    def _sources(self) -> list[Tensor]:
+        model, scene = self.model, self.model.scene
+        if scene.numbers is not None:  # a model is made of them
+            return [*scene.numbers]
+        by_place = [load for load, own in zip(self.loads, self.by_place, strict=True) if own]
         held = (
             self.given,
             by_place,
-            prescribed,
+            () if self.roles.rests else (scene.frame, scene.root),
             scene.eigenstrains,
             scene.beam,
             scene.supports,
@@ -117,14 +177,8 @@ class Constants:
             scene.tendons,
             model.touching,
         )
-        self.sources = [x for x, _ in flattened(held)]
-        self.sources += [model.length, model.section_mass, model.tributary_length]
-        batched = {} if around is None else around.batched
-        self.captured = tuple(
-            Captured(x, x.ndim - (axes := batched.get(id(x), 0)), axes)
-            for x in (() if around is None else around.inputs)
-        )
-        self._cache: dict[Any, Any] = {}
+        made = [model.length, model.section_mass, model.tributary_length]
+        return [x for x, _ in flattened(held)] + made
 
     @cached
     def _rest(self) -> State:
@@ -162,7 +216,7 @@ class Constants:
         if model.scene.eigenstrains:
             values["eigenstrain"] = (
                 self._held("eigenstrain", lambda: model.eigenstrain(t, inputs))
-                if self.given_eigenstrain
+                if self.roles.given_eigenstrain
                 else model.eigenstrain(t, inputs)
             )
         for name, x in inputs.items():
@@ -195,10 +249,10 @@ class Constants:
                 asked = conditions(model, t, inputs, loads=self.asked)
                 dead = external(model, self.still._replace(frame=frame), asked, total=dead)
             values["dead"] = dead
-        if self.wants_support:
+        if self.roles.wants_support:
             pose = (
                 self._held("support", lambda: model.prescribed_motion.root_pose(t))
-                if self.rests
+                if self.roles.rests
                 else model.prescribed_motion.root_pose(t)
             )
             values |= {
@@ -221,18 +275,10 @@ class Constants:
         """Of a load that holds more than numbers."""
 
         def values() -> list[Tensor]:
-            return [self._of_all(k, *x) for x in flattened(self._valued(act, t, inputs))]
+            return [self._of_all(k, *x) for x in flattened(_valued(self.model, act, t, inputs))]
 
         numbers = self._held(f"load {k}", values) if _unchanging(act.load) else values()
         return {f"load {k} {i}": x for i, x in enumerate(numbers)}
-
-    def _valued(self, act: ActingLoad, t: Tensor, inputs: Inputs) -> Any:
-        return act.load.resolved(*self._places(act, t, inputs))
-
-    def _places(self, act: ActingLoad, t: Tensor, inputs: Inputs) -> tuple[Any, ...]:
-        """What a load is asked for its values by."""
-        s = self.model.s[..., act.node] if isinstance(act.node, slice) else self.model.s
-        return s, t, inputs, act.elements or self.model.scene.beam.element_count
 
     def _of_all(self, k: int, x: Tensor, axes: int) -> Tensor:
         """A value of a load; by place, where it acts on some rows, with zeros on the others."""
@@ -385,7 +431,7 @@ class Constants:
         )
         support = (
             RootPose(*(values.get(f"{when}support {name}") for name in Pose._fields))
-            if self.wants_support
+            if self.roles.wants_support
             else None
         )
         return NodeConditions(values.get(f"{when}dead"), rows), CommonConditions(loads, support)
@@ -424,7 +470,7 @@ class Constants:
         """A value that is the same at all steps: kept, unless a derivative by what it is made from
         is recorded.
         """
-        if torch.is_grad_enabled() and any(x.requires_grad for x in self.sources):
+        if torch.is_grad_enabled() and any([x.requires_grad for x in self.sources]):
             return value()
         if name not in self._cache:
             with lasting():
@@ -447,10 +493,31 @@ class Constants:
         )
         if tangent is None:
             with lasting(), torch.no_grad():  # no solution depends on its tangent
-                C = self.model.tangent_stiffness(dt.detach())
-                tangent = dt.detach().clone(), C, same_law(C, self.model.law.C).to(C)
+                dt = dt.detach()
+                C, law = self.model.tangent_stiffness(dt), self.model.law.C
+                same = C.shape == law.shape and C.data_ptr() == law.data_ptr()
+                exact = C.new_ones(C.shape[:-3]) if same else same_law(C, law).to(C)
+                tangent = dt.clone(), C, exact
             cached_tangents[:] = [tangent, *cached_tangents[:1]]
         return tangent[1:]
+
+
+def _valued_at_rest(model: Model, acts: Iterable[ActingLoad]) -> tuple[Any, ...]:
+    """Loads with numbers in the place of functions of t and of inputs, none of which is other than
+    0; themselves where they hold numbers alone.
+    """
+    none = {name: model.length.new_zeros(size) for name, size in model.scene.inputs.items()}
+    return tuple(_valued(model, act, model.length.new_zeros(()), none) for act in acts)
+
+
+def _valued(model: Model, act: ActingLoad, t: Tensor, inputs: Inputs) -> Any:
+    return act.load.resolved(*_places(model, act, t, inputs))
+
+
+def _places(model: Model, act: ActingLoad, t: Tensor, inputs: Inputs) -> tuple[Any, ...]:
+    """What a load is asked for its values by."""
+    s = model.s[..., act.node] if isinstance(act.node, slice) else model.s
+    return s, t, inputs, act.elements or model.scene.beam.element_count
 
 
 def _by_time(load: Any, by_place: bool) -> bool:

@@ -72,6 +72,8 @@ def unsteady(model: Model) -> str | None:
     there is none.
     """
     own = by_function(model)
+    if not own:
+        return None
     try:
         surroundings(own)
     except Unsteady as reason:

@@ -502,18 +502,24 @@ def _shapes(tree: Any, rows: int) -> Any:
     )
 
 
-def _static(x: Any) -> Any:
-    """What a tree holds, as something that can be a key."""
+def _static(x: Any, known: dict[int, int] | None = None) -> Any:
+    """What a tree holds, as something that can be a key; known: trees by id, by their numbers: what
+    of it is one object is part of it, whose tensors `flattened` gives once.
+    """
+    known = {} if known is None else known
     if isinstance(x, Tree):
+        if id(x) in known:
+            return "again", known[id(x)]
+        known[id(x)] = len(known)
         return type(x), tuple(
-            (name, value is None if name == "node" else _static(value))
+            (name, value is None if name == "node" else _static(value, known))
             for name, value in vars(x).items()
             if not cache_of(x, name)
         )
     if isinstance(x, dict):
-        return tuple((name, _static(value)) for name, value in x.items())
+        return tuple((name, _static(value, known)) for name, value in x.items())
     if isinstance(x, FunctionType):
         return x.__code__  # what it reads beside its arguments is in `Surroundings.key`
     if callable(x) and not isinstance(x, type):
         return type(x)
-    return tuple(map(_static, x)) if isinstance(x, (tuple, list)) else x
+    return tuple([_static(part, known) for part in x]) if isinstance(x, (tuple, list)) else x

@@ -19,7 +19,8 @@ from ...topology.framework import Framework
 from . import program as programs
 from .adjoint import AdjointProgram
 from .call import Call, Chain, Field, like, structure_fields
-from .chain_constants import Trees, flattened
+from .chain_constants import Trees, reader_of
+from .constants import LoadRoles
 from .cotangents import constant_fields, state_fields
 from .node_kinds import Kinds
 from .program import StepProgram
@@ -41,8 +42,8 @@ class Form(NamedTuple):
 
 class StepStructure:
     """Of the trees of a model's constants, which `values` by name are in, each a tensor of its own:
-    those of a step, the other fields hold for all steps. asks: whether values are evaluated at a
-    time in torch; by_cells: the model's chain cell by cell, None = it has none.
+    those of a step, the other fields hold for all steps. roles: of the model's loads; by_cells: the
+    model's chain cell by cell, None = it has none.
     """
 
     def __init__(
@@ -52,11 +53,12 @@ class StepStructure:
         kinds: Kinds,
         trees: Trees,
         values: dict[str, Tensor],
-        asks: bool,
+        roles: LoadRoles,
         by_cells: Chain | None = None,
     ) -> None:
         self.program, self.kinds, self.chain = program, kinds, Chain(program, model, kinds)
-        self.by_cells = by_cells
+        self.by_cells, self.roles = by_cells, roles
+        self.none, self.all = model.length.new_zeros(()), model.length.new_ones(())
         self.state = state_fields(program)
         self.axes = {name: 0 if name in program.sample_state else 2 for name in self.state}
         names = {id(x): name for name, x in values.items()}
@@ -64,7 +66,7 @@ class StepStructure:
         # axes that functions of t may bring along; one at least, so that none of theirs is taken
         # for that of steps
         self.dims = max(1, *(field.value.ndim - field.axes for field in fields))
-        self.values = tuple(values)
+        self.values, self.readers = tuple(values), [reader_of(tree) for tree in trees]
         # of all fields: record, name and axes of a constant one, None of one that changes
         self.places = [
             None if id(field.value) in names else (field.record, field.name, field.axes)
@@ -75,7 +77,7 @@ class StepStructure:
             for field in fields
             if id(field.value) in names
         ]
-        self.takes_time = asks or any(
+        self.takes_time = roles.asks or any(
             self.chain.has(one.record, one.name) for one, name in self.changing if name == "t"
         )
         self.forms: dict[Any, Form] = {}
@@ -83,7 +85,7 @@ class StepStructure:
 
     def constant(self, trees: Trees) -> list[Field]:
         """The fields of a model's trees that hold for all steps."""
-        tensors = (x for tree in trees for x, _ in flattened(tree))
+        tensors = [x for of, tree in zip(self.readers, trees, strict=True) for x in of(tree)]
         return [
             Field(*place[:2], x, place[2])
             for place, x in zip(self.places, tensors, strict=True)
@@ -105,18 +107,15 @@ class StepStructure:
         K: int | None,
         dims: int,
         options: tuple[Any, ...],
+        shapes: Hashable,
     ) -> Form:
         """Of K steps with such tensors: those that change, `exact`, `moving`, and the state's;
-        constants: values of `constant`, and the lengths. dims: axes of the samples.
+        constants: values of `constant`, and the lengths. dims: axes of the samples; shapes: all of
+        this but for the constants, as a key.
         """
         key = (
-            K,
-            dims,
-            options,
-            *[
-                (x.shape, x.stride(), x.dtype)
-                for x in (*tensors, *(constant.value for constant in constants))
-            ],
+            shapes,
+            *[(x.shape, x.stride(), x.dtype) for x in [constant.value for constant in constants]],
         )
         known = self.forms.get(key)
         if known is None:

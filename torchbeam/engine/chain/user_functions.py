@@ -84,6 +84,8 @@ def by_sample(
     beam that tell its sites apart.
     """
     program = _by_rows(make, model, around)
+    if not by_function(model):
+        return program
     if not _site_by_site(model):
         raise NotTraceable(
             "a function along the beam gives a site what depends on its number, or on other "
@@ -221,8 +223,6 @@ def _site_by_site(model: Model) -> bool:
 
 def _with_gradient(model: Model) -> bool:
     """Whether users' functions compute nothing where gradients are switched off: tried once."""
-    if not by_function(model):
-        return True
     still = Constants(model).still
     with torch.enable_grad(), Ungraded() as tried:
         _in_motion(model, still, torch.full_like(still.position, 0.1))

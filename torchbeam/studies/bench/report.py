@@ -35,6 +35,11 @@ def _throughput(rows: Sequence[Measured]) -> str:
         for r in rows
         if r.part == throughput.PART
     }
+    ceilings = {
+        (r.space, r.elements, r.step_ms, r.batch, r.element): r.best
+        for r in rows
+        if r.part == throughput.PART and r.what == throughput.CEILING
+    }
     peers = {r.space: r for r in rows if r.part == PEERS}
     lines = []
     for case in dict.fromkeys(case for case, _ in rates):
@@ -59,6 +64,7 @@ def _throughput(rows: Sequence[Measured]) -> str:
                 _rate(compiled),
                 "" if eager is None else f"{compiled.best / eager.best:.0f}",
                 "" if two is None else f"{two.best / one.best:.2f}",
+                *([f"{ceilings[case]:.2f}" if case in ceilings else ""] if ceilings else []),
                 *([f"{compiled.best / peer.best:.1f}" if peer else ""] if peers else []),
             )
         )
@@ -72,9 +78,7 @@ def _throughput(rows: Sequence[Measured]) -> str:
                 "1",
                 "",
                 _rate(r),
-                "",
-                "",
-                "",
+                *[""] * (3 + bool(ceilings)),
             )
         )
     heads = (
@@ -87,6 +91,7 @@ def _throughput(rows: Sequence[Measured]) -> str:
         "compiled, or the peer",
         "over eager",
         "2 threads over 1",
+        *(["2 processes over 1"] if ceilings else []),
         *(["over the peer"] if peers else []),
     )
     return _table(heads, lines, words=1)

@@ -4,9 +4,11 @@ of each setting.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 
@@ -14,13 +16,15 @@ from ...cli import threads
 from ...dynamics.simulate import simulate
 from ...state.state import rest
 from ..common_case import KINDS, SPACES, Case, motion
-from .measurement import CPU, WALL, Measured, progress, thread_counts, timed
+from .measurement import CPU, WALL, Measured, apart, progress, thread_counts, timed
 
 PART = "throughput"
 BOUNDS = {"3D": 0.01, "plane": 0.007}  # errors that a setting may have
 BATCHES = {"3D": (1, 256), "plane": (1, 256, 1024)}
 SHARES = {"compiled": 1, "eager": 20}  # one part in so many of the case is timed
 QUICK = {"compiled": 10, "eager": 100}
+CEILING = "two processes at once, over one"  # the most that two threads could do, over one
+READY, WINDOW = 6.0, 1.0  # s until a process has begun, and that it then counts in
 
 
 class Setting(NamedTuple):
@@ -66,6 +70,53 @@ def rows(quick: bool) -> Iterator[Measured]:
                 yield from _batch(
                     case, space, setting, batch, repeats if batch == 1 else 3, own, error
                 )
+            if setting is settings[0] and len(thread_counts()) > 1 and not quick:
+                where = dict(space=space, elements=setting.elements, batch=batch)
+                value = ceiling(space, setting, batch)
+                progress(f"{space}, batch {batch}: {CEILING}: {value:.2f}")
+                yield Measured.of(
+                    PART, CEILING, value, "", engine="compiled", threads=2,
+                    step_ms=1e3 * setting.step, element=setting.element, **where,
+                )  # fmt: skip
+
+
+def ceiling(space: str, setting: Setting, batch: int, ready: float = READY) -> float:
+    """How much more two processes of one thread each do at once than one by itself: what cores,
+    caches and memory of the machine leave to two threads.
+    """
+    rates = []
+    for count in (1, 2):
+        begin = time.time() + ready
+        one = partial(apart, alone, space, *setting[:2], setting.element, batch, begin)
+        with ThreadPoolExecutor(count) as pool:
+            found = [task.result() for task in [pool.submit(one) for _ in range(count)]]
+        if any(x["late"] for x in found):
+            return ceiling(space, setting, batch, 2 * ready)
+        rates.append(sum(x["rate"] for x in found))
+    return rates[1] / rates[0]
+
+
+def alone(
+    space: str, elements: int, step: float, element: str, batch: int, begin: float
+) -> dict[str, Any]:
+    """Runs a second of one process in a window that begins at a time; late: it was not ready."""
+    case, times = Case.load(), []
+    scene = case.scene(elements, SPACES[space], element=element)
+    instants, start = case.t[: len(case.t) // SHARES["eager"] + 1], rest(scene, (batch,))
+
+    def run() -> None:
+        with torch.no_grad():
+            _ = simulate(scene, instants, start, step=step, engine="compiled").tip.position
+
+    run()
+    late = time.time() > begin
+    while time.time() < begin:
+        time.sleep(1e-3)
+    while time.time() < begin + WINDOW or not times:
+        now = time.perf_counter()
+        run()
+        times.append(time.perf_counter() - now)
+    return {"rate": 1 / min(times), "late": late}
 
 
 def _batch(
