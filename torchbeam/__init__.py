@@ -48,6 +48,7 @@ from .core.entry_point import entry_points
 from .core.warning import SlowPathWarning
 from .dynamics.explicit import ExplicitStepper
 from .dynamics.rollout import rollout
+from .dynamics.rollout_jacobian import rollout_jacobian
 from .dynamics.stepper import Stepper
 from .linear.critical import Critical, critical_load
 from .linear.linear_model import Linear
@@ -124,7 +125,7 @@ __all__ = [
     "monte_carlo_stream", "observe", "pair_modes", "path", "plot", "rare_event", "rayleigh",
     "remesh",
     "rest",
-    "rollout", "save", "sensors",
+    "rollout", "rollout_jacobian", "save", "sensors",
     "simulate", "sobol_indices", "tornado", "view",
 ]
 # fmt: on

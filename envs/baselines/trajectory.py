@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -15,10 +16,8 @@ from ..episodes import Episodes
 from ..plant import Plant
 from ..task import Task
 
-ROUNDS = 30  # in which actions come to their bounds, or leave them, at most
-LENGTHS = 1.0, 0.4, 0.1, 0.01, 1e-3  # of the steps there
-ENOUGH = 1e-9  # lowering of the model, beside what a whole step promises, at which they end
-SAMPLES = 400_000  # steps with gradient that are held in memory at once
+ROUNDS = 500  # in which actions come to their bounds, or leave them, at most
+ENOUGH = 1e-12  # of a slope inward from a bound, beside the largest at the start
 
 
 class TipWay:
@@ -45,39 +44,42 @@ class TipWay:
         """(n, T, d) m: the tip's positions at the ends of T intervals with actions (n, T, a); d the
         components that change.
         """
-        return self._way(now.beam, acting)
+        every, inputs = self.task.config.substeps, self._inputs(acting)
+        states = tb.rollout(self.plant.stepper, now.beam, acting.shape[-2] * every, inputs)
+        return self._tip(states)[every - 1 :: every].movedim(0, -2)
 
     def slopes(
         self, now: Episodes, plan: Tensor, acts: Callable[[Tensor], Tensor] = lambda plan: plan
     ) -> tuple[Tensor, Tensor]:
         """The way of a plan (n, P, a), of which acts(plan) (n, T, a) acts, and its derivatives
-        (n, T, d, P, a): by reverse mode, all rows of steps that are made once, or as many at a time
-        as memory takes.
+        (n, T, d, P, a).
         """
         with torch.enable_grad():
             plan = plan.detach().clone().requires_grad_()
             acting = acts(plan)
-            way = self._way(now.beam, acting)
+            inputs = self._inputs(acting)
+        every = self.task.config.substeps
+        way, slopes = tb.rollout_jacobian(
+            self.plant.stepper,
+            now.beam,
+            acting.shape[-2] * every,
+            inputs,
+            self._tip,
+            by=plan,
+            every=every,
+        )
+        return way.movedim(0, -2), slopes.movedim(2, 0)
 
-        n, T, _ = acting.shape
-        rows = torch.eye(T * self.task.directions).to(acting).unflatten(-1, (T, 1, -1))
-
-        def row(seed: Tensor) -> Tensor:
-            seed = seed.movedim(-2, 0).expand_as(way)
-            return torch.autograd.grad(way, plan, seed, retain_graph=True)[0]
-
-        size = max(1, SAMPLES // (n * T * self.task.config.substeps))
-        slopes = torch.func.vmap(row, chunk_size=size)(rows)
-        return way.detach(), slopes.movedim(0, 1).unflatten(1, (T, -1))
-
-    def _way(self, beam: tb.State, acting: Tensor) -> Tensor:
-        task, substeps = self.task, self.task.config.substeps
-        inputs = {
-            name: tb.PerInterval(value.repeat_interleave(substeps, -2))
-            for name, value in task.inputs(acting).items()
+    def _inputs(self, acting: Tensor) -> dict[str, tb.PerInterval]:
+        """Of each step."""
+        return {
+            name: tb.PerInterval(value.repeat_interleave(self.task.config.substeps, -2))
+            for name, value in self.task.inputs(acting).items()
         }
-        way = tb.rollout(self.plant.stepper, beam, acting.shape[-2] * substeps, inputs)
-        return way.position[substeps - 1 :: substeps, ..., -1, task.vector].movedim(0, -2)
+
+    def _tip(self, states: tb.State) -> Tensor:
+        """(..., d) m"""
+        return states.position[..., -1, self.task.vector]
 
     def gaps(self, now: Episodes, way: Tensor) -> Tensor:
         """(n, T, d) m: from the targets to the tip; where there are none, from its start."""
@@ -106,27 +108,45 @@ class TipWay:
 
 def within_bounds(g: Tensor, H: Tensor, plan: Tensor, damping: float | Tensor = 0.0) -> Tensor:
     """The plan (n, m) within [-1, 1] at which g'd + d'(H + damping h I) d / 2 is least, d the
-    change from the one given and h the largest entry on H's diagonal: Newton steps of those that
-    are not at a bound, cut off at the bounds and as long as is best of `LENGTHS`, each sample by
-    itself (Bertsekas 1982).
+    change from the one given and h the largest entry on H's diagonal; each sample by itself.
     """
     size = damping * H.diagonal(dim1=-2, dim2=-1).amax(-1)
     H = H + torch.diag_embed(size[..., None].expand_as(plan))
-    lengths = torch.tensor(LENGTHS).to(plan).reshape(-1, 1, 1)
-    new = plan
+    samples = zip(*(x.detach().cpu().numpy() for x in (g, H, plan)), strict=True)
+    return torch.from_numpy(np.stack([_least(*sample) for sample in samples])).to(plan)
+
+
+def _least(g: np.ndarray, H: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Of one sample, by an active set (Nocedal and Wright 2006, section 16.5): Newton steps of the
+    numbers that are not held at a bound, cut off at the bounds as long as that lowers the model
+    (Bertsekas 1982), else as far as the first bound; one that pushes inward is let go once the
+    others are at their least. It ends there: no such number of held ones comes twice.
+    """
+    enough = ENOUGH * np.abs(g).max()
+    held = ((x >= 1) & (g < 0)) | ((x <= -1) & (g > 0))
     for _ in range(ROUNDS):
-        slope = g + (H @ (new - plan)[..., None])[..., 0]
-        free = (~(((new >= 1) & (slope < 0)) | ((new <= -1) & (slope > 0)))).to(H)
-        # of those held: rows and columns of the unit matrix
-        own = H * free[..., None] * free[..., None, :] + torch.diag_embed(1 - free)
-        step = torch.linalg.solve(own, (slope * free)[..., None])[..., 0]
-        trial = (new - lengths * step).clamp(-1, 1)
-        d = trial - new
-        change = (slope * d).sum(-1) + ((H @ d[..., None])[..., 0] * d).sum(-1) / 2
-        least, best = change.min(0)
-        new = torch.where(least[:, None] < 0, trial[best, torch.arange(len(new))], new)
-        if (-least <= ENOUGH * (1 + (slope * step).sum(-1).abs())).all():
-            break
-        if (best == 0).all() and (trial[0].abs() < 1).all():
-            break  # no bound in the way: the least is reached
-    return new
+        free = np.flatnonzero(~held)
+        step = np.zeros_like(x)
+        step[free] = np.linalg.solve(H[np.ix_(free, free)], -g[free])
+        reach = np.abs(x + step)
+        if reach.max() <= 1:
+            x, g = x + step, g + H @ step
+            inward = held * g * np.sign(x)
+            first = inward.argmax()
+            if inward[first] <= enough:
+                break
+            held[first] = False
+            continue
+        d = (x + step).clip(-1, 1) - x
+        change = H @ d
+        if d @ (g + change / 2) < d @ g / 4 < 0:
+            held |= reach > 1
+        else:
+            away = 1 - x * np.sign(step)
+            room = np.divide(away, np.abs(step), out=np.full_like(x, np.inf), where=step != 0)
+            first = room.argmin()
+            d, held[first] = room[first] * step, True
+            change = H @ d
+        x, g = x + d, g + change
+        x[held] = np.sign(x[held])
+    return x

@@ -46,21 +46,26 @@ def rollout(
         >>> states.t[-1]  # s
         tensor(0.2000)
     """
+    return states_after(stepper, state, plan_of(stepper, state, steps, merge_inputs(inputs, more)))
+
+
+def plan_of(stepper: Stepper, state: State, steps: int, inputs: dict[str, Any]) -> StepPlan:
+    """The steps of a rollout, checked, with room for all their states."""
     instance("a stepper", stepper, Stepper)
     of_mesh(state, stepper.scene.beam, "a state")
-    steps, given = count("steps", steps), merge_inputs(inputs, more)
+    steps = count("steps", steps)
     t, dt = shared(state.t), stepper.dt.expand(steps)
-    changing(given, steps)
-    check_room(stepper, state, inputs_at(given, t, stepper.dt), steps, steps)
+    changing(inputs, steps)
+    check_room(stepper, state, inputs_at(inputs, t, stepper.dt), steps, steps)
     begins = t + in_line(torch.arange(steps, dtype=t.dtype, device=t.device), t.shape) * stepper.dt
 
     def inputs_of(first: int, end: int) -> StepInputs:
         rows = slice(first, end)
         return inputs_of_steps(
-            stepper.scene, given, stepper.method, begins[rows], dt[rows], range(first, end)
+            stepper.scene, inputs, stepper.method, begins[rows], dt[rows], range(first, end)
         )
 
-    return states_after(stepper, state, StepPlan(dt, begins, inputs_of))
+    return StepPlan(dt, begins, inputs_of)
 
 
 def check_room(

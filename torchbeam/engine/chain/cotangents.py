@@ -112,10 +112,11 @@ class Adjoint:
             after.shape[after.ndim - self._axes(name) :]
             for name, after in zip(self.state, states, strict=True)
         ]
-        states = [
-            after.reshape(K, 1, B, *own).expand(K, count, B, *own)
-            for after, own in zip(states, shapes, strict=True)
-        ]
+        if B > 1:  # the state of one sample is that of all rows
+            states = [
+                after.reshape(K, 1, B, *own).expand(K, count, B, *own)
+                for after, own in zip(states, shapes, strict=True)
+            ]
         grads = [
             None if grad is None else grad.reshape(count, K, B, *own).movedim(0, 1)
             for grad, own in zip(grads, shapes, strict=True)
@@ -181,7 +182,8 @@ class Adjoint:
             own = after.shape[after.ndim - self._axes(name) :]
             grad = after.new_zeros(own) if grad is None else grad.reshape(K, B, *own).contiguous()
             yield Field(*self._place(name, "_grad"), grad, len(own), flat=True)
-            after = after.reshape(K, B, *own).contiguous()
+            samples = after.shape[: after.ndim - len(own)].numel() // K
+            after = after.reshape(K, samples, *own).contiguous()
             if name == "reaction":
                 yield Field("support", "found", after, 2, flat=True)
             elif name == "stress":
@@ -192,7 +194,7 @@ class Adjoint:
                 yield Field("after", f"after_{name}", after, 2, flat=True)
             before = self.state[name]
             if self.chain.has(*before):
-                first = x.expand(*self.call.batch, *own).reshape(1, B, *own)
+                first = x.expand(*self.call.batch, *own).reshape(1, B, *own)[:, :samples]
                 yield Field(*before, torch.cat((first, after[:-1])), len(own), flat=True)
 
     def _axes(self, name: str) -> int:
@@ -323,3 +325,34 @@ class Differentiated(torch.autograd.Function):
             None,
             *(None if x is None else first_only(x, *sources) for x in cotangents),
         )
+
+
+def rows_of_steps(outputs: Sequence[Tensor], rows: Sequence[Tensor], by: Tensor) -> Tensor | None:
+    """Derivatives (count, *by.shape) by a tensor, of `count` weighted sums of outputs of one call of
+    native steps: rows (count, ...) has the weights of each output. None where the outputs are not
+    those of one call.
+    """
+    node = outputs[0].grad_fn
+    if not isinstance(getattr(node, "adjoint", None), Adjoint) or any(
+        x.grad_fn is not node for x in outputs
+    ):
+        return None
+    adjoint, saved = node.adjoint, node.saved_tensors
+    size = len(adjoint.state)
+    start, states, known = saved[:size], saved[size : 2 * size], saved[2 * size :]
+    grads: list[Tensor | None] = [None] * size
+    for x, own in zip(outputs, rows, strict=True):
+        grads[x.output_nr] = own
+    with torch.no_grad(), without_autocast():
+        cotangents = adjoint.rows(len(rows[0]), start, states, grads)
+    sources = [(*known, *start)[k] for k in adjoint.wanted]
+    pairs = [(x, own) for x, own in zip(sources, cotangents, strict=True) if own is not None]
+    return rows_of_sums([x for x, _ in pairs], [own for _, own in pairs], by)
+
+
+def rows_of_sums(outputs: Sequence[Tensor], rows: Sequence[Tensor], by: Tensor) -> Tensor:
+    """The same, by torch alone, of whatever the outputs were made of."""
+    (slopes,) = torch.autograd.grad(
+        outputs, by, rows, retain_graph=True, allow_unused=True, is_grads_batched=True
+    )
+    return by.new_zeros(len(rows[0]), *by.shape) if slopes is None else slopes

@@ -1,0 +1,135 @@
+"""Rollout jacobian: what is read of the states of a rollout, and its derivatives by whatever its
+inputs, its start or its scene were made of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..core.arguments import count, instance
+from ..core.leaves import own_leaves, with_values
+from ..engine.chain.cotangents import rows_of_steps, rows_of_sums
+from ..state.reduced import whole_of
+from ..state.state import State
+from .make_steps import make_steps
+from .rollout import plan_of
+from .stepper import Stepper
+
+ROOM = 400_000  # steps with gradient, over samples and rows, that are held in memory at once
+
+
+def rollout_jacobian(
+    stepper: Stepper,
+    state: State,
+    steps: int,
+    inputs: dict[str, Any],
+    read: Callable[[State], Tensor],
+    by: Tensor,
+    *,
+    every: int = 1,
+) -> tuple[Tensor, Tensor]:
+    """What is read of the states after every so many steps of a `rollout`, and its derivatives:
+    sensitivities of the trajectory, exact as gradients are, by one sweep of native code for all
+    rows.
+
+    Args:
+        steps, inputs: as in `rollout`, with gradient from `by` to them, to the state or the scene
+        read: of states (S, ...) that follow each other, (S, ..., r); each by itself
+        by: requires gradient
+        every: a divisor of steps: S is their quotient
+
+    Returns (S, ..., r), and (S, r, *by.shape): derivatives of the sums over the samples, which are
+    those of each where `by` has a row for each. Constants: no derivatives go through them.
+
+    Raises ValueError as `rollout` does, where `by` does not require a gradient, where `every` does
+    not divide the steps, and for readings of another shape.
+
+    Examples:
+        >>> stepper = tb.Stepper(tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3))]), 0.01)
+        >>> pushes = torch.zeros(20, 3, requires_grad=True)  # N, one a step
+        >>> tips, slopes = tb.rollout_jacobian(
+        ...     stepper,
+        ...     stepper.rest(),
+        ...     20,
+        ...     {"u": tb.PerInterval(pushes)},
+        ...     lambda states: states.position[..., -1, :],
+        ...     pushes,
+        ...     every=5,
+        ... )
+        >>> tips.shape, slopes.shape
+        (torch.Size([4, 3]), torch.Size([4, 3, 20, 3]))
+    """
+    if not instance("by", by, Tensor).requires_grad:
+        raise ValueError("by was given without gradient; a tensor that requires it is wanted")
+    if count("steps", steps) % count("every", every):
+        raise ValueError(f"every = {every} was given for {steps} steps; a divisor is wanted")
+    with torch.enable_grad():
+        plan = plan_of(stepper, state, steps, inputs)
+        made = whole_of([part.states() for part in make_steps(stepper, state, plan)])
+        fields = {
+            leaf.name: leaf.value
+            for leaf in own_leaves(made)
+            if leaf.value is not None and leaf.value.requires_grad
+        }
+        at = slice(every - 1, None, every)
+        ends = {name: x.detach()[at].requires_grad_() for name, x in fields.items()}
+        reached = with_values(made.map(lambda x: x.detach()[at]), **ends)
+        values = read(stepper.model.space.to_public(reached))
+    batch = reached.t.shape
+    if not isinstance(values, Tensor) or values.shape[:-1] != batch:
+        given = tuple(values.shape) if isinstance(values, Tensor) else type(values).__name__
+        raise ValueError(
+            f"read gave {given} of states {tuple(batch)}; a tensor with these axes and one more is "
+            "wanted"
+        )
+    slopes = _slopes(values, ends)
+    S, r = len(values), values.shape[-1]
+    size = max(1, ROOM // (steps * batch[1:].numel()))
+    parts = [
+        _rows(fields, slopes, range(first, min(first + size, S * r)), r, every, by)
+        for first in range(0, S * r, size)
+    ]
+    whole = torch.cat(parts) if len(parts) > 1 else parts[0]
+    return values.detach(), whole.reshape(S, r, *by.shape)
+
+
+def _slopes(values: Tensor, ends: dict[str, Tensor]) -> dict[str, Tensor]:
+    """By fields, (r, S, ..., own): derivatives of each number that is read of a state."""
+    if not values.requires_grad:
+        return {}
+    with torch.enable_grad():
+        sums = values.flatten(0, -2).sum(0).unbind()
+    rows: list[tuple[Tensor | None, ...]] = [
+        torch.autograd.grad(x, [*ends.values()], retain_graph=True, allow_unused=True) for x in sums
+    ]
+    return {
+        name: torch.stack([torch.zeros_like(end) if x is None else x for x in own])
+        for (name, end), own in zip(ends.items(), zip(*rows, strict=True), strict=True)
+        if any(x is not None for x in own)
+    }
+
+
+def _rows(
+    fields: dict[str, Tensor],
+    slopes: dict[str, Tensor],
+    numbers: range,
+    r: int,
+    every: int,
+    by: Tensor,
+) -> Tensor:
+    """(rows, *by.shape): row s r + i is of number i that is read after (s + 1) `every` steps."""
+    if not slopes:
+        return by.new_zeros(len(numbers), *by.shape)
+    row = torch.arange(len(numbers), device=by.device)
+    s, i = (row + numbers.start) // r, (row + numbers.start) % r
+    outputs, weights = [fields[name] for name in slopes], []
+    for x, slope in zip(outputs, slopes.values(), strict=True):
+        own = x.new_zeros(len(numbers), *x.shape)
+        own[row, (s + 1) * every - 1] = slope[i, s]
+        weights.append(own)
+    rows = rows_of_steps(outputs, weights, by)
+    return rows_of_sums(outputs, weights, by) if rows is None else rows
