@@ -28,6 +28,7 @@ from torchbeam.extend.commands import (
     write_results,
 )
 
+from . import mpc_times
 from .plant import Plant
 
 IDS = {  # of the newest version, by name
@@ -206,7 +207,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         description=(
             "Env steps a second by gymnasium's benchmark_vector_step, in space and in the plane; "
             "beside them the time that is not simulation and the error of the task's mesh and "
-            "step. Writes envs.csv, envs.md and envs.json (with machine and versions)."
+            "step. Writes envs.csv, envs.md and envs.json (with machine and versions). With --mpc, "
+            "in their place: how long predictive control takes an interval of one env."
         ),
     )
     parser.add_argument("--task", choices=TASKS, default="TipReach", help="default: %(default)s")
@@ -221,6 +223,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--seconds", type=float, default=2.0, help="for each measurement (default: %(default)s)"
     )
+    parser.add_argument(
+        "--mpc",
+        type=int,
+        metavar="EPISODES",
+        help=f"time MPC in so many episodes of {', '.join(mpc_times.TASKS)}, in the plane, on "
+        f"{mpc_times.ELEMENTS} elements, over {mpc_times.HORIZON} intervals ahead; writes mpc.csv, "
+        "mpc.md and mpc.json",
+    )
     parser.add_argument("--threads", type=int, default=1, help="of torch (default: %(default)s)")
     parser.add_argument(
         "--out",
@@ -229,32 +239,39 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="folder for the results (default: %(default)s)",
     )
     given = parser.parse_args(argv)
-    for name, least in (("batches", min(given.batches)), ("threads", given.threads)):
+    for name, least in (
+        ("batches", min(given.batches)),
+        ("threads", given.threads),
+        ("mpc", 1 if given.mpc is None else given.mpc),
+    ):
         if least < 1:
             parser.error(f"--{name} {least} was given; at least 1 is wanted")
     if not 0 < given.seconds < math.inf:
         parser.error(f"--seconds {given.seconds:g} was given; a positive number is wanted")
     out = results_folder(parser, given.out)
     with threads(given.threads):
-        rows = [
-            row
-            for plane in ("", "Planar")
-            if given.task + plane in IDS
-            for row in measure(IDS[given.task + plane], given.batches, given.seconds)
-        ]
+        if given.mpc is None:
+            name, fields, rows = "envs", FIELDS, [*throughput(given)]
+            text, more = markdown(rows), {"reference": FINER}
+        else:
+            ids = [IDS[task + "Planar"] for task in mpc_times.TASKS]
+            name, fields, rows = "mpc", mpc_times.FIELDS, [*mpc_times.rows(ids, given.mpc)]
+            text = mpc_times.markdown(rows)
+            more = {"elements": mpc_times.ELEMENTS, "horizon": mpc_times.HORIZON}
         heading = measured_on()
     heading["versions"] |= versions("llvmlite")
-    text = f"{markdown(rows)}\n\n{sentence(heading)}"
+    text = f"{text}\n\n{sentence(heading)}"
     print(text)
-    write_results(
-        out,
-        "envs",
-        text,
-        {**heading, "reference": FINER, "rows": [row._asdict() for row in rows]},
-        FIELDS,
-        rows,
-    )
+    data = {**heading, **more, "rows": [row._asdict() for row in rows]}
+    write_results(out, name, text, data, fields, rows)
     return 0
+
+
+def throughput(given: argparse.Namespace) -> Iterator[Throughput]:
+    """Of a task, in space and in the plane, where there is one."""
+    for plane in ("", "Planar"):
+        if given.task + plane in IDS:
+            yield from measure(IDS[given.task + plane], given.batches, given.seconds)
 
 
 def markdown(rows: Sequence[Throughput]) -> str:

@@ -42,6 +42,7 @@ MODES = tb.modes(SCENE)
 LINEAR = tb.linearize(DRIVEN, outputs=[S.TipPosition()], inputs={"u": (0.0, 0, 0)})
 STEPPER = tb.Stepper(DRIVEN, 0.1)
 FORCE = (0, 0, 1.0)
+PUSHED = torch.tensor(FORCE, requires_grad=True)
 
 
 def model(p):
@@ -405,6 +406,18 @@ CALLS = {
     "rollout": (
         tb.rollout,
         dict(stepper=STEPPER, state=tb.rest(DRIVEN), steps=2, inputs={"u": torch.zeros(3)}),
+    ),
+    "rollout_jacobian": (
+        tb.rollout_jacobian,
+        dict(
+            stepper=STEPPER,
+            state=tb.rest(DRIVEN),
+            steps=2,
+            inputs={"u": PUSHED},
+            read=lambda states: states.position[..., -1, :],
+            by=PUSHED,
+            every=1,
+        ),
     ),
     "Stepper": (
         tb.Stepper,

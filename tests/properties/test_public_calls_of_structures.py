@@ -192,6 +192,16 @@ def rolled(of):
     return tb.rollout(stepper, stepper.rest(), 2, GIVEN)
 
 
+def sensitivities(of):
+    stepper = tb.Stepper(of.scene, 0.01, engine="eager", tolerance=1e-13)
+    F = GIVEN["F"].clone().requires_grad_()
+    return tb.rollout_jacobian(stepper, stepper.rest(), 2, {"F": F}, tip_of(of), F)[1]
+
+
+def tip_of(of):
+    return lambda states: of.nodes(states)[..., -1, :]
+
+
 def identified(of):
     def tip(p):
         return of.nodes(of.with_(EI=p["EI"]).equilibrium())[..., -1, :]
@@ -322,6 +332,7 @@ SAME = {
     "Linear.reduced": lambda of: linear(of).reduced(2, static=True).response(0.5).abs(),
     "linearize": lambda of: torch.linalg.eigvals(linear(of).A).abs().sort()[0][:6],
     "rollout": lambda of: of.nodes(rolled(of)),
+    "rollout_jacobian": sensitivities,
     "State": saved,
     "State.from_nodes": bent,
     "advise": advised,

@@ -10,9 +10,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.arguments import count, instance
+from ..core.arguments import count, function, instance
 from ..core.leaves import own_leaves, with_values
 from ..engine.chain.cotangents import rows_of_steps, rows_of_sums
+from ..scene.scene import merge_inputs
 from ..state.reduced import whole_of
 from ..state.state import State
 from .make_steps import make_steps
@@ -26,7 +27,7 @@ def rollout_jacobian(
     stepper: Stepper,
     state: State,
     steps: int,
-    inputs: dict[str, Any],
+    inputs: dict[str, Any] | None,
     read: Callable[[State], Tensor],
     by: Tensor,
     *,
@@ -63,12 +64,14 @@ def rollout_jacobian(
         >>> tips.shape, slopes.shape
         (torch.Size([4, 3]), torch.Size([4, 3, 20, 3]))
     """
+    instance("a stepper", stepper, Stepper)
+    function("read", read, "states")
     if not instance("by", by, Tensor).requires_grad:
         raise ValueError("by was given without gradient; a tensor that requires it is wanted")
     if count("steps", steps) % count("every", every):
         raise ValueError(f"every = {every} was given for {steps} steps; a divisor is wanted")
     with torch.enable_grad():
-        plan = plan_of(stepper, state, steps, inputs)
+        plan = plan_of(stepper, state, steps, merge_inputs(inputs, {}))
         made = whole_of([part.states() for part in make_steps(stepper, state, plan)])
         fields = {
             leaf.name: leaf.value

@@ -328,9 +328,9 @@ class Differentiated(torch.autograd.Function):
 
 
 def rows_of_steps(outputs: Sequence[Tensor], rows: Sequence[Tensor], by: Tensor) -> Tensor | None:
-    """Derivatives (count, *by.shape) by a tensor, of `count` weighted sums of outputs of one call of
-    native steps: rows (count, ...) has the weights of each output. None where the outputs are not
-    those of one call.
+    """Derivatives (count, *by.shape) by a tensor, of so many weighted sums of what one call of
+    native steps has made: rows (count, ...), the weights of each output. None where the outputs are
+    not those of one call.
     """
     node = outputs[0].grad_fn
     if not isinstance(getattr(node, "adjoint", None), Adjoint) or any(
@@ -352,7 +352,10 @@ def rows_of_steps(outputs: Sequence[Tensor], rows: Sequence[Tensor], by: Tensor)
 
 def rows_of_sums(outputs: Sequence[Tensor], rows: Sequence[Tensor], by: Tensor) -> Tensor:
     """The same, by torch alone, of whatever the outputs were made of."""
-    (slopes,) = torch.autograd.grad(
-        outputs, by, rows, retain_graph=True, allow_unused=True, is_grads_batched=True
-    )
-    return by.new_zeros(len(rows[0]), *by.shape) if slopes is None else slopes
+
+    def row(*weights: Tensor) -> Tensor:
+        return torch.autograd.grad(
+            outputs, by, weights, retain_graph=True, allow_unused=True, materialize_grads=True
+        )[0]
+
+    return torch.func.vmap(row)(*rows)
