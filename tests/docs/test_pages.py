@@ -20,7 +20,8 @@ spec.loader.exec_module(tables)
 
 README = ROOT / "README.md"
 PAGES = tables.pages()
-ELSEWHERE = {"works_with.md", "own_environment.md"}  # run by the tests that are named after them
+# run by the tests that are named after them
+ELSEWHERE = {"works_with.md", "own_environment.md", "control_libraries.md"}
 LINES = 200  # of the README, and about as many of a page
 # by page, what it says in words of what its blocks give: names -> number, and that
 SAID = {

@@ -203,19 +203,30 @@ def test_the_way_of_the_tip_and_its_slopes():
         TipWay(FollowTargetVectorEnv(1, elements=5).task, env.plant)
 
 
-def test_least_within_bounds():
-    """Random problems of 20 numbers, whose least values lie at bounds: no slope leads down from
-    there within them.
+@pytest.mark.parametrize("smooth", [0, 3])
+def test_least_within_bounds(smooth):
+    """Random problems of 40 numbers, and as ill-conditioned ones as those of a beam (1e6: of sums
+    of sums of sums), whose least values lie at bounds: no slope leads down from there within them,
+    to what rounding leaves. From starts at bounds and between. (Of ill-conditioned ones values far
+    above the least were taken for it.)
     """
     generator = torch.Generator().manual_seed(0)
-    A, g = (torch.randn(50, 20, k, generator=generator, dtype=torch.float64) for k in (20, 1))
-    H, g, plan = A.mT @ A + 0.01 * torch.eye(20, dtype=torch.float64), 20 * g[..., 0], A[..., 0]
-    plan = plan.clamp(-1, 1)
-    best = within_bounds(g, H, plan)
-    slope = g + (H @ (best - plan)[..., None])[..., 0]
-    down = (slope * (best < 1)).clamp(max=0) + (slope * (best > -1)).clamp(min=0)
-    assert best.abs().max() == 1 and (best.abs() == 1).double().mean() > 0.2
-    assert down.abs().max() < 1e-3 * g.abs().max()
+    A, g, plan = (
+        torch.randn(50, 40, k, generator=generator, dtype=torch.float64) for k in (40, 1, 1)
+    )
+    for _ in range(smooth):
+        A = A.cumsum(-1) / 6
+    H, g = A.mT @ A + 1e-3 * torch.eye(40, dtype=torch.float64), 20 * (A.mT @ g)[..., 0]
+    if smooth:
+        assert torch.linalg.cond(H).median() > 1e6
+    for start in (plan[..., 0].clamp(-1, 1), plan[..., 0].sign(), 0 * plan[..., 0]):
+        best = within_bounds(g, H, start)
+        slope = g + (H @ (best - start)[..., None])[..., 0]
+        down = (slope * (best < 1)).clamp(max=0) + (slope * (best > -1)).clamp(min=0)
+        assert best.abs().max() == 1 and (best.abs() == 1).double().mean() > 0.1
+        assert (down.abs().amax(-1) < 1e-9 * g.abs().amax(-1)).all()
+        one = within_bounds(g[:1], H[:1], start[:1])
+        torch.testing.assert_close(one, best[:1], rtol=0, atol=0)
 
 
 def test_predictive_control_follows():
