@@ -1,14 +1,15 @@
-"""Model predictive control in real time: gradients of a nonlinear beam, 50 times a second.
+"""Model predictive control in real time: Gauss-Newton steps of a nonlinear beam, 50 times a second.
 
 A flexible arm (1 m, EI = 2 N m^2, 0.2 kg/m) on a hub turns in its plane by 60 degrees, by a torque
 of at most 0.3 N m. The controller knows a beam of four elements with a payload of 0.1 kg; every 20
-ms it improves the torques of the next half second, 25 of them, by five gradient steps (Adam,
-started from the plan before, shifted by one), and applies the first. A gradient is that of a
-rollout of the whole nonlinear model: one call of native code forwards, one backwards. The plant has
-eight elements and 0.15 kg. LQR turns the same plant beside it: the gain of `linearize` about the
-goal, read from the full state, its torque clipped at the same limit. Both read the plant's state at
-the nodes that they know. CHECK is the RMS distance of the tip from its goal over the last half
-second of three, in m; `python examples/mpc.py` also draws out/mpc.png.
+ms it improves the torques of the next half second, 25 of them, by one Gauss-Newton step, started
+from the plan before, shifted by one, and applies the first. A step is a rollout of the whole
+nonlinear model with the derivatives of the tip's place and velocity at all instants by all torques:
+`rollout_jacobian`, one call of native code forwards, one backwards. The plant has eight elements
+and 0.15 kg. LQR turns the same plant beside it: the gain of `linearize` about the goal, read from
+the full state, its torque clipped at the same limit. Both read the plant's state at the nodes that
+they know. CHECK is the RMS distance of the tip from its goal over the last half second of three, in
+m; `python examples/mpc.py` also draws out/mpc.png.
 """
 
 import math
@@ -22,11 +23,12 @@ import torchbeam as tb
 from torchbeam.extend import quaternions
 
 torch.set_default_dtype(torch.float64)
-DT, HORIZON, DESCENTS, STEPS, LAST, LIMIT, ANGLE = 0.02, 25, 5, 150, 25, 0.3, math.radians(60)
+DT, HORIZON, STEPS, LAST, LIMIT, ANGLE = 0.02, 25, 150, 25, 0.3, math.radians(60)
 Z = torch.tensor([0.0, 0.0, 1.0])
-# weights of the tip's distance and speed, squared, at each step
-FAR, FAST = torch.ones(HORIZON), torch.full((HORIZON,), 0.02)
-FAR[-1], FAST[-1] = 11.0, 2.02  # and at the last
+# weights of the tip's place and velocity, squared, at each step and at the last; of the torques
+WEIGHT = torch.tensor([1.0, 1.0, 0.02, 0.02]).repeat(HORIZON, 1)
+WEIGHT[-1] = torch.tensor([11.0, 11.0, 2.02, 2.02])
+EFFORT = 0.02
 
 
 def arm(elements: int, payload: float) -> tb.Scene:
@@ -91,6 +93,26 @@ class Lqr:
         return -(self.K @ self.linear.departure(state)).item()
 
 
+def read(states: tb.State) -> torch.Tensor:
+    """(..., 4): the tip's place (m) and velocity (m/s) in the plane."""
+    return torch.cat((states.position[..., -1, :2], states.velocity[..., -1, :2]), -1)
+
+
+def least(linear: torch.Tensor, matrix: torch.Tensor) -> torch.Tensor:
+    """The torques u within the limit at which linear'u + u'matrix u / 2 is least: which of them are
+    at it, and on which side, is found in a few rounds (a primal-dual active set).
+    """
+    side = torch.zeros(HORIZON)
+    for _ in range(30):
+        u, free = LIMIT * side, side == 0
+        u[free] = -torch.linalg.solve(matrix[free][:, free], (linear + matrix @ u)[free])
+        pushed = side * (linear + matrix @ u) < 0  # outward, those at the limit
+        before, side = side, torch.where(free, u.sign() * (u.abs() > LIMIT), side * pushed)
+        if side.equal(before):
+            break
+    return u.clamp(-LIMIT, LIMIT)
+
+
 class Mpc:
     """Torques of the next half second, improved at each call; seconds: what each took."""
 
@@ -100,26 +122,16 @@ class Mpc:
         self(goal)  # compiles
         self.plan, self.seconds = torch.zeros(HORIZON), []
 
-    def cost(self, states: tb.State, torques: torch.Tensor) -> torch.Tensor:
-        far, fast = states.position[:, -1] - goal.position[-1], states.velocity[:, -1]
-        effort = 0.02 * torch.dot(torques, torques)
-        return (
-            torch.dot(FAR, far.square().sum(-1)) + torch.dot(FAST, fast.square().sum(-1)) + effort
-        )
-
     def __call__(self, state: tb.State) -> float:
         begin = time.perf_counter()
         torques = torch.cat((self.plan[1:], self.plan[-1:])).requires_grad_()
-        descent = torch.optim.Adam([torques], lr=0.1 * LIMIT)
-        for _ in range(DESCENTS):
-            states = tb.rollout(
-                self.stepper, state, HORIZON, torque=tb.PerInterval(torques[:, None] * Z)
-            )
-            (torques.grad,) = torch.autograd.grad(self.cost(states, torques), torques)
-            descent.step()
-            with torch.no_grad():
-                torques.clamp_(-LIMIT, LIMIT)
-        self.plan = torques.detach()
+        inputs = {"torque": tb.PerInterval(torques[:, None] * Z)}
+        tips, slopes = tb.rollout_jacobian(self.stepper, state, HORIZON, inputs, read, torques)
+        J, torques = slopes.flatten(0, 1), torques.detach()
+        weighted = (WEIGHT[..., None] * slopes).flatten(0, 1)
+        gradient = weighted.mT @ (tips - read(goal)).flatten() + EFFORT * torques
+        matrix = J.mT @ weighted + EFFORT * torch.eye(HORIZON)
+        self.plan = least(gradient - matrix @ torques, matrix)
         self.seconds.append(time.perf_counter() - begin)
         return self.plan[0].item()
 
@@ -158,7 +170,7 @@ for name, (errors, torques) in found.items():
     )
 seconds = torch.tensor(mpc.seconds)
 print(
-    f"a plan ({DESCENTS} gradients of {HORIZON} steps) took {1e3 * seconds.median():.1f} ms, "
+    f"a plan (a Gauss-Newton step on {HORIZON} torques) took {1e3 * seconds.median():.1f} ms, "
     f"{1e3 * seconds.quantile(0.95):.1f} ms at most in 95 of 100; one is due every {1e3 * DT:.0f} "
     "ms"
 )

@@ -20,7 +20,8 @@ class MPC(Controller):
     """Model predictive control: at each interval a Gauss-Newton step on the actions of the next
     ones, within their bounds, from the plan of the interval before (the real-time iteration of
     Diehl, Bock and Schloeder 2005), and the first of them is given. The cost is the task's: of the
-    tip's way, and of the actions.
+    tip's way, and of the actions. A step is one rollout, one sweep for all of its derivatives and
+    one quadratic program: a few milliseconds for a beam of few elements (docs/environments.md).
 
     It reads the whole state of the beam off the simulation and knows the targets over its horizon;
     its model is the beam at the usual parameters. Actions that are still to act are in it.

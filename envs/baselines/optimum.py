@@ -21,10 +21,11 @@ ACCURACY = 1e-5  # of a return, beside its size: what a step must promise to go 
 
 
 class Optimum(Controller):
-    """A local optimum of each episode's return over all its actions: damped Gauss-Newton steps
-    (Levenberg and Marquardt) with exact derivatives, within the bounds, from the actions of a guess
-    and from random ones around them, each episode by itself; the best is played. A search, and no
-    proven bound: `gap` and `spread` say how far it has come.
+    """A local optimum of each episode's return over all its actions, by direct single shooting:
+    damped Gauss-Newton steps (Levenberg and Marquardt) with exact derivatives, each a quadratic
+    program solved within the bounds, from the actions of a guess and from random ones around them,
+    each episode by itself; the best is played. No proven bound: `gap` and `spread` say how far it
+    has come.
 
     The env must have an end. It knows the episodes' own parameters, and the future.
 

@@ -112,15 +112,16 @@ def within_bounds(g: Tensor, H: Tensor, plan: Tensor, damping: float | Tensor = 
     """
     size = damping * H.diagonal(dim1=-2, dim2=-1).amax(-1)
     H = H + torch.diag_embed(size[..., None].expand_as(plan))
-    samples = zip(*(x.detach().cpu().numpy() for x in (g, H, plan)), strict=True)
+    samples = zip(*(x.detach().double().cpu().numpy() for x in (g, H, plan)), strict=True)
     return torch.from_numpy(np.stack([_least(*sample) for sample in samples])).to(plan)
 
 
 def _least(g: np.ndarray, H: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Of one sample, by an active set (Nocedal and Wright 2006, section 16.5): Newton steps of the
-    numbers that are not held at a bound, cut off at the bounds as long as that lowers the model
-    (Bertsekas 1982), else as far as the first bound; one that pushes inward is let go once the
-    others are at their least. It ends there: no such number of held ones comes twice.
+    numbers that are not held at a bound, cut off at the bounds where that lowers the model enough
+    (Bertsekas 1982), else as far as the first bound. Once those are at their least, the held one
+    with the largest slope inward is let go, until there is none. The model falls from one such
+    least to the next: no set of held ones comes twice.
     """
     enough = ENOUGH * np.abs(g).max()
     held = ((x >= 1) & (g < 0)) | ((x <= -1) & (g > 0))
