@@ -20,7 +20,10 @@ from .make_steps import make_steps
 from .rollout import plan_of
 from .stepper import Stepper
 
-ROOM = 400_000  # steps with gradient, over samples and rows, that are held in memory at once
+# steps with gradient, over samples and rows: as many as are held in memory at once; and as are
+# worth a sweep of their own, over the steps alone that these rows follow from
+ROOM, WORTH = 400_000, 8_000
+PARTS = 8  # of which the sweeps make 9/16 of the steps
 
 
 def rollout_jacobian(
@@ -91,12 +94,14 @@ def rollout_jacobian(
         )
     slopes = _slopes(values, ends)
     S, r = len(values), values.shape[-1]
-    size = max(1, ROOM // (steps * batch[1:].numel()))
-    parts = [
+    row = steps * batch[1:].numel()
+    parts = min(PARTS, max(1, S * r * row // WORTH))
+    size = max(1, min(ROOM // row, -(-S * r // parts)))
+    sweeps = [
         _rows(fields, slopes, range(first, min(first + size, S * r)), r, every, by)
         for first in range(0, S * r, size)
     ]
-    whole = torch.cat(parts) if len(parts) > 1 else parts[0]
+    whole = torch.cat(sweeps) if len(sweeps) > 1 else sweeps[0]
     return values.detach(), whole.reshape(S, r, *by.shape)
 
 
@@ -129,10 +134,15 @@ def _rows(
         return by.new_zeros(len(numbers), *by.shape)
     row = torch.arange(len(numbers), device=by.device)
     s, i = (row + numbers.start) // r, (row + numbers.start) % r
+    steps = (numbers[-1] // r + 1) * every
     outputs, weights = [fields[name] for name in slopes], []
     for x, slope in zip(outputs, slopes.values(), strict=True):
-        own = x.new_zeros(len(numbers), *x.shape)
+        own = x.new_zeros(len(numbers), steps, *x.shape[1:])
         own[row, (s + 1) * every - 1] = slope[i, s]
         weights.append(own)
     rows = rows_of_steps(outputs, weights, by)
-    return rows_of_sums(outputs, weights, by) if rows is None else rows
+    if rows is not None:
+        return rows
+    with torch.enable_grad():
+        outputs = [x[:steps] for x in outputs]
+    return rows_of_sums(outputs, weights, by)

@@ -83,15 +83,21 @@ def test_rows_are_the_gradients(options, every):
 
 
 def test_rows_do_not_depend_on_how_many_are_made_at_once(monkeypatch):
-    """Few rows at a time; few steps in a native call."""
-    stepper, start, inputs, (by, *_) = case()
-    whole = tb.rollout_jacobian(stepper, start, STEPS, inputs, read, by)[1]
-    monkeypatch.setattr(rollout_jacobian, "ROOM", 3 * STEPS * 4)
-    few = tb.rollout_jacobian(stepper, start, STEPS, inputs, read, by)[1]
-    assert_close(few, whole, rtol=1e-12, atol=1e-13)
-    monkeypatch.setattr(make_steps, "AT_ONCE", 4)
-    parts = tb.rollout_jacobian(stepper, start, STEPS, inputs, read, by)[1]
-    assert_close(parts, whole, rtol=1e-10, atol=1e-12)
+    """Few rows at a time, which sweep the steps alone that they follow from; few steps in a native
+    call. By forces, a stiffness and the start.
+    """
+    for k in range(3):
+        stepper, start, inputs, wanted = case()
+        whole = tb.rollout_jacobian(stepper, start, STEPS, inputs, read, wanted[k])[1]
+        for where, name, value in (
+            (rollout_jacobian, "ROOM", 3 * STEPS * 4),
+            (rollout_jacobian, "WORTH", 1),
+            (make_steps, "AT_ONCE", 4),
+        ):
+            with monkeypatch.context() as patched:
+                patched.setattr(where, name, value)
+                parts = tb.rollout_jacobian(stepper, start, STEPS, inputs, read, wanted[k])[1]
+            assert_close(parts, whole, rtol=1e-10, atol=1e-12)
 
 
 def test_no_gradient_mode_and_what_does_not_depend():

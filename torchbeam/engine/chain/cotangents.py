@@ -92,26 +92,33 @@ class Adjoint:
         start: Sequence[Tensor],
         states: Sequence[Tensor],
         grads: Sequence[Tensor | None],
+        steps: int | None = None,
     ) -> list[Tensor | None]:
-        """Those of so many rows at once, (count, ...) each."""
+        """Those of so many rows at once, (count, ...) each. steps: how many of the first ones the
+        cotangents are of, where they are zero behind them; None = all.
+        """
         call, (K, B) = self.call, self.good.shape
+        first = slice(steps)
+        K = K if steps is None else steps
         batch = torch.Size((count, *call.batch))
         many = Adjoint(
             self.chain,
-            Call(call.chain, batch, call.K),
-            self.calls.setdefault(("rows", count), {}),
+            Call(call.chain, batch, K),
+            self.calls.setdefault(("rows", count, K), {}),
             [
-                one._replace(value=one.value.unsqueeze(1)) if self._stepwise(k) else one
+                one._replace(value=one.value[first].unsqueeze(1)) if self._stepwise(k) else one
                 for k, one in enumerate(self.changing)
             ],
             self.constant,
-            self.good[:, None].expand(K, count, B).reshape(K, -1),
+            self.good[first, None].expand(K, count, B).reshape(K, -1),
             self.wanted,
         )
         shapes = [
             after.shape[after.ndim - self._axes(name) :]
             for name, after in zip(self.state, states, strict=True)
         ]
+        if steps is not None:
+            states = [after[first] for after in states]
         if B > 1:  # the state of one sample is that of all rows
             states = [
                 after.reshape(K, 1, B, *own).expand(K, count, B, *own)
@@ -126,10 +133,14 @@ class Adjoint:
         for k in self.wanted:
             x = cotangents.get(k)
             if x is not None:
-                shape = given[k].shape
-                x = x.movedim(1, 0) if self._stepwise(k) else x
+                shape, behind = given[k].shape, 0
+                if self._stepwise(k):
+                    x, behind = x.movedim(1, 0), shape[0] - K
+                    shape = (K, *shape[1:])
                 x = x.sum_to_size((count, *(1,) * (x.ndim - 1 - len(shape)), *shape))
                 x = x.reshape(count, *shape)
+                if behind:
+                    x = torch.cat((x, x.new_zeros(count, behind, *shape[1:])), 1)
             rows.append(x)
         return rows
 
@@ -329,8 +340,8 @@ class Differentiated(torch.autograd.Function):
 
 def rows_of_steps(outputs: Sequence[Tensor], rows: Sequence[Tensor], by: Tensor) -> Tensor | None:
     """Derivatives (count, *by.shape) by a tensor, of so many weighted sums of what one call of
-    native steps has made: rows (count, ...), the weights of each output. None where the outputs are
-    not those of one call.
+    native steps (K, ...) has made: rows (count, steps, ...), the weights of each output after the
+    first steps, those behind them being zero. None where the outputs are not those of one call.
     """
     node = outputs[0].grad_fn
     if not isinstance(getattr(node, "adjoint", None), Adjoint) or any(
@@ -338,13 +349,13 @@ def rows_of_steps(outputs: Sequence[Tensor], rows: Sequence[Tensor], by: Tensor)
     ):
         return None
     adjoint, saved = node.adjoint, node.saved_tensors
-    size = len(adjoint.state)
+    size, (count, steps) = len(adjoint.state), rows[0].shape[:2]
     start, states, known = saved[:size], saved[size : 2 * size], saved[2 * size :]
     grads: list[Tensor | None] = [None] * size
     for x, own in zip(outputs, rows, strict=True):
         grads[x.output_nr] = own
     with torch.no_grad(), without_autocast():
-        cotangents = adjoint.rows(len(rows[0]), start, states, grads)
+        cotangents = adjoint.rows(count, start, states, grads, steps)
     sources = [(*known, *start)[k] for k in adjoint.wanted]
     pairs = [(x, own) for x, own in zip(sources, cotangents, strict=True) if own is not None]
     return rows_of_sums([x for x, _ in pairs], [own for _, own in pairs], by)
