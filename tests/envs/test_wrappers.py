@@ -10,7 +10,7 @@ import pytest
 import torch
 from gymnasium import wrappers as single
 from gymnasium.wrappers import vector as many
-from torchbeam_envs import benchmark
+from torchbeam_envs import benchmark, mpc_times
 
 import torchbeam as tb
 
@@ -202,3 +202,18 @@ def test_rows_for_the_benchmark_of_the_engine(monkeypatch):
     ]
     assert all(row.part == "environments" and row.best >= row.median > 0 for row in rows)
     assert rows[2].best > rows[0].best
+
+
+def test_times_of_predictive_control(tmp_path, monkeypatch, capsys):
+    """Of an episode, but for its first intervals; the command writes what was measured."""
+    row = mpc_times.measure("torchbeam/TipReachPlanar-v0", 1, 1, elements=2, horizon=3)
+    assert row.intervals == 50 - mpc_times.FIRST and row.interval == 0.02 and row.actions == 1
+    assert 0 < row.median <= row.most and 0 < row.processor
+    monkeypatch.setattr(mpc_times, "rows", lambda ids, episodes: [row] * len(ids) * episodes)
+    assert benchmark.main(["--mpc", "2", "--out", str(tmp_path)]) == 0
+    written = json.loads((tmp_path / "mpc.json").read_text())
+    assert len(written["rows"]) == 2 * len(mpc_times.TASKS) and written["horizon"] == 25
+    assert f"| {1e3 * row.median:.3g} |" in (tmp_path / "mpc.md").read_text()
+    with pytest.raises(SystemExit):
+        benchmark.main(["--mpc", "0"])
+    assert "--mpc 0 was given" in capsys.readouterr().err

@@ -68,7 +68,6 @@ def rollout_jacobian(
         (torch.Size([4, 3]), torch.Size([4, 3, 20, 3]))
     """
     instance("a stepper", stepper, Stepper)
-    function("read", read, "states")
     if not instance("by", by, Tensor).requires_grad:
         raise ValueError("by was given without gradient; a tensor that requires it is wanted")
     if count("steps", steps) % count("every", every):
@@ -84,7 +83,7 @@ def rollout_jacobian(
         at = slice(every - 1, None, every)
         ends = {name: x.detach()[at].requires_grad_() for name, x in fields.items()}
         reached = with_values(made.map(lambda x: x.detach()[at]), **ends)
-        values = read(stepper.model.space.to_public(reached))
+        values = _read(read, stepper.model.space.to_public(reached))
     batch = reached.t.shape
     if not isinstance(values, Tensor) or values.shape[:-1] != batch:
         given = tuple(values.shape) if isinstance(values, Tensor) else type(values).__name__
@@ -103,6 +102,17 @@ def rollout_jacobian(
     ]
     whole = torch.cat(sweeps) if len(sweeps) > 1 else sweeps[0]
     return values.detach(), whole.reshape(S, r, *by.shape)
+
+
+def _read(read: Callable[[State], Tensor], states: State) -> Tensor:
+    """read(states); what cannot be called so is refused in a sentence (which is looked for where
+    that fails: to look beforehand takes as long as twenty tensor operations).
+    """
+    try:
+        return read(states)
+    except TypeError:
+        function("read", read, "states")
+        raise
 
 
 def _slopes(values: Tensor, ends: dict[str, Tensor]) -> dict[str, Tensor]:
