@@ -30,8 +30,9 @@ REFERENCE = {
     "values": ("Values", "What may stand in place of a number.", (
         "Input", "PerInterval", "PerElement", "Along", "History", "Accelerogram")),
     "motion": ("Motion", "Simulations, steps, states and solutions.", (
-        "simulate", "rollout", "rollout_jacobian", "Stepper", "rest", "State", "Solution", "Energy", "Stats",
-        "ExplicitStepper", "SlowPathWarning", "save", "load", "export", "view", "View")),
+        "simulate", "rollout", "rollout_jacobian", "Stepper", "rest", "State", "Solution",
+        "Energy", "Stats", "ExplicitStepper", "SlowPathWarning", "save", "load", "export", "view",
+        "View")),
     "statics": ("Statics and stability", "Equilibria, paths of them, critical loads.", (
         "equilibrium", "path", "Path", "critical_load", "Critical")),
     "linear": ("Modes and linear models", "About an equilibrium, or a motion.", (
