@@ -206,7 +206,7 @@ def test_rows_for_the_benchmark_of_the_engine(monkeypatch):
 
 def test_times_of_predictive_control(tmp_path, monkeypatch, capsys):
     """Of an episode, but for its first intervals; the command writes what was measured."""
-    row = mpc_times.measure("torchbeam/TipReachPlanar-v0", 1, 1, elements=2, horizon=3)
+    row = mpc_times.measure(benchmark.IDS["TipReachPlanar"], 1, 1, elements=2, horizon=3)
     assert row.intervals == 50 - mpc_times.FIRST and row.interval == 0.02 and row.actions == 1
     assert 0 < row.median <= row.most and 0 < row.processor
     monkeypatch.setattr(mpc_times, "rows", lambda ids, episodes: [row] * len(ids) * episodes)
