@@ -22,6 +22,7 @@ COMMANDS = (
     "hardcases",
     "identification",
     "oracle",
+    "peers",
     "rates",
     "scale",
     "verify",
