@@ -50,7 +50,7 @@ def episode(
     env = make(settings, len(seeds))
     env.reset(seed=seeds)
     hold = holding_action(env.scene, env.state.goal, env.task.actions, env.task.inputs)
-    record = evaluate(settings, POLICY, Targets(seeds, hold))
+    record = evaluate(env, POLICY, Targets(seeds, hold))
     last = record.distance[-round(WINDOW / record.interval) :]
     return last.amax(0) / record.length, torch.where(record.failed, 7, 0)
 

@@ -13,15 +13,10 @@ from torchbeam.engine import engine_use
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
 EXTRA = {"identify_nuts": "pyro", "identify_scipy": "scipy"}  # packages that an example is about
 LONG = {
-    "four_bar",
     "identify_accelerometers",
     "identify_field",
     "identify_nuts",
-    "knot",
-    "mpc",
     "rope_pile",
-    "two_link",
-    "uncertainty_controller",
 }
 
 

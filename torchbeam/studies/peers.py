@@ -164,7 +164,7 @@ def _write(out: Path, rows: list[dict[str, Any]]) -> None:
     many dimensions and no larger error, alone or in a batch.
     """
     lines = []
-    for row in rows:
+    for row in sorted(rows, key=lambda r: (r["script"], r["batch"], -r["error"])):
         if row["peer"].startswith("torchbeam"):
             continue
         rivals = [
@@ -177,10 +177,10 @@ def _write(out: Path, rows: list[dict[str, Any]]) -> None:
         lines.append(
             (
                 f"{row['peer']}, {row['space']}", str(row["batch"]), str(row["elements"]),
-                f"{row['step_ms']:.3g}", f"{100 * row['error']:.2g} %", f"{row['rate']:.3g}",
+                f"{row['step_ms']:.3g}", f"{100 * row['error']:.2g} %", _rate(row),
                 *(("", "", "") if best is None else (
                     f"{best['element']}, {best['elements']}, {best['step_ms']:.3g} ms",
-                    f"{100 * best['error']:.2g} %", f"{best['rate']:.3g}",
+                    f"{100 * best['error']:.2g} %", _rate(best),
                 )),
             )
         )  # fmt: skip
@@ -194,3 +194,7 @@ def _write(out: Path, rows: list[dict[str, Any]]) -> None:
     )
     columns = list(rows[0])
     write(out, "peers", text, {**heading, "rows": rows}, columns, [list(r.values()) for r in rows])
+
+
+def _rate(row: dict[str, Any]) -> str:
+    return f"{float(format(row['rate'], '.3g')):,g}"
