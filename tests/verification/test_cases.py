@@ -14,24 +14,8 @@ from torchbeam.studies.verification.case import run
 from torchbeam.studies.verification.cases import CASES
 from torchbeam.studies.verification.command import main
 
-LONG = {  # what holds them in the suite otherwise, to the same reference
-    "the derivation's element, ramped and sudden load": "unit/mixed/test_trajectories::test_stored_trajectories",
-    "six-strut parallel robot": "docs/test_examples::test_example[parallel_robot]",
-    "overhand knot": "docs/test_examples::test_example[knot]",
-    # strands of one rod at rest, wound about each other
-    "plectoneme": "docs/test_examples::test_example[knot]",
-    # within coarser bounds, and exudyn's places beside the references at all instants
-    "hand of three jointed fingers": "unit/studies/test_bench::test_mechanisms",
-    # friction of a ball, on a floor in the place of fingers
-    "ball held by two fingers": "unit/nodal/test_touching::test_ball_at_rest_on_a_floor",
-}
 
-
-@pytest.mark.parametrize(
-    "case",
-    [pytest.param(c, marks=[pytest.mark.long] * (c.name in LONG)) for c in CASES],
-    ids=lambda case: f"{case.name}: {case.quantity}",
-)
+@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.name}: {case.quantity}")
 def test_case(case):
     """The bound and its reason stand with the case; it is not a tenth wider than need be where it
     is the mesh's own error.
@@ -44,10 +28,6 @@ def test_case(case):
         assert result.error >= 0.7 * case.bound, (
             f"{result.error:.2e}: the bound {case.bound:.1e} is too wide"
         )
-
-
-def test_what_is_left_out_is_a_case():
-    assert set(LONG) <= {case.name for case in CASES}
 
 
 def test_every_reference_file_is_used():
