@@ -84,6 +84,21 @@ def test_native_steps_and_gradients_are_the_eager_ones(case):
     assert torch.equal(native[2], eager[2])
 
 
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+@pytest.mark.parametrize("law", [{}, RUBS], ids=["smooth", "rubs"])
+def test_one_start_of_samples_whose_laws_differ(engine, law):
+    """As if each sample were given it."""
+    (scene, each), (_, one) = falling(X, None, **law), falling(X[0], None, **law)
+    each = replace(each, velocity=one.velocity.expand_as(each.position))
+    ends = []
+    for start in (one, each):
+        stepper = tb.Stepper(scene, 5e-4, engine=engine)
+        ends.append(tb.rollout(stepper, start, 8))
+    assert (ends[0].status == 0).all()
+    assert (ends[0].velocity[:, 0] - ends[0].velocity[:, 1]).abs().max() > 1e-3
+    assert_close(ends[0].velocity, ends[1].velocity, rtol=0, atol=1e-9)
+
+
 def test_generalized_alpha_begins_by_native_code(monkeypatch):
     """Its trial step too: an eager one of a long rod that lies on itself took a minute."""
 
