@@ -42,7 +42,8 @@ def rollout_jacobian(
 
     Args:
         steps, inputs: as in `rollout`, with gradient from `by` to them, to the state or the scene
-        read: of states (S, ...) that follow each other, (S, ..., r); each by itself
+        read: of states (S, ...) that follow each other, (S, ..., r); each by itself. It may hold
+            what is made of `by`, such as a scene
         by: requires gradient
         every: a divisor of steps: S is their quotient
 
@@ -91,8 +92,10 @@ def rollout_jacobian(
             f"read gave {given} of states {tuple(batch)}; a tensor with these axes and one more is "
             "wanted"
         )
-    slopes = _slopes(values, ends)
     S, r = len(values), values.shape[-1]
+    if not values.numel():
+        return values.detach(), by.new_zeros(S, r, *by.shape)
+    slopes, direct = _slopes(values, ends, by)
     row = steps * batch[1:].numel()
     parts = min(PARTS, max(1, S * r * row // WORTH))
     size = max(1, min(ROOM // row, -(-S * r // parts)))
@@ -101,6 +104,11 @@ def rollout_jacobian(
         for first in range(0, S * r, size)
     ]
     whole = torch.cat(sweeps) if len(sweeps) > 1 else sweeps[0]
+    if direct:
+        row = torch.arange(S * r, device=by.device)
+        weights = values.new_zeros(S * r, *values.shape)
+        weights[row, row // r, ..., row % r] = 1
+        whole = whole + rows_of_sums([values], [weights], by)
     return values.detach(), whole.reshape(S, r, *by.shape)
 
 
@@ -115,20 +123,25 @@ def _read(read: Callable[[State], Tensor], states: State) -> Tensor:
         raise
 
 
-def _slopes(values: Tensor, ends: dict[str, Tensor]) -> dict[str, Tensor]:
-    """By fields, (r, S, ..., own): derivatives of each number that is read of a state."""
+def _slopes(values: Tensor, ends: dict[str, Tensor], by: Tensor) -> tuple[dict[str, Tensor], bool]:
+    """By fields, (r, S, ..., own): derivatives of each number that is read of a state; and whether
+    they depend on `by` themselves.
+    """
     if not values.requires_grad:
-        return {}
+        return {}, False
     with torch.enable_grad():
         sums = values.flatten(0, -2).sum(0).unbind()
     rows: list[tuple[Tensor | None, ...]] = [
-        torch.autograd.grad(x, [*ends.values()], retain_graph=True, allow_unused=True) for x in sums
+        torch.autograd.grad(x, [*ends.values(), by], retain_graph=True, allow_unused=True)
+        for x in sums
     ]
-    return {
+    *of_ends, of_by = zip(*rows, strict=True)
+    slopes = {
         name: torch.stack([torch.zeros_like(end) if x is None else x for x in own])
-        for (name, end), own in zip(ends.items(), zip(*rows, strict=True), strict=True)
+        for (name, end), own in zip(ends.items(), of_ends, strict=True)
         if any(x is not None for x in own)
     }
+    return slopes, any(x is not None for x in of_by)
 
 
 def _rows(

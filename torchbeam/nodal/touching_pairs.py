@@ -24,7 +24,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ..core.leaves import Tree, leaf
+from ..core.leaves import Tree, batch_shapes, leaf
+from ..math.shapes import broadcast_shapes
 from ..scene.effects.contact_law import damped, potential, pressure, rubbing
 from ..scene.effects.drag import norm
 from ..scene.effects.load_point import POSITION, SPIN, VELOCITY, jacobians
@@ -216,7 +217,10 @@ class TouchingPairs(Tree):
             found = self._actions(PairMotion(x, now, velocity, spin, points.secant))
             return torch.cat([part for part in found if part is not None], -1)
 
-        given = points.position, *asked.values()
+        batch = broadcast_shapes(points.position.shape[:-3], *batch_shapes(self))
+        given = [points.position, *asked.values()]
+        if any(x.shape[:-3] != batch for x in given):
+            given = [x.expand(*batch, *x.shape[-3:]) for x in given]
         slopes = jacobians(actions, *(x.flatten(-2) for x in given))
         by_point = (slope.unflatten(-1, (4, 3)).movedim(-2, -3) for slope in slopes)
         weights = self._weights[..., None, None]

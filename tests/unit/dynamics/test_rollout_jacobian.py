@@ -112,6 +112,35 @@ def test_no_gradient_mode_and_what_does_not_depend():
         assert slopes.shape == (STEPS, values.shape[-1], *of.shape) and not slopes.any()
 
 
+def test_what_is_read_may_hold_what_it_is_derived_by():
+    """As an energy does a stiffness; beside what the states give, and without any of that."""
+    stepper, start, inputs, (given, EI, _) = case()
+    states = tb.rollout(stepper, start, STEPS, inputs)
+    for by, what in (
+        (EI, lambda states: states.spin[..., 1, :2] ** 2 * EI[:, None]),
+        (given, lambda states: (states.t[..., None] * given[:, 0]).expand(-1, -1, 2)),
+    ):
+        values, slopes = tb.rollout_jacobian(stepper, start, STEPS, inputs, what, by, every=2)
+        expected = what(states)[1::2]
+        rows = [
+            torch.autograd.grad(x[..., i].sum(), by, retain_graph=True)[0]
+            for x in expected
+            for i in range(2)
+        ]
+        assert_close(values, expected.detach(), rtol=1e-12, atol=1e-12)
+        assert slopes.any() and not slopes.requires_grad
+        assert_close(slopes, torch.stack(rows).unflatten(0, (-1, 2)), rtol=1e-9, atol=1e-11)
+
+
+def test_nothing_read_and_no_samples():
+    for batch, numbers in (((3,), 0), ((0,), 2)):
+        stepper, start, inputs, (by, *_) = case(batch=batch)
+        few = lambda states, n=numbers: states.spin[..., 1, :n]  # noqa: E731
+        values, slopes = tb.rollout_jacobian(stepper, start, STEPS, inputs, few, by, every=2)
+        assert values.shape == (STEPS // 2, *batch, numbers)
+        assert slopes.shape == (STEPS // 2, numbers, *by.shape) and not slopes.any()
+
+
 def test_refusals():
     stepper, start, inputs, (by, *_) = case()
     for change, sentence in (

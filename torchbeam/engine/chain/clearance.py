@@ -40,6 +40,7 @@ class Clearance:
         self._links = torch.tensor(links)
         self._reach = [*reach.values()]
         self._runs, self._first, self._counts = self._tables([*rest.values()])
+        self._batch = broadcast_shapes(self._first.shape, *(x.shape for x in self._reach))
         self._shape: tuple[int, ...] | None = None
         self._numbers = (ctypes.c_int64 * len(ARGS))()
         self._lock = threading.Lock()  # of what is kept
@@ -116,7 +117,7 @@ class Clearance:
         """Of the steps from start (..., nodes, 3) to the places moved (K, ..., nodes, 3) how many,
         from the first on, surely leave all pairs apart; -1 = they are not apart at the start.
         """
-        start, steps = start.contiguous(), 0 if moved is None else len(moved)
+        start, steps = self._of_all(start), 0 if moved is None else len(moved)
         moved = start if moved is None else moved.contiguous()
         return self._call("within", start, moved, steps, ctypes.c_int64())
 
@@ -125,8 +126,15 @@ class Clearance:
         inf = none does.
         """
         kind = ctypes.c_double if position.dtype == torch.float64 else ctypes.c_float
+        position = self._of_all(position)
         velocity = velocity.expand_as(position).contiguous()
-        return self._call("approach", position.contiguous(), velocity, 0, kind())
+        return self._call("approach", position, velocity, 0, kind())
+
+    def _of_all(self, x: Tensor) -> Tensor:
+        """Of one place, or of the same in all samples, those of each."""
+        if self._batch and self._batch != x.shape[:-2]:
+            x = x.expand(*broadcast_shapes(self._batch, x.shape[:-2]), *x.shape[-2:])
+        return x.contiguous()
 
 
 def _lanes(dtype: torch.dtype) -> int:

@@ -84,6 +84,10 @@ class TouchingStep:
         self._numbers = [x.value for x in leaves(laws) if isinstance(x.value, Tensor)]
         self._seen = self._written()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Copies, also in other processes, make their own list."""
+        return vars(self) | {"_list": None}
+
     batch = property(lambda self: self.far.batch)
     around = property(lambda self: self.far.around)
     program = property(lambda self: self.far.program)

@@ -29,7 +29,7 @@ ARGS = (
     "start",  # (S, n, 3)
     "moved",  # (steps, S, n, 3), or velocities (S, n, 3)
     "known",  # (S, n, 3), where `room` was found
-    "room",  # (S), squares; negative: none is known
+    "room",  # (S), squares; negative, or NaN: none is known
 )
 PLANES = 7  # three of places, the balls' radii, three of velocities
 
@@ -48,7 +48,7 @@ class BallDistances:
     Between two places in a step points move in straight lines. As no two balls come nearer to each
     other than two of the nodes do, pairs that have `room` where nodes are `known` have it until two
     nodes have moved by more towards each other; only then are they looked at again. What is known
-    afterwards is left in `known` and `room`.
+    afterwards is left in `known` and `room`; of places that are no finite numbers nothing is.
     """
 
     def __init__(self, lanes: Lanes) -> None:
@@ -148,10 +148,15 @@ class BallDistances:
         return code.text(internal=True)
 
     def _copy(self) -> str:
-        """copy(to, source, count)"""
-        code = Code("copy", ["ptr %to", "ptr %source", "i64 %count"])
+        """copy(to, source, count, result): 0, or NaN, where not all of them are finite."""
+        code, one = Code("copy", ["ptr %to", "ptr %source", "i64 %count", "ptr %result"]), self.one
+        self._store(code, one.constant(0.0), "%result")
         with code.loop(0, "%count") as k:
-            self._store(code, self._load(code, "%source", k), "%to", k)
+            x = self._load(code, "%source", k)
+            self._store(code, x, "%to", k)
+            none = self._make(code, "fsub", x, x, one)
+            total = self._make(code, "fadd", self._load(code, "%result", 0), none, one)
+            self._store(code, total, "%result")
         return code.text(internal=True)
 
     def _least(self, rates: bool) -> str:
@@ -277,7 +282,7 @@ class BallDistances:
                 last = code.choose(is_first, start, last, "ptr")
                 code.store(code.add(k, 1), step)
                 room = self._load(code, args["room"], b)
-                far = code.new(f"fcmp ogt {scalar} {spread(x, known)}, {room}")
+                far = code.new(f"fcmp ugt {scalar} {spread(x, known)}, {room}")
                 with code.when(far):
                     gap = least("least_gap", x)
                     none = code.new(f"fcmp ole {scalar} {gap}, {one.constant(0.0)}")
@@ -288,8 +293,11 @@ class BallDistances:
                     with code.when(over):
                         code.store(k, limit)
                     with code.when(code.new(f"xor i1 {over}, true")):
-                        self._store(code, self._load(code, square, 0), args["room"], b)
-                        code.line(f'call void @"copy"(ptr {known}, ptr {x}, i64 {size})')
+                        given = f"ptr {known}, ptr {x}, i64 {size}, ptr {result}"
+                        code.line(f'call void @"copy"({given})')
+                        space, none = (self._load(code, slot, 0) for slot in (square, result))
+                        space = self._make(code, "fadd", space, none, one)
+                        self._store(code, space, args["room"], b)
                 ends.append(code.compare("sge", code.load(step), code.load(limit)))
         code.store(code.load(limit), args["result"])
         return code.text()

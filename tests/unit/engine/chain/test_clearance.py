@@ -170,3 +170,42 @@ def test_how_long_it_takes_to_meet():
     velocity = torch.tensor([[0.5, 1.0, 0], [-0.5, 1.0, 0]])
     assert clearance.approach(x, velocity) == pytest.approx(1 - 0.21)
     assert clearance.approach(x, -velocity) == torch.inf
+
+
+@pytest.mark.parametrize("scene", [rod(2.0, radius=R * torch.tensor([1.0, 1.7])), bodies()])
+def test_places_of_all_samples_are_those_of_each(scene):
+    model, x = discretise(scene), 4 * tb.rest(scene).position[0]
+    whole = x.expand(*scene.batch_shape, *x.shape)
+    answers = []
+    for start in (x, x[None], whole):
+        clearance = Clearance(model.touching, nothing(model.touching), model.node_count)
+        ways = torch.stack([share * whole for share in (0.9, 0.6, 0.3, 0.1)])
+        time = clearance.approach(start, -start)
+        answers.append((clearance.within(start), clearance.within(start, ways), time))
+    assert answers[0] == answers[1] == answers[2]
+    assert answers[0][0] == 0 and answers[0][1] < 4
+
+
+@pytest.mark.parametrize("lost", [slice(None), 1], ids=["all", "one"])
+@pytest.mark.parametrize("value", [torch.nan, torch.inf])
+def test_of_places_that_are_no_numbers_nothing_is_kept(lost, value):
+    """The calls behind one with such a sample are those of a stepper that has not seen it."""
+    parts = {"a": tb.Body(1.0, 1e-4), "b": tb.Body(1.0, 1e-4, position=(0.3, 0, 0))}
+    law = dict(radius=0.1, thickness=0.01, force=1.0)
+    scene = tb.Scene(parts, [tb.Contact("a", "b", **law)], supports=[])
+    start = tb.rest(scene, (2,))
+    position, velocity = start.position.clone(), torch.zeros(2, 2, 3)
+    position[0, 1, 2], velocity[1, 1, 0] = 5.0, -1.0
+    wrong = position.clone()
+    wrong[1, lost] = value
+    ends = []
+    for before in ([], [wrong]):
+        stepper = tb.Stepper(scene, 0.01, engine="compiled")
+        for x in before:
+            stepper(replace(start, position=x))
+        state = replace(start, position=position, velocity=velocity)
+        for _ in range(20):
+            state = stepper(state)
+        ends.append(state)
+    assert ends[0].velocity[1, 0, 0] < -0.1  # it was struck
+    assert_close(ends[1].position, ends[0].position, rtol=0, atol=1e-12)

@@ -2,6 +2,7 @@
 list of pairs is near.
 """
 
+import copy
 import pickle
 from dataclasses import replace
 
@@ -37,6 +38,10 @@ def falling(x, plane="xz", **law):
     falls = torch.zeros(6, 3)
     falls[3:] = torch.tensor([0.3, 0.0, -1.0])
     return scene, replace(start, velocity=speed[..., None, None] * falls)
+
+
+def again(x):
+    return pickle.loads(pickle.dumps(x))
 
 
 X = torch.tensor([[1.0, R, 2e-3, 2000.0], [0.7, 1.04 * R, 2.2e-3, 1500.0]])
@@ -82,6 +87,29 @@ def test_native_steps_and_gradients_are_the_eager_ones(case):
     assert_close(native[0], eager[0], rtol=0, atol=1e-10)  # of velocities m/s, by forces of 100 N
     assert_close(native[1], eager[1], rtol=1e-9, atol=1e-9 * float(eager[1].abs().max()))
     assert torch.equal(native[2], eager[2])
+
+
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+@pytest.mark.parametrize("law", [{}, RUBS], ids=["smooth", "rubs"])
+def test_one_start_of_samples_whose_laws_differ(engine, law):
+    """As if each sample were given it."""
+    (scene, each), (_, one) = falling(X, None, **law), falling(X[0], None, **law)
+    each = replace(each, velocity=one.velocity.expand_as(each.position))
+    ends = []
+    for start in (one, each):
+        stepper = tb.Stepper(scene, 5e-4, engine=engine)
+        ends.append(tb.rollout(stepper, start, 8))
+    assert (ends[0].status == 0).all()
+    assert (ends[0].velocity[:, 0] - ends[0].velocity[:, 1]).abs().max() > 1e-3
+    assert_close(ends[0].velocity, ends[1].velocity, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, again])
+def test_copies_of_a_stepper_that_has_made_steps(copied):
+    scene, start = falling(X)
+    stepper = tb.Stepper(scene, 5e-4, engine="compiled")
+    whole = tb.rollout(stepper, start, 8)
+    assert_close(tb.rollout(copied(stepper), start, 8).velocity, whole.velocity, rtol=0, atol=1e-12)
 
 
 def test_generalized_alpha_begins_by_native_code(monkeypatch):
