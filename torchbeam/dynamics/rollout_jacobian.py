@@ -51,7 +51,7 @@ def rollout_jacobian(
     those of each where `by` has a row for each. Constants: no derivatives go through them.
 
     Raises ValueError as `rollout` does, where `by` does not require a gradient, where `every` does
-    not divide the steps, and for readings of another shape.
+    not divide the steps, for readings of another shape, and within `torch.inference_mode()`.
 
     Examples:
         >>> stepper = tb.Stepper(tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3))]), 0.01)
@@ -69,6 +69,11 @@ def rollout_jacobian(
         (torch.Size([4, 3]), torch.Size([4, 3, 20, 3]))
     """
     instance("a stepper", stepper, Stepper)
+    if torch.is_inference_mode_enabled():
+        raise ValueError(
+            "derivatives of a rollout within torch.inference_mode() were asked for, which records "
+            "none; torch.no_grad() is wanted in its place"
+        )
     if not instance("by", by, Tensor).requires_grad:
         raise ValueError("by was given without gradient; a tensor that requires it is wanted")
     if count("steps", steps) % count("every", every):

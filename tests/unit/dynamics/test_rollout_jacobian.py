@@ -141,6 +141,12 @@ def test_nothing_read_and_no_samples():
         assert slopes.shape == (STEPS // 2, numbers, *by.shape) and not slopes.any()
 
 
+def test_inference_mode_is_refused_in_a_sentence():
+    stepper, start, inputs, (by, *_) = case()
+    with torch.inference_mode(), pytest.raises(ValueError, match="no_grad"):
+        tb.rollout_jacobian(stepper, start, STEPS, inputs, read, by)
+
+
 def test_refusals():
     stepper, start, inputs, (by, *_) = case()
     for change, sentence in (
