@@ -377,18 +377,18 @@ def final_height(EI, form, **options):
 @pytest.mark.parametrize("form", ["minimal", pytest.param("block_rate", marks=pytest.mark.long)])
 def test_gradients(form):
     """d(tip height)/d(EI) by backprop through rk4, by the continuous adjoint (the scene's tensors
-    found by themselves) and by forward mode, against central differences.
+    found by themselves), which is off by what its own steps leave, of fourth order, and by forward
+    mode, against central differences.
     """
+    rk4 = dict(method="rk4", options=dict(step_size=5e-3))
     EI, one = 0.5 + 1e-4 * torch.tensor([0.0, 1.0, -1.0]), torch.ones(3)
-    height, forward = torch.func.jvp(lambda v: final_height(v, form, method="rk4"), (EI,), (one,))
+    height, forward = torch.func.jvp(lambda v: final_height(v, form, **rk4), (EI,), (one,))
     expected = (height[1] - height[2]) / 2e-4
     assert_close(forward[0], expected, rtol=1e-6, atol=0)
     for adjoint in (False, True):
         leaf = EI[0].clone().requires_grad_()
-        (gradient,) = torch.autograd.grad(
-            final_height(leaf, form, method="rk4", adjoint=adjoint), leaf
-        )
-        assert_close(gradient, expected, rtol=1e-4 if adjoint else 1e-6, atol=0)
+        (gradient,) = torch.autograd.grad(final_height(leaf, form, adjoint=adjoint, **rk4), leaf)
+        assert_close(gradient, expected, rtol=2e-5 if adjoint else 1e-6, atol=0)
 
 
 @pytest.mark.parametrize("form", ["nodal", "minimal"])
