@@ -22,6 +22,7 @@ from .knot import arclength
 # length over which all is smoothed
 HALF_TURNS, TAIL, BEND, HEIGHT, BULGE, ROUNDED = 5, 14.0, 5.0, 8.0, 2.5, 1.5
 ANGLE, LAYER, ELEMENT = 0.4, 0.1, 0.75  # rad for which it is pulled; radii: of contact, of a mesh
+TORSION = 0.75  # GJ/B
 # until when, steps, drag: less of it for the last, as it slows the strands down as they slide
 STAGES = (2.0, 0.02, 0.02), (20.0, 0.1, 0.02), (150.0, 0.5, 0.02), (900.0, 1.0, 0.005)
 
@@ -66,24 +67,30 @@ def drawn() -> Tensor:
 def evenly(curve: Tensor, count: int) -> Tensor:
     """As many points, evenly along a polyline (M, 3)."""
     s = arclength(curve)
-    at = torch.linspace(0, float(s[-1]), count)
-    k = torch.searchsorted(s, at).clamp(1, len(s) - 1)
-    return torch.lerp(curve[k - 1], curve[k], ((at - s[k - 1]) / (s[k] - s[k - 1]))[:, None])
+    return interpolated(s, curve, torch.linspace(0, float(s[-1]), count))
 
 
-def plectoneme(drag: float) -> tuple[tb.Scene, tb.State]:
-    """A rod that was straight, so wound, without shear and extension to speak of, in a medium that
-    drags on it; its one end slides along x, and neither turns.
+def interpolated(x: Tensor, values: Tensor, at: Tensor) -> Tensor:
+    """Values (n, c) at x (n), which rises, linearly at `at` (m)."""
+    k = torch.searchsorted(x, at).clamp(1, len(x) - 1)
+    share = (at - x[k - 1]) / (x[k] - x[k - 1])
+    return torch.lerp(values[k - 1], values[k], share[:, None])
+
+
+def plectoneme() -> tuple[tb.Scene, tb.State]:
+    """A rod that was straight, so wound, without shear and extension to speak of; its one end
+    slides along x, and neither turns.
     """
     nodes = drawn()
     F, M = law(ANGLE)
-    section = tb.Section.from_stiffness(EA=100.0, GA=100.0, GJ=0.75, EI=1.0, mass=1.0, inertia=0.25)
+    section = tb.Section.from_stiffness(
+        EA=100.0, GA=100.0, GJ=TORSION, EI=1.0, mass=1.0, inertia=0.25
+    )
     straight = arclength(nodes)[:, None] * torch.tensor([1.0, 0, 0])
     touching = tb.SelfContact(radius=1 - LAYER / 2, thickness=LAYER, force=1.0)
-    effects = [touching, tb.PointLoad(-1, force=(F, 0, 0)), tb.Damping(0.1), tb.MassDamping(drag)]
     scene = tb.Scene(
         tb.Beam.from_nodes(straight, section),
-        effects,
+        [touching, tb.PointLoad(-1, force=(F, 0, 0)), tb.Damping(0.1)],
         supports=[tb.Support(0), tb.Support(-1, "yz", "xyz")],
     )
     # a turn more than M asks for, which the strands take up as they tighten; whole ones for ends
@@ -91,19 +98,19 @@ def plectoneme(drag: float) -> tuple[tb.Scene, tb.State]:
     pinned = replace(scene, supports=(tb.Support(0), tb.Support(-1, "yz", "")))
     axes = tb.State.from_nodes(pinned, nodes).axes[-1]
     turned = math.atan2(float(axes[2, 1]), float(axes[1, 1]))
-    whole = round((turned - M * float(straight[-1, 0]) / 0.75) / (2 * math.pi)) - 1
+    whole = round((turned - M * float(straight[-1, 0]) / TORSION) / (2 * math.pi)) - 1
     return scene, tb.State.from_nodes(scene, nodes, twist=2 * math.pi * whole - turned)
 
 
 def at_rest() -> tuple[Tensor, Tensor]:
-    """M and a of the plectoneme, once it has come to rest, and those of the law for its F and the
-    radius that its strands keep.
+    """M and a of the plectoneme, once it has come to rest in a medium that drags on it, and those
+    of the law for its F and the radius that its strands keep.
     """
-    state = plectoneme(0.0)[1]
+    scene, state = plectoneme()
     for until, step, drag in STAGES:
-        scene = plectoneme(drag)[0]
+        within = replace(scene, effects=[*scene.effects, tb.MassDamping(drag)])
         t = [float(state.t), until]
-        run = tb.simulate(scene, t, state, "generalized_alpha", step=step, rho_inf=0.3)
+        run = tb.simulate(within, t, state, "generalized_alpha", step=step, rho_inf=0.3)
         assert (run.status == 0).all()
         state = run.state[-1]
     R = 1 - LAYER / 2 + float(tb.sensors.ContactGap(scene)(state)[0]) / 2
@@ -120,10 +127,7 @@ def wound(state: tb.State, R: float) -> Tensor:
     sides = []
     for part in (slice(0, top + 1), slice(top, None)):
         order = z[part].argsort()
-        own, here = z[part][order], state.position[part, :2][order]
-        k = torch.searchsorted(own, heights)
-        share = (heights - own[k - 1]) / (own[k] - own[k - 1])
-        sides.append(torch.lerp(here[k - 1], here[k], share[:, None]))
+        sides.append(interpolated(z[part][order], state.position[part, :2][order], heights))
     across = sides[1] - sides[0]
     turn = torch.atan2(across[:, 1], across[:, 0])
     turned = torch.remainder(turn.diff() + math.pi, 2 * math.pi) - math.pi
