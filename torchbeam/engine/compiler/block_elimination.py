@@ -169,13 +169,10 @@ class BlockElimination(BlockMatrix):
 
     def _eliminate(self) -> str:
         code, w = Code("eliminate", [*SYSTEM, "ptr %table", "i64 %groups"]), self.w
-        slot = code.slot("ptr")
-        code.store("%table", slot, "ptr")
-        with code.loop(0, "%groups"):
-            entry = code.load(slot, "ptr")
-            n, columns, begin, rows, count = (code.load(code.at(entry, k)) for k in range(5))
+        with self._groups(code) as group:
+            n, columns, begin, rows, units = group[:5]
             panel = self._at(code, "%memory", begin)
-            single, units = code.compare("eq", n, w), code.sub(count, 1)
+            single = code.compare("eq", n, w)
             with code.when(code.new(f"xor i1 {single}, true")):
                 code.line(f'call void @"pivot"(ptr {panel}, i64 {n}, i64 {columns})')
             with code.when(single):
@@ -186,9 +183,8 @@ class BlockElimination(BlockMatrix):
                     with code.when(self._is_there(code, code.add(begin, at))):
                         code.line(f"{solve}, i64 {at}, i64 {w})")
                 code.line(f"{solve}, i64 {code.sub(columns, 1)}, i64 1)")
-            entry, size = code.at(entry, 5), code.add(1, code.mul(count, 4))
             with code.loop(0, rows) as i:
-                row = code.at(entry, code.mul(i, size))
+                row = group.row(code, i)
                 factors = code.load(row)
                 with code.when(self._is_there(code, factors)):
                     first = self._at(code, "%memory", factors)
@@ -206,7 +202,6 @@ class BlockElimination(BlockMatrix):
                     to, stride, column, width = product(units)
                     to, other = self._at(code, "%memory", to), self._at(code, panel, column)
                     self._less_product(code, to, stride, first, n, n, other, columns, width)
-            code.store(code.at(entry, code.mul(rows, size)), slot, "ptr")
         return code.text(internal=True)
 
     def _substitute(self) -> str:

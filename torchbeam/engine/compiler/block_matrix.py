@@ -3,12 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import NamedTuple
 
 from .llvm import FLAGS, Lanes
 from .loop_text import Code
 
 CHUNKS = 4, 2  # columns of one sample at once
 SYSTEM = "ptr %memory", "ptr %flags"
+
+
+class Group(NamedTuple):
+    """Of a table of `BlockPattern.elimination`, as values of the code: n unknowns and the columns
+    of its panel, which begins at `first`; how many rows are eliminated by it, which begin at
+    `entry`, each of a `size`; how many units its columns behind the first n are.
+    """
+
+    n: str
+    columns: str
+    first: str
+    rows: str
+    units: str
+    entry: str
+    size: str
+
+    def row(self, code: Code, i: str) -> str:
+        return code.at(self.entry, code.mul(i, self.size))
 
 
 class BlockMatrix:
@@ -107,42 +127,53 @@ class BlockMatrix:
         flag = code.load(self._flag(code, first), "i8")
         return code.new(f"icmp ne i8 {flag}, 0")
 
-    def _clear(self) -> str:
-        code, w = Code("clear", [*SYSTEM, "ptr %table", "i64 %groups"]), self.w
+    @contextmanager
+    def _groups(self, code: Code) -> Iterator[Group]:
+        """What is written runs for each group of the table, one after the other."""
         slot = code.slot("ptr")
         code.store("%table", slot, "ptr")
         with code.loop(0, "%groups"):
             entry = code.load(slot, "ptr")
             n, columns, first, rows, count = (code.load(code.at(entry, k)) for k in range(5))
-            panel = self._at(code, "%memory", first)
-            entry, size = code.at(entry, 5), code.add(1, code.mul(count, 4))
-            units = code.sub(count, 1)
-            single = code.compare("eq", n, w)
-            for flag, truth in ((0, single), (1, code.new(f"xor i1 {single}, true"))):
-                with code.when(truth):
-                    if flag:
-                        self._clear_numbers(code, panel, columns, n, columns)
-                    else:
-                        self._clear_numbers(code, panel, columns, n, n)
-                        right = self._at(code, panel, code.sub(columns, 1))
-                        self._clear_numbers(code, right, columns, n, 1)
-                        code.store(1, self._flag(code, first), "i8")
-                        with code.loop(0, units) as k:
-                            at = code.add(first, code.add(n, code.mul(k, w)))
-                            code.store(0, self._flag(code, at), "i8")
-                    with code.loop(0, rows) as i:
-                        at = code.load(code.at(entry, code.mul(i, size)))
-                        if flag:
-                            self._clear_numbers(code, self._at(code, "%memory", at), n, w, n)
-                        else:
-                            code.store(0, self._flag(code, at), "i8")
-                    if flag:
-                        self._all_there(code, first, columns, n, code.add(n, code.mul(units, w)))
-                        with code.loop(0, rows) as i:
-                            at = code.load(code.at(entry, code.mul(i, size)))
-                            self._all_there(code, at, n, w, n)
-            code.store(code.at(entry, code.mul(rows, size)), slot, "ptr")
+            size, units = code.add(1, code.mul(count, 4)), code.sub(count, 1)
+            group = Group(n, columns, first, rows, units, code.at(entry, 5), size)
+            yield group
+            code.store(group.row(code, rows), slot, "ptr")
+
+    def _clear(self) -> str:
+        code = Code("clear", [*SYSTEM, "ptr %table", "i64 %groups"])
+        with self._groups(code) as group:
+            single = code.compare("eq", group.n, self.w)
+            with code.when(single):
+                self._clear_node(code, group)
+            with code.when(code.new(f"xor i1 {single}, true")):
+                self._clear_nodes(code, group)
         return code.text(internal=True)
+
+    def _clear_node(self, code: Code, group: Group) -> None:
+        """Of a group of one node: its own block is there, and no other."""
+        n, columns, first = group[:3]
+        panel = self._at(code, "%memory", first)
+        self._clear_numbers(code, panel, columns, n, n)
+        right = self._at(code, panel, code.sub(columns, 1))
+        self._clear_numbers(code, right, columns, n, 1)
+        code.store(1, self._flag(code, first), "i8")
+        with code.loop(0, group.units) as k:
+            at = code.add(first, code.add(n, code.mul(k, self.w)))
+            code.store(0, self._flag(code, at), "i8")
+        with code.loop(0, group.rows) as i:
+            code.store(0, self._flag(code, code.load(group.row(code, i))), "i8")
+
+    def _clear_nodes(self, code: Code, group: Group) -> None:
+        """Of one of several: all blocks are there, and zero."""
+        n, columns, first = group[:3]
+        width = code.add(n, code.mul(group.units, self.w))
+        self._clear_numbers(code, self._at(code, "%memory", first), columns, n, columns)
+        self._all_there(code, first, columns, n, width)
+        with code.loop(0, group.rows) as i:
+            at = code.load(group.row(code, i))
+            self._clear_numbers(code, self._at(code, "%memory", at), n, self.w, n)
+            self._all_there(code, at, n, self.w, n)
 
     def _all_there(
         self, code: Code, first: str, stride: str, rows: str | int, columns: str
