@@ -12,7 +12,7 @@ import inspect
 import math
 import textwrap
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -25,16 +25,20 @@ from torchbeam.extend.commands import csv_text, results_folder, write
 from torchbeam.extend.commands import folder as writable_folder
 from torchbeam.extend.commands import save as save_file
 
-from .evaluate import EPISODES, Controller, evaluate, make
+from .evaluate import EPISODES, Controller, evaluate, make, scores
 from .policies import Policy, read, save
-from .tuned import TASKS, TRAINING, VALIDATION, Task, task_named
+from .tuned import TASKS, TRAINING, VALIDATION, Task, budget, task_named
 
-KEYS = ("learner", "iteration", "steps", "seconds", "rows", "best")  # of a checkpoint
+# of a checkpoint
+KEYS = ("settings", "learner", "iteration", "steps", "seconds", "rows", "best")
+EVERY, LEAST = 20_000, 2_000  # environment steps between two validations, at most and at least
 
 
 class Learner(Protocol):
     """What `train` drives. Everything random comes from the generators in its state."""
 
+    arguments: Any
+    """a dataclass of its settings"""
     policy: Policy
     batch: int
     """environment steps that one iteration takes"""
@@ -75,7 +79,7 @@ def train(
     budget: Budget,
     *,
     name: str = "run",
-    every: int = 20_000,
+    every: int = EVERY,
     episodes: int = 64,
     final: int = EPISODES,
     progress: bool = True,
@@ -83,23 +87,25 @@ def train(
     """Iterate until the budget is used up; writes NAME.csv (log), NAME.pt (policy) and, meanwhile,
     NAME.checkpoint.
 
-    A run whose checkpoint is there goes on from it. With a budget of steps alone, it then ends in
-    the same bits as a run that was never stopped. About every `every` steps, and more often at
-    first, the policy is scored on `episodes` validation episodes and a checkpoint is written; the
-    time that takes is not in `seconds`, the CPU seconds of this process: what else the machine does
-    is not in them, and those of a run that goes on add up. The policy of the best such score is
-    the one that is saved, in float64, and scored on `final` held-out episodes, which choose
-    nothing: `chosen_steps` says when it was met, `last_return` is that of the last policy.
+    A run whose checkpoint is there, of the same settings and budget, goes on from it. With a budget
+    of steps alone, it then ends in the same bits as a run that was never stopped. About every
+    `every` steps, and more often at first, the policy is scored on `episodes` validation episodes
+    and a checkpoint is written; the time that takes is not in `seconds`, the CPU seconds of this
+    process: what else the machine does is not in them, and those of a run that goes on add up. The
+    policy of the best such score is the one that is saved, in float64, and scored on `final`
+    held-out episodes, which choose nothing: `chosen_steps` says when it was met, `last_return` is
+    that of the last policy.
 
     Raises ValueError for a folder that cannot be written, and for a checkpoint that is damaged, of
-    another release or learner, or holds more than tensors and plain data: nothing in it is ever
-    run.
+    another release, does not fit the learner, or holds more than tensors and plain data: nothing in
+    it is ever run.
     """
     folder, each = writable_folder(folder, parents=True), max(1, round(every / learner.batch))
     checkpoint, log = folder / f"{name}.checkpoint", Log(folder / f"{name}.csv")
     iteration, steps, seconds, judge, best = 0, 0, 0.0, make(task, episodes), Best()
-    if checkpoint.exists():
-        state = read(checkpoint, "checkpoint", KEYS)
+    settings = {**vars(learner.arguments), "budget": vars(budget)}
+    state = read(checkpoint, "checkpoint", KEYS) if checkpoint.exists() else None
+    if state is not None and state["settings"] == settings:
         try:
             learner.load_state_dict(state["learner"])
             iteration, steps = int(state["iteration"]), int(state["steps"])
@@ -112,9 +118,9 @@ def train(
             ) from None
     else:
         log.rewind(0)
-        scores = validation(task, learner.policy, judge)
-        best = best.after(scores, 0, learner.policy)
-        log.write({"iteration": 0, "steps": 0, "seconds": 0.0, **scores})
+        found = validation(task, learner.policy, judge)
+        best = best.after(found, 0, learner.policy)
+        log.write({"iteration": 0, "steps": 0, "seconds": 0.0, **found})
     with Bar(name, progress) as bar:
         while (done := budget.done(steps, seconds)) < 1:
             start = time.process_time()
@@ -123,20 +129,15 @@ def train(
             iteration, steps = iteration + 1, steps + learner.batch
             over = budget.done(steps, seconds)
             if iteration % max(1, min(each, iteration // 8)) == 0 or over >= 1:
-                scores = validation(task, learner.policy, judge)
-                best = best.after(scores, steps, learner.policy)
+                found = validation(task, learner.policy, judge)
+                best = best.after(found, steps, learner.policy)
                 log.write(
-                    {
-                        "iteration": iteration,
-                        "steps": steps,
-                        "seconds": seconds,
-                        **scores,
-                        **figures,
-                    }
+                    {"iteration": iteration, "steps": steps, "seconds": seconds, **found, **figures}
                 )
                 save_file(
                     checkpoint,
                     {
+                        "settings": settings,
                         "learner": learner.state_dict(),
                         "iteration": iteration,
                         "steps": steps,
@@ -145,18 +146,18 @@ def train(
                         "best": vars(best),
                     },
                 )
-                bar.say(f"return {scores['validation_return']:.1f}")
+                bar.say(f"return {found['validation_return']:.1f}")
             bar.to(over)
     learner.policy.double()  # scores are the same then, to 1e-9, on whatever machine
-    last = evaluate(task, learner.policy, final)
+    last = evaluate(task, learner.policy, final)["return"]
     learner.policy.load_state_dict(best.weights)
     result = {
         "steps": steps,
         "seconds": seconds,
         "iterations": iteration,
         "chosen_steps": best.steps,
-        "last_return": last["return"],
-        **(last if best.steps == steps else evaluate(task, learner.policy, final)),
+        "last_return": last,
+        **scores(task, learner.policy, final),
     }
     save(
         learner.policy,
@@ -178,9 +179,9 @@ class Best:
     steps: int = 0
     weights: dict[str, Any] = field(default_factory=dict)
 
-    def after(self, scores: dict[str, float], steps: int, policy: Policy) -> Best:
+    def after(self, found: dict[str, float], steps: int, policy: Policy) -> Best:
         """The better of this and a policy with `validation` scores."""
-        score = scores["validation_return"]
+        score = found["validation_return"]
         return (
             Best(score, steps, copy.deepcopy(policy.state_dict())) if score > self.score else self
         )
@@ -188,8 +189,58 @@ class Best:
 
 def validation(task: Task, controller: Controller, env: VectorEnv) -> dict[str, float]:
     """The scores that go into the log, and choose the policy; env from `evaluate.make`."""
-    scores = evaluate(task, controller, env.num_envs, VALIDATION, env)
-    return {f"validation_{name}": scores[name] for name in ("return", "success", "final_error")}
+    found = evaluate(task, controller, env.num_envs, VALIDATION, env)
+    return {f"validation_{name}": found[name] for name in ("return", "success", "final_error")}
+
+
+class Watch:
+    """Of a learner that has a loop of its own: scores its policy as `train` does, in a log, keeps
+    the best, and says when the budget is used up. What that takes is not in `seconds`, CPU time.
+
+    snapshot    () -> whatever gives the policy as it is now back, of its own
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        controller: Controller,
+        log: Log,
+        budget: Budget,
+        bar: Bar,
+        snapshot: Callable[[], Any],
+        *,
+        every: int = EVERY,
+        episodes: int = 64,
+    ) -> None:
+        self.task, self.controller, self.log, self.budget = task, controller, log, budget
+        self.bar, self.snapshot, self.every = bar, snapshot, every
+        self.judge = make(task, episodes)
+        self.steps, self.seconds, self.next = 0, 0.0, 0
+        self.best: tuple[float, int, Any] = (-math.inf, 0, None)
+
+    def begin(self) -> None:
+        self.log.rewind(0)
+        self._score()
+        self.start = time.process_time()
+
+    def goes_on(self, steps: int) -> bool:
+        """To be called after each step of the vector env; `steps` environment steps were taken."""
+        now = time.process_time()
+        self.steps, self.seconds, self.start = steps, self.seconds + now - self.start, now
+        done = self.budget.done(steps, self.seconds)
+        if steps >= self.next or done >= 1:
+            self._score()
+            self.start = time.process_time()
+        self.bar.to(done)
+        return done < 1
+
+    def _score(self) -> None:
+        found = validation(self.task, self.controller, self.judge)
+        if found["validation_return"] > self.best[0]:
+            self.best = found["validation_return"], self.steps, self.snapshot()
+        self.log.write({"steps": self.steps, "seconds": self.seconds, **found})
+        self.bar.say(f"return {found['validation_return']:.1f}")
+        self.next = self.steps + min(self.every, max(LEAST, self.steps // 8))
 
 
 class Log:
@@ -304,12 +355,7 @@ def main(
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_task(parser)
-    parser.add_argument(
-        "--budget", type=int, default=1_000_000, help="environment steps (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--minutes", type=float, help="end after so many CPU minutes of training at the latest"
-    )
+    add_budget(parser)
     parser.add_argument(
         "--out",
         default="out/training",
@@ -330,11 +376,37 @@ def main(
     settings = arguments(**{**tuned.get(task.name, {}), **own})
     name = f"{task.name}-{learner.NAME}-{settings.seed}"
     folder = results_folder(parser, given["out"])
-    result = train(
-        learner(task, settings), task, folder, Budget(given["budget"], given["minutes"]), name=name
-    )
-    print("  ".join(f"{key} {value:.4g}" for key, value in result.items()))
+    ends = budget_given(given, learner.NAME, task)
+    print(told(train(learner(task, settings), task, folder, ends, name=name)))
     return 0
+
+
+def add_budget(parser: argparse.ArgumentParser) -> None:
+    """The options --budget and --minutes, for `budget_given`."""
+    parser.add_argument(
+        "--budget",
+        type=int,
+        help="environment steps (default: those of the study, training/tuned.py, or without bound "
+        "where --minutes is given)",
+    )
+    parser.add_argument(
+        "--minutes", type=float, help="end after so many CPU minutes of training at the latest"
+    )
+
+
+def budget_given(given: dict[str, Any], algorithm: str, task: Task) -> Budget:
+    steps, minutes = given["budget"], given["minutes"]
+    if steps is None and minutes is None:
+        steps = budget(algorithm, task.name)
+    return Budget(steps, minutes)
+
+
+def told(result: dict[str, Any]) -> str:
+    """A line of what `train` returns."""
+    flat = {key: value for key, value in result.items() if not isinstance(value, dict | None)}
+    if result.get("outside"):
+        flat["outside_return"] = result["outside"]["return"]
+    return "  ".join(f"{key} {value:.4g}" for key, value in flat.items())
 
 
 def add_task(parser: argparse.ArgumentParser) -> None:

@@ -1,6 +1,7 @@
 """Scores of a controller on fixed held-out episodes; the same for every learner and baseline.
 
 python -m training.evaluate training/policies/reach-shac.pt
+python -m training.evaluate training/policies/reach-uncertain-shac.pt --outside
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import torch
 from gymnasium.vector import VectorEnv
 
 from .policies import load
-from .tuned import HELD_OUT, TASKS, Task
+from .tuned import HELD_OUT, OUTSIDE, TASKS, Task, widened
 
 EPISODES = 256
 Controller = Callable[[torch.Tensor], torch.Tensor]
@@ -35,11 +36,11 @@ def evaluate(
     task: Task,
     controller: Controller,
     episodes: int = EPISODES,
-    first: int = HELD_OUT,
+    first: int | Sequence[int] = HELD_OUT,
     env: VectorEnv | None = None,
 ) -> dict[str, float]:
-    """One episode each on the seeds first, first + 1, ...; env: one from `make` with as many, to be
-    used again.
+    """One episode each on the seeds first, first + 1, ..., or on those given; env: one from `make`
+    with as many, to be used again.
 
     return           mean of the sum of rewards, and return_deviation over the episodes
     success          share of the episodes whose error stays within the task's tolerance over its
@@ -75,6 +76,36 @@ def evaluate(
     }
 
 
+def evaluate_outside(
+    task: Task, controller: Controller, episodes: int = EPISODES
+) -> dict[str, float] | None:
+    """`evaluate` on plants outside of the training range: drawn from the ranges of
+    `tuned.WIDER`, each of them in at least one number beyond what the task draws. None where the
+    task draws nothing of these.
+
+    The seeds are the first ones of `tuned.OUTSIDE` on that give such a plant.
+    """
+    wide = widened(task)
+    if wide is None:
+        return None
+    env, seeds, start = make(wide, episodes), [], OUTSIDE
+    while len(seeds) < episodes:
+        env.reset(seed=start)
+        beyond = torch.zeros(episodes, dtype=torch.bool)
+        for name, (low, high) in task.arguments["randomize"].items():
+            value = env.state.plant.params[name]
+            beyond |= (value < low) | (value > high)
+        seeds += [start + k for k in beyond.nonzero()[:, 0].tolist()]
+        start += episodes
+    return evaluate(wide, controller, episodes, seeds[:episodes], env)
+
+
+def scores(task: Task, controller: Controller, episodes: int = EPISODES) -> dict[str, Any]:
+    """Of the held-out episodes; `outside` has those of plants outside of the training range."""
+    inside = evaluate(task, controller, episodes)
+    return {**inside, "outside": evaluate_outside(task, controller, episodes)}
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Score saved policies on the held-out episodes of the task they were trained for."""
     parser = argparse.ArgumentParser(prog="python -m training.evaluate", description=main.__doc__)
@@ -82,16 +113,29 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--episodes", type=int, default=EPISODES, help="held-out episodes (default: %(default)s)"
     )
+    parser.add_argument(
+        "--outside",
+        action="store_true",
+        help="on plants outside of the range that it was trained on, of a policy for plants that "
+        "are uncertain",
+    )
     options = parser.parse_args(argv)
     torch.set_num_threads(1)
     try:
         loaded = [
             (path, policy := load(path), _task(path, policy.about)) for path in options.policy
         ]
+        for path, _, task in loaded if options.outside else ():
+            if widened(task) is None:
+                raise ValueError(
+                    f"--outside and {path!r} were given; a policy of a task whose plants are "
+                    "uncertain is wanted"
+                )
     except ValueError as error:
         parser.error(str(error))
+    judge = evaluate_outside if options.outside else evaluate
     for path, policy, task in loaded:
-        print(json.dumps({"policy": path, **evaluate(task, policy, options.episodes)}, indent=2))
+        print(json.dumps({"policy": path, **judge(task, policy, options.episodes)}, indent=2))
     return 0
 
 

@@ -1,13 +1,19 @@
 """One command for the table: tasks x (baselines, learners) x seeds, scored on the same held-out
-episodes.
+episodes, and on held-out plants outside of the training range.
 
-    python -m training.results --out out/results       # five tasks at two levels, ten seeds
-    python -m training.results --out out/quick --quick # one of them, three seeds, seconds each
+    python -m training.results --out out/results       # the study, `PLAN`
+    python -m training.results --out out/quick --quick # two tasks, three seeds, seconds each
 
-Each run writes its own file when it is complete; called again, the command makes what is missing,
-goes on with what was interrupted, and writes results.json, .csv, .md, curves.png and policies/ from
-all there is. Runs are made seed by seed, each seed of each algorithm in the order that these
-are named in, so that all tasks have had as many seeds wherever it is cut off.
+The whole study is about 430 runs: three hours of one idle core, so that two do it in one and a half
+(SHAC, PPO and SAC 10 seeds on five tasks at two levels; SHAC and PPO 5 seeds on two in space;
+stable-baselines3 and skrl 3 seeds on four; baselines once each). Budgets are environment steps, by
+`tuned.BUDGETS`: results do not depend on how busy or fast the machine is.
+
+Each run writes its own file when it is complete; called again, the command makes what is missing
+or was made with other settings or another budget, goes on with what was interrupted, and writes
+results.json, .csv, .md, curves.png and policies/ from all there is. Runs are made seed by seed,
+each seed of each algorithm in the order that these are named in, so that all tasks have had as many
+seeds wherever it is cut off.
 """
 
 from __future__ import annotations
@@ -21,7 +27,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 
@@ -30,7 +36,7 @@ from torchbeam.extend.commands import results_folder, write
 from . import ppo, sac, shac, tuned
 from .baselines import BASELINES
 from .common import Bar, Budget, train
-from .evaluate import EPISODES, evaluate
+from .evaluate import EPISODES, scores
 from .report import report
 
 LEARNERS = {
@@ -38,82 +44,137 @@ LEARNERS = {
     "sac": (sac.SAC, sac.Arguments, tuned.SAC),
     "shac": (shac.SHAC, shac.Arguments, tuned.SHAC),
 }
-SB3 = ("sb3-ppo", "sb3-sac")
-ALGORITHMS = (*BASELINES, *LEARNERS, *SB3)
+LIBRARIES = ("sb3-ppo", "sb3-sac", "skrl-ppo")
+ALGORITHMS = (*BASELINES, *LEARNERS, *LIBRARIES)
 FAILED = ".failed"
-QUICK = {"tasks": ["track", "track-uncertain"], "seeds": 3, "minutes": 0.1, "episodes": 32}
+
+SPACE = ("reach-3d", "track-3d")
+UNCERTAIN = tuple(name for name in tuned.DEFAULT if name.endswith("-uncertain"))
+COMPARED = ("reach", "track", "reach-uncertain", "track-uncertain")
+# the study: algorithms, tasks, seeds
+PLAN = (
+    (("zero", "static", "lqr", "lqg"), (*tuned.DEFAULT, *SPACE), 1),
+    (("shac", "ppo", "sac"), tuned.DEFAULT, 10),
+    (("shac", "ppo"), SPACE, 5),
+    (LIBRARIES, COMPARED, 3),
+    (("mpc",), (*tuned.DEFAULT, *SPACE), 1),
+    (("mpc-informed",), ("payload", *UNCERTAIN), 1),  # elsewhere it knows no more
+)
+SEEDS = max(seeds for *_, seeds in PLAN)
+QUICK: dict[str, Any] = {
+    "tasks": ["track", "track-uncertain"],
+    "algorithms": ["zero", "lqg", "shac", "ppo", "sac"],
+    "seeds": 3,
+    "share": 0.2,
+    "episodes": 32,
+}
 
 
-def run(
-    task_name: str, algorithm: str, seed: int | None, folder: Path, budget: Budget, episodes: int
-) -> dict[str, Any]:
+class Run(NamedTuple):
+    """One of the study; the seed of a baseline is None."""
+
+    task: str
+    algorithm: str
+    seed: int | None
+
+    @property
+    def name(self) -> str:
+        own = f"{self.task}-{self.algorithm}"
+        return own if self.seed is None else f"{own}-{self.seed}"
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Of a learner of ours, beside its defaults."""
+        return {**LEARNERS[self.algorithm][2].get(self.task, {}), "seed": self.seed}
+
+
+def make(run: Run, folder: Path, budget: Budget, episodes: int) -> dict[str, Any]:
     """One run, in its own files; returns what goes into its JSON."""
     torch.set_num_threads(1)
-    task, name = tuned.TASKS[task_name], run_name(task_name, algorithm, seed)
-    start = time.process_time()
-    if algorithm in BASELINES:
-        controller = BASELINES[algorithm](task)
+    task, start = tuned.TASKS[run.task], time.process_time()
+    options: dict[str, Any] = dict(name=run.name, progress=False, final=episodes)
+    if run.algorithm in BASELINES:
+        controller = BASELINES[run.algorithm](task)
         episodes = min(episodes, getattr(controller, "episodes", episodes))
-        result = {
-            **evaluate(task, controller, episodes),
-            "steps": 0,
-            "seconds": None,
-            "settings": getattr(controller, "settings", {}),
-        }
-    elif algorithm in LEARNERS:
-        learner, arguments, settings = LEARNERS[algorithm]
-        settings = {**settings.get(task_name, {}), "seed": seed}
-        trained = train(
-            learner(task, arguments(**settings)),
-            task,
-            folder,
-            budget,
-            name=name,
-            progress=False,
-            final=episodes,
-        )
-        result = {**trained, "settings": settings}
+        settings = getattr(controller, "settings", {})
+        result = {**scores(task, controller, episodes), "steps": 0, "seconds": None}
+    elif run.algorithm in LEARNERS:
+        learner, arguments, _ = LEARNERS[run.algorithm]
+        settings = run.settings
+        result = train(learner(task, arguments(**settings)), task, folder, budget, **options)
     else:
-        from . import sb3
+        library, _, algorithm = run.algorithm.partition("-")
+        settings = {"seed": run.seed}
+        if library == "sb3":
+            from . import sb3
 
-        result = sb3.train(
-            task,
-            algorithm.removeprefix("sb3-"),
-            folder,
-            budget,
-            seed=seed,
-            name=name,
-            progress=False,
-            final=episodes,
-        )
+            result = sb3.train(task, algorithm, folder, budget, **settings, **options)
+        else:
+            from . import skrl
+
+            result = skrl.train(task, folder, budget, **settings, **options)
     result = {
-        "task": task_name,
-        "algorithm": algorithm,
-        "seed": seed,
+        **run._asdict(),
         "cpu_minutes_all": (time.process_time() - start) / 60,
         "budget": vars(budget),
         **result,
+        "settings": settings,
     }
-    write(folder / f"{name}.json", json.dumps(result, indent=2) + "\n")
-    (folder / f"{name}{FAILED}").unlink(missing_ok=True)
+    write(folder / f"{run.name}.json", json.dumps(result, indent=2) + "\n")
+    (folder / f"{run.name}{FAILED}").unlink(missing_ok=True)
     return result
 
 
-def attempt(*arguments: Any) -> str:
+def attempt(run: Run, folder: Path, *arguments: Any) -> str:
     """A run in a process of its own: "" or, where it failed, the last line of why; the rest is in
     NAME.failed.
     """
     try:
-        run(*arguments)
+        make(run, folder, *arguments)
     except Exception:
         text = traceback.format_exc()
-        write(arguments[3] / f"{run_name(*arguments[:3])}{FAILED}", text)
+        write(folder / f"{run.name}{FAILED}", text)
         return text.strip().splitlines()[-1]
     return ""
 
 
-def run_name(task: str, algorithm: str, seed: int | None) -> str:
-    return f"{task}-{algorithm}" if seed is None else f"{task}-{algorithm}-{seed}"
+def plan(options: argparse.Namespace) -> list[Run]:
+    """The runs that are wanted, in the order in which they are made."""
+    parts: Sequence[tuple[Sequence[str], Sequence[str], int]] = PLAN
+    if options.tasks or options.algorithms:
+        own = [name for name in ALGORITHMS if name not in LIBRARIES]
+        parts = [(options.algorithms or own, options.tasks or tuned.DEFAULT, options.seeds)]
+    return [
+        Run(task, algorithm, None if algorithm in BASELINES else seed)
+        for seed in range(options.seeds)
+        for algorithms, tasks, seeds in parts
+        for algorithm in algorithms
+        for task in tasks
+        if seed < (1 if algorithm in BASELINES else seeds)
+    ]
+
+
+def budget(options: argparse.Namespace, run: Run) -> Budget:
+    """Of a run: environment steps, unless CPU time is asked for."""
+    if run.algorithm in BASELINES:
+        return Budget(None, None)
+    steps = options.budget
+    if steps is None and options.minutes is None:
+        steps = round(options.share * tuned.budget(run.algorithm, run.task))
+    return Budget(steps, options.minutes)
+
+
+def is_made(run: Run, folder: Path, budget: Budget) -> bool:
+    """Whether its file is there, and of the same budget and settings."""
+    path = folder / f"{run.name}.json"
+    if not path.exists():
+        return False
+    if run.algorithm in BASELINES:
+        return True
+    there = json.loads(path.read_text())
+    settings = run.settings if run.algorithm in LEARNERS else {"seed": run.seed}
+    wanted = {"budget": vars(budget), "settings": settings}
+    return all(there[key] == json.loads(json.dumps(value)) for key, value in wanted.items())
 
 
 def parse(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -122,39 +183,45 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    plain = [name for name in ALGORITHMS if name not in SB3]
     parser.add_argument(
         "--tasks",
         nargs="+",
         choices=tuned.TASKS,
-        default=tuned.DEFAULT,
-        help="default: %(default)s",
+        help="each of them by each algorithm, in place of the study's plan (default, where "
+        f"algorithms are named: {' '.join(tuned.DEFAULT)})",
     )
     parser.add_argument(
-        "--algorithms", nargs="+", choices=ALGORITHMS, default=plain, help="default: %(default)s"
+        "--algorithms",
+        nargs="+",
+        choices=ALGORITHMS,
+        help="likewise (default, where tasks are named: all but those of libraries)",
     )
     parser.add_argument(
         "--quick",
         action="store_true",
-        help=f"{' and '.join(QUICK['tasks'])}, {QUICK['seeds']} seeds, "
-        f"{60 * QUICK['minutes']:.0f} s of training and {QUICK['episodes']} episodes, where these "
-        "are not given",
+        help=f"about three minutes: {' and '.join(QUICK['tasks'])} by "
+        f"{', '.join(QUICK['algorithms'])}, {QUICK['seeds']} seeds, {QUICK['share']:.0%} of each "
+        f"budget and {QUICK['episodes']} episodes, where these are not given",
     )
     parser.add_argument(
-        "--seeds", type=int, default=10, help="runs of each learner (default: %(default)s)"
+        "--seeds",
+        type=int,
+        default=SEEDS,
+        help="runs of each learner, of the plan at most (default: %(default)s)",
     )
     parser.add_argument(
         "--budget",
         type=int,
-        default=2_000_000,
-        help="environment steps of a run (default: %(default)s)",
+        help="environment steps of a run (default: those of training/tuned.py, or without bound "
+        "where --minutes is given)",
+    )
+    parser.add_argument(
+        "--share", type=float, default=1.0, help="of each default budget (default: %(default)s)"
     )
     parser.add_argument(
         "--minutes",
         type=float,
-        default=2.0,
-        help="of training in a run, at most, CPU time (default: %(default)s); results then "
-        "depend on the machine",
+        help="of training in a run, at most, CPU time; results then depend on the machine",
     )
     parser.add_argument(
         "--episodes",
@@ -173,10 +240,13 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
         parser.set_defaults(**QUICK)
     options = parser.parse_args(argv)
     for name in ("seeds", "budget", "episodes", "jobs"):
-        if getattr(options, name) < 1:
-            parser.error(f"--{name} {getattr(options, name)} was given; at least 1 is wanted")
-    if not options.minutes > 0:
-        parser.error(f"--minutes {options.minutes} was given; a number above 0 is wanted")
+        value = getattr(options, name)
+        if value is not None and value < 1:
+            parser.error(f"--{name} {value} was given; at least 1 is wanted")
+    for name in ("minutes", "share"):
+        value = getattr(options, name)
+        if value is not None and not value > 0:
+            parser.error(f"--{name} {value} was given; a number above 0 is wanted")
     options.out = results_folder(parser, options.out)
     return options
 
@@ -187,26 +257,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     out = options.out
     folder = out / "runs"
     folder.mkdir(exist_ok=True)
-    wanted = [
-        (task, algorithm, None if algorithm in BASELINES else seed)
-        for seed in range(options.seeds)
-        for algorithm in options.algorithms
-        for task in options.tasks
-        if seed == 0 or algorithm not in BASELINES
-    ]
-    missing = [one for one in wanted if not (folder / f"{run_name(*one)}.json").exists()]
-    budget = Budget(options.budget, options.minutes)
+    wanted = {run: budget(options, run) for run in plan(options)}
+    missing = {run: own for run, own in wanted.items() if not is_made(run, folder, own)}
     print(
         f"{len(wanted)} runs, {len(wanted) - len(missing)} of them done; {options.jobs} processes",
         flush=True,
     )
     failures = {}
+    jobs = [(run, folder, own, options.episodes) for run, own in missing.items()]
     with Bar("runs", True) as bar:
-        for count, (one, why) in enumerate(
-            outcomes(missing, (folder, budget, options.episodes), options.jobs), 1
-        ):
-            failures.update({run_name(*one): why} if why else {})
-            bar.say(run_name(*one))
+        for count, (run, why) in enumerate(outcomes(jobs, options.jobs), 1):
+            failures.update({run.name: why} if why else {})
+            bar.say(run.name)
             bar.to(count / len(missing))
     for name, why in failures.items():
         print(f"{name} failed: {why}")
@@ -214,20 +276,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 1 if failures else 0
 
 
-def outcomes(missing: list[tuple], arguments: tuple, jobs: int) -> Iterator[tuple[tuple, str]]:
-    """Each run with what `attempt` said of it, as they end; in this process where jobs = 1."""
-    if jobs == 1:
-        yield from ((one, attempt(*one, *arguments)) for one in missing)
+def outcomes(jobs: list[tuple], processes: int) -> Iterator[tuple[Run, str]]:
+    """Each run with what `attempt` said of it, as they end; in this process where there is to be
+    one.
+    """
+    if processes == 1:
+        yield from ((job[0], attempt(*job)) for job in jobs)
         return
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = "1"  # for the processes that are started below
-    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-        started = {pool.submit(attempt, *one, *arguments): one for one in missing}
-        for job in as_completed(started):
+    with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
+        started = {pool.submit(attempt, *job): job[0] for job in jobs}
+        for one in as_completed(started):
             try:
-                yield started[job], job.result()
+                yield started[one], one.result()
             except Exception as error:  # the process died: a later call makes the run again
-                yield started[job], repr(error)
+                yield started[one], repr(error)
 
 
 if __name__ == "__main__":

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import argparse
 import copy
-import math
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -23,9 +21,8 @@ from torchbeam_envs import Sb3VecEnv
 
 from torchbeam.extend.commands import results_folder
 
-from .common import Bar, Budget, Log, add_task, training_seed, validation
-from .evaluate import EPISODES, evaluate
-from .evaluate import make as judge
+from .common import Bar, Budget, Log, Watch, add_budget, add_task, budget_given, told, training_seed
+from .evaluate import EPISODES, evaluate, scores
 from .tuned import SB3 as TUNED
 from .tuned import Task
 
@@ -84,7 +81,6 @@ def train(
     *,
     seed: int = 0,
     name: str = "run",
-    every: float = 15.0,
     episodes: int = 64,
     final: int = EPISODES,
     progress: bool = True,
@@ -94,73 +90,41 @@ def train(
     and NAME.normal.
     """
     model, normal = make(task, algorithm, seed, **settings)
-    folder = Path(folder)
+    folder, controller = Path(folder), Greedy(model, normal)
+
+    def snapshot() -> Any:
+        return copy.deepcopy((model.get_parameters(), normal.obs_rms))
+
     with Bar(name, progress) as bar:
-        watch = Watch(
-            task, Greedy(model, normal), Log(folder / f"{name}.csv"), budget, bar, every, episodes
-        )
-        model.learn(budget.steps or 10**12, callback=watch)
-    last = evaluate(task, Greedy(model, normal), final)["return"]
-    watch.restore(model, normal)
+        log = Log(folder / f"{name}.csv")
+        watch = Watch(task, controller, log, budget, bar, snapshot, episodes=episodes)
+        model.learn(budget.steps or 10**12, callback=Callback(watch))
+    last = evaluate(task, controller, final)["return"]
+    parameters, normal.obs_rms = watch.best[2]
+    model.set_parameters(parameters)
     model.save(folder / f"{name}.zip")
     normal.save(str(folder / f"{name}.normal"))
     return {
-        "steps": watch.num_timesteps,
+        "steps": watch.steps,
         "seconds": watch.seconds,
         "chosen_steps": watch.best[1],
         "last_return": last,
-        **evaluate(task, Greedy(model, normal), final),
+        **scores(task, controller, final),
     }
 
 
-class Watch(BaseCallback):
-    """Scores the policy every so many CPU seconds of training, which do not hold that time, keeps
-    the best, and ends with the budget.
-    """
+class Callback(BaseCallback):
+    """A watch, as stable-baselines3 asks."""
 
-    def __init__(
-        self,
-        task: Task,
-        controller: Greedy,
-        log: Log,
-        budget: Budget,
-        bar: Bar,
-        every: float,
-        episodes: int,
-    ) -> None:
+    def __init__(self, watch: Watch) -> None:
         super().__init__()
-        self.task, self.controller, self.log, self.budget = task, controller, log, budget
-        self.bar, self.every, self.judge = bar, every, judge(task, episodes)
-        self.seconds, self.next, self.best = 0.0, every, (-math.inf, 0, None)
+        self.watch = watch
 
     def _on_training_start(self) -> None:
-        self.log.rewind(0)
-        self._score()
-        self.start = time.process_time()
+        self.watch.begin()
 
     def _on_step(self) -> bool:
-        now = time.process_time()
-        self.seconds, self.start = self.seconds + now - self.start, now
-        done = self.budget.done(self.num_timesteps, self.seconds)
-        if self.seconds >= self.next or done >= 1:
-            self.next = self.seconds + self.every
-            self._score()
-            self.start = time.process_time()
-        self.bar.to(done)
-        return done < 1
-
-    def _score(self) -> None:
-        scores = validation(self.task, self.controller, self.judge)
-        if scores["validation_return"] > self.best[0]:
-            parts = self.model.get_parameters(), self.controller.normal.obs_rms
-            self.best = scores["validation_return"], self.num_timesteps, copy.deepcopy(parts)
-        self.log.write({"steps": self.num_timesteps, "seconds": self.seconds, **scores})
-        self.bar.say(f"return {scores['validation_return']:.1f}")
-
-    def restore(self, model: BaseAlgorithm, normal: VecNormalize) -> None:
-        """Back to the policy of the best score."""
-        parameters, normal.obs_rms = self.best[2]
-        model.set_parameters(parameters)
+        return self.watch.goes_on(self.num_timesteps)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -171,12 +135,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--algorithm", choices=ALGORITHMS, default="ppo", help="default: %(default)s"
     )
     parser.add_argument("--seed", type=int, default=0, help="default: %(default)s")
-    parser.add_argument(
-        "--budget", type=int, default=300_000, help="environment steps (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--minutes", type=float, help="end after so many CPU minutes of training at the latest"
-    )
+    add_budget(parser)
     parser.add_argument(
         "--out", default="out/training", help="folder for log and model (default: %(default)s)"
     )
@@ -188,11 +147,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         options.task,
         options.algorithm,
         folder,
-        Budget(options.budget, options.minutes),
+        budget_given(vars(options), f"sb3-{options.algorithm}", options.task),
         seed=options.seed,
         name=name,
     )
-    print("  ".join(f"{key} {value:.4g}" for key, value in result.items()))
+    print(told(result))
     return 0
 
 

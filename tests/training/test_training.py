@@ -113,6 +113,22 @@ def test_resume_is_bit_exact(name, task, settings, tmp_path):
     assert [int(row["iteration"]) for row in logs[1]] == [*range(5)]
 
 
+def test_other_settings_start_anew(tmp_path):
+    """A run that goes on under another rate or budget would be neither the one nor the other."""
+    whole = common.Budget(steps=96)
+    options = dict(episodes=2, final=2, progress=False, name="run")
+    reference = common.train(learner("shac"), TINY, tmp_path / "whole", whole, **options)
+    for index, (budget, settings) in enumerate(((whole, {"rate": 2e-2}), (common.Budget(64), {}))):
+        part = learner("shac", **settings)
+        calls = iter([part.iteration])
+        part.iteration = lambda done, calls=calls: next(calls, pytest.fail)(done)
+        with pytest.raises(pytest.fail.Exception):
+            common.train(part, TINY, tmp_path / f"{index}", budget, **options)
+        assert (tmp_path / f"{index}/run.checkpoint").exists()
+        result = common.train(learner("shac"), TINY, tmp_path / f"{index}", whole, **options)
+        assert {**result, "seconds": 0} == {**reference, "seconds": 0}
+
+
 def test_the_best_policy_of_validation_is_kept(tmp_path, monkeypatch):
     """Scores rise and then fall: the policy between is saved and scored, the last one is named."""
     scores, seen = iter([-3.0, -1.0, -2.0, -4.0]), []
@@ -290,10 +306,12 @@ def test_files_are_data_and_nothing_else(tmp_path):
 
 
 def test_what_does_not_fit_is_refused(tmp_path):
-    """A checkpoint of another learner, of other sizes, of more environments; a policy with other
-    weights.
+    """A checkpoint that says it is of these settings and holds another learner, other sizes, more
+    environments; a policy with other weights.
     """
+    settings = {**vars(learner("shac").arguments), "budget": {"steps": 32, "minutes": None}}
     rest = {"iteration": 1, "steps": 32, "seconds": 1.0, "rows": 1, "best": {}}
+    rest["settings"] = settings
     for other in (learner("ppo"), learner("shac", hidden=(8,)), learner("shac", num_envs=3)):
         torch.save({"learner": other.state_dict(), **rest}, tmp_path / "run.checkpoint")
         with pytest.raises(
