@@ -32,6 +32,7 @@ LABELS = {
     "shac": "SHAC",
     "sb3-ppo": "PPO (stable-baselines3)",
     "sb3-sac": "SAC (stable-baselines3)",
+    "skrl-ppo": "PPO (skrl)",
 }
 LINEAR = ("pd", "lqr", "lqg")
 KNOWING = "mpc-informed"
@@ -44,6 +45,7 @@ COLORS = {
     "shac": "#1b6ca8",
     "sb3-ppo": "#b35806",
     "sb3-sac": "#7fbc41",
+    "skrl-ppo": "#a6761d",
 }
 STYLES = {
     "zero": ":",

@@ -66,9 +66,9 @@ def make(
     settings = {**DEFAULTS[algorithm], **TUNED.get(task.name, {}).get(algorithm, {}), **settings}
     env = Sb3VecEnv(task.make(settings.pop("num_envs")))
     normal = VecNormalize(env, gamma=settings.get("gamma", 0.99))
-    model = ALGORITHMS[algorithm]("MlpPolicy", normal, device="cpu", **copy.deepcopy(settings))
-    # of numpy and torch too: stable-baselines3 has no generator of its own
-    model.set_random_seed(seed)
+    # the seed is also of numpy and torch: stable-baselines3 has no generator of its own
+    settings = {"device": "cpu", "seed": seed, **copy.deepcopy(settings)}
+    model = ALGORITHMS[algorithm]("MlpPolicy", normal, **settings)
     normal.seed(training_seed(seed))
     return model, normal
 

@@ -70,9 +70,9 @@ def task_named(name: str) -> Task:
     return task
 
 
-# of FlutterHold. Its own, minus what each interval left would cost at most (up to 500), is more than
-# PPO learns from: uncertain, five of five runs of 200,000 steps, of four settings, ended where no
-# action does; SHAC learns as much by either
+# of FlutterHold. Its own, minus what each interval left would cost at most (up to 500), is more
+# than PPO learns from: uncertain, five of five runs of 200,000 steps, of four settings, ended where
+# no action does; SHAC learns as much by either
 LOST: dict[str, Any] = dict(failure_reward=-100.0)
 
 TASKS = {
