@@ -1,5 +1,5 @@
-"""training/results.py and report.py: a run has its own file, what is there is kept, the table says
-what the files say.
+"""training/results.py, table.py and report.py: a run has its own file, what is there is kept, the
+table says what the files say.
 """
 
 import csv
@@ -10,11 +10,12 @@ import pytest
 import torch
 from torchbeam_envs.baselines import JointLQG, JointLQR
 
-from training import baselines, report, results
+from training import baselines, report, results, table, tuned
 from training.policies import load
 from training.tuned import TASKS, Task
 
 torch.set_num_threads(1)
+SMALL = dict(num_envs=4, horizon=4, hidden=(8,))
 TINY = Task(
     "tiny", "torchbeam/TipReachPlanar-v1", dict(elements=2, substeps=1, max_episode_steps=6)
 )
@@ -25,14 +26,9 @@ def test_one_command(tmp_path, monkeypatch, capsys):
     named and the others go on.
     """
     monkeypatch.setitem(TASKS, "tiny", TINY)
-    monkeypatch.setattr(results.tuned, "PPO", {"tiny": dict(num_envs=4, horizon=4, hidden=(8,))})
     for name in ("ppo", "shac"):
         learner, arguments, _ = results.LEARNERS[name]
-        monkeypatch.setitem(
-            results.LEARNERS,
-            name,
-            (learner, arguments, {"tiny": dict(num_envs=4, horizon=4, hidden=(8,))}),
-        )
+        monkeypatch.setitem(results.LEARNERS, name, (learner, arguments, {"tiny": SMALL}))
     monkeypatch.setitem(results.BASELINES, "pd", lambda task: 1 / 0)
     options = [
         "--tasks",
@@ -71,9 +67,15 @@ def test_one_command(tmp_path, monkeypatch, capsys):
     assert before == {path: path.stat().st_mtime_ns for path in before} and not list(
         (tmp_path / "runs").glob("*.failed")
     )
+    monkeypatch.setitem(results.LEARNERS["shac"][2], "tiny", {**SMALL, "rate": 1e-3})
+    assert results.main(options) == 0  # other settings: made again
+    assert "7 runs, 5 of them done" in capsys.readouterr().out
+    runs |= {path.stem: json.loads(path.read_text()) for path in before if "shac" in path.stem}
+    assert runs["tiny-shac-0"]["settings"]["rate"] == 1e-3
     said = (tmp_path / "summary.md").read_text()
-    assert "| task | PD + static | PPO | SHAC | SHAC ahead of PPO |" in said
+    assert "| task | PD + static | PPO | SHAC |" in said
     assert said.count("(2)") == 2  # seeds of each learner
+    assert "| nominal | SHAC | PPO | 1 |" in (tmp_path / "ahead.md").read_text()
     rows = list(csv.DictReader(open(tmp_path / "results.csv")))
     assert [row["algorithm"] for row in rows] == ["zero", "static", "pd", "ppo", "shac"]
     mean = np.mean([runs[f"tiny-shac-{k}"]["return"] for k in (0, 1)])
@@ -107,6 +109,8 @@ def test_table_compares_at_what_all_have_had():
             "seconds": seconds,
             "ended": 0,
             "solver_failures": 0,
+            "outside": None,
+            "episodes": 4,
         }
 
     def curve(run):
@@ -117,7 +121,7 @@ def test_table_compares_at_what_all_have_had():
             "validation_return": share * run["steps"],
         }
 
-    rows = report.table(
+    rows = table.rows(
         [run("ppo", 0, 100, 10.0), run("ppo", 1, 100, 10.0), run("shac", 0, 50, 20.0)], curve
     )
     by = {row["algorithm"]: row for row in rows}
@@ -133,30 +137,56 @@ def test_table_compares_at_what_all_have_had():
 
 def test_learners_are_compared_task_by_task():
     """Two tasks: of four pairs of seeds three are ahead in one, none in the other, which the third
-    learner has not played.
+    learner has not played; one at another level. Curves rise by one a step and two a second, those
+    of SHAC by three times as much in time.
     """
     returns = {
-        "a": {"ppo": [1.0, 3.0], "shac": [2.0, 4.0]},
+        "a": {"lqr": [2.5], "lqg": [-1.0], "ppo": [1.0, 3.0], "shac": [2.0, 4.0]},
         "b": {"ppo": [5.0, 6.0], "shac": [0.0]},
+        "b-uncertain": {"ppo": [5.0, 6.0], "shac": [7.0]},
     }
     returns["a"]["sb3-ppo"] = [0.0]
     runs = [
-        {"task": task, "algorithm": name, "return": value, "seconds": 1.0}
+        {"task": task, "algorithm": name, "return": value, "seed": seed}
         for task, of in returns.items()
         for name, values in of.items()
-        for value in values
+        for seed, value in enumerate(values)
     ]
-    compared = {(row["algorithm"], row["over"]): row for row in report.comparisons(runs)}
-    assert compared["shac", "ppo"]["probability"] == pytest.approx((0.75 + 0.0) / 2)
-    assert compared["shac", "ppo"]["tasks"] == ["a", "b"]
-    assert compared["sb3-ppo", "shac"]["probability"] == 0.0
-    assert compared["sb3-ppo", "shac"]["tasks"] == ["a"]
+
+    def curve(run):
+        steps = np.linspace(0.0, 10.0, 11)
+        pace = 3.0 if run["algorithm"] == "shac" else 1.0
+        return {"steps": steps, "seconds": steps / 2 / pace, "validation_return": steps}
+
+    rows = table.comparisons(runs, curve)
+    compared = {(row["level"], row["algorithm"], row["over"]): row for row in rows}
+    both = compared["nominal", "shac", "ppo"]
+    assert both["probability"] == pytest.approx((0.75 + 0.0) / 2)
+    assert both["tasks"] == ["a", "b"]
+    assert (both["at_steps"], both["at_seconds"]) == (0.5, 1.0)
+    assert compared["nominal", "sb3-ppo", "shac"]["probability"] == 0.0
+    assert compared["nominal", "sb3-ppo", "shac"]["tasks"] == ["a"]
+    assert compared["uncertain", "shac", "ppo"]["probability"] == 1.0
+    assert compared["nominal", "shac", "linear"]["probability"] == 0.5  # one of 2, 4 over 2.5
+    assert compared["nominal", "shac", "linear"]["at_steps"] is None
+    assert ("uncertain", "shac", "linear") not in compared
+    assert "| nominal | SHAC | the best linear controller | 1 | 50 [0, 100] % |" in report.ahead(
+        rows
+    )
 
 
 def test_what_seeds_tell_of_a_linear_controller():
     runs = [
-        {"task": "t", "algorithm": name, "seed": k, "return": value, "success": 1.0}
+        {
+            "task": "t",
+            "algorithm": name,
+            "seed": k,
+            "return": value,
+            "success": 1.0,
+            "outside": None,
+        }
         | {"final_error": 0.0, "steps": 1, "seconds": s, "ended": 0, "solver_failures": 0}
+        | {"episodes": 4}
         for name, s, values in (
             ("pd", None, [-9.0]),
             ("lqr", None, [-5.0]),
@@ -166,11 +196,73 @@ def test_what_seeds_tell_of_a_linear_controller():
     ]
     log = {"steps": np.array([0.0, 1.0]), "seconds": np.array([0.0, 1.0])}
     log["validation_return"] = np.array([-10.0, -5.0])
-    rows = report.table(runs, lambda run: log if run["algorithm"] == "ppo" else None)
+    rows = table.rows(runs, lambda run: log if run["algorithm"] == "ppo" else None)
     last = rows[-1]
     assert (last["algorithm"], last["better"]) == ("ppo", 0.5)
     assert (last["better_low"], last["better_high"]) == (0.0, 1.0)
-    assert "| t | LQR + static | -5.00 |" in report.markdown(rows, [])
+    assert "| t | LQR + static | -5.00 |" in report.markdown(rows)
+
+
+def test_scores_lie_between_no_action_and_the_best_baseline():
+    """Two tasks of an uncertain level; by hand: of (0.25, 0.75) and (0.5, 0.5) the middle half is
+    0.5. A learner that misses one of the tasks has no score; outside it is the other returns' turn.
+    """
+    given = {
+        "a-uncertain": {"zero": [-8.0], "lqg": [-5.0], "mpc": [-4.0], "ppo": [-7.0, -5.0]},
+        "b-uncertain": {"zero": [-2.0], "mpc-informed": [0.0], "ppo": [-1.0] * 2, "sac": [0.0]},
+    }
+    runs = [
+        {"task": task, "algorithm": name, "return": value, "outside": {"return": 10 * value}}
+        for task, of in given.items()
+        for name, values in of.items()
+        for value in values
+    ]
+    rows = table.aggregates(runs)
+    score = {(row["measure"], row["algorithm"]): row for row in rows}
+    assert set(score) == {(m, name) for m in ("score", "outside") for name in ("zero", "ppo")}
+    assert score["score", "ppo"]["score"] == score["outside", "ppo"]["score"] == 0.5
+    low, high = (score["score", "ppo"][f"score_{end}"] for end in ("low", "high"))
+    assert low == 0.375 and high == 0.625  # of (0.25, 0.25) and (0.75, 0.75) beside (0.5, 0.5)
+    assert {row["level"] for row in rows} == {"uncertain"}
+    assert "| PPO | 50.0 [37.5, 62.5] % | 50.0" in report.aggregate(rows)
+
+
+def test_the_study_is_fair_wherever_it_is_cut_off(tmp_path):
+    """Every task and level, ten seeds of each learner of ours; no algorithm is ever two seeds ahead
+    of itself on another task in the plane, and named tasks or algorithms are each with each.
+    """
+    runs = results.plan(results.parse(["--out", str(tmp_path)]))
+    assert len(runs) == len(set(runs))
+    count = {}
+    for run in runs:
+        count[run.algorithm, run.task] = count.get((run.algorithm, run.task), 0) + 1
+        plane = {pair: n for pair, n in count.items() if pair[1] not in results.SPACE}
+        own = [n for (algorithm, _), n in plane.items() if algorithm == run.algorithm]
+        assert not own or max(own) - min(own) <= 1
+    for task in tuned.DEFAULT:
+        assert all(count[name, task] == 10 for name in ("ppo", "sac", "shac"))
+        assert all(count[name, task] == 1 for name in ("zero", "lqr", "lqg", "mpc"))
+    for given, expected in (
+        (["--seeds", "2", "--algorithms", "sb3-ppo"], 2 * len(tuned.DEFAULT)),
+        (["--seeds", "12", "--tasks", "grip", "--algorithms", "zero", "shac"], 1 + 12),
+        (["--seeds", "1"], len({(run.task, run.algorithm) for run in runs})),
+    ):
+        assert len(results.plan(results.parse([*given, "--out", str(tmp_path)]))) == expected
+
+
+def test_budgets_are_steps(tmp_path):
+    """Of each learner by itself, unless steps or CPU time are asked for."""
+    run = results.Run("reach", "shac", 0)
+
+    def budget(*given):
+        return vars(results.budget(results.parse([*given, "--out", str(tmp_path)]), run))
+
+    whole = tuned.budget("shac", "reach")
+    assert budget() == {"steps": whole, "minutes": None}
+    assert budget("--share", "0.25") == {"steps": whole // 4, "minutes": None}
+    assert budget("--budget", "9") == {"steps": 9, "minutes": None}
+    assert budget("--minutes", "2") == {"steps": None, "minutes": 2.0}
+    assert set(tuned.BUDGETS) == {*results.LEARNERS, *results.LIBRARIES}
 
 
 def test_baselines_are_tuned_on_training_episodes(monkeypatch):
@@ -206,6 +298,6 @@ def test_baselines_are_tuned_on_training_episodes(monkeypatch):
 
 
 def test_refusals(tmp_path):
-    for given in (["--seeds", "0"], ["--minutes", "0"], ["--jobs", "-1"]):
+    for given in (["--seeds", "0"], ["--minutes", "0"], ["--jobs", "-1"], ["--share", "0"]):
         with pytest.raises(SystemExit):
             results.main([*given, "--out", str(tmp_path)])

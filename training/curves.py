@@ -1,0 +1,146 @@
+"""Curves of learning: from the logs of a study's runs, and as a picture."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .statistics import estimate, interquartile_mean
+from .table import CURVE, LABELS, Run
+from .tuned import TASKS
+
+WIDE = 1e3  # ratio of costs from which powers of ten alone are labelled
+LEAST = 3  # seeds for a band; the curve of each is thin
+COLORS = {
+    "ppo": "#e08214",
+    "sac": "#4d9221",
+    "shac": "#1b6ca8",
+    "sb3-ppo": "#b35806",
+    "sb3-sac": "#7fbc41",
+    "skrl-ppo": "#a6761d",
+}
+STYLES = {
+    "zero": ":",
+    "static": (0, (1, 3)),
+    "pd": "--",
+    "lqr": "-.",
+    "lqg": (0, (5, 1)),
+    "mpc": (0, (4, 1, 1, 1, 1, 1)),
+    "mpc-informed": (0, (12, 8)),
+    "optimum": "-",
+}
+
+
+def curve(folder: Path, run: Run) -> dict[str, np.ndarray] | None:
+    """steps, seconds and validation return of a learner's log, in order; None for a baseline."""
+    path = folder / f"{run['task']}-{run['algorithm']}-{run['seed']}.csv"
+    if run["seconds"] is None or not path.exists():
+        return None
+    with open(path, newline="") as file:
+        rows = list(csv.DictReader(file))
+    return {
+        name: np.array([float(row[name]) for row in rows]) for name in ("steps", "seconds", CURVE)
+    }
+
+
+def picture(out: Path, runs: list[Run]) -> None:
+    """Cost (minus the return on validation episodes) against steps and against training time, one
+    row a task, logarithmic: the interquartile mean over seeds of its logarithm with a 95 % band,
+    from three seeds on, and each seed.
+    """
+    import matplotlib.pyplot as plt
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    names = [name for name in TASKS if any(run["task"] == name for run in runs)]
+    if not names:
+        return
+    with plt.rc_context(
+        {
+            "font.size": 9,
+            "axes.spines.top": False,
+            "axes.spines.right": False,
+            "legend.frameon": False,
+            "axes.titlelocation": "left",
+            "axes.titlesize": 10,
+        }
+    ):
+        figure, axes = plt.subplots(
+            len(names), 2, figsize=(9, 1 + 1.9 * len(names)), squeeze=False, layout="constrained"
+        )
+        lines: dict[str, Any] = {}
+        for name, pair in zip(names, axes, strict=True):
+            here = sorted(
+                (run for run in runs if run["task"] == name),
+                key=lambda run: list(LABELS).index(run["algorithm"]),
+            )
+            for ax, axis, unit, label in (
+                (pair[0], "steps", 1e3, "environment steps (thousands)"),
+                (pair[1], "seconds", 1, "training, one thread (CPU s)"),
+            ):
+                levels = _levels(ax, here)
+                levels += _curves(ax, out, here, axis, unit)
+                ax.set(
+                    xscale="log",
+                    yscale="log",
+                    xlabel=label if name == names[-1] else "",
+                    ylim=(min(levels) / 1.3, max(levels) * 1.3),
+                    title=f"{name}: cost (- return) on validation episodes",
+                )
+                ax.xaxis.set_minor_formatter("")
+                ax.xaxis.set_major_formatter("{x:g}")
+                wide = max(levels) > WIDE * min(levels)
+                ax.yaxis.set_major_locator(LogLocator(subs=(1,) if wide else (1, 2, 5)))
+                ax.yaxis.set_major_formatter("{x:g}")
+                ax.yaxis.set_minor_locator(NullLocator())
+                handles, labels = ax.get_legend_handles_labels()
+                lines |= dict(zip(labels, handles, strict=True))
+        figure.legend(lines.values(), lines, loc="outside upper center", ncols=4, fontsize=8)
+        figure.savefig(out / "curves.png", dpi=100)
+        plt.close(figure)
+
+
+def _curves(ax: Any, out: Path, runs: list[Run], axis: str, unit: float) -> list[float]:
+    """Draw the learners; returns some of their costs."""
+    levels = []
+    for algorithm in dict.fromkeys(run["algorithm"] for run in runs):
+        found = [
+            one
+            for run in runs
+            if run["algorithm"] == algorithm and (one := curve(out / "runs", run)) is not None
+        ]
+        if not found:
+            continue
+        first, last = max(one[axis][1] for one in found), min(one[axis][-1] for one in found)
+        x = np.geomspace(first, max(first, last), 200)
+        y = np.array([np.interp(x, one[axis], np.log(_cost(one[CURVE]))) for one in found])
+        color = COLORS[algorithm]
+        mean, low, high = np.exp(estimate(interquartile_mean, y.T, resamples=1000))
+        ax.plot(x / unit, mean, color=color, lw=1.8, label=LABELS[algorithm])
+        ax.plot(x / unit, np.exp(y).T, color=color, lw=0.6, alpha=0.6)
+        if len(found) >= LEAST:
+            ax.fill_between(x / unit, low, high, color=color, alpha=0.18, lw=0)
+        levels += [np.exp(y).min(), np.exp(y).max()]
+    return levels
+
+
+def _levels(ax: Any, runs: list[Run]) -> list[float]:
+    """Draw the baselines as lines across; returns their costs."""
+    levels = []
+    for run in runs:
+        if run["algorithm"] in STYLES:
+            levels.append(float(_cost(run["return"])))
+            ax.axhline(
+                levels[-1],
+                color="0.35",
+                ls=STYLES[run["algorithm"]],
+                lw=1,
+                label=LABELS[run["algorithm"]],
+            )
+    return levels
+
+
+def _cost(value: Any) -> Any:
+    return np.maximum(-np.asarray(value), 1e-6)
