@@ -19,6 +19,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecNormalize
 from torchbeam_envs import Sb3VecEnv
 
+from torchbeam.extend.commands import folder as writable_folder
 from torchbeam.extend.commands import results_folder
 
 from .common import Bar, Budget, Log, Watch, add_budget, add_task, budget_given, told, training_seed
@@ -90,7 +91,7 @@ def train(
     and NAME.normal.
     """
     model, normal = make(task, algorithm, seed, **settings)
-    folder, controller = Path(folder), Greedy(model, normal)
+    folder, controller = writable_folder(folder, parents=True), Greedy(model, normal)
 
     def snapshot() -> Any:
         return copy.deepcopy((model.get_parameters(), normal.obs_rms))

@@ -22,6 +22,7 @@ from skrl.resources.preprocessors.torch import RunningStandardScaler
 from skrl.trainers.torch import SequentialTrainer
 from torch import Tensor, nn
 
+from torchbeam.extend.commands import folder as writable_folder
 from torchbeam.extend.commands import results_folder
 
 from .common import Bar, Budget, Log, Watch, add_budget, add_task, budget_given, told, training_seed
@@ -47,7 +48,8 @@ class Policy(GaussianMixin, Model):
         Model.__init__(self, observation_space=env.observation_space, action_space=env.action_space)
         GaussianMixin.__init__(self)
         self.network = layers(self.num_observations, hidden, self.num_actions)
-        self.log_deviation = nn.Parameter(torch.full((self.num_actions,), log_deviation))
+        start = torch.full((self.num_actions,), log_deviation, dtype=torch.float32)
+        self.log_deviation = nn.Parameter(start)
 
     def compute(self, inputs: dict[str, Any], role: str = "") -> tuple[Tensor, dict[str, Any]]:
         return self.network(inputs["observations"]), {"log_std": self.log_deviation}
@@ -70,7 +72,7 @@ def layers(inputs: int, hidden: int, outputs: int) -> nn.Sequential:
         nn.Linear(hidden, hidden),
         nn.Tanh(),
         nn.Linear(hidden, outputs),
-    )
+    ).float()
 
 
 class Over(Exception):
@@ -139,7 +141,7 @@ def train(
     """As `training.common.train`, but without checkpoints: writes NAME.csv and the agent,
     NAME.skrl.
     """
-    folder = Path(folder)
+    folder = writable_folder(folder, parents=True)
     with tempfile.TemporaryDirectory() as scratch, Bar(name, progress) as bar:
         agent, env = make(task, seed, scratch, **settings)
         controller = Greedy(agent)

@@ -79,22 +79,28 @@ SMALL = {
 
 @pytest.mark.parametrize("algorithm", SMALL)
 def test_trains_a_few_steps(algorithm, tmp_path):
-    budget = Budget(steps=32)
-    result = sb3.train(
-        TINY,
-        algorithm,
-        tmp_path,
-        budget,
-        name="run",
-        episodes=2,
-        final=2,
-        progress=False,
-        num_envs=4,
-        **SMALL[algorithm],
-    )
+    """And in the same bits when it is made again."""
+    results = [
+        sb3.train(
+            TINY,
+            algorithm,
+            tmp_path / again,
+            Budget(steps=32),
+            name="run",
+            episodes=2,
+            final=2,
+            progress=False,
+            num_envs=4,
+            **SMALL[algorithm],
+        )
+        for again in ("first", "second")
+    ]
+    result = results[0]
+    assert {**result, "seconds": 0} == {**results[1], "seconds": 0}
     assert result["steps"] == 32 and np.isfinite(result["return"]) and result["episodes"] == 2
-    assert {path.name for path in tmp_path.iterdir()} == {"run.csv", "run.zip", "run.normal"}
-    rows = (tmp_path / "run.csv").read_text().splitlines()
+    folder = tmp_path / "first"
+    assert {path.name for path in folder.iterdir()} == {"run.csv", "run.zip", "run.normal"}
+    rows = (folder / "run.csv").read_text().splitlines()
     assert (
         rows[0].startswith("steps,seconds,validation_return")
         and rows[1].startswith("0,")
