@@ -80,9 +80,21 @@ class Over(Exception):
 
 
 class Watched(PPO):
-    """With a watch that looks on after each step of the vector env."""
+    """With a watch that looks on after each step of the vector env. An episode that the time limit
+    ends is valued by its own last observation, not by the first of the next one, which is what skrl
+    sees of an env that resets in the same step.
+    """
 
     watch: Watch
+
+    def record_transition(
+        self, *, next_observations: Tensor, truncated: Tensor, infos: dict[str, Any], **rest: Any
+    ) -> None:
+        last = next_observations
+        if "final_obs" in infos:
+            final = torch.as_tensor(infos["final_obs"], dtype=last.dtype)
+            last = torch.where(truncated, final, last)
+        super().record_transition(next_observations=last, truncated=truncated, infos=infos, **rest)
 
     def post_interaction(self, *, timestep: int, timesteps: int) -> None:
         super().post_interaction(timestep=timestep, timesteps=timesteps)
