@@ -138,6 +138,17 @@ def make(task: Task, seed: int, folder: str | Path, **settings: Any) -> tuple[Wa
     return agent, env
 
 
+def learn(agent: Watched, env: Wrapper) -> None:
+    """As long as the agent's watch goes on."""
+    loop = dict(timesteps=10**9, disable_progressbar=True, close_environment_at_exit=False)
+    trainer = SequentialTrainer(env=env, agents=agent, cfg={**loop, "headless": True})
+    agent.watch.begin()
+    try:
+        trainer.train()
+    except Over:
+        pass
+
+
 def train(
     task: Task,
     folder: str | Path,
@@ -164,13 +175,7 @@ def train(
 
         log = Log(folder / f"{name}.csv")
         agent.watch = Watch(task, controller, log, budget, bar, snapshot, episodes=episodes)
-        loop = dict(timesteps=10**9, disable_progressbar=True, close_environment_at_exit=False)
-        trainer = SequentialTrainer(env=env, agents=agent, cfg={**loop, "headless": True})
-        agent.watch.begin()
-        try:
-            trainer.train()
-        except Over:
-            pass
+        learn(agent, env)
     last = evaluate(task, controller, final)["return"]
     for key, state in agent.watch.best[2].items():
         agent.checkpoint_modules[key].load_state_dict(state)
