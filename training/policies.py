@@ -67,6 +67,8 @@ class Policy(nn.Module):
                 through the environment). False: they are clipped by the environment (the density
                 stays that of the normal: for likelihood ratios)
     deviation   of the normal at the start
+    linear      whether a linear function of the normalised observation is added to the network's,
+                zero at first: of what linear controllers teach it is most
 
     Calling it gives the most likely action, numpy for numpy and torch for torch, without noise,
     within [-1, 1].
@@ -79,20 +81,26 @@ class Policy(nn.Module):
         squash: bool,
         activation: str = "tanh",
         deviation: float = 0.5,
+        linear: bool = False,
         dtype: torch.dtype = torch.float32,
     ) -> None:
         super().__init__()
-        self.shape = dict(sizes=list(sizes), squash=squash, activation=activation)
+        self.shape = dict(sizes=list(sizes), squash=squash, activation=activation, linear=linear)
         self.squash = squash
         self.statistics = Statistics(sizes[0])
         self.network = network(sizes, activation, last=0.01).to(dtype)
+        self.linear = None
+        if linear:
+            self.linear = nn.Linear(sizes[0], sizes[-1], bias=False).to(dtype)
+            nn.init.zeros_(self.linear.weight)
         self.log_deviation = nn.Parameter(
             torch.full((sizes[-1],), float(np.log(deviation)), dtype=dtype)
         )
 
     def mean(self, observation: Tensor) -> Tensor:
         """(..., a), before squashing."""
-        return self.network(self.statistics(observation).to(self.log_deviation.dtype))
+        x = self.statistics(observation).to(self.log_deviation.dtype)
+        return self.network(x) if self.linear is None else self.network(x) + self.linear(x)
 
     def distribution(self, observation: Tensor) -> torch.distributions.Normal:
         return torch.distributions.Normal(

@@ -57,7 +57,7 @@ class Arguments:
     """
     teacher: str = ""
     """a controller of `torchbeam_envs.baselines` that the policy first learns to imitate, such as
-    LQR; none where it is empty
+    LQR or LQR(effort=0.1); none where it is empty
     """
     lessons: int = 40
     """horizons in which it does so, and the value learns beside it"""
@@ -85,7 +85,7 @@ class PPO:
             self.policy = Policy((inputs, *a.hidden, actions), squash=False, deviation=a.deviation)
             self.value = Value((inputs, *a.hidden))
         self.parameters = [*self.policy.parameters(), *self.value.parameters()]
-        self.optimizer = torch.optim.Adam(self.parameters, a.rate, eps=1e-5)
+        self.optimizer = torch.optim.Adam(self.parameters, a.rate, eps=1e-5, fused=True)
         self.generator = torch.Generator().manual_seed(a.seed)
         # of the discounted sums of rewards: their deviation scales the rewards
         self.returns = Statistics(1)

@@ -175,8 +175,37 @@ def test_lessons_make_a_policy_like_its_teacher(name):
     assert "imitation_error" not in one.iteration(0.5)
 
 
+def test_a_teacher_has_the_settings_that_are_named():
+    one = learner("shac", teacher="LQR(effort=3.0, schedule=3)", lessons=1)
+    env = one.env
+    same, other = LQR(env, 3.0, schedule=3), LQR(env)
+    for controller in (same, other):
+        controller.begin(env)
+    said = one.imitation.controller(env.state.observation)
+    assert torch.equal(said, same(env.state.observation))
+    assert not torch.equal(said, other(env.state.observation))
+
+
+def test_a_linear_part_is_zero_at_first_and_is_kept(tmp_path):
+    one = learner("shac", linear=True, teacher="LQR", lessons=1)
+    observation = one.env.state.observation
+    before = one.policy(observation)
+    with torch.no_grad():
+        plain = one.policy.network(one.policy.statistics(observation).float())
+    assert torch.equal(before, torch.tanh(plain).to(observation.dtype))
+    for _ in range(2):
+        one.iteration(0.0)
+    assert one.policy.linear.weight.abs().min() > 0
+    save(one.policy, tmp_path / "policy.pt")
+    after = load(tmp_path / "policy.pt")(observation)
+    assert torch.equal(after, one.policy(observation))
+
+
 def test_a_teacher_that_is_none_is_refused():
-    for name in ("search", "nobody", "Grasp"):
+    for name in (
+        *("search", "nobody", "Grasp", "LQR(0.1)", "LQR(effort=0.1", "LQR(weight=0.1)"),
+        *("LQR(effort=print(1))", "LQR(effort=-1)", "LQR(**{'effort': 1})"),
+    ):
         with pytest.raises(ValueError, match="was given"):
             learner("shac", teacher=name)
 
