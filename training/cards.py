@@ -1,13 +1,20 @@
-"""The policies of a study that are kept, and what is to be known of them."""
+"""The policies of a study that are kept, and what is to be known of them.
+
+python -m training.cards docs/results/learning     # its SHAC policies, into training/policies
+"""
 
 from __future__ import annotations
 
+import argparse
 import json
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from .policies import load
+
+KEPT = Path(__file__).parent / "policies"
 
 
 def policies(out: Path, runs: list[dict[str, Any]]) -> None:
@@ -32,8 +39,8 @@ def cards(folder: Path) -> str:
     lines = [
         "# Policies",
         "",
-        "Networks of the first seed of each study, for the plants that they were trained on and the "
-        "observation of their task: elsewhere nothing is known of them but what stands under "
+        "Networks of the first seed of each study, for the plants that they were trained on and "
+        "the observation of their task: elsewhere nothing is known of them but what stands under "
         "*outside*. `training.policies.load` reads them, `python -m training.evaluate FILE` makes "
         "the scores again, with `--outside` those; `policy.about` has all arguments.",
         "",
@@ -65,3 +72,35 @@ def cards(folder: Path) -> str:
         "wide again, each beyond the training range in at least one number.",
     ]
     return "\n".join(lines) + "\n"
+
+
+def keep(study: Path, algorithms: Sequence[str], folder: Path = KEPT) -> list[str]:
+    """Put the policies of these algorithms, of a study's policies/, beside those that are there, in
+    place of any of the same name; returns their names.
+    """
+    source = study / "policies"
+    made = json.loads((source / "scores.json").read_text())
+    names = [name for name, run in made.items() if run["algorithm"] in algorithms]
+    for name in names:
+        shutil.copyfile(source / name, folder / name)
+    scores = json.loads((folder / "scores.json").read_text())
+    scores = dict(sorted((scores | {name: made[name] for name in names}).items()))
+    (folder / "scores.json").write_text(json.dumps(scores, indent=2) + "\n")
+    (folder / "README.md").write_text(cards(folder))
+    return names
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Keep policies of a study in training/policies."""
+    parser = argparse.ArgumentParser(prog="python -m training.cards", description=main.__doc__)
+    parser.add_argument("study", type=Path, help="folder that training.results has written")
+    parser.add_argument("--algorithms", nargs="+", default=["shac"], help="default: %(default)s")
+    options = parser.parse_args(argv)
+    if not (options.study / "policies/scores.json").exists():
+        parser.error(f"{str(options.study)!r} was given, which holds no policies of a study")
+    print(", ".join(keep(options.study, options.algorithms)))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
