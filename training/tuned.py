@@ -169,7 +169,8 @@ SHAC: dict[str, dict[str, Any]] = {
     "flutter-uncertain": dict(
         teacher="LQR(effort=3.0, speed_weight=0.1, latency=2, schedule=3)",
         lessons=24,
-        rate=2e-3,
+        linear=True,
+        rate=3e-3,
         deviation=0.1,
     ),
     "flutter-3d": dict(rate=5e-3, reward_scale=10.0, deviation=0.1),
