@@ -292,11 +292,11 @@ def learners(study: dict, name: str) -> list[str]:
         own = re.sub(r"(Planar)?-v\d+$", "", made["env"].partition("/")[2])
         returns = {row["algorithm"]: row["return"] for row in study["rows"] if row["task"] == task}
         said = [
-            f"**{returns[key]:.3g}** {label}" for key, label in LEARNERS.items() if key in returns
+            f"**{returns[key]:.4g}** {label}" for key, label in LEARNERS.items() if key in returns
         ]
         if own == name and said:
             lines.append(f"`{task}`: {', '.join(said)}.")
-    return [*("  \n    ".join(lines).splitlines()), ""] if lines else []
+    return [*(f"{line}  " for line in lines[:-1]), *lines[-1:], *[""] * bool(lines)]
 
 
 def reward(tree: ast.Module, name: str) -> list[str]:
