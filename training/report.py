@@ -126,15 +126,15 @@ def grid(
     for task, here in cells.items():
         real = [here[name][f"{prefix}return"] for name in shown if name in here and name != KNOWING]
         best = max(real, default=None)
-        found.append(
-            (task, *(_cell(here[name], prefix, best) if name in here else "" for name in shown))
-        )
+        cells_of = (_cell(here[name], prefix, best) if name in here else "" for name in shown)
+        found.append((task, *cells_of))
     return table(("task", *(LABELS[name] for name in shown)), found, words=1)
 
 
 def _cell(row: Row, prefix: str, best: float | None) -> str:
     text = _said(row, f"{prefix}return")
-    text = f"**{text}**" if row[f"{prefix}return"] == best else text
+    first = row[f"{prefix}return"] == best and row["algorithm"] != KNOWING
+    text = f"**{text}**" if first else text
     seeds = f" ({row['runs']})" if row["algorithm"] in LEARNERS else ""
     return f"{text}, {100 * row[f'{prefix}success']:.0f} %{seeds}"
 
@@ -183,6 +183,6 @@ def _said(
     if row[name] is None:
         return ""
     value, low, high = (factor * row[key] for key in (name, f"{name}_low", f"{name}_high"))
-    digits = (2 if abs(value) < 10 else 1) if digits is None else digits
+    digits = 1 + (abs(value) < 10) + (abs(value) < 1) if digits is None else digits
     interval = "" if low == high else f" [{low:.{digits}f}, {high:.{digits}f}]"
     return f"{value:.{digits}f}{interval}{unit}"

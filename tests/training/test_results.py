@@ -307,3 +307,14 @@ def test_refusals(tmp_path):
     for given in (["--seeds", "0"], ["--minutes", "0"], ["--jobs", "-1"], ["--share", "0"]):
         with pytest.raises(SystemExit):
             results.main([*given, "--out", str(tmp_path)])
+
+
+def test_who_knows_the_plant_is_never_the_best():
+    """Though it returns as much, as it does where every plant is the model's."""
+    rows = [
+        {"task": "t", "algorithm": name, "runs": 1, "success": 1.0}
+        | {f"return{end}": value for end in ("", "_low", "_high")}
+        for name, value in (("lqr", -2.0), ("mpc", -0.014), ("mpc-informed", -0.014))
+    ]
+    said = report.grid(rows, report.CONTROLLERS)
+    assert said.endswith("| t | -2.00, 100 % | **-0.014**, 100 % | -0.014, 100 % |")
