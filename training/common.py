@@ -32,6 +32,7 @@ from .tuned import TASKS, TRAINING, VALIDATION, Task, budget, task_named
 # of a checkpoint
 KEYS = ("settings", "learner", "iteration", "steps", "seconds", "rows", "best")
 EVERY, LEAST = 20_000, 2_000  # environment steps between two validations, at most and at least
+VALIDATIONS = 64  # episodes in one
 
 
 class Learner(Protocol):
@@ -80,7 +81,7 @@ def train(
     *,
     name: str = "run",
     every: int = EVERY,
-    episodes: int = 64,
+    episodes: int = VALIDATIONS,
     final: int = EPISODES,
     progress: bool = True,
 ) -> dict[str, Any]:
@@ -210,7 +211,7 @@ class Watch:
         snapshot: Callable[[], Any],
         *,
         every: int = EVERY,
-        episodes: int = 64,
+        episodes: int = VALIDATIONS,
     ) -> None:
         self.task, self.controller, self.log, self.budget = task, controller, log, budget
         self.bar, self.snapshot, self.every = bar, snapshot, every

@@ -54,7 +54,8 @@ def picture(out: Path, runs: list[Run]) -> None:
     import matplotlib.pyplot as plt
     from matplotlib.ticker import LogLocator, NullLocator
 
-    names = [name for name in TASKS if any(run["task"] == name for run in runs)]
+    learned = {run["task"] for run in runs if run["seconds"] is not None}
+    names = [name for name in TASKS if name in learned]
     if not names:
         return
     with plt.rc_context(
@@ -127,11 +128,11 @@ def _curves(ax: Any, out: Path, runs: list[Run], axis: str, unit: float) -> list
 
 
 def _levels(ax: Any, runs: list[Run]) -> list[float]:
-    """Draw the baselines as lines across; returns their costs."""
+    """Draw the baselines as lines across, by the same episodes; returns their costs."""
     levels = []
     for run in runs:
-        if run["algorithm"] in STYLES:
-            levels.append(float(_cost(run["return"])))
+        if run["algorithm"] in STYLES and CURVE in run:
+            levels.append(float(_cost(run[CURVE])))
             ax.axhline(
                 levels[-1],
                 color="0.35",

@@ -35,9 +35,11 @@ from torchbeam.extend.commands import results_folder, write
 
 from . import ppo, sac, shac, tuned
 from .baselines import BASELINES
-from .common import Bar, Budget, train
+from .common import VALIDATIONS, Bar, Budget, train, validation
 from .evaluate import EPISODES, scores
+from .evaluate import make as validation_env
 from .report import report
+from .table import CURVE
 
 LEARNERS = {
     "ppo": (ppo.PPO, ppo.Arguments, tuned.PPO),
@@ -97,7 +99,8 @@ def make(run: Run, folder: Path, budget: Budget, episodes: int) -> dict[str, Any
         controller = BASELINES[run.algorithm](task)
         episodes = min(episodes, getattr(controller, "episodes", episodes))
         settings = getattr(controller, "settings", {})
-        result = {**scores(task, controller, episodes), "steps": 0, "seconds": None}
+        seen = validation(task, controller, validation_env(task, VALIDATIONS))
+        result = {**seen, **scores(task, controller, episodes), "steps": 0, "seconds": None}
     elif run.algorithm in LEARNERS:
         learner, arguments, _ = LEARNERS[run.algorithm]
         settings = run.settings
@@ -165,13 +168,13 @@ def budget(options: argparse.Namespace, run: Run) -> Budget:
 
 
 def is_made(run: Run, folder: Path, budget: Budget) -> bool:
-    """Whether its file is there, and of the same budget and settings."""
+    """Whether its file is there, whole, and of the same budget and settings."""
     path = folder / f"{run.name}.json"
     if not path.exists():
         return False
-    if run.algorithm in BASELINES:
-        return True
     there = json.loads(path.read_text())
+    if run.algorithm in BASELINES:
+        return CURVE in there
     settings = run.settings if run.algorithm in LEARNERS else {"seed": run.seed}
     wanted = {"budget": vars(budget), "settings": settings}
     return all(there[key] == json.loads(json.dumps(value)) for key, value in wanted.items())

@@ -22,7 +22,18 @@ from torchbeam_envs import Sb3VecEnv
 from torchbeam.extend.commands import folder as writable_folder
 from torchbeam.extend.commands import results_folder
 
-from .common import Bar, Budget, Log, Watch, add_budget, add_task, budget_given, told, training_seed
+from .common import (
+    VALIDATIONS,
+    Bar,
+    Budget,
+    Log,
+    Watch,
+    add_budget,
+    add_task,
+    budget_given,
+    told,
+    training_seed,
+)
 from .evaluate import EPISODES, evaluate, scores
 from .tuned import SB3 as TUNED
 from .tuned import Task
@@ -82,7 +93,7 @@ def train(
     *,
     seed: int = 0,
     name: str = "run",
-    episodes: int = 64,
+    episodes: int = VALIDATIONS,
     final: int = EPISODES,
     progress: bool = True,
     **settings: Any,

@@ -25,7 +25,18 @@ from torch import Tensor, nn
 from torchbeam.extend.commands import folder as writable_folder
 from torchbeam.extend.commands import results_folder
 
-from .common import Bar, Budget, Log, Watch, add_budget, add_task, budget_given, told, training_seed
+from .common import (
+    VALIDATIONS,
+    Bar,
+    Budget,
+    Log,
+    Watch,
+    add_budget,
+    add_task,
+    budget_given,
+    told,
+    training_seed,
+)
 from .evaluate import EPISODES, evaluate, scores
 from .tuned import SKRL as TUNED
 from .tuned import Task
@@ -156,7 +167,7 @@ def train(
     *,
     seed: int = 0,
     name: str = "run",
-    episodes: int = 64,
+    episodes: int = VALIDATIONS,
     final: int = EPISODES,
     progress: bool = True,
     **settings: Any,

@@ -10,7 +10,7 @@ import pytest
 import torch
 from torchbeam_envs.baselines import JointLQG, JointLQR
 
-from training import baselines, cards, report, results, table, tuned
+from training import baselines, cards, common, evaluate, report, results, table, tuned
 from training.policies import load
 from training.tuned import TASKS, Task
 
@@ -64,6 +64,10 @@ def test_one_command(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(results.BASELINES, "pd", results.BASELINES["zero"])
     assert results.main(options) == 0
     assert "7 runs, 6 of them done" in capsys.readouterr().out
+    # a line across the curves, which are of these episodes
+    still = results.scores(TINY, results.BASELINES["zero"](TINY), 4)
+    line = common.validation(TINY, results.BASELINES["zero"](TINY), evaluate.make(TINY, 64))
+    assert runs["tiny-zero"]["validation_return"] == line["validation_return"] != still["return"]
     assert before == {path: path.stat().st_mtime_ns for path in before} and not list(
         (tmp_path / "runs").glob("*.failed")
     )
