@@ -7,12 +7,11 @@ from __future__ import annotations
 import argparse
 import ast
 import copy
-import csv
 import inspect
 import math
 import textwrap
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -21,18 +20,17 @@ from typing import Any, Protocol, get_type_hints
 import torch
 from gymnasium.vector import VectorEnv
 
-from torchbeam.extend.commands import csv_text, results_folder, write
 from torchbeam.extend.commands import folder as writable_folder
+from torchbeam.extend.commands import results_folder
 from torchbeam.extend.commands import save as save_file
 
-from .evaluate import EPISODES, Controller, evaluate, make, scores
+from .evaluate import EPISODES, evaluate, make, scores
 from .policies import Policy, read, save
-from .tuned import TASKS, TRAINING, VALIDATION, Task, budget, task_named
+from .tuned import TASKS, TRAINING, Task, budget, task_named
+from .watch import EVERY, VALIDATIONS, Bar, Budget, Log, validation
 
 # of a checkpoint
 KEYS = ("settings", "learner", "iteration", "steps", "seconds", "rows", "best")
-EVERY, LEAST = 20_000, 2_000  # environment steps between two validations, at most and at least
-VALIDATIONS = 64  # episodes in one
 
 
 class Learner(Protocol):
@@ -52,25 +50,6 @@ class Learner(Protocol):
     def state_dict(self) -> dict[str, Any]: ...
 
     def load_state_dict(self, state: dict[str, Any]) -> None: ...
-
-
-@dataclass(frozen=True)
-class Budget:
-    """When a run ends: at so many environment steps, or CPU minutes of training, whichever comes
-    first (None: no such limit).
-    """
-
-    steps: int | None = 1_000_000
-    minutes: float | None = None
-
-    def done(self, steps: int, seconds: float) -> float:
-        """The share that is used up, 0 to 1. With `minutes` it depends on the machine, and so do
-        schedules and results.
-        """
-        by_steps = 0.0 if self.steps is None else steps / self.steps
-        return min(
-            1.0, max(by_steps, 0.0 if self.minutes is None else seconds / (60 * self.minutes))
-        )
 
 
 def train(
@@ -186,126 +165,6 @@ class Best:
         return (
             Best(score, steps, copy.deepcopy(policy.state_dict())) if score > self.score else self
         )
-
-
-def validation(task: Task, controller: Controller, env: VectorEnv) -> dict[str, float]:
-    """The scores that go into the log, and choose the policy; env from `evaluate.make`."""
-    found = evaluate(task, controller, env.num_envs, VALIDATION, env)
-    return {f"validation_{name}": found[name] for name in ("return", "success", "final_error")}
-
-
-class Watch:
-    """Of a learner that has a loop of its own: scores its policy as `train` does, in a log, keeps
-    the best, and says when the budget is used up. What that takes is not in `seconds`, CPU time.
-
-    snapshot    () -> whatever gives the policy as it is now back, of its own
-    """
-
-    def __init__(
-        self,
-        task: Task,
-        controller: Controller,
-        log: Log,
-        budget: Budget,
-        bar: Bar,
-        snapshot: Callable[[], Any],
-        *,
-        every: int = EVERY,
-        episodes: int = VALIDATIONS,
-    ) -> None:
-        self.task, self.controller, self.log, self.budget = task, controller, log, budget
-        self.bar, self.snapshot, self.every = bar, snapshot, every
-        self.judge = make(task, episodes)
-        self.steps, self.seconds, self.next = 0, 0.0, 0
-        self.best: tuple[float, int, Any] = (-math.inf, 0, None)
-
-    def begin(self) -> None:
-        self.log.rewind(0)
-        self._score()
-        self.start = time.process_time()
-
-    def goes_on(self, steps: int) -> bool:
-        """To be called after each step of the vector env; `steps` environment steps were taken."""
-        now = time.process_time()
-        self.steps, self.seconds, self.start = steps, self.seconds + now - self.start, now
-        done = self.budget.done(steps, self.seconds)
-        if steps >= self.next or done >= 1:
-            self._score()
-            self.start = time.process_time()
-        self.bar.to(done)
-        return done < 1
-
-    def _score(self) -> None:
-        found = validation(self.task, self.controller, self.judge)
-        if found["validation_return"] > self.best[0]:
-            self.best = found["validation_return"], self.steps, self.snapshot()
-        self.log.write({"steps": self.steps, "seconds": self.seconds, **found})
-        self.bar.say(f"return {found['validation_return']:.1f}")
-        self.next = self.steps + min(self.every, max(LEAST, self.steps // 8))
-
-
-class Log:
-    """A CSV file, a row at a time; columns are those of the first full row, missing values stay
-    empty.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path, self.rows = path, 0
-
-    def rewind(self, rows: int) -> None:
-        """Keep the first `rows` rows: what a run that was stopped has logged after its checkpoint
-        is made again.
-        """
-        kept = self._read()[:rows] if rows else []
-        self._write(kept)
-
-    def write(self, row: dict[str, Any]) -> None:
-        self._write([*self._read(), row])
-
-    def _read(self) -> list[dict[str, Any]]:
-        if not self.path.exists():
-            return []
-        with open(self.path, newline="") as file:
-            return list(csv.DictReader(file))
-
-    def _write(self, rows: list[dict[str, Any]]) -> None:
-        names = list(dict.fromkeys(name for row in rows for name in row))
-        write(
-            self.path, csv_text([names, *([row.get(name, "") for name in names] for row in rows)])
-        )
-        self.rows = len(rows)
-
-
-class Bar:
-    """A tqdm bar in per cent of the budget where tqdm is installed and wanted; silent otherwise."""
-
-    def __init__(self, name: str, wanted: bool) -> None:
-        self.bar = None
-        if wanted:
-            try:
-                from tqdm import tqdm
-            except ImportError:
-                return
-            self.bar = tqdm(
-                total=100.0,
-                desc=name,
-                bar_format="{desc}: {percentage:3.0f} %|{bar}| {elapsed} {postfix}",
-            )
-
-    def __enter__(self) -> Bar:
-        return self
-
-    def __exit__(self, *_: Any) -> None:
-        if self.bar is not None:
-            self.bar.close()
-
-    def to(self, done: float) -> None:
-        if self.bar is not None:
-            self.bar.update(100 * done - self.bar.n)
-
-    def say(self, text: str) -> None:
-        if self.bar is not None:
-            self.bar.set_postfix_str(text)
 
 
 def environment_state(env: VectorEnv) -> dict[str, Any]:

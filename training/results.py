@@ -35,11 +35,12 @@ from torchbeam.extend.commands import results_folder, write
 
 from . import ppo, sac, shac, tuned
 from .baselines import BASELINES
-from .common import VALIDATIONS, Bar, Budget, train, validation
+from .common import train
 from .evaluate import EPISODES, scores
 from .evaluate import make as validation_env
 from .report import report
 from .table import CURVE
+from .watch import VALIDATIONS, Bar, Budget, validation
 
 LEARNERS = {
     "ppo": (ppo.PPO, ppo.Arguments, tuned.PPO),

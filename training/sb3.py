@@ -22,21 +22,11 @@ from torchbeam_envs import Sb3VecEnv
 from torchbeam.extend.commands import folder as writable_folder
 from torchbeam.extend.commands import results_folder
 
-from .common import (
-    VALIDATIONS,
-    Bar,
-    Budget,
-    Log,
-    Watch,
-    add_budget,
-    add_task,
-    budget_given,
-    told,
-    training_seed,
-)
+from .common import add_budget, add_task, budget_given, told, training_seed
 from .evaluate import EPISODES, evaluate, scores
 from .tuned import SB3 as TUNED
 from .tuned import Task
+from .watch import VALIDATIONS, Bar, Budget, Log, Watch
 
 ALGORITHMS = {"ppo": PPO, "sac": SAC}
 DEFAULTS = {  # of all tasks, over those of stable-baselines3

@@ -25,21 +25,11 @@ from torch import Tensor, nn
 from torchbeam.extend.commands import folder as writable_folder
 from torchbeam.extend.commands import results_folder
 
-from .common import (
-    VALIDATIONS,
-    Bar,
-    Budget,
-    Log,
-    Watch,
-    add_budget,
-    add_task,
-    budget_given,
-    told,
-    training_seed,
-)
+from .common import add_budget, add_task, budget_given, told, training_seed
 from .evaluate import EPISODES, evaluate, scores
 from .tuned import SKRL as TUNED
 from .tuned import Task
+from .watch import VALIDATIONS, Bar, Budget, Log, Watch
 
 DEFAULTS: dict[str, Any] = dict(  # of all tasks, over those of skrl
     num_envs=64,

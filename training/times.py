@@ -136,7 +136,7 @@ def watched(clock: Clock) -> Iterator[None]:
 
 
 class Watched:
-    """As a `common.Watch`: goes on until so many CPU seconds have been watched."""
+    """As a `watch.Watch`: goes on until so many CPU seconds have been watched."""
 
     def __init__(self, seconds: float) -> None:
         self.wanted, self.clock, self.first, self.steps = seconds, Clock(), 0, 0

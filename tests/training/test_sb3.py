@@ -10,8 +10,8 @@ import torchbeam_envs
 pytest.importorskip("stable_baselines3")
 
 from training import sb3
-from training.common import Budget
 from training.tuned import Task
+from training.watch import Budget
 
 torch.set_num_threads(1)
 TINY = Task(

@@ -7,8 +7,8 @@ import torch
 pytest.importorskip("skrl")
 
 from training import skrl
-from training.common import Budget
 from training.tuned import TRAINING, Task
+from training.watch import Budget
 
 torch.set_num_threads(1)
 TINY = Task(
