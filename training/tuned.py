@@ -161,7 +161,7 @@ TASKS["peg"] = Task(  # parts of a step that fails are made by torch operations:
 NOMINAL = ("reach", "track", "flutter", "slew", "payload")
 DEFAULT = (*NOMINAL, *(f"{name}-uncertain" for name in NOMINAL))
 
-# environment steps of a run by algorithm: each takes about 25 CPU seconds of an idle core
+# environment steps of a run by algorithm: 10 to 25 CPU seconds of an idle core
 BUDGETS = {
     "ppo": 400_000,
     "sac": 30_000,
