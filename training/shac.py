@@ -51,7 +51,7 @@ class Arguments:
     deviation: float = 0.3
     """standard deviation of the actions (before tanh) at the start"""
     linear: bool = False
-    """whether a linear function of the observation is added to the policy's network"""
+    """whether the policy's network has a linear shortcut"""
     teacher: str = ""
     """a controller of `torchbeam_envs.baselines` that the policy first learns to imitate, such as
     LQR or LQR(effort=0.1); none where it is empty
