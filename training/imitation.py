@@ -5,6 +5,7 @@ no-regret online learning").
 
 from __future__ import annotations
 
+import ast
 from typing import Any
 
 import torch
@@ -24,25 +25,25 @@ class Imitation:
 
     Args:
         env: the learner's, reset
-        name: of a controller in `torchbeam_envs.baselines`, taken with its own settings; it may
-            read the env's whole state
+        teacher: a controller in `torchbeam_envs.baselines`, LQR or, with settings of its own,
+            LQR(effort=0.1); it may read the env's whole state, which the policy does not see
         lessons: how many there are
 
     Raises:
         ValueError: where there is no such controller, or it is for another task.
     """
 
-    def __init__(self, env: VectorEnv, policy: Policy, name: str, lessons: int) -> None:
-        kind = getattr(baselines, name, None)
-        if not (isinstance(kind, type) and issubclass(kind, baselines.Controller)):
-            raise ValueError(
-                f"the teacher {name!r} was given; a controller of torchbeam_envs.baselines, such "
-                "as 'LQR', is wanted"
-            )
+    def __init__(self, env: VectorEnv, policy: Policy, teacher: str, lessons: int) -> None:
+        kind, settings = controller_named(teacher)
         self.env, self.policy, self.lessons, self.done = env, policy, lessons, 0
-        self.controller = kind(env)
+        try:
+            self.controller = kind(env, **settings)
+        except TypeError as error:
+            raise ValueError(
+                f"the teacher {teacher!r} was given, whose settings do not fit: {error}"
+            ) from None
         self.controller.begin(env)
-        self.optimizer = torch.optim.Adam(policy.network.parameters(), RATE)
+        self.optimizer = torch.optim.Adam(policy.parameters(), RATE, fused=True)
         self.seen: list[Tensor] = []
         self.said: list[Tensor] = []
 
@@ -85,3 +86,23 @@ class Imitation:
         self.done, self.seen, self.said = state["done"], state["seen"], state["said"]
         self.optimizer.load_state_dict(state["optimizer"])
         self.controller.begin(self.env)
+
+
+def controller_named(text: str) -> tuple[type[baselines.Controller], dict[str, Any]]:
+    """A controller in `torchbeam_envs.baselines` and its settings, of NAME or NAME(setting=value).
+
+    Raises ValueError where there is none, and for anything but that.
+    """
+    try:
+        tree = ast.parse(text, mode="eval").body
+        call = tree if isinstance(tree, ast.Call) else ast.Call(tree, [], [])
+        settings = {str(one.arg): ast.literal_eval(one.value) for one in call.keywords}
+        kind = getattr(baselines, call.func.id) if not call.args else None
+    except (SyntaxError, ValueError, AttributeError):
+        kind = None
+    if not (isinstance(kind, type) and issubclass(kind, baselines.Controller)):
+        raise ValueError(
+            f"the teacher {text!r} was given; a controller of torchbeam_envs.baselines, such as "
+            "'LQR' or 'LQR(effort=0.1)', is wanted"
+        )
+    return kind, settings

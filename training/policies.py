@@ -67,6 +67,7 @@ class Policy(nn.Module):
                 through the environment). False: they are clipped by the environment (the density
                 stays that of the normal: for likelihood ratios)
     deviation   of the normal at the start
+    linear      whether the network has a linear `Shortcut`: most of what linear controllers teach
 
     Calling it gives the most likely action, numpy for numpy and torch for torch, without noise,
     within [-1, 1].
@@ -79,13 +80,15 @@ class Policy(nn.Module):
         squash: bool,
         activation: str = "tanh",
         deviation: float = 0.5,
+        linear: bool = False,
         dtype: torch.dtype = torch.float32,
     ) -> None:
         super().__init__()
-        self.shape = dict(sizes=list(sizes), squash=squash, activation=activation)
+        self.shape = dict(sizes=list(sizes), squash=squash, activation=activation, linear=linear)
         self.squash = squash
         self.statistics = Statistics(sizes[0])
-        self.network = network(sizes, activation, last=0.01).to(dtype)
+        layers = network(sizes, activation, last=0.01)
+        self.network = (Shortcut(layers) if linear else layers).to(dtype)
         self.log_deviation = nn.Parameter(
             torch.full((sizes[-1],), float(np.log(deviation)), dtype=dtype)
         )
@@ -110,6 +113,19 @@ class Policy(nn.Module):
     def forward(self, observation: Any) -> Any:
         action = self.act(torch.as_tensor(observation)).clamp(-1, 1)
         return action if isinstance(observation, Tensor) else action.numpy()
+
+
+class Shortcut(nn.Module):
+    """Dense layers and, beside them, a linear function of what they see, zero at first."""
+
+    def __init__(self, layers: nn.Sequential) -> None:
+        super().__init__()
+        self.layers = layers
+        self.linear = nn.Linear(layers[0].in_features, layers[-1].out_features, bias=False)
+        nn.init.zeros_(self.linear.weight)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return self.layers(x) + self.linear(x)
 
 
 class Value(nn.Module):

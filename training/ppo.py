@@ -55,9 +55,11 @@ class Arguments:
     """what the environment gives, "numpy" or "torch": the numbers are the same but for rounding to
     float32
     """
+    linear: bool = False
+    """whether the policy's network has a linear shortcut"""
     teacher: str = ""
     """a controller of `torchbeam_envs.baselines` that the policy first learns to imitate, such as
-    LQR; none where it is empty
+    LQR or LQR(effort=0.1); none where it is empty
     """
     lessons: int = 40
     """horizons in which it does so, and the value learns beside it"""
@@ -82,10 +84,12 @@ class PPO:
         actions = self.env.single_action_space.shape[0]
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(a.seed)
-            self.policy = Policy((inputs, *a.hidden, actions), squash=False, deviation=a.deviation)
+            self.policy = Policy(
+                (inputs, *a.hidden, actions), squash=False, deviation=a.deviation, linear=a.linear
+            )
             self.value = Value((inputs, *a.hidden))
         self.parameters = [*self.policy.parameters(), *self.value.parameters()]
-        self.optimizer = torch.optim.Adam(self.parameters, a.rate, eps=1e-5)
+        self.optimizer = torch.optim.Adam(self.parameters, a.rate, eps=1e-5, fused=True)
         self.generator = torch.Generator().manual_seed(a.seed)
         # of the discounted sums of rewards: their deviation scales the rewards
         self.returns = Statistics(1)

@@ -50,9 +50,11 @@ class Arguments:
     """rewards are multiplied by this, for the critic's sake"""
     deviation: float = 0.3
     """standard deviation of the actions (before tanh) at the start"""
+    linear: bool = False
+    """whether the policy's network has a linear shortcut"""
     teacher: str = ""
     """a controller of `torchbeam_envs.baselines` that the policy first learns to imitate, such as
-    LQR; none where it is empty
+    LQR or LQR(effort=0.1); none where it is empty
     """
     lessons: int = 40
     """windows in which it does so, and the critic learns beside it"""
@@ -78,13 +80,17 @@ class SHAC:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(a.seed)
             self.policy = Policy(
-                (inputs, *a.hidden, actions), squash=True, activation="elu", deviation=a.deviation
+                (inputs, *a.hidden, actions),
+                squash=True,
+                activation="elu",
+                deviation=a.deviation,
+                linear=a.linear,
             )
             self.critic = Value((inputs, *a.hidden), activation="elu")
         self.target = copy.deepcopy(self.critic)
-        self.optimizer = torch.optim.Adam(self.policy.parameters(), a.rate, betas=(0.7, 0.95))
-        self.critic_optimizer = torch.optim.Adam(
-            self.critic.parameters(), a.critic_rate, betas=(0.7, 0.95)
+        self.optimizer, self.critic_optimizer = (
+            torch.optim.Adam(part.parameters(), rate, betas=(0.7, 0.95), fused=True)
+            for part, rate in ((self.policy, a.rate), (self.critic, a.critic_rate))
         )
         self.generator = torch.Generator().manual_seed(a.seed)
         self.left_out = 0

@@ -193,8 +193,37 @@ def test_lessons_make_a_policy_like_its_teacher(name):
     assert "imitation_error" not in one.iteration(0.5)
 
 
+def test_a_teacher_has_the_settings_that_are_named():
+    one = learner("shac", teacher="LQR(effort=3.0, schedule=3)", lessons=1)
+    env = one.env
+    same, other = LQR(env, 3.0, schedule=3), LQR(env)
+    for controller in (same, other):
+        controller.begin(env)
+    said = one.imitation.controller(env.state.observation)
+    assert torch.equal(said, same(env.state.observation))
+    assert not torch.equal(said, other(env.state.observation))
+
+
+@pytest.mark.parametrize("name", ["ppo", "shac"])
+def test_a_linear_shortcut_is_zero_at_first_learns_and_is_kept(name, tmp_path):
+    one = learner(name, linear=True, teacher="LQR", lessons=1)
+    observation = one.env.state.observation
+    seen, network = one.policy.statistics(observation).float(), one.policy.network
+    assert torch.equal(network(seen), network.layers(seen))
+    for _ in range(2):
+        before = network.linear.weight.clone()
+        one.iteration(0.0)
+        assert (network.linear.weight != before).all()
+    save(one.policy, tmp_path / "policy.pt")
+    after = load(tmp_path / "policy.pt")(observation)
+    assert torch.equal(after, one.policy(observation))
+
+
 def test_a_teacher_that_is_none_is_refused():
-    for name in ("search", "nobody", "Grasp"):
+    for name in (
+        *("search", "nobody", "Grasp", "LQR(0.1)", "LQR(effort=0.1", "LQR(weight=0.1)"),
+        *("LQR(effort=print(1))", "LQR(effort=-1)", "LQR(**{'effort': 1})"),
+    ):
         with pytest.raises(ValueError, match="was given"):
             learner("shac", teacher=name)
 
