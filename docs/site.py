@@ -240,14 +240,17 @@ def examples() -> dict[str, str]:
 
 def environment_cards() -> str:
     """Cards of the environments: a film of the baseline, what the module says of the task, its
-    reward by the specification, sizes, and returns as `docs/env_cards.py` has stored them.
+    reward by the specification, sizes, returns as `docs/env_cards.py` has stored them, and those of
+    the study of learners.
     """
     taken = json.loads((ROOT / "docs/results/env_cards/env_cards.json").read_text())
+    study = json.loads((ROOT / "docs/results/learning/results.json").read_text())
     lines = [
         "# Tasks",
         "",
         "An episode of each under a controller without learning, and the mean return of "
-        f"{taken['episodes']} held-out episodes. [Specification](environments.md), "
+        f"{taken['episodes']} held-out episodes; then those of the study of learners, on coarser "
+        "beams and other episodes. [Specification](environments.md), "
         "[learners](learning.md), [baselines](reference/baselines.md); "
         "`python docs/env_cards.py` makes films and numbers.",
         "",
@@ -270,10 +273,30 @@ def environment_cards() -> str:
             f"    {card['action']} actions, {card['observation']} observations, {card['steps']} "
             f"steps. Return: {scores}.",
             "",
+            *(f"    {line}" for line in learners(study, name)),
             *(f"    {line}" for line in ("```text", *reward(tree, name), "```")),
             "",
         ]
     return "\n".join((*lines, "</div>", "", sentence_of(taken), ""))
+
+
+LEARNERS = {"lqr": "LQR", "lqg": "LQG", "ppo": "PPO", "sac": "SAC", "shac": "SHAC"}
+
+
+def learners(study: dict, name: str) -> list[str]:
+    """Interquartile means of returns in the study's tasks of this environment, a line each, and an
+    empty one.
+    """
+    lines = []
+    for task, made in study["tasks"].items():
+        own = re.sub(r"(Planar)?-v\d+$", "", made["env"].partition("/")[2])
+        returns = {row["algorithm"]: row["return"] for row in study["rows"] if row["task"] == task}
+        said = [
+            f"**{returns[key]:.4g}** {label}" for key, label in LEARNERS.items() if key in returns
+        ]
+        if own == name and said:
+            lines.append(f"`{task}`: {', '.join(said)}.")
+    return [*(f"{line}  " for line in lines[:-1]), *lines[-1:], *[""] * bool(lines)]
 
 
 def reward(tree: ast.Module, name: str) -> list[str]:

@@ -24,6 +24,7 @@ from .table import (
     comparisons,
     rows,
 )
+from .tuned import TASKS
 
 KNOWING = "mpc-informed"
 CONTROLLERS = (*LINEAR, "mpc", KNOWING, *OWN)
@@ -40,7 +41,9 @@ def report(out: Path) -> str:
     lines, compared, scores = rows(runs, curves), comparisons(runs, curves), aggregates(runs)
     # of each run; the runs may have been made side by side
     heading = measured_on(dtype=None, threads=1)
-    content = {"rows": lines, "comparisons": compared, "aggregates": scores, "runs": runs}
+    tasks = {run["task"]: vars(TASKS[run["task"]]) for run in runs}
+    content = {"tasks": tasks, "rows": lines, "comparisons": compared, "aggregates": scores}
+    content["runs"] = runs
     (out / "results.json").write_text(json.dumps({**heading, **content}, indent=2) + "\n")
     if lines:
         with open(out / "results.csv", "w", newline="") as file:
@@ -53,11 +56,11 @@ def report(out: Path) -> str:
         "outside": grid(lines, CONTROLLERS, "outside_"),
         "libraries": grid(lines, ("ppo", "sb3-ppo", "skrl-ppo", "sac", "sb3-sac"), of=LIBRARIES),
         "aggregate": aggregate(scores),
-        "ahead": ahead(compared),
+        "ahead": ahead([row for row in compared if row["algorithm"] in OWN]),
     }
     for name, part in parts.items():
         (out / f"{name}.md").write_text(f"{part}\n\n{sentence(heading)}\n")
-    whole = markdown(lines), parts["aggregate"], parts["ahead"]
+    whole = markdown(lines), parts["aggregate"], ahead(compared)
     text = "\n\n".join((*whole, *(f"{name}: failed" for name in failed), sentence(heading)))
     (out / "results.md").write_text(text + "\n")
     policies(out, runs)

@@ -4,7 +4,7 @@ episodes, and on held-out plants outside of the training range.
     python -m training.results --out out/results       # the study, `PLAN`
     python -m training.results --out out/quick --quick # two tasks, three seeds, seconds each
 
-The whole study is about 430 runs: three hours of one idle core, so that two do it in one and a half
+The whole study is 422 runs and takes three to four CPU hours, so that two cores make it in two
 (SHAC, PPO and SAC 10 seeds on five tasks at two levels; SHAC and PPO 5 seeds on two in space;
 stable-baselines3 and skrl 3 seeds on four; baselines once each). Budgets are environment steps, by
 `tuned.BUDGETS`: results do not depend on how busy or fast the machine is.

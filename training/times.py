@@ -153,12 +153,14 @@ class Watched:
 
 
 def measure(task: Task, algorithm: str, seconds: float) -> dict[str, Any]:
-    """A row: microseconds an environment step by part, and in all."""
+    """A row: microseconds an environment step, and the share of each part; without lessons."""
     watch, steps = Watched(seconds), 0
     with watched(watch.clock), tempfile.TemporaryDirectory() as scratch:
         if algorithm in LEARNERS:
-            kind, arguments, settings = LEARNERS[algorithm]
-            learner = kind(task, arguments(**settings.get(task.name, {})))
+            kind, arguments, tuned = LEARNERS[algorithm]
+            settings = {**tuned.get(task.name, {})}
+            settings |= {"teacher": ""} if "teacher" in settings else {}
+            learner = kind(task, arguments(**settings))
             while watch.goes_on(steps):
                 learner.iteration(0.0)
                 steps += learner.batch

@@ -95,6 +95,30 @@ def test_every_task_has_a_card(site):
     assert page.count("```text\n    ") == len(cards) and "(0.1 L) - control_cost |a|^2" in page
 
 
+def test_cards_have_the_returns_of_learners(site):
+    """Of a task's own studies alone, those that there are."""
+    study = {
+        "tasks": {
+            "reach": {"env": "torchbeam/TipReachPlanar-v1"},
+            "reach-3d": {"env": "torchbeam/TipReach-v1"},
+            "track": {"env": "torchbeam/TipTrackPlanar-v1"},
+        },
+        "rows": [
+            {"task": task, "algorithm": name, "return": value}
+            for task, name, value in (
+                ("reach", "shac", -12.345),
+                ("reach", "zero", -99.0),
+                ("reach", "lqr", -12.5),
+                ("reach-3d", "ppo", -11.0),
+                ("track", "shac", -0.1),
+            )
+        ],
+    }
+    lines = ["`reach`: **-12.5** LQR, **-12.35** SHAC.  ", "`reach-3d`: **-11** PPO.", ""]
+    assert site.learners(study, "TipReach") == lines
+    assert site.learners(study, "Peg") == []
+
+
 def test_formulas_are_typeset(site):
     pytest.importorskip("latex2mathml")  # of the extra docs
     seen = site.typeset("Of $x_1$:\n\n```math\n\\frac{a}{b}\n```\n\nand `$HOME`.\n")

@@ -10,7 +10,7 @@ import pytest
 import torch
 from torchbeam_envs.baselines import JointLQG, JointLQR
 
-from training import baselines, report, results, table, tuned
+from training import baselines, cards, report, results, table, tuned
 from training.policies import load
 from training.tuned import TASKS, Task
 
@@ -87,6 +87,12 @@ def test_one_command(tmp_path, monkeypatch, capsys):
         policy.about["scores"]["return"]
         == json.loads((tmp_path / "policies/scores.json").read_text())["tiny-shac.pt"]["return"]
     )
+    kept = tmp_path / "kept"
+    kept.mkdir()
+    (kept / "scores.json").write_text("{}")
+    assert cards.keep(tmp_path, ["shac"], kept) == ["tiny-shac.pt"]
+    assert "`tiny-shac.pt`" in (kept / "README.md").read_text()
+    assert list(json.loads((kept / "scores.json").read_text())) == ["tiny-shac.pt"]
     assert (tmp_path / "policies/tiny-shac.pt").stat().st_size < 200_000 and (
         tmp_path / "curves.png"
     ).exists()
