@@ -89,9 +89,14 @@ class Touching(Tree):
         """(..., 2) m of both, of what has places first; the largest where they taper."""
         return torch.stack(torch.broadcast_tensors(*map(widest, self.profiles)), -1)
 
-    def _at_nodes(self, profile: Tensor | Table, nodes: Tensor) -> Tensor | None:
-        """(..., U, 3) m of the nodes (U, 3); None where it is the same all along."""
-        return profile.ramps(self.s)[..., nodes] if isinstance(profile, Table) else None
+    def _at_nodes(self, part: int, near: Nearby) -> Tensor | None:
+        """(..., U, 3) m of the nodes of places (0), or of pieces (1); None where it is the same all
+        along.
+        """
+        profile, first = self.profiles[part], 3 * part
+        if not isinstance(profile, Table):
+            return None
+        return profile.ramps(self.s)[..., near.nodes[:, first : first + 3]]
 
     @property
     def points(self) -> int | None:
@@ -229,10 +234,7 @@ class Touching(Tree):
         """Their constants."""
         law, places, (point, piece) = self.contact, self.places, near[:2]
         shares, radii = places.shares[..., point, :], self.radii[..., None, :]
-        own, taper = (
-            self._at_nodes(profile, nodes)
-            for profile, nodes in zip(self.profiles, near.nodes.split(3, -1), strict=True)
-        )
+        own, taper = (self._at_nodes(part, near) for part in (0, 1))
         if own is not None:
             both = torch.broadcast_tensors((shares * own).sum(-1), radii[..., 1])
             radii = torch.stack(both, -1)
