@@ -258,16 +258,12 @@ def contact(d, form):
         obstacle = lambda x: tb.Plane(inside * place(x) - 0.3 * down, down)  # noqa: E731
     else:
         obstacle = lambda x: tb.Sphere(inside * place(x) - 0.5 * down, radius(x) + 0.3)  # noqa: E731
-    taper = d.tensor("Contact taper", torch.tensor([1.0, 1.3, 0.7]) + 0.1 * d.uniform(3))
-    places = d.tensor("Contact taper s", torch.tensor([0.1, 0.4, 0.9]) + 0.1 * d.uniform(3))
-
-    def around(x):
-        own = radius(x)
-        return tb.Table(places(x), own[..., None] * taper(x)) if form == "tapered" else own
-
-    return lambda x: tb.Contact(
-        obstacle(x), thickness=thickness(x), force=force(x), radius=around(x)
-    )
+    own = radius
+    if form == "tapered":
+        s = d.tensor("Contact places", torch.tensor([0.1, 0.4, 0.9]) + 0.1 * d.uniform(3))
+        taper = d.tensor("Contact taper", torch.tensor([1.0, 1.3, 0.7]) + 0.1 * d.uniform(3))
+        own = lambda x: tb.Table(s(x), radius(x)[..., None] * taper(x))  # noqa: E731
+    return lambda x: tb.Contact(obstacle(x), thickness=thickness(x), force=force(x), radius=own(x))
 
 
 @ingredient("effect", "Tendon", ("tension", "elastic"))
