@@ -244,7 +244,7 @@ def root_damping(d, form):
     return lambda x: tb.RootSpring(_six(k(x), form), _six(c(x), form))
 
 
-@ingredient("effect", "Contact", ("plane", "sphere"))
+@ingredient("effect", "Contact", ("plane", "sphere", "tapered"))
 def contact(d, form):
     """Soft, with what the beam starts in; without friction, as some ways are at rest."""
     place = d.tensor("Contact place", torch.tensor([0.5, 0.0, 0.0]) + 0.02 * d.uniform(3))
@@ -254,13 +254,16 @@ def contact(d, form):
     inside = torch.ones(3) if d.plane is None else torch.zeros(3)
     inside[list(POLAR.get(d.plane, ()))] = 1.0
     down = inside * torch.tensor([0.1, -0.5, 0.6])
-    if form == "plane":
+    if form != "sphere":
         obstacle = lambda x: tb.Plane(inside * place(x) - 0.3 * down, down)  # noqa: E731
     else:
         obstacle = lambda x: tb.Sphere(inside * place(x) - 0.5 * down, radius(x) + 0.3)  # noqa: E731
-    return lambda x: tb.Contact(
-        obstacle(x), thickness=thickness(x), force=force(x), radius=radius(x)
-    )
+    own = radius
+    if form == "tapered":
+        s = d.tensor("Contact places", torch.tensor([0.1, 0.4, 0.9]) + 0.1 * d.uniform(3))
+        taper = d.tensor("Contact taper", torch.tensor([1.0, 1.3, 0.7]) + 0.1 * d.uniform(3))
+        own = lambda x: tb.Table(s(x), radius(x)[..., None] * taper(x))  # noqa: E731
+    return lambda x: tb.Contact(obstacle(x), thickness=thickness(x), force=force(x), radius=own(x))
 
 
 @ingredient("effect", "Tendon", ("tension", "elastic"))

@@ -90,6 +90,7 @@ FIELDS: dict[type, Callable[[Any], dict[str, Quantity]]] = {
                                    stiffness=Quantity(1, -1, -2), radius=Quantity(0, 1),
                                    friction=ONE, slip_speed=Quantity(0, 1, -1),
                                    damping=Quantity(0, 0, 1)),
+    tb.Table: lambda e: dict(s=Quantity(0, 1), values=Quantity(0, 1)),  # of a radius
     tb.Plane: lambda e: dict(point=PLACE, normal=DIRECTION),
     tb.Sphere: lambda e: dict(centre=PLACE, radius=Quantity(0, 1),
                               spin=Quantity(0, 0, -1, "axial")),

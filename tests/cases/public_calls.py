@@ -181,6 +181,17 @@ CALLS = {
         tb.Contact,
         dict(obstacle="a", other="b", thickness=0.1, stiffness=1.0, radius=0.1, other_radius=0.1),
     ),
+    "Contact3": (
+        tb.Contact,
+        dict(
+            obstacle="a",
+            other="b",
+            thickness=0.1,
+            force=1.0,
+            radius=tb.Table((0.0, 1.0), (0.1, 0.05)),
+            other_radius=tb.Table((0.0, 1.0), (0.1, 0.05)),
+        ),
+    ),
     "SelfContact": (
         tb.SelfContact,
         dict(

@@ -512,12 +512,18 @@ CASES = {
         scale=1e-2,
     ),
     "Contact.radius": touching(lambda x: dict(radius=x)),
+    "Contact.radius at both ends": touching(
+        lambda x: dict(radius=tb.Table((0.0, 0.6), torch.stack((x, x / 2), -1)))
+    ),
     "Contact.friction": touching(lambda x: dict(friction=x, slip_speed=0.2), ways=MOVING),
     "Contact.friction about the axis": touching(
         lambda x: dict(friction=0.4, slip_speed=0.2, radius=x), ways=MOVING
     ),
     "Contact.damping": touching(lambda x: dict(damping=x), ways=MOVING),
     "Contact.other_radius": beside(lambda x: dict(radius=0.01, other_radius=x), 1e-5),
+    "Contact.radius along two beams": beside(
+        lambda x: dict(radius=tb.Table((0.0, 0.3), torch.stack((x, x / 2), -1))), 1e-5
+    ),
     "Contact.radius of two beams": beside(lambda x: dict(radius=x, other_radius=0.01), 1e-5),
     "Contact.friction of two beams": beside(lambda x: dict(friction=x, slip_speed=0.2)),
     "Contact.damping of two beams": beside(lambda x: dict(damping=x)),

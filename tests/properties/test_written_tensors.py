@@ -126,6 +126,11 @@ SCENES = {
     "support": (lambda x: loaded(supports=[tb.Support(0), tb.Support(2, displacement=x)]),
                 [0.0, 0.01, 0.02], NEW),
     "radius of beams that touch": (lambda x: touching(radius=x), 0.05, NEW),
+    "radii along beams that touch": (lambda x: touching(radius=tb.Table((0.0, 1.0), x)),
+                                     [0.06, 0.05], NEW),
+    "radii along a beam": (
+        lambda x: pressed(tb.Plane((0, 0, -0.08), (0, 0, 1.0)), radius=tb.Table((0.0, 1.0), x)),
+        [0.06, 0.05], NEW),
     "thickness between beams": (lambda x: touching(thickness=x), 0.02, NEW),  # sets the places
     "force between beams": (lambda x: touching(force=x), 10.0, NEW),
     "stiffness of a tendon": (lambda x: pulled(stiffness=x), 10.0, NEW),

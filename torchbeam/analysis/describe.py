@@ -25,6 +25,7 @@ from ..nodal.rates import Rates
 from ..scene.effects import POSITION, Along, Effect, Input, Obstacle, PerElement
 from ..scene.scene import Scene
 from ..scene.section import notes
+from ..scene.stations import Table
 from ..scene.supports import AXES, Support
 from ..state.state import rest
 from ..statics.equilibrium import equilibrium
@@ -211,6 +212,8 @@ def _value(value: Any) -> str:
             else "values"
         )
         return f"{type(value).__name__}({named})"
+    if isinstance(value, Table):
+        return f"a Table of {value.s.shape[-1]} places"
     if isinstance(value, Obstacle):
         return f"{value.called}{', which moves' if functions(value) else ''}"
     if callable(value):

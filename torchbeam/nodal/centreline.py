@@ -56,16 +56,24 @@ def least_distance(x: Tensor, points: Tensor) -> Tensor:
     return (norm(off) - norm(middle - (first + last) / 2) / 2)[..., 0]
 
 
-def nearest(x: Tensor, nodes: Tensor, control: Tensor, ends: Tensor) -> tuple[Tensor, Tensor]:
+def nearest(
+    x: Tensor, nodes: Tensor, control: Tensor, ends: Tensor, radii: Tensor | None = None
+) -> tuple[Tensor, Tensor]:
     """Where on pieces x (..., 3) is nearest to them: t (...) in [0, 1], and whether (...) it is so
     within the piece, so that of the pieces of a curve one alone says yes to each least distance.
 
     nodes (..., 3, 3) of the piece, control (..., 3, 3), see `control_shares`; ends (..., 2) bool:
-    whether the curve begins or ends with it. t has the derivatives of the nearest place.
+    whether the curve begins or ends with it. radii (..., 3) m at its nodes, of balls about the
+    curve: x is then nearest to one of these, where |c - x| - r is least; None = they are alike. t
+    has the derivatives of the nearest place.
     """
     before, own, after = nodes.unbind(-2)
     left = (((before + own) / 2 - x) * (own - before)).sum(-1)
     right = (((own + after) / 2 - x) * (after - own)).sum(-1)
+    if radii is not None:
+        rises = radii.diff(dim=-1)
+        left = left - norm((before + own) / 2 - x)[..., 0] * rises[..., 0]
+        right = right - norm((own + after) / 2 - x)[..., 0] * rises[..., 1]
     within = ((left <= 0) | ends[..., 0]) & ((right > 0) | ends[..., 1])
     C_0, C_1, C_2 = (control @ nodes).unbind(-2)
     y, e, g = C_0 - x, C_1 - C_0, C_0 - 2 * C_1 + C_2
@@ -73,10 +81,21 @@ def nearest(x: Tensor, nodes: Tensor, control: Tensor, ends: Tensor) -> tuple[Te
     h = [(y * e).sum(-1), 2 * (e * e).sum(-1) + (y * g).sum(-1), 3 * (e * g).sum(-1)]
     h.append((g * g).sum(-1))
 
+    if radii is not None:
+        R_0, R_1, R_2 = (control @ radii[..., None])[..., 0].unbind(-1)
+        h += [(y * y).sum(-1), R_1 - R_0, R_0 - 2 * R_1 + R_2]
+
     def newton(t: Tensor, h: list[Tensor]) -> Tensor:
         slope = h[1] + t * (2 * h[2] + 3 * t * h[3])
-        rising = slope > 0
         value = h[0] + t * (h[1] + t * (h[2] + t * h[3]))
+        if radii is not None:  # less |c - x| r'/2; |c - x|^2 has four times `value` as its rate
+            square = h[4] + t * (4 * h[0] + t * (2 * h[1] + t * (4 / 3 * h[2] + t * h[3])))
+            some = square > 0
+            size = torch.where(some, torch.where(some, square, 1.0).sqrt(), 0.0)
+            rise = h[5] + t * h[6]
+            share = 2 * value / torch.where(some, size, 1.0)
+            value, slope = value - size * rise, slope - size * h[6] - share * rise
+        rising = slope > 0
         return t - torch.where(rising, value, 0.0) / torch.where(rising, slope, 1.0)
 
     still = [part.detach() for part in h]

@@ -18,6 +18,7 @@ from torch.nn.functional import pad
 
 from ..math.quadratic import X, gauss_points, values_at
 from ..scene.effects import Contact, LoadPoint
+from ..scene.stations import Table
 from ..topology.protocols import Blocks, Matrix
 from .acting import ActingLoad
 from .conditions import Conditions
@@ -91,7 +92,7 @@ def idle(rows: Rows, way: Way, now: Conditions) -> Tensor:
     """
     each = []
     for acting in now.between:
-        load, corners = acting.load, _corners(rows, acting, way.middle)
+        load, corners = acting.load.at_its_widest, _corners(rows, acting, way.middle)
         centre, spread = _hull(corners)
         x = rows.space.public_position(centre)
         if way.half is not None:
@@ -122,7 +123,7 @@ def passed(rows: Rows, way: Way, now: Conditions) -> Tensor:
     for acting in now.between:
         x = rows.space.public_position(_at_points(rows, acting, way.middle))
         half = rows.space.public_vector(_at_points(rows, acting, way.half))
-        each.append(acting.load.passed(x, half, way.dt).any(-1))
+        each.append(at_points(rows, acting).load.passed(x, half, way.dt).any(-1))
     return torch.stack(torch.broadcast_tensors(*each)).any(0)
 
 
@@ -135,6 +136,14 @@ def body_passed(rows: Rows, way: Way, now: Conditions) -> Tensor | None:
             half = rows.space.public_vector(way.half[..., acting.node, :])
             each.append(acting.load.passed(x[..., None, :], half[..., None, :], way.dt)[..., 0])
     return torch.stack(torch.broadcast_tensors(*each)).any(0) if each else None
+
+
+def at_points(rows: Rows, acting: ActingLoad) -> ActingLoad:
+    """With the numbers that the load has at the points of the elements along which it acts."""
+    if not isinstance(acting.load.radius, Table):
+        return acting
+    s = _at_points(rows, acting, rows.s[..., None])[..., 0]
+    return acting._replace(load=acting.load.at_points(s))
 
 
 def load_point(rows: Rows, acting: ActingLoad, nodes: Nodes, now: Conditions) -> LoadPoint:
@@ -166,7 +175,7 @@ def _points(rows: Rows, nodes: Nodes, now: Conditions) -> Iterator[tuple[ActingL
         point = load_point(rows, acting, nodes, now)
         if acting.functions and not tried(acting.functions):
             check_samples(acting.load, point, now.t, now.inputs)
-        yield acting, point
+        yield at_points(rows, acting), point
 
 
 def _corners(rows: Rows, acting: ActingLoad, x: Tensor) -> tuple[Tensor, ...]:

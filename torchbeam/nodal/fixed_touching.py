@@ -14,7 +14,7 @@ from .touching_motion import TouchingMotion
 from .touching_pairs import TouchingPairs
 
 # axes of the constants of a pair
-RANKS = {"own": 1, "measure": 0, "control": 2, "ends": 1, "radii": 1}
+RANKS = {"own": 1, "measure": 0, "control": 2, "ends": 1, "radii": 1, "taper": 1}
 SURFACE = {"centre": 1, "axes": 2, "half": 1, "rounding": 0}
 RANKS |= SURFACE
 RANKS |= dict.fromkeys(("thickness", "slope", "friction", "slip_speed", "damping"), 0)

@@ -13,7 +13,7 @@ from ..core.validation import concrete
 from ..scene.effects.contact import Contact
 from ..state.state import State
 from .conditions import conditions
-from .element_loads import load_point
+from .element_loads import at_points, load_point
 from .loads import Nodes, load_points
 from .model import Model
 from .touching_forces import of_nodes
@@ -32,7 +32,7 @@ def refuse_penetration(model: Model, state: State, t: Tensor) -> None:
     nodes = Nodes(state.position, state.rotation, state.velocity, state.spin)
     loads = tuple(load for load in model.scene.loads if load.between_nodes and not load.push_out)
     now = conditions(model, t, {}, loads=loads).between if loads else ()
-    for acting in now:
+    for acting in (at_points(model, one) for one in now):
         point = load_point(model, acting, nodes, conditions(model, t, {}, loads=()))
         load = acting.load
 
@@ -70,10 +70,10 @@ def refuse_penetration(model: Model, state: State, t: Tensor) -> None:
             continue
         pairs = one.pairs(near)
         found = pairs.meeting(pairs.points(of_nodes(near.nodes, motion)))
-        own, thick = one.radii.sum(-1) / 2, law.thickness
+        own, thick = pairs.radii_at(found.shares).sum(-1) / 2, law.thickness[..., None]
         _refuse(
             torch.where(found.measure > 0, -found.gap, -torch.inf)[..., 0],
-            torch.where(own > 0, torch.minimum(own, thick), thick)[..., None],
+            torch.where(own > 0, torch.minimum(own, thick), thick),
             state.status,
             lambda k, near=near: f"node {_node(model, int(near.nodes[k, 1]))} stands",
             f"in {_part(model, int(near.nodes[0, 4]))}, by a {law.called}",

@@ -15,9 +15,10 @@ from ..core.leaves import Tree, leaf
 from ..core.remembered import remembered
 from ..core.validation import concrete
 from ..math.concrete import mapped
-from ..scene.effects.contact_terms import ContactTerms
+from ..scene.effects.contact_terms import ContactTerms, thinnest, widest
 from ..scene.effects.drag import norm
 from ..scene.effects.load_point import SPIN, VELOCITY
+from ..scene.stations import Table
 from .centreline import least_distance, piece_nodes
 from .touching_motion import TouchingMotion
 from .touching_pairs import TouchingPairs
@@ -30,11 +31,14 @@ def spread(x: Tensor) -> Tensor:
 
 
 class PairLaw(NamedTuple):
-    """Whether pairs have friction, and damping; whether their pieces are surfaces of bodies."""
+    """Whether pairs have friction, and damping; whether their pieces are surfaces of bodies, or
+    taper.
+    """
 
     rubs: bool
     damps: bool
     surface: bool
+    tapers: bool = False
 
 
 class Nearby(NamedTuple):
@@ -73,12 +77,26 @@ class Touching(Tree):
     s: Tensor = leaf(1)
 
     @property
-    def radii(self) -> Tensor:
-        """(..., 2) m of both, of what has places first."""
+    def profiles(self) -> tuple[Tensor | Table, Tensor | Table]:
+        """Radii as they are given, (...) m or a `Table`, of what has places first."""
         law = self.contact
         own = self.s.new_zeros(()) if law.radius is None else law.radius
-        both = [own, own if law.other_radius is None else law.other_radius]
-        return torch.stack(torch.broadcast_tensors(*(both if self.first else both[::-1])), -1)
+        other = own if law.other_radius is None else law.other_radius
+        return (own, other) if self.first else (other, own)
+
+    @property
+    def radii(self) -> Tensor:
+        """(..., 2) m of both, of what has places first; the largest where they taper."""
+        return torch.stack(torch.broadcast_tensors(*map(widest, self.profiles)), -1)
+
+    def _at_nodes(self, part: int, near: Nearby) -> Tensor | None:
+        """(..., U, 3) m of the nodes of places (0), or of pieces (1); None where it is the same all
+        along.
+        """
+        profile, first = self.profiles[part], 3 * part
+        if not isinstance(profile, Table):
+            return None
+        return profile.ramps(self.s)[..., near.nodes[:, first : first + 3]]
 
     @property
     def points(self) -> int | None:
@@ -90,9 +108,9 @@ class Touching(Tree):
         """P places: shares (..., P, 3) of their three nodes; measure (..., P) m of the beam's
         length, 1 of a body, 0 of what a sample has fewer.
         """
-        law = self.contact
-        given = law.thickness.detach(), self.points, self.share
-        return remembered(places_along, *self.along, self.s, self.radii.detach(), *given)
+        law, thin = self.contact, torch.broadcast_tensors(*map(thinnest, self.profiles))
+        given = torch.stack(thin, -1).detach(), law.thickness.detach(), self.points, self.share
+        return remembered(places_along, *self.along, self.s, *given)
 
     @property
     def allowed(self) -> Tensor:
@@ -100,8 +118,14 @@ class Touching(Tree):
         count = self.places.count
         if not self.itself:
             return self.s.new_ones(self.along[1] * count, len(self.pieces))
-        radii = self.radii.detach()[..., 0]
-        return remembered(_allowed, *self.along, count, self.s.detach(), radii, self.contact.apart)
+        s, profile = self.s.detach(), self.profiles[0]
+        if isinstance(profile, Table):
+            first, nodes = self.along
+            own = profile.ramps(s).detach()[..., first : first + nodes]
+            radii = (own[..., :, None] + own[..., None, :]) / 2
+        else:
+            radii = profile.detach()[..., None, None]
+        return remembered(_allowed, *self.along, count, s, radii, self.contact.apart)
 
     def nearby(self, motion: TouchingMotion, skin: Tensor | float = 0.0) -> Nearby:
         """Those with no more than a skin m of `slack`; all pairs where samples are seen one at a
@@ -209,21 +233,27 @@ class Touching(Tree):
     def pairs(self, near: Nearby) -> TouchingPairs:
         """Their constants."""
         law, places, (point, piece) = self.contact, self.places, near[:2]
+        shares, radii = places.shares[..., point, :], self.radii[..., None, :]
+        own, taper = (self._at_nodes(part, near) for part in (0, 1))
+        if own is not None:
+            both = torch.broadcast_tensors((shares * own).sum(-1), radii[..., 1])
+            radii = torch.stack(both, -1)
 
         def of_all(x: Tensor | None) -> Tensor | None:
             return None if x is None else x[..., None]
 
         return TouchingPairs(
-            places.shares[..., point, :],
+            shares,
             places.measure[..., point] * self.allowed[..., point, piece],
             self.control[piece],
             self.ends[piece],
-            self.radii[..., None, :],
+            radii,
             of_all(law.thickness),
             of_all(law.slope),
             of_all(law.friction),
             of_all(law.slip_speed if law.rubs else None),
             of_all(law.damping),
+            taper,
         )
 
     @property
@@ -238,7 +268,8 @@ class Touching(Tree):
 
     @property
     def law(self) -> PairLaw:
-        return PairLaw(self.contact.rubs, self.contact.damping is not None, False)
+        damps, tapers = self.contact.damping is not None, isinstance(self.profiles[1], Table)
+        return PairLaw(self.contact.rubs, damps, False, tapers)
 
 
 @lru_cache(64)
@@ -247,11 +278,11 @@ def _numbers(triples: tuple[tuple[int, int, int], ...], device: torch.device) ->
 
 
 def _allowed(first: int, nodes: int, count: int, s: Tensor, radius: Tensor, apart: float) -> Tensor:
-    """Of a beam itself: those that are so many radii (...) m from each other along it, s (..., N+1)
-    m, and have an element between them.
+    """Of a beam itself: those that are so many radii m (..., 1, 1), or of each two of its n nodes
+    (..., n, n), from each other along it, s (..., N+1) m, and have an element between them.
     """
     along = s[..., first : first + nodes]
-    away = (along[..., :, None] - along[..., None, :]).abs() >= (apart * radius)[..., None, None]
+    away = (along[..., :, None] - along[..., None, :]).abs() >= apart * radius
     number = torch.arange(nodes, device=s.device)
     away = away & ((number[:, None] - number).abs() > 1)
     return away.to(s).repeat_interleave(count, -2)

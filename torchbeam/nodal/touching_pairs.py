@@ -1,6 +1,6 @@
 """Pairs of a place along one part and a piece of the `centreline` of another, which may touch. A
 place x meets the centreline c at its nearest place there: with r = x - c, the gap is |r| less both
-radii, and the force per length
+radii, where it is least along c, and the force per length
 
     f = p u - friction p s        on x, and -f on c
 
@@ -78,9 +78,11 @@ class TouchingPairs(Tree):
     own      (..., U, 3): shares of the place's three nodes
     measure  (..., U) m of the beam's length, 1 of a body, 0 of what a sample has not
     control  (..., U, 3, 3), ends (..., U, 2): of the pieces, see `centreline`
-    radii    (..., U, 2) m of both parts
+    radii    (..., U, 2) m of the place, and the largest of the piece
     thickness m, slope N/m^2, friction, slip_speed m/s, damping s (..., U): see `Contact`; the last
              three None = absent
+    taper    (..., U, 3) m, radii at the piece's nodes, which run along it as the curve does;
+             None = they are alike
     """
 
     own: Tensor = leaf(2)
@@ -93,6 +95,7 @@ class TouchingPairs(Tree):
     friction: Tensor | None = leaf(1)
     slip_speed: Tensor | None = leaf(1)
     damping: Tensor | None = leaf(1)
+    taper: Tensor | None = leaf(2)
 
     @property
     def lossy(self) -> bool:
@@ -124,11 +127,21 @@ class TouchingPairs(Tree):
             return slack
         return slack - norm(half[..., 1:, :] - half[..., :1, :])[..., 0].amax(-1)
 
+    def nearest(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """t and within (..., U) of the points (..., U, 4, 3), see `centreline.nearest`."""
+        return nearest(x[..., 0, :], x[..., 1:, :], self.control, self.ends > 0, self.taper)
+
+    def radii_at(self, shares: Tensor) -> Tensor:
+        """(..., U, 2) m of both where these shares (..., U, 3) of the piece's nodes are."""
+        if self.taper is None:
+            return self.radii
+        other = (shares * self.taper).sum(-1)
+        return torch.stack(torch.broadcast_tensors(self.radii[..., 0], other), -1)
+
     def meeting(self, points: PairMotion) -> Meeting:
         """Of the pairs, whose points move so."""
         x, half, velocity, spin, *_ = points
-        place, nodes = x[..., 0, :], x[..., 1:, :]
-        t, within = nearest(place, nodes, self.control, self.ends > 0)
+        t, within = self.nearest(x)
         shares = (bernstein(t)[..., None, :] @ self.control)[..., 0, :]
 
         def apart(values: Tensor) -> Tensor:
@@ -140,7 +153,7 @@ class TouchingPairs(Tree):
         size = (lengths[0] + lengths[-1]) / 2
         u = r / torch.where(size > 0, size, torch.ones_like(size))
         d, slope = self.thickness[..., None], self.slope[..., None]
-        room = d + self.radii.sum(-1)[..., None]
+        room = d + self.radii_at(shares).sum(-1)[..., None]
         elastic = p = pressure(room - lengths[0], room - lengths[-1], d, slope)
         if self.damping is not None and velocity is not None:
             approach = -(apart(velocity) * u).sum(-1, keepdim=True)
@@ -164,7 +177,7 @@ class TouchingPairs(Tree):
 
     def _levers(self, shares: Tensor) -> Tensor:
         """(..., U, 4): of each point its part's share in both radii, times its own in the place."""
-        own, other = self.radii.unbind(-1)
+        own, other = self.radii_at(shares).unbind(-1)
         both = own + other
         first = torch.where(both > 0, own / torch.where(both > 0, both, 1.0), 0.5)[..., None]
         rest = (1 - first) * shares
@@ -245,6 +258,12 @@ class TouchingPairs(Tree):
         if moment is not None:
             levers = self._levers(shares)
             rest = (1 - levers[..., :1, None, None]) * moved
+            if self.taper is not None:
+                both = self.radii_at(shares).sum(-1)
+                both = torch.where(both > 0, both, 1.0)
+                thicker = (by_shares * self.taper[..., None, :, None]).sum(-2, keepdim=True)
+                first = -(levers[..., 0] / both)[..., None, None, None] * thicker
+                rest = rest + self._signed(shares)[..., None, :, None] * first
             turned = of_points(levers, by_moment[0], rest, moment)
         four = torch.cat(torch.broadcast_tensors(rows, turned), -2)
         return self._weights[..., None, None, None] * four[..., POINTS, :, :, :]
@@ -280,14 +299,14 @@ class TouchingPairs(Tree):
         """
         points = self.points(motion)
         x, half = points.position, points.half
-        t, _ = nearest(x[..., 0, :], x[..., 1:, :], self.control, self.ends > 0)
+        t, _ = self.nearest(x)
         r, change = (_across(t, self.control, part, x) for part in (x, half))
         size = change.square().sum(-1)
         when = -(r * change).sum(-1) / torch.where(size > 0, size, torch.ones_like(size))
         when = when.clamp(-1.0, 1.0)[..., None, None]
         middle = x + when * half
         meeting = self.meeting(PairMotion(middle, None, None, None))
-        t, _ = nearest(middle[..., 0, :], middle[..., 1:, :], self.control, self.ends > 0)
+        t, _ = self.nearest(middle)
         before, after = (_across(t, self.control, x + side * half, middle) for side in (-1.0, 1.0))
         turned = (before * after).sum(-1) < 0
         near = (meeting.gap < 0) & (meeting.measure > 0)

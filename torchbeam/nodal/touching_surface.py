@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from ..core.validation import concrete
 from ..scene.effects.load_point import ROTATION, SPIN, VELOCITY
 from ..scene.effects.rounded_box import RoundedBox
+from ..scene.stations import Table
 from .surface_pairs import SurfacePairs
 from .touching import Nearby, PairLaw, Touching
 from .touching_pairs import TouchingPairs
@@ -26,11 +26,10 @@ class TouchingSurface(Touching):
     surface: RoundedBox
 
     @property
-    def radii(self) -> Tensor:
-        law = self.contact
+    def profiles(self) -> tuple[Tensor | Table, Tensor]:
+        law, none = self.contact, self.s.new_zeros(())
         given = (law.radius, law.other_radius) if self.first else (law.other_radius, law.radius)
-        own = next((x for x in given if x is not None), self.s.new_zeros(()))
-        return torch.stack((own, torch.zeros_like(own)), -1)
+        return next((x for x in given if x is not None), none), none
 
     @property
     def points(self) -> int:

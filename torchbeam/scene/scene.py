@@ -39,6 +39,7 @@ from .effects.effect import of_library
 from .effects.tendon import Tendon
 from .joined import joints_of
 from .joint import Joint
+from .stations import Table
 from .structure import Structure
 from .supports import Frame, RootMotion, Support
 
@@ -281,7 +282,9 @@ class Scene(Tree):
         if any(map(functions, self.effects)):
             return True
         return any(
-            not (isinstance(v, PerElement) and not callable(v.value)) for v in called
+            not (isinstance(v, PerElement) and not callable(v.value))
+            for v in called
+            if not isinstance(v, Table)
         ) or not all([type(e).__module__.startswith(f"{__package__}.") for e in self.effects])
 
     def _supported(self) -> tuple[Support, ...]:

@@ -62,6 +62,14 @@ class Table(Tree):
         values_at_s = _between(self.s, values, s)
         return values_at_s[..., 0] if self.width is None else values_at_s
 
+    def ramps(self, s: Tensor) -> Tensor:
+        """The same (..., m) of one number at each place, as a sum of ramps: nothing is looked up,
+        so that native code can be made of it.
+        """
+        share = (s[..., None] - self.s[..., None, :-1]) / self.s.diff(dim=-1)[..., None, :]
+        rise = share.clamp(0, 1) * self.values.diff(dim=-1)[..., None, :]
+        return self.values[..., :1] + rise.sum(-1)
+
 
 @dataclass(frozen=True)
 class Stations(Tree):

@@ -13,7 +13,7 @@ from ..core.arguments import instance, place
 from ..core.functions_of_time import shared
 from ..nodal.conditions import conditions
 from ..nodal.discretise import discretise
-from ..nodal.element_loads import load_point, point_weights
+from ..nodal.element_loads import at_points, load_point, point_weights
 from ..nodal.loads import Nodes, load_points
 from ..nodal.model import Model
 from ..nodal.touching_forces import of_nodes
@@ -113,18 +113,19 @@ class OfContact(Sensor):
         if law.between_nodes:
             at = [
                 (point_weights(model, acting), acting.load, load_point(model, acting, nodes, now))
-                for acting in now.between
+                for acting in (at_points(model, one) for one in now.between)
             ]
         else:
             at = [
                 (spin.new_ones(1, 1), acting.load, acting.load.of_body(point))
                 for acting, point in load_points(model, nodes, now, now.loads)
             ]
-        radius = 0.0 if law.radius is None else law.radius[..., None, None]
         touched = []
         for measure, load, point in at:
             touch = load.touch(point)
-            meets = point.position - radius * touch.normal
+            meets = point.position
+            if load.radius is not None:
+                meets = meets - load.radii * touch.normal
             touched.append(Touched(measure, touch, meets, None, touch.gap.shape[-2]))
         return touched
 
@@ -152,7 +153,7 @@ class OfContact(Sensor):
             rub = None if found.rub is None else sense * found.rub
             touch = Touch(gap, sense * found.u, found.pressure, found.slip, rub)
             own = pairs.own[..., None] * motion.position[..., near.nodes[:, :3], :]
-            meets = own.sum(-2) - one.radii[..., None, :1] * found.u
+            meets = own.sum(-2) - pairs.radii[..., :1] * found.u
             count = one.places.shares.shape[-2]
             touches.append(Touched(found.measure, touch, meets, near.point, count))
         return touches

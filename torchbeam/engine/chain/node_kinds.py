@@ -139,6 +139,7 @@ class PairKind(NamedTuple):
     rubs: bool
     damps: bool
     surface: bool
+    tapers: bool
 
     sides = property(lambda self: PAIR_SIDES)
 

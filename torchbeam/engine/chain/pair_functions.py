@@ -103,6 +103,8 @@ class PairFunctions(LocalProblems):
             pairs = pairs.curves
         if not kind.rubs:
             pairs = replace(pairs, friction=None, slip_speed=None)
+        if not kind.tapers:
+            pairs = replace(pairs, taper=None)
         if not kind.damps:
             pairs = replace(pairs, damping=None)
         touching = OnePair(ends.rows.space, self.model.touching.moves.detach(), pairs)

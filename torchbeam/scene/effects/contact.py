@@ -12,8 +12,9 @@ from torch import Tensor
 from ...core.leaves import leaf, with_values
 from ...core.validation import Value, concrete, shown
 from ..parts import part_of
+from ..stations import Table
 from .contact_law import damped, pressure, rubbing
-from .contact_terms import ContactTerms
+from .contact_terms import AtPoints, ContactTerms, radius_value, widest
 from .load_point import POSITION, ROTATION, SPIN, VELOCITY, LoadPoint, Wrench, at_instant
 from .obstacles import Box, Capsule, Cylinder, Obstacle, Plane
 from .rounded_box import RoundedBox
@@ -53,8 +54,10 @@ class Contact(ContactTerms):
 
     thickness  (...) m
     force      (...) N/m; or in its place `stiffness` (...) N/m^2, 2 force/thickness
-    radius     (...) m of the beam's surface; None or the number 0: its axis
-    other_radius  (...) m of the second part's; None = the same
+    radius     (...) m of the beam's surface; None or the number 0: its axis; a `Table` of it by
+               the arclength from the root where the beam tapers: the surface is then that of balls
+               about the axis, a cone of the half angle asin(dr/ds)
+    other_radius  (...) m of the second part's, or a `Table`; None = the same
     friction   (...) mu of Coulomb's law; None or the number 0: none
     slip_speed (...) m/s, from which on friction is mu p against the slip; below it surfaces creep
                under a share x of that by slip_speed (1 - (1 - x)^(1/2)). Wanted with friction
@@ -85,7 +88,7 @@ class Contact(ContactTerms):
 
     obstacle: Obstacle | str | None = leaf(1)
     other: Obstacle | str | None = field(default=None, repr=False)
-    other_radius: Value | None = leaf(0, default=None, kw_only=True)
+    other_radius: Value | Table | None = leaf(0, default=None, kw_only=True)
     corners: Tensor | None = leaf(2, default=None, kw_only=True)
     on: str | None = field(default=None, kw_only=True)
     partner: str | None = field(default=None, kw_only=True)
@@ -114,8 +117,9 @@ class Contact(ContactTerms):
             )
         self._check_terms()
         if self.other_radius is not None:
-            value = parameter("Contact's other_radius", self.other_radius)
-            set_(self, "other_radius", value)
+            value = self.other_radius
+            check = radius_value if isinstance(value, Table) else parameter
+            set_(self, "other_radius", check("Contact's other_radius", value))
         if self.partner is None and self.other_radius is not None:
             raise ValueError(
                 "Contact with an obstacle and an other_radius was given; the radius of a second "
@@ -123,7 +127,8 @@ class Contact(ContactTerms):
             )
         room = None if self.obstacle is None else self.obstacle.room
         if room is not None and self.radius is not None:
-            left = torch.as_tensor(room).detach() - torch.as_tensor(self.radius).detach()
+            radius = torch.as_tensor(widest(self.radius))
+            left = torch.as_tensor(room).detach() - radius.detach()
             if concrete(left <= 0).any():
                 raise ValueError(
                     "Contact with a radius of the beam's that has no room in the cylinder was "
@@ -143,6 +148,13 @@ class Contact(ContactTerms):
     def placed(self, beam: Any) -> Contact:
         parts = [part_of(beam.parts, name) for name in (self.on, self.partner) if name is not None]
         shapes = [beam.surface(part.name) if part.body else None for part in parts]
+        given = [self.radius, self.radius if self.other_radius is None else self.other_radius]
+        for part, shape, radius in zip(parts, shapes, given, strict=False):
+            if part.body and shape is None and isinstance(radius, Table):
+                raise ValueError(
+                    f"Contact of {part.name!r} with a radius as a Table was given; that is a body, "
+                    "and a number is wanted"
+                )
         if any(shape is not None for shape in shapes):
             return self._of_surface(shapes)
         if self.partner is not None or self.on is None or not parts[0].body:
@@ -212,7 +224,7 @@ class Contact(ContactTerms):
             return force, None
         if self.radius is None:
             return force + touch.rub, None
-        arm = -_each(self.radius) * touch.normal
+        arm = -self.radii * touch.normal
         return force + touch.rub, _cross(arm, touch.rub)
 
     def of_body(self, point: LoadPoint) -> LoadPoint:
@@ -285,7 +297,13 @@ class Contact(ContactTerms):
     def gap(self, x: Tensor) -> Tensor:
         """(..., points, 1) m between surfaces, the beam's axis at x (..., points, 3)."""
         distance = self.obstacle.distance(x)
-        return distance if self.radius is None else distance - _each(self.radius)
+        return distance if self.radius is None else distance - self.radii
+
+    @property
+    def radii(self) -> Tensor:
+        """(..., points or 1, 1) m, where there is a radius, see `at_points`."""
+        radius = self.radius
+        return radius.value[..., None] if isinstance(radius, AtPoints) else _each(radius)
 
     def approach(self, point: LoadPoint) -> Tensor:
         """(..., points, 3) m/s of the beam's axis as seen from the obstacle, in frame a."""
@@ -298,7 +316,7 @@ class Contact(ContactTerms):
         if self.radius is not None:
             spin, omega = point.spin, point.frame[1]
             spin = spin if omega is None else spin - omega[..., None, :]
-            v = v - _cross(spin, _each(self.radius) * normal)
+            v = v - _cross(spin, self.radii * normal)
         v = v if moves is None else v - moves
         return v - (v * normal).sum(-1, keepdim=True) * normal
 

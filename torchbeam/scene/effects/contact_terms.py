@@ -3,15 +3,50 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 from torch import Tensor
 
 from ...core.arguments import boolean, count
-from ...core.leaves import leaf
-from ...core.validation import Value
+from ...core.leaves import Tree, leaf, with_values
+from ...core.validation import Value, concrete, positive
+from ..stations import Table
 from .load_point import LoadEffect
 from .values import optional, parameter
+
+Self = TypeVar("Self", bound="ContactTerms")
+
+
+@dataclass(frozen=True)
+class AtPoints(Tree):
+    """A radius (..., points) m at the points of a contact themselves."""
+
+    value: Tensor = leaf(1)
+
+
+def radius_value(name: str, value: Any) -> Any:
+    """A radius checked: a number (...), a `Table` of one along the beam, or None. Raises ValueError
+    for what is negative, and for a Table of several numbers at each place.
+    """
+    if not isinstance(value, Table):
+        return optional(name, value)
+    if value.width is not None:
+        raise ValueError(
+            f"{name} as a Table of width {value.width} was given; one number at each place is "
+            "wanted"
+        )
+    positive(name, value.values, zero=True)
+    return value
+
+
+def widest(radius: Tensor | Table) -> Tensor:
+    """(...) m, the largest along the beam."""
+    return radius.values.amax(-1) if isinstance(radius, Table) else radius
+
+
+def thinnest(radius: Tensor | Table) -> Tensor:
+    """(...) m, the smallest along the beam."""
+    return radius.values.amin(-1) if isinstance(radius, Table) else radius
 
 
 @dataclass(frozen=True)
@@ -21,7 +56,7 @@ class ContactTerms(LoadEffect):
     thickness: Value = leaf(0, default=None, kw_only=True)
     force: Value | None = leaf(0, default=None, kw_only=True)
     stiffness: Value | None = leaf(0, default=None, kw_only=True)
-    radius: Value | None = leaf(0, default=None, kw_only=True)
+    radius: Value | Table | None = leaf(0, default=None, kw_only=True)
     friction: Value | None = leaf(0, default=None, kw_only=True)
     slip_speed: Value | None = leaf(0, default=None, kw_only=True)
     damping: Value | None = leaf(0, default=None, kw_only=True)
@@ -31,6 +66,7 @@ class ContactTerms(LoadEffect):
     wants_frame = True
     by_place = True  # bodies have no length
     partner = None  # name of the other part, of a contact of two, or of a beam with itself
+    other_radius = None
 
     def _check_terms(self) -> None:
         """Raises ValueError, see `Contact`."""
@@ -43,7 +79,8 @@ class ContactTerms(LoadEffect):
         given = "force" if self.stiffness is None else "stiffness"
         for term in ("thickness", given):
             set_(self, term, parameter(f"{name}'s {term}", getattr(self, term), zero=False))
-        for term in ("radius", "friction", "damping"):
+        set_(self, "radius", radius_value(f"{name}'s radius", self.radius))
+        for term in ("friction", "damping"):
             set_(self, term, optional(f"{name}'s {term}", getattr(self, term)))
         if self.friction is not None and self.slip_speed is None:
             raise ValueError(
@@ -66,7 +103,17 @@ class ContactTerms(LoadEffect):
         return self
 
     def check(self, scene: Any) -> None:
-        """Of two parts in a scene: raises ValueError for small motions, and beams of order 2."""
+        """Of two parts in a scene: raises ValueError for small motions, beams of order 2, and radii
+        that change by more than the length along the beam, where no place is nearest.
+        """
+        for radius in (self.radius, self.other_radius):
+            if isinstance(radius, Table):
+                steep = radius.values.diff(dim=-1).abs() >= radius.s.diff(dim=-1)
+                if concrete(steep.detach()).any():
+                    raise ValueError(
+                        f"{self.called} of two parts with a radius that changes by as much as the "
+                        "length along the beam was given; one that changes by less is wanted there"
+                    )
         if scene.small:
             raise ValueError(
                 f"small=True with {self.called} of two parts was given; large rotations "
@@ -88,6 +135,21 @@ class ContactTerms(LoadEffect):
     def lossy(self) -> bool:
         """Whether it takes energy."""
         return self.friction is not None or self.damping is not None
+
+    def at_points(self: Self, s: Tensor) -> Self:
+        """The same at points with the arclengths s (..., points) m, with the radius that it has
+        there; itself where that is the same all along.
+        """
+        if not isinstance(self.radius, Table):
+            return self
+        return with_values(self, radius=AtPoints(self.radius.ramps(s)))
+
+    @property
+    def at_its_widest(self: Self) -> Self:
+        """The same with its largest radius all along."""
+        if not isinstance(self.radius, Table):
+            return self
+        return with_values(self, radius=widest(self.radius))
 
     @property
     def slope(self) -> Tensor:

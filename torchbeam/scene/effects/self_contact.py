@@ -60,11 +60,6 @@ class SelfContact(ContactTerms):
     def partner(self) -> str | None:
         return self.on
 
-    @property
-    def other_radius(self) -> None:
-        """The same beam's."""
-        return None
-
     def placed(self, beam: Any) -> SelfContact:
         if self.on is None and len([part for part in beam.parts if not part.body]) > 1:
             raise ValueError(

@@ -1,6 +1,7 @@
 """The list of verification cases."""
 
 from . import (
+    cone,
     contact,
     flexible_mechanisms,
     joined_wing,
@@ -33,6 +34,7 @@ CASES = [
     *pulley.CASES,
     *touching.CASES,
     *contact.CASES,
+    *cone.CASES,
     *ropes.CASES,
     *knot.CASES,
     *plectoneme.CASES,
