@@ -163,7 +163,7 @@ DEFAULT = (*NOMINAL, *(f"{name}-uncertain" for name in NOMINAL))
 
 # environment steps of a run by algorithm: 10 to 25 CPU seconds of an idle core
 BUDGETS = {
-    "ppo": 400_000,
+    "ppo": 800_000,
     "sac": 30_000,
     "shac": 300_000,
     "sb3-ppo": 200_000,
