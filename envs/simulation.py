@@ -151,14 +151,7 @@ class Simulation:
         # first: neither parameters nor noise change the goals
         drawn = self.task.sample_goal(own, rows)
         goal = drawn if goal is None else goal[rows]
-        values = {
-            name: [stream.uniform(*self.ranges[name]) for stream in own] for name in self.ranges
-        }
-        values = {
-            name: torch.tensor(each, dtype=self.task.dtype, device=self.task.device)
-            for name, each in values.items()
-        }
-        values |= {name: given[rows] for name, given in (params or {}).items()}
+        values = self._drawn(own) | {name: given[rows] for name, given in (params or {}).items()}
         plant = self._plant(values, rows) if self.varying else self.plant
         start, first = self._at_rest(plant, rows)
         beam = self.task.initial_state(start, goal)
@@ -213,6 +206,15 @@ class Simulation:
         return now, pending, late
 
     # Inside
+
+    def _drawn(self, streams: list[np.random.Generator]) -> dict[str, Tensor]:
+        """name -> (k,), of the parameters that vary by themselves, uniform in their ranges."""
+        if not self.ranges:
+            return {}
+        low, high = np.array([*self.ranges.values()]).T
+        drawn = low + (high - low) * np.array([stream.random(len(low)) for stream in streams])
+        values = torch.as_tensor(drawn.T.copy(), dtype=self.task.dtype, device=self.task.device)
+        return dict(zip(self.ranges, values.unbind(), strict=True))
 
     def _failure_reward(self, before: Episodes) -> Tensor:
         """() or (n,), of an interval in which episodes fail that stand as `before` at its start."""

@@ -20,6 +20,7 @@ from ..core.leaves import leaf
 from ..core.validation import concrete
 from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.model import Model
+from ..scene.effects import RootSpring
 from ..scene.scene import Scene
 from ..state.state import rest
 from ..topology.protocols import Matrix, total
@@ -112,7 +113,25 @@ def unheld(
 
 def clamped(model: Model) -> bool:
     """Whether all is held without a look at loads, or by a frame that turns."""
-    return model.turning or _welded_to_clamps(model.scene)
+    return model.turning or _welded_to_clamps(model.scene) or _held_elastically(model)
+
+
+def _held_elastically(model: Model) -> bool:
+    """Whether an elastic clamp, the only load of a beam that depends on how it stands, resists all
+    of its rigid motions in all samples.
+    """
+    scene, moving = model.scene, model.loads[0]
+    if scene.beam.parts or scene.tendons or len(moving) != 1:
+        return False
+    (spring,) = moving
+    if not isinstance(spring, RootSpring):
+        return False
+    shift = length_of(scene.beam.nodes.detach())[..., None].square()
+    work = spring.stiffness.detach() * torch.cat(
+        [shift.expand(*shift.shape[:-1], 3), torch.ones_like(shift).expand(*shift.shape[:-1], 3)],
+        -1,
+    )
+    return bool(concrete(work.amin(-1) > NONE * work.amax(-1)).all())
 
 
 def _welded_to_clamps(scene: Scene) -> bool:
