@@ -17,8 +17,7 @@ from torchbeam.extend import BatchSubset, with_values
 
 from . import imperfections
 from .episodes import Episodes
-from .imperfections import beside_the_beam, biased, lagging, late_action
-from .noise import normal
+from .imperfections import beside_the_beam, erroneous, lagging, late_action
 from .parameters import Parameters
 from .plant import Plant, stepper
 from .sensors import Observer
@@ -35,7 +34,7 @@ class Simulation:
         observer: what is seen of the beam
         high: (o,) bounds of whole observations: of each frame target, sensors, actions still to act
         bounds: lower and upper ones of one frame
-        known: the parameters that there are
+        known: the parameters that there are;  usual: name -> () their usual values
         ranges: name -> (low, high) of those drawn at each reset
         spare: intervals by which actions may be late
         worst: what an interval costs at most; None where failing costs something else
@@ -60,6 +59,10 @@ class Simulation:
         self.varying: set[str] = set()
         own = task.parameters() if c.form == "nodal" else {}
         self.known = Parameters(own | imperfections.PARAMETERS)
+        self.usual = {
+            name: torch.tensor(p.value, dtype=task.dtype, device=task.device)
+            for name, p in (task.parameters() | imperfections.PARAMETERS).items()
+        }
         self.members = torch.arange(count, device=task.device)
         self.plant = self._plant({}, self.members)
         self.rest = self._settled(self.plant, count)
@@ -240,12 +243,7 @@ class Simulation:
 
     def _frame(self, now: Episodes) -> Tensor:
         seen = self.observer.read(now.beam, now.start, self.task.of(now, self.observer.scale))
-        if self.config.noise:
-            seen = seen + self.config.noise * normal(
-                now.key, now.steps, seen.shape[-1], self.task.dtype
-            )
-        if (bias := now.plant.params["bias"]).ndim:
-            seen = biased(seen, bias, now.key)
+        seen = erroneous(seen, self.config.noise, now.plant.params["bias"], now.key, now.steps)
         tip = None if self.observer.tip is None else seen[:, self.observer.tip]
         parts = self.task.target_observation(now, tip), seen
         whole = torch.cat((*parts, now.pending.flatten(1)) if self.config.delay else parts, -1)
@@ -256,12 +254,8 @@ class Simulation:
         given have their usual one.
         """
         c, task = self.config, self.task
-        params = {
-            name: torch.tensor(p.value, dtype=task.dtype, device=task.device)
-            for name, p in (task.parameters() | imperfections.PARAMETERS).items()
-        }
-        params |= {name: params[name].expand(len(rows)) for name in self.varying}
-        params |= values
+        usual = {name: self.usual[name].expand(len(rows)) for name in self.varying - values.keys()}
+        params = self.usual | usual | values
         if self.varying and beside_the_beam(self.varying):
             return Plant(params, self.plant.stepper)
         scene = task.scene(params, rows, self.varying)
