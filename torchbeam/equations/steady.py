@@ -105,7 +105,7 @@ class SteadyProblem(BalanceProblem):
     @cached
     def least(self) -> tuple[Tensor, ...]:
         """See `least_forces`."""
-        return least_forces(self.model, lambda: self.conditions)
+        return least_forces(self.model, self.C, lambda: self.conditions)
 
     @cached
     def element(self) -> ElementAtRest:
@@ -277,12 +277,14 @@ class SteadyProblem(BalanceProblem):
         return Configuration(position, rotation, x.stress)
 
 
-def least_forces(model: Model, conditions: Callable[[], Conditions]) -> tuple[Tensor, ...]:
+def least_forces(
+    model: Model, C: Tensor, conditions: Callable[[], Conditions]
+) -> tuple[Tensor, ...]:
     """Forces N and moments N m (..., n, *), of which p are forces, that a balance is measured
     against where nothing else acts: the stress of rounding, the efforts in joints, which what
     resists in these may balance by itself, and the dead loads that what a body touches may.
     """
-    terms = [rounding_stress(model)]
+    terms = [rounding_stress(model, C)]
     if not (model.joints.count or model.bodies_touch):
         return tuple(terms)
     now = conditions()
@@ -297,12 +299,11 @@ def least_forces(model: Model, conditions: Callable[[], Conditions]) -> tuple[Te
     return tuple(terms)
 
 
-def rounding_stress(model: Model) -> Tensor:
+def rounding_stress(model: Model, C: Tensor) -> Tensor:
     """(..., N, k) N and N m, the stress of strains that are rounding alone, in differences of
-    places over an element.
+    places over an element; C of the tangent.
     """
-    p, C = model.space.dims.position, model.tangent_stiffness()
-    h = model.length.detach()
+    p, h = model.space.dims.position, model.length.detach()
     eps = torch.finfo(h.dtype).eps
     strain = torch.cat(
         (

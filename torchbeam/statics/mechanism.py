@@ -19,6 +19,7 @@ from ..core.derivatives import no_derivatives
 from ..core.leaves import leaf
 from ..core.validation import concrete
 from ..equations.steady import Configuration, SteadyProblem
+from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..scene.effects import RootSpring
 from ..scene.scene import Scene
@@ -126,12 +127,11 @@ def _held_elastically(model: Model) -> bool:
     (spring,) = moving
     if not isinstance(spring, RootSpring):
         return False
-    shift = length_of(scene.beam.nodes.detach())[..., None].square()
-    work = spring.stiffness.detach() * torch.cat(
-        [shift.expand(*shift.shape[:-1], 3), torch.ones_like(shift).expand(*shift.shape[:-1], 3)],
-        -1,
-    )
-    return bool(concrete(work.amin(-1) > NONE * work.amax(-1)).all())
+    k, size = spring.stiffness.detach(), scene.beam.length.detach().sum(-1, keepdim=True)
+    lead = broadcast_shapes(k.shape[:-1], size.shape[:-1])
+    work = torch.cat([x.expand(*lead, 3) for x in (k[..., :3] * size.square(), k[..., 3:])], -1)
+    least, most = work.aminmax(dim=-1)
+    return bool(concrete(least > NONE * most).all())
 
 
 def _welded_to_clamps(scene: Scene) -> bool:

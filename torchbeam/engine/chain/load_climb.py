@@ -261,7 +261,7 @@ def fields_at_rest(
 ) -> list[Field]:
     """The fields that are the same throughout."""
     length, p = model.spans, model.space.dims.position
-    least = least_forces(model, lambda: conditions(model, t, inputs))
+    least = least_forces(model, trees[1].C, lambda: conditions(model, t, inputs))
     numbers = {"total": length.sum((-1, -2)), "longest": length.amax((-1, -2))}
     for name, columns in (("force", slice(p)), ("moment", slice(p, None))):
         sizes = torch.broadcast_tensors(*(most(x[..., columns]) for x in least))
