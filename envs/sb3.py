@@ -6,6 +6,7 @@ stable_baselines3.PPO("MlpPolicy", env).learn(100_000)
 
 from __future__ import annotations
 
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -93,8 +94,8 @@ class Sb3VecEnv(VecEnv):
 def _rows(info: dict[str, Any]) -> list[dict[str, Any]]:
     """A dictionary of each sub-env, of columns (n, ...) by name; masks `_name` are left out."""
     columns = {name: _column(v) for name, v in info.items() if not name.startswith("_")}
-    names = tuple(columns)
-    return [dict(zip(names, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    rows = zip(*columns.values(), strict=True)
+    return [*map(dict, map(zip, repeat((*columns,)), rows))]
 
 
 def _column(value: Any) -> list[Any]:
