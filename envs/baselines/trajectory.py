@@ -132,11 +132,13 @@ def _least(g: np.ndarray, H: np.ndarray, x: np.ndarray) -> np.ndarray:
     """
     least, own = x.copy(), np.arange(len(x))  # those that are not there yet
     enough = ENOUGH * np.abs(g).max(-1)
-    unit = H.diagonal(axis1=-2, axis2=-1).max(-1)[:, None, None]
+    # in the place of H where a number is held: of its size
+    unit = H.diagonal(axis1=-2, axis2=-1).max(-1)[:, None, None] * np.eye(x.shape[-1])
     held = ((x >= 1) & (g < 0)) | ((x <= -1) & (g > 0))
     for _ in range(ROUNDS):
         step = _newton(g, H, ~held, unit)
-        there, beyond = x + step, np.abs(x + step) > 1
+        there = x + step
+        beyond = np.abs(there) > 1
         d = np.minimum(np.maximum(there, -1.0), 1.0) - x
         change = (H @ d[..., None])[..., 0]
         inside = ~beyond.any(-1)
@@ -144,17 +146,19 @@ def _least(g: np.ndarray, H: np.ndarray, x: np.ndarray) -> np.ndarray:
             slope = (d * g).sum(-1)
             lowers = (slope + (d * change).sum(-1) / 2 < slope / 4) & (slope < 0)
             k = np.flatnonzero(~(inside | lowers))
-            size = np.abs(step[k])
-            room = np.divide(
-                1 - x[k] * np.sign(step[k]), size, out=np.full_like(size, np.inf), where=size > 0
-            )
-            d[k] = room.min(-1)[:, None] * step[k]
-            change[k] = (H[k] @ d[k][..., None])[..., 0]
-            beyond[k] = False
-            beyond[k, room.argmin(-1)] = True
+            if len(k):
+                way = step[k]
+                size, away = np.abs(way), 1 - x[k] * np.sign(way)
+                room = np.divide(away, size, out=np.full_like(size, np.inf), where=size > 0)
+                d[k] = room.min(-1)[:, None] * way
+                change[k] = (H[k] @ d[k][..., None])[..., 0]
+                beyond[k] = False
+                beyond[k, room.argmin(-1)] = True
             held |= beyond
         x, g = x + d, g + change
         x[held] = np.sign(x[held])
+        if not inside.any():
+            continue
         inward = np.where(held & inside[:, None], g * np.sign(x), 0.0)
         done = inside & (inward.max(-1) <= enough)
         k = np.flatnonzero(inside & ~done)
@@ -172,11 +176,11 @@ def _least(g: np.ndarray, H: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _newton(g: np.ndarray, H: np.ndarray, free: np.ndarray, unit: np.ndarray) -> np.ndarray:
-    """Steps (n, m) to the least of the numbers that are free; unit (n, 1, 1): a size of H. Of a
-    matrix without an inverse the shortest of those that lead there, and where none does, a step
-    that leaves the bounds along what is flat, downhill.
+    """Steps (n, m) to the least of the numbers that are free, `unit` in the place of H for the
+    others. Of a matrix without an inverse the shortest of those that lead there, and where none
+    does, a step that leaves the bounds along what is flat, downhill.
     """
-    A = np.where(free[:, :, None] & free[:, None, :], H, unit * np.eye(g.shape[-1]))
+    A = np.where(free[:, :, None] & free[:, None, :], H, unit)
     b = np.where(free, -g, 0.0)
     try:
         return np.linalg.solve(A, b[..., None])[..., 0]
