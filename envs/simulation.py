@@ -23,8 +23,8 @@ from .sensors import Observer
 from .task import Task
 
 FAILED = 1  # a status
-# sub-envs up to which the equilibria of all take less time than those of a few of them, whose scene
-# is another one
+# sub-envs up to which native code finds the equilibria of all in less time than it takes to make
+# another scene, of a few of them
 TOGETHER = 256
 
 
@@ -303,7 +303,7 @@ class Simulation:
             return start, first if usual else self._begun(plant, start, rows)
         if not self.task.settles:
             start = plant.stepper.rest((self.count,))
-        elif whole or self.count <= TOGETHER:
+        elif whole or (plant.native and self.count <= TOGETHER):
             start = self._settled(plant.scene, self.count, plant.native)
         else:
             own = self.task.scene(values, rows, self.varying)
