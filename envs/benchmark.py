@@ -264,7 +264,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     with threads(given.threads):
         if given.resets is not None:
             ids = [IDS[task + plane] for task in UNCERTAIN for plane in ("", "Planar")]
-            fields, rows = reset_times.FIELDS, [*reset_times.rows(ids, given.resets)]
+            fields, rows = reset_times.ResetTimes._fields, [*reset_times.rows(ids, given.resets)]
             name, text = "resets", reset_times.markdown(rows)
             more = {"share": reset_times.SHARE}
         elif given.mpc is None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
+from itertools import groupby
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -36,8 +37,7 @@ class ResetTimes(NamedTuple):
 
 FIELDS = (
     "task, uncertain",
-    "batch",
-    "step, ms",
+    f"step of {', '.join(map(str, BATCHES))}, ms",
     "reset of all, steps",
     "of an eighth, steps",
     "step of Sb3VecEnv, steps",
@@ -102,13 +102,13 @@ def rows(ids: Iterable[str], rounds: int) -> Iterator[ResetTimes]:
 
 
 def markdown(rows: Iterable[ResetTimes]) -> str:
-    lines = [
-        (
-            r.id,
-            f"{r.batch}",
-            f"{1e3 * r.step:.3g}",
-            *("" if x is None else f"{x / r.step:.2f}" for x in (r.reset, r.few, r.adapter)),
-        )
-        for r in rows
-    ]
+    """A line for each task, with its batches side by side."""
+    lines = []
+    for id, group in groupby(rows, lambda r: r.id):
+        own = [*group]
+        columns = [[f"{1e3 * r.step:.2g}" for r in own]]
+        for name in ("reset", "few", "adapter"):
+            each = [getattr(r, name) and getattr(r, name) / r.step for r in own]
+            columns.append(["" if x is None else f"{x:.2f}" for x in each])
+        lines.append((id, *(", ".join(filter(None, column)) for column in columns)))
     return table(FIELDS, lines, words=1)
