@@ -28,8 +28,9 @@ from torchbeam.extend.commands import (
     write_results,
 )
 
-from . import mpc_times
+from . import mpc_times, reset_times
 from .plant import Plant
+from .uncertain import UNCERTAIN
 
 IDS = {  # of the newest version, by name
     spec.name: spec.id
@@ -208,7 +209,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             "Env steps a second by gymnasium's benchmark_vector_step, in space and in the plane; "
             "beside them the time that is not simulation and the error of the task's mesh and "
             "step. Writes envs.csv, envs.md and envs.json (with machine and versions). With --mpc, "
-            "in their place: how long predictive control takes an interval of one env."
+            "in their place: how long predictive control takes an interval of one env; with "
+            "--resets: what resets of uncertain plants, and the interface of stable-baselines3, "
+            "cost in steps."
         ),
     )
     parser.add_argument("--task", choices=TASKS, default="TipReach", help="default: %(default)s")
@@ -231,6 +234,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         f"{mpc_times.ELEMENTS} elements, over {mpc_times.HORIZON} intervals ahead; writes mpc.csv, "
         "mpc.md and mpc.json",
     )
+    parser.add_argument(
+        "--resets",
+        type=int,
+        metavar="ROUNDS",
+        help=f"time resets of {', '.join(UNCERTAIN)} at the uncertain level so often, by processor "
+        f"time, of {', '.join(map(str, reset_times.BATCHES))} sub-envs; writes resets.csv, "
+        "resets.md and resets.json",
+    )
     parser.add_argument("--threads", type=int, default=1, help="of torch (default: %(default)s)")
     parser.add_argument(
         "--out",
@@ -243,6 +254,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         ("batches", min(given.batches)),
         ("threads", given.threads),
         ("mpc", 1 if given.mpc is None else given.mpc),
+        ("resets", 1 if given.resets is None else given.resets),
     ):
         if least < 1:
             parser.error(f"--{name} {least} was given; at least 1 is wanted")
@@ -250,7 +262,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error(f"--seconds {given.seconds:g} was given; a positive number is wanted")
     out = results_folder(parser, given.out)
     with threads(given.threads):
-        if given.mpc is None:
+        if given.resets is not None:
+            ids = [IDS[task + plane] for task in UNCERTAIN for plane in ("", "Planar")]
+            fields, rows = reset_times.ResetTimes._fields, [*reset_times.rows(ids, given.resets)]
+            name, text = "resets", reset_times.markdown(rows)
+            more = {"share": reset_times.SHARE}
+        elif given.mpc is None:
             name, fields, rows = "envs", FIELDS, [*throughput(given)]
             text, more = markdown(rows), {"reference": FINER}
         else:
@@ -259,7 +276,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             text = mpc_times.markdown(rows)
             more = {"elements": mpc_times.ELEMENTS, "horizon": mpc_times.HORIZON}
         heading = measured_on()
-    heading["versions"] |= versions("llvmlite")
+    heading["versions"] |= versions(
+        "llvmlite", *(["stable-baselines3"] if given.resets is not None else [])
+    )
     text = f"{text}\n\n{sentence(heading)}"
     print(text)
     data = {**heading, **more, "rows": [row._asdict() for row in rows]}

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from torch import Tensor
 
 from torchbeam import State
-from torchbeam.extend import BatchSubset, Tree, detached, leaf
+from torchbeam.extend import BatchSubset, Tree, detached, leaf, with_values
 
 from .plant import Plant
 
@@ -72,9 +72,10 @@ class Episodes(Tree):
         """The same out of the graph; the plant stays in it."""
         return replace(detached(self), plant=self.plant)
 
-    def merge(self, few: BatchSubset, part: Episodes, plants: bool) -> Episodes:
-        """With the sub-envs `few` those of `part`; with `plants`, their plants too, else all have
-        that of these.
+    def merge(self, few: BatchSubset, part: Episodes) -> Episodes:
+        """With the sub-envs `few` those of `part`, whose plant is that of all; what the task says
+        of them is to be told anew.
         """
-        merged = few.merge(replace(self, plant=None), replace(part, plant=None))
-        return replace(merged, plant=self.plant.merge(few, part.plant) if plants else self.plant)
+        untold = dict(plant=None, target=None, measures={})
+        merged = few.merge(with_values(self, **untold), with_values(part, **untold))
+        return with_values(merged, plant=part.plant)

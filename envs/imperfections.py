@@ -52,10 +52,17 @@ def lagging(before: Tensor, asked: Tensor, lag: Tensor, interval: float) -> Tens
     return torch.lerp(before, asked, torch.where(follows, share, 1.0)[:, None])
 
 
-def biased(seen: Tensor, bias: Tensor, key: Tensor) -> Tensor:
-    """Readings (n, o) with their constant errors."""
-    step = torch.full_like(key, BEFORE)
-    return seen + bias[:, None] * normal(key, step, seen.shape[-1], seen.dtype)
+def erroneous(seen: Tensor, noise: float, bias: Tensor, key: Tensor, steps: Tensor) -> Tensor:
+    """Readings (n, o) at their steps (n,), with white noise of this standard deviation and constant
+    errors of that of `bias` (n,), () = none.
+    """
+    at = [steps] * bool(noise) + [torch.full_like(key, BEFORE)] * bool(bias.ndim)
+    if not at:
+        return seen
+    errors = [*normal(key, torch.stack(at), seen.shape[-1], seen.dtype)]
+    if noise:
+        seen = seen + noise * errors[0]
+    return seen + bias[:, None] * errors[-1] if bias.ndim else seen
 
 
 def beside_the_beam(names: Collection[str]) -> bool:

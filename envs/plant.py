@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from torchbeam import Beam, ExplicitStepper, Scene, Section, State, Stepper
-from torchbeam.extend import METHODS, BatchSubset, Tree, leaf, own_leaves
+from torchbeam.extend import METHODS, Tree, leaf, own_leaves
 
 # a failed step is made again in 2 and 4 parts; more would cost the whole batch more than the
 # episode is worth
@@ -53,12 +53,6 @@ class Plant(Tree):
         for given in [inputs] * steps if isinstance(inputs, dict) else inputs:
             beam = self.stepper(beam, active=active, **given)
         return beam
-
-    def merge(self, few: BatchSubset, part: Plant) -> Plant:
-        """With the sub-envs `few` those of `part`."""
-        same = part.stepper is self.stepper
-        stepper = self.stepper if same else self.stepper.merge(few, part.stepper)
-        return Plant(few.merge(self, part).params, stepper)
 
 
 def aluminium_strip(dtype: torch.dtype = torch.float64) -> Section:

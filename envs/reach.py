@@ -242,9 +242,14 @@ def _products(x: Tensor, degrees: Tensor, slope: int | None = None) -> Tensor:
     """Terms (..., terms) at x (..., a) in [-1, 1]^a: products of T_n(x_i), n = degrees (terms, a);
     or their slopes along one axis.
     """
-    T, rate = _chebyshev(x, int(degrees.max()), slope is not None)
-    factors = ((rate if i == slope else T)[..., i, n] for i, n in enumerate(degrees.unbind(-1)))
-    return functools.reduce(operator.mul, factors)
+    whole = x.shape[-1] <= 2  # all products of one or two, see `Reach`
+    T, rate = _chebyshev(x, DEGREE if whole else int(degrees.max()), slope is not None)
+    factors = ((rate if i == slope else T)[..., i, :] for i in range(x.shape[-1]))
+    if not whole:
+        factors = (own[..., n] for own, n in zip(factors, degrees.unbind(-1), strict=True))
+        return functools.reduce(operator.mul, factors)
+    first, *second = (own[..., : DEGREE + 1] for own in factors)
+    return (first[..., None] * second[0][..., None, :]).flatten(-2) if second else first
 
 
 def _chebyshev(x: Tensor, degree: int, slopes: bool) -> tuple[Tensor, Tensor | None]:

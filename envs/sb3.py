@@ -6,6 +6,7 @@ stable_baselines3.PPO("MlpPolicy", env).learn(100_000)
 
 from __future__ import annotations
 
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,8 @@ class Sb3VecEnv(VecEnv):
                 "are wanted"
             )
         self.env = env
+        # of the last step: parameters, and a dictionary of each sub-env
+        self._params: tuple[dict[str, np.ndarray], list[dict[str, Any]]] = {}, []
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
     def reset(self) -> np.ndarray:
@@ -68,7 +71,19 @@ class Sb3VecEnv(VecEnv):
         return observation, reward.astype(np.float32), done, infos
 
     def _each(self, info: dict[str, Any]) -> list[dict[str, Any]]:
+        params = info.get("params")
+        if params is not None:
+            info = {**info, "params": self._of_episodes(params)}
         return _rows(info) or [{} for _ in range(self.num_envs)]
+
+    def _of_episodes(self, params: dict[str, np.ndarray]) -> list[dict[str, Any]]:
+        """Rows of what is the same from step to step, but where an episode begins."""
+        before, rows = self._params
+        if before.keys() != params.keys() or any(
+            (params[name] != value).any() for name, value in before.items()
+        ):
+            self._params = _, rows = params, _rows(params)
+        return [row.copy() for row in rows]
 
     def close(self) -> None:
         self.env.close()
@@ -93,12 +108,14 @@ class Sb3VecEnv(VecEnv):
 def _rows(info: dict[str, Any]) -> list[dict[str, Any]]:
     """A dictionary of each sub-env, of columns (n, ...) by name; masks `_name` are left out."""
     columns = {name: _column(v) for name, v in info.items() if not name.startswith("_")}
-    names = tuple(columns)
-    return [dict(zip(names, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    rows = zip(*columns.values(), strict=True)
+    return [*map(dict, map(zip, repeat((*columns,)), rows))]
 
 
 def _column(value: Any) -> list[Any]:
     """By sub-env; of one number each as Python's, all at once."""
+    if isinstance(value, list):
+        return value
     if isinstance(value, dict):
         return _rows(value)
     return value.tolist() if value.ndim == 1 else list(value)

@@ -4,7 +4,6 @@ is written in place.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import isnan
 from typing import Any
 
@@ -17,12 +16,16 @@ from torchbeam.extend import BatchSubset, with_values
 
 from . import imperfections
 from .episodes import Episodes
-from .imperfections import beside_the_beam, biased, lagging, late_action
-from .noise import normal
+from .imperfections import beside_the_beam, erroneous, lagging, late_action
 from .parameters import Parameters
 from .plant import Plant, stepper
 from .sensors import Observer
 from .task import Task
+
+FAILED = 1  # a status
+# sub-envs up to which native code finds the equilibria of all in less time than it takes to make
+# another scene, of a few of them
+TOGETHER = 256
 
 
 class Simulation:
@@ -35,7 +38,7 @@ class Simulation:
         observer: what is seen of the beam
         high: (o,) bounds of whole observations: of each frame target, sensors, actions still to act
         bounds: lower and upper ones of one frame
-        known: the parameters that there are
+        known: the parameters that there are;  usual: name -> () their usual values
         ranges: name -> (low, high) of those drawn at each reset
         spare: intervals by which actions may be late
         worst: what an interval costs at most; None where failing costs something else
@@ -60,9 +63,18 @@ class Simulation:
         self.varying: set[str] = set()
         own = task.parameters() if c.form == "nodal" else {}
         self.known = Parameters(own | imperfections.PARAMETERS)
+        self.usual = {
+            name: torch.tensor(p.value, dtype=task.dtype, device=task.device)
+            for name, p in (task.parameters() | imperfections.PARAMETERS).items()
+        }
         self.members = torch.arange(count, device=task.device)
-        self.plant = self._plant({}, self.members)
-        self.rest = self._settled(self.plant, count)
+        self.plant = self._plant(self.usual)
+        start = (
+            self._settled(self.plant.scene, count, False)
+            if task.settles
+            else self.plant.stepper.rest((count,))
+        )
+        self.rest = start, self._begun(self.plant, start, self.members)
         self.ranges = self.known.ranges(c.randomize)
         self.spare = imperfections.spare(self.ranges)
         most = c.control_cost * task.actions
@@ -137,36 +149,43 @@ class Simulation:
         params: dict[str, Tensor] | None = None,
         goal: Tensor | None = None,
     ) -> Episodes:
-        """The episodes with those in the mask (n,) started afresh: built and solved for these
-        alone, then put in their rows.
+        """The episodes with those in the mask (n,) started afresh: solved for these alone, then
+        put in their rows.
 
         Args:
             streams: a generator for each sub-env
             params: name -> (n,)
             goal: (n, g), instead of the one that is drawn
         """
-        episodes = self._with_room(episodes, set(params or {}))
+        params = params or {}
+        self.varying |= params.keys()
         rows = mask.nonzero()[:, 0]
+        few = None if len(rows) == self.count else BatchSubset(rows, self.count)
         own = [streams[i] for i in rows.tolist()]
         # first: neither parameters nor noise change the goals
         drawn = self.task.sample_goal(own, rows)
         goal = drawn if goal is None else goal[rows]
-        values = {
-            name: [stream.uniform(*self.ranges[name]) for stream in own] for name in self.ranges
-        }
-        values = {
-            name: torch.tensor(each, dtype=self.task.dtype, device=self.task.device)
-            for name, each in values.items()
-        }
-        values |= {name: given[rows] for name, given in (params or {}).items()}
-        plant = self._plant(values, rows) if self.varying else self.plant
-        start, first = self._at_rest(plant, rows)
-        beam = self.task.initial_state(start, goal)
-        beam = first if beam is start else self._begun(plant, beam)
+        values = self._values(
+            self._drawn(own) | {name: x[rows] for name, x in params.items()}, rows
+        )
         random = self.config.noise or self.task.RANDOM or "bias" in self.varying
         key = torch.tensor(
             [int(s.integers(2**63)) for s in own] if random else [0] * len(rows), device=rows.device
         )
+        plant = self.plant
+        if self.varying:
+            before = {} if few is None else episodes.plant.params
+            plant = self._plant(
+                values
+                if few is None
+                else {
+                    name: few.put(before[name], values[name], 0) if name in self.varying else value
+                    for name, value in values.items()
+                }
+            )
+        start, first = self._at_rest(plant, values, rows)
+        beam = self.task.initial_state(start, goal)
+        beam = first if beam is start else self._begun(plant, beam, rows)
         zero = torch.zeros(len(rows), dtype=torch.long, device=rows.device)
         idle = self.high.new_zeros(len(rows), self.task.actions)
         now = Episodes(
@@ -181,16 +200,17 @@ class Simulation:
             zero,
             zero.bool(),
             zero.bool(),
-            idle,
+            self.high.expand(len(rows), -1),  # until it is seen
             late=idle[:, None].expand(-1, self.spare, -1) if self.spare else None,
             measures={},
             memory=self.task.initial_memory(goal),
         )
-        now = self._told(now)
-        now = replace(now, observation=self._observation(now))
-        if len(rows) == self.count:
-            return now
-        return episodes.merge(BatchSubset(rows, self.count), now, plants=bool(self.varying))
+        if few is None:
+            now = self._told(now)
+            return with_values(now, observation=self._observation(now))
+        now = self._told(episodes.merge(few, now))
+        observation = torch.where(mask[:, None], self._observation(now), episodes.observation)
+        return with_values(now, observation=observation)
 
     def sensors(self, episodes: Episodes | None) -> tb.sensors.Stack:
         """The sensors of these episodes, or of the usual start where there are none."""
@@ -213,6 +233,15 @@ class Simulation:
         return now, pending, late
 
     # Inside
+
+    def _drawn(self, streams: list[np.random.Generator]) -> dict[str, Tensor]:
+        """name -> (k,), of the parameters that vary by themselves, uniform in their ranges."""
+        if not self.ranges:
+            return {}
+        low, high = np.array([*self.ranges.values()]).T
+        drawn = low + (high - low) * np.array([stream.random(len(low)) for stream in streams])
+        values = torch.as_tensor(drawn.T.copy(), dtype=self.task.dtype, device=self.task.device)
+        return dict(zip(self.ranges, values.unbind(), strict=True))
 
     def _failure_reward(self, before: Episodes) -> Tensor:
         """() or (n,), of an interval in which episodes fail that stand as `before` at its start."""
@@ -238,31 +267,25 @@ class Simulation:
 
     def _frame(self, now: Episodes) -> Tensor:
         seen = self.observer.read(now.beam, now.start, self.task.of(now, self.observer.scale))
-        if self.config.noise:
-            seen = seen + self.config.noise * normal(
-                now.key, now.steps, seen.shape[-1], self.task.dtype
-            )
-        if (bias := now.plant.params["bias"]).ndim:
-            seen = biased(seen, bias, now.key)
+        seen = erroneous(seen, self.config.noise, now.plant.params["bias"], now.key, now.steps)
         tip = None if self.observer.tip is None else seen[:, self.observer.tip]
         parts = self.task.target_observation(now, tip), seen
         whole = torch.cat((*parts, now.pending.flatten(1)) if self.config.delay else parts, -1)
         return whole.clamp(*self.bounds)
 
-    def _plant(self, values: dict[str, Tensor], rows: Tensor) -> Plant:
-        """Of the sub-envs rows (k,), with values (k,) of parameters; those that vary and are not
-        given have their usual one.
+    def _values(self, given: dict[str, Tensor], rows: Tensor) -> dict[str, Tensor]:
+        """name -> () or, where it varies, (k,), of all parameters of the sub-envs rows (k,); those
+        that vary and are not given have their usual value.
         """
-        c, task = self.config, self.task
-        params = {
-            name: torch.tensor(p.value, dtype=task.dtype, device=task.device)
-            for name, p in (task.parameters() | imperfections.PARAMETERS).items()
-        }
-        params |= {name: params[name].expand(len(rows)) for name in self.varying}
-        params |= values
+        others = self.varying - given.keys()
+        return self.usual | {name: self.usual[name].expand(len(rows)) for name in others} | given
+
+    def _plant(self, params: dict[str, Tensor]) -> Plant:
+        """Of all sub-envs, with parameters () or (n,)."""
+        c = self.config
         if self.varying and beside_the_beam(self.varying):
             return Plant(params, self.plant.stepper)
-        scene = task.scene(params, rows, self.varying)
+        scene = self.task.scene(params, self.members, self.varying)
         return Plant(
             params,
             stepper(
@@ -270,48 +293,51 @@ class Simulation:
             ),
         )
 
-    def _at_rest(self, plant: Plant, rows: Tensor) -> tuple[tb.State, tb.State]:
-        usual = plant.stepper is self.plant.stepper
-        if not (usual or self.task.STARTS_ALIKE):
-            return self._settled(plant, len(rows))
-        start, first = (
-            self.rest if len(rows) == self.count else tuple(state[rows] for state in self.rest)
-        )
-        return start, first if usual else self._begun(plant, start)
-
-    def _settled(self, plant: Plant, count: int) -> tuple[tb.State, tb.State]:
-        """The beam in equilibrium without action, and the same with what the method remembers of a
-        step without action.
-        """
-        idle = self._idle(plant, count)
+    def _at_rest(
+        self, plant: Plant, values: dict[str, Tensor], rows: Tensor
+    ) -> tuple[tb.State, tb.State]:
+        """What the sub-envs rows (k,) start from, with these parameters: see `rest`."""
+        usual, whole = plant.stepper is self.plant.stepper, len(rows) == self.count
+        if usual or self.task.STARTS_ALIKE:
+            start, first = self.rest if whole else tuple(state[rows] for state in self.rest)
+            return start, first if usual else self._begun(plant, start, rows)
         if not self.task.settles:
-            start = plant.stepper.rest((count,))
+            start = plant.stepper.rest((self.count,))
+        elif whole or (plant.native and self.count <= TOGETHER):
+            start = self._settled(plant.scene, self.count, plant.native)
         else:
-            native = plant is not self.plant and plant.native
-            start = tb.equilibrium(
-                plant.scene, throw=False, inputs=idle, engine="compiled" if native else "auto"
-            )
-        return start, self._begun(plant, start)
+            own = self.task.scene(values, rows, self.varying)
+            start = self._settled(own, len(rows), plant.native)
+        start = start if len(start.status) == len(rows) else start[rows]
+        return start, self._begun(plant, start, rows)
 
-    def _begun(self, plant: Plant, beam: tb.State) -> tb.State:
-        """A state (n,) with what the method remembers of a step from there without action."""
-        idle = self._idle(plant, len(beam.status))
-        return plant.stepper.begin(beam, **idle) if isinstance(plant.stepper, tb.Stepper) else beam
+    def _settled(self, scene: tb.Scene, count: int, native: bool) -> tb.State:
+        """The beam (count,) in equilibrium without action."""
+        engine = "compiled" if native else "auto"
+        return tb.equilibrium(scene, throw=False, inputs=self._idle(scene, count), engine=engine)
 
-    def _idle(self, plant: Plant, count: int) -> dict[str, Tensor]:
+    def _begun(self, plant: Plant, beam: tb.State, rows: Tensor) -> tb.State:
+        """A state (k,) of the sub-envs rows with what the method remembers of a step from there
+        without action.
+        """
+        if not isinstance(plant.stepper, tb.Stepper):
+            return beam
+        idle = self._idle(plant.scene, self.count)
+        if len(rows) == self.count:
+            return plant.stepper.begin(beam, **idle)
+        # the others count as failed: nothing is checked of them, and nothing tried
+        place = torch.zeros_like(self.members).index_copy(0, rows, self.members[: len(rows)])
+        own = torch.zeros_like(place, dtype=torch.bool).index_fill(0, rows, True)
+        whole = beam[place]
+        whole = with_values(whole, status=torch.where(own, whole.status, FAILED))
+        return plant.stepper.begin(whole, **idle)[rows]
+
+    def _idle(self, scene: tb.Scene, count: int) -> dict[str, Tensor]:
         """The scene's inputs without action."""
         return {
             name: torch.zeros(count, size, dtype=self.task.dtype, device=self.task.device)
-            for name, size in plant.scene.inputs.items()
+            for name, size in scene.inputs.items()
         }
-
-    def _with_room(self, episodes: Episodes | None, names: set[str]) -> Episodes | None:
-        """The episodes with room for values of these parameters in their plants."""
-        self.varying |= names
-        if episodes is None or all(episodes.plant.params[name].ndim for name in self.varying):
-            return episodes
-        varying = {name: value for name, value in episodes.plant.params.items() if value.ndim}
-        return replace(episodes, plant=self._plant(varying, self.members))
 
     def options(self, given: dict[str, Any]) -> dict[str, Any]:
         """Parameters by name (n,) and goals (n, g) from the options of a reset, checked."""

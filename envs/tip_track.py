@@ -65,29 +65,39 @@ class TipTrack(Task):
 
     def sample_goal(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
         """(k, 2 HARMONICS actions): coefficients a_k, b_k of the paths."""
-        return torch.as_tensor(
-            np.stack([self._draw(stream) for stream in streams]),
-            dtype=self.dtype,
-            device=self.device,
-        )
+        axes, harmonics = max(2, self.actions), np.arange(1, HARMONICS + 1)
+        paths, shares, senses, numbers = zip(*[self._draw(s, axes) for s in streams], strict=True)
+        path, sense, (share, turn) = np.array(paths), np.array(senses), np.array(shares).T
+        size, phase = 0.5 + 0.5 * share, 2 * np.pi * turn
+        # of each path: harmonic, cosine and sine, axis
+        c = np.zeros((len(streams), HARMONICS, 2, axes))
+        c[:, 0, :, 0] = np.stack((size * np.cos(phase), -size * np.sin(phase)), -1)
+        k = np.where(path == "circle", 1, 2)  # the second axis: sin(k (phi + phase))
+        second = (size * sense / k)[:, None] * np.stack((np.sin(k * phase), np.cos(k * phase)), -1)
+        c[np.arange(len(k)), k - 1, :, 1] = second
+        random = path == "random"
+        if random.any():
+            own = np.array([x for x in numbers if x is not None]) / harmonics[:, None, None]
+            waves = _waves(2 * np.pi * np.arange(DRAWN) / DRAWN)
+            largest = np.linalg.norm(waves @ own.reshape(len(own), -1, axes), axis=-1).max(-1)
+            c[random] = own * size[random, None, None, None] / largest[:, None, None, None]
+        goals = c[..., : self.actions].reshape(len(streams), -1)
+        return torch.as_tensor(goals, dtype=self.dtype, device=self.device)
 
-    def _draw(self, stream: np.random.Generator) -> np.ndarray:
+    def _draw(
+        self, stream: np.random.Generator, axes: int
+    ) -> tuple[str, np.ndarray, int, np.ndarray | None]:
+        """Name of a path; two numbers of [0, 1), of its size and its phase; -1 or 1, its sense; and
+        of a random one its normal numbers.
+        """
         path = PATHS[stream.integers(len(PATHS))] if self.config.path == "any" else self.config.path
-        size, phase = stream.uniform(0.5, 1), stream.uniform(0, 2 * np.pi)
-        sense = stream.choice([-1, 1])
-        axes = max(2, self.actions)
-        c = np.zeros((HARMONICS, 2, axes))  # harmonic, cosine and sine, axis
-        if path == "random":
-            c = stream.normal(size=c.shape) / np.arange(1, HARMONICS + 1)[:, None, None]
-            largest = np.linalg.norm(
-                (_waves(2 * np.pi * np.arange(DRAWN) / DRAWN) @ c.reshape(-1, axes)), axis=1
-            ).max()
-            return (c * size / largest)[..., : self.actions].ravel()
-        c[0, :, 0] = size * np.cos(phase), -size * np.sin(phase)  # cos(phi + phase)
-        k, second = (1, size * sense) if path == "circle" else (2, size * sense / 2)
-        # sin(k (phi + phase))
-        c[k - 1, :, 1] = second * np.sin(k * phase), second * np.cos(k * phase)
-        return c[..., : self.actions].ravel()
+        share, sense = stream.random(2), 2 * int(stream.integers(2)) - 1
+        return (
+            path,
+            share,
+            sense,
+            stream.normal(size=(HARMONICS, 2, axes)) if path == "random" else None,
+        )
 
     def target(self, now: Episodes, ahead: int = 0) -> Tensor:
         k = (

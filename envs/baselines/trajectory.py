@@ -108,46 +108,89 @@ class TipWay:
 
 def within_bounds(g: Tensor, H: Tensor, plan: Tensor, damping: float | Tensor = 0.0) -> Tensor:
     """The plan (n, m) within [-1, 1] at which g'd + d'(H + damping h I) d / 2 is least, d the
-    change from the one given and h the largest entry on H's diagonal; each sample by itself.
+    change from the one given and h the largest entry on H's diagonal; each sample by itself. Where
+    several plans are, one of them; a sample whose g or H is not finite keeps its own.
     """
     size = damping * H.diagonal(dim1=-2, dim2=-1).amax(-1)
     H = H + torch.diag_embed(size[..., None].expand_as(plan))
-    samples = zip(*(x.detach().double().cpu().numpy() for x in (g, H, plan)), strict=True)
-    return torch.from_numpy(np.stack([_least(*sample) for sample in samples])).to(plan)
+    g, H, x = (x.detach().double().cpu().numpy() for x in (g, H, plan))
+    sound = np.isfinite(g).all(-1) & np.isfinite(H).all((-2, -1))
+    if sound.all():
+        return torch.from_numpy(_least(g, H, x)).to(plan)
+    least = x.copy()
+    if sound.any():
+        least[sound] = _least(g[sound], H[sound], x[sound])
+    return torch.from_numpy(least).to(plan)
 
 
 def _least(g: np.ndarray, H: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Of one sample, by an active set (Nocedal and Wright 2006, section 16.5): Newton steps of the
-    numbers that are not held at a bound, cut off at the bounds where that lowers the model enough
-    (Bertsekas 1982), else as far as the first bound. Once those are at their least, the held one
-    with the largest slope inward is let go, until there is none. The model falls from one such
-    least to the next: no set of held ones comes twice.
+    """Of n samples, each by an active set of its own (Nocedal and Wright 2006, section 16.5):
+    Newton steps of the numbers that are not held at a bound, cut off at the bounds where that
+    lowers the model enough (Bertsekas 1982), else as far as the first bound. Once those are at
+    their least, the held one with the largest slope inward is let go, until there is none. The
+    model falls from one such least to the next: no set of held ones comes twice.
     """
-    enough = ENOUGH * np.abs(g).max()
+    least, own = x.copy(), np.arange(len(x))  # those that are not there yet
+    enough = ENOUGH * np.abs(g).max(-1)
+    # in the place of H where a number is held: of its size
+    unit = H.diagonal(axis1=-2, axis2=-1).max(-1)[:, None, None] * np.eye(x.shape[-1])
     held = ((x >= 1) & (g < 0)) | ((x <= -1) & (g > 0))
     for _ in range(ROUNDS):
-        free = np.flatnonzero(~held)
-        step = np.zeros_like(x)
-        step[free] = np.linalg.solve(H[np.ix_(free, free)], -g[free])
-        reach = np.abs(x + step)
-        if reach.max() <= 1:
-            x, g = x + step, g + H @ step
-            inward = held * g * np.sign(x)
-            first = inward.argmax()
-            if inward[first] <= enough:
-                break
-            held[first] = False
-            continue
-        d = (x + step).clip(-1, 1) - x
-        change = H @ d
-        if d @ (g + change / 2) < d @ g / 4 < 0:
-            held |= reach > 1
-        else:
-            away = 1 - x * np.sign(step)
-            room = np.divide(away, np.abs(step), out=np.full_like(x, np.inf), where=step != 0)
-            first = room.argmin()
-            d, held[first] = room[first] * step, True
-            change = H @ d
+        step = _newton(g, H, ~held, unit)
+        there = x + step
+        beyond = np.abs(there) > 1
+        d = np.minimum(np.maximum(there, -1.0), 1.0) - x
+        change = (H @ d[..., None])[..., 0]
+        inside = ~beyond.any(-1)
+        if not inside.all():
+            slope = (d * g).sum(-1)
+            lowers = (slope + (d * change).sum(-1) / 2 < slope / 4) & (slope < 0)
+            k = np.flatnonzero(~(inside | lowers))
+            if len(k):
+                way = step[k]
+                size, away = np.abs(way), 1 - x[k] * np.sign(way)
+                room = np.divide(away, size, out=np.full_like(size, np.inf), where=size > 0)
+                d[k] = room.min(-1)[:, None] * way
+                change[k] = (H[k] @ d[k][..., None])[..., 0]
+                beyond[k] = False
+                beyond[k, room.argmin(-1)] = True
+            held |= beyond
         x, g = x + d, g + change
         x[held] = np.sign(x[held])
-    return x
+        if not inside.any():
+            continue
+        inward = np.where(held & inside[:, None], g * np.sign(x), 0.0)
+        done = inside & (inward.max(-1) <= enough)
+        k = np.flatnonzero(inside & ~done)
+        held[k, inward[k].argmax(-1)] = False
+        if done.any():
+            least[own[done]] = x[done]
+            if done.all():
+                break
+            g, H, x, held, enough, unit, own = (
+                v[~done] for v in (g, H, x, held, enough, unit, own)
+            )
+    else:
+        least[own] = x
+    return least
+
+
+def _newton(g: np.ndarray, H: np.ndarray, free: np.ndarray, unit: np.ndarray) -> np.ndarray:
+    """Steps (n, m) to the least of the numbers that are free, `unit` in the place of H for the
+    others. Of a matrix without an inverse the shortest of those that lead there, and where none
+    does, a step that leaves the bounds along what is flat, downhill.
+    """
+    A = np.where(free[:, :, None] & free[:, None, :], H, unit)
+    b = np.where(free, -g, 0.0)
+    try:
+        return np.linalg.solve(A, b[..., None])[..., 0]
+    except np.linalg.LinAlgError:
+        curvature, V = np.linalg.eigh(A)
+    along = (V.mT @ b[..., None])[..., 0]
+    flat = curvature <= b.shape[-1] * np.finfo(b.dtype).eps * curvature.max(-1, keepdims=True)
+    step = np.divide(along, curvature, out=np.zeros_like(along), where=~flat)
+    step, fall = ((V @ x[..., None])[..., 0] for x in (step, np.where(flat, along, 0.0)))
+    most = np.abs(fall).max(-1, keepdims=True)
+    falls = most > ENOUGH * np.abs(b).max(-1, keepdims=True)
+    step += np.divide(3 * fall, most, out=np.zeros_like(fall), where=falls)
+    return np.where(free, step, 0.0)

@@ -229,6 +229,41 @@ def test_least_within_bounds(smooth):
         torch.testing.assert_close(one, best[:1], rtol=0, atol=0)
 
 
+@pytest.mark.parametrize("falls", [False, True])
+def test_least_within_bounds_of_matrices_without_inverse(falls):
+    """Of 12 numbers of which some do not count, or count by their sum alone (to the bit: columns
+    of whole numbers that are 0, or alike), the others held at a bound or not; with a gradient that
+    is such a matrix's, or one that falls along what is flat. No slope leads down within the bounds,
+    and the others of the batch, one of which is not finite, do not notice.
+    """
+    generator = torch.Generator().manual_seed(1)
+    A = torch.randint(-3, 4, (30, 8, 12), generator=generator).double()
+    A[:, :, 10:] = 0.0
+    A[10:, :, 1] = A[10:, :, 0]
+    A[20:] = 0.0
+    H = A.mT @ A
+    g = (A.mT @ torch.randn(30, 8, 1, generator=generator, dtype=torch.float64))[..., 0]
+    g = g + falls * torch.randn(30, 12, generator=generator, dtype=torch.float64)
+    own = torch.randn(3, 12, 12, generator=generator, dtype=torch.float64)
+    H = torch.cat((H, own.mT @ own))  # three that have one
+    g = torch.cat((g, torch.randn(3, 12, generator=generator, dtype=torch.float64)))
+    assert (torch.linalg.matrix_rank(H[:30]) <= 8).all()
+    plan = torch.rand(33, 12, generator=generator, dtype=torch.float64) * 2 - 1
+    for start in (plan, plan.sign(), 0 * plan):
+        best = within_bounds(g, H, start)
+        slope = g + (H @ (best - start)[..., None])[..., 0]
+        down = (slope * (best < 1)).clamp(max=0) + (slope * (best > -1)).clamp(min=0)
+        assert best.abs().max() <= 1
+        assert (down.abs().amax(-1) <= 1e-9 * g.abs().amax(-1)).all()
+        torch.testing.assert_close(
+            best[30:], within_bounds(g[30:], H[30:], start[30:]), rtol=0, atol=1e-9
+        )
+        lost = torch.where(torch.arange(33)[:, None] == 4, torch.nan, g)
+        torch.testing.assert_close(
+            within_bounds(lost, H, start), torch.where(lost.isnan(), start, best)
+        )
+
+
 def test_predictive_control_follows():
     """Of a strip of its own stiffness and of a moving target: ten times nearer than LQR."""
     env = TipTrackVectorEnv(2, **{**SMALL, "planar": True, "max_episode_steps": 25})

@@ -4,6 +4,7 @@ an elastic clamp, a mass on the tip.
 
 import math
 
+import numpy as np
 import pytest
 import torch
 import torchbeam_envs as envs
@@ -170,3 +171,34 @@ def test_uncertain_level(task):
     for _ in range(3):
         observation, _, terminated, _, info = env.step(env.action_space.sample())
     assert env.observation_space.contains(observation) and not terminated.any()
+
+
+@pytest.mark.parametrize("planar", [False, True])
+@pytest.mark.parametrize("task", envs.UNCERTAIN)
+def test_a_reset_does_not_depend_on_who_else_is_reset(task, planar):
+    """At the uncertain level, by masks and by autoreset: what begins is, to the bit, what begins
+    where all do, with the stream that it has; and what goes on does as without a reset.
+    """
+    made = dict(elements=2, substeps=1, planar=planar, frames=2, max_episode_steps=4)
+    some, rest = np.array([False, True, False, True, False]), 4
+    few, alone, all_at_once = (
+        getattr(envs, f"{task}VectorEnv")(
+            5, autoreset_mode="Disabled", **made, **envs.UNCERTAIN[task]
+        )
+        for _ in range(3)
+    )
+    for env in (few, alone):
+        env.reset(seed=0)
+    push = np.random.default_rng(0).uniform(-0.5, 0.5, (rest, *few.action_space.shape))
+    for env in (few, alone):
+        env.step(push[0])
+    begun, info = few.reset(seed=7, options={"reset_mask": some})
+    fresh, told = all_at_once.reset(seed=7)
+    for k in range(1, rest):
+        np.testing.assert_array_equal(begun[some], fresh[some])
+        for name, value in told["params"].items():
+            np.testing.assert_array_equal(info["params"][name][some], value[some])
+        begun, _, _, _, info = few.step(push[k])
+        fresh, _, _, _, told = all_at_once.step(push[k])
+        going = alone.step(push[k])[0]
+        np.testing.assert_array_equal(begun[~some], going[~some])

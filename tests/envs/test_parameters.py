@@ -141,19 +141,34 @@ def test_parameters_that_cannot_be_solved_end_their_own_episode():
     assert not ill.step(push)[2].any()
 
 
-def test_a_reset_builds_and_solves_for_those_that_begin(monkeypatch):
-    """The equilibrium that 2 of 64 start from is found for a batch of 2."""
-    env = TipReachVectorEnv(64, autoreset_mode="Disabled", randomize=True, **SMALL)
+@pytest.mark.parametrize("count, engine", [(300, "auto"), (64, "eager"), (64, "auto")])
+def test_equilibria_of_those_that_begin(monkeypatch, count, engine):
+    """The equilibrium that 2 of many start from is found for a batch of 2; of few, by native code,
+    for all, which takes less time. Their starts are the same to the bit as where all of these begin
+    at once, and the others' stay.
+    """
+    options = dict(autoreset_mode="Disabled", randomize=True, engine=engine)
+    env = TipReachVectorEnv(count, **{**SMALL, **options})
     env.reset(seed=0)
-    solved, equilibrium = [], tb.equilibrium
+    before, solved, equilibrium = env.state, [], tb.equilibrium
 
     def watched(scene, **given):
         solved.append(scene.batch_shape)
         return equilibrium(scene, **given)
 
     monkeypatch.setattr(tb, "equilibrium", watched)
-    env.reset(options={"reset_mask": np.arange(64) < 2})
-    assert solved == [(2,)] and env.scene.batch_shape == (64,)
+    begin = np.arange(count) < 2
+    env.reset(seed=1, options={"reset_mask": begin})
+    assert solved == [(count,) if (count, engine) == (64, "auto") else (2,)]
+    assert env.scene.batch_shape == (count,)
+    after, _ = env.state, env.reset(seed=1)
+    for name in ("start", "beam"):
+        own, others, fresh = (getattr(x, name).position for x in (after, before, env.state))
+        assert torch.equal(own[2:], others[2:]) and not torch.equal(own[:2], others[:2])
+        if engine == "auto":
+            assert torch.equal(own[:2], fresh[:2])
+        else:
+            torch.testing.assert_close(own[:2], fresh[:2], rtol=0, atol=1e-12)
 
 
 def test_a_target_out_of_reach():

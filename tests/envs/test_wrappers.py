@@ -10,7 +10,7 @@ import pytest
 import torch
 from gymnasium import wrappers as single
 from gymnasium.wrappers import vector as many
-from torchbeam_envs import benchmark, mpc_times
+from torchbeam_envs import benchmark, mpc_times, reset_times
 
 import torchbeam as tb
 
@@ -217,3 +217,20 @@ def test_times_of_predictive_control(tmp_path, monkeypatch, capsys):
     with pytest.raises(SystemExit):
         benchmark.main(["--mpc", "0"])
     assert "--mpc 0 was given" in capsys.readouterr().err
+
+
+def test_times_of_resets(tmp_path, monkeypatch, capsys):
+    """Resets of uncertain plants cost more than nothing; the command writes what was measured."""
+    row = reset_times.measure(benchmark.IDS["SlewPlanar"], 2, 2, elements=2, substeps=1)
+    assert row.step > 0 and row.reset > 0 and row.few > 0 and row.batch == 2
+    monkeypatch.setattr(
+        reset_times, "measure", lambda id, *given: row._replace(id=id, adapter=None)
+    )
+    assert benchmark.main(["--resets", "2", "--out", str(tmp_path)]) == 0
+    written = json.loads((tmp_path / "resets.json").read_text())
+    assert len(written["rows"]) == 10 * len(reset_times.BATCHES) and written["share"] == 8
+    same = ", ".join([f"{row.reset / row.step:.2f}"] * len(reset_times.BATCHES))
+    assert f"| {same} |" in (tmp_path / "resets.md").read_text()
+    with pytest.raises(SystemExit):
+        benchmark.main(["--resets", "0"])
+    assert "--resets 0 was given" in capsys.readouterr().err

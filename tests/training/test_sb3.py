@@ -57,6 +57,31 @@ def test_adapter_is_the_vector_env():
                 assert info["distance"] == expected[4]["distance"][i]
 
 
+def test_adapter_tells_the_parameters_of_each_episode():
+    """Also those that begin by themselves, of the env behind it that are given others, and where a
+    learner writes into what it was told.
+    """
+    randomize = {"stiffness": (0.8, 1.2), "gain": (0.9, 1.1)}
+    env = torchbeam_envs.Sb3VecEnv(TINY.make(3, randomize=randomize))
+    env.seed(0)
+    env.reset()
+    push, seen = np.zeros((3, 1), dtype=np.float32), set()
+    for k in range(12):
+        before = env.env.state.plant.params
+        if k == 6:
+            env.env.reset(options={"params": {"damping": 2e-3}})
+            before = env.env.state.plant.params
+        _, _, done, infos = env.step(push)
+        for i, info in enumerate(infos):
+            told = info["params"]
+            own = {name: x[i].float().item() for name, x in before.items() if x.ndim}
+            assert told == own or done[i]
+            assert told.keys() == randomize.keys() | ({"damping"} if k >= 6 else set())
+            seen.add(told["stiffness"])
+            told["stiffness"] = -1.0
+    assert len(seen) > 6 and -1.0 not in seen
+
+
 def test_adapter_refuses_options():
     """Those that stable-baselines3 would give to the members one by one."""
     env = torchbeam_envs.Sb3VecEnv(TINY.make(2))

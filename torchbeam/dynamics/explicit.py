@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +10,6 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import choice, duration, instance, mask
-from ..core.batch_subset import BatchSubset
 from ..core.functions_of_time import shared
 from ..core.status import FAILED
 from ..core.validation import shown
@@ -104,12 +102,6 @@ class ExplicitStepper:
             device=self.scene.device,
         )
         return consistent_state(self.scene, u=still, form=self.form, inputs=zero)
-
-    def merge(self, few: BatchSubset, part: ExplicitStepper) -> ExplicitStepper:
-        """As `Stepper.merge`."""
-        merged = copy(self)
-        merged.scene = few.merge(self.scene, part.scene)
-        return merged
 
     def __call__(
         self, state: State | MixedState, *, active: Tensor | None = None, **inputs: Any

@@ -11,7 +11,6 @@ from torch import Tensor
 
 from ..core.arguments import choice, count, duration, mask, step_size
 from ..core.arguments import tolerance as check_tolerance
-from ..core.batch_subset import BatchSubset
 from ..core.functions_of_time import shared
 from ..core.leaves import with_values
 from ..core.status import DIVERGED, SUCCESS
@@ -396,14 +395,3 @@ class Stepper:
             return other(state, dt=dt, **inputs)
 
         return self.method.begin(state, self.model, dt, trial)
-
-    def merge(self, few: BatchSubset, part: Stepper) -> Stepper:
-        """This stepper, with the samples `few` of its batch those of `part`: a stepper that was
-        made for them by itself, of the same mesh and options. Raises ValueError as
-        `BatchSubset.merge`.
-        """
-        merged = copy(self)
-        merged.scene, merged.model = few.merge((self.scene, self.model), (part.scene, part.model))
-        merged.solver = self.solver.of(merged.model)
-        merged.iterations, merged.failures = None, Failures()
-        return merged

@@ -105,7 +105,7 @@ class SteadyProblem(BalanceProblem):
     @cached
     def least(self) -> tuple[Tensor, ...]:
         """See `least_forces`."""
-        return least_forces(self.model, self.conditions)
+        return least_forces(self.model, self.C, lambda: self.conditions)
 
     @cached
     def element(self) -> ElementAtRest:
@@ -277,12 +277,18 @@ class SteadyProblem(BalanceProblem):
         return Configuration(position, rotation, x.stress)
 
 
-def least_forces(model: Model, now: Conditions) -> tuple[Tensor, ...]:
+def least_forces(
+    model: Model, C: Tensor, conditions: Callable[[], Conditions]
+) -> tuple[Tensor, ...]:
     """Forces N and moments N m (..., n, *), of which p are forces, that a balance is measured
     against where nothing else acts: the stress of rounding, the efforts in joints, which what
     resists in these may balance by itself, and the dead loads that what a body touches may.
     """
-    terms, efforts = [rounding_stress(model)], model.joints.efforts(now.joints)
+    terms = [rounding_stress(model, C)]
+    if not (model.joints.count or model.bodies_touch):
+        return tuple(terms)
+    now = conditions()
+    efforts = model.joints.efforts(now.joints)
     if efforts is not None:
         terms.append(efforts)
     if model.bodies_touch:
@@ -293,12 +299,11 @@ def least_forces(model: Model, now: Conditions) -> tuple[Tensor, ...]:
     return tuple(terms)
 
 
-def rounding_stress(model: Model) -> Tensor:
+def rounding_stress(model: Model, C: Tensor) -> Tensor:
     """(..., N, k) N and N m, the stress of strains that are rounding alone, in differences of
-    places over an element.
+    places over an element; C of the tangent.
     """
-    p, C = model.space.dims.position, model.tangent_stiffness()
-    h = model.length.detach()
+    p, h = model.space.dims.position, model.length.detach()
     eps = torch.finfo(h.dtype).eps
     strain = torch.cat(
         (

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ..core.leaves import constant, with_values
 from ..core.validation import concrete
+from ..scene.effects import RootSpring
 from ..scene.effects.loads import GivenLoad
 from .conditions import conditions
 from .coordinates.planar import Planar
@@ -90,7 +91,7 @@ def _of_loads(model: Model) -> Iterator[tuple[str, Tensor]]:
     """Forces and moments (..., 6) of loads that are numbers, on the beam at rest, but for those
     that lie in the plane to the bit whatever the beam does; with what loads are called.
     """
-    loads = tuple([x for x in model.scene.loads if constant(x) and not _inside(model.space, x)])
+    loads = tuple([x for x in model.scene.loads if constant(x) and not _inside(model, x)])
     if not loads:
         return
     beam, still = model.scene.beam, torch.zeros_like(model.scene.beam.nodes)
@@ -104,8 +105,13 @@ def _of_loads(model: Model) -> Iterator[tuple[str, Tensor]]:
         yield acting.load.called, at_nodes(whole, nodes, replace(now, between=(acting,)))
 
 
-def _inside(space: Planar, load: Any) -> bool:
-    """Whether a load is a dead force, or moment, in the plane."""
+def _inside(model: Model, load: Any) -> bool:
+    """Whether a load is a dead force, or moment, in the plane; or an elastic clamp whose support
+    rests, where the beam at rest is.
+    """
+    space, scene = model.space, model.scene
+    if isinstance(load, RootSpring):
+        return scene.root is None and scene.frame is None
     if not isinstance(load, GivenLoad) or load.depends:
         return False
     for x, normals in ((load.force, slice(2, None)), (load.moment, slice(2))):

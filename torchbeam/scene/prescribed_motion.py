@@ -101,7 +101,11 @@ class PrescribedMotion:
 
     def root_pose(self, t: Tensor) -> Pose:
         """Pose of the support of node 0, for elastic clamps."""
-        root = self.scene.root
+        root, beam = self.scene.root, self.scene.beam
+        if root is None and self.scene.frame is None:  # it rests where the beam has it
+            position, rotation = beam.nodes[..., 0, :], beam.frames[..., 0, :]
+            zero = torch.zeros_like(position)
+            return Pose(position, quat.matrix(rotation), zero, zero)
         support = (
             Support(0)
             if root is None

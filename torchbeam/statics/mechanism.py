@@ -19,7 +19,9 @@ from ..core.derivatives import no_derivatives
 from ..core.leaves import leaf
 from ..core.validation import concrete
 from ..equations.steady import Configuration, SteadyProblem
+from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
+from ..scene.effects import RootSpring
 from ..scene.scene import Scene
 from ..state.state import rest
 from ..topology.protocols import Matrix, total
@@ -112,7 +114,24 @@ def unheld(
 
 def clamped(model: Model) -> bool:
     """Whether all is held without a look at loads, or by a frame that turns."""
-    return model.turning or _welded_to_clamps(model.scene)
+    return model.turning or _welded_to_clamps(model.scene) or _held_elastically(model)
+
+
+def _held_elastically(model: Model) -> bool:
+    """Whether an elastic clamp, the only load of a beam that depends on how it stands, resists all
+    of its rigid motions in all samples.
+    """
+    scene, moving = model.scene, model.loads[0]
+    if scene.beam.parts or scene.tendons or len(moving) != 1:
+        return False
+    (spring,) = moving
+    if not isinstance(spring, RootSpring):
+        return False
+    k, size = spring.stiffness.detach(), scene.beam.length.detach().sum(-1, keepdim=True)
+    lead = broadcast_shapes(k.shape[:-1], size.shape[:-1])
+    work = torch.cat([x.expand(*lead, 3) for x in (k[..., :3] * size.square(), k[..., 3:])], -1)
+    least, most = work.aminmax(dim=-1)
+    return bool(concrete(least > NONE * most).all())
 
 
 def _welded_to_clamps(scene: Scene) -> bool:

@@ -494,7 +494,8 @@ class Constants:
         if tangent is None:
             with lasting(), torch.no_grad():  # no solution depends on its tangent
                 dt = dt.detach()
-                C, law = self.model.tangent_stiffness(dt), self.model.law.C
+                own = dt if self.steps else None
+                C, law = self.model.tangent_stiffness(own), self.model.law.C
                 same = C.shape == law.shape and C.data_ptr() == law.data_ptr()
                 exact = C.new_ones(C.shape[:-3]) if same else same_law(C, law).to(C)
                 tangent = dt.clone(), C, exact

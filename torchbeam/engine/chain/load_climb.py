@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Hashable
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 from torch._C import _functorch as functorch
 
+from ...core.remembered import keep
 from ...core.repetition import repetitions
 from ...core.surroundings import Surroundings
 from ...core.validation import broadcast
@@ -22,23 +23,26 @@ from ...nodal.model import Model
 from ...scene.effects import Inputs
 from ...solvers.newton import TOLERANCE
 from ...state.supported_nodes import set_node
+from ...topology.framework import Framework
 from ..compiler.trace import NotTraceable
 from ..engine_use import slow_path
 from .call import Call, Chain, Field, structure_fields
 from .chain_constants import Trees
-from .constants import Constants
+from .constants import Constants, LoadRoles
 from .cotangents import FORCES, OF_JOINTS, constant_fields
 from .coverage import MISSING, given_up, installed, meaning, unsteady, untraceable
 from .load_program import JudgedProgram, LoadProgram
-from .native import NotCompiled
+from .native import NativeProgram, NotCompiled
 from .node_kinds import kinds_of
 from .program import NOTHING, ChainProgram, program_of
 from .steady_functions import SteadyFunctions
+from .step_structure import keep_structure, key_of, known_structure
 from .user_functions import by_function, by_sample, check_batch, known, surroundings
 
 # samples times elements that "auto" compiles for: eager ones then take longer than tracing and
 # loading
 WORTH = 2**15
+CALLS = 8  # of a structure that are kept; the oldest goes first
 
 
 class Climbed(NamedTuple):
@@ -148,6 +152,20 @@ def _climbed(
     )
 
 
+class LoadStructure(NamedTuple):
+    """What load stepping of models of one structure has in common, whatever the values of their
+    tensors are; calls: by the shapes and strides of these.
+    """
+
+    chain: Chain
+    roles: LoadRoles
+    calls: dict[Hashable, Call]
+
+    @property
+    def program(self) -> NativeProgram:
+        return self.chain.program
+
+
 def _called(
     model: Model,
     t: Tensor,
@@ -158,34 +176,38 @@ def _called(
     lanes: int | None,
     around: Surroundings | None,
 ) -> Climbed:
-    constants = Constants(model, steps=False, around=around)
-    local = SteadyFunctions(model, *trees_at_rest(constants, t, inputs))
-    joints = model.joints.count > 0
     judged = judged and not model.scene.beam.parts  # of a structure it is looked at by torch
-    chain, fields = prepared(
-        local, constants, t, inputs, around, JudgedProgram if judged else LoadProgram
+    structure, trees = _structure(
+        model, t, inputs, around, JudgedProgram if judged else LoadProgram
     )
-    exact = same_law(local.elements.C, model.law.C)
+    chain, joints = structure.chain, model.joints.count > 0
+    exact = same_law(trees[1].C, model.law.C)
     tolerance = model.length.new_tensor(tolerance or TOLERANCE[model.length.dtype])
     stress, forces = model.joints.split(x.stress)
     start = x._asdict() | {"stress": stress} | ({FORCES: forces} if joints else {})
     place = {"stress": ("start_stress", "stress"), **OF_JOINTS, "reaction": ("support", "last")}
     given = [
-        *fields,
+        *fields_at_rest(chain, model, trees, t, inputs),
         Field("common", "exact", exact, 0),
         Field("common", "tolerance", tolerance, 0),
         *(Field(*place.get(name, ("kept", name)), v, 2) for name, v in start.items()),
     ]
     batch = broadcast_shapes(*(one.value.shape[: one.value.ndim - one.axes] for one in given))
     check_batch(model, batch)
-    call = Call(chain, batch, 1, lanes)
-    states = {name: call.empty(*v.shape[-2:], steps=False) for name, v in start.items()}
-    states["reaction"] = call.empty(*model.constraints.fixed.shape, steps=False)
-    outputs = {name: call.empty(steps=False) for name in ("last_status", "indefinite")}
+    key = lanes, batch, *[(one.value.shape, one.value.stride(), one.value.dtype) for one in given]
+    call = structure.calls.get(key)
+    made = call or Call(chain, batch, 1, lanes)
+    states = {name: made.empty(*v.shape[-2:], steps=False) for name, v in start.items()}
+    states["reaction"] = made.empty(*model.constraints.fixed.shape, steps=False)
+    outputs = {name: made.empty(steps=False) for name in ("last_status", "indefinite")}
     out = [Field(*place.get(name, ("kept", name)), v, 2, flat=True) for name, v in states.items()]
     out += [Field("sample", name, v, 0, flat=True) for name, v in outputs.items()]
-    given += [Field("free", "free", chain.free, 2), *structure_fields(chain)]
-    call.bound({}, inputs=given, outputs=out).run(LIMIT)
+    if call is None:
+        fixed = [Field("free", "free", chain.free, 2), *structure_fields(chain)]
+        varying = {"inputs": len(given), "outputs": len(out)}
+        made.bound(varying, inputs=[*given, *fixed], outputs=out)
+        call = keep(structure.calls, key, made, CALLS)
+    call.run(LIMIT, inputs=[one.value for one in given], outputs=[one.value for one in out])
     solution = {name: v.reshape(*batch, *v.shape[1:]) for name, v in states.items()}
     if joints:
         solution["stress"] = stacked(solution["stress"], solution.pop(FORCES))
@@ -196,28 +218,50 @@ def _called(
     )
 
 
-def trees_at_rest(constants: Constants, t: Tensor, inputs: Inputs) -> Trees:
-    """Those of what stands still."""
-    model = constants.model
-    nodes, elements, *others = constants.at(t.new_ones(()), t, inputs, model.orientation(t))
-    return nodes, replace(elements, C=model.tangent_stiffness()), *others
-
-
-def prepared(
-    local: SteadyFunctions,
-    constants: Constants,
+def _structure(
+    model: Model,
     t: Tensor,
     inputs: Inputs,
     around: Surroundings | None,
+    program_type: type[LoadProgram],
+) -> tuple[LoadStructure, Trees]:
+    """That of an earlier model if there was one, and this one's trees."""
+    constants = kinds = None
+    if isinstance(model.topology, Framework):
+        constants = Constants(model, steps=False, around=around)
+        kinds = kinds_of(model, constants.acts, rest=True)
+    key = key_of(model, kinds, program_type)
+    structure = known_structure(key)
+    if constants is None:
+        roles = None if structure is None else structure.roles
+        constants = Constants(model, steps=False, around=around, roles=roles)
+    trees = constants.at(t.new_ones(()), t, inputs, model.orientation(t))
+    if structure is None:
+        chain = chain_at_rest(SteadyFunctions(model, *trees), constants, around, program_type)
+        structure = LoadStructure(chain, constants.roles, {})
+        keep_structure(key, structure)
+    return structure, trees
+
+
+def chain_at_rest(
+    local: SteadyFunctions,
+    constants: Constants,
+    around: Surroundings | None,
     program_type: type[ChainProgram],
-) -> tuple[Chain, list[Field]]:
-    """A model at rest in a program of this class, and the fields that are the same throughout."""
+) -> Chain:
+    """A model at rest in a program of this class."""
     model = local.model
     kinds = kinds_of(model, constants.acts, rest=True)
     program = program_of(local, kinds, bool(model.constraints.nodes), around, program_type)
-    chain = Chain(program, model, kinds)
+    return Chain(program, model, kinds)
+
+
+def fields_at_rest(
+    chain: Chain, model: Model, trees: Trees, t: Tensor, inputs: Inputs
+) -> list[Field]:
+    """The fields that are the same throughout."""
     length, p = model.spans, model.space.dims.position
-    least = least_forces(model, conditions(model, t, inputs))
+    least = least_forces(model, trees[1].C, lambda: conditions(model, t, inputs))
     numbers = {"total": length.sum((-1, -2)), "longest": length.amax((-1, -2))}
     for name, columns in (("force", slice(p)), ("moment", slice(p, None))):
         sizes = torch.broadcast_tensors(*(most(x[..., columns]) for x in least))
@@ -225,11 +269,11 @@ def prepared(
     if model.joints.count:
         numbers["joint_size"] = model.joints.size
     fields = [
-        *constant_fields(local.trees),
+        *constant_fields(trees),
         *_poses(model, t),
         *(Field("common", name, v, 0) for name, v in numbers.items()),
     ]
-    return chain, [one for one in fields if chain.has(one.record, one.name)]
+    return [one for one in fields if chain.has(one.record, one.name)]
 
 
 def _poses(model: Model, t: Tensor) -> list[Field]:

@@ -16,6 +16,7 @@ from ...core.surroundings import Surroundings
 from ...equations.steady import Configuration, SteadyProblem
 from ...nodal.balance import same_law
 from ...nodal.joints import stacked
+from ...scene.effects import Inputs
 from ...state.state import rest
 from ...topology.protocols import System
 from ..compiler.derivative import dot
@@ -26,7 +27,7 @@ from .chain_constants import Trees
 from .constants import Constants
 from .cotangents import FORCES, OF_JOINTS, constant_fields
 from .coverage import given_up, meaning, unsteady, untraceable
-from .load_climb import prepared, refusal, trees_at_rest
+from .load_climb import chain_at_rest, fields_at_rest, refusal
 from .native import NotCompiled
 from .path_program import PIVOT, RATE, PathFunctions, PathProgram
 from .program import NOTHING
@@ -78,9 +79,8 @@ class NativeBalance:
         constants = Constants(model, steps=False, around=around)
         trees, rising, rises, led = self._trees(constants, problem, load)
         local = PathFunctions(model, *trees, rising=rising, led=led is not None)
-        self.chain, fields = prepared(
-            local, constants, problem.t, problem.inputs, around, PathProgram
-        )
+        self.chain = chain_at_rest(local, constants, around, PathProgram)
+        fields = fields_at_rest(self.chain, model, trees, problem.t, problem.inputs)
         self.exact, self.load = same_law(local.elements.C, model.law.C), load
         self.rising = [one for one in fields if one.name in rises]
         self.fields = [one for one in fields if one.name not in rises]
@@ -99,11 +99,15 @@ class NativeBalance:
         rises with the factor, and how fast, where these are constants; how fast supports go.
         """
         model, t, inputs = constants.model, problem.t, problem.inputs
-        trees = trees_at_rest(constants, t, inputs)
+
+        def at_rest(inputs: Inputs) -> Trees:
+            return constants.at(t.new_ones(()), t, inputs, model.orientation(t))
+
+        trees = at_rest(inputs)
         if load is None:
             moving = any(one.displacement is not None for one in model.scene.supports)
             return trees, ("load_factor",), {}, _rate(problem) if moving else None
-        none = trees_at_rest(constants, t, {**inputs, load: torch.zeros_like(inputs[load])})
+        none = at_rest({**inputs, load: torch.zeros_like(inputs[load])})
         pairs = zip(constant_fields(none), constant_fields(trees), strict=True)
         rises = {a.name: b.value - a.value for a, b in pairs if a.value is not b.value}
         return none, tuple(rises), rises, None

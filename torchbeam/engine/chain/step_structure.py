@@ -195,13 +195,14 @@ class StepStructure:
         return Form(call, templates, {})
 
 
-_STRUCTURES: dict[Hashable, StepStructure] = {}
+_STRUCTURES: dict[Hashable, Any] = {}  # of steps, and of load stepping: whatever has a `program`
 
 
 def key_of(model: Model, kinds: Kinds | None, *options: Any) -> Hashable | None:
-    """What the structure of a model's steps with these options follows from, without a look at its
-    trees; None where it takes one: a function, or an effect of a user's own, is asked for what it
-    gives. kinds: of what joints connect, whose numbers are part of it; None = of one chain.
+    """What the structure of a model's steps, or load stepping, with these options follows from,
+    without a look at its trees; None where it takes one: a function, or an effect of a user's own,
+    is asked for what it gives. kinds: of what joints connect, whose numbers are part of it;
+    None = of one chain.
     """
     scene, space = model.scene, model.space
     known = ChainTopology if kinds is None else Framework
@@ -224,7 +225,7 @@ def key_of(model: Model, kinds: Kinds | None, *options: Any) -> Hashable | None:
     return key
 
 
-def known_structure(key: Hashable | None) -> StepStructure | None:
+def known_structure(key: Hashable | None) -> Any | None:
     """As long as its program is kept."""
     structure = _STRUCTURES.get(key)
     held = structure is not None and any(
@@ -233,6 +234,6 @@ def known_structure(key: Hashable | None) -> StepStructure | None:
     return structure if held else None
 
 
-def keep_structure(key: Hashable | None, structure: StepStructure) -> None:
+def keep_structure(key: Hashable | None, structure: Any) -> None:
     if key is not None:
         keep(_STRUCTURES, key, structure, STRUCTURES)

@@ -501,3 +501,39 @@ def test_an_equilibrium_of_a_structure_is_the_eager_one():
     assert_close(a.joints, b.joints, rtol=0, atol=1e-11)
     for x, y in zip(slopes, wanted, strict=True):
         assert_close(x, y, rtol=0, atol=1e-9 * float(y.abs().max()))
+
+
+def test_scenes_of_one_structure_share_a_call(monkeypatch):
+    """Other numbers of the same shapes: looked through and bound once for each batch, with nothing
+    left of the scene before; of another structure (a support that slides) anew.
+    """
+    bound, traced = [], []
+    call, structure = compiled.Call.bound, compiled.LoadStructure.__new__
+
+    def binding(self, *args, **tables):
+        bound.append(self.batch)
+        return call(self, *args, **tables)
+
+    def tracing(cls, *args):
+        traced.append(args)
+        return structure(cls, *args)
+
+    monkeypatch.setattr(compiled.Call, "bound", binding)
+    monkeypatch.setattr(compiled.LoadStructure, "__new__", tracing)
+
+    def scene(scale, k, **options):
+        beam = straight(5)
+        beam = replace(beam, compliance=beam.compliance / scale[..., None, None, None])
+        effects = [tb.TipLoad(force=tb.Input("u", 3)), tb.Gravity((0, 0, -1.0))]
+        return tb.Scene(beam, [*effects, *k], **options)
+
+    spring = torch.tensor([1e3, 2e3, 3e3, 20.0, 30.0, 40.0])
+    for size, seed in ((3, 0), (3, 1), (5, 2), (3, 3)):
+        generator = torch.Generator().manual_seed(seed)
+        draw = torch.rand(size, 3, generator=generator)
+        clamp = tb.RootSpring((1 + draw[:, :1]) * spring)
+        same(*both(scene(1 + draw[:, 0], [clamp]), 0.1 * draw))
+    assert len(traced) == 2 and bound == [(3,), (5,)]
+    slide = [tb.Support(0), tb.Support(-1, "z", "")]
+    same(*both(scene(1 + draw[:, 0], [], supports=slide), 0.1 * draw))
+    assert len(traced) == 3 and bound == [(3,), (5,), (3,)]
