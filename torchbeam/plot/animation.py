@@ -45,7 +45,7 @@ def animate(
             the other, as equilibria under a growing load
         path: ends in .gif (Pillow) or .mp4 (an ffmpeg program, or the one that comes with the
             package imageio-ffmpeg)
-        ax: to draw on: what is there already stays; None = new ones
+        ax: to draw on: what is there already stays, and so do limits that are set; None = new ones
         plane: as in `shape`;  frames: with the section axes of the tip;  trail: the path of the tip
         scene: as in `shape`: beams as thick as they touch, obstacles, bodies, tendons
         fps: 1/s, pictures a second; of a solution each shows the output instant next to its time,

@@ -37,7 +37,8 @@ def shape(
         plane: "xy", "xz" or "yz": seen along the third axis; None = in space, unless all lies in
             one of these planes
         scene: that it is a state of: beams are as thick as contacts take them, and obstacles (of
-            a batch the first sample's), the surfaces of bodies, and tendons are drawn
+            a batch the first sample's), the surfaces of bodies, and tendons are drawn, as far as
+            limits say that are set
         frames: draw the section axes of the nodes too: x red, y green, z blue
         nodes: mark the nodes;  color, label and further keywords: as matplotlib has them for lines
 
@@ -198,16 +199,23 @@ def _even(ax: Axes, seen: list[int]) -> Axes:
 
 
 def framed(ax: Axes, seen: list[int], points: Tensor) -> None:
-    """Equal scales, with room for what was drawn and for points (n, 2 or 3) m, and limits that
-    stay.
+    """Equal scales, with limits that stay: those that a user has set, or with room for what was
+    drawn and for points (n, 2 or 3) m.
     """
+    own = not (ax.get_autoscalex_on() or ax.get_autoscaley_on())
+    limits = [ax.get_xlim(), ax.get_ylim(), *([ax.get_zlim()] if is_3d(ax) else [])]
     (everywhere,) = ax.plot(*numbers(points).T, alpha=0)
     _even(ax, seen)
-    if not is_3d(ax):
-        ax.figure.canvas.draw()  # equal scales settle
-        ax.set_aspect("equal", adjustable="box")
-        ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())
     everywhere.remove()
+    if own:
+        ax.set(**dict(zip(("xlim", "ylim", "zlim"), limits, strict=False)))
+    if is_3d(ax):
+        ax.set_box_aspect([b - a for a, b in (ax.get_xlim(), ax.get_ylim(), ax.get_zlim())])
+        return
+    if not own:
+        ax.figure.canvas.draw()  # equal scales settle
+    ax.set_aspect("equal", adjustable="box")
+    ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())
 
 
 def _few(count: int) -> Any:
