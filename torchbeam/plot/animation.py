@@ -47,7 +47,7 @@ def animate(
             package imageio-ffmpeg)
         ax: to draw on: what is there already stays, and so do limits that are set; None = new ones
         plane: as in `shape`;  frames: with the section axes of the tip;  trail: the path of the tip
-        scene: as in `shape`: beams as thick as they touch, obstacles, bodies, tendons
+        scene: as in `shape`: all that is solid, in its size
         fps: 1/s, pictures a second; of a solution each shows the output instant next to its time,
             so output instants should be as dense
         dpi: dots an inch
@@ -150,8 +150,7 @@ class _Film:
         times = states.position.shape[0]
         ax, seen = _prepared(ax, plane, position)
         solid = None if scene is None else SolidPicture.of(scene, states, ax, seen, None)
-        rows = rows_of(states) if solid is None else solid.lines(states)
-        curves = axis_curves(rows, position, turn[..., 0])[..., seen]
+        curves = axis_curves(rows_of(states), position, turn[..., 0])[..., seen]
         curves = curves.reshape(times, len(position) // times, *curves.shape[-2:])
         tip, R = (
             x.reshape(times, curves.shape[1], *x.shape[1:]) for x in (position[:, -1], turn[:, -1])
@@ -175,7 +174,7 @@ class _Film:
             numbers(curves),
             numbers(tip[..., seen]),
             numbers(triad),
-            lines=[line(f"C{i % 10}", lw=2.2) for i in samples],
+            lines=[line(f"C{i % 10}", lw=2.2) for i in samples] if solid is None else [],
             trails=[line(f"C{i % 10}", lw=0.8, alpha=0.6) for i in samples] if trail else [],
             triad=[line(color, lw=1.6) for color in TRIAD] if frames else [],
             solid=solid,

@@ -36,9 +36,10 @@ def shape(
         state: of any form, with any leading axes
         plane: "xy", "xz" or "yz": seen along the third axis; None = in space, unless all lies in
             one of these planes
-        scene: that it is a state of: beams are as thick as contacts take them, and obstacles (of
-            a batch the first sample's), the surfaces of bodies, and tendons are drawn, as far as
-            limits say that are set
+        scene: that it is a state of: beams are drawn as thick as contacts take them, or else as
+            the rectangle of their EI and EA, with obstacles (of a batch the first sample's), the
+            surfaces of bodies, and tendons, as far as limits say that are set; `color` is that of
+            all, and what else there is for lines has no meaning
         frames: draw the section axes of the nodes too: x red, y green, z blue
         nodes: mark the nodes;  color, label and further keywords: as matplotlib has them for lines
 
@@ -54,26 +55,25 @@ def shape(
     position, turn = nodes_of(state)
     ax, seen = _prepared(ax, plane, position)
     solid = None if scene is None else SolidPicture.of(scene, state, ax, seen, color)
-    rows = rows_of(state)
     if solid is not None:
-        rows = solid.lines(state)
         framed(ax, seen, solid.reach(state)[:, seen])
+        solid.draw(state)
+        if frames:
+            _triads(ax, position, turn, seen)
+        return ax
+    rows = rows_of(state)
     curves = numbers(axis_curves(rows, position, turn[..., 0])[..., seen])
     dots = numbers(position[..., seen])
     for i, (curve, points) in enumerate(zip(curves, dots, strict=True)):
         shade = color if color is not None else "C0" if len(curves) == 1 else _shade(i, len(curves))
         style = line_style(line, color=shade, label=label if i == 0 else None, lw=1.8)
         (drawn,) = ax.plot(*curve.T, **style)
-        if nodes and solid is None:
+        if nodes:
             ax.plot(*points.T, "o", ms=2.5, color=drawn.get_color(), alpha=drawn.get_alpha())
-        if solid is None:
-            _mark(ax, state, points, drawn.get_color())
+        _mark(ax, state, points, drawn.get_color())
     if frames:
         _triads(ax, position, turn, seen)
-    if solid is None:
-        return _even(ax, seen)
-    solid.draw(state)
-    return ax
+    return _even(ax, seen)
 
 
 def mode_shapes(

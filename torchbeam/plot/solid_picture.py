@@ -13,13 +13,13 @@ from ..core.arguments import instance
 from ..core.leaves import sent, with_values
 from ..math import quaternions as quat
 from ..scene.effects.obstacles import Cylinder, Obstacle, Plane
-from ..scene.parts import Part
 from ..scene.scene import Scene
 from ..state.state import State
 from ..state.state_check import of_mesh
 from .axis import PLANES, axis_curve, nodes_of, rows_of
 from .canvas import Axes, numbers
-from .obstacles import cut, in_axes, radius_of, standing, surface_of
+from .obstacles import cut, in_axes, standing, surface_of
+from .sections import Sections, between
 from .solids import Mesh, rounds, surface_mesh, tube_mesh
 
 SOLID, ROPE = "0.85", "0.25"  # colours of obstacles, of tendons
@@ -37,6 +37,7 @@ class SolidPicture:
     scene: Scene
     ax: Axes
     plane: str | None
+    sections: Sections
     color: Any = None
 
     @classmethod
@@ -47,22 +48,16 @@ class SolidPicture:
         instance("scene", scene, Scene)
         of_mesh(state, scene.beam, "a state")
         plane = next((name for name, pair in PLANES.items() if list(pair) == seen), None)
-        return cls(scene, ax, plane, color)
-
-    def lines(self, state: Any) -> list[slice]:
-        """Nodes of each beam of which no contact says how thick it is: it is drawn as a line."""
-        parts = zip(self._parts(body=False), rows_of(state), strict=True)
-        return [row for part, row in parts if radius_of(self.scene, part) is None]
+        return cls(scene, ax, plane, Sections.of(scene, state), color)
 
     def reach(self, states: Any) -> Tensor:
         """Points (n, 3) m between which all beams and bodies of states are."""
         position, R = (_plain(x) for x in nodes_of(states))
         points = [position.flatten(0, 1)]
-        for part, row in zip(self._parts(body=False), rows_of(states), strict=True):
-            radius = radius_of(self.scene, part)
-            if radius is not None:
-                sides = _plain(radius) * torch.tensor([-1.0, 1.0]).expand(3, 2).mT
-                points.append((position[:, row, None] + sides).reshape(-1, 3))
+        for k, (part, row) in enumerate(zip(self._parts(body=False), rows_of(states), strict=True)):
+            wide = self.sections.corners(k, part, 1).abs().max()
+            sides = wide * torch.tensor([-1.0, 1.0]).double().expand(3, 2).mT
+            points.append((position[:, row, None] + sides).reshape(-1, 3))
         for part in self._parts(body=True):
             surface = surface_of(self.scene, part)
             if surface is not None and not isinstance(surface, Cylinder):
@@ -120,14 +115,14 @@ class SolidPicture:
             if turned is not None:
                 mesh = mesh.moved(turned[0] - turned[1] @ turned[0], turned[1])
             solid.append((mesh, SOLID))
-        for shade, axis, across, radius in self._beams(state):
-            if radius is not None:
-                solid.append((_tube(axis, across, radius), shade))
+        for shade, axis, across, corners in self._beams(state):
+            solid.append((_tube(axis, across, corners), shade))
         for shade, pose, surface in self._bodies(state):
             solid.append((surface_mesh(surface, size).moved(*pose), shade))
         for rope in self._ropes(state):
             across = torch.eye(3).double()[:, :2].expand(len(rope), 3, 2)
-            solid.append((_tube(rope, across, torch.tensor(THIN * 2 * size)), ROPE))
+            thin = rounds(torch.tensor(2 * THIN * size).double().expand(len(rope)))
+            solid.append((_tube(rope, across, thin), ROPE))
         ax.computed_zorder = False  # what lies beneath all is drawn first, the rest by its depth
         for k, meshes in enumerate((behind, solid)):
             if meshes:
@@ -142,33 +137,33 @@ class SolidPicture:
         own = [part for part in self.scene.beam.parts if part.body == body]
         return own if self.scene.beam.parts or body else [None]
 
-    def _each(self, state: State, parts: list[Part | None]) -> Iterator[tuple[Any, ...]]:
-        """Of every sample and part: a colour, the part, its radius or surface, positions and axes
-        of all nodes.
+    def _each(
+        self, state: State, *, body: bool
+    ) -> Iterator[tuple[Any, int, int, Any, Tensor, Tensor]]:
+        """Of every sample and part: a colour, sample, place among beams or bodies, the part,
+        positions and axes of all nodes.
         """
         position, R = (_plain(x) for x in nodes_of(state))
         known = self.scene.beam.parts
         for i in range(len(position)):
-            for part in parts:
+            for k, part in enumerate(self._parts(body=body)):
                 which = known.index(part) if len(position) == 1 and part is not None else i
                 shade = f"C{which % 10}" if self.color is None else self.color
-                of = surface_of if part is not None and part.body else radius_of
-                own = of(self.scene, part, state.position.shape[:-2], i)
-                yield shade, part, own, position[i], R[i]
+                yield shade, i, k, part, position[i], R[i]
 
-    def _beams(self, state: State) -> Iterator[tuple[Any, Tensor, Tensor, Tensor | None]]:
-        """Colour, axis (p, 3) m, axes across it (p, 3, 2), radius () m."""
+    def _beams(self, state: State) -> Iterator[tuple[Any, Tensor, Tensor, Tensor]]:
+        """Colour, axis (p, 3) m, axes across it (p, 3, 2), corners (p, k, 2) m."""
         rows = rows_of(state)
-        beams = self._parts(body=False)
-        for shade, part, radius, x, R in self._each(state, beams):
-            row = rows[beams.index(part)]
-            axis = axis_curve(x[None, row], R[None, row, :, 0])[0]
-            radius = None if radius is None else _plain(radius)
-            yield shade, axis, between(R[row, :, 1:], len(axis)), radius
+        for shade, i, k, part, x, R in self._each(state, body=False):
+            own = rows[k]
+            axis = axis_curve(x[None, own], R[None, own, :, 0])[0]
+            corners = self.sections.corners(k, part, len(axis), state.position.shape[:-2], i)
+            yield shade, axis, between(R[own, :, 1:], len(axis)), corners
 
     def _bodies(self, state: State) -> Iterator[tuple[Any, tuple[Tensor, Tensor], Obstacle]]:
         """Colour, centre and axes, surface, of those that have one."""
-        for shade, part, surface, x, R in self._each(state, self._parts(body=True)):
+        for shade, i, _, part, x, R in self._each(state, body=True):
+            surface = surface_of(self.scene, part, state.position.shape[:-2], i)
             if surface is not None:
                 yield shade, (x[part.first_node], R[part.first_node]), _plain_tree(surface)
 
@@ -188,30 +183,24 @@ class SolidPicture:
             yield obstacle, (getattr(obstacle, obstacle.PLACE), R)
 
 
-def between(across: Tensor, count: int) -> Tensor:
-    """(count, 3, k) of unit vectors at nodes (n, 3, k), between them."""
-    at = torch.linspace(0, len(across) - 1, count).double()
-    left = at.long().clamp(max=len(across) - 2)
-    share = (at - left)[:, None, None].to(across)
-    mixed = (1 - share) * across[left] + share * across[left + 1]
-    return mixed / torch.linalg.vector_norm(mixed, dim=-2, keepdim=True)
-
-
-def _tube(axis: Tensor, across: Tensor, radius: Tensor) -> Mesh:
-    """Round, with rings that are no closer than they have to be."""
+def _tube(axis: Tensor, across: Tensor, corners: Tensor) -> Mesh:
+    """With rings that are no closer than they have to be."""
     s = torch.nn.functional.pad(axis.diff(dim=0).norm(dim=-1).cumsum(0), (1, 0))
-    apart = torch.maximum(0.8 * radius, s[-1] / RINGS)
+    apart = torch.maximum(0.8 * corners.norm(dim=-1).min(), s[-1] / RINGS)
     ring = (s / apart).long()
     kept = torch.cat((ring.new_tensor([True]).bool(), ring[1:] > ring[:-1]))
     kept[-1] = True
-    return tube_mesh(axis[kept], across[kept], rounds(radius.to(axis).expand(int(kept.sum()))))
+    return tube_mesh(axis[kept], across[kept], corners[kept])
 
 
-def _outline(axis: Tensor, radius: Tensor) -> Tensor:
-    """(2 p, 2) m about an axis (p, 2) m."""
+def _outline(axis: Tensor, across: Tensor, corners: Tensor) -> Tensor:
+    """(2 p, 2) m about an axis (p, 2) m: as far as corners (p, k, 2) in axes (p, 2, 2) are from
+    it.
+    """
     along = torch.gradient(axis, dim=0)[0]
-    side = radius * torch.stack((-along[:, 1], along[:, 0]), -1) / along.norm(dim=-1, keepdim=True)
-    return torch.cat((axis + side, (axis - side).flip(0)))
+    normal = torch.stack((-along[:, 1], along[:, 0]), -1) / along.norm(dim=-1, keepdim=True)
+    reach = ((corners @ across.mT) @ normal[..., None]).amax(1)
+    return torch.cat((axis + reach * normal, (axis - reach * normal).flip(0)))
 
 
 def _faces(mesh: Mesh, color: Any) -> tuple[Tensor, Tensor]:

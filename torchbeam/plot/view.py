@@ -25,18 +25,14 @@ from ..state.solution import Solution
 from ..state.state import State, rest
 from .axis import axis_curve, nodes_of, rows_of
 from .canvas import numbers
-from .obstacles import radius_of, standing, surface_of
-from .solid_picture import between
-from .solids import Mesh, rounds, surface_mesh, tube_mesh
+from .obstacles import standing, surface_of
+from .sections import SIDE, Sections, between
+from .solids import Mesh, surface_mesh, tube_mesh
 
 FPS = 25.0  # 1/s
-SIDE = 0.01  # of the beams' length: side of a section of which nothing is known
-SIDES = 0.003, 0.2  # of the same: least and largest
 # matplotlib's
 COLOURS = ((31, 119, 180), (255, 127, 14), (44, 160, 44), (148, 103, 189), (140, 86, 75))
 FAILED, SOLID, ROPE = (214, 39, 40), (190, 190, 190), (60, 60, 60)
-# of a section, by width and height
-CORNERS = torch.tensor([(-1, -1), (1, -1), (1, 1), (-1, 1)], dtype=torch.float64) / 2
 
 
 def view(
@@ -257,18 +253,12 @@ class _Shapes:
     """What is drawn of a state: name -> kind of viser's, what stays, what moves."""
 
     def __init__(self, state: Any, scene: Scene | None, samples: int) -> None:
-        position, _ = nodes_of(state)
         self.scene, self.samples, self.rows = scene, samples, rows_of(state)
         parts = getattr(state, "parts", ())
         self.beams = [part for part in parts if not part.body] if parts else [None]
         self.bodies = [part for part in parts if part.body]
-        lengths = [
-            torch.linalg.vector_norm(position[0, row].diff(dim=0), dim=-1).sum()
-            for row in self.rows
-        ]
-        extent = (position[0].amax(0) - position[0].amin(0)).norm()
-        self.size = max(x.item() for x in (*lengths, extent))
-        self.sides = _sides(scene, self.rows, position.shape[-2], self.size)
+        self.sections = Sections.of(scene, state)
+        self.size = self.sections.size
 
     def at(self, state: Any, t: float) -> dict[str, tuple[str, dict, dict]]:
         batch = state.position.shape[:-2]
@@ -279,7 +269,7 @@ class _Shapes:
             colour = FAILED if failed[i] else COLOURS[i % len(COLOURS)]
             for k, (part, row) in enumerate(zip(self.beams, self.rows, strict=True)):
                 axis = axis_curve(x[None, row], R[None, row, :, 0])[0]
-                corners = self._corners(k, part, len(axis), batch, i)
+                corners = self.sections.corners(k, part, len(axis), batch, i)
                 mesh = tube_mesh(axis, between(R[row, :, 1:], len(axis)), corners)
                 shapes |= _meshes(f"sample {i}/beam {k}", mesh, colour)
             for k, part in enumerate(self.bodies):
@@ -290,16 +280,6 @@ class _Shapes:
         if self.scene is not None:
             shapes |= self._ropes(state) | self._obstacles(t)
         return shapes
-
-    def _corners(self, k: int, part: Any, count: int, batch: Any, i: int) -> Tensor:
-        """Of the sections of beam k at `count` points along it: round as contacts take them, or
-        the rectangle of EA and EI.
-        """
-        radius = None if self.scene is None else radius_of(self.scene, part, batch, i)
-        if radius is not None:
-            return rounds(radius.double().cpu().expand(count))
-        left = torch.linspace(0, len(self.sides[k]), count).long().clamp(max=len(self.sides[k]) - 1)
-        return CORNERS * torch.from_numpy(self.sides[k])[left, None]
 
     def _surface(self, part: Any, batch: Any, i: int) -> Obstacle:
         """Of a body: a small ball where there is nothing that it touches with."""
@@ -357,20 +337,3 @@ def _meshes(
             )  # fmt: skip
         shapes[f"{name}{end}"] = "mesh_simple", static, moving
     return shapes
-
-
-def _sides(scene: Scene | None, rows: list[slice], nodes: int, size: float) -> list[np.ndarray]:
-    """Width and height (intervals, 2) m of each beam, in each interval between its nodes: of the
-    rectangle with its EA and EI, of a batch the first sample's.
-    """
-    counts = [len(range(nodes)[row]) - 1 for row in rows]
-    if scene is None or not counts:
-        return [np.full((n, 2), SIDE * size) for n in counts]
-    S = scene.beam.compliance.detach().diagonal(dim1=-2, dim2=-1)
-    S = S.expand(*S.shape[:-2], scene.beam.element_count, 6)
-    S = S.reshape(-1, *S.shape[-2:])[0].double()
-    sides = torch.sqrt(12 * S[:, :1] / S[:, [5, 4]])
-    sides = torch.where(torch.isfinite(sides) & (sides > 0), sides, SIDE * size)
-    least, most = (share * size for share in SIDES)
-    each = numbers(sides.clamp(least, most)).repeat(scene.beam.order, 0)  # intervals
-    return np.split(each, np.cumsum(counts)[:-1])
