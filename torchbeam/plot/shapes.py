@@ -210,7 +210,8 @@ def framed(ax: Axes, seen: list[int], points: Tensor) -> None:
     if own:
         ax.set(**dict(zip(("xlim", "ylim", "zlim"), limits, strict=False)))
     if is_3d(ax):
-        ax.set_box_aspect([b - a for a, b in (ax.get_xlim(), ax.get_ylim(), ax.get_zlim())])
+        sizes = [b - a for a, b in (ax.get_xlim(), ax.get_ylim(), ax.get_zlim())]
+        ax.set_box_aspect(sizes, zoom=1.0 if ax.axison else 1.3)  # nothing is written beside it
         return
     if not own:
         ax.figure.canvas.draw()  # equal scales settle

@@ -82,10 +82,9 @@ class SolidPicture:
             cut(self.ax, plane, middle, obstacle.distance, SOLID)
             if turned is not None:
                 self._spoke(turned, obstacle.radius, "0.4")
-        for shade, axis, _, radius in self._beams(state):
-            if radius is not None:
-                outline = numbers(_outline(axis[:, seen], radius))
-                self.ax.fill(*outline.T, fc=_mixed(shade, 0.3), ec=_mixed(shade, 0.3, "k"), lw=0.8)
+        for shade, axis, across, corners in self._beams(state):
+            outline = numbers(_outline(axis[:, seen], across[:, seen], corners))
+            self.ax.fill(*outline.T, fc=_mixed(shade, 0.3), ec=_mixed(shade, 0.3, "k"), lw=0.8)
         for shade, pose, surface in self._bodies(state):
             cut(self.ax, plane, pose[0], in_axes(surface, *pose), _mixed(shade, 0.5))
             self._spoke(
