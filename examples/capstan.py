@@ -12,6 +12,7 @@ come to the exponential, or to its inverse where the drum turns the other way.
 import argparse
 import math
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -61,7 +62,7 @@ CHECK, EXPECTED = held[0].item(), wanted[0].item()
 TOLERANCE = 2e-3  # of the rope's polygon, twice over
 
 
-def tensions(ax, state: tb.State) -> list:
+def tensions(ax: Any, state: tb.State) -> list[Any]:
     """Along the drum, of both ways, with the law's lines: what moves in the film."""
     middle, dots = (turn[1:] + turn[:-1]) / 2, []
     for k, word in enumerate(("towards the weight", "away from it")):
@@ -89,7 +90,7 @@ def main(path: Path = options.picture) -> None:
             dot.set_ydata(start.state[k + 1].stress[each, :, 0] / WEIGHT)
         left.set_title(f"{1e3 * start.t[k + 1]:.0f} ms", fontsize=9)
 
-    film = dict(plane="xz", scene=scene, fps=12, trail=False, beside=beside, dpi=70)
+    film: dict[str, Any] = dict(plane="xz", scene=scene, fps=12, trail=False, beside=beside, dpi=70)
     print("wrote", tb.plot.animate(start.state[1:, 0], path.with_suffix(".gif"), left, **film))
 
 

@@ -71,14 +71,14 @@ CHECK, EXPECTED = force[-1].item(), wanted[-1].item()
 TOLERANCE = 5e-3  # of 15 elements of first order, 1/(4 N^2) in the deflection, and of large ones
 
 
-def forces(ax) -> None:
+def forces(ax: Any) -> None:
     ax.plot(1e3 * lowered, force, "o", ms=4, label="equilibrium")
     ax.plot(1e3 * lowered, wanted, lw=1, label="F a³/(3 EI), law of contact")
     ax.set(xlabel="clamp lowered by (mm)", ylabel="force (N)")
     ax.legend(frameon=False, fontsize=8)
 
 
-def near(ax) -> None:
+def near(ax: Any) -> None:
     """Seen from the tips."""
     ax.set(xlim=(-0.16, 0.06), ylim=(-0.16, 0.06), zlim=(-0.05, 0.05))
     ax.view_init(elev=12, azim=45)
@@ -100,7 +100,7 @@ def main(path: Path = options.picture) -> None:
     forces(right)
     near(left)
     (now,) = right.plot([], [], "ko", ms=7, mfc="none")
-    film = dict(scene=lowering, fps=12, trail=False, dpi=70)
+    film: dict[str, Any] = dict(scene=lowering, fps=12, trail=False, dpi=70)
     film["beside"] = lambda k: now.set_data([1e3 * down[k]], [pressed[k]])
     print("wrote", tb.plot.animate(states, path.with_suffix(".gif"), left, **film))
 

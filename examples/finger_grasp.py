@@ -148,7 +148,7 @@ def film(path: Path = options.picture) -> None:
     right.set(xlim=(0, 1e3 * end), ylim=(-2, 45), xlabel="time (ms)", ylabel="fallen (mm)")
     (line,) = right.plot([], [], label="ball")
     right.legend(frameon=False, fontsize=8)
-    look = dict(scene=loosened, speed=0.25, fps=16, trail=False, dpi=70)
+    look: dict[str, Any] = dict(scene=loosened, speed=0.25, fps=16, trail=False, dpi=70)
     look["beside"] = lambda k: line.set_data(1e3 * t[: k + 1], height[0] - height[: k + 1])
     print("wrote", tb.plot.animate(run, path.with_suffix(".gif"), left, **look))
 

@@ -22,6 +22,7 @@ loop comes to be no more than a few thicknesses wide.
 import argparse
 import math
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -98,7 +99,7 @@ def knot(h: float, tugs: bool = False, friction: float | None = None) -> tuple[t
         EA=EA, GA=EA / 3, GJ=0.75, EI=1.0, mass=1.0, inertia=h * h / 4
     )
     thickness = LAYER * h
-    rub = {} if friction is None else dict(friction=friction, slip_speed=SPEED / 20)
+    rub: dict[str, Any] = {} if friction is None else dict(friction=friction, slip_speed=SPEED / 20)
     touching = tb.SelfContact(
         radius=h - thickness / 2, thickness=thickness, force=5 / h, points=2, **rub
     )
@@ -107,7 +108,8 @@ def knot(h: float, tugs: bool = False, friction: float | None = None) -> tuple[t
         """By how much more the ends are than at the start."""
         if tugs:
             each = 2 * math.pi * (1 - TIGHT) / TUGS
-            return each * sum(smooth((t - REST - k * (TUG + WAIT)) / TUG) for k in range(TUGS))
+            starts = REST + (TUG + WAIT) * torch.arange(TUGS)
+            return each * smooth((t[..., None] - starts) / TUG).sum(-1)
         t = (t - REST).clamp(min=0) if friction is not None else 0 * t
         return SPEED * (t - 2 * (1 - torch.exp(-t / 2)))
 
@@ -172,7 +174,7 @@ def rubbed(h: float, rest: tb.State) -> tuple[float, float]:
     return float(last[:, 0].mean()), float(last[:, 1].mean())
 
 
-def curves(ax, tight: torch.Tensor, slow: torch.Tensor) -> None:
+def curves(ax: Any, tight: torch.Tensor, slow: torch.Tensor) -> None:
     """Force curves, and the law's lines."""
     e = torch.logspace(-1.4, -0.38, 50)
     ax.loglog(e, e**4 / 2, color="C0", lw=1, label="ε⁴/2")
@@ -186,7 +188,7 @@ def curves(ax, tight: torch.Tensor, slow: torch.Tensor) -> None:
     ax.legend(frameon=False, fontsize=8)
 
 
-def knot_axes(ax) -> None:
+def knot_axes(ax: Any) -> None:
     """Seen from the front, as far as the loop is."""
     ax.set(xlim=(-1.3, 1.3), ylim=(-0.2, 0.2), zlim=(-0.5, 1.5))
     ax.view_init(elev=12, azim=-75)
@@ -222,7 +224,7 @@ def main(path: Path = options.picture) -> None:
         left.set_title(f"R = {RADII[0] / e**2:.2f}, h = {RADII[0]}", fontsize=9)
 
     film = path.with_suffix(".gif")
-    look = dict(scene=scene, fps=12, trail=False, beside=beside, dpi=70)
+    look: dict[str, Any] = dict(scene=scene, fps=12, trail=False, beside=beside, dpi=70)
     print(tb.plot.animate(states_[shown], film, left, **look))
 
 

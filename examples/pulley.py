@@ -14,6 +14,7 @@ it.
 import argparse
 import math
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -91,7 +92,7 @@ EXPECTED, TOLERANCE = (
 )  # of a polygon over half a turn, creep, and what bending there takes
 
 
-def falls(ax) -> None:
+def falls(ax: Any) -> None:
     height = run["heavy"].position[:, 2]
     ax.plot(t, 1e3 * (height[0] - height), ".", label="the heavier weight")
     ax.plot(t, 1e3 * wanted * t**2 / 2, lw=1, label="a t²/2")
@@ -109,7 +110,7 @@ def main(path: Path = options.picture) -> None:
     falls(right)
     height = run["heavy"].position[:, 2]
     (now,) = right.plot([], [], "ko", ms=7, mfc="none")
-    film = dict(scene=scene, speed=0.2, fps=16, trail=False, dpi=70)
+    film: dict[str, Any] = dict(scene=scene, speed=0.2, fps=16, trail=False, dpi=70)
     film["beside"] = lambda k: now.set_data([t[k]], [1e3 * (height[0] - height[k])])
     print("wrote", tb.plot.animate(run, path.with_suffix(".gif"), left, **film))
 

@@ -8,6 +8,7 @@ The film: the rope meets the floor with its tip, bends over, and lays turn upon 
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -57,7 +58,7 @@ CHECK, EXPECTED = (borne / (MASS * GRAVITY * LENGTH)).item(), 1.0
 TOLERANCE = 0.01
 
 
-def near(ax) -> None:
+def near(ax: Any) -> None:
     ax.set(xlim=(-0.055, 0.055), ylim=(-0.055, 0.055), zlim=(0, 0.11))
     ax.set_axis_off()
 
@@ -72,7 +73,7 @@ def main(path: Path = options.picture) -> None:
     print("wrote", tb.plot.save(fallen[0], path))
     ax = tb.plot.axes((4.5, 4), three=True)
     near(ax)
-    film = dict(scene=scene, fps=16, speed=0.5, trail=False, dpi=80)
+    film: dict[str, Any] = dict(scene=scene, fps=16, speed=0.5, trail=False, dpi=80)
     print("wrote", tb.plot.animate(solution, path.with_suffix(".gif"), ax, **film))
 
 

@@ -12,6 +12,7 @@ third of a turn apart.
 import argparse
 import math
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -105,7 +106,7 @@ def draw(path: Path = options.picture) -> None:
     print("wrote", tb.plot.save(views[0], path))
 
 
-def room(ax) -> None:
+def room(ax: Any) -> None:
     ax.set(xlim=(-0.09, 0.09), ylim=(-0.09, 0.09), zlim=(-0.26, 0.01))
     ax.view_init(elev=15)
     ax.set_axis_off()
@@ -126,7 +127,7 @@ def film(path: Path = options.picture) -> None:
     right.set(xlabel="place on the circle (degrees)", ylabel="tension (N)", xlim=(0, 360))
     right.legend(frameon=False, fontsize=8)
     now = right.axvline(0, color="k", lw=0.8)
-    look = dict(scene=round_, fps=12, trail=False, dpi=70)
+    look: dict[str, Any] = dict(scene=round_, fps=12, trail=False, dpi=70)
     look["beside"] = lambda k: now.set_xdata([angle[k].rad2deg()] * 2)
     print("wrote", tb.plot.animate(states, path.with_suffix(".gif"), left, **look))
 
