@@ -80,7 +80,7 @@ def forces(ax: Any) -> None:
 
 def near(ax: Any) -> None:
     """Seen from the tips."""
-    ax.set(xlim=(-0.16, 0.06), ylim=(-0.16, 0.06), zlim=(-0.05, 0.05))
+    ax.set(xlim=(-0.2, 0.06), ylim=(-0.2, 0.06), zlim=(-0.06, 0.06))
     ax.view_init(elev=12, azim=45)
     ax.set_axis_off()
 

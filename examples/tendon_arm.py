@@ -124,8 +124,9 @@ def film(path: Path = options.picture) -> None:
     left.plot(*places.T, float(states.tip.position[:, 2].mean()), color="0.6", lw=0.8)
     for k, own in enumerate(pull.T):
         right.plot(angle.rad2deg(), own, label=f"tendon {k + 1}")
-    right.set(xlabel="place on the circle (degrees)", ylabel="tension (N)", xlim=(0, 360))
-    right.legend(frameon=False, fontsize=8)
+    right.set(xlabel="place on the circle (degrees)", ylabel="tension (N)")
+    right.set(xlim=(0, 360), ylim=(0, 1.35))
+    right.legend(frameon=False, fontsize=8, ncols=3, loc="upper center")
     now = right.axvline(0, color="k", lw=0.8)
     look: dict[str, Any] = dict(scene=round_, fps=12, trail=False, dpi=70)
     look["beside"] = lambda k: now.set_xdata([angle[k].rad2deg()] * 2)

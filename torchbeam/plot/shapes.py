@@ -211,7 +211,7 @@ def framed(ax: Axes, seen: list[int], points: Tensor) -> None:
         ax.set(**dict(zip(("xlim", "ylim", "zlim"), limits, strict=False)))
     if is_3d(ax):
         sizes = [b - a for a, b in (ax.get_xlim(), ax.get_ylim(), ax.get_zlim())]
-        ax.set_box_aspect(sizes, zoom=1.0 if ax.axison else 1.3)  # nothing is written beside it
+        ax.set_box_aspect(sizes, zoom=1.0 if ax.axison else 1.15)  # nothing is written beside it
         return
     if not own:
         ax.figure.canvas.draw()  # equal scales settle
