@@ -86,6 +86,9 @@ class SolidPicture:
             outline = numbers(_outline(axis[:, seen], across[:, seen], corners))
             self.ax.fill(*outline.T, fc=_mixed(shade, 0.3), ec=_mixed(shade, 0.3, "k"), lw=0.8)
         for shade, pose, surface in self._bodies(state):
+            if surface is None:
+                self.ax.plot(*pose[0][seen], "s", ms=9, color=shade)
+                continue
             cut(self.ax, plane, pose[0], in_axes(surface, *pose), _mixed(shade, 0.5))
             self._spoke(
                 pose, -surface.distance(torch.zeros(1, 3).double())[0, 0], _mixed(shade, 0.3, "k")
@@ -113,10 +116,15 @@ class SolidPicture:
             mesh = surface_mesh(_about(obstacle, limits.mean(-1)), size)
             if turned is not None:
                 mesh = mesh.moved(turned[0] - turned[1] @ turned[0], turned[1])
-            solid.append((mesh, SOLID))
+            (solid if obstacle.room is None else behind).append(
+                (mesh, SOLID)
+            )  # into a tube one sees
         for shade, axis, across, corners in self._beams(state):
             solid.append((_tube(axis, across, corners), shade))
         for shade, pose, surface in self._bodies(state):
+            if surface is None:
+                ax.plot(*pose[0], "s", ms=9, color=shade)
+                continue
             solid.append((surface_mesh(surface, size).moved(*pose), shade))
         for rope in self._ropes(state):
             across = torch.eye(3).double()[:, :2].expand(len(rope), 3, 2)
@@ -159,15 +167,15 @@ class SolidPicture:
             corners = self.sections.corners(k, part, len(axis), state.position.shape[:-2], i)
             yield shade, axis, between(R[own, :, 1:], len(axis)), corners
 
-    def _bodies(self, state: State) -> Iterator[tuple[Any, tuple[Tensor, Tensor], Obstacle]]:
-        """Colour, centre and axes, surface, of those that have one."""
+    def _bodies(self, state: State) -> Iterator[tuple[Any, tuple[Tensor, Tensor], Obstacle | None]]:
+        """Colour, centre and axes, surface, None = it has none."""
         for shade, i, _, part, x, R in self._each(state, body=True):
             surface = surface_of(self.scene, part, state.position.shape[:-2], i)
-            if surface is not None:
-                yield shade, (x[part.first_node], R[part.first_node]), _plain_tree(surface)
+            surface = None if surface is None else _plain_tree(surface)
+            yield shade, (x[part.first_node], R[part.first_node]), surface
 
     def _ropes(self, state: State) -> Iterator[Tensor]:
-        for tendon in self.scene.tendons:
+        for tendon in self.scene.tendons if isinstance(state, State) else ():
             points = _plain(tendon.at(state.position.detach(), state.rotation.detach()))
             yield from points.reshape(-1, *points.shape[-2:])
 

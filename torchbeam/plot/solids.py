@@ -79,7 +79,7 @@ def surface_mesh(obstacle: Obstacle, size: float) -> Mesh:
         R = quat.matrix(quat.exponential(turn.to(obstacle.size)))
         half = obstacle.size / 2 - obstacle.rounding
         return _rounded(obstacle.centre, R, half, obstacle.rounding)
-    return _plain(torch.empty(0, 3), torch.empty(0, 4, dtype=torch.long))
+    return _plain(torch.empty(0, 3).double(), torch.empty(0, 4, dtype=torch.long))
 
 
 def _plain(points: Tensor, quads: Tensor) -> Mesh:

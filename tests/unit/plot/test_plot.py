@@ -6,6 +6,7 @@ import errno
 import math
 import os
 import sys
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,6 +15,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from torchbeam import extend
 
 pytest.importorskip("matplotlib")
 Image = pytest.importorskip("PIL.Image")
@@ -233,6 +235,33 @@ def test_a_film_of_what_is_solid(tmp_path):
             ValueError, match=f"{said} was given to animate; a Solution, or a State"
         ):
             tb.plot.animate(wrong, tmp_path / "c.gif")
+
+
+def test_what_has_no_form_is_left_out(tmp_path):
+    """An obstacle of one's own in space; a body that touches nothing is a mark."""
+
+    @dataclass(frozen=True)
+    class Ball(extend.Obstacle):
+        centre: extend.Value = extend.leaf(1)
+        PLACE = "centre"
+
+        def distance(self, x):
+            return (x - self.centre).norm(dim=-1, keepdim=True) - 0.1
+
+        def gradient(self, x):
+            return torch.nn.functional.normalize(x - self.centre, dim=-1)
+
+    law = dict(thickness=0.01, force=1.0)
+    effects = [tb.Contact("rod", Ball((0.5, 0, -0.3)), **law)]
+    tube = tb.Cylinder((0, 0, 0), (1.0, 0, 0), 0.1, inside=True)
+    effects.append(tb.Contact("rod", tube, **law))
+    scene = tb.Scene({"rod": BEAM, "hub": tb.Body(0.1, 1e-3, position=(0.3, 0, 0.1))}, effects)
+    for plane in (None, "xz"):
+        ax = tb.plot.axes(three=plane is None)
+        tb.plot.save(
+            tb.plot.shape(tb.rest(scene), ax, plane=plane, scene=scene), tmp_path / "a.png"
+        )
+        assert len(ax.collections) == 2 and [line.get_marker() for line in ax.lines] == ["s"]
 
 
 def test_what_spins_shows_it():
