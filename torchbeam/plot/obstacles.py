@@ -117,15 +117,15 @@ def surface_of(
     surface = scene.beam.surface(body.name)
     if surface is not None:
         return map_leaves(lambda x, axes: _sample(x, axes, batch, sample), surface)
-    radius = radius_of(scene, body, batch, sample)
-    return None if radius is None else Sphere(torch.zeros(3).to(radius), radius)
+    radius = radius_of(scene, body, scene.beam.nodes.new_zeros(1), batch, sample)
+    return None if radius is None else Sphere(torch.zeros(3).to(radius), radius[0])
 
 
 def radius_of(
-    scene: Scene, part: Part | None, batch: Sequence[int] = (), sample: int = 0
+    scene: Scene, part: Part | None, s: Tensor, batch: Sequence[int] = (), sample: int = 0
 ) -> Tensor | None:
-    """The radius () m by which contacts take a part, in a sample of a batch, the largest if they
-    differ; None = none of them names one. A beam by itself is no part.
+    """The radii (n) m by which contacts take a part at places s (n) m along it, in a sample of a
+    batch, the largest if they differ; None = none of them names one. A beam by itself is no part.
     """
     names = {None} if part is None else {part.name} if part.body else {part.name, None}
     radii = []
@@ -135,8 +135,8 @@ def radius_of(
             taken = {contact.partner: contact.radius if other is None else other}
             taken = {k: v for k, v in taken.items() if k is not None} | {contact.on: contact.radius}
             radii += [r for on, r in taken.items() if on in names and r is not None]
-    own = [_sample(torch.as_tensor(r).to(scene.beam.nodes), 0, batch, sample) for r in radii]
-    return torch.stack(own).amax() if own else None
+    along = [r(s) if callable(r) else torch.as_tensor(r).to(s)[..., None] + 0 * s for r in radii]
+    return torch.stack([_sample(r, 1, batch, sample) for r in along]).amax(0) if along else None
 
 
 def _sample(x: Any, axes: int | None, batch: Sequence[int], sample: int) -> Any:

@@ -24,12 +24,14 @@ CORNERS = torch.tensor([(-1, -1), (1, -1), (1, 1), (-1, 1)], dtype=torch.float64
 @dataclass(frozen=True)
 class Sections:
     """sides: of each beam width and height (intervals, 2) m in each interval between its nodes: of
-    the rectangle with its EA and EI, of a batch the first sample's. size: m, of all.
+    the rectangle with its EA and EI, of a batch the first sample's. places: arc lengths of its
+    nodes (intervals + 1) m, likewise. size: m, of all.
     """
 
     scene: Scene | None
     size: float
     sides: tuple[Tensor, ...]
+    places: tuple[Tensor, ...] = ()
 
     @classmethod
     def of(cls, scene: Scene | None, state: Any) -> Sections:
@@ -48,7 +50,12 @@ class Sections:
         sides = torch.where(torch.isfinite(sides) & (sides > 0), sides, SIDE * size)
         least, most = (share * size for share in SIDES)
         each = sides.clamp(least, most).repeat_interleave(scene.beam.order, 0)
-        return cls(scene, size, each.split(counts))
+        order, pad = scene.beam.order, torch.nn.functional.pad
+        length = scene.beam.length.detach().reshape(-1, scene.beam.element_count)[0] / order
+        lengths = length.repeat_interleave(order).split(counts)
+        return cls(
+            scene, size, each.split(counts), tuple(pad(x.cumsum(0), (1, 0)) for x in lengths)
+        )
 
     def corners(
         self, k: int, part: Part | None, count: int, batch: Sequence[int] = (), sample: int = 0
@@ -56,18 +63,24 @@ class Sections:
         """(count, corners, 2) m of beam k at `count` points along it: round as contacts take it, or
         the rectangle of EA and EI.
         """
-        radius = None if self.scene is None else radius_of(self.scene, part, batch, sample)
-        if radius is not None:
-            return rounds(radius.double().cpu().expand(count))
+        if self.scene is not None:
+            s = between(self.places[k], count)
+            radius = radius_of(self.scene, part, s, batch, sample)
+            if radius is not None:
+                return rounds(radius.double().cpu())
         own = self.sides[k]
         at = torch.linspace(0, len(own), count).long().clamp(max=len(own) - 1)
         return CORNERS * own[at, None]
 
 
-def between(across: Tensor, count: int) -> Tensor:
+def between(values: Tensor, count: int) -> Tensor:
+    """(count, ...) of values at nodes (n, ...), between them."""
+    at = torch.linspace(0, len(values) - 1, count).double()
+    left = at.long().clamp(max=len(values) - 2)
+    share = (at - left).to(values).reshape(-1, *(1 for _ in values.shape[1:]))
+    return (1 - share) * values[left] + share * values[left + 1]
+
+
+def across(axes: Tensor, count: int) -> Tensor:
     """(count, 3, k) of unit vectors at nodes (n, 3, k), between them."""
-    at = torch.linspace(0, len(across) - 1, count).double()
-    left = at.long().clamp(max=len(across) - 2)
-    share = (at - left)[:, None, None].to(across)
-    mixed = (1 - share) * across[left] + share * across[left + 1]
-    return mixed / torch.linalg.vector_norm(mixed, dim=-2, keepdim=True)
+    return torch.nn.functional.normalize(between(axes, count), dim=-2)

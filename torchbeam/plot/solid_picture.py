@@ -19,7 +19,7 @@ from ..state.state_check import of_mesh
 from .axis import PLANES, axis_curve, nodes_of, rows_of
 from .canvas import Axes, numbers
 from .obstacles import cut, in_axes, standing, surface_of
-from .sections import Sections, between
+from .sections import Sections, across
 from .solids import Mesh, rounds, surface_mesh, tube_mesh
 
 SOLID, ROPE = "0.85", "0.25"  # colours of obstacles, of tendons
@@ -55,7 +55,7 @@ class SolidPicture:
         position, R = (_plain(x) for x in nodes_of(states))
         points = [position.flatten(0, 1)]
         for k, (part, row) in enumerate(zip(self._parts(body=False), rows_of(states), strict=True)):
-            wide = self.sections.corners(k, part, 1).abs().max()
+            wide = self.sections.corners(k, part, position.shape[1]).abs().max()
             sides = wide * torch.tensor([-1.0, 1.0]).double().expand(3, 2).mT
             points.append((position[:, row, None] + sides).reshape(-1, 3))
         for part in self._parts(body=True):
@@ -82,8 +82,8 @@ class SolidPicture:
             cut(self.ax, plane, middle, obstacle.distance, SOLID)
             if turned is not None:
                 self._spoke(turned, obstacle.radius, "0.4")
-        for shade, axis, across, corners in self._beams(state):
-            outline = numbers(_outline(axis[:, seen], across[:, seen], corners))
+        for shade, axis, sides, corners in self._beams(state):
+            outline = numbers(_outline(axis[:, seen], sides[:, seen], corners))
             self.ax.fill(*outline.T, fc=_mixed(shade, 0.3), ec=_mixed(shade, 0.3, "k"), lw=0.8)
         for shade, pose, surface in self._bodies(state):
             if surface is None:
@@ -119,17 +119,17 @@ class SolidPicture:
             (solid if obstacle.room is None else behind).append(
                 (mesh, SOLID)
             )  # into a tube one sees
-        for shade, axis, across, corners in self._beams(state):
-            solid.append((_tube(axis, across, corners), shade))
+        for shade, axis, sides, corners in self._beams(state):
+            solid.append((_tube(axis, sides, corners), shade))
         for shade, pose, surface in self._bodies(state):
             if surface is None:
                 ax.plot(*pose[0], "s", ms=9, color=shade)
                 continue
             solid.append((surface_mesh(surface, size).moved(*pose), shade))
         for rope in self._ropes(state):
-            across = torch.eye(3).double()[:, :2].expand(len(rope), 3, 2)
+            sides = torch.eye(3).double()[:, :2].expand(len(rope), 3, 2)
             thin = rounds(torch.tensor(2 * THIN * size).double().expand(len(rope)))
-            solid.append((_tube(rope, across, thin), ROPE))
+            solid.append((_tube(rope, sides, thin), ROPE))
         ax.computed_zorder = False  # what lies beneath all is drawn first, the rest by its depth
         for k, meshes in enumerate((behind, solid)):
             if meshes:
@@ -165,7 +165,7 @@ class SolidPicture:
             own = rows[k]
             axis = axis_curve(x[None, own], R[None, own, :, 0])[0]
             corners = self.sections.corners(k, part, len(axis), state.position.shape[:-2], i)
-            yield shade, axis, between(R[own, :, 1:], len(axis)), corners
+            yield shade, axis, across(R[own, :, 1:], len(axis)), corners
 
     def _bodies(self, state: State) -> Iterator[tuple[Any, tuple[Tensor, Tensor], Obstacle | None]]:
         """Colour, centre and axes, surface, None = it has none."""

@@ -26,7 +26,7 @@ from ..state.state import State, rest
 from .axis import axis_curve, nodes_of, rows_of
 from .canvas import numbers
 from .obstacles import standing, surface_of
-from .sections import SIDE, Sections, between
+from .sections import SIDE, Sections, across
 from .solids import Mesh, surface_mesh, tube_mesh
 
 FPS = 25.0  # 1/s
@@ -270,7 +270,7 @@ class _Shapes:
             for k, (part, row) in enumerate(zip(self.beams, self.rows, strict=True)):
                 axis = axis_curve(x[None, row], R[None, row, :, 0])[0]
                 corners = self.sections.corners(k, part, len(axis), batch, i)
-                mesh = tube_mesh(axis, between(R[row, :, 1:], len(axis)), corners)
+                mesh = tube_mesh(axis, across(R[row, :, 1:], len(axis)), corners)
                 shapes |= _meshes(f"sample {i}/beam {k}", mesh, colour)
             for k, part in enumerate(self.bodies):
                 surface = self._surface(part, batch, i)
