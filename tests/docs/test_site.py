@@ -68,7 +68,7 @@ def test_every_example_has_its_card(site):
     assert films <= pictures and films >= {*site.GALLERY["Contact and tendons"]}
     for name in films:
         _, seen = site.film_of(name, (ROOT / f"examples/{name}.py").read_text().split('"""')[1])
-        assert seen.endswith(".") and f" {seen} " in page, name
+        assert seen.endswith(".") and f" {seen}" in page, name
     assert pictures <= set(names) and len(pictures) > len(names) / 2
     for name in names:
         assert f"({name}.md)**" in page and f"| [`{name}.py`]({name}.md) |" in page
