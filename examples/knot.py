@@ -214,7 +214,7 @@ def main(path: Path = options.picture) -> None:
     left, right = tb.plot.grid(1, 2, (8, 3.6), three=(0,))
     curves(right, tight, slow)
     knot_axes(left)
-    (now,) = right.loglog([], [], "ko", ms=7, mfc="none")
+    (now,) = right.plot([], [], "ko", ms=7, mfc="none")
     shown = torch.arange(0, last + 1, 4)
 
     def beside(k: int) -> None:
