@@ -1,6 +1,6 @@
 """Pictures of the examples, for the site: `python docs/gallery.py` runs each as a script (or those
-that are named), keeps a small copy of what it draws in docs/figures/gallery, and how long it took
-in docs/results/gallery.
+that are named), keeps small copies of what it draws and of its film in docs/figures/gallery, and
+how long it took in docs/results/gallery.
 """
 
 import argparse
@@ -20,14 +20,14 @@ OUT = ROOT / "out"  # where examples draw
 SIZE, COLOURS = (480, 360), 64
 
 
-def drawn(name: str, since: float) -> Path | None:
-    """What the example of this name has drawn: the picture that is named after it, or the first."""
-    new = sorted(
-        path
-        for path in OUT.glob("*")
-        if path.suffix in (".png", ".gif") and path.stat().st_mtime >= since
-    )
-    return next((path for path in new if path.stem == name), new[0] if new else None)
+def drawn(name: str, since: float) -> list[Path]:
+    """What the example of this name has drawn: pictures, that which is named after it first, then
+    its film.
+    """
+    new = sorted(path for path in OUT.glob("*") if path.stat().st_mtime >= since)
+    pictures = [path for path in new if path.suffix == ".png"]
+    films = [path for path in new if path.suffix == ".gif"]
+    return sorted(pictures, key=lambda path: path.stem != name) + films
 
 
 def keep(picture: Path, to: Path) -> None:
@@ -38,6 +38,20 @@ def keep(picture: Path, to: Path) -> None:
     small.thumbnail(SIZE)
     to.parent.mkdir(parents=True, exist_ok=True)
     small.quantize(COLOURS).save(to, optimize=True)
+
+
+def keep_film(film: Path, to: Path) -> None:
+    """A small copy, in the colours of its middle."""
+    with Image.open(film) as image:
+        count, each = image.n_frames, image.info["duration"]
+        frames = []
+        for k in range(count):
+            image.seek(k)
+            frames.append(image.convert("RGB"))
+            frames[-1].thumbnail(SIZE)
+    palette = frames[count // 2].quantize(COLOURS)
+    first, *rest = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
+    first.save(to, save_all=True, append_images=rest, duration=each, loop=0, optimize=True)
 
 
 def keep_times(seconds: dict[str, float], heading: dict) -> None:
@@ -63,10 +77,14 @@ def main() -> None:
             failed.append(name)  # for want of an extra, as it has said; what is kept of it stays
             continue
         seconds[name] = round(time.perf_counter() - begun, 1)
-        picture = drawn(name, since)
-        if picture is not None:
-            keep(picture, FIGURES / f"{name}.png")
-        print(name, f"{seconds[name]} s", picture or "no picture", flush=True)
+        pictures = drawn(name, since)
+        if pictures:
+            keep(pictures[0], FIGURES / f"{name}.png")
+        for film in pictures:
+            if film.suffix == ".gif":
+                keep_film(film, FIGURES / f"{name}.gif")
+        said = ", ".join(map(str, pictures)) or "no picture"
+        print(name, f"{seconds[name]} s", said, flush=True)
     keep_times(dict(sorted(seconds.items())), measured_on())
     if failed:
         sys.exit(f"no picture of {', '.join(failed)}: see above")

@@ -97,7 +97,7 @@ GALLERY = {
     "Vibration": ("campbell", "rotor"),
     "Motion": ("four_bar", "converge", "block_rate_matrix"),
     "Contact and tendons": (
-        "capstan", "crossing", "finger_grasp", "knot", "rope_pile", "tendon_arm"),
+        "capstan", "crossing", "finger_grasp", "knot", "pulley", "rope_pile", "tendon_arm"),
     "Control": ("two_link", "parallel_robot", "mpc", "lqr"),
     "Identification": (
         "identify", "identify_accelerometers", "identify_field", "identify_modes", "identify_wing",
@@ -183,8 +183,20 @@ def picture_of(name: str) -> str | None:
     return None
 
 
+def film_of(name: str, about: str) -> tuple[str, str] | None:
+    """The film of an example, seen from the examples' pages, and what is seen in it, as the example
+    says; None where it makes none.
+    """
+    if not (ROOT / f"docs/figures/gallery/{name}.gif").exists():
+        return None
+    seen = " ".join(about.partition("\nThe film: ")[2].partition("\n\n")[0].split())
+    return f"../figures/gallery/{name}.gif", seen[:1].upper() + seen[1:]
+
+
 def gallery() -> str:
-    """Cards of all examples, by group: the picture, what it is about, how long it takes."""
+    """Cards of all examples, by group: the film or the picture, what it is about, how long it
+    takes.
+    """
     taken = ROOT / "docs/results/gallery/gallery.json"
     seconds = json.loads(taken.read_text())["seconds"] if taken.exists() else {}
     lines = []
@@ -193,9 +205,10 @@ def gallery() -> str:
         for name in names:
             about = ast.get_docstring(ast.parse((ROOT / f"examples/{name}.py").read_text()))
             first = " ".join(about.partition("\n\n")[0].split())
-            picture = picture_of(name)
+            picture, seen = film_of(name, about) or (picture_of(name), "")
             lines.append(f"- [![{name}]({picture})]({name}.md)" if picture else "- ")
-            after = f" *{seconds[name]:.0f} s*" if name in seconds else ""
+            after = f" {seen}" if seen else ""
+            after += f" *{seconds[name]:.0f} s*" if name in seconds else ""
             lines += ["", f"    **[{title_of(name)}]({name}.md)** {first}{after}", ""]
         lines += ["</div>", ""]
     return "\n".join(lines)
@@ -226,6 +239,8 @@ def examples() -> dict[str, str]:
         code = text[text.index('"""', text.index('"""') + 3) + 3 :].strip()
         figure = picture_of(path.stem)
         picture = f"![{path.stem}]({figure})\n\n" if figure else ""
+        film = film_of(path.stem, about)
+        picture += f"![{film[1]}]({film[0]})\n\n" if film else ""
         pages[f"examples/{path.stem}.md"] = (
             f"# {title_of(path.stem)}\n\n{first}\n\n{picture}{rest}\n\n"
             f"`python examples/{path.name}`\n\n````python\n{code}\n````\n"

@@ -4,15 +4,27 @@ weight at the other end.
 Where all of it slips, friction makes the tension rise by exp(mu a) over the angle a (Euler,
 Eytelwein): the end that is held bears exp(0.3 pi) = 2.57 weights where the drum drags the rope
 towards the weight, and 0.39 where it lifts it. The rope is a beam of next to no bending stiffness.
-Run as a script, it also draws out/capstan.png.
+Run as a script, it also draws a picture and a film.
+The film: the drum drags at the rope that was laid over it, and within 0.1 s the tensions along it
+come to the exponential, or to its inverse where the drum turns the other way.
 """
 
+import argparse
 import math
 from pathlib import Path
+from typing import Any
 
 import torch
 
 import torchbeam as tb
+
+parser = argparse.ArgumentParser(
+    description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+)
+parser.add_argument(
+    "--picture", type=Path, default=Path("out/capstan.png"), help="the film is beside it"
+)
+options = parser.parse_args(None if __name__ == "__main__" else [])
 
 torch.set_default_dtype(torch.float64)
 FRICTION, WEIGHT = 0.3, 1.0  # N
@@ -38,28 +50,49 @@ scene = tb.Scene(
 )
 
 
-def settled() -> tb.State:
-    """The rope at rest, 0.6 s after it was put there."""
-    return tb.simulate(scene, torch.tensor([0.0, 0.6]), step=2e-3).state[-1]
+def run(*times: float) -> tb.Solution:
+    """The rope at times after it was put there."""
+    return tb.simulate(scene, torch.tensor([0.0, *times]), step=2e-3)
 
 
-state = settled()
+state = run(0.6).state[-1]  # at rest
 held = -state.root.force[..., 2] / WEIGHT  # (2,): weights that the held end bears
 wanted = torch.exp(FRICTION * math.pi * SPEED.sign())
 CHECK, EXPECTED = held[0].item(), wanted[0].item()
 TOLERANCE = 2e-3  # of the rope's polygon, twice over
 
-if __name__ == "__main__":
-    pictures = tb.plot.grid(1, 2)
-    tension = state.stress[..., 0]
-    middle = (turn[1:] + turn[:-1]) / 2
+
+def tensions(ax: Any, state: tb.State) -> list[Any]:
+    """Along the drum, of both ways, with the law's lines: what moves in the film."""
+    middle, dots = (turn[1:] + turn[:-1]) / 2, []
     for k, word in enumerate(("towards the weight", "away from it")):
-        pictures[0].plot(middle, tension[k], "o", ms=3, color=f"C{k}", label=f"drum turns {word}")
+        style = dict(ms=3, color=f"C{k}", label=f"drum turns {word}")
+        dots += ax.plot(middle, state.stress[k, :, 0] / WEIGHT, "o", **style)
         law = torch.exp(FRICTION * SPEED.sign()[k] * (math.pi - middle))
-        pictures[0].plot(middle, law, color=f"C{k}", lw=1)
-    pictures[0].set(xlabel="angle (rad)", ylabel="tension (weights)")
-    pictures[0].legend(frameon=False)
-    tb.plot.shape(state.map(lambda x: x[0]), pictures[1], plane="xz")
-    tb.plot.obstacles(scene, pictures[1], plane="xz")
+        ax.plot(middle, law, color=f"C{k}", lw=1)
+    ax.set(xlabel="angle (rad)", ylabel="tension (weights)", ylim=(0.2, 2.8))
+    ax.legend(frameon=False, fontsize=8)
+    return dots
+
+
+def main(path: Path = options.picture) -> None:
     print(f"held end: {held.tolist()} weights, by exp(mu a): {wanted.tolist()}")
-    print(tb.plot.save(pictures[0], Path("out") / "capstan.png"))
+    left, right = tb.plot.grid(1, 2)
+    tensions(left, state)
+    tb.plot.shape(state[0], right, scene=scene)
+    print("wrote", tb.plot.save(left, path))
+    start = run(*torch.arange(2e-3, 0.1, 2e-3).tolist())
+    left, right = tb.plot.grid(1, 2, (7.5, 3.6))
+    dots = tensions(right, start.state[1])
+
+    def beside(k: int) -> None:
+        for each, dot in enumerate(dots):
+            dot.set_ydata(start.state[k + 1].stress[each, :, 0] / WEIGHT)
+        left.set_title(f"{1e3 * start.t[k + 1]:.0f} ms", fontsize=9)
+
+    film: dict[str, Any] = dict(plane="xz", scene=scene, fps=12, trail=False, beside=beside, dpi=70)
+    print("wrote", tb.plot.animate(start.state[1:, 0], path.with_suffix(".gif"), left, **film))
+
+
+if __name__ == "__main__":
+    main()

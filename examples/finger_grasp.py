@@ -10,10 +10,13 @@ by the law of contact. Friction of both holds the weight where mu is above m g/(
 close on the ball in weightlessness, then gravity sets in, in a batch of frictions: below that the
 ball falls by g - 2 mu N/m, and where a line through these is zero is the first check. What is held
 creeps: by slip_speed (1 - (1 - x)^(1/2)), x = m g/(2 mu N), which is the second. Run as a script,
-it also draws the fingers and how far balls have come.
+it also draws the fingers and how far balls have come, and a film.
+The film: the fingers close on the ball and hold it as gravity sets in; then their tendons slacken,
+and it slips out where their force, by beam theory, no longer holds it.
 """
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +27,9 @@ import torchbeam as tb
 parser = argparse.ArgumentParser(
     description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
 )
-parser.add_argument("--picture", type=Path, default=Path("out/finger_grasp.png"))
+parser.add_argument(
+    "--picture", type=Path, default=Path("out/finger_grasp.png"), help="the film is beside it"
+)
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
 torch.set_default_dtype(torch.float64)
@@ -38,18 +43,25 @@ TIMES = torch.linspace(0.0, END, 26)
 EARLY = 22  # the place of 0.44 s: until then balls fall by less than 3 mm
 
 
-def pressed() -> float:
-    """N of a finger on the ball, by halves."""
+def pressed(pull: float = TENSION) -> float:
+    """N of a finger on the ball, by halves, under the pull of its tendon."""
     low, high = 0.0, LAW["force"]
     for _ in range(60):
         N = (low + high) / 2
-        gives = TENSION * LEVER * AT**2 / (2 * EI) - N * (AT**3 / (3 * EI) + AT / GA)
+        gives = pull * LEVER * AT**2 / (2 * EI) - N * (AT**3 / (3 * EI) + AT / GA)
         low, high = (N, high) if gives > LAW["thickness"] * (N / LAW["force"]) ** 0.5 else (low, N)
     return N
 
 
-def scene(mu: torch.Tensor) -> tb.Scene:
-    """With a friction (...); tendons tighten over 0.1 s."""
+def tightened(t: torch.Tensor) -> torch.Tensor:
+    """Tension of the tendons, N, over 0.1 s."""
+    return TENSION * (t / 0.1).clamp(max=1)
+
+
+def scene(
+    mu: torch.Tensor, tension: Callable[[torch.Tensor], torch.Tensor] = tightened
+) -> tb.Scene:
+    """With a friction (...)."""
     section = tb.Section.from_stiffness(EA=1e4, GA=GA, GJ=0.04, EI=EI, mass=0.1, inertia=1e-6)
     side = BALL + RADIUS + LAW["thickness"]
     parts: dict[str, tb.Beam | tb.Body] = {}
@@ -61,7 +73,6 @@ def scene(mu: torch.Tensor) -> tb.Scene:
         hangs = dict(root=(x * side, 0, 0), direction=(0, 0, -1), up=(1, 0, 0))
         parts[name] = tb.Beam.straight(LENGTH, ELEMENTS, section, **hangs)
         inside = (0.0, 0.0, -x * LEVER)
-        tension = lambda t: TENSION * (t / 0.1).clamp(max=1)  # noqa: E731
         effects.append(tb.Tendon.along(parts[name], inside, name, tension=tension))
         touch = tb.Contact(name, "ball", radius=RADIUS, other_radius=BALL, friction=mu, **LAW)
         effects.append(touch)
@@ -101,17 +112,8 @@ print("what is held creeps by", crept.tolist(), "m/s; by the law", creep.tolist(
 def draw(path: Path = options.picture) -> None:
     left, right = tb.plot.grid(1, 2, (10, 4.5))
     k = len(factors) - 1
-    state = solution.state[-1].map(lambda x: x[k])
-    for name in ("left", "right"):
-        x, _, z = 1e3 * state[name].position.T
-        left.plot(x, z, "-", lw=9, color="C0", alpha=0.35, solid_capstyle="round")
-        left.plot(x, z, color="C0", lw=1)
-    for tendon in scene(mu[k]).tendons:
-        left.plot(*1e3 * tendon.at(state.position, state.rotation).T[[0, 2]], color="C1", lw=1.5)
-    turn = torch.linspace(0, 2 * torch.pi, 181)
-    x, _, z = 1e3 * state["ball"].position.flatten()
-    left.fill(x + 1e3 * BALL * turn.cos(), z + 1e3 * BALL * turn.sin(), color="C2", alpha=0.4)
-    left.set(aspect="equal", xlabel="x (mm)", ylabel="z (mm)")
+    held = scene(mu[-1])
+    tb.plot.shape(solution.state[-1].map(lambda x: x[-1]), left, scene=held)
     height = 1e3 * solution["ball"].position[..., 2]
     fallen = height[TIMES <= CLOSED][-1] - height
     for k, factor in enumerate(factors.tolist()):
@@ -122,5 +124,35 @@ def draw(path: Path = options.picture) -> None:
     print("wrote", tb.plot.save(left, path))
 
 
+def film(path: Path = options.picture) -> None:
+    """With 1.2 times the friction that is wanted, until the tendons slacken."""
+    slack, rate, end = 0.6, 10.0, 0.92  # s, N/s, s
+    friction = 1.2 * CRITICAL
+    weak = N / 1.2  # of a finger that just holds
+    low, high = 0.0, TENSION
+    for _ in range(60):
+        pull = (low + high) / 2
+        low, high = (pull, high) if pressed(pull) < weak else (low, pull)
+    slips = slack + (TENSION - pull) / rate
+
+    def slackens(t: torch.Tensor) -> torch.Tensor:
+        return tightened(t) - rate * (t - slack).clamp(min=0)
+
+    loosened = scene(torch.tensor(friction), slackens)
+    t = torch.linspace(0, end, 93)
+    run = tb.simulate(loosened, t, step=STEP)
+    assert (run.status == 0).all()
+    height = 1e3 * run["ball"].position[:, 2]
+    left, right = tb.plot.grid(1, 2, (7, 4))
+    right.axvline(1e3 * slips, color="0.6", lw=0.8, label="slips, by beam theory")
+    right.set(xlim=(0, 1e3 * end), ylim=(-2, 45), xlabel="time (ms)", ylabel="fallen (mm)")
+    (line,) = right.plot([], [], label="ball")
+    right.legend(frameon=False, fontsize=8)
+    look: dict[str, Any] = dict(scene=loosened, speed=0.25, fps=16, trail=False, dpi=70)
+    look["beside"] = lambda k: line.set_data(1e3 * t[: k + 1], height[0] - height[: k + 1])
+    print("wrote", tb.plot.animate(run, path.with_suffix(".gif"), left, **look))
+
+
 if __name__ == "__main__":
     draw()
+    film()

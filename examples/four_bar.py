@@ -5,6 +5,7 @@ own inertia. The check is the largest gap in the two joints between bars at any 
 stays closed without penalty and without drift. Printed beside it: by how much the rocker's angle
 departs from that of rigid bars, from the crank's angle by the intersection of two circles. Run as
 a script, it also makes a film.
+The film: the crank goes round, and the rocker swings to and fro.
 """
 
 import argparse

@@ -2,14 +2,25 @@
 
 Its upper end comes down at a steady speed; the floor rubs, and the rope's turns lie on each other.
 Once all of it lies, or hangs from the hand, the floor and the hand bear its weight. Run as a
-script, it also draws out/rope_pile.gif and out/rope_pile.png.
+script, it also draws a picture and a film.
+The film: the rope meets the floor with its tip, bends over, and lays turn upon turn.
 """
 
+import argparse
 from pathlib import Path
+from typing import Any
 
 import torch
 
 import torchbeam as tb
+
+parser = argparse.ArgumentParser(
+    description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+)
+parser.add_argument(
+    "--picture", type=Path, default=Path("out/rope_pile.png"), help="the film is beside it"
+)
+options = parser.parse_args(None if __name__ == "__main__" else [])
 
 torch.set_default_dtype(torch.float64)
 LENGTH, RADIUS, MASS, GRAVITY = 0.5, 0.004, 0.08, 9.81  # m, m, kg/m, m/s^2
@@ -46,14 +57,25 @@ borne = tb.sensors.ContactForce(scene)(last)[2] + last.root.force[2]  # N
 CHECK, EXPECTED = (borne / (MASS * GRAVITY * LENGTH)).item(), 1.0
 TOLERANCE = 0.01
 
-if __name__ == "__main__":
-    ticks = {name: (-0.05, 0, 0.05) for name in ("xticks", "yticks")} | {"zticks": (0, 0.05, 0.1)}
+
+def near(ax: Any) -> None:
+    ax.set(xlim=(-0.055, 0.055), ylim=(-0.055, 0.055), zlim=(0, 0.11))
+    ax.set_axis_off()
+
+
+def main(path: Path = options.picture) -> None:
+    print(f"floor and hand bear {CHECK:.4f} of its weight")
     fallen = tb.plot.grid(1, 3, three=(0, 1, 2))
     for ax, k in zip(fallen, (25, 40, 120), strict=True):
-        tb.plot.shape(solution.state[k], ax, nodes=False, lw=4)
-        ax.set(xlim=(-0.06, 0.06), ylim=(-0.06, 0.06), zlim=(0, 0.12), **ticks)
-        ax.set(title=f"{t[k]:.1f} s", box_aspect=(1, 1, 1))
-    print(f"floor and hand bear {CHECK:.4f} of its weight")
-    print(tb.plot.save(fallen[0], Path("out") / "rope_pile.png"))
-    ax = tb.plot.grid(1, 1, three=(0,))[0]
-    print(tb.plot.animate(solution, Path("out") / "rope_pile.gif", ax, trail=False))
+        near(ax)
+        tb.plot.shape(solution.state[k], ax, scene=scene)
+        ax.set_title(f"{t[k]:.1f} s")
+    print("wrote", tb.plot.save(fallen[0], path))
+    ax = tb.plot.axes((4.5, 4), three=True)
+    near(ax)
+    film: dict[str, Any] = dict(scene=scene, fps=16, speed=0.5, trail=False, dpi=80)
+    print("wrote", tb.plot.animate(solution, path.with_suffix(".gif"), ax, **film))
+
+
+if __name__ == "__main__":
+    main()

@@ -4,12 +4,15 @@ Inverse kinematics: Newton's method on the tensions, whose mean is kept, through
 for places of the tip across the axis, three in one batch. The first check is how well
 the targets are reached. The second is one tendon alone without weight, which bends the rod to an
 arc: between two nodes it runs parallel to the chord, which gives each element the moment
-T a cos(h kappa/2). Run as a script, it also draws the arm with its tendons.
+T a cos(h kappa/2). Run as a script, it also draws the arm with its tendons, and a film.
+The film: the tip goes round a circle across the axis, and the three tensions beside it follow, a
+third of a turn apart.
 """
 
 import argparse
 import math
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -18,7 +21,9 @@ import torchbeam as tb
 parser = argparse.ArgumentParser(
     description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
 )
-parser.add_argument("--picture", type=Path, default=Path("out/tendon_arm.png"))
+parser.add_argument(
+    "--picture", type=Path, default=Path("out/tendon_arm.png"), help="the film is beside it"
+)
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
 torch.set_default_dtype(torch.float64)
@@ -91,20 +96,43 @@ print(f"one tendon alone: curvature {bent[0].item():.3f} 1/m, {apart:.1e} from t
 
 
 def draw(path: Path = options.picture) -> None:
-    views = tb.plot.grid(1, 3, (11, 4.5), three=range(3))
+    views = tb.plot.grid(1, 3, (9, 4), three=range(3))
     for k, view in enumerate(views):
-        for tendon, pull in zip(scene(tensions).tendons, tensions[k], strict=True):
-            line = tendon.at(state[k].position, state[k].rotation)
-            view.plot(*line.T, color="C1", lw=0.3 + 2.5 * pull.item())
-        tb.plot.shape(state[k], view, color="C0", nodes=False, alpha=0.5)
+        room(view)
+        tb.plot.shape(state[k], view, scene=scene(tensions[k]), color="C0")
         view.plot(*WANTED[k], state[k].tip.position[2], "k+", ms=14)
-        view.set(
-            xticks=(0,), yticks=(0,), zticks=(-0.2, -0.1, 0), xlabel="x", ylabel="y", zlabel=""
-        )
         view.set_title(", ".join(f"{x:.2f}" for x in tensions[k]) + " N", fontsize=10)
     views[0].figure.suptitle("Three tendons bring the tip of a soft rod to the cross", fontsize=11)
     print("wrote", tb.plot.save(views[0], path))
 
 
+def room(ax: Any) -> None:
+    ax.set(xlim=(-0.09, 0.09), ylim=(-0.09, 0.09), zlim=(-0.26, 0.01))
+    ax.view_init(elev=15)
+    ax.set_axis_off()
+
+
+def film(path: Path = options.picture) -> None:
+    """Once round: of every place the equilibrium, in one batch."""
+    angle = 2 * math.pi * torch.arange(49) / 48
+    places = 0.07 * torch.stack((angle.cos(), angle.sin()), -1)
+    pull = pulls(inverse(places)[0])
+    round_ = scene(pull)
+    states = tb.equilibrium(round_, engine="eager")
+    left, right = tb.plot.grid(1, 2, (7.5, 3.8), three=(0,))
+    room(left)
+    left.plot(*places.T, float(states.tip.position[:, 2].mean()), color="0.6", lw=0.8)
+    for k, own in enumerate(pull.T):
+        right.plot(angle.rad2deg(), own, label=f"tendon {k + 1}")
+    right.set(xlabel="place on the circle (degrees)", ylabel="tension (N)")
+    right.set(xlim=(0, 360), ylim=(0, 1.35))
+    right.legend(frameon=False, fontsize=8, ncols=3, loc="upper center")
+    now = right.axvline(0, color="k", lw=0.8)
+    look: dict[str, Any] = dict(scene=round_, fps=12, trail=False, dpi=70)
+    look["beside"] = lambda k: now.set_xdata([angle[k].rad2deg()] * 2)
+    print("wrote", tb.plot.animate(states, path.with_suffix(".gif"), left, **look))
+
+
 if __name__ == "__main__":
     draw()
+    film()

@@ -57,16 +57,24 @@ def test_every_page_can_be_reached(site):
 
 
 def test_every_example_has_its_card(site):
-    """In one group, with the picture that it draws where there is one."""
+    """In one group, with the film that it makes and what is seen in it, or the picture that it
+    draws, where there is one.
+    """
     names = [name for group in site.GALLERY.values() for name in group]
     assert sorted(names) == sorted(path.stem for path in (ROOT / "examples").glob("*.py"))
     page = site.examples()["examples/index.md"]
     pictures = {path.stem for path in (ROOT / "docs/figures/gallery").glob("*.png")}
+    films = {path.stem for path in (ROOT / "docs/figures/gallery").glob("*.gif")}
+    assert films <= pictures and films >= {*site.GALLERY["Contact and tendons"]}
+    for name in films:
+        _, seen = site.film_of(name, (ROOT / f"examples/{name}.py").read_text().split('"""')[1])
+        assert seen.endswith(".") and f" {seen}" in page, name
     assert pictures <= set(names) and len(pictures) > len(names) / 2
     for name in names:
         assert f"({name}.md)**" in page and f"| [`{name}.py`]({name}.md) |" in page
-        assert name not in pictures or f"{name}.png)]({name}.md)" in page
-    shown = re.findall(r"\]\(\.\./(figures/\S+\.png)\)", page)
+        kind = "gif" if name in films else "png"
+        assert name not in pictures or f"{name}.{kind})]({name}.md)" in page
+    shown = re.findall(r"\]\(\.\./(figures/\S+\.(?:png|gif))\)", page)
     assert all((ROOT / "docs" / path).exists() for path in shown) and len(shown) >= len(pictures)
 
 

@@ -23,11 +23,11 @@ from ..linear.modes import Modes
 from ..math import quaternions as quat
 from ..math.shapes import broadcast_shapes
 from ..plot.obstacles import standing, surfaces
+from ..plot.solids import surface_mesh
 from ..scene.scene import Scene
 from ..state.solution import Solution
 from ..state.state import State, rest
 from ..state.state_check import of_mesh
-from .solids import surface_mesh
 
 VERTEX, LINE, QUAD = 1, 3, 9  # VTK's numbers of cells
 CELL_TYPES = {1: VERTEX, 2: LINE, 4: QUAD}  # by their points
@@ -214,9 +214,9 @@ def _beside(scene: Scene, state: State) -> Iterator[Beside]:
     t = float(state.t.detach().reshape(-1)[0])
     solids = [(torch.zeros(3, dtype=torch.float64), eye, each) for each in standing(scene, t)]
     for centre, R, obstacle in (*solids, *surfaces(scene, state)):
-        points, cells = surface_mesh(sent(obstacle, torch.float64), size)
-        points = points.cpu() @ R.double().cpu().mT + centre.double().cpu()
-        yield Beside(SOLID, 0, points.numpy(), cells.cpu().numpy())
+        mesh = surface_mesh(sent(obstacle, "cpu", torch.float64), size)
+        mesh = mesh.moved(centre.double().cpu(), R.double().cpu())
+        yield Beside(SOLID, 0, mesh.points.numpy(), mesh.quads.numpy())
 
 
 def _joined(groups: dict[str, dict[str, Any]], beside: list[Beside]) -> dict[str, dict[str, Any]]:

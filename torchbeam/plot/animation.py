@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,41 +13,54 @@ from torch import Tensor
 
 from ..core.files import folder, written
 from ..core.validation import positive
+from ..scene.scene import Scene
 from ..state.solution import Solution
-from .canvas import Axes, is_3d, numbers
-from .shapes import TRIAD, _curves, _even, _nodes, _prepared, _rows
+from ..state.state import State
+from .axis import axis_curves, nodes_of, rows_of
+from .canvas import Axes, numbers
+from .shapes import TRIAD, _prepared, framed
+from .solid_picture import SolidPicture
+
+CLOCK: dict[str, Any] = dict(fontsize=9, loc="left", family="monospace")
 
 
 def animate(
-    solution: Solution,
+    what: Any,
     path: str | Path,
     ax: Axes | None = None,
     *,
     plane: str | None = None,
+    scene: Scene | None = None,
     fps: float = 25.0,
     speed: float = 1.0,
     trail: bool = True,
     frames: bool = False,
+    beside: Callable[[int], object] | None = None,
     dpi: int = 100,
 ) -> Path:
     """Animation of a motion, written to a file: the path of that.
 
     Args:
-        solution: `Solution` with any batch axes
+        what: `Solution` with any batch axes; or a `State` whose first batch axis is shown one after
+            the other, as equilibria under a growing load
         path: ends in .gif (Pillow) or .mp4 (an ffmpeg program, or the one that comes with the
             package imageio-ffmpeg)
-        ax: to draw on: what is there already stays; None = new ones
+        ax: to draw on: what is there already stays, and so do limits that are set; None = new ones
         plane: as in `shape`;  frames: with the section axes of the tip;  trail: the path of the tip
-        fps: 1/s, pictures a second; each shows the output instant next to its time, so output
-            instants should be as dense
+        scene: as in `shape`: all that is solid, in its size
+        fps: 1/s, pictures a second; of a solution each shows the output instant next to its time,
+            so output instants should be as dense
         dpi: dots an inch
-        speed: of the film: 0.1 is ten times slower than the motion
+        speed: of the film of a solution: 0.1 is ten times slower than the motion
+        beside: called before each picture with the place of its instant, to move what else is in
+            the figure
 
-    All samples of a batch move together, each in its own colour. The file's folder is made where it
-    is missing.
+    All samples of a batch move together, each in its own colour; with a scene, those of one sample
+    are in the colours of their parts. The file's folder is made where it is missing.
 
-    Raises ValueError for another kind of file, and for a folder that cannot be made or written, or
-    lies in none; files.NotWritten (an OSError) where the disk is full.
+    Raises ValueError for what is no motion, a state of another scene, another kind of file, and for
+    a folder that cannot be made or written, or lies in none; files.NotWritten (an OSError) where
+    the disk is full.
 
     Examples:
         >>> path = tb.plot.animate(solution, "motion.gif", fps=10, speed=0.2)
@@ -56,12 +70,8 @@ def animate(
         positive(name, torch.as_tensor(float(value)))
     writer, settings = _writer(path, fps)
     folder(path.parent)
-    film = _Film.of(solution, ax, plane, trail, frames)
-    span = torch.arange(
-        solution.t[0].item(), solution.t[-1].item() * (1 + 1e-9), speed / fps, dtype=torch.float64
-    )
-    instants = solution.t.detach().double().cpu()
-    at = torch.searchsorted((instants[1:] + instants[:-1]) / 2, span)
+    film = _Film.of(*_motion(what), ax, plane, scene, trail, frames)
+    at = torch.arange(len(film.curves)) if film.t is None else _instants(film.t, speed / fps)
     import matplotlib
 
     with (
@@ -71,44 +81,77 @@ def animate(
     ):
         for k in at.tolist():
             film.show(k)
+            if beside is not None:
+                beside(k)
             writer.grab_frame()
     return path
+
+
+def _motion(what: Any) -> tuple[Any, Tensor | None]:
+    """States, and the times (s) of their first axis; None = that is no time."""
+    if isinstance(what, Solution):
+        return what.state, what.t.detach().double().cpu()
+    if not isinstance(what, State) or not what.batch_shape:
+        given = "a State of one sample" if isinstance(what, State) else type(what).__name__
+        raise ValueError(
+            f"{given} was given to animate; a Solution, or a State with a batch, is wanted"
+        )
+    return what.broadcast(), None
+
+
+def _instants(t: Tensor, step: float) -> Tensor:
+    """Places of those of the times t next to each of the pictures', `step` (s) apart."""
+    pictures = torch.arange(t[0].item(), t[-1].item() * (1 + 1e-9), step, dtype=torch.float64)
+    return torch.searchsorted((t[1:] + t[:-1]) / 2, pictures)
 
 
 @dataclass(frozen=True)
 class _Film:
     """Moving artists of a picture, and what they show.
 
-    t       (time,) s
+    states  (time, ...)
+    t       (time,) s; None = they are no motion
     curves  (time, samples, points, 2 or 3) m, frame a: axes of the beams, drawn by `lines`
     tips    (time, samples, 2 or 3) m, frame a: their last nodes, drawn by `trails`
     axes    (time, 3, 2, 2 or 3) m, frame a: section axes of the first sample's tip, from and to,
             drawn by `triad`
+    solid   what has a thickness, drawn anew each time: `drawn`
     clock   the title, which says the time
     """
 
     ax: Axes
-    t: Tensor
+    states: Any
+    t: Tensor | None
     curves: Any
     tips: Any
     axes: Any
     lines: list[Any]
     trails: list[Any]
     triad: list[Any]
+    solid: SolidPicture | None
+    drawn: list[Any]
     clock: Any
 
     @classmethod
     def of(
-        cls, solution: Solution, ax: Axes | None, plane: str | None, trail: bool, frames: bool
+        cls,
+        states: Any,
+        t: Tensor | None,
+        ax: Axes | None,
+        plane: str | None,
+        scene: Scene | None,
+        trail: bool,
+        frames: bool,
     ) -> _Film:
-        """Film of a solution, before its first picture; axes with room for the whole motion. Raises
+        """Film of states, before its first picture; axes with room for the whole motion. Raises
         ValueError as `shape`.
         """
-        position, turn = _nodes(solution.state)
-        times = len(solution.t)
+        position, turn = nodes_of(states)
+        times = states.position.shape[0]
         ax, seen = _prepared(ax, plane, position)
-        curves = _curves(_rows(solution.state), position, turn[..., 0])[..., seen]
-        curves = curves.reshape(times, -1, *curves.shape[-2:])
+        solid = None if scene is None else SolidPicture.of(scene, states, ax, seen, None)
+        curves = axis_curves(rows_of(states), position, turn[..., 0])[..., seen]
+        curves = curves.reshape(times, len(position) // times, *curves.shape[-2:])
         tip, R = (
             x.reshape(times, curves.shape[1], *x.shape[1:]) for x in (position[:, -1], turn[:, -1])
         )
@@ -119,38 +162,40 @@ class _Film:
         def line(color: Any, **style: Any) -> Any:
             return ax.plot(*([] for _ in seen), color=color, **style)[0]
 
-        # room for the whole motion
-        (everywhere,) = ax.plot(*numbers(curves).reshape(-1, len(seen)).T, alpha=0)
-        _even(ax, seen)
-        if not is_3d(ax):
-            ax.figure.canvas.draw()  # equal scales settle
-            ax.set_aspect("equal", adjustable="box")
-            ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())
-        everywhere.remove()
-        for start in numbers(curves[0]):
-            ax.plot(*start.T, color="0.85", lw=1.8, zorder=0)
+        room = curves.flatten(0, -2) if solid is None else solid.reach(states)[:, seen]
+        framed(ax, seen, room)
+        for first in numbers(curves[0]) if solid is None else ():
+            ax.plot(*first.T, color="0.85", lw=1.8, zorder=0)
         samples = range(curves.shape[1])
         return cls(
             ax,
-            solution.t.detach(),
+            states,
+            t,
             numbers(curves),
             numbers(tip[..., seen]),
             numbers(triad),
-            lines=[line(f"C{i % 10}", lw=2.2) for i in samples],
+            lines=[line(f"C{i % 10}", lw=2.2) for i in samples] if solid is None else [],
             trails=[line(f"C{i % 10}", lw=0.8, alpha=0.6) for i in samples] if trail else [],
             triad=[line(color, lw=1.6) for color in TRIAD] if frames else [],
-            clock=ax.set_title("t = 0", fontsize=9, loc="left", family="monospace"),
+            solid=solid,
+            drawn=[],
+            clock=None if t is None else ax.set_title(" ", **CLOCK),
         )
 
     def show(self, k: int) -> None:
-        """Picture of the output instant k."""
+        """Picture of the instant k."""
         for i, line in enumerate(self.lines):
             _put(line, self.curves[k, i])
         for i, line in enumerate(self.trails):
             _put(line, self.tips[: k + 1, i])
         for i, line in enumerate(self.triad):
             _put(line, self.axes[k, i])
-        self.clock.set_text(f"t = {self.t[k].item():.3f} s")
+        if self.t is not None:
+            self.clock.set_text(f"t = {self.t[k].item():.3f} s")
+        if self.solid is not None:
+            while self.drawn:
+                self.drawn.pop().remove()
+            self.drawn.extend(self.solid.draw(self.states[k]))
 
 
 def _writer(path: Path, fps: float) -> tuple[Any, dict[str, Any]]:

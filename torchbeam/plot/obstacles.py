@@ -1,8 +1,8 @@
-"""Obstacles in pictures of a beam."""
+"""Obstacles, and the surfaces of bodies and beams, in pictures of a beam."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import torch
@@ -10,14 +10,15 @@ from torch import Tensor
 
 from ..core.arguments import instance
 from ..core.leaves import map_leaves
-from ..math import quaternions as quat
 from ..scene.effects.contact import Contact
-from ..scene.effects.obstacles import Obstacle
+from ..scene.effects.contact_terms import ContactTerms
+from ..scene.effects.obstacles import Obstacle, Sphere
+from ..scene.parts import Part
 from ..scene.scene import Scene
 from ..state.state import State
 from ..state.state_check import of_mesh
+from .axis import PLANES, nodes_of
 from .canvas import Axes, is_3d, numbers
-from .shapes import PLANES
 
 CELLS = 300  # of the picture, each way
 
@@ -53,24 +54,35 @@ def obstacles(
             f"{given} was given to obstacles; flat axes and one of "
             f"{', '.join(map(repr, PLANES))} are wanted"
         )
-    first, second = PLANES[plane]
-    limits, beam = (ax.get_xlim(), ax.get_ylim()), scene.beam
-    across, up = (torch.linspace(*ends, CELLS).to(beam.nodes) for ends in limits)
-    middle = beam.nodes.detach().flatten(0, -2).mean(0)
-    x = middle.expand(CELLS, CELLS, 3).clone()
-    x[..., first], x[..., second] = across, up[:, None]
+    middle = scene.beam.nodes.detach().flatten(0, -2).mean(0)
     for obstacle in standing(scene, t):
-        distance = obstacle.distance(x.flatten(0, -2)).reshape(CELLS, CELLS)
-        cells = numbers(across), numbers(up), numbers(distance)
-        ax.contourf(*cells, levels=[-torch.inf, 0.0], colors=[color], zorder=0)
+        cut(ax, plane, middle, obstacle.distance, color)
     for centre, R, surface in () if state is None else surfaces(scene, state):
-        at = x.clone()
-        normal = ({0, 1, 2} - {first, second}).pop()
-        at[..., normal] = centre[normal]
-        distance = surface.distance((at.flatten(0, -2) - centre) @ R)
-        cells = numbers(across), numbers(up), numbers(distance.reshape(-1, CELLS, CELLS)[0])
-        ax.contourf(*cells, levels=[-torch.inf, 0.0], colors=[color], zorder=0)
+        cut(ax, plane, centre, in_axes(surface, centre, R), color)
     return ax
+
+
+def cut(
+    ax: Axes, plane: str, through: Tensor, distance: Callable[[Tensor], Tensor], color: Any
+) -> None:
+    """What is solid, by its distance (n, 1) m from points (n, 3) m, in the plane `through` (3) m,
+    on flat axes.
+    """
+    first, second = PLANES[plane]
+    across, up = (
+        torch.linspace(*ends, CELLS).to(through) for ends in (ax.get_xlim(), ax.get_ylim())
+    )
+    x = through.expand(CELLS, CELLS, 3).clone()
+    x[..., first], x[..., second] = across, up[:, None]
+    cells = distance(x.flatten(0, -2)).reshape(CELLS, CELLS)
+    ax.contourf(
+        *map(numbers, (across, up, cells)), levels=[-torch.inf, 0.0], colors=[color], zorder=0
+    )
+
+
+def in_axes(surface: Obstacle, centre: Tensor, R: Tensor) -> Callable[[Tensor], Tensor]:
+    """The distance from a surface in axes R (3, 3) about a centre (3) m."""
+    return lambda x: surface.distance((x - centre) @ R)
 
 
 def standing(scene: Scene, t: float) -> Iterator[Obstacle]:
@@ -80,22 +92,57 @@ def standing(scene: Scene, t: float) -> Iterator[Obstacle]:
     contacts = [load for load in scene.loads if isinstance(load, Contact)]
     own = {id(load.obstacle): load for load in contacts if load.obstacle is not None}
     for load in own.values():
-        yield map_leaves(_first, load.resolved(s, now, {}, beam.element_count).obstacle)
+        yield map_leaves(
+            lambda x, axes: _sample(x, axes, (), 0),
+            load.resolved(s, now, {}, beam.element_count).obstacle,
+        )
 
 
 def surfaces(scene: Scene, state: State) -> Iterator[tuple[Tensor, Tensor, Obstacle]]:
     """Of the bodies that have some, in the first sample: centre (3) m, axes (3, 3) and surface."""
     of_mesh(state, scene.beam, "a state")
+    position, R = (x[0] for x in nodes_of(state))
     for part in scene.beam.parts:
-        surface = scene.beam.surface(part.name) if part.body else None
+        surface = surface_of(scene, part) if part.body else None
         if surface is not None:
-            centre = state.position.detach()[..., part.first_node, :].reshape(-1, 3)[0]
-            q = state.rotation.detach()[..., part.first_node, :].reshape(-1, 4)[0]
-            yield centre, quat.matrix(q), map_leaves(_first, surface)
+            yield position[part.first_node], R[part.first_node], surface
 
 
-def _first(x: Any, axes: int | None) -> Any:
-    """Of a batch the first sample."""
+def surface_of(
+    scene: Scene, body: Part, batch: Sequence[int] = (), sample: int = 0
+) -> Obstacle | None:
+    """Of a body, in a sample of a batch: its own, or the ball by which contacts take it; None = it
+    touches nothing.
+    """
+    surface = scene.beam.surface(body.name)
+    if surface is not None:
+        return map_leaves(lambda x, axes: _sample(x, axes, batch, sample), surface)
+    radius = radius_of(scene, body, scene.beam.nodes.new_zeros(1), batch, sample)
+    return None if radius is None else Sphere(torch.zeros(3).to(radius), radius[0])
+
+
+def radius_of(
+    scene: Scene, part: Part | None, s: Tensor, batch: Sequence[int] = (), sample: int = 0
+) -> Tensor | None:
+    """The radii (n) m by which contacts take a part at places s (n) m along it, in a sample of a
+    batch, the largest if they differ; None = none of them names one. A beam by itself is no part.
+    """
+    names = {None} if part is None else {part.name} if part.body else {part.name, None}
+    radii = []
+    for contact in scene.effects:
+        if isinstance(contact, ContactTerms):
+            other = getattr(contact, "other_radius", None)
+            taken = {contact.partner: contact.radius if other is None else other}
+            taken = {k: v for k, v in taken.items() if k is not None} | {contact.on: contact.radius}
+            radii += [r for on, r in taken.items() if on in names and r is not None]
+    along = [r(s) if callable(r) else torch.as_tensor(r).to(s)[..., None] + 0 * s for r in radii]
+    return torch.stack([_sample(r, 1, batch, sample) for r in along]).amax(0) if along else None
+
+
+def _sample(x: Any, axes: int | None, batch: Sequence[int], sample: int) -> Any:
+    """Of a batch one sample; without axes of the batch the first."""
     if not isinstance(x, Tensor) or axes is None:
         return x
-    return x.detach().reshape(-1, *x.shape[x.ndim - axes :])[0]
+    own = x.shape[x.ndim - axes :]
+    x = x.detach().expand(*batch, *own) if batch else x.detach()
+    return x.reshape(-1, *own)[sample]

@@ -8,14 +8,12 @@ import torch
 from torch import Tensor
 
 from ..linear.modes import Modes
-from ..math import quaternions as quat
-from ..math.shapes import broadcast_shapes
-from ..state.state import State
+from ..scene.scene import Scene
+from .axis import PLANES, axis_curves, nodes_of, rows_of
 from .canvas import GREY, Axes, axes, is_3d, line_style, numbers
+from .solid_picture import SolidPicture
 
-PLANES = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 TRIAD = ("#c0392b", "#27ae60", "#2c5fb3")  # x, y, z
-POINTS = 8  # of the curve through an element
 
 
 def shape(
@@ -23,6 +21,7 @@ def shape(
     ax: Axes | None = None,
     *,
     plane: str | None = None,
+    scene: Scene | None = None,
     frames: bool = False,
     color: Any = None,
     label: str | None = None,
@@ -37,21 +36,33 @@ def shape(
         state: of any form, with any leading axes
         plane: "xy", "xz" or "yz": seen along the third axis; None = in space, unless all lies in
             one of these planes
+        scene: that it is a state of: beams are drawn as thick as contacts take them, or else as
+            the rectangle of their EI and EA, with obstacles (of a batch the first sample's), the
+            surfaces of bodies, and tendons, as far as limits say that are set; `color` is that of
+            all, and what else there is for lines has no meaning
         frames: draw the section axes of the nodes too: x red, y green, z blue
         nodes: mark the nodes;  color, label and further keywords: as matplotlib has them for lines
 
     Between nodes the curve is cubic, with the sections' x axes as its tangents.
 
     Raises:
-        ValueError: for what is no state, a plane that is none, and flat axes for a beam that lies
-            in no plane.
+        ValueError: for what is no state, a plane that is none, flat axes for a beam that lies
+            in no plane, and a state of another scene.
 
     Examples:
         >>> ax = tb.plot.shape(solution.state)  # each instant, the first darkest
     """
-    position, turn = _nodes(state)
+    position, turn = nodes_of(state)
     ax, seen = _prepared(ax, plane, position)
-    curves = numbers(_curves(_rows(state), position, turn[..., 0])[..., seen])
+    solid = None if scene is None else SolidPicture.of(scene, state, ax, seen, color)
+    if solid is not None:
+        framed(ax, seen, solid.reach(state)[:, seen])
+        solid.draw(state)
+        if frames:
+            _triads(ax, position, turn, seen)
+        return ax
+    rows = rows_of(state)
+    curves = numbers(axis_curves(rows, position, turn[..., 0])[..., seen])
     dots = numbers(position[..., seen])
     for i, (curve, points) in enumerate(zip(curves, dots, strict=True)):
         shade = color if color is not None else "C0" if len(curves) == 1 else _shade(i, len(curves))
@@ -82,7 +93,7 @@ def mode_shapes(
     Examples:
         >>> ax = tb.plot.mode_shapes(tb.rest(scene), tb.modes(tb.Scene(beam), count=3))
     """
-    position, turn = _nodes(state)
+    position, turn = nodes_of(state)
     if len(position) > 1 or modes.shape.ndim != 3:
         raise ValueError(
             "modes or a state of more than one sample were given to mode_shapes; one sample is "
@@ -104,9 +115,11 @@ def mode_shapes(
     tilted = at_rest + torch.linalg.cross(move[..., 3:], at_rest.expand_as(moved))
     chord = torch.linalg.vector_norm(position.diff(dim=-2), dim=-1, keepdim=True)
     ax, seen = _prepared(ax, plane, torch.cat((position, moved)))
-    rows = _rows(state)
-    ax.plot(*numbers(_curves(rows, position, at_rest)[0][..., seen]).T, color=GREY, lw=1, ls="--")
-    for i, curve in enumerate(numbers(_curves(rows, moved, tilted, chord)[..., seen])):
+    rows = rows_of(state)
+    ax.plot(
+        *numbers(axis_curves(rows, position, at_rest)[0][..., seen]).T, color=GREY, lw=1, ls="--"
+    )
+    for i, curve in enumerate(numbers(axis_curves(rows, moved, tilted, chord)[..., seen])):
         value = modes.eigenvalue[i].detach()
         speed = (
             f"{value.imag.abs().item() / (2 * torch.pi):.4g} Hz"
@@ -124,27 +137,6 @@ def mode_shapes(
     return _even(ax, seen)
 
 
-def _nodes(state: Any) -> tuple[Tensor, Tensor]:
-    """Positions (samples, N+1, 3) m and section axes (samples, N+1, 3, 3) as columns, frame a, of a
-    state of any form. Raises ValueError for what is no state.
-    """
-    if not hasattr(state, "position"):
-        raise ValueError(
-            f"{type(state).__name__} was given to a picture of the beam; a state is wanted (of a "
-            "solution: solution.state)"
-        )
-    R = quat.matrix(state.rotation) if isinstance(state, State) else state.rotation
-    shape = broadcast_shapes(state.position.shape[:-1], R.shape[:-2])
-    position, R = state.position.detach().expand(*shape, 3), R.detach().expand(*shape, 3, 3)
-    return position.reshape(-1, shape[-1], 3), R.reshape(-1, shape[-1], 3, 3)
-
-
-def _rows(state: Any) -> list[slice]:
-    """The nodes of each beam."""
-    parts = getattr(state, "parts", ())
-    return [part.nodes for part in parts if not part.body] if parts else [slice(None)]
-
-
 def _mark(ax: Axes, state: Any, points: Any, color: Any) -> None:
     """Bodies and joints of a structure with nodes at the points (nodes, 2 or 3)."""
     bodies = [part.first_node for part in getattr(state, "parts", ()) if part.body]
@@ -153,40 +145,6 @@ def _mark(ax: Axes, state: Any, points: Any, color: Any) -> None:
     for pair in getattr(state, "joined", ()):
         ends = points[[node for node in pair if node is not None]]
         ax.plot(*ends.T, "o", ms=6, mfc="none", mec="k", mew=0.8, color=GREY, ls="-", lw=0.8)
-
-
-def _curves(
-    rows: list[slice], position: Tensor, along: Tensor, length: Tensor | None = None
-) -> Tensor:
-    """`_curve` of each beam, with a gap (not a number) between two."""
-    curves = []
-    for own in rows:
-        inner = own if own.stop is None else slice(own.start, own.stop - 1)
-        curves.append(
-            _curve(
-                position[..., own, :],
-                along[..., own, :],
-                None if length is None else length[..., inner, :],
-            )
-        )
-        curves.append(torch.full_like(curves[-1][..., :1, :], torch.nan))
-    return torch.cat(curves[:-1], -2) if curves else position[..., :0, :]
-
-
-def _curve(position: Tensor, along: Tensor, length: Tensor | None = None) -> Tensor:
-    """Cubic Hermite curves through nodes (samples, N+1, 3): (samples, points, 3). along
-    (samples, N+1, 3): their derivative by arc length; length (..., N, 1) of the elements, by
-    default their chords'.
-    """
-    rise = position.diff(dim=-2)
-    length = torch.linalg.vector_norm(rise, dim=-1, keepdim=True) if length is None else length
-    start, rise = position[..., :-1, None, :], rise[..., None, :]
-    leaves, comes = (
-        (length * along[..., part, :])[..., None, :] for part in (slice(None, -1), slice(1, None))
-    )
-    x = torch.linspace(0, 1, POINTS + 1, dtype=position.dtype, device=position.device)[:-1, None]
-    inside = start + rise * x * x * (3 - 2 * x) + x * (1 - x) * (leaves * (1 - x) - comes * x)
-    return torch.cat((inside.flatten(-3, -2), position[..., -1:, :]), -2)
 
 
 def _prepared(ax: Axes | None, plane: str | None, position: Tensor) -> tuple[Axes, list[int]]:
@@ -238,6 +196,27 @@ def _even(ax: Axes, seen: list[int]) -> Axes:
         axis.set_major_locator(_few(max(2, round(5 * size / max(sizes)))))
         axis.labelpad = 5
     return ax
+
+
+def framed(ax: Axes, seen: list[int], points: Tensor) -> None:
+    """Equal scales, with limits that stay: those that a user has set, or with room for what was
+    drawn and for points (n, 2 or 3) m.
+    """
+    own = not (ax.get_autoscalex_on() or ax.get_autoscaley_on())
+    limits = [ax.get_xlim(), ax.get_ylim(), *([ax.get_zlim()] if is_3d(ax) else [])]
+    (everywhere,) = ax.plot(*numbers(points).T, alpha=0)
+    _even(ax, seen)
+    everywhere.remove()
+    if own:
+        ax.set(**dict(zip(("xlim", "ylim", "zlim"), limits, strict=False)))
+    if is_3d(ax):
+        sizes = [b - a for a, b in (ax.get_xlim(), ax.get_ylim(), ax.get_zlim())]
+        ax.set_box_aspect(sizes, zoom=1.0 if ax.axison else 1.15)  # nothing is written beside it
+        return
+    if not own:
+        ax.figure.canvas.draw()  # equal scales settle
+    ax.set_aspect("equal", adjustable="box")
+    ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())
 
 
 def _few(count: int) -> Any:

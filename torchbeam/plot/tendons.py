@@ -7,8 +7,8 @@ from typing import Any
 from ..core.arguments import instance
 from ..scene.scene import Scene
 from ..state.state import State
+from .axis import PLANES
 from .canvas import Axes, is_3d, line_style, numbers
-from .shapes import PLANES
 
 
 def tendons(

@@ -15,24 +15,24 @@ from torch import Tensor
 
 from ..core.arguments import count, instance
 from ..core.files import folder, path_of, write
+from ..core.leaves import sent
 from ..core.validation import positive, shown
 from ..math import quaternions as quat
-from ..scene.effects.obstacles import Box, Capsule, Cylinder, Obstacle, Plane, Sphere
+from ..scene.effects.obstacles import Obstacle, Sphere
 from ..scene.scene import Scene
 from ..state.instant import Instant
 from ..state.solution import Solution
 from ..state.state import State, rest
+from .axis import axis_curve, nodes_of, rows_of
 from .canvas import numbers
-from .obstacles import standing
-from .shapes import _curve, _nodes, _rows
+from .obstacles import standing, surface_of
+from .sections import SIDE, Sections, across
+from .solids import Mesh, surface_mesh, tube_mesh
 
 FPS = 25.0  # 1/s
-SIDE = 0.01  # of the beams' length: side of a section of which nothing is known
-SIDES = 0.003, 0.2  # of the same: least and largest
 # matplotlib's
 COLOURS = ((31, 119, 180), (255, 127, 14), (44, 160, 44), (148, 103, 189), (140, 86, 75))
 FAILED, SOLID, ROPE = (214, 39, 40), (190, 190, 190), (60, 60, 60)
-CORNERS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) / 2  # of a section, by width and height
 
 
 def view(
@@ -58,8 +58,9 @@ def view(
         host: from where the page can be asked for: this machine alone, or "0.0.0.0": from others
         port: the next free one is taken
 
-    A section is drawn as the rectangle of its EI and EA, in its axes, so that a twist is seen;
-    a body as its surface, or as a ball.
+    A beam is drawn as round and thick as its contacts take it, or as the rectangle of its EI and
+    EA, in the axes of its sections, so that a twist is seen; a body as its surface, as the ball by
+    which contacts take it, or as a small one.
 
     Raises:
         ValueError: for what is none of these, or a scene of other nodes.
@@ -121,7 +122,7 @@ class View:
             self._server = viser.ViserServer(host=host, port=port, label="torchbeam", verbose=False)
         self._drawn: dict[str, Any] = {}
         self._lock, self._closed = threading.Lock(), threading.Event()
-        self._shapes = _Shapes.of(states[0], scene, samples)
+        self._shapes = _Shapes(states[0], scene, samples)
         self._frame_camera()
         last = len(self.t) - 1
         gui = self._server.gui
@@ -233,7 +234,8 @@ class View:
                     self._drawn[name] = add(f"/{name}", **static, **moving)
                     continue
                 for key, value in moving.items():
-                    setattr(self._drawn[name], key, value)
+                    if not np.array_equal(getattr(self._drawn[name], key), value):
+                        setattr(self._drawn[name], key, value)
             self._clock.value = f"{t:.4g}"
 
     def _frame_camera(self) -> None:
@@ -250,61 +252,39 @@ class View:
 class _Shapes:
     """What is drawn of a state: name -> kind of viser's, what stays, what moves."""
 
-    def __init__(
-        self,
-        rows: list[slice],
-        sides: list[np.ndarray],
-        bodies: list[int],
-        size: float,
-        **more: Any,
-    ) -> None:
-        self.rows, self.sides, self.bodies, self.size = rows, sides, bodies, size
-        self.scene, self.samples = more["scene"], more["samples"]
-        beam = None if self.scene is None else self.scene.beam
-        named = {} if beam is None else {p.first_node: p.name for p in beam.parts if p.body}
-        self.surfaces = {node: beam.surface(name) for node, name in named.items()}
-
-    @classmethod
-    def of(cls, state: Any, scene: Scene | None, samples: int) -> _Shapes:
-        position, _ = _nodes(state)
-        rows = [row for row in _rows(state)]
-        lengths = [
-            torch.linalg.vector_norm(position[0, row].diff(dim=0), dim=-1).sum() for row in rows
-        ]
-        extent = (position[0].amax(0) - position[0].amin(0)).norm()
-        size = max([x.item() for x in (*lengths, extent)])
+    def __init__(self, state: Any, scene: Scene | None, samples: int) -> None:
+        self.scene, self.samples, self.rows = scene, samples, rows_of(state)
         parts = getattr(state, "parts", ())
-        bodies = [part.first_node for part in parts if part.body]
-        sides = _sides(scene, rows, position.shape[-2], size)
-        return cls(rows, sides, bodies, size, scene=scene, samples=samples)
+        self.beams = [part for part in parts if not part.body] if parts else [None]
+        self.bodies = [part for part in parts if part.body]
+        self.sections = Sections.of(scene, state)
+        self.size = self.sections.size
 
     def at(self, state: Any, t: float) -> dict[str, tuple[str, dict, dict]]:
-        position, axes = (x[: self.samples].double() for x in _nodes(state))
+        batch = state.position.shape[:-2]
+        position, axes = (x[: self.samples].double().cpu() for x in nodes_of(state))
         failed = numbers(state.status.expand(state.batch_shape)).reshape(-1) != 0
         shapes: dict[str, tuple[str, dict, dict]] = {}
         for i, (x, R) in enumerate(zip(position, axes, strict=True)):
             colour = FAILED if failed[i] else COLOURS[i % len(COLOURS)]
-            for k, (row, side) in enumerate(zip(self.rows, self.sides, strict=True)):
-                vertices, faces = _tube(x[row], R[row], side)
-                shapes[f"sample {i}/beam {k}"] = (
-                    "mesh_simple",
-                    dict(faces=faces, flat_shading=True, side="double"),
-                    dict(vertices=vertices, color=colour),
-                )
-            for k, node in enumerate(self.bodies):
-                surface = self.surfaces.get(node)
-                if surface is not None:
-                    for part, shape in _solid(surface, self.size).items():
-                        shapes[f"sample {i}/body {k}{part}"] = _carried(shape, x[node], R[node])
-                    continue
-                shapes[f"sample {i}/body {k}"] = (
-                    "icosphere",
-                    dict(radius=2.5 * SIDE * self.size),
-                    dict(position=numbers(x[node]), color=colour),
-                )
+            for k, (part, row) in enumerate(zip(self.beams, self.rows, strict=True)):
+                axis = axis_curve(x[None, row], R[None, row, :, 0])[0]
+                corners = self.sections.corners(k, part, len(axis), batch, i)
+                mesh = tube_mesh(axis, across(R[row, :, 1:], len(axis)), corners)
+                shapes |= _meshes(f"sample {i}/beam {k}", mesh, colour)
+            for k, part in enumerate(self.bodies):
+                surface = self._surface(part, batch, i)
+                pose = x[part.first_node], R[part.first_node]
+                mesh = surface_mesh(sent(surface, "cpu", torch.float64), self.size)
+                shapes |= _meshes(f"sample {i}/body {k}", mesh, colour, pose)
         if self.scene is not None:
             shapes |= self._ropes(state) | self._obstacles(t)
         return shapes
+
+    def _surface(self, part: Any, batch: Any, i: int) -> Obstacle:
+        """Of a body: a small ball where there is nothing that it touches with."""
+        known = None if self.scene is None else surface_of(self.scene, part, batch, i)
+        return known or Sphere(torch.zeros(3), torch.tensor(2.5 * SIDE * self.size))
 
     def _ropes(self, state: Any) -> dict[str, tuple[str, dict, dict]]:
         ropes = {}
@@ -322,101 +302,38 @@ class _Shapes:
     def _obstacles(self, t: float) -> dict[str, tuple[str, dict, dict]]:
         shapes = {}
         for k, obstacle in enumerate(standing(self.scene, t)):
-            for part, shape in _solid(obstacle, self.size).items():
-                shapes[f"obstacle {k}{part}"] = shape
+            mesh = surface_mesh(sent(obstacle, "cpu", torch.float64), self.size)
+            mesh = mesh._replace(
+                dark=torch.zeros_like(mesh.dark)
+            )  # one piece, as it is seen through
+            through = 0.25 if getattr(obstacle, "inside", False) else 0.6
+            shapes |= _meshes(f"obstacle {k}", mesh, SOLID, opacity=through)
         return shapes
 
 
-def _sides(scene: Scene | None, rows: list[slice], nodes: int, size: float) -> list[np.ndarray]:
-    """Width and height (intervals, 2) m of each beam, in each interval between its nodes: of the
-    rectangle with its EA and EI, of a batch the first sample's.
+def _meshes(
+    name: str,
+    mesh: Mesh,
+    colour: tuple[int, int, int],
+    pose: tuple[Tensor, Tensor] | None = None,
+    **look: Any,
+) -> dict[str, tuple[str, dict, dict]]:
+    """Triangles of a mesh in two shades; with a centre and axes it keeps its form, else its points
+    move.
     """
-    counts = [len(range(nodes)[row]) - 1 for row in rows]
-    if scene is None or not counts:
-        return [np.full((n, 2), SIDE * size) for n in counts]
-    S = scene.beam.compliance.detach().diagonal(dim1=-2, dim2=-1)
-    S = S.expand(*S.shape[:-2], scene.beam.element_count, 6)
-    S = S.reshape(-1, *S.shape[-2:])[0].double()
-    sides = torch.sqrt(12 * S[:, :1] / S[:, [5, 4]])
-    sides = torch.where(torch.isfinite(sides) & (sides > 0), sides, SIDE * size)
-    least, most = (share * size for share in SIDES)
-    each = numbers(sides.clamp(least, most)).repeat(scene.beam.order, 0)  # intervals
-    return np.split(each, np.cumsum(counts)[:-1])
-
-
-def _tube(x: Tensor, R: Tensor, sides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and triangles of a beam with nodes (N+1, 3) and section axes (N+1, 3, 3)."""
-    centre = numbers(_curve(x[None], R[None, ..., 0])[0])
-    at = np.linspace(0, len(x) - 1, len(centre))
-    left = np.minimum(at.astype(int), len(x) - 2)
-    share = (at - left)[:, None, None]
-    axes = numbers(R)[..., 1:]
-    across = (1 - share) * axes[left] + share * axes[left + 1]
-    across /= np.linalg.norm(across, axis=-2, keepdims=True)
-    corners = CORNERS * sides[left][:, None]  # (points, 4, 2)
-    vertices = centre[:, None] + corners @ across.transpose(0, 2, 1)
-    first = 4 * np.arange(len(centre) - 1)[:, None]
-    ring = np.arange(4)
-    a, b = first + ring, first + (ring + 1) % 4
-    sides_ = np.stack((np.stack((a, b, b + 4), -1), np.stack((a, b + 4, a + 4), -1)), 2)
-    end = 4 * (len(centre) - 1)
-    caps = np.array([(0, 2, 1), (0, 3, 2), (end, end + 1, end + 2), (end, end + 2, end + 3)])
-    faces = np.concatenate((sides_.reshape(-1, 3), caps))
-    return vertices.reshape(-1, 3).astype(np.float32), faces.astype(np.uint32)
-
-
-def _solid(obstacle: Obstacle, size: float) -> dict[str, tuple[str, dict, dict]]:
-    """An obstacle of one sample, as far as `size` (m) where it has no end."""
-
-    def own(name: str) -> np.ndarray:
-        value = torch.as_tensor(getattr(obstacle, name)).detach().double().cpu()
-        wide = 0 if name in ("radius", "rounding") else 1
-        return value.reshape(-1, *value.shape[value.ndim - wide :])[0].numpy()
-
-    look = dict(color=SOLID, opacity=0.6)
-    if isinstance(obstacle, Plane):
-        turn = _turned(own("normal"))
-        place = own("point") - 0.005 * size * own("normal")
-        static = dict(dimensions=(2 * size, 2 * size, 0.01 * size), **look)
-        return {"": ("box", static, dict(position=place, wxyz=turn))}
-    if isinstance(obstacle, Sphere):
-        return {"": ("icosphere", dict(radius=float(own("radius")), **look),
-                     dict(position=own("centre")))}  # fmt: skip
-    if isinstance(obstacle, Cylinder):
-        static = dict(radius=float(own("radius")), height=2 * size, **look)
-        if obstacle.inside:
-            static |= dict(opacity=0.25)
-        return {"": ("cylinder", static, dict(position=own("point"), wxyz=_turned(own("axis"))))}
-    if isinstance(obstacle, Capsule):
-        a, b, radius = own("a"), own("b"), float(own("radius"))
-        static = dict(radius=radius, height=float(np.linalg.norm(b - a)), **look)
-        moving = dict(position=(a + b) / 2, wxyz=_turned(b - a))
-        ends = {
-            f" end {k}": ("icosphere", dict(radius=radius, **look), dict(position=end))
-            for k, end in enumerate((a, b))
-        }
-        return {"": ("cylinder", static, moving), **ends}
-    if isinstance(obstacle, Box):
-        turn = np.array([1.0, 0, 0, 0])
-        if obstacle.rotation is not None:
-            turn = quat.exponential(torch.from_numpy(own("rotation"))).numpy()
-        static = dict(dimensions=tuple(own("size")), **look)
-        return {"": ("box", static, dict(position=own("centre"), wxyz=turn))}
-    return {}
-
-
-def _carried(shape: tuple[str, dict, dict], centre: Tensor, R: Tensor) -> tuple[str, dict, dict]:
-    """A shape in a body's axes where the body is: at centre (3) m with axes (3, 3)."""
-    kind, static, moving = shape
-    q = quat.from_matrix(R)
-    moved = {"position": numbers(centre + R @ torch.as_tensor(moving["position"]))}
-    if "wxyz" in moving:
-        moved["wxyz"] = numbers(quat.multiply(q, torch.as_tensor(moving["wxyz"])))
-    return kind, static, moving | moved
-
-
-def _turned(axis: np.ndarray) -> np.ndarray:
-    """A unit quaternion that turns z to the direction of an axis."""
-    axis = axis / np.linalg.norm(axis)
-    q = np.array([1 + axis[2], -axis[1], axis[0], 0.0])
-    return q / np.linalg.norm(q) if np.linalg.norm(q) > 1e-6 else np.array([0.0, 1, 0, 0])
+    shapes = {}
+    for shade, kept, end in ((1.0, ~mesh.dark, ""), (0.7, mesh.dark, " dark")):
+        if not kept.any():
+            continue
+        used, quads = mesh.quads[kept].unique(return_inverse=True)
+        points = numbers(mesh.points[used]).astype(np.float32)
+        faces = numbers(quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)).astype(np.uint32)
+        static = dict(faces=faces, color=tuple(int(shade * x) for x in colour), side="double")
+        static |= dict(flat_shading=True) | look
+        moving = dict(vertices=points)
+        if pose is not None:
+            static, moving = static | moving, dict(
+                position=numbers(pose[0]), wxyz=numbers(quat.from_matrix(pose[1]))
+            )  # fmt: skip
+        shapes[f"{name}{end}"] = "mesh_simple", static, moving
+    return shapes

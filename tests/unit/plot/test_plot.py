@@ -6,6 +6,7 @@ import errno
 import math
 import os
 import sys
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,6 +15,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from torchbeam import extend
 
 pytest.importorskip("matplotlib")
 Image = pytest.importorskip("PIL.Image")
@@ -163,6 +165,117 @@ def test_animation(solution, tmp_path):
         film.seek(k)
         pictures.append(np.asarray(film.convert("L")).astype(float))
     assert 1e-3 < (abs(pictures[0] - pictures[1]) > 50).mean() < 0.2
+
+
+def standing_ball():
+    """A rod of known thickness on a ball that is a body, over a floor, with a tendon."""
+    law = dict(radius=0.02, thickness=5e-3, force=50.0)
+    parts = {
+        "rod": tb.Beam.straight(1.0, 4, SECTION, root=(0, 0, 0.124)),
+        "ball": tb.Body(0.1, 1e-3, position=(0.8, 0, 0)),
+        "brick": tb.Body(
+            0.1, 1e-3, position=(0.2, 0, 0), surface=tb.Box((0, 0, 0), (0.2,) * 3, 0.01)
+        ),
+    }
+    effects = [
+        tb.Contact("rod", "ball", other_radius=0.1, **law),
+        tb.Contact("ball", tb.Plane((0, 0, -0.104), (0, 0, 1.0)), thickness=5e-3, force=50.0,
+                   radius=0.1),
+        tb.Tendon([(None, (0, 0, 0.3)), (("rod", -1), (0, 0, 0.05))], tension=0.1),
+        tb.Gravity((0, 0, -9.81)),
+    ]  # fmt: skip
+    return tb.Scene(parts, effects, supports=[tb.Support(("rod", 0))])
+
+
+def test_what_is_solid_is_as_large_as_it_is():
+    """In a plane the outline of a rod is its radius away from its axis, and the pixels of a ball
+    and a brick are solid; in space every corner of a facet is on a surface.
+    """
+    scene = standing_ball()
+    state = tb.rest(scene)
+    ax = tb.plot.shape(state, plane="xz", scene=scene)
+    (rod,) = (torch.from_numpy(x.get_xy()) for x in ax.patches)
+    assert_close((rod[:, 1] - 0.124).abs(), torch.full_like(rod[:, 1], 0.02), check_dtype=False)
+    filled = [c.get_paths()[0] for c in ax.collections]
+    points = [(0.8, 0.08), (0.8, -0.02), (0.2, 0.09), (0.6, -0.11), (0.5, 0.0), (0.8, 0.11)]
+    inside = [any(path.contains_point(p) for path in filled) for p in points]
+    assert inside == [True, True, True, True, False, False]
+    ax = tb.plot.shape(state, tb.plot.axes(three=True), scene=scene)
+    floor, solid = (torch.from_numpy(np.asarray(c._faces)) for c in ax.collections)
+    assert_close(floor[..., 2].unique(), torch.tensor([-0.104]), check_dtype=False)
+    x, y, z = solid.flatten(0, 1).double().T
+    ball = (((x - 0.8) ** 2 + y**2 + z**2).sqrt() - 0.1).abs() < 1e-9
+    rod = ((y**2 + (z - 0.124) ** 2).sqrt() - 0.02).abs() < 1e-9
+    brick = ((torch.stack((x - 0.2, y, z)).abs().amax(0) - 0.1).abs() < 4e-3) & (x < 0.31)
+    thread = (z - 0.3).hypot(x).minimum((z - 0.174).hypot(x - 1.0)) < 0.02
+    assert (ball | rod | brick | thread).all()
+    assert min(x.sum() for x in (ball, rod, brick, thread)) > 20
+
+
+def test_a_film_of_what_is_solid(tmp_path):
+    """Of a motion and of equilibria one after the other: it moves, within limits that are set; what
+    is beside it is called with each place.
+    """
+    scene, places = standing_ball(), []
+    run = tb.simulate(scene, torch.linspace(0, 0.02, 5), step=5e-3, engine="eager")
+    ax = tb.plot.axes()
+    ax.set(xlim=(-0.1, 1.2), ylim=(-0.3, 0.4))
+    path = tb.plot.animate(run, tmp_path / "a.gif", ax, plane="xz", scene=scene, fps=10, speed=0.05,
+                           dpi=40, beside=places.append)  # fmt: skip
+    assert places == [0, 1, 2, 3, 4] and Image.open(path).n_frames == 5
+    assert_close(
+        torch.tensor([*ax.get_xlim(), *ax.get_ylim()]), torch.tensor([-0.1, 1.2, -0.3, 0.4])
+    )
+    loads = torch.tensor([0.0, 0.5, 1.0])[:, None] * torch.tensor([0.0, 0, 1])
+    bent = tb.Scene(BEAM, [tb.TipLoad(force=loads)])
+    film = tb.plot.animate(tb.equilibrium(bent), tmp_path / "b.gif", scene=bent, dpi=40)
+    assert Image.open(film).n_frames == 3
+    for wrong, said in ((tb.rest(SCENE), "a State of one sample"), (1.0, "float")):
+        with pytest.raises(
+            ValueError, match=f"{said} was given to animate; a Solution, or a State"
+        ):
+            tb.plot.animate(wrong, tmp_path / "c.gif")
+
+
+def test_what_has_no_form_is_left_out(tmp_path):
+    """An obstacle of one's own in space; a body that touches nothing is a mark."""
+
+    @dataclass(frozen=True)
+    class Ball(extend.Obstacle):
+        centre: extend.Value = extend.leaf(1)
+        PLACE = "centre"
+
+        def distance(self, x):
+            return (x - self.centre).norm(dim=-1, keepdim=True) - 0.1
+
+        def gradient(self, x):
+            return torch.nn.functional.normalize(x - self.centre, dim=-1)
+
+    law = dict(thickness=0.01, force=1.0)
+    effects = [tb.Contact("rod", Ball((0.5, 0, -0.3)), **law)]
+    tube = tb.Cylinder((0, 0, 0), (1.0, 0, 0), 0.1, inside=True)
+    effects.append(tb.Contact("rod", tube, **law))
+    scene = tb.Scene({"rod": BEAM, "hub": tb.Body(0.1, 1e-3, position=(0.3, 0, 0.1))}, effects)
+    for plane in (None, "xz"):
+        ax = tb.plot.axes(three=plane is None)
+        tb.plot.save(
+            tb.plot.shape(tb.rest(scene), ax, plane=plane, scene=scene), tmp_path / "a.png"
+        )
+        assert len(ax.collections) == 2 and [line.get_marker() for line in ax.lines] == ["s"]
+
+
+def test_what_spins_shows_it():
+    """A drum's line is where its spin has brought it."""
+    drum = tb.Contact(
+        tb.Cylinder((0.5, 0, -0.3), (0, 1.0, 0), 0.2, spin=3.0), thickness=0.01, force=1.0
+    )
+    scene = tb.Scene(BEAM, [drum])
+    ax = tb.plot.axes()
+    ax.set(xlim=(0, 1), ylim=(-0.6, 0.1))
+    tb.plot.shape(tb.rest(scene, t=0.5), ax, plane="xz", scene=scene)
+    (line,) = data(ax)
+    turned = torch.tensor([[0.5, -0.3], [0.5 + 0.2 * math.cos(1.5), -0.3 - 0.2 * math.sin(1.5)]])
+    assert_close(line, turned, check_dtype=False)
 
 
 def test_animation_as_mp4(solution, tmp_path):

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 import torchbeam as tb
+from torchbeam.math import quaternions as quat
 
 pytest.importorskip("viser")
 
@@ -79,15 +80,16 @@ def test_a_structure_with_body_tendon_and_obstacles():
         assert {*view._drawn} == {
             "sample 0/beam 0",
             "sample 0/body 0",
+            "sample 0/body 0 dark",
             "tendon 0",
             *(f"obstacle {k}" for k in range(5)),
-            "obstacle 2 end 0",
-            "obstacle 2 end 1",
         }
         assert np.allclose(view._drawn["tendon 0"].points, [[[0, 0, 0.2], [1, 0, 0.1]]])
-        assert np.allclose(view._drawn["obstacle 0"].position, BALL.centre)
+        ball = view._drawn["obstacle 0"].vertices - np.array(BALL.centre)
+        assert np.allclose(np.linalg.norm(ball, axis=-1), 0.1, atol=1e-6) and len(ball) > 100
         view.update(tb.rest(scene, t=0.5))
-        assert np.allclose(view._drawn["obstacle 4"].position, (0.5, 0, -2), atol=1e-6)
+        across = np.asarray(view._drawn["obstacle 4"].vertices)[:, [0, 2]] - (0.5, -2)
+        assert np.allclose(np.linalg.norm(across, axis=-1), 0.1, atol=1e-6)
 
 
 def test_a_file_that_plays_by_itself(tmp_path):
@@ -129,8 +131,31 @@ def test_bodies_alone_are_drawn_as_their_surfaces_where_they_are():
         "bar": tb.Body(0.1, 1e-3, position=(1.0, 0, 0), surface=bar),
     }
     with tb.view(tb.Scene(bodies)) as view:
-        drawn = view._drawn
-        middle = np.asarray(drawn["sample 0/body 0"].position, dtype=float)
-        assert np.allclose(middle, [0.0, 0.1, 0.0])
-        ends = [drawn[f"sample 0/body 1 end {k}"].position[0] for k in (0, 1)]
-        assert np.allclose(ends, [1.0, 1.2])
+        ends = {name: extent(view, f"sample 0/body {k}") for k, name in enumerate(bodies)}
+        assert np.allclose(ends["box"], [[-0.05, 0, -0.05], [0.05, 0.2, 0.05]], atol=1e-6)
+        assert np.allclose(ends["bar"], [[0.95, -0.05, -0.05], [1.25, 0.05, 0.05]], atol=1e-6)
+
+
+def extent(view, name):
+    """Least and largest (2, 3) m of a body's points, where it is drawn."""
+    points = []
+    for own in (view._drawn[name], view._drawn[f"{name} dark"]):
+        R = quat.matrix(torch.tensor(own.wxyz))
+        points.append(np.asarray(own.vertices) @ R.numpy().T + own.position)
+    points = np.concatenate(points)
+    return np.stack((points.min(0), points.max(0)))
+
+
+def test_what_touches_is_as_thick_as_it_touches():
+    """Each sample by its own radius, a ball without a surface as well."""
+    radius = torch.tensor([0.01, 0.03])
+    law = dict(thickness=0.01, force=1.0, radius=radius, other_radius=2 * radius)
+    parts = {"rod": BEAM, "ball": tb.Body(0.2, 0.1, position=(0.5, 0, 0.4))}
+    with opened(tb.Scene(parts, [tb.Contact("rod", "ball", **law)])) as view:
+        for i, own in enumerate(radius.tolist()):
+            across = np.asarray(view._drawn[f"sample {i}/beam 0"].vertices)[:, 1:]
+            assert np.allclose(np.linalg.norm(across, axis=-1), own, atol=1e-6)
+            ball = extent(view, f"sample {i}/body 0")
+            assert np.allclose(ball.mean(0), (0.5, 0, 0.4)) and np.allclose(
+                np.ptp(ball, 0), 4 * own
+            )
