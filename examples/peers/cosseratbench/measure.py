@@ -19,7 +19,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 from cosseratbench import experiment as suite
 from cosseratbench.registry import EXPERIMENTS, load_experiment, load_solver, names
-from references import MORE
+from references import at_rest, distance
 
 from torchbeam.extend.commands import (
     measured_on,
@@ -31,6 +31,8 @@ from torchbeam.extend.commands import (
 )
 
 HEAD = ("experiment", "solver", "result", "date", "CPU s", "torchbeam's share")
+EXACT = "exact rods"
+INSIDE = ("max_penetration", "max_rod_overlap")  # of obstacles, and of each other
 OTHERS = ("cosseratbench", "pyelastica", "mujoco")
 
 
@@ -39,8 +41,9 @@ def measure(name: str, solver: str, folder: Path | None) -> dict:
     experiment, values = load_experiment(name), {}
     result = suite.run(experiment, load_solver(solver))
     if result.trajectory is not None:
-        scenario = experiment.build(**experiment.values())
-        values = {k: error(scenario, result.trajectory) for k, error in MORE.get(name, {}).items()}
+        rest = at_rest(name, experiment.build(**experiment.values()), result.n_elements)
+        if rest is not None:
+            values["off the exact rods, m"] = distance(rest, result.trajectory)
         if folder:
             folder.mkdir(parents=True, exist_ok=True)
             result.trajectory.save(folder / f"{name}_{solver}.npz")
@@ -56,13 +59,30 @@ def measure(name: str, solver: str, folder: Path | None) -> dict:
     }
 
 
+def exact(name: str) -> list[dict]:
+    """A row of what the suite makes of rods as they should come to rest, where that is known."""
+    experiment = load_experiment(name)
+    scenario, elements = experiment.build(**experiment.values()), experiment.n_elements
+    rest = at_rest(name, scenario, elements)
+    if rest is None:
+        return []
+    metrics, observations = map(suite.finite, suite.score(experiment, scenario, rest))
+    row = {"experiment": name, "solver": EXACT, "date": date.today().isoformat(), "seconds": None}
+    row |= {"outcome": "completed", "n_elements": elements}
+    return [{**row, "values": metrics, "observations": observations}]
+
+
 def cells(row: dict, rows: list[dict]) -> tuple[str, ...]:
     own = [r for r in rows if r["experiment"] == row["experiment"] and r["solver"] == "torchbeam"]
-    seconds, result = row["seconds"], row["failure"] or ", ".join(row["missing"])
-    if row["outcome"] == "completed":
+    seconds = row["seconds"]
+    if row["outcome"] != "completed":
+        result = row["failure"] or ", ".join(row["missing"])
+    else:
+        inside = {x.removeprefix("max_"): row["observations"].get(x) for x in INSIDE}
+        inside = {f"{name} in radii": depth for name, depth in inside.items() if depth}
         result = ", ".join(
             f"{name.replace('_', ' ')} {'none' if value is None else f'{value:.3g}'}"
-            for name, value in row["values"].items()
+            for name, value in {**row["values"], **inside}.items()
         )
     share = own[0]["seconds"] / seconds if own and seconds and own[0]["seconds"] else None
     return (
@@ -96,9 +116,9 @@ def main() -> None:
     stored = out / "cosseratbench.json"
     rows = json.loads(stored.read_text())["rows"] if stored.exists() else []
     for name in args.experiment or names(EXPERIMENTS):
-        for solver in args.solver or ["torchbeam"]:
-            row = measure(name, solver, args.motions)
-            rows = [r for r in rows if (r["experiment"], r["solver"]) != (name, solver)]
+        solvers = args.solver or ["torchbeam"]
+        for row in (*(measure(name, x, args.motions) for x in solvers), *exact(name)):
+            rows = [r for r in rows if (r["experiment"], r["solver"]) != (name, row["solver"])]
             rows.append(row)
             rows.sort(key=lambda r: (r["experiment"], r["solver"] != "torchbeam", r["solver"]))
             text = write(out, rows)

@@ -19,6 +19,7 @@ from cosseratbench.scenario import (
     End,
     EndCondition,
     Motion,
+    Plane,
     Rod,
     Scenario,
     neighbour_elements,
@@ -61,7 +62,8 @@ class TorchbeamSolver:
 
     def settings(self, scenario: Scenario, *, n_elements: int, n_frames: int) -> dict[str, Any]:
         times = np.linspace(0, scenario.duration, n_frames)
-        laws = [_law(scenario, rod, None) for rod in scenario.rods]
+        others = scenario.obstacles or (None,)
+        laws = [_law(scenario, rod, other) for rod in scenario.rods for other in others]
         return {
             "integrator": _method(scenario)["method"],
             "integrator_touching": "midpoint",
@@ -243,16 +245,21 @@ def _damping(scenario: Scenario) -> float:
 
 def _law(scenario: Scenario, rod: Rod, other: Any) -> dict[str, float]:
     """Of a rod with an obstacle, or another rod: what is expected to press is its weight, where it
-    is hung over something round half of it in tension.
+    is hung over something round half of it in tension. On a plane it is as much of it as stands on
+    its tip before it buckles, two bending lengths, within a radius.
     """
     g = float(np.linalg.norm(scenario.gravity)) or 1.0
     weight = rod.material.density * rod.area * g
     bend = other.radius if isinstance(other, (Cylinder, Rod)) else math.inf
+    press = weight * (1 + rod.length / (2 * bend))
+    if isinstance(other, Plane):
+        EI = rod.material.youngs_modulus * rod.second_moment_of_area
+        press = weight * (1 + 2 * (EI / weight) ** (1 / 3) / rod.radius)
     mu = max(rod.friction, getattr(other, "friction", 0.0))
     layer = LAYER / (2 if isinstance(other, Rod) else 1)  # of each surface
     law = {
         "thickness": LAYER * rod.radius,
-        "force": STIFF * weight * (1 + rod.length / (2 * bend)),
+        "force": STIFF * press,
         "damping": DAMPING,
         "radius": rod.radius * (1 - layer * (1 - STIFF**-0.5)),  # surfaces meet where that presses
     }
@@ -269,7 +276,8 @@ def _obstacles(scenario: Scenario, rod: Rod, name: str | None = None) -> list[tb
             else tb.Plane(it.point, it.normal)
         )
         where = (solid,) if name is None else (name, solid)
-        contacts.append(tb.Contact(*where, **_law(scenario, rod, it), points=POINTS))
+        law = _law(scenario, rod, it)
+        contacts.append(tb.Contact(*where, **law, points=POINTS, push_out=True))
     return contacts
 
 

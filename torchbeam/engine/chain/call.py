@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -81,7 +82,7 @@ class Chain:
             pairs = [program.kinds.pairs.index(kind) for kind in kinds.pairs]
             own = {"joint_kinds": joints, "stretch_kinds": stretches, "pair_kinds": pairs}
             own |= tables.lists
-            self.lists |= {name: _integers([*x, 0]) for name, x in own.items()}
+            self.lists |= {name: _integers(x, [0]) for name, x in own.items()}
             self.numbers = {"nodes": len(nodes), **tables.numbers}
         self._blocks: dict[int, list[Tensor]] = {}  # of memory that no call uses, by lanes
 
@@ -373,6 +374,8 @@ def _copied(array: Any) -> Any:
     return type(array).from_buffer_copy(array)
 
 
-def _integers(values: Iterable[int]) -> Any:
-    values = tuple(values)
-    return (ctypes.c_int64 * len(values))(*values)
+def _integers(*values: Iterable[int] | np.ndarray) -> Any:
+    """One after the other."""
+    parts = (x if isinstance(x, np.ndarray) else np.array([*x], np.int64) for x in values)
+    array = np.concatenate([*parts])
+    return (ctypes.c_int64 * len(array)).from_buffer(array)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import torch
@@ -106,6 +106,18 @@ class Whole:
         return torch.cat(parts)
 
 
+def _in_steps(
+    K: int, axes: int, dims: int, dt: Tensor, t: Tensor, inputs: Inputs
+) -> tuple[Tensor, Tensor, Inputs]:
+    """Of K steps of samples with so many axes, (K, ...) with `dims` of them."""
+
+    def spaced(x: Tensor, own: int) -> Tensor:
+        return x.reshape(K, *(1,) * (dims + 1 + own - x.ndim), *x.shape[1:])
+
+    dt, t = (x if x.ndim == 0 else spaced(x, 0) for x in (dt, t))
+    return dt, t, {k: spaced(x, 1) if x.ndim > axes + 1 else x for k, x in inputs.items()}
+
+
 class CompiledStep:
     """Steps of a model. Its program is traced at once, so that what cannot be traced is refused
     here (`NotTraceable`), and compiled at the first step.
@@ -121,14 +133,17 @@ class CompiledStep:
         conserve: bool = False,
         *,
         around: Surroundings | None = None,
+        like: CompiledStep | None = None,
         **options: Any,
     ) -> None:
+        """like: steps of the same scene, of which other pairs touch."""
         functions_of = self._functions = FUNCTIONS[method, conserve]
         self.model, self.batch = model, model.scene.batch_shape
         self._own, self._options = options, {"method": method, "conserve": conserve, **options}
         kinds = None
         if isinstance(model.topology, Framework):
-            self.constants = Constants(model, instant=functions_of.INSTANT, around=around)
+            roles = None if like is None else like.structure.roles
+            self.constants = Constants(model, True, functions_of.INSTANT, around, roles)
             kinds = kinds_of(model, self.constants.acts)
         key = key_of(model, kinds, method, conserve, *sorted(options.items()))
         self.structure = known_structure(key)
@@ -138,6 +153,7 @@ class CompiledStep:
         if self.structure is not None:
             self.around, self.function = NOTHING, False
         else:
+            self.tried = self._tried() if like is None else like.tried
             self.structure = self._traced(around, kinds)
             keep_structure(key, self.structure)
         self.none, self.all = self.structure.none, self.structure.all
@@ -158,19 +174,22 @@ class CompiledStep:
         trees = self.constants.trees(dict.fromkeys(self.structure.values, self.none))
         return self.structure.constant(trees)
 
+    def _tried(self) -> dict[str, Tensor]:
+        """Values of the step that is traced, one tensor each, by which their fields are found."""
+        model, none = self.model, self.model.length.new_zeros(())
+        nothing = {name: none.new_zeros(size) for name, size in model.scene.inputs.items()}
+        dt, orientation = torch.full_like(none, TRIED), self.constants.orientation
+        values = self.constants.changing(dt, self._functions.INSTANT * dt, nothing, orientation)
+        if self._functions is ExtrapolatedFunctions:
+            values["mixture"] = none.new_zeros(4)
+        return {name: x.clone() for name, x in values.items()}
+
     def _traced(self, around: Surroundings | None, kinds: Kinds | None) -> StepStructure:
         """The structure, by a look at all trees; its program is that of an earlier one, or
         traced. kinds: None = not known yet.
         """
-        model, instant = self.model, self._functions.INSTANT
+        model, values = self.model, self.tried
         self.none = model.length.new_zeros(())
-        nothing = {name: self.none.new_zeros(size) for name, size in model.scene.inputs.items()}
-        dt = torch.full_like(self.none, TRIED)
-        values = self.constants.changing(dt, instant * dt, nothing, self.constants.orientation)
-        if self._functions is ExtrapolatedFunctions:
-            values["mixture"] = self.none.new_zeros(4)
-        # one tensor each, by which their fields are found
-        values = {name: x.clone() for name, x in values.items()}
         trees = self.constants.trees(values)
         self.function = any(
             leaf.axes is None for leaf in functions((trees[0].now.loads, trees[2].now.loads))
@@ -233,6 +252,7 @@ class CompiledStep:
         every: int = 1,
         mixture: Tensor | None = None,
         into: Callable[[list[Tensor]], list[Tensor]] | None = None,
+        values: Callable[[], dict[str, Tensor]] | None = None,
     ) -> Steps | None:
         """A step from `start`, in the space's coordinates, or K; differentiable once, backwards.
 
@@ -247,6 +267,7 @@ class CompiledStep:
         mixture (K, 4) of K solves, see `ExtrapolatedFunctions`
         least   cosine of half the largest angle that a node may have turned by at mid step
         into    from tensors like those that K steps are put into to these; None = new ones
+        values  of these steps, see `changing`; None = to be found
 
         A sample's status is 0 while it goes well, and for one that does not move; its iterations in
         a step that it does not make are 0. None where torch alone can do it: forward mode,
@@ -262,16 +283,7 @@ class CompiledStep:
         if K is not None:
             axes = start.status.ndim if moving is None else moving.ndim
             dims = max(axes, structure.dims)
-            dt, t = (
-                x if x.ndim == 0 else x.reshape(K, *(1,) * (dims + 1 - x.ndim), *x.shape[1:])
-                for x in (dt, t)
-            )
-            inputs = {
-                name: x.reshape(K, *(1,) * (dims + 2 - x.ndim), *x.shape[1:])
-                if x.ndim > axes + 1
-                else x
-                for name, x in inputs.items()
-            }
+            dt, t, inputs = _in_steps(K, axes, dims, dt, t, inputs)
         states = [self._of_state(start, name) for name in structure.state]
         if functorch.peek_interpreter_stack() is not None:
             return None
@@ -287,7 +299,8 @@ class CompiledStep:
         middle, frame = (
             (None, None) if start.frame is None else self._orientations(start.frame, dt, t, K, dims)
         )
-        values = self.constants.changing(dt, t, inputs, middle)
+        own = partial(self.constants.changing, dt, t, inputs, middle)
+        values = own() if values is None else values()
         if mixture is not None:
             values["mixture"] = mixture.reshape(K, *(1,) * dims, 4)
         given = [values[name] for _, name in structure.changing]
@@ -346,6 +359,33 @@ class CompiledStep:
             fields["frame"] = torch.where(good[..., None], frame, start.frame)
         failed = status.item() if status.numel() == 1 else status.numpy().any()
         return Steps(fields, status.long(), iterations.long(), not failed, every)
+
+    def changing(
+        self, dt: Tensor, t: Tensor | None, inputs: Inputs, K: int | None, axes: int
+    ) -> Callable[[slice], dict[str, Tensor]]:
+        """What changes in these steps of samples with so many axes, of those of a slice; all of it
+        is found at once, when it is asked for first. Frame a does not turn.
+        """
+        dims = max(axes, self.structure.dims)
+        rank = {name: field.axes for field, name in self.structure.changing} | {"exact": 0}
+
+        @cache
+        def whole() -> dict[str, Tensor]:
+            self._look()
+            given = dt, self.none if t is None else t, inputs
+            return self.constants.changing(
+                *(given if K is None else _in_steps(K, axes, dims, *given))
+            )
+
+        def of(rows: slice) -> dict[str, Tensor]:
+            if K is None or rows == slice(0, K):
+                return whole()
+            return {
+                name: x[rows] if name in rank and x.ndim - rank[name] > dims and len(x) == K else x
+                for name, x in whole().items()
+            }
+
+        return of
 
     def _check(self, batch: torch.Size) -> None:
         """What users wrote, at the first call with several samples."""

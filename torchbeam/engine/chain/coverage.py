@@ -165,10 +165,16 @@ def _made(model: Model, method: str, own: list[Any], **options: Any) -> Compiled
 
 
 def _of_known_pairs(
-    method: str, own: list[Any], options: dict[str, Any], model: Model
+    method: str,
+    own: list[Any],
+    options: dict[str, Any],
+    model: Model,
+    like: CompiledStep | None = None,
 ) -> CompiledStep:
     return by_sample(
-        lambda around: CompiledStep(model, method, around=around, **options), model, known(own)
+        lambda around: CompiledStep(model, method, around=around, like=like, **options),
+        model,
+        known(own),
     )
 
 

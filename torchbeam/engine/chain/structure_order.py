@@ -5,6 +5,7 @@ joints and tendons hold, with the forces of joints; and the runs of nodes betwee
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 from functools import lru_cache
 from itertools import combinations
 from typing import NamedTuple
@@ -117,8 +118,8 @@ def order_of(connectivity: Connectivity) -> Order:
             couplings += [(place, unit) for place in there]
             couplings += [] if stretch.first else [(unit - 1, unit)]
     place = {node: k for k, node in enumerate(nodes)}
-    for own in {frozenset(place[node] for node in pair) for pair in pairs}:
-        couplings += combinations(sorted(own), 2)
+    touching = {frozenset(place[node] for node in pair) for pair in pairs}
+    couplings += sorted({pair for own in touching for pair in combinations(sorted(own), 2)})
     fixed = frozenset(k for k, node in enumerate(nodes) if node in supports)
     between = [run for runs in how.runs for run in runs if run.manner == "between"]
     places = tuple((run.before, run.after) for run in between)
@@ -198,13 +199,23 @@ def ordered(
         near[other].add(one)
     groups, following, left = [], {}, {*range(nodes), *alone}
 
+    owner = {unit: node for node in left for unit in behind[node]}
+    known: dict[int, set[int]] = {}
+
     def reach(node: int) -> set[int]:
-        return set().union(*(near[unit] for unit in behind[node])) - set(behind[node])
+        if node not in known:
+            own = behind[node]
+            known[node] = set().union(*(near[unit] for unit in own)).difference(own)
+        return known[node]
+
+    def couple(unit: int, others: Iterable[int], gone: Iterable[int] = ()) -> None:
+        near[unit] = near[unit].union(others).difference(gone, (unit,))
+        known.pop(owner.get(unit, unit), None)
 
     def forget(run: int) -> tuple[int, int]:
         ends = runs[run - units]
         for end in ends:
-            near[end].discard(run)
+            couple(end, (), (run,))
         return ends
 
     while left:
@@ -219,11 +230,11 @@ def ordered(
         else:
             for run in crossed:
                 a, b = forget(run)
-                near[a].add(b)
-                near[b].add(a)
+                couple(a, (b,))
+                couple(b, (a,))
         around = reach(node)
         for unit in around:
-            near[unit] = (near[unit] | around) - {unit, *behind[node]}
+            couple(unit, around, behind[node])
         groups.append(behind[node])
         left.remove(node)
     return (*groups, *((loops,) if loops else ())), following

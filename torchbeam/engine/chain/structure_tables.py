@@ -4,9 +4,12 @@ they leave is put into the system of the interface.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from itertools import accumulate, pairwise, product
+from itertools import accumulate, pairwise
+
+import numpy as np
 
 from ...nodal.model import Model
 from ...topology.cut import Run
@@ -27,7 +30,7 @@ class StructureTables:
     """
 
     rows: dict[str, int]
-    lists: dict[str, list[int]]
+    lists: dict[str, Sequence[int] | np.ndarray]
     numbers: dict[str, int]
 
     @staticmethod
@@ -106,10 +109,11 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
         table += [*between(place, unit), *pattern.place(place, unit), pattern.right(place).first]
         return [*table, other, *own(other), pattern.solution(other), pattern.solution(unit)]
 
-    @cache
-    def touching(own: tuple[int, ...]) -> list[int]:
-        blocks = [number for pair in product(own, own) for number in between(*pair)]
-        return [*(nodes[at] for at in own), *blocks]
+    def touching() -> np.ndarray:
+        own = np.array(pairs).reshape(len(pairs), -1)
+        rows = np.array([equation[node] for node in range(len(nodes))])[own]
+        blocks = pattern.places(rows[:, :, None], own[:, None]).reshape(len(own), -1)
+        return np.concatenate((np.array(nodes)[own], blocks), -1).ravel()
 
     common = {*range(len(nodes) - shared, len(nodes))}
     own_joints = [k for k, pair in enumerate(how.joints) if not {*pair} <= {*common, None}]
@@ -173,8 +177,8 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
         ],
         "joint_table": [x for k in range(J) for x in joint(k)],
         "stretch_table": [x for s in range(len(stretches)) for x in stretch(s)],
-        "pair_table": [x for own in pairs for x in touching(own)],
-        "elimination": [x for group in pattern.elimination for x in group],
+        "pair_table": touching() if pairs else [],
+        "elimination": np.concatenate((np.empty(0, int), *pattern.elimination)),
         "substitution": [x for group in pattern.substitution for x in group],
     }
     numbers = {

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import torch
@@ -67,16 +68,19 @@ class PairList(NamedTuple):
 
 
 class TouchingStep:
-    """Steps of a model whose parts touch; step: `CompiledStep` of a model whose pairs are known. It
-    is called as that is.
+    """Steps of a model whose parts touch; step: `CompiledStep` of a model whose pairs are known,
+    like another one of its scene, or None. It is called as that is.
     """
 
-    def __init__(self, model: Model, step: Callable[[Model], CompiledStep]) -> None:
+    def __init__(
+        self, model: Model, step: Callable[[Model, CompiledStep | None], CompiledStep]
+    ) -> None:
         self.model, self.step = model, step
         self.element = float(model.spans.detach().amin())
         self._steps: dict[Any, CompiledStep] = {}
         none = torch.zeros(0, dtype=torch.long)
         self._none = [Nearby(none, none, none.view(0, 6)) for _ in model.touching.each]
+        self.far: CompiledStep | None = None
         self.far = self._known(self._none)  # without pairs; what is refused is refused here
         self.eager_because: str | None = None
         self._list: PairList | None = None  # the last one
@@ -118,6 +122,9 @@ class TouchingStep:
             self._list, self._seen = None, seen
         axes = start.status.ndim if moving is None else moving.ndim
         first, parts, at_once, whole = 0, [], K or 1, Whole(K) if K else None
+        changing = None
+        if start.frame is None:  # a function of time is asked once, whatever lists there are
+            changing = self.far.changing(dt, t, inputs, K, axes)
         while first < (K or 1):
             position, velocity = map(self._places, (start.position, start.velocity))
             pairs = self._list
@@ -136,7 +143,10 @@ class TouchingStep:
             of_t, number = None if t is None else of(t, 0), count if K else None
             options = tolerance, least, limit, number, lanes
             into = None if whole is None else whole.behind(first)
-            made = pairs.step(start, of(dt, 0), of_t, given, moving, *options, into=into)
+            values = None if changing is None else partial(changing, rows)
+            made = pairs.step(
+                start, of(dt, 0), of_t, given, moving, *options, into=into, values=values
+            )
             if made is None:
                 self.eager_because = pairs.step.eager_because
                 return None
@@ -199,18 +209,21 @@ class TouchingStep:
         step = self._steps.pop(key, None)
         if step is None:
             with lasting(), past_hooks():
-                step = self.step(with_pairs(self.model, near))
+                step = self.step(with_pairs(self.model, near), self.far)
         return keep(self._steps, key, step, LISTS)
 
 
 def with_pairs(model: Model, near: list[Nearby]) -> Model:
-    """A model with these pairs alone; their nodes are of the interface."""
+    """A model with these pairs alone; their nodes are of the interface. A rod of which no part
+    touches another has none: it is a chain.
+    """
     touching, topology = fixed(model.touching, near), model.topology
-    if touching.nodes:
-        if isinstance(topology, Chain):
-            topology = Framework(topology.order, (topology.element_count,))
-        nodes = sorted({node for own in touching.nodes for node in own})
-        topology = replace(topology, ties=(*topology.ties, *((node,) for node in nodes)))
+    if isinstance(topology, Chain):
+        topology = Framework(topology.order, (topology.element_count,))
+    nodes = sorted({node for own in touching.nodes for node in own})
+    topology = replace(topology, ties=(*topology.ties, *((node,) for node in nodes)))
+    if topology == Framework(topology.order, topology.chains[:1]):
+        topology = Chain(topology.order, *topology.chains)
     return replace(model, touching=touching, topology=topology)
 
 

@@ -17,8 +17,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import cached_property
-from itertools import product
+from itertools import accumulate
 from typing import NamedTuple
+
+import numpy as np
 
 
 class Place(NamedTuple):
@@ -43,95 +45,96 @@ class BlockPattern:
         outer: tuple[int, ...] = (),
     ) -> None:
         self.w, self.groups = w, tuple(groups)
+        order = [unit for group in (*self.groups, outer) for unit in group]
+        at = {unit: k for k, unit in enumerate(order)}
         self._group = {unit: g for g, group in enumerate((*self.groups, outer)) for unit in group}
-        rows: list[set[int]] = [set() for _ in self.groups]
-        columns: list[set[int]] = [set() for _ in self.groups]
+        # sets of units are integers, of which bit k stands for order[k]; those behind each group
+        behind = [-1 << end for end in accumulate(map(len, (*self.groups, outer)))]
+        rows, columns = [0] * len(self.groups), [0] * (1 + len(self.groups))
 
-        def add(row: int, column: int) -> None:
-            if self._group[row] < self._group[column]:
-                columns[self._group[row]].add(column)
-            elif self._group[row] > self._group[column]:
-                rows[self._group[column]].add(row)
+        def units(bits: int) -> list[int]:
+            own = []
+            while bits:
+                own.append(order[(bits & -bits).bit_length() - 1])
+                bits &= bits - 1
+            return own
 
         for row, column in blocks:
-            add(row, column)
+            g, other = self._group[row], self._group[column]
+            if g < other:
+                columns[g] |= 1 << at[column]
+            elif g > other:
+                rows[other] |= 1 << at[row]
+        self.rows, self.columns = [], []
         for g in range(len(self.groups)):  # each couples those that are left to each other
-            for row, column in product(rows[g], columns[g]):
-                add(row, column)
-        order = [unit for group in (*self.groups, outer) for unit in group]
-        self.rows, self.columns = (
-            tuple(tuple(unit for unit in order if unit in units) for units in behind)
-            for behind in (rows, columns)
-        )
-        self._panels, self._below, at = [], [], 0
-        for g, group in enumerate(self.groups):
-            n = w * len(group)
-            self._panels.append(at)
-            self._below.append(at + n * self._stride(g))
-            at += n * (self._stride(g) + w * len(self.rows[g]))
-        self._solution, self.size = at, at + w * len(order)
-        # of each group where the blocks of units lie in its rows, and behind them
-        self._across, self._down = (
-            [{unit: k for k, unit in enumerate(units)} for units in own]
-            for own in (
-                [
-                    (*group, *behind)
-                    for group, behind in zip(self.groups, self.columns, strict=True)
-                ],
-                [(*group, *behind) for group, behind in zip(self.groups, self.rows, strict=True)],
-            )
-        )
-        self._strides = [self._stride(g) for g in range(len(self.groups))]
+            self.rows.append(tuple(units(rows[g])))
+            self.columns.append(tuple(units(columns[g])))
+            for other in {self._group[unit] for unit in self.rows[g]}:
+                columns[other] |= columns[g] & behind[other]
+            for other in {self._group[unit] for unit in self.columns[g]} - {len(self.groups)}:
+                rows[other] |= rows[g] & behind[other]
+        self._panels, first = [], 0
+        self._place, self._right = (np.full((*(len(order),) * k, 2), -1) for k in (2, 1))
+        for group, down, across in zip(self.groups, self.rows, self.columns, strict=True):
+            n, stride = w * len(group), w * (len(group) + len(across)) + 1
+            self._panels.append(first)
+            own, below, panel = (np.array(x, int) for x in (group, down, (*group, *across)))
+            at, row, k = w * np.arange(len(panel)), own[:, None], np.arange(len(own))[:, None]
+            self._place[row, panel, 0] = first + w * stride * k + at
+            self._place[row, panel, 1] = stride
+            self._right[row, 0] = first + w * stride * k + stride - 1
+            self._right[row, 1] = stride
+            first += n * stride
+            row, k = below[:, None], np.arange(len(below))[:, None]
+            self._place[row, own, 0] = first + w * n * k + at[: len(own)]
+            self._place[row, own, 1] = n
+            first += n * w * len(down)
+        self._solution, self.size = first, first + w * len(order)
 
     def begin(self, g: int) -> int:
         """Where the first number of group g lies; of one more than there are, the solution."""
         return [*self._panels, self._solution][g]
 
     def place(self, row: int, column: int) -> Place:
-        """Of the block of two units."""
-        g, other, w = self._group[row], self._group[column], self.w
-        if g > other:
-            size = len(self.groups[other])
-            first = w * size * (self._down[other][row] - size) + self._across[other][column]
-            return Place(self._below[other] + w * first, w * size)
-        stride = self._strides[g]
-        first = stride * self._down[g][row] + self._across[g][column]
-        return Place(self._panels[g] + w * first, stride)
+        """Of the block of two units. Raises KeyError where there is none."""
+        first, stride = self._place[row, column].tolist()
+        if first < 0:
+            raise KeyError((row, column))
+        return Place(first, stride)
+
+    def places(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """(..., 2), the same of many blocks that are there."""
+        return self._place[rows, columns]
 
     def right(self, row: int) -> Place:
         """Of the right-hand side of a unit."""
-        g = self._group[row]
-        stride = self._stride(g)
-        return Place(
-            self._panels[g] + self.w * stride * self.groups[g].index(row) + stride - 1, stride
-        )
+        return Place(*self._right[row].tolist())
 
     def solution(self, unit: int) -> int:
         """Where the unknowns of a unit are put."""
         return self._solution + self.w * unit
 
-    def _stride(self, g: int) -> int:
-        return self.w * (len(self.groups[g]) + len(self.columns[g])) + 1
-
     @cached_property
-    def elimination(self) -> list[list[int]]:
+    def elimination(self) -> list[np.ndarray]:
         """Table of `block_elimination.eliminate`, by group: its rows, its columns, where its panel
         lies, how many units have rows behind it, and how many products are subtracted from these;
         of each of these units where its first factor lies, and of each product there where it is
         subtracted from and how far the rows there are apart, which columns of the panel are the
         second factor, and how many.
         """
-        table: list[list[int]] = []
+        table = []
         for g, group in enumerate(self.groups):
-            n, rows = self.w * len(group), []
-            for k, row in enumerate(self.rows[g]):
-                rows.append(self._below[g] + self.w * n * k)
-                columns = [(self.place(row, unit), self.w) for unit in self.columns[g]]
-                columns.append((self.right(row), 1))
-                for i, (place, count) in enumerate(columns):
-                    rows += [*place, n + self.w * i, count]
-            counts = len(self.rows[g]), len(self.columns[g]) + 1
-            table.append([n, self._strides[g], self._panels[g], *counts, *rows])
+            n, m = self.w * len(group), len(self.columns[g]) + 1
+            down, across = (np.array(x[g], int) for x in (self.rows, self.columns))
+            rows = np.empty((len(down), 1 + 4 * m), int)
+            rows[:, 0] = self._place[down, group[0], 0]
+            products = rows[:, 1:].reshape(len(down), m, 4)
+            products[:, :-1, :2] = self.places(down[:, None], across)
+            products[:, -1, :2] = self._right[down]
+            products[..., 2] = n + self.w * np.arange(m)
+            products[:, :-1, 3], products[:, -1, 3] = self.w, 1
+            own = [n, self.right(group[0]).stride, self._panels[g], len(down), m]
+            table.append(np.concatenate((own, rows.ravel())))
         return table
 
     @cached_property
@@ -143,7 +146,7 @@ class BlockPattern:
         table: list[list[int]] = []
         for g in reversed(range(len(self.groups))):
             group, units = self.groups[g], self.columns[g]
-            own = [self.w * len(group), self._stride(g), self._panels[g], len(units)]
+            own = [self.w * len(group), self.right(group[0]).stride, self._panels[g], len(units)]
             own += [self.solution(unit) + k for unit in group for k in range(self.w)]
             table.append(own + [self.solution(unit) for unit in units])
         return table

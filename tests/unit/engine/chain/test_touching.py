@@ -158,18 +158,35 @@ def _steps(stepper, state, count):
     return state
 
 
-def test_what_is_far_is_stepped_as_if_it_did_not_touch():
-    """By the program of a scene without contact, but for what counts as no force."""
+def two_far():
+    """Two beams far from each other, with contact and without."""
     scene, start = falling(X[0])
-    state = tb.Stepper(scene, 1e-6, engine="compiled")
-    state(replace(start, position=start.position + torch.tensor([0, 0, 1.0]) * (
-        torch.arange(6) > 2)[:, None]))  # fmt: skip
-    assert {near for _, near in state.compiled._steps} == {(((), ()), ((), ()))}
+    above = torch.tensor([0, 0, 1.0]) * (torch.arange(6) > 2)[:, None]
     parts = {name: tb.Beam.straight(0.12, 2, SECTION) for name in ("lower", "upper")}
     free = tb.Scene(parts, supports=[tb.Support(("lower", 0))], plane="xz")
-    free = tb.Stepper(free, 1e-6, engine="compiled")
-    names = [set(one.compiled.program.functions) for one in (state, free)]
-    assert names[0] == names[1]
+    return scene, free, replace(start, position=start.position + above)
+
+
+def alone():
+    """A rod that is nowhere near itself, with contact and without."""
+    beam = tb.Beam.straight(0.5, 10, SECTION)
+    law = tb.SelfContact(radius=R, thickness=1e-3, force=100.0)
+    scene, free = (tb.Scene(beam, [*own, tb.Gravity((0, 0, -9.81))]) for own in ([law], []))
+    return scene, free, tb.rest(scene)
+
+
+@pytest.mark.parametrize("scenes", [two_far, alone])
+def test_what_is_far_is_stepped_as_if_it_did_not_touch(scenes):
+    """By the program of a scene without contact, and with no more memory."""
+    scene, free, start = scenes()
+    state = tb.Stepper(scene, 1e-6, engine="compiled")
+    state(start)
+    assert {pair for _, near in state.compiled._steps for pair in near} == {((), ())}
+    programs = [one.compiled.program for one in (state, tb.Stepper(free, 1e-6, engine="compiled"))]
+    counts = [{name: f.operations() for name, f in one.functions.items()} for one in programs]
+    sizes = [{x: record.size for x, record in one.layout.records.items()} for one in programs]
+    assert counts[0] == counts[1]
+    assert sizes[0] == sizes[1]
 
 
 def test_what_falls_together_is_stepped_once(monkeypatch):

@@ -47,7 +47,7 @@ def solved(pattern, A, b, dtype, blocks=BLOCKS):
     flags = torch.full((pattern.size,), 7, dtype=torch.uint8)
     system = memory.data_ptr(), flags.data_ptr()
     tables = [[*chain(*own)] for own in (pattern.elimination, pattern.substitution)]
-    tables = [(ctypes.c_int64 * len(x))(*x) for x in tables]
+    tables = [(ctypes.c_int64 * len(x))(*map(int, x)) for x in tables]
 
     def run(name, *given):
         kinds = [ctypes.c_void_p] * 2 + [ctypes.c_int64] * 2 + [ctypes.c_void_p]
