@@ -23,7 +23,7 @@ from torchbeam.extend.commands import folder as writable_folder
 from torchbeam.extend.commands import results_folder
 
 from .common import add_budget, add_task, budget_given, told, training_seed
-from .evaluate import EPISODES, evaluate, scores
+from .evaluate import EPISODES
 from .tuned import SB3 as TUNED
 from .tuned import Task
 from .watch import VALIDATIONS, Bar, Budget, Log, Watch
@@ -97,22 +97,18 @@ def train(
     def snapshot() -> Any:
         return copy.deepcopy((model.get_parameters(), normal.obs_rms))
 
+    def restore(kept: Any) -> None:
+        parameters, normal.obs_rms = kept
+        model.set_parameters(parameters)
+
     with Bar(name, progress) as bar:
         log = Log(folder / f"{name}.csv")
         watch = Watch(task, controller, log, budget, bar, snapshot, episodes=episodes)
         model.learn(budget.steps or 10**12, callback=Callback(watch))
-    last = evaluate(task, controller, final)["return"]
-    parameters, normal.obs_rms = watch.best[2]
-    model.set_parameters(parameters)
+    result = watch.result(restore, final)
     model.save(folder / f"{name}.zip")
     normal.save(str(folder / f"{name}.normal"))
-    return {
-        "steps": watch.steps,
-        "seconds": watch.seconds,
-        "chosen_steps": watch.best[1],
-        "last_return": last,
-        **scores(task, controller, final),
-    }
+    return result
 
 
 class Callback(BaseCallback):

@@ -26,7 +26,7 @@ from torchbeam.extend.commands import folder as writable_folder
 from torchbeam.extend.commands import results_folder
 
 from .common import add_budget, add_task, budget_given, told, training_seed
-from .evaluate import EPISODES, evaluate, scores
+from .evaluate import EPISODES
 from .tuned import SKRL as TUNED
 from .tuned import Task
 from .watch import VALIDATIONS, Bar, Budget, Log, Watch
@@ -174,20 +174,16 @@ def train(
             modules = agent.checkpoint_modules.items()
             return {key: copy.deepcopy(module.state_dict()) for key, module in modules}
 
+        def restore(kept: Any) -> None:
+            for key, state in kept.items():
+                agent.checkpoint_modules[key].load_state_dict(state)
+
         log = Log(folder / f"{name}.csv")
         agent.watch = Watch(task, controller, log, budget, bar, snapshot, episodes=episodes)
         learn(agent, env)
-    last = evaluate(task, controller, final)["return"]
-    for key, state in agent.watch.best[2].items():
-        agent.checkpoint_modules[key].load_state_dict(state)
+    result = agent.watch.result(restore, final)
     agent.save(str(folder / f"{name}.skrl"))
-    return {
-        "steps": agent.watch.steps,
-        "seconds": agent.watch.seconds,
-        "chosen_steps": agent.watch.best[1],
-        "last_return": last,
-        **scores(task, controller, final),
-    }
+    return result
 
 
 def main(argv: Sequence[str] | None = None) -> int:

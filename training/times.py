@@ -228,9 +228,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         for algorithm in options.algorithms
     ]
     content = {**measured_on(dtype=None, threads=1), "rows": rows}
-    columns = list(rows[0])
-    values = [[row[name] for name in columns] for row in rows]
-    write_results(out, "times", text(content), content, columns, values)
+    values = (row.values() for row in rows)
+    write_results(out, "times", text(content), content, list(rows[0]), values)
     print(text(content))
     return 0
 

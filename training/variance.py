@@ -195,9 +195,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         "episodes": options.episodes,
         "rows": rows,
     }
-    columns = list(rows[0])
-    values = [[row[name] for name in columns] for row in rows]
-    write_results(out, "variance", text(content), content, columns, values)
+    values = (row.values() for row in rows)
+    write_results(out, "variance", text(content), content, list(rows[0]), values)
     picture(rows, out / "variance.png")
     return 0
 

@@ -14,7 +14,7 @@ from gymnasium.vector import VectorEnv
 
 from torchbeam.extend.commands import csv_text, write
 
-from .evaluate import Controller, evaluate, make
+from .evaluate import Controller, evaluate, make, scores
 from .tuned import VALIDATION, Task
 
 EVERY, LEAST = 20_000, 2_000  # environment steps between two validations, at most and at least
@@ -86,6 +86,20 @@ class Watch:
             self.start = time.process_time()
         self.bar.to(done)
         return done < 1
+
+    def result(self, restore: Callable[[Any], None], final: int) -> dict[str, Any]:
+        """What `train` returns, of `final` held-out episodes; `restore` takes the best snapshot
+        back.
+        """
+        last = evaluate(self.task, self.controller, final)["return"]
+        restore(self.best[2])
+        return {
+            "steps": self.steps,
+            "seconds": self.seconds,
+            "chosen_steps": self.best[1],
+            "last_return": last,
+            **scores(self.task, self.controller, final),
+        }
 
     def _score(self) -> None:
         found = validation(self.task, self.controller, self.judge)

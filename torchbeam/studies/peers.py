@@ -192,8 +192,8 @@ def _write(out: Path, rows: list[dict[str, Any]]) -> None:
         "larger error, measured right behind it; rates of batches are those of all beams.\n\n"
         f"{table(head, lines, 1)}\n\n{sentence(heading)}"
     )
-    columns = list(rows[0])
-    write(out, "peers", text, {**heading, "rows": rows}, columns, [list(r.values()) for r in rows])
+    values = (row.values() for row in rows)
+    write(out, "peers", text, {**heading, "rows": rows}, list(rows[0]), values)
 
 
 def _rate(row: dict[str, Any]) -> str:
