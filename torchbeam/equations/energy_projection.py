@@ -16,12 +16,12 @@ MOST = 0.01  # of the kinetic energy, that one step may take or give
 def conserved(
     model: Rows, start: State, after: State, dt: Tensor, own: Tensor | float = 0.0
 ) -> State:
-    """`after` with its velocities scaled so that kinetic + strain energy changes by the work of the
-    loads less what damping takes, see `projected`. `own`: the strain that the beam takes by itself
-    over this step, which holds no energy.
+    """`after`, with the work of this step alone, and its velocities scaled so that kinetic + strain
+    energy changes by that work less what damping takes, see `projected`. `own`: the strain that the
+    beam takes by itself over this step, which holds no energy.
     """
     kinetic, rise = kinetic_rise(model, start, after)
-    rise = rise + strain_rise(model, start, after, dt, own) - (after.work - start.work)
+    rise = rise + strain_rise(model, start, after, dt, own) - after.work
     scale, defect = projected(start.defect + rise, kinetic)
     scale = scale[..., None, None]
     return replace(after, velocity=scale * after.velocity, spin=scale * after.spin, defect=defect)

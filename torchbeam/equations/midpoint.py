@@ -121,7 +121,8 @@ class MidpointProblem(StepProblem):
         x = self.apply_supports(x)
         kinematics = self.motion.kinematics(x.u, x.m)
         spin, velocity = kinematics.spin_end, kinematics.velocity_end
-        work = start.work + self.work(kinematics)
+        # of this step alone: a difference of sums would depend on what was before
+        work = torch.zeros_like(start.work) + self.work(kinematics)
         if self.support_motions.nodes:
             moves = self.moves(kinematics)
             for k, node in enumerate(self.support_motions.nodes):
@@ -143,8 +144,6 @@ class MidpointProblem(StepProblem):
             internal=external.advanced(model, self.nodes(kinematics), self.conditions),
         )
         after = self.finished(after, x.stress, kinematics)
-        return (
-            conserved(self.model, start, after, self.dt, self.eigenstrain)
-            if self.conserve
-            else after
-        )
+        if self.conserve:
+            after = conserved(self.model, start, after, self.dt, self.eigenstrain)
+        return replace(after, work=start.work + after.work)

@@ -59,6 +59,16 @@ def test_a_run_goes_on_from_a_file_as_if_never_interrupted(name, how, tmp_path):
     assert type(start) is type(first.state[-1]) and same(rest.state, whole.state[4:])
 
 
+@pytest.mark.parametrize("how", WAYS)
+def test_a_run_goes_on_from_any_instant(how):
+    """To the bit, though work is counted from where a run starts."""
+    scene = SCENES["batch"]()
+    whole = tb.simulate(scene, T, step=0.01, **how)
+    for k in range(1, len(T) - 1):
+        rest = tb.simulate(scene, T[k:], whole.state[k], step=0.01, **how)
+        assert same(rest.state, whole.state[k:])
+
+
 @pytest.mark.parametrize("form", ["minimal", "block_rate"])
 def test_states_of_other_forms(form, tmp_path):
     soft = tb.Section.from_stiffness(EA=10.0, GA=4.0, GJ=0.5, EI=1.0, mass=0.3, inertia=0.01)
