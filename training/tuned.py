@@ -173,6 +173,7 @@ BUDGETS = {
 # by (algorithm, task), where a task wants others
 TASK_BUDGETS: dict[tuple[str, str], int] = {
     ("ppo", "reach"): 800_000,  # its updates are larger, and as many
+    ("ppo", "slew-uncertain"): 800_000,  # learned slowly, to the end of as many
     ("shac", "flutter-uncertain"): 150_000,  # later, strips are shaken that were held
 }
 
