@@ -203,7 +203,7 @@ PPO: dict[str, dict[str, Any]] = {
     ),  # more data an update, or what was taught is lost
     "flutter": dict(**TAUGHT["flutter"], lessons=5, rate=1e-4, deviation=0.05),
     "slew": dict(**TAUGHT["slew"], lessons=5, rate=3e-4, deviation=0.05),
-    "slew-uncertain": dict(num_envs=32, horizon=50),
+    "slew-uncertain": dict(num_envs=32, horizon=50, rate=2e-3),
     "grip": dict(**GRASPING, horizon=25, rate=5e-4),
 }
 SAC: dict[str, dict[str, Any]] = {}
