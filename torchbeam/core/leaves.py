@@ -231,32 +231,14 @@ def _add_leaves(tree: Any, found: list[Leaf]) -> None:
 
 
 def values(tree: Any) -> list[Any]:
-    """Those of `leaves`, in no order."""
+    """Those of `leaves`, of an object in several places once."""
     found: list[Any] = []
-    _add_values(tree, found)
+    for value, _ in leaves_in_order(tree):
+        if isinstance(value, Tree):  # in a leaf's dictionary
+            found += values(value)
+        elif value is not None:
+            found.append(value)
     return found
-
-
-def _add_values(tree: Any, found: list[Any]) -> None:
-    if isinstance(tree, Tree):
-        declared = _declared(type(tree))
-        for name, value in [*vars(tree).items()]:
-            if value is None or name not in declared:
-                continue
-            if isinstance(value, Tensor):
-                if declared[name] is not BRANCH:
-                    found.append(value)
-            elif declared[name] is BRANCH or isinstance(value, Tree):
-                _add_values(value, found)
-            else:
-                for part in _parts(value):
-                    if isinstance(part, Tree):
-                        _add_values(part, found)
-                    elif part is not None:
-                        found.append(part)
-    elif isinstance(tree, (tuple, list, dict)):
-        for part in tree.values() if isinstance(tree, dict) else tree:
-            _add_values(part, found)
 
 
 def leaves_in_order(tree: Any) -> list[tuple[Any, int | None]]:
@@ -476,10 +458,7 @@ def wants_gradient(*trees: Any) -> bool:
     """
     found: list[Any] = []
     for tree in trees:
-        if isinstance(tree, Tensor):
-            found.append(tree)
-        else:
-            _add_values(tree, found)
+        found += [tree] if isinstance(tree, Tensor) else values(tree)
     return recorded(found)
 
 

@@ -20,6 +20,7 @@ from torchbeam.core.leaves import (
     leaf,
     leaves,
     map_leaves,
+    values,
     wants_gradient,
 )
 
@@ -48,6 +49,20 @@ class Cloud(Tree):
 
 def point(**more):
     return Point("p", torch.arange(12.0).reshape(4, 3), torch.arange(4.0), **more)
+
+
+def test_values_are_those_of_leaves_each_object_once():
+    """A tree in a leaf's place, or in its dictionary, is gone into; a point in two places, whose
+    leaves come twice, counts once.
+    """
+    shared, inner = point(), Point("q", torch.ones(3), torch.ones((), requires_grad=True))
+    cloud = Cloud((shared, shared), point(), inputs={"u": torch.ones(2), "of": inner}, law=inner)
+    once = [id(x) for x in values(cloud)]
+    every = [id(leaf.value) for leaf in leaves(cloud) if leaf.value is not inner]
+    assert {*once} == {*every} | {id(inner.place), id(inner.weight)}
+    assert once.count(id(shared.place)) == 1 and every.count(id(shared.place)) == 2
+    for tree in (Cloud((), inputs={"of": inner}), Cloud((), law=inner), [{"a": (inner,)}]):
+        assert wants_gradient(tree) and not wants_gradient(detached(inner))
 
 
 def test_every_leaf_is_found_once_with_its_axes():
