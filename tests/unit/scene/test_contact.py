@@ -323,8 +323,7 @@ def test_what_is_pressed_beyond_the_middle_of_a_thin_box_is_told():
     """It would be pushed out on the other side: in one step from outside, or slowly, within."""
     box = tb.Box((0.0, 0, 0), (1.0, 1.0, 0.01), 0.002)
     contact = tb.Scene(
-        tb.Beam.straight(1.0, 1, SECTION),
-        [tb.Contact(box, thickness=0.01, force=1.0, radius=0.02)],
+        tb.Beam.straight(1.0, 1, SECTION), [tb.Contact(box, thickness=0.01, force=1.0, radius=0.02)]
     ).effects[0]
     ways = torch.tensor([[0.03, -0.001], [0.001, -0.001], [0.03, 0.001], [0.001, 0.03]])
     start, end = (torch.nn.functional.pad(z[:, None], (2, 0)) for z in ways.unbind(-1))
