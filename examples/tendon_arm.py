@@ -180,10 +180,12 @@ def draw(path: Path = options.picture) -> None:
         room(view)
         tb.plot.shape(state[k], view, scene=scene(tensions[k]), color="C0")
         view.plot(*curve[:, k].T, color="C3", lw=1)
+        view.plot(*state[k].position.T, "k.", ms=5)
         view.plot(*WANTED[k], state[k].tip.position[2], "k+", ms=14)
         view.set_title(", ".join(f"{x:.2f}" for x in tensions[k]) + " N", fontsize=10)
     views[0].figure.suptitle(
-        "Three tendons bring the tip of a soft rod to the cross; red: Cosserat's", fontsize=11
+        "Three tendons bring the tip of a soft rod to the cross; red: Cosserat, dots: nodes",
+        fontsize=11,
     )
     print("wrote", tb.plot.save(views[0], path))
 
