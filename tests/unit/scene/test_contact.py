@@ -295,7 +295,7 @@ THIN = {  # size m, radius of the beam m
 @pytest.mark.parametrize("name", THIN)
 def test_ways_through_thin_boxes_are_told(name):
     """Of random straight ways through them, two to ten times as long as these are wide, by the
-    smallest gap at 1001 places on each: all but one in a hundred; of those past them none.
+    smallest gap at 1001 places on each: all but one in a hundred.
     """
     size, radius = THIN[name]
     draw = torch.Generator().manual_seed(0)
@@ -315,8 +315,6 @@ def test_ways_through_thin_boxes_are_told(name):
     found = contact.passed(start + way / 2, way / 2, torch.tensor(0.1))
     assert through.sum() > 200
     assert (through & ~found).sum() <= 0.01 * through.sum()
-    past = (contact.least_gap(start, way)[..., 0] > 0) & (gaps.amin(0) > 1e-3 * length[:, 0])
-    assert past.any() and not (past & found).any()
 
 
 def test_what_is_pressed_beyond_the_middle_of_a_thin_box_is_told():
