@@ -2,6 +2,7 @@
 numbers are in the table of verification (`torchbeam.studies.verification.contact`).
 """
 
+import math
 from dataclasses import replace
 
 import torch
@@ -104,3 +105,28 @@ def test_velocities_that_ring_are_damped_by_generalized_alpha():
     share = 1.0 / (0.5 * 9.81)  # of what friction holds: mu r/sqrt(r^2 + s^2) is it
     creep = slip * share / (1 - share**2) ** 0.5
     assert_close(velocity[-1], torch.tensor(creep), rtol=1e-6, atol=0)
+
+
+def test_what_sticks_for_long_creeps_as_the_law_says():
+    """A rod on a slope of half the angle at which friction lets go: its way from 1 to 10 s, in
+    steps in which friction could change the velocity by one to a hundred slip speeds v. What rings
+    is slower than v, and so less than v dt; readings, which are those of the end of a step, ring
+    with it, and two of them one after the other have the mean.
+    """
+    friction, dt, v = 0.5, 2e-3, torch.tensor([1e-2, 1e-3, 1e-4])
+    angle = math.atan(friction) / 2
+    share = math.tan(angle) / friction
+    section = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=0.2, inertia=1e-5)
+    across = 0.2 * 9.81 * math.cos(angle)  # N/m
+    beam = tb.Beam.straight(1.0, 2, section, root=(0, 0, 0.0105))
+    slope = tb.Contact(tb.Plane((0, 0, 0), (0, 0, 1.0)), thickness=1e-3, force=4 * across,
+                       radius=0.01, friction=friction, slip_speed=v)  # fmt: skip
+    down = 9.81 * torch.tensor([math.sin(angle), 0.0, -math.cos(angle)])
+    scene = tb.Scene(beam, [tb.Gravity(down), slope], supports=(), plane="xz")
+    run = tb.simulate(scene, [0.0, 1.0, 10.0 - dt, 10.0], step=dt)
+    creep = v * (1 - math.sqrt(1 - share))
+    x = run.nodes[..., 1, 0]
+    assert ((x[3] - x[1] - 9 * creep).abs() < v * dt).all()
+    slip = tb.sensors.ContactSlip(scene)(run.state)[2:]
+    assert (slip[..., 1] == 1).all()
+    assert_close(slip[..., 0].mean(0), creep, rtol=2e-2, atol=0)

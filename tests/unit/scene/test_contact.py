@@ -265,6 +265,70 @@ def test_a_step_that_leads_through_an_obstacle_is_told():
     assert found.tolist() == 5 * [True] + 4 * [False]
 
 
+@pytest.mark.parametrize("force", [20.0, 2e4])
+def test_what_stands_on_its_tip_is_held_by_the_length_inside(force):
+    """A rod upright with its tip y deep in a floor and its contact d: the integral of the law,
+    force (y^2/d - y + d/3), by Gauss's 64 points; of two in an element nothing until the first of
+    them is inside, (1 - 3^(-1/2))/2 of it from the tip.
+    """
+    d, y, radius, h = 1e-3, torch.tensor([2e-3, 2e-2, 2.2e-2]), 0.006, 0.1
+    held = {}
+    for points in (2, 64):
+        top = torch.stack((0 * y, 0 * y, 3 * h + radius + d - y), -1)
+        floor = tb.Contact(tb.Plane((0, 0, 0), (0, 0, 1.0)), radius=radius, thickness=d,
+                           force=force, points=points)  # fmt: skip
+        beam = tb.Beam.straight(3 * h, 3, SECTION, root=top, direction=(0, 0, -1.0))
+        scene = tb.Scene(beam, [floor])
+        held[points] = tb.sensors.ContactForce(scene)(tb.rest(scene))[..., 2]
+    assert_close(held[64][1:], (force * (y**2 / d - y + d / 3))[1:], rtol=1e-2, atol=0)
+    assert (held[2] > 0).tolist() == [False, False, True]  # 2.11 cm
+
+
+THIN = {  # size m, radius of the beam m
+    "plate": ((1.0, 1.0, 0.1), 0.0),
+    "sheet": ((1.0, 1.0, 0.01), 0.0),
+    "sheet and a rod": ((1.0, 1.0, 0.01), 0.02),
+    "lath": ((1.0, 0.1, 0.01), 0.0),
+}
+
+
+@pytest.mark.parametrize("name", THIN)
+def test_ways_through_thin_boxes_are_told(name):
+    """Of random straight ways through them, two to ten times as long as these are wide, by the
+    smallest gap at 1001 places on each: all but one in a hundred.
+    """
+    size, radius = THIN[name]
+    draw = torch.Generator().manual_seed(0)
+    box = tb.Box((0.0, 0, 0), size, min(size) / 5)
+    contact = tb.Scene(
+        tb.Beam.straight(1.0, 1, SECTION),
+        [tb.Contact(box, thickness=0.001, force=1.0, radius=radius)],
+    ).effects[0]
+    middle = (torch.rand(400, 3, generator=draw) - 0.5) * torch.tensor(size)
+    way = torch.randn(400, 3, generator=draw)
+    length = max(size) * (2 + 8 * torch.rand(400, 1, generator=draw))
+    way = length * way / torch.linalg.vector_norm(way, dim=-1, keepdim=True)
+    start = middle - torch.rand(400, 1, generator=draw) * way
+    places = torch.linspace(0, 1, 1001)[:, None, None]
+    gaps = contact.gap(start + places * way)[..., 0]
+    through = (gaps[0] > 0) & (gaps[-1] > 0) & (gaps.amin(0) < 0)
+    found = contact.passed(start + way / 2, way / 2, torch.tensor(0.1))
+    assert through.sum() > 200
+    assert (through & ~found).sum() <= 0.01 * through.sum()
+
+
+def test_what_is_pressed_beyond_the_middle_of_a_thin_box_is_told():
+    """It would be pushed out on the other side: in one step from outside, or slowly, within."""
+    box = tb.Box((0.0, 0, 0), (1.0, 1.0, 0.01), 0.002)
+    contact = tb.Scene(
+        tb.Beam.straight(1.0, 1, SECTION), [tb.Contact(box, thickness=0.01, force=1.0, radius=0.02)]
+    ).effects[0]
+    ways = torch.tensor([[0.03, -0.001], [0.001, -0.001], [0.03, 0.001], [0.001, 0.03]])
+    start, end = (torch.nn.functional.pad(z[:, None], (2, 0)) for z in ways.unbind(-1))
+    found = contact.passed((start + end) / 2, (end - start) / 2, torch.tensor(0.1))
+    assert found.tolist() == [True, True, False, False]
+
+
 @pytest.mark.parametrize("engine", ["eager", "compiled"])
 def test_a_body_does_not_step_through_an_obstacle(engine):
     """A ball thrown at a plate at 5 m/s, 0.1 m a step, comes back as fast; at 50 m/s, with more

@@ -20,6 +20,8 @@ from .obstacles import Box, Capsule, Cylinder, Obstacle, Plane
 from .rounded_box import RoundedBox
 from .values import Inputs, parameter
 
+MEETINGS = 4  # of tangents, see `least_along`
+
 
 class Touch(NamedTuple):
     """What a contact does at points (..., points, n): gap m to the surface; normal, out of the
@@ -330,7 +332,7 @@ def least_along(
     """(..., n, 1) m: about the smallest gap on straight ways (..., n, 3) from points on, with its
     gradient `directions`. It is convex along a line, as what can be passed through is: least near
     where the tangents at both ends meet, nearer yet between there and the end towards which it
-    falls.
+    falls, and so on. Above a face it is straight, so that a few meetings find a thin box.
     """
 
     def at(share: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -340,7 +342,7 @@ def least_along(
     none = torch.zeros_like(way[..., :1])
     first, last = at(none), at(none + 1)
     least = torch.minimum(first[1], last[1])
-    for _ in range(2):
+    for _ in range(MEETINGS):
         middle = at(_meeting(first, last))
         least, falls = torch.minimum(least, middle[1]), middle[2] < 0
         first, last = (
