@@ -79,12 +79,15 @@ def test_gradient_of_a_window_is_that_of_differences():
         ("sac", TINY, {}),
         ("shac", TINY.varied(randomize=True, noise=0.01), {}),
         ("shac", TINY, TAUGHT),
+        ("shac", TINY, {"teacher": "MPC(horizon=4)", "lessons": 3}),
+        ("shac", TINY, {"teacher": "LQG(latency=2, disturbance=0.1)", "lessons": 3}),
     ],
 )
 def test_resume_is_bit_exact(name, task, settings, tmp_path):
     """A run that is stopped between two checkpoints and goes on ends with the bits of one that
     never was; also where beams change with the episode and sensors are noisy, and where it is
-    stopped after two of three lessons.
+    stopped after two of three lessons, by a teacher that remembers nothing, its plan, or what it
+    has given and estimated.
     """
     budget = common.Budget(steps=4 * 32)
     options = dict(episodes=2, final=2, progress=False, name="run")
