@@ -397,7 +397,9 @@ def test_arguments_are_documented():
 
 
 def test_a_task_of_ones_own(tmp_path, capsys, monkeypatch):
-    """From its module, on the command line; its policy is scored by what the file says of it."""
+    """From its module, on the command line; its policy is scored by what the file says of it, also
+    where a task of that name is another one now.
+    """
     (tmp_path / "own_task.py").write_text(
         "from training.tuned import Task\n"
         "lift = Task('lift', 'torchbeam/TipReachPlanar-v1', "
@@ -410,6 +412,9 @@ def test_a_task_of_ones_own(tmp_path, capsys, monkeypatch):
     assert evaluation([policy, "--episodes", "2"]) == 0
     said = json.loads(capsys.readouterr().out.split("\n", 1)[1])
     assert said["episodes"] == 2 and load(policy).about["tolerance"] == 0.5
+    monkeypatch.setitem(TASKS, "lift", TASKS["track"])
+    assert evaluation([policy, "--episodes", "2"]) == 0
+    assert json.loads(capsys.readouterr().out) == said
     for wrong, sentence in (
         ("lift", "one of reach, "),
         ("own_task:drop", "cannot be had"),
