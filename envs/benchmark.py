@@ -264,15 +264,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     with threads(given.threads):
         if given.resets is not None:
             ids = [IDS[task + plane] for task in UNCERTAIN for plane in ("", "Planar")]
-            fields, rows = reset_times.ResetTimes._fields, [*reset_times.rows(ids, given.resets)]
-            name, text = "resets", reset_times.markdown(rows)
+            name, fields = "resets", reset_times.COLUMNS
+            rows = [*reset_times.rows(ids, given.resets)]
+            text = reset_times.markdown(rows)
             more = {"share": reset_times.SHARE}
         elif given.mpc is None:
             name, fields, rows = "envs", FIELDS, [*throughput(given)]
             text, more = markdown(rows), {"reference": FINER}
         else:
             ids = [IDS[task + "Planar"] for task in mpc_times.TASKS]
-            name, fields, rows = "mpc", mpc_times.FIELDS, [*mpc_times.rows(ids, given.mpc)]
+            name, fields = "mpc", mpc_times.COLUMNS
+            rows = [*mpc_times.rows(ids, given.mpc)]
             text = mpc_times.markdown(rows)
             more = {"elements": mpc_times.ELEMENTS, "horizon": mpc_times.HORIZON}
         heading = measured_on()

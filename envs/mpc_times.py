@@ -42,6 +42,7 @@ FIELDS = (
     "99 %, ms",
     "processor, median, ms",
 )
+COLUMNS = tuple(name.replace(", ms", ", s") for name in FIELDS)  # of the CSV, as measured
 
 
 def measure(

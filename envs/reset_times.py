@@ -42,6 +42,14 @@ FIELDS = (
     "of an eighth, steps",
     "step of Sb3VecEnv, steps",
 )
+COLUMNS = (  # of the CSV, as measured
+    "task, uncertain",
+    "batch",
+    "step, s",
+    "reset of all, s",
+    "of an eighth, s",
+    "step of Sb3VecEnv, s",
+)
 
 
 def measure(id: str, batch: int, rounds: int, **arguments: Any) -> ResetTimes:

@@ -149,8 +149,8 @@ class Simulation:
         params: dict[str, Tensor] | None = None,
         goal: Tensor | None = None,
     ) -> Episodes:
-        """The episodes with those in the mask (n,) started afresh: solved for these alone, then
-        put in their rows.
+        """The episodes with those in the mask (n,) started afresh, and put in their rows: what
+        begins does not depend on who else is reset.
 
         Args:
             streams: a generator for each sub-env

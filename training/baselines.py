@@ -35,6 +35,8 @@ LATENCIES, SCHEDULES = (0, 1, 2), (1, 3, 5)
 DISTURBANCES, ACTIONS = (0.0, 0.003, 0.01, 0.03, 0.1), (0.03, 0.1, 0.3, 1.0)
 START = {"effort": 0.1, "speed_weight": 0.1, "action": 0.1}  # of the search; of others the least
 STARTS = 3  # of the optimum
+# by baseline, how many of the episodes that scores come from it plays at most, the first of them
+MOST_EPISODES = {"optimum": 64}
 
 
 def pd(task: Task) -> Controller:
@@ -125,18 +127,7 @@ def regulated(kind: type[LQR]) -> Callable[[Task], Controller]:
 
 def optimum(task: Task) -> Controller:
     """From what the tuned LQR does, and near it."""
-    controller = Optimum(make(task, 1), regulated(LQR)(task), starts=STARTS)
-    controller.episodes = 64  # of those that scores come from, the first
-    return controller
-
-
-def predictive(informed: bool) -> Callable[[Task], Controller]:
-    def made(task: Task) -> Controller:
-        controller = MPC(make(task, 1), informed=informed)
-        controller.episodes = 64
-        return controller
-
-    return made
+    return Optimum(make(task, 1), regulated(LQR)(task), starts=STARTS)
 
 
 BASELINES: dict[str, Callable[[Task], Controller]] = {
@@ -145,7 +136,7 @@ BASELINES: dict[str, Callable[[Task], Controller]] = {
     "pd": pd,
     "lqr": regulated(LQR),
     "lqg": regulated(LQG),
-    "mpc": predictive(False),
-    "mpc-informed": predictive(True),
+    "mpc": lambda task: MPC(make(task, 1)),
+    "mpc-informed": lambda task: MPC(make(task, 1), informed=True),
     "optimum": optimum,
 }

@@ -140,10 +140,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _task(path: str, about: Any) -> Task:
-    """What a policy was trained for: a task of `TASKS`, or another whose environment is there."""
+    """What a policy was trained for, as its file has it; the environment is there."""
     try:
-        if about["task"] in TASKS:
-            return TASKS[about["task"]].varied(**about["arguments"])
         task = Task(about["task"], *(about[field.name] for field in fields(Task)[1:]))
         gymnasium.spec(task.env)
         return task

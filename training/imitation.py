@@ -61,8 +61,8 @@ class Imitation:
 
     def learn(self, generator: torch.Generator) -> float:
         """End a lesson: fit the policy; returns the mean squared error of the last minibatch."""
+        self.policy.statistics.update(torch.cat(self.seen[bool(self.done) :]))  # of this lesson
         seen, said = torch.cat(self.seen), torch.cat(self.said)
-        self.policy.statistics.update(seen)
         for _ in range(UPDATES):
             rows = torch.randint(len(seen), (MINIBATCH,), generator=generator)
             error = (self.policy.act(seen[rows]) - said[rows]).square().mean()
@@ -80,12 +80,34 @@ class Imitation:
             "optimizer": self.optimizer.state_dict(),
             "seen": self.seen,
             "said": self.said,
+            "controller": memory(self.controller),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         self.done, self.seen, self.said = state["done"], state["seen"], state["said"]
         self.optimizer.load_state_dict(state["optimizer"])
         self.controller.begin(self.env)
+        recall(self.controller, state["controller"])
+
+
+def memory(controller: Any) -> dict[str, Any]:
+    """The tensors of a controller and, by name, of its parts that begin with episodes as it does:
+    what it remembers of them is among these.
+    """
+    return {
+        name: value if isinstance(value, Tensor) else memory(value)
+        for name, value in vars(controller).items()
+        if isinstance(value, Tensor) or hasattr(value, "begin")
+    }
+
+
+def recall(controller: Any, kept: dict[str, Any]) -> None:
+    """Put what `memory` gave back."""
+    for name, value in kept.items():
+        if isinstance(value, Tensor):
+            setattr(controller, name, value)
+        else:
+            recall(getattr(controller, name), value)
 
 
 def controller_named(text: str) -> tuple[type[baselines.Controller], dict[str, Any]]:

@@ -10,10 +10,10 @@ stable-baselines3 and skrl 3 seeds on four; baselines once each). Budgets are en
 `tuned.BUDGETS`: results do not depend on how busy or fast the machine is.
 
 Each run writes its own file when it is complete; called again, the command makes what is missing
-or was made with other settings or another budget, goes on with what was interrupted, and writes
-results.json, .csv, .md, curves.png and policies/ from all there is. Runs are made seed by seed,
-each seed of each algorithm in the order that these are named in, so that all tasks have had as many
-seeds wherever it is cut off.
+or was made with other settings, another budget or other episodes, goes on with what was
+interrupted, and writes results.json, .csv, .md, curves.png and policies/ from all there is. Runs
+are made seed by seed, each seed of each algorithm in the order that these are named in, so that all
+tasks have had as many seeds wherever it is cut off.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ import torch
 from torchbeam.extend.commands import results_folder, write
 
 from . import ppo, sac, shac, tuned
-from .baselines import BASELINES
+from .baselines import BASELINES, MOST_EPISODES
 from .common import train
 from .evaluate import EPISODES, scores
 from .evaluate import make as validation_env
@@ -98,7 +98,6 @@ def make(run: Run, folder: Path, budget: Budget, episodes: int) -> dict[str, Any
     options: dict[str, Any] = dict(name=run.name, progress=False, final=episodes)
     if run.algorithm in BASELINES:
         controller = BASELINES[run.algorithm](task)
-        episodes = min(episodes, getattr(controller, "episodes", episodes))
         settings = getattr(controller, "settings", {})
         seen = validation(task, controller, validation_env(task, VALIDATIONS))
         result = {**seen, **scores(task, controller, episodes), "steps": 0, "seconds": None}
@@ -168,16 +167,21 @@ def budget(options: argparse.Namespace, run: Run) -> Budget:
     return Budget(steps, options.minutes)
 
 
-def is_made(run: Run, folder: Path, budget: Budget) -> bool:
-    """Whether its file is there, whole, and of the same budget and settings."""
+def held_out(run: Run, options: argparse.Namespace) -> int:
+    """Episodes of its final scores."""
+    return min(options.episodes, MOST_EPISODES.get(run.algorithm, options.episodes))
+
+
+def is_made(run: Run, folder: Path, budget: Budget, episodes: int) -> bool:
+    """Whether its file is there, whole, and of the same budget, settings and episodes."""
     path = folder / f"{run.name}.json"
     if not path.exists():
         return False
     there = json.loads(path.read_text())
     if run.algorithm in BASELINES:
-        return CURVE in there
+        return CURVE in there and there["episodes"] == episodes
     settings = run.settings if run.algorithm in LEARNERS else {"seed": run.seed}
-    wanted = {"budget": vars(budget), "settings": settings}
+    wanted = {"budget": vars(budget), "settings": settings, "episodes": episodes}
     return all(there[key] == json.loads(json.dumps(value)) for key, value in wanted.items())
 
 
@@ -261,14 +265,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     out = options.out
     folder = out / "runs"
     folder.mkdir(exist_ok=True)
-    wanted = {run: budget(options, run) for run in plan(options)}
-    missing = {run: own for run, own in wanted.items() if not is_made(run, folder, own)}
+    wanted = {run: (budget(options, run), held_out(run, options)) for run in plan(options)}
+    missing = {run: own for run, own in wanted.items() if not is_made(run, folder, *own)}
     print(
         f"{len(wanted)} runs, {len(wanted) - len(missing)} of them done; {options.jobs} processes",
         flush=True,
     )
     failures = {}
-    jobs = [(run, folder, own, options.episodes) for run, own in missing.items()]
+    jobs = [(run, folder, *own) for run, own in missing.items()]
     with Bar("runs", True) as bar:
         for count, (run, why) in enumerate(outcomes(jobs, options.jobs), 1):
             failures.update({run.name: why} if why else {})

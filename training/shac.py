@@ -87,7 +87,7 @@ class SHAC:
                 linear=a.linear,
             )
             self.critic = Value((inputs, *a.hidden), activation="elu")
-        self.target = copy.deepcopy(self.critic)
+        self.target = copy.deepcopy(self.critic).requires_grad_(False)
         self.optimizer, self.critic_optimizer = (
             torch.optim.Adam(part.parameters(), rate, betas=(0.7, 0.95), fused=True)
             for part, rate in ((self.policy, a.rate), (self.critic, a.critic_rate))

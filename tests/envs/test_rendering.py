@@ -2,6 +2,8 @@
 at.)
 """
 
+from importlib.metadata import requires
+
 import gymnasium
 import numpy as np
 import pytest
@@ -88,6 +90,12 @@ def test_render_before_reset_and_without_mode():
     env.reset()
     with pytest.warns(UserWarning, match="without a render_mode"):
         assert env.render() is None
+
+
+def test_the_extra_for_videos_brings_what_they_take():
+    """Pictures, and moviepy, without which the next test is left out."""
+    named = {line.split(";")[0] for line in requires("torchbeam") if 'extra == "video"' in line}
+    assert "torchbeam[render]" in named and any(name.startswith("moviepy") for name in named)
 
 
 @pytest.mark.parametrize("vector", [False, True])

@@ -2,6 +2,7 @@
 the envs.
 """
 
+import csv
 import json
 
 import gymnasium
@@ -214,6 +215,8 @@ def test_times_of_predictive_control(tmp_path, monkeypatch, capsys):
     written = json.loads((tmp_path / "mpc.json").read_text())
     assert len(written["rows"]) == 2 * len(mpc_times.TASKS) and written["horizon"] == 25
     assert f"| {1e3 * row.median:.3g} |" in (tmp_path / "mpc.md").read_text()
+    columns = next(csv.DictReader(open(tmp_path / "mpc.csv")))
+    assert float(columns["median, s"]) == row.median and float(columns["interval, s"]) == 0.02
     with pytest.raises(SystemExit):
         benchmark.main(["--mpc", "0"])
     assert "--mpc 0 was given" in capsys.readouterr().err
@@ -231,6 +234,8 @@ def test_times_of_resets(tmp_path, monkeypatch, capsys):
     assert len(written["rows"]) == 10 * len(reset_times.BATCHES) and written["share"] == 8
     same = ", ".join([f"{row.reset / row.step:.2f}"] * len(reset_times.BATCHES))
     assert f"| {same} |" in (tmp_path / "resets.md").read_text()
+    columns = next(csv.DictReader(open(tmp_path / "resets.csv")))
+    assert float(columns["step, s"]) == row.step and float(columns["reset of all, s"]) == row.reset
     with pytest.raises(SystemExit):
         benchmark.main(["--resets", "0"])
     assert "--resets 0 was given" in capsys.readouterr().err

@@ -275,6 +275,27 @@ def test_budgets_are_steps(tmp_path):
     assert set(tuned.BUDGETS) == {*results.LEARNERS, *results.LIBRARIES}
 
 
+def test_runs_of_other_episodes_are_made_again(tmp_path):
+    """Scores of a quick study are no scores of a whole one: those of baselines, learners and
+    libraries alike. One baseline alone plays fewer than the others.
+    """
+    few, all_of_them = (
+        results.parse(["--episodes", episodes, "--out", str(tmp_path)])
+        for episodes in ("32", "256")
+    )
+    for run in (results.Run("reach", name, None) for name in results.BASELINES):
+        assert results.held_out(run, few) == 32
+        assert results.held_out(run, all_of_them) == (64 if run.algorithm == "optimum" else 256)
+    for name, settings in (("mpc", {}), ("shac", None), ("sb3-ppo", {"seed": 0})):
+        run = results.Run("reach", name, None if name == "mpc" else 0)
+        budget = results.budget(few, run)
+        there = {"budget": vars(budget), "settings": run.settings if name == "shac" else settings}
+        there |= {"episodes": 32, "validation_return": -1.0}
+        (tmp_path / f"{run.name}.json").write_text(json.dumps(there))
+        assert results.is_made(run, tmp_path, budget, results.held_out(run, few))
+        assert not results.is_made(run, tmp_path, budget, results.held_out(run, all_of_them))
+
+
 def test_baselines_are_tuned_on_training_episodes(monkeypatch):
     """No seed of a held-out episode is used, and the LQR that is picked is the best there."""
     seen = []

@@ -79,12 +79,15 @@ def test_gradient_of_a_window_is_that_of_differences():
         ("sac", TINY, {}),
         ("shac", TINY.varied(randomize=True, noise=0.01), {}),
         ("shac", TINY, TAUGHT),
+        ("shac", TINY, {"teacher": "MPC(horizon=4)", "lessons": 3}),
+        ("shac", TINY, {"teacher": "LQG(latency=2, disturbance=0.1)", "lessons": 3}),
     ],
 )
 def test_resume_is_bit_exact(name, task, settings, tmp_path):
     """A run that is stopped between two checkpoints and goes on ends with the bits of one that
     never was; also where beams change with the episode and sensors are noisy, and where it is
-    stopped after two of three lessons.
+    stopped after two of three lessons, by a teacher that remembers nothing, its plan, or what it
+    has given and estimated.
     """
     budget = common.Budget(steps=4 * 32)
     options = dict(episodes=2, final=2, progress=False, name="run")
@@ -213,6 +216,8 @@ def test_lessons_make_a_policy_like_its_teacher(name):
     for _ in range(6):
         figures = one.iteration(0.0)
     assert one.imitation.over and "imitation_error" in figures
+    # each observation counts once
+    assert one.policy.statistics.count.item() == pytest.approx(6 * one.batch, abs=1e-3)
     after = (one.value if name == "ppo" else one.critic).parameters()
     assert not any(torch.equal(a, b) for a, b in zip(before, after, strict=True))
     env = make(TINY, 16)
@@ -422,7 +427,9 @@ def test_arguments_are_documented():
 
 
 def test_a_task_of_ones_own(tmp_path, capsys, monkeypatch):
-    """From its module, on the command line; its policy is scored by what the file says of it."""
+    """From its module, on the command line; its policy is scored by what the file says of it, also
+    where a task of that name is another one now.
+    """
     (tmp_path / "own_task.py").write_text(
         "from training.tuned import Task\n"
         "lift = Task('lift', 'torchbeam/TipReachPlanar-v1', "
@@ -435,6 +442,9 @@ def test_a_task_of_ones_own(tmp_path, capsys, monkeypatch):
     assert evaluation([policy, "--episodes", "2"]) == 0
     said = json.loads(capsys.readouterr().out.split("\n", 1)[1])
     assert said["episodes"] == 2 and load(policy).about["tolerance"] == 0.5
+    monkeypatch.setitem(TASKS, "lift", TASKS["track"])
+    assert evaluation([policy, "--episodes", "2"]) == 0
+    assert json.loads(capsys.readouterr().out) == said
     for wrong, sentence in (
         ("lift", "one of reach, "),
         ("own_task:drop", "cannot be had"),

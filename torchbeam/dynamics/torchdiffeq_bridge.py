@@ -11,11 +11,6 @@ from typing import Any
 
 import torch
 from torch import Tensor
-from torchdiffeq import odeint, odeint_adjoint
-
-# torchdiffeq's own table of names; it has no public one
-from torchdiffeq._impl.odeint import SOLVERS
-from torchdiffeq._impl.solvers import AdaptiveStepsizeODESolver
 
 from ..core.arguments import boolean, tolerance
 from ..core.arguments import options as check_options
@@ -23,10 +18,11 @@ from ..core.status import FAILED, named
 from ..core.validation import broadcast, increasing
 from ..core.warning import warn
 
-METHODS = tuple(SOLVERS)
-ADAPTIVE = tuple(
-    name for name, solver in SOLVERS.items() if issubclass(solver, AdaptiveStepsizeODESolver)
-)
+# torchdiffeq's names; it is imported where it is first used: with it comes scipy, which takes
+# longer to import than torchbeam itself
+ADAPTIVE = ("dopri8", "dopri5", "bosh3", "fehlberg2", "adaptive_heun")
+FIXED = ("euler", "midpoint", "heun2", "heun3", "rk4", "explicit_adams", "implicit_adams")
+METHODS = (*ADAPTIVE, *FIXED, "fixed_adams", "scipy_solver")
 ADVICE = "try the implicit method 'midpoint' of the nodal form, a shorter step, or other tolerances"
 INSTANTS = 33  # beside those asked for, at which what rates read is looked for
 # largest relative error of the state reconstructed backwards that a continuous adjoint may carry
@@ -82,7 +78,7 @@ def integrate(
     (RuntimeWarning) about samples that failed, and (UserWarning) where the adjoint cannot be
     trusted.
     """
-    if method not in SOLVERS:
+    if method not in METHODS:
         raise ValueError(f"method = {method!r} was given; torchdiffeq has {', '.join(METHODS)}")
     increasing("t", t)
     boolean("adjoint", adjoint)
@@ -163,6 +159,8 @@ def leaves(rhs: Rates, y: Tensor, t: Tensor, throughout: bool) -> tuple[Tensor, 
 
 def known_options(method: str) -> list[str]:
     """Names that torchdiffeq's solver takes in `options`; any other it would only warn of."""
+    from torchdiffeq._impl.odeint import SOLVERS  # it has no public table
+
     inits = [
         vars(kind)["__init__"] for kind in SOLVERS[method].__mro__[:-1] if "__init__" in vars(kind)
     ]
@@ -181,6 +179,8 @@ class _Solve:
     """
 
     def __init__(self, rhs, y0, method, tolerances, options, adjoint, parameters, after) -> None:
+        from torchdiffeq import odeint, odeint_adjoint
+
         self.rhs, self.y0, self.method, self.after, self.tolerances = (
             rhs,
             y0,
@@ -287,6 +287,8 @@ def _check_reconstruction(solve: _Solve, ys: Tensor, t: Tensor) -> None:
     """Integrate back over each output interval, as the continuous adjoint does, and compare with
     what was stored.
     """
+    from torchdiffeq import odeint
+
     scale = solve.tolerances["atol"] + ys.abs().amax(tuple(range(ys.ndim - 1)))
     worst, options = 0.0, dict(solve.options)
     if solve.adaptive:  # a state that runs away is not followed for ever

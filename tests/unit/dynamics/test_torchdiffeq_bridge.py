@@ -7,6 +7,8 @@ import math
 import pytest
 import torch
 from torch.testing import assert_close
+from torchdiffeq._impl.odeint import SOLVERS
+from torchdiffeq._impl.solvers import AdaptiveStepsizeODESolver
 
 from torchbeam.dynamics.torchdiffeq_bridge import ADAPTIVE, METHODS, integrate
 
@@ -55,6 +57,14 @@ def test_every_method_solves_the_oscillator(method):
     )
     assert_close(ys[:, 0, 0], torch.cos(2 * T), rtol=0, atol=BOUND[method])
     assert (status == 0).all() and evaluations > 0
+
+
+def test_names_are_those_of_torchdiffeq():
+    """Which is not imported before it is used."""
+    assert set(METHODS) == set(SOLVERS)
+    assert set(ADAPTIVE) == {
+        name for name, kind in SOLVERS.items() if issubclass(kind, AdaptiveStepsizeODESolver)
+    }
 
 
 def test_unknown_method_is_refused():
