@@ -86,10 +86,8 @@ heavy, light, rim = (
 whole = HEAVY + LIGHT + MASS * float(scene.beam.length.sum()) + INERTIA / AXIS**2
 wanted = (HEAVY - LIGHT) * G / whole
 CHECK = max(abs(a / wanted - 1) for a in (heavy, light, rim))
-EXPECTED, TOLERANCE = (
-    0.0,
-    0.02,
-)  # of a polygon over half a turn, creep, and what bending there takes
+# of a polygon over half a turn, creep, and what bending there takes
+EXPECTED, TOLERANCE = 0.0, 0.02
 
 
 def falls(ax: Any) -> None:
