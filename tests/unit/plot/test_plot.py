@@ -241,6 +241,26 @@ def test_what_tapers_is_drawn_so(order):
         tb.plot.shape(state.map(lambda x: torch.stack([x[0]] * 3)), plane="xz", scene=touching)
 
 
+@pytest.mark.parametrize("three", [False, True])
+@pytest.mark.parametrize("own", [("x",), ("z",), ("x", "z")])
+def test_limits_that_are_set_stay(own, three):
+    """Of each coordinate by itself; the others have room for beams and bodies, and not much more."""
+    scene = standing_ball()
+    ax = tb.plot.axes(three=three)
+    if not three:
+        own = ["y" if name == "z" else name for name in own]
+    ax.set(**{f"{name}lim": (-0.5, 1.7) for name in own})
+    tb.plot.shape(tb.rest(scene), ax, plane=None if three else "xz", scene=scene)
+    reach = {"x": (0.0, 1.0), "y": (-0.1, 0.1), "z": (-0.1, 0.144)}
+    for name in ("x", "y", "z") if three else ("x", "y"):
+        low, high = getattr(ax, f"get_{name}lim")()
+        first, last = reach["z" if name == "y" and not three else name]
+        if name in own:
+            assert (low, high) == (-0.5, 1.7)
+        else:
+            assert low <= first and last <= high and high - low < 1.6
+
+
 def test_a_film_of_what_is_solid(tmp_path):
     """Of a motion and of equilibria one after the other: it moves, within limits that are set; what
     is beside it is called with each place.
