@@ -244,7 +244,7 @@ def test_what_tapers_is_drawn_so(order):
 @pytest.mark.parametrize("three", [False, True])
 @pytest.mark.parametrize("own", [("x",), ("z",), ("x", "z")])
 def test_limits_that_are_set_stay(own, three):
-    """Of each coordinate by itself; the others have room for beams and bodies, and not much more."""
+    """Of each coordinate by itself; the others have room for beams and bodies, not much more."""
     scene = standing_ball()
     ax = tb.plot.axes(three=three)
     if not three:
