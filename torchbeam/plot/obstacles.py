@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ..core.arguments import instance
 from ..core.leaves import map_leaves
+from ..core.validation import broadcast
 from ..scene.effects.contact import Contact
 from ..scene.effects.contact_terms import ContactTerms
 from ..scene.effects.obstacles import Obstacle, Sphere
@@ -140,9 +141,12 @@ def radius_of(
 
 
 def _sample(x: Any, axes: int | None, batch: Sequence[int], sample: int) -> Any:
-    """Of a batch one sample; without axes of the batch the first."""
+    """Of a batch one sample; without axes of the batch the first. Raises ValueError for a batch
+    that is none of the scene's.
+    """
     if not isinstance(x, Tensor) or axes is None:
         return x
-    own = x.shape[x.ndim - axes :]
-    x = x.detach().expand(*batch, *own) if batch else x.detach()
-    return x.reshape(-1, *own)[sample]
+    lead, own = x.shape[: x.ndim - axes], x.shape[x.ndim - axes :]
+    if batch:
+        lead = broadcast("a scene and a state", lead, torch.Size(batch))
+    return x.detach().expand((*lead, *own)).reshape(-1, *own)[sample]

@@ -43,19 +43,15 @@ class Sections:
         counts = [len(range(len(position))[row]) - 1 for row in rows]
         if scene is None or not counts:
             return cls(scene, size, tuple(torch.full((n, 2), SIDE * size).double() for n in counts))
+        n = scene.beam.station_count  # one an interval, of any order
         S = scene.beam.compliance.detach().diagonal(dim1=-2, dim2=-1)
-        S = S.expand(*S.shape[:-2], scene.beam.element_count, 6)
-        S = S.reshape(-1, *S.shape[-2:])[0].double().cpu()
+        S = S.expand(*S.shape[:-2], n, 6).reshape(-1, n, 6)[0].double().cpu()
         sides = torch.sqrt(12 * S[:, :1] / S[:, [5, 4]])
         sides = torch.where(torch.isfinite(sides) & (sides > 0), sides, SIDE * size)
-        least, most = (share * size for share in SIDES)
-        each = sides.clamp(least, most).repeat_interleave(scene.beam.order, 0)
-        order, pad = scene.beam.order, torch.nn.functional.pad
-        length = scene.beam.length.detach().reshape(-1, scene.beam.element_count)[0] / order
-        lengths = length.repeat_interleave(order).split(counts)
-        return cls(
-            scene, size, each.split(counts), tuple(pad(x.cumsum(0), (1, 0)) for x in lengths)
-        )
+        sides = sides.clamp(*(share * size for share in SIDES))
+        lengths = scene.beam.length.detach().reshape(-1, n)[0].split(counts)
+        places = tuple(torch.nn.functional.pad(x.cumsum(0), (1, 0)) for x in lengths)
+        return cls(scene, size, sides.split(counts), places)
 
     def corners(
         self, k: int, part: Part | None, count: int, batch: Sequence[int] = (), sample: int = 0

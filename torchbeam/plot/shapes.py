@@ -202,13 +202,16 @@ def framed(ax: Axes, seen: list[int], points: Tensor) -> None:
     """Equal scales, with limits that stay: those that a user has set, or with room for what was
     drawn and for points (n, 2 or 3) m.
     """
-    own = not (ax.get_autoscalex_on() or ax.get_autoscaley_on())
-    limits = [ax.get_xlim(), ax.get_ylim(), *([ax.get_zlim()] if is_3d(ax) else [])]
+    names = ("x", "y", "z") if is_3d(ax) else ("x", "y")
+    own = {
+        f"{name}lim": getattr(ax, f"get_{name}lim")()
+        for name in names
+        if not getattr(ax, f"get_autoscale{name}_on")()
+    }
     (everywhere,) = ax.plot(*numbers(points).T, alpha=0)
     _even(ax, seen)
     everywhere.remove()
-    if own:
-        ax.set(**dict(zip(("xlim", "ylim", "zlim"), limits, strict=False)))
+    ax.set(**own)
     if is_3d(ax):
         sizes = [b - a for a, b in (ax.get_xlim(), ax.get_ylim(), ax.get_zlim())]
         ax.set_box_aspect(sizes, zoom=1.0 if ax.axison else 1.15)  # nothing is written beside it

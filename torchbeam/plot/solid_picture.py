@@ -116,9 +116,8 @@ class SolidPicture:
             mesh = surface_mesh(_about(obstacle, limits.mean(-1)), size)
             if turned is not None:
                 mesh = mesh.moved(turned[0] - turned[1] @ turned[0], turned[1])
-            (solid if obstacle.room is None else behind).append(
-                (mesh, SOLID)
-            )  # into a tube one sees
+            layer = solid if obstacle.room is None else behind  # into a tube one sees
+            layer.append((mesh, SOLID))
         for shade, axis, sides, corners in self._beams(state):
             solid.append((_tube(axis, sides, corners), shade))
         for shade, pose, surface in self._bodies(state):

@@ -303,9 +303,8 @@ class _Shapes:
         shapes = {}
         for k, obstacle in enumerate(standing(self.scene, t)):
             mesh = surface_mesh(sent(obstacle, "cpu", torch.float64), self.size)
-            mesh = mesh._replace(
-                dark=torch.zeros_like(mesh.dark)
-            )  # one piece, as it is seen through
+            # one piece, as it is seen through
+            mesh = mesh._replace(dark=torch.zeros_like(mesh.dark))
             through = 0.25 if getattr(obstacle, "inside", False) else 0.6
             shapes |= _meshes(f"obstacle {k}", mesh, SOLID, opacity=through)
         return shapes

@@ -67,7 +67,10 @@ class Table(Tree):
         so that native code can be made of it.
         """
         share = (s[..., None] - self.s[..., None, :-1]) / self.s.diff(dim=-1)[..., None, :]
-        rise = share.clamp(0, 1) * self.values.diff(dim=-1)[..., None, :]
+        share = share.clamp(0, 1)
+        # where one ramp ends and the next begins, the next alone has a slope, as in a look-up
+        inner = torch.where(share[..., :-1] < 1, share[..., :-1], 1.0)
+        rise = torch.cat((inner, share[..., -1:]), -1) * self.values.diff(dim=-1)[..., None, :]
         return self.values[..., :1] + rise.sum(-1)
 
 

@@ -212,6 +212,55 @@ def test_what_is_solid_is_as_large_as_it_is():
     assert min(x.sum() for x in (ball, rod, brick, thread)) > 20
 
 
+@pytest.mark.parametrize("order", [1, 2])
+def test_what_tapers_is_drawn_so(order):
+    """By the radius of contacts at each place, of each sample its own, and by the section there:
+    half of the outline's height above a straight axis.
+    """
+    s = torch.linspace(0, 1, 8 * 4 * order + 1)
+    radii = tb.Table((0.0, 0.3, 1.0), torch.tensor([[0.02, 0.05, 0.01], [0.03, 0.03, 0.0]]))
+    floor = tb.Contact(tb.Plane((0, 0, -1.0), (0, 0, 1.0)), radius=radii, thickness=1e-3, force=1.0)
+
+    def section(s):
+        return tb.Section.rectangle(width=0.03, height=0.02 + 0.08 * s, E=1e9, nu=0.3, rho=1e3)
+
+    beam = tb.Beam.straight(1.0, 4, section, order=order)
+
+    def heights(scene, state):
+        ax = tb.plot.shape(state, plane="xz", scene=scene)
+        outlines = [torch.from_numpy(x.get_xy())[:-1] for x in ax.patches]
+        return torch.stack([x[: len(x) // 2, 1] for x in outlines])
+
+    touching, free = tb.Scene(beam, [floor]), tb.Scene(beam)
+    state = tb.rest(touching)
+    assert_close(heights(touching, state), radii(s), check_dtype=False, rtol=1e-6, atol=1e-9)
+    drawn = heights(free, tb.rest(free))
+    wanted = 0.01 + 0.04 * (s[None] - s[None] % (1 / 4 / order) + 0.5 / 4 / order)
+    assert (drawn - wanted)[:, :-1].abs().max() < 2e-3
+    with pytest.raises(ValueError, match=r"a scene and a state with the batch axes \(2,\) and"):
+        tb.plot.shape(state.map(lambda x: torch.stack([x[0]] * 3)), plane="xz", scene=touching)
+
+
+@pytest.mark.parametrize("three", [False, True])
+@pytest.mark.parametrize("own", [("x",), ("z",), ("x", "z")])
+def test_limits_that_are_set_stay(own, three):
+    """Of each coordinate by itself; the others have room for beams and bodies, not much more."""
+    scene = standing_ball()
+    ax = tb.plot.axes(three=three)
+    if not three:
+        own = ["y" if name == "z" else name for name in own]
+    ax.set(**{f"{name}lim": (-0.5, 1.7) for name in own})
+    tb.plot.shape(tb.rest(scene), ax, plane=None if three else "xz", scene=scene)
+    reach = {"x": (0.0, 1.0), "y": (-0.1, 0.1), "z": (-0.1, 0.144)}
+    for name in ("x", "y", "z") if three else ("x", "y"):
+        low, high = getattr(ax, f"get_{name}lim")()
+        first, last = reach["z" if name == "y" and not three else name]
+        if name in own:
+            assert (low, high) == (-0.5, 1.7)
+        else:
+            assert low <= first and last <= high and high - low < 1.6
+
+
 def test_a_film_of_what_is_solid(tmp_path):
     """Of a motion and of equilibria one after the other: it moves, within limits that are set; what
     is beside it is called with each place.
