@@ -176,6 +176,8 @@ TASK_BUDGETS: dict[tuple[str, str], int] = {
     ("shac", "flutter-uncertain"): 150_000,
     ("shac", "reach-3d"): 150_000,
     ("shac", "track-3d"): 150_000,
+    ("ppo", "reach-3d"): 400_000,
+    ("ppo", "track-3d"): 400_000,
 }
 
 
