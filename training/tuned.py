@@ -170,11 +170,15 @@ BUDGETS = {
     "sb3-sac": 20_000,
     "skrl-ppo": 300_000,
 }
-# by (algorithm, task), where a task wants others
+# by (algorithm, task), where a task wants others; in space a step takes two to three times as long
 TASK_BUDGETS: dict[tuple[str, str], int] = {
     ("ppo", "reach"): 800_000,  # its updates are larger, and as many
     ("ppo", "slew-uncertain"): 800_000,  # learned slowly, to the end of as many
+    ("ppo", "reach-3d"): 400_000,
+    ("ppo", "track-3d"): 250_000,
     ("shac", "flutter-uncertain"): 150_000,  # later, strips are shaken that were held
+    ("shac", "reach-3d"): 150_000,
+    ("shac", "track-3d"): 150_000,
 }
 
 
@@ -192,6 +196,9 @@ TAUGHT: dict[str, dict[str, Any]] = {
     "flutter": dict(teacher="LQR(effort=0.003, speed_weight=0.01, schedule=3)", linear=True),
     "slew": dict(teacher="JointLQR(effort=1.0, speed_weight=0.01)", linear=True),
     "track": dict(teacher="MPC", linear=True),
+    "track-3d": dict(  # eight lessons of MPC would take as long as the whole run
+        teacher="LQR(effort=0.001, speed_weight=0.01, schedule=3)", linear=True
+    ),
     "flutter-uncertain": dict(
         teacher="LQR(effort=3.0, speed_weight=0.1, latency=2, schedule=3)", linear=True
     ),
@@ -201,6 +208,9 @@ PPO: dict[str, dict[str, Any]] = {
     "reach": dict(
         **TAUGHT["reach"], lessons=3, num_envs=128, horizon=25, gain=1.4, deviation=0.1
     ),  # more data an update, or what was taught is lost
+    "reach-3d": dict(
+        **TAUGHT["reach"], lessons=3, num_envs=128, horizon=25, gain=1.4, deviation=0.1
+    ),
     "flutter": dict(**TAUGHT["flutter"], lessons=5, rate=1e-4, deviation=0.05),
     "slew": dict(**TAUGHT["slew"], lessons=5, rate=3e-4, deviation=0.05),
     "slew-uncertain": dict(num_envs=32, horizon=50, rate=2e-3),
@@ -211,7 +221,8 @@ SAC: dict[str, dict[str, Any]] = {}
 SHAC: dict[str, dict[str, Any]] = {
     "reach": dict(**TAUGHT["reach"], lessons=4, rate=5e-3, deviation=0.1),
     "track": dict(**TAUGHT["track"], lessons=8, rate=3e-3, reward_scale=1.0, deviation=0.03),
-    "track-3d": dict(reward_scale=1.0, deviation=0.1),
+    "reach-3d": dict(**TAUGHT["reach"], lessons=4, rate=5e-3, deviation=0.1),
+    "track-3d": dict(**TAUGHT["track-3d"], lessons=8, rate=3e-3, reward_scale=1.0, deviation=0.03),
     "flutter": dict(**TAUGHT["flutter"], lessons=4, rate=2e-3, reward_scale=10.0, deviation=0.05),
     "flutter-uncertain": dict(**TAUGHT["flutter-uncertain"], lessons=24, rate=3e-3, deviation=0.1),
     "slew": dict(**TAUGHT["slew"], lessons=4, rate=3e-3, deviation=0.1),
