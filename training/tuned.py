@@ -157,6 +157,14 @@ TASKS["peg"] = Task(  # parts of a step that fails are made by torch operations:
     hold=25,
 )
 
+# published tasks, in their own numbers: returns can be laid beside each other
+FOLLOW: dict[str, Any] = dict(tolerance=0.1)
+TASKS["follow"] = Task("follow", "torchbeam/FollowTargetPlanar-v0", **FOLLOW)
+TASKS["follow-3d"] = Task("follow-3d", "torchbeam/FollowTarget-v0", **FOLLOW)
+PUBLISHED = ("follow", "follow-3d")
+# validations in a run, at equal distances; of other tasks, whose episodes are shorter, see `watch`
+EVENLY = dict.fromkeys(PUBLISHED, 20)
+
 # what the results table is made for unless tasks are named
 NOMINAL = ("reach", "track", "flutter", "slew", "payload")
 DEFAULT = (*NOMINAL, *(f"{name}-uncertain" for name in NOMINAL))
