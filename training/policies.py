@@ -21,6 +21,7 @@ from torch import Tensor, nn
 from torchbeam.extend.commands import save as save_file
 
 ACTIVATIONS = {"tanh": nn.Tanh, "elu": nn.ELU}
+GAIN = 2**0.5  # of hidden layers
 LIMIT = 10.0  # standard deviations; normalised observations are clipped there
 
 
@@ -68,6 +69,7 @@ class Policy(nn.Module):
                 stays that of the normal: for likelihood ratios)
     deviation   of the normal at the start
     linear      whether the network has a linear `Shortcut`: most of what linear controllers teach
+    gain        of the hidden layers' orthogonal weights at the start
 
     Calling it gives the most likely action, numpy for numpy and torch for torch, without noise,
     within [-1, 1].
@@ -81,13 +83,14 @@ class Policy(nn.Module):
         activation: str = "tanh",
         deviation: float = 0.5,
         linear: bool = False,
+        gain: float = GAIN,
         dtype: torch.dtype = torch.float32,
     ) -> None:
         super().__init__()
         self.shape = dict(sizes=list(sizes), squash=squash, activation=activation, linear=linear)
         self.squash = squash
         self.statistics = Statistics(sizes[0])
-        layers = network(sizes, activation, last=0.01)
+        layers = network(sizes, activation, last=0.01, gain=gain)
         self.network = (Shortcut(layers) if linear else layers).to(dtype)
         self.log_deviation = nn.Parameter(
             torch.full((sizes[-1],), float(np.log(deviation)), dtype=dtype)
@@ -132,23 +135,30 @@ class Value(nn.Module):
     """The return that follows from a normalised observation (..., o): (...)."""
 
     def __init__(
-        self, sizes: Sequence[int], *, activation: str = "tanh", dtype: torch.dtype = torch.float32
+        self,
+        sizes: Sequence[int],
+        *,
+        activation: str = "tanh",
+        gain: float = GAIN,
+        dtype: torch.dtype = torch.float32,
     ) -> None:
         super().__init__()
-        self.network = network((*sizes, 1), activation).to(dtype)
+        self.network = network((*sizes, 1), activation, gain=gain).to(dtype)
 
     def forward(self, x: Tensor) -> Tensor:
         return self.network(x.to(self.network[0].weight.dtype))[..., 0]
 
 
-def network(sizes: Sequence[int], activation: str, last: float = 1.0) -> nn.Sequential:
-    """Dense layers with orthogonal weights, gain sqrt(2), and `last` in the last; no activation
+def network(
+    sizes: Sequence[int], activation: str, last: float = 1.0, gain: float = GAIN
+) -> nn.Sequential:
+    """Dense layers with orthogonal weights of this gain, and `last` in the last; no activation
     after that.
     """
     layers: list[nn.Module] = []
     for i, (a, b) in enumerate(pairwise(sizes)):
         layer = nn.Linear(a, b)
-        nn.init.orthogonal_(layer.weight, last if i == len(sizes) - 2 else 2**0.5)
+        nn.init.orthogonal_(layer.weight, last if i == len(sizes) - 2 else gain)
         nn.init.zeros_(layer.bias)
         layers += [layer, ACTIVATIONS[activation]()]
     return nn.Sequential(*layers[:-1])

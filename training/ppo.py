@@ -23,13 +23,15 @@ from .tuned import Task
 class Arguments:
     seed: int = 0
     """of the networks, the noise and the episodes"""
-    num_envs: int = 128
+    num_envs: int = 64
     """sub-environments"""
-    horizon: int = 25
+    horizon: int = 32
     """control intervals between two updates"""
     hidden: tuple[int, ...] = (64, 64)
     """units of the hidden layers, of the policy and of the value"""
-    rate: float = 2e-3
+    gain: float = 0.6
+    """of the weights of hidden layers at the start: networks begin almost linear"""
+    rate: float = 1e-3
     """of Adam at the start; falls to a tenth at the end of the budget"""
     discount: float = 0.99
     """of the return, a control interval"""
@@ -46,9 +48,9 @@ class Arguments:
     entropy: float = 0.0
     """weight of the entropy bonus"""
     value_weight: float = 0.5
-    """weight of the value's squared error"""
+    """weight of the value's squared error, of normalised returns"""
     gradient_norm: float = 0.5
-    """gradients are scaled down to this norm"""
+    """gradients of the policy, and those of the value, are scaled down to this norm"""
     deviation: float = 0.5
     """standard deviation of the actions at the start"""
     output: str = "numpy"
@@ -66,8 +68,8 @@ class Arguments:
 
 
 class PPO:
-    """Clipped surrogate, generalised advantages, observations and rewards normalised by running
-    statistics.
+    """Clipped surrogate, generalised advantages, observations and the value's targets normalised
+    by running statistics.
 
     The end of an episode by the time limit is not an end of the task: its last value is
     bootstrapped from the observation before the reset. Actions outside [-1, 1] are clipped by the
@@ -85,15 +87,17 @@ class PPO:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(a.seed)
             self.policy = Policy(
-                (inputs, *a.hidden, actions), squash=False, deviation=a.deviation, linear=a.linear
+                (inputs, *a.hidden, actions),
+                squash=False,
+                deviation=a.deviation,
+                linear=a.linear,
+                gain=a.gain,
             )
-            self.value = Value((inputs, *a.hidden))
-        self.parameters = [*self.policy.parameters(), *self.value.parameters()]
-        self.optimizer = torch.optim.Adam(self.parameters, a.rate, eps=1e-5, fused=True)
+            self.value = Value((inputs, *a.hidden), gain=a.gain)
+        groups = [{"params": network.parameters()} for network in (self.policy, self.value)]
+        self.optimizer = torch.optim.Adam(groups, a.rate, eps=1e-5, fused=True)
         self.generator = torch.Generator().manual_seed(a.seed)
-        # of the discounted sums of rewards: their deviation scales the rewards
-        self.returns = Statistics(1)
-        self.running = torch.zeros(a.num_envs, dtype=torch.float64)
+        self.returns = Statistics(1)  # of the value's targets
         self.observation = torch.as_tensor(self.env.reset(seed=training_seed(a.seed))[0])
         self.imitation = (
             Imitation(self.env, self.policy, a.teacher, a.lessons) if a.teacher else None
@@ -122,9 +126,6 @@ class PPO:
                 if over.any()
                 else after
             )
-            self.running = self.running * self.arguments.discount + reward
-            self.returns.update(self.running)
-            self.running = torch.where(over, 0.0, self.running)
             rows.append(
                 dict(
                     observation=self.observation,
@@ -141,11 +142,13 @@ class PPO:
 
     @torch.no_grad()
     def advantages(self, data: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
-        """(advantages, targets of the value), (horizon, n)."""
+        """(advantages, normalised targets of the value), (horizon, n)."""
         a, see = self.arguments, self.policy.statistics
-        reward = (data["reward"] / (self.returns.variance + 1e-8).sqrt()).float()
-        value, after = self.value(see(data["observation"])), self.value(see(data["next"]))
-        surprise = reward + a.discount * torch.where(data["terminated"], 0.0, after) - value
+        value, after = (
+            self.value(see(data[name])) * self.returns.variance.sqrt() + self.returns.mean
+            for name in ("observation", "next")
+        )
+        surprise = data["reward"] + a.discount * torch.where(data["terminated"], 0.0, after) - value
         advantage, rows = torch.zeros_like(surprise[0]), []
         for k in reversed(range(a.horizon)):
             advantage = surprise[k] + a.discount * a.trace * torch.where(
@@ -153,7 +156,10 @@ class PPO:
             )
             rows.append(advantage)
         advantage = torch.stack(rows[::-1])
-        return advantage, advantage + value
+        target = (advantage + value)[..., None]
+        self.returns.update(target)
+        advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
+        return advantage.float(), self.returns(target)[..., 0].float()
 
     def iteration(self, done: float) -> dict[str, float]:
         a = self.arguments
@@ -177,7 +183,6 @@ class PPO:
                     distribution.log_prob(data["action"][rows]).sum(-1) - data["likelihood"][rows]
                 )
                 ratio, gain = change.exp(), advantage[rows]
-                gain = (gain - gain.mean()) / (gain.std() + 1e-8)
                 better = torch.minimum(
                     ratio * gain, ratio.clamp(1 - a.clip, 1 + a.clip) * gain
                 ).mean()
@@ -187,10 +192,7 @@ class PPO:
                     + a.value_weight * error
                     - a.entropy * distribution.entropy().sum(-1).mean()
                 )
-                self.optimizer.zero_grad()
-                loss.backward()
-                nn.utils.clip_grad_norm_(self.parameters, a.gradient_norm)
-                self.optimizer.step()
+                self.descend(loss)
                 gone = ((ratio - 1) - change).mean().item()  # Schulman's estimate of the divergence
             passes += 1
             if gone > a.divergence:
@@ -203,6 +205,16 @@ class PPO:
             "deviation": self.policy.log_deviation.exp().mean().item(),
         }
 
+    def descend(self, loss: Tensor) -> None:
+        """A step of Adam. The value's gradient may be far the greater, and takes nothing from the
+        policy's.
+        """
+        self.optimizer.zero_grad()
+        loss.backward()
+        for group in self.optimizer.param_groups:
+            nn.utils.clip_grad_norm_(group["params"], self.arguments.gradient_norm)
+        self.optimizer.step()
+
     def imitate(self, lesson: Imitation) -> dict[str, float]:
         """An iteration that is a lesson."""
         data = self.collect(lesson)
@@ -214,10 +226,7 @@ class PPO:
                 self.arguments.minibatches
             ):
                 error = (self.value(seen[rows]) - target[rows]).square().mean()
-                self.optimizer.zero_grad()
-                error.backward()
-                nn.utils.clip_grad_norm_(self.parameters, self.arguments.gradient_norm)
-                self.optimizer.step()
+                self.descend(error)
         return {"imitation_error": gap, "value_error": error.item()}
 
     def state_dict(self) -> dict[str, Any]:
@@ -227,7 +236,6 @@ class PPO:
             "optimizer": self.optimizer.state_dict(),
             "generator": self.generator.get_state(),
             "returns": self.returns.state_dict(),
-            "running": self.running,
             "environment": environment_state(self.env),
             "imitation": self.imitation and self.imitation.state_dict(),
         }
@@ -236,7 +244,6 @@ class PPO:
         for name in ("policy", "value", "optimizer", "returns"):
             getattr(self, name).load_state_dict(state[name])
         self.generator.set_state(state["generator"])
-        self.running = state["running"]
         self.observation = torch.as_tensor(restore_environment(self.env, state["environment"]))
         if self.imitation is not None:
             self.imitation.load_state_dict(state["imitation"])
