@@ -4,7 +4,7 @@ episodes, and on held-out plants outside of the training range.
     python -m training.results --out out/results       # the study, `PLAN`
     python -m training.results --out out/quick --quick # two tasks, three seeds, seconds each
 
-The whole study is NNN runs and takes four to five CPU hours, so that two cores make it in three
+The whole study is 458 runs and takes four to five CPU hours, so that two cores make it in three
 (SHAC, PPO and SAC 10 seeds on five tasks at two levels; SHAC and PPO 5 seeds on two in space;
 SHAC 10, PPO and SAC 3 seeds on two published ones; stable-baselines3 and skrl 3 seeds on four;
 baselines once each). Budgets are environment steps, by
