@@ -182,7 +182,7 @@ BUDGETS = {
 TASK_BUDGETS: dict[tuple[str, str], int] = {
     ("shac", "flutter-uncertain"): 150_000,
     ("shac", "follow"): 400_000,
-    ("shac", "follow-3d"): 400_000,
+    ("shac", "follow-3d"): 300_000,
 }
 
 
@@ -205,9 +205,9 @@ TAUGHT: dict[str, dict[str, Any]] = {
     ),
 }
 # by the Jacobian of the arm as it stands; without lessons 20 s go by before the return is positive
-FOLLOWING: dict[str, Any] = dict(
-    teacher="ResolvedRate", lessons=24, linear=True, num_envs=64, discount=0.95, deviation=0.1
-)
+FOLLOWING: dict[str, Any] = dict(teacher="ResolvedRate", linear=True, discount=0.95, deviation=0.1)
+# the published reward has bonuses by steps, through which no gradient goes
+SMOOTH: dict[str, Any] = dict(num_envs=64, reward_scale=0.3, smooth=0.03)
 # chosen by validation episodes of one to three runs of 12 to 40 CPU seconds
 PPO: dict[str, dict[str, Any]] = {
     "reach": dict(**TAUGHT["reach"], lessons=3, rate=1e-3, deviation=0.1),
@@ -229,8 +229,8 @@ SHAC: dict[str, dict[str, Any]] = {
     "grip": dict(**GRASPING, horizon=25, rate=2e-3),
     "grip-3d": dict(**GRASPING, horizon=25, rate=2e-3),
     "peg": dict(teacher="Insert", lessons=8, num_envs=32, deviation=0.1, rate=2e-3),
-    "follow": dict(**FOLLOWING, horizon=16, rate=2e-3, reward_scale=0.3, smooth=0.03),
-    "follow-3d": dict(**FOLLOWING, horizon=16, rate=2e-3, reward_scale=0.3, smooth=0.03),
+    "follow": dict(**FOLLOWING, **SMOOTH, lessons=12, horizon=32, rate=3e-3),
+    "follow-3d": dict(**FOLLOWING, **SMOOTH, lessons=24, horizon=16, rate=2e-3),
 }
 SB3: dict[str, dict[str, dict[str, Any]]] = {}
 SKRL: dict[str, dict[str, Any]] = {}
