@@ -171,7 +171,7 @@ DEFAULT = (*NOMINAL, *(f"{name}-uncertain" for name in NOMINAL))
 
 # environment steps of a run by algorithm: 10 to 25 CPU seconds of an idle core
 BUDGETS = {
-    "ppo": 800_000,
+    "ppo": 500_000,
     "sac": 30_000,
     "shac": 300_000,
     "sb3-ppo": 200_000,
@@ -210,11 +210,11 @@ FOLLOWING: dict[str, Any] = dict(teacher="ResolvedRate", linear=True, discount=0
 SMOOTH: dict[str, Any] = dict(num_envs=64, reward_scale=0.3, smooth=0.03)
 # chosen by validation episodes of one to three runs of 12 to 40 CPU seconds
 PPO: dict[str, dict[str, Any]] = {
-    "reach": dict(**TAUGHT["reach"], lessons=3, rate=1e-3, deviation=0.1),
-    "flutter": dict(**TAUGHT["flutter"], lessons=3, rate=5e-4, deviation=0.05),
-    "slew": dict(**TAUGHT["slew"], lessons=3, rate=1e-3, deviation=0.1),
+    "reach": dict(**TAUGHT["reach"], lessons=5, rate=3e-4, deviation=0.1),
+    "flutter": dict(**TAUGHT["flutter"], lessons=5, rate=1e-4, deviation=0.05),
+    "slew": dict(**TAUGHT["slew"], lessons=5, rate=3e-4, deviation=0.05),
     "slew-uncertain": dict(num_envs=32, horizon=50),
-    "grip": dict(**GRASPING, rate=5e-4),
+    "grip": dict(**GRASPING, horizon=25, rate=5e-4),
 }
 SAC: dict[str, dict[str, Any]] = {}
 # rewards that become small are scaled up: else the critic's errors hide them

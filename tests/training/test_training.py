@@ -174,6 +174,38 @@ def test_learns(name, settings):
     assert evaluate(TINY, one.policy, 16)["return"] > 0.9 * before
 
 
+def test_the_value_takes_nothing_from_the_step_of_the_policy():
+    """Gradients are scaled down to a norm, those of PPO's policy and value each by itself: a
+    thousand times the value's weight makes the same policy.
+    """
+    light, heavy = (learner("ppo", value_weight=weight) for weight in (0.5, 500.0))
+    for one in (light, heavy):
+        one.iteration(0.0)
+    for a, b in zip(light.policy.parameters(), heavy.policy.parameters(), strict=True):
+        assert torch.equal(a, b)
+    assert not torch.equal(light.value.network[0].weight, heavy.value.network[0].weight)
+
+
+def test_what_the_value_of_ppo_learns_is_normalised_and_means_returns():
+    """Rewards of -1000 and more a step: targets of mean 0 and variance 1, and what is made of them
+    again is the return, of one step where the discount is 0.
+    """
+    one = learner("ppo", discount=0.0)
+    data = one.collect()
+    data["reward"] = 300 * data["reward"] - 1000
+    advantage, target = one.advantages(data)
+    for x in (advantage, target):
+        assert x.mean().item() == pytest.approx(0, abs=1e-3)
+        assert x.var(correction=0).item() == pytest.approx(1, rel=0.05)
+    again = target * one.returns.variance.sqrt() + one.returns.mean
+    torch.testing.assert_close(again, data["reward"].double(), rtol=1e-5, atol=0)
+    one.value = lambda seen: torch.zeros(seen.shape[:-1])  # the mean of all returns
+    expected = data["reward"] - data["reward"].mean()
+    torch.testing.assert_close(
+        one.advantages(data)[0], (expected / expected.std()).float(), rtol=1e-3, atol=1e-3
+    )
+
+
 @pytest.mark.parametrize("name", ["ppo", "shac"])
 def test_lessons_make_a_policy_like_its_teacher(name):
     """Six windows: on held-out episodes it then loses less than a quarter of what lies between no
