@@ -52,13 +52,19 @@ def report(out: Path) -> str:
             writer.writeheader()
             writer.writerows(lines)
     failed = sorted(path.stem for path in (out / "runs").glob("*.failed"))
+    own = [row for row in compared if row["algorithm"] in OWN]
     parts = {
         "summary": grid([row for row in lines if row["task"] not in PUBLISHED], CONTROLLERS),
         "outside": grid(lines, CONTROLLERS, "outside_"),
         "libraries": grid(lines, ("ppo", "sb3-ppo", "skrl-ppo", "sac", "sb3-sac"), of=LIBRARIES),
         "aggregate": aggregate(scores),
-        "ahead": ahead([row for row in compared if row["algorithm"] in OWN]),
-        "published": published([row for row in lines if row["task"] in PUBLISHED]),
+        "ahead": ahead([row for row in own if row["level"] in LEVELS]),
+        "published": "\n\n".join(
+            (
+                published([row for row in lines if row["task"] in PUBLISHED]),
+                ahead([row for row in own if row["level"] not in LEVELS]),
+            )
+        ),
     }
     for name, part in parts.items():
         (out / f"{name}.md").write_text(f"{part}\n\n{sentence(heading)}\n")

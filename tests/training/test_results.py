@@ -295,7 +295,8 @@ def test_published_tasks_have_a_table_of_their_own(tmp_path):
     assert "| of the time within 0.1 m | within 0.05 m | within 0.1 m at the end |" in own
     assert "| follow | SHAC | 450 [400, 500] | 75 % | 25 % | 50 % | 1,000 | 9 s | 2 |" in own
     assert "| follow | no action | -150 | 75 % | 25 % | 50 % |  |  |  |" in own
-    assert "| track" not in own
+    assert "| published | SHAC | PPO | 1 | 100 % |" in own and "| track" not in own
+    assert "published" not in (tmp_path / "ahead.md").read_text()
     assert "follow" not in (tmp_path / "summary.md").read_text()
     made = json.loads((tmp_path / "results.json").read_text())
     assert {(row["level"], row["algorithm"], row["tasks"]) for row in made["aggregates"]} == {
