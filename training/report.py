@@ -200,8 +200,8 @@ def published(lines: Sequence[Row]) -> str:
         )
         found.append((name, LABELS[algorithm], *cells))
     near = 1.0 if not lines else TASKS[lines[0]["task"]].tolerance
-    head = ("task", "controller", "return", f"of the time within {near:g} m")
-    head += (f"within {near / 2:g} m", f"within {near:g} m at the end")
+    head = ("task", "controller", "return", f"time within {near:g} m")
+    head += (f"time within {near / 2:g} m", f"within {near:g} m at the end")
     return table((*head, "env steps", "training", "seeds"), found, words=2)
 
 

@@ -292,7 +292,7 @@ def test_published_tasks_have_a_table_of_their_own(tmp_path):
             (tmp_path / "runs" / f"{name}.csv").write_text(log)
     report.report(tmp_path)
     own = (tmp_path / "published.md").read_text()
-    assert "| of the time within 0.1 m | within 0.05 m | within 0.1 m at the end |" in own
+    assert "| time within 0.1 m | time within 0.05 m | within 0.1 m at the end |" in own
     assert "| follow | SHAC | 450 [400, 500] | 75 % | 25 % | 50 % | 1,000 | 9 s | 2 |" in own
     assert "| follow | no action | -150 | 75 % | 25 % | 50 % |  |  |  |" in own
     assert "| published | SHAC | PPO | 1 | 100 % |" in own and "| track" not in own
