@@ -97,6 +97,7 @@ def picture(out: Path, runs: list[Run], file: str, names: list[str]) -> None:
                 lines |= dict(zip(labels, handles, strict=True))
                 if name in PUBLISHED:
                     ax.set_title(f"{name}: return on validation episodes")
+                    ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
                     continue
                 ax.set(
                     yscale="log",
