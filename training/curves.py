@@ -161,9 +161,5 @@ def _cost(value: Any) -> Any:
     return np.maximum(-np.asarray(value), 1e-6)
 
 
-def _as_it_is(value: Any) -> Any:
-    return value
-
-
 # of cost and of the return of published tasks: what is averaged over seeds, and back
-_SCALES = {False: (lambda value: np.log(_cost(value)), np.exp), True: (_as_it_is, _as_it_is)}
+_SCALES = {False: (lambda value: np.log(_cost(value)), np.exp), True: (np.asarray, np.asarray)}
