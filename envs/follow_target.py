@@ -20,15 +20,18 @@ STREAM = 0x3C6EF372FE94F82A  # by which a key's numbers are not those of the sen
 
 @dataclass(frozen=True, kw_only=True)
 class FollowTargetConfig(ManipulatorConfig):
-    """speed (m/s), turns: see `FollowTargetVectorEnv`; the rest as in `ManipulatorConfig`."""
+    """speed (m/s), turns, smooth (m): see `FollowTargetVectorEnv`; the rest as in
+    `ManipulatorConfig`.
+    """
 
     speed: float = 0.5
     turns: float = 0.025
+    smooth: float = 0.0
     max_episode_steps: int | None = 500
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.check_numbers("speed", least=0.0)
+        self.check_numbers("speed", "smooth", least=0.0)
         self.check_numbers("turns", least=0.0, most=1.0)
 
 
@@ -91,8 +94,12 @@ class FollowTarget(Manipulator):
         return {"distance": distance(now.target[:, 0], now.beam.position[:, -1])}
 
     def cost(self, now: Episodes) -> Tensor:
-        d = now.measures["distance"]
-        bonus = torch.where(d < NEAR, 2.0, torch.where(d < 2 * NEAR, 0.5, 0.0))
+        d, width = now.measures["distance"], self.config.smooth
+        if width:
+            bonus = 1.5 * torch.sigmoid((NEAR - d) / width)
+            bonus = bonus + 0.5 * torch.sigmoid((2 * NEAR - d) / width)
+        else:
+            bonus = torch.where(d < NEAR, 2.0, torch.where(d < 2 * NEAR, 0.5, 0.0))
         return d.square() - bonus
 
 
@@ -132,7 +139,10 @@ class FollowTargetVectorEnv(BeamVectorEnv):
     ## Reward
     Per interval, with d (m) the distance from the tip to the target, both at its end:
         - d^2, + 2 where d < 0.05, + 0.5 where 0.05 <= d < 0.1
-    Its gradient is that of - d^2. failure_reward = -10 in an interval in which the solver fails.
+    Its gradient is that of - d^2. With smooth > 0 the steps are logistic functions of that width,
+    1.5 / (1 + exp((d - 0.05) / smooth)) + 0.5 / (1 + exp((d - 0.1) / smooth)), whose gradient leads
+    to the bonuses: to learn with, not to be scored by. failure_reward = -10 in an interval in which
+    the solver fails.
 
     ## Starting state
     Upright, at rest under gravity. The target's place is uniform in the box, |x|, |y| < 0.6 and
@@ -154,6 +164,7 @@ class FollowTargetVectorEnv(BeamVectorEnv):
     radius, young, density  m, Pa, kg/m^3: 0.05, 1e7, 1000
     change, bend            rad: 0.05 and 2, see above
     speed                   m/s, 0.5;  turns  0.025, the probability of a new direction
+    smooth                  m, 0: width of the bonuses' steps, see Reward
 
     "torchbeam/FollowTargetPlanar-v0" is this with planar=True, as published: the plane x-z, five
     actions and 49 observations; the target's velocity is 0.5 (cos a sin b, cos b).

@@ -16,13 +16,14 @@ from torchbeam_envs.baselines import (
     JointLQG,
     JointLQR,
     Optimum,
+    ResolvedRate,
     Static,
     Zero,
     search,
 )
 
 from .evaluate import evaluate, make
-from .tuned import TRAINING, Task
+from .tuned import PUBLISHED, TRAINING, Task
 
 EPISODES = 16  # that tuning looks at
 SETS = 24  # of gains in a round of the search
@@ -139,4 +140,13 @@ BASELINES: dict[str, Callable[[Task], Controller]] = {
     "mpc": lambda task: MPC(make(task, 1)),
     "mpc-informed": lambda task: MPC(make(task, 1), informed=True),
     "optimum": optimum,
+    "resolved-rate": lambda task: ResolvedRate(make(task, 1)),
 }
+LEADING = ("zero", "resolved-rate")  # of `PUBLISHED` tasks, whose actions hold no beam
+
+
+def applies(algorithm: str, task: str) -> bool:
+    """Whether there is such a baseline for the task; any learner is."""
+    if task in PUBLISHED:
+        return algorithm in LEADING or algorithm not in BASELINES
+    return algorithm != "resolved-rate"

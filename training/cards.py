@@ -59,7 +59,7 @@ def cards(folder: Path) -> str:
         outside = scores.get("outside")
         beyond = f"{outside['return']:.3g}, {100 * outside['success']:.0f} %" if outside else ""
         lines.append(
-            f"| `{path.name}` | `{about['env']}`: {arguments} | "
+            f"| `{path.name}` | `{about['env']}`{': ' if arguments else ''}{arguments} | "
             f"{path.stem.rpartition('-')[2].upper()}, {hidden} | {scores['chosen_steps']:,} of "
             f"{scores['steps']:,} steps in {scores['seconds']:.0f} CPU s | "
             f"{scores['return']:.3g} ± {scores['return_deviation']:.2g} | "

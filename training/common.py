@@ -26,7 +26,7 @@ from torchbeam.extend.commands import save as save_file
 
 from .evaluate import EPISODES, evaluate, make, scores
 from .policies import Policy, read, save
-from .tuned import TASKS, TRAINING, Task, budget, task_named
+from .tuned import EVENLY, TASKS, TRAINING, Task, budget, task_named
 from .watch import EVERY, VALIDATIONS, Bar, Budget, Log, validation
 
 # of a checkpoint
@@ -69,18 +69,22 @@ def train(
 
     A run whose checkpoint is there, of the same settings and budget, goes on from it. With a budget
     of steps alone, it then ends in the same bits as a run that was never stopped. About every
-    `every` steps, and more often at first, the policy is scored on `episodes` validation episodes
-    and a checkpoint is written; the time that takes is not in `seconds`, the CPU seconds of this
-    process: what else the machine does is not in them, and those of a run that goes on add up. The
-    policy of the best such score is the one that is saved, in float64, and scored on `final`
-    held-out episodes, which choose nothing: `chosen_steps` says when it was met, `last_return` is
-    that of the last policy.
+    `every` steps, and more often at first (or as `tuned.EVENLY` says), the policy is scored on
+    `episodes` validation episodes and a checkpoint is written; the time that takes is not in
+    `seconds`, the CPU seconds of this process: what else the machine does is not in them, and those
+    of a run that goes on add up. The policy of the best such score is the one that is saved, in
+    float64, and scored on `final` held-out episodes, which choose nothing: `chosen_steps` says when
+    it was met, `last_return` is that of the last policy.
 
     Raises ValueError for a folder that cannot be written, and for a checkpoint that is damaged, of
     another release, does not fit the learner, or holds more than tensors and plain data: nothing in
     it is ever run.
     """
-    folder, each = writable_folder(folder, parents=True), max(1, round(every / learner.batch))
+    folder, evenly = writable_folder(folder, parents=True), EVENLY.get(task.name)
+    if evenly and budget.steps:
+        every = budget.steps // evenly
+    each = max(1, round(every / learner.batch))
+    least = each if evenly else 1
     checkpoint, log = folder / f"{name}.checkpoint", Log(folder / f"{name}.csv")
     iteration, steps, seconds, judge, best = 0, 0, 0.0, make(task, episodes), Best()
     settings = {**vars(learner.arguments), "budget": vars(budget)}
@@ -108,7 +112,7 @@ def train(
             seconds += time.process_time() - start
             iteration, steps = iteration + 1, steps + learner.batch
             over = budget.done(steps, seconds)
-            if iteration % max(1, min(each, iteration // 8)) == 0 or over >= 1:
+            if iteration % max(least, min(each, iteration // 8)) == 0 or over >= 1:
                 found = validation(task, learner.policy, judge)
                 best = best.after(found, steps, learner.policy)
                 log.write(

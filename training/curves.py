@@ -10,7 +10,7 @@ import numpy as np
 
 from .statistics import estimate, interquartile_mean
 from .table import CURVE, LABELS, Run
-from .tuned import TASKS
+from .tuned import PUBLISHED, TASKS
 
 WIDE = 1e3  # ratio of costs from which powers of ten alone are labelled
 LEAST = 3  # seeds for a band; the curve of each is thin
@@ -31,6 +31,7 @@ STYLES = {
     "mpc": (0, (4, 1, 1, 1, 1, 1)),
     "mpc-informed": (0, (12, 8)),
     "optimum": "-",
+    "resolved-rate": "--",
 }
 
 
@@ -46,18 +47,24 @@ def curve(folder: Path, run: Run) -> dict[str, np.ndarray] | None:
     }
 
 
-def picture(out: Path, runs: list[Run]) -> None:
+def pictures(out: Path, runs: list[Run]) -> None:
+    """curves.png and, of published tasks, published.png, where there is anything to be seen."""
+    learned = {run["task"] for run in runs if run["seconds"] is not None}
+    ours = [name for name in TASKS if name in learned and name not in PUBLISHED]
+    published = [name for name in PUBLISHED if name in learned]
+    for file, names in (("curves.png", ours), ("published.png", published)):
+        if names:
+            picture(out, runs, file, names)
+
+
+def picture(out: Path, runs: list[Run], file: str, names: list[str]) -> None:
     """Cost (minus the return on validation episodes) against steps and against training time, one
     row a task, logarithmic: the interquartile mean over seeds of its logarithm with a 95 % band,
-    from three seeds on, and each seed.
+    from three seeds on, and each seed. Of published tasks the return itself, which may be positive.
     """
     import matplotlib.pyplot as plt
     from matplotlib.ticker import LogLocator, NullLocator
 
-    learned = {run["task"] for run in runs if run["seconds"] is not None}
-    names = [name for name in TASKS if name in learned]
-    if not names:
-        return
     with plt.rc_context(
         {
             "font.size": 9,
@@ -83,29 +90,33 @@ def picture(out: Path, runs: list[Run]) -> None:
             ):
                 levels = _levels(ax, here)
                 levels += _curves(ax, out, here, axis, unit)
+                ax.set(xscale="log", xlabel=label if name == names[-1] else "")
+                ax.xaxis.set_minor_formatter("")
+                ax.xaxis.set_major_formatter("{x:g}")
+                handles, labels = ax.get_legend_handles_labels()
+                lines |= dict(zip(labels, handles, strict=True))
+                if name in PUBLISHED:
+                    ax.set_title(f"{name}: return on validation episodes")
+                    ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+                    continue
                 ax.set(
-                    xscale="log",
                     yscale="log",
-                    xlabel=label if name == names[-1] else "",
                     ylim=(min(levels) / 1.3, max(levels) * 1.3),
                     title=f"{name}: cost (- return) on validation episodes",
                 )
-                ax.xaxis.set_minor_formatter("")
-                ax.xaxis.set_major_formatter("{x:g}")
                 wide = max(levels) > WIDE * min(levels)
                 ax.yaxis.set_major_locator(LogLocator(subs=(1,) if wide else (1, 2, 5)))
                 ax.yaxis.set_major_formatter("{x:g}")
                 ax.yaxis.set_minor_locator(NullLocator())
-                handles, labels = ax.get_legend_handles_labels()
-                lines |= dict(zip(labels, handles, strict=True))
         figure.legend(lines.values(), lines, loc="outside upper center", ncols=4, fontsize=8)
-        figure.savefig(out / "curves.png", dpi=100)
+        figure.savefig(out / file, dpi=100)
         plt.close(figure)
 
 
 def _curves(ax: Any, out: Path, runs: list[Run], axis: str, unit: float) -> list[float]:
-    """Draw the learners; returns some of their costs."""
+    """Draw the learners; returns some of their costs (of published tasks, returns)."""
     levels = []
+    there, back = _SCALES[runs[0]["task"] in PUBLISHED]
     for algorithm in dict.fromkeys(run["algorithm"] for run in runs):
         found = [
             one
@@ -116,23 +127,26 @@ def _curves(ax: Any, out: Path, runs: list[Run], axis: str, unit: float) -> list
             continue
         first, last = max(one[axis][1] for one in found), min(one[axis][-1] for one in found)
         x = np.geomspace(first, max(first, last), 200)
-        y = np.array([np.interp(x, one[axis], np.log(_cost(one[CURVE]))) for one in found])
+        y = np.array([np.interp(x, one[axis], there(one[CURVE])) for one in found])
         color = COLORS[algorithm]
-        mean, low, high = np.exp(estimate(interquartile_mean, y.T, resamples=1000))
+        mean, low, high = (back(one) for one in estimate(interquartile_mean, y.T, resamples=1000))
         ax.plot(x / unit, mean, color=color, lw=1.8, label=LABELS[algorithm])
-        ax.plot(x / unit, np.exp(y).T, color=color, lw=0.6, alpha=0.6)
+        ax.plot(x / unit, back(y).T, color=color, lw=0.6, alpha=0.6)
         if len(found) >= LEAST:
             ax.fill_between(x / unit, low, high, color=color, alpha=0.18, lw=0)
-        levels += [np.exp(y).min(), np.exp(y).max()]
+        levels += [back(y).min(), back(y).max()]
     return levels
 
 
 def _levels(ax: Any, runs: list[Run]) -> list[float]:
-    """Draw the baselines as lines across, by the same episodes; returns their costs."""
-    levels = []
+    """Draw the baselines as lines across, by the same episodes; returns their costs (of published
+    tasks, returns).
+    """
+    levels: list[float] = []
     for run in runs:
         if run["algorithm"] in STYLES and CURVE in run:
-            levels.append(float(_cost(run[CURVE])))
+            value = run[CURVE] if run["task"] in PUBLISHED else _cost(run[CURVE])
+            levels.append(float(value))
             ax.axhline(
                 levels[-1],
                 color="0.35",
@@ -145,3 +159,7 @@ def _levels(ax: Any, runs: list[Run]) -> list[float]:
 
 def _cost(value: Any) -> Any:
     return np.maximum(-np.asarray(value), 1e-6)
+
+
+# of cost and of the return of published tasks: what is averaged over seeds, and back
+_SCALES = {False: (lambda value: np.log(_cost(value)), np.exp), True: (np.asarray, np.asarray)}

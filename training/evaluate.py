@@ -46,6 +46,8 @@ def evaluate(
     success          share of the episodes whose error stays within the task's tolerance over its
                      last `hold` steps
     final_error      mean error over these steps (m), and final_error_median over the episodes
+    within           share of all intervals at whose end the error is within the tolerance, and
+                     within_half within half of it: none of those after an early end
     ended            episodes that ended before their time: they are no success, and their error is
                      the last one
     solver_failures  those of them in which a solve failed
@@ -55,11 +57,14 @@ def evaluate(
     if hasattr(controller, "begin"):
         controller.begin(env)
     total = torch.zeros(episodes, dtype=torch.float64)
+    within = torch.zeros(2, dtype=torch.float64)
     errors, failures, over = [], 0, torch.zeros(episodes, dtype=torch.bool)
     while not over.all():
         observation, reward, terminated, truncated, info = env.step(controller(observation))
         total, over = total + reward, terminated | truncated
-        errors.append(info[task.error])
+        errors.append(error := info[task.error])
+        near = torch.stack((error <= task.tolerance, error <= task.tolerance / 2)) & ~terminated
+        within += near.double().mean(-1)
         failures += int(info["solver_failed"].sum())
     last = torch.stack(errors[-task.hold :])
     final = last.mean(0)
@@ -70,6 +75,8 @@ def evaluate(
         "success": success.double().mean().item(),
         "final_error": final.mean().item(),
         "final_error_median": final.median().item(),
+        "within": within[0].item() / len(errors),
+        "within_half": within[1].item() / len(errors),
         "ended": int(terminated.sum()),
         "solver_failures": failures,
         "episodes": episodes,

@@ -11,7 +11,7 @@ from pathlib import Path
 from torchbeam.extend.commands import measured_on, sentence, table
 
 from .cards import policies
-from .curves import curve, picture
+from .curves import curve, pictures
 from .table import (
     LABELS,
     LEARNERS,
@@ -19,12 +19,13 @@ from .table import (
     LIBRARIES,
     LINEAR,
     OWN,
+    SHARES,
     Row,
     aggregates,
     comparisons,
     rows,
 )
-from .tuned import TASKS
+from .tuned import PUBLISHED, TASKS
 
 KNOWING = "mpc-informed"
 CONTROLLERS = (*LINEAR, "mpc", KNOWING, *OWN)
@@ -33,8 +34,8 @@ NAMES = {"linear": "the best linear controller", **LABELS}
 
 def report(out: Path) -> str:
     """Write results.json, results.csv, results.md, summary.md, outside.md, libraries.md,
-    aggregate.md, ahead.md, curves.png (with matplotlib) and policies/; returns the Markdown of
-    results.md.
+    aggregate.md, ahead.md, published.md, curves.png and published.png (with matplotlib) and
+    policies/; returns the Markdown of results.md.
     """
     runs = [json.loads(path.read_text()) for path in sorted((out / "runs").glob("*.json"))]
     curves = partial(curve, out / "runs")
@@ -51,12 +52,19 @@ def report(out: Path) -> str:
             writer.writeheader()
             writer.writerows(lines)
     failed = sorted(path.stem for path in (out / "runs").glob("*.failed"))
+    own = [row for row in compared if row["algorithm"] in OWN]
     parts = {
-        "summary": grid(lines, CONTROLLERS),
+        "summary": grid([row for row in lines if row["task"] not in PUBLISHED], CONTROLLERS),
         "outside": grid(lines, CONTROLLERS, "outside_"),
         "libraries": grid(lines, ("ppo", "sb3-ppo", "skrl-ppo", "sac", "sb3-sac"), of=LIBRARIES),
         "aggregate": aggregate(scores),
-        "ahead": ahead([row for row in compared if row["algorithm"] in OWN]),
+        "ahead": ahead([row for row in own if row["level"] in LEVELS]),
+        "published": "\n\n".join(
+            (
+                published([row for row in lines if row["task"] in PUBLISHED]),
+                ahead([row for row in own if row["level"] not in LEVELS]),
+            )
+        ),
     }
     for name, part in parts.items():
         (out / f"{name}.md").write_text(f"{part}\n\n{sentence(heading)}\n")
@@ -69,7 +77,7 @@ def report(out: Path) -> str:
     except ImportError:
         return text
     matplotlib.use("Agg")
-    picture(out, runs)
+    pictures(out, runs)
     return text
 
 
@@ -174,6 +182,27 @@ def ahead(compared: Sequence[Row]) -> str:
     ]
     head = ("level", "a seed of", "returns more than", "tasks", "whole budgets")
     return table((*head, "equal steps", "equal time"), found, words=3)
+
+
+def published(lines: Sequence[Row]) -> str:
+    """A row a published task and controller, in the task's own terms."""
+    found = []
+    for row in lines:
+        name, algorithm = row["task"], row["algorithm"]
+        learned = row["seconds"] is not None
+        cells = (
+            _said(row, "return", digits=0),
+            *(_said(row, share, 100, 0, " %") for share in SHARES),
+            _said(row, "success", 100, 0, " %"),
+            f"{row['steps']:,.0f}" if learned else "",
+            f"{row['seconds']:.0f} s" if learned else "",
+            f"{row['runs']}" if learned else "",
+        )
+        found.append((name, LABELS[algorithm], *cells))
+    near = 1.0 if not lines else TASKS[lines[0]["task"]].tolerance
+    head = ("task", "controller", "return", f"time within {near:g} m")
+    head += (f"time within {near / 2:g} m", f"within {near:g} m at the end")
+    return table((*head, "env steps", "training", "seeds"), found, words=2)
 
 
 def _said(

@@ -58,6 +58,10 @@ class Arguments:
     """
     lessons: int = 40
     """windows in which it does so, and the critic learns beside it"""
+    smooth: float = 0.0
+    """width by which the environment smooths the steps of its reward in training, where it has such
+    an argument: their gradient is zero else. 0: as it is
+    """
 
 
 class SHAC:
@@ -73,7 +77,8 @@ class SHAC:
 
     def __init__(self, task: Task, arguments: Arguments) -> None:
         self.arguments = a = arguments
-        self.env = task.make(a.num_envs, output="torch")
+        smooth = dict(smooth=a.smooth) if a.smooth else {}
+        self.env = task.make(a.num_envs, output="torch", **smooth)
         self.batch = a.num_envs * a.horizon
         inputs = self.env.single_observation_space.shape[0]
         actions = self.env.single_action_space.shape[0]

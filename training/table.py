@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .statistics import estimate, improvement, interquartile_mean
+from .tuned import PUBLISHED
 
 Run = dict[str, Any]
 Curve = dict[str, np.ndarray]
@@ -24,6 +25,7 @@ LABELS = {
     "mpc": "MPC",
     "mpc-informed": "MPC, plant known",
     "optimum": "open-loop optimum",
+    "resolved-rate": "ResolvedRate",
     "ppo": "PPO",
     "sac": "SAC",
     "shac": "SHAC",
@@ -37,10 +39,14 @@ LIBRARIES = ("sb3-ppo", "sb3-sac", "skrl-ppo")
 LEARNERS = (*OWN, *LIBRARIES)
 CURVE = "validation_return"  # of a learner's log
 LEVELS = ("nominal", "uncertain", "nominal, 3D", "uncertain, 3D")
+SHARES = ("within", "within_half")
 AXES = ("steps", "seconds")
 
 
 def level(task: str) -> str:
+    """One of `LEVELS`, or "published"."""
+    if task in PUBLISHED:
+        return "published"
     space = ", 3D" if "-3d" in task else ""
     return ("uncertain" if task.endswith("-uncertain") else "nominal") + space
 
@@ -51,6 +57,7 @@ def rows(runs: Sequence[Run], curves: Callable[[Run], Curve | None]) -> list[Row
     outside_return, outside_success     on plants outside of the training range
     better                              probability that a seed returns more than the best of
                                         `LINEAR` there
+    within, within_half                 see `evaluate`
     return_at_steps, return_at_seconds  the learning curves at the environment steps, and at the
                                         training time, that every run of every learner of the task
                                         has had
@@ -67,6 +74,9 @@ def rows(runs: Sequence[Run], curves: Callable[[Run], Curve | None]) -> list[Row
             row = {"task": task, "algorithm": algorithm, "runs": len(group)}
             for name in ("return", "success", "final_error"):
                 row |= _entry(name, interquartile_mean, [run[name] for run in group])
+            for name in SHARES:  # runs of before have none
+                values = [[run[name] for run in group]] if all(name in run for run in group) else []
+                row |= _entry(name, interquartile_mean, *values)
             outside = [run["outside"] for run in group if run["outside"]]
             for name in ("return", "success"):
                 values = [[run[name] for run in outside]] if outside else []
@@ -87,8 +97,8 @@ def rows(runs: Sequence[Run], curves: Callable[[Run], Curve | None]) -> list[Row
 
 
 def comparisons(runs: Sequence[Run], curves: Callable[[Run], Curve | None]) -> list[Row]:
-    """Of each pair of learners, and of each and the best linear controller ("linear"), at each of
-    `LEVELS`: the probability that a seed of the one returns more than one of the other, mean over
+    """Of each pair of learners, and of each and the best linear controller ("linear"), at each
+    `level`: the probability that a seed of the one returns more than one of the other, mean over
     the tasks that both have.
 
     probability                 by held-out episodes, each with its whole budget
@@ -96,7 +106,7 @@ def comparisons(runs: Sequence[Run], curves: Callable[[Run], Curve | None]) -> l
                                 time of the shortest of their runs
     """
     table = []
-    for here in LEVELS:
+    for here in (*LEVELS, "published"):
         own = [run for run in runs if level(run["task"]) == here]
         groups: dict[str, dict[str, list[Run]]] = {}
         for run in own:

@@ -109,6 +109,29 @@ def test_rewards_are_as_published(d, off, reward):
     assert -follow.task.cost(follow.state).item() == pytest.approx(-(d**2) + bonus, rel=1e-6)
 
 
+def test_a_smooth_reward_has_the_bonuses_as_its_limit_and_leads_to_them():
+    """Of a width of 1 mm, 1 cm and more from the steps it is the published one, to exp(-10) of a
+    bonus; of 3 cm its slope is that of differences, and at the first step ten times that of d^2.
+    """
+
+    def rewards(env, d):
+        env.state.measures["distance"] = d
+        return -env.task.cost(env.state)
+
+    apart = torch.tensor([0.0, 0.04, 0.06, 0.09, 0.11, 0.3], dtype=torch.float64)
+    sharp, soft, plain = (
+        FollowTargetVectorEnv(6, elements=5, smooth=smooth) for smooth in (1e-3, 0.03, 0.0)
+    )
+    for env in (sharp, soft, plain):
+        env.reset(seed=0)
+    torch.testing.assert_close(rewards(sharp, apart), rewards(plain, apart), rtol=0, atol=1e-4)
+    d = torch.full((6,), 0.05, dtype=torch.float64, requires_grad=True)
+    (slope,) = torch.autograd.grad(rewards(soft, d).sum(), d)
+    around = rewards(soft, d.detach() + 1e-6) - rewards(soft, d.detach() - 1e-6)
+    torch.testing.assert_close(slope, around / 2e-6, rtol=1e-6, atol=0)
+    assert (slope < -10 * 2 * 0.05).all()
+
+
 def test_the_tip_is_turned_by_twist():
     """Upright without gravity, all segments twisted by 0.1 rad: the tip has turned about z by half
     a radian, to where a target of that turn is not misaligned.

@@ -246,18 +246,67 @@ def test_the_study_is_fair_wherever_it_is_cut_off(tmp_path):
     count = {}
     for run in runs:
         count[run.algorithm, run.task] = count.get((run.algorithm, run.task), 0) + 1
-        plane = {pair: n for pair, n in count.items() if pair[1] not in results.SPACE}
+        fewer = (*results.SPACE, *tuned.PUBLISHED)
+        plane = {pair: n for pair, n in count.items() if pair[1] not in fewer}
         own = [n for (algorithm, _), n in plane.items() if algorithm == run.algorithm]
         assert not own or max(own) - min(own) <= 1
     for task in tuned.DEFAULT:
         assert all(count[name, task] == 10 for name in ("ppo", "sac", "shac"))
         assert all(count[name, task] == 1 for name in ("zero", "lqr", "lqg", "mpc"))
+    for task in tuned.PUBLISHED:
+        seeds = {"zero": 1, "resolved-rate": 1, "shac": 10, "ppo": 3, "sac": 3}
+        assert {name: n for (name, on), n in count.items() if on == task} == seeds
     for given, expected in (
+        (["--seeds", "2", "--tasks", "follow"], 1 + 1 + 3 * 2),  # baselines that are for it
+        (["--seeds", "2", "--tasks", "follow", "--algorithms", "lqr"], 1),
+        (["--seeds", "1", "--tasks", "reach"], 8 + 3),
         (["--seeds", "2", "--algorithms", "sb3-ppo"], 2 * len(tuned.DEFAULT)),
         (["--seeds", "12", "--tasks", "grip", "--algorithms", "zero", "shac"], 1 + 12),
         (["--seeds", "1"], len({(run.task, run.algorithm) for run in runs})),
     ):
         assert len(results.plan(results.parse([*given, "--out", str(tmp_path)]))) == expected
+
+
+def test_published_tasks_have_a_table_of_their_own(tmp_path):
+    """In their own terms; they are in no grid, in no mean over the tasks of a level and in no
+    picture of costs, and are compared with each other alone.
+    """
+    (tmp_path / "runs").mkdir()
+    for task, algorithm, seed, value in (
+        ("follow", "zero", None, -150.0),
+        ("follow", "shac", 0, 400.0),
+        ("follow", "shac", 1, 500.0),
+        ("follow", "ppo", 0, 100.0),
+        ("track", "zero", None, -90.0),
+        ("track", "lqr", None, -1.0),
+    ):
+        run = dict(task=task, algorithm=algorithm, seed=seed, outside=None, episodes=4, ended=0)
+        run |= {"return": value, "success": 0.5, "final_error": 0.08, "solver_failures": 0}
+        run |= dict(steps=0 if seed is None else 1000, seconds=None if seed is None else 9.0)
+        run |= {"validation_return": value} if seed is None else {}
+        run |= dict(within=0.75, within_half=0.25) if task == "follow" else {}
+        name = results.Run(task, algorithm, seed).name
+        (tmp_path / "runs" / f"{name}.json").write_text(json.dumps(run))
+        if seed is not None:
+            log = f"steps,seconds,validation_return\n0,0,-150\n500,4,0\n1000,9,{value}\n"
+            (tmp_path / "runs" / f"{name}.csv").write_text(log)
+    report.report(tmp_path)
+    own = (tmp_path / "published.md").read_text()
+    assert "| time within 0.1 m | time within 0.05 m | within 0.1 m at the end |" in own
+    assert "| follow | SHAC | 450 [400, 500] | 75 % | 25 % | 50 % | 1,000 | 9 s | 2 |" in own
+    assert "| follow | no action | -150 | 75 % | 25 % | 50 % |  |  |  |" in own
+    assert "| published | SHAC | PPO | 1 | 100 % |" in own and "| track" not in own
+    assert "published" not in (tmp_path / "ahead.md").read_text()
+    assert "follow" not in (tmp_path / "summary.md").read_text()
+    made = json.loads((tmp_path / "results.json").read_text())
+    assert {(row["level"], row["algorithm"], row["tasks"]) for row in made["aggregates"]} == {
+        ("nominal", "zero", 1),
+        ("nominal", "lqr", 1),
+    }
+    (pair,) = made["comparisons"]
+    assert (pair["level"], pair["algorithm"], pair["over"]) == ("published", "shac", "ppo")
+    assert pair["probability"] == 1.0
+    assert (tmp_path / "published.png").exists() and not (tmp_path / "curves.png").exists()
 
 
 def test_budgets_are_steps(tmp_path):

@@ -4,6 +4,7 @@ that load.
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from training import common, ppo, results, sac, shac
 from training.evaluate import evaluate, make
 from training.evaluate import main as evaluation
 from training.policies import Policy, Statistics, load, save
-from training.tuned import TASKS, Task
+from training.tuned import HELD_OUT, TASKS, Task
 
 torch.set_num_threads(1)
 TINY = Task(
@@ -484,3 +485,68 @@ def test_command_line(tmp_path, capsys, monkeypatch):
         load(tmp_path / "tiny-shac-3.pt").shape["sizes"] == [11, 8, 1]
         and "steps 32" in capsys.readouterr().out
     )
+
+
+ARM = Task(
+    "follow",
+    "torchbeam/FollowTargetPlanar-v0",
+    dict(elements=5, substeps=1, max_episode_steps=8),
+    tolerance=0.4,
+)
+
+
+def test_shares_of_time_are_those_of_the_rewards():
+    """By counting; and by returns, as the bonus of FollowTarget is 2 within 0.05 m, 0.5 within
+    0.1 m. No action.
+    """
+    env = make(ARM, 32)
+    env.reset(seed=HELD_OUT)
+    distances = torch.stack([env.step(torch.zeros(32, 5))[4]["distance"] for _ in range(8)])
+    found = evaluate(ARM, Zero(), 32)
+    assert 0 < found["within_half"] < found["within"] < 1
+    assert found["within"] == pytest.approx((distances <= 0.4).double().mean().item())
+    assert found["within_half"] == pytest.approx((distances <= 0.2).double().mean().item())
+    near = evaluate(replace(ARM, tolerance=0.1), Zero(), 32)
+    bonus = 8 * (0.5 * near["within"] + 1.5 * near["within_half"])
+    assert near["return"] == pytest.approx(bonus - distances.square().sum(0).mean().item())
+
+
+def test_after_an_early_end_nothing_is_within():
+    """Of a tolerance that holds everything, the share of time is that before the strip is lost."""
+    task = replace(TASKS["flutter"], tolerance=100.0)
+    env = make(task, 8)
+    env.reset(seed=HELD_OUT)
+    ends, over = [], False
+    while not over:
+        _, _, terminated, truncated, _ = env.step(torch.zeros(8, 1))
+        ends.append(terminated)
+        over = (terminated | truncated).all()
+    share = 1 - torch.stack(ends).double().mean().item()
+    assert share < 1
+    assert evaluate(task, Zero(), 8)["within"] == pytest.approx(share)
+
+
+def test_a_smooth_reward_is_learned_from_alone(tmp_path):
+    """Scores are of the reward as it is."""
+    one = learner("shac", ARM, smooth=0.03)
+    assert one.env.task.config.smooth == 0.03
+    result = common.train(
+        one, ARM, tmp_path, common.Budget(64), final=4, episodes=4, progress=False
+    )
+    policy = load(tmp_path / "run.pt")
+    assert result["return"] == evaluate(ARM, policy, 4)["return"]
+    assert result["return"] != evaluate(ARM.varied(smooth=0.03), policy, 4)["return"]
+
+
+@pytest.mark.parametrize("name", ["follow", "other"])
+def test_validations_are_even_where_episodes_are_long(tmp_path, name):
+    """Twenty in a budget of 40 iterations, beside the first; elsewhere closer together at first."""
+    task = replace(ARM, name=name)
+    options = dict(final=2, episodes=2, progress=False)
+    common.train(learner("shac", task), task, tmp_path, common.Budget(steps=40 * 32), **options)
+    with open(tmp_path / "run.csv", newline="") as file:
+        steps = [int(row["steps"]) for row in csv.DictReader(file)]
+    if name == "follow":
+        assert steps == list(range(0, 1281, 64))
+    else:
+        assert steps[:9] == list(range(0, 257, 32)) and steps[-1] == 1280
