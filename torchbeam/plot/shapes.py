@@ -39,7 +39,8 @@ def shape(
         scene: that it is a state of: beams are drawn as thick as contacts take them, or else as
             the rectangle of their EI and EA, with obstacles (of a batch the first sample's), the
             surfaces of bodies, and tendons, as far as limits say that are set; `color` is that of
-            all, and what else there is for lines has no meaning
+            all, and what else there is for lines has no meaning. A state without the scene's
+            batch axes has the radii of the first sample
         frames: draw the section axes of the nodes too: x red, y green, z blue
         nodes: mark the nodes;  color, label and further keywords: as matplotlib has them for lines
 

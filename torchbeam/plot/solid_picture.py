@@ -51,9 +51,9 @@ class SolidPicture:
         return cls(scene, ax, plane, Sections.of(scene, state), color)
 
     def reach(self, states: Any) -> Tensor:
-        """Points (n, 3) m between which all beams and bodies of states are."""
+        """Points (n, 3) m between which all beams, bodies and tendons of states are."""
         position, R = (_plain(x) for x in nodes_of(states))
-        points = [position.flatten(0, 1)]
+        points = [position.flatten(0, 1), *self._ropes(states)]
         for k, (part, row) in enumerate(zip(self._parts(body=False), rows_of(states), strict=True)):
             wide = self.sections.corners(k, part, position.shape[1]).abs().max()
             sides = wide * torch.tensor([-1.0, 1.0]).double().expand(3, 2).mT

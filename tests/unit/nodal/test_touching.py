@@ -164,13 +164,13 @@ def test_tangent_is_the_derivative_of_the_forces(tapers, rubs, method, plane):
     assert_close(found, wanted, rtol=0, atol=1e-11 * wanted.abs().max())
 
 
-@pytest.mark.parametrize("rubs", [False, True])
-def test_free_rods_that_collide_keep_their_momentum_and_energy(rubs):
+@pytest.mark.parametrize(("rubs", "tapers"), [(False, False), (True, False), (False, True)])
+def test_free_rods_that_collide_keep_their_momentum_and_energy(rubs, tapers):
     """Momentum and angular momentum to 1e-12 of what there is, with friction too; the energy, with
     that of the contact, to 1e-9 without and with what friction and damping have taken.
     """
-    contact = tb.Contact("lower", "upper", **LAW, **(RUBS if rubs else {}), points=6)
-    scene, start = crossed(contact, elements=2)
+    law = LAW | (RUBS if rubs else {}) | (TAPERS if tapers else {})
+    scene, start = crossed(tb.Contact("lower", "upper", **law, points=6), elements=2)
     solution = tb.simulate(
         scene, torch.linspace(0, 5e-3, 6), step=5e-4, initial=start, engine="eager",
         tolerance=1e-13, conserve=not rubs,

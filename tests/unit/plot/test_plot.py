@@ -244,14 +244,16 @@ def test_what_tapers_is_drawn_so(order):
 @pytest.mark.parametrize("three", [False, True])
 @pytest.mark.parametrize("own", [("x",), ("z",), ("x", "z")])
 def test_limits_that_are_set_stay(own, three):
-    """Of each coordinate by itself; the others have room for beams and bodies, not much more."""
+    """Of each coordinate by itself; the others have room for beams, bodies and tendons, not much
+    more.
+    """
     scene = standing_ball()
     ax = tb.plot.axes(three=three)
     if not three:
         own = ["y" if name == "z" else name for name in own]
     ax.set(**{f"{name}lim": (-0.5, 1.7) for name in own})
     tb.plot.shape(tb.rest(scene), ax, plane=None if three else "xz", scene=scene)
-    reach = {"x": (0.0, 1.0), "y": (-0.1, 0.1), "z": (-0.1, 0.144)}
+    reach = {"x": (0.0, 1.0), "y": (-0.1, 0.1), "z": (-0.1, 0.3)}
     for name in ("x", "y", "z") if three else ("x", "y"):
         low, high = getattr(ax, f"get_{name}lim")()
         first, last = reach["z" if name == "y" and not three else name]
@@ -259,6 +261,21 @@ def test_limits_that_are_set_stay(own, three):
             assert (low, high) == (-0.5, 1.7)
         else:
             assert low <= first and last <= high and high - low < 1.6
+
+
+@pytest.mark.parametrize("film", [False, True])
+def test_a_picture_has_room_for_tendons(film, tmp_path):
+    """That go beyond all beams and bodies, in some samples, without limits that are set."""
+    eyelet = torch.tensor([[0.2, 0, 0.5], [-2.0, 0, 0.3]])
+    tendon = tb.Tendon([(None, eyelet), (-1, (0, 0, 0.05))], tension=0.1)
+    scene = tb.Scene(BEAM, [tendon])
+    state, ax = tb.rest(scene), tb.plot.axes()
+    if film:
+        tb.plot.animate(state.map(lambda x: torch.stack([x, x])), tmp_path / "a.gif", ax,
+                        plane="xz", scene=scene, dpi=40)  # fmt: skip
+    else:
+        tb.plot.shape(state, ax, plane="xz", scene=scene)
+    assert ax.get_xlim()[0] < -2.0 and 0.5 < ax.get_ylim()[1] < 3.0
 
 
 def test_a_film_of_what_is_solid(tmp_path):
