@@ -113,7 +113,8 @@ def shot(tensions: torch.Tensor, steps: int = 24) -> torch.Tensor:
     def curve(moment: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Places, and the moment at the tip, from that at the root."""
         R = tb.rest(scene(tensions)).axes[..., 0, :, :].expand(*moment.shape, 3)
-        y, places = (torch.zeros_like(moment), R, moment), [torch.zeros_like(moment)]
+        y: tuple[torch.Tensor, ...] = (torch.zeros_like(moment), R, moment)
+        places = [y[0]]
         for s in (h * torch.arange(steps)).tolist():  # the classical method of Runge and Kutta
             a = rates(s, *y[1:])
             b = rates(s + h / 2, *(x + h / 2 * d for x, d in zip(y[1:], a[1:], strict=True)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -10,6 +11,7 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import choice, duration, instance, mask
+from ..core.batch_subset import BatchSubset
 from ..core.functions_of_time import shared
 from ..core.status import FAILED
 from ..core.validation import shown
@@ -84,6 +86,18 @@ class ExplicitStepper:
             rtol=rtol, atol=atol, options=options, adjoint=adjoint, project=project, solver=solver
         )
         self.dt = duration("dt", dt, scene.dtype, scene.device)
+
+    def merge(self, few: BatchSubset, part: ExplicitStepper) -> ExplicitStepper:
+        """As `Stepper.merge`: deprecated."""
+        warnings.warn(
+            "ExplicitStepper.merge goes in the next minor version: merge the scenes, by "
+            "BatchSubset.merge, and make an ExplicitStepper of what comes out",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        merged = copy(self)
+        merged.scene = few.merge(self.scene, part.scene)
+        return merged
 
     def rest(self, batch_shape: tuple[int, ...] | None = None) -> State | MixedState:
         """The beam undeformed and at rest, under inputs of zero."""

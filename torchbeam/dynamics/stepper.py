@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from copy import copy
 from dataclasses import replace
 from typing import Any
@@ -11,6 +12,7 @@ from torch import Tensor
 
 from ..core.arguments import choice, count, duration, mask, step_size
 from ..core.arguments import tolerance as check_tolerance
+from ..core.batch_subset import BatchSubset
 from ..core.functions_of_time import shared
 from ..core.leaves import with_values
 from ..core.status import DIVERGED, SUCCESS
@@ -395,3 +397,22 @@ class Stepper:
             return other(state, dt=dt, **inputs)
 
         return self.method.begin(state, self.model, dt, trial)
+
+    def merge(self, few: BatchSubset, part: Stepper) -> Stepper:
+        """This stepper, with the samples `few` of its batch those of `part`: a stepper that was
+        made for them by itself, of the same mesh and options. Raises ValueError as
+        `BatchSubset.merge`.
+
+        Deprecated: merge the scenes, and make a stepper of what comes out.
+        """
+        warnings.warn(
+            "Stepper.merge goes in the next minor version: merge the scenes, by BatchSubset.merge, "
+            "and make a Stepper of what comes out",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        merged = copy(self)
+        merged.scene, merged.model = few.merge((self.scene, self.model), (part.scene, part.model))
+        merged.solver = self.solver.of(merged.model)
+        merged.iterations, merged.failures = None, Failures()
+        return merged

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 import torchbeam as tb
+from torchbeam import extend
 
 
 def soft_beam(**changes) -> tb.Beam:
@@ -233,3 +234,17 @@ def test_a_state_of_other_supports_goes_on(engine):
         assert run.reaction.shape == (3, count, 6) and run.reaction[-1].abs().max() > 1e-3
         torch.testing.assert_close(run.reaction, other.reaction, rtol=0, atol=1e-12)
         assert tb.Stepper(scene, 5e-3, engine=engine)(start).reaction.shape == (count, 6)
+
+
+@pytest.mark.parametrize("kind", [tb.Stepper, tb.ExplicitStepper])
+def test_a_merged_stepper_is_deprecated_and_steps_as_one_of_the_merged_scene(kind):
+    few, up = extend.BatchSubset(torch.tensor([1]), 3), torch.tensor([0.0, 0.0, 1.0])
+    forces = up * torch.tensor([[0.1], [0.2], [0.3]])
+    scene = tb.Scene(soft_beam(), [tb.TipLoad(force=forces)])
+    part = tb.Scene(soft_beam(), [tb.TipLoad(force=-up[None])])
+    with pytest.warns(DeprecationWarning, match="merge the scenes"):
+        merged = kind(scene, 1e-3).merge(few, kind(part, 1e-3))
+    wanted = kind(few.merge(scene, part), 1e-3)
+    after = merged(merged.rest()).position
+    assert torch.equal(after, wanted(wanted.rest()).position)
+    assert (after[1] - after[0])[-1, 2] < 0
