@@ -441,8 +441,9 @@ def test_a_task_of_ones_own(tmp_path, capsys, monkeypatch):
     assert evaluation([policy, "--episodes", "2"]) == 0
     said = json.loads(capsys.readouterr().out.split("\n", 1)[1])
     assert said["episodes"] == 2 and load(policy).about["tolerance"] == 0.5
-    monkeypatch.setitem(TASKS, "lift", TASKS["track"])
-    assert evaluation([policy, "--episodes", "2"]) == 0
+    with monkeypatch.context() as other:
+        other.setitem(TASKS, "lift", TASKS["track"])
+        assert evaluation([policy, "--episodes", "2"]) == 0
     assert json.loads(capsys.readouterr().out) == said
     for wrong, sentence in (
         ("lift", "one of reach, "),

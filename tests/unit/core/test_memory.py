@@ -81,12 +81,15 @@ def test_what_a_run_takes_is_told(monkeypatch):
     """64 MB that are written and given back again count; where the count cannot begin anew, what is
     beyond the most so far; and where nothing is known it is nan.
     """
-    taken = memory.peak_memory()
-    held = torch.ones(64 * 2**20, dtype=torch.uint8)
-    del held
-    assert math.isnan(taken()) or 0 <= taken() < 1000
+    for _ in range(5):  # a system that takes pages back meanwhile may hide them
+        taken = memory.peak_memory()
+        held = torch.ones(64 * 2**20, dtype=torch.uint8)
+        del held
+        assert math.isnan(taken()) or 0 <= taken() < 1000
+        if taken() > 60:
+            break
     if Path("/proc/self/clear_refs").exists():
-        assert taken() > 60  # a few pages may have been given back
+        assert taken() > 60
     monkeypatch.setattr(memory, "_most_since", lambda: {}["VmHWM"])
     levels = iter((5 * 10**6, 7 * 10**6))
     monkeypatch.setattr(memory, "most_held", lambda: next(levels))
