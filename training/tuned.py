@@ -227,18 +227,12 @@ PPO: dict[str, dict[str, Any]] = {
     "slew-uncertain": dict(num_envs=32, horizon=50, rate=2e-3),
     "grip": dict(**GRASPING, horizon=25, rate=5e-4),
     "follow": dict(**FOLLOWING, lessons=12, deviation=0.2),
-    "follow-3d": dict(**FOLLOWING, lessons=12, deviation=0.2),
 }
-PPO["reach-3d"] = PPO["reach"]
-SAC: dict[str, dict[str, Any]] = {
-    "follow": dict(discount=0.95, num_envs=64, horizon=4),
-    "follow-3d": dict(discount=0.95, num_envs=64, horizon=4),
-}
+SAC: dict[str, dict[str, Any]] = {"follow": dict(discount=0.95, num_envs=64, horizon=4)}
 # rewards that become small are scaled up: else the critic's errors hide them
 SHAC: dict[str, dict[str, Any]] = {
     "reach": dict(**TAUGHT["reach"], lessons=4, rate=5e-3, deviation=0.1),
     "track": dict(**TAUGHT["track"], lessons=8, rate=3e-3, reward_scale=1.0, deviation=0.03),
-    "reach-3d": dict(**TAUGHT["reach"], lessons=4, rate=5e-3, deviation=0.1),
     "track-3d": dict(**TAUGHT["track-3d"], lessons=8, rate=3e-3, reward_scale=1.0, deviation=0.03),
     "flutter": dict(**TAUGHT["flutter"], lessons=4, rate=2e-3, reward_scale=10.0, deviation=0.05),
     "flutter-uncertain": dict(**TAUGHT["flutter-uncertain"], lessons=24, rate=3e-3, deviation=0.1),
@@ -250,5 +244,9 @@ SHAC: dict[str, dict[str, Any]] = {
     "follow": dict(**FOLLOWING, **SMOOTH, lessons=12, horizon=32, rate=3e-3),
     "follow-3d": dict(**FOLLOWING, **SMOOTH, lessons=24, horizon=16, rate=2e-3),
 }
+# in space as in the plane
+PPO |= {"reach-3d": PPO["reach"], "follow-3d": PPO["follow"]}
+SAC["follow-3d"] = SAC["follow"]
+SHAC["reach-3d"] = SHAC["reach"]
 SB3: dict[str, dict[str, dict[str, Any]]] = {}
 SKRL: dict[str, dict[str, Any]] = {}

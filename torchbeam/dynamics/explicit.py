@@ -15,6 +15,7 @@ from ..core.batch_subset import BatchSubset
 from ..core.functions_of_time import shared
 from ..core.status import FAILED
 from ..core.validation import shown
+from ..core.warning import warn
 from ..mixed.consistent import consistent_state
 from ..mixed.model import refuse_form
 from ..mixed.state import MixedState
@@ -89,11 +90,10 @@ class ExplicitStepper:
 
     def merge(self, few: BatchSubset, part: ExplicitStepper) -> ExplicitStepper:
         """As `Stepper.merge`: deprecated."""
-        warnings.warn(
+        warn(
             "ExplicitStepper.merge goes in the next minor version: merge the scenes, by "
             "BatchSubset.merge, and make an ExplicitStepper of what comes out",
             DeprecationWarning,
-            stacklevel=2,
         )
         merged = copy(self)
         merged.scene = few.merge(self.scene, part.scene)

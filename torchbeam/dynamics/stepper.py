@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from copy import copy
 from dataclasses import replace
 from typing import Any
@@ -17,6 +16,7 @@ from ..core.functions_of_time import shared
 from ..core.leaves import with_values
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import as_tensor, axis_last, broadcast, concrete, positive, real
+from ..core.warning import warn
 from ..engine.chain.compiled_step import CompiledStep
 from ..engine.chain.coverage import ENGINES
 from ..nodal.discretise import discretise
@@ -405,11 +405,10 @@ class Stepper:
 
         Deprecated: merge the scenes, and make a stepper of what comes out.
         """
-        warnings.warn(
+        warn(
             "Stepper.merge goes in the next minor version: merge the scenes, by BatchSubset.merge, "
             "and make a Stepper of what comes out",
             DeprecationWarning,
-            stacklevel=2,
         )
         merged = copy(self)
         merged.scene, merged.model = few.merge((self.scene, self.model), (part.scene, part.model))
