@@ -61,8 +61,8 @@ class Imitation:
 
     def learn(self, generator: torch.Generator) -> float:
         """End a lesson: fit the policy; returns the mean squared error of the last minibatch."""
+        self.policy.statistics.update(torch.cat(self.seen[bool(self.done) :]))  # of this lesson
         seen, said = torch.cat(self.seen), torch.cat(self.said)
-        self.policy.statistics.update(seen)
         for _ in range(UPDATES):
             rows = torch.randint(len(seen), (MINIBATCH,), generator=generator)
             error = (self.policy.act(seen[rows]) - said[rows]).square().mean()

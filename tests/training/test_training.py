@@ -217,6 +217,8 @@ def test_lessons_make_a_policy_like_its_teacher(name):
     for _ in range(6):
         figures = one.iteration(0.0)
     assert one.imitation.over and "imitation_error" in figures
+    # each observation counts once
+    assert one.policy.statistics.count.item() == pytest.approx(6 * one.batch, abs=1e-3)
     after = (one.value if name == "ppo" else one.critic).parameters()
     assert not any(torch.equal(a, b) for a, b in zip(before, after, strict=True))
     env = make(TINY, 16)
