@@ -26,8 +26,8 @@ from torchbeam.extend.commands import save as save_file
 
 from .evaluate import EPISODES, evaluate, make, scores
 from .policies import Policy, read, save
-from .tuned import EVENLY, TASKS, TRAINING, Task, budget, task_named
-from .watch import EVERY, VALIDATIONS, Bar, Budget, Log, validation
+from .tuned import TASKS, TRAINING, Task, budget, task_named
+from .watch import VALIDATIONS, Bar, Budget, Log, is_due, validation
 
 # of a checkpoint
 KEYS = ("settings", "learner", "iteration", "steps", "seconds", "rows", "best")
@@ -59,7 +59,6 @@ def train(
     budget: Budget,
     *,
     name: str = "run",
-    every: int = EVERY,
     episodes: int = VALIDATIONS,
     final: int = EPISODES,
     progress: bool = True,
@@ -68,23 +67,19 @@ def train(
     NAME.checkpoint.
 
     A run whose checkpoint is there, of the same settings and budget, goes on from it. With a budget
-    of steps alone, it then ends in the same bits as a run that was never stopped. About every
-    `every` steps, and more often at first (or as `tuned.EVENLY` says), the policy is scored on
-    `episodes` validation episodes and a checkpoint is written; the time that takes is not in
-    `seconds`, the CPU seconds of this process: what else the machine does is not in them, and those
-    of a run that goes on add up. The policy of the best such score is the one that is saved, in
-    float64, and scored on `final` held-out episodes, which choose nothing: `chosen_steps` says when
-    it was met, `last_return` is that of the last policy.
+    of steps alone, it then ends in the same bits as a run that was never stopped. At the end of
+    each of `watch.SHARES` equal shares of the budget, the policy is scored on `episodes` validation
+    episodes and a checkpoint is written; the time that takes is not in `seconds`, the CPU seconds
+    of this process: what else the machine does is not in them, and those of a run that goes on add
+    up. The policy of the best such score is the one that is saved, in float64, and scored on
+    `final` held-out episodes, which choose nothing: `chosen_steps` says when it was met,
+    `last_return` is that of the last policy.
 
     Raises ValueError for a folder that cannot be written, and for a checkpoint that is damaged, of
     another release, does not fit the learner, or holds more than tensors and plain data: nothing in
     it is ever run.
     """
-    folder, evenly = writable_folder(folder, parents=True), EVENLY.get(task.name)
-    if evenly and budget.steps:
-        every = budget.steps // evenly
-    each = max(1, round(every / learner.batch))
-    least = each if evenly else 1
+    folder = writable_folder(folder, parents=True)
     checkpoint, log = folder / f"{name}.checkpoint", Log(folder / f"{name}.csv")
     iteration, steps, seconds, judge, best = 0, 0, 0.0, make(task, episodes), Best()
     settings = {**vars(learner.arguments), "budget": vars(budget)}
@@ -112,7 +107,7 @@ def train(
             seconds += time.process_time() - start
             iteration, steps = iteration + 1, steps + learner.batch
             over = budget.done(steps, seconds)
-            if iteration % max(least, min(each, iteration // 8)) == 0 or over >= 1:
+            if is_due(done, over):
                 found = validation(task, learner.policy, judge)
                 best = best.after(found, steps, learner.policy)
                 log.write(

@@ -91,8 +91,18 @@ class Run(NamedTuple):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Of a learner of ours, beside its defaults."""
-        return {**LEARNERS[self.algorithm][2].get(self.task, {}), "seed": self.seed}
+        """All that a learner is made with."""
+        if self.algorithm in LEARNERS:
+            _, arguments, own = LEARNERS[self.algorithm]
+            return vars(arguments(**own.get(self.task, {}), seed=self.seed))
+        library, _, algorithm = self.algorithm.partition("-")
+        return {**(tuned.SB3[algorithm] if library == "sb3" else tuned.SKRL), "seed": self.seed}
+
+    @property
+    def environment(self) -> dict[str, Any]:
+        """What it is made on."""
+        task = tuned.TASKS[self.task]
+        return {"env": task.env, "arguments": task.arguments}
 
 
 def make(run: Run, folder: Path, budget: Budget, episodes: int) -> dict[str, Any]:
@@ -111,7 +121,7 @@ def make(run: Run, folder: Path, budget: Budget, episodes: int) -> dict[str, Any
         result = train(learner(task, arguments(**settings)), task, folder, budget, **options)
     else:
         library, _, algorithm = run.algorithm.partition("-")
-        settings = {"seed": run.seed}
+        settings = run.settings
         if library == "sb3":
             from . import sb3
 
@@ -126,6 +136,7 @@ def make(run: Run, folder: Path, budget: Budget, episodes: int) -> dict[str, Any
         "budget": vars(budget),
         **result,
         "settings": settings,
+        "environment": run.environment,
     }
     write(folder / f"{run.name}.json", json.dumps(result, indent=2) + "\n")
     (folder / f"{run.name}{FAILED}").unlink(missing_ok=True)
@@ -179,16 +190,22 @@ def held_out(run: Run, options: argparse.Namespace) -> int:
 
 
 def is_made(run: Run, folder: Path, budget: Budget, episodes: int) -> bool:
-    """Whether its file is there, whole, and of the same budget, settings and episodes."""
+    """Whether its file is there, whole, and of the same environment, budget, settings and
+    episodes.
+    """
     path = folder / f"{run.name}.json"
     if not path.exists():
         return False
-    there = json.loads(path.read_text())
-    if run.algorithm in BASELINES:
-        return CURVE in there and there["episodes"] == episodes
-    settings = run.settings if run.algorithm in LEARNERS else {"seed": run.seed}
-    wanted = {"budget": vars(budget), "settings": settings, "episodes": episodes}
-    return all(there[key] == json.loads(json.dumps(value)) for key, value in wanted.items())
+    there, wanted = json.loads(path.read_text()), {"episodes": episodes}
+    wanted |= {"environment": run.environment, "budget": vars(budget)}
+    if run.algorithm in BASELINES:  # which find their settings themselves
+        return CURVE in there and holds(there, wanted)
+    return holds(there, {**wanted, "settings": run.settings})
+
+
+def holds(there: dict[str, Any], wanted: dict[str, Any]) -> bool:
+    """Whether it says the same, as JSON does."""
+    return all(there.get(key) == value for key, value in json.loads(json.dumps(wanted)).items())
 
 
 def parse(argv: Sequence[str] | None) -> argparse.Namespace:

@@ -29,25 +29,6 @@ from .tuned import Task
 from .watch import VALIDATIONS, Bar, Budget, Log, Watch
 
 ALGORITHMS = {"ppo": PPO, "sac": SAC}
-DEFAULTS = {  # of all tasks, over those of stable-baselines3
-    "ppo": dict(
-        num_envs=64,
-        n_steps=32,
-        batch_size=512,
-        n_epochs=8,
-        learning_rate=1e-3,
-        policy_kwargs={"log_std_init": -0.7},
-    ),
-    "sac": dict(
-        num_envs=32,
-        learning_rate=1e-3,
-        gradient_steps=8,
-        learning_starts=1600,
-        buffer_size=500_000,
-        batch_size=256,
-        policy_kwargs={"net_arch": [64, 64]},
-    ),
-}
 
 
 class Greedy:
@@ -65,7 +46,7 @@ def make(
     task: Task, algorithm: str, seed: int, **settings: Any
 ) -> tuple[BaseAlgorithm, VecNormalize]:
     """The model, and the normalisation of observations and rewards around its env."""
-    settings = {**DEFAULTS[algorithm], **TUNED.get(task.name, {}).get(algorithm, {}), **settings}
+    settings = {**TUNED[algorithm], **settings}
     env = Sb3VecEnv(task.make(settings.pop("num_envs")))
     normal = VecNormalize(env, gamma=settings.get("gamma", 0.99))
     # the seed is also of numpy and torch: stable-baselines3 has no generator of its own

@@ -31,16 +31,6 @@ from .tuned import SKRL as TUNED
 from .tuned import Task
 from .watch import VALIDATIONS, Bar, Budget, Log, Watch
 
-DEFAULTS: dict[str, Any] = dict(  # of all tasks, over those of skrl
-    num_envs=64,
-    rollouts=32,
-    mini_batches=4,
-    learning_rate=1e-3,
-    time_limit_bootstrap=True,
-    hidden=64,
-    log_deviation=-0.7,
-)
-
 
 class Policy(GaussianMixin, Model):
     """A normal distribution of actions, of one deviation each."""
@@ -116,7 +106,7 @@ class Greedy:
 
 def make(task: Task, seed: int, folder: str | Path, **settings: Any) -> tuple[Watched, Wrapper]:
     """The agent and its env; whatever skrl may write of itself goes into the folder."""
-    settings = {**DEFAULTS, **TUNED.get(task.name, {}), **settings}
+    settings = {**TUNED, **settings}
     skrl.config.torch.key = training_seed(seed)  # the wrapper's first reset is by it
     env = wrap_env(task.make(settings.pop("num_envs")), wrapper="gymnasium", verbose=False)
     torch.manual_seed(seed)  # skrl has no generator of its own

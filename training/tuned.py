@@ -162,8 +162,6 @@ FOLLOW: dict[str, Any] = dict(tolerance=0.1)
 TASKS["follow"] = Task("follow", "torchbeam/FollowTargetPlanar-v0", **FOLLOW)
 TASKS["follow-3d"] = Task("follow-3d", "torchbeam/FollowTarget-v0", **FOLLOW)
 PUBLISHED = ("follow", "follow-3d")
-# validations in a run, at equal distances; of other tasks, whose episodes are shorter, see `watch`
-EVENLY = {"follow": 20, "follow-3d": 10}
 
 # what the results table is made for unless tasks are named
 NOMINAL = ("reach", "track", "flutter", "slew", "payload")
@@ -248,5 +246,32 @@ SHAC: dict[str, dict[str, Any]] = {
 PPO |= {"reach-3d": PPO["reach"], "follow-3d": PPO["follow"]}
 SAC["follow-3d"] = SAC["follow"]
 SHAC["reach-3d"] = SHAC["reach"]
-SB3: dict[str, dict[str, dict[str, Any]]] = {}
-SKRL: dict[str, dict[str, Any]] = {}
+# of libraries, over their own, on all tasks
+SB3: dict[str, dict[str, Any]] = {
+    "ppo": dict(
+        num_envs=64,
+        n_steps=32,
+        batch_size=512,
+        n_epochs=8,
+        learning_rate=1e-3,
+        policy_kwargs={"log_std_init": -0.7},
+    ),
+    "sac": dict(
+        num_envs=32,
+        learning_rate=1e-3,
+        gradient_steps=8,
+        learning_starts=1600,
+        buffer_size=500_000,
+        batch_size=256,
+        policy_kwargs={"net_arch": [64, 64]},
+    ),
+}
+SKRL: dict[str, Any] = dict(
+    num_envs=64,
+    rollouts=32,
+    mini_batches=4,
+    learning_rate=1e-3,
+    time_limit_bootstrap=True,
+    hidden=64,
+    log_deviation=-0.7,
+)

@@ -17,8 +17,8 @@ from torchbeam.extend.commands import csv_text, write
 from .evaluate import Controller, evaluate, make, scores
 from .tuned import VALIDATION, Task
 
-EVERY, LEAST = 20_000, 2_000  # environment steps between two validations, at most and at least
-VALIDATIONS = 64  # episodes in one
+SHARES = 20  # of a budget: the policy is validated at the end of each, and once before
+VALIDATIONS = 64  # episodes of a validation
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,11 @@ class Budget:
         return min(
             1.0, max(by_steps, 0.0 if self.minutes is None else seconds / (60 * self.minutes))
         )
+
+
+def is_due(before: float, now: float) -> bool:
+    """Whether a validation falls between these shares of the budget, or at its end."""
+    return math.floor(SHARES * now) > math.floor(SHARES * before)
 
 
 def validation(task: Task, controller: Controller, env: VectorEnv) -> dict[str, float]:
@@ -62,13 +67,12 @@ class Watch:
         bar: Bar,
         snapshot: Callable[[], Any],
         *,
-        every: int = EVERY,
         episodes: int = VALIDATIONS,
     ) -> None:
         self.task, self.controller, self.log, self.budget = task, controller, log, budget
-        self.bar, self.snapshot, self.every = bar, snapshot, every
+        self.bar, self.snapshot = bar, snapshot
         self.judge = make(task, episodes)
-        self.steps, self.seconds, self.next = 0, 0.0, 0
+        self.steps, self.seconds, self.done = 0, 0.0, 0.0
         self.best: tuple[float, int, Any] = (-math.inf, 0, None)
 
     def begin(self) -> None:
@@ -80,12 +84,12 @@ class Watch:
         """To be called after each step of the vector env; `steps` environment steps were taken."""
         now = time.process_time()
         self.steps, self.seconds, self.start = steps, self.seconds + now - self.start, now
-        done = self.budget.done(steps, self.seconds)
-        if steps >= self.next or done >= 1:
+        before, self.done = self.done, self.budget.done(steps, self.seconds)
+        if is_due(before, self.done):
             self._score()
             self.start = time.process_time()
-        self.bar.to(done)
-        return done < 1
+        self.bar.to(self.done)
+        return self.done < 1
 
     def result(self, restore: Callable[[Any], None], final: int) -> dict[str, Any]:
         """What `train` returns, of `final` held-out episodes; `restore` takes the best snapshot
@@ -107,7 +111,6 @@ class Watch:
             self.best = found["validation_return"], self.steps, self.snapshot()
         self.log.write({"steps": self.steps, "seconds": self.seconds, **found})
         self.bar.say(f"return {found['validation_return']:.1f}")
-        self.next = self.steps + min(self.every, max(LEAST, self.steps // 8))
 
 
 class Log:

@@ -335,14 +335,38 @@ def test_runs_of_other_episodes_are_made_again(tmp_path):
     for run in (results.Run("reach", name, None) for name in results.BASELINES):
         assert results.held_out(run, few) == 32
         assert results.held_out(run, all_of_them) == (64 if run.algorithm == "optimum" else 256)
-    for name, settings in (("mpc", {}), ("shac", None), ("sb3-ppo", {"seed": 0})):
-        run = results.Run("reach", name, None if name == "mpc" else 0)
+    for name in ("mpc", "shac", "sb3-ppo", "skrl-ppo"):
+        run, there = made("reach", name, few, tmp_path)
         budget = results.budget(few, run)
-        there = {"budget": vars(budget), "settings": run.settings if name == "shac" else settings}
-        there |= {"episodes": 32, "validation_return": -1.0}
-        (tmp_path / f"{run.name}.json").write_text(json.dumps(there))
         assert results.is_made(run, tmp_path, budget, results.held_out(run, few))
         assert not results.is_made(run, tmp_path, budget, results.held_out(run, all_of_them))
+
+
+def made(task, name, options, folder):
+    """A run as if it were made, and what is in its file."""
+    run = results.Run(task, name, None if name in results.BASELINES else 0)
+    there = {"budget": vars(results.budget(options, run)), "environment": run.environment}
+    there |= {"episodes": options.episodes, "validation_return": -1.0}
+    there |= {"settings": {} if name in results.BASELINES else run.settings}
+    (folder / f"{run.name}.json").write_text(json.dumps(there))
+    return run, there
+
+
+@pytest.mark.parametrize("name", ["lqg", "ppo", "sac", "shac", "sb3-sac", "skrl-ppo"])
+def test_runs_of_other_settings_are_made_again(name, tmp_path, monkeypatch):
+    """Whichever of them changed, also what no task names, or the task itself."""
+    options = results.parse(["--out", str(tmp_path)])
+    run, there = made("track", name, options, tmp_path)
+    budget = results.budget(options, run)
+    assert results.is_made(run, tmp_path, budget, options.episodes)
+    for key in there["settings"]:
+        other = {**there, "settings": {**there["settings"], key: "another"}}
+        (tmp_path / f"{run.name}.json").write_text(json.dumps(other))
+        assert not results.is_made(run, tmp_path, budget, options.episodes), key
+    (tmp_path / f"{run.name}.json").write_text(json.dumps(there))
+    other = tuned.TASKS["track"].varied(elements=6)
+    monkeypatch.setitem(tuned.TASKS, "track", other)
+    assert not results.is_made(run, tmp_path, budget, options.episodes)
 
 
 def test_baselines_are_tuned_on_training_episodes(monkeypatch):
