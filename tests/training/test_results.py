@@ -336,7 +336,7 @@ def test_runs_of_other_episodes_are_made_again(tmp_path):
         assert results.held_out(run, few) == 32
         assert results.held_out(run, all_of_them) == (64 if run.algorithm == "optimum" else 256)
     for name in ("mpc", "shac", "sb3-ppo", "skrl-ppo"):
-        run, there = made("reach", name, few, tmp_path)
+        run, _ = made("reach", name, few, tmp_path)
         budget = results.budget(few, run)
         assert results.is_made(run, tmp_path, budget, results.held_out(run, few))
         assert not results.is_made(run, tmp_path, budget, results.held_out(run, all_of_them))
