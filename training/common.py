@@ -8,11 +8,10 @@ import argparse
 import ast
 import copy
 import inspect
-import math
 import textwrap
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Protocol, get_type_hints
@@ -27,7 +26,7 @@ from torchbeam.extend.commands import save as save_file
 from .evaluate import EPISODES, evaluate, make, scores
 from .policies import Policy, read, save
 from .tuned import TASKS, TRAINING, Task, budget, task_named
-from .watch import VALIDATIONS, Bar, Budget, Log, is_due, validation
+from .watch import VALIDATIONS, Bar, Best, Budget, Log, is_due, validation
 
 # of a checkpoint
 KEYS = ("settings", "learner", "iteration", "steps", "seconds", "rows", "best")
@@ -83,6 +82,10 @@ def train(
     checkpoint, log = folder / f"{name}.checkpoint", Log(folder / f"{name}.csv")
     iteration, steps, seconds, judge, best = 0, 0, 0.0, make(task, episodes), Best()
     settings = {**vars(learner.arguments), "budget": vars(budget)}
+
+    def weights() -> dict[str, Any]:
+        return copy.deepcopy(learner.policy.state_dict())
+
     state = read(checkpoint, "checkpoint", KEYS) if checkpoint.exists() else None
     if state is not None and state["settings"] == settings:
         try:
@@ -98,7 +101,7 @@ def train(
     else:
         log.rewind(0)
         found = validation(task, learner.policy, judge)
-        best = best.after(found, 0, learner.policy)
+        best = best.after(found, 0, weights)
         log.write({"iteration": 0, "steps": 0, "seconds": 0.0, **found})
     with Bar(name, progress) as bar:
         while (done := budget.done(steps, seconds)) < 1:
@@ -109,7 +112,7 @@ def train(
             over = budget.done(steps, seconds)
             if is_due(done, over):
                 found = validation(task, learner.policy, judge)
-                best = best.after(found, steps, learner.policy)
+                best = best.after(found, steps, weights)
                 log.write(
                     {"iteration": iteration, "steps": steps, "seconds": seconds, **found, **figures}
                 )
@@ -129,7 +132,7 @@ def train(
             bar.to(over)
     learner.policy.double()  # scores are the same then, to 1e-9, on whatever machine
     last = evaluate(task, learner.policy, final)["return"]
-    learner.policy.load_state_dict(best.weights)
+    learner.policy.load_state_dict(best.policy)
     result = {
         "steps": steps,
         "seconds": seconds,
@@ -146,24 +149,6 @@ def train(
     )
     checkpoint.unlink(missing_ok=True)
     return result
-
-
-@dataclass(frozen=True)
-class Best:
-    """The policy of the best validation so far: its return, the environment steps it has learned
-    from, its weights.
-    """
-
-    score: float = -math.inf
-    steps: int = 0
-    weights: dict[str, Any] = field(default_factory=dict)
-
-    def after(self, found: dict[str, float], steps: int, policy: Policy) -> Best:
-        """The better of this and a policy with `validation` scores."""
-        score = found["validation_return"]
-        return (
-            Best(score, steps, copy.deepcopy(policy.state_dict())) if score > self.score else self
-        )
 
 
 def environment_state(env: VectorEnv) -> dict[str, Any]:

@@ -51,6 +51,22 @@ def validation(task: Task, controller: Controller, env: VectorEnv) -> dict[str, 
     return {f"validation_{name}": found[name] for name in ("return", "success", "final_error")}
 
 
+@dataclass(frozen=True)
+class Best:
+    """The policy of the best validation so far: its return, the environment steps it has learned
+    from, and whatever gives it back.
+    """
+
+    score: float = -math.inf
+    steps: int = 0
+    policy: Any = None
+
+    def after(self, found: dict[str, float], steps: int, snapshot: Callable[[], Any]) -> Best:
+        """The better of this and a policy with `validation` scores."""
+        score = found["validation_return"]
+        return Best(score, steps, snapshot()) if score > self.score else self
+
+
 class Watch:
     """Of a learner that has a loop of its own: scores its policy as `train` does, in a log, keeps
     the best, and says when the budget is used up. What that takes is not in `seconds`, CPU time.
@@ -73,7 +89,7 @@ class Watch:
         self.bar, self.snapshot = bar, snapshot
         self.judge = make(task, episodes)
         self.steps, self.seconds, self.done = 0, 0.0, 0.0
-        self.best: tuple[float, int, Any] = (-math.inf, 0, None)
+        self.best = Best()
 
     def begin(self) -> None:
         self.log.rewind(0)
@@ -96,19 +112,18 @@ class Watch:
         back.
         """
         last = evaluate(self.task, self.controller, final)["return"]
-        restore(self.best[2])
+        restore(self.best.policy)
         return {
             "steps": self.steps,
             "seconds": self.seconds,
-            "chosen_steps": self.best[1],
+            "chosen_steps": self.best.steps,
             "last_return": last,
             **scores(self.task, self.controller, final),
         }
 
     def _score(self) -> None:
         found = validation(self.task, self.controller, self.judge)
-        if found["validation_return"] > self.best[0]:
-            self.best = found["validation_return"], self.steps, self.snapshot()
+        self.best = self.best.after(found, self.steps, self.snapshot)
         self.log.write({"steps": self.steps, "seconds": self.seconds, **found})
         self.bar.say(f"return {found['validation_return']:.1f}")
 
