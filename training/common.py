@@ -69,9 +69,10 @@ def train(
     of steps alone, it then ends in the same bits as a run that was never stopped. When
     `watch.SHARES` of the budget are used up, the policy is scored on `episodes` validation episodes
     and a checkpoint is written; the time that takes is not in `seconds`, the CPU seconds of this
-    process: what else the machine does is not in them, and those of a run that goes on add up. The policy of the best such score is the one that is saved, in float64, and scored on
-    `final` held-out episodes, which choose nothing: `chosen_steps` says when it was met,
-    `last_return` is that of the last policy.
+    process: what else the machine does is not in them, and those of a run that goes on add up. The
+    policy of the best such score is the one that is saved, in float64, and scored on `final`
+    held-out episodes, which choose nothing: `chosen_steps` says when it was met, `last_return` is
+    that of the last policy.
 
     Raises ValueError for a folder that cannot be written, and for a checkpoint that is damaged, of
     another release, does not fit the learner, or holds more than tensors and plain data: nothing in
