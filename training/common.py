@@ -10,7 +10,7 @@ import copy
 import inspect
 import textwrap
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields, is_dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -24,10 +24,11 @@ from torchbeam.extend.commands import results_folder
 from torchbeam.extend.commands import save as save_file
 
 from .evaluate import EPISODES, evaluate, make, scores
-from .policies import Policy, read, save
-from .tuned import TASKS, TRAINING, Task, budget, task_named
+from .policies import Policy, is_plain, read, save
+from .tuned import TASKS, TRAINING, VALIDATION, Task, budget, task_named
 from .watch import VALIDATIONS, Bar, Best, Budget, Log, is_due, validation
 
+APART = 10_000  # seeds of episodes from one run to the next
 # of a checkpoint
 KEYS = ("settings", "learner", "iteration", "steps", "seconds", "rows", "best")
 
@@ -65,8 +66,8 @@ def train(
     """Iterate until the budget is used up; writes NAME.csv (log), NAME.pt (policy) and, meanwhile,
     NAME.checkpoint.
 
-    A run whose checkpoint is there, of the same settings and budget, goes on from it. With a budget
-    of steps alone, it then ends in the same bits as a run that was never stopped. When
+    A run whose checkpoint is there, of the same task, settings and budget, goes on from it. With a
+    budget of steps alone, it then ends in the same bits as a run that was never stopped. When
     `watch.SHARES` of the budget are used up, the policy is scored on `episodes` validation episodes
     and a checkpoint is written; the time that takes is not in `seconds`, the CPU seconds of this
     process: what else the machine does is not in them, and those of a run that goes on add up. The
@@ -81,7 +82,7 @@ def train(
     folder = writable_folder(folder, parents=True)
     checkpoint, log = folder / f"{name}.checkpoint", Log(folder / f"{name}.csv")
     iteration, steps, seconds, judge, best = 0, 0, 0.0, make(task, episodes), Best()
-    settings = {**vars(learner.arguments), "budget": vars(budget)}
+    settings = {**vars(learner.arguments), "budget": vars(budget), "task": repr(task)}
 
     def weights() -> dict[str, Any]:
         return copy.deepcopy(learner.policy.state_dict())
@@ -141,12 +142,10 @@ def train(
         "last_return": last,
         **scores(task, learner.policy, final),
     }
-    save(
-        learner.policy,
-        folder / f"{name}.pt",
-        **{"task" if key == "name" else key: value for key, value in vars(task).items()},
-        scores=result,
-    )
+    about = {"task" if key == "name" else key: value for key, value in vars(task).items()}
+    if not is_plain(task.arguments):  # with which the file could not be read
+        about["arguments"] = repr(task.arguments)
+    save(learner.policy, folder / f"{name}.pt", **about, scores=result)
     checkpoint.unlink(missing_ok=True)
     return result
 
@@ -183,8 +182,14 @@ def restore_environment(env: VectorEnv, state: dict[str, Any]) -> Any:
 
 
 def training_seed(seed: int) -> int:
-    """First of the seeds of the episodes that run number `seed` of a learner starts with."""
-    return TRAINING + 10_000 * seed
+    """First of the seeds of the episodes that run number `seed` of a learner starts with.
+
+    Raises ValueError for a number whose episodes would be those of validations.
+    """
+    most = (VALIDATION - TRAINING) // APART
+    if not 0 <= seed < most:
+        raise ValueError(f"the seed {seed} was given; 0 to {most - 1} are wanted")
+    return TRAINING + APART * seed
 
 
 def main(
@@ -217,11 +222,16 @@ def main(
     task = given["task"]
     own = {one.name: given[one.name] for one in fields(arguments) if given[one.name] is not None}
     torch.set_num_threads(1)
-    settings = arguments(**{**tuned.get(task.name, {}), **own})
+    known = tuned.get(task.name, {}) if TASKS.get(task.name) is task else {}
+    settings = arguments(**{**known, **own})
     name = f"{task.name}-{learner.NAME}-{settings.seed}"
     folder = results_folder(parser, given["out"])
-    ends = budget_given(given, learner.NAME, task)
-    print(told(train(learner(task, settings), task, folder, ends, name=name)))
+    try:
+        ends = budget_given(given, learner.NAME, task)
+        print(told(train(learner(task, settings), task, folder, ends, name=name)))
+    except ValueError as error:
+        parser.error(str(error))
+    print(f"policy: {folder / name}.pt, log: {folder / name}.csv")
     return 0
 
 
@@ -229,13 +239,28 @@ def add_budget(parser: argparse.ArgumentParser) -> None:
     """The options --budget and --minutes, for `budget_given`."""
     parser.add_argument(
         "--budget",
-        type=int,
+        type=above_zero(int),
         help="environment steps (default: those of the study, training/tuned.py, or without bound "
         "where --minutes is given)",
     )
     parser.add_argument(
-        "--minutes", type=float, help="end after so many CPU minutes of training at the latest"
+        "--minutes",
+        type=above_zero(float),
+        help="end after so many CPU minutes of training at the latest",
     )
+
+
+def above_zero(kind: type) -> Callable[[str], Any]:
+    """The type of an option."""
+
+    def number(text: str) -> Any:
+        value = kind(text)
+        if not value > 0:
+            raise argparse.ArgumentTypeError(f"{text} was given; a number above 0 is wanted")
+        return value
+
+    number.__name__ = kind.__name__  # in what argparse says of other texts
+    return number
 
 
 def budget_given(given: dict[str, Any], algorithm: str, task: Task) -> Budget:

@@ -7,6 +7,7 @@ python -m training.evaluate training/policies/reach-uncertain-shac.pt --outside
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import fields
@@ -17,7 +18,7 @@ import torch
 from gymnasium.vector import VectorEnv
 
 from .policies import load
-from .tuned import HELD_OUT, OUTSIDE, TASKS, Task, widened
+from .tuned import HELD_OUT, OUTSIDE, TASKS, Task, task_named, widened
 
 EPISODES = 256
 Controller = Callable[[torch.Tensor], torch.Tensor]
@@ -126,11 +127,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="on plants outside of the range that it was trained on, of a policy for plants that "
         "are uncertain",
     )
+    parser.add_argument(
+        "--task",
+        metavar="TASK",
+        help=f"{', '.join(TASKS)}, or MODULE:NAME, a training.tuned.Task of one's own (default: "
+        "what the file says)",
+    )
     options = parser.parse_args(argv)
     torch.set_num_threads(1)
     try:
+        given = task_named(options.task) if options.task else None
         loaded = [
-            (path, policy := load(path), _task(path, policy.about)) for path in options.policy
+            (path, policy := load(path), given or _task(path, policy.about))
+            for path in options.policy
         ]
         for path, _, task in loaded if options.outside else ():
             if widened(task) is None:
@@ -150,13 +159,21 @@ def _task(path: str, about: Any) -> Task:
     """What a policy was trained for, as its file has it; the environment is there."""
     try:
         task = Task(about["task"], *(about[field.name] for field in fields(Task)[1:]))
-        gymnasium.spec(task.env)
-        return task
-    except (KeyError, TypeError, gymnasium.error.Error):
+        module, _, env = task.env.rpartition(":")
+        if module:
+            importlib.import_module(module)
+        gymnasium.spec(env)
+    except (KeyError, TypeError, ImportError, gymnasium.error.Error):
         raise ValueError(
             f"the policy {path!r} was given, which names no task of this release and no registered "
             f"environment; there are {', '.join(TASKS)}"
         ) from None
+    if not isinstance(task.arguments, dict):
+        raise ValueError(
+            f"the policy {path!r} was given, whose task holds more than plain data: --task "
+            "MODULE:NAME is wanted too"
+        )
+    return task
 
 
 if __name__ == "__main__":

@@ -172,6 +172,15 @@ def save(policy: Policy, path: str | Path, **about: Any) -> None:
     save_file(path, {"shape": policy.shape, "weights": policy.state_dict(), "about": about})
 
 
+def is_plain(value: Any) -> bool:
+    """Whether `read` gives it back: numbers, texts, tensors, lists and dicts of them."""
+    if isinstance(value, dict):
+        return all(map(is_plain, (*value.keys(), *value.values())))
+    if isinstance(value, list | tuple):
+        return all(map(is_plain, value))
+    return value is None or type(value) in (bool, int, float, str) or isinstance(value, Tensor)
+
+
 def load(path: str | Path) -> Policy:
     """A policy from its file; `.about` is what was saved beside it."""
     content = read(path, "policy", ("shape", "weights", "about"))

@@ -21,6 +21,7 @@ from .table import (
     OWN,
     SHARES,
     Row,
+    Run,
     aggregates,
     comparisons,
     rows,
@@ -34,8 +35,8 @@ NAMES = {"linear": "the best linear controller", **LABELS}
 
 def report(out: Path) -> str:
     """Write results.json, results.csv, results.md, summary.md, outside.md, libraries.md,
-    aggregate.md, ahead.md, published.md, curves.png and published.png (with matplotlib) and
-    policies/; returns the Markdown of results.md.
+    budgets.md, aggregate.md, ahead.md, published.md, curves.png and published.png (with
+    matplotlib) and policies/; returns the Markdown of results.md.
     """
     runs = [json.loads(path.read_text()) for path in sorted((out / "runs").glob("*.json"))]
     curves = partial(curve, out / "runs")
@@ -57,6 +58,7 @@ def report(out: Path) -> str:
         "summary": grid([row for row in lines if row["task"] not in PUBLISHED], CONTROLLERS),
         "outside": grid(lines, CONTROLLERS, "outside_"),
         "libraries": grid(lines, ("ppo", "sb3-ppo", "skrl-ppo", "sac", "sb3-sac"), of=LIBRARIES),
+        "budgets": budgets(lines),
         "aggregate": aggregate(scores),
         "ahead": ahead([row for row in own if row["level"] in LEVELS]),
         "published": "\n\n".join(
@@ -69,7 +71,8 @@ def report(out: Path) -> str:
     for name, part in parts.items():
         (out / f"{name}.md").write_text(f"{part}\n\n{sentence(heading)}\n")
     whole = markdown(lines), parts["aggregate"], ahead(compared)
-    text = "\n\n".join((*whole, *(f"{name}: failed" for name in failed), sentence(heading)))
+    warnings = (*mixed(runs), *(f"{name}: failed" for name in failed))
+    text = "\n\n".join((*whole, *warnings, sentence(heading)))
     (out / "results.md").write_text(text + "\n")
     policies(out, runs)
     try:
@@ -148,7 +151,7 @@ def _cell(row: Row, prefix: str, best: float | None) -> str:
 
 
 def aggregate(scores: Sequence[Row]) -> str:
-    """A row an algorithm: normalised scores by level."""
+    """A row an algorithm: normalised scores by level, in round brackets their means."""
     columns = [
         (here, measure)
         for here in LEVELS
@@ -161,9 +164,50 @@ def aggregate(scores: Sequence[Row]) -> str:
     found = []
     for name in shown:
         own = (cells.get((*column, name)) for column in columns)
-        values = (_said(row, "score", 100, 1, " %") if row else "" for row in own)
+        values = (_score(row) if row else "" for row in own)
         found.append((LABELS[name], *values))
     return table(("controller", *head), found, words=1)
+
+
+def _score(row: Row) -> str:
+    return f"{_said(row, 'score', 100, 1, ' %')} ({100 * row['mean']:.1f})"
+
+
+def budgets(lines: Sequence[Row]) -> str:
+    """A row a task: environment steps and training time of a run, by learner."""
+    cells: dict[str, dict[str, Row]] = {}
+    for row in lines:
+        if row["seconds"] is not None:
+            cells.setdefault(row["task"], {})[row["algorithm"]] = row
+    shown = [name for name in LEARNERS if any(name in here for here in cells.values())]
+    found = [
+        (
+            task,
+            *(
+                f"{here[name]['steps']:,.0f}, {here[name]['seconds']:.0f} s" if name in here else ""
+                for name in shown
+            ),
+        )
+        for task, here in cells.items()
+    ]
+    return table(("task", *(LABELS[name] for name in shown)), found, words=1)
+
+
+def mixed(runs: Sequence[Run]) -> list[str]:
+    """What is to be said where runs of a task and algorithm are not alike but for their seeds."""
+    kinds: dict[tuple[str, str], set[str]] = {}
+    for run in runs:
+        alike = {name: run.get(name) for name in ("budget", "environment", "episodes")}
+        if run["algorithm"] in LEARNERS:
+            alike["settings"] = {**run.get("settings", {}), "seed": None}
+        kind = kinds.setdefault((run["task"], run["algorithm"]), set())
+        kind.add(json.dumps(alike, sort_keys=True))
+    return [
+        f"{task}, {LABELS[algorithm]}: of runs that are not alike, in settings, budget, environment"
+        " or episodes; `python -m training.results` makes them anew."
+        for (task, algorithm), kind in kinds.items()
+        if len(kind) > 1
+    ]
 
 
 def ahead(compared: Sequence[Row]) -> str:

@@ -40,8 +40,7 @@ from .common import train
 from .evaluate import EPISODES, scores
 from .evaluate import make as validation_env
 from .report import report
-from .table import CURVE
-from .watch import VALIDATIONS, Bar, Budget, validation
+from .watch import SHARES, VALIDATIONS, Bar, Budget, validation
 
 LEARNERS = {
     "ppo": (ppo.PPO, ppo.Arguments, tuned.PPO),
@@ -100,14 +99,14 @@ class Run(NamedTuple):
 
     @property
     def environment(self) -> dict[str, Any]:
-        """What it is made on."""
-        task = tuned.TASKS[self.task]
-        return {"env": task.env, "arguments": task.arguments}
+        """What it is made and judged on."""
+        return {**vars(tuned.TASKS[self.task]), "validated": [VALIDATIONS, *SHARES]}
 
 
 def make(run: Run, folder: Path, budget: Budget, episodes: int) -> dict[str, Any]:
     """One run, in its own files; returns what goes into its JSON."""
     torch.set_num_threads(1)
+    (folder / f"{run.name}.json").unlink(missing_ok=True)  # its log is written anew
     task, start = tuned.TASKS[run.task], time.process_time()
     options: dict[str, Any] = dict(name=run.name, progress=False, final=episodes)
     if run.algorithm in BASELINES:
@@ -198,9 +197,9 @@ def is_made(run: Run, folder: Path, budget: Budget, episodes: int) -> bool:
         return False
     there, wanted = json.loads(path.read_text()), {"episodes": episodes}
     wanted |= {"environment": run.environment, "budget": vars(budget)}
-    if run.algorithm in BASELINES:  # which find their settings themselves
-        return CURVE in there and holds(there, wanted)
-    return holds(there, {**wanted, "settings": run.settings})
+    if run.algorithm not in BASELINES:  # which find their settings themselves
+        wanted["settings"] = run.settings
+    return holds(there, wanted)
 
 
 def holds(there: dict[str, Any], wanted: dict[str, Any]) -> bool:

@@ -60,7 +60,7 @@ def rows(runs: Sequence[Run], curves: Callable[[Run], Curve | None]) -> list[Row
     within, within_half                 see `evaluate`
     return_at_steps, return_at_seconds  the learning curves at the environment steps, and at the
                                         training time, that every run of every learner of the task
-                                        has had
+                                        has had; none where one has not been validated by then
     """
     table = []
     for task in dict.fromkeys(run["task"] for run in runs):
@@ -72,11 +72,8 @@ def rows(runs: Sequence[Run], curves: Callable[[Run], Curve | None]) -> list[Row
             group = [run for run in here if run["algorithm"] == algorithm]
             found = [learned[id(run)] for run in group if id(run) in learned]
             row = {"task": task, "algorithm": algorithm, "runs": len(group)}
-            for name in ("return", "success", "final_error"):
+            for name in ("return", "success", "final_error", *SHARES):
                 row |= _entry(name, interquartile_mean, [run[name] for run in group])
-            for name in SHARES:  # runs of before have none
-                values = [[run[name] for run in group]] if all(name in run for run in group) else []
-                row |= _entry(name, interquartile_mean, *values)
             outside = [run["outside"] for run in group if run["outside"]]
             for name in ("return", "success"):
                 values = [[run[name] for run in outside]] if outside else []
@@ -86,8 +83,8 @@ def rows(runs: Sequence[Run], curves: Callable[[Run], Curve | None]) -> list[Row
             row["steps"] = mean([run["steps"] for run in group])
             row["seconds"] = mean([run["seconds"] for run in group]) if found else None
             for axis in AXES:
-                at = [_at(one, axis, common[axis]) for one in found]
                 row[f"common_{axis}"] = common[axis] if found else None
+                at = _at(found, axis, common[axis])
                 row |= _entry(f"return_at_{axis}", interquartile_mean, *[at] if at else [])
             row["episodes"] = group[0]["episodes"]
             row["ended"] = sum(run["ended"] for run in group)
@@ -103,7 +100,8 @@ def comparisons(runs: Sequence[Run], curves: Callable[[Run], Curve | None]) -> l
 
     probability                 by held-out episodes, each with its whole budget
     at_steps, at_seconds        by validation episodes, at the environment steps and the training
-                                time of the shortest of their runs
+                                time of the shortest of their runs, of the tasks where all have been
+                                validated by then
     """
     table = []
     for here in (*LEVELS, "published"):
@@ -168,7 +166,9 @@ def _mean_improvement(*groups: np.ndarray) -> np.ndarray:
 
 def aggregates(runs: Sequence[Run]) -> list[Row]:
     """Of each algorithm that has been run on all tasks of one of `LEVELS`: the interquartile mean
-    over all tasks and seeds together, runs drawn anew within each task (Agarwal et al. 2021).
+    over all tasks and seeds together, runs drawn anew within each task (Agarwal et al. 2021). As it
+    leaves out the lowest and the highest quarter, a task in which all runs do badly may be in
+    neither; `mean` leaves out nothing.
 
     score       of normalised returns: 0 is no action, 1 the best of the baselines there, MPC that
                 knows the plant among them
@@ -189,6 +189,7 @@ def aggregates(runs: Sequence[Run]) -> list[Row]:
                 if strata and all(strata):
                     row = {"level": here, "measure": measure, "algorithm": algorithm}
                     row |= {"tasks": len(strata), "runs": sum(map(len, strata))}
+                    row |= {"mean": mean([mean(one) for one in strata])}
                     table.append(row | _entry("score", _pooled, *strata))
     return table
 
@@ -212,21 +213,27 @@ def _common(curves: Any, axis: str) -> float | None:
     return min((float(curve[axis][-1]) for curve in curves), default=None)
 
 
-def _at(curve: Curve, axis: str, value: float) -> float:
-    return float(np.interp(value, curve[axis], curve[CURVE]))
+def _at(curves: Sequence[Curve], axis: str, value: float | None) -> list[float] | None:
+    """Their validation returns there; None where there are none, or one of them has not been
+    validated by then since it began.
+    """
+    if not curves or any(value < curve[axis][1] for curve in curves):
+        return None
+    return [float(np.interp(value, curve[axis], curve[CURVE])) for curve in curves]
 
 
 def _at_equal(
     sides: Sequence[Sequence[Run]], curves: Callable[[Run], Curve | None], axis: str
 ) -> list[list[float]] | None:
     """Validation returns of two groups of runs where the shortest of them ends; None where a log is
-    missing.
+    missing, or one has not been validated by then.
     """
     logs = [[curves(run) for run in side] for side in sides]
     if any(log is None for side in logs for log in side):
         return None
     end = _common([log for side in logs for log in side], axis)
-    return [[_at(log, axis, end) for log in side] for side in logs]
+    found = [_at(side, axis, end) for side in logs]
+    return None if None in found else found
 
 
 def _entry(name: str, statistic: Callable[..., Any], *strata: list[float]) -> Row:

@@ -115,6 +115,8 @@ def test_table_compares_at_what_all_have_had():
             "return": float(steps),
             "success": 1.0,
             "final_error": 0.0,
+            "within": 1.0,
+            "within_half": 1.0,
             "steps": steps,
             "seconds": seconds,
             "ended": 0,
@@ -143,6 +145,52 @@ def test_table_compares_at_what_all_have_had():
     ] == pytest.approx(25)
     assert by["ppo"]["return_low"] == by["ppo"]["return"] == by["ppo"]["return_high"] == 100
     assert all(row["better"] is None for row in rows)  # there is no linear controller
+
+
+def test_no_return_is_told_before_the_first_validation():
+    """One learner ends at 30 steps and 20 s; another is first validated at 20 steps and 5 s, a
+    third at 40 and 30: a line from the policy that has learned nothing tells of none there was.
+    """
+    ends = {"sac": ([0, 15, 30], [0, 10, 20]), "ppo": ([0, 20, 40], [0, 5, 10])}
+    ends["shac"] = ([0, 40, 80], [0, 30, 60])
+
+    def curve(run):
+        steps, seconds = (np.array(at, dtype=float) for at in ends[run["algorithm"]])
+        return {"steps": steps, "seconds": seconds, "validation_return": -100 + steps}
+
+    runs = [
+        {"task": "track", "algorithm": name, "seed": 0, "return": 0.0, "success": 1.0}
+        | {"final_error": 0.0, "within": 1.0, "within_half": 1.0, "steps": 1, "seconds": 1.0}
+        | {"ended": 0, "solver_failures": 0, "outside": None, "episodes": 4}
+        for name in ends
+    ]
+    by = {row["algorithm"]: row for row in table.rows(runs, curve)}
+    told = [by[name]["return_at_steps"] for name in ("sac", "ppo", "shac")]
+    assert told == [pytest.approx(-70), pytest.approx(-70), None]
+    told = [by[name]["return_at_seconds"] for name in ("sac", "ppo", "shac")]
+    assert told == [pytest.approx(-85), pytest.approx(-60), None]
+    pairs = {(row["algorithm"], row["over"]): row for row in table.comparisons(runs, curve)}
+    assert pairs["sac", "ppo"]["at_steps"] == 0.5 and pairs["sac", "ppo"]["at_seconds"] == 0
+    for other, at_steps in (("sac", None), ("ppo", 0.5)):
+        row = pairs["shac", other]
+        assert row["at_steps"] == at_steps and row["at_seconds"] is None
+        assert row["probability"] == 0.5
+
+
+def test_runs_that_are_not_alike_are_told_of():
+    """But for their seeds."""
+    one = {"task": "track", "algorithm": "ppo", "budget": {"steps": 8}, "episodes": 4, "seed": 0}
+    one |= {"environment": {"arguments": {"frames": 4}}, "settings": {"rate": 1e-3, "seed": 0}}
+    same = {**one, "seed": 1, "settings": {"rate": 1e-3, "seed": 1}}
+    assert report.mixed([one, same]) == []
+    for other in (
+        {"budget": {"steps": 9}},
+        {"episodes": 5},
+        {"environment": {"arguments": {"frames": 12}}},
+        {"settings": {"rate": 1e-2, "seed": 1}},
+    ):
+        (said,) = report.mixed([one, {**same, **other}])
+        assert said.startswith("track, PPO: of runs that are not alike")
 
 
 def test_learners_are_compared_task_by_task():
@@ -196,6 +244,7 @@ def test_what_seeds_tell_of_a_linear_controller():
             "outside": None,
         }
         | {"final_error": 0.0, "steps": 1, "seconds": s, "ended": 0, "solver_failures": 0}
+        | {"within": 1.0, "within_half": 1.0}
         | {"episodes": 4}
         for name, s, values in (
             ("pd", None, [-9.0]),
@@ -234,7 +283,7 @@ def test_scores_lie_between_no_action_and_the_best_baseline():
     low, high = (score["score", "ppo"][f"score_{end}"] for end in ("low", "high"))
     assert low == 0.375 and high == 0.625  # of (0.25, 0.25) and (0.75, 0.75) beside (0.5, 0.5)
     assert {row["level"] for row in rows} == {"uncertain"}
-    assert "| PPO | 50.0 [37.5, 62.5] % | 50.0" in report.aggregate(rows)
+    assert "| PPO | 50.0 [37.5, 62.5] % (50.0) | 50.0" in report.aggregate(rows)
 
 
 def test_the_study_is_fair_wherever_it_is_cut_off(tmp_path):
@@ -284,7 +333,7 @@ def test_published_tasks_have_a_table_of_their_own(tmp_path):
         run |= {"return": value, "success": 0.5, "final_error": 0.08, "solver_failures": 0}
         run |= dict(steps=0 if seed is None else 1000, seconds=None if seed is None else 9.0)
         run |= {"validation_return": value} if seed is None else {}
-        run |= dict(within=0.75, within_half=0.25) if task == "follow" else {}
+        run |= dict(within=0.75, within_half=0.25)
         name = results.Run(task, algorithm, seed).name
         (tmp_path / "runs" / f"{name}.json").write_text(json.dumps(run))
         if seed is not None:
@@ -297,6 +346,7 @@ def test_published_tasks_have_a_table_of_their_own(tmp_path):
     assert "| follow | no action | -150 | 75 % | 25 % | 50 % |  |  |  |" in own
     assert "| published | SHAC | PPO | 1 | 100 % |" in own and "| track" not in own
     assert "published" not in (tmp_path / "ahead.md").read_text()
+    assert "| follow | 1,000, 9 s | 1,000, 9 s |" in (tmp_path / "budgets.md").read_text()
     assert "follow" not in (tmp_path / "summary.md").read_text()
     made = json.loads((tmp_path / "results.json").read_text())
     assert {(row["level"], row["algorithm"], row["tasks"]) for row in made["aggregates"]} == {

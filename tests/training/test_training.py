@@ -377,6 +377,7 @@ def test_what_does_not_fit_is_refused(tmp_path):
     environments; a policy with other weights.
     """
     settings = {**vars(learner("shac").arguments), "budget": {"steps": 32, "minutes": None}}
+    settings["task"] = repr(TINY)
     rest = {"iteration": 1, "steps": 32, "seconds": 1.0, "rows": 1, "best": {}}
     rest["settings"] = settings
     for other in (learner("ppo"), learner("shac", hidden=(8,)), learner("shac", num_envs=3)):
@@ -441,7 +442,7 @@ def test_a_task_of_ones_own(tmp_path, capsys, monkeypatch):
     common.main([*given, "--hidden", "(8,)", "--out", str(tmp_path)], ppo.Arguments, ppo.PPO, {})
     policy = str(tmp_path / "lift-ppo-0.pt")
     assert evaluation([policy, "--episodes", "2"]) == 0
-    said = json.loads(capsys.readouterr().out.split("\n", 1)[1])
+    said = json.loads(capsys.readouterr().out.split("\n", 2)[2])
     assert said["episodes"] == 2 and load(policy).about["tolerance"] == 0.5
     with monkeypatch.context() as other:
         other.setitem(TASKS, "lift", TASKS["track"])
@@ -456,6 +457,60 @@ def test_a_task_of_ones_own(tmp_path, capsys, monkeypatch):
         with pytest.raises(SystemExit):
             common.main(["--task", wrong], ppo.Arguments, ppo.PPO, {})
         assert sentence in capsys.readouterr().err
+
+
+def test_a_task_with_an_object_among_its_arguments(tmp_path, capsys, monkeypatch):
+    """Its policy can be read, and scored where the task is named: nothing in a file is run."""
+    (tmp_path / "bent_task.py").write_text(
+        "import torchbeam as tb\nfrom training.tuned import Task\n"
+        "beam = tb.Beam.straight(1.0, 2, tb.Section.circle(0.01, 1e8, 0.4, 1e3))\n"
+        "bent = Task('bent', 'torchbeam/TipReachPlanar-v1', "
+        "dict(beam=beam, substeps=1, max_episode_steps=4))\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    given = ["--task", "bent_task:bent", "--budget", "16", "--num-envs", "4", "--horizon", "4"]
+    common.main([*given, "--hidden", "(8,)", "--out", str(tmp_path)], ppo.Arguments, ppo.PPO, {})
+    policy = str(tmp_path / "bent-ppo-0.pt")
+    assert f"policy: {policy}" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        evaluation([policy])
+    assert "--task MODULE:NAME is wanted too" in capsys.readouterr().err
+    assert evaluation([policy, "--task", "bent_task:bent", "--episodes", "2"]) == 0
+    assert json.loads(capsys.readouterr().out)["episodes"] == 2
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        (["--budget", "0"], "a number above 0 is wanted"),
+        (["--budget", "-1"], "a number above 0 is wanted"),
+        (["--budget", "many"], "invalid int value"),
+        (["--minutes", "0"], "a number above 0 is wanted"),
+        (["--teacher", "Nobody"], "a controller of torchbeam_envs.baselines"),
+        (["--seed", "50"], "0 to 49 are wanted"),
+    ],
+)
+def test_wrong_options_are_refused_in_a_sentence(given, sentence, tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        common.main([*given, "--out", str(tmp_path)], shac.Arguments, shac.SHAC, {})
+    assert sentence in capsys.readouterr().err
+
+
+def test_a_checkpoint_of_another_task_is_not_gone_on_from(tmp_path):
+    """Of the same name and the same sizes."""
+    options = dict(final=2, episodes=2, progress=False)
+    one = learner("shac")
+    state = {"iteration": 1, "steps": 32, "seconds": 1.0, "rows": 1, "best": {}}
+    state |= {"learner": one.state_dict(), "best": vars(common.Best())}
+    budget = common.Budget(steps=64)
+    other = TINY.varied(substeps=2)
+    settings = {**vars(one.arguments), "budget": vars(budget)}
+    torch.save(
+        {**state, "settings": {**settings, "task": repr(other)}}, tmp_path / "run.checkpoint"
+    )
+    assert common.train(one, TINY, tmp_path, budget, **options)["iterations"] == 2
+    with open(tmp_path / "run.csv", newline="") as file:
+        assert [row["steps"] for row in csv.DictReader(file)] == ["0", "32", "64"]
 
 
 def test_command_line(tmp_path, capsys, monkeypatch):
