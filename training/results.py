@@ -4,15 +4,14 @@ episodes, and on held-out plants outside of the training range.
     python -m training.results --out out/results       # the study, `PLAN`
     python -m training.results --out out/quick --quick # two tasks, three seeds, seconds each
 
-The whole study is 458 runs and takes four to five CPU hours, so that two cores make it in three
-(SHAC, PPO and SAC 10 seeds on five tasks at two levels; SHAC and PPO 5 seeds on two in space;
-SHAC 10, PPO and SAC 3 seeds on two published ones; stable-baselines3 and skrl 3 seeds on four;
-baselines once each). Budgets are environment steps, by
-`tuned.BUDGETS`: results do not depend on how busy or fast the machine is.
+The whole study is 458 runs and takes about four CPU hours (SHAC, PPO and SAC 10 seeds on five tasks
+at two levels; SHAC and PPO 5 seeds on two in space; SHAC 10, PPO and SAC 3 seeds on two published
+ones; stable-baselines3 and skrl 3 seeds on four; baselines once each). Budgets are environment
+steps, by `tuned.BUDGETS`: results do not depend on how busy or fast the machine is.
 
 Each run writes its own file when it is complete; called again, the command makes what is missing
-or was made with other settings, another budget or other episodes, goes on with what was
-interrupted, and writes results.json, .csv, .md, curves.png and policies/ from all there is. Runs
+or was made on another task, with other settings, another budget or other episodes, goes on with
+what was interrupted, and writes results.json, .csv, .md, curves.png and policies/ from all there is. Runs
 are made seed by seed, each seed of each algorithm in the order that these are named in, so that all
 tasks have had as many seeds wherever it is cut off.
 """
