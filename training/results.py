@@ -11,9 +11,9 @@ steps, by `tuned.BUDGETS`: results do not depend on how busy or fast the machine
 
 Each run writes its own file when it is complete; called again, the command makes what is missing
 or was made on another task, with other settings, another budget or other episodes, goes on with
-what was interrupted, and writes results.json, .csv, .md, curves.png and policies/ from all there is. Runs
-are made seed by seed, each seed of each algorithm in the order that these are named in, so that all
-tasks have had as many seeds wherever it is cut off.
+what was interrupted, and writes results.json, .csv, .md, curves.png and policies/ from all there
+is. Runs are made seed by seed, each seed of each algorithm in the order that these are named in, so
+that all tasks have had as many seeds wherever it is cut off.
 """
 
 from __future__ import annotations
