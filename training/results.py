@@ -24,14 +24,13 @@ import os
 import time
 import traceback
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from concurrent.futures import as_completed
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import torch
 
-from torchbeam.extend.commands import results_folder, write
+from torchbeam.extend.commands import process_pool, results_folder, write
 
 from . import ppo, sac, shac, tuned
 from .baselines import BASELINES, LEADING, MOST_EPISODES, applies
@@ -306,16 +305,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 1 if failures else 0
 
 
-def outcomes(jobs: list[tuple], processes: int) -> Iterator[tuple[Run, str]]:
+def outcomes(jobs: list[tuple], count: int) -> Iterator[tuple[Run, str]]:
     """Each run with what `attempt` said of it, as they end; in this process where there is to be
     one.
     """
-    if processes == 1:
+    if count == 1:
         yield from ((job[0], attempt(*job)) for job in jobs)
         return
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = "1"  # for the processes that are started below
-    with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
+    with process_pool(count) as pool:
         started = {pool.submit(attempt, *job): job[0] for job in jobs}
         for one in as_completed(started):
             try:

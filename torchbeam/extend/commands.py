@@ -8,6 +8,7 @@ write files.
                   packages
 `table`           a Markdown table;  `csv_text`  rows as text;  `write_results`  name.md, .json and
                   .csv
+`process_pool`    processes that end with this one
 `write`, `save`, `written`  files that are there whole or not at all; `NotWritten` where the disk is
                             full
 `measurement`     rows and repeated timings, for the entry points "torchbeam.benchmarks"
@@ -15,14 +16,15 @@ write files.
 
 from ..cli import main, results_folder, threads
 from ..core.files import NotWritten, csv_text, folder, save, write, written
+from ..core.processes import process_pool
 from ..core.results import measured_on, sentence, table, versions
 from ..core.results import write as write_results
 from ..studies.bench import measurement
 
 # fmt: off
 __all__ = [
-    "NotWritten", "csv_text", "folder", "main", "measured_on", "measurement", "results_folder",
-    "save",
+    "NotWritten", "csv_text", "folder", "main", "measured_on", "measurement", "process_pool",
+    "results_folder", "save",
     "sentence", "table", "threads", "versions", "write", "write_results", "written",
 ]
 # fmt: on

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import chain
-from multiprocessing import get_context
 from typing import Any
 
 import torch
@@ -23,6 +21,7 @@ from ..analysis.identification.parameter import Parameter
 from ..analysis.identification.parameters import Parameters
 from ..analysis.identification.refinement import refined
 from ..cli import study, threads
+from ..core.processes import process_pool
 from ..core.results import measured_on, sentence, write
 from ..core.results import table as markdown_table
 from ..dynamics.simulate import simulate
@@ -370,7 +369,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         heading = measured_on()
     rows: list[ParameterCoverage] = []
     fields: list[field_coverage.FieldCoverage] = []
-    with ProcessPoolExecutor(min(len(cases), os.cpu_count() or 1), get_context("spawn")) as pool:
+    with process_pool(min(len(cases), os.cpu_count() or 1)) as pool:
         parts = (
             pool.map(measure, cases, range(len(cases))),
             pool.map(field_coverage.measure, smooth),

@@ -7,10 +7,9 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from contextlib import contextmanager, nullcontext
 from inspect import signature
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from ...analysis.uncertainty.monte_carlo_stream import monte_carlo_stream
 from ...analysis.uncertainty.output import write_found
 from ...cli import results_folder
 from ...core.files import NotWritten
+from ...core.processes import process_pool
 from ...core.results import table
 from .cluster import connected
 from .config import Config, read
@@ -128,7 +128,7 @@ def _executor(given: argparse.Namespace, config: Config) -> Any:
 @contextmanager
 def _pool(workers: int) -> Any:
     """Processes on this machine; without waiting for chunks that are not begun, after an error."""
-    pool: Executor = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+    pool: Executor = process_pool(workers)
     try:
         yield pool
     finally:

@@ -13,10 +13,8 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +26,7 @@ from ...analysis.uncertainty.monte_carlo import monte_carlo
 from ...analysis.uncertainty.monte_carlo_stream import monte_carlo_stream
 from ...cli import study, threads
 from ...core.memory import peak_memory
+from ...core.processes import process_pool
 from ...core.results import measured_on, sentence, table, write
 from ...dynamics.simulate import simulate
 from ...scene.beam import Beam
@@ -135,9 +134,7 @@ def run(what: str, kind: str, samples: int, chunk: int, processes: int) -> Scale
     samples = samples // 16 * 16
     out = Path(tempfile.mkdtemp(prefix="torchbeam-scale-")) if kind == "folder" else None
     gc.collect()
-    pool = (
-        ProcessPoolExecutor(processes, mp_context=get_context("spawn")) if processes > 1 else None
-    )
+    pool = process_pool(processes) if processes > 1 else None
     try:
         with threads(1), pool or nullcontext():
             options = dict(replicates=16, by_name=True, executor=pool, dtype=torch.float64)
