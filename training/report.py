@@ -194,20 +194,19 @@ def budgets(lines: Sequence[Row]) -> str:
 
 
 def mixed(runs: Sequence[Run]) -> list[str]:
-    """What is to be said where runs of a task and algorithm are not alike but for their seeds."""
-    kinds: dict[tuple[str, str], set[str]] = {}
+    """A sentence where runs of a task and algorithm are not alike but for their seeds."""
+    kinds: dict[str, set[str]] = {}
     for run in runs:
         alike = {name: run.get(name) for name in ("budget", "environment", "episodes")}
         if run["algorithm"] in LEARNERS:
             alike["settings"] = {**run.get("settings", {}), "seed": None}
-        kind = kinds.setdefault((run["task"], run["algorithm"]), set())
-        kind.add(json.dumps(alike, sort_keys=True))
+        group = kinds.setdefault(f"{run['task']} {LABELS[run['algorithm']]}", set())
+        group.add(json.dumps(alike, sort_keys=True))
+    names = [name for name, found in kinds.items() if len(found) > 1]
     return [
-        f"{task}, {LABELS[algorithm]}: of runs that are not alike, in settings, budget, environment"
-        " or episodes; `python -m training.results` makes them anew."
-        for (task, algorithm), kind in kinds.items()
-        if len(kind) > 1
-    ]
+        "Not alike but for their seeds, in settings, budget, task, episodes or when they were "
+        f"validated, are runs of {', '.join(names)}: python -m training.results makes them anew."
+    ][: len(names)]
 
 
 def ahead(compared: Sequence[Row]) -> str:
