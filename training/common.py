@@ -10,7 +10,7 @@ import copy
 import inspect
 import textwrap
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, is_dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -24,8 +24,9 @@ from torchbeam.extend.commands import results_folder
 from torchbeam.extend.commands import save as save_file
 
 from .evaluate import EPISODES, evaluate, make, scores
+from .options import add_budget, add_task
 from .policies import Policy, is_plain, read, save
-from .tuned import TASKS, TRAINING, VALIDATION, Task, budget, task_named
+from .tuned import TASKS, TRAINING, VALIDATION, Task, budget
 from .watch import VALIDATIONS, Bar, Best, Budget, Log, is_due, validation
 
 APART = 10_000  # seeds of episodes from one run to the next
@@ -235,34 +236,6 @@ def main(
     return 0
 
 
-def add_budget(parser: argparse.ArgumentParser) -> None:
-    """The options --budget and --minutes, for `budget_given`."""
-    parser.add_argument(
-        "--budget",
-        type=above_zero(int),
-        help="environment steps (default: those of the study, training/tuned.py, or without bound "
-        "where --minutes is given)",
-    )
-    parser.add_argument(
-        "--minutes",
-        type=above_zero(float),
-        help="end after so many CPU minutes of training at the latest",
-    )
-
-
-def above_zero(kind: type) -> Callable[[str], Any]:
-    """The type of an option."""
-
-    def number(text: str) -> Any:
-        value = kind(text)
-        if not value > 0:
-            raise argparse.ArgumentTypeError(f"{text} was given; a number above 0 is wanted")
-        return value
-
-    number.__name__ = kind.__name__  # in what argparse says of other texts
-    return number
-
-
 def budget_given(given: dict[str, Any], algorithm: str, task: Task) -> Budget:
     steps, minutes = given["budget"], given["minutes"]
     if steps is None and minutes is None:
@@ -276,25 +249,6 @@ def told(result: dict[str, Any]) -> str:
     if result.get("outside"):
         flat["outside_return"] = result["outside"]["return"]
     return "  ".join(f"{key} {value:.4g}" for key, value in flat.items())
-
-
-def add_task(parser: argparse.ArgumentParser) -> None:
-    """The option --task, whose value is a `Task`."""
-
-    def task(name: str) -> Task:
-        try:
-            return task_named(name)
-        except ValueError as error:
-            raise argparse.ArgumentTypeError(str(error)) from None
-
-    parser.add_argument(
-        "--task",
-        type=task,
-        default="reach",
-        metavar="TASK",
-        help=f"{', '.join(TASKS)}, or MODULE:NAME, a training.tuned.Task of one's own "
-        "(default: %(default)s)",
-    )
 
 
 def documented(arguments: type) -> dict[str, str]:

@@ -17,8 +17,9 @@ import gymnasium
 import torch
 from gymnasium.vector import VectorEnv
 
+from .options import add_task
 from .policies import load
-from .tuned import HELD_OUT, OUTSIDE, TASKS, Task, task_named, widened
+from .tuned import HELD_OUT, OUTSIDE, TASKS, Task, widened
 
 EPISODES = 256
 Controller = Callable[[torch.Tensor], torch.Tensor]
@@ -127,18 +128,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="on plants outside of the range that it was trained on, of a policy for plants that "
         "are uncertain",
     )
-    parser.add_argument(
-        "--task",
-        metavar="TASK",
-        help=f"{', '.join(TASKS)}, or MODULE:NAME, a training.tuned.Task of one's own (default: "
-        "what the file says)",
-    )
+    add_task(parser, default=None, instead="what the file says")
     options = parser.parse_args(argv)
     torch.set_num_threads(1)
     try:
-        given = task_named(options.task) if options.task else None
         loaded = [
-            (path, policy := load(path), given or _task(path, policy.about))
+            (path, policy := load(path), options.task or _task(path, policy.about))
             for path in options.policy
         ]
         for path, _, task in loaded if options.outside else ():

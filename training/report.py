@@ -127,12 +127,9 @@ def grid(
     largest return in bold (but of `KNOWING`, which no real controller can be). Tasks without such
     an entry, or without one of the algorithms `of`, are left out.
     """
-    cells: dict[str, dict[str, Row]] = {}
-    for row in lines:
-        if row[f"{prefix}return"] is not None:
-            cells.setdefault(row["task"], {})[row["algorithm"]] = row
+    cells = _cells(lines, f"{prefix}return")
     cells = {task: here for task, here in cells.items() if not of or set(of) & here.keys()}
-    shown = [name for name in controllers if any(name in here for here in cells.values())]
+    shown = _shown(controllers, cells)
     found = []
     for task, here in cells.items():
         real = [here[name][f"{prefix}return"] for name in shown if name in here and name != KNOWING]
@@ -140,6 +137,20 @@ def grid(
         cells_of = (_cell(here[name], prefix, best) if name in here else "" for name in shown)
         found.append((task, *cells_of))
     return table(("task", *(LABELS[name] for name in shown)), found, words=1)
+
+
+def _cells(lines: Sequence[Row], entry: str) -> dict[str, dict[str, Row]]:
+    """The rows that have such an entry, by task and algorithm."""
+    cells: dict[str, dict[str, Row]] = {}
+    for row in lines:
+        if row[entry] is not None:
+            cells.setdefault(row["task"], {})[row["algorithm"]] = row
+    return cells
+
+
+def _shown(algorithms: Sequence[str], cells: dict[str, dict[str, Row]]) -> list[str]:
+    """Those that any task has."""
+    return [name for name in algorithms if any(name in here for here in cells.values())]
 
 
 def _cell(row: Row, prefix: str, best: float | None) -> str:
@@ -175,11 +186,8 @@ def _score(row: Row) -> str:
 
 def budgets(lines: Sequence[Row]) -> str:
     """A row a task: environment steps and training time of a run, by learner."""
-    cells: dict[str, dict[str, Row]] = {}
-    for row in lines:
-        if row["seconds"] is not None:
-            cells.setdefault(row["task"], {})[row["algorithm"]] = row
-    shown = [name for name in LEARNERS if any(name in here for here in cells.values())]
+    cells = _cells(lines, "seconds")
+    shown = _shown(LEARNERS, cells)
     found = [
         (
             task,
@@ -203,10 +211,12 @@ def mixed(runs: Sequence[Run]) -> list[str]:
         group = kinds.setdefault(f"{run['task']} {LABELS[run['algorithm']]}", set())
         group.add(json.dumps(alike, sort_keys=True))
     names = [name for name, found in kinds.items() if len(found) > 1]
+    if not names:
+        return []
     return [
         "Not alike but for their seeds, in settings, budget, task, episodes or when they were "
         f"validated, are runs of {', '.join(names)}: python -m training.results makes them anew."
-    ][: len(names)]
+    ]
 
 
 def ahead(compared: Sequence[Row]) -> str:

@@ -37,6 +37,7 @@ from .baselines import BASELINES, LEADING, MOST_EPISODES, applies
 from .common import train
 from .evaluate import EPISODES, scores
 from .evaluate import make as validation_env
+from .options import above_zero
 from .report import report
 from .watch import SHARES, VALIDATIONS, Bar, Budget, validation
 
@@ -229,38 +230,41 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
         "--quick",
         action="store_true",
         help=f"about three minutes: {' and '.join(QUICK['tasks'])} by "
-        f"{', '.join(QUICK['algorithms'])}, {QUICK['seeds']} seeds, {QUICK['share']:.0%} of each "
-        f"budget and {QUICK['episodes']} episodes, where these are not given",
+        f"{', '.join(QUICK['algorithms'])}, {QUICK['seeds']} seeds, {100 * QUICK['share']:g} %% of "
+        f"each budget and {QUICK['episodes']} episodes, where these are not given",
     )
     parser.add_argument(
         "--seeds",
-        type=int,
+        type=above_zero(int),
         default=SEEDS,
         help="runs of each learner, of the plan at most (default: %(default)s)",
     )
     parser.add_argument(
         "--budget",
-        type=int,
+        type=above_zero(int),
         help="environment steps of a run (default: those of training/tuned.py, or without bound "
         "where --minutes is given)",
     )
     parser.add_argument(
-        "--share", type=float, default=1.0, help="of each default budget (default: %(default)s)"
+        "--share",
+        type=above_zero(float),
+        default=1.0,
+        help="of each default budget (default: %(default)s)",
     )
     parser.add_argument(
         "--minutes",
-        type=float,
+        type=above_zero(float),
         help="of training in a run, at most, CPU time; results then depend on the machine",
     )
     parser.add_argument(
         "--episodes",
-        type=int,
+        type=above_zero(int),
         default=EPISODES,
         help="held-out, final scores (default: %(default)s)",
     )
     parser.add_argument(
         "--jobs",
-        type=int,
+        type=above_zero(int),
         default=os.cpu_count(),
         help="processes of one torch thread (default: %(default)s)",
     )
@@ -268,14 +272,6 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     if parser.parse_known_args(argv)[0].quick:
         parser.set_defaults(**QUICK)
     options = parser.parse_args(argv)
-    for name in ("seeds", "budget", "episodes", "jobs"):
-        value = getattr(options, name)
-        if value is not None and value < 1:
-            parser.error(f"--{name} {value} was given; at least 1 is wanted")
-    for name in ("minutes", "share"):
-        value = getattr(options, name)
-        if value is not None and not value > 0:
-            parser.error(f"--{name} {value} was given; a number above 0 is wanted")
     options.out = results_folder(parser, options.out)
     return options
 

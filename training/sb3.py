@@ -22,8 +22,9 @@ from torchbeam_envs import Sb3VecEnv
 from torchbeam.extend.commands import folder as writable_folder
 from torchbeam.extend.commands import results_folder
 
-from .common import add_budget, add_task, budget_given, told, training_seed
+from .common import budget_given, told, training_seed
 from .evaluate import EPISODES
+from .options import add_budget, add_task
 from .tuned import SB3 as TUNED
 from .tuned import Task
 from .watch import VALIDATIONS, Bar, Budget, Log, Watch

@@ -25,8 +25,9 @@ from torch import Tensor, nn
 from torchbeam.extend.commands import folder as writable_folder
 from torchbeam.extend.commands import results_folder
 
-from .common import add_budget, add_task, budget_given, told, training_seed
+from .common import budget_given, told, training_seed
 from .evaluate import EPISODES
+from .options import add_budget, add_task
 from .tuned import SKRL as TUNED
 from .tuned import Task
 from .watch import VALIDATIONS, Bar, Budget, Log, Watch

@@ -22,6 +22,7 @@ from torchbeam_envs import BeamVectorEnv
 
 from torchbeam.extend.commands import measured_on, results_folder, sentence, table, write_results
 
+from .options import above_zero
 from .results import LEARNERS, LIBRARIES
 from .table import LABELS
 from .tuned import TASKS, Task, task_named
@@ -214,12 +215,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--algorithms", nargs="+", choices=names, default=names, help="default: all of them"
     )
     parser.add_argument(
-        "--seconds", type=float, default=5.0, help="CPU time of each (default: %(default)s)"
+        "--seconds",
+        type=above_zero(float),
+        default=5.0,
+        help="CPU time of each (default: %(default)s)",
     )
     parser.add_argument("--out", default="out/times", help="default: %(default)s")
     options = parser.parse_args(argv)
-    if not options.seconds > 0:
-        parser.error(f"--seconds {options.seconds} was given; a number above 0 is wanted")
     out = results_folder(parser, options.out)
     torch.set_num_threads(1)
     rows = [

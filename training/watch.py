@@ -90,7 +90,7 @@ class Watch:
         self.task, self.controller, self.log, self.budget = task, controller, log, budget
         self.bar, self.snapshot = bar, snapshot
         self.judge = make(task, episodes)
-        self.steps, self.seconds, self.done = 0, 0.0, 0.0
+        self.steps, self.seconds = 0, 0.0
         self.best = Best()
 
     def begin(self) -> None:
@@ -100,14 +100,14 @@ class Watch:
 
     def goes_on(self, steps: int) -> bool:
         """To be called after each step of the vector env; `steps` environment steps were taken."""
-        now = time.process_time()
+        now, before = time.process_time(), self.budget.done(self.steps, self.seconds)
         self.steps, self.seconds, self.start = steps, self.seconds + now - self.start, now
-        before, self.done = self.done, self.budget.done(steps, self.seconds)
-        if is_due(before, self.done):
+        done = self.budget.done(steps, self.seconds)
+        if is_due(before, done):
             self._score()
             self.start = time.process_time()
-        self.bar.to(self.done)
-        return self.done < 1
+        self.bar.to(done)
+        return done < 1
 
     def result(self, restore: Callable[[Any], None], final: int) -> dict[str, Any]:
         """What `train` returns, of `final` held-out episodes; `restore` takes the best snapshot

@@ -3,6 +3,7 @@ that load.
 """
 
 import csv
+import importlib
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -428,19 +429,28 @@ def test_arguments_are_documented():
         assert set(common.documented(module.Arguments)) == names
 
 
+def learned(folder, monkeypatch, task, text):
+    """The policy of a few steps of PPO on the task MODULE:NAME, of a module with this text."""
+    module, _, name = task.partition(":")
+    (folder / f"{module}.py").write_text(text)
+    monkeypatch.syspath_prepend(folder)
+    given = ["--task", task, "--budget", "16", "--num-envs", "4", "--horizon", "4"]
+    common.main([*given, "--hidden", "(8,)", "--out", str(folder)], ppo.Arguments, ppo.PPO, {})
+    return str(folder / f"{name}-ppo-0.pt")
+
+
 def test_a_task_of_ones_own(tmp_path, capsys, monkeypatch):
     """From its module, on the command line; its policy is scored by what the file says of it, also
     where a task of that name is another one now.
     """
-    (tmp_path / "own_task.py").write_text(
+    policy = learned(
+        tmp_path,
+        monkeypatch,
+        "own_task:lift",
         "from training.tuned import Task\n"
         "lift = Task('lift', 'torchbeam/TipReachPlanar-v1', "
-        "dict(elements=2, substeps=1, max_episode_steps=4), tolerance=0.5, hold=2)\n"
+        "dict(elements=2, substeps=1, max_episode_steps=4), tolerance=0.5, hold=2)\n",
     )
-    monkeypatch.syspath_prepend(tmp_path)
-    given = ["--task", "own_task:lift", "--budget", "16", "--num-envs", "4", "--horizon", "4"]
-    common.main([*given, "--hidden", "(8,)", "--out", str(tmp_path)], ppo.Arguments, ppo.PPO, {})
-    policy = str(tmp_path / "lift-ppo-0.pt")
     assert evaluation([policy, "--episodes", "2"]) == 0
     said = json.loads(capsys.readouterr().out.split("\n", 2)[2])
     assert said["episodes"] == 2 and load(policy).about["tolerance"] == 0.5
@@ -461,22 +471,39 @@ def test_a_task_of_ones_own(tmp_path, capsys, monkeypatch):
 
 def test_a_task_with_an_object_among_its_arguments(tmp_path, capsys, monkeypatch):
     """Its policy can be read, and scored where the task is named: nothing in a file is run."""
-    (tmp_path / "bent_task.py").write_text(
+    policy = learned(
+        tmp_path,
+        monkeypatch,
+        "bent_task:bent",
         "import torchbeam as tb\nfrom training.tuned import Task\n"
         "beam = tb.Beam.straight(1.0, 2, tb.Section.circle(0.01, 1e8, 0.4, 1e3))\n"
         "bent = Task('bent', 'torchbeam/TipReachPlanar-v1', "
-        "dict(beam=beam, substeps=1, max_episode_steps=4))\n"
+        "dict(beam=beam, substeps=1, max_episode_steps=4))\n",
     )
-    monkeypatch.syspath_prepend(tmp_path)
-    given = ["--task", "bent_task:bent", "--budget", "16", "--num-envs", "4", "--horizon", "4"]
-    common.main([*given, "--hidden", "(8,)", "--out", str(tmp_path)], ppo.Arguments, ppo.PPO, {})
-    policy = str(tmp_path / "bent-ppo-0.pt")
     assert f"policy: {policy}" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         evaluation([policy])
     assert "--task MODULE:NAME is wanted too" in capsys.readouterr().err
     assert evaluation([policy, "--task", "bent_task:bent", "--episodes", "2"]) == 0
     assert json.loads(capsys.readouterr().out)["episodes"] == 2
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["ppo", "sac", "shac", "sb3", "skrl", "results", "times", "variance", "evaluate", "cards"],
+)
+def test_help_helps(name, capsys):
+    """Of every script."""
+    for library, of in (("stable_baselines3", "sb3"), ("skrl", "skrl")):
+        if name == of:
+            pytest.importorskip(library)
+    module = importlib.import_module(f"training.{name}")
+    learner = getattr(module, name.upper(), None)
+    own = (module.Arguments, learner, {}) if learner else ()
+    with pytest.raises(SystemExit) as end:
+        module.main(["--help"], *own)
+    assert end.value.code == 0
+    assert f"usage: python -m training.{name}" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
