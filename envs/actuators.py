@@ -47,7 +47,7 @@ class Actuator:
                 f"an effect with {len(inputs)} inputs was given to an Actuator; one "
                 "`torchbeam.Input` is wanted"
             )
-        gain = torch.as_tensor(self.gain)
+        gain = torch.as_tensor(self.gain, dtype=torch.float64)
         if (
             gain.ndim != 2
             or gain.shape[1] != inputs[0].size

@@ -46,6 +46,7 @@ def rollout(
         >>> states.t[-1]  # s
         tensor(0.2000)
     """
+    state = of_mesh(state, instance("a stepper", stepper, Stepper).scene.beam, "a state")
     return states_after(stepper, state, plan_of(stepper, state, steps, merge_inputs(inputs, more)))
 
 

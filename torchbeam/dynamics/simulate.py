@@ -11,7 +11,7 @@ from ..core.arguments import boolean, choice, chosen, instance, keywords, not_he
 from ..core.arguments import instants as check_instants
 from ..core.arguments import options as check_options
 from ..core.status import STATUS
-from ..core.validation import as_instants, concrete, increasing, shown
+from ..core.validation import as_tensor, concrete, increasing, shown
 from ..core.warning import warn
 from ..scene.effects import PerInterval
 from ..scene.scene import Scene, merge_inputs
@@ -174,7 +174,7 @@ def simulate(
             solver=solver,
         ),
     )
-    t = increasing("t", as_instants(t, scene.dtype, scene.device))
+    t = increasing("t", as_tensor(t, scene.dtype, scene.device))
     mixed, implicit = form != "nodal", method in IMPLICIT_METHODS
     controlled = not mixed and implicit and any(name in given for name in TOLERANCES)
     if controlled and (fixed := [name for name in FIXED if name in given]):

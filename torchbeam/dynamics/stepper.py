@@ -331,7 +331,7 @@ class Stepper:
         known = self._known(state)
         if known is not None:
             return known.reduced, known.well
-        of_mesh(state, self.scene.beam, "a state")
+        state = of_mesh(state, self.scene.beam, "a state")
         return self.reduced(self._begin(state, dt, inputs=inputs)), False
 
     def _known(self, state: State) -> StateCache | None:
@@ -369,7 +369,7 @@ class Stepper:
         length = (
             positive("dt", real(dt))
             if isinstance(dt, Tensor)
-            else torch.as_tensor(step_size("dt", dt))
+            else self.dt.new_tensor(step_size("dt", dt))
         )
         return length.to(self.dt)
 

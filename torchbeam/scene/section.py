@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -30,6 +31,7 @@ SHEAR_FACTOR_RECTANGLE = 5 / 6  # Timoshenko's, Poisson's ratio neglected
 # solid circle, Poisson's ratio neglected (Cowper 1966 at nu = 0 gives 6/7)
 SHEAR_FACTOR_CIRCLE = 9 / 10
 STRAINS = ("axial", "shear y", "shear z", "torsion", "bending y", "bending z")
+SINGLE = (torch.float32, np.dtype(np.float32))
 STRUCTURE = ("coupled", "offset", "rotary")
 ODD_FIFTH_POWERS = 1.0045237627951396  # 1 + 1/3^5 + 1/5^5 + ... = 31/32 zeta(5)
 
@@ -75,8 +77,10 @@ class Section(Tree):
     def __post_init__(self) -> None:
         given = self.compliance, self.mass
         dtype, device = common_dtype(*given)
-        S = _symmetric("compliance", as_tensor(self.compliance, dtype, device))
-        mass = _symmetric("mass", as_tensor(self.mass, dtype, device))
+        S, mass = (
+            _symmetric(name, as_tensor(x, dtype, device), getattr(x, "dtype", dtype))
+            for name, x in (("compliance", self.compliance), ("mass", self.mass))
+        )
         broadcast("compliance and mass", S.shape[:-2], mass.shape[:-2])
         S_diagonal = positive(
             "a diagonal entry of the compliance", S.diagonal(dim1=-2, dim2=-1), zero=True
@@ -326,18 +330,18 @@ def _about_centre(mass: Tensor) -> Tensor:
     )
 
 
-def _symmetric(name: str, matrix: Tensor) -> Tensor:
+def _symmetric(name: str, matrix: Tensor, given: Any) -> Tensor:
     """The symmetric part of `matrix`, which may be unsymmetric by rounding: |S_ij - S_ji| up to
     `asymmetry` sqrt(S_ii S_jj), the size that no entry of a positive matrix exceeds. An entry that
     is a difference of large numbers is all rounding, so its own size is no measure. 1e-6 admits six
-    printed digits; in float32 it is a thousand times the dtype's rounding.
+    printed digits; where the dtype was float32 as `given`, it is a thousand times its rounding.
     """
     if matrix.ndim < 2 or matrix.shape[-2:] != (6, 6):
         raise ValueError(
             f"a {name} of shape {tuple(matrix.shape)} was given; (..., 6, 6) is wanted"
         )
     matrix = axis_last(name, finite(name, matrix), 6)
-    asymmetry = max(1e-6, 1e3 * torch.finfo(matrix.dtype).eps)
+    asymmetry = 1e3 * torch.finfo(torch.float32).eps if given in SINGLE else 1e-6
     root = matrix.detach().diagonal(dim1=-2, dim2=-1).abs().sqrt()
     if concrete(
         (matrix - matrix.mT).abs() > asymmetry * root[..., :, None] * root[..., None, :]

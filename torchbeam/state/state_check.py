@@ -10,17 +10,17 @@ from .state import State
 
 
 def check_state(state: Any, scene: Any, name: str = "initial") -> State:
-    """`state`, to start from; ValueError where it is not one of the nodal form, of the scene's mesh
-    and dtype.
+    """`state`, to start from, in the scene's dtype; ValueError where it is not one of the nodal
+    form, of the scene's mesh.
     """
-    of_mesh(state, scene.beam, name)
+    state = of_mesh(state, scene.beam, name)
     broadcast("a scene and an initial state", scene.batch_shape, state.batch_shape)
     return state
 
 
 def of_mesh(state: Any, like: Beam | State, name: str) -> State:
-    """`state`; ValueError where it is not one of the nodal form, with the nodes, the rows of stress
-    and the dtype of `like` in each of its fields: native code takes them on trust.
+    """`state`, in the dtype of `like`; ValueError where it is not one of the nodal form, with the
+    nodes and the rows of stress of `like` in each of its fields: native code takes them on trust.
     """
     nodes, stresses, dtype = like.node_count, like.stress_count, like.nodes.dtype
     if not isinstance(state, State):
@@ -32,7 +32,7 @@ def of_mesh(state: Any, like: Beam | State, name: str) -> State:
         raise ValueError(
             f"{name} with {state.position.shape[-2]} nodes was given; the beam has {nodes}"
         )
-    own = dict(position=3, rotation=4, velocity=3, spin=3)
+    own, other = dict(position=3, rotation=4, velocity=3, spin=3), False
     for key, shape in (*((key, (nodes, k)) for key, k in own.items()), ("stress", (stresses, 6))):
         x = getattr(state, key)
         if x.shape[-2:] != shape:
@@ -40,6 +40,5 @@ def of_mesh(state: Any, like: Beam | State, name: str) -> State:
                 f"{name} whose {key} is of shape {tuple(x.shape)} was given; (..., {shape[0]}, "
                 f"{shape[1]}) is wanted"
             )
-        if x.dtype != dtype:
-            raise ValueError(f"{name} of {x.dtype} meets a scene of {dtype}; one dtype is wanted")
-    return state
+        other |= x.dtype != dtype
+    return state.to(dtype) if other else state

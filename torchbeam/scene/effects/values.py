@@ -25,7 +25,6 @@ from ...core.validation import (
     has_dtype,
     numbers,
     positive,
-    real,
     shown,
 )
 from .effect import Effect
@@ -225,7 +224,7 @@ def inputs_of(effect: Effect | Tree) -> list[Input]:
 
 
 Inputs = dict[str, Tensor]
-# an array: plain numbers, of no dtype of their own
+# an array: plain numbers
 LoadValue = Tensor | np.ndarray | Callable[..., Tensor] | Input
 
 
@@ -359,12 +358,9 @@ def value_along(
 
 
 def plain(value: Value) -> Tensor | np.ndarray:
-    """A tensor as it is, NumPy's floating numbers and a sequence that holds tensors as one, and
-    plain numbers as an array: they take the dtype of what they meet. Raises ValueError for what is
-    no real number.
+    """A tensor, NumPy's floating numbers and a sequence that holds tensors as a tensor of float64,
+    and plain numbers as an array. Raises ValueError for what is no real number.
     """
-    if isinstance(value, Tensor):
-        return real(value)
     return as_tensor(value, *common_dtype(value)) if has_dtype(value) else numbers(value)
 
 
