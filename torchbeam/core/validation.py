@@ -32,8 +32,7 @@ def common_dtype(*values: Value) -> tuple[torch.dtype, torch.device]:
     """
     device = None
     for leaf in _leaves(values):
-        if (own := _floating(leaf)) is not None:
-            precision(own)
+        _known(leaf)
         if isinstance(leaf, Tensor):
             if device not in (None, leaf.device):
                 raise ValueError(
@@ -70,17 +69,16 @@ def as_tensor(value: Value, dtype: torch.dtype, device: torch.device | None = No
     if isinstance(value, Tensor) and value.dtype == dtype and device in (None, value.device):
         return value  # as a rule
     for leaf in _leaves(value):
-        own = _floating(leaf)
-        if own is not None and leaf.ndim and not getattr(own, "is_complex", False):
-            precision(own)
+        if leaf.ndim:
+            _known(leaf)
     return converted(value, dtype, device)
 
 
-def _floating(leaf: Tensor | np.ndarray | np.generic) -> Any:
-    """The dtype of floating (or complex) numbers, None of others."""
-    if isinstance(leaf, NUMPY):
-        return numpy_dtype(leaf)
-    return leaf.dtype if leaf.is_floating_point() or leaf.is_complex() else None
+def _known(leaf: Tensor | np.ndarray | np.generic) -> None:
+    """ValueError for what is neither whole nor of single or double precision."""
+    own = numpy_dtype(leaf) if isinstance(leaf, NUMPY) else real(leaf).dtype
+    if own is not None and (isinstance(leaf, NUMPY) or own.is_floating_point):
+        precision(own)
 
 
 def converted(value: Value, dtype: torch.dtype, device: torch.device | None = None) -> Tensor:

@@ -125,6 +125,7 @@ class Scene(Tree):
                 instance(name, getattr(self, name), wanted)
         choice("plane", self.plane, PLANES)
         boolean("small", self.small)
+        precision(self.beam.nodes.dtype)
         dtype = precision(vars(self).pop("dtype") or torch.float64)
         set_(self, "beam", with_recipe_of(sent(self.beam, dtype), self.beam))
         if self.beam.parts and self.root is not None:
