@@ -16,7 +16,6 @@ import torch
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 N, CUT = 6, 3  # elements; the one that is cut
 FORCE = torch.tensor([0.6, 0.0, 2.0])
 

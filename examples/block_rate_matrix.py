@@ -13,7 +13,6 @@ import torch
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 torch.manual_seed(3)
 
 

@@ -32,7 +32,6 @@ parser.add_argument(
 )
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
-torch.set_default_dtype(torch.float64)
 LENGTH, RADIUS, BALL, AT = 0.12, 0.005, 0.02, 0.09  # m
 EI, GA, MASS, G = 0.05, 1e4, 0.1, 9.81  # N m^2, N, kg, m/s^2
 TENSION, LEVER = 8.0, 0.007  # N, m

@@ -21,7 +21,6 @@ import torch
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 LENGTH, MASS = 0.5, 0.25  # m, kg/m
 TRUE = {"EI": 1.0, "tau": 2e-3, "clamp": 40.0, "tip": 0.05}  # N m^2, s, N m/rad, kg
 GUESS = {"EI": 0.7, "tau": 3e-3, "clamp": 60.0, "tip": 0.03}

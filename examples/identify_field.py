@@ -25,7 +25,6 @@ import torch
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 LENGTH, N = 0.5, 16
 RANDOM = torch.Generator().manual_seed(0)
 

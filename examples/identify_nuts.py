@@ -24,7 +24,6 @@ from torch.distributions import LogNormal
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 WEIGHTS = torch.tensor([0.5, 1.0, 2.0, 4.0, 6.0, 8.0])  # N
 TRUE, SIGMA = {"EI": 1.0, "c": 0.05}, 1e-3  # N m^2, rad/(N m); m
 PRIOR = {

@@ -34,7 +34,6 @@ parser = argparse.ArgumentParser(
 parser.add_argument("--picture", type=Path, default=Path("out/knot.png"), help="the film beside it")
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
-torch.set_default_dtype(torch.float64)
 TAIL, REACH = 3.0, 0.85  # in radii of the loop: straight ends; half of the braid, at most
 LAYER = 0.1  # thickness of the contact, over h
 RADII = (0.04, 0.01, 0.0025)  # h/R

@@ -17,7 +17,6 @@ from scipy.linalg import solve_discrete_are
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 DT, STEPS, LAST = 0.01, 200, 50
 REST, NOISE = np.array([0.0, 1.0, 0.0]), 1e-4  # N, m
 

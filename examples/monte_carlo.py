@@ -18,7 +18,6 @@ from torch.distributions import LogNormal, Normal
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 SAMPLES, N = 4096, 16
 LEVELS = torch.tensor([0.01, 0.1, 0.5, 0.9, 0.99])
 TABLE = json.loads(

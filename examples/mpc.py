@@ -22,7 +22,6 @@ import torch
 import torchbeam as tb
 from torchbeam.extend import quaternions
 
-torch.set_default_dtype(torch.float64)
 DT, HORIZON, STEPS, LAST, LIMIT, ANGLE = 0.02, 25, 150, 25, 0.3, math.radians(60)
 Z = torch.tensor([0.0, 0.0, 1.0])
 # weights of the tip's place and velocity, squared, at each step and at the last; of the torques

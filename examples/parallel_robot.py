@@ -26,7 +26,6 @@ parser = argparse.ArgumentParser(
 parser.add_argument("--picture", type=Path, default=Path("out/parallel_robot.png"))
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
-torch.set_default_dtype(torch.float64)
 HEIGHT = 0.3  # m
 EI, GJ = 0.04, 0.03  # N m^2: spring steel of 1.4 mm
 LOAD = torch.tensor([0.2, 0.0, -1.0])  # N, on the platform

@@ -36,7 +36,6 @@ parser.add_argument(
 )
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
-torch.set_default_dtype(torch.float64)
 RADIUS, CABLE, THICKNESS, G = 0.05, 0.003, 1.25e-4, 9.81  # m, m/s^2
 HEAVY, LIGHT, MASS, INERTIA = 0.2, 0.15, 1e-3, 4e-4  # kg; kg/m of the cable; kg m^2
 TURNS, HANGS, END = 24, 18, 0.3  # elements over the pulley, on each side; s

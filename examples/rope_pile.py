@@ -22,7 +22,6 @@ parser.add_argument(
 )
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
-torch.set_default_dtype(torch.float64)
 LENGTH, RADIUS, MASS, GRAVITY = 0.5, 0.004, 0.08, 9.81  # m, m, kg/m, m/s^2
 BEND = 0.012  # m: (EI/(MASS GRAVITY))^(1/3), what a rope bends over as it hangs
 SPEED, UNTIL, END = 0.5, 0.9, 2.4  # m/s; s, when the hand stops; s

@@ -27,7 +27,6 @@ parser = argparse.ArgumentParser(
 parser.add_argument("--picture", type=Path, default=Path("out/rotor.png"))
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
-torch.set_default_dtype(torch.float64)
 TABLE = json.loads(
     (Path(__file__).parents[1] / "torchbeam/data/rotating_cantilever_frequencies.json").read_text()
 )["values"]

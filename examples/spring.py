@@ -21,7 +21,6 @@ import torch
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 RADIUS, WIRE, TURNS, PITCH = 0.02, 0.0015, 5, 0.010  # m: of the coil, of the wire; m a turn
 EACH = 24  # elements a turn
 FORCES = torch.tensor([0.0, 20, 40, 60, 80])  # N

@@ -29,7 +29,6 @@ parser.add_argument(
 )
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
-torch.set_default_dtype(torch.float64)
 LENGTH, RADIUS, OFFSET, N = 0.25, 0.006, 0.012, 6  # m
 YOUNG = 2e6  # Pa, silicone
 EI = YOUNG * math.pi * RADIUS**4 / 4

@@ -29,7 +29,6 @@ parser = argparse.ArgumentParser(
 parser.add_argument("--picture", type=Path, default=Path("out/two_link.png"))
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
-torch.set_default_dtype(torch.float64)
 DT, HORIZON, STEPS, LAST, NEAR = 0.02, 25, 120, 25, 0.02  # s, steps, steps, steps, m
 FOLDED, LIMITS = (-0.8, -1.2), np.array([1.0, 0.4])  # rad; N m, of shoulder and elbow
 # weights of the angles / rad, the tip's place / m, its speed / (m/s); and of torques / N m, squared

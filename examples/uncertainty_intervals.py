@@ -14,7 +14,6 @@ import torch
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 LAWS = {"EI": tb.laws.LogNormal(1.0, 0.15), "P": tb.laws.LogNormal(1e-3, 2e-4)}
 RHO = 0.3  # of the normal scores: stiffer strips carry more
 

@@ -12,7 +12,6 @@ import torch
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 LAWS = {"EI": tb.laws.LogNormal(1.0, 0.1), "P": tb.laws.LogNormal(1e-3, 2e-4)}
 
 

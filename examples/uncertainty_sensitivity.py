@@ -13,7 +13,6 @@ import torch
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 ELEMENTS = 6
 MIDDLES = (torch.arange(ELEMENTS) + 0.5) / ELEMENTS  # m
 

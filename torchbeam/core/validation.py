@@ -74,6 +74,13 @@ def as_tensor(value: Value, dtype: torch.dtype, device: torch.device | None = No
     return converted(value, dtype, device)
 
 
+def dtype_of(value: Value) -> torch.dtype:
+    """float32 where a tensor or an array of it is among the values; else float64."""
+    kinds = {leaf.dtype for leaf in _leaves(value)}
+    single = kinds & {torch.float32, np.dtype(np.float32)}
+    return torch.float32 if single else torch.float64
+
+
 def _known(leaf: Tensor | np.ndarray | np.generic) -> None:
     """ValueError for what is neither whole nor of single or double precision."""
     own = numpy_dtype(leaf) if isinstance(leaf, NUMPY) else real(leaf).dtype

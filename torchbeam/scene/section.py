@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -19,6 +18,7 @@ from ..core.validation import (
     broadcast,
     common_dtype,
     concrete,
+    dtype_of,
     finite,
     inertia,
     positive,
@@ -31,7 +31,6 @@ SHEAR_FACTOR_RECTANGLE = 5 / 6  # Timoshenko's, Poisson's ratio neglected
 # solid circle, Poisson's ratio neglected (Cowper 1966 at nu = 0 gives 6/7)
 SHEAR_FACTOR_CIRCLE = 9 / 10
 STRAINS = ("axial", "shear y", "shear z", "torsion", "bending y", "bending z")
-SINGLE = (torch.float32, np.dtype(np.float32))
 STRUCTURE = ("coupled", "offset", "rotary")
 ODD_FIFTH_POWERS = 1.0045237627951396  # 1 + 1/3^5 + 1/5^5 + ... = 31/32 zeta(5)
 
@@ -78,7 +77,7 @@ class Section(Tree):
         given = self.compliance, self.mass
         dtype, device = common_dtype(*given)
         S, mass = (
-            _symmetric(name, as_tensor(x, dtype, device), getattr(x, "dtype", dtype))
+            _symmetric(name, as_tensor(x, dtype, device), dtype_of(x))
             for name, x in (("compliance", self.compliance), ("mass", self.mass))
         )
         broadcast("compliance and mass", S.shape[:-2], mass.shape[:-2])
@@ -330,18 +329,18 @@ def _about_centre(mass: Tensor) -> Tensor:
     )
 
 
-def _symmetric(name: str, matrix: Tensor, given: Any) -> Tensor:
+def _symmetric(name: str, matrix: Tensor, given: torch.dtype) -> Tensor:
     """The symmetric part of `matrix`, which may be unsymmetric by rounding: |S_ij - S_ji| up to
     `asymmetry` sqrt(S_ii S_jj), the size that no entry of a positive matrix exceeds. An entry that
     is a difference of large numbers is all rounding, so its own size is no measure. 1e-6 admits six
-    printed digits; where the dtype was float32 as `given`, it is a thousand times its rounding.
+    printed digits; `given` in float32 it is a thousand times its rounding.
     """
     if matrix.ndim < 2 or matrix.shape[-2:] != (6, 6):
         raise ValueError(
             f"a {name} of shape {tuple(matrix.shape)} was given; (..., 6, 6) is wanted"
         )
     matrix = axis_last(name, finite(name, matrix), 6)
-    asymmetry = 1e3 * torch.finfo(torch.float32).eps if given in SINGLE else 1e-6
+    asymmetry = max(1e-6, 1e3 * torch.finfo(given).eps)
     root = matrix.detach().diagonal(dim1=-2, dim2=-1).abs().sqrt()
     if concrete(
         (matrix - matrix.mT).abs() > asymmetry * root[..., :, None] * root[..., None, :]
