@@ -47,7 +47,8 @@ class Actuator:
                 f"an effect with {len(inputs)} inputs was given to an Actuator; one "
                 "`torchbeam.Input` is wanted"
             )
-        gain = torch.as_tensor(self.gain, dtype=torch.float64)
+        gain = self.gain
+        gain = gain if isinstance(gain, Tensor) else torch.as_tensor(gain, dtype=torch.float64)
         if (
             gain.ndim != 2
             or gain.shape[1] != inputs[0].size

@@ -5,7 +5,7 @@ stretching and of bending lie more digits than float32 has.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 import torch
@@ -47,11 +47,11 @@ def widened(value: Any) -> Any:
 
 
 def narrowed(result: Any) -> Any:
-    """A tree, or a dataclass that holds tensors and trees, in single precision."""
+    """A tree, or a dataclass that holds tensors, trees and others such, in single precision."""
     if isinstance(result, Tensor):
         return result.to(NARROW.get(result.dtype, result.dtype))
     if isinstance(result, Tree):
         return sent(result, torch.float32)
-    held = {f.name: getattr(result, f.name) for f in fields(result)}
-    own = {name: x for name, x in held.items() if isinstance(x, (Tensor, Tree))}
-    return replace(result, **{name: narrowed(x) for name, x in own.items()})
+    if not is_dataclass(result):
+        return result
+    return replace(result, **{f.name: narrowed(getattr(result, f.name)) for f in fields(result)})
