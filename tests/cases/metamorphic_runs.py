@@ -101,7 +101,14 @@ def chunks(said: Said) -> Pair:
 
 
 def single(said: Said) -> Pair:
-    """The same numbers in single precision, and in double."""
+    """A scene in single precision, and in double."""
+    b = replace(said, case=Case(said.spec, dtype=torch.float32)).plain
+    assert all(v.dtype == torch.float32 for v in b.values() if v.is_floating_point())
+    return said.plain, {n: v.double() for n, v in b.items()}
+
+
+def in_default(said: Said) -> Pair:
+    """Tensors of single precision under PyTorch's own default, and the same numbers in double."""
     x = {n: v.float() for n, v in said.x.items()}
     default = torch.get_default_dtype()
     try:
@@ -109,7 +116,8 @@ def single(said: Said) -> Pair:
         b = replace(said, x=x, case=Case(said.spec)).plain
     finally:
         torch.set_default_dtype(default)
-    return said.of({n: v.double() for n, v in x.items()}), {n: v.double() for n, v in b.items()}
+    assert all(v.dtype == torch.float64 for v in b.values() if v.is_floating_point())
+    return said.of({n: v.double() for n, v in x.items()}), b
 
 
 def vmapped(said: Said) -> Pair:
@@ -328,6 +336,7 @@ def _jvp(of: Callable, x: Blocks, u: Blocks) -> Tensor:
 RUNS: dict[str, Callable[[Said], Pair]] = {
     "batch": batch, "axes": axes, "chunks": chunks, "vmap": vmapped, "engines": engines,
     "threads": threads, "dual": dual, "single precision": single,
+    "default dtype": in_default,
     "scene from a file": from_a_file,
     "restart": restart, "restart from a file": partial(restart, through=_saved),
     "restart from a clone": partial(restart, through=lambda state: state.clone()),

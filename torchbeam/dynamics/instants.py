@@ -33,7 +33,7 @@ def check_digits(step: float, latest: float | Tensor, *dtypes: torch.dtype) -> N
         wider = "" if coarse == torch.float64 else ", or torch.float64,"
         raise ValueError(
             f"steps of {step:g} s at t = {latest:g} s were given, where numbers of {coarse} lie "
-            f"{apart:.2g} s apart; instants nearer to 0{wider} are wanted"
+            f"up to {apart:.2g} s apart; instants nearer to 0{wider} are wanted"
         )
 
 
