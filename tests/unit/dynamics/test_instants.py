@@ -51,7 +51,9 @@ WAYS = {
         tb.Stepper(scene, STEP, engine="eager"), start(scene, b), 2
     )[-1],
     "an explicit stepper": lambda scene, b: stepped(
-        tb.ExplicitStepper(scene, STEP, "rk4", options={"step_size": STEP / 2}), scene, b
+        tb.ExplicitStepper(scene, STEP, "rk4", form="nodal", options={"step_size": STEP / 2}),
+        scene,
+        b,
     ),
 }
 
