@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from torch import Tensor
+
 from ..core.validation import broadcast
 from ..scene.beam import Beam
 from .state import State
@@ -32,7 +34,7 @@ def of_mesh(state: Any, like: Beam | State, name: str) -> State:
         raise ValueError(
             f"{name} with {state.position.shape[-2]} nodes was given; the beam has {nodes}"
         )
-    own, other = dict(position=3, rotation=4, velocity=3, spin=3), False
+    own = dict(position=3, rotation=4, velocity=3, spin=3)
     for key, shape in (*((key, (nodes, k)) for key, k in own.items()), ("stress", (stresses, 6))):
         x = getattr(state, key)
         if x.shape[-2:] != shape:
@@ -40,5 +42,6 @@ def of_mesh(state: Any, like: Beam | State, name: str) -> State:
                 f"{name} whose {key} is of shape {tuple(x.shape)} was given; (..., {shape[0]}, "
                 f"{shape[1]}) is wanted"
             )
-        other |= x.dtype != dtype
-    return state.to(dtype) if other else state
+    held = [x.dtype for x in vars(state).values() if isinstance(x, Tensor)]
+    alike = all([kind == dtype or not kind.is_floating_point for kind in held])
+    return state if alike else state.to(dtype)

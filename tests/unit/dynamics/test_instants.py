@@ -31,12 +31,12 @@ WAYS = {
         scene, [b, b + STEP, b + 2 * STEP], engine="eager", step=STEP
     ).state[-1],
     "adaptive steps": lambda scene, b: tb.simulate(
-        scene, [b, b + 2 * STEP], rtol=1e-3, engine="eager"
+        scene, [b, b + 2 * STEP], rtol=1e-2, engine="eager"
     ).state[-1],
     "events": lambda scene, b: tb.simulate(
         scene,
         [b, b + 2 * STEP],
-        rtol=1e-3,
+        rtol=1e-2,
         events=lambda state: state.tip.position[..., 2] - 1.0,
         engine="eager",
     ).state[-1],
