@@ -25,6 +25,7 @@ from ...core.validation import (
     has_dtype,
     numbers,
     positive,
+    real,
     shown,
 )
 from .effect import Effect
@@ -268,7 +269,8 @@ class PerInterval(Tree):
     value: Value = leaf(2)
 
     def __post_init__(self) -> None:
-        value = plain(self.value)
+        given = self.value  # a tensor stays in its dtype, until the scene that takes it is known
+        value = real(given) if isinstance(given, Tensor) else plain(given)
         if value.ndim < 2:
             raise ValueError(
                 f"PerInterval of shape {tuple(value.shape)} was given; (..., intervals, size) is "
