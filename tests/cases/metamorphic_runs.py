@@ -102,22 +102,25 @@ def chunks(said: Said) -> Pair:
 
 def single(said: Said) -> Pair:
     """A scene in single precision, and in double."""
-    b = replace(said, case=Case(said.spec, dtype=torch.float32)).plain
-    assert all(v.dtype == torch.float32 for v in b.values() if v.is_floating_point())
-    return said.plain, {n: v.double() for n, v in b.items()}
+    return _narrow(said, torch.float32)
 
 
 def in_default(said: Said) -> Pair:
     """Tensors of single precision under PyTorch's own default, and the same numbers in double."""
+    return _narrow(said, None)
+
+
+def _narrow(said: Said, dtype: torch.dtype | None) -> Pair:
     x = {n: v.float() for n, v in said.x.items()}
     default = torch.get_default_dtype()
     try:
         torch.set_default_dtype(torch.float32)
-        b = replace(said, x=x, case=Case(said.spec)).plain
+        b = replace(said, x=x, case=Case(said.spec, dtype=dtype)).plain
     finally:
         torch.set_default_dtype(default)
-    assert all(v.dtype == torch.float64 for v in b.values() if v.is_floating_point())
-    return said.of({n: v.double() for n, v in x.items()}), b
+    floating = {v.dtype for v in b.values() if v.is_floating_point()}
+    assert floating == {dtype or torch.float64}, floating
+    return said.of({n: v.double() for n, v in x.items()}), {n: v.double() for n, v in b.items()}
 
 
 def vmapped(said: Said) -> Pair:
