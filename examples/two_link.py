@@ -81,7 +81,7 @@ linear = tb.linearize(
         tb.sensors.TipPosition(on="forearm")[1:2],
         tb.sensors.TipVelocity(on="forearm")[1:2],
     ),
-    inputs=inputs(torch.zeros(2)),
+    inputs=inputs(torch.zeros(2, dtype=torch.float64)),
 ).discrete(DT)
 A, B, C = (X.numpy() for X in (linear.A, linear.B, linear.C))
 W = np.diag(WEIGHTS) @ C  # what is to be small, beside sqrt(EFFORT) u
@@ -157,7 +157,7 @@ for k, name in enumerate(NAMES):
 
 
 def draw(path: Path = options.picture) -> None:
-    t = DT * torch.arange(1, STEPS + 1)
+    t = DT * torch.arange(1, STEPS + 1, dtype=torch.float64)
     above, below = tb.plot.grid(2, 1, (8, 6))
     for k, (name, color) in enumerate(zip(NAMES, ("C0", "C1"), strict=True)):
         above.plot(t, 1e3 * errors[:, k], color=color, label=name)
