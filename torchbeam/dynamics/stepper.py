@@ -117,11 +117,12 @@ class Stepper:
         )
         self.iterations: Tensor | None = None  # (...) of the last step
         self._last: StateCache | None = None
-        self._clock: Tensor | None = None  # instants that are known to carry steps
+        # instants that are known to carry steps: before and after the last
+        self._clocks: tuple[Tensor | None, Tensor | None] = (None, None)
         self.failures: Failures | None = Failures()  # None = nobody asks why a step has failed
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "_last": None, "_clock": None}
+        return {**vars(self), "_last": None, "_clocks": (None, None)}
 
     def again(self, dt: float | Tensor) -> Stepper:
         """This stepper with steps of another length, as if it had made none yet."""
@@ -132,7 +133,7 @@ class Stepper:
             failures=Failures(),
             iterations=None,
             _last=None,
-            _clock=None,
+            _clocks=(None, None),
         )
 
     @property
@@ -178,13 +179,14 @@ class Stepper:
         2, 4, ... smaller ones. If that fails too it keeps its state and gets a status (see
         `torchbeam.core.status.STATUS`); its derivatives are those of standing still.
         """
-        if getattr(state, "t", None) is not self._clock:
+        t = getattr(state, "t", None)
+        if t is not self._clocks[0] and t is not self._clocks[1]:
             state = of_mesh(state, self.scene.beam, "a state")
             if not mapped(state.t):
                 length = concrete(self._length(dt)).detach().amin().item()
                 check_digits(length, state.t, state.t.dtype)
         after = self.advance(state, inputs, active=active, dt=dt)
-        self._clock = after.t
+        self._clocks = state.t, after.t
         return after
 
     def advance(
