@@ -103,7 +103,8 @@ def load(path: str | Path, *, scene: Scene | None = None) -> Any:
     differ = [
         name
         for name, digest in own.items()
-        if None not in (known.get(name, ""), digest) and known.get(name, "") != digest
+        # an older file does not tell a newer field
+        if name in known and None not in (known[name], digest) and known[name] != digest
     ]
     if differ:
         raise ValueError(
