@@ -100,11 +100,11 @@ def load(path: str | Path, *, scene: Scene | None = None) -> Any:
     what = _map(lambda x: x.to(scene.device), what)
     _fits(what, scene)
     own = {} if known is None else _digests(scene)
+    known = {"dtype": None, **(known or {})}  # of which older files say nothing
     differ = [
         name
         for name, digest in own.items()
-        # an older file does not tell a newer field
-        if name in known and None not in (known[name], digest) and known[name] != digest
+        if None not in (known.get(name, ""), digest) and known.get(name, "") != digest
     ]
     if differ:
         raise ValueError(
