@@ -116,6 +116,9 @@ def _narrow(said: Said, dtype: torch.dtype | None) -> Pair:
     try:
         torch.set_default_dtype(torch.float32)
         b = replace(said, x=x, case=Case(said.spec, dtype=dtype)).plain
+    except ValueError as error:  # of a function with matrices of its own
+        wants(said, "a function that does not take" not in str(error))
+        raise
     finally:
         torch.set_default_dtype(default)
     floating = {v.dtype for v in b.values() if v.is_floating_point()}

@@ -83,8 +83,8 @@ def _called(function: Callable[[Tensor], Any], t: Tensor) -> Any:
             raise
         raise ValueError(
             f"a function that does not take {t.dtype}, in which its scene is computed, was given "
-            f"({str(error).splitlines()[0]}); of a network, network.{DOUBLE[t.dtype]}() is wanted, "
-            "or a scene of its dtype: Scene(dtype=)"
+            f"({str(error).splitlines()[0]}); its tensors and networks are wanted in that dtype "
+            f"(network.{DOUBLE[t.dtype]}()), or a scene in theirs (Scene(dtype=))"
         ) from error
 
 
