@@ -16,7 +16,6 @@ Examples in docstrings go on from these lines:
 >>> import torchbeam as tb
 >>> import torchbeam_envs as envs
 >>> from torchbeam_envs import baselines
->>> torch.set_default_dtype(torch.float64)
 """
 
 from importlib import import_module

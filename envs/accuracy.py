@@ -47,7 +47,8 @@ def resolved(task: type[Task], config: BeamEnvConfig) -> BeamEnvConfig:
 
     usual = made(plain.elements)
     count = min(config.max_episode_steps or INTERVALS, INTERVALS)
-    drawn = torch.rand(count, usual.actions, generator=torch.Generator().manual_seed(0))
+    source = torch.Generator().manual_seed(0)
+    drawn = torch.rand(count, usual.actions, generator=source, dtype=torch.float64)
     actions = (2 * drawn - 1).to(usual.dtype).to(usual.device)
     inputs = usual.inputs(actions)
     still = {name: torch.zeros_like(x[:1]) for name, x in inputs.items()}

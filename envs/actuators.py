@@ -47,7 +47,8 @@ class Actuator:
                 f"an effect with {len(inputs)} inputs was given to an Actuator; one "
                 "`torchbeam.Input` is wanted"
             )
-        gain = torch.as_tensor(self.gain)
+        gain = self.gain
+        gain = gain if isinstance(gain, Tensor) else torch.as_tensor(gain, dtype=torch.float64)
         if (
             gain.ndim != 2
             or gain.shape[1] != inputs[0].size
@@ -84,7 +85,7 @@ class Actuator:
         """name -> (..., size) for actions (..., actions); `now`: where the episodes stand, None in
         statics.
         """
-        return {self.input: action @ self.gain}
+        return {self.input: action.to(self.gain) @ self.gain}
 
     def tip_force(self, action: Tensor, now: Episodes) -> Tensor | None:
         """(n, 3) N in frame a, to be drawn at the tip; None where there is none."""
@@ -130,7 +131,7 @@ class TipForce(Actuator):
         return {**given, "moment": torch.linalg.cross(along, given[self.input])}
 
     def tip_force(self, action: Tensor, now: Episodes) -> Tensor:
-        force = action @ self.gain
+        force = action.to(self.gain) @ self.gain
         return (now.beam.tip.rotation @ force[..., None])[..., 0] if self.follower else force
 
 

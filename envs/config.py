@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
+import torch
 
 import torchbeam as tb
 from torchbeam.extend import ENGINES, FORMS, METHODS, ODE_METHODS, choice, count
@@ -26,8 +27,8 @@ class BeamEnvConfig:
     The beam
     length, elements   of a straight beam from the origin: m; at least 2
     section            `torchbeam.Section`, or "aluminium strip" or "silicone rod"
-                       (see `envs/plant.py`). Its dtype and device are those of the simulation;
-                       batch axes (num_envs,) give every sub-env its own
+                       (see `envs/plant.py`). Its device is that of the simulation; batch axes
+                       (num_envs,) give every sub-env its own
     direction, up      of the beam, frame a, and what its section's z axis is made of; up = None: z,
                        for a beam along z x
     beam               in place of all these: a `torchbeam.Beam` of any shape; batch axes likewise
@@ -50,6 +51,7 @@ class BeamEnvConfig:
     form, method       "nodal" and "midpoint" (implicit); or, for a soft section, a form and a
                        method of torchdiffeq as in `torchbeam.ExplicitStepper`
     solver             more arguments for the stepper, by name
+    dtype              torch.float32 for motion in single precision; None = float64
     engine             of the implicit methods: "auto", "eager" or "compiled" (native code), see
                        `torchbeam.Stepper`
 
@@ -95,6 +97,7 @@ class BeamEnvConfig:
     form: str = "nodal"
     method: str = "midpoint"
     solver: Mapping[str, Any] | None = None
+    dtype: torch.dtype | None = None
     engine: str = "auto"
     sensors: str | Observed | Sequence[str | Observed] = ("tip", "middle")
     noise: float = 0.0
@@ -134,6 +137,10 @@ class BeamEnvConfig:
             raise ValueError(
                 f"force = {self.force!r} was given; two positive finite numbers (N, along y and "
                 "z) are wanted"
+            )
+        if self.dtype not in (None, torch.float32, torch.float64):
+            raise ValueError(
+                f"dtype = {self.dtype!r} was given; torch.float32 or torch.float64 is wanted"
             )
         self._check_beam()
         self._check_method()

@@ -47,7 +47,7 @@ class BeamVectorEnv(VectorEnv):
             ignored and its reward 0. "SameStep". "Disabled": an episode that is over stands still,
             reward 0 and flags kept, until reset(options={"reset_mask": (num_envs,) bool})
         output: "numpy": float32 observations, float64 rewards, no gradient. "torch": tensors in the
-            section's dtype, with gradient from actions (and parameters) to observations and
+            simulation's dtype, with gradient from actions (and parameters) to observations and
             rewards, over as many steps as `detach()` is not called
         render_mode: "rgb_array", "human" or None
 

@@ -119,7 +119,7 @@ def step(sim: Simulation, episodes: Episodes, action: Tensor) -> Transition:
         )
     over = episodes.done
     after, reward, _ = sim.advance(
-        episodes, action.clamp(-1, 1), ~over if bool(over.any()) else None
+        episodes, action.to(sim.high).clamp(-1, 1), ~over if bool(over.any()) else None
     )
     return Transition(after, reward)
 

@@ -85,18 +85,14 @@ class Manipulator(Task):
         super().__init__(config)
         self.low, self.high = torch.tensor(BOX, dtype=self.dtype, device=self.device).T
         twists = SEGMENTS if self.TWIST else 0
-        bends = torch.full((self.actions - twists,), config.bend)
-        limits = torch.cat((bends, torch.full((twists,), math.pi / 2)))
-        self.limits = limits.to(self.low)
+        bends = self.low.new_full((self.actions - twists,), config.bend)
+        self.limits = torch.cat((bends, self.low.new_full((twists,), math.pi / 2)))
 
     def beam(self) -> tb.Beam:
         c = self.config
-        values = (torch.tensor(v, dtype=torch.float64) for v in (c.radius, c.young, 0.5, c.density))
         up = (1.0, 0.0, 0.0) if c.up is None else c.up
-        section = tb.Section.circle(*values)
-        return tb.Beam.straight(
-            torch.tensor(c.length).to(section.mass), c.elements, section, c.direction, up
-        )
+        section = tb.Section.circle(c.radius, c.young, 0.5, c.density)
+        return tb.Beam.straight(c.length, c.elements, section, c.direction, up)
 
     def actuators(self) -> tuple[Actuator, ...]:
         """One: the natural curvature of all elements, by angles of the segments."""

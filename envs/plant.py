@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -55,7 +56,7 @@ class Plant(Tree):
         return beam
 
 
-def aluminium_strip(dtype: torch.dtype = torch.float64) -> Section:
+def aluminium_strip(dtype: torch.dtype | None = None) -> Section:
     """6061-T6 flat bar, 3 mm (along y) by 10 mm (along z): E = 68.9 GPa, nu = 0.33, density 2700
     kg/m^3, yield 276 MPa.
 
@@ -63,11 +64,11 @@ def aluminium_strip(dtype: torch.dtype = torch.float64) -> Section:
         >>> 1 / envs.aluminium_strip().compliance.diagonal()[4:]  # N m^2, bending about y and z
         tensor([17.2250,  1.5502])
     """
-    values = (torch.tensor(v, dtype=dtype) for v in (3e-3, 10e-3, 68.9e9, 0.33, 2700.0))
-    return Section.rectangle(*values)
+    _no_dtype(dtype)
+    return Section.rectangle(3e-3, 10e-3, 68.9e9, 0.33, 2700.0)
 
 
-def silicone_rod(dtype: torch.dtype = torch.float64) -> Section:
+def silicone_rod(dtype: torch.dtype | None = None) -> Section:
     """Round rod of silicone rubber, radius 10 mm: E = 1 MPa, nu = 0.45, density 1100 kg/m^3. Waves
     are slow enough in it for an explicit method: a fixed step of 0.5 ms is stable with two elements
     in 0.3 m.
@@ -76,8 +77,18 @@ def silicone_rod(dtype: torch.dtype = torch.float64) -> Section:
         >>> 1 / envs.silicone_rod().compliance.diagonal()[4]  # N m^2, bending
         tensor(0.0079)
     """
-    values = (torch.tensor(v, dtype=dtype) for v in (0.01, 1e6, 0.45, 1100.0))
-    return Section.circle(*values)
+    _no_dtype(dtype)
+    return Section.circle(0.01, 1e6, 0.45, 1100.0)
+
+
+def _no_dtype(dtype: torch.dtype | None) -> None:
+    if dtype is not None:
+        warnings.warn(
+            "the dtype of a section goes in the next minor version: sections are of float64, and "
+            "dtype=torch.float32 among an environment's keywords asks for single precision",
+            DeprecationWarning,
+            stacklevel=3,
+        )
 
 
 SECTIONS = {"aluminium strip": aluminium_strip, "silicone rod": silicone_rod}
@@ -101,17 +112,12 @@ def straight(
     direction: Sequence[float],
     up: Sequence[float] | None,
 ) -> Beam:
-    """A straight beam, in the section's dtype; up = None: z, or for a beam along z, x."""
+    """A straight beam; up = None: z, or for a beam along z, x."""
     up = (
         ((1.0, 0.0, 0.0) if direction[0] == direction[1] == 0 else (0.0, 0.0, 1.0))
         if up is None
         else up
     )
-    like = section.compliance
-    values = (
-        torch.as_tensor(v, dtype=like.dtype, device=like.device) for v in (length, direction, up)
-    )
-    length, direction, up = values
     return Beam.straight(length, elements, section, direction, up)
 
 

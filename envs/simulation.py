@@ -285,7 +285,7 @@ class Simulation:
         c = self.config
         if self.varying and beside_the_beam(self.varying):
             return Plant(params, self.plant.stepper)
-        scene = self.task.scene(params, self.members, self.varying)
+        scene = self.task.scene(params, self.members, self.varying).to(self.task.dtype)
         return Plant(
             params,
             stepper(
@@ -306,7 +306,7 @@ class Simulation:
         elif whole or (plant.native and self.count <= TOGETHER):
             start = self._settled(plant.scene, self.count, plant.native)
         else:
-            own = self.task.scene(values, rows, self.varying)
+            own = self.task.scene(values, rows, self.varying).to(self.task.dtype)
             start = self._settled(own, len(rows), plant.native)
         start = start if len(start.status) == len(rows) else start[rows]
         return start, self._begun(plant, start, rows)

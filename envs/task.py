@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
+from torchbeam.extend import map_leaves
 from torchbeam.extend import quaternions as quat
 
 from .actuators import Actuator, TipForce, driven
@@ -106,8 +107,11 @@ class Task:
         self.config = config
         self.goal_size, self.preview = self.GOAL, self.PREVIEW
         self.plane = self.PLANE if config.planar else None
-        self.usual = self.beam()
-        self.dtype, self.device = self.usual.nodes.dtype, self.usual.nodes.device
+        self.dtype = config.dtype or torch.float64
+        self.usual = map_leaves(
+            lambda x, axes: x.to(self.dtype) if isinstance(x, Tensor) else x, self.beam()
+        )
+        self.device = self.usual.nodes.device
         self.elements = self.usual.station_count
         ends = self.usual.nodes[..., -1, :] - self.usual.nodes[..., 0, :]
         along = (
@@ -194,7 +198,7 @@ class Task:
             name: torch.tensor(p.value, dtype=self.dtype, device=self.device)
             for name, p in self.parameters().items()
         }
-        return self.scene(params, torch.arange(1, device=self.device), set())
+        return self.scene(params, torch.arange(1, device=self.device), set()).to(self.dtype)
 
     def loads(self, params: dict[str, Tensor], varying: set[str]) -> list[Any]:
         """All effects of the scene, with parameters as in `scene`."""

@@ -16,9 +16,8 @@ import torch
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 N, CUT = 6, 3  # elements; the one that is cut
-FORCE = torch.tensor([0.6, 0.0, 2.0])
+FORCE = torch.tensor([0.6, 0.0, 2.0], dtype=torch.float64)
 
 section = tb.Section.from_stiffness(EA=1e3, GA=4e2, GJ=0.8, EI=1.0, mass=0.2)
 scene = tb.Scene(tb.Beam.straight(1.0, N, section), [tb.TipLoad(force=FORCE)])

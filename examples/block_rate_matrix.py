@@ -13,13 +13,12 @@ import torch
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 torch.manual_seed(3)
 
 
 def spd() -> torch.Tensor:
-    A = torch.randn(6, 6)
-    return A @ A.T + torch.eye(6)
+    A = torch.randn(6, 6, dtype=torch.float64)
+    return A @ A.T + torch.eye(6, dtype=torch.float64)
 
 
 def mass() -> torch.Tensor:
@@ -27,7 +26,11 @@ def mass() -> torch.Tensor:
     sum of the others.
     """
     M = spd()
-    return M + torch.diag(torch.tensor([0.0, 0, 0, 1, 1, 1])) * M.diagonal()[3:].sum()
+    return (
+        M
+        + torch.diag(torch.tensor([0.0, 0, 0, 1, 1, 1], dtype=torch.float64))
+        * M.diagonal()[3:].sum()
+    )
 
 
 def moving_element() -> tb.BlockRate:
@@ -46,7 +49,7 @@ def moving_element() -> tb.BlockRate:
             rotation=lambda t: torch.stack((t, t * t, -t)) / 2,
         ),
     )
-    return tb.block_rate(scene, torch.randn(36) / 2, t=0.7)
+    return tb.block_rate(scene, torch.randn(36, dtype=torch.float64) / 2, t=0.7)
 
 
 def as_printed(

@@ -16,7 +16,6 @@ import torch
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 TABLE = json.loads(
     (Path(__file__).parents[1] / "torchbeam/data/rotating_cantilever_frequencies.json").read_text()
 )["values"]

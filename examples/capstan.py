@@ -26,7 +26,6 @@ parser.add_argument(
 )
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
-torch.set_default_dtype(torch.float64)
 FRICTION, WEIGHT = 0.3, 1.0  # N
 RADIUS, STRAIGHT = 0.1, 0.1  # m
 SPEED = torch.tensor([20.0, -20.0])  # rad/s of the drum: a batch of two

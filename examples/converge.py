@@ -12,7 +12,6 @@ import torch
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 WANTED = 1e-2
 
 

@@ -23,7 +23,6 @@ parser.add_argument(
 )
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
-torch.set_default_dtype(torch.float64)
 RADIUS, EI, GA, ARM = 0.004, 0.5, 1e6, 0.2  # m, N m^2, N, m from the clamps to the crossing
 LAW: dict[str, Any] = dict(radius=RADIUS, thickness=1e-3, force=800.0)
 lowered = torch.linspace(1e-3, 8e-3, 5)  # m: a batch of five

@@ -22,7 +22,6 @@ parser = argparse.ArgumentParser(
 parser.add_argument("--picture", type=Path, default=Path("out/four_bar.gif"))
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
-torch.set_default_dtype(torch.float64)
 CRANK, COUPLER, ROCKER, GROUND = 0.2, 0.6, 0.5, 0.6  # m
 TURN = 1.0  # s
 

@@ -16,7 +16,6 @@ import torch
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 CASE = json.loads((Path(__file__).parents[1] / "torchbeam/data/dynamic_step_load.json").read_text())
 WINDOW, N = 81, 16  # samples, elements
 T = torch.tensor(CASE["t"][:WINDOW])

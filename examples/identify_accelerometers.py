@@ -21,7 +21,6 @@ import torch
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 LENGTH, MASS = 0.5, 0.25  # m, kg/m
 TRUE = {"EI": 1.0, "tau": 2e-3, "clamp": 40.0, "tip": 0.05}  # N m^2, s, N m/rad, kg
 GUESS = {"EI": 0.7, "tau": 3e-3, "clamp": 60.0, "tip": 0.03}
@@ -52,7 +51,7 @@ def scene(theta: dict[str, torch.Tensor], elements: int, pulse: bool) -> tb.Scen
 def strike(theta: dict[str, torch.Tensor], elements: int = 8, step: float = 5e-4) -> tb.Solution:
     """Motion after the blow, from the sag."""
     sag = tb.equilibrium(scene(theta, elements, False), throw=False)
-    t = torch.linspace(0, 0.6, 301)
+    t = torch.linspace(0, 0.6, 301, dtype=torch.float64)
     return tb.simulate(scene(theta, elements, True), t, initial=sag, step=step)
 
 
@@ -71,14 +70,22 @@ def accelerometers(elements: int) -> tb.sensors.Stack:
 def measured(seed: int = 0) -> dict[str, tb.Measurement]:
     """Synthetic readings."""
     random = torch.Generator().manual_seed(seed)
-    times = (torch.arange(200) + torch.rand(200, generator=random)) * 3e-3 * 0.99
-    truth = {name: torch.tensor([value]) for name, value in TRUE.items()}
+    times = (
+        (torch.arange(200) + torch.rand(200, generator=random, dtype=torch.float64)) * 3e-3 * 0.99
+    )
+    truth = {name: torch.tensor([value], dtype=torch.float64) for name, value in TRUE.items()}
     clean = tb.observe(strike(truth, 32, 2.5e-4), accelerometers(32), times, rate=True)[:, 0]
     sigma = 0.03 * clean.square().mean(0).sqrt()
-    values = clean + torch.tensor([0.3, -0.5]) + sigma * torch.randn(200, 2, generator=random)
+    values = (
+        clean
+        + torch.tensor([0.3, -0.5], dtype=torch.float64)
+        + sigma * torch.randn(200, 2, generator=random, dtype=torch.float64)
+    )
     values[60:80, 0] = torch.nan
     values[120:150, 1] = torch.nan
-    deflection = sag(truth, 32)[0][0] + 2e-4 * torch.randn((), generator=random)
+    deflection = sag(truth, 32)[0][0] + 2e-4 * torch.randn(
+        (), generator=random, dtype=torch.float64
+    )
     return {
         "strike": tb.Measurement(
             values, sigma, times, accelerometers(8), rate=True, offset=True, name="acceleration"
@@ -92,7 +99,11 @@ begun = time.process_time()
 fit = tb.identify({"strike": strike, "sag": sag}, DATA, GUESS, log=True, starts=20, spread=5.0)
 SECONDS = time.process_time() - begun
 RIGHT = fit.starts[fit.statuses == 0, :4]  # where starts ended that call themselves converged
-CHECK = ((RIGHT - torch.tensor(list(TRUE.values()))).abs() / fit.deviation[:4]).max().item()
+CHECK = (
+    ((RIGHT - torch.tensor(list(TRUE.values()), dtype=torch.float64)).abs() / fit.deviation[:4])
+    .max()
+    .item()
+)
 EXPECTED, TOLERANCE = 0.0, 3.0  # standard deviations
 
 print(fit.summary())

@@ -25,18 +25,17 @@ import torch
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 LENGTH, N = 0.5, 16
 RANDOM = torch.Generator().manual_seed(0)
 
 
 def noise(like: torch.Tensor, sigma: float) -> torch.Tensor:
-    return sigma * torch.randn(like.shape, generator=RANDOM)
+    return sigma * torch.randn(like.shape, generator=RANDOM, dtype=torch.float64)
 
 
 def sections(EI: torch.Tensor, mass: torch.Tensor | float = 0.25) -> list[tb.Section]:
     """One for each element, of EI and mass (..., elements)."""
-    mass = torch.as_tensor(mass).expand_as(EI)
+    mass = torch.as_tensor(mass, dtype=torch.float64).expand_as(EI)
     return [
         tb.Section.from_stiffness(EA=1e6, GA=1e6, GJ=1.0, EI=e, mass=m)
         for e, m in zip(EI.unbind(-1), mass.unbind(-1), strict=True)
@@ -51,7 +50,7 @@ def strip(EI: torch.Tensor, mass: torch.Tensor | float, effects: list) -> tb.Sce
 
 # EI by element
 # --------------------------------------------------------------------------------------------------
-LOADS = torch.tensor([-4.0, -2.0, 2.0, 4.0])  # N, at the tip
+LOADS = torch.tensor([-4.0, -2.0, 2.0, 4.0], dtype=torch.float64)  # N, at the tip
 
 
 def stiffness(elements: int) -> torch.Tensor:
@@ -62,7 +61,7 @@ def stiffness(elements: int) -> torch.Tensor:
 def deflections(theta: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
     """Heights (n, loads, N) of the model's nodes, and status (n,)."""
     EI = theta["EI"]
-    force = LOADS[:, None] * torch.tensor([0.0, 0.0, 1.0])
+    force = LOADS[:, None] * torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
     scene = strip(EI[:, None], 0.25, [tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=force)])
     state = tb.equilibrium(scene, throw=False)
     every = EI.shape[-1] // N
@@ -73,7 +72,7 @@ seen = deflections({"EI": stiffness(4 * N)[None]})[0][0]
 dent = tb.identify_fields(
     deflections,
     tb.Measurement(seen + noise(seen, 1e-5), 1e-5, name="height"),
-    {"EI": tb.Parameter(torch.full((N,), 0.7), "log")},
+    {"EI": tb.Parameter(torch.full((N,), 0.7, dtype=torch.float64), "log")},
     {"EI": tb.Smoothness(sharp=True)},
 )
 EI = dent["EI"]
@@ -86,7 +85,7 @@ print(
 
 # mass by place
 # --------------------------------------------------------------------------------------------------
-PLACES = torch.linspace(0, LENGTH, 7)
+PLACES = torch.linspace(0, LENGTH, 7, dtype=torch.float64)
 
 
 def lines(s: torch.Tensor) -> torch.Tensor:
@@ -122,7 +121,7 @@ def paired(theta: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
 weight = tb.identify_fields(
     paired,
     [tb.Measurement(FREQUENCY, 5e-4 * FREQUENCY), tb.Measurement(SHAPES, 0.01)],
-    {"mass": tb.Parameter(torch.full((7,), 0.2), "log")},
+    {"mass": tb.Parameter(torch.full((7,), 0.2, dtype=torch.float64), "log")},
     {"mass": tb.Smoothness(2)},
 )
 MASS = ((weight["mass"] - lines(PLACES)) / weight.deviation("mass")).abs().max().item()
@@ -134,7 +133,7 @@ print(
 
 # force by interval
 # --------------------------------------------------------------------------------------------------
-T = torch.linspace(0, 0.08, 81)
+T = torch.linspace(0, 0.08, 81, dtype=torch.float64)
 
 
 def blow(t: torch.Tensor) -> torch.Tensor:
@@ -147,16 +146,18 @@ def readings(solution: tb.Solution, elements: int) -> torch.Tensor:
 
 
 def struck(theta: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
-    force = theta["force"][..., None] * torch.tensor([0.0, 0.0, 1.0])
+    force = theta["force"][..., None] * torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
     scene = strip(
-        torch.ones(len(force), 8), 0.25, [tb.TipLoad(force=tb.Input("force", 3)), tb.Damping(1e-3)]
+        torch.ones(len(force), 8, dtype=torch.float64),
+        0.25,
+        [tb.TipLoad(force=tb.Input("force", 3)), tb.Damping(1e-3)],
     )
     solution = tb.simulate(scene, T, step=1e-3, inputs={"force": tb.PerInterval(force)})
     return readings(solution, 8), solution.status
 
 
 def motion(effects: list, velocity: torch.Tensor | None = None, elements: int = 32) -> torch.Tensor:
-    scene = strip(torch.ones(1, elements), 0.25, [tb.Damping(1e-3), *effects])
+    scene = strip(torch.ones(1, elements, dtype=torch.float64), 0.25, [tb.Damping(1e-3), *effects])
     initial = (
         None
         if velocity is None
@@ -169,7 +170,7 @@ clean = motion([tb.TipLoad(force=lambda t: (0, 0, blow(t)))])
 force = tb.identify_fields(
     struck,
     tb.Measurement(clean + noise(clean, 1e-4), 1e-4, T),
-    {"force": tb.Parameter(torch.zeros(80), scale=1.0)},
+    {"force": tb.Parameter(torch.zeros(80, dtype=torch.float64), scale=1.0)},
     {"force": tb.Smoothness(2)},
 )
 PULSE = (force["force"] - blow((T[1:] + T[:-1]) / 2)).square().mean().sqrt().item()
@@ -181,9 +182,9 @@ print(f"force: {force}\n    RMS error {PULSE:.3f} N")
 
 def swinging(theta: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
     v = torch.nn.functional.pad(theta["velocity"], (1, 0))[..., None] * torch.tensor(
-        [0.0, 0.0, 1.0]
+        [0.0, 0.0, 1.0], dtype=torch.float64
     )
-    scene = strip(torch.ones(len(v), 8), 0.25, [tb.Damping(1e-3)])
+    scene = strip(torch.ones(len(v), 8, dtype=torch.float64), 0.25, [tb.Damping(1e-3)])
     solution = tb.simulate(
         scene, T, step=1e-3, initial=tb.State.from_nodes(scene, scene.beam.nodes, velocity=v)
     )
@@ -194,14 +195,18 @@ def first(s: torch.Tensor) -> torch.Tensor:
     return 1.5 * (s / LENGTH) ** 2 - 1.5 * torch.sin(torch.pi * s / LENGTH) * s / LENGTH
 
 
-clean = motion([], first(torch.linspace(0, LENGTH, 33))[:, None] * torch.tensor([0.0, 0.0, 1.0]))
+clean = motion(
+    [],
+    first(torch.linspace(0, LENGTH, 33, dtype=torch.float64))[:, None]
+    * torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64),
+)
 start = tb.identify_fields(
     swinging,
     tb.Measurement(clean + noise(clean, 1e-4), 1e-4, T),
-    {"velocity": tb.Parameter(torch.zeros(8), scale=1.0)},
+    {"velocity": tb.Parameter(torch.zeros(8, dtype=torch.float64), scale=1.0)},
     {"velocity": tb.Smoothness(2)},
 )
-off = start["velocity"] - first(torch.linspace(0, LENGTH, 9)[1:])
+off = start["velocity"] - first(torch.linspace(0, LENGTH, 9, dtype=torch.float64)[1:])
 VELOCITY = (off / start.deviation("velocity")).abs().max().item()
 print(f"velocity: {start}\n    largest error {off.abs().max():.2f} m/s, {VELOCITY:.1f} deviations")
 
@@ -212,9 +217,9 @@ EXPECTED, TOLERANCE = 0.0, 1.0
 
 def draw(path: Path = Path("out/identify_field.png")) -> None:
     places = tb.plot.grid(2, 2, (9.6, 6.4))
-    s, middle = torch.linspace(0, LENGTH, 161), (T[1:] + T[:-1]) / 2
-    nodes = torch.linspace(0, LENGTH, 9)[1:]
-    ends = torch.linspace(0, LENGTH, N + 1)
+    s, middle = torch.linspace(0, LENGTH, 161, dtype=torch.float64), (T[1:] + T[:-1]) / 2
+    nodes = torch.linspace(0, LENGTH, 9, dtype=torch.float64)[1:]
+    ends = torch.linspace(0, LENGTH, N + 1, dtype=torch.float64)
     # fmt: off
     shown = ((dent, "EI", torch.stack((ends[:-1], ends[1:])).mT.flatten(), centres(1600),
               stiffness(1600), "s / m",

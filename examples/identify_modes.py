@@ -21,7 +21,6 @@ import torch
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 TRUE = {"EI_y": 4.0, "EI_z": 100.0, "clamp": 100.0}  # N m^2, N m^2, N m/rad
 START = {"EI_y": 3.0, "EI_z": 250.0, "clamp": 300.0}
 COUNT = 5  # modes that were measured

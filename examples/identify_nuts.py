@@ -24,12 +24,11 @@ from torch.distributions import LogNormal
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
-WEIGHTS = torch.tensor([0.5, 1.0, 2.0, 4.0, 6.0, 8.0])  # N
+WEIGHTS = torch.tensor([0.5, 1.0, 2.0, 4.0, 6.0, 8.0], dtype=torch.float64)  # N
 TRUE, SIGMA = {"EI": 1.0, "c": 0.05}, 1e-3  # N m^2, rad/(N m); m
 PRIOR = {
-    "EI": LogNormal(torch.tensor(0.0), torch.tensor(0.5)),
-    "c": LogNormal(torch.tensor(-3.0), torch.tensor(1.0)),
+    "EI": LogNormal(torch.tensor(0.0, dtype=torch.float64), torch.tensor(0.5, dtype=torch.float64)),
+    "c": LogNormal(torch.tensor(-3.0, dtype=torch.float64), torch.tensor(1.0, dtype=torch.float64)),
 }
 LEVEL, SAMPLES, WARMUP = 0.95, 200, 50
 
@@ -40,7 +39,7 @@ def sag(theta: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
     turning = 1 / theta["c"][:, None]
     firm = torch.full_like(turning, 1e6)
     effects = [
-        tb.TipLoad(force=-WEIGHTS[:, None] * torch.tensor([0.0, 0.0, 1.0])),
+        tb.TipLoad(force=-WEIGHTS[:, None] * torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)),
         tb.RootSpring(torch.stack((firm, firm, firm, firm, turning, firm), -1)),
     ]
     state = tb.equilibrium(
@@ -49,8 +48,12 @@ def sag(theta: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
     return state.tip.position[..., 2], state.status.amax(-1)
 
 
-exact = sag({name: torch.tensor([value]) for name, value in TRUE.items()})[0][0]
-DATA = exact + SIGMA * torch.randn(6, generator=torch.Generator().manual_seed(3))
+exact = sag({name: torch.tensor([value], dtype=torch.float64) for name, value in TRUE.items()})[0][
+    0
+]
+DATA = exact + SIGMA * torch.randn(
+    6, generator=torch.Generator().manual_seed(3), dtype=torch.float64
+)
 fit = tb.identify(
     sag,
     tb.Measurement(DATA, SIGMA),
@@ -72,7 +75,7 @@ def energy(walker: dict[str, torch.Tensor]) -> torch.Tensor:
     theta = dict(zip(TRUE, x.exp(), strict=True))
     height, status = sag({name: value[None] for name, value in theta.items()})
     if status.any():
-        return torch.tensor(torch.inf)
+        return torch.tensor(torch.inf, dtype=torch.float64)
     prior = sum(PRIOR[name].log_prob(value) for name, value in theta.items()) + x.sum()
     return ((height[0] - DATA) / SIGMA).square().sum() / 2 - prior
 
@@ -83,11 +86,11 @@ chain = MCMC(
     num_samples=SAMPLES,
     warmup_steps=WARMUP,
     disable_progbar=True,
-    initial_params={"z": torch.zeros(2)},
+    initial_params={"z": torch.zeros(2, dtype=torch.float64)},
 )
 chain.run()
 DRAWN = dict(zip(TRUE, parameters(chain.get_samples()["z"]).exp().mT, strict=True))
-tails = torch.tensor([(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+tails = torch.tensor([(1 - LEVEL) / 2, (1 + LEVEL) / 2], dtype=torch.float64)
 INTERVALS = {
     "NUTS": torch.stack([DRAWN[name].quantile(tails) for name in TRUE]),
     "Laplace": fit.interval(LEVEL),
@@ -112,7 +115,7 @@ for method, interval in INTERVALS.items():
 def draw(path: Path = Path("out/identify_nuts.png")) -> None:
     axis = tb.plot.axes((5, 4))
     axis.plot(DRAWN["EI"], DRAWN["c"], ".", ms=4, color="0.5", label="NUTS")
-    turn = torch.linspace(0, 2 * torch.pi, 100)
+    turn = torch.linspace(0, 2 * torch.pi, 100, dtype=torch.float64)
     # 95 % of two normal numbers
     ellipse = parameters(2.448 * torch.stack((turn.cos(), turn.sin()), -1)).exp()
     axis.plot(*ellipse.mT, "C0", lw=1, label="Laplace, 95 %")

@@ -14,7 +14,6 @@ from scipy.optimize import least_squares
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 T = torch.linspace(0, 0.8, 81)
 TRUE, SIGMA = torch.tensor([1.0, 0.2]), 2e-4  # N m^2 and kg/m; m
 

@@ -33,7 +33,6 @@ import torch
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 CASE = json.loads(
     (Path(__file__).parents[1] / "torchbeam/data/pazy_static_bending.json").read_text()
 )

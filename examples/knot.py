@@ -34,7 +34,6 @@ parser = argparse.ArgumentParser(
 parser.add_argument("--picture", type=Path, default=Path("out/knot.png"), help="the film beside it")
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
-torch.set_default_dtype(torch.float64)
 TAIL, REACH = 3.0, 0.85  # in radii of the loop: straight ends; half of the braid, at most
 LAYER = 0.1  # thickness of the contact, over h
 RADII = (0.04, 0.01, 0.0025)  # h/R
@@ -55,15 +54,17 @@ def loose(h: float) -> tuple[torch.Tensor, torch.Tensor]:
     Over the x axis the loop is z = 1 - (1 - x^2)^(1/2) away from the tail. Both turn about their
     middle by 3 pi, with no less than some 2 h between them, which makes three crossings.
     """
-    x = torch.linspace(-REACH, REACH, 4001)
+    x = torch.linspace(-REACH, REACH, 4001, dtype=torch.float64)
     z = 1 - (1 - x * x).sqrt()
     apart = torch.hypot(z, 2.4 * h * (1 - smooth((x.abs() - 0.3) / (REACH - 0.3))))
     turn = 3 * math.pi * smooth((x / min(3 * math.sqrt(h), 0.8) + 1) / 2) - math.pi / 2
     half = torch.stack((0 * x, torch.cos(turn), torch.sin(turn)), -1) * apart[:, None] / 2
     middle = torch.stack((x, 0 * x, z / 2), -1)
-    angle = torch.linspace(math.asin(REACH), 2 * math.pi - math.asin(REACH), 4001)[1:-1]
+    angle = torch.linspace(
+        math.asin(REACH), 2 * math.pi - math.asin(REACH), 4001, dtype=torch.float64
+    )[1:-1]
     loop = torch.stack((torch.sin(angle), 0 * angle, 1 - torch.cos(angle)), -1)
-    tail = torch.linspace(-TAIL - REACH, -REACH, 2001)[:-1]
+    tail = torch.linspace(-TAIL - REACH, -REACH, 2001, dtype=torch.float64)[:-1]
     tail = torch.stack((tail, 0 * tail, 0 * tail), -1)
     ends = tail, -tail.flip(0)
     curve = torch.cat((ends[0], middle + half, loop, middle - half, ends[1]))
@@ -90,9 +91,11 @@ def knot(h: float, tugs: bool = False, friction: float | None = None) -> tuple[t
     size = size.clamp(max=0.2)
     share = (s.diff() * (1 / size[1:] + 1 / size[:-1]) / 2).cumsum(0)
     count = 2 * math.ceil(float(share[-1]) / 2)
-    at = torch.searchsorted(share, torch.linspace(0, float(share[-1]), count + 1)[1:-1])
+    at = torch.searchsorted(
+        share, torch.linspace(0, float(share[-1]), count + 1, dtype=torch.float64)[1:-1]
+    )
     nodes = torch.cat((curve[:1], curve[at + 1], curve[-1:]))
-    along = torch.tensor([1.0, 0, 0])
+    along = torch.tensor([1.0, 0, 0], dtype=torch.float64)
     straight = nodes[0] + arclength(nodes)[:, None] * along
     EA = 4 / h**2
     section = tb.Section.from_stiffness(
@@ -146,7 +149,7 @@ REST = 30.0
 scenes = [knot(h) for h in RADII]
 states = [rested(*each).state[-1] for each in scenes]
 rows = [numbers(scene, x, h) for (scene, _), x, h in zip(scenes, states, RADII, strict=True)]
-eps, pull, press = torch.tensor(rows).unbind(-1)
+eps, pull, press = torch.tensor(rows, dtype=torch.float64).unbind(-1)
 shares = torch.stack((2 * pull / eps**4, press / (0.492 * eps**3)))  # of the law's, each
 powers = eps[:, None] ** torch.arange(len(eps))
 limits = torch.linalg.solve(powers, shares.mT)[0]  # of polynomials through all, at eps = 0
@@ -161,22 +164,26 @@ def tightened() -> tuple[tb.Scene, tb.State, torch.Tensor]:
     t = torch.arange(REST + 1, REST + TUGS * (TUG + WAIT) + 1).tolist()
     states = rested(scene, start, *t).state[1:]
     rests = [round(k * (TUG + WAIT)) for k in range(TUGS + 1)]
-    return scene, states, torch.tensor([numbers(scene, states[k], h) for k in rests])
+    return (
+        scene,
+        states,
+        torch.tensor([numbers(scene, states[k], h) for k in rests], dtype=torch.float64),
+    )
 
 
 def rubbed(h: float, rest: tb.State) -> tuple[float, float]:
     """eps, and F h^2/B of a knot that is pulled slowly, with friction."""
     scene, _ = knot(h, friction=MU)
-    t = torch.linspace(REST, REST + SLOWLY, 13)
+    t = torch.linspace(REST, REST + SLOWLY, 13, dtype=torch.float64)
     run = tb.simulate(scene, t, rest, step=0.1)
     assert (run.status == 0).all()
-    last = torch.tensor([numbers(scene, state, h) for state in run.state[-6:]])
+    last = torch.tensor([numbers(scene, state, h) for state in run.state[-6:]], dtype=torch.float64)
     return float(last[:, 0].mean()), float(last[:, 1].mean())
 
 
 def curves(ax: Any, tight: torch.Tensor, slow: torch.Tensor) -> None:
     """Force curves, and the law's lines."""
-    e = torch.logspace(-1.4, -0.38, 50)
+    e = torch.logspace(-1.4, -0.38, 50, dtype=torch.float64)
     ax.loglog(e, e**4 / 2, color="C0", lw=1, label="ε⁴/2")
     ax.loglog(e, e**4 / 2 + 0.492 * MU * e**3, "--", color="C3", lw=1, label="... + 0.492 µ ε³")
     ax.loglog(eps, pull, "o", ms=5, color="C0", label="three rods at rest")
@@ -197,7 +204,9 @@ def knot_axes(ax: Any) -> None:
 
 def main(path: Path = options.picture) -> None:
     scene, states_, tight = tightened()
-    slow = torch.tensor([rubbed(h, x) for h, x in zip(RADII[:2], states[:2], strict=True)])
+    slow = torch.tensor(
+        [rubbed(h, x) for h, x in zip(RADII[:2], states[:2], strict=True)], dtype=torch.float64
+    )
     print(f"eps {eps.tolist()}: of the law {shares.tolist()}; where eps = 0 {limits.tolist()}")
     print("tightened, eps and share of the law:")
     print("  ", *(f"{e:.3f} {2 * F / e**4:.3f}" for e, F, _ in tight.tolist()), sep="  ")

@@ -23,7 +23,6 @@ parser = argparse.ArgumentParser(
 parser.add_argument("--picture", type=Path, default=Path("out/lees_frame.png"))
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
-torch.set_default_dtype(torch.float64)
 # elements of order 2 in each leg; the load is at the end of the first one of the beam, a fifth of
 # its length
 N = 5

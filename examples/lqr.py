@@ -17,7 +17,6 @@ from scipy.linalg import solve_discrete_are
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 DT, STEPS, LAST = 0.01, 200, 50
 REST, NOISE = np.array([0.0, 1.0, 0.0]), 1e-4  # N, m
 
@@ -25,14 +24,14 @@ section = tb.Section.from_stiffness(EA=4e4, GA=1.48e4, GJ=0.769, EI=1.0, mass=0.
 scene = tb.Scene(
     tb.Beam.straight(1.0, 8, section), [tb.TipLoad(force=tb.Input("force", 3)), tb.Damping(1e-3)]
 )
-bent = tb.equilibrium(scene, inputs={"force": torch.as_tensor(REST)})
+bent = tb.equilibrium(scene, inputs={"force": torch.as_tensor(REST, dtype=torch.float64)})
 
 
 def tip(state: tb.State) -> torch.Tensor:
     return state.tip.position
 
 
-full = tb.linearize(scene, bent, tip, inputs={"force": torch.as_tensor(REST)})
+full = tb.linearize(scene, bent, tip, inputs={"force": torch.as_tensor(REST, dtype=torch.float64)})
 model = full.reduced(6).discrete(DT)
 A, B, C = (X.numpy() for X in (model.A, model.B, model.C))
 
@@ -51,15 +50,17 @@ def run() -> tuple[np.ndarray, np.ndarray]:
     """Tip errors (time, 2, 3) m, with and without control, and the control's force (time, 3) N."""
     noise = np.random.default_rng(0)
     stepper = tb.Stepper(scene, DT)
-    state = tb.equilibrium(scene, inputs={"force": torch.tensor([0.0, 1.5, 0.3]).expand(2, 3)}).at(
-        0.0
-    )
+    state = tb.equilibrium(
+        scene, inputs={"force": torch.tensor([0.0, 1.5, 0.3], dtype=torch.float64).expand(2, 3)}
+    ).at(0.0)
     z, errors, forces = np.zeros(len(A)), [], []
     for _ in range(STEPS):
         error = (tip(state) - tip(bent)).numpy()
         du = -K @ z
         z = A @ z + B @ du + L @ (error[0] + NOISE * noise.standard_normal(3) - C @ z)
-        state = stepper(state, force=torch.as_tensor(np.stack((REST + du, REST))))
+        state = stepper(
+            state, force=torch.as_tensor(np.stack((REST + du, REST)), dtype=torch.float64)
+        )
         errors.append(error)
         forces.append(du)
     return np.array(errors), np.array(forces)

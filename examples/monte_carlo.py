@@ -18,9 +18,8 @@ from torch.distributions import LogNormal, Normal
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 SAMPLES, N = 4096, 16
-LEVELS = torch.tensor([0.01, 0.1, 0.5, 0.9, 0.99])
+LEVELS = torch.tensor([0.01, 0.1, 0.5, 0.9, 0.99], dtype=torch.float64)
 TABLE = json.loads(
     (Path(__file__).parents[1] / "torchbeam/data/elastica_dead_tip_load.json").read_text()
 )["values"]
@@ -28,8 +27,10 @@ TABLE = json.loads(
 
 SIGMA = math.sqrt(math.log(1 + 0.2**2))
 LAWS = {
-    "EI": LogNormal(torch.tensor(-(SIGMA**2) / 2), torch.tensor(SIGMA)),
-    "P": Normal(torch.tensor(2.0), torch.tensor(0.3)),
+    "EI": LogNormal(
+        torch.tensor(-(SIGMA**2) / 2, dtype=torch.float64), torch.tensor(SIGMA, dtype=torch.float64)
+    ),
+    "P": Normal(torch.tensor(2.0, dtype=torch.float64), torch.tensor(0.3, dtype=torch.float64)),
 }
 
 
@@ -56,7 +57,7 @@ def elastica(alpha: torch.Tensor) -> torch.Tensor:
     s = (x - a[i]) / h
     rise = w[i] + (w[i + 1] - w[i]) * s * s * (3 - 2 * s)
     return alpha.sign() * torch.as_tensor(
-        rise + h * s * (1 - s) * (slope[i] * (1 - s) - slope[i + 1] * s)
+        rise + h * s * (1 - s) * (slope[i] * (1 - s) - slope[i + 1] * s), dtype=torch.float64
     )
 
 

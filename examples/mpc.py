@@ -22,12 +22,11 @@ import torch
 import torchbeam as tb
 from torchbeam.extend import quaternions
 
-torch.set_default_dtype(torch.float64)
 DT, HORIZON, STEPS, LAST, LIMIT, ANGLE = 0.02, 25, 150, 25, 0.3, math.radians(60)
-Z = torch.tensor([0.0, 0.0, 1.0])
+Z = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
 # weights of the tip's place and velocity, squared, at each step and at the last; of the torques
-WEIGHT = torch.tensor([1.0, 1.0, 0.02, 0.02]).repeat(HORIZON, 1)
-WEIGHT[-1] = torch.tensor([11.0, 11.0, 2.02, 2.02])
+WEIGHT = torch.tensor([1.0, 1.0, 0.02, 0.02], dtype=torch.float64).repeat(HORIZON, 1)
+WEIGHT[-1] = torch.tensor([11.0, 11.0, 2.02, 2.02], dtype=torch.float64)
 EFFORT = 0.02
 
 
@@ -78,12 +77,14 @@ class Lqr:
             model,
             goal,
             (lambda s: s.tip.position, lambda s: s.tip.velocity),
-            inputs={"torque": torch.zeros(3)},
+            inputs={"torque": torch.zeros(3, dtype=torch.float64)},
         )
         self.linear = self.linear.discrete(DT)
         A, B, C = self.linear.A, self.linear.B[:, 2:], self.linear.C[1::3]
-        Q = C.mT @ torch.diag(torch.tensor([10.0, 3.0])) @ C + 1e-8 * torch.eye(len(A))
-        P = torch.eye(len(A))
+        Q = C.mT @ torch.diag(
+            torch.tensor([10.0, 3.0], dtype=torch.float64)
+        ) @ C + 1e-8 * torch.eye(len(A), dtype=torch.float64)
+        P = torch.eye(len(A), dtype=torch.float64)
         for _ in range(1000):
             self.K = torch.linalg.solve(B.mT @ P @ B + 10.0, B.mT @ P @ A)
             P = Q + A.mT @ P @ (A - B @ self.K)
@@ -102,7 +103,7 @@ def least(linear: torch.Tensor, matrix: torch.Tensor) -> torch.Tensor:
     """The torques u within the limit at which linear'u + u'matrix u / 2 is least: which of them are
     at it, and on which side, is found in a few rounds (a primal-dual active set).
     """
-    side = torch.zeros(HORIZON)
+    side = torch.zeros(HORIZON, dtype=torch.float64)
     for _ in range(30):
         u, free = LIMIT * side, side == 0
         u[free] = -torch.linalg.solve(matrix[free][:, free], (linear + matrix @ u)[free])
@@ -117,10 +118,10 @@ class Mpc:
     """Torques of the next half second, improved at each call; seconds: what each took."""
 
     def __init__(self) -> None:
-        self.stepper, self.plan = tb.Stepper(model, DT), torch.zeros(HORIZON)
+        self.stepper, self.plan = tb.Stepper(model, DT), torch.zeros(HORIZON, dtype=torch.float64)
         self.seconds: list[float] = []
         self(goal)  # compiles
-        self.plan, self.seconds = torch.zeros(HORIZON), []
+        self.plan, self.seconds = torch.zeros(HORIZON, dtype=torch.float64), []
 
     def __call__(self, state: tb.State) -> float:
         begin = time.perf_counter()
@@ -130,7 +131,7 @@ class Mpc:
         J, torques = slopes.flatten(0, 1), torques.detach()
         weighted = (WEIGHT[..., None] * slopes).flatten(0, 1)
         gradient = weighted.mT @ (tips - read(goal)).flatten() + EFFORT * torques
-        matrix = J.mT @ weighted + EFFORT * torch.eye(HORIZON)
+        matrix = J.mT @ weighted + EFFORT * torch.eye(HORIZON, dtype=torch.float64)
         self.plan = least(gradient - matrix @ torques, matrix)
         self.seconds.append(time.perf_counter() - begin)
         return self.plan[0].item()
@@ -144,7 +145,7 @@ def run(control) -> tuple[torch.Tensor, torch.Tensor]:
         torque = min(max(control(known(state)), -LIMIT), LIMIT)
         state = stepper(state, torque=torque * Z)
         errors.append((state.tip.position - goal.tip.position).norm())
-        torques.append(torch.tensor(torque))
+        torques.append(torch.tensor(torque, dtype=torch.float64))
     return torch.stack(errors), torch.stack(torques)
 
 
@@ -168,7 +169,7 @@ for name, (errors, torques) in found.items():
         f"{name:<14}{settled(errors):>16.2f} s{1e3 * errors[-LAST:].square().mean().sqrt():>21.2f} "
         f"mm{torques.abs().max():>13.2f} N m"
     )
-seconds = torch.tensor(mpc.seconds)
+seconds = torch.tensor(mpc.seconds, dtype=torch.float64)
 print(
     f"a plan (a Gauss-Newton step on {HORIZON} torques) took {1e3 * seconds.median():.1f} ms, "
     f"{1e3 * seconds.quantile(0.95):.1f} ms at most in 95 of 100; one is due every {1e3 * DT:.0f} "
@@ -177,7 +178,7 @@ print(
 
 
 def draw(path: Path = Path("out/mpc.png")) -> None:
-    t = DT * torch.arange(1, STEPS + 1)
+    t = DT * torch.arange(1, STEPS + 1, dtype=torch.float64)
     above, below = tb.plot.grid(2, 1, (8, 6))
     for name, (errors, torques) in found.items():
         above.plot(t, 1e3 * errors, label=name)

@@ -26,15 +26,16 @@ parser = argparse.ArgumentParser(
 parser.add_argument("--picture", type=Path, default=Path("out/parallel_robot.png"))
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
-torch.set_default_dtype(torch.float64)
 HEIGHT = 0.3  # m
 EI, GJ = 0.04, 0.03  # N m^2: spring steel of 1.4 mm
-LOAD = torch.tensor([0.2, 0.0, -1.0])  # N, on the platform
+LOAD = torch.tensor([0.2, 0.0, -1.0], dtype=torch.float64)  # N, on the platform
 
 
 def circle(radius: float, beside: float, height: float) -> torch.Tensor:
     """(6, 3) m: pairs of points, so many degrees on either side of 0, 120 and 240."""
-    angle = torch.tensor([120 * k + s * beside for k in range(3) for s in (-1, 1)]).deg2rad()
+    angle = torch.tensor(
+        [120 * k + s * beside for k in range(3) for s in (-1, 1)], dtype=torch.float64
+    ).deg2rad()
     return torch.stack((radius * angle.cos(), radius * angle.sin(), height + 0 * angle), -1)
 
 
@@ -99,7 +100,7 @@ def shot(lengths: torch.Tensor, state: tb.State, steps: int = 24) -> torch.Tenso
     """
     struts = [state[f"strut {i}"] for i in range(6)]
     drawn = torch.stack([strut.axes[0] for strut in struts])
-    stiffness, h = torch.tensor([GJ, EI, EI]), lengths[:, None] / steps
+    stiffness, h = torch.tensor([GJ, EI, EI], dtype=torch.float64), lengths[:, None] / steps
 
     def rates(p, R, force, moment):
         """Of places (6, 3) and axes (6, 3, 3) by arc length: R e1, and R times the curvature."""
@@ -121,7 +122,7 @@ def shot(lengths: torch.Tensor, state: tb.State, steps: int = 24) -> torch.Tenso
             d, D = rates(p + h * c, R + h[..., None] * C, force, moment)
             p = p + h / 6 * (a + 2 * b + 2 * c + d)
             R = R + h[..., None] / 6 * (A + 2 * B + 2 * C + D)
-        corner = place + (CORNERS - torch.tensor([0, 0, HEIGHT])) @ turn.mT
+        corner = place + (CORNERS - torch.tensor([0, 0, HEIGHT], dtype=torch.float64)) @ turn.mT
         off = turn @ drawn @ R.mT
         turned = torch.stack((off[:, 2, 1], off[:, 0, 2], off[:, 1, 0]), -1)
         back = torch.stack((off[:, 1, 2], off[:, 2, 0], off[:, 0, 1]), -1)
@@ -150,7 +151,8 @@ WANTED = torch.tensor(
         [0.0, 0.0, 0.29, 0.0, 0.0, 0.0],  # m and rad: lowered;
         [0.05, 0.0, 0.29, 0.0, 0.3, 0.0],  # moved and tilted;
         [-0.02, 0.03, 0.29, -0.2, 0.0, 0.2],  # turned as well
-    ]
+    ],
+    dtype=torch.float64,
 )
 lengths, distances = inverse(WANTED)
 state, reached = forward(lengths)

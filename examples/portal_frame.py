@@ -23,7 +23,6 @@ parser = argparse.ArgumentParser(
 parser.add_argument("--picture", type=Path, default=Path("out/portal_frame.png"))
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
-torch.set_default_dtype(torch.float64)
 H, L, N = 1.0, 1.5, 4  # m, m, elements of order 2 in each of the three; EI = 1 N m^2
 PUSH = 1e-4  # N: what the sway changes in the balance is 1e-6 of it
 

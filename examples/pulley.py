@@ -36,7 +36,6 @@ parser.add_argument(
 )
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
-torch.set_default_dtype(torch.float64)
 RADIUS, CABLE, THICKNESS, G = 0.05, 0.003, 1.25e-4, 9.81  # m, m/s^2
 HEAVY, LIGHT, MASS, INERTIA = 0.2, 0.15, 1e-3, 4e-4  # kg; kg/m of the cable; kg m^2
 TURNS, HANGS, END = 24, 18, 0.3  # elements over the pulley, on each side; s
@@ -48,7 +47,7 @@ def course() -> torch.Tensor:
     """Nodes (N+1, 3) m: up, over the pulley, and down. The centreline is (arc of an element)^2/(8
     R) within them.
     """
-    angle = torch.linspace(0, math.pi, TURNS + 1)
+    angle = torch.linspace(0, math.pi, TURNS + 1, dtype=torch.float64)
     out = AXIS * (1 + (math.pi / TURNS) ** 2 / 8)
     over = out * torch.stack((-torch.cos(angle), 0 * angle, torch.sin(angle)), -1)
     down = out * math.pi / TURNS * torch.arange(HANGS, 0, -1)
@@ -100,7 +99,7 @@ def machine() -> tb.Scene:
     return tb.Scene(parts, effects, joints=joints, plane="xz")
 
 
-t = torch.linspace(0, END, 31)
+t = torch.linspace(0, END, 31, dtype=torch.float64)
 scene = machine()
 run = tb.simulate(scene, t, step=5e-4)
 assert (run.status == 0).all()

@@ -22,7 +22,6 @@ parser.add_argument(
 )
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
-torch.set_default_dtype(torch.float64)
 LENGTH, RADIUS, MASS, GRAVITY = 0.5, 0.004, 0.08, 9.81  # m, m, kg/m, m/s^2
 BEND = 0.012  # m: (EI/(MASS GRAVITY))^(1/3), what a rope bends over as it hangs
 SPEED, UNTIL, END = 0.5, 0.9, 2.4  # m/s; s, when the hand stops; s
@@ -45,11 +44,11 @@ effects = [
 scene = tb.Scene(beam, effects, supports=[let_down])
 
 # a little out of the straight, as a rope that falls straight would not know where to
-s = torch.linspace(0, LENGTH, beam.node_count)
+s = torch.linspace(0, LENGTH, beam.node_count, dtype=torch.float64)
 bow = 0.004 * (1 - torch.exp(-s / 0.05))
 bow = torch.stack((bow * torch.cos(20 * s), bow * torch.sin(20 * s), 0 * s), -1)
 start = tb.State.from_nodes(scene, beam.nodes + bow)
-t = torch.linspace(0, END, 121)
+t = torch.linspace(0, END, 121, dtype=torch.float64)
 solution = tb.simulate(scene, t, start, "generalized_alpha", step=4e-3, rho_inf=0.5)
 
 last = solution.state[-1]

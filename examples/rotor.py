@@ -27,13 +27,16 @@ parser = argparse.ArgumentParser(
 parser.add_argument("--picture", type=Path, default=Path("out/rotor.png"))
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
-torch.set_default_dtype(torch.float64)
 TABLE = json.loads(
     (Path(__file__).parents[1] / "torchbeam/data/rotating_cantilever_frequencies.json").read_text()
 )["values"]
 N, SHAFT, HUB = 5, 10.0, 0.05  # elements of order 2 a blade; EI/L, m L^3
-SPEED = torch.tensor([float(row["eta"]) for row in TABLE])  # in (EI/(m L^4))^1/2, as frequencies
-LAG, FLAP = (torch.tensor([row[name][:2] for row in TABLE]) for name in ("lag", "flap"))
+SPEED = torch.tensor(
+    [float(row["eta"]) for row in TABLE], dtype=torch.float64
+)  # in (EI/(m L^4))^1/2, as frequencies
+LAG, FLAP = (
+    torch.tensor([row[name][:2] for row in TABLE], dtype=torch.float64) for name in ("lag", "flap")
+)
 BLADES = [(f"blade {k}", math.radians(120 * k)) for k in range(3)]
 
 
@@ -61,7 +64,7 @@ def collective(near: float) -> float:
         hub = (SHAFT - HUB * b**4) * b
         cos, sin, cosh, sinh = math.cos(b), math.sin(b), math.cosh(b), math.sinh(b)
         rows = [[-cos - cosh, -sin, sinh], [sin - sinh, -cos, cosh], [6 * b**2, hub, hub]]
-        return torch.linalg.det(torch.tensor(rows)).item()
+        return torch.linalg.det(torch.tensor(rows, dtype=torch.float64)).item()
 
     return brentq(determinant, near**0.5, (near + 1) ** 0.5) ** 2
 
@@ -84,7 +87,7 @@ share = tips.sum(-1).abs() ** 2 / (3 * (tips.abs() ** 2).sum(-1)).clamp(min=1e-3
 pure = max(
     max((1 - share[:, k]).max().item(), share[:, k + 1 : k + 3].max().item()) for k in (0, 6)
 )
-closed = torch.tensor([collective(2.0), collective(14.5)])
+closed = torch.tensor([collective(2.0), collective(14.5)], dtype=torch.float64)
 known = torch.stack([LAG, LAG, FLAP, FLAP, FLAP], -1)
 errors = (
     modes.frequency[:, [1, 2, 3, 4, 5]] / known[:, 0] - 1,
@@ -106,7 +109,7 @@ print("first of a clamped blade within {:.1e}, second {:.1e}, collective {:.1e}"
 
 def draw(path: Path = options.picture) -> None:
     diagram, shapes = tb.plot.grid(1, 2, (11, 4.5))
-    speeds = torch.linspace(0, 10, 21)
+    speeds = torch.linspace(0, 10, 21, dtype=torch.float64)
     first = tb.modes(rotor(speeds), count=7).frequency[:, [0, 1, 3, 6]]
     tb.plot.campbell(
         speeds, first, diagram, orders=(1, 2, 3), names=[NAMES[k] for k in (0, 1, 3, 6)]

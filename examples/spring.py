@@ -21,10 +21,9 @@ import torch
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 RADIUS, WIRE, TURNS, PITCH = 0.02, 0.0015, 5, 0.010  # m: of the coil, of the wire; m a turn
 EACH = 24  # elements a turn
-FORCES = torch.tensor([0.0, 20, 40, 60, 80])  # N
+FORCES = torch.tensor([0.0, 20, 40, 60, 80], dtype=torch.float64)  # N
 
 angle = math.atan2(PITCH, 2 * math.pi * RADIUS)
 length = TURNS * math.hypot(PITCH, 2 * math.pi * RADIUS)
@@ -37,14 +36,16 @@ spring = tb.Beam.curve(
     length, TURNS * EACH, section, (twist, 0.0, bend), direction=start, up=binormal
 )
 # from the last node to the axis
-ARM = torch.tensor([0.0, RADIUS, 0.0]) - spring.nodes[-1] * torch.tensor([1.0, 1, 0])
+ARM = torch.tensor([0.0, RADIUS, 0.0], dtype=torch.float64) - spring.nodes[-1] * torch.tensor(
+    [1.0, 1, 0], dtype=torch.float64
+)
 
 
 def pulled(force: torch.Tensor) -> tb.State:
     """Equilibria under forces (batch,) along z through the axis. The moment is that of the arm at
     rest.
     """
-    force = force[:, None] * torch.tensor([0.0, 0, 1])
+    force = force[:, None] * torch.tensor([0.0, 0, 1], dtype=torch.float64)
     moment = torch.linalg.cross(ARM.expand_as(force), force)
     return tb.equilibrium(tb.Scene(spring, [tb.TipLoad(force=force, moment=moment)]))
 
@@ -57,7 +58,7 @@ def extension(state: tb.State) -> torch.Tensor:
     return (tip + arm - ARM)[..., 2]
 
 
-small = torch.tensor([1e-3])
+small = torch.tensor([1e-3], dtype=torch.float64)
 found = (extension(pulled(small)) / small).item()
 EA, kGA, GJ, EI = (1 / section.compliance.diagonal()[[0, 2, 3, 4]]).tolist()
 c2, s2 = math.cos(angle) ** 2, math.sin(angle) ** 2

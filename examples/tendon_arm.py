@@ -29,15 +29,14 @@ parser.add_argument(
 )
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
-torch.set_default_dtype(torch.float64)
 LENGTH, RADIUS, OFFSET, N = 0.25, 0.006, 0.012, 6  # m
 YOUNG = 2e6  # Pa, silicone
 EI = YOUNG * math.pi * RADIUS**4 / 4
 
 DENSITY, G = 1100, 9.81
 section = tb.Section.circle(RADIUS, E=YOUNG, nu=0.45, rho=DENSITY)
-ANGLES = 2 * math.pi / 3 * torch.arange(3)
-WANTED = torch.tensor([[0.05, 0.0], [-0.04, 0.06], [0.02, -0.08]])  # m, across
+ANGLES = 2 * math.pi / 3 * torch.arange(3, dtype=torch.float64)
+WANTED = torch.tensor([[0.05, 0.0], [-0.04, 0.06], [0.02, -0.08]], dtype=torch.float64)  # m, across
 MEAN = 0.6  # N
 PLACES = OFFSET * torch.stack((0 * ANGLES, ANGLES.cos(), ANGLES.sin()), -1)
 
@@ -92,8 +91,8 @@ def shot(tensions: torch.Tensor, steps: int = 24) -> torch.Tensor:
     tangent of their curve, R (e1 + gamma + kappa x p); the rod's own are the rest. Newton's method
     on the moment at the root, until there is none at the tip.
     """
-    soft, e1 = section.compliance.diagonal(), torch.tensor([1.0, 0, 0])
-    weight = torch.tensor([0, 0, -G * DENSITY * math.pi * RADIUS**2])  # N/m
+    soft, e1 = section.compliance.diagonal(), torch.tensor([1.0, 0, 0], dtype=torch.float64)
+    weight = torch.tensor([0, 0, -G * DENSITY * math.pi * RADIUS**2], dtype=torch.float64)  # N/m
     pull, h = tensions[..., None], LENGTH / steps
 
     def rates(s: float, R: torch.Tensor, moment: torch.Tensor) -> tuple[torch.Tensor, ...]:
@@ -115,7 +114,9 @@ def shot(tensions: torch.Tensor, steps: int = 24) -> torch.Tensor:
         R = tb.rest(scene(tensions)).axes[..., 0, :, :].expand(*moment.shape, 3)
         y: tuple[torch.Tensor, ...] = (torch.zeros_like(moment), R, moment)
         places = [y[0]]
-        for s in (h * torch.arange(steps)).tolist():  # the classical method of Runge and Kutta
+        for s in (
+            h * torch.arange(steps, dtype=torch.float64)
+        ).tolist():  # the classical method of Runge and Kutta
             a = rates(s, *y[1:])
             b = rates(s + h / 2, *(x + h / 2 * d for x, d in zip(y[1:], a[1:], strict=True)))
             c = rates(s + h / 2, *(x + h / 2 * d for x, d in zip(y[1:], b[1:], strict=True)))
@@ -126,8 +127,10 @@ def shot(tensions: torch.Tensor, steps: int = 24) -> torch.Tensor:
         return torch.stack(places), y[2]
 
     size = EI / LENGTH  # N m
-    off = 1e-6 * size * torch.eye(4, 3)[:, None].roll(1, 0)  # none, and along each axis
-    moment = torch.zeros(*tensions.shape[:-1], 3)
+    off = (
+        1e-6 * size * torch.eye(4, 3, dtype=torch.float64)[:, None].roll(1, 0)
+    )  # none, and along each axis
+    moment = torch.zeros(*tensions.shape[:-1], 3, dtype=torch.float64)
     for _ in range(12):
         places, tip = curve(moment + off)
         if tip[0].abs().max() < 1e-10 * size:
@@ -151,7 +154,9 @@ PULL = 0.5  # N
 turn = 0.0
 for _ in range(50):
     turn = LENGTH / N * PULL * OFFSET * math.cos(turn / 2) / EI
-alone = tb.equilibrium(scene(torch.tensor([PULL, 0, 0]), weight=False), engine="eager")
+alone = tb.equilibrium(
+    scene(torch.tensor([PULL, 0, 0], dtype=torch.float64), weight=False), engine="eager"
+)
 bent = alone.stress[:, 3:].norm(dim=-1) / EI
 apart = (bent * LENGTH / N / turn - 1).abs().max().item()
 
@@ -199,7 +204,7 @@ def room(ax: Any) -> None:
 
 def film(path: Path = options.picture) -> None:
     """Once round: of every place the equilibrium, in one batch."""
-    angle = 2 * math.pi * torch.arange(49) / 48
+    angle = 2 * math.pi * torch.arange(49, dtype=torch.float64) / 48
     places = 0.07 * torch.stack((angle.cos(), angle.sin()), -1)
     pull = pulls(inverse(places)[0])
     round_ = scene(pull)

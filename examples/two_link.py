@@ -29,7 +29,6 @@ parser = argparse.ArgumentParser(
 parser.add_argument("--picture", type=Path, default=Path("out/two_link.png"))
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
-torch.set_default_dtype(torch.float64)
 DT, HORIZON, STEPS, LAST, NEAR = 0.02, 25, 120, 25, 0.02  # s, steps, steps, steps, m
 FOLDED, LIMITS = (-0.8, -1.2), np.array([1.0, 0.4])  # rad; N m, of shoulder and elbow
 # weights of the angles / rad, the tip's place / m, its speed / (m/s); and of torques / N m, squared
@@ -82,7 +81,7 @@ linear = tb.linearize(
         tb.sensors.TipPosition(on="forearm")[1:2],
         tb.sensors.TipVelocity(on="forearm")[1:2],
     ),
-    inputs=inputs(torch.zeros(2)),
+    inputs=inputs(torch.zeros(2, dtype=torch.float64)),
 ).discrete(DT)
 A, B, C = (X.numpy() for X in (linear.A, linear.B, linear.C))
 W = np.diag(WEIGHTS) @ C  # what is to be small, beside sqrt(EFFORT) u
@@ -158,7 +157,7 @@ for k, name in enumerate(NAMES):
 
 
 def draw(path: Path = options.picture) -> None:
-    t = DT * torch.arange(1, STEPS + 1)
+    t = DT * torch.arange(1, STEPS + 1, dtype=torch.float64)
     above, below = tb.plot.grid(2, 1, (8, 6))
     for k, (name, color) in enumerate(zip(NAMES, ("C0", "C1"), strict=True)):
         above.plot(t, 1e3 * errors[:, k], color=color, label=name)

@@ -22,7 +22,6 @@ from torchbeam_envs.demo.episodes import CLOSE, WINDOW, Targets, evaluate, make
 import torchbeam as tb
 from torchbeam.extend.commands import measured_on, sentence, table, write_results
 
-torch.set_default_dtype(torch.float64)
 SAMPLES, SEED = 256, 3_000_000
 LAWS = {
     "stiffness": tb.laws.LogNormal(1.0, 0.15),

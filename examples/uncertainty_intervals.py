@@ -14,7 +14,6 @@ import torch
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 LAWS = {"EI": tb.laws.LogNormal(1.0, 0.15), "P": tb.laws.LogNormal(1e-3, 2e-4)}
 RHO = 0.3  # of the normal scores: stiffer strips carry more
 
@@ -31,7 +30,7 @@ def deflection(EI: torch.Tensor, P: torch.Tensor) -> tuple[torch.Tensor, torch.T
     return state.tip.position[:, 2], state.status
 
 
-T = torch.linspace(0, 1.0, 51)
+T = torch.linspace(0, 1.0, 51, dtype=torch.float64)
 
 
 def history(EI: torch.Tensor, P: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -45,7 +44,12 @@ def scaled(theta: torch.Tensor) -> torch.Tensor:
     return K * theta[:, 1] / theta[:, 0]
 
 
-K = deflection(torch.ones(1), torch.full((1,), 1e-3))[0].item() / 1e-3
+K = (
+    deflection(torch.ones(1, dtype=torch.float64), torch.full((1,), 1e-3, dtype=torch.float64))[
+        0
+    ].item()
+    / 1e-3
+)
 mu = math.log(K) + LAWS["P"].mu - LAWS["EI"].mu
 sigma = math.sqrt(
     LAWS["P"].sigma ** 2 + LAWS["EI"].sigma ** 2 - 2 * RHO * LAWS["P"].sigma * LAWS["EI"].sigma

@@ -12,7 +12,6 @@ import torch
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 LAWS = {"EI": tb.laws.LogNormal(1.0, 0.1), "P": tb.laws.LogNormal(1e-3, 2e-4)}
 
 
@@ -28,7 +27,12 @@ def deflection(EI: torch.Tensor, P: torch.Tensor) -> tuple[torch.Tensor, torch.T
     return state.tip.position[:, 2], state.status
 
 
-K = deflection(torch.ones(1), torch.full((1,), 1e-3))[0].item() / 1e-3
+K = (
+    deflection(torch.ones(1, dtype=torch.float64), torch.full((1,), 1e-3, dtype=torch.float64))[
+        0
+    ].item()
+    / 1e-3
+)
 BETA = 4.753424  # of 1e-6
 sigma = math.hypot(LAWS["P"].sigma, LAWS["EI"].sigma)
 LIMIT = math.exp(math.log(K) + LAWS["P"].mu - LAWS["EI"].mu + BETA * sigma)

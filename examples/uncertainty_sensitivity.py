@@ -13,7 +13,6 @@ import torch
 
 import torchbeam as tb
 
-torch.set_default_dtype(torch.float64)
 ELEMENTS = 6
 MIDDLES = (torch.arange(ELEMENTS) + 0.5) / ELEMENTS  # m
 
@@ -43,7 +42,7 @@ for name, _, _, low, high in table.rows():
 by = tb.moment_derivatives(
     deflection,
     lambda q: {"EI": tb.laws.LogNormal(q[0], q[1]), "P": tb.laws.Normal(1.0, 0.1)},
-    torch.tensor([1.0, 0.2]),
+    torch.tensor([1.0, 0.2], dtype=torch.float64),
     256,
     by_name=True,
 )

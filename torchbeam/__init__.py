@@ -4,7 +4,6 @@ Examples in docstrings go on from these lines:
 
 >>> import torch
 >>> import torchbeam as tb
->>> torch.set_default_dtype(torch.float64)
 >>> strip = tb.Section.rectangle(width=0.03, height=0.002, E=69e9, nu=0.33, rho=2700.0)
 >>> beam = tb.Beam.straight(1.0, 4, strip)
 >>> scene = tb.Scene(beam, [tb.TipLoad(force=(0, 0, 2.0)), tb.Damping(0.01)])

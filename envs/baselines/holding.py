@@ -60,7 +60,7 @@ class Controller:
     Examples:
         >>> class Push(baselines.Controller):
         ...     def act(self, observation):
-        ...         return torch.ones(len(observation), 1)
+        ...         return torch.ones(len(observation), 1).double()
         >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True)
         >>> observation, _ = env.reset(seed=0)
         >>> controller = Push()

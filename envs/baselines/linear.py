@@ -67,7 +67,11 @@ class Schedule:
     def __init__(self, count: int, actions: int, like: Tensor) -> None:
         if isinstance(count, bool) or not isinstance(count, int) or count < 1 or count % 2 == 0:
             raise ValueError(f"schedule = {count!r} was given; an odd number from 1 on is wanted")
-        self.line = torch.linspace(-1, 1, count).to(like) if count > 1 else like.new_zeros(1)
+        self.line = (
+            torch.linspace(-1, 1, count, dtype=like.dtype).to(like)
+            if count > 1
+            else like.new_zeros(1)
+        )
         # (points, a)
         self.points = torch.cartesian_prod(*[self.line] * actions).reshape(-1, actions)
 

@@ -125,6 +125,7 @@ class Case:
     spec: Spec
     draw: Draw = field(init=False)
     weights: dict[str, Tensor] | None = field(default=None, init=False)
+    dtype: torch.dtype | None = None  # asked for of its scenes
 
     def __post_init__(self) -> None:
         s = self.spec
@@ -184,6 +185,7 @@ class Case:
             **{name: next(iter(made[name]), None) for name in ("frame", "root", "supports")},
             small=self.spec.space == "small",
             plane=plane,
+            dtype=self.dtype,
         )
 
     def scene(self, x: Tensors) -> tb.Scene:
@@ -209,7 +211,7 @@ class Case:
             return tb.equilibrium(scene, t=t, inputs=held, **exact())
         state, free = tb.rest(scene, t=t), torch.ones(scene.beam.station_count + 1, 1)
         free[[s.node for s in scene.supports]] = 0
-        move = free * self.disturbed(x)
+        move = (free * self.disturbed(x)).to(state.position)
         if kind == "rotation":
             return replace(
                 state, rotation=quat.multiply(quat.exponential(move), state.rotation)

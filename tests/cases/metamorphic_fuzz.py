@@ -26,6 +26,8 @@ VALUE, GRADIENT = 1e-8, 1e-6
 CONTROLLED = 1e-6
 # of values in single precision: its rounding, 6e-8, times what unlike stiffnesses make of it
 SINGLE = 1e-3
+# of values of numbers that tests compute in single precision before a scene has them
+DEFAULT = 1e-5
 SMALL = 1e-6  # of an output (m, rad, N, J): what is smaller is rounding of what is larger
 
 
@@ -49,6 +51,8 @@ class Row(NamedTuple):
     def passed(self) -> bool:
         if self.relation == "single precision":
             return self.value <= SINGLE
+        if self.relation == "default dtype":
+            return self.value <= DEFAULT
         loose = CONTROLLED / VALUE if self.answer.startswith("rtol") else 1.0
         return self.value <= VALUE * loose and self.gradient <= GRADIENT * loose
 

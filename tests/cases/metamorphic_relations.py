@@ -129,4 +129,5 @@ VALUES_ONLY = {
     "vmap",
     "chunks",
     "single precision",
+    "default dtype",
 }

@@ -101,14 +101,28 @@ def chunks(said: Said) -> Pair:
 
 
 def single(said: Said) -> Pair:
-    """The same numbers in single precision, and in double."""
+    """A scene in single precision, and in double."""
+    return _narrow(said, torch.float32)
+
+
+def in_default(said: Said) -> Pair:
+    """Tensors of single precision under PyTorch's own default, and the same numbers in double."""
+    return _narrow(said, None)
+
+
+def _narrow(said: Said, dtype: torch.dtype | None) -> Pair:
     x = {n: v.float() for n, v in said.x.items()}
     default = torch.get_default_dtype()
     try:
         torch.set_default_dtype(torch.float32)
-        b = replace(said, x=x, case=Case(said.spec)).plain
+        b = replace(said, x=x, case=Case(said.spec, dtype=dtype)).plain
+    except ValueError as error:  # of a function with matrices of its own
+        wants(said, "a function that does not take" not in str(error))
+        raise
     finally:
         torch.set_default_dtype(default)
+    floating = {v.dtype for v in b.values() if v.is_floating_point()}
+    assert floating == {dtype or torch.float64}, floating
     return said.of({n: v.double() for n, v in x.items()}), {n: v.double() for n, v in b.items()}
 
 
@@ -328,6 +342,7 @@ def _jvp(of: Callable, x: Blocks, u: Blocks) -> Tensor:
 RUNS: dict[str, Callable[[Said], Pair]] = {
     "batch": batch, "axes": axes, "chunks": chunks, "vmap": vmapped, "engines": engines,
     "threads": threads, "dual": dual, "single precision": single,
+    "default dtype": in_default,
     "scene from a file": from_a_file,
     "restart": restart, "restart from a file": partial(restart, through=_saved),
     "restart from a clone": partial(restart, through=lambda state: state.clone()),

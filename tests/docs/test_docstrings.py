@@ -34,18 +34,23 @@ EXTRAS = {
     "torchbeam.plot": "matplotlib",
     "torchbeam_envs.Sb3VecEnv": "stable_baselines3",
 }
+DEFAULT = torch.get_default_dtype()  # in which the tests run
 NUMBER = re.compile(r"-?\d+\.?\d*(?:e[+-]?\d+)?")
+
+
+DOUBLE = re.compile(r",\s+dtype=torch\.(float64|complex128)")  # of mechanics, told by every tensor
 
 
 class Close(doctest.OutputChecker):
     """Numbers agree within a per cent, as another machine rounds; all else to the letter, but for
-    the space between.
+    the space between and double precision.
     """
 
     def check_output(self, want, got, flags):
         def rest(text):
             return NUMBER.sub("#", " ".join(text.split())).replace(" ", "")
 
+        got = DOUBLE.sub("", got)
         a, b = (list(map(float, NUMBER.findall(text))) for text in (want, got))
         return rest(want) == rest(got) and b == pytest.approx(a, rel=1e-2, abs=1e-9)
 
@@ -65,6 +70,7 @@ def run(text, names, name):
 @pytest.fixture(scope="module")
 def given():
     """What examples go on from, by module."""
+    torch.set_default_dtype(torch.float32)
     names = {}
     for module in MODULES:  # a dataclass asks for the module that it is written in
         names[module] = run(module.__doc__, {"__name__": __name__}, module.__name__)
@@ -79,6 +85,7 @@ def test_example(name, given, tmp_path, monkeypatch):
             pytest.importorskip(package)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TORCHBEAM_ENGINE", "eager")
+    torch.set_default_dtype(torch.float32)  # PyTorch's own
     value, start = PUBLIC[name]
     text = inspect.getdoc(value)
     assert ">>> " in text, f"the docstring of {name} has no example"
@@ -87,7 +94,7 @@ def test_example(name, given, tmp_path, monkeypatch):
         run(text, dict(given[start]), name)
     finally:
         warnings.filters[:] = filters
-        torch.set_default_dtype(torch.float64)
+        torch.set_default_dtype(DEFAULT)
 
 
 @pytest.mark.parametrize(

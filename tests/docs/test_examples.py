@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import torch
 
 from torchbeam.engine import engine_use
 
@@ -20,11 +21,12 @@ LONG = {"identify_accelerometers", "identify_field", "identify_nuts", "rope_pile
     [pytest.param(p, id=p.stem, marks=[pytest.mark.long] * (p.stem in LONG)) for p in EXAMPLES],
 )
 def test_example(path, tmp_path, monkeypatch):
-    """CHECK within TOLERANCE of EXPECTED; importing draws nothing, writes nothing and needs no
-    matplotlib.
+    """In PyTorch's own default dtype. CHECK within TOLERANCE of EXPECTED; importing draws nothing,
+    writes nothing and needs no matplotlib.
     """
     if path.stem in EXTRA:
         pytest.importorskip(EXTRA[path.stem])
+    torch.set_default_dtype(torch.float32)
     monkeypatch.chdir(tmp_path)
     # one eager step of what "auto" does not take is a warning, and an error
     monkeypatch.setattr(engine_use, "SOLVES", 1)

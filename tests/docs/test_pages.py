@@ -88,11 +88,12 @@ def test_readme_runs(dtype, capsys, monkeypatch):
     ids=lambda page: page.stem,
 )
 def test_page_runs(page, monkeypatch):
-    """In PyTorch's own default dtype, unless the page sets another. A load that native code does
+    """In PyTorch's own default dtype. A load that native code does
     not take is an error. Numbers that its words tell are those of its blocks, to their last digits.
     """
     torch.set_default_dtype(torch.float32)
     names = run(page, monkeypatch)
+    assert torch.get_default_dtype() == torch.float32, "a page needs no other"
     for read, said in SAID.get(page.stem, ()):
         digits = 0.1 if said < 1e-3 else 1e-3
         assert read(names).item() == pytest.approx(said, rel=digits)

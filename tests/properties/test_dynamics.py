@@ -253,12 +253,9 @@ def test_float32():
     """
 
     def run(dtype):
-        section = tb.Section.from_stiffness(
-            **{k: torch.tensor(v, dtype=dtype) for k, v in SOFT.items()}
-        )
-        scene = tb.Scene(
-            tb.Beam.straight(1.0, 4, section), [tb.TipLoad(force=(0, 0.5, 1.0)), tb.Damping(0.01)]
-        )
+        beam = tb.Beam.straight(1.0, 4, tb.Section.from_stiffness(**SOFT))
+        effects = [tb.TipLoad(force=(0, 0.5, 1.0)), tb.Damping(0.01)]
+        scene = tb.Scene(beam, effects, dtype=dtype)
         return tb.simulate(scene, [0.0, 0.1, 0.2], step=0.01)
 
     single, double = run(torch.float32), run(torch.float64)
@@ -276,15 +273,9 @@ def test_single_precision_keeps_a_frame_a_frame(engine):
     """
     if engine == "compiled":
         pytest.importorskip("llvmlite")
-    single = torch.float32
-    section = tb.Section.from_stiffness(
-        **{k: torch.tensor(v, dtype=single) for k, v in SOFT.items()}
-    )
-    omega = torch.tensor([0.0, 0.21, 0.28], dtype=single)
-    scene = tb.Scene(
-        tb.Beam.straight(torch.tensor(1.0, dtype=single), 2, section),
-        frame=tb.Frame(angular_velocity=omega),
-    )
+    beam = tb.Beam.straight(1.0, 2, tb.Section.from_stiffness(**SOFT))
+    frame = tb.Frame(angular_velocity=(0.0, 0.21, 0.28))
+    scene = tb.Scene(beam, frame=frame, dtype=torch.float32)
     start = tb.equilibrium(scene)
     frame = (
         tb.simulate(scene, [0.0, 200.0], start, step=1.0, engine=engine).state[-1].frame.double()

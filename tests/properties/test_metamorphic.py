@@ -131,7 +131,13 @@ HERE = tuple(
     for r in RELATIONS
     if r not in ("engines", "again", "threads", "vmap", "dual") and not r.startswith("numbers")
 )
-OF_ONE = ("words: no ", "words: beam by curvature", "chunks", "single precision")  # scene is enough
+OF_ONE = (
+    "words: no ",
+    "words: beam by curvature",
+    "chunks",
+    "single precision",
+    "default dtype",
+)  # scene is enough
 
 
 @pytest.mark.parametrize(

@@ -99,10 +99,8 @@ def test_single_precision_does_not_split_intervals():
     """linspace(0, 1, 101) in float32: 100 steps of 10 ms, though its intervals differ from 0.01 by
     6e-8.
     """
-    load = tb.TipLoad(force=torch.tensor([0.0, 0.1, 0.0], dtype=torch.float32))
-    of = tb.Section.circle(*(torch.tensor(v, dtype=torch.float32) for v in (0.01, 1e9, 0.3, 1e3)))
-    scene = tb.Scene(tb.Beam.straight(torch.tensor(1.0, dtype=torch.float32), 1, of), [load])
-    assert (
-        tb.simulate(scene, torch.linspace(0, 1, 101, dtype=torch.float32), step=0.01).stats.steps
-        == 100
-    )
+    beam = tb.Beam.straight(1.0, 1, tb.Section.circle(0.01, 1e9, 0.3, 1e3))
+    t = torch.linspace(0, 1, 101, dtype=torch.float32)
+    for dtype in (torch.float32, torch.float64):
+        scene = tb.Scene(beam, [tb.TipLoad(force=(0.0, 0.1, 0.0))], dtype=dtype)
+        assert tb.simulate(scene, t, step=0.01).stats.steps == 100

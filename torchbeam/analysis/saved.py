@@ -100,6 +100,7 @@ def load(path: str | Path, *, scene: Scene | None = None) -> Any:
     what = _map(lambda x: x.to(scene.device), what)
     _fits(what, scene)
     own = {} if known is None else _digests(scene)
+    known = {"dtype": None, **(known or {})}  # of which older files say nothing
     differ = [
         name
         for name, digest in own.items()

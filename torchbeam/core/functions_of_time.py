@@ -8,6 +8,7 @@ math.sin(t), NumPy); each sample keeps its own answer.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -20,8 +21,12 @@ from torch.autograd import forward_ad
 from ..math.shapes import broadcast_shapes
 from .validation import as_tensor, axis_last, concrete
 
+OTHER = re.compile(
+    "same dtype|scalar type|same data type"
+)  # torch's words for two dtypes that meet
 MANY = 256  # instants that are asked for at once, whatever the size of the answer
 ROOM = 2**20  # numbers in the answers to more of them
+DOUBLE = {torch.float64: "double", torch.float32: "float"}
 HOOKED = (
     "dual numbers of torch.autograd.forward_ad were given beside hooks on saved tensors "
     "(torch.utils.checkpoint), where torch has no derivative inside of them; torch.func.jvp has, "
@@ -34,8 +39,7 @@ def taken(what: str, value: Any, like: Tensor, size: int | None = None) -> Tenso
     stacked (see `validation.as_tensor`), as a tensor of dtype and device of `like`. Gradients
     survive.
 
-    Raises ValueError for what is no real number, or of another precision (but single numbers), or
-    where the last axis has not `size` entries.
+    Raises ValueError for what is no real number, or where the last axis has not `size` entries.
     """
     if not isinstance(value, Tensor):
         if value is None:
@@ -49,10 +53,6 @@ def taken(what: str, value: Any, like: Tensor, size: int | None = None) -> Tenso
     elif value.dtype != like.dtype or value.device != like.device:
         if value.is_complex() or value.dtype == torch.bool:
             raise ValueError(f"{what} is of {value.dtype}; real numbers are wanted")
-        if value.is_floating_point() and value.dtype != like.dtype and value.ndim:
-            raise ValueError(
-                f"{what} is of {value.dtype} in a scene of {like.dtype}; one dtype is wanted"
-            )
         value = value.to(like)
     return value if size is None else axis_last(what, value, size)
 
@@ -72,13 +72,29 @@ def shared(t: Tensor, moving: Tensor | None = None) -> Tensor:
     return t if moving is None else torch.where(moving, t, numbers.flatten()[0])
 
 
+def _called(function: Callable[[Tensor], Any], t: Tensor) -> Any:
+    """function(t). Raises ValueError where tensors of another dtype meet in it that torch does not
+    take to one.
+    """
+    try:
+        return function(t)
+    except RuntimeError as error:
+        if not OTHER.search(str(error)):
+            raise
+        raise ValueError(
+            f"a function that does not take {t.dtype}, in which its scene is computed, was given "
+            f"({str(error).splitlines()[0]}); its tensors and networks are wanted in that dtype "
+            f"(network.{DOUBLE[t.dtype]}()), or a scene in theirs (Scene(dtype=))"
+        ) from error
+
+
 def at_time(function: Callable[[Tensor], Any], t: Tensor, own: int = 1) -> Any:
     """function(t) for t (...): a tensor of the leading axes of t and of what the function returns,
     then its `own` axes; or a tuple of such and None, as it returns. The function gets a
     0-dimensional t.
     """
     if t.ndim == 0:
-        return function(t)
+        return _called(function, t)
     instants, place = t.flatten(), None
     if not _differentiated(t):
         instants, place = instants.unique(return_inverse=True)
@@ -86,7 +102,7 @@ def at_time(function: Callable[[Tensor], Any], t: Tensor, own: int = 1) -> Any:
     form: list[Any] = [None]
 
     def present(now: Tensor) -> tuple[Tensor, ...]:
-        out = function(now)
+        out = _called(function, now)
         form[0] = [x is not None for x in out] if isinstance(out, tuple) else None
         return tuple(x for x in out if x is not None) if isinstance(out, tuple) else (out,)
 

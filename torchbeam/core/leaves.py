@@ -7,11 +7,10 @@
         anchor: Value = leaf(1)         # (..., 3)
 
 A leaf has a number of axes of its own, which come last; whatever stands before them is the batch's.
-It holds a tensor, plain numbers (one, a sequence, an array: of no dtype of their own), None, or
-what stands for a tensor until it is asked: a function or an `Input`. Fields that hold trees, alone
-or in a tuple, are branches. Everything else is static. From the declaration follow the batch shape,
-dtype and device, inputs, whether a gradient is wanted, samples taken from a batch and put back,
-detach and `to`.
+It holds a tensor, plain numbers (one, a sequence, an array), None, or what stands for a tensor
+until it is asked: a function or an `Input`. Fields that hold trees, alone or in a tuple, are
+branches. Everything else is static. From the declaration follow the batch shape, dtype and device,
+inputs, whether a gradient is wanted, samples taken from a batch and put back, detach and `to`.
 
 (Trees of declared arrays: jax's pytrees; brax, `brax/base.py`.)
 """
@@ -432,22 +431,13 @@ def sent(tree: Any, *args: Any, **kwargs: Any) -> Any:
 
 
 def bound(tree: Any, dtype: torch.dtype, device: torch.device) -> Any:
-    """The tree with plain numbers as tensors of the dtype and on the device. Raises ValueError for
-    a tensor of another floating dtype, unless it is a single number.
+    """The tree with numbers and tensors as tensors of the dtype and on the device; differentiable.
+    Raises ValueError for a tensor of other than single and double precision.
     """
 
     def bind(value: Any, axes: int | None) -> Any:
-        if isinstance(value, (np.ndarray, list, tuple, int, float)) and axes is not None:
-            return as_tensor(value, dtype, device)
-        if not isinstance(value, Tensor) or (value.dtype, value.device) == (dtype, device):
-            return value
-        if value.is_floating_point() and value.dtype != dtype and value.ndim:
-            raise ValueError(f"dtype {value.dtype} meets a beam of {dtype}; one dtype is wanted")
-        return (
-            value.to(device, dtype)
-            if value.is_floating_point() or not value.is_complex()
-            else value
-        )
+        number = axes is not None and isinstance(value, (np.ndarray, list, tuple, int, float))
+        return as_tensor(value, dtype, device) if number or isinstance(value, Tensor) else value
 
     return map_leaves(bind, tree)
 

@@ -24,28 +24,22 @@ LONGEST = 80  # characters of what was given, in a sentence about it
 
 
 def common_dtype(*values: Value) -> tuple[torch.dtype, torch.device]:
-    """dtype and device of the floating tensors and NumPy arrays and scalars among `values`; the
-    default dtype on the CPU where there is none: Python numbers and whole numbers have no dtype of
-    their own.
+    """float64, to which `values` are taken whatever they come in, and the device of the tensors
+    among them, the CPU where there is none.
 
-    Raises ValueError where different floating dtypes or devices meet, and for other than single and
-    double precision.
+    Raises ValueError where different devices meet, and for floating tensors and NumPy arrays of
+    other than single and double precision.
     """
-    dtype, device = None, None
+    device = None
     for leaf in _leaves(values):
-        if isinstance(leaf, NUMPY):
-            own = numpy_dtype(leaf)
-        else:
-            own = leaf.dtype if leaf.is_floating_point() or leaf.is_complex() else None
+        _known(leaf)
+        if isinstance(leaf, Tensor):
             if device not in (None, leaf.device):
                 raise ValueError(
                     f"tensors on {device} and {leaf.device} were given; one device is wanted"
                 )
             device = leaf.device
-        if own is not None and dtype not in (None, own):
-            raise ValueError(f"numbers of dtype {dtype} and {own} were given; one dtype is wanted")
-        dtype = own or dtype
-    return precision(dtype or torch.get_default_dtype()), device or torch.device("cpu")
+    return torch.float64, device or torch.device("cpu")
 
 
 def precision(dtype: torch.dtype) -> torch.dtype:
@@ -66,31 +60,32 @@ def numpy_dtype(value: np.ndarray | np.generic) -> torch.dtype | None:
 def as_tensor(value: Value, dtype: torch.dtype, device: torch.device | None = None) -> Tensor:
     """`value` as a tensor of the given dtype. A (nested) sequence that holds tensors is stacked, so
     that gradients survive: its axes come last, those of the tensors in it are batch axes. NumPy's
-    arrays are copied.
+    arrays are copied. The gradient of a tensor has its own dtype.
 
     Raises ValueError for what is no real number: text, None, booleans, complex numbers, rows of
-    different lengths; and for a tensor or a floating array of NumPy of another precision, unless it
-    is a single number.
+    different lengths; and for a tensor or a floating array of NumPy of other than single and double
+    precision, unless it is a single number.
     """
     if isinstance(value, Tensor) and value.dtype == dtype and device in (None, value.device):
         return value  # as a rule
-    one_dtype(value, dtype)
+    for leaf in _leaves(value):
+        if leaf.ndim:
+            _known(leaf)
     return converted(value, dtype, device)
 
 
-def one_dtype(value: Value, dtype: torch.dtype, what: str = "a tensor") -> None:
-    """ValueError for a tensor, or a floating array of NumPy, of another precision than `dtype`, but
-    for single numbers.
-    """
-    for leaf in _leaves(value):
-        if not isinstance(leaf, (Tensor, np.ndarray)) or leaf.ndim == 0:
-            continue
-        if isinstance(leaf, Tensor):
-            own = leaf.dtype if leaf.is_floating_point() else None
-        else:
-            own = numpy_dtype(leaf) if leaf.dtype.kind == "f" else None
-        if own not in (None, dtype):
-            raise ValueError(f"{what} of {own} was given among {dtype}; one dtype is wanted")
+def dtype_of(value: Value) -> torch.dtype:
+    """float32 where a tensor or an array of it is among the values; else float64."""
+    kinds = {leaf.dtype for leaf in _leaves(value)}
+    single = kinds & {torch.float32, np.dtype(np.float32)}
+    return torch.float32 if single else torch.float64
+
+
+def _known(leaf: Tensor | np.ndarray | np.generic) -> None:
+    """ValueError for what is neither whole nor of single or double precision."""
+    own = numpy_dtype(leaf) if isinstance(leaf, NUMPY) else real(leaf).dtype
+    if own is not None and (isinstance(leaf, NUMPY) or own.is_floating_point):
+        precision(own)
 
 
 def converted(value: Value, dtype: torch.dtype, device: torch.device | None = None) -> Tensor:
@@ -104,14 +99,6 @@ def converted(value: Value, dtype: torch.dtype, device: torch.device | None = No
     return torch.from_numpy(numbers(value)).to(dtype=dtype, device=device)
 
 
-def as_instants(value: Value, dtype: torch.dtype, device: torch.device | None = None) -> Tensor:
-    """The same of instants s, of which NumPy's, of double precision unless asked for otherwise, may
-    be more precise than the dtype.
-    """
-    wider = isinstance(value, np.ndarray) and value.dtype.itemsize >= dtype.itemsize
-    return (converted if wider else as_tensor)(value, dtype, device)
-
-
 def real(value: Tensor) -> Tensor:
     """`value` if it holds real numbers; ValueError for booleans and complex numbers."""
     if value.dtype == torch.bool or value.dtype.is_complex:
@@ -120,9 +107,7 @@ def real(value: Tensor) -> Tensor:
 
 
 class Plain(np.ndarray):
-    """Python numbers as an array: they take the dtype of what they meet, where another array of
-    NumPy has its own.
-    """
+    """Python numbers as an array, which is told from another array of NumPy."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         return numbers, (self.tolist(), "fiuc")
@@ -179,8 +164,8 @@ def present(given: Value, part: Tensor | None = None) -> bool:
 
 
 def has_dtype(value: Value) -> bool:
-    """Whether there is a tensor, or a floating array or scalar of NumPy, in `value`: its dtype is
-    then not for us to choose.
+    """Whether there is a tensor, or a floating array or scalar of NumPy, in `value`: it is then
+    taken as a tensor.
     """
     return any(isinstance(leaf, Tensor) or numpy_dtype(leaf) is not None for leaf in _leaves(value))
 

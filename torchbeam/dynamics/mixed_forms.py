@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ..core.arguments import boolean, choice
 from ..core.status import FAILED
-from ..core.validation import Value, as_instants, increasing
+from ..core.validation import Value, as_tensor, increasing
 from ..math.shapes import broadcast_shapes
 from ..mixed import minimal
 from ..mixed.algebra import mv
@@ -84,7 +84,7 @@ def simulate_mixed(
             f"{scene.beam.station_count}"
         )
     model = MixedModel(scene, form, {} if inputs is None else inputs)
-    t = increasing("t", as_instants(t, scene.dtype, scene.device))
+    t = increasing("t", as_tensor(t, scene.dtype, scene.device))
     instants = t if begin is None else [begin + now for now in t]
     check_times(model, t if begin is None else torch.stack((begin.min(), begin.max() + t[-1])))
     problem = (_BlockRate if form == "block_rate" else _Minimal)(model, project, solver)

@@ -17,8 +17,9 @@ from ..scene.effects import Inputs, changing, inputs_at
 from ..scene.scene import merge_inputs
 from ..state.state import State
 from ..state.state_check import of_mesh
+from .instants import begins_of
 from .make_steps import StepPlan, states_after
-from .step_inputs import StepInputs, in_line, inputs_of_steps
+from .step_inputs import StepInputs, inputs_of_steps
 from .stepper import Stepper
 
 
@@ -46,6 +47,7 @@ def rollout(
         >>> states.t[-1]  # s
         tensor(0.2000)
     """
+    state = of_mesh(state, instance("a stepper", stepper, Stepper).scene.beam, "a state")
     return states_after(stepper, state, plan_of(stepper, state, steps, merge_inputs(inputs, more)))
 
 
@@ -57,7 +59,7 @@ def plan_of(stepper: Stepper, state: State, steps: int, inputs: dict[str, Any]) 
     t, dt = shared(state.t), stepper.dt.expand(steps)
     changing(inputs, steps)
     check_room(stepper, state, inputs_at(inputs, t, stepper.dt), steps, steps)
-    begins = t + in_line(torch.arange(steps, dtype=t.dtype, device=t.device), t.shape) * stepper.dt
+    begins = begins_of(t, stepper.dt, steps)
 
     def inputs_of(first: int, end: int) -> StepInputs:
         rows = slice(first, end)

@@ -37,10 +37,12 @@ from ..state.state_check import check_state
 from .adaptive import adaptive
 from .events import Events
 from .failure import Failures
+from .instants import check_digits
 from .make_steps import StepPlan, make_steps
 from .prepared import prepared
 from .rollout import check_room
 from .runaway import SENTENCE, stopped
+from .step_control import LEAST_STEPS
 from .step_inputs import StepInputs, inputs_of_steps
 from .tolerance import Tolerance
 from .torchdiffeq_bridge import ADAPTIVE, ADVICE, integrate, leaves
@@ -53,6 +55,7 @@ STEPS = 200  # of the default step, over the whole of t
 def implicit_run(
     scene: Scene,
     t: Tensor,
+    digits: torch.dtype,
     initial: State | None,
     method: str,
     inputs: dict[str, Any],
@@ -64,7 +67,8 @@ def implicit_run(
 ) -> Solution:
     if progress is not None:
         check_function("progress", progress, "done", "steps")
-    instants = concrete(t).tolist()
+    exact, t = t, t.to(scene.dtype)
+    instants = concrete(exact).tolist()
     gaps, whole = [b - a for a, b in pairwise(instants)], instants[-1] - instants[0]
     step = step_size("step", step) if step is not None else min(*gaps, whole / STEPS)
     check_memory(
@@ -72,15 +76,18 @@ def implicit_run(
         PLAN * whole / step,
         "a longer step is wanted",
     )
+    latest = max(map(abs, instants))
+    check_digits(step, latest, digits, scene.dtype)
     # of an interval, in steps
-    rounding = 1e-6 + 2 * torch.finfo(t.dtype).eps * max(map(abs, instants)) / step
+    rounding = 1e-6 + 2 * torch.finfo(digits).eps * latest / step
     counts = [max(1, math.ceil(gap / step - rounding)) for gap in gaps]
     plan = [(k, i) for k, count in enumerate(counts) for i in range(count)]  # interval, step in it
-    lengths, begins = t.diff(), t[:-1]
+    lengths, begins = exact.diff(), exact[:-1]
     if len(plan) > len(counts):
         interval, part = (torch.tensor(x, device=t.device) for x in zip(*plan, strict=True))
-        lengths = (lengths / t.new_tensor(counts))[interval]
+        lengths = (lengths / exact.new_tensor(counts))[interval]
         begins = begins[interval] + part * lengths
+    lengths, begins = lengths.to(t), begins.to(t)
     stepper = prepared(scene, step, method, **options)
     changing(inputs, len(counts))
     at = t[0]
@@ -150,6 +157,7 @@ def implicit_run(
 def adaptive_run(
     scene: Scene,
     t: Tensor,
+    digits: torch.dtype,
     initial: State | None,
     method: str,
     inputs: dict[str, Any],
@@ -172,6 +180,9 @@ def adaptive_run(
             "rtol or atol was given to midpoint4 with an input that is a function of t; a load "
             "that is one is wanted, or 'midpoint'"
         )
+    gap, latest = concrete(t).diff().min().item(), concrete(t).abs().max().item()
+    check_digits(gap / LEAST_STEPS, latest, digits, scene.dtype)
+    t = t.to(scene.dtype)
     most, tolerance = count("max_steps", max_steps), Tolerance.of(scene, rtol, atol)
     events = Events.of(events)
     first = None if first_step is None else step_size("first_step", first_step)

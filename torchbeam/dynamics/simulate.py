@@ -11,12 +11,13 @@ from ..core.arguments import boolean, choice, chosen, instance, keywords, not_he
 from ..core.arguments import instants as check_instants
 from ..core.arguments import options as check_options
 from ..core.status import STATUS
-from ..core.validation import as_instants, concrete, increasing, shown
+from ..core.validation import concrete, shown
 from ..core.warning import warn
 from ..scene.effects import PerInterval
 from ..scene.scene import Scene, merge_inputs
 from ..solvers.newton import LIMIT
 from ..state.solution import Solution
+from .instants import explicit_instants, instants_of
 from .methods import METHODS as IMPLICIT_METHODS
 from .mixed_forms import simulate_mixed
 from .runs import MAX_STEPS, adaptive_run, explicit_run, implicit_run
@@ -174,7 +175,7 @@ def simulate(
             solver=solver,
         ),
     )
-    t = increasing("t", as_instants(t, scene.dtype, scene.device))
+    t, digits = instants_of(t, scene)
     mixed, implicit = form != "nodal", method in IMPLICIT_METHODS
     controlled = not mixed and implicit and any(name in given for name in TOLERANCES)
     if controlled and (fixed := [name for name in FIXED if name in given]):
@@ -204,12 +205,16 @@ def simulate(
             f"a PerInterval input was given to {method!r}; 'midpoint' and 'generalized_alpha' of "
             "the nodal form take it, and ExplicitStepper holds inputs over its steps"
         )
+    if mixed or not implicit:
+        t = explicit_instants(scene, t, digits, begin, options)
     if mixed:
         return _judged(
             simulate_mixed(scene, t, form, initial, method, inputs=inputs, **given), throw
         )
-    run = adaptive_run if controlled else implicit_run if implicit else explicit_run
-    return _judged(run(scene, t, initial, method, inputs, **given), throw, warned=implicit)
+    if not implicit:
+        return _judged(explicit_run(scene, t, initial, method, inputs, **given), throw)
+    run = adaptive_run if controlled else implicit_run
+    return _judged(run(scene, t, digits, initial, method, inputs, **given), throw, warned=True)
 
 
 def _judged(solution: Solution, throw: bool, warned: bool = False) -> Solution:

@@ -20,6 +20,7 @@ from ..core.status import SUCCESS, TOO_MANY, UNDERFLOW
 from ..core.validation import concrete
 from ..state.state import State
 from .events import Events
+from .instants import SHARE
 from .make_steps import StepPlan, part_of, states_after, without_parts
 from .step_inputs import inputs_by_sample
 from .step_sequence import StepSequence, picked
@@ -141,7 +142,9 @@ class _Run:
         if taken is not None:
             # equal steps to a stop are longer by rounding
             self.longest = torch.minimum(self.longest, 0.999 * taken)
-        self.least = LEAST[stops.dtype] * (stops[-1] - stops[0])
+        # of which rounding moves the ends by no more than a share
+        told = torch.finfo(stops.dtype).eps * stops.abs().max() / SHARE
+        self.least = torch.maximum(LEAST[stops.dtype] * (stops[-1] - stops[0]), told)
 
     def first_length(self) -> Tensor:
         """A step over which the acceleration moves the beam by about the tolerance, found by a

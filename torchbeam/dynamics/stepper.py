@@ -19,6 +19,7 @@ from ..core.validation import as_tensor, axis_last, broadcast, concrete, positiv
 from ..core.warning import warn
 from ..engine.chain.compiled_step import CompiledStep
 from ..engine.chain.coverage import ENGINES
+from ..math.concrete import mapped
 from ..nodal.discretise import discretise
 from ..scene.effects import Inputs
 from ..scene.scene import Scene
@@ -28,11 +29,12 @@ from ..state.state import State, rest, with_optional_fields
 from ..state.state_check import check_state, of_mesh
 from .composition import in_parts, natively, step
 from .failure import Failures
+from .instants import begins_of, check_digits
 from .make_steps import StepPlan, make_steps
 from .method import Method
 from .methods import METHODS
 from .state_cache import StateCache
-from .step_inputs import GivenInputs, HeldInputs, StepInputs, in_line
+from .step_inputs import GivenInputs, HeldInputs, StepInputs
 from .step_jacobian import Coordinates, step_jacobian
 from .step_solver import StepSolver
 
@@ -115,10 +117,12 @@ class Stepper:
         )
         self.iterations: Tensor | None = None  # (...) of the last step
         self._last: StateCache | None = None
+        # instants that are known to carry steps: before and after the last
+        self._clocks: tuple[Tensor | None, Tensor | None] = (None, None)
         self.failures: Failures | None = Failures()  # None = nobody asks why a step has failed
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "_last": None}
+        return {**vars(self), "_last": None, "_clocks": (None, None)}
 
     def again(self, dt: float | Tensor) -> Stepper:
         """This stepper with steps of another length, as if it had made none yet."""
@@ -129,6 +133,7 @@ class Stepper:
             failures=Failures(),
             iterations=None,
             _last=None,
+            _clocks=(None, None),
         )
 
     @property
@@ -174,7 +179,15 @@ class Stepper:
         2, 4, ... smaller ones. If that fails too it keeps its state and gets a status (see
         `torchbeam.core.status.STATUS`); its derivatives are those of standing still.
         """
-        return self.advance(state, inputs, active=active, dt=dt)
+        t = getattr(state, "t", None)
+        if t is not self._clocks[0] and t is not self._clocks[1]:
+            state = of_mesh(state, self.scene.beam, "a state")
+            if not mapped(state.t):
+                length = concrete(self._length(dt)).detach().amin().item()
+                check_digits(length, state.t, state.t.dtype)
+        after = self.advance(state, inputs, active=active, dt=dt)
+        self._clocks = state.t, after.t
+        return after
 
     def advance(
         self,
@@ -288,7 +301,7 @@ class Stepper:
         held = StepInputs(self.scene.tensors(inputs))
         t = shared(state.t) if self._changes else state.t
         active = None if active is None else mask("active", active, state.status)
-        begins = t + in_line(torch.arange(count, dtype=t.dtype, device=t.device), t.shape) * self.dt
+        begins = begins_of(t, self.dt, count)
         made = None
         plan = StepPlan(
             self.dt.expand(count), begins, lambda i, j: held, active, [False] * (count - 1) + [True]
@@ -331,7 +344,7 @@ class Stepper:
         known = self._known(state)
         if known is not None:
             return known.reduced, known.well
-        of_mesh(state, self.scene.beam, "a state")
+        state = of_mesh(state, self.scene.beam, "a state")
         return self.reduced(self._begin(state, dt, inputs=inputs)), False
 
     def _known(self, state: State) -> StateCache | None:
@@ -369,7 +382,7 @@ class Stepper:
         length = (
             positive("dt", real(dt))
             if isinstance(dt, Tensor)
-            else torch.as_tensor(step_size("dt", dt))
+            else self.dt.new_tensor(step_size("dt", dt))
         )
         return length.to(self.dt)
 

@@ -240,8 +240,11 @@ class _Solve:
         options = self.options
         # end a step at the output, and go on with the step size reached
         if self.adaptive and self.after is not None:
-            jumps = set(torch.as_tensor(options.get("jump_t", ())).tolist())
-            stops = {*torch.as_tensor(options.get("step_t", ())).tolist(), t[-1].item()} - jumps
+            jumps, stops = (
+                set(torch.as_tensor(options.get(name, ()), dtype=torch.float64).tolist())
+                for name in ("jump_t", "step_t")
+            )
+            stops = {*stops, t[-1].item()} - jumps
             options = {
                 **options,
                 "step_t": torch.tensor(sorted(stops), dtype=torch.float64, device=t.device),

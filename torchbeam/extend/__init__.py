@@ -25,7 +25,6 @@ Examples in docstrings go on from these lines:
 >>> import torch
 >>> import torchbeam as tb
 >>> from torchbeam import extend
->>> torch.set_default_dtype(torch.float64)
 """
 
 from ..core.arguments import choice, count

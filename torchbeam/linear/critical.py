@@ -33,8 +33,8 @@ from ..core.warning import warn
 from ..engine.chain.coverage import ENGINES
 from ..math.first_derivative import Once
 from ..math.quadratic_eigen import upright
+from ..scene.in_double import SINGLE, narrowed
 from ..scene.scene import Scene
-from .in_double import SINGLE, narrowed
 from .load_path import DIVERGENCE, FLUTTER, STABLE, Factored, LoadPath
 from .system_matrices import moves
 
@@ -180,7 +180,7 @@ def _critical_load(
         shape = path.batch_shape(lowest)
         states = check_count("points", points, least=2) * shape.numel()
         check_memory(f"{points} factors", NUMBERS * 8 * states, "fewer points are wanted")
-        even = torch.linspace(lowest, highest, points, device=path.device)
+        even = torch.linspace(lowest, highest, points, dtype=torch.float64, device=path.device)
         factors = even.reshape(-1, *[1] * len(shape)).expand(len(even), *shape)
         coarse = path.spectrum(factors)
         unmapped("critical_load", coarse.kind)
@@ -198,7 +198,7 @@ def _critical_load(
         low, high, kind = _first(factors, coarse.kind)
         # brackets of neighbouring numbers have no inside
         tolerance = max(tolerance, ROUNDING * torch.finfo(low.dtype).eps)
-        inner = torch.linspace(0, 1, PARTS + 1, device=path.device).reshape(-1, *[1] * len(shape))
+        inner = torch.linspace(0, 1, PARTS + 1).to(even).reshape(-1, *[1] * len(shape))
         while (high - low > tolerance * torch.maximum(high.abs(), low.abs())).any():
             there = low + (high - low) * inner
             between = path.spectrum(there[1:-1]).kind

@@ -99,7 +99,7 @@ class Linear:
         Raises:
             ValueError: for a state of another form, mesh or dtype.
         """
-        of_mesh(state, self.state, "a state")
+        state = of_mesh(state, self.state, "a state")
         return (self.reads @ self.chart.coordinates(self.space.to_reduced(state))[..., None])[
             ..., 0
         ]

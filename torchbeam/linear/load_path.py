@@ -18,11 +18,11 @@ from ..math.quadratic_eigen import plus, rounding, slow_first, slow_values
 from ..math.shapes import broadcast_shapes
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
+from ..scene.in_double import widened
 from ..scene.scene import Scene
 from ..state.state import State
 from ..statics.equilibrium import equilibrium
 from ..statics.mechanism import unheld
-from .in_double import widened
 from .system_matrices import in_basis, of_chain, of_nodes
 
 STABLE, DIVERGENCE, FLUTTER, LOST = range(4)
@@ -99,14 +99,17 @@ class LoadPath:
             )
         return scene, scene.tensors(self.inputs)
 
+    def _factor(self, factor: float) -> Tensor:
+        return torch.tensor(factor, dtype=torch.float64, device=self.device)
+
     def batch_shape(self, lowest: float) -> torch.Size:
-        scene, inputs = self.scene(torch.tensor(float(lowest), device=self.device))
+        scene, inputs = self.scene(self._factor(lowest))
         self.device = scene.device
         return broadcast_shapes(scene.batch_shape, *(v.shape[:-1] for v in inputs.values()))
 
     def loose(self, factor: float) -> str:
         """Rigid motions that nothing holds, in words."""
-        scene, inputs = self.scene(torch.tensor(factor, device=self.device))
+        scene, inputs = self.scene(self._factor(factor))
         t = torch.as_tensor(self.t, dtype=scene.dtype, device=scene.device)
         return unheld(discretise(scene), t, inputs, (0,) * len(self.batch_shape(factor)))[1]
 

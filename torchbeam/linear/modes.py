@@ -22,10 +22,10 @@ from ..core.validation import concrete
 from ..math.quadratic_eigen import attach, slowest, slowest_of_chain, upright
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
+from ..scene.in_double import in_double
 from ..scene.scene import Scene
 from ..state.state import State
 from ..statics.equilibrium import equilibrium
-from .in_double import in_double
 from .system_matrices import at_rest, augmented, dense, free_moves, moves, of_chain, of_nodes
 
 # real part over |eigenvalue| from which on a motion grows: where eigenvalues meet, rounding counts

@@ -33,7 +33,10 @@ from ..core.validation import unmapped
 from ..core.warning import warn
 from ..math.dense import solve
 from ..nodal.discretise import discretise
+from ..nodal.model import Model
+from ..scene.effects import Inputs
 from ..scene.effects.values import Input
+from ..scene.in_double import in_double
 from ..scene.scene import Scene
 from ..state.state import State
 from ..statics.equilibrium import equilibrium
@@ -71,6 +74,8 @@ def linearize(
     follow; angles and travels that are prescribed stand as they do at t. Forces of joints are
     those of the motion, with the inertia of what they move.
 
+    A scene in single precision is solved in double, and the model rounded.
+
     Dense: n = 12 a free node. Differentiable. A load that turns with the beam is in A. An infinite
     stiffness is a very large one here. Raises ValueError for what the nodal form does not take, for
     a derivative by a rotary inertia that is 0, or by damping of what has none, where an input is a
@@ -101,11 +106,29 @@ def linearize(
         )
     given = scene.tensors(inputs)
     time = instant("t", t, scene.beam.nodes)
-    state = (
-        equilibrium(scene, t=t, inputs=inputs)
-        if state is None
-        else at_rest(model, state, time, given, lumped)
-    ).broadcast()
+    if state is not None:
+        state = at_rest(model, state, time, given, lumped)
+    outputs = (outputs,) if callable(outputs) else listed(outputs)
+    for sensor in outputs:
+        check_function("a sensor", sensor, "state")
+
+    def found(scene: Scene, state: State | None, given: Inputs, time: Tensor) -> Linear:
+        if state is None:
+            state = equilibrium(scene, t=time.item(), inputs=given)
+        own = model if scene is model.scene else discretise(scene, lumped)
+        return _linear(own, state.broadcast(), outputs, time, given)
+
+    linear = in_double(found, scene, state, given, time)
+    if scene.dtype == torch.float32:
+        _warn_of_rounding(linear.A)
+    return linear
+
+
+def _linear(
+    model: Model, state: State, outputs: tuple[Sensor, ...], time: Tensor, given: Inputs
+) -> Linear:
+    """`linearize`, about an equilibrium in the dtype of the model's scene."""
+    scene = model.scene
     M, D, K, lags = of_nodes(model, state, time, given)
     G = K.constraints() if model.joints.count else None
     M, D, K = augmented(
@@ -126,9 +149,6 @@ def linearize(
     nodal = M, D, K
     M, K = unmapped("linearize", T.mT @ M @ T), unmapped("linearize", T.mT @ K @ T)
     D = torch.zeros_like(K) if D is None else T.mT @ D @ T
-    outputs = (outputs,) if callable(outputs) else listed(outputs)
-    for sensor in outputs:
-        check_function("a sensor", sensor, "state")
     loads, Y_u = near.by_inputs(outputs)
     value, Y, Y_v, Y_force, rows = near.by_moves(outputs)
     names, columns = {}, 0
@@ -150,8 +170,6 @@ def linearize(
             "linearize, where an Input turns these and they would follow its rate; a small rotary "
             "inertia is wanted"
         )
-    if scene.dtype == torch.float32:
-        _warn_of_rounding(A)
     if forces is not None and sensed:
         by_z, by_u = _out_of_balance(nodal, T, loads, A, B, C[..., sensed:, :], D[..., sensed:, :])
         Y_force = pad(Y_force @ forces, (0, 0, 0, free))

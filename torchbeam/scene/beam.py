@@ -378,7 +378,7 @@ class Beam(BeamRows):
     ) -> Beam:
         uniform = isinstance(section, Section)
         section = section if uniform else of_elements(section, length, order)
-        common_dtype(nodes, section.compliance)  # says so where a function of s gave another dtype
+        common_dtype(nodes, section.compliance)  # says so where a section lies on another device
         compliance, mass = (
             x[..., None, :, :] if uniform else x for x in (section.compliance, section.mass)
         )

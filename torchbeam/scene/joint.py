@@ -17,7 +17,8 @@ from .parts import check_node, node_and_point
 from .structure import Structure
 
 # of the size of a structure: how far apart points that coincide may be
-MET = {torch.float64: 1e-9, torch.float32: 1e-5}
+# numbers may have come in single precision
+MET = {torch.float64: 1e-6, torch.float32: 1e-5}
 ACTS = (
     "stiffness",
     "damping",

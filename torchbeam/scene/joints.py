@@ -16,7 +16,7 @@ from .effects.values import own, parameter, plain, scalar_value
 from .joint import MET, Joint
 from .structure import Structure
 
-SQUARE = {torch.float64: 1e-9, torch.float32: 1e-5}  # cosine between axes that are at right angles
+SQUARE = {torch.float64: 1e-6, torch.float32: 1e-5}  # cosine between axes that are at right angles
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ..core.functions_of_time import at_time, taken, with_rate, with_user_rate, within_dual_numbers
+from ..core.leaves import with_values
 from ..core.validation import concrete
 from ..math import quaternions as quat
 from .effects import Pose
@@ -109,7 +110,7 @@ class PrescribedMotion:
         support = (
             Support(0)
             if root is None
-            else Support(0, displacement=root.displacement, turn=root.rotation)
+            else with_values(Support(0), displacement=root.displacement, turn=root.rotation)
         )
         position, rotation = self.pose(support, t)
         velocity, spin = self.absolute(support, t)

@@ -28,10 +28,11 @@ from ..core.leaves import (
     with_values,
 )
 from ..core.summary import kind, lines
-from ..core.validation import as_tensor, axis_last, broadcast, one_dtype, precision, shown
+from ..core.validation import as_tensor, axis_last, broadcast, precision, shown
 from ..topology.framework import Framework
 from ..topology.protocols import Topology
 from .beam import Beam
+from .beam_recipe import with_recipe_of
 from .body import Body
 from .effects import Damping, Effect, Inputs, PerElement, inputs_of
 from .effects.contact_terms import ContactTerms
@@ -45,6 +46,16 @@ from .supports import Frame, RootMotion, Support
 
 PLANES = (None, "xy", "xz", "auto")
 KINDS = ("load", "strain", "inertia", "eigenstrain", "tendon", "pair")
+
+
+class Precision(Sorted["torch.dtype | None", torch.dtype]):
+    """A scene's dtype, which is that of its nodes; what was asked for stays until these have it."""
+
+    def __get__(self, scene: Scene | None, owner: Any = None) -> Any:
+        return None if scene is None else scene.beam.nodes.dtype
+
+    def __set__(self, scene: Scene, asked: torch.dtype | None) -> None:
+        vars(scene)["dtype"] = asked
 
 
 @dataclass(frozen=True)
@@ -66,15 +77,21 @@ class Scene(Tree):
             rotations below pi
         joints: `Weld`, `Hinge` and others between the parts of a structure, or a part and the
             ground
+        dtype: in which its motion is computed, None = torch.float64. All numbers, arrays and
+            tensors are taken to it (a gradient comes back in the dtype of its tensor), as is what
+            functions return; functions get it. torch.float32: for long runs of big batches whose
+            accuracy of four digits or so will do. Equilibria, paths, modes, critical loads and
+            linear models are computed in double all the same, and rounded
 
     Sorted once, here: `loads`, `bodies` (point masses, and those of a structure's bodies),
     `eigenstrains`, `tendons`, `pairs` (contacts of two parts), `damping` (one `Damping` or None),
     `inputs` (name -> size). `supports` stay in the order given, their nodes counted from the root.
 
     Raises:
-        ValueError: for an object without a kind, two dampings, a node that does not exist, a load
-            whose dtype is not the beam's, two inputs of one name with different sizes, two supports
-            of one node, what leaves the plane, or joints that do not fit (see `joints_of`).
+        ValueError: for an object without a kind, two dampings, a node that does not exist, numbers
+            of other than single and double precision, two inputs of one name with different sizes,
+            two supports of one node, what leaves the plane, or joints that do not fit (see
+            `joints_of`).
 
     Examples:
         >>> scene = tb.Scene(beam, [tb.TipLoad(force=(0, 0, 2.0)), tb.Gravity((0, 0, -9.81))])
@@ -96,6 +113,7 @@ class Scene(Tree):
     supports: Sorted[Support | Iterable[Support] | None, tuple[Support, ...]] = None
     small: bool = False
     joints: Sorted[Joint | Iterable[Joint], tuple[Joint, ...]] = ()
+    dtype: Sorted[torch.dtype | None, torch.dtype] = Precision()
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__
@@ -108,6 +126,8 @@ class Scene(Tree):
         choice("plane", self.plane, PLANES)
         boolean("small", self.small)
         precision(self.beam.nodes.dtype)
+        dtype = precision(vars(self).pop("dtype") or torch.float64)
+        set_(self, "beam", with_recipe_of(sent(self.beam, dtype), self.beam))
         if self.beam.parts and self.root is not None:
             raise ValueError(
                 "root was given in a structure; a Support with a displacement or a turn is "
@@ -239,7 +259,7 @@ class Scene(Tree):
         return sizes
 
     def _bound(self, given: Any) -> Any:
-        """Effects, motions, supports with the beam's dtype and device."""
+        """Effects, motions, supports with the scene's dtype and device."""
         for one in given if isinstance(given, tuple) else (given,):
             try:
                 bound(one, self.dtype, self.device)
@@ -361,10 +381,6 @@ class Scene(Tree):
         )
 
     @property
-    def dtype(self) -> torch.dtype:
-        return self.beam.nodes.dtype
-
-    @property
     def device(self) -> torch.device:
         return self.beam.nodes.device
 
@@ -402,7 +418,6 @@ class Scene(Tree):
                 )
         tensors = {}
         for name, value in given.items():
-            one_dtype(value, dtype, f"the input {name!r}")
             value = as_tensor(value, dtype, device)
             # a number for an input of one
             value = value[None] if value.ndim == 0 and sizes[name] == 1 else value

@@ -18,6 +18,7 @@ from ..core.validation import (
     broadcast,
     common_dtype,
     concrete,
+    dtype_of,
     finite,
     inertia,
     positive,
@@ -75,8 +76,10 @@ class Section(Tree):
     def __post_init__(self) -> None:
         given = self.compliance, self.mass
         dtype, device = common_dtype(*given)
-        S = _symmetric("compliance", as_tensor(self.compliance, dtype, device))
-        mass = _symmetric("mass", as_tensor(self.mass, dtype, device))
+        S, mass = (
+            _symmetric(name, as_tensor(x, dtype, device), dtype_of(x))
+            for name, x in (("compliance", self.compliance), ("mass", self.mass))
+        )
         broadcast("compliance and mass", S.shape[:-2], mass.shape[:-2])
         S_diagonal = positive(
             "a diagonal entry of the compliance", S.diagonal(dim1=-2, dim2=-1), zero=True
@@ -326,18 +329,18 @@ def _about_centre(mass: Tensor) -> Tensor:
     )
 
 
-def _symmetric(name: str, matrix: Tensor) -> Tensor:
+def _symmetric(name: str, matrix: Tensor, given: torch.dtype) -> Tensor:
     """The symmetric part of `matrix`, which may be unsymmetric by rounding: |S_ij - S_ji| up to
     `asymmetry` sqrt(S_ii S_jj), the size that no entry of a positive matrix exceeds. An entry that
     is a difference of large numbers is all rounding, so its own size is no measure. 1e-6 admits six
-    printed digits; in float32 it is a thousand times the dtype's rounding.
+    printed digits; `given` in float32 it is a thousand times its rounding.
     """
     if matrix.ndim < 2 or matrix.shape[-2:] != (6, 6):
         raise ValueError(
             f"a {name} of shape {tuple(matrix.shape)} was given; (..., 6, 6) is wanted"
         )
     matrix = axis_last(name, finite(name, matrix), 6)
-    asymmetry = max(1e-6, 1e3 * torch.finfo(matrix.dtype).eps)
+    asymmetry = max(1e-6, 1e3 * torch.finfo(given).eps)
     root = matrix.detach().diagonal(dim1=-2, dim2=-1).abs().sqrt()
     if concrete(
         (matrix - matrix.mT).abs() > asymmetry * root[..., :, None] * root[..., None, :]

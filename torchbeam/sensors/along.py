@@ -107,14 +107,11 @@ class _Along(OnPart):
                 f"a state with {position.shape[-2]} nodes was given; the sensor's beam has "
                 f"{self.beam.node_count}"
             )
-        dtype = self.beam.nodes.dtype
-        if position is not None and position.dtype != dtype:
-            raise ValueError(
-                f"a state of {position.dtype} meets the sensor {self.name!r} of a beam of {dtype}; "
-                "one dtype is wanted"
-            )
         self._refuse_another(getattr(seen, "rest_shape", None))
-        return super().__call__(state)
+        own = self.beam.nodes.dtype
+        if position is None or position.dtype == own:
+            return super().__call__(state)
+        return super().__call__(state.to(own)).to(position.dtype)
 
     def _refuse_another(self, shape: RestShape | None) -> None:
         """ValueError for the rest shape of another beam."""

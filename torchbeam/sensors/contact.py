@@ -102,7 +102,7 @@ class OfContact(Sensor):
 
     def _places(self, state: State) -> list[Touched]:
         """The same, and where."""
-        of_mesh(state, self.scene.beam, f"{type(self).__name__}: a state")
+        state = of_mesh(state, self.scene.beam, f"{type(self).__name__}: a state")
         model, t, law = self.model, shared(state.t), self._law
         state = model.space.to_reduced(state)
         spin = model.space.to_frame(state.rotation, state.spin)

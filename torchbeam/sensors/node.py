@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import boolean, choice, place
-from ..core.validation import as_tensor, axis_last, common_dtype, finite, has_dtype, rotations
+from ..core.validation import as_tensor, axis_last, common_dtype, finite, rotations
 from ..math import quaternions as quat
 from ..scene.parts import Place, check_node
 from ..state.state import State
@@ -227,10 +227,7 @@ def tait_bryan(R: Tensor) -> Tensor:
 
 
 def _given(reference: Any) -> Tensor:
-    """A reference as a tensor; plain numbers in double precision, as the dtype is the state's."""
-    return as_tensor(
-        reference, *(common_dtype(reference) if has_dtype(reference) else (torch.float64,))
-    )
+    return as_tensor(reference, *common_dtype(reference))
 
 
 def _quaternion(state: Any, node: int) -> Tensor:

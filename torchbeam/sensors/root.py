@@ -148,7 +148,7 @@ class RootSpringLoad(Sensor):
         return tuple(load for load in self.scene.loads if isinstance(load, RootSpring))
 
     def read(self, state: Any) -> Tensor:
-        of_mesh(state, self.scene.beam, "RootSpringLoad: a state")
+        state = of_mesh(state, self.scene.beam, "RootSpringLoad: a state")
         space, t = self.model.space, shared(state.t)
         state = space.to_reduced(state)
         nodes = Nodes(

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from typing import Any
 
+from torch import Tensor
+
 from ..core.validation import broadcast
 from ..scene.beam import Beam
 from .state import State
 
 
 def check_state(state: Any, scene: Any, name: str = "initial") -> State:
-    """`state`, to start from; ValueError where it is not one of the nodal form, of the scene's mesh
-    and dtype.
+    """`state`, to start from, in the scene's dtype; ValueError where it is not one of the nodal
+    form, of the scene's mesh.
     """
-    of_mesh(state, scene.beam, name)
+    state = of_mesh(state, scene.beam, name)
     broadcast("a scene and an initial state", scene.batch_shape, state.batch_shape)
     return state
 
 
 def of_mesh(state: Any, like: Beam | State, name: str) -> State:
-    """`state`; ValueError where it is not one of the nodal form, with the nodes, the rows of stress
-    and the dtype of `like` in each of its fields: native code takes them on trust.
+    """`state`, in the dtype of `like`; ValueError where it is not one of the nodal form, with the
+    nodes and the rows of stress of `like` in each of its fields: native code takes them on trust.
     """
     nodes, stresses, dtype = like.node_count, like.stress_count, like.nodes.dtype
     if not isinstance(state, State):
@@ -40,6 +42,6 @@ def of_mesh(state: Any, like: Beam | State, name: str) -> State:
                 f"{name} whose {key} is of shape {tuple(x.shape)} was given; (..., {shape[0]}, "
                 f"{shape[1]}) is wanted"
             )
-        if x.dtype != dtype:
-            raise ValueError(f"{name} of {x.dtype} meets a scene of {dtype}; one dtype is wanted")
-    return state
+    held = [x.dtype for x in vars(state).values() if isinstance(x, Tensor)]
+    alike = all([kind == dtype or not kind.is_floating_point for kind in held])
+    return state if alike else state.to(dtype)

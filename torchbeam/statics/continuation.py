@@ -192,8 +192,7 @@ class Continuation:
         row, by_factor = where(
             final, (torch.zeros_like(move), zero + 1), (self.size * move, by_factor)
         )
-        # of two numbers: the default dtype
-        bound = torch.where(now.by_factor < 0, self.span[0], self.span[1]).to(now.factor)
+        bound = torch.where(now.by_factor < 0, *now.factor.new_tensor(self.span))
         goal = torch.where(final, bound - now.factor, step)
         return ArcLengthProblem(self.loaded, row, by_factor, now.factor, goal, goal.abs()), start
 

@@ -23,6 +23,9 @@ from ..equations.load_steps import climb
 from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.balance import Linearisation
 from ..nodal.discretise import discretise
+from ..nodal.model import Model
+from ..scene.effects import Inputs
+from ..scene.in_double import in_double
 from ..scene.scene import Scene
 from ..solvers.implicit_gradient import differentiated, implicit_gradient
 from ..state.state import State, rest
@@ -98,6 +101,9 @@ def equilibrium(
     no load drives stays as it starts, and derivatives are those with it held at the first support
     (node 0 where there is none).
 
+    A scene in single precision is solved in double, and the state rounded: a strip of metal is so
+    much stiffer in stretching than in bending that float32 would find no balance.
+
     Returns a `State` at rest with stress and reaction. Raises ValueError for what the nodal form
     does not take and RuntimeError for a sample without equilibrium; where nothing holds a rigid
     motion of it, the sentence says which.
@@ -117,10 +123,29 @@ def equilibrium(
     model = discretise(scene)
     refuse_friction(scene)
     tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
-    given = scene.tensors(inputs)
-    start = rest(scene) if initial is None else check_state(initial, scene)
-    time = instant("t", t, scene.beam.nodes)
-    start = model.space.start(start)
+    given, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
+    initial = None if initial is None else check_state(initial, scene)
+
+    def found(scene: Scene, initial: State | None, given: Inputs, time: Tensor) -> State:
+        own = model if scene is model.scene else discretise(scene)
+        return _equilibrium(own, initial, time, tolerance, throw, branch, relax, engine, given)
+
+    return in_double(found, scene, initial, given, time)
+
+
+def _equilibrium(
+    model: Model,
+    initial: State | None,
+    time: Tensor,
+    tolerance: float | None,
+    throw: bool,
+    branch: str,
+    relax: bool,
+    engine: str,
+    given: Inputs,
+) -> State:
+    """`equilibrium`, in the dtype of the model's scene."""
+    start = model.space.start(rest(model.scene) if initial is None else initial)
     start = Configuration(start.position, start.rotation, start.stress)
     doubtful = states = driven = None
     # with those, the tangent of what is held is not that of what comes to rest
@@ -142,7 +167,7 @@ def equilibrium(
     else:
         x, reaction, status, doubtful = states
     start = Configuration(*(v.expand(*status.shape, *v.shape[-2:]) for v in start))
-    problem = replace(problem, load_factor=torch.ones_like(status, dtype=scene.dtype))
+    problem = replace(problem, load_factor=torch.ones_like(status, dtype=time.dtype))
     problem = braced(problem, x) if relax else problem
     if driven is not None:
         x, status = where(driven, start, x), torch.where(driven, DIVERGED, status)

@@ -24,6 +24,8 @@ from ..engine.chain.coverage import ENGINES
 from ..equations.steady import Configuration
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
+from ..scene.effects import Inputs
+from ..scene.in_double import in_double
 from ..scene.scene import Scene
 from ..state.state import State, rest
 from ..state.state_check import check_state
@@ -169,7 +171,8 @@ def path(
             native code for all but tendons, loads between nodes, supports that turn with the
             factor, and loads with internal states
 
-    Each sample goes its own way at its own pace. Without derivatives: `equilibrium` has those.
+    Each sample goes its own way at its own pace. Without derivatives: `equilibrium` has those. A
+    scene in single precision is solved in double, and the path rounded.
 
     Raises:
         ValueError: for what the nodal form does not take, an unknown `load`, `control` without
@@ -211,10 +214,42 @@ def path(
         raise ValueError(
             f"highest = {highest:g} was given, whose square is no number; a larger factor is wanted"
         )
+    if target is not None:
+        target = finite("target", as_tensor(target, scene.dtype, scene.device))
+    steps = check_count("steps", steps)
     time = instant("t", t, scene.beam.nodes)
+    initial = None if initial is None else check_state(initial, scene)
 
+    def found(
+        scene: Scene, initial: State | None, given: Inputs, time: Tensor, target: Tensor | None
+    ) -> Path:
+        own = model if scene is model.scene else discretise(scene)
+        return _path(
+            *(own, initial, time, given, load, (lowest, highest), float(step), steps),
+            *(control, target, branch, tolerance, engine),
+        )
+
+    return in_double(found, scene, initial, given, time, target)
+
+
+def _path(
+    model: Model,
+    initial: State | None,
+    time: Tensor,
+    given: Inputs,
+    load: str | None,
+    span: tuple[float, float],
+    step: float,
+    steps: int,
+    control: Callable[[State], Tensor] | None,
+    target: Tensor | None,
+    branch: bool,
+    tolerance: float | None,
+    engine: str,
+) -> Path:
+    """`path`, in the dtype of the model's scene."""
     with no_derivatives():
-        start = model.space.start(rest(scene) if initial is None else check_state(initial, scene))
+        start = model.space.start(rest(model.scene) if initial is None else initial)
         start = Configuration(start.position, start.rotation, start.stress)
         loaded = LoadedProblem(model, time, given, load)
         loose = held_by_loads_alone(loaded(time + 1), loaded(time * 0), start)
@@ -225,25 +260,13 @@ def path(
         none = zero[..., None, None].expand(*zero.shape, *model.constraints.fixed.shape)
         return control(loaded(zero).state(x, none, zero.long()))
 
-    goal = (
-        None if target is None else finite("target", as_tensor(target, scene.dtype, scene.device))
-    )
     walk = Continuation(
-        model,
-        loaded,
-        (lowest, highest),
-        float(step),
-        control and read,
-        goal,
-        branch,
-        tolerance,
-        move_weights(model),
+        model, loaded, span, step, control and read, target, branch, tolerance, move_weights(model)
     )
     with no_derivatives():
         if initial is not None:
             still = loaded(time.new_zeros(()))
             check_balance(linearised(still, start) if model.internal_states else still, start)
-        steps = check_count("steps", steps)
         record, *ends = walk(start, steps, None if loose is None else ~loose)
         lost = ~record[0][0].sound if loose is None else loose | ~record[0][0].sound
         if concrete(lost).any():

@@ -76,7 +76,6 @@ class TorchbeamSolver:
 
     def run(self, scenario: Scenario, *, n_elements: int, n_frames: int) -> Trajectory:
         """Raises NotImplementedError for an end that slides along no axis of the world."""
-        torch.set_default_dtype(torch.float64)
         times = np.linspace(0.0, scenario.duration, n_frames)
         rods, finer = scenario.rods, _finer(scenario)
         step = self._step(scenario, times, bool(scenario.obstacles))

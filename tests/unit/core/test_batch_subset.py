@@ -159,14 +159,10 @@ def test_large_batch_and_a_sample_alone(dtype):
     """
     P = torch.logspace(-3, 1, 64, dtype=dtype)
     P[20] = 60.0
-    section = tb.Section.from_stiffness(
-        **{k: torch.tensor(v, dtype=dtype) for k, v in SOFT.items()}
-    )
+    beam = tb.Beam.straight(1.0, 4, tb.Section.from_stiffness(**SOFT))
 
     def run(P):
-        return moved(
-            tb.Scene(tb.Beam.straight(torch.tensor(1.0, dtype=dtype), 4, section), [tip(P)])
-        )
+        return moved(tb.Scene(beam, [tip(P)], dtype=dtype))
 
     all_, counted = run(P)
     assert counted[:, 20].max() > 12 and counted.min() < 3

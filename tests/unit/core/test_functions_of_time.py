@@ -560,13 +560,13 @@ def test_single_precision():
     """Rates and values keep the beam's dtype: forward mode by itself makes float64 of a float32
     scalar times a number.
     """
-    section = tb.Section(SECTION.compliance.float(), SECTION.mass.float())
-    single = tb.Beam.straight(torch.tensor(1.0, dtype=torch.float32), 2, section)
+    beam = tb.Beam.straight(1.0, 2, SECTION)
     for t in (torch.tensor(0.2), torch.tensor([0.2, 0.3])):
         made = tb.Scene(
-            single,
+            beam,
             [tb.TipLoad(force=lambda t: (0.0, 0.1, 0.1 * torch.sin(t)))],
             root=tb.RootMotion(*(lambda t: (0.0, 0.0, 0.1 * torch.sin(9 * t)),) * 2),
+            dtype=torch.float32,
         )
         state = tb.rest(made, t.shape, t.float())
         state = tb.Stepper(made, 0.01)(state)

@@ -61,7 +61,8 @@ def test_section_says_stiffness_and_mass():
         "batch (7,)",
     )
     few_lines(SECTION.shifted(z=0.1), "coupled compliance", "centre of mass off the axis")
-    few_lines(tb.Section(SECTION.compliance.float(), SECTION.mass.float()), "float32")
+    single = tb.Scene(tb.Beam.straight(1.0, 2, SECTION), dtype=torch.float32)
+    few_lines(single, "no batch axes, float32")
 
 
 def test_beam_says_size_and_ends():

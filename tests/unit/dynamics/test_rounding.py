@@ -27,9 +27,7 @@ TOLERANCES = {torch.float64: (None, 1e-6, 1e-10, 1e-13, 1e-14), torch.float32: (
 METHODS = "midpoint", "generalized_alpha"
 
 
-def section(dtype):
-    mass = torch.tensor(0.2, dtype=dtype)
-    return tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=mass, inertia=2e-4)
+SECTION = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=0.2, inertia=2e-4)
 
 
 def free(dtype, order):
@@ -39,8 +37,9 @@ def free(dtype, order):
     load, speed, at = torch.tensor(SAMPLES, dtype=torch.float64).to(dtype).unbind(-1)
     at = at if dtype is torch.float64 else at / 1e3
     force = torch.stack((0 * load, load, 0.3 * load), -1)
-    beam = tb.Beam.straight(1.0, 6, section(dtype), order=order)
-    scene = tb.Scene(beam, [tb.TipLoad(force=force), tb.Damping(0.1)], supports=())
+    beam = tb.Beam.straight(1.0, 6, SECTION, order=order)
+    effects = [tb.TipLoad(force=force), tb.Damping(0.1)]
+    scene = tb.Scene(beam, effects, supports=(), dtype=dtype)
     velocity = speed[:, None, None] * torch.tensor((1.0, 0.3, 0.1), dtype=dtype)
     return scene, velocity, at[:, None, None]
 
@@ -84,7 +83,7 @@ def test_a_damped_beam_at_rest_stays_there():
     """Fine, of order 2, and strongly damped, under a load that vanishes: strains of 1e-16 would
     have rates that are a thousand rounding errors.
     """
-    beam = tb.Beam.straight(1.0, 32, section(torch.float64), order=2)
+    beam = tb.Beam.straight(1.0, 32, SECTION, order=2)
     scene = tb.Scene(beam, [tb.TipLoad(force=(0.0, 0.0, 3e-80)), tb.Damping(0.2)])
     for method in (*METHODS, "midpoint4"):
         for engine in ("eager", "compiled"):

@@ -136,11 +136,8 @@ def test_gradients_of_metal_in_float32_are_native():
             torch.tensor(x, dtype=dtype, requires_grad=True) for x in (1e-3, [0.0, 0, 0.01])
         )
         section = tb.Section.rectangle(0.02, height, E=2.1e11, nu=0.3, rho=7800.0)
-        scene = tb.Scene(
-            tb.Beam.straight(torch.tensor(0.5, dtype=dtype), 2, section),
-            [tb.TipLoad(force=force)],
-            plane="xz",
-        )
+        beam = tb.Beam.straight(0.5, 2, section)
+        scene = tb.Scene(beam, [tb.TipLoad(force=force)], plane="xz", dtype=dtype)
         stepper = tb.Stepper(scene, 0.002, engine=engine)
         state = tb.rollout(stepper, tb.rollout(stepper, stepper.rest(), 12)[-1], 12)[-1]
         assert state.position.dtype == dtype

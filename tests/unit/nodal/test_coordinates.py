@@ -237,12 +237,12 @@ def test_an_elastic_clamp_that_moves_by_a_function_means_3d():
 
 
 def test_a_plane_in_single_precision():
-    """A float32 beam in a frame whose numbers came in the default dtype."""
-    of = tb.Section.from_stiffness(
-        EA=torch.tensor(100.0, dtype=torch.float32), GA=50.0, GJ=0.8, EI=1.0, mass=0.2
-    )
+    """In a frame whose numbers came in the default dtype."""
+    of = tb.Section.from_stiffness(EA=100.0, GA=50.0, GJ=0.8, EI=1.0, mass=0.2)
     frame = tb.Frame(velocity=(0.2, 0, 0), angular_velocity=(0, 0.5, 0))
-    stepper = tb.Stepper(tb.Scene(tb.Beam.straight(1.0, 2, of), frame=frame, plane="xz"), 0.01)
+    stepper = tb.Stepper(
+        tb.Scene(tb.Beam.straight(1.0, 2, of), frame=frame, plane="xz", dtype=torch.float32), 0.01
+    )
     state = stepper(stepper.rest())
     assert state.position.dtype == torch.float32 and state.status == 0
 

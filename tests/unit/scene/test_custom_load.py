@@ -172,14 +172,11 @@ def test_parameters_are_batched_and_bound(plane):
             assert_close(getattr(whole, name)[i], getattr(one, name), rtol=0, atol=1e-13)
     if plane:
         assert_close(run(replace(scene, plane=None)).internal, whole.internal, rtol=0, atol=1e-11)
-    numbers = dict(EA=50.0, GA=40.0, GJ=0.8, EI=1.0, mass=0.5, inertia=0.01)
-    section = tb.Section.from_stiffness(
-        **{name: torch.tensor(x, dtype=torch.float32) for name, x in numbers.items()}
-    )
     single = tb.Scene(
-        tb.Beam.straight(1.0, 2, section),
+        tb.Beam.straight(1.0, 2, SECTION),
         [tip, chord(chord=[0.1, 0.2], stiffness=2.0)],
         plane=plane,
+        dtype=torch.float32,
     )
     assert tb.Stepper(single, 0.02)(tb.Stepper(single, 0.02).rest()).internal.dtype == torch.float32
 

@@ -10,7 +10,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from tests.cases.nodal_cases import inertia, spd
-from torchbeam.core.leaves import bound
+from torchbeam.core.leaves import bound, leaves
 from torchbeam.math import quaternions as quat
 from torchbeam.scene import effects as fx
 
@@ -425,13 +425,11 @@ def test_rayleigh():
 
 
 def test_rayleigh_of_numbers_takes_any_dtype():
-    of = tb.Section.from_stiffness(
-        EA=torch.tensor(1.0, dtype=torch.float32), GA=1.0, GJ=1.0, EI=1.0, mass=1.0
-    )
-    assert (
-        tb.Scene(tb.Beam.straight(1.0, 2, of), tb.rayleigh((3.0, 20.0), (0.02, 0.03))).dtype
-        == torch.float32
-    )
+    of = tb.Section.from_stiffness(EA=1.0, GA=1.0, GJ=1.0, EI=1.0, mass=1.0)
+    effects = tb.rayleigh((3.0, torch.tensor(20.0, dtype=torch.float32)), (0.02, 0.03))
+    for dtype in (torch.float32, torch.float64):
+        scene = tb.Scene(tb.Beam.straight(1.0, 2, of), effects, dtype=dtype)
+        assert {effect.value.dtype for effect in leaves(scene.effects)} == {dtype}
 
 
 def test_rayleigh_of_modes():

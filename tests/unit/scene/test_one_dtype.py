@@ -1,5 +1,5 @@
-"""Numbers of another precision than the scene's are refused, wherever they come in; single numbers,
-Python's and whole ones take it.
+"""Numbers of another precision than the scene's are taken to it, wherever they come in; the
+gradient of a tensor has the tensor's own.
 """
 
 import numpy as np
@@ -7,21 +7,17 @@ import pytest
 import torch
 
 import torchbeam as tb
+from torchbeam.core.leaves import leaves
 
 WIDE, NARROW = torch.float64, torch.float32
 
 
-def section(dtype):
-    kinds = (torch.tensor(x, dtype=dtype) for x in (100.0, 50.0, 0.8, 1.0, 0.2, 1e-3))
-    return tb.Section.from_stiffness(*kinds)
+SECTION = tb.Section.from_stiffness(100.0, 50.0, 0.8, 1.0, 0.2, 1e-3)
+BEAM = tb.Beam.straight(1.0, 2, SECTION)
 
 
-def beam(dtype):
-    return tb.Beam.straight(torch.tensor(1.0, dtype=dtype), 2, section(dtype))
-
-
-def scene(dtype, *effects, **parts):
-    return tb.Scene(beam(dtype), effects, **parts)
+def scene(dtype, *effects, beam=BEAM, **parts):
+    return tb.Scene(beam, effects, dtype=dtype, **parts)
 
 
 def driven(dtype):
@@ -43,7 +39,7 @@ DOORS = {
         tb.Stepper(driven(of), 0.1), tb.rest(driven(of)), 2, f=tb.PerInterval(x.expand(2, 3))
     ),
     "an input of statics": lambda x, of: tb.equilibrium(driven(of), inputs={"f": x}),
-    "an input of modes": lambda x, of: tb.modes(driven(of), 1, inputs={"f": x}),
+    "an input of modes": lambda x, of: tb.modes(driven(of), count=1, inputs={"f": x}),
     "an input of NumPy": lambda x, of: tb.equilibrium(driven(of), inputs={"f": x.numpy()}),
     "a load": lambda x, of: scene(of, tb.TipLoad(force=x)),
     "a support": lambda x, of: scene(of, supports=[tb.Support(0, displacement=x)]),
@@ -55,32 +51,62 @@ DOORS = {
     "instants": lambda x, of: tb.simulate(
         driven(of), x.cumsum(0), step=0.1, inputs={"f": (0,) * 3}
     ),
-    "a root": lambda x, of: tb.Beam.straight(1.0, 2, section(of), root=x),
-    "nodes": lambda x, of: tb.Beam.from_nodes(x * torch.eye(3, dtype=x.dtype), section(of)),
+    "a root": lambda x, of: scene(of, beam=tb.Beam.straight(1.0, 2, SECTION, root=x)),
+    "nodes": lambda x, of: scene(
+        of, beam=tb.Beam.from_nodes(x * torch.eye(3, dtype=x.dtype), SECTION)
+    ),
     "a state": lambda x, of: tb.simulate(
         scene(of), [0.0, 0.1], step=0.1, initial=tb.rest(scene(x.dtype))
     ),
 }
+# whose numbers have a gradient by the three
+DIFFERENTIABLE = {*DOORS} - {"an input of NumPy", "an input of modes", "instants", "a state"}
+
+
+def numbers_of(made):
+    """Of what a door has let in."""
+    if isinstance(made, tb.Scene):
+        return torch.cat([x.flatten() for x in leaves_of(made)])
+    if isinstance(made, tb.Modes):
+        return made.frequency
+    state = made.state if isinstance(made, tb.Solution) else made
+    return torch.cat((state.position.flatten(), state.velocity.flatten()))
+
+
+def leaves_of(made):
+    return [x.value for x in leaves(made) if isinstance(x.value, torch.Tensor)]
 
 
 @pytest.mark.parametrize("door", DOORS)
 @pytest.mark.parametrize("given, own", [(NARROW, WIDE), (WIDE, NARROW)])
-def test_two_are_refused(door, given, own):
-    x = torch.tensor([0.1, 0.2, 0.3], dtype=given)
-    with pytest.raises(ValueError, match="one dtype is wanted"):
-        DOORS[door](x, own)
+def test_others_are_taken_to_it(door, given, own):
+    x = torch.tensor([0.25, 0.5, 0.75], dtype=given, requires_grad=door in DIFFERENTIABLE)
+    found = numbers_of(DOORS[door](x, own))
+    wanted = numbers_of(DOORS[door](x.detach().to(own), own))
+    assert found.dtype == own
+    torch.testing.assert_close(found, wanted, rtol=1e-6, atol=0)
+    if x.requires_grad:
+        (slope,) = torch.autograd.grad(found.square().sum(), x)
+        assert slope.dtype == given and (slope != 0).any()
 
 
-def test_instants_of_numpy_may_be_more_precise():
-    """numpy.linspace gives double precision to whoever asks for none; less is an error of its own
-    in the instants, and refused.
-    """
+@pytest.mark.parametrize("door", sorted({*DOORS} - {"a state"}))
+@pytest.mark.parametrize("given", [torch.float16, torch.complex128])
+def test_no_others(door, given):
+    if given.is_complex or ("function" not in door and door != "a load of one's own"):
+        with pytest.raises(ValueError, match="wanted"):
+            DOORS[door](torch.tensor([0.25, 0.5, 0.75]).to(given), WIDE)
+
+
+@pytest.mark.parametrize("own", [WIDE, NARROW])
+def test_instants(own):
+    """Those of NumPy, of either precision, in a scene of either."""
     t = np.linspace(0, 0.2, 3)
-    assert tb.simulate(scene(NARROW), t).t.dtype == NARROW
-    with pytest.raises(ValueError, match="one dtype is wanted"):
-        tb.simulate(scene(WIDE), t.astype(np.float32))
+    for given in (t, t.astype(np.float32), t.tolist()):
+        found = tb.simulate(scene(own), given, step=0.1)
+        assert found.t.dtype == own and found.stats.steps == 2
     with pytest.raises(ValueError, match=r"goes from 0\.1 to 0\.1"):
-        tb.simulate(scene(NARROW), np.array([0.1, 0.1 + 1e-12]))
+        tb.simulate(scene(own), np.array([0.1, 0.1]))
 
 
 @pytest.mark.parametrize("own", [WIDE, NARROW])

@@ -1,5 +1,7 @@
 """Scene: what it finds in its effects, batches, inputs. Bad input: test_refusals."""
 
+import copy
+import pickle
 from dataclasses import replace
 
 import pytest
@@ -7,6 +9,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from torchbeam.core.leaves import leaves
 
 SECTION = tb.Section.from_stiffness(EA=10.0, GA=4.0, GJ=0.5, EI=1.0, mass=0.3, inertia=0.01)
 BEAM = tb.Beam.straight(1.0, 2, SECTION)
@@ -142,13 +145,23 @@ def test_a_clamp_moves_in_every_form():
         assert_close(ends[0][0, 2], t[-1] ** 2, rtol=0, atol=1e-12)
 
 
-def test_numbers_take_the_dtype_of_the_beam():
-    """A float32 beam with plain numbers for loads is a float32 scene."""
+def test_single_precision_is_asked_for():
+    """By a keyword, which all that is made of the scene keeps; a float32 beam alone does not."""
     of = tb.Section.from_stiffness(
         EA=torch.tensor(10.0, dtype=torch.float32), GA=4.0, GJ=0.5, EI=1.0, mass=0.3
     )
-    scene = tb.Scene(tb.Beam.straight(1.0, 2, of), [tb.TipLoad(force=(0, 0, 0.1)), tb.Damping(0.1)])
-    assert scene.dtype == torch.float32 and tb.equilibrium(scene).position.dtype == torch.float32
+    beam = tb.Beam.straight(torch.tensor(1.0, dtype=torch.float32), 2, of)
+    effects = [tb.TipLoad(force=torch.tensor([0, 0, 0.1], dtype=torch.float32)), tb.Damping(0.1)]
+    assert tb.Scene(beam, effects).dtype == torch.float64 == beam.nodes.dtype
+    single = tb.Scene(beam, effects, dtype=torch.float32)
+    again = replace(single, supports=[tb.Support(0, rotation="")], plane="xz")
+    for scene in (single, again, copy.deepcopy(single), pickle.loads(pickle.dumps(single))):
+        kinds = {x.value.dtype for x in leaves(scene) if isinstance(x.value, torch.Tensor)}
+        assert scene.dtype == torch.float32 and kinds == {torch.float32}
+    assert tb.equilibrium(single).position.dtype == torch.float32
+    assert single.to(torch.float64).dtype == replace(single, dtype=None).dtype == torch.float64
+    with pytest.raises(ValueError, match=r"torch\.float16 was given; torch\.float32 or"):
+        tb.Scene(beam, dtype=torch.float16)
 
 
 def test_root_state_and_views():

@@ -4,6 +4,7 @@ test_refusals.
 
 import math
 
+import numpy as np
 import pytest
 import torch
 from torch.testing import assert_close
@@ -73,17 +74,13 @@ def test_what_is_found_at_construction():
     assert full.coupled and full.offset and full.rotary and not any(full.rigid)
 
 
-def test_batches_broadcast_and_dtypes_follow_the_inputs():
+def test_batches_broadcast_and_sections_are_double():
     section = tb.Section.from_stiffness(
         EA=1.0, GA=1.0, GJ=1.0, EI=torch.rand(4, 1) + 1, mass=torch.rand(3) + 1
     )
     assert section.batch_shape == (4, 3)
-    assert (
-        tb.Section.circle(torch.tensor(0.1, dtype=torch.float32), 3.0, 0.5, 2.0).mass.dtype
-        == torch.float32
-    )
-    torch.set_default_dtype(torch.float32)
-    assert tb.Section.circle(0.1, 3.0, 0.5, 2.0).mass.dtype == torch.float32
+    for radius in (0.1, torch.tensor(0.1, dtype=torch.float32), np.float32(0.1)):
+        assert tb.Section.circle(radius, 3.0, 0.5, 2.0).mass.dtype == torch.float64
 
 
 def test_a_pair_is_a_sequence_and_a_tensor_a_batch():
@@ -133,6 +130,7 @@ def test_rounding_is_no_asymmetry(dtype):
     )
     S = torch.linalg.inv(T.mT @ stiffness @ T)
     assert (S != S.mT).any()
+    tb.Section(S.numpy(), torch.eye(6, dtype=dtype))
     S = tb.Section(S, torch.eye(6, dtype=dtype)).compliance
     assert (S == S.mT).all()
 

@@ -194,24 +194,15 @@ def test_restart(method, dtype):
     let go is that of the equilibrium (nothing jumps).
     """
     beam = tb.Beam.straight(
-        1.0,
-        4,
-        tb.Section.from_stiffness(
-            *(torch.tensor(v, dtype=dtype) for v in (60.0, 40.0, 1.2, 1.0)), mass=1.0, inertia=0.05
-        ),
+        1.0, 4, tb.Section.from_stiffness(60.0, 40.0, 1.2, 1.0, mass=1.0, inertia=0.05)
     )
     supports = (
-        replace(DISPLACED[0], turn=None, displacement=torch.tensor([0.0, 0.01, 0.02], dtype=dtype)),
-        tb.Support(
-            -1,
-            position="yz",
-            rotation="xz",
-            displacement=torch.tensor([0.0, 0.02, -0.01], dtype=dtype),
-        ),
+        replace(DISPLACED[0], turn=None, displacement=(0.0, 0.01, 0.02)),
+        tb.Support(-1, position="yz", rotation="xz", displacement=(0.0, 0.02, -0.01)),
     )
-    scene = tb.Scene(beam, [tb.PointLoad(2, force=(1.0, 2.0, 3.0))], supports=supports)
-    bent = tb.equilibrium(scene)
-    loose = tb.Scene(beam, supports=supports)
+    pulled = [tb.PointLoad(2, force=(1.0, 2.0, 3.0))]
+    bent = tb.equilibrium(tb.Scene(beam, pulled, supports=supports, dtype=dtype))
+    loose = tb.Scene(beam, supports=supports, dtype=dtype)
     how = dict(method=method) if method == "dopri5" else dict(method=method, step=0.01)
     first = tb.simulate(loose, [0.0, 0.05, 0.1], bent, **how)
     again = tb.simulate(loose, [0.05, 0.1], first.state[1], **how)

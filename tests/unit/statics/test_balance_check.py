@@ -56,12 +56,10 @@ def test_equilibria_are_taken(dtype):
             scene(dtype), tb.equilibrium(scene(dtype), inputs={"u": u}), 2, inputs={"u": u}
         ).frequency
     ).all()
-    section = tb.Section(SECTION.compliance.to(dtype), SECTION.mass.to(dtype))
-    turning = tb.Scene(
-        tb.Beam.straight(1.0, 4, section), frame=tb.Frame(angular_velocity=(0.0, 3.0, 10.0))
-    )
+    beam, frame = tb.Beam.straight(1.0, 4, SECTION), tb.Frame(angular_velocity=(0.0, 3.0, 10.0))
+    turning = tb.Scene(beam, frame=frame, dtype=dtype)
     tb.modes(turning, tb.equilibrium(turning), 2)
-    free = tb.Scene(tb.Beam.straight(1.0, 4, section), supports=())
+    free = tb.Scene(beam, supports=(), dtype=dtype)
     tb.modes(free, tb.equilibrium(free), 2)
 
 

@@ -17,7 +17,7 @@ from ...core.arguments import count as check_count
 from ...core.arguments import function as check_function
 from ...core.arguments import level_of as check_level
 from ...core.arguments import tolerance as check_tolerance
-from ...core.validation import as_instants, increasing
+from ...core.validation import as_tensor, increasing
 from ...scene.scene import Scene
 from ...sensors.sensor import Sensor
 from ...statics.equilibrium import equilibrium
@@ -183,7 +183,7 @@ def _problem(
     if size is not None:
         check_tolerance("size", size, each=True)
     if t is not None:
-        t = increasing("t", as_instants(t, first.dtype, first.device)).detach()
+        t = increasing("t", as_tensor(t, first.dtype, first.device)).detach()
     return make, base, first, t
 
 

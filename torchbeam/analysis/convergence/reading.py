@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.validation import shown
+from ...core.validation import as_tensor, shown
 from ...scene.beam import Beam
 from ...scene.scene import Scene
 from ...sensors.sensor import Sensor
@@ -46,7 +46,7 @@ class Reader:
             value = self.read(result)
         if not isinstance(value, Tensor):
             try:
-                value = torch.as_tensor(value)
+                value = as_tensor(value, torch.float64)
             except (TypeError, ValueError, RuntimeError):
                 raise ValueError(f"read gave {shown(value)}; a tensor is wanted") from None
         if value.is_complex() or not value.is_floating_point():

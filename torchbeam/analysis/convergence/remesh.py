@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ...core.arguments import boolean, instance
 from ...core.arguments import count as check_count
+from ...core.functions_of_time import taken
 from ...core.leaves import own_leaves, with_values
 from ...scene.beam import Beam
 from ...scene.beam_arguments import check_order
@@ -190,7 +191,11 @@ def _divided(value: PerElement | AtSites, parts: int) -> PerElement:
         )
     if callable(given):
         function: Callable[[Tensor], Tensor] = given
-        return PerElement(lambda t: torch.as_tensor(function(t)).repeat_interleave(parts, -2))
+        return PerElement(
+            lambda t: taken("a PerElement function's value", function(t), t).repeat_interleave(
+                parts, -2
+            )
+        )
     return PerElement(torch.as_tensor(given).repeat_interleave(parts, -2))
 
 

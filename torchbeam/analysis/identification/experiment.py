@@ -73,16 +73,11 @@ class Experiment:
                 raise OtherShape(
                     f"a model that gave {tuple(part.shape)} for {what} was given; {shape} is wanted"
                 )
-            if part.dtype != theta.dtype:
-                raise OtherShape(
-                    f"a model that gave {part.dtype} for parameters of {theta.dtype} was given; "
-                    "data, start and model of one dtype are wanted"
-                )
         if len(parts) != len(wanted):
             raise OtherShape(
                 f"a model that gave {len(parts)} tensors was given for {len(wanted)} measurements"
             )
-        values = torch.cat([part.reshape(len(theta), -1) for part in parts], -1)
+        values = torch.cat([part.reshape(len(theta), -1) for part in parts], -1).to(theta.dtype)
         if status is None or not (concrete(status) != 0).any():
             return values
         if tuple(status.shape) != (len(theta),):

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import boolean, count
-from ...core.validation import Value, as_instants, as_tensor, common_dtype, finite, positive
+from ...core.validation import Value, as_tensor, common_dtype, finite, positive
 from ...sensors import Sensor
 from ...sensors.observe import observe
 
@@ -106,7 +106,7 @@ class Measurement:
                 ) from None
             object.__setattr__(self, "sigma", sigma)
         if self.times is not None:
-            times = finite("times", as_instants(self.times, dtype, device)).detach()
+            times = finite("times", as_tensor(self.times, dtype, device)).detach()
             if times.ndim != 1 or not values.ndim or len(times) != len(values):
                 raise ValueError(
                     f"times of shape {tuple(times.shape)} were given for {self._of} of shape "
@@ -201,7 +201,9 @@ class Measurement:
         along = (
             self.times
             if self.times is not None
-            else torch.linspace(0, 1, len(values) if values.ndim else 1).to(values)
+            else torch.linspace(0, 1, len(values) if values.ndim else 1, dtype=values.dtype).to(
+                values
+            )
         )
         shapes = [
             (name, shape)

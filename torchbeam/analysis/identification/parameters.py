@@ -44,7 +44,7 @@ class Entry:
         that are not zero, as some densities are zero at an end.
         """
         low, high = (
-            torch.as_tensor(getattr(self.prior.support, name, end))
+            torch.as_tensor(getattr(self.prior.support, name, end), dtype=like.dtype)
             .to(like)
             .expand(self.shape)
             .reshape(self.size)
@@ -89,9 +89,7 @@ class Parameters:
         experiments: Sequence[str],
         like: Any,
     ) -> Parameters:
-        """From what `identify` was given; `like`: data, whose dtype it is where the start has
-        none.
-        """
+        """From what `identify` was given; `like`: data, on whose device."""
         if isinstance(start, Mapping):
             if bounds is not None or names is not None:
                 raise ValueError(
@@ -304,7 +302,7 @@ def _named(
             first += entry.size
 
     def joined(read: Any, like: Any = lambda one: one.start) -> Tensor:
-        numbers = [torch.as_tensor(read(one)).to(kind[1], kind[0]) for one in given]
+        numbers = [torch.as_tensor(read(one), dtype=kind[0], device=kind[1]) for one in given]
         return torch.cat(
             [x.expand_as(like(one)).flatten() for x, one in zip(numbers, given, strict=True)]
         )

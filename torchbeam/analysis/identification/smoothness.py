@@ -62,7 +62,7 @@ class Smoothness:
                 f"{self.order + 2} or more are wanted"
             )
         if self.at is None:
-            at = torch.linspace(0, 1, n).to(like)
+            at = torch.linspace(0, 1, n, dtype=like.dtype, device=like.device)
         else:
             at = increasing("at", as_tensor(self.at, like.dtype, like.device))
             if at.shape != (n,):

@@ -255,7 +255,7 @@ def settings(
         raise ValueError(f"seed = {seed} was given; one below 2^63 is wanted")
     if (n := count("n", n)) > SOBOL_POINTS:
         raise ValueError(f"n = {n} was given; the sequence has 2^30 points")
-    return n, seed, count("chunk", chunk), precision(dtype or torch.get_default_dtype())
+    return n, seed, count("chunk", chunk), precision(dtype or torch.float64)
 
 
 def points_of(n: int, replicates: Any, fewest: int = 1, least: int = 1) -> int:

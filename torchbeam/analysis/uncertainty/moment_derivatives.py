@@ -14,7 +14,7 @@ from torch import Tensor
 from ...core.arguments import boolean, level_of
 from ...core.arguments import function as checked_function
 from ...core.repetition import one_of
-from ...core.validation import Value, as_tensor, finite, precision
+from ...core.validation import Value, as_tensor, finite
 from .designs import Sobol
 from .estimate import Estimate, student_half
 from .evaluation import Function, called, points_of, settings
@@ -100,20 +100,12 @@ def moment_derivatives(
     level = level_of("interval", interval)
     checked_function("laws", laws, "q")
     boolean("by_name", by_name)
-    q = finite(
-        "q",
-        as_tensor(
-            q,
-            q.dtype
-            if isinstance(q, Tensor) and q.is_floating_point()
-            else torch.get_default_dtype(),
-        ),
-    )
+    q = finite("q", as_tensor(q, torch.float64))
     if q.ndim != 1:
         raise ValueError(f"q {tuple(q.shape)} was given; (m,) is wanted")
     q = q.detach().clone().requires_grad_()
     joint = JointLaw.of(laws(q), correlation)
-    n, seed, chunk, _ = settings(function, n, seed, chunk, None, precision(q.dtype), None)
+    n, seed, chunk, _ = settings(function, n, seed, chunk, None, None, None)
     points = points_of(n, replicates, fewest=2, least=2)
     plan, sums, lost, about = Sobol(joint.dimension, seed, points), [], [], None
     u = plan.uniform(0, min(TRIED, points))

@@ -212,7 +212,7 @@ def _own(
     joint = (
         JointLaw.of(laws) if isinstance(laws, Mapping) else JointLaw(dict.fromkeys(_names(laws)))
     )
-    theta = finite("theta", as_tensor(theta, dtype or torch.get_default_dtype())).detach().cpu()
+    theta = finite("theta", as_tensor(theta, dtype or torch.float64)).detach().cpu()
     if theta.ndim != 2 or not len(theta) or theta.shape[1] != len(joint.names):
         raise ValueError(
             f"theta {tuple(theta.shape)} was given; (n, {len(joint.names)}) is wanted, a column "

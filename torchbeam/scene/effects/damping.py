@@ -141,9 +141,9 @@ def rayleigh(
         tensor([0.0102, 0.0202])
     """
     plainly = not has_dtype([frequency, ratio])
-    dtype = torch.float64 if plainly else common_dtype(frequency, ratio)[0]
+    dtype, device = common_dtype(frequency, ratio)
     w, z = (
-        finite(name, as_tensor(v, dtype))
+        finite(name, as_tensor(v, dtype, device))
         for name, v in (("frequency", frequency), ("ratio", ratio))
     )
     if w.ndim == 0 or w.shape[-1] < 2 or z.ndim == 0 or z.shape[-1] != w.shape[-1]:
@@ -165,7 +165,6 @@ def rayleigh(
             "each other are wanted"
         )
     coefficients = alpha * scale[..., 0], tau / scale[..., 0]
-    # numbers have no dtype of their own
     alpha, tau = (numbers(x.tolist()) for x in coefficients) if plainly else coefficients
     return MassDamping(alpha), Damping(tau, six=False)
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
 
 from ...core.arguments import function as check_function
 from ...core.functions_of_time import at_time, taken
-from ...core.leaves import leaf
+from ...core.leaves import leaf, with_values
 from ...core.validation import Value
 from ...math.quaternions import skew
 from ...math.shapes import broadcast_shapes
@@ -102,7 +102,7 @@ class Drag(LoadEffect):
         return (self.added_mass * self.density * self.diameter**2 * (math.pi / 4))[..., None, None]
 
     def in_free_vibration(self) -> LoadEffect | None:
-        return replace(self, flow=None) if self.carries else None
+        return with_values(self, flow=None) if self.carries else None
 
     @property
     def wants_axes(self) -> bool:

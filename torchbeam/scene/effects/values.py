@@ -225,7 +225,7 @@ def inputs_of(effect: Effect | Tree) -> list[Input]:
 
 
 Inputs = dict[str, Tensor]
-# an array: plain numbers, of no dtype of their own
+# an array: plain numbers
 LoadValue = Tensor | np.ndarray | Callable[..., Tensor] | Input
 
 
@@ -269,7 +269,8 @@ class PerInterval(Tree):
     value: Value = leaf(2)
 
     def __post_init__(self) -> None:
-        value = plain(self.value)
+        given = self.value  # a tensor stays in its dtype, until the scene that takes it is known
+        value = real(given) if isinstance(given, Tensor) else plain(given)
         if value.ndim < 2:
             raise ValueError(
                 f"PerInterval of shape {tuple(value.shape)} was given; (..., intervals, size) is "
@@ -359,12 +360,9 @@ def value_along(
 
 
 def plain(value: Value) -> Tensor | np.ndarray:
-    """A tensor as it is, NumPy's floating numbers and a sequence that holds tensors as one, and
-    plain numbers as an array: they take the dtype of what they meet. Raises ValueError for what is
-    no real number.
+    """A tensor, NumPy's floating numbers and a sequence that holds tensors as a tensor of float64,
+    and plain numbers as an array. Raises ValueError for what is no real number.
     """
-    if isinstance(value, Tensor):
-        return real(value)
     return as_tensor(value, *common_dtype(value)) if has_dtype(value) else numbers(value)
 
 

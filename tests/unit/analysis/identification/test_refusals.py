@@ -67,8 +67,6 @@ CASES = {
     "follow": (lambda: dict(starts=3, follow=0), "follow = 0"),
     "starts": (lambda: dict(starts=0), "starts = 0"),
     "spread": (lambda: dict(starts=3, spread=0.5), "spread = 0.5"),
-    "another dtype": (lambda: dict(data=CLEAN.float()),
-                      r"gave torch.float64 for parameters of torch.float32"),
     "a sensor without a solution": (lambda: dict(data=tb.Measurement(CLEAN, 0.1, T,
         tb.sensors.Spin(-1)["y"], name="gyro")),
                                     r"a Measurement that has a sensor \('gyro'\), by which a "

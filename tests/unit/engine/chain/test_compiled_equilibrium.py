@@ -307,14 +307,13 @@ def test_from_another_shape_and_to_another_tolerance():
 
 @torch.no_grad()
 def test_single_precision():
-    numbers = [torch.tensor(x, dtype=torch.float32) for x in (2e3, 8e2, 2.0, 3.0, 0.5, 1e-3)]
-    beam = tb.Beam.straight(
-        torch.tensor(1.0, dtype=torch.float32), 4, tb.Section.from_stiffness(*numbers)
-    )
-    scene = tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3))], plane="xz")
+    """In double inside, and rounded."""
+    beam = tb.Beam.straight(1.0, 4, tb.Section.from_stiffness(2e3, 8e2, 2.0, 3.0, 0.5, 1e-3))
+    load = tb.TipLoad(force=tb.Input("u", 3))
+    scene = tb.Scene(beam, [load], plane="xz", dtype=torch.float32)
     found, wanted = both(scene, u=pulls(5, 3.0).float())
     assert found.position.dtype == torch.float32
-    same(found, wanted, 2e-4)  # the tolerance of Newton's method is 1e-4
+    same(found, wanted, 1e-6)
 
 
 def test_gradients_are_the_eager_ones():

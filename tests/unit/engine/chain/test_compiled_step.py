@@ -175,13 +175,10 @@ def test_copies_step_alike(stepper):
 @pytest.mark.parametrize("N, order, plane", [(4, 1, None), (2, 2, "xz")])
 @torch.no_grad()
 def test_single_precision(N, order, plane):
-    numbers = [torch.tensor(x, dtype=torch.float32) for x in (2e3, 8e2, 2.0, 3.0, 0.5, 1e-3)]
-    beam = tb.Beam.straight(
-        torch.tensor(1.0, dtype=torch.float32), N, tb.Section.from_stiffness(*numbers), order=order
-    )
-    scene = tb.Scene(
-        beam, [tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=tb.Input("u", 3))], plane=plane
-    )
+    section = tb.Section.from_stiffness(2e3, 8e2, 2.0, 3.0, 0.5, 1e-3)
+    beam = tb.Beam.straight(1.0, N, section, order=order)
+    effects = [tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=tb.Input("u", 3))]
+    scene = tb.Scene(beam, effects, plane=plane, dtype=torch.float32)
     start = moving(scene, (5,))
     u = torch.randn(5, 3, dtype=torch.float32)
     u[:, 1] *= plane is None
