@@ -45,13 +45,13 @@ class SharedMass(LumpedMass):
     difference: tuple[float, ...]
 
     def momentum(self, velocity: Tensor) -> Tensor:
-        bent = self.coupling * self._difference(self.topology.gather(velocity))
+        bent = self.coupling * self.differences(self.topology.gather(velocity))
         return self.mass * velocity - self.topology.scatter(
             tuple(_times(b, bent) for b in self.difference)
         )
 
-    def _difference(self, parts: tuple[Tensor, ...]) -> Tensor:
-        """b^T v, what adds first: -v by itself would be an operation more."""
+    def differences(self, parts: tuple[Tensor, ...]) -> Tensor:
+        """b^T v (..., elements, *), what adds first: -v by itself would be an operation more."""
         pairs = sorted(zip(self.difference, parts, strict=True), key=lambda pair: pair[0] < 0)
         total = _times(*pairs[0])
         for b, v in pairs[1:]:
