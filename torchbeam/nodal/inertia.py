@@ -282,9 +282,7 @@ def _aside(mass: SharedMass, beam: Beam, e: Tensor) -> Tensor:
     """
     R = quat.matrix(beam.frames)
     x = beam.nodes + (R @ e[..., None])[..., 0]
-    apart = (
-        skew(mass.differences(mass.topology.gather(places))) for places in (x, beam.nodes)
-    )
+    apart = (skew(mass.differences(mass.topology.gather(places))) for places in (x, beam.nodes))
     of_centres, of_nodes = (v.mT @ v for v in apart)
     share = mass.coupling[..., None] / len(mass.difference) * (of_centres - of_nodes)
     return R.mT @ mass.topology.scatter((share,) * len(mass.difference), 2) @ R
