@@ -3,13 +3,13 @@
     p = m v - sum over elements of c b (b^T v),
     b = (-1, 1) of an element of two nodes, (1, -2, 1) of one of three
 
-With c = m/6 two nodes have the consistent mass of a straight element, which turns as a rigid bar
-does: so has a rigid element. With c = m/12 of the element's mass m, two nodes have half of the consistent mass and half of the
+With c = m/12 of the element's mass m, two nodes have half of the consistent mass and half of the
 lumped one; the translational error of the implicit form is then fourth order. A mass m at three
 nodes as 1/6, 2/3, 1/6 (Simpson's rule) becomes the consistent one with c = m/30. The frequencies of
 bending are too high by either, by twice as much with the consistent one, so that c = -m/30 takes
 the error's fourth order out (measured: tests/unit/nodal/test_quadratic.py); axial and torsional
-ones stay fourth order.
+ones stay fourth order. An element that neither bends nor shears has the consistent mass, c = m/6 of
+two nodes: that of a bar, which no mesh changes.
 """
 
 from __future__ import annotations
