@@ -41,11 +41,11 @@ from .coordinates.spatial import Spatial
 from .mass import LumpedMass, SharedMass
 from .mass_offset import MassOffset, NoMassOffset
 from .quadrature import gregory, too_uneven, trapezoidal
+from .rigid_elements import rigid_elements
 from .rotary import NoRotaryInertia, RotaryInertia
 
 # of a beam's largest nodal mass, or inertia about an axis: what rounding may leave of none
 NEGATIVE = 1e-5
-EXTENSION, TWIST = 0, 3  # of strains, in a plane and in space; the others are across the beam
 UNEVEN = (
     "linked interpolation was given elements whose lengths or masses jump by so much that mass "
     "and loads along the beam are lumped half and half: frequencies are then less accurate than "
@@ -180,7 +180,7 @@ def inertia_of(
                 "a mass or inertia that changes more than threefold within an element of order "
                 f"{beam.order} was given; more elements are wanted"
             )
-    rigid = None if lumped else _rigid_elements(impossible, beam, space)
+    rigid = None if lumped else rigid_elements(impossible, beam, space)
     if beam.linked_interpolation:
         density = m[..., 0]
         smooth = density if rigid is None else torch.where(rigid[..., 0], 0.0, density)
@@ -250,29 +250,6 @@ def _of_nodes(beam: Beam, weights: list[Tensor]) -> Tensor:
         return weights[0] if len(weights) == 1 else torch.cat(weights, -1)
     shape = weights[0].shape[:-1] if weights else ()
     return torch.cat((*weights, beam.nodes.new_ones(*shape, len(beam.masses))), -1)
-
-
-def impossible_strains(beam: Beam) -> Tensor | None:
-    """(..., stations or 1, 6), 1 where a section's strain is impossible, else 0; None = no section
-    has the shear and the bending across one axis impossible both.
-    """
-    if not any(map(all, (beam.rigid[1:6:4], beam.rigid[2:5:2]))):
-        return None
-    return (beam.compliance.diagonal(dim1=-2, dim2=-1) == 0).to(beam.length)
-
-
-def _rigid_elements(impossible: Tensor | None, beam: Beam, space: Spatial) -> Tensor | None:
-    """(..., elements or 1, 1) bool: which neither shear nor bend; None = none do not."""
-    if impossible is None:
-        return None
-    strains = space.project_diagonal(impossible)
-    across = [k for k in range(space.dims.strain) if k not in (EXTENSION, TWIST)]
-    rigid = (strains[..., across] > 0).all(-1)
-    if not concrete(rigid).any():
-        return None
-    if rigid.shape[-1] > 1:
-        rigid = rigid.unflatten(-1, (-1, beam.order)).all(-1)
-    return rigid[..., None]
 
 
 def _aside(mass: SharedMass, beam: Beam, e: Tensor) -> Tensor:
