@@ -358,7 +358,7 @@ def user_load_of(d):
 
         return function
 
-    return lambda x: tb.Load(made(x), of=of)
+    return lambda x: tb.Load(made(x), node=-1, of=of)
 
 
 @ingredient("effect", "Load internal")
@@ -378,6 +378,6 @@ def user_load_internal(d):
                 + position[..., :2]
             )
 
-        return tb.Load(function, internal=2, rate=rate)
+        return tb.Load(function, node=-1, internal=2, rate=rate)
 
     return made

@@ -300,6 +300,7 @@ def neural(*layers, train=False):
 def network(module):
     return tb.Load(
         lambda x, R, v, w, t: (0.3 * module(torch.cat((x, v), -1)), None),
+        node=-1,
         of=("position", "velocity"),
     )
 
@@ -432,7 +433,9 @@ class Recurrent(nn.Module):
             now = self.cell(torch.cat([x, v], -1).reshape(-1, 6), z.reshape(-1, 4))
             return 20.0 * (now.reshape(z.shape) - z)
 
-        return tb.Load(lambda x, R, v, w, t, z: (0.3 * self.out(z), None), internal=4, rate=rate)
+        return tb.Load(
+            lambda x, R, v, w, t, z: (0.3 * self.out(z), None), node=-1, internal=4, rate=rate
+        )
 
 
 class Attention(nn.Module):
@@ -459,7 +462,7 @@ class Regulator:
 
 
 def tip(function, **more):
-    return lambda: tb.Load(function, **more)
+    return lambda: tb.Load(function, **{"node": -1, **more})
 
 
 # fmt: off
@@ -479,11 +482,11 @@ LOADS = {
     "gain by time": tip(scheduled), "matrix": tip(of_matrix), "linear solve": tip(implicit_drag),
     "gradient of a potential": tip(conservative), "writes into its own": tip(writing_its_own),
     "radial basis": tip(radial_basis),
-    "closure": lambda: tb.Load(closure(3.0, torch.tensor([0.1, 0.2, 0.3]))),
-    "partial": lambda: tb.Load(functools.partial(scaled, 0.4, torch.tensor([1.0, 0.0, 0.1]))),
-    "method of a dataclass": lambda: tb.Load(Contact().force),
-    "callable object": lambda: tb.Load(Contact(stiffness=20.0)),
-    "method of an object": lambda: tb.Load(Motor([0.8, 0.2]).torque),
+    "closure": lambda: tb.Load(closure(3.0, torch.tensor([0.1, 0.2, 0.3])), node=-1),
+    "partial": tip(functools.partial(scaled, 0.4, torch.tensor([1.0, 0.0, 0.1]))),
+    "method of a dataclass": lambda: tb.Load(Contact().force, node=-1),
+    "callable object": lambda: tb.Load(Contact(stiffness=20.0), node=-1),
+    "method of an object": lambda: tb.Load(Motor([0.8, 0.2]).torque, node=-1),
     "class of one's own": lambda: Brake(0.3),
     "shear flow": lambda: tb.Drag(100.0, 0.02, flow=shear),
     "vortex": lambda: tb.Drag(100.0, 0.02, flow=vortex),
@@ -500,15 +503,16 @@ LOADS = {
     "network, residual": lambda: network(Residual().double()),
     "network, float32": lambda: network(Single()),
     "partial by keywords": lambda: tb.Load(
-        functools.partial(magnet, strength=0.05, pole=torch.tensor([1.0, 0, 0.3]))),
-    "closure of tuples": lambda: tb.Load(by_settings()),
+        functools.partial(magnet, strength=0.05, pole=torch.tensor([1.0, 0, 0.3])), node=-1),
+    "closure of tuples": lambda: tb.Load(by_settings(), node=-1),
     "walls by where": tip(walls), "interpolation": tip(by_table), "Jacobian": tip(jacobian),
     "rate of a field": tip(rate_of_a_field), "numbers of NumPy": tip(numbers),
     "loop over nodes": tip(node_by_node, node=None), "rotations": tip(of_rotations),
     "softmax and sums": tip(softly), "named tuple": tip(by_name),
     "tensor by default": tip(by_defaults),
     "recurrent cell": lambda: Recurrent().double().load(),
-    "attention": lambda: tb.Load(Attention().double()), "regulator": lambda: tb.Load(Regulator()),
+    "attention": lambda: tb.Load(Attention().double(), node=-1),
+    "regulator": lambda: tb.Load(Regulator(), node=-1),
 }
 # fmt: on
 
@@ -537,21 +541,21 @@ def lagging(k):
     def rate(z, x, R, v, w, t):
         return 20.0 * k * (x[..., 2:3] - z)
 
-    return tb.Load(pull, internal=1, rate=rate)
+    return tb.Load(pull, node=-1, internal=1, rate=rate)
 
 
 def mixing(k):
     """Each beam feels the largest of all, from 2 on."""
-    return tb.Load(lambda x, R, v, w, t: (-k / k.max().clamp(min=2.0) * v, None))
+    return tb.Load(lambda x, R, v, w, t: (-k / k.max().clamp(min=2.0) * v, None), node=-1)
 
 
 BATCHES = {  # of a tensor (3, 1), in loads that close over it
-    "closed-over batch": lambda k: tb.Load(springs(k)),
-    "batch by places": lambda k: tb.Load(picking(k[:, 0])),
+    "closed-over batch": lambda k: tb.Load(springs(k), node=-1),
+    "batch by places": lambda k: tb.Load(picking(k[:, 0]), node=-1),
     "batch of a partial": lambda k: tb.Load(
-        functools.partial(scaled, k, torch.tensor([1.0, 0.0, 0.1]))
+        functools.partial(scaled, k, torch.tensor([1.0, 0.0, 0.1])), node=-1
     ),
-    "batch of an object": lambda k: tb.Load(Motor([k, 0.2]).torque),
+    "batch of an object": lambda k: tb.Load(Motor([k, 0.2]).torque, node=-1),
     "batch of lags": lagging,
     "batch along the beam": lambda k: tb.Load(
         lambda x, R, v, w, t: (-k[:, None] * v, None), node=None
@@ -674,6 +678,9 @@ REFUSED = {
     "math of time": (tip(of_math), "functions of torch in the place of math's"),
     "complex numbers": (tip(of_complex), "real numbers by sin and cos are wanted"),
     "sorted": (tip(ordered), "torch.maximum and torch.minimum are wanted"),
-    "memory": (lambda: tb.Load(Remembering().force), "the value of a traced tensor was asked for"),
+    "memory": (
+        lambda: tb.Load(Remembering().force, node=-1),
+        "the value of a traced tensor was asked for",
+    ),
     "dropout of train": (lambda: neural(nn.Dropout, train=True), "random numbers were drawn"),
 }

@@ -558,14 +558,15 @@ CASES = {
         ),
         scale=1e-2,
     ),
-    "Load.values": Case(lambda x: scene(tb.Load(pulling, values={"c": x[..., 0]}))),
+    "Load.values": Case(lambda x: scene(tb.Load(pulling, node=-1, values={"c": x[..., 0]}))),
     "Load.function": Case(
         lambda x: scene(
             tb.Load(
                 lambda position, rotation, velocity, spin, t: (
                     x[..., 0, None] * (1.0 + velocity),
                     None,
-                )
+                ),
+                node=-1,
             )
         )
     ),
@@ -573,6 +574,7 @@ CASES = {
         lambda x: scene(
             tb.Load(
                 lambda position, rotation, velocity, spin, t, z, c: (z, None),
+                node=-1,
                 internal=3,
                 rate=lag,
                 values={"c": x[..., 0]},

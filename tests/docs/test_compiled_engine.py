@@ -52,7 +52,7 @@ def test_what_is_not_taken_is_refused():
         return (v if v.sum() > 0 else -v), None
 
     with pytest.raises(ValueError, match="engine = 'compiled' was given"):
-        tb.Stepper(tb.Scene(scene().beam, [tb.Load(branches)]), 0.01, engine="compiled")
+        tb.Stepper(tb.Scene(scene().beam, [tb.Load(branches, node=-1)]), 0.01, engine="compiled")
 
 
 def test_forward_mode_is_made_eagerly_with_the_same_result():

@@ -393,11 +393,14 @@ def test_what_a_scene_knows_in_one_place_alone_carries_gradient(what):
 
 CHECKPOINTED = {
     "Load": lambda p: tb.Load(
-        lambda r, R, v, w, t: (-p * v * v.norm(dim=-1, keepdim=True), -p * w)
+        lambda r, R, v, w, t: (-p * v * v.norm(dim=-1, keepdim=True), -p * w), node=-1
     ),
     "Load along the beam": lambda p: tb.Load(lambda r, R, v, w, t: (-p * v, None), node=None),
     "Load with internal states": lambda p: tb.Load(
-        lambda r, R, v, w, t, z: (z, None), internal=3, rate=lambda z, r, R, v, w, t: -p * (z + v)
+        lambda r, R, v, w, t, z: (z, None),
+        node=-1,
+        internal=3,
+        rate=lambda z, r, R, v, w, t: -p * (z + v),
     ),
     "Spring": lambda p: tb.Spring(-1, 10 * p, (1.0, 1.0, 0.5), length=0.3, damping=p),
     "Drag": lambda p: tb.Drag(10.0, 0.1, flow=lambda x, t: p * torch.sin(x.flip(-1) + t)),

@@ -74,7 +74,7 @@ def test_every_effect_has_its_rows(kind):
         tb.RootSpring((1.0, 1.0)),
         tb.Contact(tb.Plane((0, 0, 0.0), (0, 0, 1.0)), thickness=1.0, force=1.0),
         tb.SelfContact(thickness=1.0, force=1.0, radius=1.0),
-        tb.Load(lambda *a: None),
+        tb.Load(lambda *a: None, node=-1),
         tb.Support(0),
         tb.Frame(velocity=(0, 0, 1.0)),
         tb.RootMotion(displacement=(0, 0, 1.0)),

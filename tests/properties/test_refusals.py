@@ -54,7 +54,7 @@ def step(scene=DRIVEN, **inputs):
 
 def loaded(function, batch=None, **more):
     """One step under a user's load."""
-    scene = tb.Scene(BEAM, [tb.Load(function, **more)])
+    scene = tb.Scene(BEAM, [tb.Load(function, **{"node": -1, **more})])
     return lambda: tb.Stepper(scene, 0.1)(tb.rest(scene, None if batch is None else (batch,)))
 
 
@@ -372,8 +372,8 @@ CASES = {
         torch.diag(torch.tensor([1.0, -1, 1]))),
         "reference with left-handed axes were given"),
     "a user's load of another dtype": (lambda: tb.Scene(BEAM,
-        [tb.Load(lambda *x, c: (c, None), values={"c": HALF})]),
-        r"^torch\.float16 was given"),
+        [tb.Load(lambda *x, c: (c, None), node=-1, values={"c": HALF})]),
+         r"^torch\.float16 was given"),
     "an acceleration on a pin that is shaken": (lambda: tb.sensors.NodeAcceleration(-1,
         tb.Scene(BEAM, supports=[tb.Support(
         0, rotation="", displacement=lambda t: torch.stack((t, 0 * t, 0 * t)))])),
@@ -414,7 +414,7 @@ CASES = {
         r"\(3,\).*\(2,\)|\(2,\).*\(3,\)"),
     "a rate of another size": (loaded(lag, internal=3, rate=lambda z, r, R, v, w, t: z[..., :2]),
         "a Load's rate's value of shape"),
-    "a rate that is no function": (lambda: tb.Load(lag, internal=3, rate=1.0),
+    "a rate that is no function": (lambda: tb.Load(lag, node=-1, internal=3, rate=1.0),
                                    "rate = 1.0 was given; a function"),
     "progress that is no function": (simulate(progress=1.0),
                                      "progress = 1.0 was given; a function"),

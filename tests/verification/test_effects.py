@@ -267,6 +267,7 @@ def test_lagged_actuator():
     T, u = 0.1, torch.tensor([0.0, 0.2, 0.1])
     load = tb.Load(
         lambda x, R, v, w, t, z: (z, None),
+        node=-1,
         internal=3,
         rate=lambda z, x, R, v, w, t: (u - z) / T,
         of=(),
@@ -362,6 +363,7 @@ def test_gradient_by_parameters_of_effects():
     def moved(p):
         load = tb.Load(
             lambda x, R, v, w, t, z: (z - 0.1 * v, None),
+            node=-1,
             internal=3,
             of=("position", "velocity"),
             rate=lambda z, x, R, v, w, t: (p[:3] - z) / p[3] - x,

@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.leaves import constant, functions, map_leaves
+from ..core.leaves import batch_shapes, constant, functions, map_leaves
 from ..core.summary import counted
 from ..dynamics.methods import METHODS
 from ..dynamics.stepper import Stepper
@@ -98,10 +98,7 @@ def describe(scene: Scene) -> Description:
     unknowns += f"; {held} forces of joints" * bool(held)
     lines = {
         "beam": tuple(_beam(scene)),
-        "batch": (
-            f"axes {tuple(scene.batch_shape)}; {str(scene.dtype).removeprefix('torch.')} on "
-            f"{scene.device}",
-        ),
+        "batch": tuple(_batch(scene)),
         "effects": tuple(_effect(effect, scene) for effect in scene.effects),
         "inputs": tuple(f"{name} ({size})" for name, size in scene.inputs.items()),
         "supports": tuple(_supports(scene)),
@@ -171,6 +168,20 @@ def _beam(scene: Scene) -> Iterator[str]:
     known = notes(beam)
     if known:
         yield "; ".join(known)
+
+
+def _batch(scene: Scene) -> Iterator[str]:
+    shape, beam = tuple(scene.batch_shape), scene.beam
+    yield f"axes {shape}; {str(scene.dtype).removeprefix('torch.')} on {scene.device}"
+    if not shape or beam.parts or shape[-1] not in (beam.element_count, beam.node_count):
+        return
+    owners = ["the beam"] if any(map(len, batch_shapes(beam))) else []
+    owners += [effect.called for effect in scene.effects if any(map(len, batch_shapes(effect)))]
+    if len(owners) == 1:
+        yield (
+            f"by {owners[0]} alone, as many as its elements or nodes: a value a sample; along the "
+            "beam Stations, Table, Along or PerElement are wanted"
+        )
 
 
 def _effect(effect: Effect, scene: Scene) -> str:

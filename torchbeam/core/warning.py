@@ -6,6 +6,7 @@ import os
 import sys
 import warnings
 from pathlib import Path
+from types import FrameType
 
 import torch
 
@@ -30,6 +31,11 @@ class SlowPathWarning(UserWarning):
 def warn(sentence: str, category: type[Warning] = RuntimeWarning) -> None:
     """Warns of `sentence` at the innermost line that is neither torchbeam's own nor torch's."""
     level, frame = 2, sys._getframe(1)
-    while frame.f_back is not None and frame.f_code.co_filename.startswith((PACKAGE, TORCH)):
+    while frame.f_back is not None and _file(frame).startswith((PACKAGE, TORCH)):
         level, frame = level + 1, frame.f_back
     warnings.warn(sentence, category, stacklevel=level)
+
+
+def _file(frame: FrameType) -> str:
+    """Of its module: what a dataclass writes itself has a code of no file."""
+    return frame.f_globals.get("__file__") or frame.f_code.co_filename

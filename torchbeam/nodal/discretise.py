@@ -28,6 +28,7 @@ from .joint_constraints import joints_of
 from .model import Model
 from .plane_check import check_plane
 from .redundant import refuse_redundant
+from .rigid_elements import impossible_strains
 from .tendons import tendons_of
 from .touching_parts import touching_of
 
@@ -49,7 +50,14 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
     check_space(scene)
     warn_of_uneven(beam)
     drawn = remembered(
-        _as_drawn, unstressed(beam), scene.bodies, scene.plane, scene.small, topology, lumped
+        _as_drawn,
+        unstressed(beam),
+        impossible_strains(beam),
+        scene.bodies,
+        scene.plane,
+        scene.small,
+        topology,
+        lumped,
     )
     space = drawn.space
     if space.plane is not None and beam.coupled:
@@ -84,8 +92,8 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
 
 
 class AsDrawn(NamedTuple):
-    """What a beam's rows are by its shape and its mass alone, whatever it resists and whatever acts
-    on it; see `Rows`.
+    """What a beam's rows are by its shape, its mass and where it is rigid, whatever else it resists
+    and whatever acts on it; see `Rows`.
     """
 
     space: Spatial
@@ -98,6 +106,7 @@ class AsDrawn(NamedTuple):
 
 def _as_drawn(
     beam: Beam,
+    impossible: Tensor | None,
     bodies: tuple[PointMass, ...],
     plane: str | None,
     small: bool,
@@ -109,7 +118,7 @@ def _as_drawn(
     shape = beam.nodes, beam.frames, beam.length
     return AsDrawn(
         space,
-        *inertia_of(beam, bodies, space, assembly, lumped),
+        *inertia_of(beam, impossible, bodies, space, assembly, lumped),
         remembered(_reference, space, assembly, in_space(beam), *shape),
         topology.arclength(beam.length),
     )

@@ -21,7 +21,7 @@ force keeps energy, momentum and angular momentum exactly where v_c rises by 2
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import torch
@@ -41,6 +41,7 @@ from .coordinates.spatial import Spatial
 from .mass import LumpedMass, SharedMass
 from .mass_offset import MassOffset, NoMassOffset
 from .quadrature import gregory, too_uneven, trapezoidal
+from .rigid_elements import rigid_elements
 from .rotary import NoRotaryInertia, RotaryInertia
 
 # of a beam's largest nodal mass, or inertia about an axis: what rounding may leave of none
@@ -142,11 +143,17 @@ def warn_of_uneven(beam: Beam) -> None:
 
 
 def inertia_of(
-    beam: Beam, bodies: tuple[PointMass, ...], space: Spatial, assembly: Assembly, lumped: bool
+    beam: Beam,
+    impossible: Tensor | None,
+    bodies: tuple[PointMass, ...],
+    space: Spatial,
+    assembly: Assembly,
+    lumped: bool,
 ) -> tuple[Inertia, Tensor, Tensor]:
     """(inertia, section mass about each node per length (..., N+1, 6, 6), length that belongs to
     each node (..., N+1, 1): of a body's node 1, so that its mass per length is its mass), of a
-    beam's mass and of what is fixed to it.
+    beam's mass and of what is fixed to it; impossible: see `impossible_strains`, a rigid element's
+    mass is consistent.
 
     Raises ValueError for a mass that is not that of rigid sections: M11 = m I and M12 = -m ~e, or
     that changes too much within an element of order 2 to be shared among its nodes.
@@ -173,11 +180,13 @@ def inertia_of(
                 "a mass or inertia that changes more than threefold within an element of order "
                 f"{beam.order} was given; more elements are wanted"
             )
+    rigid = None if lumped else rigid_elements(impossible, beam, space)
     if beam.linked_interpolation:
         density = m[..., 0]
+        smooth = density if rigid is None else torch.where(rigid[..., 0], 0.0, density)
         weights, halves, shares = (
             _of_nodes(beam, _along(beam, *rule))
-            for rule in ((gregory, density), (trapezoidal, density), (gregory,))
+            for rule in ((gregory, density, smooth), (trapezoidal, density), (gregory,))
         )
         mass, tributary_length = mass * (weights / halves)[..., None, None], shares[..., None]
     elif beam.masses:
@@ -196,15 +205,23 @@ def inertia_of(
         e = _centre(mass)
         J = J - whole[..., None] * skew(e).mT @ skew(e)
         lever = MassOffset(space, space.project_offset(e))
-    if lumped or beam.linked_interpolation:
+    if lumped or (beam.linked_interpolation and rigid is None):
         translational = LumpedMass(assembly.topology, whole)
     else:
         of_elements = (m * h).unflatten(-2, (-1, interpolation.order)).sum(-2)
+        part = 0.0 if beam.linked_interpolation else interpolation.coupling
+        if rigid is not None:
+            part = torch.where(rigid, interpolation.consistent, part)
         translational = SharedMass(
-            assembly.topology, whole, interpolation.coupling * of_elements, interpolation.difference
+            assembly.topology, whole, part * of_elements, interpolation.difference
         )
+    bending = translational
+    if offset and rigid is not None:
+        bending = replace(translational, coupling=translational.coupling * ~rigid)
+        bars = replace(translational, coupling=translational.coupling * rigid)
+        J = J + _aside(bars, beam, e)
     if offset and bodies:
-        J = J + _swung(translational, e - _centre(beam_mass))
+        J = J + _swung(bending, e - _centre(beam_mass))
     inertia = Inertia(
         space,
         translational,
@@ -214,14 +231,14 @@ def inertia_of(
     return inertia, mass / tributary_length[..., None], tributary_length
 
 
-def _along(beam: Beam, rule: Callable[..., Tensor], density: Tensor | float = 1.0) -> list[Tensor]:
-    """What a rule of quadrature says of each beam by itself; density (..., N or 1) per metre."""
+def _along(beam: Beam, rule: Callable[..., Tensor], *densities: Tensor | float) -> list[Tensor]:
+    """What a rule of quadrature says of each beam by itself; densities (..., N or 1) per metre."""
     if not beam.parts:
-        return [rule(beam.length, density)]
+        return [rule(beam.length, *densities)]
     return [
         rule(
             beam.length[..., part.stations],
-            density if isinstance(density, float) else density[..., part.stations],
+            *(x if isinstance(x, float) else x[..., part.stations] for x in densities),
         )
         for part in beam.beams
     ]
@@ -233,6 +250,19 @@ def _of_nodes(beam: Beam, weights: list[Tensor]) -> Tensor:
         return weights[0] if len(weights) == 1 else torch.cat(weights, -1)
     shape = weights[0].shape[:-1] if weights else ()
     return torch.cat((*weights, beam.nodes.new_ones(*shape, len(beam.masses))), -1)
+
+
+def _aside(mass: SharedMass, beam: Beam, e: Tensor) -> Tensor:
+    """Inertia (..., N+1, 3, 3) that nodes gain where the centres of mass of a rigid element's nodes
+    lie at e (..., N+1, 3) other than along it: what the element's mass shares is by how its nodes
+    go apart, b^T r, and not their centres, b^T x.
+    """
+    R = quat.matrix(beam.frames)
+    x = beam.nodes + (R @ e[..., None])[..., 0]
+    apart = (skew(mass.differences(mass.topology.gather(places))) for places in (x, beam.nodes))
+    of_centres, of_nodes = (v.mT @ v for v in apart)
+    share = mass.coupling[..., None] / len(mass.difference) * (of_centres - of_nodes)
+    return R.mT @ mass.topology.scatter((share,) * len(mass.difference), 2) @ R
 
 
 def _swung(mass: LumpedMass, x: Tensor) -> Tensor:

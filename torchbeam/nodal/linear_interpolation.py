@@ -24,8 +24,8 @@ class LinearInterpolation:
     """One element knows its two nodes and nothing of the others."""
 
     order = 1
-    # see `mass`: b, of its nodes' values, and c of an element's mass
-    difference, coupling = (-1.0, 1.0), 1 / 12
+    # see `mass`: b, of its nodes' values; c of an element's mass, and of a rigid element's
+    difference, coupling, consistent = (-1.0, 1.0), 1 / 12, 1 / 6
     positive = True  # whether no share of a node can be less than nothing
     poses = Ends
 

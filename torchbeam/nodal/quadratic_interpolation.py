@@ -50,7 +50,7 @@ class QuadraticInterpolation:
     """See `LinearInterpolation`."""
 
     order = 2
-    difference, coupling = (1.0, -2.0, 1.0), -1 / 30
+    difference, coupling, consistent = (1.0, -2.0, 1.0), -1 / 30, 1 / 30
     positive = False  # of what changes more than threefold within an element
     poses = Trio
 

@@ -27,14 +27,17 @@ def trapezoidal(length: Tensor, density: Tensor | float = 1.0) -> Tensor:
     return pad(half, (0, 1)) + pad(half, (1, 0))
 
 
-def gregory(length: Tensor, density: Tensor | float = 1.0) -> Tensor:
+def gregory(
+    length: Tensor, density: Tensor | float = 1.0, smooth: Tensor | float | None = None
+) -> Tensor:
     """The same by Gregory's rule: linear functions exactly, as by the trapezoidal one, which stays
-    where there is one element, and where `too_uneven`.
+    where there is one element, and where `too_uneven`; smooth: the density with 0 in elements that
+    are to stay trapezoidal.
     """
     plain = trapezoidal(length, density)
     if length.shape[-1] == 1:
         return plain
-    weights = _corrected(length, density, plain)
+    weights = _corrected(length, density if smooth is None else smooth, plain)
     return torch.where(_positive(weights, plain), weights, plain)
 
 

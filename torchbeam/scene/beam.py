@@ -18,7 +18,7 @@ from ..math import quaternions as quat
 from ..math.shapes import broadcast_shapes
 from ..topology.chain import Chain
 from .axes import axes_of_nodes, carried_along, orthonormal, parabolas
-from .beam_arguments import Sections, check_order, dtype_with, intervals, placed
+from .beam_arguments import Sections, check_order, dtype_with, intervals, placed, warn_of_batch
 from .beam_recipe import remembered, with_recipe_of
 from .beam_rows import BeamRows
 from .curve import curve, places, screws
@@ -101,8 +101,8 @@ class Beam(BeamRows):
         (linked interpolation, Tessler and Dong 1981): the shear compliance of an element of length
         h gets its residual bending flexibility h^2/(12 EI) (MacNeal 1978). Mass and loads along the
         beam are integrated by Gregory's end-corrected rule, see `nodal.quadrature`; mass is lumped.
-        From four elements on it pays; stretching and twist stay of second order. Not for the mixed
-        forms.
+        From four elements on it pays; stretching and twist stay of second order. Rigid elements are
+        exact bars, as without. Not for the mixed forms.
 
         Raises:
             ValueError: for elements of order 2, which have a displacement of their own between
@@ -132,15 +132,17 @@ class Beam(BeamRows):
 
         Args:
             length: (...) m
-            section: one `Section`; a sequence of one per element; or a function of the arc length s
-                (..., m) m that gives one `Section` with a last batch axis m: a taper, or `Stations`
+            section: one `Section`, whose batch axes are the beam's; along the beam a sequence of
+                one per element, or a function of the arc length s (..., m) m that gives one
+                `Section` with a last batch axis m: a taper, or `Stations`
             direction: (..., 3) of the beam, frame a
             up: (..., 3): the section's z axis is `up` made square to it; None = frame a's z (y,
                 where the beam runs along z)
             root: (..., 3) m, position of node 0, frame a
             twist: rad by which the section axes at rest are turned about the beam: a number (...)
-                for that of the tip, growing evenly from none at the root; or a function of s (...,
-                m) m that gives (..., m), a `Table` for one
+                for that of the tip, growing evenly from none at the root, all its axes those of a
+                batch; or, along the beam, a function of s (..., m) m that gives (..., m), a `Table`
+                for one
             order: 1: elements of two nodes. 2: of three, with a node in the middle of each and two
                 stations of stress, whose error falls with the fourth power of their length: few of
                 them do where the solution is smooth
@@ -176,7 +178,9 @@ class Beam(BeamRows):
                     f"a twist of shape {tuple(angle.shape)} was given; (..., {N + 1}) is wanted"
                 )
         else:
-            angle = as_tensor(twist, length.dtype, length.device)[..., None] * s
+            tip = as_tensor(twist, length.dtype, length.device)
+            warn_of_batch("a twist", tip.shape, N, order, section, nodes.shape[:-2])
+            angle = tip[..., None] * s
         frames = quat.multiply(q, quat.exponential(pad(finite("twist", angle)[..., None], (0, 2))))
         return cls._with_section(
             section, nodes, frames, STATIONS[order].axes(frames), each, curved=True, order=order
@@ -222,6 +226,8 @@ class Beam(BeamRows):
         k = as_tensor(given, length.dtype, length.device)
         k = finite("curvature", axis_last("curvature", k, 3))
         if not callable(curvature):
+            others = length.shape, axes.shape[:-2], root.shape[:-1]
+            warn_of_batch("a curvature", k.shape[:-1], N, order, section, *others)
             k = k[..., None, :]
         elif k.ndim < 2 or k.shape[-2] != s.shape[-1]:
             raise ValueError(

@@ -12,6 +12,7 @@ from torch import Tensor
 from ..core.arguments import count
 from ..core.memory import check_memory
 from ..core.validation import Value, as_tensor, axis_last, common_dtype, finite, positive, shown
+from ..core.warning import warn
 from .axes import axes_along
 from .element_stations import STATIONS
 from .section import Section
@@ -61,6 +62,23 @@ def placed(
         for name, value in (("direction", direction), ("up", up), ("root", root))
     )
     return values, axes_along(direction, up), root
+
+
+def warn_of_batch(
+    name: str, count: torch.Size, elements: int, order: int, section: Sections, *others: torch.Size
+) -> None:
+    """A warning where values have a batch axis as long as the elements, or the nodes, and nothing
+    else has a batch: values along the beam were meant, most likely. elements: intervals between
+    nodes.
+    """
+    batches = (*others, *([section.batch_shape] if isinstance(section, Section) else []))
+    n = count[-1] if count else 1
+    if n > 1 and n in (elements // order, elements, elements + 1) and not any(batches):
+        warn(
+            f"{name} with {n} values was given for {elements // order} elements: a batch of {n} "
+            "beams, one value each; along one beam a function of s, or a torchbeam.Table of places "
+            "and values, is wanted"
+        )
 
 
 def dtype_with(section: Sections, *values: Value) -> tuple[torch.dtype, torch.device]:

@@ -155,7 +155,7 @@ def table(elements: int) -> Iterator[tuple[str, str, Any]]:
     yield "Contact, near", "floor 1 mm below, friction", has(lambda: _floor(-2e-3))
     yield "Contact, far", "floor 1 m below", has(lambda: _floor(-1.0))
     yield "Actuation", "curvature 0.1 1/m", has(lambda: fx.Actuation(curvature=(0, 0, 0.1)))
-    yield "Load, on the tip", "-0.05 v", has(lambda: fx.Load(_user, of=("velocity",)))
+    yield "Load, on the tip", "-0.05 v", has(lambda: fx.Load(_user, node=-1, of=("velocity",)))
     yield (
         "Load, along the beam",
         "-0.05 v",
@@ -164,7 +164,7 @@ def table(elements: int) -> Iterator[tuple[str, str, Any]]:
     yield (
         "Load with a lag",
         "-x after 20 ms",
-        has(lambda: fx.Load(_lagged, internal=3, rate=_lag, of=("position",))),
+        has(lambda: fx.Load(_lagged, node=-1, internal=3, rate=_lag, of=("position",))),
     )
     yield (
         "Frame",

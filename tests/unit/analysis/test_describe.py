@@ -184,3 +184,18 @@ def test_filter_that_leaves_nothing(command, capsys):
         caught.value.code == 2
         and "--filter 'nosuch' was given; no case has that" in capsys.readouterr().err
     )
+
+
+def test_whose_a_batch_is_where_values_along_the_beam_may_have_been_meant():
+    """As many samples as elements or nodes, by one of the scene's things alone."""
+    of = tb.Section.from_stiffness(EA=1e3, GA=1e3, GJ=0.8, EI=torch.ones(5), mass=0.2)
+    forces = torch.ones(4, 3)
+    for beam, effects, owner in (
+        (BEAM, [tb.LineLoad(force=forces)], "LineLoad"),
+        (tb.Beam.straight(1.0, 4, of), [], "the beam"),
+        (BEAM, [tb.LineLoad(force=forces), tb.TipLoad(force=forces)], None),
+        (BEAM, [tb.LineLoad(force=torch.ones(3, 3))], None),
+    ):
+        lines = tb.describe(tb.Scene(beam, effects)).lines["batch"]
+        assert len(lines) == (1 if owner is None else 2)
+        assert owner is None or lines[1].startswith(f"by {owner} alone")

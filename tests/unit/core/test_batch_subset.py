@@ -70,7 +70,8 @@ SCENES = {
                                  root=tb.RootMotion(lambda t: some(3, size=0.01) * t,
                                                     lambda t: some(3) * t)),
     "user": lambda P: tb.Scene(beam(),
-                               [tip(P), tb.Load(lambda r, R, v, w, t: (-some(3).abs() * v, None))]),
+                               [tip(P), tb.Load(lambda r, R, v, w, t: (-some(3).abs() * v, None),
+                                                node=-1)]),
 }
 # fmt: on
 LONG = "one beam", "dead"  # test_large_batch_and_a_sample_alone, and "loads", have what these have

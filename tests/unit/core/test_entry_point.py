@@ -131,7 +131,7 @@ def network(engine):
 
     with torch.no_grad():
         solution = tb.simulate(
-            tb.Scene(scene().beam, [tb.Load(force)]),
+            tb.Scene(scene().beam, [tb.Load(force, node=-1)]),
             torch.linspace(0, 0.02, 3),
             step=0.01,
             engine="eager",

@@ -78,6 +78,7 @@ KINDS = {
     "Load": lambda a: scene(
         tb.Load(
             lambda r, R, v, w, t: ([0.0, -0.1 * r[..., 1], a * torch.sin(9 * t + 1)], None),
+            node=-1,
             of="position",
         )
     ),
@@ -91,6 +92,7 @@ KINDS = {
     "Load's rate": lambda a: scene(
         tb.Load(
             lambda r, R, v, w, t, z: ((0.0, 0.0, z[..., 0]), None),
+            node=-1,
             internal=1,
             of=(),
             rate=lambda z, r, R, v, w, t: [a * torch.sin(9 * t + 1) - 3 * z[..., 0]],
@@ -439,7 +441,10 @@ def test_what_is_no_number_is_refused(kind, value, sentence):
         "along": lambda f: (scene(tb.LineLoad(force=tb.Along(lambda s, t: f(t)))), {}),
         "elements": lambda f: (scene(tb.LineLoad(force=tb.PerElement(f))), {}),
         "flow": lambda f: (scene(tb.Drag(1.0, 1.0, flow=lambda r, t: f(t))), {}),
-        "user": lambda f: (scene(tb.Load(lambda r, R, v, w, t: (f(t), torch.zeros(3)), of=())), {}),
+        "user": lambda f: (
+            scene(tb.Load(lambda r, R, v, w, t: (f(t), torch.zeros(3)), node=-1, of=())),
+            {},
+        ),
         "input": lambda f: (scene(tb.TipLoad(force=tb.Input("u", 3))), {"u": f}),
     }[kind](lambda t: value)
     if kind == "user" and value is None:
@@ -605,7 +610,7 @@ def test_rates_under_every_derivative():
 # fmt: off
 NAMED = {
     "Load on the tip jumps as the beam moves": lambda: scene(
-        tb.Load(lambda r, R, v, w, t: (-0.2 * v.sign(), None), of="velocity")),
+        tb.Load(lambda r, R, v, w, t: (-0.2 * v.sign(), None), node=-1, of="velocity")),
     "TipLoad on the tip is infinite or not a number": lambda:
     scene(tb.TipLoad(moment=lambda t: (0.0, 0.0, 1 / (t < 0.05)))),
     "LineLoad is infinite": lambda: scene(tb.LineLoad(force=lambda t: (0.0, 0.0,
@@ -650,7 +655,9 @@ def test_only_the_failed_sample_counts():
     another reason says so.
     """
     jump = tb.Load(
-        lambda r, R, v, w, t: (torch.tensor([[1e-9], [0.0]]) * -v.sign(), None), of="velocity"
+        lambda r, R, v, w, t: (torch.tensor([[1e-9], [0.0]]) * -v.sign(), None),
+        node=-1,
+        of="velocity",
     )
     made = tb.Scene(beam(), [jump, tb.TipLoad(moment=torch.tensor([[0.0, 0, 0], [0, 0, 1e5]]))])
     with pytest.warns(

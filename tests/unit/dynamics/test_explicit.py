@@ -82,7 +82,7 @@ def test_what_it_refuses():
 def test_an_error_of_a_load_is_no_failed_motion():
     scene = tb.Scene(
         tb.Beam.straight(0.3, 2, tb.Section.circle(0.01, 1e6, 0.45, 1100.0)),
-        [tb.Load(lambda r, R, v, w, t: (torch.zeros(2, 3) @ torch.zeros(4), None))],
+        [tb.Load(lambda r, R, v, w, t: (torch.zeros(2, 3) @ torch.zeros(4), None), node=-1)],
     )
     stepper = tb.ExplicitStepper(scene, 0.005, form="nodal")
     with pytest.raises(RuntimeError, match="size mismatch"):

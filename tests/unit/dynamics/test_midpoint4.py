@@ -361,7 +361,7 @@ def test_extrapolated_steps_are_one_call(order, monkeypatch):
     for engine in ("eager", "compiled"):
         tau = torch.tensor([0.05, 0.08]).requires_grad_()
         beam = tb.Beam.straight(1.0, 3 - order, SOFT, order=order)
-        lag = tb.Load(lagged, internal=3, rate=lag_rate, of=("velocity",))
+        lag = tb.Load(lagged, node=-1, internal=3, rate=lag_rate, of=("velocity",))
         scene = tb.Scene(beam, [tb.TipLoad(force=rising), tb.Damping(tau), lag])
         stepper = tb.Stepper(scene, 0.02, "midpoint4", engine=engine, tolerance=1e-12)
         states = tb.rollout(stepper, stepper.rest(), 2)

@@ -58,7 +58,7 @@ def test_many_eager_steps_are_warned_of_once_at_the_users_line(function, reason)
     """What, where the function stands, what to write instead, how to silence; and the warning
     points to the call.
     """
-    found = said(lambda: run(tb.Load(function), 2 * SOLVES))
+    found = said(lambda: run(tb.Load(function, node=-1), 2 * SOLVES))
     assert len(found) == 1 and found[0].filename == __file__
     line = function.__code__.co_firstlineno
     for part in (
@@ -69,7 +69,7 @@ def test_many_eager_steps_are_warned_of_once_at_the_users_line(function, reason)
     ):
         assert part in str(found[0].message)
     with pytest.warns(tb.SlowPathWarning, match=reason):
-        run(tb.Load(function))
+        run(tb.Load(function, node=-1))
 
 
 def test_steps_of_a_structure_that_are_eager_are_warned_of_once():
@@ -91,7 +91,7 @@ def test_what_is_meant_or_few_is_not_warned_of():
     """A handful of steps, engine="eager", explicit methods, forward mode, and of course native
     code.
     """
-    load = tb.Load(unsteady)
+    load = tb.Load(unsteady, node=-1)
     few, meant = said(lambda: run(load, SOLVES - 1)), said(lambda: run(load, engine="eager"))
     explicit = said(
         lambda: tb.simulate(
@@ -110,14 +110,14 @@ def test_many_short_runs_are_warned_of(monkeypatch):
     """
     monkeypatch.setattr(engine_use, "SHORT_RUNS", 10)
     engine_use._of_short_runs.clear()
-    load = tb.Load(unsteady)
+    load = tb.Load(unsteady, node=-1)
     assert [len(said(lambda: run(load, 2))) for _ in range(10)] == [0, 0, 0, 0, 1] * 2
     assert all(said(lambda: run(load, 2, engine="eager")) == [] for _ in range(6))
 
 
 def test_a_gradient_that_native_code_has_not_is_warned_of():
     factor = torch.tensor(0.5, requires_grad=True)
-    flow = tb.Load(lambda r, R, v, w, t, c: (-c * v, None), values={"c": factor})
+    flow = tb.Load(lambda r, R, v, w, t, c: (-c * v, None), node=-1, values={"c": factor})
     assert said(lambda: run(flow)) == []
     rigid = scene(EA=float("inf"))
     force = torch.tensor([0.0, 0.0, 0.1], requires_grad=True)
@@ -156,7 +156,7 @@ def test_gradients_of_metal_in_float32_are_native():
 
 def test_what_a_function_reads_and_changes_is_warned_of(monkeypatch):
     monkeypatch.setitem(globals(), "pull", 0.5)
-    load = tb.Load(lambda r, R, v, w, t: (-pull * v, None))  # noqa: F821
+    load = tb.Load(lambda r, R, v, w, t: (-pull * v, None), node=-1)  # noqa: F821
     stepper = tb.Stepper(scene(load), 0.01)
     state = stepper(stepper.rest(), u=(0, 0, 0.1))
     assert stepper.engine == "native"
@@ -174,7 +174,7 @@ def test_the_engine_is_told():
     assert stepper.engine == run(steps=3).stats.engine == "native"
     assert (
         run(steps=3, engine="eager").stats.engine
-        == run(tb.Load(unsteady), 3).stats.engine
+        == run(tb.Load(unsteady, node=-1), 3).stats.engine
         == "eager"
     )
     for options in (dict(method="midpoint4"), dict(method="generalized_alpha")):
@@ -210,7 +210,7 @@ def test_a_mistake_in_a_function_is_told_as_that(call, function, sentence):
             call(
                 tb.TipLoad(force=function)
                 if function.__code__.co_argcount == 1
-                else tb.Load(function)
+                else tb.Load(function, node=-1)
             )
 
     found = said(fails, Warning)

@@ -322,7 +322,7 @@ def test_load_that_leaves_torch_is_refused():
         ),
         (
             "at a node",
-            lambda sin: Load(lambda r, R, v, w, t: ((0.0, 0.0, sin(t)), None), of=()),
+            lambda sin: Load(lambda r, R, v, w, t: ((0.0, 0.0, sin(t)), None), node=-1, of=()),
             "Load",
         ),
         ("Along", lambda sin: LineLoad(force=Along(lambda s, t: (0 * s, 0.0, sin(t)))), "LineLoad"),

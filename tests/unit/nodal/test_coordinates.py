@@ -75,7 +75,7 @@ def scenes(plane):
     yield "shaken", beam, dead, dict(root=shaken)
     yield "hinged", beam, dead, dict(supports=(tb.Support(0, rotation=hinge), slide))
     yield "drag", beam, [*dead, tb.Drag(1.2, 0.05), tb.MassDamping(0.3)], {}
-    yield "user load", beam, [tb.Load(lambda r, R, v, w, t: (-r - 0.3 * v, -0.1 * w))], {}
+    yield "user load", beam, [tb.Load(lambda r, R, v, w, t: (-r - 0.3 * v, -0.1 * w), node=-1)], {}
     yield "actuated", beam, [tb.Actuation(curvature=(0.0, 1.0, 0))], {}
 
 

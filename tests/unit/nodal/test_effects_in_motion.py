@@ -78,6 +78,7 @@ def user(turn):
 def lagging(turn):
     return tb.Load(
         lambda r, R, v, w, t, z: (z * v, R[..., 0] * z),
+        node=-1,
         internal=1,
         of=("position", "rotation", "velocity"),
         rate=lambda z, r, R, v, w, t: (v * v).sum(-1, keepdim=True) - 3 * z,

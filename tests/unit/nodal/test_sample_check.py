@@ -33,6 +33,7 @@ def stepped(load, batch=4, engine="eager"):
 
 
 def of(function, **more):
+    more = {"node": -1, **more}
     return tb.Load(lambda r, R, v, w, t, **named: (-function(r, v), None), **more)
 
 
@@ -65,18 +66,18 @@ def test_rates_values_and_inputs_are_looked_at():
         return -z, None
 
     with pytest.raises(ValueError, match=MIXED):
-        stepped(tb.Load(lag, rate=rate, internal=3, of=("velocity",)))
+        stepped(tb.Load(lag, node=-1, rate=rate, internal=3, of=("velocity",)))
 
     def scaled(r, R, v, w, t, c):
         return -(c / c.sum(0))[..., None] * v, None
 
     with pytest.raises(ValueError, match=MIXED):
-        stepped(tb.Load(scaled, of=("velocity",), values={"c": torch.ones(4)}))
+        stepped(tb.Load(scaled, node=-1, of=("velocity",), values={"c": torch.ones(4)}))
 
     def pushed(r, R, v, w, t, u):
         return u - u.mean(0), None
 
-    scene = tb.Scene(BEAM, [tb.Load(pushed, of=(), inputs={"u": 3})])
+    scene = tb.Scene(BEAM, [tb.Load(pushed, node=-1, of=(), inputs={"u": 3})])
     with pytest.raises(ValueError, match=MIXED):
         tb.Stepper(scene, 0.01, engine="eager")(tb.rest(scene, (4,)), u=torch.zeros(4, 3))
 
@@ -106,7 +107,7 @@ def test_it_is_asked_no_more_afterwards():
         calls.append(1)
         return -v, None
 
-    load = tb.Load(counted, of=("velocity",))
+    load = tb.Load(counted, node=-1, of=("velocity",))
     stepped(load)
     first = len(calls)
     calls.clear()

@@ -1,6 +1,7 @@
 """Beam: where the constructors put nodes, axes and lengths; gradients. Bad input: test_refusals."""
 
 import math
+import warnings
 
 import pytest
 import torch
@@ -34,6 +35,30 @@ def test_straight_in_batches():
         for j in range(3):
             alone = tb.Beam.straight(lengths[j], 2, SECTION, direction=directions[i, 0])
             assert_close(beam.nodes[i, j], alone.nodes)
+
+
+@pytest.mark.parametrize("count", [4, 5, 9])
+def test_values_along_a_beam_are_no_batch_without_a_word(count):
+    """As many twists or curvatures as elements or nodes, and nothing else with a batch."""
+    angles = torch.linspace(0, 1, count)
+    order = 2 if count == 9 else 1
+    with pytest.warns(RuntimeWarning, match=f"a twist with {count} values .* a batch of {count}"):
+        assert tb.Beam.straight(1.0, 4, SECTION, twist=angles, order=order).batch_shape == (count,)
+    with pytest.warns(RuntimeWarning, match=f"a curvature with {count} values"):
+        tb.Beam.curve(1.0, 4, SECTION, torch.outer(angles, torch.ones(3)), order=order)
+
+
+def test_what_is_a_batch_beyond_doubt_is_not_warned_of():
+    of = tb.Section.from_stiffness(EA=1.0, GA=1.0, GJ=1.0, EI=torch.ones(5), mass=1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        tb.Beam.straight(1.0, 4, SECTION, twist=torch.linspace(0, 1, 6))
+        tb.Beam.straight(torch.ones(5), 4, SECTION, twist=torch.linspace(0, 1, 5))
+        tb.Beam.straight(1.0, 4, SECTION, root=torch.ones(5, 3), twist=torch.linspace(0, 1, 5))
+        tb.Beam.straight(1.0, 4, of, twist=torch.linspace(0, 1, 5))
+        tb.Beam.straight(1.0, 4, SECTION, twist=torch.linspace(0, 1, 5)[:, None])
+        tb.Beam.straight(1.0, 1, SECTION, twist=torch.ones(1))
+        tb.Beam.straight(1.0, 4, SECTION, twist=tb.Table((0.0, 1.0), (0.0, 0.3)))
 
 
 def test_arc():

@@ -1,6 +1,7 @@
 """tb.Load along the beam: internal states on every node, arclength, parameters by name."""
 
 import math
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -80,6 +81,7 @@ def test_lags_by_the_start_time_of_each_sample_in_forward_mode():
             [
                 tb.Load(
                     drag,
+                    node=-1,
                     internal=3,
                     rate=lambda z, r, R, v, w, t: torch.sin(5 * t) * w - z,
                     of=("velocity", "spin"),
@@ -98,6 +100,25 @@ def test_lags_by_the_start_time_of_each_sample_in_forward_mode():
     assert_close(slope, wanted, rtol=0, atol=1e-7 * wanted.abs().max().item())
 
 
+def test_where_a_load_acts_is_to_be_said():
+    """Left out it is the tip, with a warning at the user's line; not where `on`, or the arclength,
+    say that it is along the beam, nor where a load is copied.
+    """
+
+    def pull(*motion, s=None):
+        return motion[0], None
+
+    with pytest.warns(FutureWarning, match="a Load without node") as caught:
+        unsaid = tb.Load(pull)
+    assert caught[0].filename == __file__ and unsaid.node == -1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert replace(unsaid, of="spin").node == -1
+        assert tb.Load(pull, of=("velocity", "s")).node is None
+        assert tb.Load(pull, on="arm").node is None
+        assert tb.Load(pull, node=None).node is None and tb.Load(pull, node=2).node == 2
+
+
 def test_every_load_finds_its_own_states():
     """Lags along the beam between two lags at nodes: each as if the others were not, where they
     push nothing.
@@ -108,7 +129,11 @@ def test_every_load_finds_its_own_states():
             return (k + m[-1]) - z
 
         return tb.Load(
-            lambda *m, z: (None, 0.0 * m[3]), internal=k, rate=rate, of="spin", **options
+            lambda *m, z: (None, 0.0 * m[3]),
+            internal=k,
+            rate=rate,
+            of="spin",
+            **{"node": -1, **options},
         )
 
     def values(k):
@@ -139,7 +164,7 @@ def test_arclength_and_parameters_arrive_at_the_sites():
         [1, (0.2 * 1 + 0.3 * 2) / 0.5, (0.3 * 2 + 0.2 * 4) / 0.5, (0.2 * 4 + 0.3 * 8) / 0.5, 8]
     )
     assert_close(found["element"], mean)
-    tb.equilibrium(tb.Scene(BEAM, [tb.Load(load, of="rotation", values={"all": 2.0})]))
+    tb.equilibrium(tb.Scene(BEAM, [tb.Load(load, node=-1, of="rotation", values={"all": 2.0})]))
     assert_close(found["all"], torch.tensor(2.0))
 
 
@@ -401,7 +426,9 @@ def test_linear_model_where_turns_have_no_inertia():
 
 def turning_lag():
     section = tb.Section.from_stiffness(EA=50.0, GA=40.0, GJ=0.8, EI=1.0, mass=0.5)
-    lag = tb.Load(drag, internal=3, rate=lambda z, r, R, v, w, t: w - z, of=("velocity", "spin"))
+    lag = tb.Load(
+        drag, node=-1, internal=3, rate=lambda z, r, R, v, w, t: w - z, of=("velocity", "spin")
+    )
     return tb.linearize(
         tb.Scene(
             tb.Beam.straight(1.0, 3, section), [replace(lag, function=lambda *m, z: (z, None))]
@@ -414,8 +441,10 @@ REFUSED = {
     "a state with 3 internal states was given; the scene's loads have 15": lambda: tb.modes(
         tb.Scene(BEAM, [lagging()]), tb.rest(tb.Scene(BEAM, [lagging(node=1)]))
     ),
-    "'s' was asked for by a Load at a node": lambda: tb.Load(drag, of=("velocity", "s")),
-    "two arguments of the name 'u'": lambda: tb.Load(drag, inputs={"u": 1}, values={"u": 1.0}),
+    "'s' was asked for by a Load at a node": lambda: tb.Load(drag, node=1, of=("velocity", "s")),
+    "two arguments of the name 'u'": lambda: tb.Load(
+        drag, node=-1, inputs={"u": 1}, values={"u": 1.0}
+    ),
     "two arguments of the name 'z'": lambda: lagging(values={"z": 1.0}),
     "Load's values; numbers": lambda: lagging(values=[1.0]),
     "Input was given as Load's value 'c'": lambda: lagging(values={"c": tb.Input("c", 1)}),
@@ -448,7 +477,7 @@ def in_place(x, R, v, w, t):
 def test_what_torch_cannot_differentiate_is_told_by_what_to_write(function):
     """In place of torch's own words, which speak of storage and of transforms."""
     with pytest.raises(ValueError, match=r"cannot differentiate was given .*torch\.searchsorted"):
-        run(tb.Scene(BEAM, [tb.Load(function), TIP]), 1, engine="eager")
+        run(tb.Scene(BEAM, [tb.Load(function, node=-1), TIP]), 1, engine="eager")
 
 
 @pytest.mark.parametrize("sentence", REFUSED)
@@ -541,6 +570,7 @@ def test_linear_model_is_the_derivative_of_the_motion():
             *scene.effects,
             tb.Load(
                 lambda *m, z, u: (z + u, None),
+                node=-1,
                 of=(),
                 internal=3,
                 inputs={"u": 3},
@@ -640,6 +670,7 @@ def test_divergence_beside_lags():
             [
                 tb.Load(
                     lambda r, R, v, w, t, z, P: (P[..., None] * z, None),
+                    node=-1,
                     internal=3,
                     of="position",
                     rate=rate,

@@ -80,8 +80,8 @@ TABLE = {
     "LineLoad per element": Row(lambda v, N: tb.LineLoad(force=outer_half(v, N)), (0, 48, 96),
                                 (0, 5.125, 10.25, 0, -14, 7)),
     "Gravity": Row(lambda v, N: tb.Gravity(v), (0, 48, 96), (0, 3, 6, 0, -8, 4)),
-    "Load": Row(lambda v, N: tb.Load(dead(v), of=()), (0, 3.0, 6), (0, 1, 2, 0, -3, 1.5)),
-    "Load follower": Row(lambda v, N: tb.Load(follower(v), of="rotation"), (0, 3.0, 6),
+    "Load": Row(lambda v, N: tb.Load(dead(v), node=-1, of=()), (0, 3.0, 6), (0, 1, 2, 0, -3, 1.5)),
+    "Load follower": Row(lambda v, N: tb.Load(follower(v), node=-1, of="rotation"), (0, 3.0, 6),
                          (0, 1, 2, 0, -3, 1.5)),
     "Load along": Row(lambda v, N: tb.Load(follower(v), node=None, of="rotation"), (0, 24, 48),
                       (0, 3, 6, 0, -8, 4)),
@@ -155,6 +155,7 @@ ZERO = {
     "PointMass": lambda: tb.PointMass(0.0, inertia=(0.0, 0, 0), offset=(0.1, 0, 0)),
     "Load with a lag": lambda: tb.Load(
         lambda x, R, v, w, t, z: (z * x, None),
+        node=-1,
         internal=3,
         rate=lambda z, x, R, v, w, t: -z,
         of="position",

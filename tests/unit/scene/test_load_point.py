@@ -78,10 +78,10 @@ def effects():
         ),
         "RootSpring": fx.RootSpring(six),
         "RootSpring damped": fx.RootSpring((2.0, torch.rand(3)), damping=six),
-        "Load": fx.Load(user, inputs={"u": 3}),
+        "Load": fx.Load(user, node=-1, inputs={"u": 3}),
         "Load along": fx.Load(user, node=None, inputs=[tb.Input("u", 3)]),
         "Load with a lag": fx.Load(
-            lagged, internal=2, rate=lag, of=("position", "rotation", "velocity")
+            lagged, node=-1, internal=2, rate=lag, of=("position", "rotation", "velocity")
         ),
     }
     return {name: bind(effect) for name, effect in found.items()}
@@ -346,6 +346,7 @@ def test_linear_lag_is_the_midpoint_rule():
     T, u = 0.01, 2.0
     load = fx.Load(
         lambda x, R, v, w, t, z: (z, None),
+        node=-1,
         internal=3,
         rate=lambda z, x, R, v, w, t: (u - z) / T,
         of=(),
@@ -491,11 +492,11 @@ REFUSED = {
     "one of each element": lambda: tb.LineLoad(force=fx.PerElement(torch.zeros(7, 3))).wrench(
         fx.LoadPoint(torch.eye(3), s=torch.linspace(0, 1, 4), elements=3), ZERO, {}
     ),
-    "Load's function = 1.0 was given; a function is wanted": lambda: fx.Load(1.0),
-    "internal states without a rate": lambda: fx.Load(user, internal=2),
-    "a rate without internal states": lambda: fx.Load(user, rate=lag),
-    "of = 'speed'": lambda: fx.Load(user, of=("speed",)),
-    "Load's inputs": lambda: fx.Load(user, inputs=("u",)),
+    "Load's function = 1.0 was given; a function is wanted": lambda: fx.Load(1.0, node=-1),
+    "internal states without a rate": lambda: fx.Load(user, node=-1, internal=2),
+    "a rate without internal states": lambda: fx.Load(user, node=-1, rate=lag),
+    "of = 'speed'": lambda: fx.Load(user, node=-1, of=("speed",)),
+    "Load's inputs": lambda: fx.Load(user, node=-1, inputs=("u",)),
 }
 
 
@@ -516,7 +517,7 @@ PARAMETERS = {
         3 * SITES - 3,
     ),
     "Load with a lag": (
-        lambda p: fx.Load(lagged, internal=2, rate=lambda z, *m: lag(z, *m) * p),
+        lambda p: fx.Load(lagged, node=-1, internal=2, rate=lambda z, *m: lag(z, *m) * p),
         2,
     ),
 }

@@ -71,8 +71,8 @@ INERTIAL = ("rotation", "velocity", "acceleration", "angular_acceleration")
 EXTRA = {
     "point mass": lambda: dict(extra=[tb.PointMass(0.4, inertia=(0.1, 0.2, 0.25),
                                                    offset=(0.1, -0.3, 0.2), node=2)]),
-    "user load": lambda: dict(extra=[tb.Load(user), tb.Load(user, node=None)]),
-    "lag": lambda: dict(extra=[tb.Load(lagging, internal=3, rate=lambda z, r, R, v, w,
+    "user load": lambda: dict(extra=[tb.Load(user, node=-1), tb.Load(user, node=None)]),
+    "lag": lambda: dict(extra=[tb.Load(lagging, node=-1, internal=3, rate=lambda z, r, R, v, w,
                                        t: -2 * z + v)]),
     "lags along the beam": lambda: dict(frame=TURNING, extra=[tb.Load(
         wake, None, (), 4, wake_rate, ("rotation", "velocity", "spin", "s"),
@@ -81,7 +81,7 @@ EXTRA = {
                                               tb.MassDamping(0.3)]),
     "added mass": lambda: dict(extra=[tb.Drag(1.2, 0.4, added_mass=0.8)]),
     "added mass in a frame": lambda: dict(frame=TURNING, extra=[tb.Drag(1.2, 0.4, added_mass=0.8)]),
-    "accelerations": lambda: dict(extra=[tb.Load(heavy, of=INERTIAL),
+    "accelerations": lambda: dict(extra=[tb.Load(heavy, node=-1, of=INERTIAL),
                                          tb.Load(heavy, of=INERTIAL, node=None)]),
     "accelerations and a mass off its node": lambda: dict(frame=TURNING, extra=[
         tb.PointMass(0.4, offset=(0.1, -0.3, 0.2)), tb.Load(heavy, of=INERTIAL, node=2),
@@ -95,7 +95,7 @@ EXTRA = {
     "free": lambda: dict(supports=()),
     "actuated": lambda: dict(extra=[tb.Actuation(curvature=(0.3, 0.2, -0.4))]),
     "all": lambda: dict(frame=TURNING, root=SHAKEN, extra=[
-        tb.PointMass(0.4, offset=(0.1, -0.3, 0.2)), tb.Load(user), tb.Drag(1.2, 0.4),
+        tb.PointMass(0.4, offset=(0.1, -0.3, 0.2)), tb.Load(user, node=-1), tb.Drag(1.2, 0.4),
         tb.MassDamping(0.3)]),
 }
 # fmt: on
@@ -493,7 +493,9 @@ def test_section_offset_is_a_shift_of_the_axis():
     for of, e, root in ((SECTION, torch.zeros(3), shift), (shifted, shift, torch.zeros(3))):
         beam = tb.Beam.straight(1.0, 8, of, root=root)
         follow = tb.Load(
-            lambda r, R, v, w, t, e=e: (load, torch.linalg.cross((R @ e), load)), of=("rotation",)
+            lambda r, R, v, w, t, e=e: (load, torch.linalg.cross((R @ e), load)),
+            node=-1,
+            of=("rotation",),
         )
         s = tb.simulate(
             tb.Scene(beam, [follow, tb.Gravity((0, 0, -9.81))]),

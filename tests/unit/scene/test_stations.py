@@ -3,6 +3,7 @@ here too.
 """
 
 import math
+import warnings
 
 import pytest
 import torch
@@ -102,6 +103,35 @@ def test_tapered_cantilever(given):
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.05) and errors[1] / errors[
         2
     ] == pytest.approx(4, rel=0.05)
+
+
+def wedge(end, like=1.0):
+    """A height of 20 mm that tapers to a share `end`, along 1 m."""
+    return lambda s: tb.Section.rectangle(0.02, 0.02 * (1 - (1 - end) * s) * like, 1e9, 0.3, 1e3)
+
+
+@pytest.mark.parametrize("end", [1e-6, 0.1])
+def test_a_sharp_taper_is_told(end):
+    """To a point eight plain elements bend 7 times as far by their weight (closed form: curvature
+    g rho b h L^2/(6 EI) throughout), the mean compliance of the last of them being that of its end;
+    to a tenth 8 %.
+    """
+    with pytest.warns(RuntimeWarning, match="within element 7 of 0 to 7 was given"):
+        tb.Beam.straight(1.0, 8, wedge(end))
+    places = torch.linspace(0, 1, 3)
+    with pytest.warns(RuntimeWarning, match="within element 1 of 0 to 1 was given"):
+        tb.Beam.straight(1.0, 2, tb.Stations(places, wedge(0.1)(places)))
+    with pytest.warns(RuntimeWarning, match="changes 61.8-fold within element 1 of 0 to 1"):
+        tb.Beam.straight(1.0, 2, wedge(torch.tensor([[0.9], [0.1]])))
+
+
+def test_what_tapers_little_within_an_element_is_not_warned_of():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        tb.Beam.straight(1.0, 8, wedge(0.2))
+        tb.Beam.straight(1.0, 8, wedge(1.0))
+        tb.Beam.straight(1.0, 16, wedge(0.2), order=2)
+        tb.Beam.straight(1.0, 2, [wedge(0.1)(torch.tensor(s)) for s in (0.1, 0.9)])
 
 
 def test_frequencies_of_a_truncated_wedge():

@@ -33,7 +33,7 @@ EFFECTS = (
     tb.Spring(-1, 2.0, (0.5, 0.5, 0.5), length=0.2, damping=0.3),
     tb.RootSpring((10.0, 10.0)),
     tb.Contact(tb.Plane((0.0, 0.0, -0.1), (0.0, 0.1, 1.0)), **SOFT),
-    tb.Load(user),
+    tb.Load(user, node=-1),
     tb.Tendon([(None, (0.0, 0.0, 0.3)), (-1, (0.0, 0.0, 0.1))], tension=2.0),
     tb.SelfContact(thickness=0.1, force=10.0, radius=0.02),
 )

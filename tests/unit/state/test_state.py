@@ -98,7 +98,11 @@ def test_a_state_of_another_scene_is_refused():
     """What it remembers has no place in this scene, or its mesh is another: one sentence."""
     turned = tb.rest(tb.Scene(beam(), frame=tb.Frame(angular_velocity=(0, 0, 1.0))))
     lag = tb.Load(
-        lambda r, R, v, w, t, z: (z, None), internal=3, rate=lambda z, r, R, v, w, t: -z, of=()
+        lambda r, R, v, w, t, z: (z, None),
+        node=-1,
+        internal=3,
+        rate=lambda z, r, R, v, w, t: -z,
+        of=(),
     )
     still = tb.Scene(beam())
     for state, words in (

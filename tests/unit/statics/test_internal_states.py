@@ -66,6 +66,7 @@ def test_a_path_has_them_where_its_equilibria_have(load):
 
         pushed = tb.Load(
             lambda x, R, v, w, t, z, p: (factor * z, None),
+            node=-1,
             internal=3,
             rate=rate,
             of=("position",),

@@ -15,6 +15,7 @@ from ...core.arguments import function as check_function
 from ...core.functions_of_time import at_time, taken
 from ...core.leaves import leaf, with_values
 from ...core.validation import Value, broadcast, finite, shown
+from ...core.warning import warn
 from ...math.shapes import broadcast_shapes
 from ..beam import Beam
 from ..parts import Place
@@ -33,6 +34,11 @@ from .loads import whole_node
 from .values import Input, Inputs, plain, to_sites, value_at
 
 PLACE = "s"  # may be asked for in `of`, and is no motion
+UNSAID = (
+    "a Load without node was given, which acts on the tip as node=-1 does; from the next minor "
+    "version on it acts along the beam, per metre, as node=None does: the one that is meant is "
+    "wanted"
+)
 
 
 @dataclass(frozen=True)
@@ -48,8 +54,10 @@ class Load(LoadEffect):
             sample depends on these alone: which others come in the same call is the engine's
             choice, so that a mean over them, or their number, is no number of the physics. Where
             samples stand at different times it is called once for each of these.
-        node: counts from the root, -1 is the tip; None = along the beam, where the arguments are
-            (..., sites, ...)
+        node: counts from the root, -1 is the tip; None = along the beam, force and moment per
+            metre, where the arguments are (..., sites, ...). To be said, unless `on` or "s" tell
+            that it is along the beam: left out it is the tip, as before, with a FutureWarning; from
+            the next minor version on it is along the beam, as with `Drag` and `Gravity`
         inputs: `Input`s, or names with sizes {"u": 2}: the function takes them by name, with as
             many axes as the motion
         values: parameters by name, numbers or tensors, which the function takes by that name: (...)
@@ -83,14 +91,14 @@ class Load(LoadEffect):
             anything but force and moment of the right shape.
 
     Examples:
-        >>> jet = tb.Load(lambda x, R, v, w, t: (-0.5 * v, None))  # N: a damper at the tip
+        >>> jet = tb.Load(lambda x, R, v, w, t: (-0.5 * v, None), node=-1)  # N: at the tip
         >>> slowed = tb.Scene(beam, [jet, tb.TipLoad(force=(0, 0, 1.0))])
         >>> tb.simulate(slowed, [0.0, 0.1], step=0.01).status
         tensor(0)
     """
 
     function: Callable[..., tuple[Tensor | None, Tensor | None]] = leaf(None)
-    node: Place | None = -1
+    node: Place | None = ...
     inputs: Iterable[Input] | dict[str, int] = ()
     internal: int = 0
     rate: Callable[..., Tensor] | None = leaf(None, default=None)
@@ -102,6 +110,12 @@ class Load(LoadEffect):
         check_function("Load's function", self.function)
         if self.rate is not None:
             check_function("Load's rate", self.rate)
+        of = listed(self.of)
+        if self.node is ...:
+            along = self.on is not None or PLACE in of
+            object.__setattr__(self, "node", None if along else -1)
+            if not along:
+                warn(UNSAID, FutureWarning)
         if self.node is not None:
             whole_node(self.node)
         count("internal", self.internal, least=0)
@@ -123,7 +137,6 @@ class Load(LoadEffect):
                 f"{shown(given)} was given as Load's inputs; Inputs, or names with sizes, are "
                 "wanted"
             )
-        of = listed(self.of)
         for name in of:
             choice("of", name, (*MOTION, PLACE))
         if PLACE in of and self.node is not None:

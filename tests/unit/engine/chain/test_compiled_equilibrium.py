@@ -88,7 +88,7 @@ def curved():
             tb.Actuation(curvature=(0, 0.1, 0.05)),
             tb.Spring(1, 0.2, (0.3, 0.2, 0.4), length=0.1, damping=0.3),
             tb.RootSpring((30.0, 20.0)),
-            tb.Load(lambda r, R, v, w, t: (-0.01 * r * t, 0.01 * R[..., 0])),
+            tb.Load(lambda r, R, v, w, t: (-0.01 * r * t, 0.01 * R[..., 0]), node=-1),
             tb.Damping(0.1),
             tb.Drag(1000.0, 0.02),
         ],
@@ -167,6 +167,7 @@ def lagging():
         [
             tb.Load(
                 lambda r, R, v, w, t, z, k: (k * z, None),
+                node=-1,
                 internal=3,
                 of=("position",),
                 values=dict(k=torch.tensor(2.0)),
@@ -394,10 +395,12 @@ def test_auto_compiles_for_many_samples(monkeypatch):
         compiled, "_climbed", lambda *args: found.append(natively(*args)) or found[-1]
     )
     u, dead = pulls(4, 3.0), tb.TipLoad(force=tb.Input("u", 3))
-    own = tb.Scene(straight(8), [dead, tb.Load(lambda r, R, v, w, t: (-r, None))], plane="xz")
+    own = tb.Scene(
+        straight(8), [dead, tb.Load(lambda r, R, v, w, t: (-r, None), node=-1)], plane="xz"
+    )
     refused = tb.Scene(
         straight(8),
-        [tb.Load(lambda r, R, v, w, t: (r if r.sum() > 9 else -r, None)), dead],
+        [tb.Load(lambda r, R, v, w, t: (r if r.sum() > 9 else -r, None), node=-1), dead],
         plane="xz",
     )
 
@@ -413,7 +416,9 @@ def test_auto_compiles_for_many_samples(monkeypatch):
     monkeypatch.setattr(compiled, "WORTH", 32)
     assert made() == made(own) == 1 and made(engine="eager") == made(relax=True) == 0
     unsteady = tb.Scene(
-        straight(8), [tb.Load(lambda r, R, v, w, t: (-gc.isenabled() * r, None)), dead], plane="xz"
+        straight(8),
+        [tb.Load(lambda r, R, v, w, t: (-gc.isenabled() * r, None), node=-1), dead],
+        plane="xz",
     )
     for scene, reason in ((refused, "control flow"), (unsteady, r"'gc' \(a module\)")):
         with pytest.warns(
@@ -444,7 +449,8 @@ def raises(error):
         (
             "control flow",
             lambda: tb.Scene(
-                straight(2), [tb.Load(lambda r, R, v, w, t: (r if r.sum() > 9 else -r, None))]
+                straight(2),
+                [tb.Load(lambda r, R, v, w, t: (r if r.sum() > 9 else -r, None), node=-1)],
             ),
             {},
         ),

@@ -171,6 +171,7 @@ def lags(by):
         effects=[
             tb.Load(
                 delayed,
+                node=-1,
                 internal=3,
                 of=("position",),
                 values=dict(k=by("k")),

@@ -213,7 +213,7 @@ def test_functions_bring_axes_of_their_own():
 def test_what_a_load_closes_over_is_taken_when_the_stepper_is_made():
     held = [0.3]
     scene = tb.Scene(
-        straight(1), [tb.Load(lambda r, R, v, w, t: (held[0] * v - r, None))], plane="xz"
+        straight(1), [tb.Load(lambda r, R, v, w, t: (held[0] * v - r, None), node=-1)], plane="xz"
     )
     start = moving(scene)
     found = []
@@ -248,7 +248,8 @@ def test_a_moving_load_along_the_beam_by_place_and_time():
         (
             "control flow",
             lambda: tb.Scene(
-                straight(2), [tb.Load(lambda r, R, v, w, t: (v if v.sum() > 0 else -v, None))]
+                straight(2),
+                [tb.Load(lambda r, R, v, w, t: (v if v.sum() > 0 else -v, None), node=-1)],
             ),
         ),
         (
@@ -257,7 +258,7 @@ def test_a_moving_load_along_the_beam_by_place_and_time():
                 straight(2),
                 [
                     tb.Load(  # what else the function does is not known
-                        lambda r, R, v, w, t: (GRADIENT * v + 0 * (print() or 0), None)
+                        lambda r, R, v, w, t: (GRADIENT * v + 0 * (print() or 0), None), node=-1
                     )
                 ],
             ),

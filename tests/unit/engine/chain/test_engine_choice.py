@@ -69,22 +69,24 @@ Brake = dataclass(frozen=True)(Brake)
     [
         (lambda: arm(), None),
         (lambda: arm(tb.PointLoad(node=1, force=lambda t: torch.stack((t, t, 0 * t)))), None),
-        (lambda: arm(tb.Load(own_load)), None),
+        (lambda: arm(tb.Load(own_load, node=-1)), None),
         (lambda: arm(Brake()), None),
-        (lambda: arm(tb.Load(lambda r, R, v, w, t: (-held[0] * v, None))), None),
+        (lambda: arm(tb.Load(lambda r, R, v, w, t: (-held[0] * v, None), node=-1)), None),
         (
-            lambda: arm(tb.Load(lambda r, R, v, w, t: (-os.getpid() * v, None))),
+            lambda: arm(tb.Load(lambda r, R, v, w, t: (-os.getpid() * v, None), node=-1)),
             r"Load by a function of the motion that reads 'os' \(a module\), which may change "
             r"\(.*test_engine_choice.py:\d+\); 'compiled' takes it, as it is",
         ),
         (
             lambda: arm(
-                tb.Load(lambda r, R, v, w, t: (-os.getpid() * v if v.sum() > 0 else v, None))
+                tb.Load(
+                    lambda r, R, v, w, t: (-os.getpid() * v if v.sum() > 0 else v, None), node=-1
+                )
             ),
             "Load by a function of the motion: (?!.*takes it)",
         ),
         (
-            lambda: arm(tb.Load(lambda r, R, v, w, t: (v if v.sum() > 0 else -v, None))),
+            lambda: arm(tb.Load(lambda r, R, v, w, t: (v if v.sum() > 0 else -v, None), node=-1)),
             "Load by a function of the motion: .* in "
             "<lambda>; control flow by values cannot be traced",
         ),
@@ -110,7 +112,7 @@ def test_auto_takes_native_code_where_it_can_and_describe_says_so(auto, scene, r
         assert re.search(reason, line), line
 
 
-@pytest.mark.parametrize("load", [tb.Load(own_load), Brake()])
+@pytest.mark.parametrize("load", [tb.Load(own_load, node=-1), Brake()])
 def test_auto_notices_what_a_function_reads(auto, monkeypatch, load):
     """Compiled steps while it stays as it was, eager ones from the first change on."""
     scene = pair(load)
@@ -127,7 +129,7 @@ def test_auto_notices_what_a_function_reads(auto, monkeypatch, load):
 def test_functions_of_the_same_code_and_other_defaults_are_different_loads(auto, engine):
     """-c v on the tip by two values of c, in two scenes of the same structure."""
     for c in (0.5, 50.0):
-        scene = pair(tb.Load(lambda r, R, v, w, t, c=c: (-c * v, None)))
+        scene = pair(tb.Load(lambda r, R, v, w, t, c=c: (-c * v, None), node=-1))
         state = moving(scene)
         found, wanted = (tb.Stepper(scene, 0.01, engine=one)(state) for one in (engine, "eager"))
         assert_close(found.velocity, wanted.velocity, rtol=1e-10, atol=1e-10)
@@ -138,7 +140,7 @@ def flowing(x):
 
 
 def pushing(x):
-    return tb.Load(lambda position, rotation, velocity, spin, t: (-x * position, None))
+    return tb.Load(lambda position, rotation, velocity, spin, t: (-x * position, None), node=-1)
 
 
 NUMBERS, TENSORS = (0.5, 2.0), (torch.tensor([0.5, 0.3, 0.8]), torch.tensor([0.2, 0.3, 1.8]))
@@ -193,7 +195,7 @@ BATCH = torch.tensor([[0.0, 1.0, 0.0], [0.0, 2.0, 0.0]])
 @pytest.mark.parametrize(
     "load",
     [
-        lambda x: tb.Load(lambda r, R, v, w, t: (x - v, None)),
+        lambda x: tb.Load(lambda r, R, v, w, t: (x - v, None), node=-1),
         lambda x: tb.Drag(
             1.5,
             0.25,
@@ -222,7 +224,7 @@ def test_a_first_gradient_after_a_change_is_that_of_what_was_taken(auto, monkeyp
     """What a function reads, be it followed or not, changes between a stepper and its first
     gradient.
     """
-    scene = pair(tb.Load(function))
+    scene = pair(tb.Load(function, node=-1))
 
     def gradient(stepper):
         velocity = moving(scene).velocity.requires_grad_()
@@ -332,7 +334,9 @@ def test_the_environment_says_what_auto_means(monkeypatch):
         assert tb.Stepper(arm(), 0.01, engine="compiled").compiled is not None
     # as it is with that argument
     with pytest.raises(ValueError, match="engine = 'compiled' was given"):
-        tb.Stepper(arm(tb.Load(lambda r, R, v, w, t: (v if v.sum() > 0 else -v, None))), 0.01)
+        tb.Stepper(
+            arm(tb.Load(lambda r, R, v, w, t: (v if v.sum() > 0 else -v, None), node=-1)), 0.01
+        )
     monkeypatch.setenv("TORCHBEAM_ENGINE", "eager")
     assert "TORCHBEAM_ENGINE is 'eager'; 'compiled' takes it" in engine_line(arm())
     monkeypatch.setenv("TORCHBEAM_ENGINE", "fast")

@@ -75,7 +75,7 @@ def written():
         up = u[..., 0] ** 2 * (1 + position[..., 2])
         return torch.stack((0 * up, 0 * up, up), -1), None
 
-    return risen(torch.tensor([1.5]), [tb.Load(square, inputs={"u": 1})])
+    return risen(torch.tensor([1.5]), [tb.Load(square, node=-1, inputs={"u": 1})])
 
 
 def jointed():
@@ -134,7 +134,7 @@ def test_what_is_not_taken_says_so():
     rope = tb.Tendon([(0, (0, 0, 0.02)), (-1, (0, 0, 0.02))], tension=1.0)
     with pytest.raises(ValueError, match="a Tendon"):
         tb.path(tb.Scene(beam(2), [rope]), engine="compiled")
-    push = tb.Load(lambda p, R, v, w, t, u: (u**2, None), inputs={"u": 3}, of=())
+    push = tb.Load(lambda p, R, v, w, t, u: (u**2, None), node=-1, inputs={"u": 3}, of=())
     with pytest.raises(ValueError, match="the factor of 'u' beside functions without motion"):
         tb.path(tb.Scene(beam(2), [push]), engine="compiled", load="u", inputs={"u": torch.ones(3)})
 
@@ -144,4 +144,4 @@ def test_what_cannot_be_traced_is_warned_of():
         return position * (1.0 if bool(position.detach()[..., 0].sum() > 0) else 0.0), None
 
     with pytest.warns(tb.SlowPathWarning, match="a path is found eagerly"):
-        assert tb.path(tb.Scene(beam(1), [tb.Load(fallen)]), step=1.0, steps=2) is not None
+        assert tb.path(tb.Scene(beam(1), [tb.Load(fallen, node=-1)]), step=1.0, steps=2) is not None

@@ -29,7 +29,10 @@ def pushed(k, direction=(1.0, 0.0, 0.0), **options):
     beam = tb.Beam.straight(1.0, 2, section(), direction=direction)
     return tb.Scene(
         beam,
-        [tb.TipLoad(force=(0.3, 0.0, 0.2)), tb.Load(away, of=("position",), values=dict(k=k))],
+        [
+            tb.TipLoad(force=(0.3, 0.0, 0.2)),
+            tb.Load(away, node=-1, of=("position",), values=dict(k=k)),
+        ],
         **options,
     )
 

@@ -111,13 +111,13 @@ def test_steps_of_an_optimiser_and_other_networks_compile_nothing():
 
 
 def network(module):
-    return tb.Load(lambda x, R, v, w, t: (-0.3 * module(v), None), of="velocity")
+    return tb.Load(lambda x, R, v, w, t: (-0.3 * module(v), None), node=-1, of="velocity")
 
 
 def test_numbers_of_objects_that_change_are_those_of_now():
     """By the stepper that is there, eagerly, and natively by the next one."""
     contact = Contact()
-    load = tb.Load(contact.force)
+    load = tb.Load(contact.force, node=-1)
     stepper, _ = stepped(load)
     contact.stiffness, contact.settings["gap"][1] = 400.0, -0.1
     expected = stepped(load, engine="eager")[1].velocity
@@ -133,7 +133,9 @@ def test_forward_mode_through_what_a_function_closes_over():
     for engine in ("auto", "eager"):
         with forward_ad.dual_level():
             k = forward_ad.make_dual(torch.tensor(3.0), torch.tensor(1.0))
-            state = stepped(tb.Load(lambda x, R, v, w, t, k=k: (-k * x, None)), engine=engine)[1]
+            state = stepped(
+                tb.Load(lambda x, R, v, w, t, k=k: (-k * x, None), node=-1), engine=engine
+            )[1]
             found.append(forward_ad.unpack_dual(state.velocity).tangent)
     assert_close(*found, rtol=1e-10, atol=1e-12)
     assert found[0].abs().max() > 1e-3

@@ -51,9 +51,9 @@ EFFECTS = {
     "drag": fx.Drag(1000.0, 0.1, normal=1.1, tangential=0.1, flow=wind),
     "a spring": fx.Spring(-1, 2.0, to=(0.1, 0.2, 0.3), length=0.5, damping=0.1),
     "a root spring": fx.RootSpring((2.0, 3.0), damping=(0.2, 0.1)),
-    "a user's load": fx.Load(user, inputs={"u": 3}),
+    "a user's load": fx.Load(user, node=-1, inputs={"u": 3}),
     "a user's load along": fx.Load(user, node=None, inputs={"u": 3}),
-    "a load with internal states": fx.Load(lagged, internal=2, rate=lag),
+    "a load with internal states": fx.Load(lagged, node=-1, internal=2, rate=lag),
 }
 
 
