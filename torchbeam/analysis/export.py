@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import instance
-from ..core.files import folder, path_of, written
+from ..core.files import file_of, folder, written
 from ..core.leaves import sent
 from ..linear.modes import Modes
 from ..math import quaternions as quat
@@ -83,7 +83,6 @@ def export(
         >>> modes = tb.modes(scene, tb.equilibrium(scene))
         >>> path = tb.export(modes, "modes.vtu", state=tb.equilibrium(scene))
     """
-    path = path_of("path", path)
     if isinstance(what, Modes) != (state is not None):
         raise ValueError(
             f"{type(what).__name__} {'with' if state is not None else 'without'} a state was given "
@@ -104,11 +103,7 @@ def export(
                 "wanted with one"
             )
     ending = ".pvd" if isinstance(what, Solution) else ".vtu"
-    if path.suffix != ending:
-        raise ValueError(
-            f"the file {path.name!r} was given for a {type(what).__name__}; one that ends in "
-            f"{ending} is wanted"
-        )
+    path = file_of("path", path, ending, of=f" for a {type(what).__name__}")
     if isinstance(what, Solution) and not isinstance(what.state, State):
         raise ValueError(
             f"a Solution of {type(what.state).__name__} was given to export; one of the nodal form "

@@ -32,6 +32,7 @@ from ..core.leaves import wants_gradient
 from ..core.validation import unmapped
 from ..core.warning import warn
 from ..math.dense import solve
+from ..math.shapes import broadcast_shapes
 from ..nodal.discretise import discretise
 from ..scene.effects.values import Input
 from ..scene.scene import Scene
@@ -105,7 +106,9 @@ def linearize(
         equilibrium(scene, t=t, inputs=inputs)
         if state is None
         else at_rest(model, state, time, given, lumped)
-    ).broadcast()
+    )
+    axes = (value.shape[:-1] for value in given.values())
+    state = state.broadcast(broadcast_shapes(state.batch_shape, scene.batch_shape, *axes))
     M, D, K, lags = of_nodes(model, state, time, given)
     G = K.constraints() if model.joints.count else None
     M, D, K = augmented(

@@ -10,7 +10,7 @@ from typing import Any
 
 from torch import Tensor
 
-from ..core.files import folder, written
+from ..core.files import file_of, folder, written
 
 Axes = Any  # matplotlib.axes.Axes; matplotlib is imported where something is drawn
 GREY = "0.6"
@@ -57,7 +57,7 @@ def save(ax: Axes, path: str | Path, dpi: int = 150) -> Path:
     Examples:
         >>> path = tb.plot.save(tb.plot.shape(solution.state), "shapes.png")
     """
-    path = Path(path)
+    path = file_of("path", path)
     if not path.suffix:
         raise ValueError(
             f"the file {path.name!r} was given; one that ends in .png, .pdf, .svg ... is wanted"
