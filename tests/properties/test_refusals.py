@@ -454,7 +454,7 @@ CASES = {
         "a state with 4 nodes was given; the beam has 3"),
     # what a stepper is given
     "no state": (stepped(None),
-                 "a state of type NoneType was given; the nodal form wants a torchbeam.State"),
+                 "a state of type NoneType was given; a torchbeam.State, of the nodal form, is"),
     "a state of another form": (stepped(tb.consistent_state(SCENE)),
                                 "a state of type MixedState was given"),
     "a state of another mesh": (stepped(LONGER), "a state with 4 nodes was given; the beam has 3"),

@@ -206,7 +206,7 @@ def _beside(scene: Scene, state: State) -> Iterator[Beside]:
     drawn = scene.beam.nodes.detach().double().reshape(-1, 3)
     size = (drawn.amax(0) - drawn.amin(0)).norm().item() or 1.0  # a body alone has no length
     eye = torch.eye(3, dtype=torch.float64)
-    t = float(state.t.detach().reshape(-1)[0])
+    t = next(iter(state.t.flatten().tolist()), 0.0)  # of no sample any
     solids = [(torch.zeros(3, dtype=torch.float64), eye, each) for each in standing(scene, t)]
     for centre, R, obstacle in (*solids, *surfaces(scene, state)):
         mesh = surface_mesh(sent(obstacle, "cpu", torch.float64), size)

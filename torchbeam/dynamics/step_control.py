@@ -97,7 +97,9 @@ class _Record:
             x.reshape(self.shape)
             for x in (self.counts, self.status, self.rejected, self.event, self.met)
         )
-        return Controlled(StepSequence(instants.reshape(most + 1, *self.shape), counts, stops), *others)
+        return Controlled(
+            StepSequence(instants.reshape(most + 1, *self.shape), counts, stops), *others
+        )
 
 
 class _Run:

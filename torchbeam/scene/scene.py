@@ -36,6 +36,7 @@ from .body import Body
 from .effects import Damping, Effect, Inputs, PerElement, inputs_of
 from .effects.contact_terms import ContactTerms
 from .effects.effect import of_library
+from .effects.springs import Spring
 from .effects.tendon import Tendon
 from .joined import joints_of
 from .joint import Joint
@@ -106,7 +107,10 @@ class Scene(Tree):
             if getattr(self, name) is not None:
                 instance(name, getattr(self, name), wanted)
         choice("plane", self.plane, PLANES)
-        boolean("small", self.small)
+        if boolean("small", self.small) and self.plane is not None:
+            raise ValueError(
+                f"plane = {self.plane!r} and small=True were given; one of them is wanted"
+            )
         precision(self.beam.nodes.dtype)
         if self.beam.parts and self.root is not None:
             raise ValueError(
@@ -343,6 +347,9 @@ class Scene(Tree):
                 return effect
         if effect.node is not None:
             row = self.beam.row(effect.node)
+            if isinstance(effect, Spring):
+                drawn = (x[..., int(row), :] for x in (self.beam.nodes, self.beam.frames))
+                effect = effect.drawn_at(*drawn)
             return effect if row is effect.node else with_values(effect, node=row)
         self.beam.named(effect.on, effect)
         for leaf in own_leaves(effect):
@@ -397,8 +404,11 @@ class Scene(Tree):
                 )
         for name in sizes:
             if name not in given:
+                wanted = ", ".join(f"{other!r}: {size} numbers" for other, size in sizes.items())
                 raise ValueError(
-                    f"the input {name!r} is missing; the scene wants {', '.join(sizes)}"
+                    f"the input {name!r} is missing; inputs={{{wanted}}} is wanted".replace(
+                        ": 1 numbers", ": 1 number"
+                    )
                 )
         tensors = {}
         for name, value in given.items():

@@ -18,7 +18,7 @@ from ..core.arguments import function as check_function
 from ..core.arguments import tolerance as check_tolerance
 from ..core.derivatives import no_derivatives
 from ..core.summary import counted, kind, lines, span, statuses
-from ..core.validation import as_tensor, concrete, shown
+from ..core.validation import concrete, shown
 from ..core.warning import warn
 from ..engine.chain.coverage import ENGINES
 from ..equations.steady import Configuration
