@@ -28,6 +28,8 @@ from .validation import (
     shown,
 )
 
+LEAST_ERROR = 16 * sys.float_info.epsilon  # a relative error that may be asked for
+
 
 @cache
 def keywords(*takers: Any) -> list[str]:
@@ -211,6 +213,10 @@ def level_of(name: str, value: Any) -> float:
 def accuracy(name: str, value: Any) -> float:
     """A relative error that is asked for, in (0, 1); ValueError otherwise."""
     tolerance(name, value)
+    if value < LEAST_ERROR:
+        raise ValueError(
+            f"{name} = {value:g} was given; double precision resolves {LEAST_ERROR:.2g} and more"
+        )
     if value >= 1:
         raise ValueError(
             f"{name} = {value:g} was given; a relative error below 1 is wanted, 0.01 for a percent"

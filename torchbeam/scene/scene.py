@@ -34,6 +34,7 @@ from ..topology.protocols import Topology
 from .beam import Beam
 from .body import Body
 from .effects import Damping, Effect, Inputs, PerElement, inputs_of
+from .effects.contact_defaults import with_defaults
 from .effects.contact_terms import ContactTerms
 from .effects.effect import of_library
 from .effects.springs import Spring
@@ -132,6 +133,7 @@ class Scene(Tree):
             ("joints", listed(self.joints)),
         ):
             set_(self, name, self._bound(given))
+        set_(self, "effects", with_defaults(self.effects, self.beam))
         if self.joints or self.beam.parts:
             joints = joints_of(self)
             set_(self, "joints", joints)
@@ -304,6 +306,14 @@ class Scene(Tree):
             if not isinstance(support, Support):
                 raise ValueError(
                     f"{shown(support)} was given as a support; a torchbeam.Support is wanted"
+                )
+            if len(support.rotation) == 1 and not self.small and self.plane in (None, "auto"):
+                axis, second = ("yz", "zx", "xy")["xyz".index(support.rotation)]
+                raise ValueError(
+                    f"a support with rotation = {support.rotation!r} was given in space, where the "
+                    "two turns that it leaves have axes that move; small=True is wanted, or in a "
+                    f"structure a Universal from None with axis along {axis} and second along "
+                    f"{second}"
                 )
             row = self.beam.row(support.node, "the node of a support")
             row = row if self.beam.parts else row % count

@@ -52,8 +52,11 @@ class Contact(ContactTerms):
     metre. At rest under a force per length q the gap is thickness (1 - (q/force)^(1/2)), and below
     -(q/force - 1) thickness/2 where q is above `force`.
 
-    thickness  (...) m
-    force      (...) N/m; or in its place `stiffness` (...) N/m^2, 2 force/thickness
+    thickness  (...) m; None = a tenth of the smallest radius, without one of that of a round
+               section with the beam's EI and EA
+    force      (...) N/m; or in its place `stiffness` (...) N/m^2, 2 force/thickness. None = four
+               times the weight per length and 16 EI/L^3, of the heavier beam; in N four times
+               that of the body. `describe` says the numbers
     radius     (...) m of the beam's surface; None or the number 0: its axis; a `Table` of it by
                the arclength from the root where the beam tapers: the surface is then that of balls
                about the axis, a cone of the half angle asin(dr/ds)
@@ -76,8 +79,9 @@ class Contact(ContactTerms):
 
     Raises:
         ValueError: for what is no obstacle, a thickness or slip speed that is not above 0, negative
-            numbers, both or none of force and stiffness, friction without a slip speed, or a radius
-            that has no room in a tube; in a scene for parts that are not there.
+            numbers, both force and stiffness, friction without a slip speed, or a radius that has
+            no room in a tube; in a scene for parts that are not there, and where nothing says the
+            thickness or the force.
 
     Examples:
         >>> floor = tb.Contact(tb.Plane((0, 0, -0.1), (0, 0, 1)), thickness=0.01, force=100.0)
