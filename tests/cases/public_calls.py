@@ -665,10 +665,10 @@ CALLS = {
     "modal_assurance": (tb.modal_assurance, dict(a=torch.ones(3, 2), b=torch.ones(3, 2))),
     "plot.shape": (
         tb.plot.shape,
-        dict(state=START, ax=None, plane=None, scene=SCENE, frames=True, label="a", nodes=True),
+        dict(state=START, ax=None, plane=None, scene=None, frames=True, nodes=True),
     ),
     "plot.mode_shapes": (tb.plot.mode_shapes, dict(state=START, modes=MODES, count=2)),
-    "plot.history": (tb.plot.history, dict(solution=SOLUTION, sensor=S.TipPosition(), label="a")),
+    "plot.history": (tb.plot.history, dict(solution=SOLUTION, sensor=S.TipPosition())),
     "plot.energies": (tb.plot.energies, dict(solution=SOLUTION)),
     "plot.axes": (tb.plot.axes, dict(three=False)),
     "plot.save": (tb.plot.save, dict(ax=tb.plot.axes(), path=PICTURE)),

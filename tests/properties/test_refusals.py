@@ -285,8 +285,8 @@ CASES = {
     # supports, planes
     "support's letters": (lambda: tb.Support(0, position="xw"),
                           "position = 'xw' was given; some of the letters x, y and z"),
-    "support about one axis": (lambda: tb.Support(0, rotation="x"),
-                               "rotation = 'x' was given; all three components are held"),
+    "support about one axis": (lambda: tb.Scene(BEAM, supports=tb.Support(0, rotation="x")),
+                               "rotation = 'x' was given in space"),
     "support's node": (lambda: tb.Scene(BEAM, supports=tb.Support(7)),
                        "the node of a support = 7 was given for a beam with"),
     "two supports of a node": (lambda: tb.Scene(BEAM, supports=(tb.Support(0), tb.Support(0))),

@@ -109,7 +109,7 @@ def moment_derivatives(
             else torch.get_default_dtype(),
         ),
     )
-    if q.ndim != 1:
+    if q.ndim != 1 or not q.numel():
         raise ValueError(f"q {tuple(q.shape)} was given; (m,) is wanted")
     q = q.detach().clone().requires_grad_()
     joint = JointLaw.of(laws(q), correlation)
