@@ -270,7 +270,7 @@ CASES = {
         r"a scene, a state and inputs with the batch axes \(2,\) and \(3,\) were given"),
     "static input's axes": (lambda: tb.equilibrium(BATCH, inputs={"u": torch.ones(3, 3)}),
                             r"\(2,\) and \(3,\)"),
-    "stepper's input missing": (step(), "input 'u' is missing; the scene wants u"),
+    "stepper's input missing": (step(), "input 'u' is missing; inputs={'u': 3 numbers} is wanted"),
     "stepper's unknown input": (step(u=(0, 0, 1.0), w=(0, 0, 1.0)),
                                 "input 'w' was given; the scene has u"),
     "stepper's input shape": (step(u=1.0), r"input 'u' of shape \(\)"),
