@@ -17,7 +17,7 @@ import gymnasium
 import torch
 from gymnasium.vector import VectorEnv
 
-from .options import add_task
+from .options import above_zero, add_task
 from .policies import load
 from .tuned import HELD_OUT, OUTSIDE, TASKS, Task, widened
 
@@ -120,7 +120,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m training.evaluate", description=main.__doc__)
     parser.add_argument("policy", nargs="+", help="files that a learner has written")
     parser.add_argument(
-        "--episodes", type=int, default=EPISODES, help="held-out episodes (default: %(default)s)"
+        "--episodes",
+        type=above_zero(int),
+        default=EPISODES,
+        help="held-out episodes (default: %(default)s)",
     )
     parser.add_argument(
         "--outside",

@@ -54,7 +54,8 @@ DATA = model({"f": torch.tensor(1.0)})
 PRESSED = tb.Scene(BEAM, [tb.TipLoad(force=(-1.0, 0, 0))])
 SHAKEN = tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, 1.0)), tb.Damping(0.01)])
 SAVED = tb.save(START, Path(gettempdir()) / "saved.pt", scene=SCENE)
-EXPORTED = str(Path(gettempdir()) / "exported.vtu")  # nothing else is written, but SAVED
+EXPORTED = str(Path(gettempdir()) / "exported.vtu")  # nothing else is written, but SAVED and
+PICTURE = str(Path(gettempdir()) / "picture.svg")
 
 CALLS = {
     "save": (tb.save, dict(what=START, path=str(SAVED), scene=SCENE)),
@@ -662,6 +663,15 @@ CALLS = {
         dict(modes=MODES, shapes=torch.ones(3, 2), read=lambda s: s[..., -1, :2]),
     ),
     "modal_assurance": (tb.modal_assurance, dict(a=torch.ones(3, 2), b=torch.ones(3, 2))),
+    "plot.shape": (
+        tb.plot.shape,
+        dict(state=START, ax=None, plane=None, scene=None, frames=True, nodes=True),
+    ),
+    "plot.mode_shapes": (tb.plot.mode_shapes, dict(state=START, modes=MODES, count=2)),
+    "plot.history": (tb.plot.history, dict(solution=SOLUTION, sensor=S.TipPosition())),
+    "plot.energies": (tb.plot.energies, dict(solution=SOLUTION)),
+    "plot.axes": (tb.plot.axes, dict(three=False)),
+    "plot.save": (tb.plot.save, dict(ax=tb.plot.axes(), path=PICTURE)),
     "state.node": (START.node, dict(index=0)),
     "state[]": (lambda index: SOLUTION.state[index], dict(index=0)),
     "State.from_nodes": (

@@ -265,7 +265,7 @@ CASES = {
         r"a scene, a state and inputs with the batch axes \(2,\) and \(3,\) were given"),
     "static input's axes": (lambda: tb.equilibrium(BATCH, inputs={"u": torch.ones(3, 3)}),
                             r"\(2,\) and \(3,\)"),
-    "stepper's input missing": (step(), "input 'u' is missing; the scene wants u"),
+    "stepper's input missing": (step(), "input 'u' is missing; inputs={'u': 3 numbers} is wanted"),
     "stepper's unknown input": (step(u=(0, 0, 1.0), w=(0, 0, 1.0)),
                                 "input 'w' was given; the scene has u"),
     "stepper's input shape": (step(u=1.0), r"input 'u' of shape \(\)"),
@@ -280,8 +280,8 @@ CASES = {
     # supports, planes
     "support's letters": (lambda: tb.Support(0, position="xw"),
                           "position = 'xw' was given; some of the letters x, y and z"),
-    "support about one axis": (lambda: tb.Support(0, rotation="x"),
-                               "rotation = 'x' was given; all three components are held"),
+    "support about one axis": (lambda: tb.Scene(BEAM, supports=tb.Support(0, rotation="x")),
+                               "rotation = 'x' was given in space"),
     "support's node": (lambda: tb.Scene(BEAM, supports=tb.Support(7)),
                        "the node of a support = 7 was given for a beam with"),
     "two supports of a node": (lambda: tb.Scene(BEAM, supports=(tb.Support(0), tb.Support(0))),
@@ -445,7 +445,7 @@ CASES = {
         "a state with 4 nodes was given; the beam has 3"),
     # what a stepper is given
     "no state": (stepped(None),
-                 "a state of type NoneType was given; the nodal form wants a torchbeam.State"),
+                 "a state of type NoneType was given; a torchbeam.State, of the nodal form, is"),
     "a state of another form": (stepped(tb.consistent_state(SCENE)),
                                 "a state of type MixedState was given"),
     "a state of another mesh": (stepped(LONGER), "a state with 4 nodes was given; the beam has 3"),

@@ -191,9 +191,12 @@ def _effect(effect: Effect, scene: Scene) -> str:
     at = at if effect.on is None else f" on {effect.on!r}"
     at = at if node is None else f" at node {node if beam.parts else node % beam.node_count}"
     said = [
-        f"{f.name} = {_value(v)}" if v is not True else f.name
+        (f"{f.name} = {_value(v)}" if v is not True else f.name)
+        + " (by default)" * (f.name in getattr(effect, "follows", ()))
         for f in fields(effect)
-        if f.name not in ("node", "on") and _named(v := getattr(effect, f.name), f.default)
+        if f.init
+        and f.name not in ("node", "on")
+        and _named(v := getattr(effect, f.name), f.default)
     ]
     return f"{effect.called}{at}" + (f": {', '.join(said)}" if said else "")
 

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import instance
-from ..core.files import folder, path_of, written
+from ..core.files import file_of, folder, written
 from ..core.leaves import sent
 from ..linear.modes import Modes
 from ..math import quaternions as quat
@@ -83,7 +83,6 @@ def export(
         >>> modes = tb.modes(scene, tb.equilibrium(scene))
         >>> path = tb.export(modes, "modes.vtu", state=tb.equilibrium(scene))
     """
-    path = path_of("path", path)
     if isinstance(what, Modes) != (state is not None):
         raise ValueError(
             f"{type(what).__name__} {'with' if state is not None else 'without'} a state was given "
@@ -104,11 +103,7 @@ def export(
                 "wanted with one"
             )
     ending = ".pvd" if isinstance(what, Solution) else ".vtu"
-    if path.suffix != ending:
-        raise ValueError(
-            f"the file {path.name!r} was given for a {type(what).__name__}; one that ends in "
-            f"{ending} is wanted"
-        )
+    path = file_of("path", path, ending, of=f" for a {type(what).__name__}")
     if isinstance(what, Solution) and not isinstance(what.state, State):
         raise ValueError(
             f"a Solution of {type(what.state).__name__} was given to export; one of the nodal form "
@@ -211,7 +206,7 @@ def _beside(scene: Scene, state: State) -> Iterator[Beside]:
     drawn = scene.beam.nodes.detach().double().reshape(-1, 3)
     size = (drawn.amax(0) - drawn.amin(0)).norm().item() or 1.0  # a body alone has no length
     eye = torch.eye(3, dtype=torch.float64)
-    t = float(state.t.detach().reshape(-1)[0])
+    t = next(iter(state.t.flatten().tolist()), 0.0)  # of no sample any
     solids = [(torch.zeros(3, dtype=torch.float64), eye, each) for each in standing(scene, t)]
     for centre, R, obstacle in (*solids, *surfaces(scene, state)):
         mesh = surface_mesh(sent(obstacle, "cpu", torch.float64), size)

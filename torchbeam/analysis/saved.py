@@ -48,7 +48,7 @@ def save(what: Any, path: str | Path, *, scene: Scene | None = None) -> Path:
         >>> path = tb.save(first.state[-1], "start.pt", scene=scene)
         >>> again = tb.simulate(scene, [0.1, 0.2], tb.load(path, scene=scene), step=0.01)
     """
-    path = files.path_of("path", path)
+    path = files.file_of("path", path)
     if not isinstance(what, Instant | Solution):
         raise ValueError(
             f"{type(what).__name__} was given to save; a state or a Solution is wanted"

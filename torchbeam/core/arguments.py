@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import sys
 from collections.abc import Iterable
 from functools import cache
 from typing import Any
@@ -19,12 +20,15 @@ from .validation import (
     as_tensor,
     broadcast,
     converted,
+    dense,
     finite,
     positive,
     real,
     scalars,
     shown,
 )
+
+LEAST_ERROR = 16 * sys.float_info.epsilon  # a relative error that may be asked for
 
 
 @cache
@@ -69,9 +73,18 @@ def not_here(name: str, value: Any, call: str) -> None:
 
 def whole(name: str, value: int) -> int:
     """`value` if it is a whole number; ValueError otherwise."""
-    if isinstance(value, BOOLEANS) or not isinstance(value, (int, np.integer)):
+    if not _whole(value):
         raise ValueError(f"{name} = {shown(value)} was given; a whole number is wanted")
     return int(value)
+
+
+def _whole(value: Any) -> bool:
+    """Whether this is a whole number that a computer counts to."""
+    return (
+        isinstance(value, (int, np.integer))
+        and not isinstance(value, BOOLEANS)
+        and abs(value) <= sys.maxsize
+    )
 
 
 def place(name: str, value: int, count: int, there: str) -> int:
@@ -94,7 +107,7 @@ def count(name: str, value: int, least: int = 1) -> int:
         >>> extend.count("elements", 4, 1)
         4
     """
-    if isinstance(value, BOOLEANS) or not isinstance(value, (int, np.integer)) or value < least:
+    if not _whole(value) or value < least:
         raise ValueError(
             f"{name} = {shown(value)} was given; a whole number of at least {least} is wanted"
         )
@@ -200,6 +213,10 @@ def level_of(name: str, value: Any) -> float:
 def accuracy(name: str, value: Any) -> float:
     """A relative error that is asked for, in (0, 1); ValueError otherwise."""
     tolerance(name, value)
+    if value < LEAST_ERROR:
+        raise ValueError(
+            f"{name} = {value:g} was given; double precision resolves {LEAST_ERROR:.2g} and more"
+        )
     if value >= 1:
         raise ValueError(
             f"{name} = {value:g} was given; a relative error below 1 is wanted, 0.01 for a percent"
@@ -207,11 +224,18 @@ def accuracy(name: str, value: Any) -> float:
     return float(value)
 
 
+def some(name: str, value: Tensor) -> Tensor:
+    """`value` if it has a number at all; ValueError otherwise."""
+    if not value.numel():
+        raise ValueError(f"{name} of shape {tuple(value.shape)} was given; a number is wanted")
+    return value
+
+
 def instants(name: str, value: Any, like: Tensor) -> Tensor:
     """Times (...) s, one or one of each sample, in the dtype and on the device of `like`;
     ValueError for what is none.
     """
-    return finite(name, as_tensor(value, like.dtype, like.device))
+    return finite(name, some(name, as_tensor(value, like.dtype, like.device)))
 
 
 def instant(name: str, value: Any, like: Tensor) -> Tensor:
@@ -252,7 +276,7 @@ def tolerance(name: str, value: Any, *, zero: bool = False, each: bool = False) 
             raise ValueError(
                 f"{name} of shape {tuple(value.shape)} was given; one number is wanted"
             )
-        return positive(name, real(value), zero=zero)
+        return positive(name, some(name, real(value)), zero=zero)
     if not _real(value) or not (0 < value < math.inf or (zero and value == 0)):
         wanted = "a non-negative" if zero else "a positive"
         raise ValueError(f"{name} = {shown(value)} was given; {wanted} finite number is wanted")
@@ -269,9 +293,11 @@ def step_size(name: str, value: float) -> float:
 
 
 def _real(value: Any) -> bool:
-    """Whether this is a real number of Python or NumPy."""
-    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(
-        value, BOOLEANS
+    """Whether this is a real number of Python or NumPy, none that double precision cannot hold."""
+    return (
+        isinstance(value, (int, float, np.integer, np.floating))
+        and not isinstance(value, BOOLEANS)
+        and not (isinstance(value, int) and abs(value) > sys.float_info.max)
     )
 
 
@@ -286,4 +312,4 @@ def duration(name: str, value: float | Tensor, dtype: torch.dtype, device: torch
             f"{name} of shape {tuple(value.shape)} and {value.dtype} was given; one number of "
             "seconds is wanted"
         )
-    return positive(name, value.to(dtype=dtype, device=device))
+    return positive(name, dense(value).to(dtype=dtype, device=device))

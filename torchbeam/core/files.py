@@ -21,14 +21,29 @@ class NotWritten(OSError):
 
 
 def path_of(name: str, given: Any) -> Path:
-    """A path; ValueError for what is none."""
-    if (
-        not isinstance(given, (str, os.PathLike))
-        or not isinstance(text := os.fspath(given), str)
-        or not text
-    ):
-        raise ValueError(f"{name} = {shown(given)} was given; a path is wanted")
-    return Path(text)
+    """A path, in which a first "~" is the user's home; ValueError for what is none."""
+    text = os.fspath(given) if isinstance(given, (str, os.PathLike)) else None
+    try:
+        if not isinstance(text, str) or not text or b"\0" in os.fsencode(text):
+            raise ValueError
+        return Path(text).expanduser()
+    except (ValueError, RuntimeError):  # letters that no name has; a home of nobody
+        raise ValueError(f"{name} = {shown(given)} was given; a path is wanted") from None
+
+
+def file_of(name: str, given: Any, *endings: str, of: str = "") -> Path:
+    """The path of a file that is to be written, with one of these endings where there are some;
+    ValueError for what is none. of: what it is for, in the sentence.
+    """
+    path = path_of(name, given)
+    if endings and path.suffix not in endings:
+        raise ValueError(
+            f"the file {path.name!r} was given{of}; one that ends in {' or '.join(endings)} is "
+            "wanted"
+        )
+    if not path.stem.strip("."):
+        raise ValueError(f"{name} = {shown(given)} was given; a file with a name is wanted")
+    return path
 
 
 def folder(path: str | Path, *, parents: bool = False) -> Path:
@@ -39,7 +54,7 @@ def folder(path: str | Path, *, parents: bool = False) -> Path:
 
     Raises ValueError where there is no such folder to be had, or nothing can be written into it.
     """
-    path = Path(path)
+    path = path_of("the folder", path)
     wanted = "another folder is wanted"
     try:
         if not parents and not path.absolute().parent.is_dir() and not path.is_dir():

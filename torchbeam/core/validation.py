@@ -67,7 +67,7 @@ def as_tensor(value: Value, dtype: torch.dtype, device: torch.device | None = No
     precision, unless it is a single number.
     """
     if isinstance(value, Tensor) and value.dtype == dtype and device in (None, value.device):
-        return value  # as a rule
+        return real(value)  # as a rule
     for leaf in _leaves(value):
         if leaf.ndim:
             _known(leaf)
@@ -100,9 +100,21 @@ def converted(value: Value, dtype: torch.dtype, device: torch.device | None = No
 
 
 def real(value: Tensor) -> Tensor:
-    """`value` if it holds real numbers; ValueError for booleans and complex numbers."""
+    """`value` if it holds real numbers; ValueError for booleans and complex numbers, and as of
+    `dense`.
+    """
     if value.dtype == torch.bool or value.dtype.is_complex:
         raise ValueError(f"a tensor of {value.dtype} was given; real numbers are wanted")
+    return dense(value)
+
+
+def dense(value: Tensor) -> Tensor:
+    """`value` if it has a number in each place; ValueError for a sparse tensor, and for one of the
+    device meta.
+    """
+    if value.layout != torch.strided or value.is_meta:
+        given = "the device meta" if value.is_meta else f"the layout {value.layout}"
+        raise ValueError(f"a tensor of {given} was given; a dense one with numbers is wanted")
     return value
 
 
@@ -142,7 +154,10 @@ def shown(value: Any) -> str:
         >>> extend.shown(list(range(1000)))
         '[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 2...'
     """
-    text = " ".join(repr(value).split())
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # of a user's class, or of more digits than Python writes
+        text = f"a {type(value).__name__} that cannot be printed"
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 
@@ -273,7 +288,9 @@ def inertia(name: str, J: Tensor, size: Tensor) -> Tensor:
     sum of the others, to 1e-6 of `size` (...), that of the numbers it was made of; ValueError
     otherwise.
     """
-    least, middle, most = torch.linalg.eigvalsh(concrete(J).detach()).unbind(-1)
+    known = concrete(J).detach()
+    known = known.to(torch.promote_types(known.dtype, torch.float32))  # of half: a scene refuses it
+    least, middle, most = torch.linalg.eigvalsh(known).unbind(-1)
     size = ROUNDING * torch.maximum(concrete(size).detach(), most)
     if (least < -size).any():
         raise ValueError(

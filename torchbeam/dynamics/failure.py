@@ -30,7 +30,6 @@ from .unresisted_motion import unresisted_motion
 ITERATES = 6  # of Newton's method that are looked at
 # of the way between two of them: what then still changes by half of the whole has a jump
 HALVES = 30
-RESIST = "a section with rotary inertia, or a support or joint that holds it, is wanted"
 
 
 class Failure(NamedTuple):
@@ -83,8 +82,7 @@ class Failure(NamedTuple):
                     "the step leads through what is to be touched; a smaller one may help, or "
                     "contact with a larger force, which holds more energy"
                 )
-            motion = unresisted_motion(problem, self.failed)
-            return motion and f"neither stiffness nor inertia resists {motion}; {RESIST}"
+            return unresisted_motion(problem, self.failed)
 
     def _iterates(self) -> list[Any]:
         problem, x = self.problem, self.problem.predictor()

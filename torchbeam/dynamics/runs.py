@@ -22,7 +22,7 @@ from ..core.memory import check_memory
 from ..core.status import FAILED
 from ..core.validation import broadcast, concrete
 from ..core.warning import warn
-from ..math.shapes import broadcast_shapes
+from ..math.shapes import broadcast_shapes, largest
 from ..nodal.model import Model
 from ..nodal.penetration import refuse_penetration
 from ..nodal.rates import Rates
@@ -202,7 +202,7 @@ def adaptive_run(
     solution = adaptive(stepper, start, t, held, tolerance, events, most, first)
     lengths, level = solution.steps.sequence.instants.diff(dim=0), solution.proof.level
     stats = Stats(
-        steps=int((solution.steps.sequence.counts * 2**level).max()),
+        steps=largest(solution.steps.sequence.counts * 2**level),
         lengths=lengths,
         level=level,
         rejected=solution.steps.rejected,

@@ -18,6 +18,7 @@ from torch import Tensor
 from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.status import SUCCESS, TOO_MANY, UNDERFLOW
 from ..core.validation import concrete
+from ..math.shapes import largest
 from ..state.state import State
 from .events import Events
 from .instants import SHARE
@@ -79,7 +80,7 @@ class _Record:
     """What is kept of all samples."""
 
     def __init__(self, stops: Tensor, shape: torch.Size) -> None:
-        self.shape, count = shape, max(1, shape.numel())
+        self.shape, count = shape, shape.numel()
         self.begin = stops[:1].expand(count)
         self.times, self.samples, self.numbers = [], [], []
         self.counts, self.rejected, self.status = (
@@ -88,7 +89,8 @@ class _Record:
         self.event, self.met = torch.full_like(self.counts, -1), torch.zeros_like(self.counts)
 
     def controlled(self, stops: Tensor) -> Controlled:
-        instants = self.begin.expand(int(self.counts.max()) + 1, -1).clone()
+        most = largest(self.counts)
+        instants = self.begin.expand(most + 1, -1).clone()
         for t, sample, number in zip(self.times, self.samples, self.numbers, strict=True):
             instants[number, sample] = t
         instants = instants.cummax(0).values
@@ -96,7 +98,9 @@ class _Record:
             x.reshape(self.shape)
             for x in (self.counts, self.status, self.rejected, self.event, self.met)
         )
-        return Controlled(StepSequence(instants.reshape(-1, *self.shape), counts, stops), *others)
+        return Controlled(
+            StepSequence(instants.reshape(most + 1, *self.shape), counts, stops), *others
+        )
 
 
 class _Run:
@@ -123,7 +127,7 @@ class _Run:
         )
         self.most, self.events, self.record = most, events, record
         self.state, shape = start, start.status.shape
-        self.place = torch.arange(max(1, shape.numel()), device=stops.device).reshape(shape)
+        self.place = torch.arange(shape.numel(), device=stops.device).reshape(shape)
         self.t = stops[0].expand(shape).clone()
         self.h = self.t
         self.ahead = torch.ones(shape, dtype=torch.long, device=stops.device)  # the stop ahead

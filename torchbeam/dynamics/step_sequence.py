@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.leaves import Tree, leaf
+from ..math.shapes import largest
 from ..state.state import State
 from .make_steps import AT_ONCE, ROOM, StepPlan, part_of, states_after
 from .step_inputs import inputs_by_sample
@@ -89,7 +90,7 @@ class StepSequence(Tree):
         states, places = _rows(start.map(lambda x: x[None]), numbers == 0, numbers * 0)
         parts, spots, state = [states], [places], start
         done, sequence, place = 0, self, torch.arange(width, device=numbers.device)
-        while done < int(total.max()):
+        while done < largest(total):
             going = total > done
             few = BatchSubset.worthwhile(going)
             if few is not None:
@@ -136,8 +137,8 @@ def _rows(states: State, wanted: Tensor, at: Tensor) -> tuple[State, Tensor]:
     """
     shape = wanted.shape[1:]
     spots = wanted.reshape(-1).nonzero()[:, 0]
-    samples = max(1, shape.numel())
-    k, sample = at.reshape(-1)[spots], spots % samples
+    samples = shape.numel()
+    k, sample = at.reshape(-1)[spots], spots % max(1, samples)
 
     def taken(x: Tensor) -> Tensor:
         return x.reshape(len(x), samples, *x.shape[1 + len(shape) :])[k, sample]

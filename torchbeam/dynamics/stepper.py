@@ -272,8 +272,8 @@ class Stepper:
                 "whose states remember nothing beside z"
             )
         sizes = self.scene.inputs
-        if not isinstance(u, dict):
-            whole = as_tensor(() if u is None else u, self.scene.dtype, self.scene.device)
+        if u is not None and not isinstance(u, dict):
+            whole = as_tensor(u, self.scene.dtype, self.scene.device)
             u = dict(
                 zip(
                     sizes,

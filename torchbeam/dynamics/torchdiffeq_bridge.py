@@ -273,7 +273,7 @@ class _Solve:
 
 
 def _largest(ratio: Tensor) -> Tensor:
-    return ratio.abs().max()
+    return ratio.abs().max() if ratio.numel() else ratio.new_zeros(())
 
 
 def _sentence(method: str, rows: Tensor, t: Tensor, shape: torch.Size) -> str:

@@ -13,11 +13,14 @@ from ..equations.step_problem import StepProblem
 NONE = 1e-13  # of the largest singular value of a tangent whose rows and columns are of one size
 ROUNDING = 1e-6  # of a direction
 LARGEST = 1500  # unknowns of a tangent that is looked at
+DROWNED = 1e10  # how many times what acts in a joint is what acts elsewhere, where that is lost
+RESIST = "a section with rotary inertia, or a support or joint that holds it, is wanted"
 
 
 def unresisted_motion(problem: StepProblem, failed: Tensor) -> str | None:
-    """In words, of the first sample that `failed` (...), where its step begins; None where there is
-    none, or the tangent is too large to be looked at.
+    """A sentence on it, of the first sample that `failed` (...), where its step begins; None where
+    there is none, or the tangent is too large to be looked at. What acts in a joint may be so large
+    that rounding leaves nothing of all else: that is said then.
     """
     model = problem.model
     if model.constraints.count > LARGEST:
@@ -26,6 +29,10 @@ def unresisted_motion(problem: StepProblem, failed: Tensor) -> str | None:
     matrix = problem.tangent(x, *problem.residual(x)[1:]).matrix
     free = model.constraints.moving.flatten().nonzero()[:, 0]
     K = _first(matrix.dense(), failed)[free][:, free]
+    most, row = K.abs().amax(-1).max(-1)
+    node = int(free[row]) // model.space.unknowns
+    driven = {end for joint in model.scene.joints if joint.acts for end in joint.ends}
+    drowned = node in driven and bool(most > DROWNED * K.abs().amax(-1).median())
     if model.joints.count:
         G = _first(matrix.constraints(), failed)[:, free]
         K = torch.cat((torch.cat((K, G.mT), -1), torch.cat((G, G.new_zeros(len(G), len(G))), -1)))
@@ -35,9 +42,15 @@ def unresisted_motion(problem: StepProblem, failed: Tensor) -> str | None:
     _, s, V = torch.linalg.svd(K / size / size[:, None])
     if s[-1] > NONE * s[0]:
         return None
+    if drowned:
+        return (
+            f"what acts in a joint of node {_named(model, node)} is more than {DROWNED:.0e} times "
+            f"what acts elsewhere, of which {K.dtype} then keeps nothing; a smaller one is wanted"
+        )
     moves = K.new_zeros(model.constraints.moving.numel())
     moves[free] = (V[-1] / size)[: len(free)]
-    return _words(problem, moves.unflatten(0, (model.node_count, -1)))
+    motion = _words(problem, moves.unflatten(0, (model.node_count, -1)))
+    return f"neither stiffness nor inertia resists {motion}; {RESIST}"
 
 
 def _first(x: Tensor, failed: Tensor) -> Tensor:

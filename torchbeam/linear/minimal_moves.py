@@ -22,6 +22,11 @@ def pivots(G: Tensor, groups: Iterable[Tensor]) -> Tensor:
     Where columns are nearly alike the last is taken, so that rounding does not choose. Raises
     ValueError where samples have different ranks.
     """
+    if 0 in G.shape[:-2]:
+        raise ValueError(
+            f"a structure's batch with the axes {tuple(G.shape[:-2])} was given, without a sample; "
+            "one or more are wanted"
+        )
     with no_derivatives():
         rest = concrete(G).detach().reshape(-1, *G.shape[-2:])
         norm = torch.linalg.vector_norm(rest, dim=-1, keepdim=True)

@@ -18,7 +18,7 @@ from ..core.arguments import count as check_count
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
 from ..core.summary import counted, kind, lines, span
-from ..core.validation import concrete
+from ..core.validation import concrete, shown
 from ..math.quadratic_eigen import attach, slowest, slowest_of_chain, upright
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
@@ -149,6 +149,11 @@ def modes(
     model = discretise(scene, lumped)
     check_count("count", count)
     given, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
+    if isinstance(state, int):
+        raise ValueError(
+            f"state = {shown(state)} was given to modes; a torchbeam.State is wanted, or "
+            f"count={shown(state)} for so many"
+        )
     if state is not None:
         at_rest(model, state, time, given, lumped)
 

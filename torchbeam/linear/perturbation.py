@@ -102,11 +102,11 @@ class Perturbation:
             [x <= NO_INERTIA * x.amax(-1, keepdim=True) for x in own.split((p, w - p), -1)], -1
         )
         small = small.flatten(-2)[..., self.free].reshape(-1, len(self.free))
-        if concrete(small != small[0]).any():
+        if concrete(small != small[:1]).any():
             raise ValueError(
                 "samples with and without rotary inertia were given; one kind is wanted"
             )
-        return small[0]
+        return small.any(0)  # of no sample none
 
     def problem(self, inputs: dict[str, Tensor], z: Tensor | None = None) -> SteadyProblem:
         """The balance under these inputs, with internal states of loads moved by z (..., Z)."""

@@ -32,6 +32,7 @@ from ..core.leaves import wants_gradient
 from ..core.validation import unmapped
 from ..core.warning import warn
 from ..math.dense import solve
+from ..math.shapes import broadcast_shapes
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.effects import Inputs
@@ -116,7 +117,9 @@ def linearize(
         if state is None:
             state = equilibrium(scene, t=time.item(), inputs=given)
         own = model if scene is model.scene else discretise(scene, lumped)
-        return _linear(own, state.broadcast(), outputs, time, given)
+        axes = (value.shape[:-1] for value in given.values())
+        state = state.broadcast(broadcast_shapes(state.batch_shape, scene.batch_shape, *axes))
+        return _linear(own, state, outputs, time, given)
 
     linear = in_double(found, scene, state, given, time)
     if scene.dtype == torch.float32:

@@ -48,7 +48,7 @@ def at_rest(
     """
     model = discretise(model.scene) if lumped and model.scene.frame is not None else model
     space = model.space
-    reduced = space.start(check_state(state, model.scene))
+    reduced = space.start(check_state(state, model.scene, "state"))
     problem = SteadyProblem(model, t, inputs, torch.ones_like(t))
     if model.internal_states:
         x = Configuration(reduced.position, reduced.rotation, reduced.stress)

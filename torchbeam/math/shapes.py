@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import torch
+from torch import Tensor
 
 
 def broadcast_shapes(*shapes: Sequence[int]) -> torch.Size:
@@ -25,3 +26,8 @@ def broadcast_shapes(*shapes: Sequence[int]) -> torch.Size:
                 )
             sizes[-k] = sizes[-k] if size == 1 else size
     return torch.Size(sizes)
+
+
+def largest(x: Tensor) -> int:
+    """The largest of whole numbers that are not negative; 0 of none."""
+    return int(x.max()) if x.numel() else 0

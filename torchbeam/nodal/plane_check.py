@@ -129,6 +129,8 @@ def _refuse_offset(space: Planar, effect: Any) -> None:
 
 def _refuse(space: Planar, what: str, given: Tensor, inside: Tensor) -> None:
     given = given.detach()
+    if not given.numel():  # of no sample
+        return
     out, size = (torch.linalg.vector_norm(x, torch.inf) for x in (given - inside.detach(), given))
     if concrete(out > ROUNDING * size).any():
         raise ValueError(

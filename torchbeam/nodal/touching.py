@@ -146,6 +146,8 @@ class Touching(Tree):
         shape = every.shape[-2:]
         slack = self.ball_slack(motion).repeat_interleave(self.places.count, -2)
         slack = torch.where(every, slack, torch.inf)
+        if not slack.numel():
+            return slack.new_full(shape, torch.inf)  # there is no sample
         slack, every = slack.reshape(-1, *shape).amin(0), every.reshape(-1, *shape).any(0)
         near = self.chosen(every & (slack <= skin))
         closely = self._between(motion, near)

@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.files import folder, written
+from ..core.files import file_of, folder, written
 from ..core.validation import positive
 from ..scene.scene import Scene
 from ..state.solution import Solution
@@ -65,7 +65,7 @@ def animate(
     Examples:
         >>> path = tb.plot.animate(solution, "motion.gif", fps=10, speed=0.2)
     """
-    path = Path(path)
+    path = file_of("path", path)
     for name, value in (("fps", fps), ("speed", speed)):
         positive(name, torch.as_tensor(float(value)))
     writer, settings = _writer(path, fps)

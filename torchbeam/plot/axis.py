@@ -17,7 +17,7 @@ POINTS = 8  # of the curve through an element
 
 def nodes_of(state: Any) -> tuple[Tensor, Tensor]:
     """Positions (samples, N+1, 3) m and section axes (samples, N+1, 3, 3) as columns, frame a, of a
-    state of any form. Raises ValueError for what is no state.
+    state of any form. Raises ValueError for what is no state, and for one of no sample.
     """
     if not hasattr(state, "position"):
         raise ValueError(
@@ -26,6 +26,11 @@ def nodes_of(state: Any) -> tuple[Tensor, Tensor]:
         )
     R = quat.matrix(state.rotation) if isinstance(state, State) else state.rotation
     shape = broadcast_shapes(state.position.shape[:-1], R.shape[:-2])
+    if 0 in shape:
+        raise ValueError(
+            f"a state with the batch axes {tuple(shape[:-1])}, without a sample, was given to a "
+            "picture; one or more are wanted"
+        )
     position, R = state.position.detach().expand(*shape, 3), R.detach().expand(*shape, 3, 3)
     return position.reshape(-1, shape[-1], 3), R.reshape(-1, shape[-1], 3, 3)
 

@@ -10,7 +10,9 @@ from typing import Any
 
 from torch import Tensor
 
-from ..core.files import folder, written
+from ..core.arguments import boolean, listed, tolerance
+from ..core.files import file_of, folder, written
+from ..core.validation import shown
 
 Axes = Any  # matplotlib.axes.Axes; matplotlib is imported where something is drawn
 GREY = "0.6"
@@ -25,7 +27,19 @@ def axes(size: tuple[float, float] = (6.0, 3.8), *, three: bool = False) -> Axes
         >>> ax = tb.plot.shape(solution.state[-1], ax, plane="xz")
     """
     figure = _figure(size)
-    return _tidy(figure.add_subplot(projection="3d" if three else None))
+    return _tidy(figure.add_subplot(projection="3d" if boolean("three", three) else None))
+
+
+def drawn_on(ax: Axes | None) -> Axes:
+    """The axes that were given, or new flat ones; ValueError for what is none."""
+    return axes() if ax is None else check_axes(ax)
+
+
+def check_axes(ax: Any) -> Axes:
+    """`ax`; ValueError for what is no axes of matplotlib's."""
+    if not (hasattr(ax, "figure") and hasattr(ax, "get_lines")):
+        raise ValueError(f"ax = {shown(ax)} was given; axes of matplotlib's are wanted")
+    return ax
 
 
 def grid(
@@ -57,14 +71,15 @@ def save(ax: Axes, path: str | Path, dpi: int = 150) -> Path:
     Examples:
         >>> path = tb.plot.save(tb.plot.shape(solution.state), "shapes.png")
     """
-    path = Path(path)
+    path, figure = file_of("path", path), check_axes(ax).figure
+    tolerance("dpi", dpi)
     if not path.suffix:
         raise ValueError(
             f"the file {path.name!r} was given; one that ends in .png, .pdf, .svg ... is wanted"
         )
     folder(path.parent)
     with written(path) as part:
-        ax.figure.savefig(part, dpi=dpi, format=path.suffix[1:])
+        figure.savefig(part, dpi=dpi, format=path.suffix[1:])
     return path
 
 
@@ -81,12 +96,19 @@ def where_installed() -> Iterator[None]:
 
 def line_style(given: dict[str, Any], **usual: Any) -> dict[str, Any]:
     """Keywords of a line: those that a user gave, and what is usual of the others, whichever of
-    matplotlib's names for the same both use (lw, linewidth).
+    matplotlib's names for the same both use (lw, linewidth). Raises ValueError for another keyword.
     """
     from matplotlib.cbook import normalize_kwargs
     from matplotlib.lines import Line2D
 
-    return normalize_kwargs(usual, Line2D) | normalize_kwargs(given, Line2D)
+    own = normalize_kwargs(given, Line2D)
+    for name in own:
+        if not hasattr(Line2D, f"set_{name}"):
+            raise ValueError(
+                f"the keyword {name!r} was given to a picture; one of its own, or of matplotlib's "
+                "lines, is wanted"
+            )
+    return normalize_kwargs(usual, Line2D) | own
 
 
 def is_3d(ax: Axes) -> bool:
@@ -110,6 +132,9 @@ def _figure(size: tuple[float, float]) -> Any:
         raise ImportError(
             "torchbeam.plot wants matplotlib: pip install 'torchbeam[plot]'"
         ) from None
+    size = tuple(tolerance("a length of size", length) for length in listed(size))
+    if len(size) != 2:
+        raise ValueError(f"size = {shown(size)} was given; two lengths, in inches, are wanted")
     figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
     return figure

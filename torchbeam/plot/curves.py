@@ -9,9 +9,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import instance
 from ..sensors import Sensor
 from ..state.solution import Solution
-from .canvas import GREY, Axes, axes, line_style, numbers
+from .canvas import GREY, Axes, drawn_on, line_style, numbers
 
 
 def history(
@@ -32,8 +33,15 @@ def history(
     Examples:
         >>> ax = tb.plot.history(solution, tb.sensors.TipPosition()["z"], label="tip")
     """
-    ax = axes() if ax is None else ax
+    instance("solution", solution, Solution)
+    instance("sensor", sensor, Sensor)
+    ax = drawn_on(ax)
     t, values = numbers(solution.t), sensor.flat(solution.state).detach()
+    if not values.numel():
+        raise ValueError(
+            f"a solution with the batch axes {tuple(solution.status.shape)}, without a sample, was "
+            "given to a picture; one or more are wanted"
+        )
     values = values.reshape(len(t), -1, sensor.size)
     crowd = (
         dict(alpha=max(0.15, values.shape[1] ** -0.5), lw=0.8)
@@ -63,7 +71,8 @@ def energies(solution: Solution, ax: Axes | None = None) -> Axes:
     Examples:
         >>> ax = tb.plot.energies(solution)
     """
-    ax = axes() if ax is None else ax
+    instance("solution", solution, Solution)
+    ax = drawn_on(ax)
     t, energy = numbers(solution.t), solution.energy
     if energy.kinetic.ndim != 1:
         raise ValueError(
@@ -102,7 +111,7 @@ def load_path(
         >>> arch = tb.Scene(tb.Beam.arc(1.0, 1.0, 8, strip), [tb.TipLoad(force=(0, 0, -2.0))])
         >>> ax = tb.plot.load_path(tb.path(arch, 1.0), tb.sensors.TipPosition()["z"])
     """
-    ax = axes() if ax is None else ax
+    ax = drawn_on(ax)
     P = len(path.factor)
     factor, good, valid, kind = (
         torch.as_tensor(x).detach().cpu().reshape(P, -1)
@@ -157,7 +166,7 @@ def campbell(
         ... )
         >>> ax = tb.plot.campbell(speed, tb.modes(rotating, count=3).frequency)
     """
-    ax = axes() if ax is None else ax
+    ax = drawn_on(ax)
     x, y = numbers(torch.as_tensor(speed)), numbers(torch.as_tensor(frequency))
     if x.ndim != 1 or y.ndim != 2 or len(x) != len(y):
         raise ValueError(
@@ -200,7 +209,7 @@ def tried(best: Any, ax: Axes | None = None) -> Axes:
         ... )
         >>> ax = tb.plot.tried(best)
     """
-    ax = axes() if ax is None else ax
+    ax = drawn_on(ax)
     kinds: dict[tuple[str, str | None], list[Any]] = {}
     for run in best.table:
         kinds.setdefault((run.setting.element, run.setting.method), []).append(run)

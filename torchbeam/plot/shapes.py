@@ -7,10 +7,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import boolean, choice, instance, number
+from ..core.arguments import count as check_count
 from ..linear.modes import Modes
 from ..scene.scene import Scene
 from .axis import PLANES, axis_curves, nodes_of, rows_of
-from .canvas import GREY, Axes, axes, is_3d, line_style, numbers
+from .canvas import GREY, Axes, axes, check_axes, is_3d, line_style, numbers
 from .solid_picture import SolidPicture
 
 TRIAD = ("#c0392b", "#27ae60", "#2c5fb3")  # x, y, z
@@ -54,6 +56,9 @@ def shape(
         >>> ax = tb.plot.shape(solution.state)  # each instant, the first darkest
     """
     position, turn = nodes_of(state)
+    boolean("frames", frames), boolean("nodes", nodes)
+    if scene is not None:
+        instance("scene", scene, Scene)
     ax, seen = _prepared(ax, plane, position)
     solid = None if scene is None else SolidPicture.of(scene, state, ax, seen, color)
     if solid is not None:
@@ -95,6 +100,9 @@ def mode_shapes(
         >>> ax = tb.plot.mode_shapes(tb.rest(scene), tb.modes(tb.Scene(beam), count=3))
     """
     position, turn = nodes_of(state)
+    instance("modes", modes, Modes)
+    check_count("count", count)
+    scale = number("scale", scale)
     if len(position) > 1 or modes.shape.ndim != 3:
         raise ValueError(
             "modes or a state of more than one sample were given to mode_shapes; one sample is "
@@ -152,11 +160,8 @@ def _prepared(ax: Axes | None, plane: str | None, position: Tensor) -> tuple[Axe
     """Axes to draw on, and the coordinates that they show of positions (samples, N+1, 3). Raises
     ValueError as `shape`.
     """
-    if plane is not None and plane not in PLANES:
-        raise ValueError(
-            f"plane = {plane!r} was given; {', '.join(map(repr, PLANES))} or None is wanted"
-        )
-    if ax is not None and is_3d(ax):
+    choice("plane", plane, (*PLANES, None))
+    if ax is not None and is_3d(check_axes(ax)):
         return ax, [0, 1, 2]
     if plane is None:
         extent = position.flatten(0, -2).amax(0) - position.flatten(0, -2).amin(0)

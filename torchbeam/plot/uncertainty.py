@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ..core.validation import Value, converted
-from .canvas import Axes, axes, numbers
+from .canvas import Axes, axes, drawn_on, numbers
 
 
 def histogram(
@@ -37,7 +37,7 @@ def histogram(
         >>> samples = tb.monte_carlo(deflection, laws, 256, replicates=16, by_name=True)
         >>> ax = tb.plot.histogram(samples, name="deflection / m")
     """
-    ax = axes() if ax is None else ax
+    ax = drawn_on(ax)
     mean, quantile = samples.mean_interval(interval), samples.quantile(tuple(levels), interval)
     if mean.estimate.numel() != 1:
         raise ValueError(
@@ -113,7 +113,7 @@ def convergence(
         >>> samples = tb.monte_carlo(deflection, laws, 1024, replicates=16, by_name=True)
         >>> ax = tb.plot.convergence({"Sobol": samples})
     """
-    ax = axes() if ax is None else ax
+    ax = drawn_on(ax)
     for k, (label, samples) in enumerate(runs.items()):
         n, error = samples.convergence(reference)
         if error.ndim != 1:
@@ -211,7 +211,7 @@ def bands(
         ... )
         >>> ax = tb.plot.bands(t, samples, name="deflection / m")
     """
-    ax = axes() if ax is None else ax
+    ax = drawn_on(ax)
     t = converted(t, torch.float64)
     band = samples.bands(level, interval or 0.95)
     if band.estimate.shape != (3, *t.shape) or t.ndim != 1:

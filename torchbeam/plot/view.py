@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import count, instance
-from ..core.files import folder, path_of, write
+from ..core.files import file_of, folder, write
 from ..core.leaves import sent
 from ..core.validation import positive, shown
 from ..math import quaternions as quat
@@ -171,9 +171,7 @@ class View:
             ValueError: for another ending, or a folder that is not there.
             NotWritten: (an OSError) where the disk is full.
         """
-        path = path_of("path", path)
-        if path.suffix != ".html":
-            raise ValueError(f"the file {path.name!r} was given; one that ends in .html is wanted")
+        path = file_of("path", path, ".html")
         folder(path.parent)
         self._plays.value = False
         self.show(0)

@@ -35,8 +35,10 @@ from .beam import Beam
 from .beam_recipe import with_recipe_of
 from .body import Body
 from .effects import Damping, Effect, Inputs, PerElement, inputs_of
+from .effects.contact_defaults import with_defaults
 from .effects.contact_terms import ContactTerms
 from .effects.effect import of_library
+from .effects.springs import Spring
 from .effects.tendon import Tendon
 from .joined import joints_of
 from .joint import Joint
@@ -124,7 +126,10 @@ class Scene(Tree):
             if getattr(self, name) is not None:
                 instance(name, getattr(self, name), wanted)
         choice("plane", self.plane, PLANES)
-        boolean("small", self.small)
+        if boolean("small", self.small) and self.plane is not None:
+            raise ValueError(
+                f"plane = {self.plane!r} and small=True were given; one of them is wanted"
+            )
         precision(self.beam.nodes.dtype)
         dtype = precision(vars(self).pop("dtype") or torch.float64)
         set_(self, "beam", with_recipe_of(sent(self.beam, dtype), self.beam))
@@ -148,6 +153,7 @@ class Scene(Tree):
             ("joints", listed(self.joints)),
         ):
             set_(self, name, self._bound(given))
+        set_(self, "effects", with_defaults(self.effects, self.beam))
         if self.joints or self.beam.parts:
             joints = joints_of(self)
             set_(self, "joints", joints)
@@ -321,6 +327,14 @@ class Scene(Tree):
                 raise ValueError(
                     f"{shown(support)} was given as a support; a torchbeam.Support is wanted"
                 )
+            if len(support.rotation) == 1 and not self.small and self.plane in (None, "auto"):
+                axis, second = ("yz", "zx", "xy")["xyz".index(support.rotation)]
+                raise ValueError(
+                    f"a support with rotation = {support.rotation!r} was given in space, where the "
+                    "two turns that it leaves have axes that move; small=True is wanted, or in a "
+                    f"structure a Universal from None with axis along {axis} and second along "
+                    f"{second}"
+                )
             row = self.beam.row(support.node, "the node of a support")
             row = row if self.beam.parts else row % count
             if row in by_node:
@@ -363,6 +377,9 @@ class Scene(Tree):
                 return effect
         if effect.node is not None:
             row = self.beam.row(effect.node)
+            if isinstance(effect, Spring):
+                drawn = (x[..., int(row), :] for x in (self.beam.nodes, self.beam.frames))
+                effect = effect.drawn_at(*drawn)
             return effect if row is effect.node else with_values(effect, node=row)
         self.beam.named(effect.on, effect)
         for leaf in own_leaves(effect):
@@ -413,8 +430,11 @@ class Scene(Tree):
                 )
         for name in sizes:
             if name not in given:
+                wanted = ", ".join(f"{other!r}: {size} numbers" for other, size in sizes.items())
                 raise ValueError(
-                    f"the input {name!r} is missing; the scene wants {', '.join(sizes)}"
+                    f"the input {name!r} is missing; inputs={{{wanted}}} is wanted".replace(
+                        ": 1 numbers", ": 1 number"
+                    )
                 )
         tensors = {}
         for name, value in given.items():

@@ -83,7 +83,9 @@ class Support(Tree):
         node: counts from the root, -1 is the tip; in a structure (name, node), or the name of a
             body
         position: the components in frame a that are held: "xyz" all, "yz" a slide along x, "" none
-        rotation: "xyz" all; two letters: a hinge about the third axis of frame a; "": a pin
+        rotation: "xyz" all; two letters: a hinge about the third axis of frame a; "": a pin. One
+            letter, a fork, where rotations are small (`small=True`) or in a plane; in space the
+            axes of the two turns that it leaves move, and a `Universal` to the ground holds it
         displacement: (..., 3) m of the held components from where the beam has the node, frame a: a
             value, or a function of t for a support that moves. None = none
         turn: (..., 3) rad, likewise: rotation vector from the node's axes in the beam, frame a;
@@ -95,8 +97,8 @@ class Support(Tree):
     change are no motion: what takes supports that stand takes them.
 
     Raises:
-        ValueError: for other letters, a rotation about which one axis is held, or a motion of what
-            is not held.
+        ValueError: for other letters, or a motion of what is not held; in a scene in space for one
+            letter.
 
     Examples:
         >>> hinge, roller = (
@@ -129,11 +131,6 @@ class Support(Tree):
                     f"{name} = {shown(letters)} was given; some of the letters x, y and z are "
                     "wanted, or none"
                 )
-        if len(self.rotation) == 1:
-            raise ValueError(
-                f"rotation = {self.rotation!r} was given; all three components are held, two (a "
-                "hinge about the third) or none"
-            )
         for name in ("displacement", "turn"):
             _motion(self, name)
         if self.displacement is not None and not self.position:

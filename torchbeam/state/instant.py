@@ -120,7 +120,7 @@ class TensorFields(Tree):
             return map_leaves(
                 lambda x, axes: x[(*parts, *(slice(None),) * axes)] if open_ else x[index], self
             )
-        except (IndexError, TypeError, RuntimeError):
+        except (IndexError, TypeError, RuntimeError, ValueError):
             axes = " and ".join(str(tuple(shape)) for shape in dict.fromkeys(batch_shapes(self)))
             raise IndexError(
                 f"{type(self).__name__}[{shown(index)}] was asked for; its leading axes are {axes}"

@@ -27,8 +27,8 @@ def of_mesh(state: Any, like: Beam | State, name: str) -> State:
     nodes, stresses, dtype = like.node_count, like.stress_count, like.nodes.dtype
     if not isinstance(state, State):
         raise ValueError(
-            f"{name} of type {type(state).__name__} was given; the nodal form wants a "
-            "torchbeam.State"
+            f"{name} of type {type(state).__name__} was given; a torchbeam.State, of the nodal "
+            "form, is wanted"
         )
     if state.position.shape[-2] != nodes:
         raise ValueError(

@@ -12,16 +12,17 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.arguments import boolean, choice, instant, number
+from ..core.arguments import boolean, choice, instant, instants, number
 from ..core.arguments import count as check_count
 from ..core.arguments import function as check_function
 from ..core.arguments import tolerance as check_tolerance
 from ..core.derivatives import no_derivatives
 from ..core.summary import counted, kind, lines, span, statuses
-from ..core.validation import as_tensor, concrete, finite, shown
+from ..core.validation import concrete, shown
 from ..core.warning import warn
 from ..engine.chain.coverage import ENGINES
 from ..equations.steady import Configuration
+from ..math.shapes import largest
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.effects import Inputs
@@ -95,7 +96,7 @@ class Path:
         """
         good = torch.stack([g for *_, g in record])
         number = good.sum(0)
-        order = torch.argsort((~good).to(torch.int8), dim=0, stable=True)[: int(number.max())]
+        order = torch.argsort((~good).to(torch.int8), dim=0, stable=True)[: max(1, largest(number))]
         k = torch.arange(len(order), device=order.device)[(...,) + (None,) * number.ndim]
         valid = k < number
         order = order.gather(0, torch.minimum(k, number - 1).expand_as(order))
@@ -215,7 +216,7 @@ def path(
             f"highest = {highest:g} was given, whose square is no number; a larger factor is wanted"
         )
     if target is not None:
-        target = finite("target", as_tensor(target, scene.dtype, scene.device))
+        target = instants("target", target, scene.beam.nodes)
     steps = check_count("steps", steps)
     time = instant("t", t, scene.beam.nodes)
     initial = None if initial is None else check_state(initial, scene)

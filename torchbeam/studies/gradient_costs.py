@@ -239,8 +239,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error(f"--budget {given.budget:g} was given; a positive number of seconds is wanted")
     if find_spec("llvmlite") is None or find_spec("resource") is None:
         parser.error(
-            "the compiled engine (pip install torchbeam[fast]) and a system that tells memory "
-            "are wanted"
+            "llvmlite, which comes with torchbeam, and a system that tells memory are wanted"
         )
     out = results_folder(parser, given.out)
     measurements, heading = list(rows(given.quick, given.budget)), measured_on(threads=1)

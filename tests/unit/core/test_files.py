@@ -5,7 +5,9 @@ import os
 from importlib.metadata import EntryPoint
 
 import pytest
+import torch
 
+import torchbeam as tb
 from torchbeam import cli
 from torchbeam.core import files
 
@@ -103,3 +105,40 @@ def test_a_file_is_whole_or_as_it_was(tmp_path, monkeypatch):
     assert path.read_text() == "old" and [p.name for p in tmp_path.iterdir()] == ["file"]
     files.write(path, b"new")
     assert path.read_text() == "new"
+
+
+SECTION = tb.Section.from_stiffness(EA=10.0, GA=4.0, GJ=0.5, EI=1.0, mass=0.3, inertia=0.01)
+SCENE = tb.Scene(tb.Beam.straight(1.0, 2, SECTION))
+SOLUTION = tb.simulate(SCENE, [0.0, 0.1], step=0.1, engine="eager")
+WRITERS = {
+    "save": (lambda path: tb.save(SOLUTION, path), ".pt"),
+    "export": (lambda path: tb.export(SOLUTION, path), ".pvd"),
+    "picture": (lambda path: tb.plot.save(tb.plot.axes(), path), ".svg"),
+    "film": (lambda path: tb.plot.animate(SOLUTION, path, speed=10.0), ".gif"),
+}
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_a_path_is_a_name_in_a_folder(writer, tmp_path, monkeypatch):
+    """A first "~" is the user's home; what no file can be called is refused, with nothing made."""
+    call, ending = WRITERS[writer]
+    (home := tmp_path / "home").mkdir()
+    (here := tmp_path / "here").mkdir()
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.chdir(here)
+    call(f"~/x{ending}")
+    assert (home / f"x{ending}").is_file()
+    for name in ("a\0b", ".", "..", f".{ending}", f"a/..{ending}", "~nobody-here/x", "\ud800"):
+        with pytest.raises(ValueError, match="given") as refusal:
+            call(name if name.endswith(ending) else f"{name}{ending if len(name) > 2 else ''}")
+        assert "\n" not in str(refusal.value)
+    assert not [*here.iterdir()]
+
+
+def test_folders_and_files_that_are_read_are_at_home_too(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert files.folder("~/results") == tmp_path / "results"
+    tb.save(SOLUTION, "~/run.pt")
+    assert torch.equal(tb.load("~/run.pt").nodes, SOLUTION.nodes)
+    with pytest.raises(ValueError, match="a path is wanted"):
+        tb.load("a\0b")

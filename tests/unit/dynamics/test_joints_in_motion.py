@@ -142,6 +142,19 @@ def test_a_twist_that_nothing_resists_is_named(method, alone):
         tb.simulate(scene, [0.0, 0.02], step=0.02, method=method, throw=False)
 
 
+def test_what_is_lost_beside_a_joint_is_said():
+    """A hinge with a friction of 1e10 N m: rounding keeps nothing of the stiffness beside it."""
+    parts = {
+        "a": tb.Beam.straight(1.0, 2, SECTION),
+        "b": tb.Beam.straight(1.0, 2, SECTION, root=(1.0, 0, 0)),
+    }
+    hinge = tb.Hinge(("a", -1), ("b", 0), friction=1e10, slip_speed=1e-3)
+    scene = tb.Scene(parts, [GRAVITY], joints=[hinge], supports=[tb.Support(("a", 0))])
+    sentence = r"what acts in a joint of node \('[ab]', [02]\) is more than 1e\+10 times"
+    with pytest.warns(RuntimeWarning, match=sentence):
+        tb.simulate(scene, [0.0, 0.01], step=0.01, engine="eager", halvings=0, throw=False)
+
+
 def test_friction_is_solved_for_not_foreseen():
     """It turns over within a slip speed, so that a residual that has fallen fast does not go on to:
     the kinetic energy is the work, to rounding.

@@ -113,7 +113,7 @@ class Convergence:
 
     def csv(self, path: Any) -> None:
         """Write the table to a file."""
-        files.write(files.path_of("path", path), files.csv_text([COLUMNS, *self.rows()]))
+        files.write(files.file_of("path", path), files.csv_text([COLUMNS, *self.rows()]))
 
     def __str__(self) -> str:
         head = ("", "element", "elements", "method", "steps", "off by", "CPU ms")

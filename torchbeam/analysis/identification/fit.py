@@ -309,7 +309,7 @@ class Fit:
         plain = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in LOST}
         readings = [dict(vars(r)) for r in self.readings]
         files.save(
-            path,
+            files.file_of("path", path),
             {
                 "torchbeam fit": FORMAT,
                 **plain,
@@ -323,6 +323,7 @@ class Fit:
         """A fit from its file: without the model, so without profiles and bootstrap. Raises
         ValueError for another file.
         """
+        path = files.path_of("path", path)
         given = files.load(path, "torchbeam fit", FORMAT, "saved fit")
         try:
             transform = Transform(**given.pop("transform"))

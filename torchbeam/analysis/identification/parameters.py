@@ -100,7 +100,7 @@ class Parameters:
         dtype, device = common_dtype(start, like)
         start = finite("start", as_tensor(start, dtype, device)).detach()
         start = start[None] if start.ndim == 1 else start
-        if start.ndim != 2:
+        if start.ndim != 2 or not start.numel():
             raise ValueError(
                 f"a start of shape {tuple(start.shape)} was given; (p,) or (starts, p) is wanted"
             )

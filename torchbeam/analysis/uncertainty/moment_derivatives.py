@@ -101,7 +101,7 @@ def moment_derivatives(
     checked_function("laws", laws, "q")
     boolean("by_name", by_name)
     q = finite("q", as_tensor(q, torch.float64))
-    if q.ndim != 1:
+    if q.ndim != 1 or not q.numel():
         raise ValueError(f"q {tuple(q.shape)} was given; (m,) is wanted")
     q = q.detach().clone().requires_grad_()
     joint = JointLaw.of(laws(q), correlation)

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import number
-from ...core.files import csv_text, folder, path_of, write
+from ...core.files import csv_text, file_of, folder, write
 from ...core.validation import shown
 
 LEVELS = (0.01, 0.05, 0.5, 0.95, 0.99)
@@ -133,11 +133,7 @@ class Summary:
         """The summary in a file: .json, or .csv for its rows alone. ValueError for another ending;
         files.NotWritten.
         """
-        path = path_of("path", path)
-        if path.suffix not in (".json", ".csv"):
-            raise ValueError(
-                f"the file {path.name!r} was given; one that ends in .json or .csv is wanted"
-            )
+        path = file_of("path", path, ".json", ".csv")
         folder(path.parent)
         write_found(path, self.summary(levels, interval, thresholds))
         return path

@@ -32,8 +32,6 @@ def check_space(scene: Scene) -> None:
     """
     if not scene.small:
         return
-    if scene.plane is not None:
-        raise ValueError("plane and small were given; one of them is wanted")
     if turning(scene):
         raise ValueError(
             "small=True in a frame that turns was given; large rotations (small=False) are "

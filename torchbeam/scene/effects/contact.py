@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
-from ...core.leaves import leaf, with_values
+from ...core.leaves import leaf
 from ...core.validation import Value, concrete, shown
 from ..parts import part_of
 from ..stations import Table
 from .contact_law import damped, pressure, rubbing
+from .contact_path import least_along
 from .contact_terms import AtPoints, ContactTerms, radius_value, widest
 from .load_point import POSITION, ROTATION, SPIN, VELOCITY, LoadPoint, Wrench, at_instant
 from .obstacles import Box, Capsule, Cylinder, Obstacle, Plane
 from .rounded_box import RoundedBox
 from .values import Inputs, parameter
-
-MEETINGS = 4  # of tangents, see `least_along`
 
 
 class Touch(NamedTuple):
@@ -54,8 +52,11 @@ class Contact(ContactTerms):
     metre. At rest under a force per length q the gap is thickness (1 - (q/force)^(1/2)), and below
     -(q/force - 1) thickness/2 where q is above `force`.
 
-    thickness  (...) m
-    force      (...) N/m; or in its place `stiffness` (...) N/m^2, 2 force/thickness
+    thickness  (...) m; None = a tenth of the smallest radius, without one of that of a round
+               section with the beam's EI and EA
+    force      (...) N/m; or in its place `stiffness` (...) N/m^2, 2 force/thickness. None = four
+               times the weight per length and 16 EI/L^3, of the heavier beam; in N four times
+               that of the body. `describe` says the numbers
     radius     (...) m of the beam's surface; None or the number 0: its axis; a `Table` of it by
                the arclength from the root where the beam tapers: the surface is then that of balls
                about the axis, a cone of the half angle asin(dr/ds)
@@ -78,8 +79,9 @@ class Contact(ContactTerms):
 
     Raises:
         ValueError: for what is no obstacle, a thickness or slip speed that is not above 0, negative
-            numbers, both or none of force and stiffness, friction without a slip speed, or a radius
-            that has no room in a tube; in a scene for parts that are not there.
+            numbers, both force and stiffness, friction without a slip speed, or a radius that has
+            no room in a tube; in a scene for parts that are not there, and where nothing says the
+            thickness or the force.
 
     Examples:
         >>> floor = tb.Contact(tb.Plane((0, 0, -0.1), (0, 0, 1)), thickness=0.01, force=100.0)
@@ -89,21 +91,19 @@ class Contact(ContactTerms):
     """
 
     obstacle: Obstacle | str | None = leaf(1)
-    other: Obstacle | str | None = field(default=None, repr=False)
+    other: Obstacle | str | None = None
     other_radius: Value | Table | None = leaf(0, default=None, kw_only=True)
-    corners: Tensor | None = leaf(2, default=None, kw_only=True)
     on: str | None = field(default=None, kw_only=True)
-    partner: str | None = field(default=None, kw_only=True)
-    node: Any = field(default=None, kw_only=True)
+
+    corners = None  # of a body, see `BodyContact`
 
     def __post_init__(self) -> None:
         other, set_ = self.other, object.__setattr__
-        set_(self, "other", None)  # obstacle, on and partner say it all
-        if isinstance(self.obstacle, str):
+        if isinstance(self.obstacle, str):  # then on, and obstacle or other, say it all
             set_(self, "on", self.obstacle)
             set_(self, "obstacle", None if isinstance(other, str) else other)
-            set_(self, "partner", other if isinstance(other, str) else None)
-        elif other is not None:
+            set_(self, "other", other if isinstance(other, str) else None)
+        elif other is not None and not (self.obstacle is None and isinstance(self.on, str)):
             raise ValueError(
                 f"{shown(self.obstacle)} was given as the first of two; the name of a beam is "
                 "wanted, and an obstacle"
@@ -140,8 +140,13 @@ class Contact(ContactTerms):
             set_(self, "points", 2)
 
     @property
+    def partner(self) -> str | None:
+        """Name of the second part."""
+        return self.other if isinstance(self.other, str) else None
+
+    @property
     def between_nodes(self) -> bool:
-        return self.partner is None and self.node is None
+        return self.partner is None
 
     @property
     def wants_step(self) -> bool:
@@ -161,7 +166,7 @@ class Contact(ContactTerms):
             return self._of_surface(shapes)
         if self.partner is not None or self.on is None or not parts[0].body:
             return self
-        return with_values(self, node=self.on)
+        return BodyContact.of(self)
 
     def _of_surface(self, shapes: list[Obstacle | None]) -> Contact:
         """Of bodies that have surfaces (None = a part has none), whose radius is theirs. Raises
@@ -195,7 +200,7 @@ class Contact(ContactTerms):
         corners = box.corners
         if not isinstance(shape, Box):  # two ends of a bar, or one centre
             corners = corners[..., :: 4 if isinstance(shape, Capsule) else 8, :]
-        return with_values(self, node=self.on, radius=box.rounding, corners=corners)
+        return BodyContact.of(self, radius=box.rounding, corners=corners)
 
     @property
     def conservative(self) -> bool:
@@ -207,19 +212,12 @@ class Contact(ContactTerms):
     @property
     def depends(self) -> frozenset[str]:
         turns = self.friction is not None and self.radius is not None
-        asked = {POSITION, VELOCITY, *({SPIN} if turns else ())}
-        return frozenset(asked if self.corners is None else asked | {ROTATION, SPIN})
+        return frozenset({POSITION, VELOCITY, *({SPIN} if turns else ())})
 
     def resolved(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> Contact:
         return at_instant(self, t, inputs, s, obstacle=at_instant(self.obstacle, t, inputs, s))
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
-        if self.node is not None:
-            force, moment = with_values(self, node=None).wrench(self.of_body(point), t, inputs)
-            if self.corners is not None:
-                turned = _cross(self._arms(point), force)
-                moment = turned if moment is None else moment + turned
-            return force.sum(-2), None if moment is None else moment.sum(-2)
         touch = self.touch(point)
         force = touch.pressure * touch.normal
         if touch.rub is None:
@@ -228,21 +226,6 @@ class Contact(ContactTerms):
             return force + touch.rub, None
         arm = -self.radii * touch.normal
         return force + touch.rub, _cross(arm, touch.rub)
-
-    def of_body(self, point: LoadPoint) -> LoadPoint:
-        """The one node of a body, or its corners, as several points."""
-        at = {name: getattr(point, name) for name in (POSITION, VELOCITY, SPIN)}
-        at = {name: None if x is None else x[..., None, :] for name, x in at.items()}
-        if self.corners is not None:
-            arms = self._arms(point)
-            at[POSITION] = at[POSITION] + arms
-            if at[VELOCITY] is not None:
-                at[VELOCITY] = at[VELOCITY] + _cross(at[SPIN], arms)
-        return replace(point, **at)
-
-    def _arms(self, point: LoadPoint) -> Tensor:
-        """(..., K, 3) m from a body's centre to its corners, frame a."""
-        return self.corners @ point.R.mT
 
     def touch(self, point: LoadPoint) -> Touch:
         """What it does at points; its numbers are those of an instant (`resolved`)."""
@@ -323,45 +306,6 @@ class Contact(ContactTerms):
         return v - (v * normal).sum(-1, keepdim=True) * normal
 
 
-def least_along(
-    gap: Callable[[Tensor], Tensor],
-    directions: Callable[[Tensor], Tensor],
-    start: Tensor,
-    way: Tensor,
-) -> Tensor:
-    """(..., n, 1) m: about the smallest gap on straight ways (..., n, 3) from points on, with its
-    gradient `directions`. It is convex along a line, as what can be passed through is: least near
-    where the tangents at both ends meet, nearer yet between there and the end towards which it
-    falls, and so on. Above a face it is straight, so that a few meetings find a thin box.
-    """
-
-    def at(share: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        x = start + share * way
-        return share, gap(x), (directions(x) * way).sum(-1, keepdim=True)
-
-    none = torch.zeros_like(way[..., :1])
-    first, last = at(none), at(none + 1)
-    least = torch.minimum(first[1], last[1])
-    for _ in range(MEETINGS):
-        middle = at(_meeting(first, last))
-        least, falls = torch.minimum(least, middle[1]), middle[2] < 0
-        first, last = (
-            tuple(torch.where(taken, m, x) for m, x in zip(middle, end, strict=True))
-            for taken, end in ((falls, first), (~falls, last))
-        )
-    return least
-
-
-def _meeting(first: tuple[Tensor, ...], last: tuple[Tensor, ...]) -> Tensor:
-    """Where the tangents of a convex function meet, by places, values and slopes at two ends; the
-    lower end where it does not fall first and rise then.
-    """
-    (a, f, fall), (b, g, rise) = first, last
-    bent = (fall < 0) & (rise > 0)
-    share = (g - f - rise * (b - a)) / torch.where(bent, fall - rise, 1.0)
-    return torch.where(bent, a + share, torch.where(fall < 0, b, a))
-
-
 def _in_frame(point: LoadPoint) -> Tensor:
     """Velocity (..., points, 3) as seen in frame a."""
     (origin, omega), v = point.frame, point.velocity
@@ -376,3 +320,50 @@ def _each(value: Tensor) -> Tensor:
 
 def _cross(a: Tensor, b: Tensor) -> Tensor:
     return torch.linalg.cross(*torch.broadcast_tensors(a, b))
+
+
+@dataclass(frozen=True)
+class BodyContact(Contact):
+    """A contact of a body with an obstacle, as a scene has it: at the body's centre, a ball of the
+    radius, or at its corners (..., K, 3) m, in the body's axes.
+    """
+
+    corners: Tensor | None = leaf(2, default=None, kw_only=True)
+    node: Any = field(default=None, kw_only=True)
+
+    called = "Contact"
+    between_nodes = False
+
+    @classmethod
+    def of(cls, contact: Contact, **values: Any) -> BodyContact:
+        """A contact on the body `on`, with other values of some fields."""
+        new = object.__new__(cls)
+        vars(new).update(vars(contact), **{"corners": None, "node": contact.on} | values)
+        return new
+
+    @property
+    def depends(self) -> frozenset[str]:
+        own = super().depends
+        return own if self.corners is None else own | {ROTATION, SPIN}
+
+    def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+        force, moment = super().wrench(self.of_body(point), t, inputs)
+        if self.corners is not None:
+            turned = _cross(self._arms(point), force)
+            moment = turned if moment is None else moment + turned
+        return force.sum(-2), None if moment is None else moment.sum(-2)
+
+    def of_body(self, point: LoadPoint) -> LoadPoint:
+        """The one node of a body, or its corners, as several points."""
+        at = {name: getattr(point, name) for name in (POSITION, VELOCITY, SPIN)}
+        at = {name: None if x is None else x[..., None, :] for name, x in at.items()}
+        if self.corners is not None:
+            arms = self._arms(point)
+            at[POSITION] = at[POSITION] + arms
+            if at[VELOCITY] is not None:
+                at[VELOCITY] = at[VELOCITY] + _cross(at[SPIN], arms)
+        return replace(point, **at)
+
+    def _arms(self, point: LoadPoint) -> Tensor:
+        """(..., K, 3) m from a body's centre to its corners, frame a."""
+        return self.corners @ point.R.mT

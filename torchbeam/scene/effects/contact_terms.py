@@ -62,6 +62,8 @@ class ContactTerms(LoadEffect):
     damping: Value | None = leaf(0, default=None, kw_only=True)
     points: int | None = field(default=None, kw_only=True)
     push_out: bool = field(default=False, kw_only=True)
+    # those of the numbers that the scene says, see `with_defaults`
+    follows: tuple[str, ...] = field(default=(), init=False)
 
     wants_frame = True
     by_place = True  # bodies have no length
@@ -71,14 +73,13 @@ class ContactTerms(LoadEffect):
     def _check_terms(self) -> None:
         """Raises ValueError, see `Contact`."""
         name, set_ = self.called, object.__setattr__
-        if self.thickness is None:
-            raise ValueError(f"{name} without a thickness was given; a length above 0 is wanted")
-        if (self.force is None) == (self.stiffness is None):
-            given = "without a force" if self.force is None else "with a force and a stiffness"
-            raise ValueError(f"{name} {given} was given; a force or a stiffness is wanted")
-        given = "force" if self.stiffness is None else "stiffness"
-        for term in ("thickness", given):
-            set_(self, term, parameter(f"{name}'s {term}", getattr(self, term), zero=False))
+        if self.force is not None and self.stiffness is not None:
+            raise ValueError(
+                f"{name} with a force and a stiffness was given; one of them is wanted"
+            )
+        for term in ("thickness", "force", "stiffness"):
+            if (value := getattr(self, term)) is not None:
+                set_(self, term, parameter(f"{name}'s {term}", value, zero=False))
         set_(self, "radius", radius_value(f"{name}'s radius", self.radius))
         for term in ("friction", "damping"):
             set_(self, term, optional(f"{name}'s {term}", getattr(self, term)))

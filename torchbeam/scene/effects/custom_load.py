@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -168,7 +169,16 @@ class Load(LoadEffect):
             raise ValueError(
                 f"two arguments of the name {name!r} were given to Load; one is wanted"
             )
+        if self.node is not None and self.on is not None:
+            raise ValueError(
+                f"Load with on = {shown(self.on)} and the node {self.node!r} was given; "
+                "node=(name, number), or node=None for all along that beam, is wanted"
+            )
         motion = ("position", "rotation", "velocity", "spin", "t")
+        for name in _wants(self.function, len(motion)) - {*names}:
+            raise ValueError(
+                f"Load's function of {name!r} was given; of=(..., {name!r}) hands it over by name"
+            )
         check_function("Load's function", self.function, *motion, named=names)
         if self.rate is not None:
             check_function(
@@ -325,6 +335,15 @@ class Load(LoadEffect):
             named | numbers,
             lead,
         )
+
+
+def _wants(function: Callable[..., Any], behind: int) -> set[str]:
+    """What a function wants by names that may be asked for in `of`, behind so many arguments."""
+    try:
+        parameters = [*inspect.signature(function).parameters.values()][behind:]
+    except ValueError:  # one of C's, that does not say
+        return set()
+    return {p.name for p in parameters if p.default is p.empty} & {PLACE, *INERTIAL}
 
 
 def _with_axes(x: Tensor, count: int) -> Tensor:

@@ -26,9 +26,13 @@ class GivenLoad(LoadEffect):
     with the section.
     """
 
-    force: Value | None = leaf(1, default=None, kw_only=True)
     moment: Value | None = leaf(1, default=None, kw_only=True)
     follower: bool = field(default=False, kw_only=True)
+
+    @property
+    def force(self) -> Any:
+        """A field of each class, behind what says where the load acts."""
+        raise NotImplementedError
 
     def __post_init__(self) -> None:
         if self.force is None and self.moment is None:
@@ -98,6 +102,7 @@ class PointLoad(GivenLoad):
     """
 
     node: Place = field()
+    force: Value | None = leaf(1, default=None)
     offset: Value | None = leaf(1, default=None, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -142,7 +147,7 @@ class TipLoad(PointLoad):
         tensor(-1.)
     """
 
-    node: Place = -1
+    node: Place = field(default=-1, kw_only=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -168,6 +173,7 @@ class LineLoad(GivenLoad):
         tensor(1.)
     """
 
+    force: Value | None = leaf(1, default=None)
     on: str | None = field(default=None, kw_only=True)
 
     @property

@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ...core.functions_of_time import taken, with_user_rate
-from ...core.leaves import FunctionOfTime, leaf
+from ...core.leaves import FunctionOfTime, leaf, with_values
 from ...core.validation import Value, as_tensor, axis_last, common_dtype, has_dtype, numbers
 from ...math import quaternions as quat
 from ...math.quaternions import skew
@@ -45,7 +45,7 @@ class Spring(LoadEffect):
         node: counts from the root, -1 is the tip
         stiffness: (...) k, N/m
         to: (..., 3) m, frame a, or a function t -> (..., 3): the point, which moves with frame a
-            and in it
+            and in it; None = where the scene draws what it holds
         length: (...) m unstretched; None, or the number 0, makes it linear: -k d - c d', d' the
             rate of d in frame a
         damping: (...) c, N s/m; the point's rate is then the function's, by forward mode, so that
@@ -70,21 +70,34 @@ class Spring(LoadEffect):
 
     node: Place = field()
     stiffness: Value = leaf(0)
-    to: Value | Callable[[Tensor], Tensor] = leaf(1)
+    to: Value | Callable[[Tensor], Tensor] | None = leaf(1, default=None)
     length: Value | None = leaf(0, default=None)
     damping: Value | None = leaf(0, default=None)
     offset: Value | None = leaf(1, default=None, kw_only=True)
     moving: Rate | None = leaf(1, default=None, init=False)
+    as_drawn: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         at_offset(self)
         object.__setattr__(self, "stiffness", parameter("Spring's stiffness", self.stiffness))
         for name in ("length", "damping"):
             object.__setattr__(self, name, optional(f"Spring's {name}", getattr(self, name)))
-        object.__setattr__(self, "to", load_value("Spring's to", self.to))
+        if self.to is not None:
+            object.__setattr__(self, "to", load_value("Spring's to", self.to))
         object.__setattr__(
             self, "moving", Rate(self.to) if self.damped and callable(self.to) else None
         )
+
+    def drawn_at(self, position: Tensor, rotation: Tensor) -> Spring:
+        """Itself, in a scene whose node is drawn at position (..., 3) m with rotation (..., 4): one
+        without a point is tied to where that, or what has its offset, is.
+        """
+        if self.to is not None and not self.as_drawn:
+            return self
+        if self.offset is not None:
+            offset = torch.as_tensor(self.offset).to(position)
+            position = position + quat.rotate(rotation, offset)
+        return with_values(self, to=position, as_drawn=True)
 
     @property
     def linear(self) -> bool:
