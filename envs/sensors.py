@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -204,12 +205,8 @@ def observed_parts(
 
     def point(row: int, kind: str) -> list[tuple[Observed, str]]:
         node = _node(beam, row)
-
-        def displacement(start: tb.State) -> Sensor:
-            return _part(NodePosition(node, reference=start), vector)
-
         return [
-            (Observed(displacement, length, HIGH["displacement"]), kind),
+            (Observed(partial(_displacement, node, vector), length, HIGH["displacement"]), kind),
             (
                 Observed(
                     _part(NodeVelocity(node), vector),
@@ -222,7 +219,7 @@ def observed_parts(
 
     def gauge(element: int) -> tuple[Observed, str]:
         sensor = _curvature(beam, element)[bending]
-        return Observed(lambda start: SinceStart(sensor, start), 1 / length, HIGH["curvature"]), ""
+        return Observed(partial(SinceStart, sensor), 1 / length, HIGH["curvature"]), ""
 
     parts: list[tuple[Observed, str]] = []
     for name in names:
@@ -243,8 +240,13 @@ def observed_parts(
             seen = beam.node_count - 1
             scale = torch.cat(seen * [units[kind] for kind in each], -1)
             high = seen * [HIGH[kind] for kind in each]
-            parts.append((Observed(lambda start: NodeMotions(start, plane), scale, high), "full"))
+            parts.append((Observed(partial(NodeMotions, plane=plane), scale, high), "full"))
     return parts
+
+
+def _displacement(node: Any, components: slice, start: tb.State) -> Sensor:
+    """Of a node since the start."""
+    return _part(NodePosition(node, reference=start), components)
 
 
 def check_names(sensors: Any, form: str) -> tuple[str | Observed, ...]:

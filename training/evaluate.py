@@ -2,12 +2,12 @@
 
 python -m training.evaluate training/policies/reach-shac.pt
 python -m training.evaluate training/policies/reach-uncertain-shac.pt --outside
+python -m training.evaluate out/training/lift-ppo-0.pt --task my_tasks:lift    # an env of one's own
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import fields
@@ -154,18 +154,19 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _task(path: str, about: Any) -> Task:
-    """What a policy was trained for, as its file has it; the environment is there."""
+    """What a policy was trained for, as its file has it, in an environment of `torchbeam_envs`:
+    nothing that a file names is imported.
+    """
     try:
         task = Task(about["task"], *(about[field.name] for field in fields(Task)[1:]))
-        module, _, env = task.env.rpartition(":")
-        if module:
-            importlib.import_module(module)
-        gymnasium.spec(env)
-    except (KeyError, TypeError, ImportError, gymnasium.error.Error):
+        known = gymnasium.registry[task.env].namespace == "torchbeam"
+    except (KeyError, TypeError):
+        known = False
+    if not known:
         raise ValueError(
-            f"the policy {path!r} was given, which names no task of this release and no registered "
-            f"environment; there are {', '.join(TASKS)}"
-        ) from None
+            f"the policy {path!r} was given, which names no environment of this release: --task "
+            f"is wanted too, one of {', '.join(TASKS)}, or MODULE:NAME"
+        )
     if not isinstance(task.arguments, dict):
         raise ValueError(
             f"the policy {path!r} was given, whose task holds more than plain data: --task "

@@ -3,7 +3,7 @@ name).
 """
 
 from pathlib import Path
-from tempfile import gettempdir
+from tempfile import TemporaryDirectory
 
 import torch
 
@@ -53,9 +53,10 @@ DATA = model({"f": torch.tensor(1.0)})
 
 PRESSED = tb.Scene(BEAM, [tb.TipLoad(force=(-1.0, 0, 0))])
 SHAKEN = tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, 1.0)), tb.Damping(0.01)])
-SAVED = tb.save(START, Path(gettempdir()) / "saved.pt", scene=SCENE)
-EXPORTED = str(Path(gettempdir()) / "exported.vtu")  # nothing else is written, but SAVED and
-PICTURE = str(Path(gettempdir()) / "picture.svg")
+FOLDER = TemporaryDirectory(prefix="torchbeam-calls-")  # of this process alone
+SAVED = tb.save(START, Path(FOLDER.name) / "saved.pt", scene=SCENE)
+EXPORTED = str(Path(FOLDER.name) / "exported.vtu")  # nothing else is written, but SAVED and
+PICTURE = str(Path(FOLDER.name) / "picture.svg")
 
 CALLS = {
     "save": (tb.save, dict(what=START, path=str(SAVED), scene=SCENE)),

@@ -25,7 +25,6 @@ def numbers(library: str, module: str, folder: Path) -> list[float]:
         cwd=folder,
         capture_output=True,
         text=True,
-        timeout=300,
         env={**os.environ, "OMP_NUM_THREADS": "1"},
     )
     assert done.returncode == 0, done.stderr[-3000:]

@@ -24,7 +24,6 @@ def printed(script, *options):
         capture_output=True,
         text=True,
         env={**os.environ, "OMP_NUM_THREADS": "1"},
-        timeout=120,
     )
     return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
 

@@ -37,7 +37,6 @@ def test_the_block_in_the_docs_trains(library, module, tmp_path):
         cwd=tmp_path,
         capture_output=True,
         text=True,
-        timeout=300,
         env={**os.environ, "PYTHONPATH": places, "OMP_NUM_THREADS": "1"},
     )
     assert done.returncode == 0, done.stderr[-3000:]

@@ -20,7 +20,6 @@ def run(*arguments):
         [sys.executable, "-m", "torchbeam", *arguments],
         capture_output=True,
         text=True,
-        timeout=300,
         env={**os.environ, "OMP_NUM_THREADS": "1", "TORCHBEAM_ENGINE": "auto"},
     )
 

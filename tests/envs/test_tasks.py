@@ -1,6 +1,7 @@
 """Every registered task keeps the contract; and what each of them says of itself is so."""
 
 import json
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -67,6 +68,17 @@ def test_contract(id):
             and not terminated
             and truncated == (k == 3)
         )
+
+
+@pytest.mark.parametrize("make", [vector, lambda id, n: gymnasium.make(id, **small(id)).unwrapped])
+@pytest.mark.parametrize("id", IDS)
+def test_a_pickled_env_is_the_env(id, make):
+    """As other processes get it, and copies: in the midst of episodes, with its random numbers."""
+    env = make(id, 2)
+    first, _ = env.reset(seed=1)
+    there = pickle.loads(pickle.dumps(env))
+    assert np.array_equal(there.reset()[0], env.reset()[0])  # the next episodes
+    assert np.array_equal(there.reset(seed=1)[0], first)
 
 
 @pytest.mark.parametrize("id", ONCE)

@@ -416,7 +416,7 @@ def test_commands_refuse_first(tmp_path, capsys):
         ),
         (lambda: results.main(["--out", f"{file}/x"]), "cannot be written"),
         (lambda: evaluation([str(file)]), "was given for a policy"),
-        (lambda: evaluation([str(tmp_path / "policy.pt")]), "names no task of this release"),
+        (lambda: evaluation([str(tmp_path / "policy.pt")]), "names no environment of this release"),
     ):
         with pytest.raises(SystemExit) as end:
             call()
@@ -467,6 +467,29 @@ def test_a_task_of_ones_own(tmp_path, capsys, monkeypatch):
         with pytest.raises(SystemExit):
             common.main(["--task", wrong], ppo.Arguments, ppo.PPO, {})
         assert sentence in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("prefix", ["", "own/"])
+def test_what_a_file_names_is_not_imported(tmp_path, capsys, monkeypatch, prefix):
+    """A module whose import would leave a file behind, as the module of an env: neither by us nor
+    by Gymnasium; named by the user it is imported.
+    """
+    (tmp_path / f"of_others{len(prefix)}.py").write_text(
+        "from pathlib import Path\nfrom training.tuned import TASKS\n"
+        "Path(__file__).with_suffix('.ran').touch()\nreach = TASKS['reach']\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    module, policy = f"of_others{len(prefix)}", str(tmp_path / "policy.pt")
+    env = f"{module}:{prefix}TipReachPlanar-v1"
+    about = {"task" if key == "name" else key: x for key, x in vars(TASKS["reach"]).items()}
+    space = TASKS["reach"].make(1).single_observation_space.shape
+    save(Policy([*space, 8, 1], squash=True), policy, **{**about, "env": env})
+    with pytest.raises(SystemExit):
+        evaluation([policy, "--episodes", "2"])
+    assert "names no environment of this release: --task is wanted" in capsys.readouterr().err
+    assert not (tmp_path / f"{module}.ran").exists()
+    assert evaluation([policy, "--episodes", "2", "--task", f"{module}:reach"]) == 0
+    assert (tmp_path / f"{module}.ran").exists()
 
 
 def test_a_task_with_an_object_among_its_arguments(tmp_path, capsys, monkeypatch):

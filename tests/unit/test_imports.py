@@ -71,7 +71,7 @@ def done():
     code = "\n".join(f"{code}\nprint({name!r}, flush=True)" for name, code in CODES.items())
     env = {name: value for name, value in os.environ.items() if name != "TORCHBEAM_ENGINE"}
     ran = subprocess.run(
-        [sys.executable, "-c", code], env=env | OTHER, timeout=300, capture_output=True, text=True
+        [sys.executable, "-c", code], env=env | OTHER, capture_output=True, text=True
     )
     return Done(ran.returncode, ran.stdout.splitlines(), ran.stderr)
 

@@ -69,8 +69,9 @@ def save(what: Any, path: str | Path, *, scene: Scene | None = None) -> Path:
 def load(path: str | Path, *, scene: Scene | None = None) -> Any:
     """The state or `Solution` of a file that `save` wrote, on the CPU or where the scene is. A run
     that goes on from a state by the same engine, with steps of a given length, moves as one that
-    was never interrupted, to the bit; its `work` and `energy.work` count from there. Adaptive steps
-    begin anew.
+    was never interrupted, to the bit; its `work` and `energy.work` count from there. In a plane
+    whose sections `up=` turns by a quarter, and by eager steps from a support that stands aslant,
+    it does so to rounding. Adaptive steps begin anew.
 
     Args:
         scene: whose it is to be: it is compared, in shape and, where the file was saved with its

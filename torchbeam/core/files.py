@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import os
+import re
 import secrets
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +16,9 @@ from typing import Any
 import torch
 
 from .validation import shown
+
+PART = re.compile(r".+\.\d+-[0-9a-f]{8}\.part(\.\w+)?")  # as `_part` names them
+ABANDONED = 3600.0  # s since a file was last written to, after which nobody will rename it
 
 
 class NotWritten(OSError):
@@ -68,6 +73,7 @@ def folder(path: str | Path, *, parents: bool = False) -> Path:
             probe.write_bytes(b"\n")
         finally:
             probe.unlink(missing_ok=True)
+        remove_parts(path, PART)
     except OSError as error:
         if path.exists() and not path.is_dir():
             raise ValueError(f"the file {str(path)!r} was given for a folder; {wanted}") from None
@@ -76,6 +82,18 @@ def folder(path: str | Path, *, parents: bool = False) -> Path:
             f"{wanted}"
         ) from None
     return path
+
+
+def remove_parts(path: Path, names: re.Pattern[str]) -> None:
+    """Files that a process was killed at: of these names, and not written to for an hour."""
+    with os.scandir(path) as files:
+        for file in files:
+            if names.fullmatch(file.name):
+                try:
+                    if time.time() - file.stat(follow_symlinks=False).st_mtime > ABANDONED:
+                        os.unlink(file)
+                except OSError:  # another process was first
+                    pass
 
 
 def write(path: str | Path, content: str | bytes) -> None:

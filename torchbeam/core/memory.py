@@ -12,6 +12,7 @@ from pathlib import Path
 SMALL = 2**28  # bytes that are not asked about
 GROUP = Path("/sys/fs/cgroup")  # limits of a container
 STATUS = "/proc/self/status"
+RESET = Path("/proc/self/clear_refs")  # the most held so far is counted anew
 
 
 def available() -> int | None:
@@ -61,16 +62,17 @@ def check_memory(what: str, wanted: float, advice: str) -> None:
 
 
 def peak_memory() -> Callable[[], float]:
-    """A function for the most MB that this process has held since now, beside what it held; nan
-    where the system does not tell. Where the system cannot begin to count anew (no /proc), beside
-    the most that it had held.
+    """A function for the most MB in memory that this process has held since now, beside what it
+    held; nan where the system does not tell. Where the system cannot begin to count anew (no
+    /proc), beside the most that it had held. Pages that the system took back meanwhile are not in
+    it: on a machine short of memory it may be 0.
     """
     try:
-        Path("/proc/self/clear_refs").write_text("5")
+        RESET.write_text("5")
         before, most = _most_since(), _most_since
     except (OSError, KeyError, ValueError):
         before, most = most_held(), most_held
-    return lambda: (most() - before) / 1e6 if before else float("nan")
+    return lambda: max(most() - before, 0) / 1e6 if before else float("nan")
 
 
 def most_held() -> int:

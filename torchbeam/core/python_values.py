@@ -7,7 +7,7 @@ import enum
 import sys
 import types
 from collections import namedtuple
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import fields, is_dataclass, make_dataclass
 from typing import Any
 
@@ -15,21 +15,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-STEADY = (
-    type(None),
-    type(Ellipsis),
-    bool,
-    int,
-    float,
-    complex,
-    str,
-    bytes,
-    torch.dtype,
-    torch.device,
-    torch.layout,
-    enum.Enum,
-    np.generic,
-)
+NUMBERS = (bool, int, float, complex, str, bytes)  # and words
+STEADY = (*NUMBERS, type(None), type(Ellipsis), torch.dtype, torch.device, torch.layout)
 PACKAGES = {  # of functions without memory
     "torch",
     "math",
@@ -56,6 +43,7 @@ PURE = {  # of Python's own
 FILES = {"load", "fromfile", "loadtxt", "genfromtxt", "memmap"}
 PUT = (bool, int, float, complex, str, tuple, list, dict, Tensor)  # on modules
 ABSENT = object()
+LARGE = 4096  # numbers of a tensor or an array, that are looked at each time
 # what Python gives classes, and what only makes their objects
 MADE = {
     "__post_init__",
@@ -106,12 +94,51 @@ def generated(value: Any) -> bool:
 
 
 def steady(value: Any) -> bool:
-    """Whether it is a number or a word, or a tuple of such: known by itself."""
-    return isinstance(value, STEADY) or (type(value) is tuple and all(map(steady, value)))
+    """Whether it is a number or a word, or a tuple of such: known by itself. Not one of a user's
+    class, which may hold more.
+    """
+    kind = type(value)
+    if kind is tuple:
+        return all(map(steady, value))
+    return (
+        kind in STEADY
+        or (isinstance(value, np.generic) and kind.__module__ == "numpy")
+        or (isinstance(value, enum.Enum) and not followed(value))
+    )
 
 
-def version_of(x: Tensor) -> tuple[int, bool]:
-    return x._version, x.requires_grad
+def word_of(value: Any) -> Hashable:
+    """Of what is steady: equal for the same numbers of the same kinds alone, 0.0 is not -0.0."""
+    if type(value) is tuple:
+        return tuple(map(word_of, value))
+    return type(value), repr(value)
+
+
+def number_of(value: Any) -> str | None:
+    """The number or the word itself of an object of a class derived from theirs, or the name of an
+    enumeration's.
+    """
+    if isinstance(value, enum.Enum):
+        return value.name
+    for kind in NUMBERS:
+        if isinstance(value, kind):
+            return kind.__repr__(value)
+    return None
+
+
+def version_of(x: Tensor) -> tuple[int, bool, bytes | None]:
+    """How often it was written to, whether it carries gradient, and what NumPy and `.data` write
+    to unseen: its numbers, as long as they are not too many.
+    """
+    return x._version, x.requires_grad, bytes_of(x) if x.numel() <= LARGE else None
+
+
+def bytes_of(x: Tensor) -> bytes | None:
+    """Of its numbers; None where NumPy has no such."""
+    try:
+        return x.detach().numpy().tobytes()
+    except (TypeError, RuntimeError):
+        return None
 
 
 def frozen(value: Any) -> bool:
@@ -155,6 +182,8 @@ def attributes(value: Any) -> list[str]:
     """
     if frozen(value):
         return [field.name for field in fields(value)]
+    if isinstance(value, Tensor):
+        return [*vars(value), "requires_grad"]
     slots = (parent.__dict__.get("__slots__", ()) for parent in type(value).__mro__)
     return [
         *getattr(value, "__dict__", ()),

@@ -16,21 +16,25 @@ from torch import Tensor
 
 from .python_values import (
     ABSENT,
+    LARGE,
     PURE,
     Read,
     attribute,
     attributes,
+    bytes_of,
     class_attribute,
     codes,
     followed,
     frozen,
     generated,
+    number_of,
     of_class,
     of_numpy,
     of_package,
     put_on,
     steady,
     version_of,
+    word_of,
 )
 
 # tensors count by their versions
@@ -47,8 +51,17 @@ OF_MODULES = {
     "_forward_hooks",
     "_forward_pre_hooks",
 }
+# what may hold attributes beside its contents
+HOLDING = (tuple, frozenset, list, dict, set, np.ndarray, functools.partial)
 SMALL = 64  # numbers of a tensor by which it is known
-LARGE = 4096  # numbers of an array of NumPy, that are looked at each time
+# what operations of torch go by, beside their arguments
+DTYPE: Read = ("the default dtype", torch.get_default_dtype)
+STATES = {
+    "get_num_threads",
+    "get_num_interop_threads",
+    "get_float32_matmul_precision",
+    "are_deterministic_algorithms_enabled",
+}
 MAKES = ("__new__", "__init__", "__post_init__")  # an object
 
 
@@ -57,18 +70,16 @@ class Unsteady(ValueError):
 
 
 class Variable(NamedTuple):
-    """What `read` gave, and of a tensor how often it had been written to, and whether it carried
-    gradient.
-    """
+    """What `read` gave, and of a tensor its `version_of`."""
 
     read: Callable[[], Any]
     value: Any
-    version: tuple[int, bool] | None
+    version: Hashable | None
 
     def unchanged(self) -> bool:
         now = self.read()
         if now is not self.value:
-            return steady(now) and type(now) is type(self.value) and now == self.value
+            return steady(now) and steady(self.value) and word_of(now) == word_of(self.value)
         return self.version is None or version_of(now) == self.version
 
 
@@ -95,8 +106,11 @@ class Surroundings:
         # objects and modules, with what of theirs was looked at
         self._holders: list[tuple[str, Any, set[str]]] = []
         self._buffers: set[int] = set()
+        self._many: dict[int, int] = {}  # by id: numbers of large tensors, as they were
         for name, read in reads:
             self._hold(name, read)
+        if self.variables:
+            self._hold(*DTYPE)
         while self._look():
             pass
 
@@ -136,7 +150,7 @@ class Surroundings:
     def _word(self, variable: Variable) -> Hashable:
         value = variable.value
         if steady(value):
-            return type(value), value
+            return word_of(value)
         if any(value is x for x in self.inputs):
             axes = self.batched.get(id(value), 0)
             return value.dtype, value.shape[axes:], axes, self._met[id(value)][0]
@@ -146,7 +160,7 @@ class Surroundings:
             and value.device.type == "cpu"
             and not value.requires_grad
         ):
-            return value.dtype, value.shape, value.contiguous().numpy().tobytes()
+            return value.dtype, value.shape, bytes_of(value)
         what = None
         if isinstance(value, types.FunctionType) and not of_package(value):
             what = value.__code__
@@ -156,24 +170,27 @@ class Surroundings:
             followed(value) and not isinstance(value, types.ModuleType)
         ):
             what = type(value)
+        if what is None:
+            return id(value), variable.version, self._many.get(id(value))
         # by which it is of those that were met, as the same one may stand in two places
-        return (id(value), variable.version) if what is None else (what, self._met[id(value)][0])
+        return what, self._met[id(value)][0]
 
     def _hold(self, name: str, read: Callable[[], Any]) -> None:
         value = read()
         self.variables.append(Variable(read, value, self._take(name, value)))
 
-    def _take(self, name: str, value: Any) -> tuple[int, bool] | None:
+    def _take(self, name: str, value: Any) -> Hashable | None:
         """Look at what a name stands for, and at what that reads; the version of a tensor."""
         if isinstance(value, Tensor):
             return self._tensor(name, value)
         if steady(value) or id(value) in self._met:
             return None
         self._met[id(value)] = len(self._met), value
+        if isinstance(value, HOLDING):
+            self._object(name, value)
         if isinstance(value, (tuple, frozenset)):
             for part in value:
                 self._part(name, part)
-            self._class(type(value))
         elif isinstance(value, (list, dict)):
             self._contents(name, value)
         elif isinstance(value, set):
@@ -192,11 +209,12 @@ class Surroundings:
             self._part(name, value.__self__)
             self._part(name, value.__func__)
         elif followed(value):
-            self._holders.append((name, value, set()))
+            self._object(name, value)
             if isinstance(value, torch.nn.Module):
                 self._buffers |= {id(x) for x in value.buffers()}
                 self._named.add("forward")
-            self._class(type(value))
+            if (number := number_of(value)) is not None:
+                self._hold(f"the value of {name}", lambda: number)
         elif isinstance(value, type) and not (of_package(value) or of_numpy(value)):
             self._class(value)
             self._class(type(value))
@@ -211,7 +229,13 @@ class Surroundings:
             raise Unsteady(f"{name!r} ({kind})")
         return None
 
-    def _tensor(self, name: str, value: Tensor) -> tuple[int, bool] | None:
+    def _object(self, name: str, value: Any) -> None:
+        """What it was given, and what its class gives it."""
+        self._holders.append((name, value, set()))
+        if type(value) is not np.ndarray:
+            self._class(type(value))
+
+    def _tensor(self, name: str, value: Tensor) -> Hashable | None:
         if value.is_inference():
             raise Unsteady(
                 f"{name!r}, a tensor of inference mode, which does not tell whether it was "
@@ -219,6 +243,7 @@ class Surroundings:
             )
         if id(value) not in self._met:
             self._met[id(value)] = len(self._met), value
+            self._object(name, value)
             own = (
                 value.requires_grad
                 or isinstance(value, torch.nn.Parameter)
@@ -226,7 +251,11 @@ class Surroundings:
             )
             if own and value.is_floating_point() and value.device.type == "cpu":
                 self.inputs.append(value)
-        return None if any(value is x for x in self.inputs) else version_of(value)
+        if any(value is x for x in self.inputs):
+            return None
+        if value.numel() > LARGE:
+            self._many.setdefault(id(value), hash(bytes_of(value)))
+        return version_of(value)
 
     def _contents(self, name: str, value: list | dict) -> None:
         """Of a list or dictionary, that may have others later."""
@@ -270,7 +299,9 @@ class Surroundings:
                     )
                 }
                 whole = not isinstance(value, types.ModuleType) and (
-                    BY_WORDS & self._named or of_package(type(value)) or frozen(value)
+                    BY_WORDS & self._named
+                    or (of_package(type(value)) and not isinstance(value, (Tensor, *HOLDING)))
+                    or frozen(value)
                 )
                 wanted = {one for one in own if whole or one in self._named} | (
                     OF_MODULES & own.keys()
@@ -308,6 +339,8 @@ class Surroundings:
             raise Unsteady(f"{said!r}, which {name} imports")
         if step.opname in READ:
             self._named.add(said)
+        if said in STATES and step.opname in {*READ, "LOAD_GLOBAL", "LOAD_NAME"}:
+            self._hold(f"torch.{said}()", getattr(torch, said))
         if step.opname in ("LOAD_GLOBAL", "LOAD_NAME"):
             self._named |= BY_WORDS & {said}
             self._global(function.__globals__, said)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
+import socket
 import threading
 import time
 from pathlib import Path
@@ -14,7 +16,7 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import count, instance
-from ..core.files import file_of, folder, write
+from ..core.files import file_of, folder, reason, write
 from ..core.leaves import sent
 from ..core.validation import positive, shown
 from ..math import quaternions as quat
@@ -63,7 +65,8 @@ def view(
     which contacts take it, or as a small one.
 
     Raises:
-        ValueError: for what is none of these, or a scene of other nodes.
+        ValueError: for what is none of these, a scene of other nodes, or an address at which this
+            machine cannot serve.
         ImportError: without viser: pip install 'torchbeam[view]'.
 
     Examples:
@@ -118,6 +121,7 @@ class View:
         self._states = states
         t = states.t.detach().double().cpu()
         self.t = t.flatten(1)[:, 0] if t.ndim > 1 else t
+        port = _free_port(host, port)
         with contextlib.redirect_stdout(io.StringIO()):  # viser's own box; `url` says as much
             self._server = viser.ViserServer(host=host, port=port, label="torchbeam", verbose=False)
         self._drawn: dict[str, Any] = {}
@@ -245,6 +249,33 @@ class View:
         camera = self._server.initial_camera
         camera.position, camera.look_at = tuple(middle + 0.75 * reach * side), tuple(middle)
         self._server.scene.set_up_direction("+z")
+
+
+def _free_port(host: str, port: int) -> int:
+    """The first free port from this one on: viser would look for one without end where the machine
+    cannot serve at an address. Raises ValueError there.
+    """
+    why = "no port from there on is free"
+    for free in range(port, min(port + 1000, 2**16)):
+        try:
+            for family, kind, protocol, _, address in socket.getaddrinfo(
+                host, free, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+            ):
+                with socket.socket(family, kind, protocol) as one:
+                    one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                    one.bind(address)
+            return free
+        except OSError as error:
+            if error.errno not in (errno.EADDRINUSE, errno.EACCES):
+                why = reason(error)
+                break
+        except UnicodeError:
+            why = "it is no name of a machine"
+            break
+    raise ValueError(
+        f"host = {shown(host)}, port = {port} was given to view, where no page can be served "
+        f"({why}); an address of this machine and a port below 65536 are wanted"
+    )
 
 
 class _Shapes:

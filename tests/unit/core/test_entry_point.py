@@ -194,8 +194,6 @@ def test_compile_breaks_at_a_call_and_leaves_it_alone():
     after), values and gradients are the same, and torchbeam by itself does not import torch's
     compiler.
     """
-    ran = subprocess.run(
-        [sys.executable, "-c", COMPILED], capture_output=True, text=True, timeout=300
-    )
+    ran = subprocess.run([sys.executable, "-c", COMPILED], capture_output=True, text=True)
     assert ran.returncode == 0, ran.stderr
     assert int(ran.stdout) <= 6

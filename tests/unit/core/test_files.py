@@ -142,3 +142,18 @@ def test_folders_and_files_that_are_read_are_at_home_too(tmp_path, monkeypatch):
     assert torch.equal(tb.load("~/run.pt").nodes, SOLUTION.nodes)
     with pytest.raises(ValueError, match="a path is wanted"):
         tb.load("a\0b")
+
+
+def test_what_killed_processes_left_is_removed_an_hour_later(tmp_path):
+    """From a folder of results, when it is opened; other files stay, whatever their age."""
+    old, new = (files._part(tmp_path / "run.json") for _ in range(2))
+    film = files._part(tmp_path / "film", ".gif")
+    others = [
+        tmp_path / name for name in ("run.json", "run.part", "run.12.part", "12-0123abcd.part")
+    ]
+    for path in (old, film, new, *others):
+        path.write_bytes(b"half")
+        if path != new:
+            os.utime(path, (0, 0))
+    files.folder(tmp_path)
+    assert sorted(tmp_path.iterdir()) == sorted([new, *others])

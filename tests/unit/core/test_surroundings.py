@@ -7,6 +7,7 @@ import math
 import random
 import time
 from dataclasses import dataclass
+from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ import torch
 from torchbeam.core.surroundings import Surroundings, Unsteady
 
 number, weight, log, counted = 2.0, torch.ones(2), [1.0], 0
+free = torch.nn.Parameter(torch.ones(2))
 
 
 @dataclass(frozen=True)
@@ -119,6 +121,7 @@ def around(function):
         lambda x: settings.gain * x,
         lambda x: log[0] * x,
         lambda x: x + torch.as_tensor(array),
+        lambda x: x + torch.as_tensor(array) * array.shape[0],
         closing({"a": 1.0}),
         lambda x: np.sin(1.0) * np.pi * x,
         lambda x: contact.push(x),
@@ -210,6 +213,134 @@ def test_changes_of_objects_lists_and_networks_are_noticed(monkeypatch, change):
     assert not found.unchanged()
 
 
+class Gain(float):
+    """A number that holds more."""
+
+
+class Count(int):
+    pass
+
+
+class Name(str):
+    pass
+
+
+class Table(dict):
+    pass
+
+
+class Material(Enum):
+    STEEL = 1
+
+    def gain(self):
+        return number
+
+
+def held(value, gain=1.0):
+    value.gain = gain
+    return value
+
+
+HELD = {
+    "tensor": torch.ones(2),
+    "parameter": torch.nn.Parameter(torch.ones(2)),
+    "float": Gain(2.0),
+    "int": Count(2),
+    "str": Name("two"),
+    "dict": Table(two=2.0),
+    "partial": functools.partial(max, 2.0),
+    "member": Material.STEEL,
+}
+
+
+@pytest.mark.parametrize("value", HELD.values(), ids=HELD)
+def test_what_numbers_words_and_tensors_hold_beside_themselves_is_noticed(value):
+    """An attribute that code names; another that it does not name may be what it likes."""
+    held(value)
+    found = around(closing((value,))), around((lambda value: lambda x: value.gain * x)(value))
+    value.other = 1.0
+    assert all(one.unchanged() for one in found)
+    value.gain = 2.0
+    assert [one.unchanged() for one in found] == [True, False]
+    value.gain = 1.0
+    assert all(one.unchanged() for one in found)
+
+
+def test_numbers_and_words_of_ones_own_classes_are_told_apart(monkeypatch):
+    """By themselves and by what they hold; the method of an enumeration's member is followed."""
+
+    def key(value):
+        kept.append(around(lambda x: value * value.gain))
+        return kept[-1].key
+
+    kept = []
+    for make, other in ((Gain, 1.5), (Count, 3), (Name, "three")):
+        one = make(other)
+        assert key(held(make(other))) == key(held(make(other))) != key(held(make(2)))
+        assert key(held(one)) != key(held(make(other), 2.0))
+    found = around(lambda x: Material.STEEL.gain() * x)
+    assert found.unchanged()
+    monkeypatch.setitem(globals(), "number", 3.0)
+    assert not found.unchanged()
+
+
+@pytest.mark.parametrize("first, other", [(0.0, -0.0), (1, True), ((1,), (1.0,)), (1.0, 1 + 0j)])
+def test_equal_numbers_may_be_others(first, other):
+    cell = [first]
+    found = around(lambda x: x + cell[0])
+    cell[0] = other
+    assert first == other and not found.unchanged()
+    assert around(closing(first)).key != around(closing(other)).key
+    cell[0] = math.nan
+    found = around(lambda x: x + cell[0])
+    cell[0] = float("nan")  # another object, and the same number
+    assert found.unchanged()
+
+
+@pytest.mark.parametrize("count", [3, 64, 65, 4096])
+@pytest.mark.parametrize("dtype", [torch.float64, torch.int64, torch.bool])
+def test_what_is_written_through_numpy_or_data_is_noticed(count, dtype):
+    for write in (lambda x: x.numpy().fill(0), lambda x: x.data.fill_(0), replaced):
+        x = torch.ones(count, dtype=dtype)
+        found = around(closing(x))
+        before = found.key
+        assert found.unchanged()
+        write(x)
+        assert not found.unchanged() and around(closing(x)).key != before
+
+
+def replaced(x):
+    x.data = torch.zeros_like(x)
+
+
+def test_of_many_numbers_the_next_look_notices():
+    x = torch.ones(5000)
+    f = closing(x)
+    before = around(f)
+    assert around(f).key == before.key
+    x.numpy()[-1] = 0
+    assert before.unchanged() and around(f).key != before.key
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda: torch.set_default_dtype(torch.float32),
+        lambda: torch.set_num_threads(torch.get_num_threads() + 1),
+        lambda: free.requires_grad_(False),
+    ],
+    ids=("default dtype", "threads", "gradient"),
+)
+def test_what_torch_goes_by_is_noticed(monkeypatch, change):
+    monkeypatch.setitem(globals(), "free", torch.nn.Parameter(torch.ones(2)))
+    reads = around(lambda x: x * torch.zeros(torch.get_num_threads()) * free.requires_grad)
+    others = around(lambda x: x * free)
+    assert reads.unchanged() and others.unchanged()
+    change()
+    assert not reads.unchanged()
+    assert others.unchanged() == (torch.get_default_dtype() == torch.float64)
+
+
 class Steel:
     """Numbers of a class, that makes no objects."""
 
@@ -242,7 +373,7 @@ def test_what_a_user_put_on_a_module_of_a_package_is_noticed(monkeypatch, module
     numbers.
     """
     known = Surroundings([("f", lambda: torch.nn.functional.relu)])
-    assert len(known.variables) == 1 and known.unchanged()
+    assert len(known.variables) == 2 and known.unchanged()  # one is the default dtype
     for first, other in (
         (2.0, 3.0),
         (lambda x: 2 * x, lambda x: 3 * x),

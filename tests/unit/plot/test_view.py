@@ -1,5 +1,6 @@
 """view: what the page shows is the motion."""
 
+import socket
 import urllib.request
 
 import numpy as np
@@ -14,11 +15,12 @@ pytest.importorskip("viser")
 WIDE, FLAT = 0.08, 0.01
 SECTION = tb.Section.rectangle(WIDE, FLAT, E=1e8, nu=0.33, rho=2700.0)
 BEAM = tb.Beam.straight(1.0, 3, SECTION)
+DIRECTLY = urllib.request.build_opener(urllib.request.ProxyHandler({}))
 BALL = tb.Sphere((0.5, 0, -0.3), 0.1)
 
 
 def opened(*args, **more):
-    return tb.view(*args, port=8790, **more)
+    return tb.view(*args, port=0, **more)  # any that is free, whatever else this machine serves
 
 
 def middles(view, name):
@@ -49,7 +51,7 @@ def test_a_motion_of_a_batch(capsys):
         assert np.allclose(
             middles(view, "sample 1/beam 0")[-1], solution.tip.position[4, 1], atol=1e-6
         )
-        assert b"<html" in urllib.request.urlopen(view.url).read()
+        assert b"<html" in DIRECTLY.open(view.url).read()
         assert view.url in view._repr_html_()
     assert capsys.readouterr().out == ""
     assert torch.equal(view.t, solution.t.double())
@@ -123,6 +125,29 @@ def test_what_cannot_be_seen_is_refused():
         view.update(tb.rest(tb.Scene(tb.Beam.straight(1.0, 2, SECTION))))
 
 
+@pytest.mark.parametrize(
+    "address",
+    [
+        dict(host="192.0.2.1"),  # of documentation: no machine has it
+        dict(host="nosuch.invalid"),
+        dict(host="a" * 70),
+        dict(port=65536),
+        dict(port=10**9),
+    ],
+    ids=str,
+)
+def test_where_no_page_can_be_served_it_is_said(address):
+    with pytest.raises(ValueError, match=r"where no page can be served \(.+\); an address of this"):
+        tb.view(tb.Scene(BEAM), **address)
+
+
+def test_a_port_that_is_taken_is_passed_by():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with tb.view(tb.Scene(BEAM), port=port) as view:
+            assert view.url.startswith("http://127.0.0.1:") and not view.url.endswith(f":{port}")
+
+
 def test_bodies_alone_are_drawn_as_their_surfaces_where_they_are():
     turn = torch.tensor([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])  # x to y
     box, bar = tb.Box((0.1, 0, 0), (0.2, 0.1, 0.1), 0.01), tb.Capsule((0, 0, 0), (0.2, 0, 0), 0.05)
@@ -130,7 +155,7 @@ def test_bodies_alone_are_drawn_as_their_surfaces_where_they_are():
         "box": tb.Body(0.1, 1e-3, rotation=turn, surface=box),
         "bar": tb.Body(0.1, 1e-3, position=(1.0, 0, 0), surface=bar),
     }
-    with tb.view(tb.Scene(bodies)) as view:
+    with opened(tb.Scene(bodies)) as view:
         ends = {name: extent(view, f"sample 0/body {k}") for k, name in enumerate(bodies)}
         assert np.allclose(ends["box"], [[-0.05, 0, -0.05], [0.05, 0.2, 0.05]], atol=1e-6)
         assert np.allclose(ends["bar"], [[0.95, -0.05, -0.05], [1.25, 0.05, 0.05]], atol=1e-6)

@@ -31,6 +31,7 @@ DERIVATIVES = ("auto", "forward", "difference", "adjoint")
 STEP = 1e-4  # of differences
 # times that: another step, which finds the same derivatives where differences are good
 COARSE = 10.0
+TRIES = 3  # steps of differences, each a tenth of the one before
 SAME = 1e-3  # of a column of J
 
 
@@ -90,7 +91,8 @@ def identify(
             mode, whatever p, and L-BFGS (torch.optim) in place of Gauss-Newton, for p beyond some
             hundreds; it takes more iterations, one start after the other, no bounds but by logits.
             "auto": differences, where those of ten times the step agree with them to 1e-3 at the
-            start, and else, with a RuntimeWarning, forward mode
+            start, by a tenth or a hundredth of 1e-4 where those of that do not (responses of many
+            periods); and else, with a RuntimeWarning, forward mode
         tolerance: of the largest step, relative to theta (of log theta, absolute); also, squared,
             of the decrease of the squares
         progress: a line of progress (tqdm)
@@ -153,10 +155,10 @@ def identify(
     x = problem.parameters.x
     region = problem.region(x)
     with torch.no_grad():
-        derivative_kind = (
-            derivatives if derivatives in ("forward", "difference") else _chosen(problem, x)
-        )
-        problem = replace(problem, method=derivative_kind)
+        if derivatives in ("forward", "difference"):
+            problem = replace(problem, method=derivatives)
+        else:
+            problem = _chosen(problem, x, TRIES if relative_step is None else 1)
         most = count("follow", follow) if starts > 1 else None
         with _line(progress, len(x)) as report:
 
@@ -185,45 +187,61 @@ def identify(
             problem,
             search_result,
             region,
-            derivatives if derivatives == "adjoint" else derivative_kind,
+            derivatives if derivatives == "adjoint" else problem.method,
             tolerance,
         )
 
 
-def _chosen(problem: FitProblem, x: Tensor) -> str:
-    """ "difference" where these do not depend on their step at the first start that has a Jacobian,
-    else "forward".
+def _chosen(problem: FitProblem, x: Tensor, tries: int) -> FitProblem:
+    """By differences that do not depend on their step at the first start that has a Jacobian: of
+    so many steps, each a tenth of the one before; else by forward mode.
     """
-    m = problem.parameters.model
     for k in range(len(x)):
-        which = torch.tensor([k], device=x.device)
+        here, which = x[k : k + 1], torch.tensor([k], device=x.device)
         try:
-            r, J = problem.linearised(x[k : k + 1], which)
+            r, J = problem.linearised(here, which)
         except Exception:
             if len(x) == 1:
                 raise
             continue
         coarse = replace(problem, relative_step=COARSE * problem.relative_step)
         try:
-            _, other = coarse.linearised(x[k : k + 1], which, r)
+            _, other = coarse.linearised(here, which, r)
         except Exception:  # it raises there, or is not finite: nothing is known against differences
-            return "difference"
-        if not torch.isfinite(J).all() or not torch.isfinite(other).all():
-            continue
-        size = torch.linalg.vector_norm(J, dim=1)[0, :m]
-        off = torch.linalg.vector_norm(J - other, dim=1)[0, :m] - SAME * size
-        rounding = 10 * torch.finfo(x.dtype).eps / problem.steps(x[k : k + 1])[0, :m]
-        off = off - rounding * torch.linalg.vector_norm(r + problem.target[:1])
-        if (off <= 0).all():
-            return "difference"
-        worst = problem.parameters.names[int((off / size).nan_to_num().argmax())]
-        warn(
-            "derivatives = 'auto' takes forward mode, whose steps are eager and slow: the "
-            f"differences of {worst!r} depend on their step ('difference' takes them all the same)",
-            SlowPathWarning,
-        )
-        return "forward"
-    return "difference"
+            return problem
+        fine = problem
+        for left in reversed(range(tries)):
+            if not torch.isfinite(J).all() or not torch.isfinite(other).all():
+                break
+            off, size = _dependence(fine, here, r, J, other)
+            if (off <= 0).all():
+                return fine
+            if left:
+                fine = replace(fine, relative_step=fine.relative_step / COARSE)
+                other, (_, J) = J, fine.linearised(here, which, r)
+        else:
+            worst = problem.parameters.names[int((off / size).nan_to_num().argmax())]
+            warn(
+                "derivatives = 'auto' takes forward mode, whose steps are eager and slow: the "
+                f"differences of {worst!r} depend on their step ('difference' takes them all the "
+                "same)",
+                SlowPathWarning,
+            )
+            return replace(problem, method="forward")
+    return problem
+
+
+def _dependence(
+    problem: FitProblem, x: Tensor, r: Tensor, J: Tensor, other: Tensor
+) -> tuple[Tensor, Tensor]:
+    """By how much the columns of two Jacobians (1, T, p) by differences, J those of the problem's
+    step, are further apart than they may be, and their sizes: (p,), of the model's parameters.
+    """
+    m = problem.parameters.model
+    size = torch.linalg.vector_norm(J, dim=1)[0, :m]
+    off = torch.linalg.vector_norm(J - other, dim=1)[0, :m] - SAME * size
+    rounding = 10 * torch.finfo(x.dtype).eps / problem.steps(x)[0, :m]
+    return off - rounding * torch.linalg.vector_norm(r + problem.target[:1]), size
 
 
 def _by_adjoint(

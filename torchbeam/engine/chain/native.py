@@ -88,6 +88,12 @@ class NativeProgram:
     @cached_property
     def functions(self) -> dict[str, Function]:
         begin, (local, known) = time.perf_counter(), self._untraced
+        if self.kinds.pairs:
+            LOG.warning(
+                "%s for beams or bodies that touch is traced and compiled, which takes some ten "
+                "seconds of this processor, once for all scenes of this kind",
+                type(self).__name__,
+            )
         tracing = Tracing(local, known)
         self.shapes = tracing.shapes
         functions = self._functions(tracing, local)

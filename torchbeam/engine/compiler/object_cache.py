@@ -2,8 +2,10 @@
 
 A file a key, in $TORCHBEAM_CACHE, else $XDG_CACHE_HOME/torchbeam, else ~/.cache/torchbeam (on
 Windows in %LOCALAPPDATA%), each beginning with the checksum of its key and of what follows. Written
-beside and renamed, so that no reader sees a part. A file that is damaged, or another key's, is as
-none; where the folder cannot be written, objects live in memory alone.
+beside and renamed, so that no reader sees a part; what killed processes left goes an hour later. A
+file that is damaged, or another key's, is as none, and so is what is no regular file; where the
+folder cannot be written, objects live in memory alone. Together they take $TORCHBEAM_CACHE_SIZE MB
+at most, 1,000 without: those that were not used for longest go first.
 
 What lies there runs in one's own process, and a checksum is no secret: the folder is made for its
 owner alone, and what another user owns, or may write to, is not read (where the system knows
@@ -15,13 +17,21 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
+import re
 import stat
 import tempfile
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
+from ...core.files import remove_parts
+
 LOG = logging.getLogger("torchbeam")
 CHECKSUM = 32  # bytes of SHA-256
+OBJECT = re.compile(r"[0-9a-f]{64}\.o")
+PART = re.compile(r"[0-9a-f]{8}[a-z0-9_]{8}\.part")
+SIZE = "TORCHBEAM_CACHE_SIZE"
+MOST = 1000.0  # MB
 
 
 def key_of(*parts: str | bytes) -> str:
@@ -74,6 +84,30 @@ def default_folder() -> Path:
     return (Path(shared) if shared else Path(os.path.expanduser("~")) / ".cache") / "torchbeam"
 
 
+def most_kept() -> float:
+    """Bytes that all files may take together."""
+    given = os.environ.get(SIZE)
+    try:
+        megabytes = MOST if given is None else float(given)
+        if not megabytes >= 0:
+            raise ValueError
+    except ValueError:
+        _not_a_size(given)
+        megabytes = MOST
+    return 1e6 * megabytes
+
+
+@cache
+def _not_a_size(given: str) -> None:
+    """Warn, once."""
+    LOG.warning("%s=%s was given; a number of MB is wanted, %g is taken", SIZE, given, MOST)
+
+
+def _opened(path: str, flags: int) -> int:
+    """Without waiting for who writes to it, where it is no file but a pipe."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
 class ObjectCache:
     """Bytes by key, in memory and in `folder`."""
 
@@ -95,14 +129,34 @@ class ObjectCache:
         another take its place.
         """
         try:
-            with path.open("rb") as file:
-                return (
-                    file.read()
-                    if own(self.folder, self.folder.stat()) and own(path, os.fstat(file.fileno()))
-                    else None
-                )
+            with open(path, "rb", opener=_opened) as file:
+                status = os.fstat(file.fileno())
+                if not (
+                    stat.S_ISREG(status.st_mode)
+                    and own(self.folder, self.folder.stat())
+                    and own(path, status)
+                ):
+                    return None
+                data = file.read()
         except OSError:
             return None
+        with suppress(OSError):  # of a folder that may be read alone
+            os.utime(path)  # used now
+        return data
+
+    def _keep(self, most: float) -> None:
+        """Remove files that were not used for longest, until the rest takes so many bytes at
+        most.
+        """
+        with os.scandir(self.folder) as files:
+            objects = [(file.stat(), file.path) for file in files if OBJECT.fullmatch(file.name)]
+        taken = sum(status.st_size for status, _ in objects)
+        for status, path in sorted(objects, key=lambda one: one[0].st_mtime_ns):
+            if taken <= most:
+                break
+            with suppress(OSError):  # another process was first, or reads it
+                os.unlink(path)
+            taken -= status.st_size
 
     def put(self, key: str, data: bytes) -> None:
         self._held[key] = data
@@ -115,6 +169,8 @@ class ObjectCache:
             with os.fdopen(handle, "wb") as file:
                 file.write(checksum(key, data) + data)
             os.replace(beside, self.folder / f"{key}.o")
+            remove_parts(self.folder, PART)
+            self._keep(most_kept())
         except OSError as error:
             LOG.warning(
                 "compiled code cannot be kept in %s (%s): TORCHBEAM_CACHE names another folder",

@@ -110,6 +110,26 @@ def test_sigma_that_only_weighs():
     assert (absolute.freedom == math.inf).all()
 
 
+def test_differences_of_many_periods_are_those_of_a_shorter_step():
+    """A decay of 40 periods turns by a quarter of a radian where its frequency changes by 1e-3: the
+    differences of a tenth of the step are taken, and found the same, but for a step that was asked
+    for.
+    """
+    t = torch.linspace(0, 1, 400)
+
+    def decay(theta):
+        w, d = (theta[name][..., None] for name in ("w", "d"))
+        return torch.cos(2 * math.pi * w * t) * torch.exp(-d * t)
+
+    exact = {"w": torch.tensor(40.0), "d": torch.tensor(1.0)}
+    start = {"w": 40.1, "d": 1.2}
+    fit = tb.identify(decay, decay(exact), start)  # a SlowPathWarning would be an error
+    assert fit.derivatives == "difference"
+    assert_close(fit.theta, torch.tensor([40.0, 1.0]), rtol=1e-6, atol=0)
+    with pytest.warns(tb.SlowPathWarning, match="differences of 'w' depend on their step"):
+        assert tb.identify(decay, decay(exact), start, relative_step=1e-4).derivatives == "forward"
+
+
 def test_automatic_derivatives():
     """Differences where they are good; forward mode, with a warning, where noise of the model, here
     1e-5, spoils them.

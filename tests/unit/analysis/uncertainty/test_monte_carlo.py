@@ -4,10 +4,9 @@ import json
 import math
 import os
 import signal
-import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
 from multiprocessing import get_context
-from threading import Timer
 
 import numpy as np
 import pytest
@@ -91,8 +90,15 @@ def _open_files():
     return len(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else 0
 
 
-def _doze(theta):
-    time.sleep(0.2)
+def _dies_once(folder, theta):
+    """The process that first gets to its fourth chunk is killed; no other after it."""
+    (folder / f"{os.getpid()}-{len([*folder.iterdir()])}").touch()
+    if len([*folder.glob(f"{os.getpid()}-*")]) == 4:
+        try:
+            (folder / "killed").touch(exist_ok=False)
+            os.kill(os.getpid(), signal.SIGKILL)
+        except FileExistsError:
+            pass
     return theta.sin()
 
 
@@ -100,15 +106,20 @@ def test_a_cluster_that_loses_a_worker(tmp_path):
     """Dask, two workers, one killed on the way: all samples, to the bit."""
     distributed = pytest.importorskip("distributed")
     options = dict(n_workers=2, threads_per_worker=1, dashboard_address=None)
+    calls, out = tmp_path / "calls", tmp_path / "out"
+    calls.mkdir()
     with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
-        victim = next(iter(client.run(os.getpid).values()))
-        Timer(0.7, os.kill, (victim, signal.SIGKILL)).start()
         there = tb.monte_carlo(
-            _doze, LAWS, 64, chunk=8, executor=client.get_executor(retries=3), out=tmp_path
+            partial(_dies_once, calls),
+            LAWS,
+            64,
+            chunk=8,
+            executor=client.get_executor(retries=3),
+            out=out,
+            version=1,
         )
-    assert (there.y == tb.monte_carlo(torch.sin, LAWS, 64).y).all() and len(
-        list(tmp_path.iterdir())
-    ) == 9
+    assert (calls / "killed").exists()
+    assert (there.y == tb.monte_carlo(torch.sin, LAWS, 64).y).all() and len([*out.iterdir()]) == 9
 
 
 def test_taken_up_again(tmp_path):

@@ -522,8 +522,8 @@ def test_a_call_is_made_by_several_threads_at_once():
     assert all(torch.equal(x, wanted[k % 4]) for k, x in enumerate(found))
 
 
-def _tip(stepper, state, queue):
-    queue.put(stepper(state, u=torch.ones(3)).tip.position.tolist())
+def _tip(stepper, state, end):
+    end.send(stepper(state, u=torch.ones(3)).tip.position.tolist())
 
 
 @torch.no_grad()
@@ -538,10 +538,11 @@ def test_steppers_work_in_forked_processes_and_as_pickles(auto):
         and copied.compiled is not None
     )
     context = multiprocessing.get_context("fork")
-    queue = context.Queue()
-    child = context.Process(target=_tip, args=(stepper, start, queue))
+    here, there = context.Pipe(duplex=False)
+    child = context.Process(target=_tip, args=(stepper, start, there))
     child.start()
-    assert queue.get(timeout=60) == wanted
+    there.close()  # `recv` raises where the child has ended without a word
+    assert here.recv() == wanted
     child.join()
 
 

@@ -5,6 +5,7 @@ list of pairs is near.
 import copy
 import pickle
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -12,7 +13,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from torchbeam.dynamics import step_solver
-from torchbeam.engine.chain import touching_step
+from torchbeam.engine.chain import native, touching_step
 
 R = 0.005
 SECTION = tb.Section.circle(R, E=1e8, nu=0.35, rho=1200.0)
@@ -264,3 +265,15 @@ def test_bodies_collide():
     a, b = solution["a"].velocity[-1], solution["b"].velocity[-1]
     for read, wanted in ((a, -velocity[0] / 3), (b, velocity[0] * 2 / 3)):
         assert_close(read, wanted, rtol=0, atol=1e-8)  # the default tolerance
+
+
+@pytest.mark.parametrize("pairs", [(), ("a kind",)])
+def test_what_takes_some_seconds_is_said_before_it_is_made(pairs, monkeypatch, caplog):
+    """Code of what touches is some five times as much as that of a beam."""
+    monkeypatch.setattr(native, "Tracing", lambda local, known: SimpleNamespace(shapes={}))
+    program = object.__new__(native.NativeProgram)
+    program.kinds, program._untraced = SimpleNamespace(pairs=pairs), (None, {})
+    monkeypatch.setattr(native.NativeProgram, "_functions", lambda *_: {})
+    assert program.functions == {}
+    said = "for beams or bodies that touch is traced and compiled, which takes some ten seconds"
+    assert (said in caplog.text) == bool(pairs)

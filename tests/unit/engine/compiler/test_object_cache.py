@@ -87,6 +87,61 @@ def test_a_file_by_another_keys_name_is_as_none(tmp_path):
     assert ObjectCache(tmp_path).get(key_of("other")) is None
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no such pipes")
+def test_what_is_no_regular_file_is_as_none(tmp_path):
+    """A pipe without a writer, which to open would be to wait for ever; a folder; and both are
+    replaced, or stay.
+    """
+    pipe, folder = key_of("pipe"), key_of("folder")
+    os.mkfifo(tmp_path / f"{pipe}.o", 0o600)
+    (tmp_path / f"{folder}.o").mkdir()
+    cache = ObjectCache(tmp_path)
+    assert cache.get(pipe) is None and cache.get(folder) is None
+    cache.put(pipe, b"object")
+    assert ObjectCache(tmp_path).get(pipe) == b"object"
+
+
+def test_parts_that_killed_processes_left_are_removed(tmp_path):
+    """An hour after they were written to; other files stay, whatever their age."""
+    parts = {name: tmp_path / f"{key_of(name)[:8]}abcd_123.part" for name in ("old", "new")}
+    others = [tmp_path / name for name in ("notes.part", "old.o", "0123.part")]
+    for path in (*parts.values(), *others):
+        path.write_bytes(b"of others")
+        if path != parts["new"]:
+            os.utime(path, (0, 0))
+    ObjectCache(tmp_path).put(key_of("one"), b"one")
+    assert not parts["old"].exists()
+    assert all(path.exists() for path in (parts["new"], *others))
+
+
+def test_what_was_not_used_for_longest_goes_first(tmp_path, monkeypatch):
+    """Of four files of 400 kB each in 1.3 MB; what is read counts as used, and what is no object
+    of this cache is not touched.
+    """
+    monkeypatch.setenv("TORCHBEAM_CACHE_SIZE", "1.3")
+    keys = [key_of(str(k)) for k in range(4)]
+    (tmp_path / "of others.o").write_bytes(bytes(10**7))
+    for k, key in enumerate(keys[:3]):
+        ObjectCache(tmp_path).put(key, bytes(400_000))
+        os.utime(tmp_path / f"{key}.o", (k, k))
+    assert ObjectCache(tmp_path).get(keys[0]) is not None
+    ObjectCache(tmp_path).put(keys[3], bytes(400_000))
+    left = [ObjectCache(tmp_path).get(key) is not None for key in keys]
+    assert left == [True, False, True, True] and (tmp_path / "of others.o").exists()
+
+
+def test_a_size_that_is_none_is_said(tmp_path, monkeypatch, caplog):
+    object_cache._not_a_size.cache_clear()
+    for given in ("much", "-1", "nan"):
+        monkeypatch.setenv("TORCHBEAM_CACHE_SIZE", given)
+        assert object_cache.most_kept() == 1e9
+        assert f"TORCHBEAM_CACHE_SIZE={given} was given; a number of MB is wanted" in caplog.text
+    monkeypatch.setenv("TORCHBEAM_CACHE_SIZE", "0")
+    cache = ObjectCache(tmp_path)
+    cache.put(key_of("one"), b"one")
+    assert cache.get(key_of("one")) == b"one" and not [*tmp_path.iterdir()]
+
+
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="this system knows no owners")
 class TestOfOneUser:
     """What another user may have written is code that runs as oneself."""

@@ -21,14 +21,17 @@ from torchbeam.studies.uncertainty.config import read
 
 MODEL = """
 import time
+from pathlib import Path
 import torch
 import torchbeam as tb
 
 torch.set_default_dtype(torch.float64)
 SHIFT = 1.0
+HERE = Path(__file__).parent
 
 def function(theta):
-    time.sleep({wait})
+    while (HERE / "hold").exists() and len([*HERE.glob("{held}/samples/chunk-*.pt")]) >= {most}:
+        time.sleep(0.01)
     return theta.prod(-1) + SHIFT * torch.ones(()), torch.where(theta[:, 0] > 1.9, 7, 0)
 
 laws = {{"a": (0.0, 2.0), "b": tb.laws.Normal(1.0, 0.2)}}
@@ -40,11 +43,13 @@ thresholds = (2.5,)
 
 @pytest.fixture
 def model(tmp_path, request):
-    """A configuration whose name no other test has loaded."""
+    """A configuration whose name no other test has loaded. As long as a file "hold" stands beside
+    it, the run into the folder `held` computes nothing more once it has so many chunks.
+    """
 
-    def write(wait=0.0, **changed):
+    def write(held="", most=0, **changed):
         path = tmp_path / f"model_{request.node.name.partition('[')[0]}.py"
-        text = MODEL.format(wait=wait)
+        text = MODEL.format(held=held, most=most)
         path.write_text(text + "\n".join(f"{name} = {value!r}" for name, value in changed.items()))
         return path
 
@@ -193,9 +198,9 @@ def test_processes_of_which_one_is_killed(model, tmp_path):
     """Two workers; one is killed with SIGKILL, then the command itself; the same command ends with
     the same numbers.
     """
-    path = model(wait=0.1)
-    whole = command(path, tmp_path / "whole", "--workers", "2")
-    assert whole.wait(120) == 0
+    path, hold = model("killed", 12), tmp_path / "hold"
+    assert ended(command(path, tmp_path / "whole", "--workers", "2"))[0] == 0
+    hold.touch()
     process = command(path, tmp_path / "killed", "--workers", "2")
     until(lambda: chunks(tmp_path / "killed") >= 4, process)
     workers = [int(x) for x in children(process.pid) if "spawn_main" in cmdline(x)]
@@ -204,8 +209,9 @@ def test_processes_of_which_one_is_killed(model, tmp_path):
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     assert 12 <= chunks(tmp_path / "killed") < 32
-    again = command(path, tmp_path / "killed", "--workers", "2")
-    assert again.wait(120) == 0 and "were there" in again.communicate()[1]
+    hold.unlink()
+    code, said = ended(command(path, tmp_path / "killed", "--workers", "2"))
+    assert code == 0 and "were there" in said
     assert summary(tmp_path / "killed")["statistics"] == summary(tmp_path / "whole")["statistics"]
 
 
@@ -215,9 +221,9 @@ def test_cluster(model, tmp_path):
     lost; the run is resumed with a new one: the same numbers as without any of that.
     """
     pytest.importorskip("distributed")
-    path = model(wait=0.15)
-    whole = command(path, tmp_path / "whole", "--quiet")
-    assert whole.wait(120) == 0
+    path, hold = model("lost", 14), tmp_path / "hold"
+    assert ended(command(path, tmp_path / "whole", "--quiet"))[0] == 0
+    hold.touch()
     with Cluster(tmp_path, 1) as cluster:
         process = command(path, tmp_path / "lost", "--scheduler", cluster.address)
         until(lambda: chunks(tmp_path / "lost") >= 3, process)
@@ -226,11 +232,14 @@ def test_cluster(model, tmp_path):
         cluster.workers[0].kill()
         until(lambda: chunks(tmp_path / "lost") >= 14, process)
         cluster.scheduler.kill()
-        assert process.wait(120) == 1 and "goes on where it was" in process.communicate()[1]
+        code, said = ended(process)
+        assert code == 1 and "goes on where it was" in said
+    hold.unlink()
     assert 14 <= chunks(tmp_path / "lost") < 32
     with Cluster(tmp_path, 2) as cluster:
         again = command(path, tmp_path / "lost", "--scheduler", str(cluster.file))
-        assert again.wait(120) == 0, again.communicate()[1]
+        code, said = ended(again)
+        assert code == 0, said
     assert summary(tmp_path / "lost")["statistics"] == summary(tmp_path / "whole")["statistics"]
 
 
@@ -249,25 +258,22 @@ class Cluster:
             "--host",
             "127.0.0.1",
         )
-        until(self.file.exists, self.scheduler)
-        time.sleep(0.2)  # written whole
-        self.address = json.loads(self.file.read_text())["address"]
+        until(self._address, self.scheduler)
+        self.address = self._address()
         self.workers = []
         for _ in range(workers):
             self.add()
 
+    def _address(self):
+        """None as long as the file is not written whole."""
+        try:
+            return json.loads(self.file.read_text())["address"]
+        except (OSError, ValueError):
+            return None
+
     def add(self):
         self.workers.append(
-            self._begin(
-                "worker",
-                self.address,
-                "--nthreads",
-                "1",
-                "--no-nanny",
-                "--no-dashboard",
-                "--death-timeout",
-                "60",
-            )
+            self._begin("worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
         )
 
     def _begin(self, *words):
@@ -325,12 +331,17 @@ def chunks(folder):
     return len(list(folder.glob("samples/chunk-*.pt")))
 
 
-def until(true, process, seconds=90):
-    end = time.monotonic() + seconds
+def until(true, process):
+    """However long that takes, as long as the process is there."""
     while not true():
         assert process.poll() is None, process.communicate()[1]
-        assert time.monotonic() < end
         time.sleep(0.02)
+
+
+def ended(process):
+    """Its exit status and what it said."""
+    said = process.communicate()[1]
+    return process.returncode, said
 
 
 def children(pid):
