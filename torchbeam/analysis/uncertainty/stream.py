@@ -16,6 +16,7 @@ from ...core.arguments import level_of
 from ...core.validation import Value, broadcast, converted, finite
 from ...math.distributions import binomial_interval, binomial_ranks, student_quantile
 from .estimate import (
+    about_their_mean,
     FEW,
     Estimate,
     failures,
@@ -138,7 +139,10 @@ class Stream(Summary):
 
     @property
     def deviation(self) -> Tensor:
-        return self.all.deviation
+        """Standard deviation (...), as `Samples.deviation` has it."""
+        whole = self.all
+        about = about_their_mean(self.independent, len(self.moments), self._groups, whole.n)
+        return (whole.second / (whole.n - about)).sqrt()
 
     @property
     def skewness(self) -> Tensor:
