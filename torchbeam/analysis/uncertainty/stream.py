@@ -16,9 +16,9 @@ from ...core.arguments import level_of
 from ...core.validation import Value, broadcast, converted, finite
 from ...math.distributions import binomial_interval, binomial_ranks, student_quantile
 from .estimate import (
-    about_their_mean,
     FEW,
     Estimate,
+    about_their_mean,
     failures,
     probabilities,
     replicated_well,

@@ -24,20 +24,23 @@ def tail(beta: float) -> float:
     return 0.5 * math.erfc(beta / 2**0.5)
 
 
-def samples(n: int, seed: int) -> tb.Samples:
-    return tb.monte_carlo(total, UNIT, n, replicates=16, seed=seed, dtype=torch.float64)
+def samples(n: int, seed: int, names: str = "ab") -> tb.Samples:
+    laws = {name: UNIT[name] for name in names}
+    return tb.monte_carlo(total, laws, n, replicates=16, seed=seed, dtype=torch.float64)
 
 
 def deviation_of_a_law(n: int, seed: int) -> tuple[Tensor, ...]:
-    """Of a + b, by the width of a: the deviation itself, and its derivative."""
+    """Of a, by its width: the deviation itself, and its derivative."""
     answers = tb.moment_derivatives(
         total,
-        lambda q: {"a": lambda u: q[0] * u, "b": (0.0, 1.0)},
+        lambda q: {"a": lambda u: q[0] * u},
         torch.tensor([1.0], dtype=torch.float64),
         n,
         seed=seed,
     )
-    return tuple(torch.stack((x, y[0])) for x, y in zip(answers.deviation, answers.deviation_by))
+    return tuple(
+        torch.stack((x, y[0])) for x, y in zip(answers.deviation, answers.deviation_by, strict=True)
+    )
 
 
 def indices(n: int, seed: int) -> tuple[Tensor, ...]:
@@ -59,12 +62,12 @@ SHARES = torch.stack((ALONE, ALONE + BOTH)) / (ALONE.sum() + BOTH)
 # answer: (n, seed) -> estimate, low, high; the truth; n
 SMOOTH = {
     "mean": (lambda n, seed: samples(n, seed).mean_interval(LEVEL), 1.0, 1024),
-    "deviation": (lambda n, seed: samples(n, seed).deviation_interval(LEVEL), 6**-0.5, 4096),
+    "deviation": (lambda n, seed: samples(n, seed, "a").deviation_interval(LEVEL), 12**-0.5, 4096),
     "median": (lambda n, seed: samples(n, seed).quantile(0.5, LEVEL), 1.0, 1024),
     "probability": (lambda n, seed: samples(n, seed).exceedance(1.5, LEVEL), 0.125, 1024),
     "moment_derivatives": (
         deviation_of_a_law,
-        torch.tensor([6**-0.5, 1 / (12 * 6**-0.5)], dtype=torch.float64),
+        torch.tensor([12**-0.5, 12**-0.5], dtype=torch.float64),
         4096,
     ),
     "sobol_indices": (indices, SHARES, 1024),
