@@ -70,6 +70,9 @@ class BeamEnvConfig:
                        that going on is never worse: for it and each interval that the time limit
                        leaves as much as one costs at most (`Task.worst_cost`)
     max_episode_steps  None = no end
+    params_in_info     whether `info["params"]` has the parameters that vary, as they are, at each
+                       step: what policies are not to know, and wrappers that log `info` write down.
+                       None = True, with a DeprecationWarning; False from the release after next on
 
     Examples:
         >>> config = envs.BeamEnvConfig(elements=2, planar=True, sensors=("tip", "gauges"))
@@ -106,6 +109,7 @@ class BeamEnvConfig:
     control_cost: float = 1e-3
     failure_reward: float | None = None
     max_episode_steps: int | None = 50
+    params_in_info: bool | None = None
 
     def __post_init__(self) -> None:
         for name, least in (("substeps", 1), ("elements", 2), ("delay", 0), ("frames", 1)):
@@ -128,6 +132,10 @@ class BeamEnvConfig:
             )
         if not isinstance(self.planar, (bool, np.bool_)):
             raise ValueError(f"planar = {self.planar!r} was given; True or False is wanted")
+        if not (self.params_in_info is None or isinstance(self.params_in_info, (bool, np.bool_))):
+            raise ValueError(
+                f"params_in_info = {self.params_in_info!r} was given; True, False or None is wanted"
+            )
         force = numbers("force", self.force)
         if (
             force.ndim != 1

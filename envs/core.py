@@ -21,7 +21,7 @@ from torchbeam.extend import count, shown
 from .accuracy import resolved
 from .config import BeamEnvConfig
 from .episodes import Episodes
-from .output import converted
+from .output import converted, deprecated
 from .plant import Plant
 from .rendering import Renderer
 from .simulation import Simulation
@@ -31,6 +31,10 @@ from .task import Task
 OUTPUTS = ("numpy", "torch")
 RENDER_MODES = ("rgb_array", "human")
 OPTIONS = ("reset_mask", "params", "goal")
+PARAMS = (
+    "info['params'], what an episode's parameters are, is left out from the release after next on; "
+    "params_in_info=True asks for it, params_in_info=False leaves it out now"
+)
 
 
 class BeamVectorEnv(VectorEnv):
@@ -46,9 +50,9 @@ class BeamVectorEnv(VectorEnv):
         autoreset_mode: "NextStep": the step after an episode's last one resets it; its action is
             ignored and its reward 0. "SameStep". "Disabled": an episode that is over stands still,
             reward 0 and flags kept, until reset(options={"reset_mask": (num_envs,) bool})
-        output: "numpy": float32 observations, float64 rewards, no gradient. "torch": tensors in the
-            simulation's dtype, with gradient from actions (and parameters) to observations and
-            rewards, over as many steps as `detach()` is not called
+        output: "numpy": float32 observations, float64 rewards and information, no gradient.
+            "torch": tensors in the simulation's dtype, with gradient from actions (and parameters)
+            to observations and rewards, over as many steps as `detach()` is not called
         render_mode: "rgb_array", "human" or None
 
     `task`, `config`, `simulation` are what it is made of. `scene` is what is simulated; `state`
@@ -133,6 +137,7 @@ class BeamVectorEnv(VectorEnv):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.streams = Streams(num_envs)
         self.episodes: Episodes | None = None
+        self._warned = False  # of `params_in_info`
         self._going: Episodes | None = None  # where of the last ones it is known that none is over
 
     @classmethod
@@ -188,7 +193,7 @@ class BeamVectorEnv(VectorEnv):
                 self.episodes, self.episodes.failed, torch.zeros_like(mask), mask, mask
             )
         self._shown(mask)
-        return self._out(self.episodes.observation), self._out({**info, **masks})
+        return self._out(self.episodes.observation), self._told({**info, **masks})
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict]:
         """One control interval. Actions (n, a) are clipped to [-1, 1]; a row that is not finite
@@ -200,7 +205,7 @@ class BeamVectorEnv(VectorEnv):
             self._out(reward, np.float64),
             self._out(terminated),
             self._out(truncated),
-            self._out({**info, **masks}),
+            self._told({**info, **masks}),
         )
 
     def stepped(
@@ -405,9 +410,12 @@ class BeamVectorEnv(VectorEnv):
         info = {**now.measures, "solver_failed": failed, "action_invalid": invalid}
         masks = {f"_{name}": moved for name in info}
         params = self.simulation.parameters_of(now)
-        return (
-            ({**info, "params": params}, {**masks, "_params": begun}) if params else (info, masks)
-        )
+        if not params or self.config.params_in_info not in (None, True):
+            return info, masks
+        if self.config.params_in_info is None and not self._warned:
+            self._warned = True
+            deprecated(PARAMS)
+        return {**info, "params": params}, {**masks, "_params": begun}
 
     def _running(self) -> Episodes:
         if self.episodes is None:
@@ -436,6 +444,13 @@ class BeamVectorEnv(VectorEnv):
 
     def _gradient(self) -> torch.autograd.grad_mode.set_grad_enabled:
         return torch.set_grad_enabled(self.output == "torch" and torch.is_grad_enabled())
+
+    def _told(self, info: dict[str, Any]) -> dict[str, Any]:
+        """The information as an output: float64, but for an observation in it."""
+        told = self._out(info, np.float64)
+        if "final_obs" in info:
+            told["final_obs"] = self._out(info["final_obs"])
+        return told
 
     def _out(self, value: Any, dtype: Any = np.float32) -> Any:
         return converted(value, self.output, dtype)

@@ -153,7 +153,9 @@ def train(
 
 def environment_state(env: VectorEnv) -> dict[str, Any]:
     """Where the episodes of a `BeamVectorEnv` and its streams of random numbers stand, as tensors
-    and plain data.
+    and plain data. The env goes on as one that is restored: what its steppers keep beside the
+    states (the angles of a plane, which pairs of elements are near each other) is made anew, as by
+    other pairs, which do not touch, a step rounds in another way.
     """
     env.detach()
     now = {
@@ -163,11 +165,13 @@ def environment_state(env: VectorEnv) -> dict[str, Any]:
     params = {
         name: value.detach() for name, value in now.pop("plant")["params"].items() if value.ndim
     }
-    return {
+    state = {
         "episodes": now,
         "params": params,
         "streams": [stream.bit_generator.state for stream in env.np_random],
     }
+    restore_environment(env, state)
+    return state
 
 
 def restore_environment(env: VectorEnv, state: dict[str, Any]) -> Any:

@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from .statistics import estimate, interquartile_mean
+from .statistics import FEWEST, estimate, interquartile_mean
 from .table import CURVE, LABELS, Run
 from .tuned import PUBLISHED, TASKS
 
 WIDE = 1e3  # ratio of costs from which powers of ten alone are labelled
-LEAST = 3  # seeds for a band; the curve of each is thin
 COLORS = {
     "ppo": "#e08214",
     "sac": "#4d9221",
@@ -60,7 +59,7 @@ def pictures(out: Path, runs: list[Run]) -> None:
 def picture(out: Path, runs: list[Run], file: str, names: list[str]) -> None:
     """Cost (minus the return on validation episodes) against steps and against training time, one
     row a task, logarithmic: the interquartile mean over seeds of its logarithm with a 95 % band,
-    from three seeds on, and each seed. Of published tasks the return itself, which may be positive.
+    from five seeds on, and each seed. Of published tasks the return itself, which may be positive.
     """
     import matplotlib.pyplot as plt
     from matplotlib.ticker import LogLocator, NullLocator
@@ -132,7 +131,7 @@ def _curves(ax: Any, out: Path, runs: list[Run], axis: str, unit: float) -> list
         mean, low, high = (back(one) for one in estimate(interquartile_mean, y.T, resamples=1000))
         ax.plot(x / unit, mean, color=color, lw=1.8, label=LABELS[algorithm])
         ax.plot(x / unit, back(y).T, color=color, lw=0.6, alpha=0.6)
-        if len(found) >= LEAST:
+        if len(found) >= FEWEST:
             ax.fill_between(x / unit, low, high, color=color, alpha=0.18, lw=0)
         levels += [back(y).min(), back(y).max()]
     return levels

@@ -266,5 +266,5 @@ def _said(
         return ""
     value, low, high = (factor * row[key] for key in (name, f"{name}_low", f"{name}_high"))
     digits = 1 + (abs(value) < 10) + (abs(value) < 1) if digits is None else digits
-    interval = "" if low == high else f" [{low:.{digits}f}, {high:.{digits}f}]"
+    interval = "" if not low < high else f" [{low:.{digits}f}, {high:.{digits}f}]"
     return f"{value:.{digits}f}{interval}{unit}"

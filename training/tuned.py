@@ -38,7 +38,14 @@ class Task:
     def make(self, num_envs: int, **arguments: Any) -> VectorEnv:
         """The vector env; SAME_STEP autoreset unless the arguments say otherwise."""
         return gymnasium.make_vec(
-            self.env, num_envs, **{"autoreset_mode": "SameStep", **self.arguments, **arguments}
+            self.env,
+            num_envs,
+            **{
+                "autoreset_mode": "SameStep",
+                "params_in_info": False,
+                **self.arguments,
+                **arguments,
+            },
         )
 
     def varied(self, **arguments: Any) -> Task:

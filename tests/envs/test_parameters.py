@@ -2,6 +2,7 @@
 motion in a plane.
 """
 
+import warnings
 from dataclasses import replace
 
 import gymnasium
@@ -360,3 +361,38 @@ def test_an_episode_that_failed_is_reset_alone():
         fresh.scene.beam.mass[:, 0, 0, 0], env.task.usual.mass[0, 0, 0] * fresh.params["mass"]
     )
     assert not env.step(torch.zeros(3, 2))[4]["solver_failed"].any()
+
+
+def test_parameters_are_told_to_those_who_ask():
+    """By the option; as until now, with one warning, where nothing is said; else not at all."""
+    vary = dict(randomize={"stiffness": (0.8, 1.2)}, elements=2, planar=True)
+    asked = TipReachVectorEnv(2, params_in_info=True, **vary)
+    silent = TipReachVectorEnv(2, params_in_info=False, **vary)
+    usual = TipReachVectorEnv(2, **vary)
+    single = TipReachEnv(**vary)
+    for env in (usual, single):
+        with pytest.warns(DeprecationWarning, match="params_in_info=True asks for it") as caught:
+            env.reset(seed=0)
+        assert caught[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        given, none = asked.reset(seed=0)[1], silent.reset(seed=0)[1]
+        again = usual.reset(seed=0)[1]
+    np.testing.assert_array_equal(given["params"]["stiffness"], again["params"]["stiffness"])
+    assert "params" not in none and "_params" not in none
+    with pytest.raises(ValueError, match="params_in_info = 1 was given; True, False or None"):
+        TipReachVectorEnv(2, params_in_info=1)
+
+
+def test_information_is_of_one_precision():
+    """float64 of a vector env and of a single one alike; observations in it are float32."""
+    vary = dict(randomize={"mass": (0.9, 1.1)}, elements=2, planar=True, params_in_info=True)
+    many = TipReachVectorEnv(1, autoreset_mode="SameStep", max_episode_steps=1, **vary)
+    one = TipReachEnv(**vary)
+    info, alone = many.reset(seed=0)[1], one.reset(seed=0)[1]
+    assert info["distance"].dtype == info["params"]["mass"].dtype == np.float64
+    assert info["distance"][0] == alone["distance"]
+    assert info["params"]["mass"][0] == alone["params"]["mass"]
+    info = many.step(many.action_space.sample())[4]
+    assert info["final_obs"].dtype == np.float32
+    assert info["final_info"]["distance"].dtype == np.float64

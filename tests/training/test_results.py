@@ -103,8 +103,8 @@ def test_one_command(tmp_path, monkeypatch, capsys):
 
 
 def test_table_compares_at_what_all_have_had():
-    """Two seeds of one learner with 100 steps in 10 s, one of another with 50 in 20 s; returns grow
-    by one a step.
+    """Five seeds of one learner with 100 steps in 10 s, one of another with 50 in 20 s; returns
+    grow by one a step.
     """
 
     def run(algorithm, seed, steps, seconds):
@@ -134,7 +134,7 @@ def test_table_compares_at_what_all_have_had():
         }
 
     rows = table.rows(
-        [run("ppo", 0, 100, 10.0), run("ppo", 1, 100, 10.0), run("shac", 0, 50, 20.0)], curve
+        [*(run("ppo", k, 100, 10.0) for k in range(5)), run("shac", 0, 50, 20.0)], curve
     )
     by = {row["algorithm"]: row for row in rows}
     assert by["ppo"]["return_at_steps"] == pytest.approx(50) and by["shac"][
@@ -228,9 +228,7 @@ def test_learners_are_compared_task_by_task():
     assert compared["nominal", "shac", "linear"]["probability"] == 0.5  # one of 2, 4 over 2.5
     assert compared["nominal", "shac", "linear"]["at_steps"] is None
     assert ("uncertain", "shac", "linear") not in compared
-    assert "| nominal | SHAC | the best linear controller | 1 | 50 [0, 100] % |" in report.ahead(
-        rows
-    )
+    assert "| nominal | SHAC | the best linear controller | 1 | 50 % |" in report.ahead(rows)
 
 
 def test_what_seeds_tell_of_a_linear_controller():
@@ -249,7 +247,7 @@ def test_what_seeds_tell_of_a_linear_controller():
         for name, s, values in (
             ("pd", None, [-9.0]),
             ("lqr", None, [-5.0]),
-            ("ppo", 1.0, [-6.0, -4.0]),
+            ("ppo", 1.0, [-6.0, -4.0, -6.0, -4.0, -6.0]),
         )
         for k, value in enumerate(values)
     ]
@@ -257,8 +255,8 @@ def test_what_seeds_tell_of_a_linear_controller():
     log["validation_return"] = np.array([-10.0, -5.0])
     rows = table.rows(runs, lambda run: log if run["algorithm"] == "ppo" else None)
     last = rows[-1]
-    assert (last["algorithm"], last["better"]) == ("ppo", 0.5)
-    assert (last["better_low"], last["better_high"]) == (0.0, 1.0)
+    assert (last["algorithm"], last["better"]) == ("ppo", 0.4)
+    assert (last["better_low"], last["better_high"]) == (0.0, 0.8)
     assert "| t | LQR + static | -5.00 |" in report.markdown(rows)
 
 
@@ -281,9 +279,9 @@ def test_scores_lie_between_no_action_and_the_best_baseline():
     assert set(score) == {(m, name) for m in ("score", "outside") for name in ("zero", "ppo")}
     assert score["score", "ppo"]["score"] == score["outside", "ppo"]["score"] == 0.5
     low, high = (score["score", "ppo"][f"score_{end}"] for end in ("low", "high"))
-    assert low == 0.375 and high == 0.625  # of (0.25, 0.25) and (0.75, 0.75) beside (0.5, 0.5)
+    assert np.isnan([low, high]).all()  # of two seeds a task
     assert {row["level"] for row in rows} == {"uncertain"}
-    assert "| PPO | 50.0 [37.5, 62.5] % (50.0) | 50.0" in report.aggregate(rows)
+    assert "| PPO | 50.0 % (50.0) | 50.0" in report.aggregate(rows)
 
 
 def test_the_study_is_fair_wherever_it_is_cut_off(tmp_path):
@@ -342,7 +340,7 @@ def test_published_tasks_have_a_table_of_their_own(tmp_path):
     report.report(tmp_path)
     own = (tmp_path / "published.md").read_text()
     assert "| time within 0.1 m | time within 0.05 m | within 0.1 m at the end |" in own
-    assert "| follow | SHAC | 450 [400, 500] | 75 % | 25 % | 50 % | 1,000 | 9 s | 2 |" in own
+    assert "| follow | SHAC | 450 | 75 % | 25 % | 50 % | 1,000 | 9 s | 2 |" in own
     assert "| follow | no action | -150 | 75 % | 25 % | 50 % |  |  |  |" in own
     assert "| published | SHAC | PPO | 1 | 100 % |" in own and "| track" not in own
     assert "published" not in (tmp_path / "ahead.md").read_text()

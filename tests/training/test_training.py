@@ -73,6 +73,24 @@ def test_gradient_of_a_window_is_that_of_differences():
         assert abs(slope) > 1e-3
 
 
+def test_episodes_in_a_plane_go_on_with_the_same_bits():
+    """Fingers near a ball: an env goes on as one that is restored, with the pairs of elements that
+    are near each other now. An interval on, all of its beams is the same.
+    """
+    task = Task("grip", "torchbeam/GripperPlanar-v0", arguments={}, error="distance")
+    env, other = (task.make(4, output="torch") for _ in range(2))
+    env.reset(seed=3)
+    actions = 2 * torch.rand(5, 4, 3, generator=torch.Generator().manual_seed(0)).double() - 1
+    for action in actions[:4]:
+        env.step(action)
+    common.restore_environment(other, common.environment_state(env))
+    for each in (env, other):
+        each.step(actions[4])
+    for name, value in vars(env.state.beam).items():
+        if isinstance(value, torch.Tensor):
+            assert torch.equal(value, getattr(other.state.beam, name)), name
+
+
 @pytest.mark.parametrize(
     "name, task, settings",
     [

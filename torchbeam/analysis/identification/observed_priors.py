@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import torch
 from torch import Tensor
-from torch.distributions import LogNormal, Normal, Uniform
+from torch.distributions import Distribution, LogNormal, Normal, Uniform, constraints
 
 from .experiment import Experiment
 from .measurement import Measurement
@@ -16,20 +16,37 @@ from .parameters import Entry
 from .problem import FitProblem
 
 
+class Even(Distribution):
+    """The same density everywhere."""
+
+    arg_constraints = {}  # noqa: RUF012
+    support = constraints.real
+
+    def log_prob(self, value: Tensor) -> Tensor:
+        return torch.zeros_like(value)
+
+
 def with_priors_observed(problem: FitProblem) -> FitProblem:
     """The same least squares, with priors among the data, so that both can be repeated: as
     randomised searches for the mode do (Oliver, He and Reynolds 1996, 5th Eur. Conf. Math. Oil
     Recovery; Bardsley, Solonen, Haario and Laine 2014, SIAM J. Sci. Comput. 36, A1895). A normal
     prior is an observation of its parameter; a log-normal one, mean m and deviation s of the
-    logarithm, one of that by m - s^2, where the density of the parameter itself has its mode. A
-    uniform one is bounds.
+    logarithm, one of that: by m where the logarithm is the coordinate, and else by m - s^2, where
+    the density of the parameter itself has its mode. A uniform one is bounds. Where the density is
+    one of another coordinate than that of the search, what is left of it is how theta moves by the
+    coordinate.
 
     Raises ValueError for other priors, which are none.
     """
     parameters, like = problem.parameters, problem.weight
-    seen = tuple(
-        _observation(entry, like) for entry in parameters.priors if type(entry.prior) is not Uniform
-    )
+    log, logit = parameters.transform.log, parameters.transform.logit
+    seen, left = [], {}
+    for entry in parameters.priors:
+        by_log = bool(log[entry.first]) and type(entry.prior) is LogNormal
+        if type(entry.prior) is not Uniform:
+            seen.append(_observation(entry, like, by_log))
+        if not by_log and bool((log | logit)[entry.first]):
+            left[entry.first] = Even()
     sigma, values = (
         torch.cat([like[:0], *(getattr(e.measurements[0], name).flatten() for e in seen)])
         for name in ("sigma", "values")
@@ -37,7 +54,7 @@ def with_priors_observed(problem: FitProblem) -> FitProblem:
     rows, q, (least, largest) = len(values), len(problem.basis), parameters.limits
     parameters = replace(
         parameters,
-        entries=tuple(replace(e, prior=None) for e in parameters.entries),
+        entries=tuple(replace(e, prior=left.get(e.first)) for e in parameters.entries),
         least=least,
         largest=largest,
     )
@@ -58,7 +75,7 @@ def with_priors_observed(problem: FitProblem) -> FitProblem:
     )
 
 
-def _observation(entry: Entry, like: Tensor) -> Experiment:
+def _observation(entry: Entry, like: Tensor, by_log: bool) -> Experiment:
     law, name = entry.prior, entry.name
     if type(law) not in (Normal, LogNormal):
         raise ValueError(
@@ -70,7 +87,7 @@ def _observation(entry: Entry, like: Tensor) -> Experiment:
         torch.as_tensor(v).to(like).expand(entry.shape) for v in (law.loc, law.scale)
     )
     log = type(law) is LogNormal
-    seen = Measurement(centre - deviation**2 if log else centre, deviation)
+    seen = Measurement(centre - deviation**2 if log and not by_log else centre, deviation)
     return Experiment(
         entry.experiment, lambda theta: theta[name].log() if log else theta[name], (seen,), True
     )

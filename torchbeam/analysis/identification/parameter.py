@@ -23,9 +23,11 @@ class Parameter:
         transform: None: searched as it is; "log": its logarithm, for what is positive (stiffness,
             mass, damping); "logit": of its place between the bounds, which it then never touches
         bounds: (least, largest), numbers or tensors like `start`
-        prior: of torch.distributions, what is known beforehand of theta itself: minus its logarithm
-            is added to half the squares over sigma, so that the estimate is that of the largest
-            posterior density of theta
+        prior: of torch.distributions, what is known beforehand of theta itself: minus the logarithm
+            of the density that it gives to the coordinate of the search is added to half the
+            squares over sigma, so that the estimate is where the posterior density of that
+            coordinate is largest, about which intervals are laid. That of "log" with a log-normal
+            prior and no data is the median
         scale: size of a change that matters, for what starts at zero. None = |start|, or the
             deviation of the prior, or the width of the bounds
         own: one for each experiment, in place of one for all; named "experiment.name"

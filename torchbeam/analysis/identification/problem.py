@@ -16,7 +16,7 @@ from ...solvers.region import Region
 from .experiment import Experiment
 from .measurement import Measurement, sigma_given
 from .noise import Noise
-from .parameters import Parameters
+from .parameters import Entry, Parameters
 
 
 @dataclass(frozen=True)
@@ -203,26 +203,24 @@ class FitProblem:
         return x[:, self.parameters.model :] @ self.basis - target if len(self.basis) else -target
 
     def prior(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Minus the logarithm of the priors' density (N,), its gradient and curvature (N, p) by
-        coordinates; the curvature is that of Gauss and Newton, and not negative.
+        """Minus the logarithm of the priors' density of coordinates (N,), its gradient and
+        curvature (N, p), which is not negative.
         """
         value, gradient, curvature = x.new_zeros(len(x)), torch.zeros_like(x), torch.zeros_like(x)
         if not self.parameters.priors:
             return value, gradient, curvature
-        theta, slope = self.parameters.transform.theta(x), self.parameters.transform.slope(x)
         for entry in self.parameters.priors:
             here = entry.place
-            phi, first, second = _surprise(entry, theta[:, here])
+            phi, first, second = _surprise(self.parameters, entry, x)
             value = value + phi
-            gradient[:, here] = first * slope[:, here]
-            curvature[:, here] = second.clamp(min=0) * slope[:, here].square()
+            gradient[:, here], curvature[:, here] = first, second.clamp(min=0)
         return value, gradient, curvature
 
     def objective_prior(self, x: Tensor) -> Tensor:
-        """Minus the logarithm of the priors' density (N,), differentiable."""
-        theta, total = self.parameters.transform.theta(x), x.new_zeros(len(x))
+        """Minus the logarithm of the priors' density of coordinates (N,), differentiable."""
+        total = x.new_zeros(len(x))
         for entry in self.parameters.priors:
-            total = total - _log_prob(entry, theta[:, entry.place]).sum(-1)
+            total = total - _log_density(self.parameters, entry, x).sum(-1)
         return total
 
     def with_data(self, values: Sequence[Tensor]) -> FitProblem:
@@ -270,19 +268,26 @@ def _log_prob(entry: Any, theta: Tensor) -> Tensor:
     )
 
 
-def _surprise(entry: Any, theta: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """-log p (N,), its first and second derivatives (N, size): each number of a prior is by
-    itself.
+def _log_density(parameters: Parameters, entry: Entry, x: Tensor) -> Tensor:
+    """(N, size) logarithm of a prior's density of coordinates x (N, p): of theta, times how theta
+    moves by them, so that the mode is that of the law by which intervals are laid about it.
     """
+    here, transform = entry.place, parameters.transform
+    return _log_prob(entry, transform.theta(x)[:, here]) + transform.log_slope(x)[:, here]
+
+
+def _surprise(parameters: Parameters, entry: Entry, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """-log p (N,) of coordinates x (N, p), its first and second derivatives (N, size): each number
+    of a prior is by itself.
+    """
+    here = entry.place
     with torch.enable_grad():
-        theta = theta.detach().requires_grad_()
-        density = -_log_prob(entry, theta)
-        total = density.sum()
-        if not total.requires_grad:
-            return density.sum(-1).detach(), torch.zeros_like(theta), torch.zeros_like(theta)
-        (first,) = torch.autograd.grad(total, theta, create_graph=True)
-        second = torch.zeros_like(theta)
-        if first.requires_grad:
-            gradient = torch.autograd.grad(first.sum(), theta, allow_unused=True)[0]
-            second = second if gradient is None else gradient
-    return density.sum(-1).detach(), first.detach(), second.detach()
+        x = x.detach().requires_grad_()
+        density = -_log_density(parameters, entry, x)
+        first, second = torch.zeros_like(x), torch.zeros_like(x)
+        if density.requires_grad:
+            (first,) = torch.autograd.grad(density.sum(), x, create_graph=True)
+            if first.requires_grad:
+                gradient = torch.autograd.grad(first.sum(), x, allow_unused=True)[0]
+                second = second if gradient is None else gradient
+    return density.sum(-1).detach(), first.detach()[:, here], second.detach()[:, here]

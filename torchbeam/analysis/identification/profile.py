@@ -22,7 +22,7 @@ class Profile:
     """One parameter held at `values` (m,), increasing: `rise` (m,), the least 2
     ln(likelihood ratio) there, or what F says of it where sigma is not known (by channel it stays
     as it was found); `threshold` at the ends of the `interval` (2,), which are infinite where it is
-    not reached.
+    not reached, within the bounds.
     """
 
     name: str
@@ -50,7 +50,9 @@ def profiles(
         best = _objective(problem, problem.residuals(x[None], none), x[None])
         # place in half-intervals -> signed root of the rise, in quantiles
         points = {j: {0.0: 0.0} for j in which}
-        todo = [(j, side * place) for j in which for place in PLACES for side in (-1, 1)]
+        stops = [(end - x) / step for end in problem.parameters.bounds(x)]
+        stop = {j: [float(s[j]) for s in stops] for j in which}
+        todo = [(j, c) for j in which for c in _within(stop[j], PLACES)]
         for _ in range(WIDER + 2):
             held = torch.tensor([j for j, _ in todo], device=x.device)
             place = torch.tensor([c for _, c in todo], dtype=x.dtype, device=x.device)
@@ -59,7 +61,7 @@ def profiles(
                 todo, (rise.clamp(min=0).sqrt() / (scale * quantile[held])).tolist(), strict=True
             ):
                 points[j][c] = value if c > 0 else -value
-            todo = [(j, c) for j in which for c in _next(points[j])]
+            todo = [(j, c) for j in which for c in _next(points[j], stop[j])]
             if not todo:
                 break
         limits = []
@@ -97,9 +99,7 @@ def _least(
     least, largest = problem.parameters.bounds(starts)
     starts = torch.maximum(torch.minimum(starts, largest), least)
     rows = torch.arange(len(held), device=x.device)
-    pin = x[held] + away
-    outside = (pin < least[rows, held]) | (pin > largest[rows, held])
-    starts[rows, held] = torch.where(outside, x[held], pin)
+    starts[rows, held] = (x[held] + away).clamp(least[rows, held], largest[rows, held])
     region = problem.region(starts).holding(torch.nn.functional.one_hot(held, len(x)).bool())
     try:
         minima = search(problem, starts, region, ITERATIONS, TOLERANCE)
@@ -107,12 +107,18 @@ def _least(
         return torch.full_like(away, torch.inf)
     value = _objective(problem, minima.r, minima.x)
     # one that is not finished is still no less than the least
-    good = (minima.status < FAILED) & ~outside
+    good = minima.status < FAILED
     return torch.where(good & torch.isfinite(value), value, torch.inf)
 
 
 def _objective(problem: FitProblem, r: Tensor, x: Tensor) -> Tensor:
     return r.square().sum(-1) + 2 * problem.prior(x)[0]
+
+
+def _within(stop: Sequence[float], places: Sequence[float]) -> list[float]:
+    """Places at both sides, none beyond a bound: the bound itself, of those that would be."""
+    sides = {side * c for c in places for side in (-1, 1)}
+    return sorted({min(max(c, stop[0]), stop[1]) for c in sides} - {0.0})
 
 
 def _end(points: dict[float, float], side: int) -> float:
@@ -128,16 +134,18 @@ def _end(points: dict[float, float], side: int) -> float:
     return side * float("inf")
 
 
-def _next(points: dict[float, float]) -> list[float]:
-    """Places that are wanted: beyond those that were looked at, or at an end, unless one is as near
-    as 2 % of the height.
+def _next(points: dict[float, float], stop: Sequence[float]) -> list[float]:
+    """Places that are wanted: beyond those that were looked at, as far as the bounds `stop`, or at
+    an end, unless one is as near as 2 % of the height.
     """
-    wanted = []
+    wanted: list[float] = []
     for side in (-1, 1):
-        end, far = _end(points, side), max(abs(c) for c in points if c * side > 0)
+        end, far = _end(points, side), max((abs(c) for c in points if c * side > 0), default=0.0)
+        if far == 0:
+            continue  # at a bound
         if end == side * float("inf"):
             if far < PLACES[-1] * 2**WIDER:
-                wanted.append(2 * side * far)
+                wanted += [c for c in _within(stop, (2 * far,)) if c * side > far]
         elif (
             min(abs(points[c] * side - 1) for c in points if c * side > 0) > 0.02
             and round(end, 9) not in points

@@ -46,6 +46,18 @@ class Transform:
         share = torch.where(self.logit, (theta - self.low) / width, 0.5 * one)
         return torch.where(self.logit, torch.logit(share), coordinates)
 
+    def log_slope(self, x: Tensor) -> Tensor:
+        """ln d theta / d x (..., p): by which densities of coordinates are those of theta."""
+        zero = torch.zeros_like(x)
+        logit = torch.where(self.logit, x, zero)
+        width = torch.where(self.logit, self.high - self.low, torch.ones_like(x))
+        steep = width.log() + torch.nn.functional.logsigmoid(logit)
+        return torch.where(
+            self.logit,
+            steep + torch.nn.functional.logsigmoid(-logit),
+            torch.where(self.log, x, zero),
+        )
+
     def slope(self, x: Tensor) -> Tensor:
         """d theta / d x (..., p)."""
         share = torch.sigmoid(x)

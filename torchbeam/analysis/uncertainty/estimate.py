@@ -103,6 +103,14 @@ def replicated_well(groups: int, samples: int) -> bool:
     return groups > 1 and samples >= 2 * groups
 
 
+def about_their_mean(independent: bool, replicates: int, groups: int, n: int) -> int:
+    """By how much n falls short where squares of n samples are taken about their own mean: by 1 if
+    they are independent, as those of replicates that give one `group` are, and not by any of Sobol
+    sequences, whose mean is nearer to that of the law than of n independent samples by far.
+    """
+    return int(independent or n == 1 or (replicates > 1 and groups == 1))
+
+
 def probabilities(levels: Any) -> Tensor:
     """Levels of quantiles, () or (K,), float64; ValueError for what are no probabilities."""
     given = converted(levels, torch.float64)

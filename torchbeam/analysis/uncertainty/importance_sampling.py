@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
 
@@ -12,10 +14,24 @@ from .estimate import student_half
 from .limit_state import LimitState
 
 
+@dataclass(frozen=True)
+class ImportanceRuns:
+    """Probability (replicates,) of y > threshold by each of several Sobol sequences.
+
+    beyond     (k, d) normal scores, the heaviest first, of what counts although it is likelier by
+               the laws than around any of the points, which do not lead to it
+    from_these share of the probability (of the rest, where the medians lie within the event)
+    """
+
+    probability: Tensor
+    beyond: Tensor
+    from_these: float
+
+
 def importance_sampling(
     limit: LimitState, points: DesignPoints, n: int, replicates: int, seed: int
-) -> Tensor:
-    """Probability (replicates,) of y > threshold by each of several Sobol sequences.
+) -> ImportanceRuns:
+    """Probability of y > threshold, by samples around the points.
 
     Samples follow the mixture of normal laws around the points, h(z) = sum_i w_i phi(z - z_i), w_i
     as Phi(-beta_i) (Melchers 1989): p = mean([y > threshold] phi(z)/h(z)), and
@@ -29,10 +45,16 @@ def importance_sampling(
     z = points.z[which] + normal_score(u[:, 1:])
     exponent = z @ points.z.mT - points.z.square().sum(-1) / 2
     ratio = (-torch.logsumexp(share.log() + exponent, -1)).exp()
-    hits = limit(z) > limit.threshold
-    if points.usual:
-        return 1 - torch.where(hits, 0.0, ratio).reshape(replicates, each).mean(-1)
-    return torch.where(hits, ratio, 0.0).reshape(replicates, each).mean(-1)
+    counted = (limit(z) > limit.threshold) != points.usual
+    weight = torch.where(counted, ratio, 0.0)
+    mean = weight.reshape(replicates, each).mean(-1)
+    heavy = counted & (exponent < 0).all(-1)
+    heaviest = weight[heavy].argsort(descending=True)
+    return ImportanceRuns(
+        1 - mean if points.usual else mean,
+        z[heavy][heaviest],
+        (weight[heavy].sum() / weight.sum()).nan_to_num().item(),
+    )
 
 
 def interval(each: Tensor, level: float) -> tuple[float, float, float]:

@@ -233,8 +233,9 @@ def _moments(sums: tuple[Tensor, ...]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Mean of d, deviation and their derivatives, of sums."""
     n, total, squares, total_by, squares_by = sums
     mean, mean_by = total / n, total_by / n
-    variance = (squares / n - mean.square()) * n / (n - 1)
-    variance_by = (squares_by / n - 2 * mean * mean_by) * n / (n - 1)
+    # over n: the mean of a Sobol sequence is that of the law but for little
+    variance = squares / n - mean.square()
+    variance_by = squares_by / n - 2 * mean * mean_by
     deviation = variance.clamp_min(0).sqrt()
     # of a number that does not vary, as at an instant at rest: neither does its deviation
     still = deviation == 0

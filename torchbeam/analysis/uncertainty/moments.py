@@ -54,7 +54,7 @@ class Moments:
 
     @property
     def deviation(self) -> Tensor:
-        """NaN of one sample."""
+        """Of independent samples; NaN of one."""
         return (self.second / (self.n - 1)).sqrt()
 
     @property

@@ -13,8 +13,9 @@ from torch import Tensor
 
 from ...core.arguments import boolean, choice, count, level_of, number
 from ...core.memory import check_memory
+from ...core.warning import warn
 from ...math.distributions import normal_probability
-from .design_point import design_points
+from .design_point import all_design_points, design_points
 from .evaluation import Evaluation, Function, settings
 from .importance_sampling import importance_sampling
 from .importance_sampling import interval as importance_interval
@@ -24,6 +25,9 @@ from .limit_state import LimitState
 from .subset_simulation import SHARE, subset_simulation
 
 METHODS = ("subset", "importance")
+AGAIN = 5  # times that samples are drawn, as long as they lead to further design points
+# share of the probability that may come from samples that design points do not lead to
+BEYOND = 0.05
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,7 @@ def rare_event(
     interval: float = 0.95,
     replicates: int | None = None,
     correlation: Correlation | None = None,
-    starts: int = 4,
+    starts: int = 32,
     seed: int = 0,
     chunk: int = 1024,
     executor: Executor | None = None,
@@ -102,10 +106,13 @@ def rare_event(
             of n a run: of 100 the estimate is too large by a fifth at 1e-4, and by a third at 1e-6.
             "importance": importance sampling around design points, which are found by gradients
             (FORM): fewer evaluations, for a y that is smooth, and a few regions of failure; a
-            region that no start leads to is missed
+            region that no start leads to is missed. Samples that are likelier by the laws than
+            around any point are starts too; where they lead to none, a RuntimeWarning says what
+            they count for
         replicates: independent runs from whose scatter the interval comes: 10 of subset simulation,
             16 of importance sampling
-        starts: of the search for design points: the medians, and random ones
+        starts: of the search for design points: the medians, and random ones in pairs z, -z; as
+            many again, up to four times, as long as one alone leads to a point
         laws, correlation, seed, chunk, executor, dtype, by_name: as `monte_carlo` has them;
             gradients are taken here
 
@@ -164,11 +171,26 @@ def rare_event(
             f"the law of {stepped[0]!r}, whose values are steps, was given for design points, to "
             'which gradients lead; continuous laws are wanted, or method="subset"'
         )
-    points = design_points(limit, count("starts", starts), seed)
-    each = importance_sampling(limit, points, n, runs, seed)
+    starts = count("starts", starts)
+    points = all_design_points(limit, starts, seed)
+    for again in range(AGAIN):
+        estimates = importance_sampling(limit, points, n, runs, seed + again)
+        if not len(estimates.beyond):
+            break
+        more = design_points(limit, torch.cat((points.z, estimates.beyond[:starts])))
+        if len(more.z) == len(points.z):
+            break
+        points = more
+    if estimates.from_these > BEYOND:
+        warn(
+            f"{100 * estimates.from_these:.0f} % of the probability come from "
+            f"{len(estimates.beyond)} samples that are far from all {len(points.z)} design points: "
+            "regions of failure are curved, or more than were found, and the interval may be "
+            'wrong; more `starts` are wanted, or method="subset"'
+        )
     return RareEvent(
         joint.names,
-        *importance_interval(each, level),
+        *importance_interval(estimates.probability, level),
         level,
         method,
         limit.evaluations,

@@ -76,7 +76,10 @@ class Samples(output.Summary):
 
     @property
     def deviation(self) -> Tensor:
-        return self._numbers().std(0)
+        """Standard deviation (...): of n independent samples over n - 1, of a Sobol sequence, whose
+        mean is that of the law but for little, over n.
+        """
+        return self._deviation(self._numbers())
 
     @overload
     def quantile(self, levels: Any, interval: None = None) -> Tensor: ...
@@ -116,8 +119,8 @@ class Samples(output.Summary):
         return estimate.mean(self._groups(), level_of("level", level), self.reasons)
 
     def deviation_interval(self, level: float = 0.95) -> Estimate:
-        """Standard deviation (...), with its interval."""
-        return self.statistic(lambda y: y.std(0), level)
+        """Standard deviation (...), as `deviation` has it, with its interval."""
+        return self.statistic(self._deviation, level)
 
     def statistic(self, function: Statistic, level: float = 0.95) -> Estimate:
         """Any statistic, function of samples (n, ...), with its interval: from its scatter among
@@ -224,6 +227,12 @@ class Samples(output.Summary):
         whole = self._filled(torch.cat(groups))
         groups = [group for group in groups if len(group)]
         return groups if estimate.replicated_well(len(groups), len(whole)) else [whole]
+
+    def _deviation(self, y: Tensor) -> Tensor:
+        about = estimate.about_their_mean(
+            self.independent, self.replicates, len(self._groups()), len(y)
+        )
+        return y.std(0, correction=about)
 
     def _numbers(self) -> Tensor:
         """y of the good samples, at least one, in floating point."""

@@ -201,5 +201,5 @@ def _indices(y: Tensor) -> Tensor:
 
 
 def _variance(y: Tensor) -> Tensor:
-    """Variance (...) of A and B together."""
-    return y[:, :2].flatten(0, 1).var(0)
+    """Variance (...) of A and B together, of Sobol sequences: over their number."""
+    return y[:, :2].flatten(0, 1).var(0, correction=0)

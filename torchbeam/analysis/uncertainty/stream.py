@@ -18,6 +18,7 @@ from ...math.distributions import binomial_interval, binomial_ranks, student_qua
 from .estimate import (
     FEW,
     Estimate,
+    about_their_mean,
     failures,
     probabilities,
     replicated_well,
@@ -138,7 +139,10 @@ class Stream(Summary):
 
     @property
     def deviation(self) -> Tensor:
-        return self.all.deviation
+        """Standard deviation (...), as `Samples.deviation` has it."""
+        whole = self.all
+        about = about_their_mean(self.independent, len(self.moments), self._groups, whole.n)
+        return (whole.second / (whole.n - about)).sqrt()
 
     @property
     def skewness(self) -> Tensor:

@@ -8,9 +8,12 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 import torch
+from torch.testing import assert_close
 
 import torchbeam as tb
+from torchbeam.analysis.uncertainty.design_point import design_points, random_starts
 from torchbeam.analysis.uncertainty.evaluation import Evaluation
+from torchbeam.analysis.uncertainty.importance_sampling import importance_sampling
 from torchbeam.analysis.uncertainty.joint_law import JointLaw
 from torchbeam.analysis.uncertainty.limit_state import LimitState
 from torchbeam.math.distributions import binomial_interval, normal_probability
@@ -132,14 +135,39 @@ def test_strength_less_load():
     assert found.points[0, 0] == pytest.approx(found.points[0, 1].item(), rel=1e-4)
 
 
-def test_two_regions():
-    """y = |a|: both design points are found from eight starts, the probability is that of both; by
-    runs as well.
+def test_random_starts_are_pairs():
+    """The medians, and two by two opposite ones, every other pair far out."""
+    z = random_starts(9, 3, 0)
+    assert not z[0].any() and torch.equal(z[1::2], -z[2::2]) and len(random_starts(4, 3, 0)) == 4
+    assert_close(z[[3, 4, 7, 8]].norm(dim=-1), torch.full((4,), 5.0, dtype=z.dtype))
+
+
+def test_hits_that_no_design_point_is_near_to():
+    """A second region: samples that are likelier by the laws than around the point of the first
+    lead to its design point, where a gradient leads there; where none does (a step), they are told.
     """
+    wall = tb.laws.Normal(0.0, 1.0)
+    laws = {"a": wall, "b": wall}
+
+    def y(theta, slope):
+        a, b = theta.unbind(-1)
+        return torch.where(b > 2.0, 3.6 + slope * (b - 2.0), a)
+
+    both = 1 - (1 - tail(3.5)) * (1 - tail(2.0))
+    work = Evaluation(lambda theta: y(theta, 1.0), JointLaw.of(laws), None, torch.float64, 1024)
+    limit = LimitState(work, 3.5)
+    first = design_points(limit, torch.zeros(1, 2, dtype=torch.float64))
+    estimates = importance_sampling(limit, first, 512, 16, 0)
+    assert first.z.shape == (1, 2) and len(estimates.beyond) and estimates.from_these > 0.5
+    with pytest.warns(RuntimeWarning, match=r"\d+ % of the probability come from \d+ samples that"):
+        rare = tb.rare_event(lambda theta: y(theta, 0.0), laws, 3.5, 512, method="importance")
+    assert rare.low < both < rare.high
+
+
+def test_two_regions():
+    """y = |a|: both design points are found, the probability is that of both; by runs as well."""
     for method, n in (("importance", 1024), ("subset", 10000)):
-        found = tb.rare_event(
-            lambda theta: theta[:, 0].abs(), NORMALS, 4.0, n, method=method, starts=8
-        )
+        found = tb.rare_event(lambda theta: theta[:, 0].abs(), NORMALS, 4.0, n, method=method)
         assert found.low < 2 * tail(4.0) < found.high, method
         assert found.points is None or found.points[:, 0].abs().tolist() == pytest.approx(
             [4.0, 4.0], rel=1e-4
