@@ -172,7 +172,8 @@ class StepProblem(BalanceProblem):
         if now.between:
             each.append(~self.idle(kinematics))
         each.append(self.body_near(kinematics))
-        return _any(each)
+        none = torch.zeros_like(self.dt, dtype=torch.bool)
+        return none if (near := _any(each)) is None else near
 
     def between(self, last: Any, x: Any, share: Tensor) -> Any:
         u, m, stress = (
