@@ -14,6 +14,9 @@ made with other steps.
    these shrink; of small ones it is seen that they do not matter.
 3. A gradient is that of the last two runs, their steps as they are (frozen: shares of the time,
    should that change).
+
+Friction in joints and tendons makes it of first order (`Method.order`), and an extrapolated run of
+second.
 """
 
 from __future__ import annotations
@@ -197,9 +200,7 @@ def _proof(
             / run
         )
         if previous is not None:
-            largest_error = torch.minimum(
-                largest_error, tolerance.distance(limit, previous) / near
-            )
+            largest_error = torch.minimum(largest_error, tolerance.distance(limit, previous) / near)
         worst, broken = largest_error.amax(0), (fine[2].status != SUCCESS).any(0)
         spent = (worst > 1) & (counts * 2 ** (now + 1) > most)
         leaving = remaining & ((worst <= 1) | spent | broken)

@@ -90,7 +90,7 @@ def test_at_rest(kind, other, second):
 
 @cases(JOINTS)
 def test_in_motion(kind, other, second):
-    """Momentum and angular momentum about the origin, over a step; the reading is the mean over it."""
+    """Momentum, and that about the origin, over a step, of which readings are the mean."""
     made, point = scene(kind, other, second)
     stepper = tb.Stepper(made, STEP, engine="eager")
     states = [tb.rest(made)]
