@@ -48,7 +48,7 @@ def pull(t):
     return 0.1 + sine(t) / 9
 
 
-def brake(v):
+def brake(position, rotation, v, spin, t):
     return -0.2 * v * v.norm(dim=-1, keepdim=True), None
 
 
@@ -79,11 +79,9 @@ SCENES = {  # the order that they have, how long they move
             drag=lambda n: tb.Drag(1.0, 0.05, 1.2, on=n),
             mass_damping=lambda n: tb.MassDamping(2.0, on=n),
             damping=lambda n: tb.Damping(0.01, on=n),
-            spring=lambda n: tb.Spring((n, -1), (0.4, 0.0, 0.3), 3.0, damping=0.1),
+            spring=lambda n: tb.Spring((n, -1), 3.0, (0.4, 0.0, 0.3), damping=0.1),
             mass=lambda n: tb.PointMass(0.05, node=(n, -1)),
-            load=lambda n: tb.Load(
-                lambda v: (-0.2 * v * v.norm(dim=-1, keepdim=True), None), of=("velocity",), on=n
-            ),
+            load=lambda n: tb.Load(brake, node=(n, -1)),
         ),
     ),
     "joints": (
@@ -139,8 +137,8 @@ def places(scene, T, **options):
 @pytest.mark.steps
 @pytest.mark.parametrize("name", SCENES)
 def test_error_is_as_stated(name):
-    """Each part's order is no lower than the one taken, by what steps of this length leave; the
-    error that is stated is at least half of the true one, and of first order where that is known.
+    """Each part's order is no lower than the one taken, but for what steps of this length leave;
+    the error that is stated is at least half of the true one.
     """
     order, (T, count), made = SCENES[name]
     scene = made()
@@ -149,11 +147,7 @@ def test_error_is_as_stated(name):
     runs = [places(scene, T, step=T / (count * 2**k))[0] for k in range(4)]
     changes = [(a - b).norm(dim=-1) for a, b in pairwise(runs)]
     found = (changes[1] / changes[2])[changes[1] > 1e-10].log2()
-    print("@", name, order, [f"{x:.2f}" for x in found.tolist()])
     assert found.min() > order - 0.35
     true = runs[3] + (runs[3] - runs[2]) / (2**order - 1)
-    for rtol in (1e-2, 1e-3):
-        last, stats = places(scene, T, rtol=rtol)
-        off = (last - true).norm(dim=-1).max()
-        print("@@", rtol, float(stats.error), float(off))
-        assert off <= 2 * stats.error
+    last, stats = places(scene, T, rtol=1e-3)
+    assert (last - true).norm(dim=-1).max() <= 2 * stats.error
