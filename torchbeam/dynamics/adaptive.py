@@ -14,6 +14,9 @@ made with other steps.
    these shrink; of small ones it is seen that they do not matter.
 3. A gradient is that of the last two runs, their steps as they are (frozen: shares of the time,
    should that change).
+
+Friction in joints and tendons makes it of first order (`Method.order`), and an extrapolated run of
+second.
 """
 
 from __future__ import annotations
@@ -43,9 +46,11 @@ from .tolerance import Tolerance
 
 CHECKS = 32  # instants, beside those asked for, at which the error is looked at
 NEAR = 16  # instants about an event
-# a run is off by a third of what it differs by from that of twice the step (second order)
-RUN = 3.0
-LIMIT = 7.0  # and an extrapolated one by a fifteenth, where the step is small enough to be told by
+# a run is off by a third of what it differs by from that of twice the step (second order), and an
+# extrapolated one by a fifteenth, where the step is small enough to be told by
+RUN, LIMIT = 3.0, 7.0
+# the same of first order: all of it, and a third
+RUN_OF_FIRST, LIMIT_OF_FIRST = 1.0, 1.0
 
 
 class Proof(NamedTuple):
@@ -134,7 +139,7 @@ def adaptive(
             "rtol or atol was given within torch.func.vmap, where samples cannot have steps of "
             "their own; batch axes of the scene are wanted, or a step"
         )
-    order = stepper.method.ORDER
+    order = stepper.method.order(stepper.model)
     stops = t if any(isinstance(v, PerInterval) for v in inputs.values()) else t[[0, -1]]
     runs = _Runs(stepper, start, inputs, order)
     with no_derivatives():
@@ -181,6 +186,7 @@ def _proof(
     error = torch.zeros_like(sequence.end)
     good = torch.full_like(counts, count)
     states = runs.start.map(lambda x: x.expand(len(times), *x.shape))
+    run, near = (RUN, LIMIT) if runs.order > 1 else (RUN_OF_FIRST, LIMIT_OF_FIRST)
     previous, coarse, now = None, runs.run(sequence, 0, times) if remaining.any() else [], 0
     while remaining.any():
         now += 1
@@ -191,12 +197,10 @@ def _proof(
             torch.maximum(
                 tolerance.distance(coarse[0], fine[0]), tolerance.distance(coarse[1], fine[2])
             )
-            / RUN
+            / run
         )
         if previous is not None:
-            largest_error = torch.minimum(
-                largest_error, tolerance.distance(limit, previous) / LIMIT
-            )
+            largest_error = torch.minimum(largest_error, tolerance.distance(limit, previous) / near)
         worst, broken = largest_error.amax(0), (fine[2].status != SUCCESS).any(0)
         spent = (worst > 1) & (counts * 2 ** (now + 1) > most)
         leaving = remaining & ((worst <= 1) | spent | broken)

@@ -73,7 +73,7 @@ class Method:
     otherwise.
 
     SOLVES   the method whose step a solve is
-    ORDER    of accuracy in time;  SOLVES_A_STEP: at most
+    ORDER    of accuracy in time, see `order`;  SOLVES_A_STEP: at most
     INSTANT  of a solve: where, as a share of it, loads and inputs are taken
     PART     of a solve's rotation: what the unknown holds
     """
@@ -110,6 +110,12 @@ class Method:
     def problem(self, *args: Any) -> StepProblem:
         """One solve: model, state, dt, t, inputs."""
         return self.PROBLEM(*args, **self.options)
+
+    def order(self, model: Model) -> int:
+        """Of accuracy in time, of a model: first where joints or tendons have friction, which is
+        taken at the end of the step.
+        """
+        return 1 if model.joints.rubs or model.tendons.dissipative else self.ORDER
 
     def schemes(self, model: Model, dt: Tensor) -> list[tuple[Scheme, Tensor | None]]:
         """Schemes of a step of dt, with the samples (...) bool that each makes; None = all."""

@@ -240,6 +240,10 @@ class BalanceProblem(Tree):
         """See `Problem`."""
         return None
 
+    def near(self, x: Any) -> Tensor:
+        """See `Problem`."""
+        raise NotImplementedError
+
     def between(self, last: Any, x: Any, share: Tensor) -> Any:
         """See `Problem`."""
         raise NotImplementedError

@@ -165,6 +165,16 @@ class StepProblem(BalanceProblem):
             return None
         return residual.square(self.model.spans.detach().amax((-1, -2)))
 
+    def near(self, x: Any) -> Tensor:
+        x = self.apply_supports(x)
+        kinematics, now = self.motion.kinematics(x.u, x.m), self.conditions
+        each = [self.model.touching.near_enough(lambda: self.touching_way(kinematics))]
+        if now.between:
+            each.append(~self.idle(kinematics))
+        each.append(self.body_near(kinematics))
+        none = torch.zeros_like(self.dt, dtype=torch.bool)
+        return none if (near := _any(each)) is None else near
+
     def between(self, last: Any, x: Any, share: Tensor) -> Any:
         u, m, stress = (
             torch.lerp(a, b, share[..., None, None]) for a, b in zip(last, x, strict=True)
@@ -272,12 +282,15 @@ class StepProblem(BalanceProblem):
         if now.between:
             each.append(element_loads.passed(self.model, self._way(kinematics), now))
         each.append(self.body_passed(kinematics))
-        each = [x for x in each if x is not None]
-        return torch.stack(torch.broadcast_tensors(*each)).any(0) if each else None
+        return _any(each)
 
     def body_passed(self, kinematics: Any) -> Tensor | None:
         """`passed` of bodies and obstacles."""
         return element_loads.body_passed(self.model, self._way(kinematics), self.conditions)
+
+    def body_near(self, kinematics: Any) -> Tensor | None:
+        """`near` of bodies and obstacles."""
+        return element_loads.body_near(self.model, self._way(kinematics), self.conditions)
 
     def touching_motion(self, kinematics: Any, nodes: Any = None) -> TouchingMotion:
         model = self.model
@@ -345,3 +358,9 @@ class StepProblem(BalanceProblem):
             return element_loads.Way(kinematics.position, kinematics.position - start, self.dt)
         half = (kinematics.position_end - start) / 2
         return element_loads.Way(start + half, half, self.dt)
+
+
+def _any(each: list[Tensor | None]) -> Tensor | None:
+    """(...) bool: whether one of those that are there is true; None where none is."""
+    each = [x for x in each if x is not None]
+    return torch.stack(torch.broadcast_tensors(*each)).any(0) if each else None

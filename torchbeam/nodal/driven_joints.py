@@ -65,7 +65,11 @@ class DrivenJoints(Joints):
 
     @property
     def smooth(self) -> bool:
-        return not self.limited and all(laws.friction is None for laws in self._all_laws)
+        return not self.limited and not self.rubs
+
+    @property
+    def rubs(self) -> bool:
+        return any(laws.friction is not None for laws in self._all_laws)
 
     @property
     def _all_laws(self) -> tuple[JointLaws | BallLaws, ...]:

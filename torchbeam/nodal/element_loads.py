@@ -138,6 +138,23 @@ def body_passed(rows: Rows, way: Way, now: Conditions) -> Tensor | None:
     return torch.stack(torch.broadcast_tensors(*each)).any(0) if each else None
 
 
+def body_near(rows: Rows, way: Way, now: Conditions) -> Tensor | None:
+    """(...) bool: whether bodies may press on obstacles, wherever they are on their way; None where
+    none touches one.
+    """
+    each = []
+    for acting in now.moving:
+        if isinstance(acting.load, Contact):
+            load, place = acting.load, way.middle[..., acting.node, None, :]
+            x = rows.space.public_position(place)
+            shifts = [way.half[..., acting.node, None, :], load.carried(x, way.dt)]
+            reach = [part.square().sum(-1) for part in shifts if part is not None]
+            if load.corners is not None:
+                reach.append(load.corners.square().sum(-1).amax(-1, keepdim=True))
+            each.append(~load.idle(x, len(reach) * sum(reach))[..., 0])
+    return torch.stack(torch.broadcast_tensors(*each)).any(0) if each else None
+
+
 def at_points(rows: Rows, acting: ActingLoad) -> ActingLoad:
     """With the numbers that the load has at the points of the elements along which it acts."""
     if not isinstance(acting.load.radius, Table):

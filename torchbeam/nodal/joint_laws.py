@@ -11,9 +11,9 @@ D is what the effort's work is counted by over a step (see `driven_joints`): 2
 sin((q_{n+1} - q_n)/2) of an angle, the difference of a travel. So springs and limits keep their
 energy, and damping takes some, to rounding. Friction is Coulomb's, regularised: the gradient of the
 dissipation potential mu sqrt(r^2 + s^2), with the slip speed s, at the end of the step, so that
-what sticks comes to rest within a step. x is how far q is beyond a limit, and e a hundredth of the
-range between the limits, over which their stiffness rises. At rest D is the differential, and there
-is neither damping nor friction.
+what sticks comes to rest within a step, and errors are of first order. x is how far q is beyond a
+limit, and e a hundredth of the range between the limits, over which their stiffness rises. At rest
+D is the differential, and there is neither damping nor friction.
 """
 
 from __future__ import annotations

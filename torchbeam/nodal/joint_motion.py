@@ -117,6 +117,7 @@ class NoJoints(Tree):
     count = 0
     dissipative = False
     smooth = True
+    rubs = False  # whether one has friction
     limited = False  # whether one has limits
     held_count = 0
 

@@ -191,10 +191,10 @@ class Joints(NoJoints):
 
     def wrench(self, motion: JointMotion, w: Factor, force: Tensor) -> Tensor:
         """Force N and moment N m (..., J, 6) on second parts, at the joints' points there, frame
-        a.
+        a: on the ground, which has no gradient, the opposite of what the first part gets.
         """
-        pose = motion.acting
-        by, arms = self._gradient(self.v.at(pose), w.at(pose)), self.w.at(pose).turning[..., 0, :]
+        pose, apart = motion.acting, self.w.at(motion.acting)  # row 0: of the points
+        by, arms = self._gradient(self.v.at(pose), w.at(pose)), apart.turning[..., 0, :]
         push, moment = (
             torch.einsum("...jmk,...jm->...jk", by, -force).unflatten(-1, (2, 2, 3)).unbind(-2)
         )
@@ -203,6 +203,8 @@ class Joints(NoJoints):
             [pair[1] is None for pair in self.framework.joints], device=force.device
         )[:, None]
         first, second = torch.cat((push, moment), -1).unbind(-2)
+        moved = _cross(apart.value[..., 0, :], first[..., :3])
+        first = torch.cat((first[..., :3], first[..., 3:] - moved), -1)
         return torch.where(ground, -first, second)
 
     def after(self, motion: JointMotion) -> Tensor:

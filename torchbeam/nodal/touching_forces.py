@@ -100,9 +100,16 @@ class AnyTouching(NoTouching):
         now = motion()
         return sum(pairs.work(of_nodes(own, now), now.dt) for pairs, own in self.near(now))
 
+    def near_enough(self, motion: Callable[[], TouchingMotion]) -> Tensor | None:
+        return self._any(motion(), lambda pairs, own: (~pairs.far(own)).any(-1))
+
     def passed(self, motion: Callable[[], TouchingMotion]) -> Tensor | None:
-        now = motion()
-        each = [pairs.passed(of_nodes(own, now)) for pairs, own in self.near(now)]
+        return self._any(motion(), lambda pairs, own: pairs.passed(own))
+
+    def _any(
+        self, motion: TouchingMotion, what: Callable[[TouchingPairs, PairMotion], Tensor]
+    ) -> Tensor | None:
+        each = [what(pairs, of_nodes(own, motion)) for pairs, own in self.near(motion)]
         return torch.stack(torch.broadcast_tensors(*each)).any(0) if each else None
 
     def by_moves(self, near: Near, motion: TouchingMotion) -> Tensor:

@@ -54,6 +54,10 @@ class NoTouching(Tree):
         """(...) J over a step."""
         return 0.0
 
+    def near_enough(self, motion: Callable[[], TouchingMotion]) -> Tensor | None:
+        """(...) bool: whether beams may touch each other over the step; None = there are none."""
+        return None
+
     def passed(self, motion: Callable[[], TouchingMotion]) -> Tensor | None:
         """(...) bool: whether beams pass through each other over the step; None = there are
         none.

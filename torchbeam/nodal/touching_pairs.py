@@ -127,6 +127,10 @@ class TouchingPairs(Tree):
             return slack
         return slack - norm(half[..., 1:, :] - half[..., :1, :])[..., 0].amax(-1)
 
+    def far(self, motion: PairMotion) -> Tensor:
+        """(..., U) bool: whether they do not press, wherever both are in the step."""
+        return (self.slack(motion) > 0) | (self.measure <= 0)
+
     def nearest(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """t and within (..., U) of the points (..., U, 4, 3), see `centreline.nearest`."""
         return nearest(x[..., 0, :], x[..., 1:, :], self.control, self.ends > 0, self.taper)

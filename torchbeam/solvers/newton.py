@@ -62,7 +62,8 @@ def newton(
 
     Where a contact begins, or what sticks begins to slip, tangents tell little of what is beyond:
     of a problem with a merit, a step that raises it is shortened until it does not, see
-    `step_length`. Each time counts as an iteration.
+    `step_length`. Each time counts as an iteration. Steps are whole where nothing is near enough to
+    touch, and the last one is, which is foreseen to converge.
 
     trust_start  whether r may be the residual of x; not where that is the size of a step to come,
                  whatever the balance lacks
@@ -135,11 +136,11 @@ def _iterate(
                 return _joined(
                     few, Outcome(x, reaction, torch.where(over, SUCCESS, status), iterations), rest
                 )
-        free = ~over & (size > tolerance)
-        length, search = _searched(problem, residual, x, search, free)
         tangent = problem.linearise(x, *about)
         if k == 0:
             exact = tangent.exact
+        ends = ~over & converged(size, before, exact, tolerance, foresee)
+        length, search = _searched(problem, residual, x, search, ~over & ~ends)
         *change, root = tangent.solve(residual.nodes, residual.strain)
         keep = over[..., None, None]
         after = problem.update(x, *change)
@@ -149,7 +150,7 @@ def _iterate(
         x = type(x)(*(torch.where(keep, a, b) for a, b in zip(x, after, strict=True)))
         reaction = torch.where(keep, size.new_zeros(()) if k == 0 else reaction, root)
         iterations = iterations + ~over
-        done = done | (~over & converged(size, before, exact, tolerance, foresee))
+        done = done | ends
         over = done | ~torch.isfinite(size)
         if earlier + k >= PATIENCE:
             last, secant = secant, next_secant(size, before, earlier + k, secant, length)
@@ -251,6 +252,8 @@ def _searched(
         return None, None
     if search is None:
         search = Search(x, torch.full_like(merit, torch.inf), torch.ones_like(merit))
+    if concrete(free & (merit > search.merit)).any():
+        free = free & (problem.near(x) | problem.near(search.last))
     length = step_length(merit, search.merit, search.share, free)
     return length, search._replace(merit=length.merit, share=length.share)
 

@@ -76,6 +76,10 @@ class Problem(Protocol):
         """
         ...
 
+    def near(self, x: Any) -> Tensor:
+        """(...) bool: whether anything is near enough to touch, of a problem that has a merit."""
+        ...
+
     def between(self, last: Any, x: Any, share: Tensor) -> Any:
         """What is a share (...) of the way from the unknowns `last` to x, of a problem that has a
         merit.

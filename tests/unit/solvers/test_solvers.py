@@ -120,8 +120,25 @@ class Searched(Arctangent):
     def merit(self, residual):
         return residual.measure().square()
 
+    def near(self, x):
+        return torch.ones_like(x.x[..., 0, 0], dtype=torch.bool)
+
     def between(self, last, x, share):
         return Root(torch.lerp(last.x, x.x, share[..., None, None]))
+
+
+class Far(Searched):
+    """Where nothing is near enough to touch."""
+
+    def near(self, x):
+        return ~super().near(x)
+
+
+class Misled(Searched):
+    """With a merit that rises where the residual falls."""
+
+    def merit(self, residual):
+        return 1 / residual.measure()
 
 
 def test_steps_are_shortened_where_they_raise_the_merit():
@@ -137,6 +154,21 @@ def test_steps_are_shortened_where_they_raise_the_merit():
     alone = newton(Searched(0 * start[-1]), Root(start[-1, None, None]))
     assert_close(alone.x.x, searched.x.x[-1], rtol=0, atol=0)
     assert alone.iterations == searched.iterations[-1] <= 25
+
+
+def test_steps_are_whole_where_nothing_is_near_enough_to_touch():
+    """The same as without a merit: from 1.3, and from 30, which fails."""
+    start = Root(torch.tensor([1.3, 30.0])[:, None, None])
+    whole, far = (newton(kind(0 * start.x[:, 0, 0]), start) for kind in (Arctangent, Far))
+    for a, b in zip((*whole.x, *whole[1:]), (*far.x, *far[1:]), strict=True):
+        assert_close(a, b, rtol=0, atol=0, equal_nan=True)
+
+
+def test_a_step_that_is_foreseen_to_converge_is_not_taken_back():
+    """Whatever the merit says: the root is what is returned as one."""
+    start = torch.full((1, 1, 1), 0.01)
+    found = newton(Misled(0 * start[..., 0, 0]), Root(start))
+    assert found.status == SUCCESS and found.x.x.abs() < 1e-12
 
 
 def test_an_inexact_tangent_is_not_trusted_to_converge_quadratically():

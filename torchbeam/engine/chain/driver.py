@@ -14,7 +14,7 @@ from __future__ import annotations
 from ..compiler.shared_ends import END
 from ..compiler.split import HOISTED
 from .chain_code import ChainCode
-from .layout import BETWEEN, INNER, LAW, MIDDLE, OWN
+from .layout import BETWEEN, FLAGS, INNER, LAW, MIDDLE, OWN
 from .node_kinds import SIDES
 
 SUMS = ("force", "moment", "strain", "left_force", "left_moment", "left_strain")
@@ -157,7 +157,7 @@ class Driver(ChainCode):
             for k in kinds:
                 for _ in self._touching(k, e):
                     self._add_load(f"element load {k}", e, self._of_element(f"> {packed}", e))
-                    for name in ("force", "moment", "passed"):
+                    for name in ("force", "moment", *FLAGS):
                         self._largest(name, "at_load")
 
     def _node(self, j: str, turn: str | int) -> None:

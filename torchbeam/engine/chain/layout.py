@@ -20,6 +20,7 @@ PAIRS = "pairs"  # of what may touch
 OWN, BETWEEN, LAW = "own", "between", "law"
 # what an element of three nodes gives their rows, and what its midside node follows by
 INNER, MIDDLE = "inner", "middle"
+FLAGS = "passed", "near"  # of what may touch, see `StepProblem`
 
 
 @dataclass

@@ -30,7 +30,8 @@ from ...state.state import State
 from ...topology.chain_unknowns import masked
 from ...topology.midside import condensed, following
 from .joint_functions import JointFunctions
-from .local_problem import INTERNAL, Fields, by_secants, unbatched
+from .layout import FLAGS
+from .local_problem import INTERNAL, Fields, by_secants, far_fields, unbatched
 from .node_kinds import ElementKind, NodeKind
 from .pair_functions import PairFunctions
 from .tendon_functions import TendonFunctions
@@ -91,7 +92,9 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
             terms["rounding"] = problem.rounding[0]
             if self.model.bodies_touch:
                 passed = problem.body_passed(kinematics)
-                terms["passed"] = balance.new_zeros(()) if passed is None else passed.to(balance)
+                near = problem.body_near(kinematics)
+                for name, flag in (("passed", passed), ("near", near)):
+                    terms[name] = balance.new_zeros(()) if flag is None else flag.to(balance)
         return {"balance": balance, "D": D if matrix is None else D + matrix.diagonal[0], **terms}
 
     def update(self, kind: NodeKind, move: Tensor, **fields: Tensor) -> Fields:
@@ -213,9 +216,9 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
     # Functions of the loads between an element's nodes
 
     def far(self, kind: ElementKind, **fields: Tensor) -> Fields:
-        """1 where these loads do nothing."""
+        """1 where these loads do nothing; `near`: where they may."""
         problem, kinematics = self._between(fields, kind)
-        return {"far": problem.idle(kinematics).to(problem.t)}
+        return far_fields(problem.idle(kinematics).to(problem.t))
 
     def element_load(self, kind: ElementKind, **fields: Tensor) -> Fields:
         """What they add to what `element` gives its nodes; the largest force and moment; in a step
@@ -365,7 +368,7 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
 
     def _sizes(self, fields: Fields, inertia: Tensor | None, left: Tensor) -> Fields:
         """The largest force and moment in a node's terms, and left of its balance (w) beyond
-        rounding; whether a body passes through what it touches.
+        rounding; whether a body is near what it touches, and passes through it.
         """
         p = self.model.space.dims.position
         terms = torch.stack(self.terms(fields.get("own.load"), inertia)).abs()
@@ -377,7 +380,7 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
             "moment": terms[:, p:].amax(),
             "left_force": left[:p].amax(),
             "left_moment": left[p:].amax(),
-            **({"passed": fields["own.passed"]} if "own.passed" in fields else {}),
+            **{name: fields[f"own.{name}"] for name in FLAGS if f"own.{name}" in fields},
         }
         if not self.searches:
             return sizes
@@ -533,22 +536,42 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
         square_force: Tensor,
         square_moment: Tensor,
         longest: Tensor,
-        tolerance: Tensor,
         iterations: Tensor,
         over: Tensor,
         merit: Tensor,
         share: Tensor,
-        **sizes: Tensor,
+        near: Tensor,
+        last_near: Tensor,
+        **judged: Tensor,
     ) -> Fields:
         """What becomes of the last step, see `Length`; `forth`: which samples do not take it back,
-        `still`: which make no other one. sizes: what `_size` takes.
+        `still`: which make no other one; `last_near`: whether anything is near enough to touch
+        where the next begins. judged: what `_converged` takes.
         """
-        free = (over == 0) & (iterations > 0) & (self._size(longest=longest, **sizes) > tolerance)
+        free = (over == 0) & (iterations > 0) & ~self._converged(longest=longest, **judged)[1]
+        free = free & ((near != 0) | (last_near != 0))
         now = square_force * longest.square() + square_moment
-        length = step_length(now, merit, share, free)._asdict()
-        outputs = {name: value.to(over) for name, value in length.items()}
+        length = step_length(now, merit, share, free)
+        outputs = {name: value.to(over) for name, value in length._asdict().items()}
         still, forth = torch.maximum(over, outputs["back"]), 1 - outputs["back"]
-        return outputs | {"still": still, "forth": forth}
+        near = torch.where(length.back, last_near, near)
+        return outputs | {"still": still, "forth": forth, "last_near": near}
+
+    def _converged(
+        self,
+        exact: Tensor,
+        tolerance: Tensor,
+        before: Tensor,
+        foresee: Tensor | None = None,
+        **sizes: Tensor,
+    ) -> tuple[Tensor, Tensor]:
+        """Size of the residual; whether it is small enough, see `converged`. sizes: what `_size`
+        takes.
+        """
+        size = self._size(**sizes)
+        if foresee is None and not self.model.smooth:
+            foresee = size < 0  # never
+        return size, converged(size, before, exact != 0, tolerance, foresee)
 
     def _size(
         self,
@@ -572,35 +595,26 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
 
     def judge(
         self,
-        exact: Tensor,
-        tolerance: Tensor,
         before: Tensor,
         over: Tensor,
         done: Tensor,
         status: Tensor,
         iterations: Tensor,
-        foresee: Tensor | None = None,
         secant: Tensor | None = None,
         back: Tensor | None = None,
         short: Tensor | None = None,
-        **sizes: Tensor,
+        **judged: Tensor,
     ) -> Fields:
         """What `newton` asks of an iteration's largest numbers: size of the residual, which samples
         are done or over, iterations, the status of those that are not done (that of the first
-        iteration, when `iterations` was 0), and whether the next takes secants. sizes: what `_size`
-        takes.
+        iteration, when `iterations` was 0), and whether the next takes secants. judged: what
+        `_converged` takes.
         """
-        size = self._size(**sizes)
-        if foresee is None and not self.model.smooth:
-            foresee = size < 0  # never
+        size, ends = self._converged(before=before, **judged)
         finite = torch.isfinite(size)
         first = torch.where(finite, float(DIVERGED), float(BROKEN))
         going = over == 0
-        done = torch.where(
-            going & converged(size, before, exact != 0, tolerance, foresee),
-            torch.ones_like(done),
-            done,
-        )
+        done = torch.where(going & ends, torch.ones_like(done), done)
         length = None
         if back is not None:
             length = Length(back != 0, back, short != 0, back, back)

@@ -474,6 +474,11 @@ def _of_one_sample(load: Any) -> Any:
     )
 
 
+def far_fields(far: Tensor) -> Fields:
+    """Whether forces between nodes do nothing, 1 or 0, and the opposite."""
+    return {"far": far, "near": 1 - far}
+
+
 def acting_loads(kind: NodeKind, rows: tuple[Any, ...], loads: tuple[Any, ...]) -> tuple[Any, ...]:
     """Loads of a node; see `Common`."""
     return tuple(rows[k] or loads[k] for k in kind.acting)

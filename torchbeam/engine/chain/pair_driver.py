@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import isqrt
 
+from .layout import FLAGS
 from .node_kinds import PAIR_SIDES
 from .pair_functions import PAIR_BLOCKS
 from .structure_code import StructureCode
@@ -127,7 +128,8 @@ class PairPasses(PairCode):
 
         def touch(p: str, nodes: list[str], k: int) -> None:
             self._call_pair(f"pair {k}", p, nodes)
-            self.code.call("largest", self.at("sums", 0, "passed"), self.at("pairs", p, "passed"))
+            for name in FLAGS:
+                self.code.call("largest", self.at("sums", 0, name), self.at("pairs", p, name))
             for side, node in zip(PAIR_SIDES, nodes, strict=True):
                 push = self.at("pairs", p, f"{side}.push")
                 self._add(self.at("push", node), push, self.coupled(k))

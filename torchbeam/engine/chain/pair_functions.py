@@ -14,7 +14,7 @@ from ...nodal.surface_pairs import SurfacePairs
 from ...nodal.touching_forces import OnePair, of_nodes
 from ...topology.framework import Framework
 from .chain_constants import filled
-from .local_problem import Fields, LocalProblems, by_secants
+from .local_problem import Fields, LocalProblems, by_secants, far_fields
 from .node_kinds import PAIR_SIDES, PairKind
 
 # blocks of a pair, with whose rows and columns they have
@@ -26,11 +26,11 @@ class PairFunctions(LocalProblems):
     """Functions of a pair."""
 
     def far_pair(self, kind: PairKind, **fields: Tensor) -> Fields:
-        """1 where it is too far to touch over the step."""
+        """1 where it is too far to touch over the step; `near`: where it is not."""
         problem, kinematics = self.of_pair(fields, kind)
         (near,) = problem.model.touching.near(None)
         motion = of_nodes(near.nodes, problem.touching_way(kinematics))
-        return {"far": (near.pairs.slack(motion)[0] > 0).to(problem.t)}
+        return far_fields(near.pairs.far(motion)[0].to(problem.t))
 
     def pair(self, kind: PairKind, **fields: Tensor) -> Fields:
         """What a pair gives its nodes: its push (q) on their balances, and blocks (q, q), those of

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 
 from ..compiler.function import Function
-from .layout import ONE, PAIRS, Layout
+from .layout import FLAGS, ONE, PAIRS, Layout
 from .local_functions import LocalFunctions
 from .node_kinds import PAIR_SIDES, PairKind
 from .pair_functions import PAIR_BLOCKS
@@ -64,7 +64,8 @@ def adjoint_of_pairs(
     functions = {}
     moves = [f"{side}.{name}" for side in PAIR_SIDES for name in ("u", "m")]
     for k, kind in enumerate(kinds):
-        functions[f"far pair {k}"] = traced(partial(local.far_pair, kind), traced.pair)
+        far = traced(partial(local.far_pair, kind), traced.pair)
+        functions[f"far pair {k}"] = far.only(["far"])
         blocks = partial(local.transposed_pair, held, kind)
         functions[f"pair blocks {k}"] = traced(blocks, traced.pair)
         if held:
@@ -94,7 +95,7 @@ def record(
     layout.record("pair", PAIRS, constants)
     _record(layout, functions, "pair")
     layout.record("pair_reaction", ONE, [("reaction", w)])
-    layout.record("sums", ONE, [("passed", 1)])
+    layout.record("sums", ONE, [(name, 1) for name in FLAGS])
     for name, size in largest(functions, "finish pair").items():
         layout.record("pair_change", ONE, [(name, size)])
 
@@ -110,7 +111,8 @@ def record_adjoint(layout: Layout, functions: dict[str, Function], kinds: int) -
 
 
 def _record(layout: Layout, functions: dict[str, Function], blocks: str) -> None:
-    layout.record("pairs", PAIRS, [("far", 1), *largest(functions, blocks).items()])
+    for word in ("far pair", blocks):
+        layout.record("pairs", PAIRS, largest(functions, word).items())
     layout.record("near", PAIRS, [("pair", 1)])  # numbers of those that are not far
     layout.record("near_count", ONE, [("count", 1)])
     layout.record("free_pair", ONE, largest(functions, "free pair").items())

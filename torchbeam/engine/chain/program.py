@@ -29,6 +29,7 @@ from .layout import (
     BETWEEN,
     ELEMENTS,
     ENDS,
+    FLAGS,
     INNER,
     JOINTS,
     LAW,
@@ -61,7 +62,7 @@ SAMPLE = (
     "work",
 )
 # of a step's search for its length: what it takes and gives of a sample
-LENGTH = "merit", "share"
+LENGTH = "merit", "share", "last_near"
 LENGTHS = (*LENGTH, "back", "short", "forth", "still", "ratio")
 
 
@@ -174,8 +175,8 @@ class ChainProgram(NativeProgram):
         self, local: LocalFunctions, traced: Tracing, judging: tuple[str, ...]
     ) -> dict[str, Function]:
         """Functions of what shortens steps."""
-        other = ("exact", "before", "done", "status", "back", "short", "secant")
-        given = [name for name in (*judging, *SQUARES, *LENGTH) if name not in other]
+        other = ("done", "status", "back", "short", "secant")
+        given = [name for name in (*judging, "near", *SQUARES, *LENGTH) if name not in other]
         places = {name: self.shapes[name] for name in self.unknown}
         ends = places | {f"to_{name}": shape for name, shape in places.items()}
         functions = {
@@ -212,7 +213,8 @@ class ChainProgram(NativeProgram):
         for k in self.touching:
             kind = self.kinds.elements[k]
             given = traced.element | {name: () for name in self.varying}
-            functions[f"far {k}"] = traced(partial(local.far, kind), given)
+            far = traced(partial(local.far, kind), given)
+            functions[f"far {k}"] = far if local.searches else far.only(["far"])
             load = traced(partial(local.element_load, kind), given)
             loads.append(load.with_zeros(shapes))
         return loads
@@ -260,9 +262,10 @@ class ChainProgram(NativeProgram):
         )
         midsides.record(layout, self.functions, "element 0")
         for kind in self.touching:
-            layout.record("at_load", ONE, [("far", 1), *outputs(f"element load {kind}")])
-            layout.record("sums", ONE, outputs(f"element load {kind}", "passed"))
-        layout.record("sums", ONE, [out for out in outputs(row) if out[0] == "passed"])
+            for word in ("far", "element load"):
+                layout.record("at_load", ONE, outputs(f"{word} {kind}"))
+                layout.record("sums", ONE, outputs(f"{word} {kind}", *FLAGS))
+        layout.record("sums", ONE, outputs(row, *FLAGS))
         layout.record("row", ENDS, outputs(row, "ahead", "y"))
         layout.record(
             "at_row", ONE, [output for output in outputs(row) if output[0] not in ("ahead", "y")]

@@ -296,12 +296,15 @@ class Contact(ContactTerms):
         return v if moves is None else v - moves
 
     def slip(self, point: LoadPoint, normal: Tensor) -> Tensor:
-        """(..., points, 3) m/s of the beam's surface along the obstacle's."""
-        v, moves = _in_frame(point), self.obstacle.surface_velocity(point.position)
+        """(..., points, 3) m/s of the beam's surface along the obstacle's, both where the beam's
+        is.
+        """
+        x, v = point.position, _in_frame(point)
         if self.radius is not None:
-            spin, omega = point.spin, point.frame[1]
+            spin, omega, arm = point.spin, point.frame[1], -self.radii * normal
             spin = spin if omega is None else spin - omega[..., None, :]
-            v = v - _cross(spin, self.radii * normal)
+            x, v = x + arm, v + _cross(spin, arm)
+        moves = self.obstacle.surface_velocity(x)
         v = v if moves is None else v - moves
         return v - (v * normal).sum(-1, keepdim=True) * normal
 
