@@ -5,7 +5,7 @@ scene.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import torch
@@ -20,14 +20,16 @@ from .episodes import Episodes
 @dataclass(frozen=True)
 class Actuator:
     """An effect with one `torchbeam.Input`, whose value is linear in some of the actions:
-    value = action @ gain.
+    value = action @ gain + bias.
 
     Args:
         effect: any effect of `torchbeam` that takes an `Input`
-        gain: (actions, size of the input): the input's value at an action of 1, in its own units
+        gain: (actions, size of the input): what an action of 1 adds, in the input's own units
+        bias: (size of the input): the value at an action of 0; None = zero. A tendon is pulled by 0
+            to 10 N under actions from -1 to 1 with gain=[[5.0]], bias=[5.0]
 
     Raises:
-        ValueError: for an effect with no input or several, or a gain of another shape.
+        ValueError: for an effect with no input or several, or a gain or bias of another shape.
 
     Examples:
         >>> bend = tb.Actuation(curvature=tb.Input("tendons", 3))
@@ -39,6 +41,7 @@ class Actuator:
 
     effect: Any
     gain: Any
+    bias: Any = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         inputs = inputs_of(self.effect) if isinstance(self.effect, Tree) else []
@@ -60,6 +63,14 @@ class Actuator:
                 f"finite (actions, {inputs[0].size}) is wanted"
             )
         object.__setattr__(self, "gain", gain)
+        if self.bias is not None:
+            bias = torch.as_tensor(self.bias, dtype=gain.dtype)
+            if bias.shape != gain.shape[1:] or not torch.isfinite(bias).all():
+                raise ValueError(
+                    f"a bias of shape {tuple(bias.shape)} was given for the input "
+                    f"{inputs[0].name!r}; finite ({inputs[0].size},) is wanted"
+                )
+            object.__setattr__(self, "bias", bias)
         object.__setattr__(self, "input", inputs[0].name)
 
     @property
@@ -68,11 +79,12 @@ class Actuator:
         return len(self.gain)
 
     def to(self, like: Tensor) -> Actuator:
-        """The same with its gain in the dtype and on the device of `like`."""
-        return replace(self, gain=self.gain.to(like))
+        """The same in the dtype and on the device of `like`."""
+        bias = None if self.bias is None else self.bias.to(like)
+        return replace(self, gain=self.gain.to(like), bias=bias)
 
     def scaled(self, share: float) -> Actuator:
-        """The same at a share of its strength."""
+        """The same where an action does a share of what it does."""
         return replace(self, gain=share * self.gain)
 
     def effects(self, varying: Collection[str] = ()) -> tuple[Any, ...]:
@@ -85,7 +97,8 @@ class Actuator:
         """name -> (..., size) for actions (..., actions); `now`: where the episodes stand, None in
         statics.
         """
-        return {self.input: action.to(self.gain) @ self.gain}
+        value = action.to(self.gain) @ self.gain
+        return {self.input: value if self.bias is None else value + self.bias}
 
     def tip_force(self, action: Tensor, now: Episodes) -> Tensor | None:
         """(n, 3) N in frame a, to be drawn at the tip; None where there is none."""
@@ -131,7 +144,7 @@ class TipForce(Actuator):
         return {**given, "moment": torch.linalg.cross(along, given[self.input])}
 
     def tip_force(self, action: Tensor, now: Episodes) -> Tensor:
-        force = action.to(self.gain) @ self.gain
+        force = Actuator.inputs(self, action)[self.input]
         return (now.beam.tip.rotation @ force[..., None])[..., 0] if self.follower else force
 
 

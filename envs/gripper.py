@@ -89,15 +89,10 @@ def _range(usual: float) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Winch(Actuator):
-    """A motor that pulls a tendon, of a finger that the scene has already: from no tension at an
-    action of -1 to that of `gain` at 1.
-    """
+    """A motor that pulls a tendon, of a finger that the scene has already."""
 
     def effects(self, varying: Any = ()) -> tuple[Any, ...]:
         return ()
-
-    def inputs(self, action: Tensor, now: Episodes | None = None) -> dict[str, Tensor]:
-        return super().inputs((1 + action) / 2, now)
 
 
 class Gripper(Task):
@@ -202,7 +197,8 @@ class Gripper(Task):
     def actuators(self) -> tuple[Actuator, ...]:
         c = self.config
         up = tb.PointLoad("hub", force=tb.Input("motor", 3))
-        pulls = (Winch(tendon, [[c.pull]]) for tendon in self.tendons())
+        half = c.pull / 2  # from no tension at an action of -1 to all of it at 1
+        pulls = (Winch(tendon, [[half]], bias=[half]) for tendon in self.tendons())
         return (Actuator(up, [[0.0, 0.0, c.motor]]), *pulls)
 
     def effects(self, params: dict[str, Tensor]) -> tuple[Any, ...]:

@@ -80,7 +80,14 @@ class Reach:
         return self.degrees.shape[-1]
 
     def tip(self, share: Tensor, rows: Tensor | slice = slice(None)) -> Tensor:
-        """(k, 3) m, where constant actions share (k, a) hold the tips of the sub-envs `rows`."""
+        """(k, 3) m, where constant actions share (k, a) hold the tips of the sub-envs `rows`.
+        Raises ValueError for another number of actions.
+        """
+        if share.shape[-1] != self.actions:
+            raise ValueError(
+                f"shares of shape {tuple(share.shape)} were given; ({len(share)}, {self.actions}), "
+                "of each action one, are wanted"
+            )
         return self._sum(_products(share, self.degrees), rows)
 
     def slopes(self, share: Tensor, rows: Tensor | slice = slice(None)) -> Tensor:

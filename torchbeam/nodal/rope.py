@@ -6,8 +6,8 @@ the tension of stretch k is T_k = T rho_k, and over a step
     f(p_k) = T_k u_k - T_{k-1} u_{k-1}        u_k = 2 (mean q_k)/(d_k,n + d_k,n+1)
 
 As mean q_k . (q_{n+1} - q_n) = (d_{n+1}^2 - d_n^2)/2, stretch k does the work -T_k times the change
-of its length, to rounding: f is a discrete gradient (Gonzalez 1996). T is given, or follows from
-the length l that a winch gives,
+of its length, to rounding: f is a discrete gradient (Gonzalez 1996). T is given (what is negative
+of it is 0), or follows from the length l that a winch gives,
 
     T = (V(c_{n+1} - l) - V(c_n - l))/(c_{n+1} - c_n)        V(x) = k x^2/2 where x > 0, else 0
 
@@ -148,7 +148,7 @@ class Rope(Tree):
         over = None if step.before is None else before.sum(-1)
         T, slope = self.pull(step.given, after.sum(-1), over)
         e = stretches.directions[1]
-        T, slope = (x[..., None].expand(after.shape) for x in torch.broadcast_tensors(T, slope))
+        T, slope, _ = torch.broadcast_tensors(T[..., None], slope[..., None], after)
         by = slope[..., None, None] * e[..., None, :, :] if derivative else None
         if self.friction is None or e.shape[-2] == 1:
             return Tensions(T, by)
@@ -165,7 +165,7 @@ class Rope(Tree):
         and its derivative by the length after.
         """
         if self.stiffness is None:
-            return given, torch.zeros_like(after)
+            return given.clamp(min=0), torch.zeros_like(after)
         x = after - given
         p = x.clamp(min=0)
         if before is None:

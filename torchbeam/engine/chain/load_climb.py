@@ -40,7 +40,7 @@ from .step_structure import keep_structure, key_of, known_structure
 from .user_functions import by_function, by_sample, check_batch, known, surroundings
 
 # samples times elements that "auto" compiles for: eager ones then take longer than tracing and
-# loading
+# loading. Where eager systems are dense, by tendons, each weighs as much as so many more elements.
 WORTH = 2**15
 CALLS = 8  # of a structure that are kept; the oldest goes first
 
@@ -109,7 +109,7 @@ def automatic_climb(
     samples *= repetitions()
     if (
         meaning() == "eager"
-        or samples * (model.station_count or model.node_count) < WORTH
+        or samples * _eager_weight(model) < WORTH
         or model.scene.device.type != "cpu"
     ):
         return None
@@ -130,6 +130,11 @@ def automatic_climb(
             raise
     slow_path("equilibria are found", reason)
     return None
+
+
+def _eager_weight(model: Model) -> float:
+    """Of a sample, in elements of a beam without tendons: of S stretches S^2/4 more (measured)."""
+    return (model.station_count or model.node_count) + len(model.tendons.stretches) ** 2 / 4
 
 
 @torch.no_grad()

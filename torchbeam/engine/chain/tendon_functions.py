@@ -29,7 +29,7 @@ from ...nodal.tendons import Tendons, mean_tension
 from ...topology.framework import Framework
 from .joint_functions import BLOCKS, TRANSPOSED
 from .local_problem import Fields, LocalProblems
-from .node_kinds import SIDES, StretchKind
+from .node_kinds import SIDES, EndKind, StretchKind
 
 # what a tension follows from, of all stretches from one on
 SUMMED = "length", "before", "change", "rate"
@@ -103,6 +103,8 @@ class TendonFunctions(LocalProblems):
         those of the one before (`back`, and `ahead` in its rows). Where supports hold nodes
         (`held`), the ends' whole rows.
         """
+        if not kind.sides:  # between points of the ground
+            return self._own_blocks(fields) if kind.coupled else {}
         problem, x = self.of_stretch(fields, kind)
         kinematics, inertia, _ = problem.node_balance(problem.apply_supports(x))
         nodes, _ = problem.node_tangent(kinematics, inertia)
@@ -200,7 +202,9 @@ class TendonFunctions(LocalProblems):
         have no loads.
         """
         n = len(kind.sides)
-        ends = self.of_ends(fields, kind, Framework(1, (), n, (), (tuple(range(n)),)))
+        some = kind if n else kind._replace(ends=(EndKind(), None))  # a problem has a node
+        nodes = len(some.sides)
+        ends = self.of_ends(fields, some, Framework(1, (), nodes, (), (tuple(range(n)),)))
         constants, tendons = self.stretch_constants(fields), self.model.tendons
         numbers = iter(range(n))
         nodes = tuple(None if end is None else next(numbers) for end in kind.ends)

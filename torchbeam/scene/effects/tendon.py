@@ -16,7 +16,7 @@ from ...core.validation import Value, axis_last, concrete, finite, shown
 from ...math import quaternions as quat
 from ..beam import Beam
 from .effect import Effect
-from .values import own, parameter, plain, scalar_value
+from .values import Input, own, parameter, plain, scalar_value
 
 APART = {
     torch.float64: 1e-9,
@@ -63,7 +63,8 @@ class Tendon(Effect):
 
     Args:
         eyelets: at least two (node, (x, y, z)), in order; node None = a point of the ground
-        tension: (...) N at the first eyelet: a number, a function of t, or an `Input`
+        tension: (...) N at the first eyelet: a number, a function of t, or an `Input`, of which
+            what is negative is 0: a rope does not push
         length: (...) m unstretched from the first eyelet to the last, as a winch gives it: the
             same; None = as drawn. Instead of `tension`, with
         stiffness: (...) N/m of the whole: the tension is stiffness times what it is too long by
@@ -108,7 +109,10 @@ class Tendon(Effect):
             )
         set_(self, "eyelets", eyelets)
         for name in ("tension", "length"):
-            set_(self, name, scalar_value(f"a Tendon's {name}", getattr(self, name)))
+            value = scalar_value(f"a Tendon's {name}", getattr(self, name))
+            if value is not None and not callable(value) and not isinstance(value, Input):
+                value = parameter(f"a Tendon's {name}", value)
+            set_(self, name, value)
         for name in ("stiffness", "friction", "slip_speed"):
             if (value := getattr(self, name)) is not None:
                 zero = name == "friction"

@@ -1,0 +1,216 @@
+"""What may be a number, a tensor, a function of t or an `Input`: a batch of it is one answer, in
+whichever form it is given and whatever is asked, and that of each number by itself.
+
+References are runs of one sample by plain tensors; forms that a value does not take are refused
+when its object is made. Rounding alone is between them: 1e-9 of the largest number.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import pytest
+import torch
+
+import torchbeam as tb
+
+DOUBLE = dict(dtype=torch.float64)
+SECTION = tb.Section.from_stiffness(
+    EA=300.0, GA=(150.0, 120.0), GJ=0.8, EI=(1.0, 1.7), mass=0.3, inertia=(2e-3, 3e-3)
+)
+PUSH = tb.TipLoad(force=(0.2, 0.3, 0.4))
+T = (0.0, 0.02, 0.04)
+
+
+def beam(**options) -> tb.Beam:
+    return tb.Beam.straight(0.6, 2, SECTION, **options)
+
+
+def alone(*effects, **options) -> tb.Scene:
+    return tb.Scene(beam(), [PUSH, *effects], **options)
+
+
+def joined(joint) -> tb.Scene:
+    """A body at a beam's end, that turns or slides there."""
+    hub = tb.Body(0.05, 1e-3, position=(0.6, 0, 0))
+    push = tb.PointLoad("hub", force=(0.02, 0.03, 0.04), moment=(0.01, -0.005, 0.008))
+    clamp = [tb.Support(("arm", 0))]
+    return tb.Scene({"arm": beam(), "hub": hub}, [push], joints=[joint], supports=clamp)
+
+
+ENDS, SOFT = (("arm", -1), "hub"), dict(stiffness=0.2, damping=0.01)
+ROPE = [(None, (0.0, 0, 0.1)), (1, (0.0, 0, 0.02)), (-1, (0.0, 0, 0.02))]
+FLOOR = dict(thickness=0.05, force=1.0)
+
+
+@dataclass(frozen=True)
+class Value:
+    """made: of the value a scene; numbers: two of it; function, given: whether it may be a function
+    of t, and an Input.
+    """
+
+    made: Callable
+    numbers: tuple
+    function: bool = True
+    given: bool = True
+
+
+def vector(made, **more) -> Value:
+    return Value(made, ((0.1, -0.2, 0.3), (-0.05, 0.1, 0.2)), **more)
+
+
+def number(made, numbers=(0.3, 0.5), **more) -> Value:
+    return Value(made, numbers, **more)
+
+
+MOTION = dict(given=False)
+VALUES = {
+    "tip force": vector(lambda x: alone(tb.TipLoad(force=x))),
+    "tip moment": vector(lambda x: alone(tb.TipLoad(moment=x))),
+    "following force": vector(lambda x: alone(tb.TipLoad(force=x, follower=True))),
+    "point force": vector(lambda x: alone(tb.PointLoad(1, force=x))),
+    "line force": vector(lambda x: alone(tb.LineLoad(force=x))),
+    "line moment": vector(lambda x: alone(tb.LineLoad(moment=x))),
+    "gravity": vector(lambda x: alone(tb.Gravity(x))),
+    "flow": vector(lambda x: alone(tb.Drag(1.0, 0.05, flow=x)), function=False),
+    "curvature": vector(lambda x: alone(tb.Actuation(curvature=x))),
+    "strain": vector(lambda x: alone(tb.Actuation(strain=x))),
+    "spring's anchor": vector(lambda x: alone(tb.Spring(1, 5.0, x))),
+    "tension": number(lambda x: alone(tb.Tendon(ROPE, tension=x))),
+    "length": number(lambda x: alone(tb.Tendon(ROPE, length=x, stiffness=5.0))),
+    "support's place": vector(
+        lambda x: alone(supports=[tb.Support(0), tb.Support(-1, displacement=x, rotation="")]),
+        **MOTION,
+    ),
+    "clamp's turn": vector(lambda x: alone(root=tb.RootMotion(rotation=x)), **MOTION),
+    "frame's velocity": vector(lambda x: alone(frame=tb.Frame(velocity=x)), **MOTION),
+    "frame's spin": vector(lambda x: alone(frame=tb.Frame(angular_velocity=x)), **MOTION),
+    "torque": number(lambda x: joined(tb.Hinge(*ENDS, torque=x, **SOFT))),
+    "angle": number(lambda x: joined(tb.Hinge(*ENDS, angle=x))),
+    "force of a slider": number(lambda x: joined(tb.Slider(*ENDS, force=x, **SOFT))),
+    "travel": number(lambda x: joined(tb.Slider(*ENDS, travel=x)), (0.03, 0.05)),
+    "torque of a ball": vector(lambda x: joined(tb.Ball(*ENDS, torque=x, **SOFT))),
+    "second torque": number(
+        lambda x: joined(
+            tb.Universal(*ENDS, second_torque=x, stiffness=(0.2, 0.3), damping=(0.01, 0.02))
+        )
+    ),
+    "torque of a cylinder": number(
+        lambda x: joined(
+            tb.Cylindrical(*ENDS, torque=x, stiffness=(0.2, 5.0), damping=(0.01, 0.02))
+        )
+    ),
+    "travel of a cylinder": number(
+        lambda x: joined(tb.Cylindrical(*ENDS, travel=x, torque=0.01, stiffness=(0.2, 0.0))),
+        (0.03, 0.05),
+    ),
+    "plane's place": Value(
+        lambda x: alone(tb.Contact(tb.Plane(x, (0, 0, 1.0)), **FLOOR)),
+        ((0.0, 0.0, -0.01), (0.0, 0.0, -0.02)),
+        given=False,
+    ),
+    "sphere's centre": Value(
+        lambda x: alone(tb.Contact(tb.Sphere(x, 0.1), **FLOOR)),
+        ((0.3, 0.0, -0.11), (0.35, 0.0, -0.12)),
+        given=False,
+    ),
+}
+
+
+def tensor(x) -> torch.Tensor:
+    return torch.tensor(x, **DOUBLE)
+
+
+def functional(x) -> Callable:
+    return lambda t: tensor(x) + 0 * t
+
+
+def forms(value: Value) -> list[str]:
+    more = ("function", value.function), ("input", value.given)
+    return ["tensor", *(name for name, there in more if there)]
+
+
+def asked(value: Value, form: str, x) -> tuple[tb.Scene, dict]:
+    """A scene with x in that form, and its inputs."""
+    if form != "input":
+        return value.made({"tensor": tensor, "function": functional}[form](x)), {}
+    given = tensor(x)
+    one = isinstance(value.numbers[0], float)
+    size = 1 if one else len(value.numbers[0])
+    return value.made(tb.Input("x", size)), {"x": given[..., None] if one else given}
+
+
+def simulated(scene, inputs, engine):
+    return tb.simulate(scene, T, step=0.02, inputs=inputs, engine=engine).state[-1].position
+
+
+CALLS = {
+    "eager": lambda scene, inputs: simulated(scene, inputs, "eager"),
+    "native": lambda scene, inputs: simulated(scene, inputs, "compiled"),
+    "equilibrium": lambda scene, inputs: tb.equilibrium(scene, inputs=inputs).position,
+    "compiled equilibrium": lambda scene, inputs: (
+        tb.equilibrium(scene, inputs=inputs, engine="compiled").position
+    ),
+    "path": lambda scene, inputs: tb.path(scene, 0.3, step=0.3, inputs=inputs).state[-1].position,
+    "modes": lambda scene, inputs: tb.modes(scene, count=2, inputs=inputs).frequency,
+    "linearize": lambda scene, inputs: invariants(tb.linearize(scene, inputs=inputs).A),
+    "rollout": lambda scene, inputs: rolled(scene, inputs),
+}
+
+
+def rolled(scene, inputs):
+    stepper = tb.Stepper(scene, 0.02, engine="eager")
+    shape = torch.broadcast_shapes(scene.batch_shape, *(x.shape[:-1] for x in inputs.values()))
+    return tb.rollout(stepper, stepper.rest(shape), 2, inputs=inputs).position[-1]
+
+
+def invariants(A):
+    """(..., 2): coordinates of structures are any that joints allow."""
+    return torch.stack([x.diagonal(dim1=-2, dim2=-1).sum(-1) for x in (A @ A, A @ A @ A @ A)], -1)
+
+
+# One of each kind: of these native code is made, which takes a second each, and paths are short.
+KINDS = ("tip force", "line force", "curvature", "tension", "length", "torque", "clamp's turn")
+DEAR = ("native", "compiled equilibrium", "path")
+
+
+def rows():
+    """The rest of the dear ones, and of tensors what other nets have, are long."""
+    for name, value in VALUES.items():
+        for call in CALLS:
+            for form in forms(value):
+                # a coordinate that is an Input acts by its acceleration: `linearize` refuses it
+                if (name, call, form) in COORDINATES:
+                    continue
+                long = name not in KINDS if call in DEAR else form == "tensor"
+                long &= call not in ("eager", "equilibrium")
+                yield pytest.param(name, form, call, marks=[pytest.mark.long] * long)
+
+
+COORDINATES = {(name, "linearize", "input") for name in ("angle", "travel", "travel of a cylinder")}
+
+
+@cache
+def reference(name: str, call: str) -> torch.Tensor:
+    """Of each number by itself."""
+    value = VALUES[name]
+    return torch.stack([CALLS[call](*asked(value, "tensor", x)) for x in value.numbers])
+
+
+@pytest.mark.parametrize("name, form, call", rows())
+def test_a_batch_is_each_number_by_itself(name, form, call):
+    value = VALUES[name]
+    wanted = reference(name, call)
+    answer = CALLS[call](*asked(value, form, value.numbers))
+    if form == "function" and answer.shape != wanted.shape:  # what is read of t alone may be shared
+        answer = answer.expand(wanted.shape)
+    assert answer.shape == wanted.shape
+    assert (answer - wanted).abs().max() <= 1e-9 * wanted.abs().max()
+
+
+@pytest.mark.parametrize("name", [name for name, value in VALUES.items() if len(forms(value)) < 3])
+def test_other_forms_are_refused(name):
+    value = VALUES[name]
+    for form in {"function", "input"} - {*forms(value)}:
+        with pytest.raises(ValueError, match=r"wanted"):
+            asked(value, form, value.numbers[0])
