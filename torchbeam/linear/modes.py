@@ -195,7 +195,7 @@ def _modes(
         )
     if pairs is None:
         with no_derivatives():
-            pairs = slowest(M, D, K, count, symmetric, derivatives, lags is not None)
+            pairs = slowest(M, D, K, count, symmetric, derivatives, model.internal_states)
     value, shape = (
         attach(M, D, K, pairs) if derivatives else (pairs.eigenvalue, upright(pairs.right)[0])
     )
