@@ -14,6 +14,7 @@ SWEEPS = 80
 # change of w^2 + shift in a sweep, and what is left of (K + shift M)^-1 M x - x / (w^2 + shift),
 # which counts by its square; relative
 CONVERGED = {torch.float64: (1e-11, 1e-5), torch.float32: (1e-5, 1e-2)}
+SPREAD = 4.0  # of rounding, by the ratio of the projection's largest value to one
 FLEXIBLE = 1e3  # times what rounding of K makes of it: a square that is no rigid motion's
 COVERING = 100.0  # times the same, of rigid motions: a shift
 APART = 4.0  # the lowest square that is no rigid motion's over the shift, and that over growth
@@ -39,7 +40,8 @@ def subspace(
                       * (1 + torch.arange(size, dtype=diagonal.dtype, device=diagonal.device))
                       * 0.7 + 0.3)  # fmt: skip
     MV = M.times(start.unflatten(0, (nodes, k)).expand(*batch, nodes, k, size)).flatten(-3, -2)
-    entries = torch.finfo(diagonal.dtype).eps * K.entries.abs()[..., None]
+    eps = torch.finfo(diagonal.dtype).eps
+    entries = eps * K.entries.abs()[..., None]
     change, residual = CONVERGED[diagonal.dtype]
     shift, last = shift.expand(batch), None
     factored = K.plus(shift, M).factored()
@@ -60,9 +62,11 @@ def subspace(
         square = 1 / value - shift[..., None]
         wanted = _shift(square, unknown, shift)
         if last is not None:
-            rounded = unknown * value
-            done = ((value - before).abs() <= value * rounded.clamp(min=change)) & (
-                left <= rounded.clamp(min=residual)
+            # of K, by the motion and those mixed with it; of the projection, by the largest
+            own = unknown * value
+            mixed, spread = (own * own.amax(-1, True)).sqrt(), SPREAD * eps * value[..., :1] / value
+            done = ((value - before).abs() <= value * (own + spread).clamp(min=change)) & (
+                left <= (mixed + spread).clamp(min=residual)
             )
             done = done[..., :count].all(-1) & (wanted == shift)
         if concrete(done).all():
@@ -91,6 +95,7 @@ def _projected(stiff: Tensor, mass: Tensor) -> tuple[Tensor, Tensor]:
     axis = axis.clamp(min=torch.finfo(axis.dtype).eps * axis.shape[-1])
     whiten = turn / axis.sqrt()[..., None, :]
     value, turn = torch.linalg.eigh(whiten.mT @ mass @ whiten)
+    value = value.clamp(min=torch.finfo(axis.dtype).eps * value[..., -1:])  # less is rounding
     return scale[..., :, None] * (whiten @ turn).flip(-1), value.flip(-1)
 
 
