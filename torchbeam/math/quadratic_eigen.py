@@ -65,7 +65,7 @@ def slowest(
     pairs = None
     if D is None and symmetric:
         M, K = torch.broadcast_tensors(M, K)
-        pairs = _symmetric((M + M.mT) / 2, (K + K.mT) / 2, count, _definite, _whole)
+        pairs = _symmetric((M + M.mT) / 2, (K + K.mT) / 2, count, _definite, lowest)
     return _dense(M, D, K, count, derivatives, lags) if pairs is None else pairs
 
 
@@ -124,21 +124,25 @@ def plus(K: Any, factor: Tensor, M: Any) -> Any:
     return K + factor[..., None, None] * M if isinstance(K, Tensor) else K.plus(factor, M)
 
 
-def _symmetric(
-    M: Any, K: Any, count: int, definite: Callable[[Any], Tensor], solve: Callable
-) -> Pairs | None:
-    """By `solve`, with a shift that makes K + shift M positive definite: nothing may hold a rigid
+def covering(M: Any, K: Any, definite: Callable[[Any], Tensor] = _definite) -> Tensor | None:
+    """(...) a shift that makes K + shift M positive definite, K symmetric: nothing may hold a rigid
     motion, and what rounding leaves of K there would be a pivot. None where no shift does.
     """
     shift = _shift(M, K)
     for _ in range(RAISED):
         covered = definite(plus(K, shift, M))
         if concrete(covered).all():
-            break
+            return shift
         shift = torch.where(covered, shift, RAISE * shift)
-    else:
-        return None
-    found = solve(M, K, shift, count + 1)
+    return None
+
+
+def _symmetric(
+    M: Any, K: Any, count: int, definite: Callable[[Any], Tensor], solve: Callable
+) -> Pairs | None:
+    """By `solve`, with a `covering` shift; None where there is none, or they do not converge."""
+    shift = covering(M, K, definite)
+    found = None if shift is None else solve(M, K, shift, count + 1)
     if found is None:
         return None
     square, vectors, unknown = found
@@ -162,8 +166,8 @@ def _upper(value: Tensor) -> Tensor:
     return torch.where(value.imag < 0, -value, value)
 
 
-def _whole(M: Tensor, K: Tensor, shift: Tensor, count: int) -> tuple[Tensor, Tensor, Tensor]:
-    """As `subspace`, dense."""
+def lowest(M: Tensor, K: Tensor, shift: Tensor, count: int) -> tuple[Tensor, Tensor, Tensor]:
+    """As `subspace`, dense; differentiable where they are distinct."""
     root = torch.linalg.cholesky(plus(K, shift, M))
     flexible = torch.linalg.solve_triangular(
         root, torch.linalg.solve_triangular(root, M, upper=False).mT, upper=False
