@@ -213,9 +213,7 @@ def _modes(
     return Modes(value, moves(model, shape, None if basis is None else basis[..., None, :, :]))
 
 
-def _warn_of_rounding(
-    model: Model, pairs: Pairs, time: Tensor, given: dict[str, Tensor]
-) -> None:
+def _warn_of_rounding(model: Model, pairs: Pairs, time: Tensor, given: dict[str, Tensor]) -> None:
     """Where rounding of the stiffness may move an eigenvalue by more than `DOUBT` of it, or leaves
     nothing of it: it is zero, and no rigid motion's.
     """

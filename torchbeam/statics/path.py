@@ -4,6 +4,7 @@ bifurcations.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -250,8 +251,10 @@ def path(
             still = loaded(time.new_zeros(()))
             check_balance(linearised(still, start) if model.internal_states else still, start)
         steps = check_count("steps", steps)
-        active = [~no for no in (loose, failed) if no is not None]
-        record, *ends = walk(start, steps, torch.stack(torch.broadcast_tensors(*active)).all(0) if active else None)
+        out = [x for x in (loose, failed) if x is not None]
+        record, *ends = walk(
+            start, steps, ~functools.reduce(torch.logical_or, out) if out else None
+        )
         lost = ~record[0][0].sound if loose is None else loose | ~record[0][0].sound
         if concrete(lost).any():
             motions = unheld(model, time, given)[1] or "a rigid motion"

@@ -1,4 +1,4 @@
-"""Slow modes beside stiffnesses that are very far apart: slender beams, stiff springs and pieces."""
+"""Slow modes beside stiffnesses that are far apart: slender beams, stiff springs and pieces."""
 
 import math
 import random
@@ -170,7 +170,7 @@ def test_units(inertia, N):
         line = tb.linearize(tb.Scene(beam, [push]), inputs={"P": 0 * inputs["P"]})
         poles = torch.linalg.eigvals(line.reduced(3).A).imag * s
         lost = [
-            tb.critical_load(tb.Scene(beam, [push, *more]), 4.0, points=9, inputs=inputs).factor
+            tb.critical_load(tb.Scene(beam, [push, *more]), 4.0, points=5, inputs=inputs).factor
             for more in ((), (tb.TipLoad(force=(0.2 * force, 0, 0), follower=True),))
         ]
         return (
@@ -184,7 +184,7 @@ def test_units(inertia, N):
 
     wanted = answers(1.0, 1.0, 1.0)
     assert wanted[0][0] > 7 and torch.isfinite(wanted[-1]).all()
-    for units in UNITS.values():
+    for units in list(UNITS.values())[:: 1 if N == 4 else 3]:
         for found, want in zip(answers(*units), wanted, strict=True):
             assert_close(found, want, rtol=1e-6, atol=1e-9)
 
