@@ -218,10 +218,12 @@ def _warn_of_rounding(model: Model, pairs: Pairs, time: Tensor, given: dict[str,
     nothing of it: it is zero, and no rigid motion's.
     """
     value, doubt = concrete(pairs.eigenvalue), concrete(pairs.doubt)
-    lost = (value == 0).sum(-1)
-    if lost.any() and int(lost.amax()) <= unheld(model, time, given)[0]:
+    none = (value == 0) | (doubt >= 1)
+    lost = none.sum(-1)
+    # of a damped rigid motion there may be two
+    if lost.any() and int(lost.amax()) <= 2 * unheld(model, time, given)[0]:
         lost = torch.zeros_like(lost)
-    vague = (value != 0) & (doubt > DOUBT)
+    vague = ~none & (doubt > DOUBT)
     if lost.any() or vague.any():
         share = "all" if lost.any() else f"{doubt[vague].amax().item():.0%}"
         warn(
