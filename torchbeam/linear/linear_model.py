@@ -14,6 +14,7 @@ from ..core.arguments import count as check_count
 from ..core.summary import counted, kind, lines
 from ..core.validation import as_tensor, axis_last, finite
 from ..math.dense import inverse_unchecked, solve_unchecked
+from ..math.quadratic_eigen import covering, lowest
 from ..nodal.coordinates.spatial import Spatial
 from ..state.state import State
 from ..state.state_check import of_mesh
@@ -217,13 +218,14 @@ class Linear:
             for X in (K, D, self.mass)
         ):
             return None
-        root = torch.linalg.cholesky(self.mass)
-        balanced = torch.linalg.solve_triangular(
-            root, torch.linalg.solve_triangular(root, (K + K.mT) / 2, upper=False).mT, upper=False
-        )
-        shapes = torch.linalg.eigh((balanced + balanced.mT) / 2)[1][..., :count]
-        right, left = torch.linalg.solve_triangular(root.mT, shapes, upper=True), (root @ shapes).mT
-        return _twice(right), _twice(left)
+        mass, K = (self.mass + self.mass.mT) / 2, (K + K.mT) / 2
+        shift = covering(mass.detach(), K.detach())
+        if shift is None:
+            return None
+        shapes = lowest(mass, K, shift, count)[1]
+        root = torch.linalg.cholesky(shapes.mT @ mass @ shapes)
+        right = torch.linalg.solve_triangular(root, shapes.mT, upper=False).mT
+        return _twice(right), _twice((mass @ right).mT)
 
     def _by_pairs(self, count: int) -> tuple[Tensor, Tensor]:
         """Basis by the largest eigenvalues of A^-1, one of each pair: right (..., n, 2 count), left

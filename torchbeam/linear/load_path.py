@@ -134,11 +134,12 @@ class LoadPath:
     def spectrum(self, factor: Tensor) -> Spectrum:
         model, state, (M, D, K), _ = self.matrices(factor)
         self.damped, lags = D is not None, model.internal_states > 0
-        value = slow_values(M, D, K, self.count)
+        value, vectors = slow_values(M, D, K, self.count)
         slow = slow_first(value, self.count, lags)
         if lags:  # and the slowest that decay, which are the next to diverge
             slow = torch.cat((slow, slow_first(value, self.count, False)), -1)
         value = value.gather(-1, slow)
+        vectors = vectors.gather(-1, slow[..., None, :].expand(*vectors.shape[:-1], -1))
         real, size = value.real, value.abs()
         turning = value.imag > COMPLEX * size
         # s is real, whatever rounding makes of it where K is next to singular
@@ -159,7 +160,7 @@ class LoadPath:
         )
         kind = torch.where(state.status == 0, kind, LOST).expand(factor.shape)
         neutral = (
-            ((size.square() if self.damped else size) <= rounding(M, K)[..., None])
+            ((size.square() if self.damped else size) <= rounding(M, K, vectors))
             .any(-1)
             .expand(factor.shape)
         )

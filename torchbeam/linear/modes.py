@@ -19,18 +19,21 @@ from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
 from ..core.summary import counted, kind, lines, span
 from ..core.validation import concrete, shown
-from ..math.quadratic_eigen import attach, slowest, slowest_of_chain, upright
+from ..core.warning import warn
+from ..math.quadratic_eigen import Pairs, attach, slowest, slowest_of_chain, upright
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.in_double import in_double
 from ..scene.scene import Scene
 from ..state.state import State
 from ..statics.equilibrium import equilibrium
+from ..statics.mechanism import unheld
 from .system_matrices import at_rest, augmented, dense, free_moves, moves, of_chain, of_nodes
 
 # real part over |eigenvalue| from which on a motion grows: where eigenvalues meet, rounding counts
 # by its root
 GROWING = 1e-6
+DOUBT = 0.01  # of an eigenvalue, from which on rounding is told
 NORMS = ("largest", "mass")
 
 
@@ -200,7 +203,8 @@ def _modes(
         )
     if pairs is None:
         with no_derivatives():
-            pairs = slowest(M, D, K, count, symmetric, derivatives, lags is not None)
+            pairs = slowest(M, D, K, count, symmetric, derivatives, model.internal_states)
+    _warn_of_rounding(model, pairs, time, given)
     value, shape = (
         attach(M, D, K, pairs) if derivatives else (pairs.eigenvalue, upright(pairs.right)[0])
     )
@@ -212,3 +216,24 @@ def _modes(
             / sum((x * (x @ M)).sum(-1, keepdim=True) for x in (shape.real, shape.imag)).sqrt()
         )
     return Modes(value, moves(model, shape, None if basis is None else basis[..., None, :, :]))
+
+
+def _warn_of_rounding(model: Model, pairs: Pairs, time: Tensor, given: dict[str, Tensor]) -> None:
+    """Where rounding of the stiffness may move an eigenvalue by more than `DOUBT` of it, or leaves
+    nothing of it: it is zero, and no rigid motion's.
+    """
+    value, doubt = concrete(pairs.eigenvalue), concrete(pairs.doubt)
+    none = (value == 0) | (doubt >= 1)
+    lost = none.sum(-1)
+    # of a damped rigid motion there may be two
+    if lost.any() and int(lost.amax()) <= 2 * unheld(model, time, given)[0]:
+        lost = torch.zeros_like(lost)
+    vague = ~none & (doubt > DOUBT)
+    if lost.any() or vague.any():
+        share = "all" if lost.any() else f"{doubt[vague].amax().item():.0%}"
+        warn(
+            f"stiffnesses that leave rounding to move a slow frequency by up to {share} of it were "
+            "given (a very slender beam, or one stiffness very far above another); fewer elements, "
+            "or math.inf for what hardly yields, is wanted",
+            UserWarning,
+        )

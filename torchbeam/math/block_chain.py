@@ -23,9 +23,9 @@ class BlockChain(NamedTuple):
     lower: Tensor
 
     @property
-    def largest(self) -> Tensor:
-        """(...) on the diagonal, of whatever sign."""
-        return self.diagonal.diagonal(dim1=-2, dim2=-1).abs().amax((-1, -2))
+    def entries(self) -> Tensor:
+        """(..., size) on the diagonal."""
+        return self.diagonal.diagonal(dim1=-2, dim2=-1).flatten(-2)
 
     @property
     def mT(self) -> BlockChain:

@@ -21,9 +21,9 @@ STUCK = 0.7  # a small one that is not less than this much of the one before is 
 
 def nearest(
     product: Callable[[Tensor], Tensor], start: Tensor, wanted: Callable[[Tensor], Tensor]
-) -> Tensor | None:
-    """Eigenvalues (..., m) complex, among them those next to zero; None where these do not
-    converge.
+) -> tuple[Tensor, Tensor] | None:
+    """Eigenvalues (..., m) and vectors (..., n, m), complex, among them those next to zero; None
+    where these do not converge.
 
     product  A by vectors (..., n, p)
     start    (..., n, p): the subspace begins with what A makes of it
@@ -44,14 +44,14 @@ def nearest(
         values, vectors = torch.linalg.eig(-basis.mT @ image)
         mu = 1 / values
         chosen = wanted(mu)
-        vectors = vectors.gather(-1, chosen[..., None, :].expand(*vectors.shape[:-1], -1))
-        residual = _times(image, vectors) + (
-            values.gather(-1, chosen)[..., None, :] * _times(basis, vectors)
+        near = vectors.gather(-1, chosen[..., None, :].expand(*vectors.shape[:-1], -1))
+        residual = _times(image, near) + (
+            values.gather(-1, chosen)[..., None, :] * _times(basis, near)
         )
         size = residual.norm(dim=-2).amax(-1) / values.abs().amax(-1)
         done = done | (size <= SLACK * eps) | ((size > STUCK * last) & (size <= eps**0.5))
         if concrete(done).all():
-            return mu
+            return mu, _times(basis, vectors)
         # most pairs are real; of one that is not its two directions come in two steps
         last, block = size, residual.real + residual.imag
         block = block / block.norm(dim=-2, keepdim=True).clamp(min=torch.finfo(block.dtype).tiny)

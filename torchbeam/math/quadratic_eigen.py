@@ -29,17 +29,20 @@ EXTRA = 2  # vectors of a block beyond those asked for
 DENSE = 96  # unknowns up to which the dense way is the shorter
 STRAIGHT = 1e-6  # |imaginary part| over |eigenvalue| up to which a motion does not oscillate
 DISTINCT = 1e-7  # of an eigenvalue: nearer ones are the same
+RAISE, RAISED = 100.0, 5  # a shift that does not make a matrix positive definite, and how often
 
 
 class Pairs(NamedTuple):
     """eigenvalue (..., count) complex 1/s; right and left (..., count, n), left None where it is
-    the right one; repeated (..., count) bool.
+    the right one; repeated (..., count) bool; doubt (..., count): what rounding of K may make of
+    the eigenvalue, relative.
     """
 
     eigenvalue: Tensor
     right: Tensor
     left: Tensor | None
     repeated: Tensor
+    doubt: Tensor
 
 
 def slowest(
@@ -49,52 +52,71 @@ def slowest(
     count: int,
     symmetric: bool,
     derivatives: bool,
-    lags: bool = False,
+    lags: int = 0,
 ) -> Pairs:
     """The `count` slowest, one of each conjugate pair, by their imaginary part; constants.
 
     symmetric    whether K is, and nothing turns with it;  derivatives: whether `left` is wanted
-    lags         whether those that decay without oscillating come last, see `slow_first`
+    lags         how many of the last unknowns are internal states of loads: those that decay
+                 without oscillating then come last, see `slow_first`
     """
     M, K = M.detach(), K.detach()
     D = None if D is None else D.detach()
     pairs = None
     if D is None and symmetric:
         M, K = torch.broadcast_tensors(M, K)
-        pairs = _symmetric(
-            (M + M.mT) / 2,
-            (K + K.mT) / 2,
-            count,
-            lambda K: torch.linalg.cholesky_ex(K).info == 0,
-            _whole,
-        )
+        pairs = _symmetric((M + M.mT) / 2, (K + K.mT) / 2, count, _definite, lowest)
     return _dense(M, D, K, count, derivatives, lags) if pairs is None else pairs
 
 
 def slowest_of_chain(M: BlockChain, K: BlockChain, count: int) -> Pairs | None:
-    """The same of long matrices, undamped; None where it is unstable beyond what a shift covers."""
-    return _symmetric(M, K, count, lambda K: K.positive_definite(), subspace)
+    """The same of long matrices, undamped; None where the slowest do not converge, or a sample is
+    unstable beyond what a shift covers.
+    """
+    return _symmetric(M, K, count, BlockChain.positive_definite, subspace)
 
 
-def _size(A: Tensor | BlockChain) -> Tensor:
-    """(...) the largest on the diagonal, of whatever sign."""
-    return A.diagonal(dim1=-2, dim2=-1).abs().amax(-1) if isinstance(A, Tensor) else A.largest
+def _definite(K: Tensor) -> Tensor:
+    """(...) bool"""
+    return torch.linalg.cholesky_ex(K).info == 0
+
+
+def _diagonal(A: Tensor | BlockChain) -> Tensor:
+    """(..., n)"""
+    return A.diagonal(dim1=-2, dim2=-1) if isinstance(A, Tensor) else A.entries
 
 
 def _shift(M: Any, K: Any) -> Tensor:
-    """(...) of the square of an eigenvalue, so small that the slowest are near to it, so large that
-    rounding of the stiffness is small beside it: between the two by their ratio.
+    """(...) of the square of an eigenvalue: the usual ratio of stiffness to mass on the diagonal,
+    in any units, by the root of rounding; where there is no stiffness at all any number does.
     """
-    return rounding(M, K) * torch.finfo(_size(K).dtype).eps ** -0.5
+    mass, stiffness = torch.broadcast_tensors(_diagonal(M), _diagonal(K).abs())
+    both = (mass > 0) & (stiffness > 0)
+    usual = torch.where(both, stiffness / torch.where(both, mass, 1.0), torch.nan)
+    usual = usual.nanmedian(-1).values
+    return torch.finfo(usual.dtype).eps ** 0.5 * torch.where(usual > 0, usual, 1.0)
 
 
-def rounding(M: Any, K: Any) -> Tensor:
-    """(...) what rounding of the stiffness makes of the square of an eigenvalue; where there is no
-    stiffness at all any number does.
+def rounding(M: Any, K: Any, x: Tensor) -> Tensor:
+    """(..., count) what rounding of K makes of the squares of eigenvalues with the vectors x
+    (..., n, count), in any units: eps sum_i |K_ii| |x_i|^2 / |x^H M x|.
     """
-    size = _size(K)
-    square = torch.where(size > 0, size / _size(M), 1.0)
-    return torch.finfo(size.dtype).eps * square
+    return _rounded(K, x) / (x.conj() * _product(M, x)).sum(-2).abs()
+
+
+def _rounded(K: Any, x: Tensor) -> Tensor:
+    """(..., count) of x^H K x."""
+    size = _diagonal(K).abs()[..., None] * x.abs().square()
+    return torch.finfo(size.dtype).eps * size.sum(-2)
+
+
+def _product(A: Any, x: Tensor) -> Tensor:
+    """A x for x (..., n, count), real or complex, A real."""
+    if x.is_complex():
+        return torch.complex(_product(A, x.real), _product(A, x.imag))
+    if isinstance(A, Tensor):
+        return A @ x
+    return A.times(x.unflatten(-2, A.diagonal.shape[-3:-1])).flatten(-3, -2)
 
 
 def plus(K: Any, factor: Tensor, M: Any) -> Any:
@@ -102,25 +124,40 @@ def plus(K: Any, factor: Tensor, M: Any) -> Any:
     return K + factor[..., None, None] * M if isinstance(K, Tensor) else K.plus(factor, M)
 
 
+def covering(M: Any, K: Any, definite: Callable[[Any], Tensor] = _definite) -> Tensor | None:
+    """(...) a shift that makes K + shift M positive definite, K symmetric: nothing may hold a rigid
+    motion, and what rounding leaves of K there would be a pivot. None where no shift does.
+    """
+    shift = _shift(M, K)
+    for _ in range(RAISED):
+        covered = definite(plus(K, shift, M))
+        if concrete(covered).all():
+            return shift
+        shift = torch.where(covered, shift, RAISE * shift)
+    return None
+
+
 def _symmetric(
     M: Any, K: Any, count: int, definite: Callable[[Any], Tensor], solve: Callable
 ) -> Pairs | None:
-    """By `solve`, of K + shift M: nothing may hold a rigid motion, and what rounding leaves of K
-    there would be a pivot. None where that is not positive definite.
-    """
-    shift = _shift(M, K)
-    raised = plus(K, shift, M)
-    if not concrete(definite(raised)).all():
+    """By `solve`, with a `covering` shift; None where there is none, or they do not converge."""
+    shift = covering(M, K, definite)
+    found = None if shift is None else solve(M, K, shift, count + 1)
+    if found is None:
         return None
-    value, vectors = solve(M, raised, count + 1)
-    square = 1 / value - shift[..., None]
-    near = (value[..., :-1] - value[..., 1:]).abs() <= DISTINCT * value[..., :-1].abs()
+    square, vectors, unknown = found
+    square = torch.where(square.abs() < unknown, 0.0, square)
+    gap = (square[..., 1:] - square[..., :-1]).abs()
+    near = gap <= DISTINCT * square[..., :-1].abs()
     near = torch.nn.functional.pad(near, (1, 0)) | torch.nn.functional.pad(near, (0, 1))
-    square = torch.where(square.abs() < rounding(M, K)[..., None], 0.0, square)[..., :count]
+    square, vectors = square[..., :count], vectors.mT[..., :count, :]
     eigenvalue = _upper(torch.complex(-square, torch.zeros_like(square)).sqrt())
-    vectors = vectors.mT[..., :count, :]
     return Pairs(
-        eigenvalue, torch.complex(vectors, torch.zeros_like(vectors)), None, near[..., :count]
+        eigenvalue,
+        torch.complex(vectors, torch.zeros_like(vectors)),
+        None,
+        near[..., :count],
+        unknown[..., :count] / (2 * square.abs()),
     )
 
 
@@ -129,16 +166,16 @@ def _upper(value: Tensor) -> Tensor:
     return torch.where(value.imag < 0, -value, value)
 
 
-def _whole(M: Tensor, K: Tensor, count: int) -> tuple[Tensor, Tensor]:
-    """As `subspace`, dense."""
-    root = torch.linalg.cholesky(K)
+def lowest(M: Tensor, K: Tensor, shift: Tensor, count: int) -> tuple[Tensor, Tensor, Tensor]:
+    """As `subspace`, dense; differentiable where they are distinct."""
+    root = torch.linalg.cholesky(plus(K, shift, M))
     flexible = torch.linalg.solve_triangular(
         root, torch.linalg.solve_triangular(root, M, upper=False).mT, upper=False
     )
     value, vectors = torch.linalg.eigh((flexible + flexible.mT) / 2)
-    return value.flip(-1)[..., :count], torch.linalg.solve_triangular(
-        root.mT, vectors.flip(-1)[..., :count], upper=True
-    )
+    vectors = torch.linalg.solve_triangular(root.mT, vectors.flip(-1)[..., :count], upper=True)
+    square = 1 / value.flip(-1)[..., :count] - shift[..., None]
+    return square, vectors, rounding(M, K, vectors)
 
 
 def spectrum(M: Tensor, D: Tensor | None, K: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -162,29 +199,30 @@ def spectrum(M: Tensor, D: Tensor | None, K: Tensor) -> tuple[Tensor, Tensor, Te
     return 1 / eigenvalues + shift[..., None], vectors, K
 
 
-def slow_values(M: Any, D: Tensor | None, K: Any, count: int) -> Tensor:
+def slow_values(M: Any, D: Tensor | None, K: Any, count: int) -> tuple[Tensor, Tensor]:
     """Eigenvalues (..., m), or their squares where there is no damping, among them the `count`
-    slowest: all of dense matrices; of chains, which have no damping, those of a subspace, O(n), or
-    all where they do not converge there.
+    slowest, and their vectors (..., n, m): all of dense matrices; of chains, which have no damping,
+    those of a subspace, O(n), or all where they do not converge there.
     """
     if isinstance(K, Tensor):
-        return spectrum(M, D, K)[0]
-    value = _slow_of_chain(M, K, count)
-    return spectrum(M.dense(), D, K.dense())[0] if value is None else value
+        value, vectors, _ = spectrum(M, D, K)
+        return value, vectors[..., : K.shape[-1], :]
+    found = _slow_of_chain(M, K, count)
+    return spectrum(M.dense(), D, K.dense())[:2] if found is None else found
 
 
-def _slow_of_chain(M: BlockChain, K: BlockChain, count: int) -> Tensor | None:
+def _slow_of_chain(M: BlockChain, K: BlockChain, count: int) -> tuple[Tensor, Tensor] | None:
     """Those of the matrix that `spectrum` inverts for."""
     shift, nodes, like = _shift(M, K), K.diagonal.shape[-3:-1], K.diagonal
     factors = K.plus(shift, M).factored()
     at = torch.arange(K.size, dtype=like.dtype, device=like.device)[:, None]
     start = torch.cos(at * (1 + at[: count + EXTRA, 0]) * 0.7 + 0.3)
-    mu = nearest(
+    found = nearest(
         lambda x: factors.solve(M.times(x.unflatten(-2, nodes))).flatten(-3, -2),
         start,
         lambda mu: slow_first(mu + shift[..., None], count, False),
     )
-    return None if mu is None else mu + shift[..., None]
+    return None if found is None else (found[0] + shift[..., None], found[1])
 
 
 def _inverted(K: Tensor, right: Tensor) -> Tensor:
@@ -217,18 +255,25 @@ def slow_first(value: Tensor, count: int, lags: bool) -> Tensor:
 
 
 def _dense(
-    M: Tensor, D: Tensor | None, K: Tensor, count: int, derivatives: bool, lags: bool
+    M: Tensor, D: Tensor | None, K: Tensor, count: int, derivatives: bool, lags: int
 ) -> Pairs:
     n = K.shape[-1]
     eigenvalues, vectors, inverted = spectrum(M, D, K)
-    unknown = rounding(M, K)[..., None]  # growth that it may have made is none
+    # of the moves alone
+    m, d, k = (None if A is None else A[..., : n - lags, : n - lags] for A in (M, D, K))
+    moves = vectors[..., : n - lags, :]
+    rounded, by_M = _rounded(k, moves), (moves.conj() * _product(m, moves)).sum(-2)
     if D is None:
-        value = _upper(torch.where(eigenvalues.abs() < unknown, 0.0, eigenvalues).sqrt())
-    else:
-        value = torch.where(
-            (eigenvalues.real > 0) & (eigenvalues.abs().square() < unknown), 0.0, eigenvalues
-        )
-    slow = slow_first(value, count, lags)
+        unknown = (by_M * eigenvalues).abs() < rounded
+        value = _upper(torch.where(unknown, 0.0, eigenvalues).sqrt())
+        slope = 2 * by_M * value
+    else:  # growth that rounding may have made is none
+        by_D = (moves.conj() * _product(d, moves)).sum(-2)
+        resisted = (by_M * eigenvalues + by_D) * eigenvalues
+        unknown = (eigenvalues.real > 0) & (resisted.abs() < rounded)
+        value = torch.where(unknown, 0.0, eigenvalues)
+        slope = 2 * by_M * value + by_D
+    slow = slow_first(value, count, lags > 0)
     slow = slow.gather(-1, value.imag.gather(-1, slow).argsort(dim=-1, stable=True))
     rows, left = slow[..., None].expand(*slow.shape, vectors.shape[-1]), None
     if derivatives:
@@ -239,7 +284,13 @@ def _dense(
         (chosen[..., :, None] - eigenvalues[..., None, :]).abs()
         <= DISTINCT * chosen.abs()[..., :, None]
     ).sum(-1) > 1
-    return Pairs(value.gather(-1, slow), vectors.mT.gather(-2, rows)[..., :n], left, near)
+    return Pairs(
+        value.gather(-1, slow),
+        vectors.mT.gather(-2, rows)[..., :n],
+        left,
+        near,
+        (rounded / (value * slope).abs()).gather(-1, slow),
+    )
 
 
 def attach(M: Tensor, D: Tensor | None, K: Tensor, pairs: Pairs) -> tuple[Tensor, Tensor]:
@@ -248,7 +299,7 @@ def attach(M: Tensor, D: Tensor | None, K: Tensor, pairs: Pairs) -> tuple[Tensor
 
     Vectors have 1 as their largest entry.
     """
-    value, v, w, repeated = pairs
+    value, v, w, repeated = pairs[:4]
     v, largest = upright(v)
     w = v if w is None else w
     by = value[..., None]

@@ -1,4 +1,4 @@
-"""Subspace iteration: the largest eigenvalues of K^-1 M, both symmetric, K positive definite."""
+"""Subspace iteration: the lowest eigenvalues of K x = w^2 M x, both symmetric."""
 
 from __future__ import annotations
 
@@ -10,48 +10,103 @@ from .concrete import concrete
 from .shapes import broadcast_shapes
 
 EXTRA = 8  # vectors beyond those asked for
-SWEEPS, LATE = 40, 8
-# change of an eigenvalue in a sweep, relative
-CONVERGED = {torch.float64: 1e-11, torch.float32: 1e-5}
-STUCK = 0.7  # a change that is not less than this much of the one before, late on, is rounding
+SWEEPS = 80
+# change of w^2 + shift in a sweep, and what is left of (K + shift M)^-1 M x - x / (w^2 + shift),
+# which counts by its square; relative
+CONVERGED = {torch.float64: (1e-11, 1e-5), torch.float32: (1e-5, 1e-2)}
+SPREAD = 4.0  # of rounding, by the ratio of the projection's largest value to one
+FLEXIBLE = 1e3  # times what rounding of K makes of it: a square that is no rigid motion's
+COVERING = 100.0  # times the same, of rigid motions: a shift
+APART = 4.0  # the lowest square that is no rigid motion's over the shift, and that over growth
+NEARLY = 16.0  # a shift that is nearer to the one that is wanted stays
 
 
-def subspace(M: BlockChain, K: BlockChain, count: int) -> tuple[Tensor, Tensor]:
-    """The `count` largest eigenvalues (..., count), falling, and vectors (..., n, count) of K^-1 M.
+def subspace(
+    M: BlockChain, K: BlockChain, shift: Tensor, count: int
+) -> tuple[Tensor, Tensor, Tensor] | None:
+    """The `count` lowest w^2 (..., count), rising, vectors (..., n, count), and what rounding of K
+    makes of w^2, see `quadratic_eigen.rounding`; None where they do not converge.
 
-    Block inverse iteration with the Rayleigh-Ritz projection (Bathe 1971), O(N) a sweep. A sample's
-    result depends on its neighbours by what is left to converge alone: 1e-11.
+    Block inverse iteration of K + shift M, positive definite, with the Rayleigh-Ritz projection
+    (Bathe 1971), O(N) a sweep. The shift (...) follows the lowest Rayleigh quotient that is no
+    rigid motion's: beside a larger one the slowest motions are all alike. A sample's result
+    depends on its neighbours by what is left to converge alone: 1e-11.
     """
     diagonal = K.diagonal
     nodes, k = diagonal.shape[-3], diagonal.shape[-1]
     size = min(2 * count, count + EXTRA)
     batch = broadcast_shapes(diagonal.shape[:-3], M.diagonal.shape[:-3])
-    factored = K.factored()
     start = torch.cos(torch.arange(nodes * k, dtype=diagonal.dtype, device=diagonal.device)[:, None]
                       * (1 + torch.arange(size, dtype=diagonal.dtype, device=diagonal.device))
                       * 0.7 + 0.3)  # fmt: skip
-    load = M.times(start.unflatten(0, (nodes, k)).expand(*batch, nodes, k, size))
-    value = last = None
-    for sweep in range(SWEEPS):
-        X = factored.solve(load)
-        MX = M.times(X)
-        flat, flat_load, flat_mass = (x.flatten(-3, -2) for x in (X, load, MX))
-        stiff, mass = flat.mT @ flat_load, flat.mT @ flat_mass
-        scale = stiff.diagonal(dim1=-2, dim2=-1).rsqrt()
-        stiff, mass = (
-            scale[..., :, None] * (A + A.mT) / 2 * scale[..., None, :] for A in (stiff, mass)
-        )
-        axis, turn = torch.linalg.eigh(stiff)
-        # directions that coincide count for nothing
-        axis = axis.clamp(min=torch.finfo(axis.dtype).eps * size)
-        whiten = turn / axis.sqrt()[..., None, :]
-        new, turn = torch.linalg.eigh(whiten.mT @ mass @ whiten)
-        mix = scale[..., :, None] * (whiten @ turn).flip(-1)
-        new, before = new.flip(-1), value
-        value, load, vectors = new, MX @ mix[..., None, :, :], flat @ mix
-        if before is not None:
-            change = concrete((value - before)[..., :count].abs() / value[..., :count]).amax()
-            if change <= CONVERGED[value.dtype] or (sweep >= LATE and change > STUCK * last):
-                break
-            last = change
-    return value[..., :count], vectors[..., :count]
+    MV = M.times(start.unflatten(0, (nodes, k)).expand(*batch, nodes, k, size)).flatten(-3, -2)
+    eps = torch.finfo(diagonal.dtype).eps
+    entries = eps * K.entries.abs()[..., None]
+    change, residual = CONVERGED[diagonal.dtype]
+    shift, last = shift.expand(batch), None
+    factored = K.plus(shift, M).factored()
+    for _ in range(SWEEPS):
+        X = factored.solve(MV.unflatten(-2, (nodes, k)))
+        MX, X, load = M.times(X).flatten(-3, -2), X.flatten(-3, -2), MV
+        stiff, mass = X.mT @ load, X.mT @ MX
+        if not concrete(stiff.diagonal(dim1=-2, dim2=-1) > 0).all():
+            return None  # not definite but for rounding
+        mix, value = _projected(stiff, mass)
+        done = torch.tensor(False)
+        if last is not None:
+            before, V, KV = last
+            left = (X - V * before[..., None, :]) * (load - KV * before[..., None, :])
+            left = left.sum(-2).abs().sqrt() / before
+        V, KV, MV = X @ mix, load @ mix, MX @ mix
+        unknown = (entries * V.square()).sum(-2) / value
+        square = 1 / value - shift[..., None]
+        wanted = _shift(square, unknown, shift)
+        if last is not None:
+            # of K, by the motion and those mixed with it; of the projection, by the largest
+            own = unknown * value
+            mixed, spread = (own * own.amax(-1, True)).sqrt(), SPREAD * eps * value[..., :1] / value
+            done = ((value - before).abs() <= value * (own + spread).clamp(min=change)) & (
+                left <= (mixed + spread).clamp(min=residual)
+            )
+            done = done[..., :count].all(-1) & (wanted == shift)
+        if concrete(done).all():
+            return square[..., :count], V[..., :count], unknown[..., :count]
+        if concrete(wanted != shift).any():
+            wanted = torch.where(K.plus(wanted, M).positive_definite(), wanted, shift)
+            factored = K.plus(wanted, M).factored()
+            KV = KV + (wanted - shift)[..., None, None] * MV
+            scale = (1 + (wanted - shift)[..., None] * value).rsqrt()
+            V, KV, MV = (x * scale[..., None, :] for x in (V, KV, MV))
+            value, shift = value * scale.square(), wanted
+        last = value, V, KV
+    return None
+
+
+def _projected(stiff: Tensor, mass: Tensor) -> tuple[Tensor, Tensor]:
+    """Vectors v (..., size, size) and values m (..., size), falling, of mass v = m stiff v, with
+    v^T stiff v = 1; of symmetric matrices, up to rounding.
+    """
+    scale = stiff.diagonal(dim1=-2, dim2=-1).rsqrt()
+    stiff, mass = (
+        scale[..., :, None] * (A + A.mT) / 2 * scale[..., None, :] for A in (stiff, mass)
+    )
+    axis, turn = torch.linalg.eigh(stiff)
+    # directions that coincide count for nothing
+    axis = axis.clamp(min=torch.finfo(axis.dtype).eps * axis.shape[-1])
+    whiten = turn / axis.sqrt()[..., None, :]
+    value, turn = torch.linalg.eigh(whiten.mT @ mass @ whiten)
+    value = value.clamp(min=torch.finfo(axis.dtype).eps * value[..., -1:])  # less is rounding
+    return scale[..., :, None] * (whiten @ turn).flip(-1), value.flip(-1)
+
+
+def _shift(square: Tensor, unknown: Tensor, shift: Tensor) -> Tensor:
+    """(...) the shift for squares (..., size) that rounding knows to within `unknown`, or the one
+    that is there, where it is near to that, or too small where nothing is rigid.
+    """
+    flexible = square > FLEXIBLE * unknown
+    lowest = torch.where(flexible, square, torch.inf).amin(-1) / APART
+    covering = torch.where(flexible, 0.0, COVERING * unknown).amax(-1)
+    wanted = torch.maximum(torch.where(torch.isfinite(lowest), lowest, 0.0), covering)
+    wanted = torch.maximum(wanted, -APART * square.amin(-1))
+    small = (shift < wanted / NEARLY) & ~flexible.all(-1)
+    return torch.where((shift > NEARLY * wanted) | small, wanted, shift)

@@ -4,9 +4,10 @@ bifurcations.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -17,10 +18,12 @@ from ..core.arguments import count as check_count
 from ..core.arguments import function as check_function
 from ..core.arguments import tolerance as check_tolerance
 from ..core.derivatives import no_derivatives
+from ..core.status import SUCCESS
 from ..core.summary import counted, kind, lines, span, statuses
 from ..core.validation import concrete, shown
 from ..core.warning import warn
 from ..engine.chain.coverage import ENGINES
+from ..equations.load_steps import climb
 from ..equations.steady import Configuration
 from ..math.shapes import largest
 from ..nodal.discretise import discretise
@@ -56,7 +59,7 @@ class Path:
             loads that are not conservative the determinant) changed sign without the factor turning
             back, LIMIT_POINT = 1 where it turned back, REGULAR = 0. The event is anywhere on that
             way: its factor is that of `critical_load`, or of `path` with a smaller `step`
-        valid: bool: False where the last one is repeated
+        valid: bool: False where the last one is repeated, or loads that stay have no equilibrium
         reached: (...) bool: whether the end asked for was reached
 
     Examples:
@@ -166,7 +169,8 @@ def path(
         branch: where a pivot changes sign and the factor does not turn back, go on along the branch
             that leaves there: by a `step` in the critical shape, to the side to which the beam had
             been going, however little
-        initial: an equilibrium at factor 0; None = the undeformed beam
+        initial: an equilibrium at factor 0; None = the one under the loads that stay, come to from
+            the undeformed beam
         inputs: by name, (..., size)
         engine: "auto", "eager" or "compiled": what finds the balance at each point. "auto" takes
             native code for all but tendons, loads between nodes, supports that turn with the
@@ -254,7 +258,10 @@ def _path(
         start = Configuration(start.position, start.rotation, start.stress)
         loaded = LoadedProblem(model, time, given, load)
         loose = held_by_loads_alone(loaded(time + 1), loaded(time * 0), start)
-        loaded = loaded.braced(start).by(engine)
+        loaded, failed = loaded.braced(start).by(engine), None
+        if initial is None and load is not None:
+            start, _, status = climb(loaded(time * 0), start, tolerance)
+            failed = status != SUCCESS
 
     def read(x: Configuration) -> Tensor:
         zero = torch.zeros_like(x.stress[..., 0, 0])
@@ -268,7 +275,10 @@ def _path(
         if initial is not None:
             still = loaded(time.new_zeros(()))
             check_balance(linearised(still, start) if model.internal_states else still, start)
-        record, *ends = walk(start, steps, None if loose is None else ~loose)
+        out = [x for x in (loose, failed) if x is not None]
+        record, *ends = walk(
+            start, steps, ~functools.reduce(torch.logical_or, out) if out else None
+        )
         lost = ~record[0][0].sound if loose is None else loose | ~record[0][0].sound
         if concrete(lost).any():
             motions = unheld(model, time, given)[1] or "a rigid motion"
@@ -277,7 +287,14 @@ def _path(
                 "loads that stay (load= names the others) with their equilibrium as initial, are "
                 "wanted"
             )
-        return Path.of(loaded, record, *ends)
+        path = Path.of(loaded, record, *ends)
+        if failed is None or not concrete(failed).any():
+            return path
+        warn(
+            "the path has no beginning, for load steps do not come to an equilibrium of the loads "
+            "that stay; one as initial is wanted"
+        )
+        return replace(path, valid=path.valid & ~failed)
 
 
 def stable_branch(

@@ -12,7 +12,10 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from ..math.block_chain import BlockChain
 from ..math.shapes import broadcast_shapes
+from .chain_matrix import ChainMatrix
+from .chain_unknowns import ChainUnknowns
 from .cut import added, places
 from .framework_system import FrameworkSystem
 from .framework_unknowns import FrameworkUnknowns
@@ -170,8 +173,16 @@ class FrameworkMatrix:
     def rows(self, nodes: tuple[int, ...]) -> FrameworkRows:
         return FrameworkRows(self, nodes)
 
-    def grouped(self, unknowns: FrameworkUnknowns, held: float) -> None:
-        return None
+    def grouped(self, unknowns: FrameworkUnknowns, held: float) -> BlockChain | None:
+        """As that of a chain where it is one: a line of elements of order 1, in order, in which
+        nothing is joined or tied.
+        """
+        count, ends = self.framework.node_count, self.framework.elements
+        line = tuple(tuple(range(k, count - 1 + k)) for k in (0, 1))
+        if tuple(map(tuple, ends)) != line or self.joints is not None or self.tied is not None:
+            return None
+        chain = ChainUnknowns(1, count, 0, count, unknowns.moving, unknowns.free)
+        return ChainMatrix(1, self.diagonal, self.couplings).grouped(chain, held)
 
     def restricted(self, unknowns: FrameworkUnknowns) -> FrameworkSystem:
         D, couplings, joints, tied = self.diagonal, self.couplings, self.joints, self.tied

@@ -16,5 +16,10 @@ class FrameworkUnknowns:
     moving: Tensor
     free: Tensor | None
 
+    @property
+    def grouped(self) -> Tensor:
+        """Which of the numbers of a vector of `FrameworkMatrix.grouped` are free moves, a mask."""
+        return self.moving.flatten()
+
     def select(self, x: Tensor) -> Tensor:
         return x if self.free is None else x * self.free

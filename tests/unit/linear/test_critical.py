@@ -260,8 +260,8 @@ def test_the_slowest_of_a_long_chain(order, follower):
     M, D, K, _ = of_nodes(model, state, torch.tensor(0.0), {})
     mass, stiffness = of_chain(model, M, K, 6)
     few, every = (
-        slow_values(mass, None, stiffness, 6),
-        slow_values(*in_basis(model, M, D, K)[0], 6),
+        slow_values(mass, None, stiffness, 6)[0],
+        slow_values(*in_basis(model, M, D, K)[0], 6)[0],
     )
     assert few.shape[-1] < every.shape[-1]
     few, want = (x.gather(-1, slow_first(x, 6, False)) for x in (few, every))
@@ -329,3 +329,25 @@ def test_a_bracket_ends_at_rounding():
         ).factor
 
     assert_close(of(1e-300), of(1e-6), rtol=1e-9, atol=0)
+
+
+def test_parts_that_do_not_touch_leave_the_chain(monkeypatch):
+    """A long column with self contact that is never touched: no dense matrix, and the factor of the
+    column without it, to 1e-8.
+    """
+
+    def refused(*given):
+        raise AssertionError("a dense spectrum was asked for")
+
+    monkeypatch.setattr("torchbeam.math.quadratic_eigen.spectrum", refused)
+    section = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=(1.0, 1.3), mass=0.2)
+    column = tb.Beam.straight(1.0, 18, section)
+    alone, beside = (
+        tb.critical_load(
+            lambda P, more=more: tb.Scene(column, [tb.TipLoad(force=along_x(-P)), *more]),
+            4.0,
+            points=3,
+        ).factor
+        for more in ([], [tb.SelfContact(thickness=1e-3, force=1.0, radius=0.01)])
+    )
+    assert_close(beside, alone, rtol=1e-8, atol=0)

@@ -558,3 +558,20 @@ def test_a_load_s_arguments_can_be_stacked(node):
     for shape, u in (((), (2,)), ((2,), ()), ((3, 2), (2,)), ((), ())):
         stepper(tb.rest(scene, shape), u=torch.zeros(*u, 1))
     assert all(len(axes) == 1 for axes in seen)
+
+
+@pytest.mark.parametrize("length", [None, 0.1])
+def test_a_spring_on_an_arm_has_the_tangent_of_its_wrench(length):
+    """As by automatic differentiation, at two sites that are turned."""
+    point = fx.load_point.LoadPoint(
+        position=torch.tensor([[1.0, 0.2, 0.1], [0.4, -0.3, 0.2]]),
+        R=quat.matrix(quat.normalize(torch.tensor([[1.0, 0.2, -0.4, 0.3], [0.9, -0.1, 0, 0.6]]))),
+    )
+    spring = bind(tb.Spring(1, 5.0, (0.1, 0.2, 0.3), length, offset=(0.02, -0.1, 0.3)))
+    own, known = (
+        f(spring, point, torch.tensor(0.0), {})
+        for f in (type(spring).tangent, fx.load_point.LoadEffect.tangent)
+    )
+    assert own.keys() == known.keys()
+    for name, slope in known.items():
+        torch.testing.assert_close(own[name], slope, rtol=0, atol=1e-12)

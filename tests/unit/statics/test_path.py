@@ -367,3 +367,25 @@ def test_what_loads_alone_hold_has_no_path_from_none(n):
     with pytest.warns(RuntimeWarning, match=r"no beginning, for nothing holds the rotation about "):
         way = tb.path(scene)
     assert not way.reached and len(way.factor) == 1 and way.state.status[-1] != 0
+
+
+def test_a_path_beside_loads_that_stay_begins_at_their_equilibrium():
+    """A cantilever that sags by a fifth of its length under its weight: the first point is that
+    equilibrium, the last the one under both. Where load steps do not come to one (a shallow arch
+    pressed beyond its limit), no point of the path is valid, and a sentence says so.
+    """
+    section = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=0.2)
+    push = tb.PointLoad(4, force=tb.Input("P", 3))
+    beam = tb.Beam.straight(1.0, 8, section)
+    scene = tb.Scene(beam, [tb.Gravity((0, 0, -9.81)), push])
+    inputs = {"P": torch.tensor([0.0, 0, 0.5])}
+    way = tb.path(scene, 1.0, load="P", inputs=inputs, step=0.3)
+    none = {"P": torch.zeros(3)}
+    for k, known in ((0, none), (-1, inputs)):
+        state = tb.equilibrium(scene, inputs=known)
+        assert_close(way.state.position[k], state.position, rtol=0, atol=1e-9)
+    assert way.reached and way.valid.all() and way.stable.all()
+    stays = tb.Scene(beam, [tb.TipLoad(force=(0, 0, -1e9)), push])
+    with pytest.warns(RuntimeWarning, match="do not come to an equilibrium of the loads that stay"):
+        way = tb.path(stays, 1.0, load="P", inputs=inputs, step=0.3)
+    assert not way.valid.any() and way.state.status[-1] != 0
