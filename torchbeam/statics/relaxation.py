@@ -33,6 +33,7 @@ from ..solvers.newton import newton
 from ..topology.protocols import Matrix, total
 from .balance_check import softest
 from .mechanism import braced
+from .stability import conservative
 
 FIRST, LEAST, STEPS = 1 / 16, 1e-9, 500  # step: the first, and the smallest; how many
 TURN, CALM = 1.0, 0.2  # rad a node may turn in a step; after which Newton's method is tried
@@ -76,7 +77,6 @@ def relax(
     the energy, not saddles of it.
     """
     model, t, inputs = whole.model, whole.t, whole.inputs
-    downhill = model.conservative
     with torch.no_grad():
         probe = whole.residual(x)[0]
         shape = probe.measure().shape
@@ -101,8 +101,9 @@ def relax(
             outcome = newton(fluid, fluid.apply_supports(x), going, tolerance, LIMIT)
             turned = _turned(model, x, outcome.x)
             good = going & (outcome.status == 0) & (turned < TURN)
-            if downhill:
-                saddle = good & ~_minimum(fluid, outcome.x)
+            downhill = conservative(whole, outcome.x)
+            if concrete(downhill & good).any():
+                saddle = good & downhill & ~_minimum(fluid, outcome.x)
                 x, good = _where(saddle, _disturbed(fluid, x), x), good & ~saddle
             x, reached = _where(good, outcome.x, x), torch.where(good, reached + step, reached)
             step = torch.where(good, (EASY / turned).clamp(*GROWTH) * step, step / 4)
@@ -113,9 +114,11 @@ def relax(
                     still, still.apply_supports(x), calm, tolerance, LIMIT, foresee=~calm
                 )
                 at_rest = calm & (outcome.status == 0) & (_turned(model, x, outcome.x) < CALM)
-                if downhill:
+                downhill = conservative(whole, outcome.x)
+                if concrete(downhill & at_rest).any():
                     held = replace(fluid, load_factor=whole.load_factor, drag=NEUTRAL * viscosity)
-                    at_rest = at_rest & _minimum(replace(held, model=model), outcome.x)
+                    held = replace(held, model=model)
+                    at_rest = at_rest & (~downhill | _minimum(held, outcome.x))
                 x = _where(at_rest, outcome.x, x)
                 reaction = torch.where(at_rest[..., None, None], outcome.reaction, reaction)
                 going = going & ~at_rest
