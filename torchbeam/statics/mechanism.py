@@ -74,8 +74,9 @@ def stressed(problem: SteadyProblem, x: Configuration) -> tuple[Configuration, T
         moves = as_unknowns(problem, moves_of(nodes, bases))
         force = torch.einsum("...anw,...nw->...a", moves, problem.residual(x)[0].nodes)
         stiffness, size = stiffness_of(problem, x, moves)
-        nothing = NONE * size[..., 0, 0].double()  # resists what only rounding does
-        by = torch.linalg.pinv((free @ stiffness @ free).double(), atol=nothing, rtol=NONE)
+        size = size[..., 0, 0].double()  # beside it, what rounding alone resists is held by nothing
+        own = (free @ stiffness @ free).double()
+        by = torch.linalg.pinv(own, atol=NONE * size, rtol=torch.full_like(size, NONE))
         swing = (by @ (free @ force[..., None]).double())[..., 0].abs().amax(-1)
         return x, adrift & (swing > SWING)
 
