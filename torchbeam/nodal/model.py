@@ -87,6 +87,18 @@ class Model(Rows):
         return load.conservative and not (moved and self.depends_on(load) & {VELOCITY, SPIN})
 
     @property
+    def extent(self) -> Tensor:
+        """(...) m, a constant."""
+        if self.station_count:
+            return self.length.detach().sum((-1, -2))
+        return self.scene.beam.extent.detach()
+
+    @property
+    def floats(self) -> bool:
+        """Whether nothing holds it: no support, and no elastic clamp."""
+        return not (self.constraints.nodes or any(load.frees_root for load in self.scene.loads))
+
+    @property
     def bodies_touch(self) -> bool:
         """Whether bodies, single nodes, touch obstacles."""
         loads = self.scene.loads

@@ -27,7 +27,7 @@ from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..solvers.newton import newton
 from .arc_length import ArcLengthProblem, EagerPoint, LoadedProblem, PathPoint, where
-from .stability import NEUTRAL, conservative, eigenvalues, extent, sign, unit
+from .stability import NEUTRAL, conservative, eigenvalues, sign, unit
 
 REGULAR, LIMIT_POINT, BRANCH_POINT = range(3)
 TURN = 1.0  # rad that a node may turn in one step
@@ -288,7 +288,7 @@ class Continuation:
 
 def move_weights(model: Model) -> Tensor:
     """(..., 1, w) of the squares of a node's displacement and turn in the square of a step."""
-    L = extent(model)[..., None, None]
+    L = model.extent[..., None, None]
     wide, turn = (
         L.expand(*L.shape[:-1], size) for size in (model.space.dims.position, model.space.dims.spin)
     )

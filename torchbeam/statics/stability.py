@@ -20,17 +20,10 @@ ROUNDING = 0.5  # power of the dtype's rounding
 
 def unit(model: Model) -> Tensor:
     """(..., w) of a node's moves: 1 m, and the turn that moves the beam's far end by 1 m."""
-    L, dims = extent(model)[..., None], model.space.dims
+    L, dims = model.extent[..., None], model.space.dims
     moves = torch.ones_like(L), 1 / L
     sizes = dims.position, dims.spin
     return torch.cat([v.expand(*v.shape[:-1], n) for v, n in zip(moves, sizes, strict=True)], -1)
-
-
-def extent(model: Model) -> Tensor:
-    """(...) m"""
-    if model.station_count:
-        return model.length.detach().sum((-1, -2))
-    return model.scene.beam.extent.detach()
 
 
 def eigenvalues(pivots: Tensor) -> Tensor:
