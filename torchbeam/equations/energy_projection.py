@@ -56,18 +56,14 @@ def rigid_motion(model: Model, state: State) -> tuple[Tensor, Tensor]:
     def momenta(velocity: Tensor, spin: Tensor) -> Tensor:
         """(..., 6) along the six motions."""
         centre = inertia.centre_velocity(rotation, velocity, spin)
-        linear, angular = (
-            inertia.translational.momentum(centre),
-            inertia.rotary.section_momentum(spin),
-        )
-        return torch.stack(
-            [
-                (inertia.centre_velocity(rotation, *motion) * linear).sum((-1, -2))
-                + inertia.rotary.present_or(0.0, lambda: (motion[1] * angular).sum((-1, -2)))
-                for motion in motions
-            ],
-            -1,
-        )
+        linear = inertia.translational.momentum(centre)
+        angular = inertia.rotary.section_momentum(spin)
+        along = [
+            (centre * linear).sum((-1, -2))
+            + inertia.rotary.present_or(0.0, lambda turn=turn: (turn * angular).sum((-1, -2)))
+            for centre, turn in ((inertia.centre_velocity(rotation, *m), m[1]) for m in motions)
+        ]
+        return torch.stack(along, -1)
 
     mass = torch.stack([momenta(*motion) for motion in motions], -1)
     none = EPS * torch.finfo(mass.dtype).eps

@@ -73,6 +73,11 @@ class SteadyProblem(BalanceProblem):
             conditions(self.model, self.t, self.inputs), orientation=self.model.orientation(self.t)
         )
 
+    @property
+    def support_factor(self) -> Tensor:
+        """(...) how much of their motion supports have made."""
+        return self.load_factor
+
     @cached
     def C(self) -> Tensor:
         return self.model.tangent_stiffness()
@@ -264,7 +269,7 @@ class SteadyProblem(BalanceProblem):
             self.model.scene.supports, self.model.constraints.fixed, strict=True
         ):
             at = support.node
-            pose = self.model.prescribed_motion.pose(support, self.t, self.load_factor[..., None])
+            pose = self.model.prescribed_motion.pose(support, self.t, self.support_factor[..., None])
             r, q = placed(
                 space.of_nodes(at), fixed, pose, position[..., at, :], rotation[..., at, :]
             )

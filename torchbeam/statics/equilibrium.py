@@ -136,7 +136,10 @@ def equilibrium(
         native = compiled.climb if engine == "compiled" else compiled.automatic_climb
         states = native(model, time, given, start, tolerance, judged=judged or branch == "stable")
     if states is None:
-        x, reaction, status = (relaxation.relax if relax else climb)(problem, start, tolerance)
+        if relax:
+            x, reaction, status = relaxation.relax(problem, start, tolerance, initial is not None)
+        else:
+            x, reaction, status = climb(problem, start, tolerance)
         if relax and model.conservative:  # which ends in minima
             doubtful = torch.zeros_like(status, dtype=torch.bool)
     else:
