@@ -265,11 +265,12 @@ class SteadyProblem(BalanceProblem):
 
     def apply_supports(self, x: Configuration) -> Configuration:
         position, rotation, space = x.position, x.rotation, self.model.space
+        share = self.support_factor[..., None]
         for support, fixed in zip(
             self.model.scene.supports, self.model.constraints.fixed, strict=True
         ):
             at = support.node
-            pose = self.model.prescribed_motion.pose(support, self.t, self.support_factor[..., None])
+            pose = self.model.prescribed_motion.pose(support, self.t, share)
             r, q = placed(
                 space.of_nodes(at), fixed, pose, position[..., at, :], rotation[..., at, :]
             )

@@ -11,10 +11,10 @@ supports that lead it elsewhere do, until tau = 2: the beam hangs by then, and d
 between them. Once a step turns no node by much, Newton's method
 without the fluid takes over.
 
-Impossible stretch and shear are possible at first, and less and less so until all is there: a straight
-beam without stretch whose ends come nearer to each other has no shape nearby to begin with. What is
-in balance and no minimum, as an arch that would fall out of its plane under loads within it, is
-left by a trace of another shape.
+Impossible stretch and shear are possible at first, and less and less so until all is there: a
+straight beam without stretch whose ends come nearer to each other has no shape nearby to begin
+with. What is in balance and no minimum, as an arch that would fall out of its plane under loads
+within it, is left by a trace of another shape.
 """
 
 from __future__ import annotations

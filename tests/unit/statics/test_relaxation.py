@@ -136,8 +136,8 @@ def test_a_clamped_cable_hangs_alike_on_every_mesh(EI, near, lowest, meshes):
 
 def test_starts_from_the_shape_that_is_given():
     """The end of a cable moved a little, and the shape that it had as `initial`, with its supports
-    elsewhere than the beam was drawn: relaxation goes on from there, and leads where Newton's method
-    from it does. It went back to the drawn beam, and found no end.
+    elsewhere than the beam was drawn: relaxation goes on from there, and leads where Newton's
+    method from it does. It went back to the drawn beam, and found no end.
     """
     given = tb.equilibrium(hanging(4, 1e-3, 0.5), relax=True)
     scene = hanging(4, 1e-3, 0.52)
