@@ -9,7 +9,6 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from ..nodal.model import Model
 from ..nodal.rows import Rows
 from ..state.state import State
 
@@ -18,16 +17,16 @@ EPS = 64  # roundings: beside the largest inertia, one that is none
 
 
 def conserved(
-    model: Model, start: State, after: State, dt: Tensor, own: Tensor | float = 0.0
+    model: Rows, start: State, after: State, dt: Tensor, own: Tensor | float, floats: bool
 ) -> State:
     """`after`, with the work of this step alone, and its velocities scaled so that kinetic + strain
     energy changes by that work less what damping takes, see `projected`. `own`: the strain that the
-    beam takes by itself over this step, which holds no energy.
+    beam takes by itself over this step, which holds no energy. floats: whether nothing holds it.
     """
     kinetic, rise = kinetic_rise(model, start, after)
     rise = rise + strain_rise(model, start, after, dt, own) - after.work
-    velocity, spin = rigid = rigid_motion(model, after) if model.floats else (0.0, 0.0)
-    if model.floats:
+    velocity, spin = rigid = rigid_motion(model, after) if floats else (0.0, 0.0)
+    if floats:
         kinetic = kinetic - model.kinetic_energy(after.rotation, *rigid)
     scale, defect = projected(start.defect + rise, kinetic)
     scale = scale[..., None, None]
@@ -36,17 +35,20 @@ def conserved(
     return replace(after, velocity=velocity, spin=spin, defect=defect)
 
 
-def rigid_motion(model: Model, state: State) -> tuple[Tensor, Tensor]:
+def rigid_motion(model: Rows, state: State) -> tuple[Tensor, Tensor]:
     """Velocities (..., N+1, p) and spins (..., N+1, s), section axes, of the rigid motion with the
     momentum and the angular momentum of a state in the coordinates of the model's space.
     """
     space, inertia, rotation = model.space, model.inertia, state.rotation
     nodes = space.public_position(state.position)
-    arm = (nodes - nodes.mean(-2, keepdim=True)) / model.extent[..., None, None]
+    arm = nodes - nodes.mean(-2, keepdim=True)
+    size = torch.linalg.vector_norm(arm, dim=-1).amax(-1)[..., None, None]
+    size = torch.where(size > 0, size, 1.0)  # of a body alone
+    arm = arm / size
     still = torch.zeros_like(arm)
     motions = []
     for e in torch.eye(3, dtype=arm.dtype, device=arm.device):
-        turn = e / model.extent[..., None, None] + still
+        turn = e / size + still
         about = torch.linalg.cross(e.expand_as(arm), arm)
         motions += [
             (space.project_vector(shift), space.to_section(rotation, space.project_spin(spin)))
