@@ -166,7 +166,8 @@ def stiffness_of(problem: SteadyProblem, x: Configuration, moves: Tensor) -> tup
     own, _ = model.joints.split(x.stress)
     stress = space.geometric_stiffness(model.kinematics(x.position, x.rotation), own, model.length)
     by_node = unit(model)  # all moves in m, all stiffnesses in N/m
-    by_end = torch.cat((by_node, by_node[..., space.dims.position :]), -1)
+    position, spins = by_node.split((space.dims.position, space.dims.spin), -1)
+    by_end = torch.cat((position, *[spins] * (space.order + 1)), -1)
     ends, size = model.assembly.to_elements(moves), _largest(in_unit(stress, by_end))
     work = torch.einsum("...anw,...nwv,...bnv->...ab", ends, stress, ends)
     all_moves = moves.flatten(-2)
