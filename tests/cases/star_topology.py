@@ -11,6 +11,8 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
+from torchbeam.math.block_tridiagonal import in_unit
+
 
 @dataclass(frozen=True)
 class Star:
@@ -195,10 +197,10 @@ class System:
             x[k] = x[k] - back[k] @ x[to]
         return torch.stack(torch.broadcast_tensors(*x), -3)[..., 0]
 
-    def pivots(self):
+    def pivots(self, unit=None):
         pivot = self._towards_the_joint(torch.zeros_like(self.matrix.diagonal[..., 0]))[0]
         blocks = torch.stack(torch.broadcast_tensors(*pivot), -3)
-        return blocks, torch.isfinite(blocks).all(-1).all(-1).all(-1)
+        return in_unit(blocks, unit), torch.isfinite(blocks).all(-1).all(-1).all(-1)
 
     def positive_definite(self):
         blocks = self.pivots()[0]

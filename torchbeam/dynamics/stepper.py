@@ -59,7 +59,8 @@ class Stepper:
         lumped: mass at the nodes alone, as the explicit form has it; by default neighbours are
             coupled, which makes the error of the translational inertia fourth order
         conserve: scale the velocities after each step so that the energy balance closes exactly:
-            for long undamped runs
+            for long undamped runs. Of what nothing holds, without its rigid motion, so that
+            momentum and angular momentum stay; its steps are eager
         tolerance: of the scaled residual, default 1e-8 in float64 and 1e-4 in float32; one below
             256 rounding errors of a number (6e-14, 3e-5) counts as that
         iterations: at most this many in a Newton solve (12 where its step can still be made in

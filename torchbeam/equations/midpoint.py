@@ -145,5 +145,7 @@ class MidpointProblem(StepProblem):
         )
         after = self.finished(after, x.stress, kinematics)
         if self.conserve:
-            after = conserved(self.model, start, after, self.dt, self.eigenstrain)
+            after = conserved(
+                self.model, start, after, self.dt, self.eigenstrain, self.model.floats
+            )
         return replace(after, work=start.work + after.work)

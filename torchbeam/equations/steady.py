@@ -73,6 +73,11 @@ class SteadyProblem(BalanceProblem):
             conditions(self.model, self.t, self.inputs), orientation=self.model.orientation(self.t)
         )
 
+    @property
+    def support_factor(self) -> Tensor:
+        """(...) how much of their motion supports have made."""
+        return self.load_factor
+
     @cached
     def C(self) -> Tensor:
         return self.model.tangent_stiffness()
@@ -260,11 +265,12 @@ class SteadyProblem(BalanceProblem):
 
     def apply_supports(self, x: Configuration) -> Configuration:
         position, rotation, space = x.position, x.rotation, self.model.space
+        share = self.support_factor[..., None]
         for support, fixed in zip(
             self.model.scene.supports, self.model.constraints.fixed, strict=True
         ):
             at = support.node
-            pose = self.model.prescribed_motion.pose(support, self.t, self.load_factor[..., None])
+            pose = self.model.prescribed_motion.pose(support, self.t, share)
             r, q = placed(
                 space.of_nodes(at), fixed, pose, position[..., at, :], rotation[..., at, :]
             )

@@ -95,6 +95,13 @@ def finite_pivots(D: Tensor, L: Tensor, U: Tensor) -> tuple[Tensor, Tensor]:
     return torch.where(sound, blocks, 0.0), sound.all(-1).all(-1).all(-1)
 
 
+def in_unit(blocks: Tensor, unit: Tensor | None) -> Tensor:
+    """Blocks (..., n, k, k) of a quadratic form, by unknowns measured in `unit` (..., k), None = as
+    they are.
+    """
+    return blocks if unit is None else unit[..., None, :, None] * blocks * unit[..., None, None, :]
+
+
 def positive_definite(D: Tensor, L: Tensor, U: Tensor) -> Tensor:
     """(...) bool: whether a symmetric block tridiagonal matrix is positive definite: whether all of
     its pivot blocks are (Haynsworth 1968).

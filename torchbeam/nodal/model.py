@@ -14,7 +14,7 @@ from torch.nn.functional import pad
 from ..core.derivatives import cached
 from ..core.remembered import remembered
 from ..math import quaternions as quat
-from ..scene.effects import INERTIAL, Contact, Inputs
+from ..scene.effects import INERTIAL, SPIN, VELOCITY, Contact, Inputs
 from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
 from ..scene.scene import Scene
 from ..topology.chain import Chain
@@ -68,15 +68,35 @@ class Model(Rows):
 
     @property
     def conservative(self) -> bool:
-        """Whether the work of all loads is independent of the path, and frame a does not turn:
-        tangents are symmetric.
+        """Whether at rest the work of all loads is independent of the path, as they declare, and
+        frame a does not turn: tangents are symmetric.
         """
-        return (
-            all(load.conservative for load in self.scene.loads)
-            and not self.tendons.dissipative
-            and not self.touching.lossy
-            and not self.turning
-        )
+        return self.conserves and all(map(self.declared, self.scene.loads))
+
+    @property
+    def conserves(self) -> bool:
+        """The same of all but the loads."""
+        rubs = self.tendons.dissipative or any(pair.rubs for pair in self.scene.pairs)
+        return not (rubs or self.turning)
+
+    def declared(self, load: Any) -> bool:
+        """Whether a load declares that it is conservative. What one that reads velocities says is
+        of those that are none.
+        """
+        moved = self.scene.frame is not None or self.scene.has_prescribed_motion
+        return load.conservative and not (moved and self.depends_on(load) & {VELOCITY, SPIN})
+
+    @property
+    def extent(self) -> Tensor:
+        """(...) m, a constant."""
+        if self.station_count:
+            return self.length.detach().sum((-1, -2))
+        return self.scene.beam.extent.detach()
+
+    @property
+    def floats(self) -> bool:
+        """Whether nothing holds it: no support, and no elastic clamp."""
+        return not (self.constraints.nodes or any(load.frees_root for load in self.scene.loads))
 
     @property
     def bodies_touch(self) -> bool:

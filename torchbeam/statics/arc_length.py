@@ -58,7 +58,7 @@ class PointBalance(Protocol):
     def by_residual(self) -> Answer: ...
     @property
     def by_factor(self) -> Answer: ...
-    def pivots(self) -> tuple[Tensor, Tensor]: ...
+    def pivots(self, unit: Tensor | None = None) -> tuple[Tensor, Tensor]: ...
 
 
 @dataclass(frozen=True)
@@ -140,8 +140,8 @@ class EagerPoint:
     def by_factor(self) -> Answer:
         return self.tangent.solve(*load_slope(self.loaded, self.problem, self.x))
 
-    def pivots(self) -> tuple[Tensor, Tensor]:
-        return self.tangent.system.pivots()
+    def pivots(self, unit: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        return self.tangent.system.pivots(unit)
 
 
 class Balance(NamedTuple):

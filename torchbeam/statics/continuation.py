@@ -27,6 +27,7 @@ from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..solvers.newton import newton
 from .arc_length import ArcLengthProblem, EagerPoint, LoadedProblem, PathPoint, where
+from .stability import NEUTRAL, conservative, eigenvalues, sign, unit
 
 REGULAR, LIMIT_POINT, BRANCH_POINT = range(3)
 TURN = 1.0  # rad that a node may turn in one step
@@ -38,7 +39,6 @@ ALONG = 0.92  # between the chord of a step and a tangent at its ends: half of t
 STRAIGHT = 0.99  # the same of a step past a branch point, which may have left the path: 8 degrees
 ENOUGH = 1e-9  # of the way of a controlled quantity
 MODE = 6  # inverse iterations for a critical shape
-NEUTRAL = 1e-4  # of the softest pivot at the start: a pivot that is less negative does not count
 TRACE = 1e-12  # of any shape, in what they start from
 
 
@@ -48,8 +48,9 @@ class PathState(NamedTuple):
     place      shape, load factor and way from the equilibrium before
     reaction   (..., K, w) N and N m, load of each support
     negative   (...) int, negative pivots of the tangent;  sign (...) int, of its determinant
+    symmetric  (...) bool, whether the tangent is that of an energy
     move       (..., N+1, w) and by_factor (...): tangent of the path, of unit length
-    least      (...) the softest pivot at the start
+    least      (...) N/m, the softest pivot at the start
     sound      (...) bool: whether all pivots are finite
     """
 
@@ -57,6 +58,7 @@ class PathState(NamedTuple):
     reaction: Tensor
     negative: Tensor
     sign: Tensor
+    symmetric: Tensor
     move: Tensor
     by_factor: Tensor
     least: Tensor
@@ -205,14 +207,11 @@ class Continuation:
         x = PathPoint(*self.loaded(x.factor[..., 0, 0]).apply_supports(x.shape), x.factor, x.way)
         point = self.loaded.balance(x)
         # where one is not, the point is no place to stop at
-        blocks, sound = point.pivots()
+        blocks, sound = point.pivots(unit(self.model))
         shape = point.residual.measure().shape
-        eigenvalues = torch.linalg.eigvalsh((blocks + blocks.mT) / 2).expand(
-            *shape, *blocks.shape[-3:-1]
-        )
-        least = eigenvalues.amin((-1, -2)).clamp(min=0) if least is None else least
-        negative = (eigenvalues < -NEUTRAL * least[..., None, None]).sum((-1, -2))
-        sign = torch.linalg.slogdet(blocks).sign.prod(-1).long().expand(shape)
+        values = eigenvalues(blocks).expand(*shape, *blocks.shape[-3:-1])
+        least = values.amin((-1, -2)).clamp(min=0) if least is None else least
+        negative = (values < -NEUTRAL * least[..., None, None]).sum((-1, -2))
         move = point.by_factor[0]
         sound = sound & torch.isfinite(move).all(-1).all(-1)
         length = ((self.size * move**2).sum((-1, -2)) + 1 / self.span[1] ** 2).sqrt()
@@ -225,7 +224,8 @@ class Continuation:
             x,
             reaction,
             negative,
-            sign,
+            sign(blocks).long().expand(shape),
+            conservative(self.loaded(x.factor[..., 0, 0]), x.shape).expand(shape),
             move / length[..., None, None],
             1 / length,
             least,
@@ -255,9 +255,8 @@ class Continuation:
         """Whether (...) the tangent has become singular on the way: of symmetric ones their pivots
         tell, of those under loads that are not conservative the determinant alone.
         """
-        if self.model.conservative:
-            return after.negative != now.negative
-        return after.sign != now.sign
+        by_pivots, by_sign = after.negative != now.negative, after.sign != now.sign
+        return torch.where(now.symmetric & after.symmetric, by_pivots, by_sign)
 
     def along_chord(self, now: PathState, after: PathState) -> Tensor:
         """The smaller cosine between a step and the tangents at its two ends: of a path that is
@@ -278,7 +277,8 @@ class Continuation:
             1.7 * torch.arange(now.move.shape[-2:].numel(), device=now.move.device) + 0.3
         )
         # of several shapes, that which the beam leans to
-        v = behind.move + TRACE * any_.to(now.move).unflatten(0, (-1, now.move.shape[-1]))
+        any_ = any_.to(now.move).unflatten(0, (-1, now.move.shape[-1]))
+        v = behind.move + TRACE * any_ / (self.size * len(any_)).sqrt()
         for _ in range(MODE):
             v = point.tangent.solve(-v, torch.zeros_like(point.residual.strain))[0]
             v = v / (self.size * v**2).sum((-1, -2), keepdim=True).sqrt()
@@ -287,8 +287,7 @@ class Continuation:
 
 def move_weights(model: Model) -> Tensor:
     """(..., 1, w) of the squares of a node's displacement and turn in the square of a step."""
-    L = model.length.detach().sum(-2, keepdim=True)
-    L = L if model.station_count else model.scene.beam.extent.detach()[..., None, None]
+    L = model.extent[..., None, None]
     wide, turn = (
         L.expand(*L.shape[:-1], size) for size in (model.space.dims.position, model.space.dims.spin)
     )

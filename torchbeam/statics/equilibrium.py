@@ -32,12 +32,12 @@ from ..state.state import State, rest
 from ..state.state_check import check_state
 from . import relaxation
 from .arc_length import LoadedProblem, where
-from .continuation import NEUTRAL
 from .friction import refuse_friction
 from .internal_states import resting
 from .mechanism import braced, stressed
 from .no_equilibrium import reason
 from .path import stable_branch
+from .stability import NEUTRAL, conservative, eigenvalues, sign, unit
 
 SINGULAR = {torch.float64: 1e-6, torch.float32: 1e-4}  # of the softest pivot at no load
 LARGE = 1e4  # times the move that the loads bring about at first
@@ -161,7 +161,10 @@ def _equilibrium(
         native = compiled.climb if engine == "compiled" else compiled.automatic_climb
         states = native(model, time, given, start, tolerance, judged=judged or branch == "stable")
     if states is None:
-        x, reaction, status = (relaxation.relax if relax else climb)(problem, start, tolerance)
+        if relax:
+            x, reaction, status = relaxation.relax(problem, start, tolerance, initial is not None)
+        else:
+            x, reaction, status = climb(problem, start, tolerance)
         if relax and model.conservative:  # which ends in minima
             doubtful = torch.zeros_like(status, dtype=torch.bool)
     else:
@@ -179,7 +182,7 @@ def _equilibrium(
         doubtful = None
     good = status == 0
     if branch == "stable":
-        unstable = good & _unstable(problem, x, start, doubtful)
+        unstable = good & _unstable(problem, x, start, doubtful, torch.ones_like(good))
         if concrete(unstable).any():
             doubtful = None
             with no_derivatives():
@@ -217,8 +220,10 @@ def _equilibrium(
         )
     if judged:
         states = ~failed
+        with no_derivatives():
+            symmetric = conservative(problem, x).expand(status.shape)
         unstable = states & _unstable(
-            problem, x, start, None if doubtful is None else doubtful & states, model.conservative
+            problem, x, start, None if doubtful is None else doubtful & states, symmetric
         )
         if concrete(unstable).any():
             warn(
@@ -250,14 +255,15 @@ def _unstable(
     problem: SteadyProblem,
     x: Configuration,
     start: Configuration,
-    doubtful: Tensor | None = None,
-    symmetric: bool = True,
+    doubtful: Tensor | None,
+    symmetric: Tensor,
 ) -> Tensor:
     """(...) whether a pivot is negative by more than next to nothing beside the softest one at no
     load; doubtful: samples whose tangent is not positive definite, None = not known. Of a tangent K
-    that is not `symmetric`: whether its determinant is negative, and no pivot next to nothing. Then
-    det(M s^2 + D s + K) has a zero s > 0, whatever mass and damping are, as it is positive for
-    large s: a motion grows without oscillating. (Where it is positive two may, or one may flutter.)
+    that is not `symmetric` (...): whether its determinant is negative, and no pivot next to
+    nothing. Then det(M s^2 + D s + K) has a zero s > 0, whatever mass and damping are, as it is
+    positive for large s: a motion grows without oscillating. (Where it is positive two may, or one
+    may flutter.)
     """
     if doubtful is not None and not concrete(doubtful).any():
         return doubtful
@@ -267,7 +273,7 @@ def _unstable(
             at, begin = (Configuration(*(few.take(v, 2) for v in shape)) for shape in (x, start))
             return few.put(
                 torch.zeros_like(doubtful),
-                _unstable(few.gather(problem), at, begin, None, symmetric),
+                _unstable(few.gather(problem), at, begin, None, few.take(symmetric, 0)),
                 0,
             )
     with no_derivatives():
@@ -275,18 +281,13 @@ def _unstable(
         doubtful = ~tangent.system.positive_definite()
         if not concrete(doubtful).any():
             return doubtful
-        unloaded = _tangent(problem, start)
-        (here, sound), (usual, _) = (k.system.pivots() for k in (tangent, unloaded))
-        if not symmetric:
-            soft, usual = (torch.linalg.svdvals(p).amin((-1, -2)) for p in (here, usual))
-            return (
-                doubtful
-                & sound
-                & (torch.linalg.slogdet(here).sign.prod(-1) < 0)
-                & (soft > NEUTRAL * usual)
-            )
-        here, usual = (torch.linalg.eigvalsh(p + p.mT).amin((-1, -2)) for p in (here, usual))
-        return doubtful & ((here < -NEUTRAL * usual.clamp(min=0)) | ~sound)
+        unloaded, size = _tangent(problem, start), unit(problem.model)
+        (here, sound), (usual, _) = (k.system.pivots(size) for k in (tangent, unloaded))
+        soft, least = (torch.linalg.svdvals(p).amin((-1, -2)) for p in (here, usual))
+        diverges = sound & (sign(here) < 0) & (soft > NEUTRAL * least)
+        soft, least = (eigenvalues(p).amin((-1, -2)) for p in (here, usual))
+        negative = (soft < -NEUTRAL * least.clamp(min=0)) | ~sound
+        return doubtful & torch.where(symmetric, negative, diverges)
 
 
 def _singular(
@@ -304,16 +305,16 @@ def _singular(
 
 
 def _softness(problem: SteadyProblem, x: Configuration) -> tuple[Tensor, Tensor]:
-    """(...) the softest pivot, and the largest move that a change of the loads by themselves brings
-    about.
+    """(...) the softest pivot N/m, and the largest move m that a change of the loads by themselves
+    brings about, see `unit`.
     """
     residual, *about = problem.residual(x)
     tangent = problem.linearise(x, *about)
     unloaded = replace(problem, load_factor=torch.zeros_like(problem.load_factor)).residual(x)[0]
     move = tangent.solve(residual.nodes - unloaded.nodes, torch.zeros_like(residual.strain))[0]
-    return torch.linalg.svdvals(tangent.system.pivots()[0]).amin((-1, -2)), move.abs().amax(
-        (-1, -2)
-    )
+    size = unit(problem.model)
+    soft = torch.linalg.svdvals(tangent.system.pivots(size)[0]).amin((-1, -2))
+    return soft, (move / size[..., None, :]).abs().amax((-1, -2))
 
 
 def _attached(

@@ -73,8 +73,10 @@ def stressed(problem: SteadyProblem, x: Configuration) -> tuple[Configuration, T
         nodes, bases, _ = holding(problem, x)
         moves = as_unknowns(problem, moves_of(nodes, bases))
         force = torch.einsum("...anw,...nw->...a", moves, problem.residual(x)[0].nodes)
-        stiffness, _ = stiffness_of(problem, x, moves)
-        by = torch.linalg.pinv((free @ stiffness @ free).double(), rtol=NONE)
+        stiffness, size = stiffness_of(problem, x, moves)
+        size = size[..., 0, 0].double()  # beside it, what rounding alone resists is held by nothing
+        own = (free @ stiffness @ free).double()
+        by = torch.linalg.pinv(own, atol=NONE * size, rtol=torch.full_like(size, NONE))
         swing = (by @ (free @ force[..., None]).double())[..., 0].abs().amax(-1)
         return x, adrift & (swing > SWING)
 

@@ -6,13 +6,15 @@ method by itself finds nothing.
 
 by backward Euler, in steps dtau that grow as the beam calms down: with conservative loads each
 lowers the energy (the proximal point method; pseudo-transient continuation, Kelley and Keyes 1998).
-The loads grow from none to all until tau = 1. Once a step turns no node by much, Newton's method
+The loads grow from none to all until tau = 1, or act at once on a shape that is given; then
+supports that lead it elsewhere do, until tau = 2: the beam hangs by then, and does not buckle
+between them. Once a step turns no node by much, Newton's method
 without the fluid takes over.
 
-Impossible stretch and shear are possible at first, and less and less so until tau = 1: a straight
-beam without stretch whose ends come nearer to each other has no shape nearby to begin with. What is
-in balance and no minimum, as an arch that would fall out of its plane under loads within it, is
-left by a trace of another shape.
+Impossible stretch and shear are possible at first, and less and less so until all is there: a
+straight beam without stretch whose ends come nearer to each other has no shape nearby to begin
+with. What is in balance and no minimum, as an arch that would fall out of its plane under loads
+within it, is left by a trace of another shape.
 """
 
 from __future__ import annotations
@@ -33,10 +35,13 @@ from ..solvers.newton import newton
 from ..topology.protocols import Matrix, total
 from .balance_check import softest
 from .mechanism import braced
+from .stability import conservative
 
 FIRST, LEAST, STEPS = 1 / 16, 1e-9, 500  # step: the first, and the smallest; how many
-TURN, CALM = 1.0, 0.2  # rad a node may turn in a step; after which Newton's method is tried
-EASY, GROWTH = 0.4, (1.1, 4.0)  # rad: after a step with that turn the next is as long again
+# rad a node may turn in a step, more and it may come to rest elsewhere than the motion does; after
+# which Newton's method is tried
+TURN, CALM = 0.5, 0.2
+EASY, GROWTH = 0.2, (1.1, 4.0)  # rad: after a step with that turn the next is as long again
 LIMIT = 12  # iterations
 # strain by a force like all loads together, or like EI/L^2: of a softened stretch or shear
 SOFT = 1e-2, 1e-3
@@ -49,11 +54,16 @@ NEUTRAL = 1e-6
 @dataclass(frozen=True)
 class Viscous(SteadyProblem):
     """`SteadyProblem` in the fluid: before (`Configuration`), and drag (..., N+1, w) N/m and N
-    m/rad of one step.
+    m/rad of one step; led (...): how much of their motion supports have made.
     """
 
     before: Configuration = leaf(2)
     drag: Tensor = leaf(2)
+    led: Tensor = leaf(0)
+
+    @property
+    def support_factor(self) -> Tensor:
+        return self.led
 
     def residual(self, x: Configuration) -> tuple[Residual, Any]:
         residual, *about = super().residual(x)
@@ -69,53 +79,58 @@ class Viscous(SteadyProblem):
 
 
 def relax(
-    whole: SteadyProblem, x: Configuration, tolerance: float | None
+    whole: SteadyProblem, x: Configuration, tolerance: float | None, loaded: bool = False
 ) -> tuple[Configuration, Tensor, Tensor]:
     """From x, each sample at its own pace, to rest in the problem `whole`:
     (shape, reaction, status). Where loads are conservative, every step and the end are minima of
-    the energy, not saddles of it.
+    the energy, not saddles of it. loaded: all loads act on x, and supports are where they lead.
     """
     model, t, inputs = whole.model, whole.t, whole.inputs
-    downhill = model.conservative
     with torch.no_grad():
         probe = whole.residual(x)[0]
         shape = probe.measure().shape
         whole = replace(whole, load_factor=t.new_ones(shape))
         x = Configuration(*(v.expand(*shape, *v.shape[-2:]) for v in x))
-        force = _force(model, probe)
+        force = _force(whole, x)
         viscosity = _viscosity(model, force)
         flexibility = _flexibility(model, force) if model.law.rigid else force
-        reached, step = t.new_zeros(shape), t.new_full(shape, FIRST)
+        led = any(support.displaced for support in model.scene.supports) and not loaded
+        end = 2.0 if led else 1.0  # supports move when loads are there
+        reached, step = t.new_full(shape, end if loaded else 0.0), t.new_full(shape, FIRST)
         reaction = probe.nodes.new_zeros(*shape, *model.constraints.fixed.shape)
         going = torch.ones(shape, dtype=torch.bool, device=t.device)
         for _ in range(STEPS):
-            share = (reached + step).clamp(max=1)
+            now = (reached + step).clamp(max=end)
             fluid = Viscous(
-                _softened(model, (1 - share) * flexibility),
+                _softened(model, (1 - now / end) * flexibility),
                 t,
                 inputs,
-                share,
+                now.clamp(max=1),
                 x,
                 viscosity / step[..., None, None],
+                led=now - 1 if led else now,
             )
             outcome = newton(fluid, fluid.apply_supports(x), going, tolerance, LIMIT)
             turned = _turned(model, x, outcome.x)
             good = going & (outcome.status == 0) & (turned < TURN)
-            if downhill:
-                saddle = good & ~_minimum(fluid, outcome.x)
+            downhill = conservative(whole, outcome.x)
+            if concrete(downhill & good).any():
+                saddle = good & downhill & ~_minimum(fluid, outcome.x)
                 x, good = _where(saddle, _disturbed(fluid, x), x), good & ~saddle
             x, reached = _where(good, outcome.x, x), torch.where(good, reached + step, reached)
             step = torch.where(good, (EASY / turned).clamp(*GROWTH) * step, step / 4)
-            calm = good & (reached >= 1) & (turned < CALM)
+            calm = good & (reached >= end) & (turned < CALM)
             if concrete(calm).any():
                 still = braced(whole, x)
                 outcome = newton(
                     still, still.apply_supports(x), calm, tolerance, LIMIT, foresee=~calm
                 )
                 at_rest = calm & (outcome.status == 0) & (_turned(model, x, outcome.x) < CALM)
-                if downhill:
+                downhill = conservative(whole, outcome.x)
+                if concrete(downhill & at_rest).any():
                     held = replace(fluid, load_factor=whole.load_factor, drag=NEUTRAL * viscosity)
-                    at_rest = at_rest & _minimum(replace(held, model=model), outcome.x)
+                    held = replace(held, model=model)
+                    at_rest = at_rest & (~downhill | _minimum(held, outcome.x))
                 x = _where(at_rest, outcome.x, x)
                 reaction = torch.where(at_rest[..., None, None], outcome.reaction, reaction)
                 going = going & ~at_rest
@@ -129,20 +144,21 @@ def _minimum(problem: SteadyProblem, x: Configuration) -> Tensor:
     return tangent.system.positive_definite()
 
 
-def _force(model: Model, unbalanced: Residual) -> Tensor:
-    """(...) N, of all that is out of balance at the start."""
+def _force(whole: SteadyProblem, x: Configuration) -> Tensor:
+    """(...) N, of all loads on x, and what bends the beam."""
+    model, load = whole.model, whole.load(x)
     p, length = model.space.dims.position, model.tributary_length.detach().sum((-1, -2))
-    return (
-        unbalanced.nodes[..., :p].abs().sum((-1, -2))
-        + unbalanced.nodes[..., p:].abs().sum((-1, -2)) / length
-    )
+    bends = softest(model) / length**2
+    if isinstance(load, float):
+        return bends.expand(whole.load_factor.shape)
+    force, moment = (v.abs().sum((-1, -2)) for v in (load[..., :p], load[..., p:]))
+    return force + moment / length + bends
 
 
 def _viscosity(model: Model, force: Tensor) -> Tensor:
     """(..., N+1, w): with which that force would move the beam by its length in tau = 1."""
     p, share = model.space.dims.position, model.tributary_length.detach()
     length = share.sum((-1, -2))
-    force = torch.where(force > 0, force, torch.ones_like(force))
     along = (force / length**2)[..., None, None] * share
     about = along * share**2 / 12
     return torch.cat(

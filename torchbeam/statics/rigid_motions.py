@@ -13,12 +13,14 @@ from torch.nn.functional import pad
 
 from ..core.validation import concrete
 from ..equations.steady import Configuration, SteadyProblem
+from ..math.block_tridiagonal import in_unit
 from ..math.shapes import broadcast_shapes
 from ..nodal import loads as external
 from ..nodal.coordinates.planar import PLANES
 from ..nodal.element_loads import element_matrix
 from ..nodal.model import Model
 from ..topology.protocols import Matrix
+from .stability import unit
 
 NONE = 1e-8  # of the largest: a singular value that is none
 
@@ -137,7 +139,8 @@ def _forbidden(
         rows += [row for k, row in enumerate(eye) if k % 6 in out]
     if model.joints.count:
         G = _joined(problem, x).constraints()
-        G = G / torch.linalg.vector_norm(G, dim=-1, keepdim=True) / size[..., None]
+        own = (size * unit(model)).repeat(*(1,) * (size.ndim - 1), model.node_count)[..., None, :]
+        G = G / torch.linalg.vector_norm(G * own, dim=-1, keepdim=True)
         rows += (G @ as_unknowns(problem, moves).flatten(-2).mT).unbind(-2)
     return torch.stack(torch.broadcast_tensors(*rows), -2).double() if rows else None
 
@@ -162,19 +165,23 @@ def stiffness_of(problem: SteadyProblem, x: Configuration, moves: Tensor) -> tup
     model, space = problem.model, problem.model.space
     own, _ = model.joints.split(x.stress)
     stress = space.geometric_stiffness(model.kinematics(x.position, x.rotation), own, model.length)
-    ends, size = model.assembly.to_elements(moves), _largest(stress)
+    by_node = unit(model)  # all moves in m, all stiffnesses in N/m
+    position, spins = by_node.split((space.dims.position, space.dims.spin), -1)
+    by_end = torch.cat((position, *[spins] * (space.order + 1)), -1)
+    ends, size = model.assembly.to_elements(moves), _largest(in_unit(stress, by_end))
     work = torch.einsum("...anw,...nwv,...bnv->...ab", ends, stress, ends)
     all_moves = moves.flatten(-2)
     for matrix in _between(problem, x):
         blocks = matrix.dense()
         work = work + all_moves @ blocks @ all_moves.mT
-        size = torch.maximum(size, blocks.abs().amax((-1, -2), keepdim=True))
+        own = by_node.repeat(*(1,) * (by_node.ndim - 1), blocks.shape[-1] // by_node.shape[-1])
+        size = torch.maximum(size, _largest(in_unit(blocks[..., None, :, :], own)))
     if problem.conditions.moving:
         by = external.tangent(model, problem.nodes(x), problem.conditions)
         if not isinstance(by, float):
             work = work - torch.einsum("...anw,...nwv,...bnv->...ab", moves, by, moves)
-            size = torch.maximum(size, _largest(by))
-    return work, size * _largest(moves) ** 2
+            size = torch.maximum(size, _largest(in_unit(by, by_node)))
+    return work, size * _largest(moves / by_node[..., None, None, :]) ** 2
 
 
 def _between(problem: SteadyProblem, x: Configuration) -> Iterator[Matrix]:

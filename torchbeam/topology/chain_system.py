@@ -13,6 +13,7 @@ from ..math.block_tridiagonal import (
     ChainSolve,
     block_tridiagonal,
     finite_pivots,
+    in_unit,
     positive_definite,
     recorded,
 )
@@ -39,15 +40,15 @@ class ChainSystem(NamedTuple):
         right, own = self.midside.condense(b)
         return self.midside.restore(solve(self.D, self.L, self.U, right), own)
 
-    def pivots(self) -> tuple[Tensor, Tensor]:
+    def pivots(self, unit: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Those of midside nodes first."""
         blocks, sound = finite_pivots(self.D, self.L, self.U)
         if self.midside is None:
-            return blocks, sound
+            return in_unit(blocks, unit), sound
         first = torch.isfinite(self.midside.D)
         middle = torch.where(first, self.midside.D, 0.0)
         blocks = torch.cat((middle.expand(*blocks.shape[:-3], *middle.shape[-3:]), blocks), -3)
-        return blocks, sound & first.all(-1).all(-1).all(-1)
+        return in_unit(blocks, unit), sound & first.all(-1).all(-1).all(-1)
 
     def positive_definite(self) -> Tensor:
         definite = positive_definite(self.D, self.L, self.U)

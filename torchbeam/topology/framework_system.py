@@ -22,6 +22,7 @@ from torch.nn.functional import pad
 from ..math.block_tridiagonal import (
     block_tridiagonal_columns,
     finite_pivots,
+    in_unit,
     positive_definite,
     recorded,
 )
@@ -94,18 +95,19 @@ class FrameworkSystem:
             return x
         return torch.cat((self.midside.restore(x[..., :n, :], own), x[..., n:, :]), -2)
 
-    def pivots(self) -> tuple[Tensor, Tensor]:
+    def pivots(self, unit: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Of midside nodes, of the runs, and of the interface where joints leave it free."""
         pivots, sound = [], torch.ones((), dtype=torch.bool, device=self.D.device)
         matrices = [_chain(runs, self.D, self.up, self.down) for runs in self.cut.runs]
-        for blocks, well in (
-            finite_pivots(*matrix) for matrix in (*matrices, *self._free_interface())
-        ):
-            pivots.append(blocks.flatten(-4, -3))
+        interface = self._free_interface(unit)
+        for k, matrix in enumerate((*matrices, *interface)):
+            blocks, well = finite_pivots(*matrix)
+            own = unit if k < len(matrices) else None
+            pivots.append(in_unit(blocks.flatten(-4, -3), own))
             sound = sound & well.all(-1)
         if self.midside is not None:
             first = torch.isfinite(self.midside.D)
-            pivots.insert(0, torch.where(first, self.midside.D, 0.0))
+            pivots.insert(0, in_unit(torch.where(first, self.midside.D, 0.0), unit))
             sound = sound & first.all(-1).all(-1).all(-1)
         shape = broadcast_shapes(*(x.shape[:-3] for x in pivots))
         return torch.cat([x.expand(*shape, *x.shape[-3:]) for x in pivots], -3), sound
@@ -121,9 +123,10 @@ class FrameworkSystem:
             )
         return torch.stack(torch.broadcast_tensors(*well)).all(0)
 
-    def _free_interface(self) -> list[tuple[Tensor, Tensor, Tensor]]:
-        """The pivots of the interface's matrix Z^T K Z, of the moves Z that independent constraints
-        leave, as those of a chain (D, L, U) without couplings; none where there is no interface.
+    def _free_interface(self, unit: Tensor | None = None) -> list[tuple[Tensor, Tensor, Tensor]]:
+        """The pivots of the interface's matrix Z^T K Z, of the moves Z, measured in `unit`, that
+        independent constraints leave, as those of a chain (D, L, U) without couplings; none where
+        there is no interface.
         """
         how, w = self.cut, self.D.shape[-1]
         if not how.interface:
@@ -132,6 +135,9 @@ class FrameworkSystem:
         # a run is singular: so is this
         dense = torch.where(torch.isfinite(dense).all(-1).all(-1)[..., None, None], dense, 0.0)
         K, G = dense[..., :n, :n], dense[..., n:, :n]
+        if unit is not None:
+            own = unit.repeat(*(1,) * (unit.ndim - 1), len(how.interface))
+            K, G = own[..., :, None] * K * own[..., None, :], G * own[..., None, :]
         if how.joints:
             Z = torch.linalg.svd(G).Vh[..., int(self.joints.held.sum()) :, :].mT
             K = Z.mT @ K @ Z

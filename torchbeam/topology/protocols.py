@@ -152,9 +152,9 @@ class System(Protocol):
         """
         ...
 
-    def pivots(self) -> tuple[Tensor, Tensor]:
-        """Pivot blocks (..., n, w, w) of the elimination, zeros after a singular one; (...) bool:
-        whether all are finite.
+    def pivots(self, unit: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """Pivot blocks (..., n, w, w) of the elimination, zeros after a singular one, by moves
+        measured in `unit` (..., w), None = as they are; (...) bool: whether all are finite.
         """
         ...
 

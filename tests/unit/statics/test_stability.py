@@ -1,14 +1,50 @@
-"""Equilibria that are unstable under loads that are not conservative: what a warning names."""
+"""What a warning of unstable equilibria names, under loads that are not conservative, and beside
+what rests where nothing moves; and that neither this nor a path depends on units.
+"""
 
 import re
 import warnings
+from dataclasses import replace
+from functools import cache
 
 import pytest
 import torch
 
 import torchbeam as tb
+from torchbeam.equations.steady import Configuration, SteadyProblem
+from torchbeam.math import quaternions
+from torchbeam.nodal.discretise import discretise
+from torchbeam.statics.stability import conservative
 
 ENGINES = "eager", "compiled"
+
+
+def brake(x, R, v, w, t):
+    return -0.5 * v, -0.1 * w
+
+
+# each of the library's effects whose force vanishes at rest
+RESTING = {
+    "MassDamping": lambda node: [tb.MassDamping(2.0)],
+    "MassDamping of nothing": lambda node: [tb.MassDamping(0.0)],
+    "Damping": lambda node: [tb.Damping(0.01)],
+    "rayleigh": lambda node: tb.rayleigh((10.0, 100.0), (0.01, 0.02)),
+    "Drag": lambda node: [tb.Drag(1000.0, 0.01, tangential=0.01)],
+    "Drag with added mass": lambda node: [tb.Drag(1000.0, 0.01, added_mass=1.0)],
+    "Spring": lambda node: [tb.Spring(node, 0.0, to=(9.0, 0, 0), damping=1.0)],
+    "Spring with a length": lambda node: [
+        tb.Spring(node, 0.0, to=(9.0, 0, 0), length=1.0, damping=1.0)
+    ],
+    "Spring at an offset": lambda node: [
+        tb.Spring(node, 0.0, to=(9.0, 0, 0), damping=1.0, offset=(0.1, 0, 0.2))
+    ],
+    "Load of velocity": lambda node: [tb.Load(brake, node)],
+    "Load along the beam": lambda node: [tb.Load(brake, None)],
+    "Load that says so": lambda node: [tb.Load(brake, node, of=("velocity", "spin"))],
+    "Contact": lambda node: [
+        tb.Contact(tb.Plane((0, 0, -50.0), (0, 0, 1)), thickness=0.1, force=1.0, damping=0.1)
+    ],
+}
 
 
 def column(force, moment, frame=None, EI=(1.0, 4.0)):
@@ -67,3 +103,131 @@ def test_who_is_named_diverges():
     diverging = tb.modes(bent, told(bent)[0], count=4).divergence.sum(-1)
     named = [told(column(f, m))[1] is not None for f, m in zip(force, M, strict=True)]
     assert named == (diverging % 2 == 1).tolist() and 0 < sum(named) < 12
+
+
+def slack(*effects):
+    """Cable in a plane, its pinned ends moved nearer to each other."""
+    section = tb.Section.from_stiffness(EA=1e4, GA=1e4, GJ=1e-3, EI=1e-3, mass=0.2)
+    ends = tb.Support(0, rotation=""), tb.Support(-1, rotation="", displacement=(-0.2, 0, 0))
+    gravity = tb.Gravity((0, 0, -9.81))
+    beam = tb.Beam.straight(1.0, 4, section)
+    return tb.Scene(beam, [gravity, *effects], supports=ends, plane="xz")
+
+
+def strut(*effects):
+    """Round column under 1.6 times Euler's load, a little eccentric: two motions diverge."""
+    section = tb.Section.from_stiffness(EA=1e5, GA=1e5, GJ=1.0, EI=1.0, mass=0.2)
+    press = tb.TipLoad(force=(-3.95, 0, 1e-3))
+    return tb.Scene(tb.Beam.straight(1.0, 4, section), [press, *effects])
+
+
+@pytest.fixture(scope="module")
+def alone():
+    return (
+        tb.equilibrium(slack(), relax=True),
+        told(strut()),
+        tb.path(strut(), branch=True, step=0.4),
+    )
+
+
+@pytest.mark.parametrize("name", RESTING)
+@torch.no_grad()
+def test_statics_do_not_see_what_rests(name, alone):
+    """Equilibria by relaxation and by load steps, what is said of them, and a path with its
+    bifurcations, beside an effect without a force at rest: as without it. A cable that hangs was
+    a straight strut in compression, and of the column nothing was said.
+    """
+    hangs, (pressed, warning), way = alone
+    assert hangs.nodes[2, 2] < -0.25 and "unstable" in warning
+    effects = RESTING[name](2)
+    beside = tb.equilibrium(slack(*effects), relax=True)
+    torch.testing.assert_close(beside.position, hangs.position, rtol=0, atol=1e-7)
+    state, said = told(strut(*effects))
+    torch.testing.assert_close(state.position, pressed.position, rtol=0, atol=1e-9)
+    assert said == warning
+    path = tb.path(strut(*effects), branch=True, step=0.4)
+    assert torch.equal(path.kind, way.kind) and torch.equal(path.negative, way.negative)
+    torch.testing.assert_close(path.factor, way.factor, rtol=1e-6, atol=1e-9)
+
+
+@torch.no_grad()
+def test_loads_are_judged_by_their_tangent():
+    """Loads by a function that pull into a potential's direction or across it, as a dead moment
+    does in space and not in a plane: whether statics take them for conservative there.
+    """
+    scenes = {
+        "wall": (strut(tb.Load(lambda x, R, v, w, t: (-3 * x.square() * x, None))), True),
+        "swirl": (strut(tb.Load(lambda x, R, v, w, t: (x.flip(-1) * x, None))), False),
+        "follower": (strut(tb.TipLoad(force=(0.5, 0.1, 0), follower=True)), False),
+        "moment": (strut(tb.TipLoad(moment=(0, 0.1, 0))), False),
+        "lever": (strut(tb.PointLoad(-1, force=(0, 0.2, 0.1), offset=(0.1, 0.2, 0.3))), True),
+        "clamp": (strut(tb.RootSpring((1e3, 10.0), damping=(1.0, 1.0))), True),
+    }
+    flat = slack(tb.PointLoad(2, moment=(0, 1e-3, 0)))
+    for name, (scene, energy) in {**scenes, "flat": (flat, True)}.items():
+        model = discretise(scene)
+        x = model.space.to_reduced(bent(scene))
+        problem = SteadyProblem(model, x.t, {}, torch.ones_like(x.t))
+        at = Configuration(x.position, x.rotation, x.stress)
+        assert bool(conservative(problem, at)) is energy, name
+
+
+def bent(scene):
+    """Any state of it."""
+    generator, start = torch.Generator().manual_seed(3), tb.rest(scene)
+    flat = scene.plane is not None
+    turn = torch.randn(start.position[..., :1].shape, generator=generator) * torch.tensor(
+        [0.0, 0.3, 0.0] if flat else [0.2, 0.3, -0.4]
+    )
+    shift = 0.1 * torch.randn(start.position.shape, generator=generator)
+    if flat:
+        shift[..., 1] = 0
+    q = quaternions.multiply(quaternions.exponential(turn), start.rotation)
+    return replace(start, position=start.position + shift, rotation=q)
+
+
+UNITS = {"mm-N": (1e3, 1.0), "nm-pN": (1e9, 1e12), "km-MN": (1e-3, 1e-6)}  # of a m and a N
+
+
+def measured(length, force, shape):
+    section = tb.Section.from_stiffness(
+        EA=1e4 * force,
+        GA=4e3 * force,
+        GJ=0.8 * force * length**2,
+        EI=(1.0 * force * length**2, 1.3 * force * length**2),
+        mass=0.2,
+    )
+    if shape == "column":
+        beam = tb.Beam.straight(length, 4, section)
+        return tb.Scene(beam, [tb.TipLoad(force=(-4 * force, 0, 1e-3 * force))])
+    halves = {
+        "a": tb.Beam.straight(0.5 * length, 2, section),
+        "b": tb.Beam.straight(0.5 * length, 2, section, root=(0.5 * length, 0, 0)),
+    }
+    joints = [tb.Hinge(("a", -1), ("b", 0), axis=(0, 1, 0), stiffness=8.0 * force * length)]
+    press = tb.PointLoad(("b", -1), force=(-3 * force, 0, 1e-3 * force))
+    return tb.Scene(halves, [press], joints=joints, supports=[tb.Support(("a", 0))])
+
+
+@cache
+def statics_of(*case):
+    scene = measured(*case)
+    return *told(scene), tb.equilibrium(scene, branch="stable"), tb.path(scene, steps=8)
+
+
+@pytest.mark.parametrize("units", UNITS)
+@pytest.mark.parametrize("shape", ["column", "hinged"])
+@torch.no_grad()
+def test_statics_do_not_depend_on_units(shape, units):
+    """Buckling in other units than m and N: the same equilibria, warnings and stable branch, the
+    same points of a path with as many negative pivots. In pN and nm any number of these was
+    counted, from 0 to 3.
+    """
+    length, force = UNITS[units]
+    here, said, stable, way = statics_of(1.0, 1.0, shape)
+    there, also, settled, path = statics_of(length, force, shape)
+    torch.testing.assert_close(there.position / length, here.position, rtol=0, atol=1e-8)
+    assert said == also and said is not None
+    torch.testing.assert_close(settled.position / length, stable.position, rtol=0, atol=1e-6)
+    torch.testing.assert_close(path.factor, way.factor, rtol=0, atol=1e-4)
+    assert torch.equal(path.negative, way.negative) and torch.equal(path.kind, way.kind)

@@ -42,6 +42,7 @@ def refusal(model: Model, method: str, conserve: bool = False, **options: Any) -
     scene = model.scene
     reasons = {
         f"method {method!r}": (method, conserve) not in FUNCTIONS,
+        "conserve of what floats free": conserve and model.floats,
         f"the device {scene.device}": scene.device.type != "cpu",
     }
     return next((reason for reason, given in reasons.items() if given), None)

@@ -14,6 +14,7 @@ from torch._C import _functorch as functorch
 from ...core.functions_of_time import rate_along
 from ...core.surroundings import Surroundings
 from ...equations.steady import Configuration, SteadyProblem
+from ...math.block_tridiagonal import in_unit
 from ...nodal.balance import same_law
 from ...nodal.joints import stacked
 from ...scene.effects import Inputs
@@ -58,11 +59,11 @@ class NativePoint(NamedTuple):
     by_factor: Answer
     blocks: Tensor | Callable[[], System]
 
-    def pivots(self) -> tuple[Tensor, Tensor]:
+    def pivots(self, unit: Tensor | None = None) -> tuple[Tensor, Tensor]:
         if callable(self.blocks):
-            return self.blocks().pivots()
+            return self.blocks().pivots(unit)
         sound = torch.isfinite(self.blocks)
-        return torch.where(sound, self.blocks, 0.0), sound.flatten(-3).all(-1)
+        return in_unit(torch.where(sound, self.blocks, 0.0), unit), sound.flatten(-3).all(-1)
 
 
 class NativeBalance:

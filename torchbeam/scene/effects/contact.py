@@ -203,11 +203,14 @@ class Contact(ContactTerms):
         return BodyContact.of(self, radius=box.rounding, corners=corners)
 
     @property
+    def moves(self) -> bool:
+        """Whether the obstacle does."""
+        obstacle = self.obstacle
+        return obstacle is not None and not (obstacle.drift is None and obstacle.turning is None)
+
+    @property
     def conservative(self) -> bool:
-        moves = self.obstacle is not None and (
-            self.obstacle.drift is not None or self.obstacle.turning is not None
-        )
-        return not self.lossy and not moves
+        return not self.rubs and not (self.lossy and self.moves)
 
     @property
     def depends(self) -> frozenset[str]:

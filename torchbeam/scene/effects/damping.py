@@ -84,6 +84,7 @@ class MassDamping(LoadEffect):
 
     by_place = False
     by_mass = True
+    conservative = True
     depends = frozenset({ROTATION, VELOCITY, SPIN})
 
     def __post_init__(self) -> None:

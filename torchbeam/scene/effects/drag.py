@@ -105,6 +105,10 @@ class Drag(LoadEffect):
         return with_values(self, flow=None) if self.carries else None
 
     @property
+    def conservative(self) -> bool:
+        return self.flow is None
+
+    @property
     def wants_axes(self) -> bool:
         return self.flow is not None and not callable(self.flow)
 

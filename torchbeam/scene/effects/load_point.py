@@ -133,6 +133,7 @@ class LoadEffect(Effect):
     """
 
     kind = "load"
+    # whether its work is independent of the path where nothing moves: of what vanishes at rest, too
     conservative = False
     follower = False  # whether what is given turns with the section
     internal = 0  # how many internal states it has

@@ -109,7 +109,7 @@ class Spring(LoadEffect):
 
     @property
     def conservative(self) -> bool:
-        return not self.damped and not callable(self.to)
+        return not (self.damped and callable(self.to))
 
     @property
     def anchor(self) -> Tensor | None:
@@ -236,9 +236,7 @@ class RootSpring(LoadEffect):
                     self, name, parameter(f"RootSpring's {name}", _six(name, getattr(self, name)))
                 )
 
-    @property
-    def conservative(self) -> bool:
-        return self.damping is None
+    conservative = True
 
     def in_free_vibration(self) -> LoadEffect:
         return self

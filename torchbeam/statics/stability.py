@@ -1,0 +1,75 @@
+"""Stability of what stands still, by the pivots of its tangent: as many eigenvalues of a symmetric
+matrix are negative as of its pivots (Haynsworth 1968).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from ..equations.steady import Configuration, SteadyProblem
+from ..math.quaternions import skew
+from ..nodal import loads as external
+from ..nodal.model import Model
+
+NEUTRAL = 1e-4  # of the softest pivot at no load: a pivot that is less negative does not count
+ROUNDING = 0.5  # power of the dtype's rounding
+
+
+def unit(model: Model) -> Tensor:
+    """(..., w) of a node's moves: 1 m, and the turn that moves the beam's far end by 1 m."""
+    L, dims = model.extent[..., None], model.space.dims
+    moves = torch.ones_like(L), 1 / L
+    sizes = dims.position, dims.spin
+    return torch.cat([v.expand(*v.shape[:-1], n) for v, n in zip(moves, sizes, strict=True)], -1)
+
+
+def eigenvalues(pivots: Tensor) -> Tensor:
+    """(..., n, w) of pivot blocks, of their symmetric part."""
+    return torch.linalg.eigvalsh((pivots + pivots.mT) / 2)
+
+
+def sign(pivots: Tensor) -> Tensor:
+    """(...) of the determinant."""
+    return torch.linalg.slogdet(pivots).sign.prod(-1)
+
+
+def conservative(problem: SteadyProblem, x: Configuration) -> Tensor:
+    """() or (...) bool: whether the loads are at x, at rest: as they declare, or else by their
+    tangent there, which is then that of a gradient: of a moment m by the spin ~m/2 beside what is
+    symmetric.
+    """
+    model, now = problem.model, problem.conditions
+    yes = torch.ones((), dtype=torch.bool, device=x.position.device)
+    if model.conservative:
+        return yes
+    others, between = (
+        tuple(act for act in acts if not model.declared(act.load))
+        for acts in (now.loads, now.between)
+    )
+    if between or model.internal_states or not model.conserves:
+        return ~yes
+    nodes, own, p = problem.nodes(x), replace(now, loads=others), model.space.dims.position
+    moment = external.external(model, nodes, own)[..., p:]
+    slope = external.tangent(model, nodes, own, problem.frame.steady_jacobian())
+    if isinstance(slope, float):
+        slope = moment.new_zeros(*moment.shape[:-1], *(model.space.unknowns,) * 2)
+    by_spin, terms = slope[..., p:, p:], []
+    if model.space.turns and moment.shape[-1] == 3:
+        by_spin = by_spin + skew(moment) / 2
+        terms = [moment]
+    pairs = (
+        (slope[..., :p, :p], slope[..., :p, :p], ()),
+        (slope[..., :p, p:], slope[..., p:, :p], ()),
+        (by_spin, by_spin, terms),
+    )
+    return torch.stack([_alike(a, b.mT, *more) for a, b, more in pairs]).all(0)
+
+
+def _alike(a: Tensor, b: Tensor, *more: Tensor) -> Tensor:
+    """(...) whether (..., n, *, *) are, beside the largest of their numbers and of more."""
+    size = sum(v.abs().flatten(k).amax(-1) for k, v in ((-3, a), (-3, b), *((-2, m) for m in more)))
+    limit = torch.finfo(a.dtype).eps ** ROUNDING
+    return (a - b).abs().flatten(-3).amax(-1) <= limit * size
