@@ -124,7 +124,7 @@ def test_functions_that_take_float32_alone_are_told():
     def drag(x, R, v, w, t):
         return -1e-3 * network(v), None
 
-    scene = tb.Scene(strip(), [tb.Load(drag, of="velocity")])
+    scene = tb.Scene(strip(), [tb.Load(drag, node=-1, of="velocity")])
     for call in (tb.equilibrium, lambda scene: tb.Stepper(scene, 1e-3)(tb.rest(scene))):
         with pytest.raises(ValueError, match=r"not take torch.float64.*network\.double\(\)"):
             call(scene)

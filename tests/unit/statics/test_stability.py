@@ -156,8 +156,8 @@ def test_loads_are_judged_by_their_tangent():
     does in space and not in a plane: whether statics take them for conservative there.
     """
     scenes = {
-        "wall": (strut(tb.Load(lambda x, R, v, w, t: (-3 * x.square() * x, None))), True),
-        "swirl": (strut(tb.Load(lambda x, R, v, w, t: (x.flip(-1) * x, None))), False),
+        "wall": (strut(tb.Load(lambda x, R, v, w, t: (-3 * x.square() * x, None), node=-1)), True),
+        "swirl": (strut(tb.Load(lambda x, R, v, w, t: (x.flip(-1) * x, None), node=-1)), False),
         "follower": (strut(tb.TipLoad(force=(0.5, 0.1, 0), follower=True)), False),
         "moment": (strut(tb.TipLoad(moment=(0, 0.1, 0))), False),
         "lever": (strut(tb.PointLoad(-1, force=(0, 0.2, 0.1), offset=(0.1, 0.2, 0.3))), True),
