@@ -33,10 +33,10 @@ test-second: .venv/dev.done
 test-rounding: .venv/dev.done
 	$(OTHER_ROUNDING) $(BIN)/$(PYTEST) tests/unit $(addprefix --ignore=tests/unit/,plot studies analysis mixed engine/chain)
 
-# Operation counts, and errors of fixed settings, against the stored ones; `python -m torchbeam bench` measures times. After a
-# change that is meant: python -m torchbeam bench --operations tests/unit/studies/operations.json --update
+# Operation counts, and errors of fixed settings, against the stored ones; `python -m studies bench` measures times. After a
+# change that is meant: python -m studies bench --operations tests/studies/operations.json --update
 bench: .venv/dev.done
-	$(BIN)/python -m torchbeam bench --operations tests/unit/studies/operations.json --errors tests/unit/studies/errors.json
+	$(BIN)/python -m studies bench --operations tests/studies/operations.json --errors tests/studies/errors.json
 
 # The site, into out/site: every link and every name in the reference is looked up, and one that is missing is an error.
 docs: .venv/docs.done

@@ -52,7 +52,7 @@ REFERENCE = {
 # Modules that are public whole: the title, the sentence, the module.
 MODULES = {
     "sensors": ("Sensors", "What is read of a state, a solution or a mode.", "torchbeam.sensors"),
-    "laws": ("Laws", "How parameters scatter.", "torchbeam.analysis.uncertainty.laws"),
+    "laws": ("Laws", "How parameters scatter.", "torchbeam.uncertainty.laws"),
     "plot": ("Pictures", "With matplotlib, the extra `plot`.", "torchbeam.plot"),
     "extend": ("Extending", "Own effects, sensors, environments.", "torchbeam.extend"),
     "envs": ("Environments", "Gymnasium's, and what own ones are made of.", "torchbeam_envs"),

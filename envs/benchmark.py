@@ -166,7 +166,7 @@ def measure(id: str, batches: Sequence[int], seconds: float, **arguments: Any) -
 
 
 def rows(quick: bool) -> Iterator[measurement.Measured]:
-    """Steps a second for `python -m torchbeam bench`: one env in space through `gymnasium.make`,
+    """Steps a second for `python -m studies bench`: one env in space through `gymnasium.make`,
     and a batch in the plane.
     """
     for id, batch in (

@@ -17,7 +17,7 @@ import torch
 import torchbeam as tb
 
 TABLE = json.loads(
-    (Path(__file__).parents[1] / "torchbeam/data/rotating_cantilever_frequencies.json").read_text()
+    (Path(__file__).parents[1] / "studies/data/rotating_cantilever_frequencies.json").read_text()
 )["values"]
 N = 24
 # in units of (EI/(m L^4))^1/2, as all frequencies here

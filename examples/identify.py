@@ -16,7 +16,7 @@ import torch
 
 import torchbeam as tb
 
-CASE = json.loads((Path(__file__).parents[1] / "torchbeam/data/dynamic_step_load.json").read_text())
+CASE = json.loads((Path(__file__).parents[1] / "studies/data/dynamic_step_load.json").read_text())
 WINDOW, N = 81, 16  # samples, elements
 T = torch.tensor(CASE["t"][:WINDOW])
 TIP = torch.tensor(CASE["tip"][:WINDOW])

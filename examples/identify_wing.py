@@ -3,7 +3,7 @@ cannot tell.
 
 The data are measurements: the tip of the Pazy wing without skin (semispan 0.55 m) under weights of
 0.2 to 2 kg, as Avin et al. (AIAA Journal 60(3), 2022, doi:10.2514/1.J060621) publish it
-(torchbeam/data/pazy_static_bending.json). At 2 kg the tip is 39 % of the span down. The model is a
+(studies/data/pazy_static_bending.json). At 2 kg the tip is 39 % of the span down. The model is a
 cantilever of one EI under its own weight, in a root that may give way by c (rad per N m), and all
 loads are one batch of equilibria. The zero of the displacements is a reading too, so that its
 error, the same in all ten, is a third unknown. Four fits, with and without c and the offset:
@@ -33,9 +33,7 @@ import torch
 
 import torchbeam as tb
 
-CASE = json.loads(
-    (Path(__file__).parents[1] / "torchbeam/data/pazy_static_bending.json").read_text()
-)
+CASE = json.loads((Path(__file__).parents[1] / "studies/data/pazy_static_bending.json").read_text())
 SPAN, G = CASE["semispan"], 9.81
 HUNG = torch.tensor([0.0, *CASE["mass"]])  # kg; first what the displacements are counted from
 MEASURED = torch.tensor(CASE["displacement"]) / 100 * SPAN  # m

@@ -21,7 +21,7 @@ import torchbeam as tb
 SAMPLES, N = 4096, 16
 LEVELS = torch.tensor([0.01, 0.1, 0.5, 0.9, 0.99], dtype=torch.float64)
 TABLE = json.loads(
-    (Path(__file__).parents[1] / "torchbeam/data/elastica_dead_tip_load.json").read_text()
+    (Path(__file__).parents[1] / "studies/data/elastica_dead_tip_load.json").read_text()
 )["values"]
 
 

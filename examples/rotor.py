@@ -28,7 +28,7 @@ parser.add_argument("--picture", type=Path, default=Path("out/rotor.png"))
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
 TABLE = json.loads(
-    (Path(__file__).parents[1] / "torchbeam/data/rotating_cantilever_frequencies.json").read_text()
+    (Path(__file__).parents[1] / "studies/data/rotating_cantilever_frequencies.json").read_text()
 )["values"]
 N, SHAFT, HUB = 5, 10.0, 0.05  # elements of order 2 a blade; EI/L, m L^3
 SPEED = torch.tensor(

@@ -125,9 +125,9 @@ def double_precision_on_given_threads():
 
 @pytest.fixture(scope="session")
 def reference():
-    """reference("heavy_elastica") -> torchbeam/data/heavy_elastica.json, the file that the
+    """reference("heavy_elastica") -> studies/data/heavy_elastica.json, the file that the
     package's own studies read
     """
     return lambda name: json.loads(
-        resources.files("torchbeam").joinpath(f"data/{name}.json").read_text()
+        resources.files("studies").joinpath(f"data/{name}.json").read_text()
     )

@@ -33,16 +33,6 @@ from .analysis.identification.profile import Profile
 from .analysis.identification.smoothness import Smoothness
 from .analysis.identification.transform import Transform
 from .analysis.saved import load, save
-from .analysis.uncertainty import laws
-from .analysis.uncertainty.estimate import Estimate
-from .analysis.uncertainty.moment_derivatives import MomentDerivatives, moment_derivatives
-from .analysis.uncertainty.monte_carlo import monte_carlo
-from .analysis.uncertainty.monte_carlo_stream import monte_carlo_stream
-from .analysis.uncertainty.rare_event import RareEvent, rare_event
-from .analysis.uncertainty.samples import Samples
-from .analysis.uncertainty.sobol_indices import SobolIndices, sobol_indices
-from .analysis.uncertainty.stream import Stream
-from .analysis.uncertainty.tornado import Tornado, tornado
 from .core.entry_point import entry_points
 from .core.warning import SlowPathWarning
 from .dynamics.explicit import ExplicitStepper
@@ -101,6 +91,16 @@ from .state.instant import Instant
 from .state.solution import Energy, Solution, Stats
 from .state.state import State, rest
 from .statics.path import Path, path
+from .uncertainty import laws
+from .uncertainty.estimate import Estimate
+from .uncertainty.moment_derivatives import MomentDerivatives, moment_derivatives
+from .uncertainty.monte_carlo import monte_carlo
+from .uncertainty.monte_carlo_stream import monte_carlo_stream
+from .uncertainty.rare_event import RareEvent, rare_event
+from .uncertainty.samples import Samples
+from .uncertainty.sobol_indices import SobolIndices, sobol_indices
+from .uncertainty.stream import Stream
+from .uncertainty.tornado import Tornado, tornado
 
 # fmt: off
 __all__ = [

@@ -15,9 +15,7 @@ from statistics import median
 
 import numpy as np
 
-DATA = json.loads(
-    (Path(__file__).parents[2] / "torchbeam/data/accuracy_references.json").read_text()
-)
+DATA = json.loads((Path(__file__).parents[2] / "studies/data/accuracy_references.json").read_text())
 TIP = np.array(DATA["references"]["sudden"]["tip"])[:: DATA["intervals"] // 200]  # m, every 10 ms
 T = np.linspace(0, 2, 201)  # s
 # of a cantilever of 1 m along x
@@ -87,7 +85,7 @@ def sampled(
     """A row of each function of a bending stiffness, N m^2, and a tip load, N, by its name: seconds
     that so many random samples take processes that have begun, one a core and two at least; how
     many failed; `at_means`, its value at 1 and 1. The laws are those of
-    `python -m torchbeam scale`.
+    `python -m studies scale`.
     """
     processes = min(max(os.cpu_count() or 1, 2), 64)
     draw, sigma = np.random.default_rng(1), np.sqrt(np.log1p(0.2**2))

@@ -10,9 +10,9 @@ import pytest
 import torch
 
 import torchbeam as tb
+from studies.bench.stored import GROWTH
 from torchbeam.engine.chain.coverage import ENGINES, VARIABLE
 from torchbeam.engine.compiler.object_cache import default_folder
-from torchbeam.studies.bench.stored import GROWTH
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "compiled_engine.md").read_text()

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from torchbeam.studies import peers
-from torchbeam.studies.uncertainty.scale import FUNCTIONS
+from studies import peers
+from studies.uncertainty.scale import FUNCTIONS
 
 PEERS = Path(__file__).parents[2] / "examples" / "peers"
 
@@ -45,7 +45,7 @@ def test_peer(script, package, error):
 
 
 def test_samples():
-    """With --samples: exudyn's strip bends and swings as that of `python -m torchbeam scale` does
+    """With --samples: exudyn's strip bends and swings as that of `python -m studies scale` does
     at the means, to 1 %.
     """
     pytest.importorskip("exudyn")

@@ -191,7 +191,7 @@ def test_the_command_refuses_first(given, said, capsys):
 
 
 def test_rows_for_the_benchmark_of_the_engine(monkeypatch):
-    """One env in space, a batch in the plane, by the entry point that `python -m torchbeam bench`
+    """One env in space, a batch in the plane, by the entry point that `python -m studies bench`
     asks.
     """
     monkeypatch.setattr(benchmark, "STEPS", 2)

@@ -10,8 +10,8 @@ from collections import namedtuple
 
 import pytest
 
-from tests.unit.analysis.test_fingerprint import function
-from torchbeam.analysis.fingerprint import fingerprint
+from tests.unit.core.test_fingerprint import function
+from torchbeam.core.fingerprint import fingerprint
 
 IN_SET = "def f(x):\n    return x in {'a', 'b', 'c', 'd', 'e', 'f', 'g', 'h'}"
 CODES = {  # one after the other; each prints its name at its end
@@ -40,7 +40,7 @@ else:
 """,
     "fingerprint": f"""
 {IN_SET}
-from torchbeam.analysis.fingerprint import fingerprint
+from torchbeam.core.fingerprint import fingerprint
 print(fingerprint(f)[0])
 """,
     "dense systems": """

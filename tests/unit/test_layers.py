@@ -171,7 +171,7 @@ PUBLIC = (
     "torchbeam_envs.functional",
 )
 # what commands run, for those who run parts of it
-STUDIES = ("torchbeam.studies.", "torchbeam_envs.demo")
+STUDIES = ("studies.", "torchbeam_envs.demo")
 # folder -> the package alone that the rule is about there; "" = both
 OUTSIDE = {
     "envs": "torchbeam",

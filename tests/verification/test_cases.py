@@ -10,9 +10,9 @@ import pytest
 import torch
 
 import torchbeam
-from torchbeam.studies.verification.case import run
-from torchbeam.studies.verification.cases import CASES
-from torchbeam.studies.verification.command import main
+from studies.verification.case import run
+from studies.verification.cases import CASES
+from studies.verification.command import main
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.name}: {case.quantity}")
@@ -48,7 +48,7 @@ def test_every_reference_file_is_used():
 def test_no_constant_of_a_module_has_a_dtype():
     """The command's default is float32 when it imports what it then runs in float64."""
     folder = Path(torchbeam.__file__).parent / "studies" / "verification"
-    names = [f"torchbeam.studies.verification.{path.stem}" for path in folder.glob("[a-z]*.py")]
+    names = [f"studies.verification.{path.stem}" for path in folder.glob("[a-z]*.py")]
     modules = [import_module(name) for name in names]
     assert len(modules) > 10
     held = [value for module in modules for value in vars(module).values()]

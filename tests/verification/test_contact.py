@@ -1,5 +1,5 @@
 """Contact in motion: derivatives across stick and slip, and what is too fast for its steps. Known
-numbers are in the table of verification (`torchbeam.studies.verification.contact`).
+numbers are in the table of verification (`studies.verification.contact`).
 """
 
 import math

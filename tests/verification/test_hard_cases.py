@@ -6,9 +6,9 @@ import pytest
 import torch
 
 import torchbeam as tb
-from torchbeam.studies.hard_cases.case import run
-from torchbeam.studies.hard_cases.cases import CASES
-from torchbeam.studies.hard_cases.command import main
+from studies.hard_cases.case import run
+from studies.hard_cases.cases import CASES
+from studies.hard_cases.command import main
 
 LONG = {  # what holds them in the suite otherwise
     "snap-through by `path`": "test_path::test_snap_through",

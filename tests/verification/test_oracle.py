@@ -1,5 +1,5 @@
 """Random rods by the library and by a dense reference that shares no line with it
-(`python -m torchbeam oracle` takes more).
+(`python -m studies oracle` takes more).
 
 Errors are those of what three meshes tend to; accepted is what the last refinement changed that by,
 see `comparison`.
@@ -8,7 +8,7 @@ see `comparison`.
 import numpy as np
 import pytest
 
-from torchbeam.studies.oracle import comparison, draws
+from studies.oracle import comparison, draws
 
 SEED = 3
 LONG = 40

@@ -12,6 +12,7 @@ from torch._C import _functorch as functorch
 
 from ..core import files
 from ..core.arguments import instance
+from ..core.fingerprint import NoFingerprint, fingerprint
 from ..core.leaves import map_leaves
 from ..core.validation import broadcast
 from ..mixed.state import MixedState
@@ -20,7 +21,6 @@ from ..state.instant import Instant
 from ..state.solution import Solution, Stats
 from ..state.state import State
 from ..state.state_check import of_mesh
-from .fingerprint import NoFingerprint, fingerprint
 
 KIND, FORMAT = "torchbeam state", 1
 

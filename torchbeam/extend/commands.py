@@ -15,11 +15,11 @@ write files.
 """
 
 from ..cli import main, results_folder, threads
+from ..core import measurement
 from ..core.files import NotWritten, csv_text, folder, save, write, written
 from ..core.processes import process_pool
 from ..core.results import measured_on, sentence, table, versions
 from ..core.results import write as write_results
-from ..studies.bench import measurement
 
 # fmt: off
 __all__ = [

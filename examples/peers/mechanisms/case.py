@@ -13,7 +13,7 @@ from statistics import median
 import numpy as np
 
 DATA = json.loads(
-    (Path(__file__).parents[3] / "torchbeam/data/mechanism_references.json").read_text()
+    (Path(__file__).parents[3] / "studies/data/mechanism_references.json").read_text()
 )
 EA, GA, EI, MASS, INERTIA = (DATA[name] for name in ("EA", "GA", "EI", "mass", "inertia"))
 DAMPING, GRAVITY, DURATION = DATA["damping"], DATA["gravity"], DATA["duration"]

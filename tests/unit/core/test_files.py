@@ -64,7 +64,7 @@ def test_a_disk_that_fills_up_ends_a_command_in_a_sentence(tmp_path, capsys, mon
     said = capsys.readouterr()
     assert "Greenhill 1881" in said.out
     assert (
-        said.err.startswith("python -m torchbeam verify: error: ")
+        said.err.startswith("python -m studies verify: error: ")
         and "No space left on device" in said.err
     )
     assert [p.name for p in tmp_path.iterdir()] == ["verify.md"]

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 import torch
 
+from studies.rates import main as rates
 from torchbeam.core.results import measured_on, sentence, table, write
-from torchbeam.studies.rates import main as rates
 
 STORED = Path(__file__).parents[3] / "docs" / "results"
 FILES = sorted(STORED.glob("*/*.json"))

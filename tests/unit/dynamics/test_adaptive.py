@@ -9,6 +9,9 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from studies import error_control
+from studies.error_control import distance
+from studies.random_scenes import Draw, families
 from torchbeam.core.batch_subset import BatchSubset
 from torchbeam.core.derivatives import no_derivatives
 from torchbeam.core.status import TOO_MANY, UNDERFLOW
@@ -21,9 +24,6 @@ from torchbeam.dynamics.stepper import Stepper
 from torchbeam.math import quaternions as quat
 from torchbeam.nodal.discretise import discretise
 from torchbeam.scene.prescribed_motion import PrescribedMotion
-from torchbeam.studies import error_control
-from torchbeam.studies.error_control import distance
-from torchbeam.studies.random_scenes import Draw, families
 
 pytestmark = pytest.mark.steps
 
@@ -43,7 +43,7 @@ def rod(force=(0.0, 0.0, 0.03), EI=0.02, N=2, tau=0.01, plane="xz", **more):
 def test_error_is_within_the_tolerance():
     """24 random damped rods under sudden forces, rtol from 1e-3 to 1e-2, against equal steps
     extrapolated (which differ by less than a tenth of the tolerance): the short form of
-    `python -m torchbeam control`.
+    `python -m studies control`.
     """
     draw = Draw(3, 24)
     scene = families(2)["sudden, damped"](draw)

@@ -12,6 +12,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from studies.common_case import Case
 from tests.cases.nodal_cases import orders, shape
 from torchbeam.dynamics.simulate import simulate
 from torchbeam.math import quaternions as quat
@@ -23,7 +24,6 @@ from torchbeam.nodal.coordinates.spatial import Spatial
 from torchbeam.nodal.discretise import discretise
 from torchbeam.nodal.loads import Nodes, external
 from torchbeam.scene.element_stations import STATIONS
-from torchbeam.studies.common_case import Case
 from torchbeam.topology.chain import Chain
 
 N, BATCH = 2, (5,)

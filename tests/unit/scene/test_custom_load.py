@@ -11,10 +11,10 @@ from torch.autograd import forward_ad
 from torch.testing import assert_close
 
 import torchbeam as tb
+from studies.verification.wing import goland
 from torchbeam.analysis.trials import Counter
 from torchbeam.nodal.rates import Rates
 from torchbeam.scene.effects import LoadEffect
-from torchbeam.studies.verification.wing import goland
 
 torch.set_default_dtype(torch.float64)
 

@@ -9,8 +9,8 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from studies.effect_costs import table
 from tests.cases.compiled_step_cases import moving, section
-from torchbeam.studies.effect_costs import table
 
 pytest.importorskip("llvmlite")
 FIELDS = (

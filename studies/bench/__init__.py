@@ -1,0 +1,1 @@
+"""Benchmark of the compiled engine: `python -m studies bench`."""

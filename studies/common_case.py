@@ -1,0 +1,102 @@
+"""The common dynamic case: what other programs are compared on, and its published trajectory."""
+
+from __future__ import annotations
+
+import json
+from importlib import resources
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from torchbeam.core.validation import as_tensor
+from torchbeam.dynamics.simulate import simulate
+from torchbeam.scene.beam import Beam
+from torchbeam.scene.effects import TipLoad
+from torchbeam.scene.scene import Scene
+from torchbeam.scene.section import Section
+from torchbeam.state.solution import Solution
+
+SPACES = {"3D": None, "plane": "xy"}
+KINDS = ("linear", "linked", "order 2")  # of elements; linked: linear ones, by `Beam.linked`
+STRIP = dict(EA=4e4, GA=1.4835e4, GJ=0.769, EI=1.0, mass=0.2, inertia=5e-6)
+
+
+class Case(NamedTuple):
+    """The common dynamic case: a clamped beam along x, a dead transverse force of 1 N on its tip,
+    suddenly at t = 0.
+
+    t (time,) s, tip (time, 3) m: converged in space and time by two independent codes; not exact
+    below 2e-4 relative.
+    """
+
+    t: Tensor
+    tip: Tensor
+
+    @classmethod
+    def load(cls, dtype: torch.dtype = torch.float64) -> Case:
+        text = resources.files("studies").joinpath("data/dynamic_step_load.json").read_text()
+        data = json.loads(text)
+        return cls(torch.tensor(data["t"], dtype=dtype), torch.tensor(data["tip"], dtype=dtype))
+
+    def scene(
+        self,
+        elements: int,
+        plane: str | None = None,
+        EI: Tensor | float = 1.0,
+        force: Any = (0.0, 1.0, 0.0),
+        element: str = "linear",
+    ) -> Scene:
+        """element: one of `KINDS`."""
+        number = self.t.new_tensor
+        section = Section.from_stiffness(
+            **{
+                **{name: number(value) for name, value in STRIP.items()},
+                "EI": as_tensor(EI, self.t.dtype),
+            }
+        )
+        return Scene(
+            straight(number(1.0), elements, section, element), [TipLoad(force=force)], plane=plane
+        )
+
+    def error(self, solution: Solution) -> float:
+        """RMS |tip - reference| / RMS |reference - reference(0)| at the solution's instants, which
+        are the reference's.
+        """
+        at = torch.searchsorted(self.t, solution.t - 1e-9)
+        tip = solution.tip.position.detach()
+        tip = tip.reshape(len(tip), -1, 3)[:, 0]
+        reference = self.tip[at]
+        return (
+            (
+                (tip - reference).square().sum(-1).mean()
+                / (reference - self.tip[0]).square().sum(-1).mean()
+            )
+            .sqrt()
+            .item()
+        )
+
+
+def straight(length: Tensor, elements: int, section: Section, element: str) -> Beam:
+    """A beam of an element of `KINDS`."""
+    beam = Beam.straight(length, elements, section, order=2 if element == "order 2" else 1)
+    return beam.linked() if element == "linked" else beam
+
+
+def motion(
+    case: Case,
+    space: str,
+    elements: int,
+    step: float,
+    every: int | None = None,
+    element: str = KINDS[0],
+    **options: Any,
+) -> Solution:
+    """The whole 2 s, at batch 1; every: how many of the reference's instants lie between two of the
+    solution's.
+    """
+    with torch.no_grad():
+        t = case.t[:: every or max(1, round(step / 0.01))]
+        return simulate(
+            case.scene(elements, SPACES[space], element=element), t, step=step, **options
+        )

@@ -1,0 +1,137 @@
+"""Random scenes: soft rods in families that are loaded, held and moved differently, each sample
+with its own values.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchbeam.scene import effects as fx
+from torchbeam.scene.beam import Beam
+from torchbeam.scene.scene import Frame, RootMotion, Scene
+from torchbeam.scene.section import Section
+from torchbeam.scene.supports import Support
+
+
+class Draw:
+    """Random numbers, one for each sample."""
+
+    def __init__(self, seed: int, samples: int) -> None:
+        self.random, self.samples = torch.Generator().manual_seed(seed), samples
+
+    def __call__(self, low: float, high: float, *shape: int) -> Tensor:
+        """Evenly between two."""
+        return low + (high - low) * torch.rand(
+            self.samples, *shape, generator=self.random, dtype=torch.float64
+        )
+
+    def log(self, low: float, high: float) -> Tensor:
+        """Evenly between the logarithms of two."""
+        return self(math.log(low), math.log(high)).exp()
+
+    def vector(self, size: Tensor) -> Tensor:
+        """(..., 3) of a length, to any side."""
+        x = self(-1.0, 1.0, 3)
+        return size[:, None] * x / torch.linalg.vector_norm(x, dim=-1, keepdim=True)
+
+
+def rod(draw: Draw, elements: int) -> tuple[Beam, Tensor]:
+    """A soft rod, and the force EI/L^2 that bends it much."""
+    L, EI, mass = draw(0.3, 0.8), draw.log(0.007, 0.06), draw(0.15, 0.6)
+    section = Section.from_stiffness(
+        EA=1e4 * EI,
+        GA=4e3 * EI,
+        GJ=draw(0.5, 1.0) * EI,
+        EI=EI,
+        mass=mass,
+        inertia=mass * draw.log(3e-5, 3e-3),
+    )
+    return Beam.straight(L, elements, section), EI / L**2
+
+
+def families(elements: int) -> dict[str, Callable[[Draw], Scene]]:
+    """Name -> scenes of random values."""
+
+    def made(*effects: Callable[[Draw, Tensor], Any], **options: Any) -> Callable[[Draw], Scene]:
+        def scene(draw: Draw) -> Scene:
+            beam, force = rod(draw, elements)
+            more = {
+                name: value(draw) if callable(value) else value for name, value in options.items()
+            }
+            return Scene(beam, [effect(draw, force) for effect in effects], **more)
+
+        return scene
+
+    def push(low: float, high: float, **more: Any) -> Callable[[Draw, Tensor], Any]:
+        return lambda draw, force: fx.TipLoad(force=draw.vector(draw(low, high) * force), **more)
+
+    def damping(draw: Draw, force: Tensor) -> Any:
+        return fx.Damping(draw.log(1e-3, 5e-2))
+
+    def weight(draw: Draw, force: Tensor) -> Any:
+        return fx.Gravity((0.0, 0.0, -9.81))
+
+    def shaking(draw: Draw, force: Tensor) -> Any:
+        size, rate = draw.vector(draw(0.3, 1.5) * force), draw(3.0, 25.0)
+        return fx.TipLoad(force=lambda t: size * torch.sin(rate * t)[..., None])
+
+    def moment(draw: Draw, force: Tensor) -> Any:
+        size, rate = draw.vector(draw(0.1, 0.8) * force), draw(1.0, 8.0)  # force times 1 m
+        return fx.TipLoad(
+            moment=lambda t: size * torch.sin(rate * t)[..., None] ** 2, follower=True
+        )
+
+    def kick(draw: Draw, force: Tensor) -> Any:
+        size, at, width = draw.vector(draw(2.0, 8.0) * force), draw(0.2, 0.6), draw.log(0.005, 0.05)
+        return fx.TipLoad(force=lambda t: size * torch.exp(-((t - at) / width).square())[..., None])
+
+    def turning(draw: Draw) -> Frame:
+        rate = draw(1.0, 6.0)
+        return Frame(
+            angular_velocity=lambda t: torch.stack(
+                (0 * rate, 0 * rate, rate * torch.tanh(t) ** 2), -1
+            )
+        )
+
+    def shaken(draw: Draw) -> RootMotion:
+        size, rate = draw(0.01, 0.05), draw(3.0, 15.0)
+        return RootMotion(
+            displacement=lambda t: torch.stack(
+                (0 * size, 0 * size, size * torch.sin(rate * t) ** 2), -1
+            )
+        )
+
+    return {
+        "sudden": made(push(0.3, 2.0)),
+        "sudden, damped": made(push(0.3, 3.0), damping),
+        "weight": made(weight, damping),
+        "weight, plane": made(weight, plane="xz"),
+        "follower": made(push(0.5, 4.0, follower=True), damping),
+        "shaking": made(shaking, damping),
+        "kick": made(kick, damping),
+        "turning": made(damping, weight, frame=turning),
+        "shaken root": made(weight, damping, root=shaken),
+        "pendulum": made(
+            weight,
+            damping,
+            lambda draw, force: fx.PointMass(draw(0.01, 0.1)),
+            supports=[Support(0, "xyz", "xz")],
+        ),
+        "drag": made(
+            push(0.5, 3.0),
+            damping,
+            lambda draw, force: fx.Drag(1000.0, draw(0.002, 0.01), added_mass=1.0),
+        ),
+        "follower moment": made(moment),
+        "free": made(
+            push(0.1, 1.0, follower=True),
+            damping,
+            lambda draw, force: fx.MassDamping(draw(0.1, 1.0)),
+            supports=[Support(0, "", "")],
+        ),
+    }

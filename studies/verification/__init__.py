@@ -1,0 +1,3 @@
+"""Verification against closed forms, published figures and other codes; run by
+`python -m studies verify` and the tests.
+"""

@@ -1,0 +1,98 @@
+"""Case: one known number or series, its source, and its computation here."""
+
+from __future__ import annotations
+
+import json
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchbeam.cli import double_precision
+
+Solve = Callable[[], tuple[Tensor, Tensor]]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One row of the table.
+
+    source    where the reference is from;  quantity: what is compared;  mesh: elements, step
+    solve     () -> (ours, reference), tensors of one shape
+    bound     on the error; why: where that bound is from
+    scale     what differences are divided by; None = each entry by its reference
+    """
+
+    name: str
+    source: str
+    quantity: str
+    mesh: str
+    solve: Solve
+    bound: float
+    why: str
+    scale: float | None = None
+
+
+@dataclass(frozen=True)
+class Result:
+    """reference and ours: the entry of the largest error; entries: of how many."""
+
+    case: str
+    source: str
+    quantity: str
+    reference: float
+    ours: float
+    error: float
+    bound: float
+    entries: int
+    mesh: str
+    seconds: float
+    why: str
+
+    @property
+    def ok(self) -> bool:
+        return self.error <= self.bound
+
+
+def run(case: Case) -> Result:
+    """Solve it in float64; an equilibrium that is unstable is meant where one is looked for."""
+    begin = time.perf_counter()
+    with double_precision(), warnings.catch_warnings(), torch.no_grad():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        ours, reference = (
+            x.detach().double().flatten() for x in torch.broadcast_tensors(*case.solve())
+        )
+    seconds = time.perf_counter() - begin
+    error = (ours - reference).abs() / (reference.abs() if case.scale is None else case.scale)
+    error = torch.where(torch.isfinite(error), error, torch.inf)
+    at = int(error.argmax())
+    return Result(
+        case.name,
+        case.source,
+        case.quantity,
+        reference[at].item(),
+        ours[at].item(),
+        error[at].item(),
+        case.bound,
+        error.numel(),
+        case.mesh,
+        seconds,
+        case.why,
+    )
+
+
+@cache
+def reference(name: str) -> Any:
+    """The contents of data/NAME.json."""
+    return json.loads(resources.files("studies").joinpath(f"data/{name}.json").read_text())
+
+
+def columns(values: list[dict[str, float]], *names: str) -> tuple[Tensor, ...]:
+    """The named numbers of a list of records, each (len,)."""
+    return tuple(torch.tensor([v[name] for v in values]) for name in names)

@@ -1,1 +1,0 @@
-"""Benchmark of the compiled engine: `python -m torchbeam bench`."""

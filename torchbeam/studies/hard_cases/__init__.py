@@ -1,1 +1,0 @@
-"""The hard cases: one list, run by `python -m torchbeam hardcases` and by the tests."""

@@ -1,0 +1,265 @@
+"""Folder of computed chunks of one run: its identity, and checksums of the files."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, TypeVar
+
+import torch
+from torch import Tensor
+
+from ..core.files import folder, save, write
+from ..core.fingerprint import NoFingerprint, fingerprint
+from ..core.warning import warn
+
+FORMAT = 2  # of run.json and the chunks
+NAMES = dict(
+    format="files of another release",
+    laws="other laws",
+    sobol="another Sobol sequence",
+    versions="other versions",
+    version="another version of the function",
+    points="replicates of another size",
+    theta="other samples",
+)
+KEYS = ("format", "design")  # compared first
+OWN = {"function", "parts", "run"}  # compared by themselves, or not at all
+T = TypeVar("T")
+Chunk = tuple[Tensor, Tensor, Tensor]  # theta (k, p), y (k, ...), status (k,)
+
+
+@dataclass(frozen=True)
+class ChunkFolder:
+    """Chunks of one run, a file each.
+
+    path   holds run.json and a file chunk-FIRST.pt for each chunk
+    label  what run.json says: what the run is, and "run", a digest of that; each chunk carries it,
+           with its place and a checksum of its content
+    """
+
+    path: Path
+    label: dict[str, Any]
+
+    @classmethod
+    def of(
+        cls,
+        path: str | Path,
+        function: Callable,
+        laws: dict[str, Any],
+        version: str | None,
+        **settings: Any,
+    ) -> ChunkFolder:
+        """The folder, made and labelled; ValueError where it is no folder, or another run's, and
+        says what differs.
+
+        The run is known by the laws, in their order, by the settings (seed, chunk, dtype ...), by
+        the version of this library, and by the function: its fingerprint and the versions of what
+        it uses, or `version` where that is given.
+        """
+        path = Path(path)
+        label = _label(function, laws, version, settings)
+        there = _there(path) if path.is_dir() else None
+        if there is None:
+            folder(path)
+            there = {**label, "run": hashlib.sha256(json.dumps(label).encode()).hexdigest()}
+            _write_label(path, there)
+        elif what := _difference(there, label):
+            raise ValueError(
+                f"the folder {str(path)!r} of a run with {what[0]} was given ({what[1]}); another "
+                "folder is wanted"
+            )
+        return cls(path, there)
+
+    @staticmethod
+    def setting(path: str | Path, name: str) -> Any:
+        """A setting of the run that is in a folder; None where there is none."""
+        try:
+            return json.loads((Path(path) / "run.json").read_text())[name]
+        except (OSError, ValueError, TypeError, KeyError):
+            return None
+
+    def get(self, first: int, count: int) -> Chunk | None:
+        """The chunk that starts with sample `first`, if at least `count` samples of it are there.
+        One that is damaged is none, with a warning.
+        """
+
+        def content(stored: dict[str, Any]) -> Chunk:
+            chunk = stored["theta"], stored["y"], stored["status"]
+            if stored["run"] != self.label["run"] or stored["first"] != first:
+                raise ValueError("it is another run's, or stood in another place")
+            if stored["checksum"] != self._checksum(first, chunk):
+                raise ValueError("its checksum is wrong")
+            return chunk
+
+        chunk = loaded(self._file(first), content)
+        # the last chunk of a smaller n is shorter
+        return chunk if chunk is not None and len(chunk[0]) >= count else None
+
+    def put(self, first: int, chunk: Chunk) -> None:
+        """Write a chunk, whole or not at all; NotWritten where that fails."""
+        save(
+            self._file(first),
+            dict(
+                zip(("theta", "y", "status"), chunk, strict=True),
+                run=self.label["run"],
+                first=first,
+                checksum=self._checksum(first, chunk),
+            ),
+        )
+
+    @property
+    def reachable(self) -> bool:
+        """Whether this machine sees the folder: a worker on another one may not."""
+        return self.setting(self.path, "run") == self.label["run"]
+
+    def writable(self) -> None:
+        """ValueError where nothing can be written."""
+        folder(self.path)
+
+    def finish(self, function: Callable, laws: dict[str, Any]) -> None:
+        """Called after a run: what the run itself changed (a counter, a cache) does not count as
+        part of the function.
+        """
+        known, (now, _) = self.label["parts"], _parts(function, laws, self.label["version"])
+        parts = {
+            name: value if now.get(name, value) == value else None for name, value in known.items()
+        }
+        if parts != known:
+            _write_label(self.path, {**self.label, "parts": parts})
+
+    def _file(self, first: int) -> Path:
+        return self.path / f"chunk-{first:09d}.pt"
+
+    def _checksum(self, first: int, chunk: Chunk) -> str:
+        sum_ = hashlib.sha256(f"{self.label['run']} {first}".encode())
+        for x in chunk:
+            sum_.update(f"{x.dtype} {tuple(x.shape)}".encode())
+            sum_.update(x.detach().contiguous().flatten().view(torch.uint8).numpy().tobytes())
+        return sum_.hexdigest()
+
+
+def loaded(path: Path, content: Callable[[dict[str, Any]], T]) -> T | None:
+    """What `content` makes of the dict in a file; None where there is no file, and, with a warning,
+    where it is damaged: cannot be read, or has content that is not what it should be, of which a
+    ValueError says why.
+    """
+    try:
+        return content(torch.load(io.BytesIO(path.read_bytes()), weights_only=True))
+    except FileNotFoundError:
+        return None
+    except Exception as error:  # of a damaged file torch.load may raise anything
+        why = str(error) if type(error) is ValueError else "it cannot be read"
+        warn(f"{str(path)!r} is damaged ({why}); it is computed anew", UserWarning)
+        return None
+
+
+def _label(
+    function: Callable, laws: dict[str, Any], version_: str | None, settings: dict[str, Any]
+) -> dict[str, Any]:
+    parts, versions = _parts(function, laws, version_)
+    try:
+        own = version("torchbeam")
+    except PackageNotFoundError:  # runs without being installed
+        own = "unknown"
+    return dict(
+        format=FORMAT,
+        function=getattr(function, "__qualname__", type(function).__name__),
+        version=version_,
+        laws=[[name, _shown(law)] for name, law in laws.items()],
+        **settings,
+        versions={**(versions if version_ is None else {}), "torchbeam": own},
+        parts=parts,
+    )
+
+
+def _parts(
+    function: Callable, laws: dict[str, Any], version_: str | None
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Digests of the laws, and of the function unless a version stands for it, part by part;
+    versions of what they use.
+    """
+    parts, versions = {}, {}
+    given = [(f"the law of {name!r}", law) for name, law in laws.items()]
+    for what, value in given if version_ is not None else [("", function), *given]:
+        try:
+            fingerprint_of, used = fingerprint(value)
+        except NoFingerprint as error:
+            if version_ is not None:
+                continue
+            raise ValueError(
+                f"{what or 'a function'} that holds {error}, which may change unseen, was given "
+                "with a folder; version= is wanted, another one for each change"
+            ) from None
+        parts |= {
+            " ".join(filter(None, (what, name))): digest for name, digest in fingerprint_of.items()
+        }
+        versions |= used
+    return parts, versions
+
+
+def _shown(law: Any) -> Any:
+    if isinstance(law, (tuple, list)):
+        return [float(v) for v in law]
+    return repr(law) if hasattr(law, "icdf") else getattr(law, "__qualname__", type(law).__name__)
+
+
+def _there(path: Path) -> dict[str, Any] | None:
+    """Content of run.json; None in an empty folder. ValueError for a folder of something else."""
+    names = {p.name for p in path.iterdir() if not p.name.endswith(".part")}
+    if not names:
+        return None
+    if "run.json" not in names:
+        raise ValueError(
+            f"the folder {str(path)!r}, which holds {min(names)!r} and no run.json, was given; an "
+            "empty or a new one, or that of an earlier run, is wanted"
+        )
+    try:
+        there = json.loads((path / "run.json").read_text())
+        wanted = dict(parts=dict, run=str) if there["format"] == FORMAT else {}
+        if not all(isinstance(there.get(key), kind) for key, kind in wanted.items()):
+            raise ValueError
+    except (OSError, ValueError, TypeError, KeyError):
+        raise ValueError(
+            f"the folder {str(path)!r} was given, whose run.json is damaged or of another release; "
+            "another folder is wanted"
+        ) from None
+    return there
+
+
+def _write_label(path: Path, label: dict[str, Any]) -> None:
+    write(path / "run.json", json.dumps(label, indent=1) + "\n")
+
+
+def _difference(there: dict[str, Any], label: dict[str, Any]) -> tuple[str, str] | None:
+    """Differences between the run in the folder and the label, in words."""
+    for key in sorted({*label, *there} - OWN, key=[*KEYS, *label, *there].index):
+        if there.get(key) != label.get(key):
+            return NAMES.get(key, f"another {key}"), _both(there.get(key), label.get(key))
+    old, new = there["parts"], label["parts"]
+    pairs = {name: {old.get(name, ""), new.get(name, "")} for name in (*old, *new)}
+    # None: by itself
+    changed = [
+        name or "its code" for name, pair in pairs.items() if len(pair) > 1 and None not in pair
+    ]
+    laws = [name for name in changed if name.startswith("the law of ")]
+    return (
+        (
+            "other laws" if laws else "another function",
+            f"changed: {', '.join((laws or changed)[:3])}",
+        )
+        if changed
+        else None
+    )
+
+
+def _both(old: Any, new: Any) -> str:
+    if isinstance(old, dict) and isinstance(new, dict):
+        key = min(k for k in {*old, *new} if old.get(k) != new.get(k))
+        return f"{key} {old.get(key, 'not used')} there, {new.get(key, 'not used')} here"
+    return " there, ".join(x if isinstance(x, str) else json.dumps(x) for x in (old, new)) + " here"

@@ -1,0 +1,195 @@
+"""Configuration of a run: a Python, JSON or TOML file with a function, laws and options of
+`monte_carlo`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import torch
+
+from ..core.arguments import boolean, keywords, level_of, number
+from .given_law import of_text
+from .monte_carlo import monte_carlo
+from .monte_carlo_stream import monte_carlo_stream
+from .output import LEVELS
+
+OPTIONS = sorted(
+    {*keywords(monte_carlo), *keywords(monte_carlo_stream)} - {"executor", "out", "progress"}
+)
+OWN = ("levels", "interval", "thresholds", "keep")  # of the answers, and whether samples are kept
+KNOWN = ("function", "laws", "n", *OPTIONS, *OWN)
+DTYPES = {"float32": torch.float32, "float64": torch.float64}
+
+
+@dataclass(frozen=True)
+class Config:
+    """A run: function, laws and n, further options of `monte_carlo`; what is asked of the samples.
+
+    modules     that the function's file was loaded as: workers on other machines get that file
+    levels      of quantiles;  interval: confidence level;  thresholds: of exceedance;  keep:
+                samples, or a summary
+    """
+
+    function: Any
+    laws: Any
+    n: int | None
+    options: dict[str, Any]
+    modules: tuple[ModuleType, ...] = ()
+    levels: tuple[float, ...] = LEVELS
+    interval: float = 0.95
+    thresholds: tuple[float, ...] = ()
+    keep: bool = True
+
+
+def read(path: Path) -> Config:
+    """The configuration in a file; ValueError where it is none."""
+    if not path.is_file():
+        raise ValueError(
+            f"the file {str(path)!r} was given, which is not there; a configuration (.py, .json, "
+            ".toml) is wanted"
+        )
+    if path.suffix == ".py":
+        module = load(path)
+        given = {name: getattr(module, name) for name in KNOWN if hasattr(module, name)}
+        modules: tuple[ModuleType, ...] = (module,)
+    else:
+        given = _parsed(path)
+        function, modules = _function(path, given.pop("function", None))
+        given["function"] = function
+        if isinstance(given.get("laws"), dict):
+            given["laws"] = {name: of_text(name, law) for name, law in given["laws"].items()}
+        if "dtype" in given:
+            if given["dtype"] not in DTYPES:
+                raise ValueError(
+                    f"dtype = {given['dtype']!r} was given; float32 or float64 is wanted"
+                )
+            given["dtype"] = DTYPES[given["dtype"]]
+        if isinstance(given.get("correlation"), dict):
+            given["correlation"] = {
+                tuple(name.strip() for name in pair.split(",")): value
+                for pair, value in given["correlation"].items()
+            }
+        if isinstance(given.get("sentences"), dict):
+            codes = [
+                int(code) if code.removeprefix("-").isdecimal() else code
+                for code in given["sentences"]
+            ]
+            given["sentences"] = dict(zip(codes, given["sentences"].values(), strict=True))
+        if unknown := [name for name in given if name not in KNOWN]:
+            raise ValueError(
+                f"{unknown[0]!r} was given in {path.name}; {', '.join(KNOWN)} are there"
+            )
+    for name in ("function", "laws"):
+        if given.get(name) is None:
+            raise ValueError(
+                f"{path.name} without {name} was given; function, laws and n are wanted"
+            )
+    if not callable(given["function"]):
+        raise ValueError(
+            f"function = {given['function']!r} was given in {path.name}; a function is wanted"
+        )
+    own = {name: given.pop(name) for name in OWN if name in given}
+    own |= {name: _numbers(name, own[name]) for name in ("levels", "thresholds") if name in own}
+    if not all(0 <= level <= 1 for level in own.get("levels", ())):
+        raise ValueError(
+            f"levels = {own['levels']} were given in {path.name}; probabilities are wanted"
+        )
+    level_of("interval", own.get("interval", Config.interval))
+    boolean("keep", own.get("keep", Config.keep))
+    return Config(
+        given.pop("function"), given.pop("laws"), given.pop("n", None), given, modules, **own
+    )
+
+
+def load(path: Path) -> ModuleType:
+    """The Python file as a module of its name, which other processes here can import too;
+    ValueError where another has it.
+    """
+    path, name = path.resolve(), path.stem
+    loaded = sys.modules.get(name)
+    if loaded is not None and getattr(loaded, "__file__", None) == str(path):
+        return loaded
+    if not name.isidentifier():
+        raise ValueError(
+            f"the file {path.name!r} was given; a name that Python can import is wanted"
+        )
+    sys.path.insert(0, str(path.parent))
+    importlib.invalidate_caches()
+    spec = None if loaded is not None else importlib.util.find_spec(name)
+    if spec is None or spec.origin != str(path):
+        sys.path.remove(str(path.parent))
+        raise ValueError(
+            f"the file {path.name!r} was given, and another module is called {name!r}; another "
+            "name is wanted"
+        )
+    return importlib.import_module(name)
+
+
+def _function(path: Path, given: Any) -> tuple[Any, tuple[ModuleType, ...]]:
+    """Function of "model.py:name", beside the configuration, or of "package.module:name"."""
+    place, _, name = given.rpartition(":") if isinstance(given, str) else ("", "", "")
+    if not place or not name:
+        raise ValueError(
+            f'function = {given!r} was given in {path.name}; "FILE.py:NAME" or "MODULE:NAME" is '
+            "wanted"
+        )
+    if place.endswith(".py"):
+        file = path.parent / place
+        if not file.is_file():
+            raise ValueError(
+                f"function = {given!r} was given in {path.name}, and {str(file)!r} is not there"
+            )
+        module = load(file)
+    else:
+        try:
+            module = importlib.import_module(place)
+        except ImportError as error:
+            raise ValueError(
+                f"function = {given!r} was given in {path.name}, and {place!r} is not there "
+                f"({error})"
+            ) from None
+    if not hasattr(module, name):
+        raise ValueError(
+            f"function = {given!r} was given in {path.name}, and {place!r} has no {name!r}"
+        )
+    return getattr(module, name), (module,) if place.endswith(".py") else ()
+
+
+def _numbers(name: str, given: Any) -> tuple[float, ...]:
+    if not isinstance(given, (list, tuple)):
+        raise ValueError(f"{name} = {given!r} was given; a list of numbers is wanted")
+    return tuple(number(name, x) for x in given)
+
+
+def _parsed(path: Path) -> dict[str, Any]:
+    if path.suffix not in (".json", ".toml"):
+        raise ValueError(
+            f"the file {path.name!r} was given; one that ends in .py, .json or .toml is wanted"
+        )
+    try:
+        if path.suffix == ".json":
+            given = json.loads(path.read_text())
+        else:
+            import tomllib
+
+            given = tomllib.loads(path.read_text())
+    except ImportError:
+        raise ValueError(
+            f"the file {path.name!r} was given; TOML wants Python 3.11 or later, JSON does not"
+        ) from None
+    except ValueError as error:
+        raise ValueError(f"{path.name} cannot be read: {error}") from None
+    if not isinstance(given, dict):
+        raise ValueError(
+            f"{path.name} that holds a {type(given).__name__} was given; names with values are "
+            "wanted"
+        )
+    return given

@@ -1,0 +1,311 @@
+"""Evaluation of a function at the points of a design, chunk by chunk, here or by an executor."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import Executor
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..core.arguments import count
+from ..core.arguments import function as checked_function
+from ..core.files import NotWritten
+from ..core.memory import check_memory
+from ..core.repetition import one_of
+from ..core.validation import precision, shown
+from .chunks import Chunk, ChunkFolder
+from .designs import SOBOL_POINTS
+from .joint_law import JointLaw
+from .progress import Progress, Report
+from .samples import FAILED
+from .transfer import packed, unpacked
+
+Function = Callable[..., Any]  # theta (N, p) -> y (N, ...), or (y, status (N,))
+AHEAD = 1024  # chunks that an executor is given before the first of them is back
+
+
+@dataclass(frozen=True)
+class Job:
+    """One chunk of work: samples first to last - 1 of a design. Calling it gives theta, y and
+    status, and whether they are written: into the folder, where there is one and this machine sees
+    it. Another process computes on one thread, with the caller's default dtype, and gives its
+    result packed.
+    """
+
+    function: Function
+    joint: JointLaw
+    design: Any
+    first: int
+    last: int
+    dtype: torch.dtype
+    by_name: bool
+    folder: ChunkFolder | None
+    caller: tuple[str, int]
+    default: torch.dtype
+    total: int
+    reduce: Callable[[Chunk], Any] | None = None
+
+    def __call__(self) -> tuple[Any, bool]:
+        elsewhere = _here() != self.caller
+        if elsewhere:
+            torch.set_num_threads(1)
+            torch.set_default_dtype(self.default)
+        theta = self.design.theta(self.joint, self.first, self.last).detach().to(self.dtype)
+        with one_of(self.total / (self.last - self.first)):
+            chunk = theta, *evaluated(self.function, self.joint, theta.clone(), self.by_name)
+        written = self.folder is not None and self.folder.reachable
+        if written:
+            self.folder.put(self.first, chunk)
+        result = chunk if self.reduce is None else self.reduce(chunk)
+        return packed(result) if elsewhere else result, written
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """A function, the laws and design of its parameters, and how it is evaluated.
+
+    total   samples of the run, as far as that is known: what is worth compiling depends on them all
+    points  of each replicate, where no chunk may be of two
+    reduce  what becomes of a chunk where it was computed, without a folder: something with
+            `failed`, the number of samples
+    """
+
+    function: Function
+    joint: JointLaw
+    design: Any
+    dtype: torch.dtype
+    chunk: int
+    by_name: bool = False
+    executor: Executor | None = None
+    folder: ChunkFolder | None = None
+    total: int = 1
+    points: int | None = None
+    reduce: Callable[[Chunk], Any] | None = None
+
+    def __post_init__(self) -> None:
+        """Raises MemoryError where the parameters of a call are more than there is memory for."""
+        count = min(self.chunk, self.total)
+        size = 2 * 8 * count * len(self.joint.names)  # and the numbers that they are drawn from
+        check_memory(f"the parameters of {count} samples", size, "a smaller chunk is wanted")
+
+    def chunks(
+        self, first: int, last: int, progress: Progress | None = None
+    ) -> Generator[Any, None, None]:
+        """Chunks of samples first to last - 1, in order; from the folder where they are there, and
+        reduced if so wished.
+        """
+        stored: dict[int, Chunk] = {}
+        todo: Iterable[tuple[int, int]] = self._ends(first, last)
+        if self.folder is not None:
+            stored = {
+                a: chunk
+                for a, b in self._ends(first, last)
+                if (chunk := self.folder.get(a, b - a)) is not None
+            }
+            todo = [end for end in todo if end[0] not in stored]
+            if todo:
+                self.folder.writable()
+        jobs = (
+            Job(
+                self.function,
+                self.joint,
+                self.design.part(a, b),
+                a,
+                b,
+                self.dtype,
+                self.by_name,
+                self.folder,
+                _here(),
+                torch.get_default_dtype(),
+                self.total,
+                self.reduce,
+            )
+            for a, b in todo
+        )
+        results = (
+            (job() for job in jobs) if self.executor is None else _gathered(self.executor, jobs)
+        )
+        try:
+            for a, b in self._ends(first, last):
+                known = stored.pop(a, None)
+                chunk, written = (
+                    (tuple(part[: b - a] for part in known), True)
+                    if known is not None
+                    else next(results)
+                )
+                if self.folder is not None and not written:
+                    self.folder.put(a, chunk)
+                if progress is not None:
+                    failed = int((chunk[2] != 0).sum()) if self.reduce is None else chunk.failed
+                    progress.add(b - a, failed, known is not None)
+                yield chunk
+        finally:
+            results.close()
+            if self.folder is not None and todo:
+                with suppress(NotWritten):
+                    self.folder.finish(self.function, self.joint.laws)
+
+    def _ends(self, first: int, last: int) -> Iterator[tuple[int, int]]:
+        """First samples of chunks, and of those after them."""
+        while first < last:
+            end = min(first + self.chunk, last)
+            if self.points is not None:
+                end = min(end, (first // self.points + 1) * self.points)
+            yield first, end
+            first = end
+
+
+def evaluated(
+    function: Function, joint: JointLaw, theta: Tensor, by_name: bool
+) -> tuple[Tensor, Tensor]:
+    """y (n, ...) and status (n,) of a function at n samples, detached and on the CPU; ValueError
+    where they do not fit.
+    """
+    y, status = (x.detach().cpu() for x in called(function, joint, theta, by_name))
+    return _alone(y), status
+
+
+def called(
+    function: Function, joint: JointLaw, theta: Tensor, by_name: bool
+) -> tuple[Tensor, Tensor]:
+    """y (n, ...) and status (n,) of a function at samples theta (n, p), on y's device and with its
+    gradients; FAILED where y is not finite. ValueError where they do not fit.
+    """
+    n, named = len(theta), joint.named(theta) if by_name else {}
+    checked_function("function", function, *(() if by_name else ("theta",)), named=named)
+    given = function(**named) if by_name else function(theta)
+    y, status = (
+        given
+        if isinstance(given, tuple) and len(given) == 2
+        else (given, torch.zeros(n, dtype=torch.long))
+    )
+    for name, value, wanted in (("y", y, f"({n}, ...)"), ("a status", status, f"({n},)")):
+        if not isinstance(value, Tensor):
+            raise ValueError(
+                f"a function that gave {name} as a {type(value).__name__} was given; a tensor "
+                f"{wanted} is wanted"
+            )
+        if value.shape[:1] != (n,) or (value is status and value.ndim != 1) or not value.numel():
+            raise ValueError(
+                f"a function that gave {name} {tuple(value.shape)} was given; {wanted} is wanted"
+            )
+        if value.layout != torch.strided or value.is_meta:
+            raise ValueError(
+                f"a function that gave {name} in the layout {value.layout} on {value.device} was "
+                "given; numbers, one beside the other, are wanted"
+            )
+        if value.is_complex():
+            raise ValueError(
+                f"a function that gave a complex {name.split()[-1]} was given; real numbers are "
+                "wanted"
+            )
+    if status.is_floating_point() and not (status == status.round()).all():
+        raise ValueError(
+            "a function that gave a status between whole numbers was given; 0 for good samples, "
+            "and whole numbers for those that failed, are wanted"
+        )
+    y = y.float() if y.dtype in (torch.float16, torch.bfloat16) else y
+    status, finite = status.long().to(y.device), torch.isfinite(y).reshape(n, -1).all(-1)
+    return y, torch.where((status == 0) & ~finite, FAILED, status)
+
+
+def one_kind(chunks: Iterable[tuple[int, Chunk]]) -> None:
+    """ValueError where y changes its shape or dtype from one chunk to the next; chunks with their
+    first samples.
+    """
+    kind = None
+    for first, (_, y, _) in chunks:
+        now = (y.dtype, tuple(y.shape[1:]))
+        if kind not in (None, now):
+            raise ValueError(
+                f"a function that gave y (N, ...) of {kind} and, from sample {first} on, of {now} "
+                "was given; one kind is wanted"
+            )
+        kind = now
+
+
+def settings(
+    function: Any, n: Any, seed: Any, chunk: Any, executor: Any, dtype: Any, version: Any
+) -> tuple[int, int, int, torch.dtype]:
+    """n, seed, chunk and dtype, if these and the others are what they should be; ValueError
+    otherwise.
+    """
+    checked_function("function", function)
+    if executor is not None and not hasattr(executor, "submit"):
+        raise ValueError(
+            f"executor = {shown(executor)} was given; a concurrent.futures.Executor is wanted"
+        )
+    if isinstance(version, bool) or not isinstance(version, (str, int, type(None))):
+        raise ValueError(
+            f"version = {shown(version)} was given; a text or a whole number is wanted"
+        )
+    if dtype is not None and not isinstance(dtype, torch.dtype):
+        raise ValueError(
+            f"dtype = {shown(dtype)} was given; torch.float32 or torch.float64 is wanted"
+        )
+    if (seed := count("seed", seed, 0)) >= 2**63:
+        raise ValueError(f"seed = {seed} was given; one below 2^63 is wanted")
+    if (n := count("n", n)) > SOBOL_POINTS:
+        raise ValueError(f"n = {n} was given; the sequence has 2^30 points")
+    return n, seed, count("chunk", chunk), precision(dtype or torch.float64)
+
+
+def points_of(n: int, replicates: Any, fewest: int = 1, least: int = 1) -> int:
+    """Points of each replicate, at least `least`, of at least `fewest` that n samples are shared
+    out to; ValueError where that leaves some.
+    """
+    points = n // count("replicates", replicates, fewest)
+    if points * replicates != n or points < least:
+        each = f", of at least {least} points each," if least > 1 else ""
+        raise ValueError(
+            f"n = {n} was given for {replicates} replicates; a multiple{each} is wanted"
+        )
+    return points
+
+
+def _alone(x: Tensor) -> Tensor:
+    """The tensor without what it is a part of, such as the state of all nodes: that would be kept,
+    and written, with it.
+    """
+    return x.clone() if x.untyped_storage().nbytes() > x.numel() * x.element_size() else x
+
+
+def _here() -> tuple[str, int]:
+    """Machine and process."""
+    return platform.node(), os.getpid()
+
+
+def _gathered(executor: Executor, jobs: Iterable[Callable[[], Any]]) -> Generator[Any, None, None]:
+    """What jobs give, in their order; AHEAD of them at most are under way."""
+    waiting: deque = deque()
+    try:
+        for job in jobs:
+            waiting.append(executor.submit(job))
+            if len(waiting) >= AHEAD:
+                yield _result(waiting.popleft())
+        while waiting:
+            yield _result(waiting.popleft())
+    finally:
+        for future in waiting:
+            future.cancel()
+
+
+def _result(future: Any) -> tuple[Any, bool]:
+    """What a job gave, once it is there."""
+    result, written = future.result()
+    return unpacked(result), written
+
+
+def progress_of(report: Report | bool | None, total: int) -> Progress | None:
+    """Progress of a run of so many samples, told to a function or, with True, to the terminal;
+    ValueError for anything else.
+    """
+    return None if report is None or report is False else Progress(total, time.monotonic(), report)

@@ -1,0 +1,116 @@
+"""Normal scores of any law: of the laws here, exact in both tails; of others by their
+probabilities.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor, distributions
+
+from ..math.distributions import normal_probability, score_of_tails
+from .parametric_laws import Gumbel, Normal, Uniform, Weibull
+
+
+@dataclass(frozen=True)
+class ExpTransformed:
+    """exp of a variable with a law here."""
+
+    law: Any
+
+    def of_score(self, z: Tensor) -> Tensor:
+        return self.law.of_score(z).exp()
+
+    def score(self, x: Tensor) -> Tensor:
+        return self.law.score(x.clamp_min(0).log())
+
+
+TORCHS = {
+    distributions.Uniform: lambda law: Uniform(law.low, law.high),
+    distributions.Normal: lambda law: Normal(law.loc, law.scale),
+    distributions.LogNormal: lambda law: ExpTransformed(Normal(law.loc, law.scale)),
+    distributions.Exponential: lambda law: Weibull(1 / law.rate),
+    distributions.Weibull: lambda law: Weibull(law.scale, law.concentration),
+    distributions.Gumbel: lambda law: Gumbel(law.loc, law.scale),
+}
+
+
+def as_own(law: Any) -> Any:
+    """The same law as one that tells scores, where it is a pair or one of torch's that are known
+    here; as it is otherwise.
+    """
+    if isinstance(law, (tuple, list)):
+        return Uniform(*law)
+    make = TORCHS.get(type(law))
+    return law if make is None or law.batch_shape else make(law)
+
+
+def why_none(law: Any) -> str | None:
+    """Why a law with `icdf` is none of one number, as a distribution of torch may be; None where it
+    is one.
+    """
+    if not isinstance(law, distributions.Distribution):
+        return None
+    if law.event_shape or law.batch_shape.numel() != 1:
+        return f"has {tuple(law.batch_shape + law.event_shape)} numbers, not one"
+    try:
+        law.icdf(torch.full((1,), 0.5, dtype=torch.float64))
+    except NotImplementedError:
+        return "has no quantiles (icdf)"
+    return None
+
+
+def has_tails(law: Any) -> bool:
+    """Whether a law tells values of scores, and so both tails; a `Truncated` or `ExpTransformed`
+    one does as its own law does.
+    """
+    own = as_own(law)
+    return hasattr(own, "of_score") and (not hasattr(own, "law") or has_tails(own.law))
+
+
+def of_score(law: Any, z: Tensor) -> Tensor:
+    """Values (N,) of normal scores z (N,). A law that does not tell scores is asked for the value
+    of a probability, which is 1 but for rounding from z = 8 on; where it has none of a small one,
+    it is that of rounding, at z = -8.
+    """
+    law = as_own(law)
+    if hasattr(law, "of_score"):
+        return law.of_score(z)
+    value = law.icdf if hasattr(law, "icdf") else law
+    rounding = torch.finfo(z.dtype).eps / 2
+    u = normal_probability(z).clamp(torch.finfo(z.dtype).tiny, 1 - rounding)
+    x = value(u)
+    lost = (
+        ~torch.isfinite(x)
+        if isinstance(x, Tensor) and x.shape == u.shape
+        else torch.zeros_like(u, dtype=torch.bool)
+    )
+    return value(torch.where(lost, u.clamp_min(rounding), u)) if lost.any() else x
+
+
+def score(law: Any, x: Tensor) -> Tensor:
+    """Normal scores (N,) of values x (N,) of a law with `score` or `cdf`."""
+    law = as_own(law)
+    if hasattr(law, "score"):
+        return law.score(x)
+    below = law.cdf(_inside(law, x)).clamp(0, 1).to(x.dtype)
+    return score_of_tails(below, 1 - below)
+
+
+def _inside(law: Any, x: Tensor) -> Tensor:
+    """x, moved into the support of a distribution of torch, which refuses others."""
+    support = getattr(law, "support", None)
+    low, high = (
+        float(getattr(support, name, at))
+        for name, at in (("lower_bound", -math.inf), ("upper_bound", math.inf))
+    )
+    # a bound may be outside of the support
+    eps, tiny = torch.finfo(x.dtype).eps, torch.finfo(x.dtype).tiny
+    inside = (
+        at if math.isinf(at) else at + side * max(abs(at) * eps, tiny)
+        for at, side in ((low, 1), (high, -1))
+    )
+    return x.clamp(*inside)

@@ -1,0 +1,31 @@
+"""Laws of random parameters.
+
+A law is (least, largest), uniform between; one of the classes here; anything with `icdf`, as
+torch.distributions have; or a function of u (N,), uniform in (0, 1). `RandomField` is a law of many
+numbers.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..core.entry_point import entry_points
+from .empirical_law import Empirical
+from .parametric_laws import Constant, Gumbel, LogNormal, Normal, Triangular, Uniform, Weibull
+from .random_field import RandomField
+from .truncated_law import Truncated
+
+__all__ = [
+    "Constant",
+    "Empirical",
+    "Gumbel",
+    "LogNormal",
+    "Normal",
+    "RandomField",
+    "Triangular",
+    "Truncated",
+    "Uniform",
+    "Weibull",
+]
+entry_points(globals(), __all__)
+Law = Any

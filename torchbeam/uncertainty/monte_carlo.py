@@ -1,0 +1,303 @@
+"""Monte Carlo evaluation of a function of random parameters, in chunks that run anywhere and can be
+resumed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..core.arguments import boolean, choice
+from ..core.files import path_of
+from ..core.memory import check_memory
+from ..core.validation import Value, as_tensor, finite, shown
+from .chunk_size import chunk_size, usual_chunk
+from .chunks import ChunkFolder
+from .designs import Given, Plain, Sobol
+from .estimate import Estimate
+from .evaluation import Evaluation, Function, one_kind, points_of, progress_of, settings
+from .joint_law import Correlation, JointLaw
+from .laws import Law
+from .progress import Report
+from .samples import Samples, checked_sentences
+
+DESIGNS = {"sobol": Sobol, "plain": Plain}
+FEWEST, MOST = 8, 64  # replicates of a run until an error is reached
+LEVEL = 0.95  # of the interval that `until` is about
+Until = float | tuple[float, Callable[[Samples], Estimate]]
+
+
+def monte_carlo(
+    function: Function,
+    laws: Mapping[str, Law] | Sequence[str],
+    n: int | None = None,
+    *,
+    correlation: Correlation | None = None,
+    theta: Value | None = None,
+    design: str = "sobol",
+    replicates: int | None = None,
+    until: Until | None = None,
+    seed: int = 0,
+    chunk: int | str | None = None,
+    executor: Executor | None = None,
+    out: str | Path | None = None,
+    dtype: torch.dtype | None = None,
+    version: str | int | None = None,
+    by_name: bool = False,
+    sentences: Mapping[int, str] | None = None,
+    progress: Report | bool | None = None,
+) -> Samples:
+    """Evaluate a function at n samples of parameters, in chunks.
+
+    Args:
+        function: theta (N, p) -> y (N, ...), batched: sample i of y depends on sample i of theta
+            alone (a mean or norm over the batch is not seen, and would depend on `chunk`); or (y,
+            status (N,)), with a status other than 0 for samples that failed
+        laws: by name, in the order of theta's columns: (least, largest) for a uniform law; one of
+            `tb.laws`, where a `RandomField` is a column for each of its places; anything with
+            `icdf`, such as torch.distributions.Normal(1.0, 0.1); or a function of u (N,), uniform
+            in (0, 1), that gives (N,)
+        n: samples: those of one scrambled Sobol sequence (Matousek 1998), best a power of two. The
+            first n of a longer run with the same seed are the same (y but for rounding, where so
+            many make native code worth while)
+        correlation: (p, p) of the laws, or {("EI", "mass"): 0.5}: of their normal scores, by a
+            Gaussian copula
+        theta: (n, p) samples of your own in place of a design; `laws` are then names alone, or laws
+            that are not used
+        design: "sobol", or "plain": independent samples
+        replicates: independent Sobol sequences that the n are shared out to, from whose scatter
+            intervals come: 16 are a good number, and each best a power of two. None: one sequence,
+            whose intervals are those of independent samples, too wide
+        until: relative error: replicates (64 of them, if not said otherwise) are computed until
+            half the 95 % interval of the mean is within this part of it, in each number of y; n is
+            the most. Or (error, lambda samples: Estimate) for another quantity, such as (0.02,
+            lambda samples: samples.quantile(0.99, 0.95)). It is looked at after 8, 12, 16, 24 ...
+            replicates; looking often makes the interval a little too short
+        chunk: samples a call. Chunk i is a function of (seed, i) alone: who computes it, when, or
+            how often does not matter. None: 256; 512 from 32,768 samples on, 1,024 from 65,536 on.
+            "auto": measured, from throughput and memory. With either a folder keeps its own
+        executor: any concurrent.futures.Executor, such as ProcessPoolExecutor, or a Dask cluster's
+            Client.get_executor(); None = here, one after the other. Function and laws must then
+            pickle; other processes compute on one thread
+        out: a folder: each chunk is a file there, and what is there already is not computed again;
+            a run that was killed continues, and so does one with a larger n (with `replicates`,
+            more of them of the same size; with `theta` of one's own, none). A chunk that is damaged
+            is computed again, with a warning. A folder of another run is refused: of other laws or
+            another order of them, correlation, design, seed, chunk, dtype, release of this library,
+            or function
+        dtype: of theta; None = the default dtype
+        version: of the function, a text or number of your own that changes with it. None: the
+            function is known by its code, by what it closes over and by the globals and functions
+            that it uses, and by the versions of packages. What it changes itself while it runs does
+            not count
+        by_name: the function takes its parameters by name: f(EI=(N,), mass=(N,)), a field as (N,
+            places)
+        sentences: what a status of the function means, {3: "buckled"}: reasons of samples that
+            failed
+        progress: a function that is given the `Progress` after each chunk, or True: a line on the
+            terminal
+
+    A sample with a y that is not finite has the status 1 and keeps its place. y and status are
+    detached and on the CPU.
+
+    Raises ValueError for laws that are none, a function whose y does not fit, a folder of another
+    run or one that cannot be written; files.NotWritten (an OSError) where the disk is full: what
+    was written stays, and the same call continues; MemoryError where samples are more than there is
+    memory for (`tb.monte_carlo_stream` keeps none).
+
+    Examples:
+        >>> samples = tb.monte_carlo(deflection, laws, 256, by_name=True)
+        >>> samples.mean, samples.quantile(0.95).shape
+        (tensor(0.3367), torch.Size([]))
+    """
+    if theta is not None:
+        joint, theta = _own(laws, theta, n, dtype, correlation)
+        n = len(theta)
+    else:
+        joint = JointLaw.of(laws, correlation)
+    choice("design", design, DESIGNS)
+    out = None if out is None else path_of("out", out)
+    boolean("by_name", by_name)
+    reasons = checked_sentences(sentences)
+    auto, own = isinstance(chunk, str) and chunk == "auto", chunk is None
+    chunk = 1 if auto or own else chunk
+    n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
+    n, points = _shares(n, replicates, until, None if theta is None else "theta")
+    plan = (
+        Given(theta.to(dtype))
+        if theta is not None
+        else DESIGNS[design](joint.dimension, seed, points)
+    )
+    if own:
+        chunk = chunk_of(out) or usual_chunk(n)
+    elif auto:
+        chunk = chunk_of(out) or chunk_size(
+            Evaluation(function, joint, plan, dtype, 1, by_name, executor, total=n)
+        )
+    work = Evaluation(
+        function,
+        joint,
+        plan,
+        dtype,
+        chunk,
+        by_name,
+        executor,
+        folder_of(
+            out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype), **plan.label
+        ),
+        n,
+    )
+    done, chunks, at = 0, [], progress_of(progress, n)
+    for end in _stages(n, points, until):
+        for part in work.chunks(done, end, at):
+            if not chunks:
+                size = sum(x[0].numel() * x.element_size() for x in part) * n
+                check_memory(
+                    f"{n} samples of y {tuple(part[1].shape[1:])}",
+                    2 * size,
+                    "monte_carlo_stream keeps none",
+                )
+            chunks.append(part)
+        done = end
+        firsts = torch.tensor([0, *(len(c[0]) for c in chunks)]).cumsum(0).tolist()
+        one_kind(zip(firsts, chunks, strict=False))
+        samples = Samples(
+            joint.names,
+            *(torch.cat(part) for part in zip(*chunks, strict=True)),
+            1 if plan.independent or points is None else done // points,
+            plan.independent,
+            reasons,
+        )
+        if until is not None and _reached(samples, until):
+            break
+    return samples
+
+
+def folder_of(
+    out: str | Path | None,
+    function: Function,
+    joint: JointLaw,
+    version: str | int | None,
+    **settings_: Any,
+) -> ChunkFolder | None:
+    """Folder of a run, known by its function, laws and settings; None where none is wanted."""
+    if out is None:
+        return None
+    mixed = {} if joint.correlation is None else {"correlation": joint.correlation.tolist()}
+    return ChunkFolder.of(
+        out, function, joint.laws, None if version is None else str(version), **settings_, **mixed
+    )
+
+
+def chunk_of(out: str | Path | None) -> int | None:
+    """Chunk of the run that is in a folder; None where there is none."""
+    size = None if out is None else ChunkFolder.setting(out, "chunk")
+    return size if isinstance(size, int) and size > 0 else None
+
+
+def _own(
+    laws: Any, theta: Value, n: int | None, dtype: torch.dtype | None, correlation: Any
+) -> tuple[JointLaw, Tensor]:
+    """Names as a joint law that is not used, and samples of the user's own (n, p)."""
+    if correlation is not None:
+        raise ValueError(
+            "a correlation was given beside theta, which holds the samples themselves; one of "
+            "the two is wanted"
+        )
+    joint = (
+        JointLaw.of(laws) if isinstance(laws, Mapping) else JointLaw(dict.fromkeys(_names(laws)))
+    )
+    theta = finite("theta", as_tensor(theta, dtype or torch.float64)).detach().cpu()
+    if theta.ndim != 2 or not len(theta) or theta.shape[1] != len(joint.names):
+        raise ValueError(
+            f"theta {tuple(theta.shape)} was given; (n, {len(joint.names)}) is wanted, a column "
+            f"for each of {', '.join(joint.names)}"
+        )
+    if n is not None and n > len(theta):
+        raise ValueError(
+            f"n = {n} was given with {len(theta)} rows of theta; at most as many are wanted"
+        )
+    return joint, theta[:n]
+
+
+def _names(names: Any) -> Sequence[str]:
+    if (
+        isinstance(names, str)
+        or not isinstance(names, Sequence)
+        or not names
+        or not all(isinstance(x, str) for x in names)
+        or (len(set(names)) < len(names))
+    ):
+        raise ValueError(
+            f"laws = {shown(names)} were given with theta; names, one for each column, are wanted"
+        )
+    return names
+
+
+def _shares(
+    n: int, replicates: int | None, until: Until | None, other: str | None
+) -> tuple[int, int | None]:
+    """Samples of all replicates, and of each (None = there is one)."""
+    if replicates is None and until is None:
+        return n, None
+    if other is not None:
+        raise ValueError(
+            f"replicates or until were given beside {other}; samples of your own are one design"
+        )
+    if until is not None:
+        error = (
+            until[0]
+            if isinstance(until, (tuple, list)) and len(until) == 2 and callable(until[1])
+            else until
+        )
+        if isinstance(error, bool) or not isinstance(error, (int, float)) or not 0 < error < 1:
+            raise ValueError(
+                f"until = {shown(until)} was given; a relative error between 0 and 1 is wanted, or "
+                "one and a function of samples"
+            )
+    if replicates is None:
+        # a power of two, so that at least MOST fit
+        points = max(2 ** max((n // MOST).bit_length() - 1, 0), 1)
+    else:
+        points = points_of(n, replicates)
+        if replicates == 1 and until is None:
+            return n, None
+    if n // points < FEWEST and until is not None:
+        raise ValueError(
+            f"n = {n} was given with until, for {n // points} replicates; at least {FEWEST} are "
+            "wanted"
+        )
+    return n // points * points, points
+
+
+def _stages(n: int, points: int | None, until: Until | None) -> Iterator[int]:
+    """Numbers of samples after which the error is looked at; the last is n."""
+    if until is not None:
+        step, k = FEWEST // 2, FEWEST
+        while k * points < n:
+            yield k * points
+            k += step
+            step = 2 * step if k == 4 * step else step
+    yield n
+
+
+def _reached(samples: Samples, until: Until) -> bool:
+    if not (samples.status == 0).any():
+        return False
+    error, statistic = (
+        until
+        if isinstance(until, (tuple, list))
+        else (until, lambda given: given.mean_interval(LEVEL))
+    )
+    estimate = statistic(samples)
+    if not isinstance(estimate, Estimate):
+        raise ValueError(
+            f"until with a function that gave a {type(estimate).__name__} was given; a "
+            "torchbeam.Estimate, with its interval, is wanted"
+        )
+    return bool((estimate.relative_error <= error).all())

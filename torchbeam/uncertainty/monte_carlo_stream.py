@@ -1,0 +1,197 @@
+"""Monte Carlo without keeping samples, in constant memory."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..core.arguments import boolean, choice
+from ..core.files import NotWritten, path_of, save
+from .chunks import ChunkFolder, loaded
+from .evaluation import Evaluation, Function, points_of, progress_of, settings
+from .joint_law import Correlation, JointLaw
+from .laws import Law
+from .moments import Moments
+from .monte_carlo import DESIGNS, folder_of
+from .progress import Report
+from .samples import checked_sentences
+from .sketch import Sketch
+from .stream import Stream, Summarise
+
+EVERY = 10.0  # seconds from one writing of the summary to the next
+FILE = "stream.pt"
+
+
+def monte_carlo_stream(
+    function: Function,
+    laws: Mapping[str, Law],
+    n: int,
+    *,
+    replicates: int = 16,
+    correlation: Correlation | None = None,
+    design: str = "sobol",
+    seed: int = 0,
+    chunk: int = 4096,
+    executor: Executor | None = None,
+    out: str | Path | None = None,
+    dtype: torch.dtype | None = None,
+    version: str | int | None = None,
+    by_name: bool = False,
+    sentences: Mapping[int, str] | None = None,
+    progress: Report | bool | None = None,
+) -> Stream:
+    """Evaluate a function at n samples as `monte_carlo` does, and keep a summary of y in place of
+    the samples.
+
+    n         a multiple of `replicates`, independent Sobol sequences from whose scatter intervals
+              come. Memory does not grow with it: 70 kB for each number of y in each replicate
+    out       a folder: the summary is written there every ten seconds, with the place in the
+              sequence, and at the end; the same call goes on from it and ends with the same numbers
+    function, laws, correlation, design, seed, chunk, executor, dtype, version, by_name, sentences,
+    progress   as `monte_carlo`
+              has them
+
+    Raises what `monte_carlo` raises.
+
+    Examples:
+        >>> stream = tb.monte_carlo_stream(deflection, laws, 1024, by_name=True)
+        >>> stream.quantile(0.95)
+        tensor(0.4181)
+    """
+    joint = JointLaw.of(laws, correlation)
+    choice("design", design, DESIGNS)
+    out = None if out is None else path_of("out", out)
+    boolean("by_name", by_name)
+    n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
+    points = points_of(n, replicates)
+    plan = DESIGNS[design](joint.dimension, seed, points)
+    folder = folder_of(
+        out,
+        function,
+        joint,
+        version,
+        seed=seed,
+        chunk=chunk,
+        dtype=str(dtype),
+        **{**plan.label, "kept": "summary", "points": points},
+    )
+    stream, done = (
+        (Stream(joint.names, plan.independent), 0)
+        if folder is None
+        else _taken_up(folder, joint, plan.independent)
+    )
+    if done > n:
+        raise ValueError(
+            f"n = {n} was given for a folder with the summary of {done} samples; at least as "
+            "many are wanted"
+        )
+    work = Evaluation(
+        function,
+        joint,
+        plan,
+        dtype,
+        chunk,
+        by_name,
+        executor,
+        total=n,
+        points=points,
+        reduce=Summarise(checked_sentences(sentences)),
+    )
+    at, written = progress_of(progress, n), time.monotonic()
+    if at is not None and done:
+        at.add(done, stream.failed, True)
+    for part in work.chunks(done, n, at):  # summarised where it was computed
+        stream.merge(done // points, part)
+        done += part.samples
+        if folder is not None and (done == n or time.monotonic() - written > EVERY):
+            _write(folder, stream, done)
+            written = time.monotonic()
+    if folder is not None:
+        with suppress(NotWritten):
+            folder.finish(function, joint.laws)
+    return stream
+
+
+def _write(folder: ChunkFolder, stream: Stream, done: int) -> None:
+    state = _state(stream)
+    save(
+        folder.path / FILE,
+        dict(state, done=done, run=folder.label["run"], checksum=_checksum(state, done, folder)),
+    )
+
+
+def _taken_up(folder: ChunkFolder, joint: JointLaw, independent: bool) -> tuple[Stream, int]:
+    """Summary in the folder, and how many samples it is of; an empty one where there is none, or a
+    damaged one.
+    """
+
+    def content(stored: dict[str, Any]) -> tuple[Stream, int]:
+        done = stored.pop("done")
+        if stored.pop("run") != folder.label["run"] or stored.pop("checksum") != _checksum(
+            stored, done, folder
+        ):
+            raise ValueError("it is another run's, or its checksum is wrong")
+        return _stream(stored, joint, independent), done
+
+    content_of_file = loaded(folder.path / FILE, content)
+    if content_of_file is None:
+        folder.writable()
+        return Stream(joint.names, independent), 0
+    return content_of_file
+
+
+def _stream(saved: dict[str, Any], joint: JointLaw, independent: bool) -> Stream:
+    """Stream that a file holds."""
+    return Stream(
+        joint.names,
+        independent,
+        None if saved["shape"] is None else tuple(saved["shape"]),
+        [None if one is None else Moments(*one) for one in saved["moments"]],
+        [[Sketch(*sketch) for sketch in sketches] for sketches in saved["sketches"]],
+        saved["samples"],
+        saved["reasons"],
+    )
+
+
+def _state(stream: Stream) -> dict[str, Any]:
+    """What a file holds of a stream: numbers, texts and tensors."""
+    # fmt: off
+    return dict(shape=None if stream.shape is None else list(stream.shape), samples=stream.samples,
+                reasons={**stream.reasons},
+                moments=[None if moment is None else [moment.n, moment.mean, moment.second,
+                    moment.third, moment.fourth, moment.least, moment.largest]
+                         for moment in stream.moments],
+                sketches=[[[sketch.most, sketch.keys, sketch.counts, sketch.least, sketch.largest,
+                            sketch.joined] for sketch in sketches]
+                          for sketches in stream.sketches])
+    # fmt: on
+
+
+def _checksum(state: Any, done: int, folder: ChunkFolder) -> str:
+    sum_ = hashlib.sha256(f"{folder.label['run']} {done}".encode())
+
+    def walk(value: Any) -> None:
+        if isinstance(value, Tensor):
+            sum_.update(
+                f"{value.dtype} {tuple(value.shape)}".encode()
+                + value.contiguous().numpy().tobytes()
+            )
+        elif isinstance(value, dict):
+            walk(sorted(value.items()))
+        elif isinstance(value, Sequence) and not isinstance(value, str):
+            sum_.update(f"[{len(value)}".encode())
+            for one in value:
+                walk(one)
+        else:
+            sum_.update(repr(value).encode())
+
+    walk(state)
+    return sum_.hexdigest()

@@ -1,0 +1,283 @@
+"""Samples of a function of random parameters, and what they say, with errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, overload
+
+import torch
+from torch import Tensor
+
+from ..core.arguments import boolean, level_of
+from ..core.arguments import function as checked_function
+from ..core.status import STATUS
+from ..core.validation import Value, broadcast, converted, finite, shown
+from . import estimate, output
+from .estimate import Estimate, Statistic, failures, probabilities
+
+FAILED = 1  # status of a sample whose y is not finite
+NOT_FINITE = "y is not finite"
+
+
+@dataclass(frozen=True)
+class Samples(output.Summary):
+    """theta (n, p), its columns by `names`; y (n, ...); status (n,): 0 = good. Statistics are of
+    the good ones, and say how many failed, and why.
+
+    Args:
+        replicates: the samples are that many independent designs of equal size, one after the other
+        independent: whether samples are independent: of plain sampling. Those of a Sobol sequence
+            are not; in one replicate their intervals are those of independent ones: too wide, as a
+            rule
+        sentences: by status: why samples failed
+
+    Examples:
+        >>> samples = tb.monte_carlo(deflection, laws, 256, replicates=16, by_name=True)
+        >>> q = samples.quantile(0.95, interval=0.9)
+        >>> q.low < q.estimate < q.high
+        tensor(True)
+    """
+
+    names: tuple[str, ...]
+    theta: Tensor
+    y: Tensor
+    status: Tensor
+    replicates: int = 1
+    independent: bool = False
+    sentences: Mapping[int, str] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.y)
+
+    @property
+    def good(self) -> Tensor:
+        """y of the good samples."""
+        return self.y[self.status == 0]
+
+    @property
+    def replicate(self) -> Tensor:
+        """Number (n,) of the replicate that a sample belongs to."""
+        return torch.arange(len(self)) // max(len(self) // self.replicates, 1)
+
+    @property
+    def failed(self) -> int:
+        """Number of samples that failed."""
+        return int((self.status != 0).sum())
+
+    @property
+    def reasons(self) -> dict[str, int]:
+        """Failed samples by reason, those of most first."""
+        return reasons_of(self.y, self.status, self.sentences)
+
+    @property
+    def mean(self) -> Tensor:
+        return self._numbers().mean(0)
+
+    @property
+    def deviation(self) -> Tensor:
+        """Standard deviation (...): of n independent samples over n - 1, of a Sobol sequence, whose
+        mean is that of the law but for little, over n.
+        """
+        return self._deviation(self._numbers())
+
+    @overload
+    def quantile(self, levels: Any, interval: None = None) -> Tensor: ...
+
+    @overload
+    def quantile(self, levels: Any, interval: float) -> Estimate: ...
+
+    def quantile(self, levels: Any, interval: float | None = None) -> Tensor | Estimate:
+        """Quantiles, (...) of one level and (levels, ...) of several; with `interval`, a confidence
+        level, an `Estimate` of them: from replicates, or else between order statistics (binomial).
+        """
+        given = probabilities(levels)
+        several = given.reshape(-1)
+        if interval is None:
+            quantiles = estimate.quantile_of_sorted(self._numbers().sort(0).values, several)
+            return quantiles if given.ndim else quantiles[0]
+        quantiles = estimate.quantile(
+            self._groups(), several, level_of("interval", interval), self.reasons
+        )
+        return (
+            quantiles
+            if given.ndim
+            else replace(
+                quantiles,
+                estimate=quantiles.estimate[0],
+                low=quantiles.low[0],
+                high=quantiles.high[0],
+            )
+        )
+
+    def mean_interval(self, level: float = 0.95) -> Estimate:
+        """Mean (...), with Student's interval: of the means of replicates, or of the samples. Of a
+        y of yes and no that of a probability.
+        """
+        if self.y.dtype == torch.bool:
+            return self.exceedance(0.5, level_of("level", level))
+        return estimate.mean(self._groups(), level_of("level", level), self.reasons)
+
+    def deviation_interval(self, level: float = 0.95) -> Estimate:
+        """Standard deviation (...), as `deviation` has it, with its interval."""
+        return self.statistic(self._deviation, level)
+
+    def statistic(self, function: Statistic, level: float = 0.95) -> Estimate:
+        """Any statistic, function of samples (n, ...), with its interval: from its scatter among
+        replicates, or else by bootstrap.
+        """
+        level, groups = level_of("level", level), self._groups()
+        checked_function("function", function)
+        if sum(len(y) > 1 for y in groups) > 1:
+            return estimate.replicated(groups, function, level, self.reasons, fewest=2)
+        return estimate.bootstrap(torch.cat(groups), function, level, self.reasons)
+
+    def exceedance(
+        self, x: Any, interval: float = 0.95, *, failed_exceed: bool | None = None
+    ) -> Estimate:
+        """Probability that y > x, for thresholds x that broadcast with one sample's y.
+
+        Args:
+            failed_exceed: None: of the good samples; True or False: samples that failed are taken
+                to exceed, or not to
+        """
+        x = finite("x", converted(x, self.y.dtype if self.y.is_floating_point() else torch.float64))
+        broadcast("the thresholds and y of a sample", x.shape, self.y.shape[1:])
+        values = self.y.reshape(
+            len(self), *[1] * max(x.ndim - (self.y.ndim - 1), 0), *self.y.shape[1:]
+        )
+        above, good = values > x, self.status == 0
+        if failed_exceed is not None:
+            boolean("failed_exceed", failed_exceed)
+            above = torch.where(
+                good.reshape(-1, *[1] * (above.ndim - 1)), above, bool(failed_exceed)
+            )
+            good = good | True
+        return estimate.probability(
+            self._groups(above, good), level_of("interval", interval), self.reasons
+        )
+
+    def bands(self, level: float = 0.9, interval: float = 0.95) -> Estimate:
+        """Bands of histories (3, ...): at each instant the quantile below which (1 - level)/2 lie,
+        the median, and that above which as many lie; each with its interval, which holds instant by
+        instant.
+        """
+        level = level_of("level", level)
+        return self.quantile(((1 - level) / 2, 0.5, (1 + level) / 2), interval)
+
+    def convergence(self, reference: Value | None = None) -> tuple[Tensor, Tensor]:
+        """Numbers of samples (K,), doubling, and the error (K, ...) of the mean of so many: the RMS
+        over replicates, or over 16 parts of independent samples, of the distance from the
+        `reference`, or from the mean of all. Good samples count.
+        """
+        groups = self._groups()
+        if len(groups) == 1 and not self.independent:
+            raise ValueError(
+                "the convergence of one Sobol sequence was asked for; replicates are wanted"
+            )
+        groups = groups if len(groups) > 1 else list(groups[0].chunk(16))
+        if len(groups) == 1:
+            raise ValueError("the convergence of one good sample was asked for; several are wanted")
+        least = min(map(len, groups))
+        n = torch.tensor([2**k for k in range(least.bit_length())])
+        sums = torch.stack([y[:least].cumsum(0)[n - 1] for y in groups])
+        means = sums / n.reshape(-1, *[1] * (sums.ndim - 2))
+        centre = (
+            torch.cat(groups).mean(0)
+            if reference is None
+            else finite("reference", converted(reference, torch.float64))
+        )
+        if (
+            broadcast("the reference and y of a sample", centre.shape, self.y.shape[1:])
+            != self.y.shape[1:]
+        ):
+            raise ValueError(
+                f"a reference {tuple(centre.shape)} was given for a y {tuple(self.y.shape[1:])}; "
+                "one for each number is wanted"
+            )
+        freedom = len(groups) - (reference is None)
+        return n, ((means - centre).square().sum(0) / freedom).sqrt()
+
+    def to_pandas(self) -> Any:
+        """A pandas.DataFrame, a row for each sample: theta by name, y or y[...], status and
+        replicate (extra `uq`).
+        """
+        return output.to_pandas(self)
+
+    def to_xarray(
+        self, dims: Sequence[str] | None = None, coords: dict[str, Any] | None = None
+    ) -> Any:
+        """An xarray.Dataset over `sample` (extra `uq`); `dims` name y's further axes, `coords` say
+        where they are.
+        """
+        return output.to_xarray(self, dims, coords)
+
+    def _groups(self, y: Tensor | None = None, good: Tensor | None = None) -> list[Tensor]:
+        """Good samples of each replicate that has some; all of them together, where replicates do
+        not tell the error.
+        """
+        y = self.y.double() if y is None else y
+        good = self.status == 0 if good is None else good
+        groups = [
+            part[chosen]
+            for part, chosen in zip(
+                y.chunk(self.replicates), good.chunk(self.replicates), strict=True
+            )
+        ]
+        whole = self._filled(torch.cat(groups))
+        groups = [group for group in groups if len(group)]
+        return groups if estimate.replicated_well(len(groups), len(whole)) else [whole]
+
+    def _deviation(self, y: Tensor) -> Tensor:
+        about = estimate.about_their_mean(
+            self.independent, self.replicates, len(self._groups()), len(y)
+        )
+        return y.std(0, correction=about)
+
+    def _numbers(self) -> Tensor:
+        """y of the good samples, at least one, in floating point."""
+        y = self._filled(self.good)
+        return y if y.is_floating_point() else y.double()
+
+    def _filled(self, y: Tensor) -> Tensor:
+        if not len(y):
+            raise ValueError(
+                f"all {len(self)} samples failed ({', '.join(self.reasons)}); there is no "
+                "statistic of none"
+            )
+        return y
+
+    def __repr__(self) -> str:
+        times = f" in {self.replicates} replicates" if self.replicates > 1 else ""
+        return (
+            f"Samples({len(self.y)} of {', '.join(self.names)}{times}; {failures(self.reasons)}; "
+            f"y {tuple(self.y.shape[1:])})"
+        )
+
+
+def checked_sentences(given: Any) -> dict[int, str]:
+    """Sentences by status; ValueError for what are none."""
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping) or not all(
+        isinstance(code, int) and isinstance(given[code], str) for code in given
+    ):
+        raise ValueError(
+            f"sentences = {shown(given)} were given; a dict, status -> text, is wanted"
+        )
+    return dict(given)
+
+
+def reasons_of(y: Tensor, status: Tensor, sentences: Mapping[int, str]) -> dict[str, int]:
+    """Failed samples by reason: by status, those whose y is not finite first of all."""
+    if not (status != 0).any():
+        return {}
+    known = {**STATUS, **sentences}
+    finite_ = torch.isfinite(y).reshape(len(y), -1).all(-1)
+    counts = {NOT_FINITE: int(((status == FAILED) & ~finite_).sum())}
+    for code in status[(status != 0) & ((status != FAILED) | finite_)].unique().tolist():
+        why = known.get(code, f"status {code}")
+        counts[why] = counts.get(why, 0) + int(
+            ((status == code) & ((status != FAILED) | finite_)).sum()
+        )
+    return dict(sorted(((why, n) for why, n in counts.items() if n), key=lambda item: -item[1]))

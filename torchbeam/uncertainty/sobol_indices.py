@@ -1,0 +1,205 @@
+"""Sobol indices: shares of the variance by parameter, with intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from ..core.arguments import boolean, level_of
+from ..core.files import path_of
+from .chunk_size import usual_chunk
+from .designs import Exchanged, Sobol
+from .estimate import student_half
+from .evaluation import Evaluation, Function, one_kind, points_of, progress_of, settings
+from .joint_law import JointLaw
+from .laws import Law
+from .monte_carlo import chunk_of, folder_of
+from .progress import Report
+from .samples import reasons_of
+
+
+@dataclass(frozen=True)
+class SobolIndices:
+    """Shares of the variance of y (...) by law, p of them by `names`.
+
+    first     (p, ...) S_i = Var(E(y | x_i))/Var(y): what knowing parameter i would take away
+    total     (p, ...) T_i = E(Var(y | all but x_i))/Var(y): what would be left if all others were
+              known
+    low, high (2, p, ...) intervals of first, low[0] to high[0], and of total, low[1] to high[1]
+    level     of the intervals;  variance (...) of y
+    evaluations of the function; failed: groups of them left out, because one failed, by reason in
+    `reasons`
+
+    Examples:
+        >>> indices = tb.sobol_indices(deflection, laws, 256, by_name=True)
+        >>> indices.names, indices.first.sum() > 0.9  # shares of the variance
+        (('EI', 'P'), tensor(True))
+    """
+
+    names: tuple[str, ...]
+    first: Tensor
+    total: Tensor
+    low: Tensor
+    high: Tensor
+    level: float
+    variance: Tensor
+    evaluations: int
+    failed: int
+    reasons: Mapping[str, int]
+
+    def __repr__(self) -> str:
+        if self.first.ndim > 1:
+            return (
+                f"SobolIndices({len(self.names)} laws; y {tuple(self.first.shape[1:])}; "
+                f"{self.evaluations} evaluations)"
+            )
+        columns = (self.first, self.low[0], self.high[0], self.total, self.low[1], self.high[1])
+        rows = [
+            f"{name} first {a:.3f} ({b:.3f} to {c:.3f}), total {d:.3f} ({e:.3f} to {f:.3f})"
+            for name, a, b, c, d, e, f in zip(
+                self.names, *(x.tolist() for x in columns), strict=True
+            )
+        ]
+        return (
+            f"SobolIndices({'; '.join(rows)}; {self.evaluations} evaluations, {self.failed} "
+            "groups failed)"
+        )
+
+
+def sobol_indices(
+    function: Function,
+    laws: Mapping[str, Law],
+    n: int,
+    *,
+    replicates: int = 16,
+    interval: float = 0.95,
+    seed: int = 0,
+    chunk: int | None = None,
+    executor: Executor | None = None,
+    out: str | Path | None = None,
+    dtype: torch.dtype | None = None,
+    version: str | int | None = None,
+    by_name: bool = False,
+    progress: Report | bool | None = None,
+    correlation: None = None,
+) -> SobolIndices:
+    """First and total Sobol indices of a function of independent random parameters.
+
+    Args:
+        n: points of each of the two samples A and B, shared out to the replicates: a multiple of
+            them, best by a power of two. The function is evaluated n (p + 2) times, p laws that are
+            random; a `RandomField` is one of them
+        replicates: independent Sobol sequences, from whose scatter the intervals come (Student's,
+            of jackknife values)
+        function, laws, seed, chunk, executor, out, dtype, version, by_name, progress: as
+            `monte_carlo` has them
+
+    With y_A, y_B and y_i of A, of B, and of A with parameter i exchanged for B's, and V the
+    variance of y_A and y_B together:
+        first = mean((y_B - mean)(y_i - y_A))/V        (Saltelli et al. 2010)
+        total = mean((y_A - y_i)^2)/(2 V)              (Jansen 1999)
+
+    A group of p + 2 in which one failed is left out. Indices of a y that does not vary are NaN;
+    intervals are infinite where one replicate alone has good groups. Raises ValueError as
+    `monte_carlo` does, for a `correlation`, with which indices do not share out the variance, and
+    where all groups failed.
+
+    Examples:
+        >>> indices = tb.sobol_indices(deflection, laws, 256, by_name=True)
+        >>> dict(zip(indices.names, indices.total > 0.1))
+        {'EI': tensor(True), 'P': tensor(True)}
+    """
+    if correlation is not None:
+        raise ValueError(
+            "correlation was given to sobol_indices, whose shares of the variance are those of "
+            "independent parameters; laws of independent ones are wanted, of which the function "
+            "makes the others"
+        )
+    joint = JointLaw.of(laws)
+    boolean("by_name", by_name)
+    level = level_of("interval", interval)
+    out = None if out is None else path_of("out", out)
+    own, chunk = chunk is None, 1 if chunk is None else chunk
+    n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
+    points = points_of(n, replicates, fewest=2, least=2)
+    random = joint.random()
+    names = tuple(random)
+    owner = torch.tensor([k for k, size in enumerate(random.values()) for _ in range(size)])
+    parts = owner == torch.arange(len(names))[:, None]
+    plan = Exchanged(Sobol(2 * joint.dimension, seed, points), parts)
+    size = len(names) + 2
+    chunk = (chunk_of(out) or usual_chunk(n * size)) if own else chunk
+    work = Evaluation(
+        function,
+        joint,
+        plan,
+        dtype,
+        chunk,
+        by_name,
+        executor,
+        folder_of(
+            out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype), **plan.label
+        ),
+        n * size,
+    )
+    chunks = list(work.chunks(0, n * size, progress_of(progress, n * size)))
+    one_kind((k * chunk, part) for k, part in enumerate(chunks))
+    _, y, status = (torch.cat(part) for part in zip(*chunks, strict=True))
+    good = (status == 0).reshape(n, size).all(-1)
+    reasons = reasons_of(y, status, {})
+    if not good.any():
+        raise ValueError(
+            f"all {n} groups have samples that failed ({', '.join(reasons)}); there are no "
+            "indices of none"
+        )
+    values = y.double().reshape(n, size, *y.shape[1:])
+    groups = [
+        g[ok]
+        for g, ok in zip(values.chunk(replicates), good.chunk(replicates), strict=True)
+        if ok.any()
+    ]
+    indices = _indices(torch.cat(groups))  # (2, p, ...)
+    half = _half(groups, indices, level)
+    return SobolIndices(
+        names,
+        indices[0],
+        indices[1],
+        indices - half,
+        indices + half,
+        level,
+        _variance(values[good]),
+        n * size,
+        int((~good).sum()),
+        reasons,
+    )
+
+
+def _half(groups: list[Tensor], indices: Tensor, level: float) -> Tensor:
+    """Half the interval (2, p, ...) of the indices found in all groups of replicates, by the
+    jackknife; infinite where groups are good in one replicate alone.
+    """
+    R = len(groups)
+    if R == 1:
+        return indices.abs() + torch.inf
+    without = torch.stack([_indices(torch.cat(groups[:k] + groups[k + 1 :])) for k in range(R)])
+    return student_half(R * indices - (R - 1) * without, level)
+
+
+def _indices(y: Tensor) -> Tensor:
+    """First and total indices (2, p, ...) of groups y (n, p + 2, ...)."""
+    variance = _variance(y)
+    A, B, exchanged = y[:, :1], y[:, 1:2], y[:, 2:]
+    centre = y[:, :2].mean((0, 1))
+    first = ((B - centre) * (exchanged - A)).mean(0) / variance
+    total = (A - exchanged).square().mean(0) / (2 * variance)
+    return torch.stack((first, total))
+
+
+def _variance(y: Tensor) -> Tensor:
+    """Variance (...) of A and B together, of Sobol sequences: over their number."""
+    return y[:, :2].flatten(0, 1).var(0, correction=0)

@@ -1,0 +1,117 @@
+"""Tornado table: what y does when one parameter after the other goes from a low to a high
+quantile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import accumulate
+
+import torch
+from torch import Tensor
+
+from ..core.arguments import boolean, level_of
+from ..math.distributions import normal_score
+from .evaluation import Function, evaluated, settings
+from .joint_law import JointLaw
+from .laws import Law
+
+
+@dataclass(frozen=True)
+class Tornado:
+    """y (...) with one parameter at its low or high quantile and the others at their medians; laws
+    by `names`, those of the largest swing (of the largest number of y) first.
+
+    Attributes:
+        base: (...) all at their medians
+        low, high: (p, ...) the parameter at its low and its high quantile
+        at: (p, 2) where it was (NaN for a field) swing: (p, ...) |high - low|
+        status: (2 p + 1,) of the base, of low and high by turns, as they were computed
+
+    Examples:
+        >>> table = tb.tornado(deflection, laws, by_name=True)
+        >>> table.names, table.low.shape
+        (('EI', 'P'), torch.Size([2]))
+    """
+
+    names: tuple[str, ...]
+    base: Tensor
+    low: Tensor
+    high: Tensor
+    at: Tensor
+    status: Tensor
+
+    @property
+    def swing(self) -> Tensor:
+        return (self.high - self.low).abs()
+
+    def rows(self) -> list[tuple[str, float, float, float, float]]:
+        """name, low and high of the parameter, low and high of y: of a y that is one number."""
+        if self.base.numel() != 1:
+            raise ValueError(
+                f"the rows of a y {tuple(self.base.shape)} were asked for; one number is wanted"
+            )
+        return [
+            (name, *at, a.item(), b.item())
+            for name, at, a, b in zip(
+                self.names, self.at.tolist(), self.low, self.high, strict=True
+            )
+        ]
+
+    def __repr__(self) -> str:
+        return (
+            f"Tornado({len(self.names)} laws, the largest swing that of {self.names[0]}; y "
+            f"{tuple(self.base.shape)})"
+        )
+
+
+def tornado(
+    function: Function,
+    laws: Mapping[str, Law],
+    *,
+    level: float = 0.9,
+    dtype: torch.dtype | None = None,
+    by_name: bool = False,
+) -> Tornado:
+    """Effect of each parameter by itself, from its (1 - level)/2 to its (1 + level)/2 quantile, in
+    one batch of 2 p + 1.
+
+    Args:
+        function, laws, dtype, by_name: as `monte_carlo` has them. A `RandomField` moves as a whole:
+            all of its first term
+
+    A screening, not a share of the variance: interactions do not show. Failed samples are NaN.
+    Raises ValueError as `monte_carlo` does.
+
+    Examples:
+        >>> print(tb.tornado(deflection, laws, by_name=True))
+        Tornado(2 laws, the largest swing that of EI; y ())
+    """
+    joint, level = JointLaw.of(laws), level_of("level", level)
+    boolean("by_name", by_name)
+    dtype = settings(function, 1, 0, 1, None, dtype, None)[-1]
+    names = list(random := joint.random())
+    firsts = [0, *accumulate(random.values())]  # variates of each: a constant has none
+    z = torch.zeros(2 * len(names) + 1, joint.dimension, dtype=torch.float64)
+    far = normal_score(torch.tensor((1 + level) / 2, dtype=torch.float64))
+    for k in range(len(names)):
+        z[1 + 2 * k, firsts[k]], z[2 + 2 * k, firsts[k]] = -far, far
+    theta = joint.of_score(z).to(dtype)
+    y, status = evaluated(function, joint, theta, by_name)
+    y = torch.where((status == 0).reshape(-1, *[1] * (y.ndim - 1)), y.double(), torch.nan)
+    values = joint.named(theta.double())
+    at = torch.stack(
+        [
+            values[name][1 + 2 * k : 3 + 2 * k]
+            if joint.sizes[name] is None
+            else torch.full((2,), torch.nan).double()
+            for k, name in enumerate(names)
+        ]
+    )
+    low, high = y[1::2], y[2::2]
+    size = (high - low).abs().reshape(len(names), -1).nan_to_num(torch.inf).amax(-1)
+    order = size.argsort(descending=True, stable=True)
+    return Tornado(
+        tuple(names[k] for k in order.tolist()), y[0], low[order], high[order], at[order], status
+    )
