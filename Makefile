@@ -31,7 +31,7 @@ test-second: .venv/dev.done
 
 # The same of all units that compute.
 test-rounding: .venv/dev.done
-	$(OTHER_ROUNDING) $(BIN)/$(PYTEST) tests/unit $(addprefix --ignore=tests/unit/,plot studies analysis mixed engine/chain)
+	$(OTHER_ROUNDING) $(BIN)/$(PYTEST) tests/unit $(addprefix --ignore=tests/unit/,plot uncertainty analysis mixed engine/chain)
 
 # Operation counts, and errors of fixed settings, against the stored ones; `python -m studies bench` measures times. After a
 # change that is meant: python -m studies bench --operations tests/studies/operations.json --update

@@ -1,1 +1,1 @@
-"""Studies that the commands run: accuracy, effect costs, rates, hard cases, verification."""
+"""Measurements of the library, each a command that `python -m studies` lists."""

@@ -25,7 +25,6 @@ from torchbeam.analysis.convergence.search import Search
 from torchbeam.analysis.convergence.setting import ELEMENTS, Setting
 from torchbeam.analysis.convergence.trials import Trials
 from torchbeam.analysis.trials import seconds
-from torchbeam.cli import study
 from torchbeam.core.measurement import progress
 from torchbeam.core.results import measured_on, sentence, table, write
 from torchbeam.engine.compiler.library import Library
@@ -34,6 +33,7 @@ from torchbeam.scene.scene import Scene
 from torchbeam.sensors.node import NodePosition, TipPosition
 from torchbeam.statics.equilibrium import equilibrium
 
+from .command import study
 from .random_scenes import Draw, families
 
 SCENES, TOLERANCES = 100, (1e-2, 1e-3)

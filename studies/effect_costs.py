@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from torchbeam.analysis.trials import change, operations, repeated, seconds
-from torchbeam.cli import study, threads
+from torchbeam.core.command_line import threads
 from torchbeam.core.results import measured_on, sentence, write
 from torchbeam.core.results import table as markdown_table
 from torchbeam.dynamics.stepper import Stepper
@@ -19,6 +19,8 @@ from torchbeam.scene import effects as fx
 from torchbeam.scene.beam import Beam
 from torchbeam.scene.scene import Frame, RootMotion, Scene
 from torchbeam.scene.section import Section
+
+from .command import study
 
 STEP, STEPS = 0.005, 80  # s; of the answer
 # operations and times are those of TIMED steps after the first MIDDLE; of fewer where `steps` are

@@ -14,7 +14,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchbeam.cli import study, threads
+from torchbeam.core.command_line import threads
 from torchbeam.core.results import measured_on, sentence, write
 from torchbeam.core.results import table as markdown_table
 from torchbeam.dynamics.dense_output import extrapolated
@@ -29,6 +29,7 @@ from torchbeam.state.state import State
 
 from .accuracy.measurement import timed
 from .accuracy.motions import SILICONE
+from .command import study
 from .random_scenes import Draw, families
 
 SAMPLES = 9  # of a family

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from torchbeam.cli import results_folder, threads
+from torchbeam.core.command_line import results_folder, threads
 from torchbeam.core.measurement import apart, progress
 from torchbeam.core.memory import peak_memory
 from torchbeam.core.results import measured_on, sentence, table, versions, write
@@ -216,7 +216,7 @@ def _row(
 def main(argv: Sequence[str] | None = None) -> int:
     """Gradients by every way: error, time and memory over parameters and steps."""
     parser = argparse.ArgumentParser(
-        prog=f"python -m torchbeam {NAME}",
+        prog=f"python -m studies {NAME}",
         description=(
             "Gradients of a rollout: forward mode, discrete adjoint (eager, compiled, "
             "checkpointed), odeint_adjoint of the explicit form, and differences, for 1 to 1,000 "

@@ -20,7 +20,7 @@ from torchbeam.analysis.identification.measurement import Measurement
 from torchbeam.analysis.identification.parameter import Parameter
 from torchbeam.analysis.identification.parameters import Parameters
 from torchbeam.analysis.identification.refinement import refined
-from torchbeam.cli import study, threads
+from torchbeam.core.command_line import threads
 from torchbeam.core.measurement import progress
 from torchbeam.core.processes import process_pool
 from torchbeam.core.results import measured_on, sentence, write
@@ -37,6 +37,7 @@ from torchbeam.statics.equilibrium import equilibrium
 
 from . import field_coverage
 from .batched_calls import BatchedCalls, as_one_batch
+from .command import study
 
 TRUE = {"EI": 1.0, "tau": 2e-3, "clamp": 40.0, "tip": 0.05}
 LENGTH, MASS, SPAN = 0.5, 0.25, 0.3  # m, kg/m, s

@@ -18,10 +18,11 @@ from typing import Any
 
 import torch
 
-from torchbeam.cli import study, threads
+from torchbeam.core.command_line import threads
 from torchbeam.core.results import measured_on, sentence, table, versions, write
 from torchbeam.dynamics.simulate import simulate
 
+from .command import study
 from .common_case import SPACES, Case
 
 BATCH = 256
@@ -104,7 +105,7 @@ def _interpreter(given: str) -> str:
 
 
 def main(argv: Sequence[str]) -> None:
-    """python -m studies peers"""
+    """Time the common dynamic case by other programs, beside ours."""
     given, out = study(
         argv,
         "peers",

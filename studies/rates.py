@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import torch
 
-from torchbeam.cli import double_precision, study, threads
+from torchbeam.core.command_line import threads
 from torchbeam.core.results import measured_on, sentence, table, write
 from torchbeam.mixed import minimal
 from torchbeam.mixed.model import MixedModel
@@ -24,6 +24,8 @@ from torchbeam.scene.beam import Beam
 from torchbeam.scene.effects import TipLoad
 from torchbeam.scene.scene import Scene
 from torchbeam.scene.section import Section
+
+from .command import double_precision, study
 
 CASES = ((1, 4096), (4, 256), (8, 256), (16, 256), (32, 256), (64, 256))  # elements, batch
 DENSE_UP_TO = 16  # elements: 396 x 396

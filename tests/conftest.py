@@ -21,7 +21,8 @@ torch.set_default_dtype(torch.float64)
 torch.set_num_threads(THREADS)
 
 
-UNIT, ENGINE = Path(__file__).parent / "unit", "TORCHBEAM_ENGINE"
+HERE, ENGINE = Path(__file__).parent, "TORCHBEAM_ENGINE"
+EAGER = {HERE / "unit", HERE / "studies"}
 
 
 def pytest_addoption(parser):
@@ -44,7 +45,7 @@ def pytest_runtest_protocol(item):
     or the environment says otherwise.
     """
     with patch.dict(os.environ):  # what a test leaves there does not reach the next
-        if UNIT in item.path.parents and not item.get_closest_marker("steps"):
+        if EAGER & {*item.path.parents} and not item.get_closest_marker("steps"):
             os.environ.setdefault(ENGINE, "eager")
         return (yield)
 
@@ -126,7 +127,7 @@ def double_precision_on_given_threads():
 @pytest.fixture(scope="session")
 def reference():
     """reference("heavy_elastica") -> studies/data/heavy_elastica.json, the file that the
-    package's own studies read
+    studies read
     """
     return lambda name: json.loads(
         resources.files("studies").joinpath(f"data/{name}.json").read_text()

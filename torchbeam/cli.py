@@ -1,7 +1,6 @@
 """python -m torchbeam: commands found by entry point.
 
-A command is a function that takes the rest of the command line as a list and returns an exit status
-or None; the first line of its docstring describes it. A package adds one in its pyproject.toml:
+A package adds a command (see `torchbeam.core.command_line.run_command`) in its pyproject.toml:
 
     [project.entry-points."torchbeam.commands"]
     demo = "torchbeam_envs.demo:main"
@@ -14,48 +13,40 @@ from __future__ import annotations
 import argparse
 import runpy
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Any
 
 import torch
 
 from .analysis.describe import describe
-from .core.files import NotWritten, folder
-from .core.results import measured_on, versions
+from .core.command_line import run_command
+from .core.results import measured_on
 
 GROUP = "torchbeam.commands"
+STUDIES = (  # commands of before, which `python -m studies` has
+    "accuracy", "bench", "control", "convergence", "coverage", "effects", "gradients", "hardcases",
+    "identification", "oracle", "peers", "rates", "scale", "verify",
+)  # fmt: skip
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line `argv` (default: the process's); returns the exit status."""
-    argv = list(sys.argv[1:] if argv is None else argv)
+    name = next(iter(sys.argv[1:] if argv is None else argv), None)
     available = commands()
-    if argv and argv[0] in available:
-        try:
-            return available[argv[0]].load()(argv[1:]) or 0
-        except NotWritten as error:
-            print(f"python -m torchbeam {argv[0]}: error: {error}", file=sys.stderr)
-            return 2
-    parser = argparse.ArgumentParser(
-        prog="python -m torchbeam",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        description="Batched, differentiable, geometrically exact beam dynamics.",
-        epilog=_listing(available) if set(argv) & {"-h", "--help"} or not argv else None,
+    if name in STUDIES and name not in available:
+        print(
+            f"python -m torchbeam {name}: error: {name} is a study; `python -m studies {name}` in "
+            "a clone of the source is wanted",
+            file=sys.stderr,
+        )
+        return 2
+    return run_command(
+        "python -m torchbeam",
+        "Batched, differentiable, geometrically exact beam dynamics.",
+        available,
+        argv,
     )
-    parser.add_argument(
-        "--version", action="version", version=f"torchbeam {versions('torchbeam')['torchbeam']}"
-    )
-    parser.add_argument(
-        "command", choices=sorted(available), help="what to do; `COMMAND --help` says more"
-    )
-    if not argv:
-        parser.print_help()
-        return 0
-    parser.parse_args(argv[:1])
-    return 0
 
 
 def commands() -> dict[str, EntryPoint]:
@@ -112,84 +103,3 @@ def _described(path: str, parser: argparse.ArgumentParser) -> None:
             print(f"{name}:\n{describe(scene)}\n")
         except ValueError as error:
             parser.error(f"{name}: {error}")
-
-
-def results_folder(
-    parser: argparse.ArgumentParser, path: str | Path, option: str = "--out"
-) -> Path:
-    """The folder for a command's results, made with those it lies in; called before any work is
-    begun, it ends the command with a sentence, which names the option, and the status 2 where
-    nothing can be written there.
-    """
-    try:
-        return folder(path, parents=True)
-    except ValueError as error:
-        parser.error(f"{option}: {error}")
-
-
-def study(
-    argv: Sequence[str] | None,
-    name: str,
-    description: str,
-    quick: str,
-    more: Callable[[argparse.ArgumentParser], Any] | None = None,
-    instead: str | None = None,
-) -> tuple[argparse.Namespace, Path]:
-    """Options of a command that writes NAME.csv, NAME.md and NAME.json, --out, --quick and those
-    that `more` adds, and the folder for its results; where the option `instead` is given, a file
-    that is written in place of these, the folder of that.
-    """
-    parser = argparse.ArgumentParser(
-        prog=f"python -m torchbeam {name}",
-        description=(
-            f"{description} Writes {name}.csv, {name}.md and {name}.json (with machine and "
-            "versions)."
-        ),
-    )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out") / name,
-        help="folder for the results (default: %(default)s)",
-    )
-    parser.add_argument("--quick", action="store_true", help=quick)
-    if more is not None:
-        more(parser)
-    given = parser.parse_args(argv)
-    if instead is not None and (file := getattr(given, instead)) is not None:
-        return given, results_folder(parser, file.parent, f"--{instead}")
-    return given, results_folder(parser, given.out)
-
-
-@contextmanager
-def double_precision() -> Iterator[None]:
-    """float64 by default within it."""
-    before = torch.get_default_dtype()
-    torch.set_default_dtype(torch.float64)
-    try:
-        yield
-    finally:
-        torch.set_default_dtype(before)
-
-
-@contextmanager
-def threads(count: int) -> Iterator[None]:
-    """So many threads of torch, and as many as before afterwards."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(count)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
-
-
-def _listing(available: dict[str, EntryPoint]) -> str:
-    width = max(map(len, available))
-    lines = []
-    for name in sorted(available):
-        try:
-            text = (available[name].load().__doc__ or "").strip().splitlines() or [""]
-        except (ImportError, AttributeError) as error:
-            text = [f"cannot be loaded: {error}"]
-        lines.append(f"  {name:<{width}}  {text[0]}")
-    return "commands:\n" + "\n".join(lines)

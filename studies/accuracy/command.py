@@ -11,10 +11,11 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from torchbeam.cli import study, threads
+from torchbeam.core.command_line import threads
 from torchbeam.core.results import measured_on, sentence, versions, write
 
 from .. import peers
+from ..command import study
 from ..common_case import KINDS
 from . import errors, explicit, measurement, references
 from .measurement import COLUMNS, AccuracyRun

@@ -10,13 +10,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from torchbeam.cli import double_precision, results_folder, threads
+from torchbeam.core.command_line import results_folder, threads
 from torchbeam.core.measurement import Measured, progress
 from torchbeam.core.results import measured_on, sentence, versions, write
 from torchbeam.engine.chain.coverage import MISSING
 from torchbeam.plot.canvas import where_installed
 
 from .. import peers
+from ..command import double_precision
 from . import (
     breakdown,
     calls,

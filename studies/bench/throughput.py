@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import torch
 
-from torchbeam.cli import threads
+from torchbeam.core.command_line import threads
 from torchbeam.core.measurement import CPU, WALL, Measured, apart, progress, thread_counts, timed
 from torchbeam.dynamics.simulate import simulate
 from torchbeam.state.state import rest

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from torchbeam.cli import results_folder
+from torchbeam.core.command_line import results_folder
 from torchbeam.core.results import measured_on, sentence, table, write
 
 from .case import BATCH, VARIANTS, Case, Result, run

@@ -11,10 +11,11 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, fields
 
-from torchbeam.cli import study, threads
+from torchbeam.core.command_line import threads
 from torchbeam.core.results import measured_on, sentence, write
 from torchbeam.core.results import table as markdown_table
 
+from ..command import study
 from .comparison import NETS, Comparison, compare
 from .statics import NotFound
 

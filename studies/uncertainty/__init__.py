@@ -1,3 +1,1 @@
-"""Uncertainty from the command line: runs by a configuration file, coverage of intervals, cost of
-samples.
-"""
+"""Studies of uncertainty: what samples cost, and how often intervals hold."""

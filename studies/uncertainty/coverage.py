@@ -15,7 +15,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchbeam.cli import study, threads
+from torchbeam.core.command_line import threads
 from torchbeam.core.results import measured_on, sentence, table, write
 from torchbeam.math.distributions import binomial_interval, normal_score
 from torchbeam.uncertainty.laws import LogNormal, Normal
@@ -24,6 +24,8 @@ from torchbeam.uncertainty.monte_carlo import monte_carlo
 from torchbeam.uncertainty.monte_carlo_stream import monte_carlo_stream
 from torchbeam.uncertainty.rare_event import rare_event
 from torchbeam.uncertainty.sobol_indices import sobol_indices
+
+from ..command import study
 
 REPEATS, QUICK = 200, 20
 LEVEL = 0.95

@@ -21,7 +21,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchbeam.cli import study, threads
+from torchbeam.core.command_line import threads
 from torchbeam.core.memory import peak_memory
 from torchbeam.core.processes import process_pool
 from torchbeam.core.results import measured_on, sentence, table, write
@@ -36,6 +36,7 @@ from torchbeam.uncertainty.monte_carlo import monte_carlo
 from torchbeam.uncertainty.monte_carlo_stream import monte_carlo_stream
 
 from .. import peers
+from ..command import study
 
 TOTALS = {"static": 1_000_000, "rollout": 100_000}  # samples
 # one part in so many: of the samples, for the first rows; of all of them, with --quick

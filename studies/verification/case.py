@@ -14,7 +14,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchbeam.cli import double_precision
+from ..command import double_precision
 
 Solve = Callable[[], tuple[Tensor, Tensor]]
 

@@ -17,6 +17,7 @@ import torchbeam
 LAYERS = (
     "math",
     "core",
+    "uncertainty",
     "topology",
     "scene",
     "state",
@@ -32,7 +33,6 @@ LAYERS = (
     "plot",
     "analysis",
     "cli",
-    "studies",
     "extend",
 )
 HERE = Path(__file__).parents[2]
@@ -106,8 +106,8 @@ def test_no_two_files_import_each_other():
 
 
 def test_folders_import_from_those_above_alone():
-    def floor(name):  # the whole of it is what studies see
-        return LAYERS.index(name.split(".")[1] if "." in name else "studies")
+    def floor(name):  # the whole of it is what the command line sees
+        return LAYERS.index(name.split(".")[1] if "." in name else "cli")
 
     wrong = [
         f"{name} -> {other}"
@@ -146,7 +146,7 @@ def test_physics_reads_rows_and_no_scene():
         assert not arrows[f"torchbeam.{name}"] & wholes, name
 
 
-ABOVE = "torchbeam_envs", "gymnasium", "training", "examples"
+ABOVE = "torchbeam_envs", "gymnasium", "studies", "training", "examples"
 
 
 def test_torchbeam_knows_neither_environments_nor_gymnasium():
@@ -170,8 +170,8 @@ PUBLIC = (
     "torchbeam_envs.baselines",
     "torchbeam_envs.functional",
 )
-# what commands run, for those who run parts of it
-STUDIES = ("studies.", "torchbeam_envs.demo")
+# what a command runs, for those who run parts of it
+DEMO = "torchbeam_envs.demo"
 # folder -> the package alone that the rule is about there; "" = both
 OUTSIDE = {
     "envs": "torchbeam",
@@ -201,7 +201,7 @@ def test_outside_the_library_only_public_names_are_used(folder):
                 if name.split(".")[0] in ("torchbeam", "torchbeam_envs")
                 and (not OUTSIDE[folder] or name.split(".")[0] == OUTSIDE[folder])
                 and name not in PUBLIC
-                and not name.startswith(STUDIES)
+                and not name.startswith(DEMO)
             ]
     assert wrong == []
 

@@ -32,14 +32,14 @@ def test_case(case):
 
 def test_every_reference_file_is_used():
     """By a study, an example (which have tests of their own), or another test."""
-    package, root = Path(torchbeam.__file__).parent, Path(__file__).parents[2]
+    root = Path(__file__).parents[2]
     readers = [
-        *(package / "studies").rglob("*.py"),
+        *(root / "studies").rglob("*.py"),
         *(root / "examples").rglob("*.py"),
         *(root / "tests").rglob("test_*.py"),
     ]
     read = "".join(path.read_text() for path in readers)
-    names = {path.stem for path in (package / "data").iterdir() if path.suffix == ".json"}
+    names = {path.stem for path in (root / "studies" / "data").iterdir() if path.suffix == ".json"}
     assert (
         names and {name for name in names if not re.search(rf'\b{name}(\.json)?"', read)} == set()
     )
@@ -47,7 +47,7 @@ def test_every_reference_file_is_used():
 
 def test_no_constant_of_a_module_has_a_dtype():
     """The command's default is float32 when it imports what it then runs in float64."""
-    folder = Path(torchbeam.__file__).parent / "studies" / "verification"
+    folder = Path(__file__).parents[2] / "studies" / "verification"
     names = [f"studies.verification.{path.stem}" for path in folder.glob("[a-z]*.py")]
     modules = [import_module(name) for name in names]
     assert len(modules) > 10

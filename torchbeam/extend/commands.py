@@ -14,8 +14,9 @@ write files.
 `measurement`     rows and repeated timings, for the entry points "torchbeam.benchmarks"
 """
 
-from ..cli import main, results_folder, threads
+from ..cli import main
 from ..core import measurement
+from ..core.command_line import results_folder, threads
 from ..core.files import NotWritten, csv_text, folder, save, write, written
 from ..core.processes import process_pool
 from ..core.results import measured_on, sentence, table, versions

@@ -13,7 +13,7 @@ from inspect import signature
 from pathlib import Path
 from typing import Any
 
-from ..cli import results_folder
+from ..core.command_line import results_folder
 from ..core.files import NotWritten
 from ..core.processes import process_pool
 from ..core.results import table

@@ -8,27 +8,15 @@ import pytest
 import torch
 
 import torchbeam as tb
+from studies.__main__ import COMMANDS as STUDIES
+from studies.__main__ import main as run_study
 from torchbeam import cli
 from torchbeam.core import files
 
-COMMANDS = (
-    "accuracy",
-    "bench",
-    "control",
-    "convergence",
-    "coverage",
-    "demo",
-    "effects",
-    "envs",
-    "gradients",
-    "hardcases",
-    "identification",
-    "oracle",
-    "peers",
-    "rates",
-    "scale",
-    "verify",
-)
+COMMANDS = {  # name -> what runs it
+    **dict.fromkeys(("demo", "envs"), cli.main),
+    **dict.fromkeys(STUDIES, run_study),
+}
 
 
 def full(*_):
@@ -37,7 +25,7 @@ def full(*_):
 
 def test_every_command_that_writes_is_here():
     # the latter wants a file of its own first
-    assert set(COMMANDS) | {"info", "montecarlo"} == set(cli.commands())
+    assert set(COMMANDS) - set(STUDIES) | {"info", "montecarlo"} == set(cli.commands())
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -48,7 +36,7 @@ def test_a_folder_that_cannot_be_written_ends_a_command_first(name, tmp_path, ca
     (tmp_path / "file").write_text("")
     for path, sentence in (("file/x", r"cannot be written"), ("file", "was given for a folder")):
         with pytest.raises(SystemExit) as end:
-            cli.main([name, "--out", str(tmp_path / path)])
+            COMMANDS[name]([name, "--out", str(tmp_path / path)])
         said = capsys.readouterr()
         assert end.value.code == 2 and said.out == ""
         assert said.err.count("error: --out: the f") == 1 and sentence in said.err
@@ -60,7 +48,7 @@ def test_a_disk_that_fills_up_ends_a_command_in_a_sentence(tmp_path, capsys, mon
     monkeypatch.setattr(
         os, "fsync", lambda file: (count.append(file), full() if len(count) > 1 else real(file))
     )
-    assert cli.main(["verify", "--filter", "Greenhill", "--out", str(tmp_path)]) == 2
+    assert run_study(["verify", "--filter", "Greenhill", "--out", str(tmp_path)]) == 2
     said = capsys.readouterr()
     assert "Greenhill 1881" in said.out
     assert (
@@ -68,6 +56,12 @@ def test_a_disk_that_fills_up_ends_a_command_in_a_sentence(tmp_path, capsys, mon
         and "No space left on device" in said.err
     )
     assert [p.name for p in tmp_path.iterdir()] == ["verify.md"]
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_a_command_of_before_says_where_it_is(name, capsys):
+    assert cli.main([name, "--quick"]) == 2
+    assert f"`python -m studies {name}` in a clone" in capsys.readouterr().err
 
 
 def test_other_errors_of_a_command_go_through(monkeypatch):
