@@ -30,7 +30,9 @@ def cantilever(
     p: Tensor, elements: int, *effects: Any, L: float = 1.0, of: Any = None, **changed: Any
 ) -> tb.Scene:
     return tb.Scene(
-        tb.Beam.straight(p.new_tensor(L), elements, of or section(p, **changed)), effects
+        tb.Beam.straight(p.new_tensor(L), elements, of or section(p, **changed)),
+        effects,
+        dtype=p.dtype,
     )
 
 

@@ -50,11 +50,11 @@ def spun(by_frame: bool):
             if by_frame
             else dict(root=tb.RootMotion(rotation=angle))
         )
-        scene = tb.Scene(beam, effects, **held)
+        scene = tb.Scene(beam, effects, dtype=p.dtype, **held)
         steps = round((size + RAMP / 2) * PER_TURN)  # of which the ramp has half its time in turns
         sol = motion(scene, steps, 1 / PER_TURN, initial=tb.rest(scene, (len(p),)))
         steady = tb.equilibrium(
-            tb.Scene(beam, effects, frame=tb.Frame(angular_velocity=RATE * axis))
+            tb.Scene(beam, effects, frame=tb.Frame(angular_velocity=RATE * axis), dtype=p.dtype)
         )
         return moved(sol, (sol.tip.position[-1] - steady.tip.position).norm(dim=-1).detach())
 
@@ -67,6 +67,7 @@ def hinged(p: Tensor, size: int) -> Answer:
         cantilever(p, 8).beam,
         [tb.Gravity(vector(p, 0, -9.81, 1.0))],
         supports=tb.Support(0, rotation="xy"),
+        dtype=p.dtype,
     )
     return moved(motion(scene, size, 0.01))
 
@@ -74,7 +75,7 @@ def hinged(p: Tensor, size: int) -> Answer:
 def free(p: Tensor, size: int) -> Answer:
     """A beam that nothing holds, pushed at one end: its momentum is the force's impulse."""
     force, dt = tip_force(p, 0, 1.0, 0.3), 0.01
-    scene = tb.Scene(cantilever(p, 8).beam, [force], supports=())
+    scene = tb.Scene(cantilever(p, 8).beam, [force], supports=(), dtype=p.dtype)
     sol = motion(scene, size, dt)
     share = p.new_tensor([0.5, *[1.0] * 7, 0.5]) * BASE["mass"] / 8
     momentum = (share[:, None] * sol.state.velocity[-1]).sum(-2)
@@ -89,7 +90,9 @@ def spring(forces: float, moments: tuple[float, float, float], P: float):
     def solve(p: Tensor, size: int) -> Answer:
         stiffness = p.new_tensor([*[forces] * 3, *moments])
         scene = tb.Scene(
-            cantilever(p, 8).beam, [tb.RootSpring(stiffness), tip_force(p, 0, P, P / 3)]
+            cantilever(p, 8).beam,
+            [tb.RootSpring(stiffness), tip_force(p, 0, P, P / 3)],
+            dtype=p.dtype,
         )
         return moved(motion(scene, size, 0.01))
 
@@ -100,7 +103,10 @@ def slender_in_plane(p: Tensor, size: int) -> Answer:
     """L over the radius of gyration 1e6, with three unknowns a node."""
     stiff = dict(EA=1e12, GA=0.37e12, inertia=0.2e-12)
     scene = tb.Scene(
-        cantilever(p, 8, of=section(p, **stiff)).beam, [tip_force(p, 0, 0, 1.0)], plane="xz"
+        cantilever(p, 8, of=section(p, **stiff)).beam,
+        [tip_force(p, 0, 0, 1.0)],
+        plane="xz",
+        dtype=p.dtype,
     )
     return moved(motion(scene, size, 0.01))
 

@@ -122,7 +122,9 @@ def snap_along_path(p: Tensor, each: int) -> Answer:
     frame = tb.Beam.from_nodes(corner, section(p, EA=4320.0, EI=1440.0, GJ=1e3))
     node, hinges = each + each // 5, [tb.Support(i, "xyz", "xy") for i in (0, -1)]
     push = tb.PointLoad(node, force=vector(p, 0, -4.0, 0))
-    path = tb.path(tb.Scene(frame, [push], supports=hinges, plane="xy"), step=0.1, steps=80)
+    path = tb.path(
+        tb.Scene(frame, [push], supports=hinges, plane="xy", dtype=p.dtype), step=0.1, steps=80
+    )
     before = (path.kind == LIMIT_POINT).cumsum(0) == 0
     top = torch.where(before, path.factor, 0.0).amax(0) * 4 * p.detach()
     error = torch.where(path.reached, (top / 1.8552 - 1).abs(), torch.inf)

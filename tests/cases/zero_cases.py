@@ -472,7 +472,7 @@ CASES = {
         least=True,
         scale=1e-2,
     ),
-    "Tendon.tension": effect(lambda x: tied(tension=x), 1, EAGERLY, scale=1e-2),
+    "Tendon.tension": effect(lambda x: tied(tension=x), 1, EAGERLY, least=True, scale=1e-2),
     "Tendon.friction": effect(
         lambda x: tied(tension=0.5, friction=x, slip_speed=0.1), 1, EAGERLY, least=True, scale=1e-2
     ),

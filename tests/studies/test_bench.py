@@ -172,7 +172,10 @@ def friction(x, R, v, w, t):
 def branch(x, R, v, w, t):
     return (v if v.sum() > 0 else -v), None
 
-LOADS = {"friction": lambda: tb.Load(friction, of="velocity"), "branch": lambda: tb.Load(branch)}
+LOADS = {
+    "friction": lambda: tb.Load(friction, node=-1, of="velocity"),
+    "branch": lambda: tb.Load(branch, node=-1),
+}
 """)
     out = tmp_path / "out"
     assert main(["--loads", str(file), "--out", str(out)]) == 0
@@ -238,7 +241,7 @@ def test_mechanisms():
     that is nowhere within an error has an empty cell, the cheapest of several settings the others.
     """
     known, bounds = cases.load(), {"four-bar": 1e-6, "hand": 2e-4}
-    exudyn = json.loads(files("torchbeam").joinpath("data/mechanisms_exudyn.json").read_text())
+    exudyn = json.loads(files("studies").joinpath("data/mechanisms_exudyn.json").read_text())
     assert tuple(known) == cases.NAMES == tuple(mechanisms.SETTINGS)
     assert max(one.agreement for one in known.values()) < 1e-4
     for name, (places, _) in known.items():

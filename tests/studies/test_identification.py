@@ -11,7 +11,7 @@ from studies import field_coverage
 from studies.batched_calls import AT_ONCE, as_one_batch
 from studies.identification import CASES, LEVEL, main
 
-STORED = Path(__file__).parents[3] / "docs" / "results" / "identification" / "identification.json"
+STORED = Path(__file__).parents[2] / "docs" / "results" / "identification" / "identification.json"
 
 
 @pytest.mark.long

@@ -62,7 +62,7 @@ def test_adapter_tells_the_parameters_of_each_episode():
     learner writes into what it was told.
     """
     randomize = {"stiffness": (0.8, 1.2), "gain": (0.9, 1.1)}
-    env = torchbeam_envs.Sb3VecEnv(TINY.make(3, randomize=randomize))
+    env = torchbeam_envs.Sb3VecEnv(TINY.make(3, randomize=randomize, params_in_info=True))
     env.seed(0)
     env.reset()
     push, seen = np.zeros((3, 1), dtype=np.float32), set()

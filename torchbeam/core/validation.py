@@ -175,7 +175,7 @@ def present(given: Value, part: Tensor | None = None) -> bool:
     """
     if isinstance(given, Tensor) or holds_tensor(given):
         return True
-    return bool(np.any(given) if part is None else (part != 0).any())
+    return bool(numbers(given).any() if part is None else (part != 0).any())
 
 
 def has_dtype(value: Value) -> bool:

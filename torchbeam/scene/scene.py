@@ -131,7 +131,12 @@ class Scene(Tree):
                 f"plane = {self.plane!r} and small=True were given; one of them is wanted"
             )
         precision(self.beam.nodes.dtype)
-        dtype = precision(vars(self).pop("dtype") or torch.float64)
+        asked = vars(self).pop("dtype")
+        if not isinstance(asked, torch.dtype | None):
+            raise ValueError(
+                f"dtype = {shown(asked)} was given; torch.float32 or torch.float64 is wanted"
+            )
+        dtype = precision(asked or torch.float64)
         set_(self, "beam", with_recipe_of(sent(self.beam, dtype), self.beam))
         if self.beam.parts and self.root is not None:
             raise ValueError(

@@ -148,7 +148,7 @@ def _force(whole: SteadyProblem, x: Configuration) -> Tensor:
     """(...) N, of all loads on x, and what bends the beam."""
     model, load = whole.model, whole.load(x)
     p, length = model.space.dims.position, model.tributary_length.detach().sum((-1, -2))
-    bends = softest(model) / length**2
+    bends = softest(model) / length**2 if model.station_count else length.new_zeros(())
     if isinstance(load, float):
         return bends.expand(whole.load_factor.shape)
     force, moment = (v.abs().sum((-1, -2)) for v in (load[..., :p], load[..., p:]))

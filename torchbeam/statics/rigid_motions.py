@@ -51,9 +51,10 @@ def bases_of(model: Model) -> list[Base]:
 
 def sample_of(x: Tensor, own: int, sample: tuple[int, ...]) -> Tensor:
     """One sample of x (..., `own` axes), whose leading axes may be fewer than the batch's, or one
-    long.
+    long; of axes that `sample` does not name the first.
     """
     lead = x.shape[: x.ndim - own]
+    sample = (0,) * (len(lead) - len(sample)) + sample
     return concrete(x)[
         tuple(
             i if n > 1 else 0 for n, i in zip(lead, sample[len(sample) - len(lead) :], strict=True)

@@ -52,7 +52,10 @@ def conservative(problem: SteadyProblem, x: Configuration) -> Tensor:
     if between or model.internal_states or not model.conserves:
         return ~yes
     nodes, own, p = problem.nodes(x), replace(now, loads=others), model.space.dims.position
-    moment = external.external(model, nodes, own)[..., p:]
+    force = external.external(model, nodes, own)
+    if isinstance(force, float):  # none acts
+        return yes
+    moment = force[..., p:]
     slope = external.tangent(model, nodes, own, problem.frame.steady_jacobian())
     if isinstance(slope, float):
         slope = moment.new_zeros(*moment.shape[:-1], *(model.space.unknowns,) * 2)

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 import torchbeam as tb
+from studies.__main__ import main as run_study
 from torchbeam.cli import main
 
 SECTION = tb.Section.from_stiffness(EA=1e3, GA=1e3, GJ=0.8, EI=(1.0, 1.2), mass=0.2, inertia=1e-3)
@@ -179,7 +180,7 @@ def test_version(capsys):
 @pytest.mark.parametrize("command", ["hardcases", "verify"])
 def test_filter_that_leaves_nothing(command, capsys):
     with pytest.raises(SystemExit) as caught:
-        main([command, "--filter", "nosuch"])
+        run_study([command, "--filter", "nosuch"])
     assert (
         caught.value.code == 2
         and "--filter 'nosuch' was given; no case has that" in capsys.readouterr().err

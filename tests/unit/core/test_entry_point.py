@@ -123,7 +123,7 @@ def statics(engine):
 def network(engine):
     """Inside of the user's own function autocast is off as well."""
     torch.manual_seed(0)
-    net, seen = torch.nn.Linear(3, 3), []
+    net, seen = torch.nn.Linear(3, 3).double(), []
 
     def force(position, rotation, velocity, spin, t):
         seen.append(torch.is_autocast_enabled("cpu"))

@@ -113,7 +113,7 @@ def test_a_state_of_another_scene_is_refused():
             tb.Stepper(still, 0.01)(state)
         with pytest.raises(ValueError, match=words):
             tb.simulate(still, [0, 0.01], initial=state)
-    with pytest.raises(ValueError, match="initial with 6 nodes was given"):
+    with pytest.raises(ValueError, match="state with 6 nodes was given"):
         tb.modes(still, tb.rest(tb.Scene(tb.Beam.straight(1.0, 5, SECTION))))
 
 

@@ -200,14 +200,11 @@ def test_alone_and_in_a_batch():
 
 @pytest.mark.parametrize("case", CASES_LONG)
 def test_gradients_are_the_eager_ones(case):
-    """Of a random functional of all fields of all states; 1e-9 of each. In a plane and of bodies
-    alone with the energy conserved, to which joints add.
-    """
-    conserve = case in SHORT
+    """Of a random functional of all fields of all states; 1e-9 of each."""
 
     def gradients(engine):
         numbers = {name: torch.tensor(x, requires_grad=True) for name, x in NUMBERS.items()}
-        solution = run(case, engine, numbers, conserve=conserve)
+        solution = run(case, engine, numbers)
         assert solution.stats.engine == {"compiled": "native"}.get(engine, engine)
         generator, loss = torch.Generator().manual_seed(1), solution.state.work.sum()
         for name, x in fields(solution).items():
