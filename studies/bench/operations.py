@@ -37,6 +37,7 @@ def counts() -> Counts:
         program = stepper.compiled.program
         # those of other scenes are of other constants
         known, program.adjoints = program.adjoints, {}
+        stepper.compiled.structure.adjoints.clear()
         state = stepper(stepper.rest())
         state.tip.position.sum().backward()
         (adjoint,) = program.adjoints.values()

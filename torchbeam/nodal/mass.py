@@ -8,8 +8,8 @@ lumped one; the translational error of the implicit form is then fourth order. A
 nodes as 1/6, 2/3, 1/6 (Simpson's rule) becomes the consistent one with c = m/30. The frequencies of
 bending are too high by either, by twice as much with the consistent one, so that c = -m/30 takes
 the error's fourth order out (measured: tests/unit/nodal/test_quadratic.py); axial and torsional
-ones stay fourth order. An element that neither bends nor shears has the consistent mass, c = m/6 of
-two nodes: that of a bar, which no mesh changes.
+ones stay fourth order. An element that neither stretches, bends nor shears has the consistent mass,
+c = m/6 of two nodes: that of a bar, which no mesh changes.
 """
 
 from __future__ import annotations

@@ -108,7 +108,7 @@ def relax(
                 now.clamp(max=1),
                 x,
                 viscosity / step[..., None, None],
-                led=now - 1 if led else now,
+                led=(now - 1).clamp(min=0) if led else now,
             )
             outcome = newton(fluid, fluid.apply_supports(x), going, tolerance, LIMIT)
             turned = _turned(model, x, outcome.x)

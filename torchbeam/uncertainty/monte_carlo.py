@@ -90,7 +90,7 @@ def monte_carlo(
             is computed again, with a warning. A folder of another run is refused: of other laws or
             another order of them, correlation, design, seed, chunk, dtype, release of this library,
             or function
-        dtype: of theta; None = the default dtype
+        dtype: of theta; None = torch.float64
         version: of the function, a text or number of your own that changes with it. None: the
             function is known by its code, by what it closes over and by the globals and functions
             that it uses, and by the versions of packages. What it changes itself while it runs does

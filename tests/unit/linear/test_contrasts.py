@@ -118,9 +118,10 @@ def drawn(seed):
 
 def test_long_chains_as_dense():
     """Subspace iteration and the dense way agree, in 60 scenes, within twice what both say that
-    rounding leaves, and 1e-9, of what is known to 10 %; it converges in nine of ten.
+    rounding leaves, and 1e-9, of what is known to 10 %; it converges in nine of ten, and three of
+    five are known so well.
     """
-    none = 0
+    none = sure = 0
     for seed in range(60):
         scene, count = drawn(seed)
         model = discretise(scene)
@@ -132,16 +133,16 @@ def test_long_chains_as_dense():
             none += 1
             continue
         known = (few.doubt.amax(-1) < 0.1) & (all_of_it.doubt.amax(-1) < 0.1)
-        assert known or few.doubt.amax() > 0.05 or all_of_it.doubt.amax() > 0.05
         if known:
+            sure += 1
             error = (few.eigenvalue - all_of_it.eigenvalue).abs() / all_of_it.eigenvalue.abs()
             assert (error <= 2 * (few.doubt + all_of_it.doubt) + 1e-9).all(), (seed, error)
-    assert none <= 6
+    assert none <= 6 and sure >= 36
 
 
 UNITS = {  # kg, m and s in these
-    "nm-pN-us": (1e21, 1e9, 1e6),
-    "um-uN-s": (1e6 * 1e-6 * 1e6, 1e6, 1.0),
+    "nm-pN-us": (1e15, 1e9, 1e6),
+    "um-uN-s": (1.0, 1e6, 1.0),
     "mm-N-s-t": (1e-3, 1e3, 1.0),
     "km-t-min": (1e-3, 1e-3, 1 / 60),
 }

@@ -1,4 +1,6 @@
-"""Inertia of what neither shears nor bends: that of a rigid body made of bars, on every mesh."""
+"""Inertia of what neither stretches, shears nor bends: that of a rigid body made of bars, on every
+mesh.
+"""
 
 import math
 

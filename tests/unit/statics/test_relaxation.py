@@ -144,3 +144,20 @@ def test_starts_from_the_shape_that_is_given():
     relaxed = tb.equilibrium(scene, initial=given, relax=True)
     found = tb.equilibrium(scene, initial=given)
     assert_close(relaxed.nodes, found.nodes, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    "turn, near, plane",
+    [((1.5, 0, 0), 0.1, None), ((0, 1.2, 0), 0.1, None), ((0, 2.5, 0), 0.3, "xz")],
+)
+def test_supports_that_turn_only_go_where_they_lead(turn, near, plane):
+    """A beam clamped at both ends, of which one turns and comes nearer: the shape that load steps
+    find. Supports were led the other way first, and no end was found.
+    """
+    section = tb.Section.from_stiffness(EA=1e3, GA=1e3, GJ=1.0, EI=1.0, mass=0.2)
+    led = tb.Support(-1, turn=turn, displacement=(-near, 0, 0))
+    beam = tb.Beam.straight(1.0, 6, section)
+    gravity = tb.Gravity((0, 0, -9.81))
+    scene = tb.Scene(beam, [gravity], supports=(tb.Support(0), led), plane=plane)
+    relaxed, stepped = (tb.equilibrium(scene, relax=relax).nodes for relax in (True, False))
+    assert_close(relaxed, stepped, rtol=0, atol=1e-6)

@@ -148,8 +148,12 @@ class ObjectCache:
         """Remove files that were not used for longest, until the rest takes so many bytes at
         most.
         """
+        objects = []
         with os.scandir(self.folder) as files:
-            objects = [(file.stat(), file.path) for file in files if OBJECT.fullmatch(file.name)]
+            for file in files:
+                if OBJECT.fullmatch(file.name):
+                    with suppress(OSError):  # another process was first
+                        objects.append((file.stat(), file.path))
         taken = sum(status.st_size for status, _ in objects)
         for status, path in sorted(objects, key=lambda one: one[0].st_mtime_ns):
             if taken <= most:

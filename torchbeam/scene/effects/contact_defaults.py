@@ -57,9 +57,7 @@ def _whole(contact: ContactTerms, beam: Any, effects: tuple[Any, ...]) -> Contac
         values["force"] = TIMES * _largest(loads)
     for name, value in values.items():
         if concrete(~(value.detach() > 0)).any():
-            why = (
-                "a radius or a stiffness" if name == "thickness" else "weight or bending stiffness"
-            )
+            why = "radius or stiffness" if name == "thickness" else "weight or bending stiffness"
             raise ValueError(
                 f"{contact.called} without a {name} was given where no {why} says one; a number "
                 "is wanted"
@@ -104,4 +102,4 @@ def _gravity(effects: tuple[Any, ...], name: str | None) -> Any:
 
 
 def _largest(values: list[Tensor]) -> Tensor:
-    return torch.stack(torch.broadcast_tensors(*values)).amax(0)
+    return torch.stack(torch.broadcast_tensors(*values)).amax(0) if values else torch.zeros(())
