@@ -50,7 +50,7 @@ def course() -> torch.Tensor:
     angle = torch.linspace(0, math.pi, TURNS + 1, dtype=torch.float64)
     out = AXIS * (1 + (math.pi / TURNS) ** 2 / 8)
     over = out * torch.stack((-torch.cos(angle), 0 * angle, torch.sin(angle)), -1)
-    down = out * math.pi / TURNS * torch.arange(HANGS, 0, -1)
+    down = out * math.pi / TURNS * torch.arange(HANGS, 0, -1, dtype=torch.float64)
     left, right = (torch.stack((0 * down + x, 0 * down, -down), -1) for x in (-out, out))
     return torch.cat((left, over, right.flip(0)))
 

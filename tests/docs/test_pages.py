@@ -66,7 +66,7 @@ def test_a_page_whose_load_steps_eagerly_does_not_run(monkeypatch, tmp_path):
     page.write_text("""```python
 import torch, torchbeam as tb
 beam = tb.Beam.straight(1.0, 1, tb.Section.from_stiffness(EA=1e3, GA=4e2, GJ=0.8, EI=1.0, mass=0.3))
-load = tb.Load(lambda x, R, v, w, t: (v if v.sum() > 0 else -v, None))
+load = tb.Load(lambda x, R, v, w, t: (v if v.sum() > 0 else -v, None), node=-1)
 tb.simulate(tb.Scene(beam, [load]), [0.0, 0.01], step=0.01)
 ```""")
     with pytest.raises(SlowPathWarning, match="control flow"):

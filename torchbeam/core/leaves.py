@@ -181,7 +181,7 @@ def own_leaves(tree: Tree) -> list[Leaf]:
 
     Examples:
         >>> [leaf.name for leaf in extend.own_leaves(tb.TipLoad(force=torch.ones(3)))]
-        ['force', 'moment', 'offset']
+        ['moment', 'force', 'offset']
     """
     declared, own = _declared(type(tree)), []
     for name, value in [*vars(tree).items()]:
