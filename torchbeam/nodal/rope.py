@@ -6,8 +6,8 @@ the tension of stretch k is T_k = T rho_k, and over a step
     f(p_k) = T_k u_k - T_{k-1} u_{k-1}        u_k = 2 (mean q_k)/(d_k,n + d_k,n+1)
 
 As mean q_k . (q_{n+1} - q_n) = (d_{n+1}^2 - d_n^2)/2, u_k . (q_{n+1} - q_n) is the change of its
-length, and stretch k does the work -T_k times that, to rounding: f is a discrete gradient (Gonzalez 1996). T is given (what is negative
-of it is 0), or follows from the length l that a winch gives,
+length, and stretch k does the work -T_k times that, to rounding: f is a discrete gradient (Gonzalez
+1996). T is given (what is negative of it is 0), or follows from the length l that a winch gives,
 
     T = (V(c_{n+1} - l) - V(c_n - l))/(c_{n+1} - c_n)        V(x) = k x^2/2 where x > 0, else 0
 
