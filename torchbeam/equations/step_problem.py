@@ -22,6 +22,7 @@ from ..nodal.conditions import Conditions, conditions
 from ..nodal.inertia import InertiaForces
 from ..nodal.joint_motion import JointDrive
 from ..nodal.loads import Nodes
+from ..nodal.tendon_motion import TendonMotion
 from ..nodal.touching_motion import TouchingMotion
 from ..scene.effects import ROTATION, SPIN, VELOCITY, Inputs
 from ..state.state import State
@@ -231,6 +232,16 @@ class StepProblem(BalanceProblem):
             self.dt if self.INSTANT < 1 else None,
             moving=lambda: self.relative_motion(start),
         )
+
+    def tendon_motion(self, kinematics: Any) -> TendonMotion:
+        motion = super().tendon_motion(kinematics)
+        if self.INSTANT == 1:
+            return motion
+
+        def way() -> Tensor:
+            return self.h * self.frame.relative_velocity(kinematics.velocity, kinematics.position)
+
+        return motion._replace(way=way)
 
     def finished(
         self, after: State, stress: Tensor, kinematics: Any, before: State | None = None

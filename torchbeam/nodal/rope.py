@@ -5,9 +5,9 @@ the tension of stretch k is T_k = T rho_k, and over a step
 
     f(p_k) = T_k u_k - T_{k-1} u_{k-1}        u_k = 2 (mean q_k)/(d_k,n + d_k,n+1)
 
-As mean q_k . (q_{n+1} - q_n) = (d_{n+1}^2 - d_n^2)/2, stretch k does the work -T_k times the change
-of its length, to rounding: f is a discrete gradient (Gonzalez 1996). T is given (what is negative
-of it is 0), or follows from the length l that a winch gives,
+As mean q_k . (q_{n+1} - q_n) = (d_{n+1}^2 - d_n^2)/2, u_k . (q_{n+1} - q_n) is the change of its
+length, and stretch k does the work -T_k times that, to rounding: f is a discrete gradient (Gonzalez
+1996). T is given (what is negative of it is 0), or follows from the length l that a winch gives,
 
     T = (V(c_{n+1} - l) - V(c_n - l))/(c_{n+1} - c_n)        V(x) = k x^2/2 where x > 0, else 0
 
@@ -38,8 +38,9 @@ SOFT = 1e-3  # rad
 
 class RopeStep(NamedTuple):
     """Points (..., m, 3) where forces act, after and before (None = an instant, where they are the
-    same); given (...): tension N or length m; dt (...) s and rates of the points before
-    (..., m, 3), None = at an instant.
+    same); given (...): tension N or length m; dt (...) s, rates of the points before and the way
+    that they go (..., m, 3), None = at an instant, or without friction. The way is not from after
+    and before, of which single precision leaves too few digits.
     """
 
     acting: Tensor
@@ -48,6 +49,7 @@ class RopeStep(NamedTuple):
     given: Tensor
     dt: Tensor | None = None
     rates: Tensor | None = None
+    way: Tensor | None = None
 
 
 class Stretches(NamedTuple):
@@ -73,6 +75,11 @@ class Stretches(NamedTuple):
     @property
     def u(self) -> Tensor:
         return 2 * self.q / self.size
+
+    def change(self, step: RopeStep) -> Tensor:
+        """(..., n) m of their lengths, over a step with friction."""
+        ends = step.after.diff(dim=-2) + step.before.diff(dim=-2)
+        return (ends * step.way.diff(dim=-2)).sum(-1) / self.size[..., 0]
 
 
 class Grip(NamedTuple):
@@ -182,12 +189,11 @@ class Rope(Tree):
         self, step: RopeStep, stretches: Stretches, derivative: bool
     ) -> tuple[Tensor, Tensor | None]:
         """ln rho_k (..., n), and its derivative (..., n, n, 3) by each stretch's q after."""
-        before, after = stretches.lengths
-        e, slide = stretches.directions[1], None
+        after, e, slide = stretches.lengths[1], stretches.directions[1], None
         n = e.shape[-2]
         if step.dt is not None:
             start = stretches.directions[0] * step.rates.diff(dim=-2)
-            slide = _beyond(after - before), _beyond(start.sum(-1)), step.dt
+            slide = _beyond(stretches.change(step)), _beyond(start.sum(-1)), step.dt
         grip = self.grip(e[..., :-1, :], e[..., 1:, :], slide)
         log = pad(grip.log.cumsum(-1), (1, 0))
         if not derivative:

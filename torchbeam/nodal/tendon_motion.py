@@ -23,7 +23,8 @@ class Eyelets(NamedTuple):
 
 class TendonMotion(NamedTuple):
     """Where forces act, where eyelets are after a step, and before (None = there is none); given
-    (..., K) N or m; drive: how, as of joints.
+    (..., K) N or m; drive: how, as of joints; way() (..., N+1, p) m by which nodes move over a
+    step, without the rounding of places, None = forces act at an instant.
     """
 
     acting: Eyelets
@@ -31,6 +32,7 @@ class TendonMotion(NamedTuple):
     start: Eyelets | None
     given: Tensor
     drive: JointDrive
+    way: Callable[[], Tensor] | None = None
 
 
 class NoTendons(Tree):

@@ -139,7 +139,8 @@ class Tendons(NoTendons):
         """What each rope is asked for."""
         drive, steps = motion.drive, []
         over = drive.dt is not None and motion.start is not None
-        rates = self._rates(motion) if over and self.dissipative else None
+        rubs = over and self.dissipative
+        rates, way = (self._rates(motion), self._way(motion)) if rubs else (None, None)
         for k, (rope, part) in enumerate(zip(self.ropes, self._parts, strict=True)):
             given = rope.raised(motion.given[..., k], drive.share)
             steps.append(
@@ -150,6 +151,7 @@ class Tendons(NoTendons):
                     given,
                     drive.dt,
                     None if rates is None else rates[..., part, :],
+                    None if rates is None else way[..., part, :],
                 )
             )
         return tuple(steps)
@@ -165,6 +167,12 @@ class Tendons(NoTendons):
         velocity, spin = moves.split(3, -1)
         turned = torch.linalg.cross(*torch.broadcast_tensors(spin, motion.start.lever))
         return torch.where(self._ground(velocity), 0.0, velocity + turned)
+
+    def _way(self, motion: TendonMotion) -> Tensor:
+        """(..., E, 3) m by which the eyelets move over the step."""
+        way = self.space.public_vector(motion.way()[..., self._at, :])
+        turned = motion.end.lever - motion.start.lever
+        return torch.where(self._ground(way), 0.0, way + turned)
 
     def _blocks(self, by: Tensor, force: Tensor, lever: Tensor, end: Tensor) -> Tensor:
         """(..., m, m, w, w) of a rope: derivative of less the wrenches on nodes by the moves of

@@ -54,10 +54,11 @@ class TendonFunctions(LocalProblems):
         stretches = Stretches.of(step)
         before, after = (length[0] for length in stretches.lengths)
         outputs = {"length": after, "before": before, "direction": stretches.directions[1][0]}
-        if motion.start is not None:
-            outputs["change"] = after - tendons.lengths_before(motion, 0)[0]
         if kind.rubs and self.OVER_STEP:
+            outputs["change"] = stretches.change(step)[0]
             outputs["rate"] = (stretches.directions[0] * step.rates.diff(dim=-2)).sum()
+        elif motion.start is not None:
+            outputs["change"] = after - tendons.lengths_before(motion, 0)[0]
         return outputs
 
     def tension_first(self, kind: StretchKind, **fields: Tensor) -> Fields:
