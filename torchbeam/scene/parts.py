@@ -81,20 +81,21 @@ class Row(int):
 torch.serialization.add_safe_globals([Part, Row])
 
 
-def check_node(node: Any, name: str = "node") -> None:
-    """ValueError for what is no node: a whole number, which counts from the root; in a structure
-    (name, number), or a body's name.
+def check_node(name: str, node: Any) -> Any:
+    """`node` if it is one: a whole number, which counts from the root; in a structure
+    (name, number), or a body's name. ValueError otherwise.
     """
     if isinstance(node, str) or (
         isinstance(node, tuple) and len(node) == 2 and isinstance(node[0], str) and _whole(node[1])
     ):
-        return
+        return node
     if isinstance(node, tuple):
         raise ValueError(
             f"{name} = {shown(node)} was given; a whole number is wanted, or (name, whole "
             "number) in a structure"
         )
     whole(name, node)
+    return node
 
 
 def node_and_point(given: Any) -> tuple[Any, Any]:
@@ -112,7 +113,7 @@ def row_of(parts: tuple[Part, ...], node: Any, name: str = "node") -> Row:
     such.
     """
     given = node.given if isinstance(node, Row) else node
-    check_node(given, name)
+    check_node(name, given)
     if isinstance(given, int) or not parts:
         what, there = (
             ("a structure", f": {nodes_of(parts)}")

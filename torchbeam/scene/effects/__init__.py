@@ -54,7 +54,6 @@ from .values import (
     inputs_at,
     inputs_of,
     inputs_over,
-    plain,
     value_along,
     value_at,
 )
@@ -109,7 +108,6 @@ __all__ = [
     "inputs_of",
     "inputs_over",
     "jacobians",
-    "plain",
     "rayleigh",
     "together",
     "value_along",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import torch
@@ -11,12 +11,13 @@ from torch import Tensor
 
 from ...core.arguments import function as check_function
 from ...core.arguments import instance, listed
-from ...core.leaves import Tree, leaf, with_values
-from ...core.validation import Value, axis_last, concrete, finite, shown
+from ...core.declared import own, parameter, plain, real_numbers, together
+from ...core.leaves import Tree, leaf, option, with_values
+from ...core.validation import Value, axis_last, concrete, shown
 from ...math import quaternions as quat
 from ..beam import Beam
 from .effect import Effect
-from .values import Input, own, parameter, plain, scalar_value
+from .values import Input, OfTime, scalar_value
 
 APART = {
     torch.float64: 1e-9,
@@ -44,9 +45,7 @@ class Eyelet(Tree):
             raise ValueError(
                 f"{shown(given)} was given as an eyelet of a Tendon; (node, (x, y, z)) is wanted"
             )
-        point = own(axis_last("an eyelet's point", plain(given[1]), 3))
-        finite("an eyelet's point", torch.as_tensor(point))
-        return cls(given[0], point)
+        return cls(given[0], own(real_numbers("an eyelet's point", given[1], 3)))
 
     def at(self, position: Tensor, rotation: Tensor) -> Tensor:
         """(..., 3) m, frame a, where nodes (..., N+1, 3) have the axes (..., N+1, 4)."""
@@ -54,6 +53,22 @@ class Eyelet(Tree):
             return self.point
         R = quat.matrix(rotation[..., self.node, :])
         return position[..., self.node, :] + (R @ self.point[..., None])[..., 0]
+
+
+def _eyelets(name: str, value: Any) -> tuple[Eyelet, ...]:
+    eyelets = tuple(map(Eyelet.of, listed(value)))
+    if len(eyelets) < 2:
+        raise ValueError(
+            f"a Tendon with {len(eyelets)} eyelet{'s' * (not eyelets)} was given; two or more are "
+            "wanted"
+        )
+    return eyelets
+
+
+def _winch(name: str, value: Any) -> Any:
+    value = scalar_value(name, value)
+    given_later = callable(value) or isinstance(value, Input)
+    return value if given_later else parameter(name, value)
 
 
 @dataclass(frozen=True)
@@ -91,44 +106,25 @@ class Tendon(Effect):
     """
 
     kind = "tendon"
+    in_words = "a {}'s {}"
 
-    eyelets: Sequence[Any]
-    tension: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
-    length: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
-    stiffness: Value | None = leaf(0, default=None, kw_only=True)
-    friction: Value | None = leaf(0, default=None, kw_only=True)
-    slip_speed: Value | None = leaf(0, default=None, kw_only=True)
+    eyelets: Sequence[Any] = option(_eyelets)
+    _: KW_ONLY
+    tension: OfTime = leaf(0, default=None, check=_winch)
+    length: OfTime = leaf(0, default=None, check=_winch)
+    stiffness: Value | None = leaf(0, default=None, positive=True)
+    friction: Value | None = leaf(0, default=None, nonnegative=True)
+    slip_speed: Value | None = leaf(0, default=None, positive=True)
 
     def __post_init__(self) -> None:
-        set_ = object.__setattr__
-        eyelets = tuple(map(Eyelet.of, listed(self.eyelets)))
-        if len(eyelets) < 2:
-            raise ValueError(
-                f"a Tendon with {len(eyelets)} eyelet{'s' * (not eyelets)} was given; two or more "
-                "are wanted"
-            )
-        set_(self, "eyelets", eyelets)
-        for name in ("tension", "length"):
-            value = scalar_value(f"a Tendon's {name}", getattr(self, name))
-            if value is not None and not callable(value) and not isinstance(value, Input):
-                value = parameter(f"a Tendon's {name}", value)
-            set_(self, name, value)
-        for name in ("stiffness", "friction", "slip_speed"):
-            if (value := getattr(self, name)) is not None:
-                zero = name == "friction"
-                set_(self, name, parameter(f"a Tendon's {name}", value, zero=zero))
+        super().__post_init__()
         given = [x for x in ("tension", "length", "stiffness") if getattr(self, x) is not None]
         if given not in (["tension"], ["stiffness"], ["length", "stiffness"]):
             raise ValueError(
                 f"a Tendon with {' and '.join(given) or 'neither tension nor stiffness'} was "
                 "given; tension, or stiffness and perhaps length, are wanted"
             )
-        if (self.friction is None) != (self.slip_speed is None):
-            alone = "slip_speed" if self.friction is None else "friction"
-            raise ValueError(
-                f"a Tendon with {alone} alone was given; friction and slip_speed are wanted "
-                "together"
-            )
+        together(self, ("friction", "slip_speed"))
 
     @classmethod
     def along(cls, beam: Any, point: Any, name: str | None = None, **given: Any) -> Tendon:
