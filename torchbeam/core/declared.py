@@ -35,9 +35,12 @@ def declaration(
 ) -> dict[str, Any]:
     """What is declared of a field, see `leaf`, for its metadata."""
     size = (size,) if isinstance(size, int) else size
-    if check is None and (positive or nonnegative):
+    wanted = finite or nonnegative or positive or size or copied
+    if check is not None and wanted:
+        raise TypeError("a check and what numbers must be were declared of a field; one is wanted")
+    if positive or nonnegative:
         check = partial(_signed, size=size, zero=not positive, copied=copied)
-    elif check is None and (finite or size):
+    elif wanted:
         check = partial(_finite, size=size, copied=copied)
     return {} if check is None else {CHECK: check, NAME: name}
 

@@ -159,6 +159,29 @@ def one_beam(parts: tuple[Part, ...], name: str) -> None:
         )
 
 
+def end_of_element(beam: Any, node: Any, name: str, what: str) -> Row:
+    """The row of a node between elements. Raises ValueError for one within an element; name and
+    what: of the node, in sentences.
+    """
+    row = beam.row(node, name)
+    first = beam.part_at(row).first_node if beam.parts else 0
+    row = row if beam.parts else row % beam.node_count
+    if (row - first) % beam.order:
+        raise ValueError(
+            f"{what} the node {row!r} was given, which lies within an element of order 2; the end "
+            "of one, whose number is even, is wanted"
+        )
+    return row
+
+
+def large_rotations(scene: Any, what: str) -> None:
+    """ValueError where `what` is in a scene of small motions."""
+    if scene.small:
+        raise ValueError(
+            f"small=True with {what} was given; large rotations (small=False) are wanted there"
+        )
+
+
 def nodes_of(parts: tuple[Part, ...]) -> str:
     """The nodes that there are, in words."""
     return ", ".join(map(str, parts))

@@ -93,6 +93,8 @@ def test_a_check_cannot_be_left_out():
     with pytest.raises(TypeError, match=r"Bad\.x declares a check that .* leaves out; super"):
         type("Bad", (Tree,), {**names, "__post_init__": made})
     type("Good", (Tree,), {**names, "x": leaf(0), "__post_init__": made})
+    with pytest.raises(TypeError, match="a check and what numbers must be were declared"):
+        leaf(0, check=optional, positive=True)
 
 
 def test_a_class_may_check_by_itself():

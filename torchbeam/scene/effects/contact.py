@@ -14,7 +14,7 @@ from ...core.validation import Value, concrete, shown
 from ..parts import part_of
 from ..stations import Table
 from .contact_law import damped, pressure, rubbing
-from .contact_path import least_along
+from .contact_path import leads_through
 from .contact_terms import AtPoints, ContactTerms, radius_value, widest
 from .load_point import POSITION, ROTATION, SPIN, VELOCITY, LoadPoint, Wrench, at_instant, cross
 from .obstacles import Box, Capsule, Cylinder, Obstacle, Plane, each
@@ -260,20 +260,11 @@ class Contact(ContactTerms):
 
     def passed(self, x: Tensor, half: Tensor, dt: Tensor) -> Tensor:
         """(..., n) bool: whether the way of points, by `half` (..., n, 3) m on either side of x, in
-        dt (...) s, leads through the obstacle: inside in between, and outside at both ends, or out
-        on another side than in.
+        dt (...) s, leads through the obstacle.
         """
         carried = self.carried(x, dt)
         half = half if carried is None else half - carried
-        start, end = x - half, x + half
-        inside = self.least_gap(start, 2 * half) < 0
-        out = torch.minimum(self.gap(start), self.gap(end)) > 0
-        turned = (self.obstacle.gradient(start) * self.obstacle.gradient(end)).sum(-1, keepdim=True)
-        return (inside & (out | (turned < 0)))[..., 0]
-
-    def least_gap(self, start: Tensor, way: Tensor) -> Tensor:
-        """(..., n, 1) m: see `least_along`."""
-        return least_along(self.gap, self.directions, start, way)
+        return leads_through(self.gap, self.directions, x - half, x + half)
 
     def carried(self, x: Tensor, dt: Tensor) -> Tensor | None:
         """(..., n, 3) m by which the obstacle moves at x in half of a step; None = it stands."""

@@ -11,6 +11,7 @@ from ...core.arguments import boolean, count
 from ...core.declared import optional
 from ...core.leaves import Tree, leaf, option, with_values
 from ...core.validation import Value, concrete, positive
+from ..parts import large_rotations
 from ..stations import Table
 from .load_point import LoadEffect
 
@@ -103,11 +104,7 @@ class ContactTerms(LoadEffect):
                         f"{self.called} of two parts with a radius that changes by as much as the "
                         "length along the beam was given; one that changes by less is wanted there"
                     )
-        if scene.small:
-            raise ValueError(
-                f"small=True with {self.called} of two parts was given; large rotations "
-                "(small=False) are wanted there"
-            )
+        large_rotations(scene, f"{self.called} of two parts")
         if scene.beam.order == 2:
             raise ValueError(
                 f"{self.called} of beams of order 2 with each other was given; order=1 is wanted "

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
@@ -401,10 +401,10 @@ class Box(Obstacle):
             )
 
     def distance(self, x: Tensor) -> Tensor:
-        return box_distance(self._beyond(x)[0]) - each(self.rounding)
+        return self._beyond(x).gap
 
     def gradient(self, x: Tensor) -> Tensor:
-        n = box_direction(*self._beyond(x))
+        n = self._beyond(x).direction
         return n if self.rotation is None else (self._axes @ n[..., None])[..., 0]
 
     @property
@@ -412,28 +412,43 @@ class Box(Obstacle):
         """(..., 1, 3, 3) its axes -> frame a."""
         return quat.matrix(quat.exponential(self.rotation))[..., None, :, :]
 
-    def _beyond(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """(..., points, 3) m by which points are beyond a box smaller by the rounding, along each
-        of its axes, and the side that they are on.
-        """
+    def _beyond(self, x: Tensor) -> Beyond:
         d = self._from(x)
         d = d if self.rotation is None else (self._axes.mT @ d[..., None])[..., 0]
-        side = torch.where(d < 0, -1.0, 1.0).to(d)
-        return side * d - (self.size[..., None, :] / 2 - each(self.rounding)), side
+        rounding = each(self.rounding)
+        return beyond(d, self.size[..., None, :] / 2 - rounding, rounding)
 
 
-def box_distance(q: Tensor) -> Tensor:
-    """(..., 1) m from a box with sharp edges, of points that are beyond it by q (..., 3) m along
-    its axes, negative within.
+class Beyond(NamedTuple):
+    """Of places: q (..., 3) m by which they are beyond a box smaller by its rounding (..., 1) m,
+    along its axes, negative within, on the side (..., 3), 1 or -1.
     """
-    return norm(q.clamp(min=0)) + q.amax(-1, keepdim=True).clamp(max=0)
+
+    q: Tensor
+    side: Tensor
+    rounding: Tensor
+
+    @property
+    def gap(self) -> Tensor:
+        """(..., 1) m to the rounded surface."""
+        inside = self.q.amax(-1, keepdim=True).clamp(max=0)
+        return norm(self.q.clamp(min=0)) + inside - self.rounding
+
+    @property
+    def direction(self) -> Tensor:
+        """Its gradient (..., 3) by the places, in the box's axes."""
+        out = self.q.clamp(min=0)
+        nearest = (self.q >= self.q.amax(-1, keepdim=True)).to(self.q)
+        away = (out > 0).any(-1, keepdim=True)
+        return self.side * torch.where(away, _unit(out), _unit(nearest))
 
 
-def box_direction(q: Tensor, side: Tensor) -> Tensor:
-    """Its gradient (..., 3) by the points, in the box's axes, of the sides that they are on."""
-    out = q.clamp(min=0)
-    nearest = (q >= q.amax(-1, keepdim=True)).to(q)
-    return side * torch.where((out > 0).any(-1, keepdim=True), _unit(out), _unit(nearest))
+def beyond(y: Tensor, half: Tensor, rounding: Tensor) -> Beyond:
+    """Of places y (..., 3) m from the centre of a box, in its axes, that has half the size (..., 3)
+    m without its rounding (..., 1) m.
+    """
+    side = torch.where(y < 0, -1.0, 1.0).to(y)
+    return Beyond(side * y - half, side, rounding)
 
 
 def each(value: Tensor) -> Tensor:

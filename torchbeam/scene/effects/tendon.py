@@ -16,9 +16,11 @@ from ...core.leaves import Tree, leaf, option, with_values
 from ...core.validation import Value, axis_last, concrete, shown
 from ...math import quaternions as quat
 from ..beam import Beam
+from ..parts import end_of_element, large_rotations
 from .effect import Effect
 from .values import Input, OfTime, scalar_value
 
+WORDS = "an eyelet's node", "an eyelet at"
 APART = {
     torch.float64: 1e-9,
     torch.float32: 1e-5,
@@ -167,7 +169,10 @@ class Tendon(Effect):
 
     def placed(self, beam: Any) -> Tendon:
         """With the rows of its nodes in a beam, or a structure."""
-        eyelets = tuple(with_values(x, node=_row(x.node, beam)) for x in self.eyelets)
+        eyelets = tuple(
+            x if x.node is None else with_values(x, node=end_of_element(beam, x.node, *WORDS))
+            for x in self.eyelets
+        )
         seen: set[int] = set()
         for node in (x.node for x in eyelets if x.node is not None):
             if node in seen and not (beam.parts and beam.part_at(node).body):
@@ -183,10 +188,7 @@ class Tendon(Effect):
         """ValueError in a scene of small motions, and where eyelets that follow each other are one,
         as drawn.
         """
-        if scene.small:
-            raise ValueError(
-                "small=True with a Tendon was given; large rotations (small=False) are wanted there"
-            )
+        large_rotations(scene, "a Tendon")
         beam = scene.beam
         points = self.at(beam.nodes, beam.frames).detach()
         off = torch.linalg.vector_norm(points.diff(dim=-2), dim=-1)
@@ -197,17 +199,3 @@ class Tendon(Effect):
                 f"a Tendon whose eyelets {k} and {k + 1} are at one point was given; points that "
                 "are apart are wanted"
             )
-
-
-def _row(node: Any, beam: Any) -> Any:
-    if node is None:
-        return None
-    row = beam.row(node, "an eyelet's node")
-    first = beam.part_at(row).first_node if beam.parts else 0
-    row = row if beam.parts else row % beam.node_count
-    if (row - first) % beam.order:
-        raise ValueError(
-            f"an eyelet at the node {row!r} was given, which lies within an element of order 2; "
-            "the end of one, whose number is even, is wanted"
-        )
-    return row
