@@ -133,6 +133,12 @@ class Graph:
             total = added(total, nodes, part, self.node_count, axes)
         return total
 
+    def without(self, total: Tensor, parts: tuple[Tensor, Tensor], axes: int = 1) -> Tensor:
+        """Of order 1, nodes (..., nodes, *) less what elements give them, see `scatter`."""
+        if self.is_line:
+            return total - at_i(parts[0], axes) - at_j(parts[1], axes)
+        return total - self.scatter(parts, axes)
+
     def coupled(self, x: Tensor, axes: int = 1) -> tuple[tuple[Tensor, ...], tuple[Tensor, ...]]:
         """Nodes (..., nodes, *) -> their values at the rows and at the columns of the couplings of
         a matrix, see `FrameworkMatrix`.

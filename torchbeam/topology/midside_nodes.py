@@ -41,7 +41,7 @@ class Midside(NamedTuple):
         of = self.framework
         own = solve_in_order(*broadcast_matrices(self.D, take(b, of.elements[1])[..., None]))
         push = (self.to_i @ own)[..., 0], (self.to_j @ own)[..., 0]
-        return take(b, of.ends) - of.of_ends.scatter(push), own[..., 0]
+        return of.of_ends.without(take(b, of.ends), push), own[..., 0]
 
     def restore(self, x: Tensor, own: Tensor) -> Tensor:
         """(..., nodes, w) from the end nodes' and D^-1 b."""
@@ -65,7 +65,7 @@ def condensed(
     )
     by_i, by_j = solve_in_order(middle, torch.cat((by_i, by_j), -1)).chunk(2, -1)
     to_i, to_j = U[..., ::2, :, :], L[..., 1::2, :, :]
-    D = take(D, framework.ends, 2) - framework.of_ends.scatter((to_i @ by_i, to_j @ by_j), 2)
+    D = framework.of_ends.without(take(D, framework.ends, 2), (to_i @ by_i, to_j @ by_j), 2)
     midside = Midside(framework, middle, by_i, by_j, to_i, to_j)
     return D, far_U - to_i @ by_j, far_L - to_j @ by_i, midside
 
