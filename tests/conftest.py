@@ -24,9 +24,13 @@ torch.set_num_threads(THREADS)
 
 HERE, ENGINE = Path(__file__).parent, "TORCHBEAM_ENGINE"
 EAGER = {HERE / "unit", HERE / "studies"}
-# Compiled at the level that users have: all kinds of effects and steps in long runs. What differs
-# elsewhere is LLVM's choice of instructions, not the code that it is given.
-AS_USERS = {HERE / "verification", HERE / "studies", HERE / "unit" / "engine" / "compiler"}
+# Files of many structures and few steps: native code is made at LLVM's level 0, for a third of the
+# time. Not for equality to the bit: there samples alone and in vectors are rounded differently.
+CHAIN = "adjoint cells compiled_scenes disk_key robustness"
+QUICK = {HERE / f"unit/engine/chain/test_{name}.py" for name in CHAIN.split()} | {
+    HERE / "docs/test_examples.py", HERE / "properties/test_value_forms.py",
+    HERE / "unit/dynamics/test_order_and_error.py", HERE / "unit/dynamics/test_prepared.py",
+}  # fmt: skip
 
 
 def pytest_addoption(parser):
@@ -51,7 +55,7 @@ def pytest_runtest_protocol(item):
     with patch.dict(os.environ):  # what a test leaves there does not reach the next
         if EAGER & {*item.path.parents} and not item.get_closest_marker("steps"):
             os.environ.setdefault(ENGINE, "eager")
-        with nullcontext() if AS_USERS & {*item.path.parents} else QUICKLY:
+        with QUICKLY if item.path in QUICK else nullcontext():
             return (yield)
 
 
