@@ -215,7 +215,9 @@ def statics_of(*case):
     return *told(scene), tb.equilibrium(scene, branch="stable"), tb.path(scene, steps=8)
 
 
-@pytest.mark.parametrize("units", UNITS)
+@pytest.mark.parametrize(
+    "units", [pytest.param(x, marks=[pytest.mark.long] * (x != "nm-pN")) for x in UNITS]
+)
 @pytest.mark.parametrize("shape", ["column", "hinged"])
 @torch.no_grad()
 def test_statics_do_not_depend_on_units(shape, units):
