@@ -22,11 +22,11 @@ LAYERS = (
     "scene",
     "state",
     "nodal",
-    "mixed",
     "solvers",
     "equations",
     "engine",
     "dynamics",
+    "mixed",
     "statics",
     "linear",
     "sensors",
@@ -116,6 +116,24 @@ def test_folders_import_from_those_above_alone():
         if name.count(".") and "__main__" not in name and floor(other) > floor(name)
     ]
     assert wrong == []
+
+
+def test_the_derivations_element_is_imported_where_it_is_asked_for():
+    """Through `dynamics.forms` alone: no file of others names its package, but for types of the
+    public names. (`test_imports.py` sees what a process loads.)
+    """
+    package = "torchbeam.mixed"
+    users = {
+        name
+        for name, others in graph("torchbeam").items()
+        if not name.startswith(package) and any(other.startswith(package) for other in others)
+    }
+    told = {
+        name
+        for name, path in modules("torchbeam").items()
+        if not name.startswith(package) and f'"{package}' in path.read_text()
+    }
+    assert users == {"torchbeam"} and told == {"torchbeam.dynamics.forms"}
 
 
 PHYSICS = (
