@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import json
-from importlib import resources
 from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
+from torchbeam import Beam, Scene, Section, Solution, TipLoad, simulate
 from torchbeam.core.validation import as_tensor
-from torchbeam.dynamics.simulate import simulate
-from torchbeam.scene.beam import Beam
-from torchbeam.scene.effects import TipLoad
-from torchbeam.scene.scene import Scene
-from torchbeam.scene.section import Section
-from torchbeam.state.solution import Solution
+
+from .harness import data
 
 SPACES = {"3D": None, "plane": "xy"}
 KINDS = ("linear", "linked", "order 2")  # of elements; linked: linear ones, by `Beam.linked`
@@ -35,9 +30,8 @@ class Case(NamedTuple):
 
     @classmethod
     def load(cls, dtype: torch.dtype = torch.float64) -> Case:
-        text = resources.files("studies").joinpath("data/dynamic_step_load.json").read_text()
-        data = json.loads(text)
-        return cls(torch.tensor(data["t"], dtype=dtype), torch.tensor(data["tip"], dtype=dtype))
+        known = data("dynamic_step_load")
+        return cls(*(torch.tensor(known[x], dtype=dtype) for x in ("t", "tip")))
 
     def scene(
         self,

@@ -12,17 +12,21 @@ from importlib.util import find_spec
 import torch
 from torch import Tensor
 
-from torchbeam.analysis.identification.fields import FieldFit, identify_fields
-from torchbeam.analysis.identification.measurement import Measurement
-from torchbeam.analysis.identification.parameter import Parameter
-from torchbeam.analysis.identification.smoothness import Smoothness
+from torchbeam import (
+    Beam,
+    FieldFit,
+    Gravity,
+    Measurement,
+    Parameter,
+    Scene,
+    Section,
+    Smoothness,
+    TipLoad,
+    equilibrium,
+    identify_fields,
+)
 from torchbeam.core.measurement import progress
-from torchbeam.core.results import table
-from torchbeam.scene import effects as fx
-from torchbeam.scene.beam import Beam
-from torchbeam.scene.scene import Scene
-from torchbeam.scene.section import Section
-from torchbeam.statics.equilibrium import equilibrium
+from torchbeam.extend.commands import table
 
 from .batched_calls import BatchedCalls, as_one_batch
 
@@ -98,7 +102,7 @@ def heights(EI: Tensor) -> Tensor:
         [0.0, 0.0, 1.0], dtype=torch.float64
     )
     beam = Beam.straight(EI.new_tensor(LENGTH), ELEMENTS, section).linked()
-    scene = Scene(beam, [fx.Gravity((0.0, 0.0, -9.81)), fx.TipLoad(force=force)], plane="xz")
+    scene = Scene(beam, [Gravity((0.0, 0.0, -9.81)), TipLoad(force=force)], plane="xz")
     state = equilibrium(scene, throw=False, engine=ENGINE)
     return torch.where((state.status == 0)[..., None], state.position[..., 1:, 2], torch.nan)
 
@@ -169,25 +173,14 @@ def markdown(rows: Sequence[FieldCoverage]) -> str:
         return "" if x is None else f"{100 * x:.1f}"
 
     head = (
-        "field and prior",
-        "EI: %",
-        "lowest",
-        "in the dent",
-        "beside it",
-        "error, deviations",
-        "told",
-        "settled",
+        "field and prior | EI: % | lowest | in the dent | beside it | error, deviations | told | "
+        "settled"
     )
-    lines = [
-        (
-            r.case,
-            *map(share, (r.covered, r.lowest, r.dents, r.neighbours)),
-            f"{r.error:.2f}",
-            f"{r.determined:.1f}",
-            f"{r.settled} of {r.repeats}",
-        )
-        for r in rows
-    ]
+    lines = []
+    for r in rows:
+        shares = map(share, (r.covered, r.lowest, r.dents, r.neighbours))
+        settled = f"{r.settled} of {r.repeats}"
+        lines.append((r.case, *shares, f"{r.error:.2f}", f"{r.determined:.1f}", settled))
     return table(head, lines, words=1)
 
 

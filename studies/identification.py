@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -13,31 +14,34 @@ import torch
 from torch import Tensor
 from torch.distributions import Normal
 
+from torchbeam import (
+    Beam,
+    Damping,
+    Fit,
+    Gravity,
+    Measurement,
+    Parameter,
+    PointMass,
+    RootSpring,
+    Scene,
+    Section,
+    Solution,
+    TipLoad,
+    equilibrium,
+    identify,
+    observe,
+    simulate,
+)
 from torchbeam.analysis.identification.experiment import Experiment
-from torchbeam.analysis.identification.fit import Fit
-from torchbeam.analysis.identification.identify import identify
-from torchbeam.analysis.identification.measurement import Measurement
-from torchbeam.analysis.identification.parameter import Parameter
 from torchbeam.analysis.identification.parameters import Parameters
 from torchbeam.analysis.identification.refinement import refined
-from torchbeam.core.command_line import threads
 from torchbeam.core.measurement import progress
-from torchbeam.core.processes import process_pool
-from torchbeam.core.results import measured_on, sentence, write
-from torchbeam.core.results import table as markdown_table
-from torchbeam.dynamics.simulate import simulate
-from torchbeam.scene import effects as fx
-from torchbeam.scene.beam import Beam
-from torchbeam.scene.scene import Scene
-from torchbeam.scene.section import Section
-from torchbeam.sensors.observe import observe
+from torchbeam.extend.commands import process_pool, table
 from torchbeam.solvers.least_squares import search
-from torchbeam.state.solution import Solution
-from torchbeam.statics.equilibrium import equilibrium
 
 from . import field_coverage
 from .batched_calls import BatchedCalls, as_one_batch
-from .command import study
+from .harness import Report, Study
 
 TRUE = {"EI": 1.0, "tau": 2e-3, "clamp": 40.0, "tip": 0.05}
 LENGTH, MASS, SPAN = 0.5, 0.25, 0.3  # m, kg/m, s
@@ -123,14 +127,14 @@ def scene(theta: dict[str, Tensor], elements: int, struck: bool) -> Scene:
     )
     stiff = torch.full_like(theta["clamp"], 1e6)
     effects: list[Any] = [
-        fx.Gravity((0.0, 0.0, -9.81)),
-        fx.Damping(theta["tau"]),
-        fx.PointMass(theta["tip"]),
-        fx.RootSpring(torch.stack((stiff, stiff, stiff, stiff, theta["clamp"], stiff), -1)),
+        Gravity((0.0, 0.0, -9.81)),
+        Damping(theta["tau"]),
+        PointMass(theta["tip"]),
+        RootSpring(torch.stack((stiff, stiff, stiff, stiff, theta["clamp"], stiff), -1)),
     ]
     if struck:
         effects.append(
-            fx.TipLoad(
+            TipLoad(
                 force=lambda t: (0.0, 0.0, 4 * torch.sin(torch.pi * t.clamp(0, 0.03) / 0.03) ** 2)
             )
         )
@@ -339,36 +343,17 @@ def markdown(rows: Sequence[ParameterCoverage]) -> str:
                 f"{one.warned}",
             )
         )
-    head = (
-        "data and model",
-        "interval",
-        *(f"{n}: %" for n in names),
-        "largest bias, deviations",
-        "converged",
-        "warned",
-    )
-    return markdown_table(head, lines, words=2)
+    shares = " | ".join(f"{n}: %" for n in names)
+    head = f"data and model | interval | {shares} | largest bias, deviations | converged | warned"
+    return table(head, lines, words=2)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """How often stated intervals of identified parameters and fields hold the truth."""
-    given, out = study(
-        argv,
-        "identification",
-        "Repeated identification of synthetic data: noise, a finer mesh, a wrong clock; "
-        "fields that are smooth, and dents.",
-        quick="four repeats of three cases",
-    )
-    cases, smooth = (
-        (CASES, field_coverage.CASES)
-        if not given.quick
-        else (
-            [replace(case, repeats=4) for case in CASES[:2]],
-            [replace(field_coverage.CASES[0], repeats=4)],
+def study(options: Namespace) -> Iterator[Report]:
+    cases, smooth = CASES, field_coverage.CASES
+    if options.quick:
+        cases, smooth = (
+            tuple(replace(case, repeats=4) for case in some) for some in (CASES[:2], smooth[:1])
         )
-    )
-    with threads(1):
-        heading = measured_on()
     rows: list[ParameterCoverage] = []
     fields: list[field_coverage.FieldCoverage] = []
     with process_pool(min(len(cases), os.cpu_count() or 1)) as pool:
@@ -381,27 +366,10 @@ def main(argv: Sequence[str] | None = None) -> int:
                 rows += row
             else:
                 fields.append(row)
-            tables = [
-                about(),
-                markdown(rows),
-                *([field_coverage.about(), field_coverage.markdown(fields)] if fields else []),
-            ]
-            text = "\n\n".join((*tables, sentence(heading)))
-            write(
-                out,
-                "identification",
-                text,
-                {
-                    **heading,
-                    "about": about(),
-                    "rows": [asdict(r) for r in rows],
-                    "fields": [asdict(r) for r in fields],
-                },
-                tuple(asdict(rows[0])),
-                (tuple(asdict(r).values()) for r in rows),
-            )
-    print(text)
-    return 0
+            text = [about(), markdown(rows)]
+            if fields:
+                text += [field_coverage.about(), field_coverage.markdown(fields)]
+            yield Report(text, rows, {"about": about(), "fields": [asdict(r) for r in fields]})
 
 
 def about() -> str:
@@ -423,3 +391,13 @@ def about() -> str:
         clock=100 * CLOCK,
         binomial=100 * (LEVEL * (1 - LEVEL) / REPEATS) ** 0.5,
     )
+
+
+main = Study(
+    "identification",
+    "How often stated intervals of identified parameters and fields hold the truth.",
+    "Repeated identification of synthetic data: noise, a finer mesh, a wrong clock; fields that "
+    "are smooth, and dents.",
+    study,
+    quick="four repeats of three cases",
+)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import math
-from importlib import resources
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,18 +14,25 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from torchbeam import (
+    Beam,
+    Body,
+    Damping,
+    Gravity,
+    Hinge,
+    PointLoad,
+    Scene,
+    Section,
+    Solution,
+    Support,
+    Weld,
+    simulate,
+)
 from torchbeam.core import files
-from torchbeam.dynamics.simulate import simulate
-from torchbeam.scene.beam import Beam
-from torchbeam.scene.body import Body
-from torchbeam.scene.effects import Damping, Gravity, PointLoad
-from torchbeam.scene.joints import Hinge, Weld
-from torchbeam.scene.scene import Scene
-from torchbeam.scene.section import Section
-from torchbeam.scene.supports import Support
-from torchbeam.state.solution import Solution
 
-FILE = "mechanism_references.json"
+from .harness import data
+
+FILE = "mechanism_references"
 NAMES = ("four-bar", "hand")
 SPACES = {"four-bar": "plane", "hand": "3D"}
 INTERVALS, DURATION = 100, 1.0  # instants at which places are compared; s
@@ -55,8 +61,7 @@ class Reference(NamedTuple):
 
 
 def load() -> dict[str, Reference]:
-    text = resources.files("studies").joinpath(f"data/{FILE}").read_text()
-    known = json.loads(text)["references"]
+    known = data(FILE)["references"]
     return {
         name: Reference(torch.tensor(one["places"], dtype=torch.float64), one["agreement"])
         for name, one in known.items()
@@ -165,8 +170,8 @@ def write(path: Path) -> None:
         rounded = [[[round(x, 9) for x in point] for point in row] for row in fine.tolist()]
         references[name] = {"agreement": agreement, "places": rounded}
         print(f"{name}: agree to {agreement:.1e}", flush=True)
-    data = {"about": ABOUT, "duration": DURATION, **NUMBERS, "references": references}
-    files.write(path, json.dumps(data, separators=(",", ":")).replace("]],", "]],\n") + "\n")
+    content = {"about": ABOUT, "duration": DURATION, **NUMBERS, "references": references}
+    files.write(path, json.dumps(content, separators=(",", ":")).replace("]],", "]],\n") + "\n")
 
 
 if __name__ == "__main__":

@@ -11,11 +11,20 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchbeam.scene import effects as fx
-from torchbeam.scene.beam import Beam
-from torchbeam.scene.scene import Frame, RootMotion, Scene
-from torchbeam.scene.section import Section
-from torchbeam.scene.supports import Support
+from torchbeam import (
+    Beam,
+    Damping,
+    Drag,
+    Frame,
+    Gravity,
+    MassDamping,
+    PointMass,
+    RootMotion,
+    Scene,
+    Section,
+    Support,
+    TipLoad,
+)
 
 
 class Draw:
@@ -68,27 +77,25 @@ def families(elements: int) -> dict[str, Callable[[Draw], Scene]]:
         return scene
 
     def push(low: float, high: float, **more: Any) -> Callable[[Draw, Tensor], Any]:
-        return lambda draw, force: fx.TipLoad(force=draw.vector(draw(low, high) * force), **more)
+        return lambda draw, force: TipLoad(force=draw.vector(draw(low, high) * force), **more)
 
     def damping(draw: Draw, force: Tensor) -> Any:
-        return fx.Damping(draw.log(1e-3, 5e-2))
+        return Damping(draw.log(1e-3, 5e-2))
 
     def weight(draw: Draw, force: Tensor) -> Any:
-        return fx.Gravity((0.0, 0.0, -9.81))
+        return Gravity((0.0, 0.0, -9.81))
 
     def shaking(draw: Draw, force: Tensor) -> Any:
         size, rate = draw.vector(draw(0.3, 1.5) * force), draw(3.0, 25.0)
-        return fx.TipLoad(force=lambda t: size * torch.sin(rate * t)[..., None])
+        return TipLoad(force=lambda t: size * torch.sin(rate * t)[..., None])
 
     def moment(draw: Draw, force: Tensor) -> Any:
         size, rate = draw.vector(draw(0.1, 0.8) * force), draw(1.0, 8.0)  # force times 1 m
-        return fx.TipLoad(
-            moment=lambda t: size * torch.sin(rate * t)[..., None] ** 2, follower=True
-        )
+        return TipLoad(moment=lambda t: size * torch.sin(rate * t)[..., None] ** 2, follower=True)
 
     def kick(draw: Draw, force: Tensor) -> Any:
         size, at, width = draw.vector(draw(2.0, 8.0) * force), draw(0.2, 0.6), draw.log(0.005, 0.05)
-        return fx.TipLoad(force=lambda t: size * torch.exp(-((t - at) / width).square())[..., None])
+        return TipLoad(force=lambda t: size * torch.exp(-((t - at) / width).square())[..., None])
 
     def turning(draw: Draw) -> Frame:
         rate = draw(1.0, 6.0)
@@ -119,19 +126,19 @@ def families(elements: int) -> dict[str, Callable[[Draw], Scene]]:
         "pendulum": made(
             weight,
             damping,
-            lambda draw, force: fx.PointMass(draw(0.01, 0.1)),
+            lambda draw, force: PointMass(draw(0.01, 0.1)),
             supports=[Support(0, "xyz", "xz")],
         ),
         "drag": made(
             push(0.5, 3.0),
             damping,
-            lambda draw, force: fx.Drag(1000.0, draw(0.002, 0.01), added_mass=1.0),
+            lambda draw, force: Drag(1000.0, draw(0.002, 0.01), added_mass=1.0),
         ),
         "follower moment": made(moment),
         "free": made(
             push(0.1, 1.0, follower=True),
             damping,
-            lambda draw, force: fx.MassDamping(draw(0.1, 1.0)),
+            lambda draw, force: MassDamping(draw(0.1, 1.0)),
             supports=[Support(0, "", "")],
         ),
     }

@@ -8,29 +8,36 @@ minimum of repeats.
 
 from __future__ import annotations
 
-import sys
 import time
+from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import NamedTuple
 
 import torch
 
-from torchbeam.core.command_line import threads
-from torchbeam.core.results import measured_on, sentence, table, write
+from torchbeam import Beam, Scene, Section, TipLoad
+from torchbeam.core.measurement import progress
+from torchbeam.extend.commands import table
 from torchbeam.mixed import minimal
 from torchbeam.mixed.model import MixedModel
 from torchbeam.mixed.rates import block_system, solve_scaled, sweep, terms
 from torchbeam.mixed.state import unpack
-from torchbeam.scene.beam import Beam
-from torchbeam.scene.effects import TipLoad
-from torchbeam.scene.scene import Scene
-from torchbeam.scene.section import Section
 
-from .command import double_precision, study
+from .harness import Report, Study
 
 CASES = ((1, 4096), (4, 256), (8, 256), (16, 256), (32, 256), (64, 256))  # elements, batch
 DENSE_UP_TO = 16  # elements: 396 x 396
 ROUTES = ("sweep", "minimal", "linalg.solve alone", "dense")
-COLUMNS = ("elements", "batch", "what", "median_ms", "minimum_ms")
+
+
+class RateTime(NamedTuple):
+    """Of a batch of beams, by one of `ROUTES`."""
+
+    elements: int
+    batch: int
+    what: str
+    median_ms: float
+    minimum_ms: float
 
 
 def tip_force(t: torch.Tensor) -> torch.Tensor:
@@ -70,47 +77,39 @@ def measure(N: int, batch: int) -> dict[str, tuple[float, float]]:
     return calls
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Time the rates of the mixed forms: O(N) sweep against the dense block rate matrix."""
-    given, out = study(
-        argv, "rates", __doc__.partition("\n")[0], quick="one element, a batch of 16"
-    )
-    with double_precision(), threads(1):
-        rows, heading = list(measured(((1, 16),) if given.quick else CASES)), measured_on()
-    text = f"{markdown(rows)}\n\n{sentence(heading)}"
-    print(text)
-    write(
-        out,
-        "rates",
-        text,
-        {**heading, "rows": [dict(zip(COLUMNS, row, strict=True)) for row in rows]},
-        COLUMNS,
-        rows,
-    )
-    return 0
-
-
-def measured(cases: Iterable[tuple[int, int]]) -> Iterator[tuple]:
-    """Rows of the table, one of each case and route; progress on stderr."""
+def measured(cases: Iterable[tuple[int, int]]) -> Iterator[RateTime]:
+    """Rows of the table, one of each case and route."""
     for N, batch in cases:
-        print(f"{N} elements, batch {batch}", file=sys.stderr)
+        progress(f"{N} elements, batch {batch}")
         for what, (median, least) in measure(N, batch).items():
-            yield N, batch, what, round(median, 3), round(least, 3)
+            yield RateTime(N, batch, what, round(median, 3), round(least, 3))
 
 
-def markdown(rows: Sequence[tuple]) -> str:
+def markdown(rows: Sequence[RateTime]) -> str:
     """One line a case: median ms of each route, and how many times as long as the sweep the dense
     matrix takes.
     """
-    medians = {(N, batch, what): median for N, batch, what, median, _ in rows}
+    medians = {row[:3]: row.median_ms for row in rows}
     lines = []
-    for N, batch in dict.fromkeys((N, batch) for N, batch, *_ in rows):
-        times = [medians.get((N, batch, what)) for what in ROUTES]
-        cells = ["" if t is None else f"{t:.1f}" for t in times]
+    for case in dict.fromkeys(row[:2] for row in rows):
+        times = [medians.get((*case, what)) for what in ROUTES]
         ratio = "" if times[-1] is None else f"{times[-1] / times[0]:.0f}"
-        lines.append((str(N), str(batch), *cells, ratio))
-    return table(
-        ("elements", "batch", *(f"{what}, ms" for what in ROUTES), "dense over sweep"),
-        lines,
-        words=0,
-    )
+        cells = ("" if t is None else f"{t:.1f}" for t in times)
+        lines.append((*map(str, case), *cells, ratio))
+    head = ("elements", "batch", *(f"{what}, ms" for what in ROUTES), "dense over sweep")
+    return table(head, lines, words=0)
+
+
+def study(options: Namespace) -> Report:
+    rows = list(measured(((1, 16),) if options.quick else CASES))
+    return Report([markdown(rows)], rows)
+
+
+main = Study(
+    "rates",
+    "Time the rates of the mixed forms: O(N) sweep against the dense block rate matrix.",
+    __doc__.partition("\n")[0],
+    study,
+    quick="one element, a batch of 16",
+    double=True,
+)

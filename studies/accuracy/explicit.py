@@ -13,8 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchbeam.dynamics.simulate import simulate
-from torchbeam.state.solution import Solution
+from torchbeam import Solution, simulate
 
 from .measurement import AccuracyRun, timed
 from .motions import INTERVALS, Motion

@@ -14,9 +14,8 @@ from typing import Any
 
 import torch
 
+from torchbeam import Solution, simulate
 from torchbeam.analysis.trials import repeated
-from torchbeam.dynamics.simulate import simulate
-from torchbeam.state.solution import Solution
 
 from .motions import Motion
 from .references import LOSS, Reference, apart, difference, differentiated

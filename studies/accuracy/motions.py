@@ -10,9 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchbeam.scene import effects as fx
-from torchbeam.scene.scene import Frame, Scene
-from torchbeam.scene.section import Section
+from torchbeam import Damping, Frame, Gravity, Scene, Section, TipLoad
 
 from ..common_case import STRIP, straight
 
@@ -111,7 +109,7 @@ def _swung(load: Tensor) -> tuple[Any, ...]:
     def course(*size: float) -> Callable[[Tensor], Tensor]:
         return lambda t: _force(load, *size) * torch.sin(3.0 * t)[..., None] ** 2
 
-    return (fx.TipLoad(force=course(0.5, 1.5, 3.0), moment=course(0.0, 0.0, 0.2)),)
+    return (TipLoad(force=course(0.5, 1.5, 3.0), moment=course(0.0, 0.0, 0.2)),)
 
 
 def _spin_up(load: Tensor) -> Frame:
@@ -133,7 +131,7 @@ ARM = _plain(EA=2.8e7, GA=1e7, GJ=1.4e4, EI=1.4e4, mass=1.2, inertia=6e-4)
 
 
 def _pushed(load: Tensor) -> tuple[Any, ...]:
-    return (fx.TipLoad(force=_force(load, 0.0, 1.0, 0.0)),)
+    return (TipLoad(force=_force(load, 0.0, 1.0, 0.0)),)
 
 
 # fmt: off
@@ -154,13 +152,13 @@ MOTIONS = (
            "1 m, EI = 1 N m^2, 1 kg/m, a sudden follower force (0, 1, 2) N on the tip, "
            "`Damping(0.01)`, 2 s",
            "damped", 1.0, 2.0, SOFT,
-           lambda load: (fx.TipLoad(force=_force(load, 0.0, 1.0, 2.0), follower=True),
-                         fx.Damping(0.01))),
+           lambda load: (TipLoad(force=_force(load, 0.0, 1.0, 2.0), follower=True),
+                         Damping(0.01))),
     Motion("silicone",
            "0.5 m, EI = 0.02 N m^2, 0.3 kg/m, falls by its weight across (q L^3/EI = 18), "
            "`Damping(0.005)`, 2 s",
            "damped", 0.5, 2.0, SILICONE,
-           lambda load: (fx.Gravity(_force(load, 0.0, 0.0, -9.81)), fx.Damping(0.005)), flat="xz"),
+           lambda load: (Gravity(_force(load, 0.0, 0.0, -9.81)), Damping(0.005)), flat="xz"),
     Motion("spin-up",
            "Simo and Vu-Quoc's arm of 10 m, brought to 6 rad/s within 15 s about an axis "
            "across, undamped, 20 s",

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from torchbeam.plot.canvas import grid, save, where_installed
+from torchbeam.plot.canvas import grid, save
 
 from .errors import Errors
 from .measurement import AccuracyRun
@@ -28,11 +28,10 @@ def pictures(
     folder: Path,
 ) -> None:
     """accuracy.png: error over CPU time, a panel a motion; orders.png: errors of meshes and steps.
-    None without matplotlib.
+    Raises ImportError without matplotlib.
     """
-    with where_installed():
-        _work(rows, known, others, folder / "accuracy.png")
-        _orders(curves, folder / "orders.png")
+    _work(rows, known, others, folder / "accuracy.png")
+    _orders(curves, folder / "orders.png")
 
 
 def _work(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from torchbeam.core.results import table
+from torchbeam.extend.commands import table
 
 from ..common_case import KINDS
 from .measurement import AccuracyRun

@@ -8,8 +8,7 @@ from typing import Any
 
 from torch import Tensor
 
-from torchbeam.dynamics.simulate import simulate
-from torchbeam.state.solution import Solution
+from torchbeam import Solution, simulate
 
 from .motions import INTERVALS, Motion
 

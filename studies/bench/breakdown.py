@@ -13,15 +13,13 @@ from typing import Any
 
 import torch
 
+from torchbeam import Stepper, rest, simulate
 from torchbeam.core.measurement import Measured, progress
-from torchbeam.dynamics.simulate import simulate
-from torchbeam.dynamics.stepper import Stepper
 from torchbeam.engine.chain.native import NativeProgram
 from torchbeam.engine.compiler.function import Function
 from torchbeam.engine.compiler.library import Library
 from torchbeam.engine.compiler.llvm import Module
 from torchbeam.engine.compiler.loop_text import Code
-from torchbeam.state.state import rest
 
 from ..common_case import SPACES, Case
 

@@ -9,11 +9,8 @@ from collections.abc import Callable, Iterator
 import torch
 from torch import Tensor
 
+from torchbeam import Scene, Stepper, rollout, simulate
 from torchbeam.core.measurement import Measured, progress, timed
-from torchbeam.dynamics.rollout import rollout
-from torchbeam.dynamics.simulate import simulate
-from torchbeam.dynamics.stepper import Stepper
-from torchbeam.scene.scene import Scene
 
 from ..common_case import SPACES, Case
 

@@ -20,16 +20,22 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from torchbeam import (
+    Beam,
+    Contact,
+    Gravity,
+    LineLoad,
+    Scene,
+    Section,
+    SelfContact,
+    State,
+    Stepper,
+    Support,
+    equilibrium,
+    rest,
+    rollout,
+)
 from torchbeam.core.measurement import Measured, progress, timed
-from torchbeam.dynamics.rollout import rollout
-from torchbeam.dynamics.stepper import Stepper
-from torchbeam.scene.beam import Beam
-from torchbeam.scene.effects import Contact, Gravity, LineLoad, SelfContact
-from torchbeam.scene.scene import Scene
-from torchbeam.scene.section import Section
-from torchbeam.scene.supports import Support
-from torchbeam.state.state import State, rest
-from torchbeam.statics.equilibrium import equilibrium
 
 PART = "contact"
 ANGLE = math.radians(3.1)

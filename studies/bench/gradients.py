@@ -11,9 +11,9 @@ from statistics import median
 
 import torch
 
+from torchbeam import simulate
 from torchbeam.core.measurement import Measured, apart, progress, timed
 from torchbeam.core.memory import peak_memory
-from torchbeam.dynamics.simulate import simulate
 
 from ..common_case import SPACES, Case
 

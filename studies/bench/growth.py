@@ -8,9 +8,8 @@ from collections.abc import Callable, Iterator
 
 import torch
 
+from torchbeam import rest, simulate
 from torchbeam.core.measurement import Measured, exponent, progress, timed
-from torchbeam.dynamics.simulate import simulate
-from torchbeam.state.state import rest
 
 from ..common_case import SPACES, Case
 

@@ -11,9 +11,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchbeam import Stepper, rollout
 from torchbeam.core.measurement import CPU, Measured, progress, timed
-from torchbeam.dynamics.rollout import rollout
-from torchbeam.dynamics.stepper import Stepper
 
 from .. import mechanisms
 from ..peers import measured

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from torchbeam.core.measurement import CPU, WALL, Measured
-from torchbeam.core.results import table
+from torchbeam.extend.commands import table
 from torchbeam.plot.canvas import grid, save
 
 from . import (

@@ -10,16 +10,19 @@ from statistics import median
 
 import torch
 
+from torchbeam import (
+    Beam,
+    Gravity,
+    Hinge,
+    Scene,
+    Section,
+    Stepper,
+    Support,
+    Weld,
+    equilibrium,
+    rollout,
+)
 from torchbeam.core.measurement import Measured, progress, timed
-from torchbeam.dynamics.rollout import rollout
-from torchbeam.dynamics.stepper import Stepper
-from torchbeam.scene.beam import Beam
-from torchbeam.scene.effects import Gravity
-from torchbeam.scene.joints import Hinge, Weld
-from torchbeam.scene.scene import Scene
-from torchbeam.scene.section import Section
-from torchbeam.scene.supports import Support
-from torchbeam.statics.equilibrium import equilibrium
 
 PART = "structures"
 BEAMS, ELEMENTS, STEP, STEPS = 8, 8, 1e-3, 200

@@ -12,10 +12,9 @@ from typing import Any, NamedTuple
 
 import torch
 
-from torchbeam.core.command_line import threads
+from torchbeam import rest, simulate
 from torchbeam.core.measurement import CPU, WALL, Measured, apart, progress, thread_counts, timed
-from torchbeam.dynamics.simulate import simulate
-from torchbeam.state.state import rest
+from torchbeam.extend.commands import threads
 
 from ..common_case import KINDS, SPACES, Case, motion
 

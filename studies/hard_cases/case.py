@@ -13,7 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from torchbeam.core.warning import SlowPathWarning
+from torchbeam import SlowPathWarning
 
 VARIANTS = ("float64", "float32", "batch", "gradient")
 BATCH = 64, 8  # samples of the batch, in full and reduced

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
-from typing import Any
 
 import torch
 from torch import Tensor
 
-from ..command import double_precision
+from ..harness import data, double_precision
 
 Solve = Callable[[], tuple[Tensor, Tensor]]
 
@@ -87,10 +84,7 @@ def run(case: Case) -> Result:
     )
 
 
-@cache
-def reference(name: str) -> Any:
-    """The contents of data/NAME.json."""
-    return json.loads(resources.files("studies").joinpath(f"data/{name}.json").read_text())
+reference = cache(data)  # the contents of data/NAME.json
 
 
 def columns(values: list[dict[str, float]], *names: str) -> tuple[Tensor, ...]:

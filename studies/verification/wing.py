@@ -23,7 +23,7 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.math.quaternions import skew
+from torchbeam.extend import quaternions
 
 from .case import Case
 
@@ -115,7 +115,7 @@ def strips(chord: float | Tensor, speed: Tensor, a: float, density: float) -> tb
 
 def goland(speed: Tensor, elements: int = N, GJ: float | Tensor = GJ) -> tb.Scene:
     """The wing at speeds (...) m/s: nodes on the elastic axis, x along the span, y forward."""
-    offset = skew(torch.tensor([0.0, (AXIS - CENTRE) * CHORD, 0.0]))
+    offset = quaternions.skew(torch.tensor([0.0, (AXIS - CENTRE) * CHORD, 0.0]))
     inertia = torch.diag(torch.tensor([INERTIA, 0.01 * INERTIA, INERTIA]))
     mass = torch.cat((
         torch.cat((MASS * torch.eye(3), -MASS * offset), -1),
