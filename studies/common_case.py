@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from torchbeam import Beam, Scene, Section, Solution, TipLoad, simulate
+import torchbeam as tb
 from torchbeam.core.validation import as_tensor
 
 from .harness import data
@@ -40,20 +40,22 @@ class Case(NamedTuple):
         EI: Tensor | float = 1.0,
         force: Any = (0.0, 1.0, 0.0),
         element: str = "linear",
-    ) -> Scene:
+    ) -> tb.Scene:
         """element: one of `KINDS`."""
         number = self.t.new_tensor
-        section = Section.from_stiffness(
+        section = tb.Section.from_stiffness(
             **{
                 **{name: number(value) for name, value in STRIP.items()},
                 "EI": as_tensor(EI, self.t.dtype),
             }
         )
-        return Scene(
-            straight(number(1.0), elements, section, element), [TipLoad(force=force)], plane=plane
+        return tb.Scene(
+            straight(number(1.0), elements, section, element),
+            [tb.TipLoad(force=force)],
+            plane=plane,
         )
 
-    def error(self, solution: Solution) -> float:
+    def error(self, solution: tb.Solution) -> float:
         """RMS |tip - reference| / RMS |reference - reference(0)| at the solution's instants, which
         are the reference's.
         """
@@ -71,9 +73,9 @@ class Case(NamedTuple):
         )
 
 
-def straight(length: Tensor, elements: int, section: Section, element: str) -> Beam:
+def straight(length: Tensor, elements: int, section: tb.Section, element: str) -> tb.Beam:
     """A beam of an element of `KINDS`."""
-    beam = Beam.straight(length, elements, section, order=2 if element == "order 2" else 1)
+    beam = tb.Beam.straight(length, elements, section, order=2 if element == "order 2" else 1)
     return beam.linked() if element == "linked" else beam
 
 
@@ -85,12 +87,12 @@ def motion(
     every: int | None = None,
     element: str = KINDS[0],
     **options: Any,
-) -> Solution:
+) -> tb.Solution:
     """The whole 2 s, at batch 1; every: how many of the reference's instants lie between two of the
     solution's.
     """
     with torch.no_grad():
         t = case.t[:: every or max(1, round(step / 0.01))]
-        return simulate(
+        return tb.simulate(
             case.scene(elements, SPACES[space], element=element), t, step=step, **options
         )

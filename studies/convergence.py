@@ -16,7 +16,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchbeam import Scene, converge, equilibrium, modes, remesh
+import torchbeam as tb
 from torchbeam.analysis.convergence.reading import Reader
 from torchbeam.analysis.convergence.remesh import least_elements
 from torchbeam.analysis.convergence.search import Search
@@ -88,10 +88,10 @@ class Question:
     family: str
     kind: str
     name: str
-    scene: Scene
+    scene: tb.Scene
     read: Any
     t: Tensor | None
-    solve: Callable[[Scene], Any] | None
+    solve: Callable[[tb.Scene], Any] | None
 
 
 def kinds() -> list[tuple[str, str]]:
@@ -122,14 +122,14 @@ def question(number: int, seed: int = SEED) -> Question:
         reads.append(("root moment", lambda result: result.root.moment))
     name, read = reads[number // len(pairs) % len(reads)]
     if kind == "equilibrium":
-        return Question(family, kind, name, scene, read, None, equilibrium)
+        return Question(family, kind, name, scene, read, None, tb.equilibrium)
     t = torch.linspace(0, DURATION, INSTANTS, dtype=torch.float64)
     return Question(family, kind, name, scene, read, t, None)
 
 
-def _modes(scene: Scene) -> Any:
+def _modes(scene: tb.Scene) -> Any:
     """About an equilibrium, to which what is hinged swings."""
-    return modes(scene, equilibrium(scene, relax=True), count=9)
+    return tb.modes(scene, tb.equilibrium(scene, relax=True), count=9)
 
 
 def _frequencies(found: Any) -> Tensor:
@@ -145,11 +145,11 @@ def measure(number: int, rtol: float, exhaustive: bool, seed: int = SEED) -> Con
         warnings.simplefilter("ignore", RuntimeWarning)
         for _ in range(SEARCHES):  # one that compiles nothing: equal choices may take turns
             known = Library.count
-            best = converge(asked.scene, asked.t, asked.read, rtol, solve=asked.solve)
+            best = tb.converge(asked.scene, asked.t, asked.read, rtol, solve=asked.solve)
             if Library.count == known:
                 break
         trials = Trials(
-            lambda setting: remesh(asked.scene, **setting.mesh),
+            lambda setting: tb.remesh(asked.scene, **setting.mesh),
             Reader(asked.read, asked.scene),
             asked.t,
             asked.solve,

@@ -3,36 +3,14 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchbeam import (
-    Actuation,
-    Along,
-    Beam,
-    Contact,
-    Damping,
-    Drag,
-    Frame,
-    Gravity,
-    LineLoad,
-    Load,
-    MassDamping,
-    Plane,
-    PointMass,
-    RootMotion,
-    RootSpring,
-    Scene,
-    Section,
-    Spring,
-    Stepper,
-    Tendon,
-    TipLoad,
-)
+import torchbeam as tb
 from torchbeam.analysis.trials import change, operations, repeated, seconds
 from torchbeam.core.measurement import progress
 from torchbeam.extend.commands import table as markdown_table
@@ -72,13 +50,13 @@ class EffectCost:
 def scene(
     elements: int,
     *more: Any,
-    section: Section | None = None,
+    section: tb.Section | None = None,
     force: tuple = (0.0, 0.5, 1.0),
     **options: Any,
-) -> Scene:
+) -> tb.Scene:
     """The stated scene with `more` effects."""
     number = torch.tensor(1.0, dtype=torch.float64)
-    section = section or Section.from_stiffness(
+    section = section or tb.Section.from_stiffness(
         EA=1e4 * number,
         GA=4e3 * number,
         GJ=0.8 * number,
@@ -86,8 +64,8 @@ def scene(
         mass=0.2 * number,
         inertia=1e-4 * number,
     )
-    beam = Beam.straight(number, elements, section)
-    return Scene(beam, (TipLoad(force=force), *more), **options)
+    beam = tb.Beam.straight(number, elements, section)
+    return tb.Scene(beam, (tb.TipLoad(force=force), *more), **options)
 
 
 def _wind(position: Tensor, t: Tensor) -> Tensor:
@@ -105,13 +83,13 @@ def _user(x: None, R: None, v: Tensor, w: None, t: Tensor) -> tuple[Tensor, None
     return -0.05 * v, None
 
 
-def _along(elements: int, **given: float) -> Tendon:
-    return Tendon([(k, (0.0, 0, 0.02)) for k in range(elements + 1)], **given)
+def _along(elements: int, **given: float) -> tb.Tendon:
+    return tb.Tendon([(k, (0.0, 0, 0.02)) for k in range(elements + 1)], **given)
 
 
-def _floor(height: float) -> Contact:
-    plane = Plane((0.0, 0, height), (0.0, 0, 1))
-    return Contact(plane, thickness=3e-3, force=20.0, friction=0.3, slip_speed=0.1)
+def _floor(height: float) -> tb.Contact:
+    plane = tb.Plane((0.0, 0, height), (0.0, 0, 1))
+    return tb.Contact(plane, thickness=3e-3, force=20.0, friction=0.3, slip_speed=0.1)
 
 
 def _lagged(x: Tensor, R: None, v: None, w: None, t: Tensor, z: Tensor) -> tuple[Tensor, None]:
@@ -122,96 +100,66 @@ def _lag(z: Tensor, x: Tensor, R: None, v: None, w: None, t: Tensor) -> Tensor:
     return (-x * x.new_tensor([0.0, 1, 1]) - z) / 0.02
 
 
-def table(elements: int) -> Iterator[tuple[str, str, Any]]:
+def table(elements: int) -> list[tuple[str, str, Any]]:
     """(effect, what of it, a function that makes the scene)."""
 
     def has(effect: Any) -> Any:
         return lambda: scene(elements, effect())
 
-    yield "TipLoad, dead", "force 0.1 N along y", has(lambda: TipLoad(force=(0, 0.1, 0)))
-    yield (
-        "TipLoad, follower",
-        "force 0.1 N along its y",
-        has(lambda: TipLoad(force=(0, 0.1, 0), follower=True)),
-    )
-    yield "LineLoad, dead", "0.1 N/m along y", has(lambda: LineLoad(force=(0, 0.1, 0)))
-    yield (
-        "LineLoad of s and t",
-        "0.1 sin(s - t) N/m along y",
-        has(
-            lambda: LineLoad(
-                force=Along(lambda s, t: torch.stack((0 * s, 0.1 * torch.sin(s - t), 0 * s), -1))
-            )
-        ),
-    )
-    yield "Gravity", "9.81 m/s^2 along -z", has(lambda: Gravity((0, 0, -9.81)))
-    yield "Damping, one tau", "0.2 ms", has(lambda: Damping(2e-4))
-    yield "Damping, six", "0.2 ms each", has(lambda: Damping((2e-4,) * 6))
-    yield "MassDamping", "1 1/s", has(lambda: MassDamping(1.0))
-    yield "Drag", "air, 1.2 kg/m^3, d = 1 cm", has(lambda: Drag(1.2, 0.01))
-    yield "Drag in a flow", "air, a wind 5 x along y", has(lambda: Drag(1.2, 0.01, flow=_wind))
-    yield "Drag, added mass", "water, d = 1 cm", has(lambda: Drag(1000.0, 0.01, added_mass=1.0))
-    yield "PointMass", "20 g on the tip", has(lambda: PointMass(0.02))
-    yield (
-        "PointMass with offset",
-        "20 g, 5 cm off the tip",
-        has(lambda: PointMass(0.02, offset=(0.0, 0, 0.05))),
-    )
-    yield "Spring", "1 N/m on the tip", has(lambda: Spring(-1, 1.0, to=(1.0, 0, 0)))
-    yield "RootSpring", "100 N m/rad, 1e4 N/m", has(lambda: RootSpring((1e4, 100.0)))
-    yield (
-        "Tendon",
-        "0.5 N, 2 cm above the axis",
-        lambda: scene(elements, _along(elements, tension=0.5)),
-    )
-    yield (
-        "Tendon, elastic, friction",
-        "the same with 50 N/m, mu = 0.1",
-        lambda: scene(
-            elements, _along(elements, stiffness=50.0, length=0.99, friction=0.1, slip_speed=0.1)
-        ),
-    )
-    yield "Contact, near", "floor 1 mm below, friction", has(lambda: _floor(-2e-3))
-    yield "Contact, far", "floor 1 m below", has(lambda: _floor(-1.0))
-    yield "Actuation", "curvature 0.1 1/m", has(lambda: Actuation(curvature=(0, 0, 0.1)))
-    yield "Load, on the tip", "-0.05 v", has(lambda: Load(_user, node=-1, of=("velocity",)))
-    yield ("Load, along the beam", "-0.05 v", has(lambda: Load(_user, node=None, of=("velocity",))))
-    yield (
-        "Load with a lag",
-        "-x after 20 ms",
-        has(lambda: Load(_lagged, node=-1, internal=3, rate=_lag, of=("position",))),
-    )
-    yield (
-        "Frame",
-        "turns at 1 rad/s about z",
-        lambda: scene(elements, frame=Frame(angular_velocity=(0.0, 0, 1))),
-    )
-    yield (
-        "RootMotion",
-        "1 cm along z, 1 Hz",
-        lambda: scene(
-            elements,
-            root=RootMotion(
-                displacement=lambda t: torch.stack((0 * t, 0 * t, 0.01 * torch.sin(6.283 * t)))
-            ),
-        ),
-    )
-    yield (
-        "no rotary inertia",
-        "",
-        lambda: scene(
-            elements,
-            section=Section.from_stiffness(
-                *(torch.tensor(x, dtype=torch.float64) for x in (1e4, 4e3, 0.8, 1.0, 0.2))
-            ),
-        ),
-    )
-    yield "small displacements", "", lambda: scene(elements, small=True)
-    yield (
-        "plane",
-        "against 3D, the force in it",
-        lambda: scene(elements, force=IN_PLANE, plane="xz"),
-    )
+    def along(s: Tensor, t: Tensor) -> Tensor:
+        return torch.stack((0 * s, 0.1 * torch.sin(s - t), 0 * s), -1)
+
+    def shaken(t: Tensor) -> Tensor:
+        return torch.stack((0 * t, 0 * t, 0.01 * torch.sin(6.283 * t)))
+
+    def without_inertia() -> tb.Section:
+        return tb.Section.from_stiffness(
+            *(torch.tensor(x, dtype=torch.float64) for x in (1e4, 4e3, 0.8, 1.0, 0.2))
+        )
+
+    y, spin = (0, 0.1, 0), (0.0, 0, 1)
+    rubbing = dict(stiffness=50.0, length=0.99, friction=0.1, slip_speed=0.1)
+    lag = dict(internal=3, rate=_lag, of=("position",))
+    # fmt: off
+    return [
+        ("TipLoad, dead", "force 0.1 N along y", has(lambda: tb.TipLoad(force=y))),
+        ("TipLoad, follower", "force 0.1 N along its y",
+         has(lambda: tb.TipLoad(force=y, follower=True))),
+        ("LineLoad, dead", "0.1 N/m along y", has(lambda: tb.LineLoad(force=y))),
+        ("LineLoad of s and t", "0.1 sin(s - t) N/m along y",
+         has(lambda: tb.LineLoad(force=tb.Along(along)))),
+        ("Gravity", "9.81 m/s^2 along -z", has(lambda: tb.Gravity((0, 0, -9.81)))),
+        ("Damping, one tau", "0.2 ms", has(lambda: tb.Damping(2e-4))),
+        ("Damping, six", "0.2 ms each", has(lambda: tb.Damping((2e-4,) * 6))),
+        ("MassDamping", "1 1/s", has(lambda: tb.MassDamping(1.0))),
+        ("Drag", "air, 1.2 kg/m^3, d = 1 cm", has(lambda: tb.Drag(1.2, 0.01))),
+        ("Drag in a flow", "air, a wind 5 x along y", has(lambda: tb.Drag(1.2, 0.01, flow=_wind))),
+        ("Drag, added mass", "water, d = 1 cm", has(lambda: tb.Drag(1000.0, 0.01, added_mass=1.0))),
+        ("PointMass", "20 g on the tip", has(lambda: tb.PointMass(0.02))),
+        ("PointMass with offset", "20 g, 5 cm off the tip",
+         has(lambda: tb.PointMass(0.02, offset=(0.0, 0, 0.05)))),
+        ("Spring", "1 N/m on the tip", has(lambda: tb.Spring(-1, 1.0, to=(1.0, 0, 0)))),
+        ("RootSpring", "100 N m/rad, 1e4 N/m", has(lambda: tb.RootSpring((1e4, 100.0)))),
+        ("Tendon", "0.5 N, 2 cm above the axis", has(lambda: _along(elements, tension=0.5))),
+        ("Tendon, elastic, friction", "the same with 50 N/m, mu = 0.1",
+         has(lambda: _along(elements, **rubbing))),
+        ("Contact, near", "floor 1 mm below, friction", has(lambda: _floor(-2e-3))),
+        ("Contact, far", "floor 1 m below", has(lambda: _floor(-1.0))),
+        ("Actuation", "curvature 0.1 1/m", has(lambda: tb.Actuation(curvature=(0, 0, 0.1)))),
+        ("Load, on the tip", "-0.05 v", has(lambda: tb.Load(_user, node=-1, of=("velocity",)))),
+        ("Load, along the beam", "-0.05 v",
+         has(lambda: tb.Load(_user, node=None, of=("velocity",)))),
+        ("Load with a lag", "-x after 20 ms", has(lambda: tb.Load(_lagged, node=-1, **lag))),
+        ("Frame", "turns at 1 rad/s about z",
+         lambda: scene(elements, frame=tb.Frame(angular_velocity=spin))),
+        ("RootMotion", "1 cm along z, 1 Hz",
+         lambda: scene(elements, root=tb.RootMotion(displacement=shaken))),
+        ("no rotary inertia", "", lambda: scene(elements, section=without_inertia())),
+        ("small displacements", "", lambda: scene(elements, small=True)),
+        ("plane", "against 3D, the force in it",
+         lambda: scene(elements, force=IN_PLANE, plane="xz")),
+    ]
+    # fmt: on
 
 
 IN_PLANE = (0.0, 0.0, 1.0)
@@ -220,8 +168,8 @@ IN_PLANE = (0.0, 0.0, 1.0)
 class _Ran:
     """A scene in motion: the tip's path, and steps from the middle of it."""
 
-    def __init__(self, scene: Scene, steps: int) -> None:
-        self.stepper = Stepper(scene, STEP, engine="eager")
+    def __init__(self, scene: tb.Scene, steps: int) -> None:
+        self.stepper = tb.Stepper(scene, STEP, engine="eager")
         self.timed = max(1, min(TIMED, steps // 10))
         state = self.stepper.rest()
         path = [state.tip.position]

@@ -14,7 +14,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchbeam import Beam, Scene, Solution, State, TipLoad, simulate
+import torchbeam as tb
 from torchbeam.core.measurement import progress
 from torchbeam.dynamics.dense_output import extrapolated
 from torchbeam.dynamics.tolerance import Tolerance
@@ -75,15 +75,15 @@ class ControlledRun:
 
 
 def reference(
-    scene: Scene, t: Tensor, tolerance: Tolerance, steps: int = 512
-) -> tuple[State, list[tuple[int, Tensor]]]:
+    scene: tb.Scene, t: Tensor, tolerance: Tolerance, steps: int = 512
+) -> tuple[tb.State, list[tuple[int, Tensor]]]:
     """States (time, samples) to NEAR of the tolerance, and positions of the nodes
     (time, samples, nodes, 3) of the runs by so many equal steps that led there.
     """
     runs: list[tuple[int, Tensor]] = []
     coarse = before = None
     while steps <= FINEST:
-        sol = simulate(scene, t, step=(t[-1] - t[0]).item() / steps)
+        sol = tb.simulate(scene, t, step=(t[-1] - t[0]).item() / steps)
         runs.append((steps, sol.nodes))
         if sol.status.any():  # what has stopped stands still whatever the step
             coarse = before = None
@@ -101,13 +101,13 @@ def distance(a: Tensor, b: Tensor) -> Tensor:
     return torch.linalg.vector_norm(a - b, dim=-1).amax(-1).amax(0)
 
 
-def angle(a: State, b: State) -> Tensor:
+def angle(a: tb.State, b: tb.State) -> Tensor:
     """Largest angle rad (samples,) between sections over all instants."""
     turn = quat.logarithm(quat.multiply(quat.conjugate(a.rotation), b.rotation))
     return torch.linalg.vector_norm(turn, dim=-1).amax(-1).amax(0)
 
 
-def work(sol: Solution) -> Tensor:
+def work(sol: tb.Solution) -> Tensor:
     """Implicit steps that each sample made: three a trial of the control, and all runs."""
     counts = (sol.stats.lengths > 0).sum(0)
     return 3 * (counts + sol.stats.rejected) + counts * (2 ** (sol.stats.level + 1) - 1)
@@ -158,16 +158,16 @@ def measure(
     return rows
 
 
-def _family(name: str, scene: Scene, t: Tensor, rtol: Tensor) -> list[ControlledRun]:
+def _family(name: str, scene: tb.Scene, t: Tensor, rtol: Tensor) -> list[ControlledRun]:
     allowed = Tolerance.of(scene, rtol, None)
     best, runs = reference(scene, t, allowed)
-    sol, tolerance = simulate(scene, t, rtol=rtol), allowed.position
+    sol, tolerance = tb.simulate(scene, t, rtol=rtol), allowed.position
     error, done = distance(sol.nodes, best.position) / tolerance, work(sol)
     equal = equal_steps(
         runs,
         best.position,
         tolerance,
-        lambda k: simulate(scene, t, step=(t[-1] - t[0]).item() / k).nodes,
+        lambda k: tb.simulate(scene, t, step=(t[-1] - t[0]).item() / k).nodes,
     )
     stats, counts = sol.stats, (sol.stats.lengths > 0).sum(0)
     columns = (
@@ -207,9 +207,9 @@ def explicit_methods(elements: int, span: float, tolerances: Sequence[float]) ->
     1e-9.
     """
     number = torch.tensor(1.0, dtype=torch.float64)
-    scene = Scene(
-        Beam.straight(0.5 * number, elements, SILICONE(number, number)),
-        [TipLoad(force=(0.0, 0.05, 0.08))],
+    scene = tb.Scene(
+        tb.Beam.straight(0.5 * number, elements, SILICONE(number, number)),
+        [tb.TipLoad(force=(0.0, 0.05, 0.08))],
     )
     t, length = torch.linspace(0, span, 5, dtype=torch.float64), 0.5
     runs = [("midpoint", "nodal")] + [
@@ -217,13 +217,15 @@ def explicit_methods(elements: int, span: float, tolerances: Sequence[float]) ->
         for form in ("nodal", "minimal", "block_rate")
         for method in ("dopri5", "dopri8", "bosh3", "rk4")
     ]
-    best = {"midpoint": simulate(scene, t, rtol=1e-7).nodes}
+    best = {"midpoint": tb.simulate(scene, t, rtol=1e-7).nodes}
     rows = []
     for method, form in runs:
         if method == "midpoint":
-            simulate(scene, t, rtol=1e-2)  # which compiles
+            tb.simulate(scene, t, rtol=1e-2)  # which compiles
         elif form not in best:
-            best[form] = simulate(scene, t, method="dopri8", form=form, rtol=1e-9, atol=1e-11).nodes
+            best[form] = tb.simulate(
+                scene, t, method="dopri8", form=form, rtol=1e-9, atol=1e-11
+            ).nodes
         for rtol in tolerances:
             own: dict[str, Any] = dict(rtol=rtol)
             if method == "rk4":
@@ -231,7 +233,7 @@ def explicit_methods(elements: int, span: float, tolerances: Sequence[float]) ->
             elif method != "midpoint":
                 own = dict(rtol=rtol, atol=rtol * length)
             progress(f"{method} {form} {rtol}")
-            spent, sol = timed(partial(simulate, scene, t, method=method, form=form, **own))
+            spent, sol = timed(partial(tb.simulate, scene, t, method=method, form=form, **own))
             error = distance(sol.nodes, best[method if method == "midpoint" else form]) / (
                 rtol * length
             )

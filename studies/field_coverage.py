@@ -12,19 +12,7 @@ from importlib.util import find_spec
 import torch
 from torch import Tensor
 
-from torchbeam import (
-    Beam,
-    FieldFit,
-    Gravity,
-    Measurement,
-    Parameter,
-    Scene,
-    Section,
-    Smoothness,
-    TipLoad,
-    equilibrium,
-    identify_fields,
-)
+import torchbeam as tb
 from torchbeam.core.measurement import progress
 from torchbeam.extend.commands import table
 
@@ -93,17 +81,17 @@ def heights(EI: Tensor) -> Tensor:
     """
     EI = EI[:, None]
 
-    def section(s: Tensor) -> Section:
-        return Section.from_stiffness(
+    def section(s: Tensor) -> tb.Section:
+        return tb.Section.from_stiffness(
             EA=1e6, GA=1e6, GJ=1.0, EI=EI[..., (s * (ELEMENTS / LENGTH)).long()], mass=MASS
         )
 
     force = torch.tensor(LOADS, dtype=torch.float64)[:, None] * torch.tensor(
         [0.0, 0.0, 1.0], dtype=torch.float64
     )
-    beam = Beam.straight(EI.new_tensor(LENGTH), ELEMENTS, section).linked()
-    scene = Scene(beam, [Gravity((0.0, 0.0, -9.81)), TipLoad(force=force)], plane="xz")
-    state = equilibrium(scene, throw=False, engine=ENGINE)
+    beam = tb.Beam.straight(EI.new_tensor(LENGTH), ELEMENTS, section).linked()
+    scene = tb.Scene(beam, [tb.Gravity((0.0, 0.0, -9.81)), tb.TipLoad(force=force)], plane="xz")
+    state = tb.equilibrium(scene, throw=False, engine=ENGINE)
     return torch.where((state.status == 0)[..., None], state.position[..., 1:, 2], torch.nan)
 
 
@@ -113,7 +101,7 @@ def truths(case: Case, repeats: int, random: torch.Generator) -> tuple[Tensor, T
     if case.dent:
         s = (torch.arange(ELEMENTS, dtype=torch.float64) + 0.5) / ELEMENTS
         return (1 - 0.3 * s) * (1 - DEPTH * torch.nn.functional.one_hot(where, ELEMENTS)), where
-    rows = Smoothness().rows(torch.zeros(ELEMENTS, dtype=torch.float64))
+    rows = tb.Smoothness().rows(torch.zeros(ELEMENTS, dtype=torch.float64))
     walk = (
         SPREAD
         * torch.randn(repeats, len(rows), generator=random, dtype=torch.float64)
@@ -122,14 +110,14 @@ def truths(case: Case, repeats: int, random: torch.Generator) -> tuple[Tensor, T
     return walk.exp(), where
 
 
-def found(case: Case, data: Tensor, calls: BatchedCalls) -> FieldFit:
+def found(case: Case, data: Tensor, calls: BatchedCalls) -> tb.FieldFit:
     """EI from heights (loads, ELEMENTS)."""
-    start = Parameter(torch.full((ELEMENTS,), 0.8, dtype=torch.float64), "log")
-    return identify_fields(
+    start = tb.Parameter(torch.full((ELEMENTS,), 0.8, dtype=torch.float64), "log")
+    return tb.identify_fields(
         lambda theta: calls(heights, theta["EI"]),
-        Measurement(data, SIGMA if case.known else None),
+        tb.Measurement(data, SIGMA if case.known else None),
         {"EI": start},
-        {"EI": Smoothness(sharp=case.sharp)},
+        {"EI": tb.Smoothness(sharp=case.sharp)},
         derivatives="difference",
     )
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from torchbeam import Beam, Damping, Scene, Section, TipLoad, simulate
+import torchbeam as tb
 from torchbeam.core.measurement import apart, progress
 from torchbeam.core.memory import peak_memory
 from torchbeam.extend.commands import table, threads
@@ -87,15 +87,15 @@ def loss(theta: Tensor, steps: int, **options: Any) -> Tensor:
     )
     change = 1 + 0.1 * theta @ mix
     soft = dict(EA=300.0, GA=300.0, GJ=1.0, mass=0.2, inertia=1e-3)
-    section = [Section.from_stiffness(EI=x, **soft) for x in change[:, :-1].unbind(-1)]
+    section = [tb.Section.from_stiffness(EI=x, **soft) for x in change[:, :-1].unbind(-1)]
     force = 0.5 * change[:, -1:] * theta.new_tensor((0.0, 0.0, 1.0))
-    scene = Scene(
-        Beam.straight(theta.new_tensor(1.0), ELEMENTS, section),
-        [TipLoad(force=force), Damping(1e-3)],
+    scene = tb.Scene(
+        tb.Beam.straight(theta.new_tensor(1.0), ELEMENTS, section),
+        [tb.TipLoad(force=force), tb.Damping(1e-3)],
         plane="xz",
     )
     t = STEP * torch.linspace(0, steps, min(OUTPUTS, steps) + 1, dtype=theta.dtype).round()
-    solution = simulate(scene, t, **options)
+    solution = tb.simulate(scene, t, **options)
     if (solution.status != 0).any():
         raise RuntimeError("the rollout failed")
     return (solution.tip.position - theta.new_tensor((0.9, 0.0, 0.2))).square().sum(-1).mean(0)

@@ -14,24 +14,7 @@ import torch
 from torch import Tensor
 from torch.distributions import Normal
 
-from torchbeam import (
-    Beam,
-    Damping,
-    Fit,
-    Gravity,
-    Measurement,
-    Parameter,
-    PointMass,
-    RootSpring,
-    Scene,
-    Section,
-    Solution,
-    TipLoad,
-    equilibrium,
-    identify,
-    observe,
-    simulate,
-)
+import torchbeam as tb
 from torchbeam.analysis.identification.experiment import Experiment
 from torchbeam.analysis.identification.parameters import Parameters
 from torchbeam.analysis.identification.refinement import refined
@@ -120,37 +103,37 @@ class ParameterCoverage:
     warned: int
 
 
-def scene(theta: dict[str, Tensor], elements: int, struck: bool) -> Scene:
+def scene(theta: dict[str, Tensor], elements: int, struck: bool) -> tb.Scene:
     """Strips of parameters (n,) in the plane of their motion."""
-    section = Section.from_stiffness(
+    section = tb.Section.from_stiffness(
         EA=2e6, GA=4e5, GJ=1.0, EI=theta["EI"], mass=MASS, inertia=5e-6
     )
     stiff = torch.full_like(theta["clamp"], 1e6)
     effects: list[Any] = [
-        Gravity((0.0, 0.0, -9.81)),
-        Damping(theta["tau"]),
-        PointMass(theta["tip"]),
-        RootSpring(torch.stack((stiff, stiff, stiff, stiff, theta["clamp"], stiff), -1)),
+        tb.Gravity((0.0, 0.0, -9.81)),
+        tb.Damping(theta["tau"]),
+        tb.PointMass(theta["tip"]),
+        tb.RootSpring(torch.stack((stiff, stiff, stiff, stiff, theta["clamp"], stiff), -1)),
     ]
     if struck:
         effects.append(
-            TipLoad(
+            tb.TipLoad(
                 force=lambda t: (0.0, 0.0, 4 * torch.sin(torch.pi * t.clamp(0, 0.03) / 0.03) ** 2)
             )
         )
-    return Scene(Beam.straight(LENGTH, elements, section).linked(), effects, plane="xz")
+    return tb.Scene(tb.Beam.straight(LENGTH, elements, section).linked(), effects, plane="xz")
 
 
-def motion(theta: dict[str, Tensor], elements: int, step: float) -> Solution:
+def motion(theta: dict[str, Tensor], elements: int, step: float) -> tb.Solution:
     """From the sag on, for a little longer than the record: clocks may be late."""
-    sagging = equilibrium(scene(theta, elements, False), throw=False)
+    sagging = tb.equilibrium(scene(theta, elements, False), throw=False)
     t = torch.linspace(0, 1.02 * SPAN, 154, dtype=torch.float64)
-    return simulate(scene(theta, elements, True), t, initial=sagging, step=step)
+    return tb.simulate(scene(theta, elements, True), t, initial=sagging, step=step)
 
 
 def sag(theta: dict[str, Tensor], elements: int) -> tuple[Tensor, Tensor]:
     """Deflection (n,) m of the tip at rest, and status."""
-    state = equilibrium(scene(theta, elements, False), throw=False)
+    state = tb.equilibrium(scene(theta, elements, False), throw=False)
     return state.tip.position[:, 2], state.status
 
 
@@ -183,16 +166,16 @@ class Laboratory:
 
     def read(self, clock: float) -> Tensor:
         """(times, 2) m/s^2 with a clock that is off."""
-        return observe(self.motion, accelerometers, self.times * (1 + clock), rate=True)[:, 0]
+        return tb.observe(self.motion, accelerometers, self.times * (1 + clock), rate=True)[:, 0]
 
     def normal(self, *shape: int) -> Tensor:
         return torch.randn(shape, generator=self.random, dtype=torch.float64)
 
-    def record(self) -> tuple[dict[str, Measurement], float]:
+    def record(self) -> tuple[dict[str, tb.Measurement], float]:
         """Measurements of one repeat, and the error of its clock."""
         clock = self.case.clock * self.normal().item()
         values = self.read(clock) + 0.3 * self.normal(2) + self.sigma * self.normal(READINGS, 2)
-        record = Measurement(
+        record = tb.Measurement(
             values,
             self.sigma,
             self.times,
@@ -204,29 +187,29 @@ class Laboratory:
         )
         return {
             "strike": record,
-            "sag": Measurement(self.sag + SAG * self.normal(), SAG, name="sag"),
+            "sag": tb.Measurement(self.sag + SAG * self.normal(), SAG, name="sag"),
         }, clock
 
 
 def identified(
-    case: Case, records: Sequence[dict[str, Measurement]], random: torch.Generator
-) -> Iterator[Fit]:
+    case: Case, records: Sequence[dict[str, tb.Measurement]], random: torch.Generator
+) -> Iterator[tb.Fit]:
     """A fit of each record, from starts within a factor of 1.5, all of them followed as one
     batch.
     """
     log = {
-        name: Parameter(torch.tensor(value, dtype=torch.float64), "log")
+        name: tb.Parameter(torch.tensor(value, dtype=torch.float64), "log")
         for name, value in TRUE.items()
     }
     if case.known_clock:
-        log["clock"] = Parameter(
+        log["clock"] = tb.Parameter(
             torch.zeros((), dtype=torch.float64), prior=Normal(0.0, CLOCK), scale=CLOCK
         )
     models, finer = (
         {"strike": partial(motion, elements=n, step=step), "sag": partial(sag, elements=n)}
         for n, step in (case.model, REFINED)
     )
-    one = identify(models, records[0], log, absolute_sigma=case.absolute_sigma).problem
+    one = tb.identify(models, records[0], log, absolute_sigma=case.absolute_sigma).problem
     data = [[m.values for m in record.values()] for record in records]
     together = one.with_targets(torch.cat([one.with_data(values).target for values in data]))
     factor = 1.5 ** (
@@ -243,7 +226,7 @@ def identified(
             )
         for k, values in enumerate(data):
             problem, some = together.with_data(values), torch.tensor([k])
-            yield Fit.of(
+            yield tb.Fit.of(
                 problem,
                 search_result.of(some),
                 region.of(some).against(problem.target),
@@ -265,12 +248,12 @@ class Shared(Experiment):
         return self.calls(self.evaluate, theta)
 
 
-def stated(case: Case, fits: Sequence[Fit], names: Sequence[str]) -> Iterator[Tensor]:
+def stated(case: Case, fits: Sequence[tb.Fit], names: Sequence[str]) -> Iterator[Tensor]:
     """Intervals (names, 2) of each fit's first parameters, which have these names."""
     problem = fits[0].problem
     evaluate = [partial(e.values, problem.parameters) for e in problem.experiments]
 
-    def interval(one: tuple[int, Fit], calls: BatchedCalls) -> Tensor:
+    def interval(one: tuple[int, tb.Fit], calls: BatchedCalls) -> Tensor:
         seed, fit = one
         shared = tuple(
             Shared(e.name, e.model, e.measurements, e.single, calls, own)

@@ -10,7 +10,6 @@ import os
 import shutil
 import subprocess
 import sys
-import time
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -18,9 +17,10 @@ from statistics import median
 from typing import Any
 
 import torch
+from torch import Tensor
 
-from torchbeam import simulate
-from torchbeam.core.measurement import progress
+import torchbeam as tb
+from torchbeam.core.measurement import progress, timed
 from torchbeam.extend.commands import table, versions
 
 from .common_case import SPACES, Case
@@ -129,18 +129,20 @@ def own(settings: Sequence[tuple[int, int, str, str]], repeats: int = 3) -> Iter
             t = case.t[: 200 - 200 % every + 1 : every]
             force = torch.tensor((0.0, 1.0, 0.0), dtype=case.t.dtype).expand(batch, 3)
             scene = case.scene(elements, SPACES[space], force=force, element=element)
-            seconds = []
-            for _ in range(repeats + 1):
-                begin = time.process_time()
+
+            def run(scene: tb.Scene = scene, t: Tensor = t, steps: int = steps, by: str = method):
                 with torch.no_grad():
-                    tip = (solution := simulate(scene, t, step=2 / steps, method=method)).tip
-                    assert tip.position.isfinite().all()
-                seconds.append(time.process_time() - begin)
-            best = min(seconds[1:])
+                    solution = tb.simulate(scene, t, step=2 / steps, method=by)
+                    assert solution.tip.position.isfinite().all()
+                    return solution
+
+            error = case.error(run())
+            (times,) = timed([run], repeats)
+            best = min(times.cpu)
             yield dict(
                 peer=name, space=space, elements=elements, element=f"{element}, {method}",
-                step_ms=2000 / steps, error=case.error(solution), best_cpu_s=best,
-                median_cpu_s=median(seconds[1:]), rate=batch * t[-1].item() / best, batch=batch,
+                step_ms=2000 / steps, error=error, best_cpu_s=best,
+                median_cpu_s=median(times.cpu), rate=batch * t[-1].item() / best, batch=batch,
             )  # fmt: skip
 
 

@@ -8,15 +8,15 @@ minimum of repeats.
 
 from __future__ import annotations
 
-import time
 from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from statistics import median
 from typing import NamedTuple
 
 import torch
 
-from torchbeam import Beam, Scene, Section, TipLoad
-from torchbeam.core.measurement import progress
+import torchbeam as tb
+from torchbeam.core.measurement import progress, timed
 from torchbeam.extend.commands import table
 from torchbeam.mixed import minimal
 from torchbeam.mixed.model import MixedModel
@@ -44,22 +44,17 @@ def tip_force(t: torch.Tensor) -> torch.Tensor:
     return torch.stack((0 * t, t, 3 * t))
 
 
-def timed(function: Callable[[], object], repeats: int) -> tuple[float, float]:
-    """Median and minimum, ms, after one call to warm up."""
-    function()
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        function()
-        times.append(1e3 * (time.perf_counter() - start))
-    return sorted(times)[len(times) // 2], min(times)
+def milliseconds(function: Callable[[], object], repeats: int) -> tuple[float, float]:
+    """Median and minimum."""
+    (times,) = timed([function], repeats)
+    return 1e3 * median(times.wall), 1e3 * min(times.wall)
 
 
 def measure(N: int, batch: int) -> dict[str, tuple[float, float]]:
     """CPU time of the rates of a batch, by each route."""
-    section = Section.from_stiffness(1e3, 400.0, 0.8, (1.0, 2.0), 1.0, (0.01, 0.01))
+    section = tb.Section.from_stiffness(1e3, 400.0, 0.8, (1.0, 2.0), 1.0, (0.01, 0.01))
     model = MixedModel(
-        Scene(Beam.straight(1.0, N, section), (TipLoad(force=tip_force),)), "block_rate"
+        tb.Scene(tb.Beam.straight(1.0, N, section), (tb.TipLoad(force=tip_force),)), "block_rate"
     )
     t = model.nodes.new_tensor(0.1)
     generator = torch.Generator().manual_seed(0)
@@ -67,13 +62,15 @@ def measure(N: int, batch: int) -> dict[str, tuple[float, float]]:
         0.1 * torch.randn(batch, 24 * N + 12, generator=generator, dtype=model.nodes.dtype), N
     )
     calls = {
-        "sweep": timed(lambda: sweep(model, x, terms(model, t, x)), 15),
-        "minimal": timed(lambda: minimal.rates(model, t, x.u, x.theta, x.V, x.Omega), 15),
+        "sweep": milliseconds(lambda: sweep(model, x, terms(model, t, x)), 15),
+        "minimal": milliseconds(lambda: minimal.rates(model, t, x.u, x.theta, x.V, x.Omega), 15),
     }
     if N <= DENSE_UP_TO:
         A, b = block_system(model, x, terms(model, t, x))
-        calls["linalg.solve alone"] = timed(lambda: torch.linalg.solve(A, b), 5)
-        calls["dense"] = timed(lambda: solve_scaled(*block_system(model, x, terms(model, t, x))), 5)
+        calls["linalg.solve alone"] = milliseconds(lambda: torch.linalg.solve(A, b), 5)
+        calls["dense"] = milliseconds(
+            lambda: solve_scaled(*block_system(model, x, terms(model, t, x))), 5
+        )
     return calls
 
 
@@ -81,8 +78,8 @@ def measured(cases: Iterable[tuple[int, int]]) -> Iterator[RateTime]:
     """Rows of the table, one of each case and route."""
     for N, batch in cases:
         progress(f"{N} elements, batch {batch}")
-        for what, (median, least) in measure(N, batch).items():
-            yield RateTime(N, batch, what, round(median, 3), round(least, 3))
+        for what, (middle, least) in measure(N, batch).items():
+            yield RateTime(N, batch, what, round(middle, 3), round(least, 3))
 
 
 def markdown(rows: Sequence[RateTime]) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchbeam import Solution, simulate
+import torchbeam as tb
 
 from .measurement import AccuracyRun, timed
 from .motions import INTERVALS, Motion
@@ -143,7 +143,7 @@ def _gradient(motion: Motion, row: AccuracyRun, reference: Reference) -> Accurac
 
 def _run(
     motion: Motion, row: AccuracyRun, t: Tensor, by: Tensor | None = None
-) -> tuple[Solution, float]:
+) -> tuple[tb.Solution, float]:
     """The motion at the instants t, and CPU seconds."""
     options: dict[str, Any] = dict(
         method=row.method, form="nodal" if row.element == FORMS[0] else row.element
@@ -154,5 +154,5 @@ def _run(
         options |= dict(rtol=row.fineness, atol=row.fineness * motion.length)
     scene = motion.scene("linked" if row.element == FORMS[0] else "linear", row.elements, by)
     with torch.set_grad_enabled(by is not None):
-        seconds, sol = timed(lambda: simulate(scene, t, **options))
+        seconds, sol = timed(lambda: tb.simulate(scene, t, **options))
     return sol, seconds

@@ -14,7 +14,7 @@ from typing import Any
 
 import torch
 
-from torchbeam import Solution, simulate
+import torchbeam as tb
 from torchbeam.analysis.trials import repeated
 
 from .motions import Motion
@@ -79,7 +79,7 @@ def warm(motion: Motion, element: str, method: str, many: int) -> None:
             by = torch.ones(*batch, 3, dtype=torch.float64, requires_grad=gradient)
             with torch.set_grad_enabled(gradient), warnings.catch_warnings():
                 warnings.simplefilter("ignore", RuntimeWarning)
-                sol = simulate(
+                sol = tb.simulate(
                     motion.scene(element, 4, by, flat=plane), 2e-3 * motion.instants(1), **options
                 )
                 if gradient:
@@ -88,7 +88,7 @@ def warm(motion: Motion, element: str, method: str, many: int) -> None:
 
 def forward(
     motion: Motion, setting: Setting, reference: Reference
-) -> tuple[AccuracyRun, Solution | None, list[float]]:
+) -> tuple[AccuracyRun, tb.Solution | None, list[float]]:
     """Error and the first time of a setting; no solution where it failed."""
     row = AccuracyRun(
         motion.name, setting.element, setting.method, setting.elements, setting.fineness
@@ -117,7 +117,7 @@ def costs(
     setting: Setting,
     reference: Reference,
     row: AccuracyRun,
-    sol: Solution,
+    sol: tb.Solution,
     seconds: list[float],
     allowed: float,
     batch: bool = True,
@@ -179,7 +179,7 @@ def _gradient(
 
 
 def _batch(
-    motion: Motion, setting: Setting, row: AccuracyRun, sol: Solution, allowed: float
+    motion: Motion, setting: Setting, row: AccuracyRun, sol: tb.Solution, allowed: float
 ) -> AccuracyRun:
     """With times of a batch: of a part of the motion from its middle, or of adaptive steps the
     whole.
@@ -202,7 +202,7 @@ def _batch(
             else begin + step * torch.tensor([0.0, steps], dtype=torch.float64)
         )
         with torch.set_grad_enabled(gradient):
-            solution = simulate(
+            solution = tb.simulate(
                 motion.scene(setting.element, setting.elements, by),
                 t,
                 start,

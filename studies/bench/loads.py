@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import torch
 
-from torchbeam import Beam, MassDamping, Scene, Section, TipLoad, simulate
+import torchbeam as tb
 from torchbeam.core.measurement import progress
 from torchbeam.engine.chain.coverage import why_eager, why_not_traced
 from torchbeam.extend.commands import table
@@ -59,13 +59,13 @@ def rows(path: Path) -> Iterator[LoadRow]:
     """On a beam of four elements in a plane, pulled at its tip."""
     for name, make in of_file(path).items():
         progress(f"{name} ...")
-        section = Section.from_stiffness(EA=1e3, GA=4e2, GJ=0.8, EI=1.0, mass=0.3, inertia=1e-4)
-        effects = [make(), TipLoad(force=(0.2, 0, 0.8)), MassDamping(0.3)]
-        yield _row(name, Scene(Beam.straight(1.0, 4, section), effects, plane="xz"))
+        section = tb.Section.from_stiffness(EA=1e3, GA=4e2, GJ=0.8, EI=1.0, mass=0.3, inertia=1e-4)
+        effects = [make(), tb.TipLoad(force=(0.2, 0, 0.8)), tb.MassDamping(0.3)]
+        yield _row(name, tb.Scene(tb.Beam.straight(1.0, 4, section), effects, plane="xz"))
 
 
 @torch.no_grad()
-def _row(name: str, scene: Scene) -> LoadRow:
+def _row(name: str, scene: tb.Scene) -> LoadRow:
     model = discretise(scene)
     reason = why_eager(model, "midpoint") or why_not_traced(model, "midpoint") or ""
     engines = {"eager": EAGER} if reason else {"compiled": NATIVE, "eager": EAGER}
@@ -73,20 +73,14 @@ def _row(name: str, scene: Scene) -> LoadRow:
     for repeat in range(REPEATS + 1):  # the first makes native code
         for engine, steps in engines.items():
             begin = time.process_time()
-            simulate(scene, torch.tensor([0.0, STEP * steps]), step=STEP, engine=engine)
+            tb.simulate(scene, torch.tensor([0.0, STEP * steps]), step=STEP, engine=engine)
             if repeat:
                 best[engine] = min(
                     best.get(engine, float("inf")), 1e3 * (time.process_time() - begin) / steps
                 )
     native, eager = best.get("compiled", ""), best["eager"]
-    return LoadRow(
-        name,
-        "eager" if reason else "native",
-        native,
-        eager,
-        eager / native if native else "",
-        reason,
-    )
+    ratio = eager / native if native else ""
+    return LoadRow(name, "eager" if reason else "native", native, eager, ratio, reason)
 
 
 def markdown(rows: list[LoadRow]) -> str:

@@ -16,14 +16,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchbeam import (
-    laws,
-    moment_derivatives,
-    monte_carlo,
-    monte_carlo_stream,
-    rare_event,
-    sobol_indices,
-)
+import torchbeam as tb
 from torchbeam.core.measurement import progress
 from torchbeam.extend.commands import table
 from torchbeam.math.distributions import binomial_interval, normal_score
@@ -32,7 +25,7 @@ from ..harness import Report, Study
 
 REPEATS, QUICK = 200, 20
 LEVEL = 0.95
-EI, P = laws.LogNormal(1.0, 0.2), laws.LogNormal(1.0, 0.3)
+EI, P = tb.laws.LogNormal(1.0, 0.2), tb.laws.LogNormal(1.0, 0.3)
 LAWS = {"EI": EI, "P": P}
 MU, SIGMA = P.mu - EI.mu - math.log(3), math.hypot(P.sigma, EI.sigma)  # of ln w
 MEAN = math.exp(MU + SIGMA**2 / 2)
@@ -115,16 +108,16 @@ def cases() -> Iterator[Case]:
 
     def run(**options: Any) -> Callable[[int], tuple[int, dict[str, Any]]]:
         def one(seed: int) -> tuple[int, dict[str, Any]]:
-            samples = monte_carlo(deflection, LAWS, seed=seed, chunk=2**16, **options)
+            samples = tb.monte_carlo(deflection, LAWS, seed=seed, chunk=2**16, **options)
             return len(samples), of(samples)
 
         return one
 
     def stream(seed: int) -> tuple[int, dict[str, Any]]:
-        return 4096, of(monte_carlo_stream(deflection, LAWS, 4096, seed=seed))
+        return 4096, of(tb.monte_carlo_stream(deflection, LAWS, 4096, seed=seed))
 
     def until(seed: int) -> tuple[int, dict[str, Any]]:
-        samples = monte_carlo(deflection, LAWS, 2**14, until=0.002, seed=seed, chunk=2**16)
+        samples = tb.monte_carlo(deflection, LAWS, 2**14, until=0.002, seed=seed, chunk=2**16)
         return len(samples), {"mean": samples.mean_interval(LEVEL)}
 
     yield Case("plain", run(n=1024, design="plain"), truth)
@@ -156,7 +149,7 @@ def sensitivities() -> Iterator[Case]:
     }
 
     def indices(seed: int) -> tuple[int, dict[str, Any]]:
-        estimate = sobol_indices(deflection, LAWS, 1024, seed=seed, chunk=2**16, interval=LEVEL)
+        estimate = tb.sobol_indices(deflection, LAWS, 1024, seed=seed, chunk=2**16, interval=LEVEL)
         rows = {}
         for k, kind in enumerate(("first", "total")):
             for j, name in enumerate(estimate.names):
@@ -174,9 +167,9 @@ def sensitivities() -> Iterator[Case]:
     by = [torch.autograd.grad(y, q, retain_graph=True)[0].item() for y in (mean, deviation)]
 
     def derivatives(seed: int) -> tuple[int, dict[str, Any]]:
-        estimate = moment_derivatives(
+        estimate = tb.moment_derivatives(
             deflection,
-            lambda q: {"EI": laws.LogNormal(1.0, q[0]), "P": P},
+            lambda q: {"EI": tb.laws.LogNormal(1.0, q[0]), "P": P},
             q.detach(),
             1024,
             seed=seed,
@@ -198,7 +191,7 @@ def sensitivities() -> Iterator[Case]:
 
 def rare() -> Iterator[Case]:
     """Rare events of both methods, and one that is likely: the strip, and a linear limit state."""
-    normals = {f"x{k}": laws.Normal(0.0, 1.0) for k in range(5)}
+    normals = {f"x{k}": tb.laws.Normal(0.0, 1.0) for k in range(5)}
 
     def linear(theta: Tensor) -> Tensor:
         return theta.sum(-1) / math.sqrt(5)
@@ -210,7 +203,7 @@ def rare() -> Iterator[Case]:
                 ("strip", deflection, LAWS, math.exp(MU + SIGMA * beta)),
                 ("linear", linear, normals, beta),
             ):
-                asked = partial(rare_event, function, inputs, x, n, method=method)
+                asked = partial(tb.rare_event, function, inputs, x, n, method=method)
                 event = f"{answer}, {name}"
 
                 def one(

@@ -21,18 +21,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchbeam import (
-    Beam,
-    Damping,
-    Scene,
-    Section,
-    TipLoad,
-    equilibrium,
-    laws,
-    monte_carlo,
-    monte_carlo_stream,
-    simulate,
-)
+import torchbeam as tb
 from torchbeam.core.measurement import progress
 from torchbeam.core.memory import peak_memory
 from torchbeam.extend.commands import process_pool, table, threads
@@ -46,7 +35,7 @@ SHARE, QUICK = 16, 10
 CHUNKS = {"static": (256, 1024, 4096, 16384), "rollout": (64, 256, 1024, 4096)}
 ELEMENTS, STEP = 8, 0.01  # s
 WARM = 4096  # samples that equilibria are compiled for, whatever the chunk
-LAWS = {"EI": laws.LogNormal(1.0, 0.2), "P": laws.Normal(1.0, 0.15)}
+LAWS = {"EI": tb.laws.LogNormal(1.0, 0.2), "P": tb.laws.Normal(1.0, 0.15)}
 COLUMNS = (
     "what | run | processes | chunk | samples | seconds | CPU us/sample | samples/s | failed | "
     "MB of memory | bytes/sample on disk"
@@ -98,22 +87,22 @@ class ScaleRun:
         ]
 
 
-def scene(EI: Tensor, P: Tensor, *effects: Any) -> Scene:
-    section = Section.from_stiffness(EA=4e4, GA=1.5e4, GJ=0.8, EI=EI, mass=0.2)
-    force = TipLoad(force=torch.stack((0 * P, 0 * P, P), -1))
-    return Scene(Beam.straight(1.0, ELEMENTS, section), [force, *effects], plane="xz")
+def scene(EI: Tensor, P: Tensor, *effects: Any) -> tb.Scene:
+    section = tb.Section.from_stiffness(EA=4e4, GA=1.5e4, GJ=0.8, EI=EI, mass=0.2)
+    force = tb.TipLoad(force=torch.stack((0 * P, 0 * P, P), -1))
+    return tb.Scene(tb.Beam.straight(1.0, ELEMENTS, section), [force, *effects], plane="xz")
 
 
 def static(EI: Tensor, P: Tensor) -> tuple[Tensor, Tensor]:
     """Tip deflection (N,) m and status."""
-    state = equilibrium(scene(EI, P), throw=False)
+    state = tb.equilibrium(scene(EI, P), throw=False)
     return state.tip.position[:, 2], state.status
 
 
 def rollout(EI: Tensor, P: Tensor) -> tuple[Tensor, Tensor]:
     """Largest tip deflection (N,) m of 21 instants, and status."""
-    solution = simulate(
-        scene(EI, P, Damping(0.01)),
+    solution = tb.simulate(
+        scene(EI, P, tb.Damping(0.01)),
         torch.linspace(0, 1, 21, dtype=EI.dtype),
         step=STEP,
         throw=False,
@@ -135,17 +124,17 @@ def run(what: str, kind: str, samples: int, chunk: int, processes: int) -> Scale
             options = dict(replicates=16, by_name=True, executor=pool, dtype=torch.float64)
             # processes begin, and compile
             first = max(chunk if pool is None else 2 * processes * chunk, min(samples, WARM))
-            monte_carlo(
+            tb.monte_carlo(
                 FUNCTIONS[what], LAWS, first, chunk=chunk, seed=1, **{**options, "replicates": None}
             )
             taken = peak_memory()
             begun, cpu = time.perf_counter(), time.process_time()
             if kind == "stream":
-                result: Any = monte_carlo_stream(
+                result: Any = tb.monte_carlo_stream(
                     FUNCTIONS[what], LAWS, samples, chunk=chunk, **options
                 )
             else:
-                result = monte_carlo(
+                result = tb.monte_carlo(
                     FUNCTIONS[what], LAWS, samples, chunk=chunk, out=out and out / "run", **options
                 )
             seconds, cpu = time.perf_counter() - begun, time.process_time() - cpu
