@@ -157,9 +157,9 @@ class Study:
                 stack.enter_context(double_precision())
             try:
                 reports = self.run(options)
+                yield from reports if isinstance(reports, Iterator) else (reports,)
             except Refused as error:
                 parser.error(str(error))
-            yield from reports if isinstance(reports, Iterator) else (reports,)
 
     def _said(self, report: Report) -> tuple[str, dict[str, Any]]:
         heading = measured_on(dtype=self.dtype)
