@@ -172,23 +172,11 @@ def measure(number: int, rtol: float, exhaustive: bool, seed: int = SEED) -> Con
         )
     theirs = others[: len(cheapest)]
     times = dict(zip(theirs, cheapest, strict=True))
-    return ConvergedScene(
-        number,
-        asked.family,
-        asked.kind,
-        asked.name,
-        rtol,
-        str(best.settings),
-        best.error,
-        error,
-        ours,
-        math.nan if asked.t is None else others[-1] / ours,
-        str(times[min(times)]) if times else "",
-        ours / min(times) if times else math.nan,
-        len(best.table),
-        best.seconds / ours,
-        best.converged,
-    )
+    best_of = str(times[min(times)]) if times else "", ours / min(times) if times else math.nan
+    setup = math.nan if asked.t is None else others[-1] / ours
+    what = number, asked.family, asked.kind, asked.name, rtol, str(best.settings)
+    search = len(best.table), best.seconds / ours, best.converged
+    return ConvergedScene(*what, best.error, error, ours, setup, *best_of, *search)
 
 
 def _run(trials: Trials, setting: Setting, t: Tensor | None) -> Callable[[], Any]:
@@ -262,22 +250,16 @@ def report(rows: Sequence[ConvergedScene]) -> str:
             accepted = [row for row in few if row.converged]
             looked = [row for row in accepted if not math.isnan(row.ratio)]
             if few:
+                worst = max((row.error / rtol for row in accepted), default=math.nan)
                 lines.append(
-                    (
-                        f"{rtol:g}",
-                        kind,
-                        str(len(few)),
-                        str(len(accepted)),
-                        _share(few, _true),
-                        _share(accepted, _true),
-                        f"{max((row.error / rtol for row in accepted), default=math.nan):.2f}",
-                        _median(row.ratio for row in looked),
-                        _share(looked, lambda row: row.ratio <= 2),
-                        _median(float(row.runs) for row in few),
-                        _median(row.search for row in few),
-                        _share(few, lambda row: row.search <= 10),
-                        _median(row.setup for row in few),
-                    )
+                    f"{rtol:g} | {kind} | {len(few)} | {len(accepted)} | {_share(few, _true)} | "
+                    f"{_share(accepted, _true)} | {worst:.2f} | "
+                    f"{_median(row.ratio for row in looked)} | "
+                    f"{_share(looked, lambda row: row.ratio <= 2)} | "
+                    f"{_median(float(row.runs) for row in few)} | "
+                    f"{_median(row.search for row in few)} | "
+                    f"{_share(few, lambda row: row.search <= 10)} | "
+                    f"{_median(row.setup for row in few)}"
                 )
     summary = table(head, lines, 2)
     missed = [

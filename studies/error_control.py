@@ -170,18 +170,9 @@ def _family(name: str, scene: tb.Scene, t: Tensor, rtol: Tensor) -> list[Control
         lambda k: tb.simulate(scene, t, step=(t[-1] - t[0]).item() / k).nodes,
     )
     stats, counts = sol.stats, (sol.stats.lengths > 0).sum(0)
-    columns = (
-        rtol,
-        error,
-        angle(sol.state, best) / allowed.rotation,
-        stats.error / tolerance,
-        counts,
-        stats.level,
-        stats.rejected,
-        done,
-        equal,
-        sol.status,
-    )
+    turned, estimate = angle(sol.state, best) / allowed.rotation, stats.error / tolerance
+    measured = rtol, error, turned, estimate, counts, stats.level, stats.rejected, done, equal
+    columns = (*measured, sol.status)
     return [
         ControlledRun(name, i, *values)
         for i, values in enumerate(zip(*(x.tolist() for x in columns), strict=True))

@@ -142,16 +142,9 @@ def measure(case: Case, seed: int = 0) -> FieldCoverage:
     every = torch.arange(repeats)
     beside = torch.cat((inside[every, where - 1], inside[every, where + 1])).mean().item()
     dents = (inside[every, where].mean().item(), beside) if case.dent else (None, None)
-    return FieldCoverage(
-        case.name,
-        inside.mean().item(),
-        inside.mean(0).min().item(),
-        *dents,
-        error.square().mean().sqrt().item(),
-        determined,
-        repeats,
-        settled,
-    )
+    covered, lowest = inside.mean().item(), inside.mean(0).min().item()
+    rms = error.square().mean().sqrt().item()
+    return FieldCoverage(case.name, covered, lowest, *dents, rms, determined, repeats, settled)
 
 
 def markdown(rows: Sequence[FieldCoverage]) -> str:

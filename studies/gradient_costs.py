@@ -199,15 +199,8 @@ def _row(
             / exact.abs().max()
         ).item()
     seconds = measurements[mode]["seconds"]
-    return GradientCost(
-        mode,
-        *cell,
-        seconds,
-        None if base is None else seconds / base["seconds"],
-        measurements[mode]["MB"],
-        error,
-        "",
-    )
+    over = None if base is None else seconds / base["seconds"]
+    return GradientCost(mode, *cell, seconds, over, measurements[mode]["MB"], error, "")
 
 
 def study(options: Namespace) -> Report:

@@ -175,15 +175,9 @@ class Laboratory:
         """Measurements of one repeat, and the error of its clock."""
         clock = self.case.clock * self.normal().item()
         values = self.read(clock) + 0.3 * self.normal(2) + self.sigma * self.normal(READINGS, 2)
+        known = dict(rate=True, offset=True, clock="clock" if self.case.known_clock else 0.0)
         record = tb.Measurement(
-            values,
-            self.sigma,
-            self.times,
-            accelerometers,
-            rate=True,
-            offset=True,
-            clock="clock" if self.case.known_clock else 0.0,
-            name="accelerometer",
+            values, self.sigma, self.times, accelerometers, **known, name="accelerometer"
         )
         return {
             "strike": record,
@@ -294,18 +288,10 @@ def measure(case: Case, seed: int = 0) -> list[ParameterCoverage]:
         if len(inside) % TOLD == 0 and case.method != "laplace":
             progress(f"{case.name}, {case.method}: {len(inside)} of {len(done)} intervals")
     held, error = torch.stack(inside).double().mean(0), torch.stack(errors)
+    rms, bias = error.square().mean(0).sqrt().tolist(), error.mean(0).tolist()
+    counts = case.repeats, len(inside), warned
     return [
-        ParameterCoverage(
-            case.name,
-            case.method,
-            name,
-            held[k].item(),
-            error[:, k].square().mean().sqrt().item(),
-            error[:, k].mean().item(),
-            case.repeats,
-            len(inside),
-            warned,
-        )
+        ParameterCoverage(case.name, case.method, name, held[k].item(), rms[k], bias[k], *counts)
         for k, name in enumerate(names)
     ]
 

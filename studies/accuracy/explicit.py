@@ -75,17 +75,8 @@ def _meshes(
         if why:
             yield replace(row, note=why)
             return
-        row = replace(
-            row,
-            steps=sol.stats.evaluations,
-            seconds=spent,
-            seconds_median=spent,
-            repeats=1,
-            scaled=1.0,
-        )
-        row = replace(
-            row, error=difference(sol.tip.position, reference.tip[:: INTERVALS // OUTPUTS])
-        )
+        error = difference(sol.tip.position, reference.tip[:: INTERVALS // OUTPUTS])
+        row = replace(row, steps=sol.stats.evaluations, error=error, **_once(spent))
         if 6 * spent < end - time.process_time():
             row = _gradient(motion, row, reference)
         yield row
@@ -116,15 +107,12 @@ def _piece(motion: Motion, row: AccuracyRun) -> AccuracyRun:
                 break
         else:
             row = replace(row, note="no stable step was found")
-    whole = spent / share
-    return replace(
-        row,
-        steps=round(sol.stats.evaluations / share),
-        seconds=whole,
-        seconds_median=whole,
-        repeats=1,
-        scaled=1 / share,
-    )
+    evaluations = round(sol.stats.evaluations / share)
+    return replace(row, steps=evaluations, **_once(spent / share, 1 / share))
+
+
+def _once(seconds: float, scaled: float = 1.0) -> dict[str, Any]:
+    return dict(seconds=seconds, seconds_median=seconds, repeats=1, scaled=scaled)
 
 
 def _gradient(motion: Motion, row: AccuracyRun, reference: Reference) -> AccuracyRun:
@@ -133,12 +121,8 @@ def _gradient(motion: Motion, row: AccuracyRun, reference: Reference) -> Accurac
             motion, lambda by: _run(motion, row, motion.instants(LOSS), by)[0].tip.position
         )
     )
-    return replace(
-        row,
-        gradient=spent,
-        gradient_median=spent,
-        gradient_error=apart(gradient, reference.gradient),
-    )
+    error = apart(gradient, reference.gradient)
+    return replace(row, gradient=spent, gradient_median=spent, gradient_error=error)
 
 
 def _run(

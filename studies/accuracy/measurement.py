@@ -97,16 +97,8 @@ def forward(
         seconds, sol = timed(lambda: setting.run(motion))
     steps = int(sol.stats.steps)
     if sol.status.any():
-        return (
-            replace(
-                row,
-                steps=steps,
-                seconds=seconds,
-                note=next(iter(sol.stats.reason.values()), "failed"),
-            ),
-            None,
-            [],
-        )
+        why = next(iter(sol.stats.reason.values()), "failed")
+        return replace(row, steps=steps, seconds=seconds, note=why), None, []
     every = (len(reference.tip) - 1) // setting.instants()
     error = difference(sol.tip.position, reference.tip[::every])
     return replace(row, steps=steps, error=error), sol, [seconds]
@@ -170,12 +162,8 @@ def _gradient(
         )
 
     seconds = again(run, allowed)
-    return replace(
-        row,
-        gradient=min(seconds),
-        gradient_median=median(seconds),
-        gradient_error=apart(gradients[-1], reference.gradient),
-    )
+    error, middle = apart(gradients[-1], reference.gradient), median(seconds)
+    return replace(row, gradient=min(seconds), gradient_median=middle, gradient_error=error)
 
 
 def _batch(
@@ -202,13 +190,8 @@ def _batch(
             else begin + step * torch.tensor([0.0, steps], dtype=torch.float64)
         )
         with torch.set_grad_enabled(gradient):
-            solution = tb.simulate(
-                motion.scene(setting.element, setting.elements, by),
-                t,
-                start,
-                **setting.options(motion),
-            )
-            tip = solution.tip.position
+            scene = motion.scene(setting.element, setting.elements, by)
+            tip = tb.simulate(scene, t, start, **setting.options(motion)).tip.position
             if gradient:
                 tip.square().sum().backward()
 

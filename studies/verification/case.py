@@ -70,19 +70,9 @@ def run(case: Case) -> Result:
     error = (ours - reference).abs() / (reference.abs() if case.scale is None else case.scale)
     error = torch.where(torch.isfinite(error), error, torch.inf)
     at = int(error.argmax())
-    return Result(
-        case.name,
-        case.source,
-        case.quantity,
-        reference[at].item(),
-        ours[at].item(),
-        error[at].item(),
-        case.bound,
-        error.numel(),
-        case.mesh,
-        seconds,
-        case.why,
-    )
+    numbers = (x[at].item() for x in (reference, ours, error))
+    told = case.bound, error.numel(), case.mesh, seconds, case.why
+    return Result(case.name, case.source, case.quantity, *numbers, *told)
 
 
 reference = cache(data)  # the contents of data/NAME.json
