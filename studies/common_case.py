@@ -8,7 +8,6 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.core.validation import as_tensor
 
 from .harness import data
 
@@ -46,7 +45,7 @@ class Case(NamedTuple):
         section = tb.Section.from_stiffness(
             **{
                 **{name: number(value) for name, value in STRIP.items()},
-                "EI": as_tensor(EI, self.t.dtype),
+                "EI": torch.as_tensor(EI, dtype=self.t.dtype),
             }
         )
         return tb.Scene(

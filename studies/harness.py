@@ -87,7 +87,7 @@ class Study:
     place    (options) -> the folder that is written into, None = none, and the option that says it
     out      whether results are written without --out, into out/NAME
     threads  of torch, None = as they are;  double: by default float64
-    dtype, packages, heading  see `measured_on`; more versions; threads in the heading
+    dtype    see `measured_on`;  packages: whose versions are told too
     """
 
     name: str

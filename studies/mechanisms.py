@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.core import files
+from torchbeam.extend.commands import write as write_file
 
 from .harness import data
 
@@ -161,7 +161,7 @@ def write(path: Path) -> None:
         references[name] = {"agreement": agreement, "places": rounded}
         print(f"{name}: agree to {agreement:.1e}", flush=True)
     content = {"about": ABOUT, "duration": DURATION, **NUMBERS, "references": references}
-    files.write(path, json.dumps(content, separators=(",", ":")).replace("]],", "]],\n") + "\n")
+    write_file(path, json.dumps(content, separators=(",", ":")).replace("]],", "]],\n") + "\n")
 
 
 if __name__ == "__main__":

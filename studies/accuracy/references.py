@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from torchbeam import simulate
-from torchbeam.core import files
+from torchbeam.extend.commands import write as write_file
 
 from ..harness import data
 from .motions import INTERVALS, MOTIONS, PARAMETERS, Motion
@@ -147,7 +147,7 @@ def write(path: Path, settings: dict[str, tuple[Fine, Fine]] | None = None) -> I
         "intervals": INTERVALS,
         "references": references,
     }
-    files.write(path, json.dumps(content, separators=(",", ":")).replace('],"', '],\n"') + "\n")
+    write_file(path, json.dumps(content, separators=(",", ":")).replace('],"', '],\n"') + "\n")
 
 
 def _limit(motion: Motion, fine: Fine) -> tuple[Tensor, Tensor]:

@@ -224,6 +224,38 @@ def test_outside_the_library_only_public_names_are_used(folder):
     assert wrong == []
 
 
+# what studies take of the library that has no public name, and for what
+STUDIES_INSIDE = {
+    # the search of `converge`, and how its fits follow many starts: what is measured itself
+    "torchbeam.analysis.convergence": "reading remesh search setting trials",
+    "torchbeam.analysis.identification": "experiment parameters refinement",
+    "torchbeam.solvers": "jacobian least_squares",
+    "torchbeam.analysis": "trials",  # operations, times in turns
+    # command lines, rows of measurements (public as `extend.commands.measurement`), peak memory
+    "torchbeam.core": "command_line measurement memory",
+    "torchbeam.dynamics": "dense_output tolerance",  # errors of adaptive steps
+    # parts of a native step, what is compiled, and why a load is not
+    "torchbeam.engine.chain": "coverage native",
+    "torchbeam.engine.compiler": "function library llvm loop_text",
+    "torchbeam.nodal": "discretise",
+    "torchbeam.math": "distributions",  # intervals of counts
+    "torchbeam.mixed": "minimal model rates state",  # the routes of its rates
+    "torchbeam.plot": "canvas",
+    "torchbeam.statics": "continuation",  # which points are limits of a path
+}
+
+
+def test_studies_use_public_names_and_these():
+    """The list grows by no accident, and shrinks where a name becomes public."""
+    inside = {
+        f"{above}.{name}" for above, names in STUDIES_INSIDE.items() for name in names.split()
+    }
+    known, found = modules("torchbeam"), set()
+    for path in sorted((HERE / "studies").rglob("*.py")):
+        found.update(imports(".".join(path.relative_to(HERE).with_suffix("").parts), path, known))
+    assert found - set(PUBLIC) == inside
+
+
 def test_public_modules_say_what_is_public():
     for name in PUBLIC:
         module = importlib.import_module(name)
