@@ -60,16 +60,15 @@ class Case(NamedTuple):
         """
         at = torch.searchsorted(self.t, solution.t - 1e-9)
         tip = solution.tip.position.detach()
-        tip = tip.reshape(len(tip), -1, 3)[:, 0]
-        reference = self.tip[at]
-        return (
-            (
-                (tip - reference).square().sum(-1).mean()
-                / (reference - self.tip[0]).square().sum(-1).mean()
-            )
-            .sqrt()
-            .item()
-        )
+        return difference(tip.reshape(len(tip), -1, 3)[:, 0], self.tip[at], self.tip[0])
+
+
+def difference(path: Tensor, reference: Tensor, start: Tensor | None = None) -> float:
+    """RMS |path - reference| / RMS |reference - its start|, (time, ..., 3) each; start (..., 3),
+    None = the first of the reference.
+    """
+    moved = reference - (reference[0] if start is None else start)
+    return ((path - reference).square().sum() / moved.square().sum()).sqrt().item()
 
 
 def straight(length: Tensor, elements: int, section: tb.Section, element: str) -> tb.Beam:

@@ -17,6 +17,7 @@ from torch import Tensor
 import torchbeam as tb
 from torchbeam.extend.commands import write as write_file
 
+from .common_case import difference as error
 from .harness import data
 
 FILE = "mechanism_references"
@@ -127,12 +128,6 @@ def places(name: str, solution: tb.Solution) -> Tensor:
     return torch.stack(
         [solution[f"b{k}"].nodes[..., -1, :] for k in range(NUMBERS["fingers"]["count"])], -2
     )
-
-
-def error(here: Tensor, reference: Tensor) -> float:
-    """RMS |place - reference| / RMS |reference - its start|, (time, point, 3) each."""
-    apart, moved = here - reference, reference - reference[0]
-    return (apart.square().sum() / moved.square().sum()).sqrt().item()
 
 
 def motion(

@@ -16,6 +16,7 @@ from torch import Tensor
 from torchbeam import simulate
 from torchbeam.extend.commands import write as write_file
 
+from ..common_case import difference
 from ..harness import data
 from .motions import INTERVALS, MOTIONS, PARAMETERS, Motion
 
@@ -98,13 +99,6 @@ def differentiated(motion: Motion, run: Callable[[Tensor], Tensor]) -> tuple[Ten
     tip = run(by)
     (gradient,) = torch.autograd.grad(loss(motion, tip), by)
     return tip.detach(), gradient
-
-
-def difference(tip: Tensor, reference: Tensor) -> float:
-    """RMS |tip - reference| / RMS |reference - its start|, (time, 3) each."""
-    return (
-        ((tip - reference).square().sum() / (reference - reference[0]).square().sum()).sqrt().item()
-    )
 
 
 def apart(gradient: Tensor, reference: Tensor) -> float:
