@@ -24,7 +24,7 @@ NEARLY = 16.0  # a shift that is nearer to the one that is wanted stays
 def subspace(
     M: BlockChain, K: BlockChain, shift: Tensor, count: int
 ) -> tuple[Tensor, Tensor, Tensor] | None:
-    """The `count` lowest w^2, rising, and some estimates of the next, (..., m), vectors (..., n, m),
+    """The `count` lowest w^2 and some estimates of the next (..., m), rising, vectors (..., n, m),
     and what rounding of K makes of w^2, see `quadratic_eigen.rounding`; None where they do not
     converge.
 
