@@ -37,7 +37,7 @@ from .internal_states import resting
 from .mechanism import braced, stressed
 from .no_equilibrium import reason
 from .path import stable_branch
-from .stability import NEUTRAL, conservative, eigenvalues, sign, unit
+from .stability import HAIR, NEUTRAL, asymmetry, eigenvalues, sign, unit
 
 SINGULAR = {torch.float64: 1e-6, torch.float32: 1e-4}  # of the softest pivot at no load
 LARGE = 1e4  # times the move that the loads bring about at first
@@ -182,7 +182,9 @@ def _equilibrium(
         doubtful = None
     good = status == 0
     if branch == "stable":
-        unstable = good & _unstable(problem, x, start, doubtful, torch.ones_like(good))
+        unstable = good & _unstable(
+            problem, x, start, doubtful, torch.zeros_like(good, dtype=time.dtype)
+        )
         if concrete(unstable).any():
             doubtful = None
             with no_derivatives():
@@ -221,9 +223,9 @@ def _equilibrium(
     if judged:
         states = ~failed
         with no_derivatives():
-            symmetric = conservative(problem, x).expand(status.shape)
+            uneven = asymmetry(problem, x).expand(status.shape)
         unstable = states & _unstable(
-            problem, x, start, None if doubtful is None else doubtful & states, symmetric
+            problem, x, start, None if doubtful is None else doubtful & states, uneven
         )
         if concrete(unstable).any():
             warn(
@@ -256,12 +258,12 @@ def _unstable(
     x: Configuration,
     start: Configuration,
     doubtful: Tensor | None,
-    symmetric: Tensor,
+    uneven: Tensor,
 ) -> Tensor:
     """(...) whether a pivot is negative by more than next to nothing beside the softest one at no
     load; doubtful: samples whose tangent is not positive definite, None = not known. Of a tangent K
-    that is not `symmetric` (...): whether its determinant is negative, and no pivot next to
-    nothing. Then det(M s^2 + D s + K) has a zero s > 0, whatever mass and damping are, as it is
+    whose `asymmetry` uneven (...) is no hair beside that pivot: whether its determinant is negative,
+    and no pivot next to nothing. Then det(M s^2 + D s + K) has a zero s > 0, whatever mass and damping are, as it is
     positive for large s: a motion grows without oscillating. (Where it is positive two may, or one
     may flutter.)
     """
@@ -273,7 +275,7 @@ def _unstable(
             at, begin = (Configuration(*(few.take(v, 2) for v in shape)) for shape in (x, start))
             return few.put(
                 torch.zeros_like(doubtful),
-                _unstable(few.gather(problem), at, begin, None, few.take(symmetric, 0)),
+                _unstable(few.gather(problem), at, begin, None, few.take(uneven, 0)),
                 0,
             )
     with no_derivatives():
@@ -287,7 +289,7 @@ def _unstable(
         diverges = sound & (sign(here) < 0) & (soft > NEUTRAL * least)
         soft, least = (eigenvalues(p).amin((-1, -2)) for p in (here, usual))
         negative = (soft < -NEUTRAL * least.clamp(min=0)) | ~sound
-        return doubtful & torch.where(symmetric, negative, diverges)
+        return doubtful & torch.where(uneven <= HAIR * -soft.clamp(max=0), negative, diverges)
 
 
 def _singular(

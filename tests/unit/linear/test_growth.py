@@ -58,7 +58,8 @@ def neutral(name, bars):
 
 
 NEUTRAL = (
-    "free", "free, many elements", "damped", "rotor 0.3", "rotor 3", "rotor 30", "chain 2", "chain 4",
+    "free", "free, many elements", "damped", "rotor 0.3", "rotor 3", "rotor 30", "chain 2",
+    "chain 4",
 )  # fmt: skip
 
 
