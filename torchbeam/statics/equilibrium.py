@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -39,8 +40,12 @@ from .no_equilibrium import reason
 from .path import stable_branch
 from .stability import HAIR, NEUTRAL, asymmetry, eigenvalues, sign, unit
 
-SINGULAR = {torch.float64: 1e-6, torch.float32: 1e-4}  # of the softest pivot at no load
-LARGE = 1e4  # times the move that the loads bring about at first
+SINGULAR = {
+    torch.float64: 1e-6,
+    torch.float32: 1e-4,
+}  # of the softest motion's resistance at no load
+SWEEPS = 2  # of inverse iteration, towards the softest motion
+SHARE = 1e-3  # of the loads in the softest motion: less does not bring it about
 
 
 def equilibrium(
@@ -262,10 +267,10 @@ def _unstable(
 ) -> Tensor:
     """(...) whether a pivot is negative by more than next to nothing beside the softest one at no
     load; doubtful: samples whose tangent is not positive definite, None = not known. Of a tangent K
-    whose `asymmetry` uneven (...) is no hair beside that pivot: whether its determinant is negative,
-    and no pivot next to nothing. Then det(M s^2 + D s + K) has a zero s > 0, whatever mass and damping are, as it is
-    positive for large s: a motion grows without oscillating. (Where it is positive two may, or one
-    may flutter.)
+    whose `asymmetry`, uneven (...), is no hair beside that pivot: whether its determinant is
+    negative, and no pivot next to nothing. Then det(M s^2 + D s + K) has a zero s > 0, whatever
+    mass and damping are, as it is positive for large s: a motion grows without oscillating. (Where
+    it is positive two may, or one may flutter.)
     """
     if doubtful is not None and not concrete(doubtful).any():
         return doubtful
@@ -295,28 +300,34 @@ def _unstable(
 def _singular(
     problem: SteadyProblem, x: Configuration, start: Configuration, good: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """(...) whether the softest pivot is next to nothing beside the softest one at no load: at a
+    """(...) whether the softest motion is resisted by next to nothing beside that at no load: at a
     limit point, where the load brings that motion about, or at a point of bifurcation, where it
-    does not.
+    does not. (A pivot may be next to nothing past a point of buckling and no motion soft: that of a
+    part of the beam whose other nodes are held.)
     """
     with no_derivatives():
-        (soft, ease), (usual, before) = (_softness(problem, at) for at in (x, start))
+        (soft, share), (usual, _) = (_softness(problem, at) for at in (x, start))
         singular = good & (soft < SINGULAR[x.stress.dtype] * usual)
-        limit = singular & (ease > LARGE * before)
+        limit = singular & (share > SHARE)
         return limit, singular & ~limit
 
 
 def _softness(problem: SteadyProblem, x: Configuration) -> tuple[Tensor, Tensor]:
-    """(...) the softest pivot N/m, and the largest move m that a change of the loads by themselves
-    brings about, see `unit`.
+    """(...) the resistance N/m of the softest motion, and the share that a change of the loads by
+    themselves has in it, by `unit`.
     """
     residual, *about = problem.residual(x)
-    tangent = problem.linearise(x, *about)
+    tangent, none = problem.linearise(x, *about), torch.zeros_like(residual.strain)
     unloaded = replace(problem, load_factor=torch.zeros_like(problem.load_factor)).residual(x)[0]
-    move = tangent.solve(residual.nodes - unloaded.nodes, torch.zeros_like(residual.strain))[0]
-    size = unit(problem.model)
-    soft = torch.linalg.svdvals(tangent.system.pivots(size)[0]).amin((-1, -2))
-    return soft, (move / size[..., None, :]).abs().amax((-1, -2))
+    size = unit(problem.model)[..., None, :]
+    load = (residual.nodes - unloaded.nodes) * problem.model.constraints.moving * size
+    soft = torch.cos(1.0 + torch.arange(math.prod(load.shape[-2:])).to(load)).view(load.shape[-2:])
+    for _ in range(SWEEPS):
+        length = torch.linalg.vector_norm(soft, dim=(-1, -2), keepdim=True)
+        soft = tangent.solve((soft / length).expand_as(load) / size, none)[0] / size
+    length, most = (torch.linalg.vector_norm(v, dim=(-1, -2)) for v in (soft, load))
+    share = (soft * load).sum((-1, -2)).abs() / (length * most)
+    return 1 / length, torch.where(most > 0, share, 0.0)
 
 
 def _attached(
