@@ -76,7 +76,10 @@ def equilibrium(
             bifurcate, to the side to which it leans
         relax: come there by a motion without inertia in a viscous fluid instead of by load steps,
             then by Newton's method: for what is far from where it starts and hardly stiff on the
-            way, as a slack cable or a hinged beam that swings down
+            way, as a slack cable or a hinged beam that swings down. From the undeformed beam loads
+            grow first, then supports move; on `initial` all acts at once. Under conservative loads
+            it ends in a minimum of the energy, the one that this motion leads to: there may be
+            lower ones, of which nothing is said
         engine: "eager": torch operations. "compiled": the load is raised by native code, many
             samples at once on the CPU (by llvmlite), the same answers up to
             rounding; what follows (gradients, `branch`) is eager. "auto": compiled for many samples
@@ -94,7 +97,8 @@ def equilibrium(
 
     Past a point of buckling the way up may keep to a branch that is no longer stable. Where all
     loads are conservative (dead forces, gravity) a RuntimeWarning names the samples whose tangent
-    is not positive definite. Of other loads (followers, moments in space, a frame that turns) it
+    is not positive definite; so where others are next to nothing. Of other loads (followers,
+    moments in space, a frame that turns) it
     names those whose tangent has a negative determinant: they diverge, whatever their mass and
     damping; whether another one is stable is for `modes` to say (`unstable`). Where a derivative is
     recorded at a limit point, a RuntimeError says that there is none (with throw=False the sample
