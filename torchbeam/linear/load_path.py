@@ -150,7 +150,7 @@ class LoadPath:
             grows = real > torch.maximum(GROWING * size, error(M, D, K, value, vectors))
         else:
             flutter = torch.where(turning, value.imag**2, 0.0)
-            grows = (real > unknown) | turning
+            grows = (real > 0) | turning
         divergence = torch.where(turning, -torch.inf, real).amax(-1)
         flutter, which = flutter.max(-1)
         kind = torch.where(
