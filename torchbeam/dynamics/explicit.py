@@ -22,6 +22,7 @@ from ..mixed.state import MixedState
 from ..nodal.rates import refuse_forces_between_nodes
 from ..scene.scene import Scene
 from ..state.state import State, rest
+from .instants import exact, rounded
 from .simulate import FORMS, simulate
 from .torchdiffeq_bridge import METHODS as ODE_METHODS
 from .torchdiffeq_bridge import AllFailed
@@ -87,6 +88,7 @@ class ExplicitStepper:
             rtol=rtol, atol=atol, options=options, adjoint=adjoint, project=project, solver=solver
         )
         self.dt = duration("dt", dt, scene.dtype, scene.device)
+        self.latest: Tensor | None = None  # (...) s, of the state that was made last
 
     def merge(self, few: BatchSubset, part: ExplicitStepper) -> ExplicitStepper:
         """As `Stepper.merge`: deprecated."""
@@ -127,9 +129,10 @@ class ExplicitStepper:
         moving = state.status == 0
         if active is not None:
             moving = moving & mask("active", active, moving)
-        begin, own = shared(state.t, moving), {}
+        now = exact(state.t, self.latest)
+        begin, own = shared(now, moving), {}
         if begin.ndim:  # each sample's own
-            begin, own = torch.zeros_like(self.dt), dict(begin=begin)
+            begin, own = now.new_zeros(()), dict(begin=begin.to(self.dt))
         span = torch.stack((begin, begin + self.dt))
         # who rests need not be on supports now
         start = replace(state, status=torch.where(moving, state.status, FAILED))
@@ -152,8 +155,9 @@ class ExplicitStepper:
         after = run.state[-1]
         if isinstance(state, State):  # a run counts the work from its own start
             after = replace(after, work=state.work + after.work)
+        self.latest = rounded(torch.where(good, now + self.dt, now), state.t.dtype)
         return replace(
             after.where(good, state),
-            t=torch.where(good, state.t + self.dt, state.t),
+            t=self.latest,
             status=torch.where(moving, run.status, state.status),
         )
