@@ -156,8 +156,8 @@ def test_what_is_lost_beside_a_joint_is_said():
         tb.simulate(scene, [0.0, 0.01], step=0.01, engine="eager", halvings=0, throw=False)
 
 
-# m, kg, s of a unit: m, N; mm, N, s, t; um, uN, s
-UNITS = {"SI": (1.0, 1.0), "mm-N-s-t": (1e3, 1.0), "um-uN-s": (1e6, 1e6)}
+# so many of a system's units of length and of force in 1 m and 1 N
+UNITS = {"SI": (1.0, 1.0), "mm-N-s-t": (1e3, 1.0), "um-uN-s": (1e6, 1e6), "km-N-s": (1e-3, 1.0)}
 
 
 @pytest.mark.parametrize("units", UNITS)
