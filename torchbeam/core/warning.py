@@ -24,6 +24,13 @@ class SlowPathWarning(UserWarning):
 def warn(sentence: str, category: type[Warning] = RuntimeWarning) -> None:
     """Warns of `sentence` at the innermost line that is neither torchbeam's own, its environments',
     Gymnasium's nor torch's.
+
+    Examples:
+        >>> import warnings
+        >>> with warnings.catch_warnings(record=True) as seen:
+        ...     extend.warn("the beam is slack")
+        >>> str(seen[0].message)
+        'the beam is slack'
     """
     level, frame = 2, sys._getframe(1)
     while frame.f_back is not None and (

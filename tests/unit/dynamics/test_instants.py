@@ -163,3 +163,20 @@ def test_instants_in_single_precision_of_a_scene_in_double():
     scene = tb.Scene(BEAM, dtype=torch.float64)
     run = tb.simulate(scene, t, step=1e-3, engine="eager")
     assert run.stats.steps == 250 and run.t[-1] == 8000.25
+
+
+@pytest.mark.steps
+def test_a_loop_in_native_code_is_the_run():
+    """500 steps from 8000 s on in float32, of a push that grows: the same time, and to rounding the
+    same tip. (They came to 8004.883 s.)
+    """
+    push = tb.TipLoad(force=lambda t: (0, 0, 0.1 * (t - 8000)))
+    scene = tb.Scene(BEAM, [push], dtype=torch.float32)
+    stepper, state = tb.Stepper(scene, 0.01, engine="compiled"), start(scene, 8000.0)
+    rolled = tb.rollout(stepper, state, 500)[-1]
+    run = tb.simulate(scene, [8000.0, 8005.0], step=0.01, engine="compiled").state[-1]
+    for _ in range(500):
+        state = stepper(state)
+    for one in (state, rolled, run):
+        assert one.t == 8005.0
+        assert one.tip.position[2].item() == pytest.approx(run.tip.position[2].item(), rel=1e-5)
