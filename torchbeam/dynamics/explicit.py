@@ -21,6 +21,7 @@ from ..scene.scene import Scene
 from ..state.instant import Instant
 from ..state.state import State, rest
 from .forms import FORMS, mixed_forms
+from .instants import exact, rounded
 from .simulate import simulate
 from .torchdiffeq_bridge import METHODS as ODE_METHODS
 from .torchdiffeq_bridge import AllFailed
@@ -86,6 +87,7 @@ class ExplicitStepper:
             rtol=rtol, atol=atol, options=options, adjoint=adjoint, project=project, solver=solver
         )
         self.dt = duration("dt", dt, scene.dtype, scene.device)
+        self.latest: Tensor | None = None  # (...) s, of the state that was made last
 
     def merge(self, few: BatchSubset, part: ExplicitStepper) -> ExplicitStepper:
         """As `Stepper.merge`: deprecated."""
@@ -113,9 +115,10 @@ class ExplicitStepper:
         moving = state.status == 0
         if active is not None:
             moving = moving & mask("active", active, moving)
-        begin, own = shared(state.t, moving), {}
+        now = exact(state.t, self.latest)
+        begin, own = shared(now, moving), {}
         if begin.ndim:  # each sample's own
-            begin, own = torch.zeros_like(self.dt), dict(begin=begin)
+            begin, own = now.new_zeros(()), dict(begin=begin.to(self.dt))
         span = torch.stack((begin, begin + self.dt))
         # who rests need not be on supports now
         start = replace(state, status=torch.where(moving, state.status, FAILED))
@@ -138,8 +141,9 @@ class ExplicitStepper:
         after = run.state[-1]
         if isinstance(state, State):  # a run counts the work from its own start
             after = replace(after, work=state.work + after.work)
+        self.latest = rounded(torch.where(good, now + self.dt, now), state.t.dtype)
         return replace(
             after.where(good, state),
-            t=torch.where(good, state.t + self.dt, state.t),
+            t=self.latest,
             status=torch.where(moving, run.status, state.status),
         )
