@@ -20,10 +20,7 @@ class StructureAdjoint(TendonAdjoint, PairAdjoint, StructurePasses, AdjointDrive
 
     def _transposed(self) -> None:
         code = self.code
-        with code.loop(0, self.args["nodes"]) as j:
-            self._block(j, j)
-        with code.loop(0, self.args["elements"]) as e:
-            self._blocks(e)
+        self._at_interface()
         self._each_joint(self._joint_blocks)
         self._tie_blocks()
         self._pair_blocks()

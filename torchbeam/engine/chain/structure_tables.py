@@ -13,14 +13,25 @@ import numpy as np
 
 from ...nodal.model import Model
 from ...topology.cut import Run
+from ...topology.framework import Framework
 from ..compiler.block_pattern import BlockPattern
 from .cells import Cells
 from .joint_functions import BLOCKS
-from .layout import ENTRIES, INTERFACE, JOINTS, PAIRS, STRETCHES, TENDONS
+from .layout import (
+    ELEMENT_PLACES,
+    ENTRIES,
+    INTERFACE,
+    JOINTS,
+    NODE_PLACES,
+    PAIRS,
+    STRETCHES,
+    TENDONS,
+)
 from .structure_order import Connectivity, connectivity_of, order_of
 
 NONE = (-1, -1)  # the place of a block that is not there
 BYTES = 4  # of a number, at least
+ELEMENT_TURNS = 2  # places of elements along a run
 
 
 @dataclass(frozen=True)
@@ -130,6 +141,7 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
     parts = [(b - a, begins[a]) for a, b in pairwise(cuts)]
     back = [(b - a, ends_of[len(pattern.groups) - b]) for a, b in pairwise(cuts)]
 
+    node_places, element_places, kept_nodes, kept_elements = _places(framework)
     left, right = ([-1] * framework.node_count for _ in range(2))
     for e, (first, *_, last) in enumerate(zip(*framework.elements, strict=True)):
         right[first], left[last] = e, e
@@ -137,6 +149,10 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
         "element_nodes": list(framework.elements[0]),
         "left_elements": left,
         "right_elements": right,
+        "node_places": node_places,
+        "element_places": element_places,
+        "kept_nodes": kept_nodes,
+        "kept_elements": kept_elements,
         "interface": [
             x for k, node in enumerate(nodes) for x in (node, *own(k), pattern.solution(k))
         ],
@@ -182,6 +198,8 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
         "substitution": [x for group in pattern.substitution for x in group],
     }
     numbers = {
+        "kept_node_count": len(kept_nodes),
+        "kept_element_count": len(kept_elements),
         "interface_count": len(nodes),
         "direct_count": len(how.direct),
         "forward_count": len(forward),
@@ -208,7 +226,31 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
     rows = {JOINTS: J, INTERFACE: len(nodes), ENTRIES: pattern.size + flags}
     rows |= {STRETCHES: len(stretches), TENDONS: len({x.tendon for x in stretches})}
     rows |= {PAIRS: len(pairs)}
+    rows |= {NODE_PLACES: framework.order + 1 + len(kept_nodes)}
+    rows |= {ELEMENT_PLACES: ELEMENT_TURNS + len(kept_elements)}
     return StructureTables(rows, lists, numbers)
+
+
+def _places(framework: Framework) -> tuple[list[int], list[int], list[int], list[int]]:
+    """Where what nodes and elements give is held, and which have a place of their own: those at the
+    interface, and what else is next to it. The others take turns along a run, the node between an
+    element's ends in the last of these.
+    """
+    how, ends, turns = framework.cut, framework.ends, framework.order + 1
+    at_interface = {ends[end] for end in how.interface}
+    all_ends = zip(framework.elements[0], framework.elements[-1], strict=True)
+    kept_elements = [e for e, pair in enumerate(all_ends) if at_interface & {*pair}]
+    next_to = {nodes[e] for nodes in framework.elements[:: framework.order] for e in kept_elements}
+    kept_nodes = sorted(at_interface | next_to)
+    node_places = [framework.order] * framework.node_count
+    for k, node in enumerate(ends):
+        node_places[node] = k % 2
+    element_places = [e % ELEMENT_TURNS for e in range(framework.element_count)]
+    for k, node in enumerate(kept_nodes):
+        node_places[node] = turns + k
+    for k, e in enumerate(kept_elements):
+        element_places[e] = ELEMENT_TURNS + k
+    return node_places, element_places, kept_nodes, kept_elements
 
 
 def _equations(
