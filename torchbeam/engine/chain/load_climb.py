@@ -37,6 +37,7 @@ from .node_kinds import kinds_of
 from .program import NOTHING, ChainProgram, program_of
 from .steady_functions import SteadyFunctions
 from .step_structure import keep_structure, key_of, known_structure
+from .structure_order import stretches_of
 from .user_functions import by_function, by_sample, check_batch, known, surroundings
 
 # samples times elements that "auto" compiles for: eager ones then take longer than tracing and
@@ -181,7 +182,8 @@ def _called(
     lanes: int | None,
     around: Surroundings | None,
 ) -> Climbed:
-    judged = judged and not model.scene.beam.parts  # of a structure it is looked at by torch
+    # where stretches of tendons have unknowns of their own, it is looked at by torch
+    judged = judged and not any(stretch.coupled for stretch in stretches_of(model.tendons))
     structure, trees = _structure(
         model, t, inputs, around, JudgedProgram if judged else LoadProgram
     )

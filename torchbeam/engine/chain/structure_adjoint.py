@@ -41,7 +41,7 @@ class StructureAdjoint(TendonAdjoint, PairAdjoint, StructurePasses, AdjointDrive
     def _row_kept(self, node: str) -> None:
         """Reactions are those of the steps."""
 
-    def _row_judged(self) -> None:
+    def _row_judged(self, name: str) -> None:
         """Nothing is."""
 
     def _joint_blocks(self, k: str, kind: int) -> None:

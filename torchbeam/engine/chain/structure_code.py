@@ -87,8 +87,13 @@ class StructureCode(ChainCode):
     def _loops(self) -> list[str]:
         w = self.layout.records["move"].size
         over_cells = CellSums(self.lanes, self.cells).functions() if self.cells > 1 else []
-        elimination = BlockElimination(self.lanes, w, self._part())
+        elimination = BlockElimination(self.lanes, w, self._part(), self.signed)
         return [*super()._loops(), *over_cells, *elimination.functions()]
+
+    @property
+    def signed(self) -> bool:
+        """Whether signs of the interface's pivots are asked for."""
+        return "signs" in self.layout.records
 
     def _part(self) -> int | None:
         """Unknowns of a node by which pairs that touch couple; None = all, or there are none."""

@@ -90,10 +90,11 @@ class StructureRuns(TendonPasses):
         """Where a support holds a node: what its reaction takes."""
         self._keep_rows("at_row", node)
 
-    def _row_judged(self) -> None:
-        """Sizes of a row."""
-        for name in self.layout.fields("sums"):
-            self._largest(name, "at_row")
+    def _row_judged(self, name: str) -> None:
+        """Sizes of a row, as its function of this name gives them."""
+        for size in self.layout.fields("sums"):
+            if size in self.functions[name].outputs:
+                self._largest(size, "at_row")
 
     def _sides_of(self, node: str) -> dict[str, str]:
         """What the elements on either side of a node leave, zeros where there is none."""
@@ -122,13 +123,16 @@ class StructureRuns(TendonPasses):
             return places[f] if f in places else sides[f.partition(".")[0]]
 
         self._call_held(name, node, where, lambda: self._row_kept(node))
-        self._row_judged()
+        self._row_judged(name)
 
     def _groups(self, name: str, count: str, first: str | int = 0) -> None:
         """Clear, eliminate, or substitute, so many groups, whose table begins there."""
         table = self.args["substitution" if name == "substitute" else "elimination"]
         table = self.code.at(table, first)
-        self.code.line(f'call void @"{name}"({self._system}, ptr {table}, i64 {count})')
+        more = ""
+        if name == "eliminate" and self.signed:
+            more = f", ptr {self.at('signs')}, ptr {self.at('sums', 0, 'indefinite')}"
+        self.code.line(f'call void @"{name}"({self._system}, ptr {table}, i64 {count}{more})')
 
     def _before(self, fields: tuple[str, ...], is_first: str, node: str) -> dict[str, str]:
         """Fields of the row before, zeros in front of the first."""

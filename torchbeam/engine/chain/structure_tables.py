@@ -24,6 +24,7 @@ from .layout import (
     JOINTS,
     NODE_PLACES,
     PAIRS,
+    SIGNS,
     STRETCHES,
     TENDONS,
 )
@@ -62,7 +63,7 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
         [run for run in runs if run.manner == manner] for manner in ("forward", "backward")
     )
     couplings = [*order.couplings, *((run.before, run.after) for run in order.bordered)]
-    groups, equation = _equations(order.groups, len(nodes), held, w)
+    groups, moves, equation = _equations(order.groups, len(nodes), held, w)
     units = len(equation)
     at_nodes = {node: k for k, node in enumerate(nodes)}
     pairs = tuple(tuple(at_nodes[node] for node in own) for own in pairs)
@@ -72,7 +73,7 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
     outer = tuple(range(units, units + len(order.following)))
     for unit, (_, place) in zip(outer, order.following, strict=True):
         blocks += [(place, unit), (equation[place], unit)]
-    pattern = BlockPattern(w, groups, blocks, outer)
+    pattern = BlockPattern(w, groups, blocks, outer, moves)
 
     def own(place: int | None) -> tuple[int, ...]:
         if place is None:
@@ -225,7 +226,7 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
     flags = pattern.size // BYTES + 1  # one a number, in bytes
     rows = {JOINTS: J, INTERFACE: len(nodes), ENTRIES: pattern.size + flags}
     rows |= {STRETCHES: len(stretches), TENDONS: len({x.tendon for x in stretches})}
-    rows |= {PAIRS: len(pairs)}
+    rows |= {PAIRS: len(pairs), SIGNS: max((w * len(group) for group in groups), default=0) ** 2}
     rows |= {NODE_PLACES: framework.order + 1 + len(kept_nodes)}
     rows |= {ELEMENT_PLACES: ELEMENT_TURNS + len(kept_elements)}
     return StructureTables(rows, lists, numbers)
@@ -255,17 +256,20 @@ def _places(framework: Framework) -> tuple[list[int], list[int], list[int], list
 
 def _equations(
     groups: tuple[tuple[int, ...], ...], nodes: int, held: tuple[int, ...], w: int
-) -> tuple[list[tuple[int, ...]], dict[int, int]]:
-    """Groups of unknowns, and whose equation stands in the row of each unit. A weld's constraints
-    give the moves of the node that hangs by it, the node's balance the weld's force: two groups in
-    the place of one.
+) -> tuple[list[tuple[int, ...]], list[int], dict[int, int]]:
+    """Groups of unknowns, how many of each are moves (see `BlockPattern`), and whose equation
+    stands in the row of each unit. A weld's constraints give the moves of the node that hangs by
+    it, the node's balance the weld's force: two groups in the place of one, whose signs are always
+    as they should be. Those of stretches' groups are not known.
     """
-    parts, equation = [], {unit: unit for group in groups for unit in group}
+    parts, moves, equation = [], [], {unit: unit for group in groups for unit in group}
     for group in groups:
         if group[0] < nodes and [held[unit - nodes] for unit in group[1:]] == [w]:
             node, weld = group
             equation |= {node: weld, weld: node}
             parts += [(node,), (weld,)]
+            moves += [-1, -1]
         else:
             parts.append(group)
-    return parts, equation
+            moves.append(w if group[0] < nodes else 0 if group[0] < nodes + len(held) else -1)
+    return parts, moves, equation
