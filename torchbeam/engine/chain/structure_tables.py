@@ -260,7 +260,7 @@ def _equations(
     """Groups of unknowns, how many of each are moves (see `BlockPattern`), and whose equation
     stands in the row of each unit. A weld's constraints give the moves of the node that hangs by
     it, the node's balance the weld's force: two groups in the place of one, whose signs are always
-    as they should be. Those of stretches' groups are not known.
+    as they should be. Those of forces alone are not looked at.
     """
     parts, moves, equation = [], [], {unit: unit for group in groups for unit in group}
     for group in groups:
@@ -271,5 +271,5 @@ def _equations(
             moves += [-1, -1]
         else:
             parts.append(group)
-            moves.append(w if group[0] < nodes else 0 if group[0] < nodes + len(held) else -1)
+            moves.append(w if group[0] < nodes else -1)
     return parts, moves, equation

@@ -9,9 +9,9 @@ A group has moves, and behind them forces F of constraints G,
 whose matrix, symmetric, has as many negative eigenvalues as constraints, and no more, if K is
 positive definite where G x = 0. Each constraint is eliminated with the move that it says most of
 (one pivot is negative and one positive, whatever K is); the other moves have to have positive
-pivots. A group of forces alone is what is left of G K^-1 F: its pivots have to be negative. Forces
-that there are not stand for themselves: 1 on the diagonal. By the inertia of Schur complements the
-whole matrix then is positive definite where all constraints hold.
+pivots. Forces that there are not stand for themselves: 1 on the diagonal. By the inertia of Schur
+complements the whole matrix then is positive definite where all constraints hold: those of loops,
+whose forces come last and are not looked at, take no move from a matrix that is so already.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class BlockSigns(BlockMatrix):
 
     def _signs(self) -> str:
         code = Code("signs", [*SIGNS])
-        V, zero, two = self.lanes.vector, self.lanes.constant(0.0), self.lanes.constant(2.0)
+        V, zero = self.lanes.vector, self.lanes.constant(0.0)
         with code.loop(0, "%n") as i, code.loop(0, "%n") as j:
             # the symmetric part; between moves and forces what constraints say
             both = [code.compare("slt", k, "%moves") for k in (i, j)]
@@ -40,17 +40,11 @@ class BlockSigns(BlockMatrix):
             self._store(code, self._make(code, "fadd", a, b), self._place(code, i, j))
         left = code.slot()
         code.store("%moves", left)
-        hangs = code.compare("sgt", "%moves", 0)
         last = code.sub("%n", 1)
         with code.loop(last, code.sub("%moves", 1), -1) as k:
-            d = self._own(code, k, k)
-            alone = code.new(f"fcmp oeq {V} {d}, {two}")
-            with code.when(hangs), code.when(self._any(code, self._not(code, alone))):
+            there = code.new(f"fcmp oeq {V} {self._own(code, k, k)}, {zero}")
+            with code.when(self._any(code, there)):
                 self._constraint(code, k, left)
-            with code.when(code.new(f"xor i1 {hangs}, true")):
-                negative = code.new(f"fcmp olt {V} {d}, {zero}")
-                self._or_not(code, code.new(f"or {self.lanes.truth} {negative}, {alone}"))
-                self._less_pivot(code, k)
         with code.loop(code.sub(code.load(left), 1), -1, -1) as k:
             d = self._own(code, k, k)
             self._or_not(code, code.new(f"fcmp ogt {V} {d}, {zero}"))
@@ -65,11 +59,6 @@ class BlockSigns(BlockMatrix):
 
     def _own(self, code: Code, i: str, j: str) -> str:
         return self._load(code, self._place(code, i, j))
-
-    def _not(self, code: Code, truth: str) -> str:
-        T, W = self.lanes.truth, self.lanes.count
-        true = "true" if W == 1 else "<" + ", ".join(["i1 true"] * W) + ">"
-        return code.new(f"xor {T} {truth}, {true}")
 
     def _or_not(self, code: Code, well: str) -> None:
         one = self.lanes.constant(1.0)
