@@ -21,7 +21,7 @@ from ..scene.effects.values import Inputs, scalar_at
 from ..topology.framework import Framework
 from .coordinates.spatial import Spatial
 from .joint_motion import end_moves
-from .rope import Rope, RopeStep
+from .rope import Rope, RopeStep, Stretches
 from .tendon_motion import Eyelets, NoTendons, TendonMotion
 
 
@@ -109,6 +109,19 @@ class Tendons(NoTendons):
         shape = broadcast_shapes(*(x.shape[:-3] for x in blocks))
         return torch.cat([x.expand(*shape, *x.shape[-3:]) for x in blocks], -3)
 
+    def told(self, motion: Callable[[], TendonMotion]) -> Tensor | None:
+        motion = motion()
+        if motion.drive.dt is None or not self.dissipative:
+            return None
+        rows = []
+        for rope, step in zip(self.ropes, self.steps(motion), strict=True):
+            none = torch.zeros_like(step.after[..., :2])
+            if rope.friction is not None and none.shape[-2] > 2:
+                own = rope.grips(step, Stretches.of(step)).told
+                none = pad(own, (0, 0, 1, 1))
+            rows.append(none)
+        return torch.cat(rows, -2)
+
     def values(self, tendons: tuple[Any, ...], t: Tensor, inputs: Inputs) -> Tensor:
         given = [
             rope.drawn
@@ -152,6 +165,7 @@ class Tendons(NoTendons):
                     drive.dt,
                     None if rates is None else rates[..., part, :],
                     None if rates is None else way[..., part, :],
+                    None if motion.told is None else motion.told[..., part, :][..., 1:-1, :],
                 )
             )
         return tuple(steps)

@@ -75,7 +75,7 @@ class TendonFunctions(LocalProblems):
 
     def tension_next(self, kind: StretchKind, **fields: Tensor) -> Fields:
         """Tension of a stretch from that of the one `last.`, by the friction between them; see
-        above; `turned` is of the last one.
+        above; `turned` is of the last one; `told`, where it is given: see `Grip`.
         """
         last, none = fields["last.tension"], torch.zeros_like(fields["own.direction"])
         if not kind.rubs:
@@ -87,7 +87,8 @@ class TendonFunctions(LocalProblems):
             sums = (fields[f"beyond.{name}"][None] for name in ("change", "rate"))
             slide = *sums, self._common(fields).dt
         ends = fields["last.direction"], fields["own.direction"]
-        grip = rope.grip(ends[0][None], ends[1][None], slide)
+        told = fields["told"][None] if "told" in fields else None
+        grip = rope.grip(ends[0][None], ends[1][None], slide, told)
         ratio, turn = torch.exp(grip.log[0]), grip.turn[0]
         T = ratio * last
         return {
@@ -96,7 +97,7 @@ class TendonFunctions(LocalProblems):
             "ratio": ratio,
             "by_q": along_stretch(-turn, ends[1], fields["own.length"][None]),
             "turned": along_stretch(turn, ends[0], fields["last.length"][None]),
-        }
+        } | ({} if told is None or grip.told is None else {"told": grip.told[0]})
 
     def tie(self, held: bool, kind: StretchKind, **fields: Tensor) -> Fields:
         """What a stretch gives its nodes, see `JointFunctions.joint`: its push (w) by end, blocks
