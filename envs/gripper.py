@@ -54,7 +54,7 @@ class GripperConfig(BeamEnvConfig):
     lift: float = 0.035
     offset: float = 0.004
     delay: int = 0
-    substeps: int = 4
+    substeps: int = 8
     sensors: Any = ("tip",)
     randomize: bool | Mapping[str, Sequence[float]] | None = None
     max_episode_steps: int | None = 100
@@ -359,7 +359,7 @@ class GripperVectorEnv(BeamVectorEnv):
     ## Arguments
     Those of `BeamEnvConfig` (see `envs/config.py`) without section, direction, up, beam, supports,
     actuators and force, with its defaults but length = 0.11, elements = 4 (of a finger), damping =
-    2e-3, delay = 0, substeps = 4, sensors = "tip", max_episode_steps = 100,
+    2e-3, delay = 0, substeps = 8, sensors = "tip", max_episode_steps = 100,
     randomize = {"ball": (0.03, 0.07), "friction": (0.36, 0.84)}, solver = {"halvings": 5,
     "iterations": 60}, and
     radius, young, density  of the fingers: 0.005 m, 2e7 Pa, 1100 kg/m^3
