@@ -161,7 +161,8 @@ class Rope(Tree):
     def tensions(self, step: RopeStep, stretches: Stretches, derivative: bool) -> Tensions:
         before, after = stretches.lengths
         over = None if step.before is None else before.sum(-1)
-        T, slope = self.pull(step.given, after.sum(-1), over)
+        change = None if step.way is None else stretches.change(step).sum(-1)
+        T, slope = self.pull(step.given, after.sum(-1), over, change)
         e = stretches.directions[1]
         T, slope, _ = torch.broadcast_tensors(T[..., None], slope[..., None], after)
         by = slope[..., None, None] * e[..., None, :, :] if derivative else None
@@ -174,10 +175,15 @@ class Rope(Tree):
         return Tensions(T * rho, by)
 
     def pull(
-        self, given: Tensor, after: Tensor, before: Tensor | None = None
+        self,
+        given: Tensor,
+        after: Tensor,
+        before: Tensor | None = None,
+        change: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """T (...) of the whole, of this length after a step and before it, None = at an instant;
-        and its derivative by the length after.
+        and its derivative by the length after. change (...) m: of the length, which single
+        precision has to more digits than the difference of both, None = not known by itself.
         """
         if self.stiffness is None:
             return given.clamp(min=0), torch.zeros_like(after)
@@ -186,6 +192,9 @@ class Rope(Tree):
         if before is None:
             return self.stiffness * p, self.stiffness * (x > 0)
         y = before - given
+        if change is not None:
+            x = y + change
+            p = x.clamp(min=0)
         q = y.clamp(min=0)
         across = (x > 0) != (y > 0)
         apart = torch.where(across, x - y, 1.0)

@@ -49,6 +49,11 @@ class Tendons(NoTendons):
         return any(rope.friction is not None for rope in self.ropes)
 
     @property
+    def _coupled(self) -> bool:
+        """Whether a tension follows from where the rope is."""
+        return self.dissipative or any(rope.stiffness is not None for rope in self.ropes)
+
+    @property
     def smooth(self) -> bool:
         return not self.dissipative
 
@@ -152,8 +157,8 @@ class Tendons(NoTendons):
         """What each rope is asked for."""
         drive, steps = motion.drive, []
         over = drive.dt is not None and motion.start is not None
-        rubs = over and self.dissipative
-        rates, way = (self._rates(motion), self._way(motion)) if rubs else (None, None)
+        rates = self._rates(motion) if over and self.dissipative else None
+        way = self.way(motion) if over and self._coupled else None
         for k, (rope, part) in enumerate(zip(self.ropes, self._parts, strict=True)):
             given = rope.raised(motion.given[..., k], drive.share)
             steps.append(
@@ -164,7 +169,7 @@ class Tendons(NoTendons):
                     given,
                     drive.dt,
                     None if rates is None else rates[..., part, :],
-                    None if rates is None else way[..., part, :],
+                    None if way is None else way[..., part, :],
                     None if motion.told is None else motion.told[..., part, :][..., 1:-1, :],
                 )
             )
@@ -182,7 +187,7 @@ class Tendons(NoTendons):
         turned = torch.linalg.cross(*torch.broadcast_tensors(spin, motion.start.lever))
         return torch.where(self._ground(velocity), 0.0, velocity + turned)
 
-    def _way(self, motion: TendonMotion) -> Tensor:
+    def way(self, motion: TendonMotion) -> Tensor:
         """(..., E, 3) m by which the eyelets move over the step."""
         way = self.space.public_vector(motion.way()[..., self._at, :])
         turned = motion.end.lever - motion.start.lever

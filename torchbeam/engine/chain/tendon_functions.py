@@ -55,8 +55,9 @@ class TendonFunctions(LocalProblems):
         before, after = (length[0] for length in stretches.lengths)
         outputs = {"length": after, "before": before, "direction": stretches.directions[1][0]}
         if kind.rubs and self.OVER_STEP:
-            outputs["change"] = stretches.change(step)[0]
             outputs["rate"] = (stretches.directions[0] * step.rates.diff(dim=-2)).sum()
+        if kind.coupled and self.OVER_STEP:
+            outputs["change"] = stretches.change(step._replace(way=tendons.way(motion)))[0]
         elif motion.start is not None:
             outputs["change"] = after - tendons.lengths_before(motion, 0)[0]
         return outputs
@@ -66,11 +67,12 @@ class TendonFunctions(LocalProblems):
         length.
         """
         constants = self.stretch_constants(fields)
-        rope, before = self._rope(constants, kind), None
+        rope, before, change = self._rope(constants, kind), None, None
         given = rope.raised(constants.given, fields.get("load_factor"))
         if self.OVER_STEP:
             before = fields["beyond.before"]
-        T, slope = rope.pull(given, fields["beyond.length"], before)
+            change = fields["beyond.change"] if kind.elastic else None
+        T, slope = rope.pull(given, fields["beyond.length"], before, change)
         return {"tension": T, "slope": slope}
 
     def tension_next(self, kind: StretchKind, **fields: Tensor) -> Fields:
