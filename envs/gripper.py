@@ -54,12 +54,14 @@ class GripperConfig(BeamEnvConfig):
     lift: float = 0.035
     offset: float = 0.004
     delay: int = 0
-    substeps: int = 8
+    substeps: Any = None  # 8 in space, where four make one action end in two ways; 4 in a plane
     sensors: Any = ("tip",)
     randomize: bool | Mapping[str, Sequence[float]] | None = None
     max_episode_steps: int | None = 100
 
     def __post_init__(self) -> None:
+        if self.substeps is None:
+            object.__setattr__(self, "substeps", 4 if self.planar else 8)
         super().__post_init__()
         positive = "radius", "young", "density", "ball", "mass", "pull", "motor", "hub", "lift"
         self.check_numbers(*positive, above=0.0)
@@ -359,7 +361,7 @@ class GripperVectorEnv(BeamVectorEnv):
     ## Arguments
     Those of `BeamEnvConfig` (see `envs/config.py`) without section, direction, up, beam, supports,
     actuators and force, with its defaults but length = 0.11, elements = 4 (of a finger), damping =
-    2e-3, delay = 0, substeps = 8, sensors = "tip", max_episode_steps = 100,
+    2e-3, delay = 0, substeps = 8 (4 in a plane), sensors = "tip", max_episode_steps = 100,
     randomize = {"ball": (0.03, 0.07), "friction": (0.36, 0.84)}, solver = {"halvings": 5,
     "iterations": 60}, and
     radius, young, density  of the fingers: 0.005 m, 2e7 Pa, 1100 kg/m^3
