@@ -16,13 +16,12 @@ from ..core.functions_of_time import shared
 from ..core.status import FAILED
 from ..core.validation import shown
 from ..core.warning import warn
-from ..mixed.consistent import consistent_state
-from ..mixed.model import refuse_form
-from ..mixed.state import MixedState
 from ..nodal.rates import refuse_forces_between_nodes
 from ..scene.scene import Scene
+from ..state.instant import Instant
 from ..state.state import State, rest
-from .simulate import FORMS, simulate
+from .forms import FORMS, mixed_forms
+from .simulate import simulate
 from .torchdiffeq_bridge import METHODS as ODE_METHODS
 from .torchdiffeq_bridge import AllFailed
 
@@ -81,7 +80,7 @@ class ExplicitStepper:
         if form == "nodal":
             refuse_forces_between_nodes(scene)
         else:
-            refuse_form(scene, form)
+            mixed_forms().refuse_form(scene, form)
         self.scene, self.form, self.method = scene, form, method
         self.options = dict(
             rtol=rtol, atol=atol, options=options, adjoint=adjoint, project=project, solver=solver
@@ -99,27 +98,14 @@ class ExplicitStepper:
         merged.scene = few.merge(self.scene, part.scene)
         return merged
 
-    def rest(self, batch_shape: tuple[int, ...] | None = None) -> State | MixedState:
+    def rest(self, batch_shape: tuple[int, ...] | None = None) -> Instant:
         """The beam undeformed and at rest, under inputs of zero."""
         shape = torch.Size(self.scene.batch_shape if batch_shape is None else batch_shape)
         if self.form == "nodal":
             return rest(self.scene, shape)
-        zero = {
-            name: torch.zeros(*shape, size, dtype=self.scene.dtype, device=self.scene.device)
-            for name, size in self.scene.inputs.items()
-        }
-        still = torch.zeros(
-            *shape,
-            self.scene.beam.station_count,
-            3,
-            dtype=self.scene.dtype,
-            device=self.scene.device,
-        )
-        return consistent_state(self.scene, u=still, form=self.form, inputs=zero)
+        return mixed_forms().rest(self.scene, self.form, shape)
 
-    def __call__(
-        self, state: State | MixedState, *, active: Tensor | None = None, **inputs: Any
-    ) -> State | MixedState:
+    def __call__(self, state: Instant, *, active: Tensor | None = None, **inputs: Any) -> Instant:
         """The state one interval later; `active`, a failing sample and its status as in
         `Stepper`.
         """

@@ -32,8 +32,8 @@ from ..core.batch_subset import BatchSubset
 from ..core.entry_point import entry_point, entry_points
 from ..core.leaves import Tree, detached, leaf, leaves, map_leaves, own_leaves, with_values
 from ..core.validation import Value, shown
+from ..dynamics.forms import FORMS
 from ..dynamics.methods import METHODS
-from ..dynamics.simulate import FORMS
 from ..dynamics.torchdiffeq_bridge import METHODS as ODE_METHODS
 from ..engine.chain.coverage import ENGINES
 from ..engine.compiler.trace import NotTraceable, trace

@@ -294,9 +294,7 @@ class Scene(Tree):
         own, ties = self.beam.topology, tuple(tendon.nodes for tendon in self.tendons)
         if not ties and not self.pairs:
             return own
-        if isinstance(own, Framework):
-            return replace(own, ties=ties)
-        return Framework(own.order, (self.beam.element_count,), ties=ties)
+        return Framework(own.order, own.chains, own.singles, own.joints, ties)
 
     @property
     def has_prescribed_motion(self) -> bool:
