@@ -73,10 +73,10 @@ def test_nothing_moves_by_itself():
 
 def test_one_action_has_one_reward():
     """In space three fingers close on a ball that lies aside. Actions that differ by 1e-8 give
-    rewards that do; with four steps an interval Newton's method ended in the whole step or, as
-    often, in none, so that the step was made in parts, and rewards were 3e-3 apart.
+    rewards that do, with eight steps an interval; with four Newton's method ends in the whole step
+    or, as often, in none, so that the step is made in parts, and rewards are 0.01 apart.
     """
-    env = GripperVectorEnv(32)
+    env = GripperVectorEnv(32, substeps=8)
     place = [-0.0006795857531744287, 0.0014811480982497743]
     given = {
         "params": {"ball": 0.049003355951060035, "friction": 0.5029511424827127},
