@@ -82,6 +82,7 @@ class StructurePasses(StructureRuns, PairPasses):
                     self._fill(self.at(name, k), self.layout.records[name].size)
 
     def _start_joints(self) -> None:
+        self._start_tendons()
         if self.kinds.joints:
             w = self.layout.records["move"].size
             with self.code.loop(0, self.args["joint_count"]) as k:
