@@ -16,12 +16,12 @@ from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.extend import count, shown
+from torchbeam.extend import count, shown, warn
 
 from .accuracy import resolved
 from .config import BeamEnvConfig
 from .episodes import Episodes
-from .output import converted, deprecated
+from .output import converted
 from .plant import Plant
 from .rendering import Renderer
 from .simulation import Simulation
@@ -414,7 +414,7 @@ class BeamVectorEnv(VectorEnv):
             return info, masks
         if self.config.params_in_info is None and not self._warned:
             self._warned = True
-            deprecated(PARAMS)
+            warn(PARAMS, DeprecationWarning)
         return {**info, "params": params}, {**masks, "_params": begun}
 
     def _running(self) -> Episodes:

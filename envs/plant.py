@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,7 +11,7 @@ import torch
 from torch import Tensor
 
 from torchbeam import Beam, ExplicitStepper, Scene, Section, State, Stepper
-from torchbeam.extend import METHODS, Tree, leaf, own_leaves
+from torchbeam.extend import METHODS, Tree, leaf, own_leaves, warn
 
 # a failed step is made again in 2 and 4 parts; more would cost the whole batch more than the
 # episode is worth
@@ -83,11 +82,10 @@ def silicone_rod(dtype: torch.dtype | None = None) -> Section:
 
 def _no_dtype(dtype: torch.dtype | None) -> None:
     if dtype is not None:
-        warnings.warn(
+        warn(
             "the dtype of a section goes in the next minor version: sections are of float64, and "
             "dtype=torch.float32 among an environment's keywords asks for single precision",
             DeprecationWarning,
-            stacklevel=3,
         )
 
 

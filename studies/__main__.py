@@ -16,6 +16,7 @@ MODULES = {
     "effects": "effect_costs",
     "gradients": "gradient_costs",
     "hardcases": "hard_cases.command",
+    "house": "house",
     "identification": "identification",
     "oracle": "oracle.command",
     "peers": "peers",

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import json
-from importlib import resources
 from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
-from torchbeam.core.validation import as_tensor
-from torchbeam.dynamics.simulate import simulate
-from torchbeam.scene.beam import Beam
-from torchbeam.scene.effects import TipLoad
-from torchbeam.scene.scene import Scene
-from torchbeam.scene.section import Section
-from torchbeam.state.solution import Solution
+import torchbeam as tb
+
+from .harness import data
 
 SPACES = {"3D": None, "plane": "xy"}
 KINDS = ("linear", "linked", "order 2")  # of elements; linked: linear ones, by `Beam.linked`
@@ -35,9 +29,8 @@ class Case(NamedTuple):
 
     @classmethod
     def load(cls, dtype: torch.dtype = torch.float64) -> Case:
-        text = resources.files("studies").joinpath("data/dynamic_step_load.json").read_text()
-        data = json.loads(text)
-        return cls(torch.tensor(data["t"], dtype=dtype), torch.tensor(data["tip"], dtype=dtype))
+        known = data("dynamic_step_load")
+        return cls(*(torch.tensor(known[x], dtype=dtype) for x in ("t", "tip")))
 
     def scene(
         self,
@@ -46,40 +39,41 @@ class Case(NamedTuple):
         EI: Tensor | float = 1.0,
         force: Any = (0.0, 1.0, 0.0),
         element: str = "linear",
-    ) -> Scene:
+    ) -> tb.Scene:
         """element: one of `KINDS`."""
         number = self.t.new_tensor
-        section = Section.from_stiffness(
+        section = tb.Section.from_stiffness(
             **{
                 **{name: number(value) for name, value in STRIP.items()},
-                "EI": as_tensor(EI, self.t.dtype),
+                "EI": torch.as_tensor(EI, dtype=self.t.dtype),
             }
         )
-        return Scene(
-            straight(number(1.0), elements, section, element), [TipLoad(force=force)], plane=plane
+        return tb.Scene(
+            straight(number(1.0), elements, section, element),
+            [tb.TipLoad(force=force)],
+            plane=plane,
         )
 
-    def error(self, solution: Solution) -> float:
+    def error(self, solution: tb.Solution) -> float:
         """RMS |tip - reference| / RMS |reference - reference(0)| at the solution's instants, which
         are the reference's.
         """
         at = torch.searchsorted(self.t, solution.t - 1e-9)
         tip = solution.tip.position.detach()
-        tip = tip.reshape(len(tip), -1, 3)[:, 0]
-        reference = self.tip[at]
-        return (
-            (
-                (tip - reference).square().sum(-1).mean()
-                / (reference - self.tip[0]).square().sum(-1).mean()
-            )
-            .sqrt()
-            .item()
-        )
+        return difference(tip.reshape(len(tip), -1, 3)[:, 0], self.tip[at], self.tip[0])
 
 
-def straight(length: Tensor, elements: int, section: Section, element: str) -> Beam:
+def difference(path: Tensor, reference: Tensor, start: Tensor | None = None) -> float:
+    """RMS |path - reference| / RMS |reference - its start|, (time, ..., 3) each; start (..., 3),
+    None = the first of the reference.
+    """
+    moved = reference - (reference[0] if start is None else start)
+    return ((path - reference).square().sum() / moved.square().sum()).sqrt().item()
+
+
+def straight(length: Tensor, elements: int, section: tb.Section, element: str) -> tb.Beam:
     """A beam of an element of `KINDS`."""
-    beam = Beam.straight(length, elements, section, order=2 if element == "order 2" else 1)
+    beam = tb.Beam.straight(length, elements, section, order=2 if element == "order 2" else 1)
     return beam.linked() if element == "linked" else beam
 
 
@@ -91,12 +85,12 @@ def motion(
     every: int | None = None,
     element: str = KINDS[0],
     **options: Any,
-) -> Solution:
+) -> tb.Solution:
     """The whole 2 s, at batch 1; every: how many of the reference's instants lie between two of the
     solution's.
     """
     with torch.no_grad():
         t = case.t[:: every or max(1, round(step / 0.01))]
-        return simulate(
+        return tb.simulate(
             case.scene(elements, SPACES[space], element=element), t, step=step, **options
         )

@@ -4,36 +4,31 @@ against an exhaustive search, over random scenes.
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import time
 import warnings
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, astuple, dataclass, fields, replace
-from pathlib import Path
+from argparse import Namespace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from statistics import median
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchbeam.analysis.convergence.converge import converge
+import torchbeam as tb
 from torchbeam.analysis.convergence.reading import Reader
-from torchbeam.analysis.convergence.remesh import least_elements, remesh
+from torchbeam.analysis.convergence.remesh import least_elements
 from torchbeam.analysis.convergence.search import Search
 from torchbeam.analysis.convergence.setting import ELEMENTS, Setting
 from torchbeam.analysis.convergence.trials import Trials
 from torchbeam.analysis.trials import seconds
 from torchbeam.core.measurement import progress
-from torchbeam.core.results import measured_on, sentence, table, write
 from torchbeam.engine.compiler.library import Library
-from torchbeam.linear.modes import modes
-from torchbeam.scene.scene import Scene
-from torchbeam.sensors.node import NodePosition, TipPosition
-from torchbeam.statics.equilibrium import equilibrium
+from torchbeam.extend.commands import table
+from torchbeam.sensors import NodePosition, TipPosition
 
-from .command import study
+from .harness import Report, Study
 from .random_scenes import Draw, families
 
 SCENES, TOLERANCES = 100, (1e-2, 1e-3)
@@ -93,10 +88,10 @@ class Question:
     family: str
     kind: str
     name: str
-    scene: Scene
+    scene: tb.Scene
     read: Any
     t: Tensor | None
-    solve: Callable[[Scene], Any] | None
+    solve: Callable[[tb.Scene], Any] | None
 
 
 def kinds() -> list[tuple[str, str]]:
@@ -127,14 +122,14 @@ def question(number: int, seed: int = SEED) -> Question:
         reads.append(("root moment", lambda result: result.root.moment))
     name, read = reads[number // len(pairs) % len(reads)]
     if kind == "equilibrium":
-        return Question(family, kind, name, scene, read, None, equilibrium)
+        return Question(family, kind, name, scene, read, None, tb.equilibrium)
     t = torch.linspace(0, DURATION, INSTANTS, dtype=torch.float64)
     return Question(family, kind, name, scene, read, t, None)
 
 
-def _modes(scene: Scene) -> Any:
+def _modes(scene: tb.Scene) -> Any:
     """About an equilibrium, to which what is hinged swings."""
-    return modes(scene, equilibrium(scene, relax=True), count=9)
+    return tb.modes(scene, tb.equilibrium(scene, relax=True), count=9)
 
 
 def _frequencies(found: Any) -> Tensor:
@@ -150,11 +145,11 @@ def measure(number: int, rtol: float, exhaustive: bool, seed: int = SEED) -> Con
         warnings.simplefilter("ignore", RuntimeWarning)
         for _ in range(SEARCHES):  # one that compiles nothing: equal choices may take turns
             known = Library.count
-            best = converge(asked.scene, asked.t, asked.read, rtol, solve=asked.solve)
+            best = tb.converge(asked.scene, asked.t, asked.read, rtol, solve=asked.solve)
             if Library.count == known:
                 break
         trials = Trials(
-            lambda setting: remesh(asked.scene, **setting.mesh),
+            lambda setting: tb.remesh(asked.scene, **setting.mesh),
             Reader(asked.read, asked.scene),
             asked.t,
             asked.solve,
@@ -177,23 +172,11 @@ def measure(number: int, rtol: float, exhaustive: bool, seed: int = SEED) -> Con
         )
     theirs = others[: len(cheapest)]
     times = dict(zip(theirs, cheapest, strict=True))
-    return ConvergedScene(
-        number,
-        asked.family,
-        asked.kind,
-        asked.name,
-        rtol,
-        str(best.settings),
-        best.error,
-        error,
-        ours,
-        math.nan if asked.t is None else others[-1] / ours,
-        str(times[min(times)]) if times else "",
-        ours / min(times) if times else math.nan,
-        len(best.table),
-        best.seconds / ours,
-        best.converged,
-    )
+    best_of = str(times[min(times)]) if times else "", ours / min(times) if times else math.nan
+    setup = math.nan if asked.t is None else others[-1] / ours
+    what = number, asked.family, asked.kind, asked.name, rtol, str(best.settings)
+    search = len(best.table), best.seconds / ours, best.converged
+    return ConvergedScene(*what, best.error, error, ours, setup, *best_of, *search)
 
 
 def _run(trials: Trials, setting: Setting, t: Tensor | None) -> Callable[[], Any]:
@@ -255,15 +238,10 @@ def _cheapest(trials: Trials, chosen: Setting, rtol: float) -> list[Setting]:
 
 def report(rows: Sequence[ConvergedScene]) -> str:
     """Tables: a summary by tolerance and kind, and what is not as it should be."""
-    head = ("rtol", "kind", "scenes", "accepted", "true error within it", "of those accepted")
-    more = (
-        "largest error/rtol",
-        "cost/best",
-        "at most 2",
-        "runs",
-        "search/chosen",
-        "at most 10",
-        "setting up",
+    head = (
+        "rtol | kind | scenes | accepted | true error within it | of those accepted | "
+        "largest error/rtol | cost/best | at most 2 | runs | search/chosen | at most 10 | "
+        "setting up"
     )
     lines = []
     for rtol in dict.fromkeys(row.rtol for row in rows):
@@ -272,24 +250,18 @@ def report(rows: Sequence[ConvergedScene]) -> str:
             accepted = [row for row in few if row.converged]
             looked = [row for row in accepted if not math.isnan(row.ratio)]
             if few:
+                worst = max((row.error / rtol for row in accepted), default=math.nan)
                 lines.append(
-                    (
-                        f"{rtol:g}",
-                        kind,
-                        str(len(few)),
-                        str(len(accepted)),
-                        _share(few, _true),
-                        _share(accepted, _true),
-                        f"{max((row.error / rtol for row in accepted), default=math.nan):.2f}",
-                        _median(row.ratio for row in looked),
-                        _share(looked, lambda row: row.ratio <= 2),
-                        _median(float(row.runs) for row in few),
-                        _median(row.search for row in few),
-                        _share(few, lambda row: row.search <= 10),
-                        _median(row.setup for row in few),
-                    )
+                    f"{rtol:g} | {kind} | {len(few)} | {len(accepted)} | {_share(few, _true)} | "
+                    f"{_share(accepted, _true)} | {worst:.2f} | "
+                    f"{_median(row.ratio for row in looked)} | "
+                    f"{_share(looked, lambda row: row.ratio <= 2)} | "
+                    f"{_median(float(row.runs) for row in few)} | "
+                    f"{_median(row.search for row in few)} | "
+                    f"{_share(few, lambda row: row.search <= 10)} | "
+                    f"{_median(row.setup for row in few)}"
                 )
-    summary = table((*head, *more), lines, 2)
+    summary = table(head, lines, 2)
     missed = [
         row
         for row in rows
@@ -297,26 +269,18 @@ def report(rows: Sequence[ConvergedScene]) -> str:
     ]
     if not missed:
         return summary
-    columns = ("scene", "what", "read", "rtol", "chosen", "estimated", "true", "ms", "best")
+    head = (
+        "scene | what | read | rtol | chosen | estimated | true | ms | best | cost/best | runs | "
+        "search/chosen"
+    )
     each = table(
-        (*columns, "cost/best", "runs", "search/chosen"),
-        [
-            (
-                str(row.scene),
-                f"{row.family}, {row.kind}",
-                row.read,
-                f"{row.rtol:g}",
-                row.setting,
-                f"{row.estimated:.1e}",
-                f"{row.error:.1e}",
-                f"{1e3 * row.seconds:.3g}",
-                row.best,
-                "" if math.isnan(row.ratio) else f"{row.ratio:.2f}",
-                str(row.runs),
-                f"{row.search:.1f}",
-            )
-            for row in missed
-        ],
+        head,
+        (
+            f"{r.scene} | {r.family}, {r.kind} | {r.read} | {r.rtol:g} | {r.setting} | "
+            f"{r.estimated:.1e} | {r.error:.1e} | {1e3 * r.seconds:.3g} | {r.best} | "
+            f"{'' if math.isnan(r.ratio) else f'{r.ratio:.2f}'} | {r.runs} | {r.search:.1f}"
+            for r in missed
+        ),
         3,
     )
     return (
@@ -339,25 +303,10 @@ def _share(rows: Sequence[ConvergedScene], holds: Callable[[ConvergedScene], boo
     return f"{sum(map(holds, rows))} of {len(rows)}" if rows else ""
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Errors and costs of `converge` over random scenes, against finer runs and all settings."""
-
-    def more(parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("--scenes", type=int, default=SCENES, help="how many (%(default)s)")
-        parser.add_argument("--first", type=int, default=0, help="begin with it (%(default)s)")
-        parser.add_argument("--seed", type=int, default=SEED, help="of the first (%(default)s)")
-        parser.add_argument(
-            "--seconds", type=float, default=math.inf, help="begin no scene after these"
-        )
-        parser.add_argument(
-            "--resume", action="store_true", help="keep what is in the folder, and go on behind it"
-        )
-
-    quick = "three scenes, no exhaustive search"
-    given, out = study(argv, "convergence", main.__doc__, quick, more)
+def study(options: Namespace) -> Iterator[Report]:
     about = ABOUT.format(
         families=f"{len(families(1))} families",
-        seed=given.seed,
+        seed=options.seed,
         duration=DURATION,
         instants=INSTANTS,
         finer=FINER,
@@ -366,30 +315,35 @@ def main(argv: Sequence[str] | None = None) -> None:
         long=LONG,
         every=EXHAUSTIVE,
     )
-    rows = _before(out, given.seed) if given.resume else []
-    known = {(row.scene, row.rtol) for row in rows}
-    begun, heading = time.monotonic(), measured_on()
-    for number in range(given.first, 3 if given.quick else given.scenes):
+    same = options.stored.get("seed") == options.seed
+    rows = [ConvergedScene(**row) for row in options.stored["rows"]] if same else []
+    known, begun = {(row.scene, row.rtol) for row in rows}, time.monotonic()
+    for number in range(options.first, 3 if options.quick else options.scenes):
         asked = [rtol for rtol in TOLERANCES if (number, rtol) not in known]
-        if not asked:
-            continue
-        if time.monotonic() - begun > given.seconds:
+        if asked and time.monotonic() - begun > options.seconds:
             break
         for rtol in asked:
-            whole = number % EXHAUSTIVE == 0 and not given.quick
-            rows.append(measure(number, rtol, whole, given.seed))
+            whole = number % EXHAUSTIVE == 0 and not options.quick
+            rows.append(measure(number, rtol, whole, options.seed))
             progress(f"{rows[-1]}")
-        rows.sort(key=lambda row: (row.scene, -row.rtol))
-        text = f"{about}\n\n{report(rows)}\n\n{sentence(heading)}"
-        data = {**heading, "seed": given.seed, "rows": [asdict(row) for row in rows]}
-        head = [f.name for f in fields(ConvergedScene)]
-        write(out, "convergence", text, data, head, [astuple(row) for row in rows])
+        if asked:
+            rows.sort(key=lambda row: (row.scene, -row.rtol))
+            yield Report([about, report(rows)], rows, {"seed": options.seed})
 
 
-def _before(out: Path, seed: int) -> list[ConvergedScene]:
-    """What an earlier call measured of the same scenes."""
-    file = out / "convergence.json"
-    if not file.is_file():
-        return []
-    data = json.loads(file.read_text())
-    return [ConvergedScene(**row) for row in data["rows"]] if data.get("seed") == seed else []
+TITLE = "Errors and costs of `converge` over random scenes, against finer runs and all settings."
+main = Study(
+    "convergence",
+    TITLE,
+    TITLE,
+    study,
+    quick="three scenes, no exhaustive search",
+    resume="keep what is in the folder, and go on behind it",
+    options={
+        "--scenes": dict(type=int, default=SCENES, help="how many (%(default)s)"),
+        "--first": dict(type=int, default=0, help="begin with it (%(default)s)"),
+        "--seed": dict(type=int, default=SEED, help="of the first (%(default)s)"),
+        "--seconds": dict(type=float, default=math.inf, help="begin no scene after these"),
+    },
+    threads=None,
+)

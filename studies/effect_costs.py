@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from argparse import Namespace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
+import torchbeam as tb
 from torchbeam.analysis.trials import change, operations, repeated, seconds
-from torchbeam.core.command_line import threads
-from torchbeam.core.results import measured_on, sentence, write
-from torchbeam.core.results import table as markdown_table
-from torchbeam.dynamics.stepper import Stepper
-from torchbeam.scene import effects as fx
-from torchbeam.scene.beam import Beam
-from torchbeam.scene.scene import Frame, RootMotion, Scene
-from torchbeam.scene.section import Section
+from torchbeam.core.measurement import progress
+from torchbeam.extend.commands import table as markdown_table
 
-from .command import study
+from .harness import Report, Study
 
 STEP, STEPS = 0.005, 80  # s; of the answer
 # operations and times are those of TIMED steps after the first MIDDLE; of fewer where `steps` are
@@ -55,13 +50,13 @@ class EffectCost:
 def scene(
     elements: int,
     *more: Any,
-    section: Section | None = None,
+    section: tb.Section | None = None,
     force: tuple = (0.0, 0.5, 1.0),
     **options: Any,
-) -> Scene:
+) -> tb.Scene:
     """The stated scene with `more` effects."""
     number = torch.tensor(1.0, dtype=torch.float64)
-    section = section or Section.from_stiffness(
+    section = section or tb.Section.from_stiffness(
         EA=1e4 * number,
         GA=4e3 * number,
         GJ=0.8 * number,
@@ -69,8 +64,8 @@ def scene(
         mass=0.2 * number,
         inertia=1e-4 * number,
     )
-    beam = Beam.straight(number, elements, section)
-    return Scene(beam, (fx.TipLoad(force=force), *more), **options)
+    beam = tb.Beam.straight(number, elements, section)
+    return tb.Scene(beam, (tb.TipLoad(force=force), *more), **options)
 
 
 def _wind(position: Tensor, t: Tensor) -> Tensor:
@@ -88,13 +83,13 @@ def _user(x: None, R: None, v: Tensor, w: None, t: Tensor) -> tuple[Tensor, None
     return -0.05 * v, None
 
 
-def _along(elements: int, **given: float) -> fx.Tendon:
-    return fx.Tendon([(k, (0.0, 0, 0.02)) for k in range(elements + 1)], **given)
+def _along(elements: int, **given: float) -> tb.Tendon:
+    return tb.Tendon([(k, (0.0, 0, 0.02)) for k in range(elements + 1)], **given)
 
 
-def _floor(height: float) -> fx.Contact:
-    plane = fx.Plane((0.0, 0, height), (0.0, 0, 1))
-    return fx.Contact(plane, thickness=3e-3, force=20.0, friction=0.3, slip_speed=0.1)
+def _floor(height: float) -> tb.Contact:
+    plane = tb.Plane((0.0, 0, height), (0.0, 0, 1))
+    return tb.Contact(plane, thickness=3e-3, force=20.0, friction=0.3, slip_speed=0.1)
 
 
 def _lagged(x: Tensor, R: None, v: None, w: None, t: Tensor, z: Tensor) -> tuple[Tensor, None]:
@@ -105,100 +100,66 @@ def _lag(z: Tensor, x: Tensor, R: None, v: None, w: None, t: Tensor) -> Tensor:
     return (-x * x.new_tensor([0.0, 1, 1]) - z) / 0.02
 
 
-def table(elements: int) -> Iterator[tuple[str, str, Any]]:
+def table(elements: int) -> list[tuple[str, str, Any]]:
     """(effect, what of it, a function that makes the scene)."""
 
     def has(effect: Any) -> Any:
         return lambda: scene(elements, effect())
 
-    yield "TipLoad, dead", "force 0.1 N along y", has(lambda: fx.TipLoad(force=(0, 0.1, 0)))
-    yield (
-        "TipLoad, follower",
-        "force 0.1 N along its y",
-        has(lambda: fx.TipLoad(force=(0, 0.1, 0), follower=True)),
-    )
-    yield "LineLoad, dead", "0.1 N/m along y", has(lambda: fx.LineLoad(force=(0, 0.1, 0)))
-    yield (
-        "LineLoad of s and t",
-        "0.1 sin(s - t) N/m along y",
-        has(
-            lambda: fx.LineLoad(
-                force=fx.Along(lambda s, t: torch.stack((0 * s, 0.1 * torch.sin(s - t), 0 * s), -1))
-            )
-        ),
-    )
-    yield "Gravity", "9.81 m/s^2 along -z", has(lambda: fx.Gravity((0, 0, -9.81)))
-    yield "Damping, one tau", "0.2 ms", has(lambda: fx.Damping(2e-4))
-    yield "Damping, six", "0.2 ms each", has(lambda: fx.Damping((2e-4,) * 6))
-    yield "MassDamping", "1 1/s", has(lambda: fx.MassDamping(1.0))
-    yield "Drag", "air, 1.2 kg/m^3, d = 1 cm", has(lambda: fx.Drag(1.2, 0.01))
-    yield "Drag in a flow", "air, a wind 5 x along y", has(lambda: fx.Drag(1.2, 0.01, flow=_wind))
-    yield "Drag, added mass", "water, d = 1 cm", has(lambda: fx.Drag(1000.0, 0.01, added_mass=1.0))
-    yield "PointMass", "20 g on the tip", has(lambda: fx.PointMass(0.02))
-    yield (
-        "PointMass with offset",
-        "20 g, 5 cm off the tip",
-        has(lambda: fx.PointMass(0.02, offset=(0.0, 0, 0.05))),
-    )
-    yield "Spring", "1 N/m on the tip", has(lambda: fx.Spring(-1, 1.0, to=(1.0, 0, 0)))
-    yield "RootSpring", "100 N m/rad, 1e4 N/m", has(lambda: fx.RootSpring((1e4, 100.0)))
-    yield (
-        "Tendon",
-        "0.5 N, 2 cm above the axis",
-        lambda: scene(elements, _along(elements, tension=0.5)),
-    )
-    yield (
-        "Tendon, elastic, friction",
-        "the same with 50 N/m, mu = 0.1",
-        lambda: scene(
-            elements, _along(elements, stiffness=50.0, length=0.99, friction=0.1, slip_speed=0.1)
-        ),
-    )
-    yield "Contact, near", "floor 1 mm below, friction", has(lambda: _floor(-2e-3))
-    yield "Contact, far", "floor 1 m below", has(lambda: _floor(-1.0))
-    yield "Actuation", "curvature 0.1 1/m", has(lambda: fx.Actuation(curvature=(0, 0, 0.1)))
-    yield "Load, on the tip", "-0.05 v", has(lambda: fx.Load(_user, node=-1, of=("velocity",)))
-    yield (
-        "Load, along the beam",
-        "-0.05 v",
-        has(lambda: fx.Load(_user, node=None, of=("velocity",))),
-    )
-    yield (
-        "Load with a lag",
-        "-x after 20 ms",
-        has(lambda: fx.Load(_lagged, node=-1, internal=3, rate=_lag, of=("position",))),
-    )
-    yield (
-        "Frame",
-        "turns at 1 rad/s about z",
-        lambda: scene(elements, frame=Frame(angular_velocity=(0.0, 0, 1))),
-    )
-    yield (
-        "RootMotion",
-        "1 cm along z, 1 Hz",
-        lambda: scene(
-            elements,
-            root=RootMotion(
-                displacement=lambda t: torch.stack((0 * t, 0 * t, 0.01 * torch.sin(6.283 * t)))
-            ),
-        ),
-    )
-    yield (
-        "no rotary inertia",
-        "",
-        lambda: scene(
-            elements,
-            section=Section.from_stiffness(
-                *(torch.tensor(x, dtype=torch.float64) for x in (1e4, 4e3, 0.8, 1.0, 0.2))
-            ),
-        ),
-    )
-    yield "small displacements", "", lambda: scene(elements, small=True)
-    yield (
-        "plane",
-        "against 3D, the force in it",
-        lambda: scene(elements, force=IN_PLANE, plane="xz"),
-    )
+    def along(s: Tensor, t: Tensor) -> Tensor:
+        return torch.stack((0 * s, 0.1 * torch.sin(s - t), 0 * s), -1)
+
+    def shaken(t: Tensor) -> Tensor:
+        return torch.stack((0 * t, 0 * t, 0.01 * torch.sin(6.283 * t)))
+
+    def without_inertia() -> tb.Section:
+        return tb.Section.from_stiffness(
+            *(torch.tensor(x, dtype=torch.float64) for x in (1e4, 4e3, 0.8, 1.0, 0.2))
+        )
+
+    y, spin = (0, 0.1, 0), (0.0, 0, 1)
+    rubbing = dict(stiffness=50.0, length=0.99, friction=0.1, slip_speed=0.1)
+    lag = dict(internal=3, rate=_lag, of=("position",))
+    # fmt: off
+    return [
+        ("TipLoad, dead", "force 0.1 N along y", has(lambda: tb.TipLoad(force=y))),
+        ("TipLoad, follower", "force 0.1 N along its y",
+         has(lambda: tb.TipLoad(force=y, follower=True))),
+        ("LineLoad, dead", "0.1 N/m along y", has(lambda: tb.LineLoad(force=y))),
+        ("LineLoad of s and t", "0.1 sin(s - t) N/m along y",
+         has(lambda: tb.LineLoad(force=tb.Along(along)))),
+        ("Gravity", "9.81 m/s^2 along -z", has(lambda: tb.Gravity((0, 0, -9.81)))),
+        ("Damping, one tau", "0.2 ms", has(lambda: tb.Damping(2e-4))),
+        ("Damping, six", "0.2 ms each", has(lambda: tb.Damping((2e-4,) * 6))),
+        ("MassDamping", "1 1/s", has(lambda: tb.MassDamping(1.0))),
+        ("Drag", "air, 1.2 kg/m^3, d = 1 cm", has(lambda: tb.Drag(1.2, 0.01))),
+        ("Drag in a flow", "air, a wind 5 x along y", has(lambda: tb.Drag(1.2, 0.01, flow=_wind))),
+        ("Drag, added mass", "water, d = 1 cm", has(lambda: tb.Drag(1000.0, 0.01, added_mass=1.0))),
+        ("PointMass", "20 g on the tip", has(lambda: tb.PointMass(0.02))),
+        ("PointMass with offset", "20 g, 5 cm off the tip",
+         has(lambda: tb.PointMass(0.02, offset=(0.0, 0, 0.05)))),
+        ("Spring", "1 N/m on the tip", has(lambda: tb.Spring(-1, 1.0, to=(1.0, 0, 0)))),
+        ("RootSpring", "100 N m/rad, 1e4 N/m", has(lambda: tb.RootSpring((1e4, 100.0)))),
+        ("Tendon", "0.5 N, 2 cm above the axis", has(lambda: _along(elements, tension=0.5))),
+        ("Tendon, elastic, friction", "the same with 50 N/m, mu = 0.1",
+         has(lambda: _along(elements, **rubbing))),
+        ("Contact, near", "floor 1 mm below, friction", has(lambda: _floor(-2e-3))),
+        ("Contact, far", "floor 1 m below", has(lambda: _floor(-1.0))),
+        ("Actuation", "curvature 0.1 1/m", has(lambda: tb.Actuation(curvature=(0, 0, 0.1)))),
+        ("Load, on the tip", "-0.05 v", has(lambda: tb.Load(_user, node=-1, of=("velocity",)))),
+        ("Load, along the beam", "-0.05 v",
+         has(lambda: tb.Load(_user, node=None, of=("velocity",)))),
+        ("Load with a lag", "-x after 20 ms", has(lambda: tb.Load(_lagged, node=-1, **lag))),
+        ("Frame", "turns at 1 rad/s about z",
+         lambda: scene(elements, frame=tb.Frame(angular_velocity=spin))),
+        ("RootMotion", "1 cm along z, 1 Hz",
+         lambda: scene(elements, root=tb.RootMotion(displacement=shaken))),
+        ("no rotary inertia", "", lambda: scene(elements, section=without_inertia())),
+        ("small displacements", "", lambda: scene(elements, small=True)),
+        ("plane", "against 3D, the force in it",
+         lambda: scene(elements, force=IN_PLANE, plane="xz")),
+    ]
+    # fmt: on
 
 
 IN_PLANE = (0.0, 0.0, 1.0)
@@ -207,8 +168,8 @@ IN_PLANE = (0.0, 0.0, 1.0)
 class _Ran:
     """A scene in motion: the tip's path, and steps from the middle of it."""
 
-    def __init__(self, scene: Scene, steps: int) -> None:
-        self.stepper = Stepper(scene, STEP, engine="eager")
+    def __init__(self, scene: tb.Scene, steps: int) -> None:
+        self.stepper = tb.Stepper(scene, STEP, engine="eager")
         self.timed = max(1, min(TIMED, steps // 10))
         state = self.stepper.rest()
         path = [state.tip.position]
@@ -239,7 +200,7 @@ def measure(quick: bool = False) -> tuple[_Ran, list[EffectCost]]:
     )
     rows = []
     for name, given, make in table(elements):
-        print(name, file=sys.stderr)
+        progress(name)
         beside = flat if name == "plane" else base
         try:
             ran = _Ran(make(), steps)
@@ -266,62 +227,24 @@ def measure(quick: bool = False) -> tuple[_Ran, list[EffectCost]]:
     return base, rows
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """What each effect adds in operations and time, and changes in an answer."""
-    given, out = study(
-        argv,
-        "effects",
-        (
-            "Steps one scene with and without each effect, side by side: tensor operations, "
-            "time, and change of the answer."
-        ),
-        quick="four elements, four steps, batch 1",
-    )
-    with threads(1), torch.no_grad():
-        base, rows = measure(given.quick)
-        heading = measured_on()
-    about = ABOUT.format(
-        elements=base.elements,
-        steps=base.steps,
-        operations=round(base.operations),
-        iterations=base.iterations,
-    )
-    text = f"{about}\n\n{markdown(rows)}\n\n{sentence(heading)}"
+@torch.no_grad()
+def study(options: Namespace) -> Report:
+    base, rows = measure(options.quick)
+    values = dict(operations=round(base.operations), iterations=base.iterations)
+    about = ABOUT.format(elements=base.elements, steps=base.steps, **values)
     batches = next(r.time for r in rows if r.time)
-    print(text)
-    write(
-        out,
-        "effects",
-        text,
-        {
-            **heading,
-            "about": about,
-            "operations without": base.operations,
-            "rows": [asdict(r) for r in rows],
-        },
-        (
-            "effect",
-            "given",
-            "operations",
-            "iterations",
-            *(f"time, batch {b}" for b in batches),
-            "change",
-            "note",
-        ),
-        (
-            (
-                r.effect,
-                r.given,
-                r.operations,
-                r.iterations,
-                *((r.time or {}).get(b) for b in batches),
-                r.change,
-                r.note,
-            )
+    times = [f"time, batch {b}" for b in batches]
+    return Report(
+        [about, markdown(rows)],
+        rows,
+        {"about": about, "operations without": base.operations},
+        columns=("effect", "given", "operations", "iterations", *times, "change", "note"),
+        cells=[
+            (r.effect, r.given, r.operations, r.iterations,
+             *((r.time or {}).get(b) for b in batches), r.change, r.note)
             for r in rows
-        ),
-    )
-    return 0
+        ],
+    )  # fmt: skip
 
 
 def markdown(rows: Sequence[EffectCost]) -> str:
@@ -334,11 +257,17 @@ def markdown(rows: Sequence[EffectCost]) -> str:
         cells = [r.note, *[""] * (len(batches) + 2)]
         if not r.note:
             times = [f"{r.time[b]:.2f}" for b in batches]
-            cells = [
-                f"{r.operations:+.0f}",
-                f"{r.iterations:.1f}",
-                *times,
-                f"{100 * r.change:.2g} %",
-            ]
+            change = f"{100 * r.change:.2g} %"
+            cells = [f"{r.operations:+.0f}", f"{r.iterations:.1f}", *times, change]
         lines.append((r.effect, r.given, *cells))
     return markdown_table(head, lines, words=2)
+
+
+main = Study(
+    "effects",
+    "What each effect adds in operations and time, and changes in an answer.",
+    "Steps one scene with and without each effect, side by side: tensor operations, time, and "
+    "change of the answer.",
+    study,
+    quick="four elements, four steps, batch 1",
+)

@@ -5,7 +5,7 @@ what they cost.
 from __future__ import annotations
 
 import math
-import sys
+from argparse import Namespace
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -14,22 +14,16 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchbeam.core.command_line import threads
-from torchbeam.core.results import measured_on, sentence, write
-from torchbeam.core.results import table as markdown_table
+import torchbeam as tb
+from torchbeam.core.measurement import progress
 from torchbeam.dynamics.dense_output import extrapolated
-from torchbeam.dynamics.simulate import simulate
 from torchbeam.dynamics.tolerance import Tolerance
-from torchbeam.math import quaternions as quat
-from torchbeam.scene import effects as fx
-from torchbeam.scene.beam import Beam
-from torchbeam.scene.scene import Scene
-from torchbeam.state.solution import Solution
-from torchbeam.state.state import State
+from torchbeam.extend import quaternions as quat
+from torchbeam.extend.commands import table
 
 from .accuracy.measurement import timed
 from .accuracy.motions import SILICONE
-from .command import study
+from .harness import Report, Study
 from .random_scenes import Draw, families
 
 SAMPLES = 9  # of a family
@@ -81,15 +75,15 @@ class ControlledRun:
 
 
 def reference(
-    scene: Scene, t: Tensor, tolerance: Tolerance, steps: int = 512
-) -> tuple[State, list[tuple[int, Tensor]]]:
+    scene: tb.Scene, t: Tensor, tolerance: Tolerance, steps: int = 512
+) -> tuple[tb.State, list[tuple[int, Tensor]]]:
     """States (time, samples) to NEAR of the tolerance, and positions of the nodes
     (time, samples, nodes, 3) of the runs by so many equal steps that led there.
     """
     runs: list[tuple[int, Tensor]] = []
     coarse = before = None
     while steps <= FINEST:
-        sol = simulate(scene, t, step=(t[-1] - t[0]).item() / steps)
+        sol = tb.simulate(scene, t, step=(t[-1] - t[0]).item() / steps)
         runs.append((steps, sol.nodes))
         if sol.status.any():  # what has stopped stands still whatever the step
             coarse = before = None
@@ -107,13 +101,13 @@ def distance(a: Tensor, b: Tensor) -> Tensor:
     return torch.linalg.vector_norm(a - b, dim=-1).amax(-1).amax(0)
 
 
-def angle(a: State, b: State) -> Tensor:
+def angle(a: tb.State, b: tb.State) -> Tensor:
     """Largest angle rad (samples,) between sections over all instants."""
     turn = quat.logarithm(quat.multiply(quat.conjugate(a.rotation), b.rotation))
     return torch.linalg.vector_norm(turn, dim=-1).amax(-1).amax(0)
 
 
-def work(sol: Solution) -> Tensor:
+def work(sol: tb.Solution) -> Tensor:
     """Implicit steps that each sample made: three a trial of the control, and all runs."""
     counts = (sol.stats.lengths > 0).sum(0)
     return 3 * (counts + sol.stats.rejected) + counts * (2 ** (sol.stats.level + 1) - 1)
@@ -164,30 +158,21 @@ def measure(
     return rows
 
 
-def _family(name: str, scene: Scene, t: Tensor, rtol: Tensor) -> list[ControlledRun]:
+def _family(name: str, scene: tb.Scene, t: Tensor, rtol: Tensor) -> list[ControlledRun]:
     allowed = Tolerance.of(scene, rtol, None)
     best, runs = reference(scene, t, allowed)
-    sol, tolerance = simulate(scene, t, rtol=rtol), allowed.position
+    sol, tolerance = tb.simulate(scene, t, rtol=rtol), allowed.position
     error, done = distance(sol.nodes, best.position) / tolerance, work(sol)
     equal = equal_steps(
         runs,
         best.position,
         tolerance,
-        lambda k: simulate(scene, t, step=(t[-1] - t[0]).item() / k).nodes,
+        lambda k: tb.simulate(scene, t, step=(t[-1] - t[0]).item() / k).nodes,
     )
     stats, counts = sol.stats, (sol.stats.lengths > 0).sum(0)
-    columns = (
-        rtol,
-        error,
-        angle(sol.state, best) / allowed.rotation,
-        stats.error / tolerance,
-        counts,
-        stats.level,
-        stats.rejected,
-        done,
-        equal,
-        sol.status,
-    )
+    turned, estimate = angle(sol.state, best) / allowed.rotation, stats.error / tolerance
+    measured = rtol, error, turned, estimate, counts, stats.level, stats.rejected, done, equal
+    columns = (*measured, sol.status)
     return [
         ControlledRun(name, i, *values)
         for i, values in enumerate(zip(*(x.tolist() for x in columns), strict=True))
@@ -213,9 +198,9 @@ def explicit_methods(elements: int, span: float, tolerances: Sequence[float]) ->
     1e-9.
     """
     number = torch.tensor(1.0, dtype=torch.float64)
-    scene = Scene(
-        Beam.straight(0.5 * number, elements, SILICONE(number, number)),
-        [fx.TipLoad(force=(0.0, 0.05, 0.08))],
+    scene = tb.Scene(
+        tb.Beam.straight(0.5 * number, elements, SILICONE(number, number)),
+        [tb.TipLoad(force=(0.0, 0.05, 0.08))],
     )
     t, length = torch.linspace(0, span, 5, dtype=torch.float64), 0.5
     runs = [("midpoint", "nodal")] + [
@@ -223,21 +208,23 @@ def explicit_methods(elements: int, span: float, tolerances: Sequence[float]) ->
         for form in ("nodal", "minimal", "block_rate")
         for method in ("dopri5", "dopri8", "bosh3", "rk4")
     ]
-    best = {"midpoint": simulate(scene, t, rtol=1e-7).nodes}
+    best = {"midpoint": tb.simulate(scene, t, rtol=1e-7).nodes}
     rows = []
     for method, form in runs:
         if method == "midpoint":
-            simulate(scene, t, rtol=1e-2)  # which compiles
+            tb.simulate(scene, t, rtol=1e-2)  # which compiles
         elif form not in best:
-            best[form] = simulate(scene, t, method="dopri8", form=form, rtol=1e-9, atol=1e-11).nodes
+            best[form] = tb.simulate(
+                scene, t, method="dopri8", form=form, rtol=1e-9, atol=1e-11
+            ).nodes
         for rtol in tolerances:
             own: dict[str, Any] = dict(rtol=rtol)
             if method == "rk4":
                 own = dict(options={"step_size": span / math.ceil(span / RK4_STEP)})
             elif method != "midpoint":
                 own = dict(rtol=rtol, atol=rtol * length)
-            print(method, form, rtol, file=sys.stderr)
-            spent, sol = timed(partial(simulate, scene, t, method=method, form=form, **own))
+            progress(f"{method} {form} {rtol}")
+            spent, sol = timed(partial(tb.simulate, scene, t, method=method, form=form, **own))
             error = distance(sol.nodes, best[method if method == "midpoint" else form]) / (
                 rtol * length
             )
@@ -248,128 +235,74 @@ def explicit_methods(elements: int, span: float, tolerances: Sequence[float]) ->
     return rows
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """True error of adaptive steps beside the tolerance, and their cost."""
-    given, out = study(
-        argv,
-        "control",
-        (
-            "Random scenes by adaptive steps, against references by refinement; and explicit "
-            "methods by the same tolerance."
-        ),
-        quick="one sample of each of two families",
-        more=lambda parser: parser.add_argument(
-            "--seed",
-            type=int,
-            default=SEED,
-            help="of the random scenes (default: %(default)s; the constants of the control "
-            "were chosen on those of 1)",
-        ),
-    )
-    samples, elements = (1, 3) if given.quick else (SAMPLES, 6)
-    with threads(1), torch.no_grad():
-        rows = measure(given.seed, samples, elements, QUICK if given.quick else None)
-        explicit = explicit_methods(3, SPAN, (1e-3,))
-        heading = measured_on()
-    names = list(dict.fromkeys(r.family for r in rows))
-    about = ABOUT.format(
-        seed=given.seed, scenes=len(rows), families=len(names), elements=elements, outputs=OUTPUTS
-    )
-    text = "\n\n".join(
-        (
-            about,
-            markdown(rows),
-            EXPLICIT_ABOUT.format(span=SPAN),
-            explicit_markdown(explicit),
-            sentence(heading),
-        )
-    )
-    print(text)
-    write(
-        out,
-        "control",
-        text,
-        {
-            **heading,
-            "about": about,
-            "rows": [asdict(r) for r in rows],
-            "explicit": [asdict(r) for r in explicit],
-        },
-        tuple(asdict(rows[0])),
-        (tuple(asdict(r).values()) for r in rows),
-    )
-    return 0
+@torch.no_grad()
+def study(options: Namespace) -> Report:
+    samples, elements = (1, 3) if options.quick else (SAMPLES, 6)
+    rows = measure(options.seed, samples, elements, QUICK if options.quick else None)
+    explicit = explicit_methods(3, SPAN, (1e-3,))
+    names = dict.fromkeys(r.family for r in rows)
+    counts = dict(seed=options.seed, scenes=len(rows), families=len(names))
+    about = ABOUT.format(**counts, elements=elements, outputs=OUTPUTS)
+    others = EXPLICIT_ABOUT.format(span=SPAN), explicit_markdown(explicit)
+    data = {"about": about, "explicit": [asdict(r) for r in explicit]}
+    return Report([about, markdown(rows), *others], rows, data)
 
 
 def markdown(rows: Sequence[ControlledRun]) -> str:
     """The table by families, and of all."""
 
-    def line(name: str, some: list[ControlledRun]) -> tuple[str, ...]:
+    def line(name: str, some: list[ControlledRun]) -> str:
         errors = sorted(r.error for r in some)
         ratios = sorted(r.work / r.equal for r in some if r.equal == r.equal)
         within = sum(r.error <= 1 and r.status == 0 for r in some)
         turned = sorted(r.rotation for r in some)
         steps = sorted(r.steps * 2**r.level for r in some)
+        work = (f"{_share(ratios, q):.1f}" if ratios else "" for q in (0.5, 0.95))
         return (
-            name,
-            f"{within} of {len(some)}",
-            f"{_share(errors, 0.5):.2g}",
-            f"{_share(errors, 0.95):.2g}",
-            f"{errors[-1]:.2g}",
-            f"{_share(turned, 0.5):.2g}",
-            f"{turned[-1]:.2g}",
-            f"{_share(steps, 0.5):.0f}",
-            f"{sum(r.rejected for r in some)}",
-            *(f"{_share(ratios, q):.1f}" if ratios else "" for q in (0.5, 0.95)),
+            f"{name} | {within} of {len(some)} | {_share(errors, 0.5):.2g} | "
+            f"{_share(errors, 0.95):.2g} | {errors[-1]:.2g} | {_share(turned, 0.5):.2g} | "
+            f"{turned[-1]:.2g} | {_share(steps, 0.5):.0f} | {sum(r.rejected for r in some)} | "
+            f"{' | '.join(work)}"
         )
 
     head = (
-        "scenes",
-        "within the tolerance",
-        "error over tolerance: median",
-        "95 %",
-        "largest",
-        "of rotations: median",
-        "largest",
-        "steps of the last run",
-        "refused, all",
-        "work over equal steps: median",
-        "95 %",
+        "scenes | within the tolerance | error over tolerance: median | 95 % | largest | "
+        "of rotations: median | largest | steps of the last run | refused, all | "
+        "work over equal steps: median | 95 %"
     )
-    lines = [
-        line(name, [r for r in rows if r.family == name])
-        for name in dict.fromkeys(r.family for r in rows)
-    ]
-    return markdown_table(head, [*lines, line("all", list(rows))], words=1)
+    names = dict.fromkeys(r.family for r in rows)
+    lines = [line(name, [r for r in rows if r.family == name]) for name in names]
+    return table(head, [*lines, line("all", list(rows))], words=1)
 
 
 def explicit_markdown(rows: Sequence[Explicit]) -> str:
     """The table of explicit methods."""
-    head = (
-        "method",
-        "form",
-        "rtol",
-        "error over tolerance",
-        "evaluations, or implicit steps",
-        "CPU s",
+    head = "method | form | rtol | error over tolerance | evaluations, or implicit steps | CPU s"
+    lines = (
+        f"{r.method} | {r.form} | {r.rtol:g} | {r.error:.2g} | {r.evaluations} | {r.seconds:.2g}"
+        for r in rows
     )
-    return markdown_table(
-        head,
-        [
-            (
-                r.method,
-                r.form,
-                f"{r.rtol:g}",
-                f"{r.error:.2g}",
-                f"{r.evaluations}",
-                f"{r.seconds:.2g}",
-            )
-            for r in rows
-        ],
-        words=2,
-    )
+    return table(head, lines, words=2)
 
 
 def _share(values: Sequence[float], share: float) -> float:
     """Quantile of sorted values."""
     return values[min(len(values) - 1, int(share * len(values)))]
+
+
+main = Study(
+    "control",
+    "True error of adaptive steps beside the tolerance, and their cost.",
+    "Random scenes by adaptive steps, against references by refinement; and explicit methods by "
+    "the same tolerance.",
+    study,
+    quick="one sample of each of two families",
+    options={
+        "--seed": dict(
+            type=int,
+            default=SEED,
+            help="of the random scenes (default: %(default)s; the constants of the control were "
+            "chosen on those of 1)",
+        )
+    },
+)

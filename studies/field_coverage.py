@@ -12,17 +12,9 @@ from importlib.util import find_spec
 import torch
 from torch import Tensor
 
-from torchbeam.analysis.identification.fields import FieldFit, identify_fields
-from torchbeam.analysis.identification.measurement import Measurement
-from torchbeam.analysis.identification.parameter import Parameter
-from torchbeam.analysis.identification.smoothness import Smoothness
+import torchbeam as tb
 from torchbeam.core.measurement import progress
-from torchbeam.core.results import table
-from torchbeam.scene import effects as fx
-from torchbeam.scene.beam import Beam
-from torchbeam.scene.scene import Scene
-from torchbeam.scene.section import Section
-from torchbeam.statics.equilibrium import equilibrium
+from torchbeam.extend.commands import table
 
 from .batched_calls import BatchedCalls, as_one_batch
 
@@ -89,17 +81,17 @@ def heights(EI: Tensor) -> Tensor:
     """
     EI = EI[:, None]
 
-    def section(s: Tensor) -> Section:
-        return Section.from_stiffness(
+    def section(s: Tensor) -> tb.Section:
+        return tb.Section.from_stiffness(
             EA=1e6, GA=1e6, GJ=1.0, EI=EI[..., (s * (ELEMENTS / LENGTH)).long()], mass=MASS
         )
 
     force = torch.tensor(LOADS, dtype=torch.float64)[:, None] * torch.tensor(
         [0.0, 0.0, 1.0], dtype=torch.float64
     )
-    beam = Beam.straight(EI.new_tensor(LENGTH), ELEMENTS, section).linked()
-    scene = Scene(beam, [fx.Gravity((0.0, 0.0, -9.81)), fx.TipLoad(force=force)], plane="xz")
-    state = equilibrium(scene, throw=False, engine=ENGINE)
+    beam = tb.Beam.straight(EI.new_tensor(LENGTH), ELEMENTS, section).linked()
+    scene = tb.Scene(beam, [tb.Gravity((0.0, 0.0, -9.81)), tb.TipLoad(force=force)], plane="xz")
+    state = tb.equilibrium(scene, throw=False, engine=ENGINE)
     return torch.where((state.status == 0)[..., None], state.position[..., 1:, 2], torch.nan)
 
 
@@ -109,7 +101,7 @@ def truths(case: Case, repeats: int, random: torch.Generator) -> tuple[Tensor, T
     if case.dent:
         s = (torch.arange(ELEMENTS, dtype=torch.float64) + 0.5) / ELEMENTS
         return (1 - 0.3 * s) * (1 - DEPTH * torch.nn.functional.one_hot(where, ELEMENTS)), where
-    rows = Smoothness().rows(torch.zeros(ELEMENTS, dtype=torch.float64))
+    rows = tb.Smoothness().rows(torch.zeros(ELEMENTS, dtype=torch.float64))
     walk = (
         SPREAD
         * torch.randn(repeats, len(rows), generator=random, dtype=torch.float64)
@@ -118,14 +110,14 @@ def truths(case: Case, repeats: int, random: torch.Generator) -> tuple[Tensor, T
     return walk.exp(), where
 
 
-def found(case: Case, data: Tensor, calls: BatchedCalls) -> FieldFit:
+def found(case: Case, data: Tensor, calls: BatchedCalls) -> tb.FieldFit:
     """EI from heights (loads, ELEMENTS)."""
-    start = Parameter(torch.full((ELEMENTS,), 0.8, dtype=torch.float64), "log")
-    return identify_fields(
+    start = tb.Parameter(torch.full((ELEMENTS,), 0.8, dtype=torch.float64), "log")
+    return tb.identify_fields(
         lambda theta: calls(heights, theta["EI"]),
-        Measurement(data, SIGMA if case.known else None),
+        tb.Measurement(data, SIGMA if case.known else None),
         {"EI": start},
-        {"EI": Smoothness(sharp=case.sharp)},
+        {"EI": tb.Smoothness(sharp=case.sharp)},
         derivatives="difference",
     )
 
@@ -150,16 +142,9 @@ def measure(case: Case, seed: int = 0) -> FieldCoverage:
     every = torch.arange(repeats)
     beside = torch.cat((inside[every, where - 1], inside[every, where + 1])).mean().item()
     dents = (inside[every, where].mean().item(), beside) if case.dent else (None, None)
-    return FieldCoverage(
-        case.name,
-        inside.mean().item(),
-        inside.mean(0).min().item(),
-        *dents,
-        error.square().mean().sqrt().item(),
-        determined,
-        repeats,
-        settled,
-    )
+    covered, lowest = inside.mean().item(), inside.mean(0).min().item()
+    rms = error.square().mean().sqrt().item()
+    return FieldCoverage(case.name, covered, lowest, *dents, rms, determined, repeats, settled)
 
 
 def markdown(rows: Sequence[FieldCoverage]) -> str:
@@ -169,25 +154,14 @@ def markdown(rows: Sequence[FieldCoverage]) -> str:
         return "" if x is None else f"{100 * x:.1f}"
 
     head = (
-        "field and prior",
-        "EI: %",
-        "lowest",
-        "in the dent",
-        "beside it",
-        "error, deviations",
-        "told",
-        "settled",
+        "field and prior | EI: % | lowest | in the dent | beside it | error, deviations | told | "
+        "settled"
     )
-    lines = [
-        (
-            r.case,
-            *map(share, (r.covered, r.lowest, r.dents, r.neighbours)),
-            f"{r.error:.2f}",
-            f"{r.determined:.1f}",
-            f"{r.settled} of {r.repeats}",
-        )
-        for r in rows
-    ]
+    lines = []
+    for r in rows:
+        shares = map(share, (r.covered, r.lowest, r.dents, r.neighbours))
+        settled = f"{r.settled} of {r.repeats}"
+        lines.append((r.case, *shares, f"{r.error:.2f}", f"{r.determined:.1f}", settled))
     return table(head, lines, words=1)
 
 

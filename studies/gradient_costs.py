@@ -4,10 +4,10 @@ steps.
 
 from __future__ import annotations
 
-import argparse
 import subprocess
 import time
-from collections.abc import Iterator, Sequence
+from argparse import ArgumentTypeError, Namespace
+from collections.abc import Iterator
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,17 +16,14 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from torchbeam.core.command_line import results_folder, threads
+import torchbeam as tb
 from torchbeam.core.measurement import apart, progress
 from torchbeam.core.memory import peak_memory
-from torchbeam.core.results import measured_on, sentence, table, versions, write
-from torchbeam.dynamics.simulate import simulate
-from torchbeam.plot.canvas import grid, save, where_installed
-from torchbeam.scene.beam import Beam
-from torchbeam.scene.effects import Damping, TipLoad
-from torchbeam.scene.scene import Scene
-from torchbeam.scene.section import Section
+from torchbeam.extend.commands import table, threads
+from torchbeam.plot.canvas import grid, save
 from torchbeam.solvers.jacobian import difference, forward
+
+from .harness import Report, Study
 
 NAME = "gradients"
 ELEMENTS, STEP, OUTPUTS = 8, 1e-3, 10  # s; instants at which the tip enters the loss
@@ -90,15 +87,15 @@ def loss(theta: Tensor, steps: int, **options: Any) -> Tensor:
     )
     change = 1 + 0.1 * theta @ mix
     soft = dict(EA=300.0, GA=300.0, GJ=1.0, mass=0.2, inertia=1e-3)
-    section = [Section.from_stiffness(EI=x, **soft) for x in change[:, :-1].unbind(-1)]
+    section = [tb.Section.from_stiffness(EI=x, **soft) for x in change[:, :-1].unbind(-1)]
     force = 0.5 * change[:, -1:] * theta.new_tensor((0.0, 0.0, 1.0))
-    scene = Scene(
-        Beam.straight(theta.new_tensor(1.0), ELEMENTS, section),
-        [TipLoad(force=force), Damping(1e-3)],
+    scene = tb.Scene(
+        tb.Beam.straight(theta.new_tensor(1.0), ELEMENTS, section),
+        [tb.TipLoad(force=force), tb.Damping(1e-3)],
         plane="xz",
     )
     t = STEP * torch.linspace(0, steps, min(OUTPUTS, steps) + 1, dtype=theta.dtype).round()
-    solution = simulate(scene, t, **options)
+    solution = tb.simulate(scene, t, **options)
     if (solution.status != 0).any():
         raise RuntimeError("the rollout failed")
     return (solution.tip.position - theta.new_tensor((0.9, 0.0, 0.2))).square().sum(-1).mean(0)
@@ -202,68 +199,30 @@ def _row(
             / exact.abs().max()
         ).item()
     seconds = measurements[mode]["seconds"]
-    return GradientCost(
-        mode,
-        *cell,
-        seconds,
-        None if base is None else seconds / base["seconds"],
-        measurements[mode]["MB"],
-        error,
-        "",
-    )
+    over = None if base is None else seconds / base["seconds"]
+    return GradientCost(mode, *cell, seconds, over, measurements[mode]["MB"], error, "")
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Gradients by every way: error, time and memory over parameters and steps."""
-    parser = argparse.ArgumentParser(
-        prog=f"python -m studies {NAME}",
-        description=(
-            "Gradients of a rollout: forward mode, discrete adjoint (eager, compiled, "
-            "checkpointed), odeint_adjoint of the explicit form, and differences, for 1 to 1,000 "
-            f"parameters and 10 to 10,000 steps. Writes {NAME}.csv, .md and .json (with machine "
-            "and versions), and with matplotlib a picture."
-        ),
-    )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out") / NAME,
-        help="folder for the results (default: %(default)s)",
-    )
-    parser.add_argument("--quick", action="store_true", help="two small problems")
-    parser.add_argument(
-        "--budget", type=float, default=BUDGET, help="seconds a row may take (default: %(default)g)"
-    )
-    given = parser.parse_args(argv)
-    if not given.budget > 0:
-        parser.error(f"--budget {given.budget:g} was given; a positive number of seconds is wanted")
-    if find_spec("llvmlite") is None or find_spec("resource") is None:
-        parser.error(
-            "llvmlite, which comes with torchbeam, and a system that tells memory are wanted"
-        )
-    out = results_folder(parser, given.out)
-    measurements, heading = list(rows(given.quick, given.budget)), measured_on(threads=1)
-    heading["versions"] |= versions("llvmlite")
-    text = "\n\n".join(
-        (ABOUT, markdown(measurements), LEGEND.format(budget=given.budget), sentence(heading))
-    )
-    print(text)
-    write(
-        out,
-        NAME,
-        text,
-        {
-            **heading,
-            "budget": given.budget,
-            "quick": given.quick,
-            "rows": [r._asdict() for r in measurements],
-        },
-        GradientCost._fields,
+def study(options: Namespace) -> Report:
+    measurements = list(rows(options.quick, options.budget))
+    return Report(
+        [ABOUT, markdown(measurements), LEGEND.format(budget=options.budget)],
         measurements,
+        {"budget": options.budget, "quick": options.quick},
+        picture=lambda folder: picture(measurements, folder / f"{NAME}.png"),
     )
-    with where_installed():
-        picture(measurements, out / f"{NAME}.png")
-    return 0
+
+
+def _budget(text: str) -> float:
+    if not float(text) > 0:
+        raise ArgumentTypeError(f"{text} was given; a positive number of seconds is wanted")
+    return float(text)
+
+
+def _wanted(options: Namespace) -> str | None:
+    if find_spec("llvmlite") is None or find_spec("resource") is None:
+        return "llvmlite, which comes with torchbeam, and a system that tells memory are wanted"
+    return None
 
 
 def markdown(rows: list[GradientCost]) -> str:
@@ -272,19 +231,12 @@ def markdown(rows: list[GradientCost]) -> str:
     def shown(value: float | None, form: str) -> str:
         return "" if value is None else format(value, form)
 
-    lines = [
-        (
-            r.way,
-            f"{r.parameters:,}",
-            f"{r.steps:,}",
-            r.status or shown(r.seconds, ".3g"),
-            shown(r.over, ".3g"),
-            shown(r.memory, ".0f"),
-            shown(r.error, ".1e"),
-        )
+    lines = (
+        f"{r.way} | {r.parameters:,} | {r.steps:,} | {r.status or shown(r.seconds, '.3g')} | "
+        f"{shown(r.over, '.3g')} | {shown(r.memory, '.0f')} | {shown(r.error, '.1e')}"
         for r in rows
-    ]
-    return table(("way", "parameters", "steps", "CPU s", "over", "MB", "error"), lines, words=1)
+    )
+    return table("way | parameters | steps | CPU s | over | MB | error", lines, words=1)
 
 
 def picture(rows: list[GradientCost], path: Path) -> None:
@@ -323,3 +275,21 @@ def picture(rows: list[GradientCost], path: Path) -> None:
     labels = places[0].get_legend_handles_labels()
     places[0].figure.legend(*labels, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
     save(places[0], path)
+
+
+main = Study(
+    NAME,
+    "Gradients by every way: error, time and memory over parameters and steps.",
+    "Gradients of a rollout: forward mode, discrete adjoint (eager, compiled, checkpointed), "
+    "odeint_adjoint of the explicit form, and differences, for 1 to 1,000 parameters and 10 to "
+    "10,000 steps; with matplotlib a picture.",
+    study,
+    quick="two small problems",
+    options={
+        "--budget": dict(
+            type=_budget, default=BUDGET, help="seconds a row may take (default: %(default)g)"
+        )
+    },
+    check=_wanted,
+    packages=("llvmlite",),
+)

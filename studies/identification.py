@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -13,31 +14,17 @@ import torch
 from torch import Tensor
 from torch.distributions import Normal
 
+import torchbeam as tb
 from torchbeam.analysis.identification.experiment import Experiment
-from torchbeam.analysis.identification.fit import Fit
-from torchbeam.analysis.identification.identify import identify
-from torchbeam.analysis.identification.measurement import Measurement
-from torchbeam.analysis.identification.parameter import Parameter
 from torchbeam.analysis.identification.parameters import Parameters
 from torchbeam.analysis.identification.refinement import refined
-from torchbeam.core.command_line import threads
 from torchbeam.core.measurement import progress
-from torchbeam.core.processes import process_pool
-from torchbeam.core.results import measured_on, sentence, write
-from torchbeam.core.results import table as markdown_table
-from torchbeam.dynamics.simulate import simulate
-from torchbeam.scene import effects as fx
-from torchbeam.scene.beam import Beam
-from torchbeam.scene.scene import Scene
-from torchbeam.scene.section import Section
-from torchbeam.sensors.observe import observe
+from torchbeam.extend.commands import process_pool, table
 from torchbeam.solvers.least_squares import search
-from torchbeam.state.solution import Solution
-from torchbeam.statics.equilibrium import equilibrium
 
 from . import field_coverage
 from .batched_calls import BatchedCalls, as_one_batch
-from .command import study
+from .harness import Report, Study
 
 TRUE = {"EI": 1.0, "tau": 2e-3, "clamp": 40.0, "tip": 0.05}
 LENGTH, MASS, SPAN = 0.5, 0.25, 0.3  # m, kg/m, s
@@ -116,37 +103,37 @@ class ParameterCoverage:
     warned: int
 
 
-def scene(theta: dict[str, Tensor], elements: int, struck: bool) -> Scene:
+def scene(theta: dict[str, Tensor], elements: int, struck: bool) -> tb.Scene:
     """Strips of parameters (n,) in the plane of their motion."""
-    section = Section.from_stiffness(
+    section = tb.Section.from_stiffness(
         EA=2e6, GA=4e5, GJ=1.0, EI=theta["EI"], mass=MASS, inertia=5e-6
     )
     stiff = torch.full_like(theta["clamp"], 1e6)
     effects: list[Any] = [
-        fx.Gravity((0.0, 0.0, -9.81)),
-        fx.Damping(theta["tau"]),
-        fx.PointMass(theta["tip"]),
-        fx.RootSpring(torch.stack((stiff, stiff, stiff, stiff, theta["clamp"], stiff), -1)),
+        tb.Gravity((0.0, 0.0, -9.81)),
+        tb.Damping(theta["tau"]),
+        tb.PointMass(theta["tip"]),
+        tb.RootSpring(torch.stack((stiff, stiff, stiff, stiff, theta["clamp"], stiff), -1)),
     ]
     if struck:
         effects.append(
-            fx.TipLoad(
+            tb.TipLoad(
                 force=lambda t: (0.0, 0.0, 4 * torch.sin(torch.pi * t.clamp(0, 0.03) / 0.03) ** 2)
             )
         )
-    return Scene(Beam.straight(LENGTH, elements, section).linked(), effects, plane="xz")
+    return tb.Scene(tb.Beam.straight(LENGTH, elements, section).linked(), effects, plane="xz")
 
 
-def motion(theta: dict[str, Tensor], elements: int, step: float) -> Solution:
+def motion(theta: dict[str, Tensor], elements: int, step: float) -> tb.Solution:
     """From the sag on, for a little longer than the record: clocks may be late."""
-    sagging = equilibrium(scene(theta, elements, False), throw=False)
+    sagging = tb.equilibrium(scene(theta, elements, False), throw=False)
     t = torch.linspace(0, 1.02 * SPAN, 154, dtype=torch.float64)
-    return simulate(scene(theta, elements, True), t, initial=sagging, step=step)
+    return tb.simulate(scene(theta, elements, True), t, initial=sagging, step=step)
 
 
 def sag(theta: dict[str, Tensor], elements: int) -> tuple[Tensor, Tensor]:
     """Deflection (n,) m of the tip at rest, and status."""
-    state = equilibrium(scene(theta, elements, False), throw=False)
+    state = tb.equilibrium(scene(theta, elements, False), throw=False)
     return state.tip.position[:, 2], state.status
 
 
@@ -179,50 +166,44 @@ class Laboratory:
 
     def read(self, clock: float) -> Tensor:
         """(times, 2) m/s^2 with a clock that is off."""
-        return observe(self.motion, accelerometers, self.times * (1 + clock), rate=True)[:, 0]
+        return tb.observe(self.motion, accelerometers, self.times * (1 + clock), rate=True)[:, 0]
 
     def normal(self, *shape: int) -> Tensor:
         return torch.randn(shape, generator=self.random, dtype=torch.float64)
 
-    def record(self) -> tuple[dict[str, Measurement], float]:
+    def record(self) -> tuple[dict[str, tb.Measurement], float]:
         """Measurements of one repeat, and the error of its clock."""
         clock = self.case.clock * self.normal().item()
         values = self.read(clock) + 0.3 * self.normal(2) + self.sigma * self.normal(READINGS, 2)
-        record = Measurement(
-            values,
-            self.sigma,
-            self.times,
-            accelerometers,
-            rate=True,
-            offset=True,
-            clock="clock" if self.case.known_clock else 0.0,
-            name="accelerometer",
+        known = dict(rate=True, offset=True, clock="clock" if self.case.known_clock else 0.0)
+        record = tb.Measurement(
+            values, self.sigma, self.times, accelerometers, **known, name="accelerometer"
         )
         return {
             "strike": record,
-            "sag": Measurement(self.sag + SAG * self.normal(), SAG, name="sag"),
+            "sag": tb.Measurement(self.sag + SAG * self.normal(), SAG, name="sag"),
         }, clock
 
 
 def identified(
-    case: Case, records: Sequence[dict[str, Measurement]], random: torch.Generator
-) -> Iterator[Fit]:
+    case: Case, records: Sequence[dict[str, tb.Measurement]], random: torch.Generator
+) -> Iterator[tb.Fit]:
     """A fit of each record, from starts within a factor of 1.5, all of them followed as one
     batch.
     """
     log = {
-        name: Parameter(torch.tensor(value, dtype=torch.float64), "log")
+        name: tb.Parameter(torch.tensor(value, dtype=torch.float64), "log")
         for name, value in TRUE.items()
     }
     if case.known_clock:
-        log["clock"] = Parameter(
+        log["clock"] = tb.Parameter(
             torch.zeros((), dtype=torch.float64), prior=Normal(0.0, CLOCK), scale=CLOCK
         )
     models, finer = (
         {"strike": partial(motion, elements=n, step=step), "sag": partial(sag, elements=n)}
         for n, step in (case.model, REFINED)
     )
-    one = identify(models, records[0], log, absolute_sigma=case.absolute_sigma).problem
+    one = tb.identify(models, records[0], log, absolute_sigma=case.absolute_sigma).problem
     data = [[m.values for m in record.values()] for record in records]
     together = one.with_targets(torch.cat([one.with_data(values).target for values in data]))
     factor = 1.5 ** (
@@ -239,7 +220,7 @@ def identified(
             )
         for k, values in enumerate(data):
             problem, some = together.with_data(values), torch.tensor([k])
-            yield Fit.of(
+            yield tb.Fit.of(
                 problem,
                 search_result.of(some),
                 region.of(some).against(problem.target),
@@ -261,12 +242,12 @@ class Shared(Experiment):
         return self.calls(self.evaluate, theta)
 
 
-def stated(case: Case, fits: Sequence[Fit], names: Sequence[str]) -> Iterator[Tensor]:
+def stated(case: Case, fits: Sequence[tb.Fit], names: Sequence[str]) -> Iterator[Tensor]:
     """Intervals (names, 2) of each fit's first parameters, which have these names."""
     problem = fits[0].problem
     evaluate = [partial(e.values, problem.parameters) for e in problem.experiments]
 
-    def interval(one: tuple[int, Fit], calls: BatchedCalls) -> Tensor:
+    def interval(one: tuple[int, tb.Fit], calls: BatchedCalls) -> Tensor:
         seed, fit = one
         shared = tuple(
             Shared(e.name, e.model, e.measurements, e.single, calls, own)
@@ -307,18 +288,10 @@ def measure(case: Case, seed: int = 0) -> list[ParameterCoverage]:
         if len(inside) % TOLD == 0 and case.method != "laplace":
             progress(f"{case.name}, {case.method}: {len(inside)} of {len(done)} intervals")
     held, error = torch.stack(inside).double().mean(0), torch.stack(errors)
+    rms, bias = error.square().mean(0).sqrt().tolist(), error.mean(0).tolist()
+    counts = case.repeats, len(inside), warned
     return [
-        ParameterCoverage(
-            case.name,
-            case.method,
-            name,
-            held[k].item(),
-            error[:, k].square().mean().sqrt().item(),
-            error[:, k].mean().item(),
-            case.repeats,
-            len(inside),
-            warned,
-        )
+        ParameterCoverage(case.name, case.method, name, held[k].item(), rms[k], bias[k], *counts)
         for k, name in enumerate(names)
     ]
 
@@ -339,36 +312,17 @@ def markdown(rows: Sequence[ParameterCoverage]) -> str:
                 f"{one.warned}",
             )
         )
-    head = (
-        "data and model",
-        "interval",
-        *(f"{n}: %" for n in names),
-        "largest bias, deviations",
-        "converged",
-        "warned",
-    )
-    return markdown_table(head, lines, words=2)
+    shares = " | ".join(f"{n}: %" for n in names)
+    head = f"data and model | interval | {shares} | largest bias, deviations | converged | warned"
+    return table(head, lines, words=2)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """How often stated intervals of identified parameters and fields hold the truth."""
-    given, out = study(
-        argv,
-        "identification",
-        "Repeated identification of synthetic data: noise, a finer mesh, a wrong clock; "
-        "fields that are smooth, and dents.",
-        quick="four repeats of three cases",
-    )
-    cases, smooth = (
-        (CASES, field_coverage.CASES)
-        if not given.quick
-        else (
-            [replace(case, repeats=4) for case in CASES[:2]],
-            [replace(field_coverage.CASES[0], repeats=4)],
+def study(options: Namespace) -> Iterator[Report]:
+    cases, smooth = CASES, field_coverage.CASES
+    if options.quick:
+        cases, smooth = (
+            tuple(replace(case, repeats=4) for case in some) for some in (CASES[:2], smooth[:1])
         )
-    )
-    with threads(1):
-        heading = measured_on()
     rows: list[ParameterCoverage] = []
     fields: list[field_coverage.FieldCoverage] = []
     with process_pool(min(len(cases), os.cpu_count() or 1)) as pool:
@@ -381,27 +335,10 @@ def main(argv: Sequence[str] | None = None) -> int:
                 rows += row
             else:
                 fields.append(row)
-            tables = [
-                about(),
-                markdown(rows),
-                *([field_coverage.about(), field_coverage.markdown(fields)] if fields else []),
-            ]
-            text = "\n\n".join((*tables, sentence(heading)))
-            write(
-                out,
-                "identification",
-                text,
-                {
-                    **heading,
-                    "about": about(),
-                    "rows": [asdict(r) for r in rows],
-                    "fields": [asdict(r) for r in fields],
-                },
-                tuple(asdict(rows[0])),
-                (tuple(asdict(r).values()) for r in rows),
-            )
-    print(text)
-    return 0
+            text = [about(), markdown(rows)]
+            if fields:
+                text += [field_coverage.about(), field_coverage.markdown(fields)]
+            yield Report(text, rows, {"about": about(), "fields": [asdict(r) for r in fields]})
 
 
 def about() -> str:
@@ -423,3 +360,13 @@ def about() -> str:
         clock=100 * CLOCK,
         binomial=100 * (LEVEL * (1 - LEVEL) / REPEATS) ** 0.5,
     )
+
+
+main = Study(
+    "identification",
+    "How often stated intervals of identified parameters and fields hold the truth.",
+    "Repeated identification of synthetic data: noise, a finer mesh, a wrong clock; fields that "
+    "are smooth, and dents.",
+    study,
+    quick="four repeats of three cases",
+)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import math
-from importlib import resources
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,18 +14,13 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from torchbeam.core import files
-from torchbeam.dynamics.simulate import simulate
-from torchbeam.scene.beam import Beam
-from torchbeam.scene.body import Body
-from torchbeam.scene.effects import Damping, Gravity, PointLoad
-from torchbeam.scene.joints import Hinge, Weld
-from torchbeam.scene.scene import Scene
-from torchbeam.scene.section import Section
-from torchbeam.scene.supports import Support
-from torchbeam.state.solution import Solution
+import torchbeam as tb
+from torchbeam.extend.commands import write as write_file
 
-FILE = "mechanism_references.json"
+from .common_case import difference as error
+from .harness import data
+
+FILE = "mechanism_references"
 NAMES = ("four-bar", "hand")
 SPACES = {"four-bar": "plane", "hand": "3D"}
 INTERVALS, DURATION = 100, 1.0  # instants at which places are compared; s
@@ -55,8 +49,7 @@ class Reference(NamedTuple):
 
 
 def load() -> dict[str, Reference]:
-    text = resources.files("studies").joinpath(f"data/{FILE}").read_text()
-    known = json.loads(text)["references"]
+    known = data(FILE)["references"]
     return {
         name: Reference(torch.tensor(one["places"], dtype=torch.float64), one["agreement"])
         for name, one in known.items()
@@ -67,29 +60,29 @@ def instants(intervals: int = INTERVALS) -> Tensor:
     return torch.linspace(0, DURATION, intervals + 1, dtype=torch.float64)
 
 
-def scene(name: str, elements: int, order: int) -> Scene:
+def scene(name: str, elements: int, order: int) -> tb.Scene:
     """One of `NAMES`; elements of each beam."""
     return {"four-bar": linkage, "hand": hand}[name](elements, order)
 
 
-def linkage(elements: int, order: int) -> Scene:
+def linkage(elements: int, order: int) -> tb.Scene:
     """It is let go at rest: three beams between four pins, of which the first and the last are on
     the ground.
     """
     pins = [(*pin, 0.0) for pin in NUMBERS["linkage"]]
     bars = [_beam(a, b, (0, 0, 1), elements, order) for a, b in pairwise(pins)]
     joined = [(None, ("0", 0)), (("0", -1), ("1", 0)), (("1", -1), ("2", 0)), (None, ("2", -1))]
-    joints = [Hinge(*pair, axis=(0, 0, 1)) for pair in joined]
-    acts = [Gravity((0, -NUMBERS["gravity"], 0)), Damping(NUMBERS["damping"])]
-    return Scene({f"{k}": bar for k, bar in enumerate(bars)}, acts, joints=joints, plane="xy")
+    joints = [tb.Hinge(*pair, axis=(0, 0, 1)) for pair in joined]
+    acts = [tb.Gravity((0, -NUMBERS["gravity"], 0)), tb.Damping(NUMBERS["damping"])]
+    return tb.Scene({f"{k}": bar for k, bar in enumerate(bars)}, acts, joints=joints, plane="xy")
 
 
-def hand(elements: int, order: int) -> Scene:
+def hand(elements: int, order: int) -> tb.Scene:
     """It is let go at rest, and a constant torque turns its palm about y; its beams are undamped,
     for not every program damps strain rates in space.
     """
     palm, fingers = NUMBERS["palm"], NUMBERS["fingers"]
-    parts: dict[str, Any] = {"palm": Body(mass=palm["mass"], inertia=palm["inertia"])}
+    parts: dict[str, Any] = {"palm": tb.Body(mass=palm["mass"], inertia=palm["inertia"])}
     joints = []
     for k in range(fingers["count"]):
         outward, along, axis = finger(k)
@@ -97,11 +90,14 @@ def hand(elements: int, order: int) -> Scene:
         for part, root, end in zip("ab", places[:2], places[1:], strict=True):
             parts[f"{part}{k}"] = _beam(root, end, axis, elements, order)
         joints += [
-            Weld("palm", (f"a{k}", 0)),
-            Hinge((f"a{k}", -1), (f"b{k}", 0), axis, **NUMBERS["knuckle"]),
+            tb.Weld("palm", (f"a{k}", 0)),
+            tb.Hinge((f"a{k}", -1), (f"b{k}", 0), axis, **NUMBERS["knuckle"]),
         ]
-    acts = [Gravity((0, 0, -NUMBERS["gravity"])), PointLoad("palm", moment=(0, palm["torque"], 0))]
-    return Scene(parts, acts, joints=joints, supports=[Support("palm", rotation="xz")])
+    acts = [
+        tb.Gravity((0, 0, -NUMBERS["gravity"])),
+        tb.PointLoad("palm", moment=(0, palm["torque"], 0)),
+    ]
+    return tb.Scene(parts, acts, joints=joints, supports=[tb.Support("palm", rotation="xz")])
 
 
 def finger(k: int) -> tuple[Tensor, Tensor, Tensor]:
@@ -114,18 +110,18 @@ def finger(k: int) -> tuple[Tensor, Tensor, Tensor]:
     return outward, along, torch.linalg.cross(up, outward)
 
 
-def _beam(root: Any, end: Any, up: Any, elements: int, order: int) -> Beam:
+def _beam(root: Any, end: Any, up: Any, elements: int, order: int) -> tb.Beam:
     root, end = (torch.as_tensor(x, dtype=torch.float64) for x in (root, end))
     stiffness = {name: NUMBERS[name] for name in ("EA", "GA", "EI", "mass", "inertia")}
     values = {name: root.new_tensor(value) for name, value in stiffness.items()}
-    section = Section.from_stiffness(**values, GJ=values["EI"])
+    section = tb.Section.from_stiffness(**values, GJ=values["EI"])
     along = end - root
-    return Beam.straight(
+    return tb.Beam.straight(
         torch.linalg.vector_norm(along), elements, section, along, up, root, order=order
     )
 
 
-def places(name: str, solution: Solution) -> Tensor:
+def places(name: str, solution: tb.Solution) -> Tensor:
     """(time, point, 3) m of the two moving pins, or of the fingers' tips."""
     if name == "four-bar":
         return torch.stack([solution[part].nodes[..., -1, :] for part in "01"], -2)
@@ -134,18 +130,12 @@ def places(name: str, solution: Solution) -> Tensor:
     )
 
 
-def error(here: Tensor, reference: Tensor) -> float:
-    """RMS |place - reference| / RMS |reference - its start|, (time, point, 3) each."""
-    apart, moved = here - reference, reference - reference[0]
-    return (apart.square().sum() / moved.square().sum()).sqrt().item()
-
-
 def motion(
     name: str, elements: int, order: int, steps: int, intervals: int = INTERVALS, **options: Any
-) -> Solution:
+) -> tb.Solution:
     with torch.no_grad():
         t = instants(intervals)
-        return simulate(scene(name, elements, order), t, step=DURATION / steps, **options)
+        return tb.simulate(scene(name, elements, order), t, step=DURATION / steps, **options)
 
 
 def _fine(name: str, elements: int, steps: int) -> Tensor:
@@ -165,8 +155,8 @@ def write(path: Path) -> None:
         rounded = [[[round(x, 9) for x in point] for point in row] for row in fine.tolist()]
         references[name] = {"agreement": agreement, "places": rounded}
         print(f"{name}: agree to {agreement:.1e}", flush=True)
-    data = {"about": ABOUT, "duration": DURATION, **NUMBERS, "references": references}
-    files.write(path, json.dumps(data, separators=(",", ":")).replace("]],", "]],\n") + "\n")
+    content = {"about": ABOUT, "duration": DURATION, **NUMBERS, "references": references}
+    write_file(path, json.dumps(content, separators=(",", ":")).replace("]],", "]],\n") + "\n")
 
 
 if __name__ == "__main__":

@@ -10,20 +10,21 @@ import os
 import shutil
 import subprocess
 import sys
-import time
+from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import torch
+from torch import Tensor
 
-from torchbeam.core.command_line import threads
-from torchbeam.core.results import measured_on, sentence, table, versions, write
-from torchbeam.dynamics.simulate import simulate
+import torchbeam as tb
+from torchbeam.core.measurement import progress, timed
+from torchbeam.extend.commands import table, versions
 
-from .command import study
 from .common_case import SPACES, Case
+from .harness import Options, Report, Study
 
 BATCH = 256
 # elements, steps in the 2 s, element, method: the cheapest here within errors from 2.5 to 0.15 %
@@ -34,22 +35,6 @@ SETTINGS = (
     (16, 400, "linked", "midpoint4"),
     (8, 400, "order 2", "midpoint4"),
 )
-
-
-def options(parser: argparse.ArgumentParser) -> None:
-    """Adds --peers, a folder of scripts, and --python, the interpreter for these."""
-    parser.add_argument(
-        "--peers",
-        type=_folder,
-        metavar="FOLDER",
-        help="also run the scripts of a folder that measure other programs: examples/peers",
-    )
-    parser.add_argument(
-        "--python",
-        type=_interpreter,
-        default=sys.executable,
-        help="the interpreter for these (default: this one)",
-    )
 
 
 def scripts(folder: Path) -> list[Path]:
@@ -82,10 +67,7 @@ def printed(path: Path, python: str, *options: str) -> list[dict[str, Any]]:
     )
     if done.returncode:
         why = done.stderr.strip().splitlines()
-        print(
-            f"{path.name} is left out: {why[-1] if why else f'exit status {done.returncode}'}",
-            file=sys.stderr,
-        )
+        progress(f"{path.name} is left out: {why[-1] if why else f'exit status {done.returncode}'}")
         return []
     return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
 
@@ -104,35 +86,36 @@ def _interpreter(given: str) -> str:
     return given
 
 
-def main(argv: Sequence[str]) -> None:
-    """Time the common dynamic case by other programs, beside ours."""
-    given, out = study(
-        argv,
-        "peers",
-        "The common dynamic case by other programs, each at several settings, alone and, where it "
-        "has batches of its own, in one; torchbeam is measured again behind each.",
-        "the first setting of each alone",
-        _more,
-    )
-    stored = out / "peers.json"
-    rows = json.loads(stored.read_text())["rows"] if given.resume and stored.is_file() else []
-    for path in scripts(given.peers or Path("examples/peers")):
+# of commands that run the scripts of other programs
+OPTIONS: Options = {
+    "--peers": dict(
+        type=_folder,
+        metavar="FOLDER",
+        help="also run the scripts of a folder that measure other programs: examples/peers",
+    ),
+    "--python": dict(
+        type=_interpreter,
+        default=sys.executable,
+        help="the interpreter for these (default: this one)",
+    ),
+}
+ABOUT = (
+    "The common dynamic case by other programs, each beside the fastest setting here of no larger "
+    "error, measured right behind it; rates of batches are those of all beams."
+)
+
+
+def study(options: Namespace) -> Iterator[Report]:
+    rows = options.stored.get("rows", [])
+    for path in scripts(options.peers or Path("examples/peers")):
         if any(row["script"] == path.stem for row in rows):
             continue
-        print(path.stem, flush=True)
-        found = printed(path, given.python, "--beside", *["--ladder"] * (not given.quick))
+        progress(path.stem)
+        found = printed(path, options.python, "--beside", *["--ladder"] * (not options.quick))
         if found:
-            with threads(1):
-                found += own(SETTINGS[:2] if given.quick else SETTINGS)
+            found += own(SETTINGS[:2] if options.quick else SETTINGS)
             rows += [{"script": path.stem, **row} for row in found]
-            _write(out, rows)
-
-
-def _more(parser: argparse.ArgumentParser) -> None:
-    options(parser)
-    parser.add_argument(
-        "--resume", action="store_true", help="keep what the folder has of scripts, and go on"
-    )
+            yield Report([ABOUT, beside(rows)], rows)
 
 
 def own(settings: Sequence[tuple[int, int, str, str]], repeats: int = 3) -> Iterator[dict]:
@@ -146,22 +129,24 @@ def own(settings: Sequence[tuple[int, int, str, str]], repeats: int = 3) -> Iter
             t = case.t[: 200 - 200 % every + 1 : every]
             force = torch.tensor((0.0, 1.0, 0.0), dtype=case.t.dtype).expand(batch, 3)
             scene = case.scene(elements, SPACES[space], force=force, element=element)
-            seconds = []
-            for _ in range(repeats + 1):
-                begin = time.process_time()
+
+            def run(scene: tb.Scene = scene, t: Tensor = t, steps: int = steps, by: str = method):
                 with torch.no_grad():
-                    tip = (solution := simulate(scene, t, step=2 / steps, method=method)).tip
-                    assert tip.position.isfinite().all()
-                seconds.append(time.process_time() - begin)
-            best = min(seconds[1:])
+                    solution = tb.simulate(scene, t, step=2 / steps, method=by)
+                    assert solution.tip.position.isfinite().all()
+                    return solution
+
+            error = case.error(run())
+            (times,) = timed([run], repeats)
+            best = min(times.cpu)
             yield dict(
                 peer=name, space=space, elements=elements, element=f"{element}, {method}",
-                step_ms=2000 / steps, error=case.error(solution), best_cpu_s=best,
-                median_cpu_s=median(seconds[1:]), rate=batch * t[-1].item() / best, batch=batch,
+                step_ms=2000 / steps, error=error, best_cpu_s=best,
+                median_cpu_s=median(times.cpu), rate=batch * t[-1].item() / best, batch=batch,
             )  # fmt: skip
 
 
-def _write(out: Path, rows: list[dict[str, Any]]) -> None:
+def beside(rows: list[dict[str, Any]]) -> str:
     """A table: each row of a program beside the fastest of torchbeam in its own block, with as
     many dimensions and no larger error, alone or in a batch.
     """
@@ -186,17 +171,24 @@ def _write(out: Path, rows: list[dict[str, Any]]) -> None:
                 )),
             )
         )  # fmt: skip
-    head = ("program", "batch", "elements", "step, ms", "error", "simulated s a CPU s",
-            "here: element, elements, step", "error", "simulated s a CPU s")  # fmt: skip
-    heading = measured_on(threads=1)
-    text = (
-        "The common dynamic case by other programs, each beside the fastest setting here of no "
-        "larger error, measured right behind it; rates of batches are those of all beams.\n\n"
-        f"{table(head, lines, 1)}\n\n{sentence(heading)}"
+    head = (
+        "program | batch | elements | step, ms | error | simulated s a CPU s | "
+        "here: element, elements, step | error | simulated s a CPU s"
     )
-    values = (row.values() for row in rows)
-    write(out, "peers", text, {**heading, "rows": rows}, list(rows[0]), values)
+    return table(head, lines, 1)
 
 
 def _rate(row: dict[str, Any]) -> str:
     return f"{float(format(row['rate'], '.3g')):,g}"
+
+
+main = Study(
+    "peers",
+    "Time the common dynamic case by other programs, beside ours.",
+    "The common dynamic case by other programs, each at several settings, alone and, where it has "
+    "batches of its own, in one; torchbeam is measured again behind each.",
+    study,
+    quick="the first setting of each alone",
+    resume="keep what the folder has of scripts, and go on",
+    options=OPTIONS,
+)

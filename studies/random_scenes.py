@@ -11,11 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchbeam.scene import effects as fx
-from torchbeam.scene.beam import Beam
-from torchbeam.scene.scene import Frame, RootMotion, Scene
-from torchbeam.scene.section import Section
-from torchbeam.scene.supports import Support
+import torchbeam as tb
 
 
 class Draw:
@@ -40,10 +36,10 @@ class Draw:
         return size[:, None] * x / torch.linalg.vector_norm(x, dim=-1, keepdim=True)
 
 
-def rod(draw: Draw, elements: int) -> tuple[Beam, Tensor]:
+def rod(draw: Draw, elements: int) -> tuple[tb.Beam, Tensor]:
     """A soft rod, and the force EI/L^2 that bends it much."""
     L, EI, mass = draw(0.3, 0.8), draw.log(0.007, 0.06), draw(0.15, 0.6)
-    section = Section.from_stiffness(
+    section = tb.Section.from_stiffness(
         EA=1e4 * EI,
         GA=4e3 * EI,
         GJ=draw(0.5, 1.0) * EI,
@@ -51,56 +47,56 @@ def rod(draw: Draw, elements: int) -> tuple[Beam, Tensor]:
         mass=mass,
         inertia=mass * draw.log(3e-5, 3e-3),
     )
-    return Beam.straight(L, elements, section), EI / L**2
+    return tb.Beam.straight(L, elements, section), EI / L**2
 
 
-def families(elements: int) -> dict[str, Callable[[Draw], Scene]]:
+def families(elements: int) -> dict[str, Callable[[Draw], tb.Scene]]:
     """Name -> scenes of random values."""
 
-    def made(*effects: Callable[[Draw, Tensor], Any], **options: Any) -> Callable[[Draw], Scene]:
-        def scene(draw: Draw) -> Scene:
+    def made(*effects: Callable[[Draw, Tensor], Any], **options: Any) -> Callable[[Draw], tb.Scene]:
+        def scene(draw: Draw) -> tb.Scene:
             beam, force = rod(draw, elements)
             more = {
                 name: value(draw) if callable(value) else value for name, value in options.items()
             }
-            return Scene(beam, [effect(draw, force) for effect in effects], **more)
+            return tb.Scene(beam, [effect(draw, force) for effect in effects], **more)
 
         return scene
 
     def push(low: float, high: float, **more: Any) -> Callable[[Draw, Tensor], Any]:
-        return lambda draw, force: fx.TipLoad(force=draw.vector(draw(low, high) * force), **more)
+        return lambda draw, force: tb.TipLoad(force=draw.vector(draw(low, high) * force), **more)
 
     def damping(draw: Draw, force: Tensor) -> Any:
-        return fx.Damping(draw.log(1e-3, 5e-2))
+        return tb.Damping(draw.log(1e-3, 5e-2))
 
     def weight(draw: Draw, force: Tensor) -> Any:
-        return fx.Gravity((0.0, 0.0, -9.81))
+        return tb.Gravity((0.0, 0.0, -9.81))
 
     def shaking(draw: Draw, force: Tensor) -> Any:
         size, rate = draw.vector(draw(0.3, 1.5) * force), draw(3.0, 25.0)
-        return fx.TipLoad(force=lambda t: size * torch.sin(rate * t)[..., None])
+        return tb.TipLoad(force=lambda t: size * torch.sin(rate * t)[..., None])
 
     def moment(draw: Draw, force: Tensor) -> Any:
         size, rate = draw.vector(draw(0.1, 0.8) * force), draw(1.0, 8.0)  # force times 1 m
-        return fx.TipLoad(
+        return tb.TipLoad(
             moment=lambda t: size * torch.sin(rate * t)[..., None] ** 2, follower=True
         )
 
     def kick(draw: Draw, force: Tensor) -> Any:
         size, at, width = draw.vector(draw(2.0, 8.0) * force), draw(0.2, 0.6), draw.log(0.005, 0.05)
-        return fx.TipLoad(force=lambda t: size * torch.exp(-((t - at) / width).square())[..., None])
+        return tb.TipLoad(force=lambda t: size * torch.exp(-((t - at) / width).square())[..., None])
 
-    def turning(draw: Draw) -> Frame:
+    def turning(draw: Draw) -> tb.Frame:
         rate = draw(1.0, 6.0)
-        return Frame(
+        return tb.Frame(
             angular_velocity=lambda t: torch.stack(
                 (0 * rate, 0 * rate, rate * torch.tanh(t) ** 2), -1
             )
         )
 
-    def shaken(draw: Draw) -> RootMotion:
+    def shaken(draw: Draw) -> tb.RootMotion:
         size, rate = draw(0.01, 0.05), draw(3.0, 15.0)
-        return RootMotion(
+        return tb.RootMotion(
             displacement=lambda t: torch.stack(
                 (0 * size, 0 * size, size * torch.sin(rate * t) ** 2), -1
             )
@@ -119,19 +115,19 @@ def families(elements: int) -> dict[str, Callable[[Draw], Scene]]:
         "pendulum": made(
             weight,
             damping,
-            lambda draw, force: fx.PointMass(draw(0.01, 0.1)),
-            supports=[Support(0, "xyz", "xz")],
+            lambda draw, force: tb.PointMass(draw(0.01, 0.1)),
+            supports=[tb.Support(0, "xyz", "xz")],
         ),
         "drag": made(
             push(0.5, 3.0),
             damping,
-            lambda draw, force: fx.Drag(1000.0, draw(0.002, 0.01), added_mass=1.0),
+            lambda draw, force: tb.Drag(1000.0, draw(0.002, 0.01), added_mass=1.0),
         ),
         "follower moment": made(moment),
         "free": made(
             push(0.1, 1.0, follower=True),
             damping,
-            lambda draw, force: fx.MassDamping(draw(0.1, 1.0)),
-            supports=[Support(0, "", "")],
+            lambda draw, force: tb.MassDamping(draw(0.1, 1.0)),
+            supports=[tb.Support(0, "", "")],
         ),
     }

@@ -12,6 +12,8 @@ Examples in docstrings go on from these lines:
 >>> deflection = lambda EI, P: P / (3 * EI)
 """
 
+from typing import TYPE_CHECKING, Any
+
 import torch
 
 from . import plot, sensors
@@ -36,6 +38,7 @@ from .analysis.saved import load, save
 from .core.entry_point import entry_points
 from .core.warning import SlowPathWarning
 from .dynamics.explicit import ExplicitStepper
+from .dynamics.forms import mixed_forms
 from .dynamics.rollout import rollout
 from .dynamics.rollout_jacobian import rollout_jacobian
 from .dynamics.stepper import Stepper
@@ -44,9 +47,6 @@ from .linear.linear_model import Linear
 from .linear.mode_pairing import PairedModes, modal_assurance, pair_modes
 from .linear.modes import Modes
 from .linear.state_space import linearize
-from .mixed.block import BlockRate, block_rate
-from .mixed.consistent import consistent_state
-from .mixed.state import MixedState
 from .plot.notebook import in_html
 from .plot.view import View, view
 from .scene.ball import Ball
@@ -102,6 +102,9 @@ from .uncertainty.sobol_indices import SobolIndices, sobol_indices
 from .uncertainty.stream import Stream
 from .uncertainty.tornado import Tornado, tornado
 
+if TYPE_CHECKING:  # imported where they are first asked for
+    from .mixed import BlockRate, MixedState, block_rate, consistent_state
+
 # fmt: off
 __all__ = [
     "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body", "Box",
@@ -156,3 +159,15 @@ for shown in (Scene, Solution, Instant):  # in notebooks
     shown._repr_html_ = in_html  # type: ignore[attr-defined]
 
 entry_points(globals(), __all__)
+
+
+def __getattr__(name: str) -> Any:
+    """Public names of the derivation's element, see `dynamics.forms`."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = getattr(mixed_forms(), name)
+    return globals()[name]
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

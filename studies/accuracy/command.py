@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from argparse import Namespace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
 
-from torchbeam.core.command_line import threads
-from torchbeam.core.results import measured_on, sentence, versions, write
-
 from .. import peers
-from ..command import study
 from ..common_case import KINDS
+from ..harness import Report, Study
 from . import errors, explicit, measurement, references
-from .measurement import COLUMNS, AccuracyRun
+from .measurement import AccuracyRun
 from .motions import MOTIONS, Motion
 from .pictures import pictures
 from .report import markdown
@@ -65,58 +62,34 @@ class Progress:
         )
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Which setting is cheapest for an error: elements, methods and forms over five motions, beside
-    other programs.
-    """
-    given, out = study(argv, "accuracy", ABOUT, QUICK_ABOUT, _options, instead="references")
-    with threads(1):
-        if given.references is not None:
-            for line in references.write(given.references):
-                print(line, flush=True)
-            return 0
-        rows, curves, known, others = _measured(given)
-        heading = measured_on()
-    heading["versions"] |= versions("llvmlite")
-    text = "\n\n".join((markdown(rows, known, others), sentence(heading)))
-    print(text)
+def _place(options: Namespace) -> tuple[Path | None, str]:
+    if options.references is not None:
+        return options.references.parent, "--references"
+    return options.out, "--out"
+
+
+def study(options: Namespace) -> Report | int:
+    if options.references is not None:
+        for line in references.write(options.references):
+            print(line, flush=True)
+        return 0
+    rows, curves, known, others = _measured(options)
     data = {
-        **heading,
-        "quick": given.quick,
-        "rows": [asdict(row) for row in rows],
+        "quick": options.quick,
         "peers": others,
         "agreement": {name: (one.agreement, one.gradient_agreement) for name, one in known.items()},
-        "errors": {
-            name: dict(space=curve.space, time=curve.time) for name, curve in curves.items()
-        },
+        "errors": {name: curve._asdict() for name, curve in curves.items()},
     }
-    write(out, "accuracy", text, data, COLUMNS, (asdict(row).values() for row in rows))
-    pictures(rows, curves, known, others, out)
-    return 0
-
-
-def _options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--motions",
-        nargs="+",
-        metavar="MOTION",
-        choices=[motion.name for motion in MOTIONS],
-        help=f"of {', '.join(repr(motion.name) for motion in MOTIONS)} (default: all)",
-    )
-    parser.add_argument(
-        "--seconds", type=float, default=SECONDS, help="CPU time, about (default: %(default)g)"
-    )
-    peers.options(parser)
-    parser.add_argument(
-        "--references",
-        type=Path,
-        metavar="FILE",
-        help="only make the references anew, by runs finer than any setting here: some minutes",
+    return Report(
+        [markdown(rows, known, others)],
+        rows,
+        data,
+        picture=lambda folder: pictures(rows, curves, known, others, folder),
     )
 
 
 def _measured(
-    given: argparse.Namespace,
+    given: Namespace,
 ) -> tuple[
     list[AccuracyRun],
     dict[str, errors.Errors],
@@ -227,3 +200,30 @@ def _pair(
                 motion, setting, reference, row, sol, first, left / (len(targets) - k), not quick
             )
             pair_made[setting] = row, None, first  # it is measured
+
+
+main = Study(
+    "accuracy",
+    "Which setting is cheapest for an error: elements, methods and forms over five motions, beside "
+    "other programs.",
+    ABOUT,
+    study,
+    quick=QUICK_ABOUT,
+    options={
+        "--motions": dict(
+            nargs="+",
+            metavar="MOTION",
+            choices=[motion.name for motion in MOTIONS],
+            help=f"of {', '.join(repr(motion.name) for motion in MOTIONS)} (default: all)",
+        ),
+        "--seconds": dict(type=float, default=SECONDS, help="CPU time, about (%(default)g)"),
+        **peers.OPTIONS,
+        "--references": dict(
+            type=Path,
+            metavar="FILE",
+            help="only make the references anew, by runs finer than any setting here: some minutes",
+        ),
+    },
+    place=_place,
+    packages=("llvmlite",),
+)

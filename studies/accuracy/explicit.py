@@ -13,8 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchbeam.dynamics.simulate import simulate
-from torchbeam.state.solution import Solution
+import torchbeam as tb
 
 from .measurement import AccuracyRun, timed
 from .motions import INTERVALS, Motion
@@ -76,17 +75,8 @@ def _meshes(
         if why:
             yield replace(row, note=why)
             return
-        row = replace(
-            row,
-            steps=sol.stats.evaluations,
-            seconds=spent,
-            seconds_median=spent,
-            repeats=1,
-            scaled=1.0,
-        )
-        row = replace(
-            row, error=difference(sol.tip.position, reference.tip[:: INTERVALS // OUTPUTS])
-        )
+        error = difference(sol.tip.position, reference.tip[:: INTERVALS // OUTPUTS])
+        row = replace(row, steps=sol.stats.evaluations, error=error, **_once(spent))
         if 6 * spent < end - time.process_time():
             row = _gradient(motion, row, reference)
         yield row
@@ -117,15 +107,12 @@ def _piece(motion: Motion, row: AccuracyRun) -> AccuracyRun:
                 break
         else:
             row = replace(row, note="no stable step was found")
-    whole = spent / share
-    return replace(
-        row,
-        steps=round(sol.stats.evaluations / share),
-        seconds=whole,
-        seconds_median=whole,
-        repeats=1,
-        scaled=1 / share,
-    )
+    evaluations = round(sol.stats.evaluations / share)
+    return replace(row, steps=evaluations, **_once(spent / share, 1 / share))
+
+
+def _once(seconds: float, scaled: float = 1.0) -> dict[str, Any]:
+    return dict(seconds=seconds, seconds_median=seconds, repeats=1, scaled=scaled)
 
 
 def _gradient(motion: Motion, row: AccuracyRun, reference: Reference) -> AccuracyRun:
@@ -134,17 +121,13 @@ def _gradient(motion: Motion, row: AccuracyRun, reference: Reference) -> Accurac
             motion, lambda by: _run(motion, row, motion.instants(LOSS), by)[0].tip.position
         )
     )
-    return replace(
-        row,
-        gradient=spent,
-        gradient_median=spent,
-        gradient_error=apart(gradient, reference.gradient),
-    )
+    error = apart(gradient, reference.gradient)
+    return replace(row, gradient=spent, gradient_median=spent, gradient_error=error)
 
 
 def _run(
     motion: Motion, row: AccuracyRun, t: Tensor, by: Tensor | None = None
-) -> tuple[Solution, float]:
+) -> tuple[tb.Solution, float]:
     """The motion at the instants t, and CPU seconds."""
     options: dict[str, Any] = dict(
         method=row.method, form="nodal" if row.element == FORMS[0] else row.element
@@ -155,5 +138,5 @@ def _run(
         options |= dict(rtol=row.fineness, atol=row.fineness * motion.length)
     scene = motion.scene("linked" if row.element == FORMS[0] else "linear", row.elements, by)
     with torch.set_grad_enabled(by is not None):
-        seconds, sol = timed(lambda: simulate(scene, t, **options))
+        seconds, sol = timed(lambda: tb.simulate(scene, t, **options))
     return sol, seconds

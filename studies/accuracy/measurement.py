@@ -14,9 +14,8 @@ from typing import Any
 
 import torch
 
+import torchbeam as tb
 from torchbeam.analysis.trials import repeated
-from torchbeam.dynamics.simulate import simulate
-from torchbeam.state.solution import Solution
 
 from .motions import Motion
 from .references import LOSS, Reference, apart, difference, differentiated
@@ -80,7 +79,7 @@ def warm(motion: Motion, element: str, method: str, many: int) -> None:
             by = torch.ones(*batch, 3, dtype=torch.float64, requires_grad=gradient)
             with torch.set_grad_enabled(gradient), warnings.catch_warnings():
                 warnings.simplefilter("ignore", RuntimeWarning)
-                sol = simulate(
+                sol = tb.simulate(
                     motion.scene(element, 4, by, flat=plane), 2e-3 * motion.instants(1), **options
                 )
                 if gradient:
@@ -89,7 +88,7 @@ def warm(motion: Motion, element: str, method: str, many: int) -> None:
 
 def forward(
     motion: Motion, setting: Setting, reference: Reference
-) -> tuple[AccuracyRun, Solution | None, list[float]]:
+) -> tuple[AccuracyRun, tb.Solution | None, list[float]]:
     """Error and the first time of a setting; no solution where it failed."""
     row = AccuracyRun(
         motion.name, setting.element, setting.method, setting.elements, setting.fineness
@@ -98,16 +97,8 @@ def forward(
         seconds, sol = timed(lambda: setting.run(motion))
     steps = int(sol.stats.steps)
     if sol.status.any():
-        return (
-            replace(
-                row,
-                steps=steps,
-                seconds=seconds,
-                note=next(iter(sol.stats.reason.values()), "failed"),
-            ),
-            None,
-            [],
-        )
+        why = next(iter(sol.stats.reason.values()), "failed")
+        return replace(row, steps=steps, seconds=seconds, note=why), None, []
     every = (len(reference.tip) - 1) // setting.instants()
     error = difference(sol.tip.position, reference.tip[::every])
     return replace(row, steps=steps, error=error), sol, [seconds]
@@ -118,7 +109,7 @@ def costs(
     setting: Setting,
     reference: Reference,
     row: AccuracyRun,
-    sol: Solution,
+    sol: tb.Solution,
     seconds: list[float],
     allowed: float,
     batch: bool = True,
@@ -171,16 +162,12 @@ def _gradient(
         )
 
     seconds = again(run, allowed)
-    return replace(
-        row,
-        gradient=min(seconds),
-        gradient_median=median(seconds),
-        gradient_error=apart(gradients[-1], reference.gradient),
-    )
+    error, middle = apart(gradients[-1], reference.gradient), median(seconds)
+    return replace(row, gradient=min(seconds), gradient_median=middle, gradient_error=error)
 
 
 def _batch(
-    motion: Motion, setting: Setting, row: AccuracyRun, sol: Solution, allowed: float
+    motion: Motion, setting: Setting, row: AccuracyRun, sol: tb.Solution, allowed: float
 ) -> AccuracyRun:
     """With times of a batch: of a part of the motion from its middle, or of adaptive steps the
     whole.
@@ -203,13 +190,8 @@ def _batch(
             else begin + step * torch.tensor([0.0, steps], dtype=torch.float64)
         )
         with torch.set_grad_enabled(gradient):
-            solution = simulate(
-                motion.scene(setting.element, setting.elements, by),
-                t,
-                start,
-                **setting.options(motion),
-            )
-            tip = solution.tip.position
+            scene = motion.scene(setting.element, setting.elements, by)
+            tip = tb.simulate(scene, t, start, **setting.options(motion)).tip.position
             if gradient:
                 tip.square().sum().backward()
 

@@ -10,9 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchbeam.scene import effects as fx
-from torchbeam.scene.scene import Frame, Scene
-from torchbeam.scene.section import Section
+import torchbeam as tb
 
 from ..common_case import STRIP, straight
 
@@ -39,9 +37,9 @@ class Motion:
     kind: str
     length: float
     duration: float
-    section: Callable[[Tensor, Tensor], Section]
+    section: Callable[[Tensor, Tensor], tb.Section]
     effects: Callable[[Tensor], tuple[Any, ...]]
-    frame: Callable[[Tensor], Frame] | None = None
+    frame: Callable[[Tensor], tb.Frame] | None = None
     plane: str | None = None
     flat: str | None = None
     of: str | None = None
@@ -53,7 +51,7 @@ class Motion:
 
     def scene(
         self, element: str, elements: int, by: Tensor | None = None, flat: bool = False
-    ) -> Scene:
+    ) -> tb.Scene:
         """The scene by an element of `KINDS`.
 
         by    (..., 3) multipliers, see `PARAMETERS`; None = 1
@@ -65,7 +63,7 @@ class Motion:
             by.new_tensor(self.length), elements, self.section(stiffness, mass), element
         )
         frame = {} if self.frame is None else dict(frame=self.frame(load))
-        return Scene(
+        return tb.Scene(
             beam,
             self.effects(load),
             plane=(self.plane or self.flat) if flat else self.plane,
@@ -77,11 +75,11 @@ class Motion:
         return torch.linspace(0, self.duration, count + 1, dtype=torch.float64)
 
 
-def _plain(**of: float) -> Callable[[Tensor, Tensor], Section]:
+def _plain(**of: float) -> Callable[[Tensor, Tensor], tb.Section]:
     """A section by its stiffness, mass and rotary inertia."""
 
-    def section(stiffness: Tensor, mass: Tensor) -> Section:
-        return Section.from_stiffness(
+    def section(stiffness: Tensor, mass: Tensor) -> tb.Section:
+        return tb.Section.from_stiffness(
             **{
                 name: value * (mass if name in ("mass", "inertia") else stiffness)
                 for name, value in of.items()
@@ -91,7 +89,7 @@ def _plain(**of: float) -> Callable[[Tensor, Tensor], Section]:
     return section
 
 
-def _coupled(stiffness: Tensor, mass: Tensor) -> Section:
+def _coupled(stiffness: Tensor, mass: Tensor) -> tb.Section:
     """Bending coupled with stretching and torsion, mass off the axis."""
     K = torch.diag(stiffness.new_tensor((1e3, 4e2, 4e2, 0.8, 1.0, 2.0)))
     M = torch.diag(mass.new_tensor((1.0, 1.0, 1.0, 0.02, 0.01, 0.01)))
@@ -100,7 +98,7 @@ def _coupled(stiffness: Tensor, mass: Tensor) -> Section:
     # its centre is at (0.03, -0.03) m
     for i, j, entry in ((0, 4, -0.03), (0, 5, -0.03), (1, 3, 0.03), (2, 3, 0.03)):
         M[i, j] = M[j, i] = entry
-    return Section(torch.linalg.inv(K) / stiffness[..., None, None], M * mass[..., None, None])
+    return tb.Section(torch.linalg.inv(K) / stiffness[..., None, None], M * mass[..., None, None])
 
 
 def _force(load: Tensor, *force: float) -> Tensor:
@@ -111,10 +109,10 @@ def _swung(load: Tensor) -> tuple[Any, ...]:
     def course(*size: float) -> Callable[[Tensor], Tensor]:
         return lambda t: _force(load, *size) * torch.sin(3.0 * t)[..., None] ** 2
 
-    return (fx.TipLoad(force=course(0.5, 1.5, 3.0), moment=course(0.0, 0.0, 0.2)),)
+    return (tb.TipLoad(force=course(0.5, 1.5, 3.0), moment=course(0.0, 0.0, 0.2)),)
 
 
-def _spin_up(load: Tensor) -> Frame:
+def _spin_up(load: Tensor) -> tb.Frame:
     """Angular velocity 6/15 (t - 15/(2 pi) sin(2 pi t/15)) rad/s until 15 s, then 6."""
 
     def rate(t: Tensor) -> Tensor:
@@ -124,7 +122,7 @@ def _spin_up(load: Tensor) -> Frame:
             * (s - 15.0 / (2 * math.pi) * torch.sin(2 * math.pi * s / 15.0))[..., None]
         )
 
-    return Frame(angular_velocity=rate)
+    return tb.Frame(angular_velocity=rate)
 
 
 SOFT = _plain(EA=1e3, GA=4e2, GJ=0.8, EI=1.0, mass=1.0, inertia=0.01)
@@ -133,7 +131,7 @@ ARM = _plain(EA=2.8e7, GA=1e7, GJ=1.4e4, EI=1.4e4, mass=1.2, inertia=6e-4)
 
 
 def _pushed(load: Tensor) -> tuple[Any, ...]:
-    return (fx.TipLoad(force=_force(load, 0.0, 1.0, 0.0)),)
+    return (tb.TipLoad(force=_force(load, 0.0, 1.0, 0.0)),)
 
 
 # fmt: off
@@ -154,13 +152,13 @@ MOTIONS = (
            "1 m, EI = 1 N m^2, 1 kg/m, a sudden follower force (0, 1, 2) N on the tip, "
            "`Damping(0.01)`, 2 s",
            "damped", 1.0, 2.0, SOFT,
-           lambda load: (fx.TipLoad(force=_force(load, 0.0, 1.0, 2.0), follower=True),
-                         fx.Damping(0.01))),
+           lambda load: (tb.TipLoad(force=_force(load, 0.0, 1.0, 2.0), follower=True),
+                         tb.Damping(0.01))),
     Motion("silicone",
            "0.5 m, EI = 0.02 N m^2, 0.3 kg/m, falls by its weight across (q L^3/EI = 18), "
            "`Damping(0.005)`, 2 s",
            "damped", 0.5, 2.0, SILICONE,
-           lambda load: (fx.Gravity(_force(load, 0.0, 0.0, -9.81)), fx.Damping(0.005)), flat="xz"),
+           lambda load: (tb.Gravity(_force(load, 0.0, 0.0, -9.81)), tb.Damping(0.005)), flat="xz"),
     Motion("spin-up",
            "Simo and Vu-Quoc's arm of 10 m, brought to 6 rad/s within 15 s about an axis "
            "across, undamped, 20 s",

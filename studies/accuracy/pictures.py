@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from torchbeam.plot.canvas import grid, save, where_installed
+from torchbeam.plot.canvas import grid, save
 
 from .errors import Errors
 from .measurement import AccuracyRun
@@ -17,6 +17,7 @@ from .settings import FORMS
 # of lines, by method
 LOOKS = {"midpoint": "-", "midpoint4": "--", "generalized_alpha": ":", "adaptive": "-."}
 MARKS = {"linear": ("o", "C0"), "linked": ("s", "C1"), "order 2": ("^", "C2")}
+LINE: dict[str, Any] = dict(ms=4, lw=1.2, mfc="white")
 ORDERS = "sudden", "coupled", "silicone"  # motions of the picture of orders
 
 
@@ -28,11 +29,10 @@ def pictures(
     folder: Path,
 ) -> None:
     """accuracy.png: error over CPU time, a panel a motion; orders.png: errors of meshes and steps.
-    None without matplotlib.
+    Raises ImportError without matplotlib.
     """
-    with where_installed():
-        _work(rows, known, others, folder / "accuracy.png")
-        _orders(curves, folder / "orders.png")
+    _work(rows, known, others, folder / "accuracy.png")
+    _orders(curves, folder / "orders.png")
 
 
 def _work(
@@ -58,15 +58,7 @@ def _work(
                     if (row.element, row.method) == (element, method) and row.seconds is not None
                 )
                 if points:
-                    axis.plot(
-                        *zip(*points, strict=True),
-                        line,
-                        marker=mark,
-                        color=colour,
-                        ms=4,
-                        lw=1.2,
-                        mfc="white",
-                    )
+                    axis.plot(*zip(*points, strict=True), line, marker=mark, color=colour, **LINE)
         points = [(row.seconds, row.error) for row in own if row.element in FORMS]
         axis.plot(*(zip(*points, strict=True) if points else ((), ())), "x", color="0.4", ms=5)
         for k, one in enumerate(
@@ -93,7 +85,7 @@ def _work(
         if axis.get_legend_handles_labels()[0]:
             axis.legend(fontsize=7, frameon=False, loc="lower left")
     for element, (mark, colour) in MARKS.items():
-        panels[0].plot([], [], marker=mark, color=colour, ms=4, lw=1.2, mfc="white", label=element)
+        panels[0].plot([], [], marker=mark, color=colour, label=element, **LINE)
     for method, line in LOOKS.items():
         panels[0].plot([], [], line, color="0.3", lw=1.2, label=method)
     panels[0].plot([], [], "x", color="0.4", ms=5, label="explicit")
@@ -109,15 +101,8 @@ def _orders(curves: Mapping[str, Errors], path: Path) -> None:
         for element, of in curves[name].space.items():
             mark, colour = MARKS[element]
             points = [(one.cost, one.error) for one in of]
-            space.plot(
-                *zip(*points, strict=True),
-                marker=mark,
-                color=colour,
-                ms=4,
-                lw=1.2,
-                mfc="white",
-                label=element,
-            )
+            style = dict(marker=mark, color=colour, label=element, **LINE)
+            space.plot(*zip(*points, strict=True), **style)
         for method, of in curves[name].time.items():
             points = [(one.cost * 20, one.error) for one in of if one.error < 1]
             if points:

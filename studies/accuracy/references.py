@@ -7,19 +7,20 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from torchbeam.core import files
-from torchbeam.dynamics.simulate import simulate
+from torchbeam import simulate
+from torchbeam.extend.commands import write as write_file
 
+from ..common_case import difference
+from ..harness import data
 from .motions import INTERVALS, MOTIONS, PARAMETERS, Motion
 
-FILE = "accuracy_references.json"
+FILE = "accuracy_references"
 LOSS = 10  # instants that the loss is a mean over
 ABOUT = (
     "Tips (m, rounded to 1e-10 of the length) of the motions of "
@@ -100,13 +101,6 @@ def differentiated(motion: Motion, run: Callable[[Tensor], Tensor]) -> tuple[Ten
     return tip.detach(), gradient
 
 
-def difference(tip: Tensor, reference: Tensor) -> float:
-    """RMS |tip - reference| / RMS |reference - its start|, (time, 3) each."""
-    return (
-        ((tip - reference).square().sum() / (reference - reference[0]).square().sum()).sqrt().item()
-    )
-
-
 def apart(gradient: Tensor, reference: Tensor) -> float:
     """|gradient - reference| / |reference|."""
     return ((gradient - reference).norm() / reference.norm()).item()
@@ -114,14 +108,13 @@ def apart(gradient: Tensor, reference: Tensor) -> float:
 
 def load() -> dict[str, Reference]:
     """Of all motions, by name."""
-    data = json.loads(resources.files("studies").joinpath(f"data/{FILE}").read_text())["references"]
     return {
         name: Reference(
             *(torch.tensor(one[key], dtype=torch.float64) for key in ("tip", "gradient")),
             one["agreement"],
             one["gradient agreement"],
         )
-        for name, one in data.items()
+        for name, one in data(FILE)["references"].items()
     }
 
 
@@ -143,12 +136,12 @@ def write(path: Path, settings: dict[str, tuple[Fine, Fine]] | None = None) -> I
             "tip": [[round(x / scale, 10) * scale for x in row] for row in tip.tolist()],
         }
         yield f"{motion.name}: agree to {agreement:.1e}, gradients to {of_gradients:.1e}"
-    data = {
+    content = {
         "about": ABOUT.format(parameters=", ".join(PARAMETERS)),
         "intervals": INTERVALS,
         "references": references,
     }
-    files.write(path, json.dumps(data, separators=(",", ":")).replace('],"', '],\n"') + "\n")
+    write_file(path, json.dumps(content, separators=(",", ":")).replace('],"', '],\n"') + "\n")
 
 
 def _limit(motion: Motion, fine: Fine) -> tuple[Tensor, Tensor]:

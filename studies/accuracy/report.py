@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import product
 from typing import Any
 
-from torchbeam.core.results import table
+from torchbeam.extend.commands import table
 
 from ..common_case import KINDS
 from .measurement import AccuracyRun
@@ -113,152 +114,87 @@ def _ratio(over: float | None, under: float | None, exact: bool = True) -> str:
 
 
 def _percent(value: float | None) -> str:
-    return (
-        ""
-        if value is None
-        else f"{100 * value:.2g} %"
-        if value >= 5e-4
-        else f"{value:.1e}".replace("e-0", "e-")
-    )
+    if value is None:
+        return ""
+    return f"{100 * value:.2g} %" if value >= 5e-4 else f"{value:.1e}".replace("e-0", "e-")
 
 
 def _target(value: float) -> str:
     return f"{100 * value:g} %" if value >= 1e-3 else f"{value:.0e}".replace("e-0", "e-")
 
 
-def _cheapest(motions: Sequence[Motion], rows: Sequence[AccuracyRun]) -> str:
-    lines = []
+def _pairs(
+    motions: Sequence[Motion],
+    rows: Sequence[AccuracyRun],
+    cost: Callable[[AccuracyRun], float | None],
+) -> Iterator[tuple[Motion, float, AccuracyRun, float, bool, AccuracyRun]]:
+    """Of each motion and wanted error that both reach: the cheapest row, what the base costs,
+    whether that is measured, and the base's row.
+    """
     for motion in motions:
         own = [row for row in rows if row.motion == motion.name]
         for target in TARGETS:
-            row, second = best(own, target), base(own, target, lambda row: row.seconds)
-            if row is None or second is None:
-                continue
-            cost, exact, finest = second
-            lines.append(
-                (
-                    motion.name,
-                    motion.kind,
-                    _target(target),
-                    _setting(row),
-                    _percent(row.error),
-                    _ms(row.seconds),
-                    _fineness(finest) if exact else "",
-                    _ms(cost, exact),
-                    _ratio(cost, row.seconds, exact),
-                    _ratio(row.gradient, row.seconds),
-                    _percent(row.gradient_error),
-                )
-            )
+            row, second = best(own, target, cost), base(own, target, cost)
+            if row is not None and second is not None:
+                yield motion, target, row, *second
+
+
+def _cheapest(motions: Sequence[Motion], rows: Sequence[AccuracyRun]) -> str:
+    lines = (
+        f"{motion.name} | {motion.kind} | {_target(target)} | {_setting(row)} | "
+        f"{_percent(row.error)} | {_ms(row.seconds)} | {_fineness(finest) if exact else ''} | "
+        f"{_ms(cost, exact)} | {_ratio(cost, row.seconds, exact)} | "
+        f"{_ratio(row.gradient, row.seconds)} | {_percent(row.gradient_error)}"
+        for motion, target, row, cost, exact, finest in _pairs(motions, rows, lambda r: r.seconds)
+    )
     head = (
-        "motion",
-        "kind",
-        "wanted",
-        "cheapest (elements, steps)",
-        "its error",
-        "ms",
-        "base",
-        "its ms",
-        "times faster",
-        "gradient over forward",
-        "its error",
+        "motion | kind | wanted | cheapest (elements, steps) | its error | ms | base | its ms | "
+        "times faster | gradient over forward | its error"
     )
     return table(head, lines, words=4)
 
 
 def _batches(motions: Sequence[Motion], rows: Sequence[AccuracyRun]) -> str:
-    lines = []
-    for motion in motions:
-        own = [row for row in rows if row.motion == motion.name]
-        for target in TARGETS:
-            row, second = (
-                find(own, target, lambda row: row.batch_seconds) for find in (best, base)
-            )
-            if row is None or second is None:
-                continue
-            cost, exact, _ = second
-            lines.append(
-                (
-                    motion.name,
-                    _target(target),
-                    _setting(row),
-                    _ms(row.batch_seconds),
-                    _ms(cost, exact),
-                    _ratio(cost, row.batch_seconds, exact),
-                    _ratio(row.batch_gradient, row.batch_seconds),
-                )
-            )
+    lines = (
+        f"{motion.name} | {_target(target)} | {_setting(row)} | {_ms(row.batch_seconds)} | "
+        f"{_ms(cost, exact)} | {_ratio(cost, row.batch_seconds, exact)} | "
+        f"{_ratio(row.batch_gradient, row.batch_seconds)}"
+        for motion, target, row, cost, exact, _ in _pairs(motions, rows, lambda r: r.batch_seconds)
+    )
     head = (
-        "motion",
-        "wanted",
-        "cheapest setting",
-        "ms a sample",
-        "base: ms a sample",
-        "times faster",
-        "gradient over forward",
+        "motion | wanted | cheapest setting | ms a sample | base: ms a sample | times faster | "
+        "gradient over forward"
     )
     return table(head, lines, words=3)
 
 
 def _every(motions: Sequence[Motion], rows: Sequence[AccuracyRun]) -> str:
     lines = []
-    for motion in motions:
-        for element in KINDS:
-            for method in METHODS:
-                own = [
-                    row
-                    for row in rows
-                    if (row.motion, row.element, row.method) == (motion.name, element, method)
-                ]
-                best_of_each = [best(own, target) for target in TARGETS]
-                if any(best_of_each):
-                    said = (
-                        "" if row is None else f"{_ms(row.seconds)} ({_fineness(row)})"
-                        for row in best_of_each
-                    )
-                    lines.append((motion.name, element, method, *said))
-                elif own and (note := next((row.note for row in own if row.note), "")):
-                    lines.append(
-                        (
-                            motion.name,
-                            element,
-                            method,
-                            note.partition(";")[0],
-                            *[""] * (len(TARGETS) - 1),
-                        )
-                    )
+    for motion, element, method in product((m.name for m in motions), KINDS, METHODS):
+        own = [r for r in rows if (r.motion, r.element, r.method) == (motion, element, method)]
+        least = [best(own, target) for target in TARGETS]
+        said = ["" if row is None else f"{_ms(row.seconds)} ({_fineness(row)})" for row in least]
+        if not any(least) and (note := next((row.note for row in own if row.note), "")):
+            said[0] = note.partition(";")[0]
+        if any(said):
+            lines.append((motion, element, method, *said))
     return table(("motion", "element", "method", *map(_target, TARGETS)), lines, words=3)
 
 
 def _explicit(rows: Sequence[AccuracyRun]) -> str:
-    last: dict[tuple[str, str, str], AccuracyRun] = {}
-    for row in rows:
-        if row.element in FORMS:
-            last[row.motion, row.element, row.method] = row
-    lines = [
-        (
-            row.motion,
-            row.element,
-            row.method,
-            f"{row.elements}",
-            "" if row.steps is None else f"{row.steps}",
-            row.note.partition(";")[0] if row.error is None and row.note else _percent(row.error),
-            "" if row.seconds is None else f"{'~' if row.scaled > 1 else ''}{row.seconds:.3g}",
-            _percent(row.gradient_error),
-            _ratio(row.gradient, row.seconds),
+    last = {(row.motion, row.element, row.method): row for row in rows if row.element in FORMS}
+    lines = []
+    for row in last.values():
+        note = row.error is None and row.note.partition(";")[0]
+        seconds = "" if row.seconds is None else f"{'~' if row.scaled > 1 else ''}{row.seconds:.3g}"
+        lines.append(
+            f"{row.motion} | {row.element} | {row.method} | {row.elements} | "
+            f"{'' if row.steps is None else row.steps} | {note or _percent(row.error)} | "
+            f"{seconds} | {_percent(row.gradient_error)} | {_ratio(row.gradient, row.seconds)}"
         )
-        for row in last.values()
-    ]
     head = (
-        "motion",
-        "form",
-        "method",
-        "elements",
-        "evaluations",
-        "error",
-        "CPU s",
-        "error of the gradient",
-        "gradient over forward",
+        "motion | form | method | elements | evaluations | error | CPU s | "
+        "error of the gradient | gradient over forward"
     )
     return table(head, lines, words=3)
 
@@ -274,17 +210,8 @@ def _peers(rows: Sequence[AccuracyRun], others: Sequence[Mapping[str, Any]]) -> 
             continue
         said = ("" if row is None else f"{_ms(row.seconds)} ({_setting(row)})" for row in ours)
         lines.append(
-            (
-                f"{other['peer']}, {other['space']}",
-                f"{other['elements']}",
-                f"{other['step_ms']:g}",
-                _percent(other["error"]),
-                _ms(other["best_cpu_s"]),
-                *said,
-            )
+            f"{other['peer']}, {other['space']} | {other['elements']} | {other['step_ms']:g} | "
+            f"{_percent(other['error'])} | {_ms(other['best_cpu_s'])} | {' | '.join(said)}"
         )
-    return table(
-        ("program", "elements", "step, ms", "error", "ms", "here, 3D: ms", "here, plane: ms"),
-        lines,
-        words=1,
-    )
+    head = "program | elements | step, ms | error | ms | here, 3D: ms | here, plane: ms"
+    return table(head, lines, words=1)

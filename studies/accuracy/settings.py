@@ -8,8 +8,7 @@ from typing import Any
 
 from torch import Tensor
 
-from torchbeam.dynamics.simulate import simulate
-from torchbeam.state.solution import Solution
+import torchbeam as tb
 
 from .motions import INTERVALS, Motion
 
@@ -59,11 +58,11 @@ class Setting:
 
     def run(
         self, motion: Motion, count: int | None = None, by: Tensor | None = None, flat: bool = False
-    ) -> Solution:
+    ) -> tb.Solution:
         """The motion, with so many output intervals (None = `instants`); by, flat: see
         `Motion.scene`.
         """
-        return simulate(
+        return tb.simulate(
             motion.scene(self.element, self.elements, by, flat),
             motion.instants(count or self.instants()),
             **self.options(motion),

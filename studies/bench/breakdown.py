@@ -13,15 +13,13 @@ from typing import Any
 
 import torch
 
+import torchbeam as tb
 from torchbeam.core.measurement import Measured, progress
-from torchbeam.dynamics.simulate import simulate
-from torchbeam.dynamics.stepper import Stepper
 from torchbeam.engine.chain.native import NativeProgram
 from torchbeam.engine.compiler.function import Function
 from torchbeam.engine.compiler.library import Library
 from torchbeam.engine.compiler.llvm import Module
 from torchbeam.engine.compiler.loop_text import Code
-from torchbeam.state.state import rest
 
 from ..common_case import SPACES, Case
 
@@ -47,14 +45,14 @@ def rows(quick: bool) -> Iterator[Measured]:
         for batch in BATCHES[space][-1:] if quick else BATCHES[space]:
             N = ELEMENTS[space]
             scene = case.scene(N, plane)
-            program = Stepper(scene, STEP, engine="compiled").compiled.program
-            start = rest(scene, () if batch == 1 else (batch,))
+            program = tb.Stepper(scene, STEP, engine="compiled").compiled.program
+            start = tb.rest(scene, () if batch == 1 else (batch,))
             t = case.t.new_tensor((0.0, steps * STEP))
             best = float("inf"), 0.0, 0.0
             for _ in range(2 if quick else 4):
                 with torch.no_grad(), clocked(program) as clock:
                     begun = time.process_time()
-                    solution = simulate(scene, t, start, step=STEP, engine="compiled")
+                    solution = tb.simulate(scene, t, start, step=STEP, engine="compiled")
                     seconds = time.process_time() - begun
                 best = min(
                     best,
@@ -81,18 +79,11 @@ def rows(quick: bool) -> Iterator[Measured]:
                 "native: other functions": others,
                 "native: driver": native / steps - assembly - elimination - others,
             }
+            where = dict(
+                engine="compiled", space=space, elements=N, step_ms=1e3 * STEP, batch=batch
+            )
             for what, seconds in shares_of.items():
-                yield Measured.of(
-                    PART,
-                    what,
-                    1e6 * seconds,
-                    "CPU us a step",
-                    engine="compiled",
-                    space=space,
-                    elements=N,
-                    step_ms=1e3 * STEP,
-                    batch=batch,
-                )
+                yield Measured.of(PART, what, 1e6 * seconds, "CPU us a step", **where)
             progress(
                 f"{space}, batch {batch}: {1e6 * whole / steps:.0f} us a step, "
                 f"{1 - native / whole:.0%} of it not native"

@@ -9,11 +9,8 @@ from collections.abc import Callable, Iterator
 import torch
 from torch import Tensor
 
+import torchbeam as tb
 from torchbeam.core.measurement import Measured, progress, timed
-from torchbeam.dynamics.rollout import rollout
-from torchbeam.dynamics.simulate import simulate
-from torchbeam.dynamics.stepper import Stepper
-from torchbeam.scene.scene import Scene
 
 from ..common_case import SPACES, Case
 
@@ -46,11 +43,11 @@ def _runs(case: Case, space: str, gradient: bool, count: int) -> dict[str, Calla
     EI = case.t.new_ones((), requires_grad=gradient)
     values = iter(1 + 1e-3 * k for k in range(1000 * count))
 
-    def scene() -> Scene:
+    def scene() -> tb.Scene:
         return case.scene(ELEMENTS, SPACES[space], EI * next(values), (0.0, next(values), 0.0))
 
     same, others = scene(), [scene() for _ in range(count)]
-    stepper = Stepper(same, STEP)
+    stepper = tb.Stepper(same, STEP)
     start = stepper.rest()
 
     def finished(tip: Tensor) -> None:
@@ -58,10 +55,12 @@ def _runs(case: Case, space: str, gradient: bool, count: int) -> dict[str, Calla
             tip[-1].sum().backward(retain_graph=True)
 
     return {
-        "rollout": lambda: finished(rollout(stepper, start, STEPS).tip.position),
-        "simulate, the same scene": lambda: finished(simulate(same, t, step=STEP).tip.position),
+        "rollout": lambda: finished(tb.rollout(stepper, start, STEPS).tip.position),
+        "simulate, the same scene": lambda: finished(tb.simulate(same, t, step=STEP).tip.position),
         "simulate, other values": lambda: finished(
-            simulate(others.pop(), t, step=STEP).tip.position
+            tb.simulate(others.pop(), t, step=STEP).tip.position
         ),
-        "a new scene and simulate": lambda: finished(simulate(scene(), t, step=STEP).tip.position),
+        "a new scene and simulate": lambda: finished(
+            tb.simulate(scene(), t, step=STEP).tip.position
+        ),
     }

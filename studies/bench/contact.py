@@ -20,16 +20,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+import torchbeam as tb
 from torchbeam.core.measurement import Measured, progress, timed
-from torchbeam.dynamics.rollout import rollout
-from torchbeam.dynamics.stepper import Stepper
-from torchbeam.scene.beam import Beam
-from torchbeam.scene.effects import Contact, Gravity, LineLoad, SelfContact
-from torchbeam.scene.scene import Scene
-from torchbeam.scene.section import Section
-from torchbeam.scene.supports import Support
-from torchbeam.state.state import State, rest
-from torchbeam.statics.equilibrium import equilibrium
 
 PART = "contact"
 ANGLE = math.radians(3.1)
@@ -38,79 +30,79 @@ LAW = dict(radius=RADIUS, thickness=1e-3, force=100.0)
 BATCHES = 1, 64, 256
 
 
-def section() -> Section:
-    return Section.circle(RADIUS, E=1e7, nu=0.35, rho=1200.0)
+def section() -> tb.Section:
+    return tb.Section.circle(RADIUS, E=1e7, nu=0.35, rho=1200.0)
 
 
-def over(height: float, touches: bool) -> Scene:
+def over(height: float, touches: bool) -> tb.Scene:
     """A clamped beam above one that is clamped at both ends, surfaces so high above each other."""
     root = (0.0, 0.0, 2 * RADIUS + height)
     parts = {
-        "lower": Beam.straight(0.5, ELEMENTS, section()),
-        "upper": Beam.straight(0.5, ELEMENTS, section(), root=root),
+        "lower": tb.Beam.straight(0.5, ELEMENTS, section()),
+        "upper": tb.Beam.straight(0.5, ELEMENTS, section(), root=root),
     }
-    effects = [Gravity((0.0, 0.0, -9.81))]
+    effects = [tb.Gravity((0.0, 0.0, -9.81))]
     if touches:
-        effects.append(Contact("lower", "upper", **LAW, points=1))
+        effects.append(tb.Contact("lower", "upper", **LAW, points=1))
     ends = [("lower", 0), ("lower", -1), ("upper", 0)]
-    return Scene(parts, effects, supports=[Support(end) for end in ends])
+    return tb.Scene(parts, effects, supports=[tb.Support(end) for end in ends])
 
 
-def alone(touches: bool) -> Scene:
+def alone(touches: bool) -> tb.Scene:
     """A clamped rod."""
-    beam = Beam.straight(1.0, 2 * ELEMENTS, section())
-    return Scene(beam, [Gravity((0.0, 0.0, -9.81)), *[SelfContact(**LAW)] * touches])
+    beam = tb.Beam.straight(1.0, 2 * ELEMENTS, section())
+    return tb.Scene(beam, [tb.Gravity((0.0, 0.0, -9.81)), *[tb.SelfContact(**LAW)] * touches])
 
 
-def crossed(touches: bool) -> Scene:
+def crossed(touches: bool) -> tb.Scene:
     """Two beams, clamped at both ends, that cross at so small an angle that they touch along a
     third of their length, where line loads press them on each other.
     """
     along = math.cos(ANGLE), math.sin(ANGLE)
     root = (0.25 * (1 - along[0]), -0.25 * along[1], 2 * RADIUS + 9e-4)
     parts = {
-        "lower": Beam.straight(0.5, ELEMENTS, section()),
-        "upper": Beam.straight(0.5, ELEMENTS, section(), root=root, direction=(*along, 0.0)),
+        "lower": tb.Beam.straight(0.5, ELEMENTS, section()),
+        "upper": tb.Beam.straight(0.5, ELEMENTS, section(), root=root, direction=(*along, 0.0)),
     }
-    loads = [LineLoad(force=(0.0, 0.0, p), on=on) for on, p in (("lower", 2.0), ("upper", -2.0))]
-    law = [Contact("lower", "upper", **LAW, points=1)] * touches
-    supports = [Support((name, end)) for name in parts for end in (0, -1)]
-    return Scene(parts, [*loads, *law], supports=supports)
+    loads = [tb.LineLoad(force=(0.0, 0.0, p), on=on) for on, p in (("lower", 2.0), ("upper", -2.0))]
+    law = [tb.Contact("lower", "upper", **LAW, points=1)] * touches
+    supports = [tb.Support((name, end)) for name in parts for end in (0, -1)]
+    return tb.Scene(parts, [*loads, *law], supports=supports)
 
 
-def drawn(touches: bool, run: int) -> Scene:
+def drawn(touches: bool, run: int) -> tb.Scene:
     """A beam across one that is clamped at both ends, drawn along it by its root, over half of its
     length or a little more; steps begin anew, as a user's do.
     """
     speed = 0.8 + 0.013 * run
     root = (0.15, -0.25, 2 * RADIUS + 5e-4)
     parts = {
-        "lower": Beam.straight(0.5, ELEMENTS, section()),
-        "upper": Beam.straight(0.5, ELEMENTS, section(), root=root, direction=(0.0, 1.0, 0.0)),
+        "lower": tb.Beam.straight(0.5, ELEMENTS, section()),
+        "upper": tb.Beam.straight(0.5, ELEMENTS, section(), root=root, direction=(0.0, 1.0, 0.0)),
     }
-    effects = [Gravity((0.0, 0.0, -9.81))]
+    effects = [tb.Gravity((0.0, 0.0, -9.81))]
     if touches:
-        effects.append(Contact("lower", "upper", **LAW, points=1))
+        effects.append(tb.Contact("lower", "upper", **LAW, points=1))
 
     def along(t: Tensor) -> Tensor:
         return torch.stack((speed * t, 0 * t, 0 * t), -1)
 
-    ends = [Support(("lower", 0)), Support(("lower", -1))]
-    return Scene(parts, effects, supports=[*ends, Support(("upper", 0), displacement=along)])
+    ends = [tb.Support(("lower", 0)), tb.Support(("lower", -1))]
+    return tb.Scene(parts, effects, supports=[*ends, tb.Support(("upper", 0), displacement=along)])
 
 
 @cache
-def pressed() -> State:
+def pressed() -> tb.State:
     """The equilibrium of `crossed` beams, swaying across both. They would slide from each other,
     in many times the run.
     """
     scene = crossed(True)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", ".*unstable equilibrium", RuntimeWarning)
-        at_rest = equilibrium(scene)
+        at_rest = tb.equilibrium(scene)
     mode = torch.sin(math.pi * torch.linspace(0.0, 1.0, ELEMENTS + 1)).repeat(2)[:, None]
     fields = {name: getattr(at_rest, name) for name in ("position", "rotation", "stress")}
-    return replace(rest(scene), **fields, velocity=mode * torch.tensor([0.0, 0.1, 0.0]))
+    return replace(tb.rest(scene), **fields, velocity=mode * torch.tensor([0.0, 0.1, 0.0]))
 
 
 class Case(NamedTuple):
@@ -118,8 +110,8 @@ class Case(NamedTuple):
     is one of its own, by number, in each run.
     """
 
-    scene: Callable[..., Scene]
-    start: Callable[[], State] | None = None
+    scene: Callable[..., tb.Scene]
+    start: Callable[[], tb.State] | None = None
     anew: bool = False
 
 
@@ -149,8 +141,8 @@ def rows(quick: bool) -> Iterator[Measured]:
 def stepping(case: Case, touches: bool, batch: int, steps: int) -> Callable[[], None]:
     """A rollout, of samples that a small velocity sets apart."""
 
-    def ready(*run: int) -> tuple[Stepper, State]:
-        stepper = Stepper(case.scene(touches, *run), STEP, engine="compiled")
+    def ready(*run: int) -> tuple[tb.Stepper, tb.State]:
+        stepper = tb.Stepper(case.scene(touches, *run), STEP, engine="compiled")
         start = stepper.rest() if case.start is None else case.start()
         if batch > 1:
             start = start.map(lambda x: x.expand(batch, *x.shape).clone())
@@ -161,4 +153,4 @@ def stepping(case: Case, touches: bool, batch: int, steps: int) -> Callable[[], 
 
     runs = count()
     always = None if case.anew else ready()
-    return lambda: rollout(*(always or ready(next(runs))), steps) and None
+    return lambda: tb.rollout(*(always or ready(next(runs))), steps) and None

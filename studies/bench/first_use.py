@@ -10,8 +10,8 @@ from collections.abc import Iterator
 
 import torch
 
+from torchbeam import Stepper
 from torchbeam.core.measurement import Measured, apart, progress
-from torchbeam.dynamics.stepper import Stepper
 
 from ..common_case import SPACES, Case
 

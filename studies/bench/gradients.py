@@ -11,9 +11,9 @@ from statistics import median
 
 import torch
 
+import torchbeam as tb
 from torchbeam.core.measurement import Measured, apart, progress, timed
 from torchbeam.core.memory import peak_memory
-from torchbeam.dynamics.simulate import simulate
 
 from ..common_case import SPACES, Case
 
@@ -39,18 +39,10 @@ def rollout(
     )
     force = case.t.new_tensor((0.0, 1.0, 0.0))
     t = torch.arange(0, steps * STEP + STEP / 2, output, dtype=case.t.dtype)
+    of = (x.requires_grad_(gradient) for x in (EI, force))
     with torch.set_grad_enabled(gradient):
-        solution = simulate(
-            case.scene(
-                ELEMENTS[space],
-                SPACES[space],
-                EI.requires_grad_(gradient),
-                force.requires_grad_(gradient),
-            ),
-            t,
-            step=STEP,
-            engine=engine,
-        )
+        scene = case.scene(ELEMENTS[space], SPACES[space], *of)
+        solution = tb.simulate(scene, t, step=STEP, engine=engine)
         loss = (solution.tip.position - case.t.new_tensor((0.6, 0.6, 0.0))).square().sum(-1).mean()
         if gradient:
             loss.backward()
@@ -62,26 +54,15 @@ def rows(quick: bool) -> Iterator[Measured]:
     steps, batches, repeats = (40, (1, 32), 2) if quick else (STEPS, (1, 256), 3)
     for space in ("3D",) if quick else ELEMENTS:
         for batch in batches:
-            where = dict(
-                engine="compiled",
-                space=space,
-                elements=ELEMENTS[space],
-                step_ms=1e3 * STEP,
-                batch=batch,
-            )
+            sizes = dict(elements=ELEMENTS[space], step_ms=1e3 * STEP, batch=batch)
+            where = dict(engine="compiled", space=space, **sizes)
             runs = [partial(rollout, space, batch, gradient, steps) for gradient in (False, True)]
             forward, whole = timed(runs, repeats)
             yield forward.row(PART, f"forward, {steps} steps", **where)
             yield whole.row(PART, f"gradient, {steps} steps", **where)
             ratios = [b / a for a, b in zip(forward.wall, whole.wall, strict=True)]
-            yield Measured(
-                PART,
-                "gradient over forward",
-                min(whole.wall) / min(forward.wall),
-                median(ratios),
-                "",
-                **where,
-            )
+            best = min(whole.wall) / min(forward.wall)
+            yield Measured(PART, "gradient over forward", best, median(ratios), "", **where)
             progress(f"{space}, batch {batch}: gradient {median(ratios):.2f} times its forward")
     if find_spec("resource") is None:
         progress("memory is not measured: this system does not tell it")
@@ -89,17 +70,9 @@ def rows(quick: bool) -> Iterator[Measured]:
     kinds = (("memory, tip every 20 ms", OUTPUT), ("memory, tip at the end", STEPS * STEP))
     for what, output in kinds[:1] if quick else kinds:
         bytes_of = apart(memory, "3D", batches[-1], output)
-        yield Measured.of(
-            PART,
-            f"{what}, {STEPS} steps",
-            bytes_of["MB"],
-            "MB",
-            engine="compiled",
-            space="3D",
-            elements=ELEMENTS["3D"],
-            step_ms=1e3 * STEP,
-            batch=batches[-1],
-        )
+        sizes = dict(elements=ELEMENTS["3D"], step_ms=1e3 * STEP, batch=batches[-1])
+        where = dict(engine="compiled", space="3D", **sizes)
+        yield Measured.of(PART, f"{what}, {STEPS} steps", bytes_of["MB"], "MB", **where)
         progress(f"{what}: {bytes_of['MB']:.0f} MB")
 
 

@@ -8,9 +8,8 @@ from collections.abc import Callable, Iterator
 
 import torch
 
+import torchbeam as tb
 from torchbeam.core.measurement import Measured, exponent, progress, timed
-from torchbeam.dynamics.simulate import simulate
-from torchbeam.state.state import rest
 
 from ..common_case import SPACES, Case
 
@@ -32,16 +31,9 @@ def rows(quick: bool) -> Iterator[Measured]:
             runs = [_run(case, space, **USUAL | {what: size}) for size in sizes]
             for size, times in zip(sizes, timed(runs, repeats), strict=True):
                 now = USUAL | {what: size}
-                row = times.row(
-                    PART,
-                    f"{now['steps']} steps, by {what}",
-                    "cpu",
-                    engine="compiled",
-                    space=space,
-                    elements=now["elements"],
-                    step_ms=1e3 * STEP,
-                    batch=now["batch"],
-                )
+                where = dict(elements=now["elements"], step_ms=1e3 * STEP, batch=now["batch"])
+                of = f"{now['steps']} steps, by {what}"
+                row = times.row(PART, of, "cpu", engine="compiled", space=space, **where)
                 seconds.append(row.best)
                 yield row
             power = exponent(sizes, seconds)
@@ -53,10 +45,10 @@ def rows(quick: bool) -> Iterator[Measured]:
 
 def _run(case: Case, space: str, elements: int, batch: int, steps: int) -> Callable[[], None]:
     scene = case.scene(elements, SPACES[space])
-    start, t = rest(scene, (batch,)), case.t.new_tensor((0.0, steps * STEP))
+    start, t = tb.rest(scene, (batch,)), case.t.new_tensor((0.0, steps * STEP))
 
     def run() -> None:
         with torch.no_grad():
-            simulate(scene, t, start, step=STEP, engine="compiled")
+            tb.simulate(scene, t, start, step=STEP, engine="compiled")
 
     return run

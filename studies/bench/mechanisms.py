@@ -11,9 +11,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+import torchbeam as tb
 from torchbeam.core.measurement import CPU, Measured, progress, timed
-from torchbeam.dynamics.rollout import rollout
-from torchbeam.dynamics.stepper import Stepper
 
 from .. import mechanisms
 from ..peers import measured
@@ -38,22 +37,16 @@ def rows(quick: bool) -> Iterator[Measured]:
             every = max(mechanisms.INTERVALS // steps, 1)
             error = mechanisms.error(run(), known[name].places[::every])
             (times,) = timed([run], 2 if quick else 5)
-            yield _row(
-                times.row(
-                    PART,
-                    name,
-                    "cpu",
-                    CPU,
-                    per=mechanisms.DURATION,
-                    engine="torchbeam",
-                    space=mechanisms.SPACES[name],
-                    elements=elements,
-                    step_ms=1e3 * mechanisms.DURATION / steps,
-                    batch=1,
-                    error=error,
-                    element=f"order {order}",
-                )
+            where = dict(
+                engine="torchbeam",
+                space=mechanisms.SPACES[name],
+                elements=elements,
+                step_ms=1e3 * mechanisms.DURATION / steps,
+                batch=1,
+                error=error,
+                element=f"order {order}",
             )
+            yield _row(times.row(PART, name, "cpu", CPU, per=mechanisms.DURATION, **where))
 
 
 def peers(folder: Path, python: str, quick: bool) -> Iterator[Measured]:
@@ -81,14 +74,14 @@ def _row(row: Measured) -> Measured:
 
 def _stepping(name: str, elements: int, order: int, steps: int) -> Callable[[], Tensor]:
     """Places at all instants, or at each step if these are longer; the model is made before."""
-    stepper = Stepper(
+    stepper = tb.Stepper(
         mechanisms.scene(name, elements, order), mechanisms.DURATION / steps, engine="compiled"
     )
     start, every = stepper.rest(), max(steps // mechanisms.INTERVALS, 1)
 
     def run() -> Tensor:
         with torch.no_grad():
-            states = start, rollout(stepper, start, steps)
+            states = start, tb.rollout(stepper, start, steps)
             first, after = (mechanisms.places(name, state) for state in states)
             return torch.cat((first[None], after))[::every]
 

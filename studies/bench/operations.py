@@ -9,9 +9,9 @@ from functools import partial
 
 import torch
 
+from torchbeam import Stepper
 from torchbeam.analysis.trials import operations as tensor_operations
 from torchbeam.core.measurement import Measured
-from torchbeam.dynamics.stepper import Stepper
 
 from ..common_case import SPACES, Case
 from .structures import loop

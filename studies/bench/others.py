@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from importlib.metadata import entry_points
 from pathlib import Path
+from typing import Any
 
 from torchbeam.core.measurement import CPU, Measured, progress
 
@@ -30,20 +31,10 @@ def peers(folder: Path, python: str, quick: bool) -> Iterator[Measured]:
     """Rows of the scripts of a folder, see `measured`."""
     for one in measured(folder, python, *["--quick"] * quick):
         whole = one["rate"] * one["best_cpu_s"]
-        yield Measured(
-            PEERS,
-            "rate by CPU time",
-            one["rate"],
-            whole / one["median_cpu_s"],
-            CPU,
-            engine=one["peer"],
-            space=one["space"],
-            elements=one["elements"],
-            step_ms=one["step_ms"],
-            batch=1,
-            error=one["error"],
-            element=one["element"],
-        )
+        names = "space", "elements", "step_ms", "error", "element"
+        where: dict[str, Any] = {name: one[name] for name in names}
+        median, what = whole / one["median_cpu_s"], "rate by CPU time"
+        yield Measured(PEERS, what, one["rate"], median, CPU, engine=one["peer"], batch=1, **where)
         progress(
             f"{one['peer']}: {one['rate']:.4g} simulated s per CPU s at {100 * one['error']:.2f} %"
         )

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from torchbeam.core.measurement import CPU, WALL, Measured
-from torchbeam.core.results import table
+from torchbeam.extend.commands import table
 from torchbeam.plot.canvas import grid, save
 
 from . import (
@@ -31,75 +31,40 @@ def markdown(rows: Sequence[Measured]) -> str:
 
 
 def _throughput(rows: Sequence[Measured]) -> str:
-    rates = {
-        ((r.space, r.elements, r.step_ms, r.batch, r.element), (r.engine, r.unit, r.threads)): r
-        for r in rows
-        if r.part == throughput.PART
-    }
-    ceilings = {
-        (r.space, r.elements, r.step_ms, r.batch, r.element): r.best
-        for r in rows
-        if r.part == throughput.PART and r.what == throughput.CEILING
-    }
+    def case(r: Measured) -> tuple:
+        return r.space, r.elements, r.step_ms, r.batch, r.element
+
+    own = [r for r in rows if r.part == throughput.PART]
+    rates = {(case(r), (r.engine, r.unit, r.threads)): r for r in own}
+    ceilings = {case(r): r.best for r in own if r.what == throughput.CEILING}
     peers = {r.space: r for r in rows if r.part == PEERS}
     lines = []
-    for case in dict.fromkeys(case for case, _ in rates):
-        compiled, eager, one, two = (
-            rates.get((case, how))
-            for how in (
-                ("compiled", CPU, 1),
-                ("eager", CPU, 1),
-                ("compiled", WALL, 1),
-                ("compiled", WALL, 2),
-            )
-        )
-        peer = peers.get(case[0])
-        lines.append(
-            (
-                case[0],
-                f"{case[1]}, {case[4]}",
-                f"{case[2]:.3g}",
-                f"{100 * compiled.error:.2f} %",
-                f"{case[3]}",
-                _rate(eager),
-                _rate(compiled),
-                "" if eager is None else f"{compiled.best / eager.best:.0f}",
-                "" if two is None else f"{two.best / one.best:.2f}",
-                *([f"{ceilings[case]:.2f}" if case in ceilings else ""] if ceilings else []),
-                *([f"{compiled.best / peer.best:.1f}" if peer else ""] if peers else []),
-            )
-        )
+    for of in dict.fromkeys(of for of, _ in rates):
+        compiled, eager = (rates.get((of, (engine, CPU, 1))) for engine in ("compiled", "eager"))
+        one, two = (rates.get((of, ("compiled", WALL, count))) for count in (1, 2))
+        space, elements, step, batch, element = of
+        faster = "" if eager is None else f"{compiled.best / eager.best:.0f}"
+        threads = "" if two is None else f"{two.best / one.best:.2f}"
+        ceiling = [f"{ceilings[of]:.2f}" if of in ceilings else ""] if ceilings else []
+        peer = peers.get(space)
+        over = [f"{compiled.best / peer.best:.1f}" if peer else ""] if peers else []
+        error, rate = f"{100 * compiled.error:.2f} %", (_rate(eager), _rate(compiled))
+        first = space, f"{elements}, {element}", f"{step:.3g}", error, f"{batch}"
+        lines.append((*first, *rate, faster, threads, *ceiling, *over))
     for r in peers.values():
-        lines.append(
-            (
-                f"{r.engine}, {r.space}",
-                f"{r.elements}, {r.element}",
-                f"{r.step_ms:.3g}",
-                f"{100 * r.error:.2f} %",
-                "1",
-                "",
-                _rate(r),
-                *[""] * (3 + bool(ceilings)),
-            )
-        )
-    heads = (
-        "case",
-        "elements",
-        "step, ms",
-        "error",
-        "batch",
-        "eager: simulated s per CPU s",
-        "compiled, or the peer",
-        "over eager",
-        "2 threads over 1",
-        *(["2 processes over 1"] if ceilings else []),
-        *(["over the peer"] if peers else []),
+        first = f"{r.engine}, {r.space}", f"{r.elements}, {r.element}", f"{r.step_ms:.3g}"
+        error, empty = f"{100 * r.error:.2f} %", [""] * (3 + bool(ceilings))
+        lines.append((*first, error, "1", "", _rate(r), *empty))
+    head = (
+        "case | elements | step, ms | error | batch | eager: simulated s per CPU s | "
+        "compiled, or the peer | over eager | 2 threads over 1"
+        f"{' | 2 processes over 1' * bool(ceilings)}{' | over the peer' * bool(peers)}"
     )
-    return _table(heads, lines, words=1)
+    return _table(head, lines, words=1)
 
 
-def _table(heads: Sequence[str], lines: Sequence[Sequence[str]], words: int) -> str:
-    return table(heads, lines, words) if lines else ""
+def _table(head: str | Sequence[str], lines: Sequence[Sequence[str]], words: int) -> str:
+    return table(head, lines, words) if lines else ""
 
 
 def _rate(row: Measured | None) -> str:
@@ -122,19 +87,8 @@ def _gradients(rows: Sequence[Measured]) -> str:
 
 
 def _elsewhere(rows: Sequence[Measured]) -> str:
-    known = {
-        throughput.PART,
-        gradients.PART,
-        calls.PART,
-        structures.PART,
-        contact.PART,
-        mechanisms.PART,
-        first_use.PART,
-        breakdown.PART,
-        growth.PART,
-        operations.PART,
-        PEERS,
-    }
+    parts = throughput, gradients, calls, structures, contact, mechanisms, first_use, breakdown
+    known = {PEERS, *(part.PART for part in (*parts, growth, operations))}
     lines = [
         (r.what, f"{r.batch}", _number(r.best), _number(r.median), r.unit)
         for r in rows
@@ -174,22 +128,10 @@ def _growth(rows: Sequence[Measured]) -> str:
 
 
 def _operations(rows: Sequence[Measured]) -> str:
-    names = {
-        "element",
-        "before element",
-        "node",
-        "row",
-        "back",
-        "element bar",
-        "blocks",
-        "law",
-        "node bar",
-        "block",
-        "joint",
-        "interface",
-        "row backward",
-        "row bordered",
-    }
+    names = (
+        "element, before element, node, row, back, element bar, blocks, law, node bar, block, "
+        "joint, interface, row backward, row bordered"
+    ).split(", ")
     shown = [
         r
         for r in rows
@@ -263,21 +205,9 @@ def picture(rows: Sequence[Measured], path: Path) -> None:
         if r.what.startswith("exponent of "):
             what = r.what.removeprefix("exponent of ")
             line = [x for x in timed if x.space == r.space and x.what.endswith(f"by {what}")]
-            sizes = [
-                x.elements
-                if what == "elements"
-                else x.batch
-                if what == "batch"
-                else int(x.what.split()[0])
-                for x in line
-            ]
-            third.loglog(
-                sizes,
-                [x.best for x in line],
-                "o-",
-                ms=3,
-                label=f"{r.space}, {what}: power {r.best:.2f}",
-            )
+            sizes = [getattr(x, what, None) or int(x.what.split()[0]) for x in line]
+            label = f"{r.space}, {what}: power {r.best:.2f}"
+            third.loglog(sizes, [x.best for x in line], "o-", ms=3, label=label)
     third.set(xlabel="elements, batch or steps", ylabel="CPU s")
     third.grid(True, color="0.9")
     third.tick_params(which="minor", labelbottom=False, labelleft=False)

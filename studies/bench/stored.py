@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-from torchbeam.core import files
+from torchbeam.extend.commands import write as write_file
 
 GROWTH = 0.03  # that is let pass
 
@@ -22,7 +22,7 @@ def stored(path: Path, what: str) -> dict[str, float]:
 
 
 def store(path: Path, numbers: Mapping[str, float]) -> None:
-    files.write(path, json.dumps(numbers, indent=1) + "\n")
+    write_file(path, json.dumps(numbers, indent=1) + "\n")
 
 
 def grown(now: Mapping[str, float], before: Mapping[str, float], unit: str) -> list[str]:

@@ -10,16 +10,8 @@ from statistics import median
 
 import torch
 
+import torchbeam as tb
 from torchbeam.core.measurement import Measured, progress, timed
-from torchbeam.dynamics.rollout import rollout
-from torchbeam.dynamics.stepper import Stepper
-from torchbeam.scene.beam import Beam
-from torchbeam.scene.effects import Gravity
-from torchbeam.scene.joints import Hinge, Weld
-from torchbeam.scene.scene import Scene
-from torchbeam.scene.section import Section
-from torchbeam.scene.supports import Support
-from torchbeam.statics.equilibrium import equilibrium
 
 PART = "structures"
 BEAMS, ELEMENTS, STEP, STEPS = 8, 8, 1e-3, 200
@@ -27,39 +19,39 @@ WEIGHT = (0.3, 0.5, -9.81)  # m/s^2
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
-def section() -> Section:
+def section() -> tb.Section:
     numbers = dict(EA=4e4, GA=1.4835e4, GJ=0.769, mass=0.2, inertia=5e-6)
     one = torch.ones((), dtype=torch.float64)
-    return Section.from_stiffness(EI=one, **{name: one * x for name, x in numbers.items()})
+    return tb.Section.from_stiffness(EI=one, **{name: one * x for name, x in numbers.items()})
 
 
-def welded(roots: list[int | None], parts: dict[str, Beam], *more: Weld) -> Scene:
+def welded(roots: list[int | None], parts: dict[str, tb.Beam], *more: tb.Weld) -> tb.Scene:
     """Each beam on the tip of another (None = clamped)."""
     joints = [
-        Weld((f"{root}", -1), (f"{k}", 0)) for k, root in enumerate(roots) if root is not None
+        tb.Weld((f"{root}", -1), (f"{k}", 0)) for k, root in enumerate(roots) if root is not None
     ]
-    supports = [Support((f"{k}", 0)) for k, root in enumerate(roots) if root is None]
-    return Scene(parts, [Gravity(WEIGHT)], joints=[*joints, *more], supports=supports)
+    supports = [tb.Support((f"{k}", 0)) for k, root in enumerate(roots) if root is None]
+    return tb.Scene(parts, [tb.Gravity(WEIGHT)], joints=[*joints, *more], supports=supports)
 
 
-def beam(count: int = BEAMS * ELEMENTS) -> Scene:
+def beam(count: int = BEAMS * ELEMENTS) -> tb.Scene:
     """One, clamped, of the same elements as the others."""
-    return Scene(Beam.straight(count / 64, count, section()), [Gravity(WEIGHT)])
+    return tb.Scene(tb.Beam.straight(count / 64, count, section()), [tb.Gravity(WEIGHT)])
 
 
-def tree() -> Scene:
+def tree() -> tb.Scene:
     """A binary one, of beams at right angles."""
     roots, own = [None, *((k - 1) // 2 for k in range(1, BEAMS))], 1 / BEAMS
     tips, parts = [], {}
     for k, root in enumerate(roots):
         direction = torch.tensor(AXES[k % 3], dtype=torch.float64)
         start = torch.zeros_like(direction) if root is None else tips[root]
-        parts[f"{k}"] = Beam.straight(own, ELEMENTS, section(), root=start, direction=direction)
+        parts[f"{k}"] = tb.Beam.straight(own, ELEMENTS, section(), root=start, direction=direction)
         tips.append(start + own * direction)
     return welded(roots, parts)
 
 
-def ring() -> Scene:
+def ring() -> tb.Scene:
     """A closed polygon, clamped at a corner."""
     angle, own, parts = 2 * math.pi / BEAMS, 1 / BEAMS, {}
     place = torch.zeros(3, dtype=torch.float64)
@@ -67,33 +59,33 @@ def ring() -> Scene:
         direction = torch.tensor(
             (math.cos(k * angle), 0.0, math.sin(k * angle)), dtype=torch.float64
         )
-        side = Beam.straight(
+        side = tb.Beam.straight(
             own, ELEMENTS, section(), root=place, direction=direction, up=(0, 1, 0)
         )
         parts[f"{k}"], place = side, place + own * direction
-    last = Weld((f"{BEAMS - 1}", -1), ("0", 0))
+    last = tb.Weld((f"{BEAMS - 1}", -1), ("0", 0))
     return welded([None, *range(BEAMS - 1)], parts, last)
 
 
-def fingers() -> Scene:
+def fingers() -> tb.Scene:
     """Beside each other, each clamped."""
     parts = {
-        f"{k}": Beam.straight(1 / BEAMS, ELEMENTS, section(), root=(0.0, 0.1 * k, 0.0))
+        f"{k}": tb.Beam.straight(1 / BEAMS, ELEMENTS, section(), root=(0.0, 0.1 * k, 0.0))
         for k in range(BEAMS)
     }
     return welded([None] * BEAMS, parts)
 
 
-def loop() -> Scene:
+def loop() -> tb.Scene:
     """Two beams, welded and hinged to each other, on a third: what operations are counted of."""
     ends = ((0.0, 0, 0), (1.0, 0, 0)), ((0.0, 0, 0), (0, 0, 1.0)), ((1.0, 0, 0), (0, 0, 1.0))
     parts = {
-        name: Beam.straight(1.0, 3, section(), root=root, direction=direction)
+        name: tb.Beam.straight(1.0, 3, section(), root=root, direction=direction)
         for name, (root, direction) in zip("abc", ends, strict=True)
     }
-    joints = [Weld(("a", 0), ("b", 0)), Weld(("a", -1), ("c", 0))]
-    joints.append(Hinge(("b", 2), ("c", 2), axis=(0, 1, 0), at=(0.5, 0, 0.5)))
-    return Scene(parts, [Gravity(WEIGHT)], joints=joints, supports=[Support(("a", 0))])
+    joints = [tb.Weld(("a", 0), ("b", 0)), tb.Weld(("a", -1), ("c", 0))]
+    joints.append(tb.Hinge(("b", 2), ("c", 2), axis=(0, 1, 0), at=(0.5, 0, 0.5)))
+    return tb.Scene(parts, [tb.Gravity(WEIGHT)], joints=joints, supports=[tb.Support(("a", 0))])
 
 
 def rows(quick: bool) -> Iterator[Measured]:
@@ -123,20 +115,20 @@ def rows(quick: bool) -> Iterator[Measured]:
         progress(f"{what}: {best:.2f}")
 
 
-def _stepping(scene: Scene, steps: int, gradient: bool = False) -> Callable[[], None]:
+def _stepping(scene: tb.Scene, steps: int, gradient: bool = False) -> Callable[[], None]:
     """A rollout; with the gradient by its start."""
-    stepper = Stepper(scene, STEP, engine="compiled")
+    stepper = tb.Stepper(scene, STEP, engine="compiled")
     start = stepper.rest()
 
     def run() -> None:
         begin = start.map(lambda x: x.clone())
         velocity = begin.velocity.requires_grad_(gradient)
-        states = rollout(stepper, begin, steps)
+        states = tb.rollout(stepper, begin, steps)
         if gradient:
             torch.autograd.grad(states.position[-1].sum(), velocity)
 
     return run
 
 
-def _resting(scene: Scene) -> Callable[[], None]:
-    return lambda: equilibrium(scene, engine="compiled") and None
+def _resting(scene: tb.Scene) -> Callable[[], None]:
+    return lambda: tb.equilibrium(scene, engine="compiled") and None

@@ -12,10 +12,9 @@ from typing import Any, NamedTuple
 
 import torch
 
-from torchbeam.core.command_line import threads
+import torchbeam as tb
 from torchbeam.core.measurement import CPU, WALL, Measured, apart, progress, thread_counts, timed
-from torchbeam.dynamics.simulate import simulate
-from torchbeam.state.state import rest
+from torchbeam.extend.commands import threads
 
 from ..common_case import KINDS, SPACES, Case, motion
 
@@ -103,11 +102,11 @@ def alone(
     """Runs a second of one process in a window that begins at a time; late: it was not ready."""
     case, times = Case.load(), []
     scene = case.scene(elements, SPACES[space], element=element)
-    instants, start = case.t[: len(case.t) // SHARES["eager"] + 1], rest(scene, (batch,))
+    instants, start = case.t[: len(case.t) // SHARES["eager"] + 1], tb.rest(scene, (batch,))
 
     def run() -> None:
         with torch.no_grad():
-            _ = simulate(scene, instants, start, step=step, engine="compiled").tip.position
+            _ = tb.simulate(scene, instants, start, step=step, engine="compiled").tip.position
 
     run()
     late = time.time() > begin
@@ -130,12 +129,12 @@ def _batch(
     error: dict[str, float],
 ) -> Iterator[Measured]:
     scene = case.scene(setting.elements, SPACES[space], element=setting.element)
-    start = rest(scene, () if batch == 1 else (batch,))
+    start = tb.rest(scene, () if batch == 1 else (batch,))
     instants = case.t[:: setting.every]
 
     def run(engine: str, share: int) -> None:
         with torch.no_grad():
-            _ = simulate(
+            _ = tb.simulate(
                 scene,
                 instants[: len(instants) // share + 1],
                 start,

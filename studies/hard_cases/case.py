@@ -13,7 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from torchbeam.core.warning import SlowPathWarning
+from torchbeam import SlowPathWarning
 
 VARIANTS = ("float64", "float32", "batch", "gradient")
 BATCH = 64, 8  # samples of the batch, in full and reduced
@@ -21,6 +21,7 @@ SPREAD = 0.01  # of p over the batch
 # of the largest value: rounding, which hundreds of steps magnify, of products of another shape
 IN_BATCH = 1e-10
 NUDGE = 1e-5  # of p, for central differences
+FROM = {"float32": "float64", "batch": "the sample alone", "gradient": "central differences"}
 WEIGHTS = (1.0, 0.7, -0.4)  # of the value's last axis in the scalar whose gradient is taken
 
 
@@ -110,24 +111,13 @@ def run(case: Case, quick: bool = False, long: bool = False) -> list[Result]:
                 answer = case.solve(p, size)
                 difference, allowed = _own_check(variant, case, p, answer, alone)
         except (RuntimeError, ValueError) as error:
-            results.append(
-                Result(
-                    case.name,
-                    variant,
-                    False,
-                    -1,
-                    torch.nan,
-                    None,
-                    None,
-                    time.perf_counter() - begin,
-                    f"raises {type(error).__name__}: {error}",
-                )
-            )
+            why, spent = f"raises {type(error).__name__}: {error}", time.perf_counter() - begin
+            failed = Result(case.name, variant, False, -1, torch.nan, None, None, spent, why)
+            results.append(failed)
             continue
         alone = answer.value.detach() if alone is None else alone
-        results.append(
-            _judge(case, variant, answer, difference, allowed, time.perf_counter() - begin)
-        )
+        spent = time.perf_counter() - begin
+        results.append(_judge(case, variant, answer, difference, allowed, spent))
     return [replace(r, known=known.get(r.variant, "")) for r in results]
 
 
@@ -183,20 +173,7 @@ def _judge(
     if not error <= bound:
         reasons.append(f"{case.check}: {error:.1e} where {bound:.0e} is accepted")
     if difference is not None and not difference <= allowed:
-        what = {
-            "float32": "from float64",
-            "batch": "from the sample alone",
-            "gradient": "from central differences",
-        }[variant]
-        reasons.append(f"{difference:.1e} {what} where {allowed:.0e} is accepted")
-    return Result(
-        case.name,
-        variant,
-        not reasons,
-        status,
-        error,
-        difference,
-        answer.iterations,
-        seconds,
-        "; ".join(reasons),
-    )
+        what = FROM[variant]
+        reasons.append(f"{difference:.1e} from {what} where {allowed:.0e} is accepted")
+    numbers = status, error, difference, answer.iterations, seconds
+    return Result(case.name, variant, not reasons, *numbers, "; ".join(reasons))

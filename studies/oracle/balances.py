@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -54,19 +55,10 @@ class Motion:
         alpha = np.gradient(self.w, self.t, axis=0, edge_order=2) + cross(
             omega + 0 * self.w, self.w
         )
-        return Point(
-            self.x,
-            t,
-            self.r,
-            self.R,
-            self.v,
-            self.w,
-            a,
-            alpha,
-            (v0, omega),
-            exponential(-t[..., None] * omega),
-            lambda: _support(self.case, t[:, 0]),
-        )
+        inertial = exponential(-t[..., None] * omega)
+        moving = self.r, self.R, self.v, self.w, a, alpha
+        support = partial(_support, self.case, t[:, 0])
+        return Point(self.x, t, *moving, (v0, omega), inertial, support)
 
     def node(self, p: Point, x: float) -> Point:
         """One node of them, (T, .)."""

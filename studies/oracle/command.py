@@ -4,18 +4,17 @@ they differ by.
 
 from __future__ import annotations
 
-import argparse
-import sys
 import time
 import warnings
+from argparse import Namespace
 from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import fields
+from importlib.util import find_spec
 
-from torchbeam.core.command_line import threads
-from torchbeam.core.results import measured_on, sentence, write
-from torchbeam.core.results import table as markdown_table
+from torchbeam.core.measurement import progress
+from torchbeam.extend.commands import table
 
-from ..command import study
+from ..harness import Report, Study
 from .comparison import NETS, Comparison, compare
 from .statics import NotFound
 
@@ -32,85 +31,34 @@ ABOUT = (
 QUICK = 2  # cases
 
 
-def _options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--seed", type=int, default=0, help="of the random cases (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--cases", type=int, default=20, help="how many of each net (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--first", type=int, default=0, help="number of the first case (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--net",
-        choices=(*NETS, "all"),
-        default="all",
-        help="which comparison (default: %(default)s)",
-    )
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Random rods against an independent reference: statics, vibrations, balances of motion; 0 if
-    all agree.
-    """
-    given, out = study(
-        argv,
-        "oracle",
-        "Random rods by the library and by a dense reference that shares no line with it.",
-        quick=f"{QUICK} cases of each net",
-        more=_options,
-    )
-    try:
-        import scipy  # noqa: F401
-    except ImportError:
-        print(
-            "python -m studies oracle: error: scipy is missing; the extra `control` brings it",
-            file=sys.stderr,
-        )
-        return 2
+def study(options: Namespace) -> Report:
     rows: list[Comparison] = []
     failed, seconds = [], {}
-    numbers = range(given.first, given.first + (QUICK if given.quick else given.cases))
-    with threads(1), warnings.catch_warnings():
+    numbers = range(options.first, options.first + (QUICK if options.quick else options.cases))
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of equilibria that are not stable
-        for net in NETS if given.net == "all" else (given.net,):
+        for net in NETS if options.net == "all" else (options.net,):
             start = time.perf_counter()
             for number in numbers:
                 try:
-                    rows += (new := compare(net, given.seed, number))
-                    bad = [
+                    rows += (new := compare(net, options.seed, number))
+                    bad = (
                         f"{r.quantity} {r.error:.1e} > {r.tolerance:.1e}" for r in new if not r.ok
-                    ]
-                    print(
-                        net,
-                        number,
-                        new[0].about if new else "",
-                        "; ".join(bad) or "ok",
-                        file=sys.stderr,
                     )
+                    about = new[0].about if new else ""
+                    progress(f"{net} {number} {about} {'; '.join(bad) or 'ok'}")
                 except (NotFound, RuntimeError, ValueError, MemoryError) as error:
                     failed.append((net, str(number), f"{type(error).__name__}: {error}"))
-                    print(net, number, *failed[-1][2:], file=sys.stderr)
+                    progress(" ".join(failed[-1]))
             seconds[net] = time.perf_counter() - start
-        heading = measured_on()
-    none = [markdown_table(("net", "case", "no answer"), failed)] if failed else []
-    text = "\n\n".join((ABOUT, markdown(rows, seconds), *none, sentence(heading)))
-    print(text)
-    write(
-        out,
-        "oracle",
-        text,
-        {
-            **heading,
-            "seconds": seconds,
-            "rows": [{**asdict(r), "ok": r.ok} for r in rows],
-            "failed": failed,
-        },
-        [*(f.name for f in fields(Comparison)), "ok"],
-        ((*asdict(r).values(), r.ok) for r in rows),
+    none = [table("net | case | no answer", failed)] if failed else []
+    return Report(
+        [ABOUT, markdown(rows, seconds), *none],
+        rows,
+        {"seconds": seconds, "failed": failed},
+        columns=[*(f.name for f in fields(Comparison)), "ok"],
+        status=int(bool(failed) or not all(r.ok for r in rows)),
     )
-    return 0 if all(r.ok for r in rows) and not failed else 1
 
 
 def markdown(rows: Sequence[Comparison], seconds: dict[str, float]) -> str:
@@ -122,35 +70,42 @@ def markdown(rows: Sequence[Comparison], seconds: dict[str, float]) -> str:
             some = [r for r in own if r.quantity == quantity]
             errors = sorted(r.error for r in some)
             lines.append(
-                (
-                    net,
-                    quantity,
-                    f"{sum(r.ok for r in some)} of {len(some)}",
-                    f"{errors[len(errors) // 2]:.1e}",
-                    f"{errors[-1]:.1e}",
-                    f"{max(r.tolerance for r in some):.1e}",
-                    f"{spent:.0f}",
-                )
+                f"{net} | {quantity} | {sum(r.ok for r in some)} of {len(some)} | "
+                f"{errors[len(errors) // 2]:.1e} | {errors[-1]:.1e} | "
+                f"{max(r.tolerance for r in some):.1e} | {spent:.0f}"
             )
-    head = (
-        "net",
-        "quantity",
-        "agree",
-        "error: median",
-        "largest",
-        "accepted at most",
-        "s of the net",
-    )
+    head = "net | quantity | agree | error: median | largest | accepted at most | s of the net"
     wrong = [
-        (r.net, str(r.case), r.about, r.quantity, f"{r.error:.1e}", f"{r.tolerance:.1e}")
+        f"{r.net} | {r.case} | {r.about} | {r.quantity} | {r.error:.1e} | {r.tolerance:.1e}"
         for r in rows
         if not r.ok
     ]
-    table = markdown_table(head, lines, words=2)
-    if not wrong:
-        return table
-    return (
-        table
-        + "\n\n"
-        + markdown_table(("net", "case", "of", "quantity", "error", "accepted"), wrong, words=4)
-    )
+    tables = [table(head, lines, words=2)]
+    if wrong:
+        tables.append(table("net | case | of | quantity | error | accepted", wrong, words=4))
+    return "\n\n".join(tables)
+
+
+def _number(default: int, said: str) -> dict[str, object]:
+    return dict(type=int, default=default, help=f"{said} (default: %(default)s)")
+
+
+main = Study(
+    "oracle",
+    "Random rods against an independent reference: statics, vibrations, balances of motion; 0 if "
+    "all agree.",
+    "Random rods by the library and by a dense reference that shares no line with it.",
+    study,
+    quick=f"{QUICK} cases of each net",
+    options={
+        "--seed": _number(0, "of the random cases"),
+        "--cases": _number(20, "how many of each net"),
+        "--first": _number(0, "number of the first case"),
+        "--net": dict(
+            choices=(*NETS, "all"), default="all", help="which comparison (default: %(default)s)"
+        ),
+    },
+    check=lambda options: (
+        None if find_spec("scipy") else "scipy is missing; the extra `control` brings it"
+    ),
+)

@@ -234,21 +234,10 @@ class Load(OracleEffect):
         return force, -self.d * p.w + cross(self.twist, p.R[..., 2])
 
 
+# fmt: off
 ROWS: dict[str, type[Any]] = {
     row.__name__: row
-    for row in (
-        Actuation,
-        Damping,
-        Drag,
-        Gravity,
-        LineLoad,
-        Load,
-        MassDamping,
-        PointLoad,
-        PointMass,
-        RootSpring,
-        Spring,
-        TipLoad,
-        Contact,
-    )
+    for row in (Actuation, Damping, Drag, Gravity, LineLoad, Load, MassDamping, PointLoad,
+                PointMass, RootSpring, Spring, TipLoad, Contact)
 }
+# fmt: on

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -211,19 +211,9 @@ def carried(case: Case, x: Array | float, r: Array, R: Array, share: float = 1.0
     """
     v0, omega = case.frame()
     v, still = v0 + cross(omega, r), np.zeros_like(r) + omega
-    return Point(
-        np.asarray(x),
-        np.zeros(()),
-        r,
-        R,
-        v,
-        still,
-        cross(omega, v),
-        np.zeros_like(still),
-        (v0, omega),
-        np.eye(3),
-        lambda: carried_support(case, share),
-    )
+    moving = r, R, v, still, cross(omega, v), np.zeros_like(still)
+    support = partial(carried_support, case, share)
+    return Point(np.asarray(x), np.zeros(()), *moving, (v0, omega), np.eye(3), support)
 
 
 def carried_support(case: Case, share: float = 1.0) -> tuple[Array, Array, Array, Array]:

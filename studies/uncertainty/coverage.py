@@ -7,29 +7,25 @@ python -m studies coverage
 from __future__ import annotations
 
 import math
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from argparse import Namespace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchbeam.core.command_line import threads
-from torchbeam.core.results import measured_on, sentence, table, write
+import torchbeam as tb
+from torchbeam.core.measurement import progress
+from torchbeam.extend.commands import table
 from torchbeam.math.distributions import binomial_interval, normal_score
-from torchbeam.uncertainty.laws import LogNormal, Normal
-from torchbeam.uncertainty.moment_derivatives import moment_derivatives
-from torchbeam.uncertainty.monte_carlo import monte_carlo
-from torchbeam.uncertainty.monte_carlo_stream import monte_carlo_stream
-from torchbeam.uncertainty.rare_event import rare_event
-from torchbeam.uncertainty.sobol_indices import sobol_indices
 
-from ..command import study
+from ..harness import Report, Study
 
 REPEATS, QUICK = 200, 20
 LEVEL = 0.95
-EI, P = LogNormal(1.0, 0.2), LogNormal(1.0, 0.3)
+EI, P = tb.laws.LogNormal(1.0, 0.2), tb.laws.LogNormal(1.0, 0.3)
 LAWS = {"EI": EI, "P": P}
 MU, SIGMA = P.mu - EI.mu - math.log(3), math.hypot(P.sigma, EI.sigma)  # of ln w
 MEAN = math.exp(MU + SIGMA**2 / 2)
@@ -43,7 +39,6 @@ ABOUT = (
     "value. Error: RMS error over the true value. Events, rare and likely: P(w > x), and a linear "
     "limit state in five normal variables."
 )
-COLUMNS = ("answer", "how", "samples", "covered", "width", "error")
 
 
 @dataclass(frozen=True)
@@ -113,16 +108,16 @@ def cases() -> Iterator[Case]:
 
     def run(**options: Any) -> Callable[[int], tuple[int, dict[str, Any]]]:
         def one(seed: int) -> tuple[int, dict[str, Any]]:
-            samples = monte_carlo(deflection, LAWS, seed=seed, chunk=2**16, **options)
+            samples = tb.monte_carlo(deflection, LAWS, seed=seed, chunk=2**16, **options)
             return len(samples), of(samples)
 
         return one
 
     def stream(seed: int) -> tuple[int, dict[str, Any]]:
-        return 4096, of(monte_carlo_stream(deflection, LAWS, 4096, seed=seed))
+        return 4096, of(tb.monte_carlo_stream(deflection, LAWS, 4096, seed=seed))
 
     def until(seed: int) -> tuple[int, dict[str, Any]]:
-        samples = monte_carlo(deflection, LAWS, 2**14, until=0.002, seed=seed, chunk=2**16)
+        samples = tb.monte_carlo(deflection, LAWS, 2**14, until=0.002, seed=seed, chunk=2**16)
         return len(samples), {"mean": samples.mean_interval(LEVEL)}
 
     yield Case("plain", run(n=1024, design="plain"), truth)
@@ -154,7 +149,7 @@ def sensitivities() -> Iterator[Case]:
     }
 
     def indices(seed: int) -> tuple[int, dict[str, Any]]:
-        estimate = sobol_indices(deflection, LAWS, 1024, seed=seed, chunk=2**16, interval=LEVEL)
+        estimate = tb.sobol_indices(deflection, LAWS, 1024, seed=seed, chunk=2**16, interval=LEVEL)
         rows = {}
         for k, kind in enumerate(("first", "total")):
             for j, name in enumerate(estimate.names):
@@ -172,9 +167,9 @@ def sensitivities() -> Iterator[Case]:
     by = [torch.autograd.grad(y, q, retain_graph=True)[0].item() for y in (mean, deviation)]
 
     def derivatives(seed: int) -> tuple[int, dict[str, Any]]:
-        estimate = moment_derivatives(
+        estimate = tb.moment_derivatives(
             deflection,
-            lambda q: {"EI": LogNormal(1.0, q[0]), "P": P},
+            lambda q: {"EI": tb.laws.LogNormal(1.0, q[0]), "P": P},
             q.detach(),
             1024,
             seed=seed,
@@ -196,7 +191,7 @@ def sensitivities() -> Iterator[Case]:
 
 def rare() -> Iterator[Case]:
     """Rare events of both methods, and one that is likely: the strip, and a linear limit state."""
-    normals = {f"x{k}": Normal(0.0, 1.0) for k in range(5)}
+    normals = {f"x{k}": tb.laws.Normal(0.0, 1.0) for k in range(5)}
 
     def linear(theta: Tensor) -> Tensor:
         return theta.sum(-1) / math.sqrt(5)
@@ -204,28 +199,21 @@ def rare() -> Iterator[Case]:
     for answer, p in (("P = 0.99", 0.99), ("P = 1e-4", 1e-4), ("P = 1e-6", 1e-6)):
         beta = -normal_score(torch.tensor(p, dtype=torch.float64)).item()
         for method, n in (("subset", 5000), ("importance", 1024)):
-            for name, function, laws, x in (
+            for name, function, inputs, x in (
                 ("strip", deflection, LAWS, math.exp(MU + SIGMA * beta)),
                 ("linear", linear, normals, beta),
             ):
+                asked = partial(tb.rare_event, function, inputs, x, n, method=method)
+                event = f"{answer}, {name}"
 
                 def one(
-                    seed: int,
-                    method: str = method,
-                    n: int = n,
-                    function: Any = function,
-                    laws: Any = laws,
-                    x: float = x,
-                    answer: str = f"{answer}, {name}",
+                    seed: int, asked: Callable[..., Any] = asked, event: str = event
                 ) -> tuple[int, dict[str, Any]]:
-                    estimate = rare_event(
-                        function, laws, x, n, method=method, seed=seed, chunk=2**16, interval=LEVEL
-                    )
-                    return estimate.evaluations, {
-                        answer: (estimate.probability, estimate.low, estimate.high)
-                    }
+                    estimate = asked(seed=seed, chunk=2**16, interval=LEVEL)
+                    found = estimate.probability, estimate.low, estimate.high
+                    return estimate.evaluations, {event: found}
 
-                yield Case(f"{method}, n = {n}", one, {f"{answer}, {name}": p})
+                yield Case(f"{method}, n = {n}", one, {event: p})
 
 
 def measured(case: Case, repeats: int) -> list[AnswerCoverage]:
@@ -257,38 +245,23 @@ def expected(repeats: int) -> tuple[float, float]:
     return binomial_interval(LEVEL * repeats, repeats, 0.95)
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Coverage of every interval over 200 repeats of cases whose answers are known."""
-    given, out = study(
-        argv,
-        "coverage",
-        "How often each 95 % interval of monte_carlo, sobol_indices, moment_derivatives and "
-        "rare_event holds the truth.",
-        f"{QUICK} repeats, for a test of the command",
-    )
-    repeats = QUICK if given.quick else REPEATS
-    rows = []
-    with threads(1):
-        for case in cases():
-            rows += measured(case, repeats)
-            for row in rows[-len(case.truth) :]:
-                print(f"{row.answer}, {row.how}: {100 * row.covered:.1f} %", file=sys.stderr)
-    heading = {**measured_on(threads=1), "repeats": repeats}
+def study(options: Namespace) -> Report:
+    repeats, rows = QUICK if options.quick else REPEATS, []
+    for case in cases():
+        rows += (new := measured(case, repeats))
+        for row in new:
+            progress(f"{row.answer}, {row.how}: {100 * row.covered:.1f} %")
     low, high = expected(repeats)
-    text = "\n\n".join(
-        (
-            ABOUT.format(repeats=repeats, low=100 * low, high=100 * high),
-            table(COLUMNS, [row.cells() for row in rows], 2),
-            sentence(heading),
-        )
-    )
-    write(
-        out,
-        "coverage",
-        text,
-        {**heading, "rows": [asdict(row) for row in rows]},
-        COLUMNS,
-        [tuple(asdict(row).values()) for row in rows],
-    )
-    print(text)
-    print(f"wrote {out}")
+    about = ABOUT.format(repeats=repeats, low=100 * low, high=100 * high)
+    head = "answer | how | samples | covered | width | error"
+    return Report([about, table(head, [r.cells() for r in rows], 2)], rows, {"repeats": repeats})
+
+
+main = Study(
+    "coverage",
+    "Coverage of every interval over 200 repeats of cases whose answers are known.",
+    "How often each 95 % interval of monte_carlo, sobol_indices, moment_derivatives and rare_event "
+    "holds the truth.",
+    study,
+    quick=f"{QUICK} repeats, for a test of the command",
+)

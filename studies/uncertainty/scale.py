@@ -9,34 +9,25 @@ from __future__ import annotations
 import gc
 import os
 import shutil
-import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from argparse import Namespace
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchbeam.core.command_line import threads
+import torchbeam as tb
+from torchbeam.core.measurement import progress
 from torchbeam.core.memory import peak_memory
-from torchbeam.core.processes import process_pool
-from torchbeam.core.results import measured_on, sentence, table, write
-from torchbeam.dynamics.simulate import simulate
-from torchbeam.scene.beam import Beam
-from torchbeam.scene.effects import Damping, TipLoad
-from torchbeam.scene.scene import Scene
-from torchbeam.scene.section import Section
-from torchbeam.statics.equilibrium import equilibrium
-from torchbeam.uncertainty.laws import LogNormal, Normal
-from torchbeam.uncertainty.monte_carlo import monte_carlo
-from torchbeam.uncertainty.monte_carlo_stream import monte_carlo_stream
+from torchbeam.extend.commands import process_pool, table, threads
 
 from .. import peers
-from ..command import study
+from ..harness import Report, Study
 
 TOTALS = {"static": 1_000_000, "rollout": 100_000}  # samples
 # one part in so many: of the samples, for the first rows; of all of them, with --quick
@@ -44,20 +35,11 @@ SHARE, QUICK = 16, 10
 CHUNKS = {"static": (256, 1024, 4096, 16384), "rollout": (64, 256, 1024, 4096)}
 ELEMENTS, STEP = 8, 0.01  # s
 WARM = 4096  # samples that equilibria are compiled for, whatever the chunk
-LAWS = {"EI": LogNormal(1.0, 0.2), "P": Normal(1.0, 0.15)}
+LAWS = {"EI": tb.laws.LogNormal(1.0, 0.2), "P": tb.laws.Normal(1.0, 0.15)}
 COLUMNS = (
-    "what",
-    "run",
-    "processes",
-    "chunk",
-    "samples",
-    "seconds",
-    "CPU us/sample",
-    "samples/s",
-    "failed",
-    "MB of memory",
-    "bytes/sample on disk",
-)
+    "what | run | processes | chunk | samples | seconds | CPU us/sample | samples/s | failed | "
+    "MB of memory | bytes/sample on disk"
+).split(" | ")
 ABOUT = (
     "A strip of 1 m in a plane, {elements} elements, EI lognormal (1 N m^2, 20 %), tip load "
     "normal (1 N, 15 %): equilibria, and rollouts of 1 s after the load is put on suddenly, with "
@@ -105,22 +87,22 @@ class ScaleRun:
         ]
 
 
-def scene(EI: Tensor, P: Tensor, *effects: Any) -> Scene:
-    section = Section.from_stiffness(EA=4e4, GA=1.5e4, GJ=0.8, EI=EI, mass=0.2)
-    force = TipLoad(force=torch.stack((0 * P, 0 * P, P), -1))
-    return Scene(Beam.straight(1.0, ELEMENTS, section), [force, *effects], plane="xz")
+def scene(EI: Tensor, P: Tensor, *effects: Any) -> tb.Scene:
+    section = tb.Section.from_stiffness(EA=4e4, GA=1.5e4, GJ=0.8, EI=EI, mass=0.2)
+    force = tb.TipLoad(force=torch.stack((0 * P, 0 * P, P), -1))
+    return tb.Scene(tb.Beam.straight(1.0, ELEMENTS, section), [force, *effects], plane="xz")
 
 
 def static(EI: Tensor, P: Tensor) -> tuple[Tensor, Tensor]:
     """Tip deflection (N,) m and status."""
-    state = equilibrium(scene(EI, P), throw=False)
+    state = tb.equilibrium(scene(EI, P), throw=False)
     return state.tip.position[:, 2], state.status
 
 
 def rollout(EI: Tensor, P: Tensor) -> tuple[Tensor, Tensor]:
     """Largest tip deflection (N,) m of 21 instants, and status."""
-    solution = simulate(
-        scene(EI, P, Damping(0.01)),
+    solution = tb.simulate(
+        scene(EI, P, tb.Damping(0.01)),
         torch.linspace(0, 1, 21, dtype=EI.dtype),
         step=STEP,
         throw=False,
@@ -142,17 +124,17 @@ def run(what: str, kind: str, samples: int, chunk: int, processes: int) -> Scale
             options = dict(replicates=16, by_name=True, executor=pool, dtype=torch.float64)
             # processes begin, and compile
             first = max(chunk if pool is None else 2 * processes * chunk, min(samples, WARM))
-            monte_carlo(
+            tb.monte_carlo(
                 FUNCTIONS[what], LAWS, first, chunk=chunk, seed=1, **{**options, "replicates": None}
             )
             taken = peak_memory()
             begun, cpu = time.perf_counter(), time.process_time()
             if kind == "stream":
-                result: Any = monte_carlo_stream(
+                result: Any = tb.monte_carlo_stream(
                     FUNCTIONS[what], LAWS, samples, chunk=chunk, **options
                 )
             else:
-                result = monte_carlo(
+                result = tb.monte_carlo(
                     FUNCTIONS[what], LAWS, samples, chunk=chunk, out=out and out / "run", **options
                 )
             seconds, cpu = time.perf_counter() - begun, time.process_time() - cpu
@@ -179,17 +161,11 @@ def rows(quick: bool, cores: int) -> list[ScaleRun]:
             run(what, "kept", max(total // SHARE, 2 * chunk), chunk, 1) for chunk in CHUNKS[what]
         ]
         best = max(each, key=lambda row: row.samples / row.seconds).chunk
-        ends = [
-            run(what, kind, total, best, processes)
-            for kind, processes in (
-                ("folder", 1),
-                ("stream", 1),
-                ("folder", cores),
-                ("stream", cores),
-            )
-        ]
+        kinds = [(kind, n) for n in (1, cores) for kind in ("folder", "stream")]
+        ends = [run(what, kind, total, best, processes) for kind, processes in kinds]
         table_rows += [*each, *ends]
-        print(*(" ".join(row.cells()) for row in (*each, *ends)), sep="\n", file=sys.stderr)
+        for row in (*each, *ends):
+            progress(" ".join(row.cells()))
     return table_rows
 
 
@@ -200,17 +176,9 @@ def other(given: Mapping[str, Any]) -> tuple[ScaleRun, str]:
     what, samples, one = given["what"], given["samples"], torch.ones(1, dtype=torch.float64)
     unknown = float("nan")
     off = abs(given["at_means"] / FUNCTIONS[what](one, one)[0].item() - 1)
+    count, seconds = given["processes"], given["seconds"]
     row = ScaleRun(
-        what,
-        given["peer"],
-        given["processes"],
-        1,
-        samples,
-        given["seconds"],
-        unknown,
-        given["failed"],
-        unknown,
-        unknown,
+        what, given["peer"], count, 1, samples, seconds, unknown, given["failed"], unknown, unknown
     )
     return row, (
         f"{row.run}, {what}: {TOTALS[what]:,} samples would take "
@@ -219,39 +187,24 @@ def other(given: Mapping[str, Any]) -> tuple[ScaleRun, str]:
     )
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Cost of Monte Carlo samples: planar statics and rollouts, by chunk size and by processes"""
-    given, out = study(
-        argv,
-        "scale",
-        "Measures {static:,} static samples and {rollout:,} rollouts of 1 s.".format(**TOTALS),
-        "a tenth of the samples",
-        peers.options,
-    )
-    scripts = (
-        ()
-        if given.peers is None
-        else peers.measured(given.peers, given.python, "--samples", *["--quick"] * given.quick)
-    )
-    others = list(map(other, scripts))
+def study(options: Namespace) -> Report:
+    quick = ["--quick"] * options.quick
+    scripts = [] if options.peers is None else [options.peers, options.python, "--samples", *quick]
+    others = list(map(other, peers.measured(*scripts))) if scripts else []
     cores = min(os.cpu_count() or 1, 64)
-    table_rows = [*rows(given.quick, max(cores, 2)), *(row for row, _ in others)]
-    heading = measured_on(threads=1)
-    text = "\n\n".join(
-        (
-            ABOUT.format(elements=ELEMENTS),
-            table(COLUMNS, [row.cells() for row in table_rows], 2),
-            *([" ".join((OTHERS, *(said for _, said in others)))] if others else []),
-            sentence(heading),
-        )
-    )
-    write(
-        out,
-        "scale",
-        text,
-        {**heading, "rows": [asdict(row) for row in table_rows]},
-        COLUMNS,
-        [row.cells() for row in table_rows],
-    )
-    print(text)
-    print(f"wrote {out}")
+    every = [*rows(options.quick, max(cores, 2)), *(row for row, _ in others)]
+    cells = [row.cells() for row in every]
+    text = [ABOUT.format(elements=ELEMENTS), table(COLUMNS, cells, 2)]
+    if others:
+        text.append(" ".join((OTHERS, *(said for _, said in others))))
+    return Report(text, every, columns=COLUMNS, cells=cells)
+
+
+main = Study(
+    "scale",
+    "Cost of Monte Carlo samples: planar statics and rollouts, by chunk size and by processes.",
+    "Measures {static:,} static samples and {rollout:,} rollouts of 1 s.".format(**TOTALS),
+    study,
+    quick="a tenth of the samples",
+    options=peers.OPTIONS,
+)

@@ -1,41 +1,14 @@
 """The list of verification cases."""
 
-from . import (
-    cone,
-    contact,
-    flexible_mechanisms,
-    joined_wing,
-    knot,
-    motion,
-    parallel_robot,
-    plectoneme,
-    pulley,
-    ropes,
-    rotating,
-    stability,
-    statics,
-    structures,
-    tendons,
-    touching,
-    wing,
+# fmt: off
+from . import (  # isort: skip
+    statics, stability, wing, motion, rotating, structures, flexible_mechanisms, joined_wing,
+    parallel_robot, tendons, pulley, touching, contact, cone, ropes, knot, plectoneme,
 )
 
-CASES = [
-    *statics.CASES,
-    *stability.CASES,
-    *wing.CASES,
-    *motion.CASES,
-    *rotating.CASES,
-    *structures.CASES,
-    *flexible_mechanisms.CASES,
-    *joined_wing.CASES,
-    *parallel_robot.CASES,
-    *tendons.CASES,
-    *pulley.CASES,
-    *touching.CASES,
-    *contact.CASES,
-    *cone.CASES,
-    *ropes.CASES,
-    *knot.CASES,
-    *plectoneme.CASES,
-]
+MODULES = (
+    statics, stability, wing, motion, rotating, structures, flexible_mechanisms, joined_wing,
+    parallel_robot, tendons, pulley, touching, contact, cone, ropes, knot, plectoneme,
+)
+# fmt: on
+CASES = [case for module in MODULES for case in module.CASES]

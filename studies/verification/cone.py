@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.math import quaternions
+from torchbeam.extend import quaternions
 
 from .case import Case
 

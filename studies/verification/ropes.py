@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -12,7 +11,7 @@ from torch import Tensor
 import torchbeam as tb
 
 from .build import planar
-from .case import Case
+from .case import Case, Solve
 
 # Over a cylinder
 
@@ -113,17 +112,9 @@ def taut() -> tuple[Tensor, Tensor]:
     return ours, torch.cat((z / z.abs().amax(), torch.ones(1)))
 
 
-def _case(
-    name: str,
-    source: str,
-    quantity: str,
-    solve: Callable[[], tuple[Tensor, Tensor]],
-    bound: float,
-    why: str,
-    scale: float | None = 1.0,
-    mesh: str = "40 elements of order 2",
-) -> Case:
-    return Case(name, source, quantity, mesh, solve, bound, why, scale)
+def _case(name: str, source: str, quantity: str, solve: Solve, bound: float, why: str,
+          scale: float | None = 1.0) -> Case:  # fmt: skip
+    return Case(name, source, quantity, "40 elements of order 2", solve, bound, why, scale)
 
 
 BENDS = "what little bending stiffness there is; twice its measured error"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import torch
 from torch import Tensor
@@ -12,8 +11,6 @@ import torchbeam as tb
 
 from .build import INF, along, cantilever, section
 from .case import Case, columns, reference
-
-ORDER = "elements are of second order: the measured error of this mesh and a tenth"
 
 
 def whirling(N: int, kind: str) -> tuple[Tensor, Tensor]:
@@ -56,30 +53,17 @@ def spin_up_history(N: int, dt: float) -> tuple[Tensor, Tensor]:
     return spin_up(N, dt).tip.position[:, 1], torch.tensor(stored["tip_uy"])
 
 
-def case(
-    name: str,
-    source: str,
-    quantity: str,
-    mesh: str,
-    solve: Callable,
-    bound: float,
-    why: str = ORDER,
-    scale: float | None = None,
-) -> Case:
-    return Case(name, source, quantity, mesh, solve, bound, why, scale)
-
-
 # fmt: off
 CASES = [
-    case("rotating cantilever, flap, Omega to 10 sqrt(EI/(m L^4))",
+    Case("rotating cantilever, flap, Omega to 10 sqrt(EI/(m L^4))",
          "Wright, Smith, Thresher and Wang 1982, 1e-9",
          "frequencies 1 to 3", "64 elements", lambda: whirling(64, "flap"), 1.03e-3),
-    case("rotating cantilever, lag", "Wright, Smith, Thresher and Wang 1982, 1e-9",
+    Case("rotating cantilever, lag", "Wright, Smith, Thresher and Wang 1982, 1e-9",
          "frequencies 1 to 3", "64 elements",
          lambda: whirling(64, "lag"), 1.03e-3),
-    case("rotating rod, steady", "closed form, 1e-9", "tip extension", "32 elements",
+    Case("rotating rod, steady", "closed form, 1e-9", "tip extension", "32 elements",
          lambda: stretched(32), 2.7e-4),
-    case("spin-up to 6 rad/s, 20 s", "Simo and Vu-Quoc 1986; two codes",
+    Case("spin-up to 6 rad/s, 20 s", "Simo and Vu-Quoc 1986; two codes",
          "tip across, over its largest (0.573 m)",
          "8 elements, 0.1 s", lambda: spin_up_history(8, 0.1), 9.8e-3, "mesh and step", 0.573),
 ]

@@ -11,9 +11,8 @@ from torch import Tensor
 import torchbeam as tb
 
 from .build import along, cantilever, section
-from .case import Case, columns, reference
+from .case import ORDER, Case, columns, reference
 
-ORDER = "elements are of second order: the measured error of this mesh and a tenth"
 PRINTED = "half of the last digit that was printed, and the mesh's error"
 
 
@@ -119,16 +118,8 @@ def bend_gxbeam(N: int) -> tuple[Tensor, Tensor]:
     return bend(N, 600.0).tip.position - start, moved
 
 
-def case(
-    name: str,
-    source: str,
-    quantity: str,
-    solve: Callable,
-    N: int,
-    bound: float,
-    why: str = ORDER,
-    scale: float | None = 1.0,
-) -> Case:
+def case(name: str, source: str, quantity: str, solve: Callable, N: int, bound: float,
+         why: str = ORDER, scale: float = 1.0) -> Case:  # fmt: skip
     return Case(name, source, quantity, f"{N} elements", lambda: solve(N), bound, why, scale)
 
 

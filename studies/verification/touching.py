@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.math import quaternions
+from torchbeam.extend import quaternions
 from torchbeam.nodal.discretise import discretise
 
 from .case import Case

@@ -23,7 +23,7 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.math.quaternions import skew
+from torchbeam.extend import quaternions
 
 from .case import Case
 
@@ -52,48 +52,22 @@ def strips(chord: float | Tensor, speed: Tensor, a: float, density: float) -> tb
         return U, b * (0.5 - a) * p - normal, p
 
     def rate(
-        z: Tensor,
-        position: None,
-        R: Tensor,
-        v: Tensor,
-        w: Tensor,
-        t: Tensor,
-        *,
-        semichord: Tensor,
-        speed: Tensor,
-        acceleration: Tensor,
-        angular_acceleration: Tensor,
+        z: Tensor, _: None, R: Tensor, v: Tensor, w: Tensor, t: Tensor, **of: Tensor
     ) -> Tensor:
-        b = semichord[..., None]
-        U, q, _ = downwash(R, v, w, b, speed)
+        b = of["semichord"][..., None]
+        U, q, _ = downwash(R, v, w, b, of["speed"])
         return z.new_tensor(B) * U / b * (q - z)
 
     def load(
-        position: None,
-        R: Tensor,
-        v: Tensor,
-        w: Tensor,
-        t: Tensor,
-        *,
-        semichord: Tensor,
-        speed: Tensor,
-        z: Tensor,
-        acceleration: Tensor,
-        angular_acceleration: Tensor,
+        _: None, R: Tensor, v: Tensor, w: Tensor, t: Tensor, **of: Tensor
     ) -> tuple[Tensor, Tensor]:
-        b = semichord[..., None]
-        U, q, p = downwash(R, v, w, b, speed)
-        lagged = (
-            2
-            * math.pi
-            * density
-            * U
-            * b
-            * ((1 - sum(A)) * q + (z * z.new_tensor(A)).sum(-1, keepdim=True))
-        )
+        b, z = of["semichord"][..., None], of["z"]
+        U, q, p = downwash(R, v, w, b, of["speed"])
+        delayed = (1 - sum(A)) * q + (z * z.new_tensor(A)).sum(-1, keepdim=True)
+        lagged = 2 * math.pi * density * U * b * delayed
         rise, turn = (
-            (x * R[..., k]).sum(-1, keepdim=True)
-            for x, k in ((acceleration, 2), (angular_acceleration, 0))
+            (of[name] * R[..., k]).sum(-1, keepdim=True)
+            for name, k in (("acceleration", 2), ("angular_acceleration", 0))
         )
         apparent = math.pi * density * b**2
         lift = apparent * (-rise + U * p - b * a * turn) + lagged
@@ -115,7 +89,7 @@ def strips(chord: float | Tensor, speed: Tensor, a: float, density: float) -> tb
 
 def goland(speed: Tensor, elements: int = N, GJ: float | Tensor = GJ) -> tb.Scene:
     """The wing at speeds (...) m/s: nodes on the elastic axis, x along the span, y forward."""
-    offset = skew(torch.tensor([0.0, (AXIS - CENTRE) * CHORD, 0.0]))
+    offset = quaternions.skew(torch.tensor([0.0, (AXIS - CENTRE) * CHORD, 0.0]))
     inertia = torch.diag(torch.tensor([INERTIA, 0.01 * INERTIA, INERTIA]))
     mass = torch.cat((
         torch.cat((MASS * torch.eye(3), -MASS * offset), -1),
@@ -140,32 +114,14 @@ JONES = (
     "Jones's lags for Theodorsen's function: 3e-3 of the speed, 1e-2 of the frequency, by "
     "the same equations with either"
 )
+SOURCE, MESH = "Goland and Luke 1948", f"{N} elements"
+NAME = "Goland's wing, unsteady strip theory"
 CASES = [
-    Case(
-        "Goland's wing, unsteady strip theory",
-        "Goland and Luke 1948",
-        "flutter speed, m/s",
-        f"{N} elements",
-        lambda: (flutter()[0], torch.tensor(137.2)),
-        3e-3,
-        JONES,
-    ),
-    Case(
-        "Goland's wing, unsteady strip theory",
-        "Goland and Luke 1948",
-        "flutter frequency, rad/s",
-        f"{N} elements",
-        lambda: (flutter()[1], torch.tensor(70.7)),
-        2e-2,
-        f"{JONES}; 1e-2 of it the published figure's own",
-    ),
-    Case(
-        "Goland's wing, unsteady strip theory",
-        "the same equations in the frequency domain, 1e-6",
-        "flutter speed and frequency",
-        f"{N} elements",
-        lambda: (torch.stack(flutter()), torch.tensor(GALERKIN)),
-        5.2e-4,
-        "elements are of second order: the measured error of this mesh and a tenth",
-    ),
-]
+    Case(NAME, SOURCE, "flutter speed, m/s", MESH, lambda: (flutter()[0], torch.tensor(137.2)),
+         3e-3, JONES),
+    Case(NAME, SOURCE, "flutter frequency, rad/s", MESH,
+         lambda: (flutter()[1], torch.tensor(70.7)), 2e-2,
+         f"{JONES}; 1e-2 of it the published figure's own"),
+    Case(NAME, "the same equations in the frequency domain, 1e-6", "flutter speed and frequency",
+         MESH, lambda: (torch.stack(flutter()), torch.tensor(GALERKIN)), 5.2e-4),
+]  # fmt: skip

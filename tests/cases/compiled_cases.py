@@ -20,7 +20,7 @@ from torchbeam.nodal.mass import LumpedMass
 from torchbeam.nodal.mass_offset import MassOffset
 from torchbeam.nodal.rotary import RotaryInertia
 from torchbeam.state.state import State
-from torchbeam.topology.chain import Chain
+from torchbeam.topology.framework import Framework
 
 torch.set_default_dtype(torch.float64)
 
@@ -105,7 +105,7 @@ def node_of(space):
         frame = TurningFrame(space, TranslatingFrame(space, v), omega)
         local = Inertia(
             space,
-            LumpedMass(Chain(1, 0), mass),
+            LumpedMass(Framework(1, (0,)), mass),
             RotaryInertia(space, inertia),
             MassOffset(space, offset),
         )

@@ -13,7 +13,7 @@ from torchbeam.engine import engine_use
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
 EXTRA = {"identify_nuts": "pyro", "identify_scipy": "scipy"}  # packages that an example is about
-LONG = {"identify_accelerometers", "identify_field", "identify_nuts", "rope_pile"}
+LONG = {"identify_accelerometers", "identify_field", "identify_nuts", "knot", "rope_pile"}
 
 
 @pytest.mark.parametrize(

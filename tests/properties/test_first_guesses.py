@@ -9,6 +9,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from torchbeam.extend import with_values
 
 SECTION = tb.Section.from_stiffness(EA=1e3, GA=4e2, GJ=0.8, EI=1.0, mass=0.2, inertia=1e-3)
 BEAM = tb.Beam.straight(1.0, 4, SECTION)
@@ -148,6 +149,11 @@ def test_a_contact_by_its_radius_alone():
     assert "thickness = 0.001 (by default), force = 8.4 (by default)" in line
     stiffer = replace(scene(1.0), beam=scene(3.0).beam).effects[1]
     assert_close(stiffer.force.item(), 4 * (0.2 * 0.5 + 3 * 16 / 8))
+    (own,) = tb.Scene(
+        scene(3.0).beam, [with_values(contact, force=torch.tensor(5.0))]
+    ).effects  # what is set stays set; the thickness follows still
+    assert own.force == 5.0 and own.thickness == contact.thickness
+    assert own.follows == ("thickness",)
 
     EI = torch.tensor(1.0, dtype=torch.float64, requires_grad=True)
     (slope,) = torch.autograd.grad(scene(EI).effects[1].force, EI)

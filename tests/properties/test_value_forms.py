@@ -169,9 +169,10 @@ def invariants(A):
     return torch.stack([x.diagonal(dim1=-2, dim2=-1).sum(-1) for x in (A @ A, A @ A @ A @ A)], -1)
 
 
-# One of each kind: of these native code is made, which takes a second each, and paths are short.
-KINDS = ("tip force", "line force", "curvature", "tension", "length", "torque", "clamp's turn")
-DEAR = ("native", "compiled equilibrium", "path")
+# One of each kind: native code is made of these, a second for each form, in steps or in statics.
+STEPS = ("tip force", "tension", "torque", "clamp's turn")
+STATICS = ("line force", "curvature", "length")
+DEAR = {"native": STEPS, "compiled equilibrium": STATICS, "path": STEPS + STATICS}
 
 
 def rows():
@@ -182,7 +183,7 @@ def rows():
                 # a coordinate that is an Input acts by its acceleration: `linearize` refuses it
                 if (name, call, form) in COORDINATES:
                     continue
-                long = name not in KINDS if call in DEAR else form == "tensor"
+                long = name not in DEAR[call] if call in DEAR else form == "tensor"
                 long &= call not in ("eager", "equilibrium")
                 yield pytest.param(name, form, call, marks=[pytest.mark.long] * long)
 

@@ -9,12 +9,24 @@ import sys
 from collections import namedtuple
 
 import pytest
+import torch
 
+import torchbeam as tb
 from tests.unit.core.test_fingerprint import function
 from torchbeam.core.fingerprint import fingerprint
 
 IN_SET = "def f(x):\n    return x in {'a', 'b', 'c', 'd', 'e', 'f', 'g', 'h'}"
 CODES = {  # one after the other; each prints its name at its end
+    "mixed forms": """
+import os, sys, torch, torchbeam as tb
+section = tb.Section.from_stiffness(EA=1e3, GA=400.0, GJ=0.8, EI=1.0, mass=1.0, inertia=0.01)
+scene, file = tb.Scene(tb.Beam.straight(1.0, 2, section)), os.environ["MIXED_STATE"]
+solution = tb.simulate(scene, [0.0, 0.01], step=0.01, engine="eager")
+assert tb.load(tb.save(solution, file + ".run", scene=scene), scene=scene).status == 0
+assert not any(name.startswith("torchbeam.mixed") for name in sys.modules)
+for _ in range(2):
+    assert type(torch.load(file, weights_only=True)) is tb.MixedState
+""",
     "library": """
 import sys, torchbeam as tb
 section = tb.Section.from_stiffness(EA=1e3, GA=400.0, GJ=0.8, EI=1.0, mass=1.0, inertia=0.01)
@@ -66,10 +78,14 @@ Done = namedtuple("Done", "status printed said")
 
 
 @pytest.fixture(scope="module")
-def done():
+def done(tmp_path_factory):
     """Names and lines that it printed, and what it said of an error."""
+    file = tmp_path_factory.mktemp("mixed") / "state.pt"
+    section = tb.Section.from_stiffness(EA=1e3, GA=400.0, GJ=0.8, EI=1.0, mass=1.0, inertia=0.01)
+    torch.save(tb.consistent_state(tb.Scene(tb.Beam.straight(1.0, 2, section))), file)
     code = "\n".join(f"{code}\nprint({name!r}, flush=True)" for name, code in CODES.items())
     env = {name: value for name, value in os.environ.items() if name != "TORCHBEAM_ENGINE"}
+    env["MIXED_STATE"] = str(file)
     ran = subprocess.run(
         [sys.executable, "-c", code], env=env | OTHER, capture_output=True, text=True
     )
@@ -78,9 +94,11 @@ def done():
 
 @pytest.mark.parametrize("name", CODES)
 def test_a_process_of_its_own(done, name):
-    """library: importing it imports no matplotlib, a stepper and `describe` no llvmlite, a step no
-    sympy and no torchdiffeq, with which scipy comes. environments: neither these nor pygame, nor
-    stable-baselines3 before it is asked for.
+    """mixed forms: a simulation, `save` and `load` import nothing of the derivation's element; a
+    file with its state, read into a new process, does. library: importing it imports no
+    matplotlib, a stepper and `describe` no llvmlite, a step no sympy and no torchdiffeq, with which
+    scipy comes. environments: neither these nor pygame, nor stable-baselines3 before it is asked
+    for.
 
     dense systems: torch's own LU of this batch is wrong on threads set by the user, or never ends
     (torch 2.13, MKL 2024.2). search: a linear model of 160 parameters, which are all 1, by

@@ -22,11 +22,11 @@ LAYERS = (
     "scene",
     "state",
     "nodal",
-    "mixed",
     "solvers",
     "equations",
     "engine",
     "dynamics",
+    "mixed",
     "statics",
     "linear",
     "sensors",
@@ -118,6 +118,24 @@ def test_folders_import_from_those_above_alone():
     assert wrong == []
 
 
+def test_the_derivations_element_is_imported_where_it_is_asked_for():
+    """Through `dynamics.forms` alone: no file of others names its package, but for types of the
+    public names. (`test_imports.py` sees what a process loads.)
+    """
+    package = "torchbeam.mixed"
+    users = {
+        name
+        for name, others in graph("torchbeam").items()
+        if not name.startswith(package) and any(other.startswith(package) for other in others)
+    }
+    told = {
+        name
+        for name, path in modules("torchbeam").items()
+        if not name.startswith(package) and f'"{package}' in path.read_text()
+    }
+    assert users == {"torchbeam"} and told == {"torchbeam.dynamics.forms"}
+
+
 PHYSICS = (
     "nodal.assembly",
     "nodal.balance",
@@ -204,6 +222,38 @@ def test_outside_the_library_only_public_names_are_used(folder):
                 and not name.startswith(DEMO)
             ]
     assert wrong == []
+
+
+# what studies take of the library that has no public name, and for what
+STUDIES_INSIDE = {
+    # the search of `converge`, and how its fits follow many starts: what is measured itself
+    "torchbeam.analysis.convergence": "reading remesh search setting trials",
+    "torchbeam.analysis.identification": "experiment parameters refinement",
+    "torchbeam.solvers": "jacobian least_squares",
+    "torchbeam.analysis": "trials",  # operations, times in turns
+    # command lines, rows of measurements (public as `extend.commands.measurement`), peak memory
+    "torchbeam.core": "command_line measurement memory",
+    "torchbeam.dynamics": "dense_output tolerance",  # errors of adaptive steps
+    # parts of a native step, what is compiled, and why a load is not
+    "torchbeam.engine.chain": "coverage native",
+    "torchbeam.engine.compiler": "function library llvm loop_text",
+    "torchbeam.nodal": "discretise",
+    "torchbeam.math": "distributions",  # intervals of counts
+    "torchbeam.mixed": "minimal model rates state",  # the routes of its rates
+    "torchbeam.plot": "canvas",
+    "torchbeam.statics": "continuation",  # which points are limits of a path
+}
+
+
+def test_studies_use_public_names_and_these():
+    """The list grows by no accident, and shrinks where a name becomes public."""
+    inside = {
+        f"{above}.{name}" for above, names in STUDIES_INSIDE.items() for name in names.split()
+    }
+    known, found = modules("torchbeam"), set()
+    for path in sorted((HERE / "studies").rglob("*.py")):
+        found.update(imports(".".join(path.relative_to(HERE).with_suffix("").parts), path, known))
+    assert found - set(PUBLIC) == inside
 
 
 def test_public_modules_say_what_is_public():

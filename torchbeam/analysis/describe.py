@@ -12,11 +12,11 @@ from torch import Tensor
 
 from ..core.leaves import batch_shapes, constant, functions, map_leaves
 from ..core.summary import counted
+from ..dynamics.forms import FORMS, mixed_forms
 from ..dynamics.methods import METHODS
 from ..dynamics.stepper import Stepper
 from ..engine.chain.coverage import why_eager
 from ..linear.modes import modes
-from ..mixed.model import MixedModel
 from ..nodal.coordinates.planar import PLANES
 from ..nodal.coordinates.selection import only_numbers
 from ..nodal.discretise import discretise
@@ -33,7 +33,6 @@ from ..statics.mechanism import unheld
 from .convergence.on_request import choices_of
 
 NUMBERS = 6  # at most so many numbers are said one by one
-MIXED = {"minimal": (12, 0), "block_rate": (24, 12)}  # states an element, and besides
 
 
 @dataclass(frozen=True)
@@ -131,16 +130,13 @@ def _forms(scene: Scene, free: int) -> tuple[dict[str, int | None], dict[str, st
     """Size of the state of each form that takes the scene, and for each other form its own reason
     why not.
     """
-    inputs = {name: torch.zeros(size) for name, size in scene.inputs.items()}
     tries: dict[str, Callable[[], int]] = {
         f"nodal, {method!r}": lambda method=method: Stepper(scene, 1.0, method) and 2 * free
         for method in METHODS
     }
     tries["nodal, explicit"] = lambda: Rates.of(scene, {}).pack(rest(scene)).shape[-1]
-    for form, (each, more) in MIXED.items():
-        tries[form] = lambda form=form, each=each, more=more: (
-            each * MixedModel(scene, form, inputs).count + more
-        )
+    for form in FORMS[1:]:
+        tries[form] = lambda form=form: mixed_forms().state_size(scene, form)
     states, refusals = {}, {}
     for name, attempt in tries.items():
         try:

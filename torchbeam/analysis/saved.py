@@ -15,7 +15,6 @@ from ..core.arguments import instance
 from ..core.fingerprint import NoFingerprint, fingerprint
 from ..core.leaves import map_leaves
 from ..core.validation import broadcast
-from ..mixed.state import MixedState
 from ..scene.scene import Scene
 from ..state.instant import Instant
 from ..state.solution import Solution, Stats
@@ -159,7 +158,7 @@ def _fits(what: Any, scene: Scene) -> None:
             ours = ", ".join(part.name for part in scene.beam.parts) or "no parts"
             theirs = ", ".join(part.name for part in state.parts) or "no parts"
             raise ValueError(f"a state with {theirs} was given; the scene has {ours}")
-    elif isinstance(state, MixedState) and state.nodes.shape[-2] != scene.beam.node_count:
+    elif state.nodes.shape[-2] != scene.beam.node_count:
         raise ValueError(
             f"a state with {state.nodes.shape[-2]} nodes was given; the beam has "
             f"{scene.beam.node_count}"

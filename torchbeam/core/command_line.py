@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import EntryPoint
 from pathlib import Path
+from textwrap import fill
 
 import torch
 
@@ -21,7 +22,7 @@ def run_command(
     """The command that `argv` (default: the process's) names; returns the exit status.
 
     A command is a function that takes the rest of the command line as a list and returns an exit
-    status or None; the first line of its docstring describes it.
+    status or None; the first paragraph of its docstring describes it.
     """
     argv = list(sys.argv[1:] if argv is None else argv)
     if argv and argv[0] in commands:
@@ -54,10 +55,11 @@ def _listing(commands: Mapping[str, EntryPoint]) -> str:
     lines = []
     for name in sorted(commands):
         try:
-            text = (commands[name].load().__doc__ or "").strip().splitlines() or [""]
+            text = (commands[name].load().__doc__ or "").strip().split("\n\n")[0]
         except (ImportError, AttributeError) as error:
-            text = [f"cannot be loaded: {error}"]
-        lines.append(f"  {name:<{width}}  {text[0]}")
+            text = f"cannot be loaded: {error}"
+        own = dict(initial_indent=f"  {name:<{width}}  ", subsequent_indent=" " * (width + 4))
+        lines.append(fill(" ".join(text.split()), 100, **own))
     return "commands:\n" + "\n".join(lines)
 
 

@@ -34,6 +34,10 @@ HOOKED = (
 )
 
 
+class OtherPrecision(ValueError):
+    """A function that does not take the dtype in which its scene is computed."""
+
+
 def taken(what: str, value: Any, like: Tensor, size: int | None = None) -> Tensor:
     """Value that a user's function returned, a tensor, numbers, or a (nested) sequence of both,
     stacked (see `validation.as_tensor`), as a tensor of dtype and device of `like`. Gradients
@@ -73,15 +77,15 @@ def shared(t: Tensor, moving: Tensor | None = None) -> Tensor:
 
 
 def _called(function: Callable[[Tensor], Any], t: Tensor) -> Any:
-    """function(t). Raises ValueError where tensors of another dtype meet in it that torch does not
-    take to one.
+    """function(t). Raises `OtherPrecision` where tensors of another dtype meet in it that torch
+    does not take to one.
     """
     try:
         return function(t)
     except RuntimeError as error:
         if not OTHER.search(str(error)):
             raise
-        raise ValueError(
+        raise OtherPrecision(
             f"a function that does not take {t.dtype}, in which its scene is computed, was given "
             f"({str(error).splitlines()[0]}); its tensors and networks are wanted in that dtype "
             f"(network.{DOUBLE[t.dtype]}()), or a scene in theirs (Scene(dtype=))"

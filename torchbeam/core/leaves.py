@@ -397,7 +397,8 @@ def _mapped(
 
 def with_values(tree: Any, **values: Any) -> Any:
     """A copy of a tree with these values of fields, which are not checked again, and nothing that
-    it had cached.
+    it had cached. What its field `follows` names has been found, and may be again; what is given
+    here has not.
 
     Examples:
         >>> extend.with_values(tb.TipLoad(force=torch.ones(3)), force=torch.zeros(3)).force
@@ -410,6 +411,8 @@ def with_values(tree: Any, **values: Any) -> Any:
             name: value for name, value in held.items() if " " not in name and name not in caches
         }
     vars(new).update(held, **values)
+    if held.get("follows") and "follows" not in values:
+        vars(new)["follows"] = tuple(name for name in held["follows"] if name not in values)
     return new
 
 

@@ -66,13 +66,17 @@ def versions(*packages: str) -> dict[str, str]:
     return {package: one(package) for package in packages}
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], words: int | None = None) -> str:
+def table(
+    head: str | Sequence[str], rows: Iterable[str | Sequence[str]], words: int | None = None
+) -> str:
     """A Markdown table; the first `words` columns (None = all) stand left, the others, numbers,
-    right.
+    right. Head and rows are sequences of cells, or texts in which " | " stands between these.
     """
-    words = len(head) if words is None else words
-    rule = "|" + "---|" * words + "---:|" * (len(head) - words)
-    return "\n".join([f"| {' | '.join(head)} |", rule, *(f"| {' | '.join(row)} |" for row in rows)])
+    head, *lines = (row if isinstance(row, str) else " | ".join(row) for row in (head, *rows))
+    count = head.count(" | ") + 1
+    words = count if words is None else words
+    rule = "|" + "---|" * words + "---:|" * (count - words)
+    return "\n".join([f"| {head} |", rule, *(f"| {line} |" for line in lines)])
 
 
 def write(

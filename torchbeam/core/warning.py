@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import warnings
-from pathlib import Path
-from types import FrameType
 
-import torch
-
-# beginnings of the paths of their files
-PACKAGE, TORCH = (
-    f"{folder}{os.sep}" for folder in (Path(__file__).parents[1], Path(torch.__file__).parent)
-)
+# whose lines are no user's: modules' first names
+OWN = frozenset({"torchbeam", "torchbeam_envs", "torch", "gymnasium"})
 
 
 class SlowPathWarning(UserWarning):
@@ -29,13 +22,19 @@ class SlowPathWarning(UserWarning):
 
 
 def warn(sentence: str, category: type[Warning] = RuntimeWarning) -> None:
-    """Warns of `sentence` at the innermost line that is neither torchbeam's own nor torch's."""
+    """Warns of `sentence` at the innermost line that is neither torchbeam's own, its environments',
+    Gymnasium's nor torch's.
+
+    Examples:
+        >>> import warnings
+        >>> with warnings.catch_warnings(record=True) as seen:
+        ...     extend.warn("the beam is slack")
+        >>> str(seen[0].message)
+        'the beam is slack'
+    """
     level, frame = 2, sys._getframe(1)
-    while frame.f_back is not None and _file(frame).startswith((PACKAGE, TORCH)):
+    while frame.f_back is not None and (
+        str(frame.f_globals.get("__name__")).partition(".")[0] in OWN
+    ):
         level, frame = level + 1, frame.f_back
     warnings.warn(sentence, category, stacklevel=level)
-
-
-def _file(frame: FrameType) -> str:
-    """Of its module: what a dataclass writes itself has a code of no file."""
-    return frame.f_globals.get("__file__") or frame.f_code.co_filename

@@ -16,13 +16,13 @@ from ..core.functions_of_time import shared
 from ..core.status import FAILED
 from ..core.validation import shown
 from ..core.warning import warn
-from ..mixed.consistent import consistent_state
-from ..mixed.model import refuse_form
-from ..mixed.state import MixedState
 from ..nodal.rates import refuse_forces_between_nodes
 from ..scene.scene import Scene
+from ..state.instant import Instant
 from ..state.state import State, rest
-from .simulate import FORMS, simulate
+from .forms import FORMS, mixed_forms
+from .instants import exact, rounded
+from .simulate import simulate
 from .torchdiffeq_bridge import METHODS as ODE_METHODS
 from .torchdiffeq_bridge import AllFailed
 
@@ -81,12 +81,13 @@ class ExplicitStepper:
         if form == "nodal":
             refuse_forces_between_nodes(scene)
         else:
-            refuse_form(scene, form)
+            mixed_forms().refuse_form(scene, form)
         self.scene, self.form, self.method = scene, form, method
         self.options = dict(
             rtol=rtol, atol=atol, options=options, adjoint=adjoint, project=project, solver=solver
         )
         self.dt = duration("dt", dt, scene.dtype, scene.device)
+        self.latest: Tensor | None = None  # (...) s, of the state that was made last
 
     def merge(self, few: BatchSubset, part: ExplicitStepper) -> ExplicitStepper:
         """As `Stepper.merge`: deprecated."""
@@ -99,27 +100,14 @@ class ExplicitStepper:
         merged.scene = few.merge(self.scene, part.scene)
         return merged
 
-    def rest(self, batch_shape: tuple[int, ...] | None = None) -> State | MixedState:
+    def rest(self, batch_shape: tuple[int, ...] | None = None) -> Instant:
         """The beam undeformed and at rest, under inputs of zero."""
         shape = torch.Size(self.scene.batch_shape if batch_shape is None else batch_shape)
         if self.form == "nodal":
             return rest(self.scene, shape)
-        zero = {
-            name: torch.zeros(*shape, size, dtype=self.scene.dtype, device=self.scene.device)
-            for name, size in self.scene.inputs.items()
-        }
-        still = torch.zeros(
-            *shape,
-            self.scene.beam.station_count,
-            3,
-            dtype=self.scene.dtype,
-            device=self.scene.device,
-        )
-        return consistent_state(self.scene, u=still, form=self.form, inputs=zero)
+        return mixed_forms().rest(self.scene, self.form, shape)
 
-    def __call__(
-        self, state: State | MixedState, *, active: Tensor | None = None, **inputs: Any
-    ) -> State | MixedState:
+    def __call__(self, state: Instant, *, active: Tensor | None = None, **inputs: Any) -> Instant:
         """The state one interval later; `active`, a failing sample and its status as in
         `Stepper`.
         """
@@ -127,9 +115,10 @@ class ExplicitStepper:
         moving = state.status == 0
         if active is not None:
             moving = moving & mask("active", active, moving)
-        begin, own = shared(state.t, moving), {}
+        now = exact(state.t, self.latest)
+        begin, own = shared(now, moving), {}
         if begin.ndim:  # each sample's own
-            begin, own = torch.zeros_like(self.dt), dict(begin=begin)
+            begin, own = now.new_zeros(()), dict(begin=begin.to(self.dt))
         span = torch.stack((begin, begin + self.dt))
         # who rests need not be on supports now
         start = replace(state, status=torch.where(moving, state.status, FAILED))
@@ -152,8 +141,9 @@ class ExplicitStepper:
         after = run.state[-1]
         if isinstance(state, State):  # a run counts the work from its own start
             after = replace(after, work=state.work + after.work)
+        self.latest = rounded(torch.where(good, now + self.dt, now), state.t.dtype)
         return replace(
             after.where(good, state),
-            t=torch.where(good, state.t + self.dt, state.t),
+            t=self.latest,
             status=torch.where(moving, run.status, state.status),
         )

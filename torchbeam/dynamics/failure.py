@@ -82,7 +82,13 @@ class Failure(NamedTuple):
                     "the step leads through what is to be touched; a smaller one may help, or "
                     "contact with a larger force, which holds more energy"
                 )
-            return unresisted_motion(problem, self.failed)
+            found = unresisted_motion(problem, self.failed)
+            if found is None and problem.model.rubs:
+                return (
+                    "what touches sticks or slips within the step, and no balance was found; a "
+                    "larger slip_speed, or a smaller step, may help"
+                )
+            return found
 
     def _iterates(self) -> list[Any]:
         problem, x = self.problem, self.problem.predictor()

@@ -8,11 +8,38 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.utils.weak import WeakTensorKeyDictionary
 
-from ..core.validation import as_tensor, concrete, dtype_of, increasing
+from ..core.validation import as_tensor, concrete, dtype_of, increasing, mapped
 from .step_inputs import in_line
 
 SHARE = 0.1  # of a step: what rounding may move its ends by
+# s, what rounding has taken off the instants that steps have made, as long as those live
+_lost = WeakTensorKeyDictionary()
+
+
+def exact(t: Tensor, latest: Tensor | None = None) -> Tensor:
+    """Instants t (...) s of a state in double precision: as steps have counted them that made this
+    tensor or `latest`, where it has the same numbers (of a state that was detached, say).
+    """
+    if t.dtype == torch.float64 or mapped(t):
+        return t
+    now, lost = t.double(), _lost.get(t)
+    if lost is None and latest is not None and latest.shape == t.shape:
+        lost = _lost.get(latest)
+        lost = None if lost is None else torch.where(t == latest, lost, 0.0)
+    if lost is None:
+        return now
+    counted = now + lost
+    return torch.where(counted.to(t.dtype) == t, counted, now)  # else it was written to
+
+
+def rounded(instants: Tensor, dtype: torch.dtype) -> Tensor:
+    """Instants (...) s in the dtype of states, of which `exact` knows the digits that are lost."""
+    t = instants.to(dtype)
+    if t is not instants and not mapped(t):
+        _lost[t] = (instants - t).detach()
+    return t
 
 
 def instants_of(given: Any, scene: Any) -> tuple[Tensor, torch.dtype]:
@@ -21,18 +48,17 @@ def instants_of(given: Any, scene: Any) -> tuple[Tensor, torch.dtype]:
     return t, dtype_of(given)
 
 
-def check_digits(step: float, latest: float | Tensor, *dtypes: torch.dtype) -> None:
-    """ValueError where numbers of one of the dtypes lie too far apart for steps of so many seconds
-    at the latest instant(s) s.
+def check_digits(step: float, latest: float | Tensor, dtype: torch.dtype) -> None:
+    """ValueError where numbers of the dtype lie too far apart for steps of so many seconds at the
+    latest instant(s) s.
     """
     if isinstance(latest, Tensor):
         latest = concrete(latest).detach().abs().amax().item() if latest.numel() else 0.0
-    coarse = torch.float32 if torch.float32 in dtypes else torch.float64
-    apart = torch.finfo(coarse).eps * abs(latest)
+    apart = torch.finfo(dtype).eps * abs(latest)
     if apart > SHARE * step:
-        wider = "" if coarse == torch.float64 else ", or torch.float64,"
+        wider = "" if dtype == torch.float64 else ", or torch.float64,"
         raise ValueError(
-            f"steps of {step:g} s at t = {latest:g} s were given, where numbers of {coarse} lie "
+            f"steps of {step:g} s at t = {latest:g} s were given, where numbers of {dtype} lie "
             f"up to {apart:.2g} s apart; instants nearer to 0{wider} are wanted"
         )
 
@@ -44,18 +70,20 @@ def explicit_instants(
     known; begin (...) s: from which they count.
     """
     gap, latest = concrete(t).diff().min().item(), concrete(t).detach().abs().max()
+    check_digits(gap, latest, digits)
     if begin is not None:
         latest = latest + concrete(begin).detach().abs()
     size = options.get("step_size") if isinstance(options, dict) else None
-    check_digits(min(gap, size) if isinstance(size, float) else gap, latest, digits, scene.dtype)
+    check_digits(min(gap, size) if isinstance(size, float) else gap, latest, scene.dtype)
     return t.to(scene.dtype)
 
 
 def begins_of(t: Tensor, dt: Tensor, steps: int) -> Tensor:
-    """Instants (steps, ...) s from which steps of dt (0-dim) s go on, the first at t (...), without
-    the rounding of sums; ValueError where digits do not carry them.
+    """Instants (steps, ...) s in double precision from which steps of dt (0-dim) s go on, the first
+    at t (...), without the rounding of sums; ValueError where the digits of dt's dtype do not carry
+    them.
     """
     step = concrete(dt).item()
-    check_digits(step, concrete(t).detach().abs() + steps * step, t.dtype)
+    check_digits(step, concrete(t).detach().abs() + steps * step, dt.dtype)
     passed = torch.arange(steps, dtype=torch.float64, device=t.device) * dt.double()
-    return (t.double() + in_line(passed, t.shape)).to(t)
+    return t.double() + in_line(passed, t.shape)

@@ -23,6 +23,7 @@ from ..state.reduced import whole_of
 from ..state.state import State
 from .composition import natively
 from .failure import Failures
+from .instants import exact, rounded
 from .step_inputs import StepInputs, in_line
 
 AT_ONCE = 256  # steps that native code is asked for, at most
@@ -35,10 +36,10 @@ STILL = {"defect": 0, "straining": 2}
 
 
 class StepPlan(NamedTuple):
-    """Steps to be made: lengths dt s and the times t s from which they go on, (K) of all samples or
-    (K, ...) each its own; inputs: first, end -> those of these steps; active (...) bool: samples
-    that are to move, None = all; wanted: whether the state after a step is asked for, None = each
-    is.
+    """Steps to be made: lengths dt s and the times t s (in double precision, if known) from which
+    they go on, (K) of all samples or (K, ...) each its own; inputs: first, end -> those of these
+    steps; active (...) bool: samples that are to move, None = all; wanted: whether the state after
+    a step is asked for, None = each is.
     """
 
     dt: Tensor
@@ -107,7 +108,8 @@ def states_after(stepper: Any, state: State, plan: StepPlan) -> State:
 
 def _one(stepper: Any, state: State, plan: StepPlan, inputs: StepInputs) -> MadeSteps:
     """The first step, by whatever makes it, in parts where it fails."""
-    dt, t = plan.dt[0], plan.t[0]
+    dt, begin = plan.dt[0], plan.t[0]
+    t, counted = begin.to(state.t), exact(state.t, stepper.latest)
     before = (
         state if t.ndim == 0 else replace(state, t=torch.where(state.status == SUCCESS, t, state.t))
     )
@@ -117,7 +119,8 @@ def _one(stepper: Any, state: State, plan: StepPlan, inputs: StepInputs) -> Made
     moved = (
         after.status == SUCCESS if plan.active is None else (after.status == SUCCESS) & plan.active
     )
-    after = replace(after, t=torch.where(moved, t + dt, state.t))
+    after = replace(after, t=rounded(torch.where(moved, begin + dt, counted), state.t.dtype))
+    stepper.latest = after.t
     asked = 1 if plan.wanted is None else int(plan.wanted[0])
     states = lambda: stepper.reduced(after).map(lambda x: x[None][:asked])  # noqa: E731
     return MadeSteps(states, Reached(lambda: after), stepper.iterations[None], True)
@@ -166,7 +169,7 @@ def _natively(
             solver,
             start,
             dt[:count],
-            t[:count],
+            t[:count].to(dt),
             given,
             moving,
             not stepper.halvings,
@@ -187,10 +190,11 @@ def _natively(
     shape = result.status.shape[1:]  # functions of time may bring axes along
     now = in_line(t[:count], shape) + in_line(dt[:count], shape)
     status = start.status.expand(count, *shape)
+    before = exact(start.t, stepper.latest)
     if result.well or stopped:
-        now = torch.where(moving, now, start.t)
+        now = torch.where(moving, now, before)
     else:
-        now = torch.where((result.status == SUCCESS) & moving, now, start.t).cummax(0).values
+        now = torch.where((result.status == SUCCESS) & moving, now, before).cummax(0).values
         status = torch.where(moving, result.status, start.status)
     places = [k for k in range(count) if wanted[k]]
     asked = slice(0, len(places)) if result.every > 1 else _rows(places, count)
@@ -202,7 +206,8 @@ def _natively(
             for name, axes in STILL.items()
             if name not in fields and (x := getattr(start, name, None)) is not None
         }
-        return with_values(start, **fields, **same, t=_at(now, k), status=_at(status, k))
+        t = rounded(_at(now, k), start.t.dtype)
+        return with_values(start, **fields, **same, t=t, status=_at(status, k))
 
     def reduced() -> State:
         return after(count // result.every - 1, count - 1)

@@ -54,7 +54,7 @@ from torch import Tensor
 from ..core.arguments import boolean
 from ..core.validation import concrete
 from ..nodal.model import Model
-from ..scene.effects import Contact, MassDamping, RootSpring, Spring
+from ..scene.effects import MassDamping, RootSpring, Spring
 from .method import WHOLE, Composition, Method, Scheme, without_rho
 
 P = 1 / (4 - 4 ** (1 / 3))
@@ -97,11 +97,7 @@ class Midpoint4(Method):
 
     def schemes(self, model: Model, dt: Tensor) -> list[tuple[Scheme, Tensor | None]]:
         touching = (x for x in model.scene.loads if x.between_nodes or x.touches)
-        lossy = [
-            x.called
-            for x in touching
-            if (x.lossy or x.moves if isinstance(x, Contact) else not x.conservative)
-        ]
+        lossy = [x.called for x in touching if not x.conservative or x.lossy or x.moves]
         lossy += [f"{x.called} with friction" for x in model.scene.joints if "friction" in x.acts]
         lossy += ["Tendon with friction"] * model.tendons.dissipative
         lossy += [f"{x.called} with friction or damping" for x in model.scene.pairs if x.lossy]

@@ -17,7 +17,7 @@ from ..scene.effects import Inputs, changing, inputs_at
 from ..scene.scene import merge_inputs
 from ..state.state import State
 from ..state.state_check import of_mesh
-from .instants import begins_of
+from .instants import begins_of, exact
 from .make_steps import StepPlan, states_after
 from .step_inputs import StepInputs, inputs_of_steps
 from .stepper import Stepper
@@ -56,15 +56,16 @@ def plan_of(stepper: Stepper, state: State, steps: int, inputs: dict[str, Any]) 
     instance("a stepper", stepper, Stepper)
     of_mesh(state, stepper.scene.beam, "a state")
     steps = count("steps", steps)
-    t, dt = shared(state.t), stepper.dt.expand(steps)
+    t, dt = shared(exact(state.t, stepper.latest)), stepper.dt.expand(steps)
     changing(inputs, steps)
-    check_room(stepper, state, inputs_at(inputs, t, stepper.dt), steps, steps)
+    check_room(stepper, state, inputs_at(inputs, t.to(dt), stepper.dt), steps, steps)
     begins = begins_of(t, stepper.dt, steps)
+    known = begins.to(dt)
 
     def inputs_of(first: int, end: int) -> StepInputs:
         rows = slice(first, end)
         return inputs_of_steps(
-            stepper.scene, inputs, stepper.method, begins[rows], dt[rows], range(first, end)
+            stepper.scene, inputs, stepper.method, known[rows], dt[rows], range(first, end)
         )
 
     return StepPlan(dt, begins, inputs_of)

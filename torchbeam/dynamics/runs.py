@@ -77,9 +77,10 @@ def implicit_run(
         "a longer step is wanted",
     )
     latest = max(map(abs, instants))
-    check_digits(step, latest, digits, scene.dtype)
-    # of an interval, in steps
-    rounding = 1e-6 + 2 * torch.finfo(digits).eps * latest / step
+    check_digits(min(gaps), latest, digits)
+    check_digits(step, latest, scene.dtype)
+    # of an interval, in steps; less than one is told from none by what the instants tell
+    rounding = min(1e-6 + 2 * torch.finfo(digits).eps * latest / step, 0.5)
     counts = [max(1, math.ceil(gap / step - rounding)) for gap in gaps]
     plan = [(k, i) for k, count in enumerate(counts) for i in range(count)]  # interval, step in it
     lengths, begins = exact.diff(), exact[:-1]
@@ -87,7 +88,7 @@ def implicit_run(
         interval, part = (torch.tensor(x, device=t.device) for x in zip(*plan, strict=True))
         lengths = (lengths / exact.new_tensor(counts))[interval]
         begins = begins[interval] + part * lengths
-    lengths, begins = lengths.to(t), begins.to(t)
+    lengths, known = lengths.to(t), begins.to(t)
     stepper = prepared(scene, step, method, **options)
     changing(inputs, len(counts))
     at = t[0]
@@ -103,7 +104,7 @@ def implicit_run(
     def inputs_of(first: int, end: int) -> StepInputs:
         rows = slice(first, end)
         return inputs_of_steps(
-            scene, inputs, stepper.method, begins[rows], lengths[rows], [k for k, _ in plan[rows]]
+            scene, inputs, stepper.method, known[rows], lengths[rows], [k for k, _ in plan[rows]]
         )
 
     steps = StepPlan(lengths, begins, inputs_of, wanted=[i == counts[k] - 1 for k, i in plan])
@@ -181,7 +182,8 @@ def adaptive_run(
             "that is one is wanted, or 'midpoint'"
         )
     gap, latest = concrete(t).diff().min().item(), concrete(t).abs().max().item()
-    check_digits(gap / LEAST_STEPS, latest, digits, scene.dtype)
+    check_digits(gap, latest, digits)
+    check_digits(gap / LEAST_STEPS, latest, scene.dtype)
     t = t.to(scene.dtype)
     most, tolerance = count("max_steps", max_steps), Tolerance.of(scene, rtol, atol)
     events = Events.of(events)

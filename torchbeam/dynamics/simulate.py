@@ -17,14 +17,13 @@ from ..scene.effects import PerInterval
 from ..scene.scene import Scene, merge_inputs
 from ..solvers.newton import LIMIT
 from ..state.solution import Solution
+from .forms import FORMS, mixed_forms
 from .instants import explicit_instants, instants_of
 from .methods import METHODS as IMPLICIT_METHODS
-from .mixed_forms import simulate_mixed
 from .runs import MAX_STEPS, adaptive_run, explicit_run, implicit_run
 from .stepper import HALVINGS, Stepper
 from .torchdiffeq_bridge import METHODS as ODE_METHODS
 
-FORMS = ("nodal", "minimal", "block_rate")
 TOLERANCES = "rtol", "atol"  # of implicit methods: adaptive steps
 FIXED = "step", "checkpoint", "progress"  # options of steps that are given
 
@@ -110,7 +109,7 @@ def simulate(
         begin: of torchdiffeq's methods: (...) s, the instant of each sample from which t counts;
             None = t is that of all.
         project, solver: of the form "block_rate", see
-            `torchbeam.dynamics.mixed_forms.simulate_mixed`.
+            `torchbeam.mixed.simulate.simulate_mixed`.
         throw: raise where a sample fails; otherwise `sol.status` and a warning say so, and it keeps
             its last good state.
         accuracy: of the whole motion, in place of method and step: relative, as of `converge`, of
@@ -189,7 +188,7 @@ def simulate(
         )
     known = keywords(
         *(
-            (simulate_mixed,)
+            (mixed_forms().simulate_mixed,)
             if mixed
             else (adaptive_run, Stepper)
             if controlled
@@ -208,9 +207,8 @@ def simulate(
     if mixed or not implicit:
         t = explicit_instants(scene, t, digits, begin, options)
     if mixed:
-        return _judged(
-            simulate_mixed(scene, t, form, initial, method, inputs=inputs, **given), throw
-        )
+        run = mixed_forms().simulate_mixed
+        return _judged(run(scene, t, form, initial, method, inputs=inputs, **given), throw)
     if not implicit:
         return _judged(explicit_run(scene, t, initial, method, inputs, **given), throw)
     run = adaptive_run if controlled else implicit_run

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -29,7 +29,7 @@ from ..state.state import State, rest, with_optional_fields
 from ..state.state_check import check_state, of_mesh
 from .composition import in_parts, natively, step
 from .failure import Failures
-from .instants import begins_of, check_digits
+from .instants import begins_of, check_digits, exact, rounded
 from .make_steps import StepPlan, make_steps
 from .method import Method
 from .methods import METHODS
@@ -39,6 +39,17 @@ from .step_jacobian import Coordinates, step_jacobian
 from .step_solver import StepSolver
 
 HALVINGS = 6  # a failed step is made again in at most 2^6 parts
+
+
+class Checked(NamedTuple):
+    """An instant t (...) s that a step has led to, none of its samples later than `latest` s; the
+    shortest length of that step s, and whether it was the stepper's own.
+    """
+
+    t: Tensor
+    latest: float
+    step: float
+    own: bool
 
 
 class Stepper:
@@ -118,12 +129,12 @@ class Stepper:
         )
         self.iterations: Tensor | None = None  # (...) of the last step
         self._last: StateCache | None = None
-        # instants that are known to carry steps: before and after the last
-        self._clocks: tuple[Tensor | None, Tensor | None] = (None, None)
+        self.latest: Tensor | None = None  # (...) s, of the state that was made last
+        self._checked: Checked | None = None
         self.failures: Failures | None = Failures()  # None = nobody asks why a step has failed
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "_last": None, "_clocks": (None, None)}
+        return {**vars(self), "_last": None, "latest": None, "_checked": None}
 
     def again(self, dt: float | Tensor) -> Stepper:
         """This stepper with steps of another length, as if it had made none yet."""
@@ -134,7 +145,8 @@ class Stepper:
             failures=Failures(),
             iterations=None,
             _last=None,
-            _clocks=(None, None),
+            latest=None,
+            _checked=None,
         )
 
     @property
@@ -180,14 +192,21 @@ class Stepper:
         2, 4, ... smaller ones. If that fails too it keeps its state and gets a status (see
         `torchbeam.core.status.STATUS`); its derivatives are those of standing still.
         """
-        t = getattr(state, "t", None)
-        if t is not self._clocks[0] and t is not self._clocks[1]:
+        checked = self._checked  # taken once: other threads may step too
+        known = checked is not None and getattr(state, "t", None) is checked.t
+        if not known:
             state = of_mesh(state, self.scene.beam, "a state")
-            if not mapped(state.t):
-                length = concrete(self._length(dt)).detach().amin().item()
-                check_digits(length, state.t, state.t.dtype)
+        if mapped(state.t):
+            return self.advance(state, inputs, active=active, dt=dt)
+        if known and dt is None and checked.own:
+            step, longest = checked.step, checked.step
+        else:
+            lengths = concrete(self._length(dt)).detach()
+            step, longest = lengths.amin().item(), lengths.amax().item()
+        latest = checked.latest if known else concrete(state.t).detach().abs().amax().item()
+        check_digits(step, latest, state.t.dtype)
         after = self.advance(state, inputs, active=active, dt=dt)
-        self._clocks = state.t, after.t
+        self._checked = Checked(after.t, latest + longest, step, dt is None)
         return after
 
     def advance(
@@ -238,10 +257,17 @@ class Stepper:
             self.failures.remember(
                 self.method, self.model, state, dt, t, given, torch.where(moving, status, SUCCESS)
             )
-        after = replace(after, status=torch.where(moving, status, state.status))
+        now = exact(state.t, self.latest)
+        good = moving & (status == SUCCESS)
+        after = replace(
+            after,
+            t=torch.where(good, now + dt, now),
+            status=torch.where(moving, status, state.status),
+        )
         if after.t.shape != after.status.shape:  # functions of time have brought axes along
             after = after.broadcast()
-        return self.model.space.to_public(after)
+        self.latest = rounded(after.t, state.t.dtype)
+        return self.model.space.to_public(replace(after, t=self.latest))
 
     def jacobian(
         self,
@@ -300,7 +326,8 @@ class Stepper:
         if count == 1:
             return self.advance(state, inputs, active=active)
         held = StepInputs(self.scene.tensors(inputs))
-        t = shared(state.t) if self._changes else state.t
+        t = exact(state.t, self.latest)
+        t = shared(t) if self._changes else t
         active = None if active is None else mask("active", active, state.status)
         begins = begins_of(t, self.dt, count)
         made = None
@@ -332,8 +359,9 @@ class Stepper:
         )
         if result is None or not result.well:
             return None
-        self.iterations, now = result.iterations, state.t + dt
+        self.iterations, now = result.iterations, exact(state.t, self.latest) + dt
         now = now if now.shape == result.status.shape else now.expand(result.status.shape)
+        self.latest = now = rounded(now, state.t.dtype)
         return self.known(
             with_values(state, **result.fields, t=now, status=result.status), well=True
         )

@@ -252,6 +252,10 @@ class BalanceProblem(Tree):
         """See `Problem`."""
         return self
 
+    def after(self, *about: Any) -> BalanceProblem:
+        """See `Problem`."""
+        return self
+
     def linearise(
         self, x: Any, kinematics: Any, element: ElementBalance, inertia: InertiaForces | None
     ) -> Linearisation:

@@ -53,6 +53,7 @@ class StepProblem(BalanceProblem):
     t: Tensor = leaf(0)
     inputs: Inputs = leaf(1)
     secant: Tensor | None = leaf(0, default=None, kw_only=True)
+    told: Tensor | None = leaf(2, default=None, kw_only=True)
 
     UNKNOWNS: ClassVar[type]
     TANGENT: ClassVar[type]
@@ -185,6 +186,10 @@ class StepProblem(BalanceProblem):
     def by_secants(self, secant: Tensor) -> StepProblem:
         return replace(self, secant=secant) if self.model.rubs else self
 
+    def after(self, kinematics: Any, *_: Any) -> StepProblem:
+        told = self.model.tendons.told(lambda: self.tendon_motion(kinematics))
+        return self if told is None else replace(self, told=told)
+
     def seen(self, x: Any) -> Nodes:
         """`nodes` of the unknowns."""
         x = self.apply_supports(x)
@@ -241,7 +246,7 @@ class StepProblem(BalanceProblem):
         def way() -> Tensor:
             return self.h * self.frame.relative_velocity(kinematics.velocity, kinematics.position)
 
-        return motion._replace(way=way)
+        return motion._replace(way=way, told=self.told)
 
     def finished(
         self, after: State, stress: Tensor, kinematics: Any, before: State | None = None

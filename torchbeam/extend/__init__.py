@@ -15,6 +15,7 @@ Effects           `LoadEffect`, the base of a load that `torchbeam.Load` cannot 
 Arguments         `choice` and `count` refuse what is none; `shown` writes a value into a sentence;
                   `METHODS`, `ODE_METHODS`, `FORMS`, `ENGINES`: what `torchbeam.simulate` takes
 Rotations         `quaternions`, functions of unit quaternions (..., 4), real part first
+Warnings          `warn` points to the user's line
 Public names      `entry_points`: what users call, left alone by torch.autocast and torch.compile
 
 A sensor is derived from `torchbeam.sensors.Sensor`; commands are in `torchbeam.extend.commands`.
@@ -34,8 +35,9 @@ from ..core.declared import parameter
 from ..core.entry_point import entry_point, entry_points
 from ..core.leaves import Tree, detached, leaf, leaves, map_leaves, own_leaves, with_values
 from ..core.validation import Value, shown
+from ..core.warning import warn
+from ..dynamics.forms import FORMS
 from ..dynamics.methods import METHODS
-from ..dynamics.simulate import FORMS
 from ..dynamics.torchdiffeq_bridge import METHODS as ODE_METHODS
 from ..engine.chain.coverage import ENGINES
 from ..engine.compiler.trace import NotTraceable, trace
@@ -62,6 +64,6 @@ __all__ = [
     "Obstacle", "Tree",
     "Value", "broadcast_shapes", "choice", "count", "detached", "entry_point", "entry_points",
     "inputs_of", "leaf", "leaves", "map_leaves", "own_leaves", "parameter",
-    "quaternions", "shown", "trace", "with_values",
+    "quaternions", "shown", "trace", "warn", "with_values",
 ]
 # fmt: on

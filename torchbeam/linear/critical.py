@@ -25,6 +25,7 @@ from ..core.arguments import boolean, choice, number
 from ..core.arguments import count as check_count
 from ..core.arguments import tolerance as check_tolerance
 from ..core.derivatives import no_derivatives
+from ..core.functions_of_time import OtherPrecision
 from ..core.leaves import wants_gradient
 from ..core.memory import check_memory
 from ..core.summary import kind, lines, span
@@ -164,7 +165,7 @@ def critical_load(
     path = LoadPath(*given, wide=True)
     try:
         critical = _critical_load(path, highest, lowest, points, tolerance)
-    except ValueError:
+    except OtherPrecision:
         if not path.single:
             raise
         critical = _critical_load(LoadPath(*given, wide=False), highest, lowest, points, tolerance)

@@ -14,7 +14,7 @@ from torch import Tensor
 from ..core.arguments import function as check_function
 from ..core.derivatives import no_derivatives
 from ..math.null_vectors import bilinear, null_vectors
-from ..math.quadratic_eigen import plus, rounding, slow_first, slow_values
+from ..math.quadratic_eigen import error, plus, rounding, slow_first, slow_values
 from ..math.shapes import broadcast_shapes
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
@@ -140,14 +140,14 @@ class LoadPath:
             slow = torch.cat((slow, slow_first(value, self.count, False)), -1)
         value = value.gather(-1, slow)
         vectors = vectors.gather(-1, slow[..., None, :].expand(*vectors.shape[:-1], -1))
-        real, size = value.real, value.abs()
+        real, size, unknown = value.real, value.abs(), rounding(M, K, vectors)
         turning = value.imag > COMPLEX * size
         # s is real, whatever rounding makes of it where K is next to singular
         if model.conservative and not self.damped:
             turning = torch.zeros_like(turning)
-        if self.damped:
+        if self.damped:  # growth that rounding may have made is none
             flutter = torch.where(turning, real, -torch.inf)
-            grows = real > GROWING * size
+            grows = real > torch.maximum(GROWING * size, error(M, D, K, value, vectors))
         else:
             flutter = torch.where(turning, value.imag**2, 0.0)
             grows = (real > 0) | turning
@@ -159,11 +159,7 @@ class LoadPath:
             torch.where((grows & turning).any(-1), FLUTTER, STABLE),
         )
         kind = torch.where(state.status == 0, kind, LOST).expand(factor.shape)
-        neutral = (
-            ((size.square() if self.damped else size) <= rounding(M, K, vectors))
-            .any(-1)
-            .expand(factor.shape)
-        )
+        neutral = ((size.square() if self.damped else size) <= unknown).any(-1).expand(factor.shape)
         leading = value.gather(-1, which[..., None])[..., 0]
         return Spectrum(value[..., : self.count], kind, neutral, divergence, flutter, leading)
 

@@ -20,7 +20,7 @@ from ..core.leaves import wants_gradient
 from ..core.summary import counted, kind, lines, span
 from ..core.validation import concrete, shown
 from ..core.warning import warn
-from ..math.quadratic_eigen import Pairs, attach, slowest, slowest_of_chain, upright
+from ..math.quadratic_eigen import DOUBT, Pairs, attach, slowest, slowest_of_chain, upright
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.in_double import in_double
@@ -33,7 +33,6 @@ from .system_matrices import at_rest, augmented, dense, free_moves, moves, of_ch
 # real part over |eigenvalue| from which on a motion grows: where eigenvalues meet, rounding counts
 # by its root
 GROWING = 1e-6
-DOUBT = 0.01  # of an eigenvalue, from which on rounding is told
 NORMS = ("largest", "mass")
 
 
@@ -222,18 +221,18 @@ def _warn_of_rounding(model: Model, pairs: Pairs, time: Tensor, given: dict[str,
     """Where rounding of the stiffness may move an eigenvalue by more than `DOUBT` of it, or leaves
     nothing of it: it is zero, and no rigid motion's.
     """
-    value, doubt = concrete(pairs.eigenvalue), concrete(pairs.doubt)
+    value, doubt, apart = map(concrete, (pairs.eigenvalue, pairs.doubt, pairs.apart))
     none = (value == 0) | (doubt >= 1)
-    lost = none.sum(-1)
+    lost = (none & ~apart).sum(-1)
     # of a damped rigid motion there may be two
     if lost.any() and int(lost.amax()) <= 2 * unheld(model, time, given)[0]:
         lost = torch.zeros_like(lost)
-    vague = ~none & (doubt > DOUBT)
+    vague = ~none & ~apart & (doubt > DOUBT)
     if lost.any() or vague.any():
         share = "all" if lost.any() else f"{doubt[vague].amax().item():.0%}"
         warn(
             f"stiffnesses that leave rounding to move a slow frequency by up to {share} of it were "
-            "given (a very slender beam, or one stiffness very far above another); fewer elements, "
-            "or math.inf for what hardly yields, is wanted",
+            "given (a very slender beam, or one stiffness very far above another; or nothing "
+            "resists a motion); fewer elements, or math.inf for what hardly yields, is wanted",
             UserWarning,
         )

@@ -37,6 +37,7 @@ from ..scene.effects.contact_terms import ContactTerms
 from ..state.state import State
 from ..state.state_check import check_state
 from ..statics.balance_check import check_rest
+from ..statics.stability import unit
 from ..topology.protocols import Matrix, total
 
 
@@ -212,7 +213,8 @@ def dense(model: Model, matrix: Matrix, basis: Tensor | None = None) -> Tensor:
 def free_moves(model: Model, K: Matrix, near: Tensor | None = None) -> Tensor | None:
     """Basis (..., moves that supports leave free, n) of those that joints leave free as well; None
     where there are no joints. K: the tangent stiffness with these. near: the basis of a state
-    nearby, which it is to follow; None = one that is orthonormal.
+    nearby, which it is to follow; None = one that is
+    orthonormal by `unit`.
 
     With N a basis at the values, Z = N - G^T (G G^T)^-1 G N has these, and the derivatives of G
     Z = 0.
@@ -221,7 +223,11 @@ def free_moves(model: Model, K: Matrix, near: Tensor | None = None) -> Tensor | 
         return None
     free = model.constraints.moving.flatten().nonzero()[:, 0]
     G = K.constraints().index_select(-1, free)
-    N = torch.linalg.svd(G.detach()).Vh[..., G.shape[-2] :, :].mT if near is None else near
+    N = near
+    if near is None:  # in moves and turns that move the far end alike, whatever the units
+        size = unit(model).detach()[..., None, :].expand(*model.extent.shape, model.node_count, -1)
+        size = size.flatten(-2)[..., None, free]
+        N = size.mT * torch.linalg.svd(G.detach() * size).Vh[..., G.shape[-2] :, :].mT
     return (
         N
         if near is None and not wants_gradient(G)

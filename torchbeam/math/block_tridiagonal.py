@@ -1,4 +1,4 @@
-"""Block tridiagonal linear systems, batched, differentiable in the right-hand side."""
+"""Block tridiagonal linear systems, batched."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import torch
 from torch import Tensor
 
 from .dense import solve_in_order
-from .first_derivative import first_only
 from .shapes import broadcast_shapes
 
 
@@ -27,18 +26,30 @@ def block_tridiagonal_columns(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> Ten
 
 def _rows(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> tuple[Tensor, ...]:
     """The n rows of x (..., k, m)."""
-    n = b.shape[-3]
+    return torch.broadcast_tensors(*backward(*forward(D, L, U, b)))
+
+
+def forward(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> tuple[list[Tensor], list[Tensor]]:
+    """D'^-1 U and D'^-1 b' of each row, in order: what the next row's unknowns, and the right-hand
+    side, add to its own, see `eliminated`. U with n blocks: the last row has a next one too.
+    """
+    n, links = D.shape[-3], U.shape[-3]
     ahead, y = [], []
     for i in range(n):
-        above = U[..., i, :, :] if i < n - 1 else None
+        above = U[..., i, :, :] if i < links else None
         before = () if i == 0 else (L[..., i - 1, :, :], ahead[-1], y[-1])
         *solved, right = eliminated(D[..., i, :, :], above, b[..., i, :, :], *before)
         ahead.extend(solved)
         y.append(right)
-    x = [y[-1]]
-    for i in range(n - 2, -1, -1):
+    return ahead, y
+
+
+def backward(ahead: list[Tensor], y: list[Tensor], after: Tensor | None = None) -> list[Tensor]:
+    """The rows of x (..., k, m) from what `forward` gives, and the unknowns after the last one."""
+    x = [y[-1] if after is None else y[-1] - ahead[-1] @ after]
+    for i in range(len(y) - 2, -1, -1):
         x.append(y[i] - ahead[i] @ x[-1])
-    return torch.broadcast_tensors(*x[::-1])
+    return x[::-1]
 
 
 def eliminated(
@@ -113,37 +124,3 @@ def positive_definite(D: Tensor, L: Tensor, U: Tensor) -> Tensor:
 def recorded() -> bool:
     """Whether derivatives are being recorded at all, backward or forward."""
     return torch.is_grad_enabled() or torch._C._is_fwd_grad_enabled()
-
-
-class ChainSolve(torch.autograd.Function):
-    """`block_tridiagonal` with a matrix that is a constant: forward mode and backward
-    (the transposed system) in b.
-
-    The matrix carries no gradient: this is the linear solve of the implicit function theorem, where
-    the residual in b carries it all. Second derivatives through it would be wrong and are refused.
-    """
-
-    generate_vmap_rule = True
-
-    @staticmethod
-    def forward(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> Tensor:
-        return block_tridiagonal(D, L, U, b)
-
-    @staticmethod
-    def setup_context(ctx, inputs, output) -> None:
-        D, L, U, b = inputs
-        ctx.save_for_backward(D, L, U, b)
-        ctx.save_for_forward(D, L, U, b)
-
-    @staticmethod
-    def backward(ctx, grad: Tensor):
-        D, L, U, b = ctx.saved_tensors
-        # backward may be called where autocast is on
-        with torch.no_grad(), torch.autocast(grad.device.type, enabled=False):
-            g = block_tridiagonal(D.mT, U.mT, L.mT, grad).sum_to_size(b.shape)
-        return None, None, None, first_only(g, grad, b)
-
-    @staticmethod
-    def jvp(ctx, _D, _L, _U, b_t: Tensor) -> Tensor:
-        D, L, U, b = ctx.saved_tensors
-        return first_only(block_tridiagonal(D, L, U, b_t), b_t, b)

@@ -29,13 +29,18 @@ EXTRA = 2  # vectors of a block beyond those asked for
 DENSE = 96  # unknowns up to which the dense way is the shorter
 STRAIGHT = 1e-6  # |imaginary part| over |eigenvalue| up to which a motion does not oscillate
 DISTINCT = 1e-7  # of an eigenvalue: nearer ones are the same
+DOUBT = 0.01  # of an eigenvalue: by so much rounding may move one that is known
+NEUTRAL = 1e-6  # of the slowest square that is known: less is next to nothing
+SURE = 10.0  # times what rounding is taken to leave of a motion that nothing resists
 RAISE, RAISED = 100.0, 5  # a shift that does not make a matrix positive definite, and how often
 
 
 class Pairs(NamedTuple):
     """eigenvalue (..., count) complex 1/s; right and left (..., count, n), left None where it is
     the right one; repeated (..., count) bool; doubt (..., count): what rounding of K may make of
-    the eigenvalue, relative.
+    the eigenvalue, relative; apart (..., count) bool: whether what it makes of its square is next
+    to nothing beside the slowest that is known, however many are asked for. Growth that rounding
+    may have made is none.
     """
 
     eigenvalue: Tensor
@@ -43,6 +48,7 @@ class Pairs(NamedTuple):
     left: Tensor | None
     repeated: Tensor
     doubt: Tensor
+    apart: Tensor
 
 
 def slowest(
@@ -65,7 +71,8 @@ def slowest(
     pairs = None
     if D is None and symmetric:
         M, K = torch.broadcast_tensors(M, K)
-        pairs = _symmetric((M + M.mT) / 2, (K + K.mT) / 2, count, _definite, lowest)
+        half = (M + M.mT) / 2, (K + K.mT) / 2
+        pairs = _symmetric(*half, count, _definite, lambda *of: lowest(*of[:-1], M.shape[-1]))
     return _dense(M, D, K, count, derivatives, lags) if pairs is None else pairs
 
 
@@ -101,7 +108,29 @@ def rounding(M: Any, K: Any, x: Tensor) -> Tensor:
     """(..., count) what rounding of K makes of the squares of eigenvalues with the vectors x
     (..., n, count), in any units: eps sum_i |K_ii| |x_i|^2 / |x^H M x|.
     """
-    return _rounded(K, x) / (x.conj() * _product(M, x)).sum(-2).abs()
+    return _rounded(K, x) / _form(M, x).abs()
+
+
+def error(M: Any, D: Tensor | None, K: Any, value: Tensor, x: Tensor, times: Any = 1.0) -> Tensor:
+    """(..., m) 1/s what that, so many times, makes of eigenvalues (..., m): by |x^H (D + 2 lambda
+    M) x|; at most by its root, where this vanishes, as two eigenvalues meet.
+    """
+    slope, rounded = 2 * value * _form(M, x), times * _rounded(K, x)
+    slope = slope if D is None else slope + _form(D, x)
+    return torch.minimum(rounded / slope.abs(), (rounded / _form(M, x).abs()).sqrt())
+
+
+def _apart(stiffness: Tensor, unknown: Tensor) -> Tensor:
+    """(..., m) bool, see `Pairs`, of motions with |x^H K x| / |x^H M x|, 0 of those that do not
+    oscillate, and their `rounding`.
+    """
+    known = torch.where(unknown < DOUBT * stiffness, stiffness, torch.inf).amin(-1, keepdim=True)
+    return (unknown < NEUTRAL * known) & torch.isfinite(known)
+
+
+def _form(A: Any, x: Tensor) -> Tensor:
+    """(..., count) x^H A x."""
+    return (x.conj() * _product(A, x)).sum(-2)
 
 
 def _rounded(K: Any, x: Tensor) -> Tensor:
@@ -146,18 +175,21 @@ def _symmetric(
     if found is None:
         return None
     square, vectors, unknown = found
-    square = torch.where(square.abs() < unknown, 0.0, square)
+    apart = _apart(square.clamp(min=0), unknown)
+    none = (square.abs() < unknown) | apart & (square < 0) & (-square <= SURE * unknown)
+    square = torch.where(none, 0.0, square)
     gap = (square[..., 1:] - square[..., :-1]).abs()
     near = gap <= DISTINCT * square[..., :-1].abs()
     near = torch.nn.functional.pad(near, (1, 0)) | torch.nn.functional.pad(near, (0, 1))
-    square, vectors = square[..., :count], vectors.mT[..., :count, :]
     eigenvalue = _upper(torch.complex(-square, torch.zeros_like(square)).sqrt())
+    vectors = vectors.mT[..., :count, :]
     return Pairs(
-        eigenvalue,
+        eigenvalue[..., :count],
         torch.complex(vectors, torch.zeros_like(vectors)),
         None,
         near[..., :count],
-        unknown[..., :count] / (2 * square.abs()),
+        (unknown / (2 * square.abs()))[..., :count],
+        apart[..., :count],
     )
 
 
@@ -262,17 +294,15 @@ def _dense(
     # of the moves alone
     m, d, k = (None if A is None else A[..., : n - lags, : n - lags] for A in (M, D, K))
     moves = vectors[..., : n - lags, :]
-    rounded, by_M = _rounded(k, moves), (moves.conj() * _product(m, moves)).sum(-2)
+    unknown, value = rounding(m, k, moves), eigenvalues
     if D is None:
-        unknown = (by_M * eigenvalues).abs() < rounded
-        value = _upper(torch.where(unknown, 0.0, eigenvalues).sqrt())
-        slope = 2 * by_M * value
-    else:  # growth that rounding may have made is none
-        by_D = (moves.conj() * _product(d, moves)).sum(-2)
-        resisted = (by_M * eigenvalues + by_D) * eigenvalues
-        unknown = (eigenvalues.real > 0) & (resisted.abs() < rounded)
-        value = torch.where(unknown, 0.0, eigenvalues)
-        slope = 2 * by_M * value + by_D
+        value = _upper(torch.where(value.abs() < unknown, 0.0, value).sqrt())
+    stiffness = _form(k, moves).abs() / _form(m, moves).abs()
+    swings = value.imag.abs() > STRAIGHT * value.abs()
+    apart = _apart(torch.where(swings, stiffness, 0.0), unknown)
+    least = error(m, d, k, value, moves, torch.where(apart, SURE, 1.0))
+    grown = (value.real > 0) & (value.real <= least)
+    value = torch.complex(torch.where(grown, 0.0, value.real), value.imag)
     slow = slow_first(value, count, lags > 0)
     slow = slow.gather(-1, value.imag.gather(-1, slow).argsort(dim=-1, stable=True))
     rows, left = slow[..., None].expand(*slow.shape, vectors.shape[-1]), None
@@ -289,7 +319,8 @@ def _dense(
         vectors.mT.gather(-2, rows)[..., :n],
         left,
         near,
-        (rounded / (value * slope).abs()).gather(-1, slow),
+        (error(m, d, k, value, moves) / value.abs()).gather(-1, slow),
+        apart.gather(-1, slow),
     )
 
 

@@ -24,8 +24,9 @@ NEARLY = 16.0  # a shift that is nearer to the one that is wanted stays
 def subspace(
     M: BlockChain, K: BlockChain, shift: Tensor, count: int
 ) -> tuple[Tensor, Tensor, Tensor] | None:
-    """The `count` lowest w^2 (..., count), rising, vectors (..., n, count), and what rounding of K
-    makes of w^2, see `quadratic_eigen.rounding`; None where they do not converge.
+    """The `count` lowest w^2 and some estimates of the next (..., m), rising, vectors (..., n, m),
+    and what rounding of K makes of w^2, see `quadratic_eigen.rounding`; None where they do not
+    converge.
 
     Block inverse iteration of K + shift M, positive definite, with the Rayleigh-Ritz projection
     (Bathe 1971), O(N) a sweep. The shift (...) follows the lowest Rayleigh quotient that is no
@@ -70,7 +71,7 @@ def subspace(
             )
             done = done[..., :count].all(-1) & (wanted == shift)
         if concrete(done).all():
-            return square[..., :count], V[..., :count], unknown[..., :count]
+            return square, V, unknown
         if concrete(wanted != shift).any():
             wanted = torch.where(K.plus(wanted, M).positive_definite(), wanted, shift)
             factored = K.plus(wanted, M).factored()

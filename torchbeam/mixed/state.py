@@ -118,6 +118,3 @@ class MixedState(Instant):
     @property
     def batch_shape(self) -> torch.Size:
         return self.position.shape[:-2]
-
-
-torch.serialization.add_safe_globals([MixedState])

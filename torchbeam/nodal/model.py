@@ -18,7 +18,6 @@ from ..scene.effects import INERTIAL, SPIN, VELOCITY, Contact, Inputs
 from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
 from ..scene.scene import Scene
 from ..topology.chain import Chain
-from ..topology.chain_unknowns import ChainUnknowns
 from ..topology.framework import Framework
 from ..topology.framework_unknowns import FrameworkUnknowns
 from .acting import ActingLoad, acting, by_part
@@ -32,7 +31,6 @@ torch.serialization.add_safe_globals(
     [
         Assembly,
         Chain,
-        ChainUnknowns,
         Framework,
         FrameworkUnknowns,
         *(type(element.interpolation) for element in ELEMENTS.values()),

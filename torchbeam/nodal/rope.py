@@ -20,6 +20,11 @@ with r at the end of the step: 2 (change of length)/dt less the rate before. the
 stretches are in line: with the chord e between their directions 2 asin(e/2), e from sqrt(|.|^2 +
 SOFT^2) - SOFT. At an instant d_n = d_{n+1}, and friction is that of a rope which is pulled at its
 first end, r/sqrt(r^2 + s^2) = -1.
+
+A tangent of the sense z = r/sqrt(r^2 + s^2) goes from slip to slip the other way and back where a
+rope sticks. With z an unknown of its own in z sqrt(r^2 + s^2) = r, Newton's method has the slope
+(1 - y z)/sqrt(r^2 + s^2) instead, y what the last iteration's slope has foretold of z, within -1
+and 1 (Chan, Golub and Mulet 1999); at the solution y = z, and the slope is that of the tangent.
 """
 
 from __future__ import annotations
@@ -40,7 +45,7 @@ class RopeStep(NamedTuple):
     """Points (..., m, 3) where forces act, after and before (None = an instant, where they are the
     same); given (...): tension N or length m; dt (...) s, rates of the points before and the way
     that they go (..., m, 3), None = at an instant, or without friction. The way is not from after
-    and before, of which single precision leaves too few digits.
+    and before, of which single precision leaves too few digits. told (..., m - 2, 2): see `Grip`.
     """
 
     acting: Tensor
@@ -50,6 +55,7 @@ class RopeStep(NamedTuple):
     dt: Tensor | None = None
     rates: Tensor | None = None
     way: Tensor | None = None
+    told: Tensor | None = None
 
 
 class Stretches(NamedTuple):
@@ -85,12 +91,14 @@ class Stretches(NamedTuple):
 class Grip(NamedTuple):
     """Friction at a point between two stretches: by which the logarithm of the tension rises
     (...), and its derivatives by the directions before the point and behind it (..., 3), which are
-    `turn` and less that, and by how much longer is what lies beyond (...), None = not at all.
+    `turn` and less that, and by how much longer is what lies beyond (...), None = not at all; told
+    (..., 2): the sense where nothing slides and its slope s/m, as the next iteration is told them.
     """
 
     log: Tensor
     turn: Tensor
     slide: Tensor | None
+    told: Tensor | None = None
 
 
 class Tensions(NamedTuple):
@@ -153,7 +161,8 @@ class Rope(Tree):
     def tensions(self, step: RopeStep, stretches: Stretches, derivative: bool) -> Tensions:
         before, after = stretches.lengths
         over = None if step.before is None else before.sum(-1)
-        T, slope = self.pull(step.given, after.sum(-1), over)
+        change = None if step.way is None else stretches.change(step).sum(-1)
+        T, slope = self.pull(step.given, after.sum(-1), over, change)
         e = stretches.directions[1]
         T, slope, _ = torch.broadcast_tensors(T[..., None], slope[..., None], after)
         by = slope[..., None, None] * e[..., None, :, :] if derivative else None
@@ -166,10 +175,15 @@ class Rope(Tree):
         return Tensions(T * rho, by)
 
     def pull(
-        self, given: Tensor, after: Tensor, before: Tensor | None = None
+        self,
+        given: Tensor,
+        after: Tensor,
+        before: Tensor | None = None,
+        change: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """T (...) of the whole, of this length after a step and before it, None = at an instant;
-        and its derivative by the length after.
+        and its derivative by the length after. change (...) m: of the length, which single
+        precision has to more digits than the difference of both, None = not known by itself.
         """
         if self.stiffness is None:
             return given.clamp(min=0), torch.zeros_like(after)
@@ -178,6 +192,9 @@ class Rope(Tree):
         if before is None:
             return self.stiffness * p, self.stiffness * (x > 0)
         y = before - given
+        if change is not None:
+            x = y + change
+            p = x.clamp(min=0)
         q = y.clamp(min=0)
         across = (x > 0) != (y > 0)
         apart = torch.where(across, x - y, 1.0)
@@ -189,12 +206,8 @@ class Rope(Tree):
         self, step: RopeStep, stretches: Stretches, derivative: bool
     ) -> tuple[Tensor, Tensor | None]:
         """ln rho_k (..., n), and its derivative (..., n, n, 3) by each stretch's q after."""
-        after, e, slide = stretches.lengths[1], stretches.directions[1], None
+        after, e, grip = stretches.lengths[1], stretches.directions[1], self.grips(step, stretches)
         n = e.shape[-2]
-        if step.dt is not None:
-            start = stretches.directions[0] * step.rates.diff(dim=-2)
-            slide = _beyond(stretches.change(step)), _beyond(start.sum(-1)), step.dt
-        grip = self.grip(e[..., :-1, :], e[..., 1:, :], slide)
         log = pad(grip.log.cumsum(-1), (1, 0))
         if not derivative:
             return log, None
@@ -206,12 +219,25 @@ class Rope(Tree):
             by = by + grip.slide[..., None, None] * beyond * e[..., None, :, :]
         return log, pad(by.cumsum(-3), (0, 0, 0, 0, 1, 0))
 
+    def grips(self, step: RopeStep, stretches: Stretches) -> Grip:
+        """At all points between stretches."""
+        e, slide = stretches.directions[1], None
+        if step.dt is not None:
+            start = stretches.directions[0] * step.rates.diff(dim=-2)
+            slide = _beyond(stretches.change(step)), _beyond(start.sum(-1)), step.dt
+        return self.grip(e[..., :-1, :], e[..., 1:, :], slide, step.told)
+
     def grip(
-        self, before: Tensor, behind: Tensor, slide: tuple[Tensor, Tensor, Tensor] | None
+        self,
+        before: Tensor,
+        behind: Tensor,
+        slide: tuple[Tensor, Tensor, Tensor] | None,
+        told: Tensor | None = None,
     ) -> Grip:
         """At points (..., n), of the directions before and behind them (..., n, 3); slide: how much
         longer what lies beyond has become in the step (..., n) m, the rate at which it did before
-        m/s, and dt (...) s; None = at an instant.
+        m/s, and dt (...) s; None = at an instant. told (..., n, 2): by the last iteration, None, or
+        a slope of 0, = there was none.
         """
         chord = behind - before
         size = torch.sqrt(chord.square().sum(-1) + SOFT**2)
@@ -219,15 +245,21 @@ class Rope(Tree):
         theta = 2 * torch.asin(half.clamp(max=1.0))
         mu = self.friction[..., None]
         if slide is None:
-            sense, sense_by = -torch.ones_like(theta), None
+            sense, sense_by, tells = -torch.ones_like(theta), None, None
         else:
             changes, start, dt = slide
             r, s = 2 * changes / dt[..., None] - start, self.slip_speed[..., None]
             root = torch.sqrt(r.square() + s.square())
-            sense, sense_by = r / root, s**2 / root**3 * 2 / dt[..., None]
+            sense, slope = r / root, s**2 / root**3
+            if told is not None:
+                foretold = (told[..., 0] + told[..., 1] * r).clamp(-1.0, 1.0)
+                foretold = torch.where(told[..., 1] == 0, sense, foretold)
+                slope = slope + (sense - foretold) * sense / root
+            tells = torch.stack((sense - slope * r, slope), -1)
+            sense_by = slope * 2 / dt[..., None]
         turn = mu * sense / torch.sqrt((1 - half.square()).clamp(min=SOFT**2)) / size
         by_slide = None if sense_by is None else mu * theta * sense_by
-        return Grip(mu * theta * sense, -turn[..., None] * chord, by_slide)
+        return Grip(mu * theta * sense, -turn[..., None] * chord, by_slide, tells)
 
 
 def along_stretch(by: Tensor, direction: Tensor, length: Tensor) -> Tensor:

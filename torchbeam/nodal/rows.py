@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..core.leaves import Tree, leaf
-from ..topology.chain import Chain
+from ..topology.framework import Framework
 from ..topology.protocols import Topology
 from .assembly import Assembly
 from .constitutive_law import ElasticLaw
@@ -121,7 +121,7 @@ class Rows(Tree):
         if isinstance(space, Linearised):
             space = replace(space, frames=nodes.frames, R=nodes.R, linear_element=linear)
         if topology is None:
-            topology = Chain(space.order, 0 if elements is None else 1)
+            topology = Framework(space.order, (0 if elements is None else 1,))
         free = torch.ones(topology.node_count, space.unknowns, dtype=torch.bool)
         fixed = torch.stack(held.fixed) if held.fixed else nodes.mass.new_zeros(0, space.unknowns)
         constraints = Constraints(

@@ -24,7 +24,8 @@ class Eyelets(NamedTuple):
 class TendonMotion(NamedTuple):
     """Where forces act, where eyelets are after a step, and before (None = there is none); given
     (..., K) N or m; drive: how, as of joints; way() (..., N+1, p) m by which nodes move over a
-    step, without the rounding of places, None = forces act at an instant.
+    step, without the rounding of places, None = forces act at an instant; told (..., E, 2) of
+    points with friction, see `rope.Grip`, None = nothing.
     """
 
     acting: Eyelets
@@ -33,6 +34,7 @@ class TendonMotion(NamedTuple):
     given: Tensor
     drive: JointDrive
     way: Callable[[], Tensor] | None = None
+    told: Tensor | None = None
 
 
 class NoTendons(Tree):
@@ -55,6 +57,10 @@ class NoTendons(Tree):
     ) -> Any:
         """Their tangent, with that of these; half, rate: see `Joints.blocks`."""
         return matrix
+
+    def told(self, motion: Callable[[], TendonMotion]) -> Tensor | None:
+        """What an iteration tells the next one of friction (..., E, 2), see `rope.Grip`."""
+        return None
 
     def values(self, tendons: tuple[Any, ...], t: Tensor, inputs: Any) -> Tensor | None:
         """Of a scene's tendons (..., K): the tension N or length m that is given, at t (...)."""

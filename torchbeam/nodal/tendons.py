@@ -21,7 +21,7 @@ from ..scene.effects.values import Inputs, scalar_at
 from ..topology.framework import Framework
 from .coordinates.spatial import Spatial
 from .joint_motion import end_moves
-from .rope import Rope, RopeStep
+from .rope import Rope, RopeStep, Stretches
 from .tendon_motion import Eyelets, NoTendons, TendonMotion
 
 
@@ -47,6 +47,11 @@ class Tendons(NoTendons):
     def dissipative(self) -> bool:
         """Whether there is friction."""
         return any(rope.friction is not None for rope in self.ropes)
+
+    @property
+    def _coupled(self) -> bool:
+        """Whether a tension follows from where the rope is."""
+        return self.dissipative or any(rope.stiffness is not None for rope in self.ropes)
 
     @property
     def smooth(self) -> bool:
@@ -109,6 +114,19 @@ class Tendons(NoTendons):
         shape = broadcast_shapes(*(x.shape[:-3] for x in blocks))
         return torch.cat([x.expand(*shape, *x.shape[-3:]) for x in blocks], -3)
 
+    def told(self, motion: Callable[[], TendonMotion]) -> Tensor | None:
+        motion = motion()
+        if motion.drive.dt is None or not self.dissipative:
+            return None
+        rows = []
+        for rope, step in zip(self.ropes, self.steps(motion), strict=True):
+            none = torch.zeros_like(step.after[..., :2])
+            if rope.friction is not None and none.shape[-2] > 2:
+                own = rope.grips(step, Stretches.of(step)).told
+                none = pad(own, (0, 0, 1, 1))
+            rows.append(none)
+        return torch.cat(rows, -2)
+
     def values(self, tendons: tuple[Any, ...], t: Tensor, inputs: Inputs) -> Tensor:
         given = [
             rope.drawn
@@ -139,8 +157,8 @@ class Tendons(NoTendons):
         """What each rope is asked for."""
         drive, steps = motion.drive, []
         over = drive.dt is not None and motion.start is not None
-        rubs = over and self.dissipative
-        rates, way = (self._rates(motion), self._way(motion)) if rubs else (None, None)
+        rates = self._rates(motion) if over and self.dissipative else None
+        way = self.way(motion) if over and self._coupled else None
         for k, (rope, part) in enumerate(zip(self.ropes, self._parts, strict=True)):
             given = rope.raised(motion.given[..., k], drive.share)
             steps.append(
@@ -151,7 +169,8 @@ class Tendons(NoTendons):
                     given,
                     drive.dt,
                     None if rates is None else rates[..., part, :],
-                    None if rates is None else way[..., part, :],
+                    None if way is None else way[..., part, :],
+                    None if motion.told is None else motion.told[..., part, :][..., 1:-1, :],
                 )
             )
         return tuple(steps)
@@ -168,7 +187,7 @@ class Tendons(NoTendons):
         turned = torch.linalg.cross(*torch.broadcast_tensors(spin, motion.start.lever))
         return torch.where(self._ground(velocity), 0.0, velocity + turned)
 
-    def _way(self, motion: TendonMotion) -> Tensor:
+    def way(self, motion: TendonMotion) -> Tensor:
         """(..., E, 3) m by which the eyelets move over the step."""
         way = self.space.public_vector(motion.way()[..., self._at, :])
         turned = motion.end.lever - motion.start.lever

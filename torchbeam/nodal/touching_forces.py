@@ -17,7 +17,7 @@ from ..core.validation import concrete
 from ..math.concrete import mapped
 from ..math.shapes import broadcast_shapes
 from ..scene.effects.load_point import POSITION, ROTATION, SPIN, VELOCITY
-from ..topology.cut import added
+from ..topology.places import added
 from .coordinates.spatial import Spatial
 from .surface_pairs import BODY
 from .touching import Touching

@@ -117,7 +117,7 @@ class View:
             import viser
         except ImportError:
             raise ImportError("torchbeam.view wants viser: pip install 'torchbeam[view]'") from None
-        self._scene, self._count = scene, samples
+        self._count = samples
         self._states = states
         t = states.t.detach().double().cpu()
         self.t = t.flatten(1)[:, 0] if t.ndim > 1 else t

@@ -17,6 +17,7 @@ from ..core.validation import Value, as_tensor, axis_last, common_dtype, concret
 from ..math import quaternions as quat
 from ..math.shapes import broadcast_shapes
 from ..topology.chain import Chain
+from ..topology.framework import Graph
 from .axes import axes_of_nodes, carried_along, orthonormal, parabolas
 from .beam_arguments import Sections, check_order, dtype_with, intervals, placed, warn_of_batch
 from .beam_recipe import remembered, with_recipe_of
@@ -83,7 +84,7 @@ class Beam(BeamRows):
         )
 
     @property
-    def topology(self) -> Chain:
+    def topology(self) -> Graph:
         """Which nodes the elements lie between."""
         return Chain(self.order, self.element_count)
 

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from ..math import quaternions as quat
 from ..math.quadratic import X, at_points, threes
-from ..topology.chain import within_elements
+from ..topology.framework import within_elements
 
 
 class Middle:

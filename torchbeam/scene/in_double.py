@@ -11,6 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.functions_of_time import OtherPrecision
 from ..core.leaves import Tree, sent
 from ..core.warning import warn
 from .scene import Scene
@@ -33,8 +34,8 @@ def in_double(function: Callable[..., Any], scene: Scene, state: Any, *given: An
     start = None if state is None else state.to(torch.float64)
     try:
         return narrowed(function(wide, start, *map(widened, given)))
-    except ValueError:
-        result = function(scene, state, *given)  # raises what is wrong, if it is not the precision
+    except OtherPrecision:
+        result = function(scene, state, *given)
     warn(SINGLE, UserWarning)
     return result
 

@@ -38,7 +38,6 @@ from .effects import Damping, Effect, Inputs, PerElement, inputs_of
 from .effects.contact_defaults import with_defaults
 from .effects.contact_terms import ContactTerms
 from .effects.effect import of_library
-from .effects.springs import Spring
 from .effects.tendon import Tendon
 from .joined import joints_of
 from .joint import Joint
@@ -294,9 +293,7 @@ class Scene(Tree):
         own, ties = self.beam.topology, tuple(tendon.nodes for tendon in self.tendons)
         if not ties and not self.pairs:
             return own
-        if isinstance(own, Framework):
-            return replace(own, ties=ties)
-        return Framework(own.order, (self.beam.element_count,), ties=ties)
+        return Framework(own.order, own.chains, own.singles, own.joints, ties)
 
     @property
     def has_prescribed_motion(self) -> bool:
@@ -382,9 +379,8 @@ class Scene(Tree):
                 return effect
         if effect.node is not None:
             row = self.beam.row(effect.node)
-            if isinstance(effect, Spring):
-                drawn = (x[..., int(row), :] for x in (self.beam.nodes, self.beam.frames))
-                effect = effect.drawn_at(*drawn)
+            drawn = (x[..., int(row), :] for x in (self.beam.nodes, self.beam.frames))
+            effect = effect.drawn_at(*drawn)
             return effect if row is effect.node else with_values(effect, node=row)
         self.beam.named(effect.on, effect)
         for leaf in own_leaves(effect):

@@ -19,7 +19,7 @@ from ..scene.element_stations import STATIONS
 from ..scene.scene import Scene
 from ..state.rest_shape import RestShape
 from ..state.state import State
-from ..topology.chain import Chain
+from ..topology.framework import Framework
 from .sensor import OnPart
 
 
@@ -197,7 +197,7 @@ class _Strains(_Along):
             position, rotation = position[..., i : i + p + 1, :], rotation[..., i : i + p + 1, :]
             length = length[..., i : i + p, :]
         rotation = space.to_reduced_rotation(rotation)
-        topology = self.beam.topology if i is None or not space.turns else Chain(p, 1)
+        topology = self.beam.topology if i is None or not space.turns else Framework(p, (1,))
         assembly = Assembly(topology, space.interpolation, space.dims.position)
         strain = space.strains(
             space.kinematics(*assembly.poses(position, rotation), length), length

@@ -159,6 +159,7 @@ def _iterate(
             before = size if length is None else torch.where(length.back, before, size)
         if concrete(over).all():
             break
+        problem = problem.after(*about)
         few = BatchSubset.worthwhile(~over) if k < limit - 1 else None
         part = None if few is None else _part(problem, few)
         if part is not None:

@@ -91,3 +91,9 @@ class Problem(Protocol):
         share of the slip stayed; itself where there is no friction.
         """
         ...
+
+    def after(self, *about: Any) -> Problem:
+        """The same for the next iteration, whose tangent knows of that of this one; about: what
+        `residual` gives beside the balance.
+        """
+        ...

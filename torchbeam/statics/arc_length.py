@@ -205,6 +205,9 @@ class ArcLengthProblem(Tree):
         """Paths refuse friction."""
         return self
 
+    def after(self, *about: Any) -> ArcLengthProblem:
+        return self
+
 
 class ArcLengthTangent(NamedTuple):
     """At a point, for the residual there."""

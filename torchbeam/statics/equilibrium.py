@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -37,10 +38,14 @@ from .internal_states import resting
 from .mechanism import braced, stressed
 from .no_equilibrium import reason
 from .path import stable_branch
-from .stability import NEUTRAL, conservative, eigenvalues, sign, unit
+from .stability import HAIR, NEUTRAL, asymmetry, eigenvalues, sign, unit
 
-SINGULAR = {torch.float64: 1e-6, torch.float32: 1e-4}  # of the softest pivot at no load
-LARGE = 1e4  # times the move that the loads bring about at first
+SINGULAR = {
+    torch.float64: 1e-6,
+    torch.float32: 1e-4,
+}  # of the softest motion's resistance at no load
+SWEEPS = 2  # of inverse iteration, towards the softest motion
+SHARE = 1e-3  # of the loads in the softest motion: less does not bring it about
 
 
 def equilibrium(
@@ -71,7 +76,10 @@ def equilibrium(
             bifurcate, to the side to which it leans
         relax: come there by a motion without inertia in a viscous fluid instead of by load steps,
             then by Newton's method: for what is far from where it starts and hardly stiff on the
-            way, as a slack cable or a hinged beam that swings down
+            way, as a slack cable or a hinged beam that swings down. From the undeformed beam loads
+            grow first, then supports move; on `initial` all acts at once. Under conservative loads
+            it ends in a minimum of the energy, the one that this motion leads to: there may be
+            lower ones, of which nothing is said
         engine: "eager": torch operations. "compiled": the load is raised by native code, many
             samples at once on the CPU (by llvmlite), the same answers up to
             rounding; what follows (gradients, `branch`) is eager. "auto": compiled for many samples
@@ -89,7 +97,8 @@ def equilibrium(
 
     Past a point of buckling the way up may keep to a branch that is no longer stable. Where all
     loads are conservative (dead forces, gravity) a RuntimeWarning names the samples whose tangent
-    is not positive definite. Of other loads (followers, moments in space, a frame that turns) it
+    is not positive definite; so where others are next to nothing. Of other loads (followers,
+    moments in space, a frame that turns) it
     names those whose tangent has a negative determinant: they diverge, whatever their mass and
     damping; whether another one is stable is for `modes` to say (`unstable`). Where a derivative is
     recorded at a limit point, a RuntimeError says that there is none (with throw=False the sample
@@ -182,7 +191,9 @@ def _equilibrium(
         doubtful = None
     good = status == 0
     if branch == "stable":
-        unstable = good & _unstable(problem, x, start, doubtful, torch.ones_like(good))
+        unstable = good & _unstable(
+            problem, x, start, doubtful, torch.zeros_like(good, dtype=time.dtype)
+        )
         if concrete(unstable).any():
             doubtful = None
             with no_derivatives():
@@ -221,9 +232,9 @@ def _equilibrium(
     if judged:
         states = ~failed
         with no_derivatives():
-            symmetric = conservative(problem, x).expand(status.shape)
+            uneven = asymmetry(problem, x).expand(status.shape)
         unstable = states & _unstable(
-            problem, x, start, None if doubtful is None else doubtful & states, symmetric
+            problem, x, start, None if doubtful is None else doubtful & states, uneven
         )
         if concrete(unstable).any():
             warn(
@@ -256,14 +267,14 @@ def _unstable(
     x: Configuration,
     start: Configuration,
     doubtful: Tensor | None,
-    symmetric: Tensor,
+    uneven: Tensor,
 ) -> Tensor:
     """(...) whether a pivot is negative by more than next to nothing beside the softest one at no
     load; doubtful: samples whose tangent is not positive definite, None = not known. Of a tangent K
-    that is not `symmetric` (...): whether its determinant is negative, and no pivot next to
-    nothing. Then det(M s^2 + D s + K) has a zero s > 0, whatever mass and damping are, as it is
-    positive for large s: a motion grows without oscillating. (Where it is positive two may, or one
-    may flutter.)
+    whose `asymmetry`, uneven (...), is no hair beside that pivot: whether its determinant is
+    negative, and no pivot next to nothing. Then det(M s^2 + D s + K) has a zero s > 0, whatever
+    mass and damping are, as it is positive for large s: a motion grows without oscillating. (Where
+    it is positive two may, or one may flutter.)
     """
     if doubtful is not None and not concrete(doubtful).any():
         return doubtful
@@ -273,7 +284,7 @@ def _unstable(
             at, begin = (Configuration(*(few.take(v, 2) for v in shape)) for shape in (x, start))
             return few.put(
                 torch.zeros_like(doubtful),
-                _unstable(few.gather(problem), at, begin, None, few.take(symmetric, 0)),
+                _unstable(few.gather(problem), at, begin, None, few.take(uneven, 0)),
                 0,
             )
     with no_derivatives():
@@ -287,34 +298,40 @@ def _unstable(
         diverges = sound & (sign(here) < 0) & (soft > NEUTRAL * least)
         soft, least = (eigenvalues(p).amin((-1, -2)) for p in (here, usual))
         negative = (soft < -NEUTRAL * least.clamp(min=0)) | ~sound
-        return doubtful & torch.where(symmetric, negative, diverges)
+        return doubtful & torch.where(uneven <= HAIR * -soft.clamp(max=0), negative, diverges)
 
 
 def _singular(
     problem: SteadyProblem, x: Configuration, start: Configuration, good: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """(...) whether the softest pivot is next to nothing beside the softest one at no load: at a
+    """(...) whether the softest motion is resisted by next to nothing beside that at no load: at a
     limit point, where the load brings that motion about, or at a point of bifurcation, where it
-    does not.
+    does not. (A pivot may be next to nothing past a point of buckling and no motion soft: that of a
+    part of the beam whose other nodes are held.)
     """
     with no_derivatives():
-        (soft, ease), (usual, before) = (_softness(problem, at) for at in (x, start))
+        (soft, share), (usual, _) = (_softness(problem, at) for at in (x, start))
         singular = good & (soft < SINGULAR[x.stress.dtype] * usual)
-        limit = singular & (ease > LARGE * before)
+        limit = singular & (share > SHARE)
         return limit, singular & ~limit
 
 
 def _softness(problem: SteadyProblem, x: Configuration) -> tuple[Tensor, Tensor]:
-    """(...) the softest pivot N/m, and the largest move m that a change of the loads by themselves
-    brings about, see `unit`.
+    """(...) the resistance N/m of the softest motion, and the share that a change of the loads by
+    themselves has in it, by `unit`.
     """
     residual, *about = problem.residual(x)
-    tangent = problem.linearise(x, *about)
+    tangent, none = problem.linearise(x, *about), torch.zeros_like(residual.strain)
     unloaded = replace(problem, load_factor=torch.zeros_like(problem.load_factor)).residual(x)[0]
-    move = tangent.solve(residual.nodes - unloaded.nodes, torch.zeros_like(residual.strain))[0]
-    size = unit(problem.model)
-    soft = torch.linalg.svdvals(tangent.system.pivots(size)[0]).amin((-1, -2))
-    return soft, (move / size[..., None, :]).abs().amax((-1, -2))
+    size = unit(problem.model)[..., None, :]
+    load = (residual.nodes - unloaded.nodes) * problem.model.constraints.moving * size
+    soft = torch.cos(1.0 + torch.arange(math.prod(load.shape[-2:])).to(load)).view(load.shape[-2:])
+    for _ in range(SWEEPS):
+        length = torch.linalg.vector_norm(soft, dim=(-1, -2), keepdim=True)
+        soft = tangent.solve((soft / length).expand_as(load) / size, none)[0] / size
+    length, most = (torch.linalg.vector_norm(v, dim=(-1, -2)) for v in (soft, load))
+    share = (soft * load).sum((-1, -2)).abs() / (length * most)
+    return 1 / length, torch.where(most > 0, share, 0.0)
 
 
 def _attached(

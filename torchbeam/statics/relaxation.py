@@ -126,10 +126,13 @@ def relax(
                     still, still.apply_supports(x), calm, tolerance, LIMIT, foresee=~calm
                 )
                 at_rest = calm & (outcome.status == 0) & (_turned(model, x, outcome.x) < CALM)
+                held = replace(fluid, load_factor=whole.load_factor, drag=NEUTRAL * viscosity)
+                held = replace(held, model=model, before=outcome.x)
+                # what hardly anything resists moves far by the last update, which leaves something
+                outcome = newton(held, outcome.x, at_rest, tolerance, LIMIT, foresee=~calm)
+                at_rest = at_rest & (outcome.status == 0)
                 downhill = conservative(whole, outcome.x)
                 if concrete(downhill & at_rest).any():
-                    held = replace(fluid, load_factor=whole.load_factor, drag=NEUTRAL * viscosity)
-                    held = replace(held, model=model)
                     at_rest = at_rest & (~downhill | _minimum(held, outcome.x))
                 x = _where(at_rest, outcome.x, x)
                 reaction = torch.where(at_rest[..., None, None], outcome.reaction, reaction)

@@ -15,6 +15,7 @@ from ..nodal import loads as external
 from ..nodal.model import Model
 
 NEUTRAL = 1e-4  # of the softest pivot at no load: a pivot that is less negative does not count
+HAIR = 1e-3  # of the most negative pivot: an asymmetry that is less takes no instability away
 ROUNDING = 0.5  # power of the dtype's rounding
 
 
@@ -37,24 +38,29 @@ def sign(pivots: Tensor) -> Tensor:
 
 
 def conservative(problem: SteadyProblem, x: Configuration) -> Tensor:
-    """() or (...) bool: whether the loads are at x, at rest: as they declare, or else by their
-    tangent there, which is then that of a gradient: of a moment m by the spin ~m/2 beside what is
-    symmetric.
+    """() or (...) bool: whether the loads are at x, at rest."""
+    return asymmetry(problem, x) == 0
+
+
+def asymmetry(problem: SteadyProblem, x: Configuration) -> Tensor:
+    """() or (...) N/m: how far the loads' tangent at x, at rest, by `unit`, is from that of a
+    gradient, of a moment m by the spin ~m/2 beside what is symmetric; 0 where they are declared
+    conservative, or no further from it than rounding; inf where this is not known.
     """
     model, now = problem.model, problem.conditions
-    yes = torch.ones((), dtype=torch.bool, device=x.position.device)
+    none = x.position.new_zeros(())
     if model.conservative:
-        return yes
+        return none
     others, between = (
         tuple(act for act in acts if not model.declared(act.load))
         for acts in (now.loads, now.between)
     )
     if between or model.internal_states or not model.conserves:
-        return ~yes
+        return none + torch.inf
     nodes, own, p = problem.nodes(x), replace(now, loads=others), model.space.dims.position
     force = external.external(model, nodes, own)
     if isinstance(force, float):  # none acts
-        return yes
+        return none
     moment = force[..., p:]
     slope = external.tangent(model, nodes, own, problem.frame.steady_jacobian())
     if isinstance(slope, float):
@@ -68,7 +74,11 @@ def conservative(problem: SteadyProblem, x: Configuration) -> Tensor:
         (slope[..., :p, p:], slope[..., p:, :p], ()),
         (by_spin, by_spin, terms),
     )
-    return torch.stack([_alike(a, b.mT, *more) for a, b, more in pairs]).all(0)
+    alike = torch.stack([_alike(a, b.mT, *more) for a, b, more in pairs]).all(0)
+    size = unit(model)[..., None, None, :]
+    slope = torch.cat((slope[..., :p], torch.cat((slope[..., :p, p:], by_spin), -2)), -1)
+    off = (size.mT * (slope - slope.mT) / 2 * size).abs().amax((-1, -2)).sum(-1)
+    return torch.where(alike, 0.0, off)
 
 
 def _alike(a: Tensor, b: Tensor, *more: Tensor) -> Tensor:

@@ -5,13 +5,10 @@ left of the chains are runs of nodes that know nothing of these.
 from __future__ import annotations
 
 from functools import lru_cache
-from itertools import pairwise, product
+from itertools import groupby, pairwise, product
 from typing import NamedTuple
 
-import torch
-from torch import Tensor
-
-from ..math.shapes import broadcast_shapes
+from .places import Places, even
 
 # the nodes that each connects, None = the ground
 Joints = tuple[tuple[int | None, int | None], ...]
@@ -49,17 +46,75 @@ class Run(NamedTuple):
         return range(self.element + 1, self.element + self.count)
 
 
+class Line(NamedTuple):
+    """Runs of the same manner and length, which are eliminated side by side, towards a node of the
+    interface where there is one.
+
+    runs, count     how many, of how many nodes each
+    nodes, inner    of all runs: the nodes in order, and the elements between those of a run
+    backward        whether from the last node to the first
+    towards, back   the places in the interface, one of each run, towards which and from which it
+                    goes; () = there are none
+    before, after   the elements between these and a run's first and last node
+    """
+
+    runs: int
+    count: int
+    nodes: Places
+    inner: Places
+    backward: bool
+    towards: Places
+    back: Places
+    before: Places
+    after: Places
+
+    @property
+    def alone(self) -> bool:
+        """Whether it is one run, with no part in the interface."""
+        return self.runs == 1 and not self.towards
+
+    @classmethod
+    def of(cls, runs: tuple[Run, ...]) -> Line:
+        backward, count = runs[0].manner == "backward", runs[0].count
+        way = -1 if backward else 1
+        ends = [(run.before, run.after)[::way] for run in runs]
+        elements = [(run.element, run.element + count)[::way] for run in runs]
+        back, towards, before, after = (
+            tuple(pair[k] for pair, place in zip(pairs, ends, strict=True) if place[k] is not None)
+            for pairs, k in ((ends, 0), (ends, 1), (elements, 0), (elements, 1))
+        )
+        return cls(
+            len(runs),
+            count,
+            even(node for run in runs for node in run.nodes[::way]),
+            even(element for run in runs for element in run.inner[::way]),
+            backward,
+            towards,
+            back,
+            even(before),
+            even(after),
+        )
+
+
 class Cut(NamedTuple):
-    """interface: its nodes; runs: those of the same length together; direct: elements whose nodes
+    """interface: its nodes; runs: those of the same length together; lines: the same by manner
+    too; order: where each node is in the row of all lines' nodes, one after the other, those of the
+    interface and one that stands for all that have no unknowns; direct: elements whose nodes
     are both in the interface, with their places there; joints: places of what each connects;
     ties: of the nodes of each.
     """
 
     interface: tuple[int, ...]
     runs: tuple[tuple[Run, ...], ...]
+    lines: tuple[Line, ...]
+    order: Places
     direct: tuple[tuple[int, int, int], ...]
     joints: Joints
     ties: Ties = ()
+
+    def holds(self, nodes: tuple[int, ...]) -> bool:
+        """Whether any of them is in the interface."""
+        return bool(nodes and self.interface) and not {*nodes}.isdisjoint(self.interface)
 
     @property
     def tied(self) -> tuple[tuple[int, int], ...]:
@@ -83,53 +138,48 @@ def pairs_of(ties: Ties) -> tuple[tuple[int, int], ...]:
 
 
 @lru_cache(maxsize=64)
-def cut(chains: tuple[int, ...], singles: int, joints: Joints, ties: Ties = ()) -> Cut:
-    """Of chains of so many elements of order 1, and single nodes behind them."""
+def cut(
+    chains: tuple[int, ...],
+    singles: int,
+    joints: Joints,
+    ties: Ties = (),
+    held: tuple[int, ...] = (),
+) -> Cut:
+    """Of chains of so many elements of order 1, and single nodes behind them, without nodes at the
+    ends of the chains that are held.
+    """
     total = sum(N + 1 for N in chains)
     joined = {node for nodes in (*joints, *ties) for node in nodes if node is not None}
     interface = tuple(sorted(joined | set(range(total, total + singles))))
     place = {node: k for k, node in enumerate(interface)}
     runs, direct, start = [], [], 0
     for chain, N in enumerate(chains):
-        end = start + N + 1
-        for before, after in pairwise(
-            (start - 1, *(node for node in interface if start <= node < end), end)
-        ):
+        last = start + N
+        own = [node for node in range(start, last + 1) if node in joined or node not in held]
+        ends = own[0] - 1, *(node for node in own if node in joined), own[-1] + 1
+        for before, after in pairwise(ends):
             count, element = after - before - 1, before - chain
+            sides = [place[node] if own[0] <= node <= own[-1] else None for node in (before, after)]
             if count:
-                runs.append(
-                    Run(
-                        before + 1,
-                        count,
-                        place[before] if before >= start else None,
-                        place[after] if after < end else None,
-                        element,
-                    )
-                )
-            elif start <= before and after < end:
-                direct.append((element, place[before], place[after]))
-        start = end
+                runs.append(Run(before + 1, count, *sides, element))
+            elif None not in sides:
+                direct.append((element, *sides))
+        start = last + 1
     by_length = tuple(
         tuple(run for run in runs if run.count == n) for n in sorted({run.count for run in runs})
     )
+    lines = tuple(
+        Line.of(tuple(same))
+        for runs in by_length
+        for _, same in groupby(sorted(runs, key=_manner), _manner)
+    )
+    row = [node for line in lines for node in line.nodes] + [*interface]
+    at = {node: k for k, node in enumerate(row)}
+    order = even(at.get(node, len(row)) for node in range(total + singles))
     ends = tuple(tuple(None if node is None else place[node] for node in pair) for pair in joints)
     tied = tuple(tuple(place[node] for node in nodes) for nodes in ties)
-    return Cut(interface, by_length, tuple(direct), ends, tied)
+    return Cut(interface, by_length, lines, order, tuple(direct), ends, tied)
 
 
-@lru_cache(maxsize=256)
-def places(nodes: tuple[int, ...], device: torch.device) -> Tensor:
-    """As an index."""
-    return torch.tensor(nodes, dtype=torch.long, device=device)
-
-
-def added(
-    total: Tensor | None, nodes: tuple[int, ...], part: Tensor, count: int, axes: int
-) -> Tensor:
-    """total (..., count, *), None = zeros, with part (..., len(nodes), *) added at the nodes."""
-    shape = (*part.shape[: -1 - axes], count, *part.shape[part.ndim - axes :])
-    if total is None:
-        total = part.new_zeros(shape)
-    shape = broadcast_shapes(total.shape, shape)
-    part = part.expand(*shape[: -1 - axes], len(nodes), *shape[len(shape) - axes :])
-    return total.expand(shape).index_add(-1 - axes, places(nodes, part.device), part)
+def _manner(run: Run) -> tuple[bool, bool]:
+    return run.before is None, run.after is None

@@ -1,30 +1,33 @@
-"""Framework: chains next to each other and single nodes, some of them joined. The nodes of the
-chains come one chain after the other, the single ones last.
+"""Framework: lines of elements next to each other and single nodes, some of them joined. The nodes
+of the lines come one line after the other, the single ones last. A beam is one line.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-from itertools import permutations
+from dataclasses import dataclass, fields
+from functools import cached_property, lru_cache
+from typing import Any
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
-from .chain import Chain
-from .cut import Cut, added, cut, pairs_of, places
+from ..math.quadratic import X
+from .cut import Cut, cut, pairs_of
 from .framework_matrix import FrameworkMatrix
 from .framework_unknowns import FrameworkUnknowns
+from .places import Places, added, at_i, at_j, even, interleaved, take
 from .protocols import Blocks
 
 
 @dataclass(frozen=True)
-class Framework:
+class Graph:
     """See `protocols.Topology`.
 
-    order    of the elements, 1 or 2
-    chains   elements of each chain
-    singles  how many nodes there are beside the chains
+    order    of the elements, 1 or 2: those of a line have the nodes 0, 1; 1, 2; ..., or 0, 1, 2;
+             2, 3, 4; ... of it
+    chains   elements of each line
+    singles  how many nodes there are beside the lines
     joints   pairs of nodes that a joint connects; None = the ground. None of them is inside an
              element of order 2
     ties     nodes of which each one's balance depends on all others of the same tie, none of them
@@ -37,45 +40,73 @@ class Framework:
     joints: tuple[tuple[int | None, int | None], ...] = ()
     ties: tuple[tuple[int, ...], ...] = ()
 
-    @property
+    def __getstate__(self) -> dict[str, Any]:
+        """What is found from these is found again."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @cached_property
     def node_count(self) -> int:
         return sum(self.order * N + 1 for N in self.chains) + self.singles
 
-    @property
+    @cached_property
     def element_count(self) -> int:
         return sum(self.chains)
 
     @cached_property
+    def is_line(self) -> bool:
+        """Whether it is one line of nodes."""
+        return len(self.chains) == 1 and not self.singles
+
+    @cached_property
     def starts(self) -> tuple[int, ...]:
-        """The first node of each chain."""
+        """The first node of each line."""
         return tuple(
             sum(self.order * N + 1 for N in self.chains[:k]) for k in range(len(self.chains))
         )
 
     @cached_property
-    def elements(self) -> tuple[tuple[int, ...], ...]:
+    def elements(self) -> tuple[Places, ...]:
         """The first nodes of all elements, the second ones, and so on."""
         firsts = [
             start + self.order * e
             for start, N in zip(self.starts, self.chains, strict=True)
             for e in range(N)
         ]
-        return tuple(tuple(first + k for first in firsts) for k in range(self.order + 1))
+        return tuple(even(first + k for first in firsts) for k in range(self.order + 1))
 
     @cached_property
-    def ends(self) -> tuple[int, ...]:
+    def ends(self) -> Places:
         """The nodes that are inside no element."""
         middle = set(self.elements[1]) if self.order == 2 else ()
-        return tuple(node for node in range(self.node_count) if node not in middle)
+        return even(node for node in range(self.node_count) if node not in middle)
+
+    @cached_property
+    def ends_first(self) -> Places:
+        """Where each node is in the row of those inside no element, and behind them those inside
+        one.
+        """
+        row = {node: k for k, node in enumerate((*self.ends, *self.elements[1]))}
+        return even(row[node] for node in range(self.node_count))
+
+    @cached_property
+    def links(self) -> Graph:
+        """Of order 1: from each node of an element to the next one."""
+        if self.order == 1:
+            return self
+        return Framework(1, tuple(self.order * N for N in self.chains), self.singles)
 
     @property
     def cut(self) -> Cut:
         """Of the nodes that are inside no element."""
+        return self.cut_without(())
+
+    def cut_without(self, held: tuple[int, ...]) -> Cut:
+        """The same without some that have no unknowns, at the ends of the lines."""
         ends = self.of_ends
-        return cut(ends.chains, ends.singles, ends.joints, ends.ties)
+        return cut(ends.chains, ends.singles, ends.joints, ends.ties, held)
 
     @cached_property
-    def of_ends(self) -> Framework:
+    def of_ends(self) -> Graph:
         """Of order 1, between these."""
         if self.order == 1:
             return self
@@ -89,19 +120,46 @@ class Framework:
         )
 
     def gather(self, x: Tensor, axes: int = 1) -> tuple[Tensor, ...]:
-        return tuple(x.index_select(-1 - axes, places(nodes, x.device)) for nodes in self.elements)
+        return tuple([take(x, nodes, axes) for nodes in self.elements])
 
     def scatter(self, parts: tuple[Tensor, ...], axes: int = 1) -> Tensor:
+        if self.is_line:
+            i, *middle, j = parts
+            if middle:
+                i, j = interleaved(i, *middle, axes), interleaved(torch.zeros_like(j), j, axes)
+            return at_i(i, axes) + at_j(j, axes)
         total = None
         for nodes, part in zip(self.elements, parts, strict=True):
             total = added(total, nodes, part, self.node_count, axes)
         return total
 
+    def without(self, total: Tensor, parts: tuple[Tensor, Tensor], axes: int = 1) -> Tensor:
+        """Of order 1, nodes (..., nodes, *) less what elements give them, see `scatter`."""
+        if self.is_line:
+            return total - at_i(parts[0], axes) - at_j(parts[1], axes)
+        return total - self.scatter(parts, axes)
+
+    def coupled(self, x: Tensor, axes: int = 1) -> tuple[tuple[Tensor, ...], tuple[Tensor, ...]]:
+        """Nodes (..., nodes, *) -> their values at the rows and at the columns of the couplings of
+        a matrix, see `FrameworkMatrix`.
+        """
+        rows = tuple([take(x, at, axes) for at, _ in self.pairs[::2]])
+        columns = tuple([take(x, at, axes) for _, at in self.pairs[::2]])
+        i, j, *far = (x for pair in zip(rows, columns, strict=True) for x in pair)
+        return (i, j, *far), (j, i, *far[::-1])
+
+    @cached_property
+    def pairs(self) -> tuple[tuple[Places, Places], ...]:
+        """The nodes of the rows and of the columns of a matrix's couplings."""
+        i, j = self.links.elements
+        far = () if self.order == 1 else (self.elements[::2], self.elements[::-2])
+        return (i, j), (j, i), *far
+
     def at_joints(self, x: Tensor) -> Tensor:
         """Nodes (..., nodes, w) -> their values (..., J, 2, w) at both ends of each joint; zeros at
         the ground.
         """
-        ends = x.index_select(-2, places(self._joined, x.device)).unflatten(-2, (-1, 2))
+        ends = take(x, self._joined).unflatten(-2, (-1, 2))
         return ends * self._not_ground(x) if self._grounded else ends
 
     def from_joints(self, push: Tensor, total: Tensor) -> Tensor:
@@ -115,9 +173,10 @@ class Framework:
         return tuple(node for nodes in self.ties for node in nodes)
 
     @cached_property
-    def tied(self) -> tuple[tuple[int, int], ...]:
-        """Nodes of rows and columns of the ties' blocks: all pairs of each tie."""
-        return pairs_of(self.ties)
+    def tied(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Nodes of the rows and of the columns of the ties' blocks: of all pairs of each tie."""
+        rows, columns = zip(*pairs_of(self.ties), strict=True)
+        return rows, columns
 
     def from_ties(self, push: Tensor, total: Tensor) -> Tensor:
         """total (..., nodes, w) with (..., n, w) at `tie_nodes` added."""
@@ -134,27 +193,51 @@ class Framework:
 
     def _not_ground(self, like: Tensor) -> Tensor:
         """(J, 2, 1)"""
-        return like.new_tensor(
-            [[float(node is not None) for node in pair] for pair in self.joints]
-        )[..., None]
+        return _there(self.joints, like.dtype, like.device)
 
     def arclength(self, length: Tensor) -> Tensor:
-        """Each chain's own; 0 of single nodes."""
-        sizes = [self.order * N for N in self.chains]
-        parts = [
-            Chain(self.order, N).arclength(part)
-            for N, part in zip(self.chains, length.split(sizes, -1), strict=True)
-        ]
+        """Each line's own; 0 of single nodes."""
+        parts = []
+        for part in length.split([self.order * N for N in self.chains], -1):
+            own = part.cumsum(-1) if self.order == 1 else within_elements(part, (0.0, 1.0))
+            parts.append(pad(own if self.order == 1 else own.flatten(-2), (1, 0)))
         return torch.cat((*parts, length.new_zeros(*length.shape[:-1], self.singles)), -1)
 
     def unknowns(self, moving: Tensor, like: Tensor) -> FrameworkUnknowns:
-        return FrameworkUnknowns(moving, None if bool(moving.all()) else moving.to(like))
+        return FrameworkUnknowns.of(self, moving, like)
 
     def diagonal(self, blocks: Tensor) -> FrameworkMatrix:
         return FrameworkMatrix(self, blocks)
 
     def matrix(self, blocks: Blocks) -> FrameworkMatrix:
-        own = self.scatter(tuple(blocks[k][k] for k in range(self.order + 1)), 2)
-        return FrameworkMatrix(
-            self, own, tuple(blocks[i][j] for i, j in permutations(range(self.order + 1), 2))
-        )
+        own = self.scatter(tuple([blocks[k][k] for k in range(self.order + 1)]), 2)
+        if self.order == 1:
+            return FrameworkMatrix(self, own, (blocks[0][1], blocks[1][0]))
+        (_, im, ij), (mi, _, mj), (ji, jm, _) = blocks
+        near = interleaved(im, mj, 2), interleaved(mi, jm, 2)
+        return FrameworkMatrix(self, own, (*near, ij, ji))
+
+
+@dataclass(frozen=True)
+class Framework(Graph):
+    """Of any number of lines."""
+
+
+@lru_cache(maxsize=64)
+def _there(
+    joints: tuple[tuple[int | None, int | None], ...], dtype: torch.dtype, device: torch.device
+) -> Tensor:
+    """(J, 2, 1) 1 where a joint's end is a node, 0 where it is the ground."""
+    there = [[[float(node is not None)] for node in pair] for pair in joints]
+    return torch.tensor(there, dtype=dtype, device=device)
+
+
+def within_elements(length: Tensor, x: tuple[float, ...]) -> Tensor:
+    """Arc length (..., N, len(x)) m at places x in [-1, 1] of elements of order 2, of the lengths
+    (..., 2 N) m that their stations stand for. With ds/dx = J + J' x, which is that length,
+    s = s_0 + J (1 + x) + J' (x^2 - 1)/2: a midside node need not be in the middle.
+    """
+    first, second = length.unflatten(-1, (-1, 2))[..., None].unbind(-2)
+    mean, slope, x = (first + second) / 2, (second - first) / (2 * X), length.new_tensor(x)
+    whole = first + second
+    return whole.cumsum(-2) - whole + mean * (1 + x) + slope * (x * x - 1) / 2

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import permutations, product
+from functools import lru_cache
+from itertools import product
 from typing import Any, NamedTuple
 
 import torch
@@ -14,11 +15,10 @@ from torch import Tensor
 
 from ..math.block_chain import BlockChain
 from ..math.shapes import broadcast_shapes
-from .chain_matrix import ChainMatrix
-from .chain_unknowns import ChainUnknowns
-from .cut import added, places
 from .framework_system import FrameworkSystem
-from .framework_unknowns import FrameworkUnknowns
+from .framework_unknowns import FrameworkUnknowns, masked
+from .midside_nodes import condensed
+from .places import Places, added, even, index, take
 
 
 class JointBlocks(NamedTuple):
@@ -39,10 +39,11 @@ class JointBlocks(NamedTuple):
 
 @dataclass(frozen=True)
 class FrameworkMatrix:
-    """See `protocols.Matrix`. diagonal (..., nodes, w, w); couplings (..., elements, w, w) between
-    two of an element's nodes i and j, in the order of `itertools.permutations`; none where nodes
-    have nothing in common; tied (..., n, w, w): of all pairs of the nodes of each tie, see
-    `Framework.tied`, None = there are none.
+    """See `protocols.Matrix`. diagonal (..., nodes, w, w); couplings, none where nodes have nothing
+    in common: upper and lower (..., links, w, w), from each node of an element to the next one and
+    back; of order 2 also far upper and far lower (..., N, w, w), from an element's first node to
+    its third and back; tied (..., n, w, w): of all pairs of the nodes of each tie, see
+    `Graph.tied`, None = there are none.
 
     With joints, vectors have a row (w) of each joint behind those of the nodes: its forces, or its
     constraints.
@@ -59,15 +60,10 @@ class FrameworkMatrix:
         joints = () if self.joints is None else self.joints[1:]
         return self.diagonal, *self.couplings, *joints, *(() if self.tied is None else (self.tied,))
 
-    @property
-    def pairs(self) -> tuple[tuple[int, int], ...]:
-        """Of an element's nodes, those of the couplings."""
-        return tuple(permutations(range(self.framework.order + 1), 2))
-
     def __add__(self, other: FrameworkMatrix) -> FrameworkMatrix:
         couplings = self.couplings or other.couplings
         if self.couplings and other.couplings:
-            couplings = tuple(a + b for a, b in zip(self.couplings, other.couplings, strict=True))
+            couplings = tuple([a + b for a, b in zip(self.couplings, other.couplings, strict=True)])
         joints = other.joints if self.joints is None else self.joints
         tied = other if self.tied is None else self
         diagonal = self.diagonal + other.diagonal
@@ -107,25 +103,23 @@ class FrameworkMatrix:
     ) -> FrameworkMatrix:
         couplings = ()
         if self.couplings:
-            at, by = self.framework.gather(rows, 2), self.framework.gather(columns, 2)
-            couplings = tuple(
-                function(A, at[i], by[j])
-                for A, (i, j) in zip(self.couplings, self.pairs, strict=True)
-            )
+            at, by = self.framework.coupled(rows, 2)[0], self.framework.coupled(columns, 2)[1]
+            couplings = tuple(map(function, self.couplings, at, by))
         return FrameworkMatrix(self.framework, function(self.diagonal, rows, columns), couplings)
 
     def times(self, x: Tensor) -> Tensor:
-        nodes = x.narrow(-2, 0, self.framework.node_count)
+        of = self.framework
+        nodes = x.narrow(-2, 0, of.node_count)
         y = (self.diagonal @ nodes[..., None])[..., 0]
         if self.couplings:
-            ends = self.framework.gather(nodes)
-            parts: list[Any] = [0.0] * len(ends)
-            for A, (i, j) in zip(self.couplings, self.pairs, strict=True):
-                parts[i] = parts[i] + (A @ ends[j][..., None])[..., 0]
-            y = y + self.framework.scatter(tuple(parts))
+            parts = zip(self.couplings, of.coupled(nodes)[1], strict=True)
+            ahead, behind, *far = ((A @ column[..., None])[..., 0] for A, column in parts)
+            y = y + of.links.scatter((ahead, behind))
+            if far:
+                y = y + of.scatter((far[0], torch.zeros_like(far[0]), far[1]))
         if self.tied is not None:
-            rows, columns = zip(*self.framework.tied, strict=True)
-            moves = nodes.index_select(-2, places(columns, x.device))
+            rows, columns = of.tied
+            moves = take(nodes, columns)
             y = added(y, rows, (self.tied @ moves[..., None])[..., 0], y.shape[-2], 1)
         return y if self.joints is None else self._with_joints(x, y)
 
@@ -143,13 +137,12 @@ class FrameworkMatrix:
 
     def dense(self) -> Tensor:
         """Of the nodes, with the joints' stiffness."""
-        nodes, ends = tuple(range(self.framework.node_count)), self.framework.elements
+        nodes = tuple(range(self.framework.node_count))
         parts = [(self.diagonal, nodes, nodes)]
-        parts += [
-            (A, ends[i], ends[j]) for A, (i, j) in zip(self.couplings, self.pairs, strict=False)
-        ]
+        pairs = zip(self.couplings, self.framework.pairs, strict=False)
+        parts += [(A, *pair) for A, pair in pairs]
         if self.tied is not None:
-            parts.append((self.tied, *zip(*self.framework.tied, strict=True)))
+            parts.append((self.tied, *self.framework.tied))
         for i, j in product((0, 1), (0, 1)) if self.joints is not None else ():
             there = [
                 k
@@ -171,35 +164,47 @@ class FrameworkMatrix:
         return whole.index_select(-2, self.joints.held.flatten().nonzero()[:, 0])
 
     def rows(self, nodes: tuple[int, ...]) -> FrameworkRows:
-        return FrameworkRows(self, nodes)
+        if self.joints is not None or self.tied is not None:
+            return FrameworkRows(nodes, None, self)
+        parts, blocks = [], self.tensors
+        for places, columns in _row_places(self.framework, nodes, bool(self.couplings)):
+            row = torch.broadcast_tensors(*[blocks[k][..., n, :, :] for k, n in places])
+            parts.append((torch.cat(row, -1), columns))
+        return FrameworkRows(nodes, tuple(parts), None)
 
     def grouped(self, unknowns: FrameworkUnknowns, held: float) -> BlockChain | None:
-        """As that of a chain where it is one: a line of elements of order 1, in order, in which
-        nothing is joined or tied.
+        """Where it is one line, in which nothing is joined or tied: of nodes, or of order 2 of
+        groups of an end and the midside node before it, of which the first has none.
         """
-        count, ends = self.framework.node_count, self.framework.elements
-        line = tuple(tuple(range(k, count - 1 + k)) for k in (0, 1))
-        if tuple(map(tuple, ends)) != line or self.joints is not None or self.tied is not None:
+        if not self.framework.is_line or self.joints is not None or self.tied is not None:
             return None
-        chain = ChainUnknowns(1, count, 0, count, unknowns.moving, unknowns.free)
-        return ChainMatrix(1, self.diagonal, self.couplings).grouped(chain, held)
+        size = held * self.diagonal.diagonal(dim1=-2, dim2=-1).abs().amax((-1, -2))[..., None, None]
+        D, *couplings = self.diagonal, *self._couplings()
+        if unknowns.free is not None:
+            D, *couplings = masked(self.framework, unknowns.mask, D, *couplings, held=size)
+        if len(unknowns) < unknowns.nodes:
+            couplings = [x.narrow(-3, unknowns.first, len(unknowns) - 1) for x in couplings]
+        D = unknowns.of_nodes(D, 2)
+        if self.framework.order == 1:
+            return BlockChain(D, *couplings)
+        return _paired(size, D, *couplings)
+
+    def _couplings(self) -> tuple[Tensor, ...]:
+        """Zeros where there are none."""
+        if self.couplings:
+            return self.couplings
+        of, none = self.framework, torch.zeros_like(self.diagonal[..., :1, :, :])
+        counts = [of.links.element_count] * 2 + [of.element_count] * 2 * (of.order - 1)
+        return tuple([none.expand(*none.shape[:-3], n, *none.shape[-2:]) for n in counts])
 
     def restricted(self, unknowns: FrameworkUnknowns) -> FrameworkSystem:
-        D, couplings, joints, tied = self.diagonal, self.couplings, self.joints, self.tied
-        if not couplings:
-            none = torch.zeros_like(D[..., :1, :, :]).expand(
-                *D.shape[:-3], self.framework.element_count, *D.shape[-2:]
-            )
-            couplings = (none,) * len(self.pairs)
-        if unknowns.free is not None:
-            free = unknowns.free[..., None]
-            ends = self.framework.gather(free, 2)
-            D = D * free * free.mT + torch.diag_embed(1 - unknowns.free)
-            couplings = tuple(
-                A * ends[i] * ends[j].mT for A, (i, j) in zip(couplings, self.pairs, strict=True)
-            )
+        of, D, couplings, joints = self.framework, self.diagonal, self._couplings(), self.joints
+        cut, tied = of.cut_without(unknowns.held), self.tied
+        if unknowns.partial or cut.holds(unknowns.held):
+            free = unknowns.mask
+            D, *couplings = masked(of, free, D, *couplings)
             if joints is not None:
-                at = self.framework.at_joints(unknowns.free)[..., None]  # (J, 2, w, 1)
+                at = of.at_joints(free)[..., None]  # (J, 2, w, 1)
                 joints = JointBlocks(
                     joints.held,
                     joints.stiffness * at[..., :, None, :, :] * at[..., None, :, :, :].mT,
@@ -207,42 +212,78 @@ class FrameworkMatrix:
                     joints.constraint * at.mT,
                 )
             if tied is not None:
-                own = unknowns.free[..., None]
-                rows, columns = (
-                    own.index_select(-3, places(side, own.device))
-                    for side in zip(*self.framework.tied, strict=True)
-                )
+                rows, columns = (take(free, side)[..., None] for side in of.tied)
                 tied = tied * rows * columns.mT
-        return FrameworkSystem.of(self.framework, unknowns, D, couplings, joints, tied)
+        midside = None
+        if of.order == 2:
+            D, *couplings, midside = condensed(of, D, *couplings)
+        return FrameworkSystem(of, unknowns, cut, D, *couplings, joints, midside, tied)
+
+
+def _paired(size: Tensor, D: Tensor, U: Tensor, L: Tensor, *far: Tensor) -> BlockChain:
+    """See `FrameworkMatrix.grouped`; size (..., 1, 1): on the diagonal of what is not there."""
+    batch = broadcast_shapes(*(x.shape[:-3] for x in (D, U, L, *far)))
+    D, U, L, *far = (x.expand(*batch, *x.shape[-3:]) for x in (D, U, L, *far))
+    eye = torch.eye(D.shape[-1], dtype=D.dtype, device=D.device)
+    none = torch.zeros_like(D[..., :1, :, :])
+    middle, ahead, back = (
+        torch.cat((first, x[..., 1::2, :, :]), -3)
+        for first, x in ((none + size[..., None] * eye, D), (none, U), (none, L))
+    )
+    upper = torch.cat((U[..., ::2, :, :], far[0]), -1)
+    lower = torch.cat((L[..., ::2, :, :], far[1]), -2)
+    above, below = torch.cat((middle, ahead), -1), torch.cat((back, D[..., ::2, :, :]), -1)
+    return BlockChain(
+        torch.cat((above, below), -2),
+        torch.cat((torch.zeros_like(upper), upper), -2),
+        torch.cat((torch.zeros_like(lower), lower), -1),
+    )
 
 
 class FrameworkRows(NamedTuple):
-    """See `protocols.MatrixRows`."""
+    """See `protocols.MatrixRows`. parts: of each node its row's blocks (w, m w), and of which m
+    nodes they are; None = those of the matrix, which joints or ties have a part in.
+    """
 
-    matrix: FrameworkMatrix
     nodes: tuple[int, ...]
+    parts: tuple[tuple[Tensor, Places], ...] | None
+    matrix: FrameworkMatrix | None
 
     def times(self, x: Tensor) -> Tensor:
-        return self.matrix.times(x)[..., list(self.nodes), :]
+        if self.parts is None:
+            return take(self.matrix.times(x), self.nodes)
+        rows = [row @ take(x, columns).flatten(-2)[..., None] for row, columns in self.parts]
+        shape = *x.shape[:-2], 0, x.shape[-1]
+        return torch.cat(torch.broadcast_tensors(*rows), -1).mT if rows else x.new_zeros(shape)
 
     def detach(self) -> FrameworkRows:
-        matrix = self.matrix
-        joints = (
-            matrix.joints
-            if matrix.joints is None
-            else JointBlocks(*(x.detach() for x in matrix.joints))
-        )
-        couplings = tuple(A.detach() for A in matrix.couplings)
-        return FrameworkRows(
-            FrameworkMatrix(
-                matrix.framework,
-                matrix.diagonal.detach(),
-                couplings,
-                joints,
-                None if matrix.tied is None else matrix.tied.detach(),
-            ),
-            self.nodes,
-        )
+        if self.parts is not None:
+            parts = tuple([(row.detach(), columns) for row, columns in self.parts])
+            return self._replace(parts=parts)
+        A = self.matrix
+        couplings, tied = tuple([x.detach() for x in A.couplings]), A.tied
+        joints = None if A.joints is None else JointBlocks(*(x.detach() for x in A.joints))
+        tied = None if tied is None else tied.detach()
+        matrix = FrameworkMatrix(A.framework, A.diagonal.detach(), couplings, joints, tied)
+        return self._replace(matrix=matrix)
+
+
+@lru_cache(maxsize=64)
+def _row_places(
+    framework: Any, nodes: tuple[int, ...], coupled: bool
+) -> tuple[tuple[tuple[tuple[int, int], ...], Places], ...]:
+    """Of rows of a matrix without joints and ties: the numbers and the places of their blocks, see
+    `FrameworkMatrix.tensors`, and the nodes of their columns.
+    """
+    there: dict[int, list[tuple[int, int, int]]] = {node: [(node, 0, node)] for node in nodes}
+    for k, (rows, columns) in enumerate(framework.pairs if coupled else (), 1):
+        for place, (row, column) in enumerate(zip(rows, columns, strict=True)):
+            if row in there:
+                there[row].append((column, k, place))
+    return tuple(
+        (tuple(at[1:] for at in sorted(there[node])), even(at[0] for at in sorted(there[node])))
+        for node in nodes
+    )
 
 
 def _dense(
@@ -254,7 +295,7 @@ def _dense(
     shape, total = broadcast_shapes(*(blocks.shape[:-3] for blocks, *_ in parts)), None
     w = parts[0][0].shape[-1]
     for blocks, row, column in parts:
-        at = places(tuple(r * columns + c for r, c in zip(row, column, strict=True)), blocks.device)
+        at = index(tuple(r * columns + c for r, c in zip(row, column, strict=True)), blocks.device)
         total = blocks.new_zeros(*shape, rows * columns, w, w) if total is None else total
         total = total.index_add(-3, at, blocks.expand(*shape, *blocks.shape[-3:]))
     return total.unflatten(-3, (rows, columns)).transpose(-3, -2).flatten(-4, -3).flatten(-2)

@@ -58,8 +58,9 @@ def test_a_disk_that_fills_up_ends_a_command_in_a_sentence(tmp_path, capsys, mon
     assert [p.name for p in tmp_path.iterdir()] == ["verify.md"]
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("name", cli.STUDIES)
 def test_a_command_of_before_says_where_it_is(name, capsys):
+    assert name in STUDIES
     assert cli.main([name, "--quick"]) == 2
     assert f"`python -m studies {name}` in a clone" in capsys.readouterr().err
 

@@ -88,3 +88,10 @@ def test_secants_are_for_what_does_not_fall():
     late, early = torch.tensor(float(PATIENCE)), torch.tensor(PATIENCE - 1.0)
     assert_close(next_secant(size, before, late, secant), wanted)
     assert not next_secant(size, before, early, secant).any()
+
+
+def test_a_step_that_finds_no_end_says_what_to_change():
+    scene, start = shaken()
+    few = dict(step=4e-3, engine="eager", iterations=2, halvings=0)
+    with pytest.warns(RuntimeWarning, match="a larger slip_speed, or a smaller step, may help"):
+        tb.simulate(scene, [0.0, 0.04], initial=start, **few)

@@ -94,3 +94,89 @@ def test_steps_are_counted_in_double():
             scene = tb.Scene(BEAM, dtype=dtype)
             solution = tb.simulate(scene, t.to(given), step=0.01, engine="eager")
             assert solution.stats.steps == 100 and solution.t.dtype == dtype
+
+
+# what a user may do with a state between two steps
+BETWEEN = {
+    "as it is": lambda state: state,
+    "detached": lambda state: state.detach(),
+    "a sample of a batch": lambda state: state.map(lambda x: x[None])[0],
+}
+
+
+@pytest.mark.parametrize("between", BETWEEN)
+@pytest.mark.parametrize("kind", ["a stepper", "an explicit stepper", "repeat"])
+def test_a_loop_keeps_the_time_of_a_run(kind, between):
+    """In float32, whose numbers lie 0.5 ms apart at 8000 s, 40 steps of 10 ms go to 8000.4 s, as a
+    run does. (Each used to begin at the rounded end of the one before: 8000.3906.)
+    """
+    scene = tb.Scene(BEAM, dtype=torch.float32)
+    step = (
+        tb.ExplicitStepper(scene, 0.01, "rk4", form="nodal", options={"step_size": 0.01})
+        if kind == "an explicit stepper"
+        else tb.Stepper(scene, 0.01, engine="eager")
+    )
+    advance = (lambda s: step.repeat(s, 4, {})) if kind == "repeat" else step
+    state = start(scene, 8000.0)
+    for _ in range(10 if kind == "repeat" else 40):
+        state = BETWEEN[between](advance(state))
+    run = tb.simulate(scene, [8000.0, 8000.4], step=0.01, engine="eager").state[-1]
+    assert state.t == run.t == torch.tensor(8000.4, dtype=torch.float32)
+
+
+def test_branches_and_states_that_were_set_back():
+    """Each state goes on from its own instant: of 40 steps, after each of which another branch is
+    tried; of one whose time was written to, or set, from there.
+    """
+    scene = tb.Scene(BEAM, dtype=torch.float32)
+    stepper, state = tb.Stepper(scene, 0.01, engine="eager"), start(scene, 8000.0)
+    for _ in range(40):
+        stepper(stepper(state), dt=0.02)
+        state = stepper(state)
+    assert state.t == torch.tensor(8000.4, dtype=torch.float32)
+    assert stepper(start(scene, 8000.0)).t == torch.tensor(8000.01, dtype=torch.float32)
+    assert stepper(state.at(0.0)).t == torch.tensor(0.01, dtype=torch.float32)
+    state.t.fill_(1.0)
+    assert stepper(state).t == torch.tensor(1.01, dtype=torch.float32)
+
+
+def test_digits_of_every_step():
+    """A length given later, and a loop that comes to where float32 carries its steps no more, are
+    refused like a first step.
+    """
+    scene = tb.Scene(BEAM, dtype=torch.float32)
+    stepper = tb.Stepper(scene, 0.01, engine="eager")
+    state = stepper(start(scene, 8000.0))
+    with pytest.raises(ValueError, match="s apart; instants nearer to 0"):
+        stepper(state, dt=1e-3)
+    long = tb.Stepper(scene, 0.3, engine="eager")
+    state = start(scene, torch.finfo(torch.float32).eps ** -1 * 0.03 - 0.5)
+    state = long(state)
+    with pytest.raises(ValueError, match="s apart; instants nearer to 0"):
+        for _ in range(3):
+            state = long(state)
+
+
+def test_instants_in_single_precision_of_a_scene_in_double():
+    """They are told apart by the intervals between them, not by the steps within."""
+    t = torch.tensor([8000.0, 8000.25], dtype=torch.float32)
+    scene = tb.Scene(BEAM, dtype=torch.float64)
+    run = tb.simulate(scene, t, step=1e-3, engine="eager")
+    assert run.stats.steps == 250 and run.t[-1] == 8000.25
+
+
+@pytest.mark.steps
+def test_a_loop_in_native_code_is_the_run():
+    """500 steps from 8000 s on in float32, of a push that grows: the same time, and to rounding the
+    same tip. (They came to 8004.883 s.)
+    """
+    push = tb.TipLoad(force=lambda t: (0, 0, 0.1 * (t - 8000)))
+    scene = tb.Scene(BEAM, [push], dtype=torch.float32)
+    stepper, state = tb.Stepper(scene, 0.01, engine="compiled"), start(scene, 8000.0)
+    rolled = tb.rollout(stepper, state, 500)[-1]
+    run = tb.simulate(scene, [8000.0, 8005.0], step=0.01, engine="compiled").state[-1]
+    for _ in range(500):
+        state = stepper(state)
+    for one in (state, rolled, run):
+        assert one.t == 8005.0
+        assert one.tip.position[2].item() == pytest.approx(run.tip.position[2].item(), rel=1e-5)

@@ -7,6 +7,7 @@ import torch
 from scipy.integrate import solve_ivp
 
 import torchbeam as tb
+from torchbeam.dynamics.unresisted_motion import unresisted_motion
 from torchbeam.nodal.discretise import discretise
 
 METHODS = ("midpoint", "generalized_alpha")
@@ -153,6 +154,34 @@ def test_what_is_lost_beside_a_joint_is_said():
     sentence = r"what acts in a joint of node \('[ab]', [02]\) is more than 1e\+10 times"
     with pytest.warns(RuntimeWarning, match=sentence):
         tb.simulate(scene, [0.0, 0.01], step=0.01, engine="eager", halvings=0, throw=False)
+
+
+# so many of a system's units of length and of force in 1 m and 1 N
+UNITS = {"SI": (1.0, 1.0), "mm-N-s-t": (1e3, 1.0), "um-uN-s": (1e6, 1e6), "km-N-s": (1e-3, 1.0)}
+
+
+@pytest.mark.parametrize("units", UNITS)
+@pytest.mark.parametrize("friction, said", [(1e6, False), (1e12, True)])
+def test_what_is_lost_is_told_in_any_units(units, friction, said):
+    """The tangent of a chain of rods, of which each joint's friction is so many N m: the sentence
+    does not hang on the units of moments beside forces.
+    """
+    m, N = UNITS[units]
+    section = tb.Section.from_stiffness(
+        EA=1e4 * N, GA=4e3 * N, GJ=0.8 * N * m**2, EI=1.0 * N * m**2, mass=0.2 * N / m / m
+    )
+    parts = {
+        "a": tb.Beam.straight(1.0 * m, 2, section),
+        "b": tb.Beam.straight(1.0 * m, 2, section, root=(1.0 * m, 0, 0)),
+    }
+    hinge = tb.Hinge(("a", -1), ("b", 0), friction=friction * N * m, slip_speed=1e-3)
+    scene = tb.Scene(parts, joints=[hinge], supports=[tb.Support(("a", 0))], plane="xz")
+    stepper = tb.Stepper(scene, 0.01, engine="eager")
+    problem = stepper.method.problem(
+        stepper.model, stepper.reduced(stepper.rest()), stepper.dt, torch.tensor(0.0), {}
+    )
+    sentence = unresisted_motion(problem, torch.tensor(True))
+    assert said == ("what acts in a joint" in (sentence or "")), sentence
 
 
 def test_friction_is_solved_for_not_foreseen():

@@ -144,10 +144,10 @@ def test_error_is_as_stated(name):
     scene = made()
     stepper = Stepper(scene, T)
     assert stepper.method.order(stepper.model) == order
-    runs = [places(scene, T, step=T / (count * 2**k))[0] for k in range(4)]
+    runs = [places(scene, T, step=T / (count * 2**k))[0] for k in (1, 2, 3)]
     changes = [(a - b).norm(dim=-1) for a, b in pairwise(runs)]
-    found = (changes[1] / changes[2])[changes[1] > 1e-10].log2()
+    found = (changes[0] / changes[1])[changes[0] > 1e-10].log2()
     assert found.min() > order - 0.35
-    true = runs[3] + (runs[3] - runs[2]) / (2**order - 1)
+    true = runs[2] + (runs[2] - runs[1]) / (2**order - 1)
     last, stats = places(scene, T, rtol=1e-3)
     assert (last - true).norm(dim=-1).max() <= 2 * stats.error

@@ -18,7 +18,7 @@ from torchbeam.linear.system_matrices import in_basis, of_chain, of_nodes
 from torchbeam.math.block_chain import BlockChain
 from torchbeam.math.quadratic_eigen import slow_first, slow_values
 from torchbeam.nodal.discretise import discretise
-from torchbeam.topology.chain_matrix import ChainMatrix
+from torchbeam.topology.framework_matrix import FrameworkMatrix
 
 INF = math.inf
 NEXT_TERM = 2e-4
@@ -277,7 +277,7 @@ def test_a_long_column_needs_no_dense_matrix(monkeypatch):
     def refused(self):
         raise AssertionError("a dense matrix was made")
 
-    monkeypatch.setattr(ChainMatrix, "dense", refused)
+    monkeypatch.setattr(FrameworkMatrix, "dense", refused)
     monkeypatch.setattr(BlockChain, "dense", refused)
     EI = torch.tensor(1.0, requires_grad=True)
     section = tb.Section.from_stiffness(EA=1e5, GA=1e5, GJ=1.0, EI=EI, mass=1.0, inertia=1e-3)

@@ -7,7 +7,6 @@ import torch
 from torch.testing import assert_close
 
 from torchbeam.math.block_tridiagonal import (
-    ChainSolve,
     block_tridiagonal,
     finite_pivots,
     pivots,
@@ -49,40 +48,6 @@ def test_leading_axes_broadcast():
     D, L, U, b = system()
     x = block_tridiagonal(D[0], L, U[0], b[1])
     assert_close(x[2], block_tridiagonal(D[0], L[2], U[0], b[1]), **ROUNDING)
-
-
-def test_chain_solve_is_differentiable_in_the_right_hand_side():
-    """Reverse (the transposed system) and forward mode against central differences; the matrix
-    carries no gradient.
-    """
-    D, L, U, b = system()
-    b.requires_grad_()
-    assert torch.autograd.gradcheck(
-        lambda b: ChainSolve.apply(D, L, U, b), b, check_forward_ad=True
-    )
-
-
-def test_chain_solve_under_jvp_and_a_shared_right_hand_side():
-    """torch.func.jvp is the solve of the tangent; the gradient of a broadcast right-hand side is
-    summed back.
-    """
-    D, L, U, b = system()
-    _, tangent = torch.func.jvp(lambda b: ChainSolve.apply(D, L, U, b), (b,), (b.flip(0),))
-    assert_close(tangent, block_tridiagonal(D, L, U, b.flip(0)), **ROUNDING)
-    one = b[0].clone().requires_grad_()
-    ChainSolve.apply(D, L, U, one).sum().backward()
-    each = block_tridiagonal(D.mT, U.mT, L.mT, torch.ones_like(b)).sum(0)
-    assert_close(one.grad, each, **ROUNDING)
-
-
-def test_second_derivatives_are_refused():
-    D, L, U, b = system()
-    b.requires_grad_()
-    (gradient,) = torch.autograd.grad(
-        ChainSolve.apply(D, L, U, b).square().sum(), b, create_graph=True
-    )
-    with pytest.raises(RuntimeError, match="first ones only"):
-        gradient.sum().backward()
 
 
 @pytest.mark.parametrize("bad", [0.0, float("nan"), float("inf")])

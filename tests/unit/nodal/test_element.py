@@ -13,10 +13,10 @@ from torchbeam.nodal import element as local
 from torchbeam.nodal.assembly import Assembly
 from torchbeam.nodal.coordinates.spatial import Spatial
 from torchbeam.nodal.element import forces, geometric_stiffness, strain_operator, strains
-from torchbeam.topology.chain import Chain
+from torchbeam.topology.framework import Framework
 
 N, BATCH = 3, (5,)
-ASSEMBLY = Assembly(Chain(1, N), Spatial().interpolation, 3)
+ASSEMBLY = Assembly(Framework(1, (N,)), Spatial().interpolation, 3)
 to_nodes = ASSEMBLY.to_nodes
 # Relative rotations: far, near a half turn, both sides of the series (s2 = 1e-6 is 2e-3 rad), next
 # to and at zero.

@@ -18,7 +18,7 @@ from torchbeam.nodal.conditions import conditions
 from torchbeam.nodal.constitutive_law import times
 from torchbeam.nodal.discretise import discretise
 from torchbeam.nodal.mass import SharedMass
-from torchbeam.topology.chain import Chain
+from torchbeam.topology.framework import Framework
 
 N, BATCH = 3, (2,)
 # behind that of the nodes or elements
@@ -167,7 +167,10 @@ def test_a_step_is_the_sum_of_its_elements_and_nodes(make, kind):
     """
     problem = make(beams(kind))
     model, space = problem.model, problem.model.space
-    alone, x = Assembly(Chain(1, 1), space.interpolation, space.dims.position), somewhere(problem)
+    alone, x = (
+        Assembly(Framework(1, (1,)), space.interpolation, space.dims.position),
+        somewhere(problem),
+    )
     residual, *about = problem.residual(x)
     tangent = problem.linearise(x, *about)
 
@@ -225,7 +228,7 @@ def shared_mass(problem, coupling, motions, ways, turns):
     derivative, a matrix.
     """
     space, p = problem.model.space, problem.model.space.dims.position
-    mass = SharedMass(Chain(1, 1), torch.zeros(2, 1), coupling, (-1.0, 1.0))
+    mass = SharedMass(Framework(1, (1,)), torch.zeros(2, 1), coupling, (-1.0, 1.0))
 
     def both(parts):
         return torch.cat(torch.broadcast_tensors(*parts), -2)

@@ -24,7 +24,7 @@ from torchbeam.nodal.coordinates.spatial import Spatial
 from torchbeam.nodal.discretise import discretise
 from torchbeam.nodal.loads import Nodes, external
 from torchbeam.scene.element_stations import STATIONS
-from torchbeam.topology.chain import Chain
+from torchbeam.topology.framework import Framework
 
 N, BATCH = 2, (5,)
 ROUNDING = dict(rtol=0, atol=1e-12)
@@ -40,7 +40,7 @@ def straight(**given):
 
 
 def chain(space):
-    return Assembly(Chain(2, N), space.interpolation, space.dims.position)
+    return Assembly(Framework(2, (N,)), space.interpolation, space.dims.position)
 
 
 def element(kind):

@@ -156,3 +156,17 @@ def test_a_linear_model_that_single_precision_cannot_hold_is_told():
         a, b = getattr(single, name), getattr(wanted, name)
         assert a.dtype == F32 and (a - b).abs().max() <= 1e-6 * b.abs().max()
     assert single.departure(single.state).abs().max() < 1e-5
+
+
+def test_what_is_no_question_of_precision_is_raised_at_once():
+    """A function of the scene's that refuses something of its own is asked once, in double."""
+    seen = []
+
+    def force(t):
+        seen.append(t.dtype)
+        raise ValueError("no such push")
+
+    scene = tb.Scene(strip(), [tb.TipLoad(force=force)], dtype=F32)
+    with pytest.raises(ValueError, match="no such push"):
+        tb.equilibrium(scene)
+    assert seen and set(seen) == {F64}

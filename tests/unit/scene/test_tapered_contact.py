@@ -154,6 +154,7 @@ def test_gradients_are_those_of_differences(kind):
     assert_close(2 * (found * d).sum(), slope, rtol=1e-5, atol=0)
 
 
+@pytest.mark.steps
 def test_energy_is_kept_over_500_steps():
     """A rod that tapers to a fifth bounces on a floor, on its thick end and on its thin one: to
     rounding, for small rotations, where bending keeps it too.

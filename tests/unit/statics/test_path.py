@@ -333,6 +333,43 @@ def test_derivatives_at_a_bifurcation_are_doubtful():
         tb.equilibrium(column(P, N=4))
 
 
+@pytest.mark.parametrize("force", [(-4.0, 0.0), (-4.0, 1e-3), (-40.0, 0.0)])
+def test_derivatives_past_buckling(force):
+    """Of a column in a plane on its straight branch past Euler's load, perfect or not, on which
+    nothing is soft: by the load, as by differences.
+    """
+    P = torch.tensor([force[0], 0.0, force[1]], dtype=torch.float64)
+
+    def tip(load):
+        section = tb.Section.from_stiffness(1e4, 5e3, 1.0, 1.0, 1.0)
+        beam = tb.Beam.straight(1.0, 6, section)
+        return tb.equilibrium(tb.Scene(beam, [tb.TipLoad(force=load)], plane="xz")).tip.position
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".*unstable", RuntimeWarning)
+        slopes = torch.autograd.functional.jacobian(tip, P)
+        steps = 1e-4 * torch.eye(3, dtype=P.dtype)[[0, 2]]
+        wanted = torch.stack([(tip(P + d) - tip(P - d)) / 2e-4 for d in steps], -1)
+    assert_close(slopes[:, [0, 2]], wanted, rtol=1e-4, atol=1e-7)
+
+
+def test_what_turns_freely_is_at_no_limit_point():
+    """A round column past Euler's load, bent in some plane: the load has no share in the turn of
+    that plane, whatever rounding leaves of its stiffness, and derivatives by it are there.
+    """
+    section = tb.Section.from_stiffness(EA=1e8, GA=1e8, GJ=0.8, EI=1.0, mass=0.2)
+    beam = tb.Beam.straight(1.0, 3, section)
+    P = torch.tensor([3.2, 3.2 - 1e-4, 3.2 + 1e-4], dtype=torch.float64).requires_grad_()
+
+    load = tb.TipLoad(force=torch.stack((-P, 0 * P, 0 * P), -1))
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".*bifurcation", RuntimeWarning)
+        tip = tb.equilibrium(tb.Scene(beam, [load]), relax=True).tip.position[:, 0]
+    (slope,) = torch.autograd.grad(tip.sum(), P)
+    wanted = (tip[2] - tip[1]).detach() / 2e-4
+    assert_close(slope[0], wanted, rtol=1e-3, atol=0)
+
+
 def test_refusals():
     with pytest.raises(ValueError, match="control without target"):
         tb.path(column(1.0), control=lambda s: s.tip.position[..., 1])

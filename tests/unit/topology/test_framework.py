@@ -11,6 +11,7 @@ from torchbeam.topology.framework_matrix import JointBlocks
 
 W = 3
 CASES = {  # chains, singles, joints as (chain, end) or single numbers; None = the ground
+    "a line": ((4,), 0, ()),
     "no joints": ((3, 1), 0, ()),
     "a tree": ((3, 2, 2), 0, (((0, 3), (1, 0)), ((0, 1), (2, 0)))),
     "a loop to the ground, with a body": (
@@ -19,7 +20,22 @@ CASES = {  # chains, singles, joints as (chain, end) or single numbers; None = t
         (((0, 0), None), ((0, 2), 0), (0, (1, 0)), ((1, 3), (0, 0))),
     ),
     "bodies alone": ((), 2, ((0, 1), (1, None))),
+    "lines alike between others": (
+        (3, 1, 3, 2),
+        0,
+        (((0, 0), (1, 0)), ((0, 3), (1, 1)), ((2, 0), (1, 0)), ((2, 3), (3, 2))),
+    ),
     "neighbours": ((2, 1), 0, (((0, 1), (1, 0)), ((0, 2), (1, 1)), (None, (0, 0)))),
+}
+
+ALL = slice(None)
+HELD = {  # rows of nodes, and which moves
+    "nothing": (),
+    "a roller": ((0, 0),),
+    "an end": ((0, ALL),),
+    "more of an end and a roller": ((slice(2), ALL), (2, 1)),
+    "the last": ((-1, ALL),),
+    "all but one": ((slice(-1), ALL),),
 }
 
 
@@ -51,7 +67,13 @@ def random(*shape):
     return torch.randn(*shape, generator=GENERATOR)
 
 
-def system(of, batch=()):
+def columns_of(matrix, nodes, batch=()):
+    """What a matrix does to vectors, as a dense one."""
+    unit = torch.eye(nodes * W).view(-1, *(1,) * len(batch), nodes, W)
+    return matrix.times(unit).flatten(-2).movedim(0, -1)
+
+
+def system(of, batch=(), held_by="a roller"):
     """A random matrix with some moves held, whose diagonal dominates; its matrix, and the same as a
     dense one.
     """
@@ -67,19 +89,23 @@ def system(of, batch=()):
         rows, columns = held[:, None, :, None], held[:, None, None, :]
         matrix = matrix.joined(JointBlocks(held, stiffness, force * columns, constraint * rows))
     moving = torch.ones(of.node_count, W, dtype=torch.bool)
-    moving[0, 0] = False
-    columns = [matrix.times(e.view(-1, W)).flatten(-2) for e in torch.eye((of.node_count + J) * W)]
-    dense = torch.stack(columns, -1)
+    joined = [node for pair in of.joints for node in pair if node is not None]
+    if of.chains:
+        for rows, columns in HELD[held_by]:
+            moving[rows, columns] = False
+            moving[joined] = True
+    dense = columns_of(matrix, of.node_count + J, batch)
     free = torch.cat((moving.flatten(), held.flatten() > 0))
     return matrix, of.unknowns(moving, held.new_zeros(())), dense, free
 
 
+@pytest.mark.parametrize("held_by", HELD)
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("name", CASES)
-def test_solves_as_a_dense_matrix(name, order):
-    """Forward, and backward by the transposed matrix."""
+def test_solves_as_a_dense_matrix(name, order, held_by):
+    """Forward, and backward by the transposed matrix, whatever supports hold."""
     of = framework(name, order)
-    matrix, unknowns, dense, free = system(of, (2,))
+    matrix, unknowns, dense, free = system(of, (2,), held_by)
     b = random(2, of.node_count + len(of.joints), W).requires_grad_()
     x = matrix.restricted(unknowns).solve(b)
     part = dense[:, free][..., free]
@@ -113,31 +139,30 @@ def test_what_nodes_and_elements_say_to_each_other(name, order):
         assert_close(matrix.rows((0, 1)).times(x), matrix.times(x)[:2])
 
 
+@pytest.mark.parametrize("held_by", HELD)
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("name", CASES)
-def test_pivots_tell_what_is_stable(name, order):
+def test_pivots_tell_what_is_stable(name, order, held_by):
     """Of a symmetric matrix with constraints: as many negative pivots as negative eigenvalues of
     the moves that these leave; positive definite where there is none.
     """
     of = framework(name, order)
     for shift in (8.0, -1.0):
-        matrix, unknowns, dense, free = system(of)
+        matrix, unknowns, dense, free = system(of, (), held_by)
         n = of.node_count * W
         joints = matrix.joints
         if joints is not None:
             K, G = joints.stiffness, joints.constraint
             joints = joints._replace(stiffness=(K + K.transpose(-4, -3).mT) / 2, force=G.mT)
-        pairs = dict(zip(matrix.pairs, matrix.couplings, strict=True))
+        swapped = [matrix.couplings[k] for k in (1, 0, 3, 2)[: 2 * order]]
         matrix = type(matrix)(
             of,
             (matrix.diagonal + matrix.diagonal.mT) / 2 + shift * torch.eye(W),
-            tuple((A + pairs[pair[::-1]].mT) / 2 for pair, A in pairs.items()),
+            tuple((A + B.mT) / 2 for A, B in zip(matrix.couplings, swapped, strict=True)),
             joints,
         )
         J = len(of.joints)
-        dense = torch.stack(
-            [matrix.times(e.view(-1, W)).flatten() for e in torch.eye(n + J * W)], -1
-        )
+        dense = columns_of(matrix, of.node_count + J)
         keep = free[:n]
         K, G = dense[:n, :n][keep][:, keep], dense[n:, :n][:, keep]
         moves = (

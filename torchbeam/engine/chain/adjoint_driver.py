@@ -114,7 +114,7 @@ class AdjointDriver(ChainCode):
         self._transposed()
         self._restore("found", self._balance_bar)
         with code.loop(0, N) as e:
-            self._element(e)
+            self._element_bar(e)
         with code.loop(0, nodes) as j:
             with self._kind(j) as kinds:
                 for k in kinds:
@@ -160,7 +160,7 @@ class AdjointDriver(ChainCode):
     def _transposed(self) -> None:
         """The transposed system, and the cotangents of the balances of elements' ends."""
         code, N = self.code, self.args["elements"]
-        self._block("0", 0)
+        self._node("0", 0)
         with code.loop(0, code.add(N, 1)) as v:
             self._row(v)
         with code.loop(N, -1, -1) as v:
@@ -357,10 +357,12 @@ class AdjointDriver(ChainCode):
                         ),
                     )
 
-    def _blocks(self, e: str) -> None:
-        """Of an element: what it adds to the matrix, and what its stress's cotangent asks of its
-        nodes' moves.
+    def _element(self, e: str) -> None:
+        """Of an element: what it and its midside node add to the matrix, and what its stress's
+        cotangent asks of its nodes' moves.
         """
+        if self.order == 2:
+            self._node(self._node_of(e, "m"), self._turn(e, "m"))
         packed = {f"> {BETWEEN}": ("between", self._between(e)), f"> {INNER}": ("inner",)}
         with self._element_kind(e) as kinds:
             for k in kinds:
@@ -420,7 +422,7 @@ class AdjointDriver(ChainCode):
         for side in SIDES[1]:
             self._ask(self._node_of(e, side), f"right_{side}", "at_middle")
 
-    def _block(self, j: str, turn: str | int) -> None:
+    def _node(self, j: str, turn: str | int) -> None:
         """Of node j: what it adds to the matrix, and what is computed there for the elements at
         it.
         """
@@ -439,9 +441,8 @@ class AdjointDriver(ChainCode):
         code, node = self.code, self._end(v)
         last, left, right = self._sides(v)
         with code.when(code.new(f"xor i1 {last}, true")):
-            for side in SIDES[self.order][1:]:
-                self._block(self._node_of(v, side), self._turn(v, side))
-            self._blocks(v)
+            self._node(self._node_of(v, "j"), self._turn(v, "j"))
+            self._element(v)
         sides = {"left": left, "right": right, "own": self.at("at_node", self._odd(v))}
         near, order = self._near(v) if self.held else {}, self.order
         if self.held:
@@ -462,7 +463,7 @@ class AdjointDriver(ChainCode):
 
         self._call_held("row", node, where)
 
-    def _element(self, e: str) -> None:
+    def _element_bar(self, e: str) -> None:
         """What the solution asks of an element: of its gap through the balance, then of its start
         and its constants.
         """

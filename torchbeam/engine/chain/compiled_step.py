@@ -22,7 +22,6 @@ from ...nodal.model import Model
 from ...scene.effects import Inputs
 from ...scene.effects.effect import of_library
 from ...state.state import State
-from ...topology.framework import Framework
 from ..compiler.trace import NotTraceable
 from .alpha_functions import AlphaFunctions
 from .call import Chain, Field, empty_like, like
@@ -36,7 +35,15 @@ from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
 from .node_kinds import Kinds, kinds_of
 from .program import NOTHING, StepProgram, adjoint_of, program_of, traced_of
-from .step_structure import FORMS, Form, StepStructure, keep_structure, key_of, known_structure
+from .step_structure import (
+    FORMS,
+    Form,
+    StepStructure,
+    by_numbers,
+    keep_structure,
+    key_of,
+    known_structure,
+)
 from .structure_order import connectivity_of
 from .user_functions import by_function, by_sample, check_batch, known
 
@@ -141,7 +148,7 @@ class CompiledStep:
         self.model, self.batch = model, model.scene.batch_shape
         self._own, self._options = options, {"method": method, "conserve": conserve, **options}
         kinds = None
-        if isinstance(model.topology, Framework):
+        if by_numbers(model):
             roles = None if like is None else like.structure.roles
             self.constants = Constants(model, True, functions_of.INSTANT, around, roles)
             kinds = kinds_of(model, self.constants.acts)

@@ -136,19 +136,23 @@ class Driver(ChainCode):
             last, left, right = self._sides(v)
             with code.when(code.new(f"xor i1 {last}, true")):
                 self._node(self._node_of(v, "j"), self._turn(v, "j"))
-                if self.order == 2:
-                    self._node(self._node_of(v, "m"), self._turn(v, "m"))
-                with self._element_kind(v) as kinds:
-                    for k in kinds:
-                        self._call(f"element {k}", lambda f: self._of_element(f, v))
-                for name in ("force", "moment", "strain", "left_strain"):
-                    self._largest(name, "at_element")
-                self._element_load(v)
-                if self.order == 2:
-                    self._condense(v)
+                self._element(v)
             self._row(v, left, right)
             for name in self.layout.records["sums"].fields:
                 self._largest(name, "at_row")
+
+    def _element(self, e: str) -> None:
+        """Balance of element e, and of its midside node."""
+        if self.order == 2:
+            self._node(self._node_of(e, "m"), self._turn(e, "m"))
+        with self._element_kind(e) as kinds:
+            for k in kinds:
+                self._call(f"element {k}", lambda f: self._of_element(f, e))
+        for name in ("force", "moment", "strain", "left_strain"):
+            self._largest(name, "at_element")
+        self._element_load(e)
+        if self.order == 2:
+            self._condense(e)
 
     def _element_load(self, e: str) -> None:
         """What loads between the nodes of element e add to what it gives them."""

@@ -16,6 +16,10 @@ ONE, TWO, TURNS = "one", "two", "turns"
 JOINTS, INTERFACE, ENTRIES = "joints", "interface", "entries"
 STRETCHES, TENDONS = "stretches", "tendons"  # of tendons their stretches, and themselves
 PAIRS = "pairs"  # of what may touch
+# where what nodes and elements give is held: by turns while a run of nodes is eliminated, and of
+# those at the interface for as long as the elimination takes
+NODE_PLACES, ELEMENT_PLACES = "node places", "element places"
+SIGNS = "signs"  # numbers of the largest group of unknowns, of whose pivots signs are asked
 # packed: what a node gives its row, an element its ends' rows, and its stress
 OWN, BETWEEN, LAW = "own", "between", "law"
 # what an element of three nodes gives their rows, and what its midside node follows by

@@ -23,7 +23,6 @@ from ...nodal.model import Model
 from ...scene.effects import Inputs
 from ...solvers.newton import TOLERANCE
 from ...state.supported_nodes import set_node
-from ...topology.framework import Framework
 from ..compiler.trace import NotTraceable
 from ..engine_use import slow_path
 from .call import Call, Chain, Field, structure_fields
@@ -36,7 +35,8 @@ from .native import NativeProgram, NotCompiled
 from .node_kinds import kinds_of
 from .program import NOTHING, ChainProgram, program_of
 from .steady_functions import SteadyFunctions
-from .step_structure import keep_structure, key_of, known_structure
+from .step_structure import by_numbers, keep_structure, key_of, known_structure
+from .structure_order import stretches_of
 from .user_functions import by_function, by_sample, check_batch, known, surroundings
 
 # samples times elements that "auto" compiles for: eager ones then take longer than tracing and
@@ -181,7 +181,8 @@ def _called(
     lanes: int | None,
     around: Surroundings | None,
 ) -> Climbed:
-    judged = judged and not model.scene.beam.parts  # of a structure it is looked at by torch
+    # where stretches of tendons have unknowns of their own, it is looked at by torch
+    judged = judged and not any(stretch.coupled for stretch in stretches_of(model.tendons))
     structure, trees = _structure(
         model, t, inputs, around, JudgedProgram if judged else LoadProgram
     )
@@ -232,7 +233,7 @@ def _structure(
 ) -> tuple[LoadStructure, Trees]:
     """That of an earlier model if there was one, and this one's trees."""
     constants = kinds = None
-    if isinstance(model.topology, Framework):
+    if by_numbers(model):
         constants = Constants(model, steps=False, around=around)
         kinds = kinds_of(model, constants.acts, rest=True)
     key = key_of(model, kinds, program_type)

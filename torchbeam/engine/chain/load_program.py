@@ -7,7 +7,7 @@ from __future__ import annotations
 from functools import partial
 
 from ..compiler.function import Function
-from .layout import NODES, ONE, Layout
+from .layout import NODES, ONE, SIGNS, Layout
 from .load_driver import LoadDriver, StructureLoadDriver
 from .program import ChainProgram
 from .steady_functions import POSE, SteadyFunctions
@@ -92,6 +92,8 @@ class LoadProgram(ChainProgram):
         layout.record("ruled", ONE, [output for name in RULES for output in self.outputs(name)])
         if self.judged:
             layout.record("sums", ONE, [("indefinite", 1)])
+        if self.judged and self.kinds.joints is not None:
+            layout.record("signs", SIGNS, [("number", 1)])
         return layout
 
 

@@ -118,7 +118,7 @@ class StretchKind(NamedTuple):
     def parts(self) -> dict[str, tuple[Any, ...]]:
         """What each of its functions depends on, by the first word of their names."""
         return {
-            "stretch": (self.ends, self.rubs),
+            "stretch": (self.ends, self.coupled, self.rubs),
             "tension": (self.elastic, self.rubs),
             "tie": (self.ends, self.coupled),
         }

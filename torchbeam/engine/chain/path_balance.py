@@ -19,6 +19,7 @@ from ...nodal.balance import same_law
 from ...nodal.joints import stacked
 from ...scene.effects import Inputs
 from ...state.state import rest
+from ...topology.framework import Framework
 from ...topology.protocols import System
 from ..compiler.derivative import dot
 from ..compiler.trace import NotTraceable
@@ -30,7 +31,7 @@ from .cotangents import FORCES, OF_JOINTS, constant_fields
 from .coverage import given_up, meaning, unsteady, untraceable
 from .load_climb import chain_at_rest, fields_at_rest, refusal
 from .native import NotCompiled
-from .path_program import PIVOT, RATE, PathFunctions, PathProgram
+from .path_program import PIVOT, RATE, PathFunctions, PathProgram, by_rows
 from .program import NOTHING
 from .user_functions import by_function, by_sample, check_batch, known, surroundings, written
 
@@ -76,7 +77,7 @@ class NativeBalance:
     ) -> None:
         """problem: at factor 0."""
         self.model, self.problem = problem.model, problem
-        model, self.parts = problem.model, bool(problem.model.scene.beam.parts)
+        model, self.by_rows = problem.model, by_rows(problem.model)
         constants = Constants(model, steps=False, around=around)
         trees, rising, rises, led = self._trees(constants, problem, load)
         local = PathFunctions(model, *trees, rising=rising, led=led is not None)
@@ -147,9 +148,9 @@ class NativeBalance:
         }
         if forces is not None:
             rows["joint_unknown", "force"] = forces.shape[-2:]
-        if not self.parts:
+        if self.by_rows:
             rows["row", PIVOT] = (self.chain.rows("row"), *size)
-        if not self.parts and order == 2:
+        if self.by_rows and order == 2:
             rows["middle pivot", PIVOT] = (self.model.scene.beam.element_count, *size)
         call = self._calls.get(batch)
         out = [
@@ -173,14 +174,19 @@ class NativeBalance:
         if forces is not None:
             dstress = stacked(dstress, blocks.pop(0))
         answers = zip(move[..., slice(order, -order), :], dstress, reaction, strict=True)
-        own = partial(self._system, *x, factor) if self.parts else self._pivots(*blocks)
+        own = self._pivots(*blocks) if self.by_rows else partial(self._system, *x, factor)
         return NativePoint(Size(measure[0]), self.exact, *answers, own)
 
     def _pivots(self, rows: Tensor, middle: Tensor | None = None) -> Tensor:
-        """Pivots of a chain (..., n, w, w), in the order of `ChainSystem.pivots`."""
-        if middle is None:
-            return self.model.constraints.unknowns.of_nodes(rows[0], 2)
-        return torch.cat((middle[0], rows[0]), -3)
+        """Pivots (..., n, w, w): of a chain those of `ChainSystem.pivots`, of others also those of
+        nodes that supports hold, 1.
+        """
+        topology, rows = self.model.topology, rows[0]
+        if isinstance(topology, Framework):
+            rows = rows[..., [*topology.ends], :, :]
+        elif middle is None:
+            rows = self.model.constraints.unknowns.of_nodes(rows, 2)
+        return rows if middle is None else torch.cat((middle[0], rows), -3)
 
     def _system(self, position: Tensor, rotation: Tensor, stress: Tensor, factor: Tensor) -> System:
         """Of the tangent at a point."""

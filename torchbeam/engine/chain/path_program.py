@@ -13,6 +13,8 @@ from torch import Tensor
 
 from ...equations.balance_problem import BalanceProblem
 from ...nodal.balance import mixed, scaled
+from ...nodal.model import Model
+from ...topology.framework import Framework
 from ..compiler.derivative import dot, jvp
 from ..compiler.function import Function
 from .driver import SUMS, Driver
@@ -57,8 +59,10 @@ class PathFunctions(SteadyFunctions):
         return super().of_joint(fields, kind)
 
     def pivot(self, block: Tensor) -> Fields:
-        """The pivot block itself; nothing in a structure, where others are asked for."""
-        return {} if self.model.scene.beam.parts else {PIVOT: block}
+        """The pivot block itself; nothing in a structure with an interface, where others are asked
+        for.
+        """
+        return {PIVOT: block} if by_rows(self.model) else {}
 
     def judge(
         self,
@@ -79,6 +83,13 @@ class PathFunctions(SteadyFunctions):
         largest = mixed(force, moment, total, longest)
         size = scaled(left_force, left_moment, left_strain, *largest, strain)
         return {"size": self.with_gaps(size, joints)}
+
+
+def by_rows(model: Model) -> bool:
+    """Whether the pivots of the elimination are those of rows and midside nodes, without an
+    interface.
+    """
+    return not (isinstance(model.topology, Framework) and model.topology.cut.interface)
 
 
 def _led(fields: Fields, side: str) -> Fields:
@@ -212,9 +223,9 @@ class PathProgram(ChainProgram):
         layout = super()._layout()
         layout.record("pose", NODES, self.constants("pose"))
         layout.record("kept", NODES, self.outputs("update 0"))
-        if self.kinds.joints is None:
-            layout.record("row", ENDS, self.outputs("row", PIVOT))
-        if self.kinds.joints is None and self.order == 2:
+        if pivot := self.outputs("row", PIVOT):
+            layout.record("row", ENDS, pivot)
+        if pivot and self.order == 2:
             layout.record("middle pivot", ELEMENTS, self.outputs("condense", PIVOT))
         layout.record("sample", ONE, [("over", 1), ("size", 1)])
         return layout

@@ -198,15 +198,20 @@ class StepStructure:
 _STRUCTURES: dict[Hashable, Any] = {}  # of steps, and of load stepping: whatever has a `program`
 
 
+def by_numbers(model: Model) -> bool:
+    """Whether the kinds of a model's rows follow from numbers: those of joints, tendons, pairs."""
+    own = model.topology
+    return isinstance(own, Framework) and bool(own.joints or own.ties or model.scene.pairs)
+
+
 def key_of(model: Model, kinds: Kinds | None, *options: Any) -> Hashable | None:
     """What the structure of a model's steps, or load stepping, with these options follows from,
     without a look at its trees; None where it takes one: a function, or an effect of a user's own,
-    is asked for what it gives. kinds: of what joints connect, whose numbers are part of it;
-    None = of one chain.
+    is asked for what it gives. kinds: where they follow `by_numbers`; None = the rest tells them.
     """
     scene, space = model.scene, model.space
-    known = ChainTopology if kinds is None else Framework
-    if scene.numbers is None or scene.pairs or not isinstance(model.topology, known):
+    known = isinstance(model.topology, (ChainTopology, Framework))
+    if scene.numbers is None or scene.pairs or not known:
         return None
     plane = space.section_axes if isinstance(space, Planar) else None
     key = (

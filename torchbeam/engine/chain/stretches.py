@@ -16,6 +16,7 @@ from .tracing import Tracing
 WORK = "tendon work"
 READINGS = 3  # numbers of a tendon in a state
 PULL = {"tension": 1, "slope": 1, "ratio": 1, "by_q": 3, "turned": 3}
+TOLD = {"told": (2,)}  # from iteration to iteration
 AT_STRETCH = {**dict.fromkeys(SUMMED, 1), "direction": 3}
 
 
@@ -23,11 +24,12 @@ def of_tensions(
     local: LocalFunctions,
     traced: Tracing,
     kinds: tuple[StretchKind, ...],
-    varying: tuple[str, ...] = (),
+    varying: dict[str, tuple[int, ...]] | None = None,
 ) -> dict[str, Function]:
-    """Functions by which tensions are known, by kind; varying: see `ChainProgram`."""
-    shapes = traced.stretch | {name: () for name in varying}
-    functions = {}
+    """Functions by which tensions are known, by kind; varying: shapes of what changes with the
+    iterations beside the unknowns.
+    """
+    shapes, functions = traced.stretch | (varying or {}), {}
     for name in ("stretch", "tension_first", "tension_next"):
         for k, kind in _distinct(kinds, name.partition("_")[0]):
             function = partial(getattr(local, name), kind)
@@ -48,8 +50,9 @@ def of_stretches(
     varying: tuple[str, ...],
 ) -> dict[str, Function]:
     """Functions of an iteration, by kind."""
-    functions = of_tensions(local, traced, kinds, varying)
-    shapes = traced.stretch | {name: () for name in varying}
+    shapes = {name: () for name in varying}
+    functions = of_tensions(local, traced, kinds, shapes | TOLD)
+    shapes = traced.stretch | shapes
     for k, kind in _distinct(kinds, "tie"):
         functions[f"tie {k}"] = tie = traced(partial(local.tie, held, kind), shapes)
         if held:
@@ -116,6 +119,8 @@ def record(
         return
     layout.record("stretch", STRETCHES, constants)
     _record(layout, functions, "tie")
+    if any("told" in function.outputs for function in functions.values()):
+        layout.record("told", STRETCHES, [("told", 2)])
     layout.record("tie_reaction", ONE, [("reaction", w)])
     if WORK in functions:
         layout.record("tendon_change", ONE, dict.fromkeys(functions[WORK].outputs, 1).items())

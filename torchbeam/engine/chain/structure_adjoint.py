@@ -20,10 +20,7 @@ class StructureAdjoint(TendonAdjoint, PairAdjoint, StructurePasses, AdjointDrive
 
     def _transposed(self) -> None:
         code = self.code
-        with code.loop(0, self.args["nodes"]) as j:
-            self._block(j, j)
-        with code.loop(0, self.args["elements"]) as e:
-            self._blocks(e)
+        self._at_interface()
         self._each_joint(self._joint_blocks)
         self._tie_blocks()
         self._pair_blocks()
@@ -44,7 +41,7 @@ class StructureAdjoint(TendonAdjoint, PairAdjoint, StructurePasses, AdjointDrive
     def _row_kept(self, node: str) -> None:
         """Reactions are those of the steps."""
 
-    def _row_judged(self) -> None:
+    def _row_judged(self, name: str) -> None:
         """Nothing is."""
 
     def _joint_blocks(self, k: str, kind: int) -> None:

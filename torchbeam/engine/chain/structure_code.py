@@ -18,6 +18,10 @@ TABLES = (
     "element_nodes",
     "left_elements",
     "right_elements",
+    "node_places",
+    "element_places",
+    "kept_nodes",
+    "kept_elements",
     "interface",
     "direct",
     "forward",
@@ -34,6 +38,8 @@ TABLES = (
 )
 COUNTS = (
     "nodes",
+    "kept_node_count",
+    "kept_element_count",
     "interface_count",
     "direct_count",
     "forward_count",
@@ -81,8 +87,13 @@ class StructureCode(ChainCode):
     def _loops(self) -> list[str]:
         w = self.layout.records["move"].size
         over_cells = CellSums(self.lanes, self.cells).functions() if self.cells > 1 else []
-        elimination = BlockElimination(self.lanes, w, self._part())
+        elimination = BlockElimination(self.lanes, w, self._part(), self.signed)
         return [*super()._loops(), *over_cells, *elimination.functions()]
+
+    @property
+    def signed(self) -> bool:
+        """Whether signs of the interface's pivots are asked for."""
+        return "signs" in self.layout.records
 
     def _part(self) -> int | None:
         """Unknowns of a node by which pairs that touch couple; None = all, or there are none."""
@@ -97,11 +108,15 @@ class StructureCode(ChainCode):
         k = SIDES[self.order].index(side)
         return self.code.add(first, k) if k else first
 
-    def _turn(self, e: str, side: str) -> str:
-        return self._node_of(e, side)
+    def _turn(self, e: str, side: str) -> str | int:
+        return self._node_place(self._node_of(e, side)) if side in SIDES[1] else self.order
+
+    def _node_place(self, node: str) -> str:
+        """Where what a node gives is held: those up to the elements' order take turns."""
+        return self.code.load(self.code.at(self.args["node_places"], node))
 
     def _between(self, e: str) -> str:
-        return e
+        return self.code.load(self.code.at(self.args["element_places"], e))
 
     def _reach(self, node: str) -> str | int:
         if self.order == 1:

@@ -1,6 +1,7 @@
 """Native driver of structures: what is other than on a chain.
 
-Balance first, of all nodes, elements and joints; then the elimination of `StructureRuns`.
+Balance first, of joints, and of the nodes and elements at them; then the elimination of
+`StructureRuns`, which finds that of the others as it comes to them.
 """
 
 from __future__ import annotations
@@ -20,20 +21,10 @@ class StructurePasses(StructureRuns, PairPasses):
     """Balance of nodes, elements and joints in an iteration of Newton's method."""
 
     def _pass(self) -> None:
-        code, N = self.code, self.args["elements"]
         self._fill(self.at("sums"), self.layout.records["sums"].size)
-        with code.loop(0, self.args["nodes"]) as j:
-            self._node(j, j)
-            self._fill(self.at("push", j), self.layout.records["push"].size)
-        with code.loop(0, N) as e:
-            with self._element_kind(e) as kinds:
-                for k in kinds:
-                    self._call(f"element {k}", lambda f: self._of_element(f, e))
-            for name in ("force", "moment", "strain", "left_strain"):
-                self._largest(name, "at_element")
-            self._element_load(e)
-            if self.order == 2:
-                self._condense(e)
+        with self._entries("interface") as (_, (node, *_)):
+            self._fill(self.at("push", node), self.layout.records["push"].size)
+        self._at_interface()
         for shared in self.parts:
             self._each_joint(self._joint, shared=shared)
             if shared is False:
@@ -91,6 +82,7 @@ class StructurePasses(StructureRuns, PairPasses):
                     self._fill(self.at(name, k), self.layout.records[name].size)
 
     def _start_joints(self) -> None:
+        self._start_tendons()
         if self.kinds.joints:
             w = self.layout.records["move"].size
             with self.code.loop(0, self.args["joint_count"]) as k:

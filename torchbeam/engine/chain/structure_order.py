@@ -72,7 +72,7 @@ def connectivity_of(model: Model) -> Connectivity:
     joints = model.joints
     held = tuple(map(int, joints.held.sum(-1))) if joints.count else ()
     pairs = getattr(model.touching, "nodes", ())
-    supports, stretches = model.constraints.nodes, _stretches(model.tendons)
+    supports, stretches = model.constraints.nodes, stretches_of(model.tendons)
     return Connectivity(model.topology, supports, held, stretches, pairs)
 
 
@@ -92,7 +92,8 @@ def manners_by(framework: Framework, order: Order) -> tuple[str, ...]:
     return tuple(sorted(manners | ({"bordered"} if order.bordered else set())))
 
 
-def _stretches(tendons: NoTendons) -> tuple[Stretch, ...]:
+def stretches_of(tendons: NoTendons) -> tuple[Stretch, ...]:
+    """Of all tendons, one after the other."""
     stretches, pairs = [], tendons.stretches
     for s, (k, e) in enumerate(pairs):
         first, last = s == 0 or pairs[s - 1][0] < k, s + 1 == len(pairs) or pairs[s + 1][0] > k

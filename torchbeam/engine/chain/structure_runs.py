@@ -1,4 +1,5 @@
-"""Native elimination of structures: the rows of runs of nodes, and of the nodes between them.
+"""Native elimination of structures: the rows of runs of nodes, which are made as they are
+eliminated, and of the nodes between them.
 
 Runs are eliminated in order, from the end that is free if there is one, and leave their blocks with
 the interface's, whose system is solved by `BlockElimination`; runs that go on from one of its nodes
@@ -41,6 +42,38 @@ class StructureRuns(TendonPasses):
             self._rows_at_joints(True)
             self._groups("eliminate", self.args["shared_groups"], self.args["shared_table"])
 
+    def _at_interface(self) -> None:
+        """What nodes and elements give that are at the interface, or next to it."""
+        for what, then in (("node", self._place_node), ("element", self._element)):
+            with self.code.loop(0, self.args[f"kept_{what}_count"]) as k:
+                then(self.code.load(self.code.at(self.args[f"kept_{what}s"], k)))
+
+    def _place_node(self, node: str) -> None:
+        self._node(node, self._node_place(node))
+
+    def _nodes_of_run(
+        self, first: str, count: str, step: int, row: Callable[[str, str, str], None]
+    ) -> None:
+        """row(whether it is the first, the node, the one before) of each node of a run, when all is
+        there that its row takes.
+        """
+        code = self.code
+        self._node_of_run(first)
+        with code.loop(0, count) as t:
+            node = code.add(first, code.mul(t, step))
+            with code.when(code.compare("slt", t, code.sub(count, 1))):
+                self._node_of_run(code.add(node, step))
+                side = "right" if step > 0 else "left"
+                self._element(code.load(code.at(self.args[f"{side}_elements"], node)))
+            is_first = code.compare("eq", t, 0)
+            row(is_first, node, code.choose(is_first, node, code.sub(node, step)))
+
+    def _node_of_run(self, node: str) -> None:
+        """What a node gives, unless that is held since `_at_interface`."""
+        place = self._node_place(node)
+        with self.code.when(self.code.compare("slt", place, self.order + 1)):
+            self._node(node, place)
+
     def _rows_at_joints(self, shared: bool | None) -> None:
         """Rows of the interface and of joints."""
         with self._entries("interface", shared=shared) as (p, entry):
@@ -57,18 +90,19 @@ class StructureRuns(TendonPasses):
         """Where a support holds a node: what its reaction takes."""
         self._keep_rows("at_row", node)
 
-    def _row_judged(self) -> None:
-        """Sizes of a row."""
-        for name in self.layout.fields("sums"):
-            self._largest(name, "at_row")
+    def _row_judged(self, name: str) -> None:
+        """Sizes of a row, as its function of this name gives them."""
+        for size in self.layout.fields("sums"):
+            if size in self.functions[name].outputs:
+                self._largest(size, "at_row")
 
     def _sides_of(self, node: str) -> dict[str, str]:
         """What the elements on either side of a node leave, zeros where there is none."""
-        code, sides = self.code, {"own": self.at("at_node", node)}
+        code, sides = self.code, {"own": self.at("at_node", self._node_place(node))}
         for side in ("left", "right"):
             e = code.load(code.at(self.args[f"{side}_elements"], node))
             none = code.compare("slt", e, 0)
-            there = self.at("between", code.choose(none, 0, e))
+            there = self.at("between", self._between(code.choose(none, 0, e)))
             sides[side] = code.choose(none, self.at("nothing"), there, "ptr")
         return sides
 
@@ -89,20 +123,16 @@ class StructureRuns(TendonPasses):
             return places[f] if f in places else sides[f.partition(".")[0]]
 
         self._call_held(name, node, where, lambda: self._row_kept(node))
-        self._row_judged()
-
-    def _run(self, first: str, t: str, step: int) -> tuple[str, str, str]:
-        """Whether node t of a run is its first, the node, the one before."""
-        code = self.code
-        node = code.add(first, code.mul(t, step))
-        is_first = code.compare("eq", t, 0)
-        return is_first, node, code.choose(is_first, node, code.sub(node, step))
+        self._row_judged(name)
 
     def _groups(self, name: str, count: str, first: str | int = 0) -> None:
         """Clear, eliminate, or substitute, so many groups, whose table begins there."""
         table = self.args["substitution" if name == "substitute" else "elimination"]
         table = self.code.at(table, first)
-        self.code.line(f'call void @"{name}"({self._system}, ptr {table}, i64 {count})')
+        more = ""
+        if name == "eliminate" and self.signed:
+            more = f", ptr {self.at('signs')}, ptr {self.at('sums', 0, 'indefinite')}"
+        self.code.line(f'call void @"{name}"({self._system}, ptr {table}, i64 {count}{more})')
 
     def _before(self, fields: tuple[str, ...], is_first: str, node: str) -> dict[str, str]:
         """Fields of the row before, zeros in front of the first."""
@@ -116,12 +146,13 @@ class StructureRuns(TendonPasses):
         """Runs with a free end, from there."""
         code = self.code
         name, coupling, step = self._direction(table)
+
+        def row(is_first: str, node: str, before: str) -> None:
+            fields = self._before(("ahead", "y"), is_first, before)
+            self._row_of(name, node, ("row", node), fields)
+
         with self._entries(table) as (_, (first, count, p, *places)):
-            with code.loop(0, count) as t:
-                is_first, node, before = self._run(first, t, step)
-                self._row_of(
-                    name, node, ("row", node), self._before(("ahead", "y"), is_first, before)
-                )
+            self._nodes_of_run(first, count, step, row)
             with code.when(code.compare("sge", p, 0)):
                 last = code.add(first, code.mul(code.sub(count, 1), step))
                 self._leave(self.at("interface", p, coupling), last, *places)
@@ -160,10 +191,12 @@ class StructureRuns(TendonPasses):
             at = code.mul(stride, k)
             self._copy_to(code.at(to, k * w, vector), self._matrix(code.add(ahead, at)), w)
             self._copy_to(code.at(right, k, vector), self._matrix(code.add(y, at)), 1)
-        with code.loop(0, count) as t:
-            node = code.add(first, code.mul(t, step))
+
+        def row(_: str, node: str, __: str) -> None:
             before = {f: self.at("row", code.sub(node, step), f) for f in ("ahead", "y")}
             self._row_of(name, node, ("row", node), before)
+
+        self._nodes_of_run(first, count, step, row)
         last = code.add(first, code.mul(code.sub(count, 1), step))
         self._leave(self.at("interface", q, coupling), last, *places[:4])
         self._groups("eliminate", *places[6:])
@@ -210,8 +243,8 @@ class StructureRuns(TendonPasses):
                 places[8:],
             )
             self._copy_to(E, self.at("interface", p, "U"), w * w)
-            with code.loop(0, count) as t:
-                is_first, node, previous = self._run(first, t, self.order)
+
+            def row(is_first: str, node: str, previous: str, before: list[str] = before) -> None:
                 fields = self._before(("ahead", "y"), is_first, previous)
                 fields["side"] = code.choose(
                     is_first, self.at("edge", 0, "start"), self.at("row", previous, "side"), "ptr"
@@ -224,6 +257,8 @@ class StructureRuns(TendonPasses):
                 given = f"ptr {pushed}, i64 {w}, ptr {E}, i64 {w}, i64 {w}, ptr {ahead}"
                 code.line(f'call void @"subtract"({given}, i64 {w}, i64 {w})')
                 self._copy_to(E, pushed, w * w)
+
+            self._nodes_of_run(first, count, self.order, row)
             self._add_block(to_last, to_last_stride, E)
             last = code.add(first, code.mul(code.sub(count, 1), self.order))
             coupling = self.at("interface", q, "L")

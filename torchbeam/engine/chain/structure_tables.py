@@ -13,14 +13,26 @@ import numpy as np
 
 from ...nodal.model import Model
 from ...topology.cut import Run
+from ...topology.framework import Framework
 from ..compiler.block_pattern import BlockPattern
 from .cells import Cells
 from .joint_functions import BLOCKS
-from .layout import ENTRIES, INTERFACE, JOINTS, PAIRS, STRETCHES, TENDONS
+from .layout import (
+    ELEMENT_PLACES,
+    ENTRIES,
+    INTERFACE,
+    JOINTS,
+    NODE_PLACES,
+    PAIRS,
+    SIGNS,
+    STRETCHES,
+    TENDONS,
+)
 from .structure_order import Connectivity, connectivity_of, order_of
 
 NONE = (-1, -1)  # the place of a block that is not there
 BYTES = 4  # of a number, at least
+ELEMENT_TURNS = 2  # places of elements along a run
 
 
 @dataclass(frozen=True)
@@ -51,7 +63,7 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
         [run for run in runs if run.manner == manner] for manner in ("forward", "backward")
     )
     couplings = [*order.couplings, *((run.before, run.after) for run in order.bordered)]
-    groups, equation = _equations(order.groups, len(nodes), held, w)
+    groups, moves, equation = _equations(order.groups, len(nodes), held, w)
     units = len(equation)
     at_nodes = {node: k for k, node in enumerate(nodes)}
     pairs = tuple(tuple(at_nodes[node] for node in own) for own in pairs)
@@ -61,7 +73,7 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
     outer = tuple(range(units, units + len(order.following)))
     for unit, (_, place) in zip(outer, order.following, strict=True):
         blocks += [(place, unit), (equation[place], unit)]
-    pattern = BlockPattern(w, groups, blocks, outer)
+    pattern = BlockPattern(w, groups, blocks, outer, moves)
 
     def own(place: int | None) -> tuple[int, ...]:
         if place is None:
@@ -130,6 +142,7 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
     parts = [(b - a, begins[a]) for a, b in pairwise(cuts)]
     back = [(b - a, ends_of[len(pattern.groups) - b]) for a, b in pairwise(cuts)]
 
+    node_places, element_places, kept_nodes, kept_elements = _places(framework)
     left, right = ([-1] * framework.node_count for _ in range(2))
     for e, (first, *_, last) in enumerate(zip(*framework.elements, strict=True)):
         right[first], left[last] = e, e
@@ -137,6 +150,10 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
         "element_nodes": list(framework.elements[0]),
         "left_elements": left,
         "right_elements": right,
+        "node_places": node_places,
+        "element_places": element_places,
+        "kept_nodes": kept_nodes,
+        "kept_elements": kept_elements,
         "interface": [
             x for k, node in enumerate(nodes) for x in (node, *own(k), pattern.solution(k))
         ],
@@ -182,6 +199,8 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
         "substitution": [x for group in pattern.substitution for x in group],
     }
     numbers = {
+        "kept_node_count": len(kept_nodes),
+        "kept_element_count": len(kept_elements),
         "interface_count": len(nodes),
         "direct_count": len(how.direct),
         "forward_count": len(forward),
@@ -207,23 +226,50 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
     flags = pattern.size // BYTES + 1  # one a number, in bytes
     rows = {JOINTS: J, INTERFACE: len(nodes), ENTRIES: pattern.size + flags}
     rows |= {STRETCHES: len(stretches), TENDONS: len({x.tendon for x in stretches})}
-    rows |= {PAIRS: len(pairs)}
+    rows |= {PAIRS: len(pairs), SIGNS: max((w * len(group) for group in groups), default=0) ** 2}
+    rows |= {NODE_PLACES: framework.order + 1 + len(kept_nodes)}
+    rows |= {ELEMENT_PLACES: ELEMENT_TURNS + len(kept_elements)}
     return StructureTables(rows, lists, numbers)
+
+
+def _places(framework: Framework) -> tuple[list[int], list[int], list[int], list[int]]:
+    """Where what nodes and elements give is held, and which have a place of their own: those at the
+    interface, and what else is next to it. The others take turns along a run, the node between an
+    element's ends in the last of these.
+    """
+    how, ends, turns = framework.cut, framework.ends, framework.order + 1
+    at_interface = {ends[end] for end in how.interface}
+    all_ends = zip(framework.elements[0], framework.elements[-1], strict=True)
+    kept_elements = [e for e, pair in enumerate(all_ends) if at_interface & {*pair}]
+    next_to = {nodes[e] for nodes in framework.elements[:: framework.order] for e in kept_elements}
+    kept_nodes = sorted(at_interface | next_to)
+    node_places = [framework.order] * framework.node_count
+    for k, node in enumerate(ends):
+        node_places[node] = k % 2
+    element_places = [e % ELEMENT_TURNS for e in range(framework.element_count)]
+    for k, node in enumerate(kept_nodes):
+        node_places[node] = turns + k
+    for k, e in enumerate(kept_elements):
+        element_places[e] = ELEMENT_TURNS + k
+    return node_places, element_places, kept_nodes, kept_elements
 
 
 def _equations(
     groups: tuple[tuple[int, ...], ...], nodes: int, held: tuple[int, ...], w: int
-) -> tuple[list[tuple[int, ...]], dict[int, int]]:
-    """Groups of unknowns, and whose equation stands in the row of each unit. A weld's constraints
-    give the moves of the node that hangs by it, the node's balance the weld's force: two groups in
-    the place of one.
+) -> tuple[list[tuple[int, ...]], list[int], dict[int, int]]:
+    """Groups of unknowns, how many of each are moves (see `BlockPattern`), and whose equation
+    stands in the row of each unit. A weld's constraints give the moves of the node that hangs by
+    it, the node's balance the weld's force: two groups in the place of one, whose signs are always
+    as they should be. Those of forces alone are not looked at.
     """
-    parts, equation = [], {unit: unit for group in groups for unit in group}
+    parts, moves, equation = [], [], {unit: unit for group in groups for unit in group}
     for group in groups:
         if group[0] < nodes and [held[unit - nodes] for unit in group[1:]] == [w]:
             node, weld = group
             equation |= {node: weld, weld: node}
             parts += [(node,), (weld,)]
+            moves += [-1, -1]
         else:
             parts.append(group)
-    return parts, equation
+            moves.append(w if group[0] < nodes else -1)
+    return parts, moves, equation

@@ -9,7 +9,7 @@ from functools import partial
 
 from ..compiler.function import Function
 from ..compiler.split import HOISTED
-from .layout import ELEMENTS, ENTRIES, INTERFACE, JOINTS, NODES, ONE, Layout
+from .layout import ELEMENT_PLACES, ENTRIES, INTERFACE, JOINTS, NODE_PLACES, NODES, ONE, Layout
 from .local_functions import LocalFunctions
 from .node_kinds import SIDES, JointKind
 from .tracing import JOINT_READINGS, Shapes, Tracing
@@ -183,10 +183,10 @@ def record_adjoint(
 def _of_system(layout: Layout, functions: dict[str, Function], w: int, held: bool) -> None:
     """Records of what is eliminated."""
     for name, rows in (
-        ("at_node", NODES),
-        ("at_end", NODES),
+        ("at_node", NODE_PLACES),
+        ("at_end", NODE_PLACES),
         ("row", NODES),
-        ("between", ELEMENTS),
+        ("between", ELEMENT_PLACES),
     ):
         layout.records[name].rows = rows
     layout.record("row", NODES, [("side", w * w)])

@@ -51,14 +51,14 @@ class TendonCode(StructureCode):
             return self._of_pull(name, s if side == "own" else self.code.sub(s, 1))
         if side == "beyond":
             return self.at("beyond", s, name)
-        for record in ("pull", "at_stretch", "stretch"):
+        for record in ("pull", "told", "at_stretch", "stretch"):
             if field in self.layout.fields(record):
                 return self.at(record, s, field)
         return self.at("common", 0, field)
 
     def _of_pull(self, name: str, s: str) -> str:
-        record = "pull" if name in self.layout.fields("pull") else "at_stretch"
-        return self.at(record, s, name)
+        named = (x for x in ("pull", "told") if name in self.layout.fields(x))
+        return self.at(next(named, "at_stretch"), s, name)
 
     def _stretch_node(self, s: str, side: str) -> str:
         return self.code.load(self.code.at(self._entry("stretch", s), SIDES[1].index(side)))
@@ -82,6 +82,12 @@ class TendonCode(StructureCode):
         )
         if "energy" in self.layout.records:
             self._add(self.at("energy", 0, "rise"), self.at(record, 0, "rise"), 1)
+
+    def _start_tendons(self) -> None:
+        """Nothing is told to the first iteration."""
+        if "told" in self.layout.records:
+            size = self.layout.records["told"].size
+            self._stretches(lambda s, _: self._fill(self.at("told", s), size))
 
     def _tensions(self) -> None:
         """Of all stretches, by the unknowns."""

@@ -55,8 +55,9 @@ class TendonFunctions(LocalProblems):
         before, after = (length[0] for length in stretches.lengths)
         outputs = {"length": after, "before": before, "direction": stretches.directions[1][0]}
         if kind.rubs and self.OVER_STEP:
-            outputs["change"] = stretches.change(step)[0]
             outputs["rate"] = (stretches.directions[0] * step.rates.diff(dim=-2)).sum()
+        if kind.coupled and self.OVER_STEP:
+            outputs["change"] = stretches.change(step._replace(way=tendons.way(motion)))[0]
         elif motion.start is not None:
             outputs["change"] = after - tendons.lengths_before(motion, 0)[0]
         return outputs
@@ -66,16 +67,17 @@ class TendonFunctions(LocalProblems):
         length.
         """
         constants = self.stretch_constants(fields)
-        rope, before = self._rope(constants, kind), None
+        rope, before, change = self._rope(constants, kind), None, None
         given = rope.raised(constants.given, fields.get("load_factor"))
         if self.OVER_STEP:
             before = fields["beyond.before"]
-        T, slope = rope.pull(given, fields["beyond.length"], before)
+            change = fields["beyond.change"] if kind.elastic else None
+        T, slope = rope.pull(given, fields["beyond.length"], before, change)
         return {"tension": T, "slope": slope}
 
     def tension_next(self, kind: StretchKind, **fields: Tensor) -> Fields:
         """Tension of a stretch from that of the one `last.`, by the friction between them; see
-        above; `turned` is of the last one.
+        above; `turned` is of the last one; `told`, where it is given: see `Grip`.
         """
         last, none = fields["last.tension"], torch.zeros_like(fields["own.direction"])
         if not kind.rubs:
@@ -87,7 +89,8 @@ class TendonFunctions(LocalProblems):
             sums = (fields[f"beyond.{name}"][None] for name in ("change", "rate"))
             slide = *sums, self._common(fields).dt
         ends = fields["last.direction"], fields["own.direction"]
-        grip = rope.grip(ends[0][None], ends[1][None], slide)
+        told = fields["told"][None] if "told" in fields else None
+        grip = rope.grip(ends[0][None], ends[1][None], slide, told)
         ratio, turn = torch.exp(grip.log[0]), grip.turn[0]
         T = ratio * last
         return {
@@ -96,7 +99,7 @@ class TendonFunctions(LocalProblems):
             "ratio": ratio,
             "by_q": along_stretch(-turn, ends[1], fields["own.length"][None]),
             "turned": along_stretch(turn, ends[0], fields["last.length"][None]),
-        }
+        } | ({} if told is None or grip.told is None else {"told": grip.told[0]})
 
     def tie(self, held: bool, kind: StretchKind, **fields: Tensor) -> Fields:
         """What a stretch gives its nodes, see `JointFunctions.joint`: its push (w) by end, blocks

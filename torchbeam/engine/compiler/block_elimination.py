@@ -8,44 +8,28 @@ passed over.
 
 from __future__ import annotations
 
-from .block_matrix import SYSTEM, BlockMatrix
+from .block_matrix import SYSTEM
+from .block_signs import BlockSigns
 from .llvm import Lanes
 from .loop_text import Code
 
 
-class BlockElimination(BlockMatrix):
+class BlockElimination(BlockSigns):
     """Text of the functions of a `BlockMatrix`, and
 
     eliminate(ptr memory, ptr flags, ptr table, i64 groups)     see `BlockPattern.elimination`
     substitute(ptr memory, ptr flags, ptr table, i64 groups)    see `BlockPattern.substitution`
+
+    signs: `eliminate` takes memory and a number of each lane besides, see `BlockSigns`.
     """
+
+    def __init__(self, lanes: Lanes, w: int, part: int | None = None, signs: bool = False) -> None:
+        super().__init__(lanes, w, part)
+        self.signs = signs
 
     def functions(self) -> list[str]:
         own = self._pivot(), self._factor(), self._solve(), self._eliminate(), self._substitute()
-        return [*super().functions(), *own]
-
-    def _size(self, code: Code, x: str) -> str:
-        negative = code.new(f"fcmp olt {self.lanes.vector} {x}, {self.lanes.constant(0.0)}")
-        return self._select(code, negative, code.new(f"fneg {self.lanes.vector} {x}"), x)
-
-    def _select(self, code: Code, truth: str, a: str, b: str) -> str:
-        V, T = self.lanes.vector, self.lanes.truth
-        return code.new(f"select {T} {truth}, {V} {a}, {V} {b}")
-
-    def _any(self, code: Code, truth: str) -> str:
-        """Whether it holds in any lane."""
-        if self.lanes.count == 1:
-            return truth
-        bits = f"i{self.lanes.count}"
-        whole = code.new(f"bitcast {self.lanes.truth} {truth} to {bits}")
-        return code.new(f"icmp ne {bits} {whole}, 0")
-
-    def _number(self, code: Code, k: str) -> str:
-        """An index in all lanes."""
-        one = code.new(f"sitofp i64 {k} to {self.lanes.scalar}")
-        if self.lanes.count == 1:
-            return one
-        return self._in_all(code, one, Lanes(self.lanes.count, self.lanes.dtype))
+        return [*super().functions(), *[self._signs()] * self.signs, *own]
 
     def _pivot(self) -> str:
         """pivot(panel, n, columns): A^-1 of the first n columns times the others, in their place.
@@ -168,10 +152,15 @@ class BlockElimination(BlockMatrix):
         return code.text(internal=True)
 
     def _eliminate(self) -> str:
-        code, w = Code("eliminate", [*SYSTEM, "ptr %table", "i64 %groups"]), self.w
+        given = [*SYSTEM, "ptr %table", "i64 %groups", *["ptr %own", "ptr %to"] * self.signs]
+        code, w = Code("eliminate", given), self.w
         with self._groups(code) as group:
-            n, columns, begin, rows, units = group[:5]
+            n, columns, begin, rows, units, moves = group[:6]
             panel = self._at(code, "%memory", begin)
+            if self.signs:
+                given = f"ptr {panel}, i64 {n}, i64 {columns}, i64 {moves}, ptr %own, ptr %to"
+                with code.when(code.compare("sge", moves, 0)):
+                    code.line(f'call void @"signs"({given})')
             single = code.compare("eq", n, w)
             with code.when(code.new(f"xor i1 {single}, true")):
                 code.line(f'call void @"pivot"(ptr {panel}, i64 {n}, i64 {columns})')

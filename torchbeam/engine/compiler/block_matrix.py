@@ -16,7 +16,8 @@ SYSTEM = "ptr %memory", "ptr %flags"
 class Group(NamedTuple):
     """Of a table of `BlockPattern.elimination`, as values of the code: n unknowns and the columns
     of its panel, which begins at `first`; how many rows are eliminated by it, which begin at
-    `entry`, each of a `size`; how many units its columns behind the first n are.
+    `entry`, each of a `size`; how many units its columns behind the first n are; how many of the
+    unknowns are moves, see `BlockSigns`.
     """
 
     n: str
@@ -24,6 +25,7 @@ class Group(NamedTuple):
     first: str
     rows: str
     units: str
+    moves: str
     entry: str
     size: str
 
@@ -103,6 +105,29 @@ class BlockMatrix:
         first = code.new(f"insertelement {V} poison, {scalar} {x}, i64 0")
         return code.new(f"shufflevector {V} {first}, {V} poison, <{W} x i32> zeroinitializer")
 
+    def _size(self, code: Code, x: str) -> str:
+        negative = code.new(f"fcmp olt {self.lanes.vector} {x}, {self.lanes.constant(0.0)}")
+        return self._select(code, negative, code.new(f"fneg {self.lanes.vector} {x}"), x)
+
+    def _select(self, code: Code, truth: str, a: str, b: str) -> str:
+        V, T = self.lanes.vector, self.lanes.truth
+        return code.new(f"select {T} {truth}, {V} {a}, {V} {b}")
+
+    def _any(self, code: Code, truth: str) -> str:
+        """Whether it holds in any lane."""
+        if self.lanes.count == 1:
+            return truth
+        bits = f"i{self.lanes.count}"
+        whole = code.new(f"bitcast {self.lanes.truth} {truth} to {bits}")
+        return code.new(f"icmp ne {bits} {whole}, 0")
+
+    def _number(self, code: Code, k: str) -> str:
+        """An index in all lanes."""
+        one = code.new(f"sitofp i64 {k} to {self.lanes.scalar}")
+        if self.lanes.count == 1:
+            return one
+        return self._in_all(code, one, Lanes(self.lanes.count, self.lanes.dtype))
+
     # Functions
 
     def _zero(self) -> str:
@@ -134,9 +159,9 @@ class BlockMatrix:
         code.store("%table", slot, "ptr")
         with code.loop(0, "%groups"):
             entry = code.load(slot, "ptr")
-            n, columns, first, rows, count = (code.load(code.at(entry, k)) for k in range(5))
+            n, columns, first, rows, count, moves = (code.load(code.at(entry, k)) for k in range(6))
             size, units = code.add(1, code.mul(count, 4)), code.sub(count, 1)
-            group = Group(n, columns, first, rows, units, code.at(entry, 5), size)
+            group = Group(n, columns, first, rows, units, moves, code.at(entry, 6), size)
             yield group
             code.store(group.row(code, rows), slot, "ptr")
 

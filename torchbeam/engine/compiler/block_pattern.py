@@ -34,7 +34,8 @@ class BlockPattern:
     """Of units of w unknowns; groups: in the order in which they are eliminated, each unit in one
     of them; blocks: (row, column) units of those that there are, beside those within a group;
     outer: units that are solved elsewhere, before the groups that couple to them, and have no rows
-    here.
+    here. moves: how many unknowns of each group are moves, see `BlockSigns`, None = all; -1 = its
+    signs are not looked at.
     """
 
     def __init__(
@@ -43,8 +44,10 @@ class BlockPattern:
         groups: Iterable[tuple[int, ...]],
         blocks: Iterable[tuple[int, int]],
         outer: tuple[int, ...] = (),
+        moves: Iterable[int] | None = None,
     ) -> None:
         self.w, self.groups = w, tuple(groups)
+        self.moves = [w * len(own) for own in self.groups] if moves is None else [*moves]
         order = [unit for group in (*self.groups, outer) for unit in group]
         at = {unit: k for k, unit in enumerate(order)}
         self._group = {unit: g for g, group in enumerate((*self.groups, outer)) for unit in group}
@@ -117,7 +120,8 @@ class BlockPattern:
     @cached_property
     def elimination(self) -> list[np.ndarray]:
         """Table of `block_elimination.eliminate`, by group: its rows, its columns, where its panel
-        lies, how many units have rows behind it, and how many products are subtracted from these;
+        lies, how many units have rows behind it, how many products are subtracted from these, and
+        how many of its unknowns are moves;
         of each of these units where its first factor lies, and of each product there where it is
         subtracted from and how far the rows there are apart, which columns of the panel are the
         second factor, and how many.
@@ -133,7 +137,7 @@ class BlockPattern:
             products[:, -1, :2] = self._right[down]
             products[..., 2] = n + self.w * np.arange(m)
             products[:, :-1, 3], products[:, -1, 3] = self.w, 1
-            own = [n, self.right(group[0]).stride, self._panels[g], len(down), m]
+            own = [n, self.right(group[0]).stride, self._panels[g], len(down), m, self.moves[g]]
             table.append(np.concatenate((own, rows.ravel())))
         return table
 

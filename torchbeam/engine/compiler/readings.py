@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -14,11 +15,15 @@ from torch._C import _functorch as functorch
 from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from ...core.warning import PACKAGE, TORCH
 from .decompositions import FUNCTIONS
 
 READ = {torch.Tensor.tolist, torch.Tensor.numpy, torch.Tensor.__array__, torch.Tensor.__dlpack__}
-LIBRARIES = (TORCH, os.path.dirname(__file__) + os.sep)
+# beginnings of the paths of files
+PACKAGE, TORCH, HERE = (
+    f"{folder}{os.sep}"
+    for folder in (Path(__file__).parents[2], Path(torch.__file__).parent, Path(__file__).parent)
+)
+LIBRARIES = TORCH, HERE
 
 
 class NotTraceable(Exception):

@@ -176,11 +176,6 @@ class Planar(Spatial):
         return self.basis[:, :2]
 
     @cached
-    def _vector_embedding(self) -> Tensor:
-        """(2, 3)"""
-        return self._vector_map.mT
-
-    @cached
     def _origin(self) -> Tensor:
         """(3,) m: the point of the plane that is nearest to frame a's."""
         return self.place * self.basis[:, 2]

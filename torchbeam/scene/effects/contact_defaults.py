@@ -31,10 +31,9 @@ def with_defaults(effects: tuple[Any, ...], beam: Any) -> tuple[Any, ...]:
 
 
 def _whole(contact: ContactTerms, beam: Any, effects: tuple[Any, ...]) -> ContactTerms:
-    missing = contact.follows or (
-        *(("thickness",) if contact.thickness is None else ()),
-        *(("force",) if contact.force is None and contact.stiffness is None else ()),
-    )
+    given = {name: getattr(contact, name) is not None for name in ("thickness", "force")}
+    given["force"] = given["force"] or contact.stiffness is not None
+    missing = tuple(name for name in given if name in contact.follows or not given[name])
     if not missing:
         return contact
     names = [name for name in (contact.on, contact.partner) if name is not None]

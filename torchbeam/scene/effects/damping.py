@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ...core.arguments import boolean
 from ...core.leaves import leaf, option
-from ...core.validation import Value, as_tensor, common_dtype, finite, has_dtype, numbers
+from ...core.validation import Value, as_tensor, common_dtype, finite
 from ...math.quaternions import skew
 from .effect import Effect
 from .load_point import ROTATION, SPIN, VELOCITY, LoadEffect, LoadPoint, Wrench
@@ -136,7 +136,6 @@ def rayleigh(
         >>> tb.modes(tb.Scene(beam, effects), count=2).damping_ratio
         tensor([0.0102, 0.0202])
     """
-    plainly = not has_dtype([frequency, ratio])
     dtype, device = common_dtype(frequency, ratio)
     w, z = (
         finite(name, as_tensor(v, dtype, device))
@@ -160,9 +159,7 @@ def rayleigh(
             "rayleigh with ratios that take a negative coefficient was given; ratios nearer to "
             "each other are wanted"
         )
-    coefficients = alpha * scale[..., 0], tau / scale[..., 0]
-    alpha, tau = (numbers(x.tolist()) for x in coefficients) if plainly else coefficients
-    return MassDamping(alpha), Damping(tau, six=False)
+    return MassDamping(alpha * scale[..., 0]), Damping(tau / scale[..., 0], six=False)
 
 
 def geometric_means(tau: Tensor) -> Tensor:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, ClassVar
 
+from torch import Tensor
+
 from ...core.leaves import Tree
 
 
@@ -39,6 +41,10 @@ class Effect(Tree):
                 f"{cls.__name__}.node is a field without a value; node: int = dataclasses.field() "
                 "is wanted, or a default"
             )
+
+    def drawn_at(self, position: Tensor, rotation: Tensor) -> Effect:
+        """Itself, in a scene whose node is drawn at position (..., 3) m with rotation (..., 4)."""
+        return self
 
 
 def of_library(effect: Any) -> bool:

@@ -135,6 +135,8 @@ class LoadEffect(Effect):
     kind = "load"
     # whether its work is independent of the path where nothing moves: of what vanishes at rest, too
     conservative = False
+    lossy = False  # of a contact: whether it takes energy
+    moves = False  # of a contact: whether the obstacle does
     follower = False  # whether what is given turns with the section
     internal = 0  # how many internal states it has
     frees_root = False  # whether it holds node 0 in the place of a clamp

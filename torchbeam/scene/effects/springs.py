@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-import numpy as np
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
@@ -14,7 +13,7 @@ from torch.nn.functional import pad
 from ...core.declared import optional, parameter, plain
 from ...core.functions_of_time import taken, with_user_rate
 from ...core.leaves import FunctionOfTime, leaf, with_values
-from ...core.validation import Value, as_tensor, axis_last, common_dtype, has_dtype, numbers
+from ...core.validation import Value, as_tensor, axis_last, common_dtype
 from ...math import quaternions as quat
 from ...math.quaternions import skew
 from ...math.shapes import broadcast_shapes
@@ -204,8 +203,7 @@ def _six(name: str, value: Value) -> Value:
     triples (..., 3).
     """
     if isinstance(value, (list, tuple)) and len(value) == 2:
-        own = has_dtype(value)
-        parts = [as_tensor(p, common_dtype(value)[0]) if own else numbers(p) for p in value]
+        parts = [as_tensor(p, *common_dtype(value)) for p in value]
         for p in parts:
             if p.ndim and p.shape[-1] not in (1, 3):
                 raise ValueError(
@@ -213,10 +211,7 @@ def _six(name: str, value: Value) -> Value:
                     "of a batch, or (..., 3) is wanted"
                 )
         lead = broadcast_shapes(*(p.shape[:-1] for p in parts))
-        if own:
-            value = torch.cat([p.expand(*lead, 3) for p in parts], -1)
-        else:
-            value = np.concatenate([np.broadcast_to(p, (*lead, 3)) for p in parts], -1).tolist()
+        value = torch.cat([p.expand(*lead, 3) for p in parts], -1)
     return parameter(name, axis_last(name, plain(value), 6))
 
 

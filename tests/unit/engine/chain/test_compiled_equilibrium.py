@@ -368,11 +368,53 @@ def test_unstable_samples_are_named_alike(N, order):
             tb.equilibrium(scene, inputs={"u": u}, engine=engine)
         said.append(str(found[0].message))
     assert said[0] == said[1]
-    model = discretise(scene)
+    assert judged(scene, {"u": u})[0] == (u[:, 0] < -7.4).tolist()
+
+
+def judged(scene, inputs):
+    """Which samples native code doubts; of the others torch finds all tangents to be positive
+    definite.
+    """
+    model, t = discretise(scene), torch.zeros(())
     start = model.space.start(tb.rest(scene, ()))
     start = Configuration(start.position, start.rotation, start.stress)
-    doubtful = compiled.climb(model, torch.zeros(()), {"u": u}, start, None, judged=True).doubtful
-    assert doubtful.tolist() == (u[:, 0] < -7.4).tolist()
+    found = compiled.climb(model, t, inputs, start, None, judged=True)
+    assert not found.status.any()
+    problem = SteadyProblem(model, t, inputs, torch.ones_like(found.status, dtype=t.dtype))
+    tangent = problem.linearise(found.x, *problem.residual(found.x)[1:])
+    return found.doubtful.tolist(), (~tangent.system.positive_definite()).tolist()
+
+
+@torch.no_grad()
+def test_unstable_structures_are_told_natively():
+    """A portal, of which a hinge closes the loop, and a body that stands on one of its posts by a
+    hinge with a spring: stable, and beyond what the posts, or the spring, bear.
+    """
+    own = section(mass=0.2)
+    along = {"a": (0.0, 0.0, 0.0), "b": (1.0, 0.0, 0.0), "c": (0.0, 0.0, 1.0)}
+    ways = {"a": (0.0, 0.0, 1.0), "b": (0.0, 0.0, 1.0), "c": (1.0, 0.0, 0.0)}
+    parts = {
+        name: tb.Beam.straight(1.0, 2, own, root=root, direction=ways[name], up=(0, 1, 0))
+        for name, root in along.items()
+    } | {"top": tb.Body(0.1, 0.01, (1.0, 0.0, 1.2), ((1.0, 0, 0), (0, 0, 1.0), (0, -1.0, 0)))}
+    hinge = {"axis": (0, 1, 0)}
+    joints = [
+        tb.Weld(("a", -1), ("c", 0)),
+        tb.Hinge(("b", -1), ("c", -1), **hinge),
+        tb.Hinge(("b", -1), "top", at=(1.0, 0, 1.0), stiffness=1.0, **hinge),
+    ]
+    loads = [
+        tb.PointLoad(("a", -1), force=tb.Input("u", 3)),
+        tb.PointLoad("top", force=tb.Input("v", 3)),
+        tb.PointLoad(("c", 0), force=(1e-3, 0.0, 0.0)),
+    ]
+    supports = [tb.Support(("a", 0)), tb.Support(("b", 0))]
+    scene = tb.Scene(parts, loads, joints=joints, supports=supports, plane="xz")
+    u, v = torch.zeros(2, 6, 3)
+    u[:, 2] = -torch.tensor([0.5, 5.0, 100.0, 0.5, 0.5, -1.0])
+    v[:, 2] = -torch.tensor([0.5, 0.5, 0.5, 4.0, 6.0, -1.0])
+    native, eager = judged(scene, {"u": u, "v": v})
+    assert native == eager and len({*native}) == 2
 
 
 @torch.no_grad()

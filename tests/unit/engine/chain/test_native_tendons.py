@@ -4,6 +4,8 @@ Tolerances: forces and rates are what rounding of positions leaves of them, 1e-1
 stiffness of 1e3 N/m or over a step of 5 ms; the eager elimination orders its sums otherwise.
 """
 
+from itertools import product
+
 import pytest
 import torch
 from torch.testing import assert_close
@@ -162,3 +164,40 @@ def test_equilibria_are_the_eager_ones():
     eager, native = (tb.equilibrium(scene, t=0.02, engine=e) for e in ("eager", "compiled"))
     for name in ("position", "stress", "reaction", "tendons"):
         assert_close(getattr(native, name), getattr(eager, name), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("engine", "dtype", "laws"),
+    [
+        ("eager", torch.float64, [(1e4, 0.5, 1e-4), (1e4, 0.5, 1e-5), (1e5, 0.5, 1e-4)]),
+        ("eager", torch.float32, [(1e4, 0.3, 1e-2), (1e5, 0.3, 1e-2), (1e5, 0.3, 1e-4)]),
+        (
+            "compiled",
+            torch.float64,
+            [*product((1e3, 1e4, 1e5), (0.1, 0.3, 0.5), (1e-2, 1e-3, 1e-4, 1e-5))],
+        ),
+    ],
+)
+def test_what_sticks_and_slips_takes_few_iterations(engine, dtype, laws):
+    """An elastic tendon that is pulled and let go, whatever its friction and slip speed: no step
+    takes more than 12 iterations, where of slips the other way and back 17 of these 108 found no
+    end; in single precision neither, of whose lengths k times the rounding is more than the
+    tolerance.
+    """
+    lengths = (1e-4, 5e-4, 2e-3)
+    cases = [(*law, dt) for law, dt in product(laws, lengths)]
+    k, mu, slip, dt = torch.tensor(cases).unbind(-1)
+    own = tb.Beam.straight(0.4, 8, tb.Section.circle(0.004, 1e9, 0.35, 1200.0))
+    rope = tb.Tendon(
+        [(node, (0, 0, 0.01)) for node in range(0, 9, 2)],
+        length=lambda t: 0.4 - 1e-3 * torch.sin(100 * t),
+        stiffness=k,
+        friction=mu,
+        slip_speed=slip,
+    )
+    scene = tb.Scene(own, [rope, tb.Gravity((0, 0, -9.81)), tb.Damping(1e-4)], dtype=dtype)
+    stepper = tb.Stepper(scene, 1e-3, engine=engine, halvings=0)
+    state = stepper.rest()
+    for _ in range(12 if engine == "eager" else 32):
+        state = stepper(state, dt=dt.to(dtype))
+        assert (state.status == 0).all() and stepper.iterations.max() <= 12

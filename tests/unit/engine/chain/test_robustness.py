@@ -13,7 +13,6 @@ import torchbeam as tb
 from tests.cases.compiled_step_cases import moving, section, straight
 from torchbeam.core import memory
 from torchbeam.equations.midpoint import MidpointProblem
-from torchbeam.math.block_tridiagonal import pivots
 from torchbeam.nodal.discretise import discretise
 
 pytest.importorskip("llvmlite")
@@ -45,7 +44,7 @@ def last_pivot(scene, dt):
     )
     x = problem.predictor()
     tangent = problem.linearise(x, *problem.residual(x)[1:])
-    return pivots(tangent.system.D, tangent.system.L, tangent.system.U)[-1]
+    return tangent.system.pivots()[0][-1]
 
 
 @torch.no_grad()

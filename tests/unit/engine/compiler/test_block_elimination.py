@@ -129,3 +129,36 @@ def test_blocks_that_are_zero_count_as_those_that_are_not_there():
     expected = torch.linalg.solve(A.transpose(2, 3).reshape(lanes, 18, 18), b.flatten(1))
     error = (solved(pattern, A, b, dtype).flatten(1) - expected).abs().max()
     assert error < 1e3 * torch.finfo(dtype).eps * expected.abs().max()
+
+
+@pytest.mark.parametrize("lanes", [1, 4])
+def test_signs_of_what_constraints_leave(lanes):
+    """3 moves with 2 constraints of 3, against eigenvalues of Z^T K Z. K is indefinite, or zero, in
+    lanes that are stable; constraints say other moves in each.
+    """
+    torch.manual_seed(0)
+    module, w = Module(lanes, torch.float64), 3
+    module.added += BlockElimination(Lanes(lanes, torch.float64), w, signs=True).functions()
+    given = "ptr %panel", "i64 %n", "i64 %columns", "i64 %moves", "ptr %own", "ptr %to"
+    code = Code("run signs", [*given])
+    code.line(f'call void @"signs"({", ".join(given)})')
+    module.added.append(code.text())
+    library = Library(module.text())
+    kinds = [ctypes.c_void_p, *[ctypes.c_int64] * 3, *[ctypes.c_void_p] * 2]
+    run, seen = ctypes.CFUNCTYPE(None, *kinds)(library.address("run signs")), set()
+    for k in range(40):
+        G = torch.randn(lanes, 2, w, dtype=torch.float64)
+        G[:, :, k % 3] *= k % 2
+        K = torch.randn(lanes, w, w, dtype=torch.float64)
+        K = (K + K.mT) * (k % 5 > 0) + 9 * (k % 3 - 1) * G.mT @ G + torch.eye(w) * (k % 4)
+        Z = torch.linalg.svd(G).Vh[:, 2:].mT
+        panel = torch.zeros(lanes, 2 * w, 2 * w + 1, dtype=torch.float64)
+        panel[:, :w, :w], panel[:, w : w + 2, :w], panel[:, :w, w : w + 2] = K, G, G.mT
+        panel[:, -1, -2] = 1.0
+        numbers, own = panel.movedim(0, -1).contiguous(), torch.zeros(36, lanes, dtype=K.dtype)
+        to = torch.zeros(lanes, dtype=K.dtype)
+        run(numbers.data_ptr(), 2 * w, 2 * w + 1, w, own.data_ptr(), to.data_ptr())
+        unstable = torch.linalg.eigvalsh(Z.mT @ K @ Z).amin(-1) <= 0
+        assert (to != 0).tolist() == unstable.tolist(), k
+        seen.update(unstable.tolist())
+    assert len(seen) == 2

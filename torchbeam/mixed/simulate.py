@@ -11,16 +11,16 @@ from torch import Tensor
 from ..core.arguments import boolean, choice
 from ..core.status import FAILED
 from ..core.validation import Value, as_tensor, increasing
+from ..dynamics.torchdiffeq_bridge import ADAPTIVE, ADVICE, integrate, leaves
 from ..math.shapes import broadcast_shapes
-from ..mixed import minimal
-from ..mixed.algebra import mv
-from ..mixed.consistent import at_rest, complete, consistent, drift, observe, rescaled
-from ..mixed.model import MixedModel, check_times
-from ..mixed.rates import block_system, solve_scaled, sweep, terms
-from ..mixed.state import MixedState, pack, unpack, unpack_minimal
 from ..scene.scene import Scene
 from ..state.solution import Energy, Solution, Stats
-from .torchdiffeq_bridge import ADAPTIVE, ADVICE, integrate, leaves
+from . import minimal
+from .algebra import mv
+from .consistent import at_rest, complete, consistent, consistent_state, drift, observe, rescaled
+from .model import MixedModel, check_times
+from .rates import block_system, solve_scaled, sweep, terms
+from .state import MixedState, pack, unpack, unpack_minimal
 
 # methods that remember nothing from step to step
 RESTART_FREE = (*ADAPTIVE, "euler", "midpoint", "heun2", "heun3", "rk4")
@@ -130,6 +130,20 @@ def simulate_mixed(
             engine="eager",
         ),
     )
+
+
+def rest(scene: Scene, form: str, shape: tuple[int, ...]) -> MixedState:
+    """A batch of beams of this shape, undeformed and at rest under inputs of zero."""
+    still = torch.zeros(*shape, scene.beam.station_count, 3, dtype=scene.dtype).to(scene.device)
+    zero = {name: still.new_zeros(*shape, size) for name, size in scene.inputs.items()}
+    return consistent_state(scene, u=still, form=form, inputs=zero)
+
+
+def state_size(scene: Scene, form: str) -> int:
+    """Numbers in a state of a form; ValueError for a scene that the form does not take."""
+    inputs = {name: torch.zeros(size) for name, size in scene.inputs.items()}
+    count = MixedModel(scene, form, inputs).count
+    return 12 * count if form == "minimal" else 24 * count + 12
 
 
 class _Minimal:

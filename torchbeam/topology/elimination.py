@@ -1,0 +1,274 @@
+"""Elimination: the lines of nodes between those of the interface, then a small dense system, of the
+interface's moves and the joints' forces.
+
+A line is eliminated node by node towards an interface node r, so that each one's moves follow from
+the next one's: x_i = y_i - A_i x_{i+1}, of the last one with x_r in the place of x_{i+1}. Where it
+begins at another interface node l, y_i has columns f_i of x_l too, and the row of l goes along,
+with its block g_i at the line's first node that is left: g_{i+1} = -g_i A_i. What is left of the
+last row and of g goes into the rows of r and l. A line with one end in the interface begins at the
+other, one with none is a chain by itself; lines alike are eliminated side by side. The dense system
+is solved with exchange of rows: it does not ask whether joints make trees or loops.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from ..math.block_tridiagonal import backward, forward
+from ..math.first_derivative import first_only
+from ..math.shapes import broadcast_shapes
+from .cut import Cut, Line
+from .places import Places, index, take
+
+Rows = tuple[list[Tensor], list[Tensor]]  # of each node of a line, see `forward`
+
+
+class FrameworkSolve(torch.autograd.Function):
+    """`solve` with a matrix that is a constant: forward mode and backward (the transposed system)
+    in the right-hand side.
+
+    The matrix carries no gradient: this is the linear solve of the implicit function theorem, where
+    the residual in b carries it all. Second derivatives through it would be wrong and are refused.
+    """
+
+    generate_vmap_rule = True
+
+    @staticmethod
+    def forward(how: Cut, b: Tensor, *parts: Tensor) -> Tensor:
+        return solve(how, b, *parts)
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
+        how, b, *parts = inputs
+        ctx.how = how
+        ctx.save_for_backward(b, *parts)
+        ctx.save_for_forward(b, *parts)
+
+    @staticmethod
+    def backward(ctx: Any, grad: Tensor) -> Any:
+        b, *parts = ctx.saved_tensors
+        # backward may be called where autocast is on
+        with torch.no_grad(), torch.autocast(grad.device.type, enabled=False):
+            g = solve(ctx.how, grad, *transposed(ctx.how, *parts)).sum_to_size(b.shape)
+        return None, first_only(g, grad, b), *(None for _ in parts)
+
+    @staticmethod
+    def jvp(ctx: Any, _how: None, b_t: Tensor, *_: Any) -> Tensor:
+        b, *parts = ctx.saved_tensors
+        return first_only(solve(ctx.how, b_t, *parts), b_t, b)
+
+
+def transposed(
+    how: Cut,
+    D: Tensor,
+    U: Tensor,
+    L: Tensor,
+    held: Tensor | None,
+    stiffness: Tensor | None,
+    force: Tensor | None,
+    constraint: Tensor | None,
+    tied: Tensor | None,
+) -> tuple[Tensor | None, ...]:
+    """The parts of the transposed matrix."""
+    joints = (None,) * 4
+    if held is not None:
+        joints = held, stiffness.transpose(-4, -3).mT, constraint.mT, force.mT
+    if tied is not None:
+        tied = take(tied, how.tied_back, 2).mT
+    return D.mT, L.mT, U.mT, *joints, tied
+
+
+def solve(how: Cut, b: Tensor, *parts: Tensor) -> Tensor:
+    """The solution (..., n + J, w), zero in nodes without unknowns."""
+    system, rows = condense(how, b, *parts)
+    inner = None if system is None else system.solution()
+    x = [restored(line, own, inner) for line, own in zip(how.lines, rows, strict=True)]
+    interface, last = len(how.interface), how.lines[-1] if how.lines else None
+    if system is None and len(x) == 1 and last.alone:
+        first, rest = last.nodes[0], len(how.order) - 1 - last.nodes[-1]
+        return pad(x[0], (0, 0, first, rest)) if first or rest else x[0]
+    if inner is not None:
+        x.append(inner[..., :interface, :])
+    if max(how.order, default=0) == sum(part.shape[-2] for part in x):
+        x.append(torch.zeros_like(x[0][..., :1, :]))
+    shape = broadcast_shapes(*(part.shape[:-2] for part in x))
+    found = take(torch.cat([part.expand(*shape, *part.shape[-2:]) for part in x], -2), how.order)
+    return found if not how.joints else torch.cat((found, inner[..., interface:, :]), -2)
+
+
+def condense(
+    how: Cut,
+    b: Tensor,
+    D: Tensor,
+    U: Tensor,
+    L: Tensor,
+    held: Tensor | None = None,
+    stiffness: Tensor | None = None,
+    force: Tensor | None = None,
+    constraint: Tensor | None = None,
+    tied: Tensor | None = None,
+) -> tuple[Interface | None, list[Rows]]:
+    """The interface's system, None where there is none, and the rows of each line."""
+    n, J, interface = D.shape[-3], len(how.joints), how.interface
+    system = Interface(len(interface) + J, D.shape[-1]) if interface or J else None
+    if system is not None:
+        own = range(len(interface))
+        system.add(take(D, interface, 2), own, own)
+        system.load(take(b, interface), own)
+        if how.direct:
+            elements, i, j = zip(*how.direct, strict=True)
+            system.add(take(U, elements, 2), i, j)
+            system.add(take(L, elements, 2), j, i)
+        if tied is not None:
+            system.add(tied, *zip(*how.tied, strict=True))
+        if J:
+            _join(how, system, b[..., n:, :], held, stiffness, force, constraint)
+    return system, [eliminate(line, system, b, D, U, L) for line in how.lines]
+
+
+def blocks(line: Line, D: Tensor, U: Tensor, L: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """D, L, U of a line, in the order of its elimination (..., runs, n, w, w); of one run that has
+    no part in the interface (..., n, w, w).
+    """
+    A, U, L = take(D, line.nodes, 2), take(U, line.inner, 2), take(L, line.inner, 2)
+    if not line.alone:
+        A = A.unflatten(-3, (line.runs, line.count))
+        L, U = (x.unflatten(-3, (line.runs, line.count - 1)) for x in (L, U))
+    return (A, U, L) if line.backward else (A, L, U)
+
+
+def eliminate(
+    line: Line, system: Interface | None, b: Tensor, D: Tensor, U: Tensor, L: Tensor
+) -> Rows:
+    """A line's rows; what they leave goes into the interface's system."""
+    A, below, above = blocks(line, D, U, L)
+    y = take(b, line.nodes)
+    y = (y if line.alone else y.unflatten(-2, (line.runs, line.count)))[..., None]
+    if not line.towards:
+        return forward(A, below, above, y)
+    U, L = (L, U) if line.backward else (U, L)
+    above, r = _joined(above, take(U, line.after, 2)), take(L, line.after, 2)
+    if line.back:
+        c = pad(take(L, line.before, 2)[..., None, :, :], (0, 0, 0, 0, 0, line.count - 1))
+        y = torch.cat(_same(y, c), -1)
+    ahead, right = forward(A, below, above, y)
+    system.add(-(r @ ahead[-1]), line.towards, line.towards)
+    _push(system, -(r @ right[-1]), line.towards, line.back)
+    if line.back:
+        g = take(U, line.before, 2)
+        for own, columns in zip(ahead, right, strict=True):
+            _push(system, -(g @ columns), line.back, line.back)
+            g = -(g @ own)
+        system.add(g, line.back, line.towards)
+    return ahead, right
+
+
+def _push(system: Interface, push: Tensor, rows: Places, columns: Places) -> None:
+    """Right-hand sides, and behind them blocks if there are columns (..., runs, w, 1 + w)."""
+    system.load(push[..., 0], rows)
+    if columns:
+        system.add(push[..., 1:], rows, columns)
+
+
+def _joined(line: Tensor, last: Tensor) -> Tensor:
+    """(..., runs, n - 1, w, w) and (..., runs, w, w) behind."""
+    last = last[..., None, :, :]
+    return last if not line.shape[-3] else torch.cat((line, last), -3)
+
+
+def _same(*x: Tensor) -> list[Tensor]:
+    """With the same leading axes."""
+    shape = broadcast_shapes(*(part.shape[:-2] for part in x))
+    return [part.expand(*shape, *part.shape[-2:]) for part in x]
+
+
+def restored(line: Line, rows: Rows, interface: Tensor | None) -> Tensor:
+    """x (..., runs n, w) of a line's nodes, of its rows and the interface's solution
+    (..., count, w).
+    """
+    ahead, y = rows
+    after = None
+    if line.towards:
+        after = take(interface, line.towards)[..., None]
+        if line.back:
+            back = take(interface, line.back)[..., None]
+            y = [right[..., :1] - right[..., 1:] @ back for right in y]
+    x = torch.broadcast_tensors(*backward(ahead, y, after))
+    x = torch.cat(x, -1).mT
+    return x if line.alone else x.flatten(-3, -2)
+
+
+class Interface:
+    """The interface's system: blocks and right-hand sides added up at places, then solved. count:
+    places; w: their size.
+    """
+
+    def __init__(self, count: int, w: int) -> None:
+        self.count, self.w = count, w
+        self.blocks: list[Tensor] = []
+        self.at: list[int] = []
+        self.loads: list[Tensor] = []
+        self.rows: list[int] = []
+
+    def add(self, blocks: Tensor, rows: Any, columns: Any) -> None:
+        """(..., K, w, w) at K places."""
+        at = [row * self.count + column for row, column in zip(rows, columns, strict=True)]
+        if at:
+            self.blocks.append(blocks)
+            self.at += at
+
+    def load(self, b: Tensor, rows: Any) -> None:
+        """(..., K, w) at K places."""
+        self.loads.append(b)
+        self.rows += rows
+
+    def dense(self) -> Tensor:
+        """(..., count w, count w)"""
+        n = self.count
+        total = _sum(self.blocks, self.at, n * n, 2).unflatten(-3, (n, n))
+        return total.transpose(-3, -2).flatten(-4, -3).flatten(-2)
+
+    def solution(self) -> Tensor:
+        """(..., count, w)"""
+        A, b = self.dense(), _sum(self.loads, self.rows, self.count, 1).flatten(-2)
+        shape = broadcast_shapes(A.shape[:-2], b.shape[:-1])
+        A, b = A.expand(*shape, *A.shape[-2:]), b.expand(*shape, b.shape[-1])
+        return torch.linalg.solve_ex(A, b[..., None])[0].unflatten(-2, (self.count, self.w))[..., 0]
+
+
+def _sum(parts: list[Tensor], at: list[int], count: int, axes: int) -> Tensor:
+    """(..., count, *) of parts (..., K, *), one after the other, added up at places."""
+    shape = broadcast_shapes(*(part.shape[: -1 - axes] for part in parts))
+    whole = torch.cat([x.expand(*shape, *x.shape[-1 - axes :]) for x in parts], -1 - axes)
+    total = whole.new_zeros(*shape, count, *whole.shape[whole.ndim - axes :])
+    return total.index_add(-1 - axes, index(tuple(at), whole.device), whole)
+
+
+def _join(
+    how: Cut,
+    system: Interface,
+    b: Tensor,
+    held: Tensor,
+    stiffness: Tensor,
+    force: Tensor,
+    constraint: Tensor,
+) -> None:
+    """What joints add to the interface's system. Forces that a joint has not are zero."""
+    rows = range(len(how.interface), system.count)
+    for i in (0, 1):
+        there = [k for k, pair in enumerate(how.joints) if pair[i] is not None]
+        ends, own = [how.joints[k][i] for k in there], [rows[k] for k in there]
+        system.add(take(force[..., i, :, :], tuple(there), 2), ends, own)
+        system.add(take(constraint[..., i, :, :], tuple(there), 2), own, ends)
+        for j in (0, 1):
+            both = [k for k in there if how.joints[k][j] is not None]
+            system.add(
+                take(stiffness[..., i, j, :, :], tuple(both), 2),
+                *([how.joints[k][end] for k in both] for end in (i, j)),
+            )
+    system.add(torch.diag_embed(1 - held), rows, rows)
+    system.load(b * held, rows)
