@@ -7,7 +7,7 @@ from __future__ import annotations
 import inspect
 import math
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import cache
 from typing import Any
 
@@ -155,6 +155,11 @@ def function(name: str, value: Any, *arguments: str, named: Iterable[str] = ()) 
         except ValueError:  # one of C's, that does not say what it takes
             pass
     return value
+
+
+def function_of(*arguments: str) -> Callable[[str, Any], Any]:
+    """The same as a check of a field, see `core.declared`."""
+    return lambda name, value: function(name, value, *arguments)
 
 
 def _of(arguments: Iterable[str], named: Iterable[str]) -> str:

@@ -27,6 +27,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from .declared import CHECK, Check, check_fields, declaration
 from .derivatives import cache_of, cached, caches_of
 from .validation import as_tensor
 
@@ -42,20 +43,49 @@ FUNCTION = re.compile(r"\b(Callable|ClassVar)\[.*\]")  # what a function takes a
 Axes = int | Callable[[Any], int] | None
 
 
-def leaf(axes: Axes, *, default: Any = MISSING, init: bool = True, kw_only: Any = MISSING) -> Any:
+def leaf(
+    axes: Axes,
+    *,
+    default: Any = MISSING,
+    init: bool = True,
+    kw_only: Any = MISSING,
+    check: Check | None = None,
+    name: str | None = None,
+    **numbers: Any,
+) -> Any:
     """A dataclass field that holds a tensor with `axes` axes of its own behind the batch's, or a
     dictionary or named tuple of such. `axes` may be a function of the object, that counts them.
     None: what the field holds cannot be taken apart by samples (a function of the motion, that a
     user wrote).
 
+    What is declared besides is checked when an object is made (ValueError otherwise), unless the
+    field is None and that is its default:
+
+    positive, nonnegative, finite  True: such numbers; the first two are finite, too
+    size    int, or several: numbers, finite, in the last axis or axes
+    copied  True: the object keeps a copy of them
+    check   in place of these: function(name, value), which returns what the field holds, or raises
+    name    what sentences call the value, of the class's name and the field's; None = as `in_words`
+
     Examples:
         >>> @dataclass(frozen=True)
         ... class Anchor(extend.Tree):
-        ...     place: extend.Value = extend.leaf(1)
+        ...     place: extend.Value = extend.leaf(1, size=3)
         >>> extend.leaves(Anchor(torch.zeros(5, 3)))[0].batch_shape
         torch.Size([5])
+        >>> Anchor((0.0, 1.0))
+        Traceback (most recent call last):
+        ValueError: Anchor's place of shape (2,) was given; (..., 3) is wanted
     """
-    return field(default=default, init=init, kw_only=kw_only, metadata={AXES: axes})
+    metadata = {AXES: axes, **declaration(check, name, **numbers)}
+    return field(default=default, init=init, kw_only=kw_only, metadata=metadata)
+
+
+def option(
+    check: Check, *, default: Any = MISSING, kw_only: Any = MISSING, name: str | None = None
+) -> Any:
+    """A dataclass field that holds no tensor, checked likewise."""
+    return field(default=default, kw_only=kw_only, metadata=declaration(check, name))
 
 
 def branch() -> Any:
@@ -86,17 +116,19 @@ if not TYPE_CHECKING:
         return lambda cls: cls
 
 
-@dataclass_transform(frozen_default=True, field_specifiers=(leaf, branch, field))
+@dataclass_transform(frozen_default=True, field_specifiers=(leaf, option, branch, field))
 class Tree:
     """A dataclass whose tensors are declared as leaves. Raises TypeError, when the class is
-    defined, for a field that is annotated as a tensor and not declared, and for a cached property
-    that would mix up what is computed with derivatives and without (`cached` keeps them apart).
+    defined, for a field that is annotated as a tensor and not declared, for a cached property
+    that would mix up what is computed with derivatives and without (`cached` keeps them apart),
+    and for a `__post_init__` that leaves out the checks that fields declare.
 
     Two trees are equal where they are one object: whether tensors are alike is for torch to say
     (`torch.equal`, of shape and dtype as well).
 
     Attributes:
         called: what sentences call the class: its name, unless it says another
+        in_words: what they call a field, of that and the field's name
 
     Examples:
         >>> @dataclass(frozen=True)
@@ -108,6 +140,11 @@ class Tree:
     """
 
     called: ClassVar[str]
+    in_words: ClassVar[str] = "{}'s {}"
+
+    def __post_init__(self) -> None:
+        """Checks the fields; a class that checks them together as well calls this first."""
+        check_fields(self)
 
     def __getstate__(self) -> dict[str, Any]:
         """Copies and pickles go without what is this object's alone, whose name begins with a
@@ -130,6 +167,14 @@ class Tree:
                     "torchbeam.core.derivatives.cached is wanted, which keeps values with "
                     "derivatives and without apart"
                 )
+        made = getattr(vars(cls).get("__post_init__"), "__code__", None)
+        if made is not None and "__post_init__" not in made.co_names:
+            for name, value in vars(cls).items():
+                if isinstance(value, Field) and CHECK in value.metadata:
+                    raise TypeError(
+                        f"{cls.__name__}.{name} declares a check that {cls.__name__}.__post_init__ "
+                        "leaves out; super().__post_init__() is wanted in it"
+                    )
         for name, kind in vars(cls).get("__annotations__", {}).items():
             declared = vars(cls).get(name)
             if TENSOR.search(FUNCTION.sub("", str(kind))) and not (

@@ -1,10 +1,11 @@
 """torchbeam.extend: for those who write effects, sensors, environments and commands of their own.
 
-Trees of tensors  `Tree`, a dataclass whose tensors are declared by `leaf`, from which batches,
-                  gradients, devices, save and load follow; `Value` annotates what may be a tensor
-                  or numbers; `leaves`, `own_leaves`, `map_leaves`, `with_values`, `detached`;
-                  `BatchSubset`: samples taken from a batch and put back; `broadcast_shapes`,
-                  torch's without what its first call imports
+Trees of tensors  `Tree`, a dataclass whose tensors are declared by `leaf`, with what they must
+                  be, from which checks, batches, gradients, devices, save and load follow;
+                  `Value` annotates what may be a tensor or numbers; `leaves`, `own_leaves`,
+                  `map_leaves`, `with_values`, `detached`; `BatchSubset`: samples taken from a
+                  batch and put back; `broadcast_shapes`, torch's without what its first call
+                  imports
 Effects           `LoadEffect`, the base of a load that `torchbeam.Load` cannot say; `LoadPoint`,
                   where it acts; what it may depend on: `POSITION`, `ROTATION`, `VELOCITY`, `SPIN`,
                   `ACCELERATION`, `ANGULAR_ACCELERATION`; `parameter`, a number that may not be
@@ -30,6 +31,7 @@ Examples in docstrings go on from these lines:
 
 from ..core.arguments import choice, count
 from ..core.batch_subset import BatchSubset
+from ..core.declared import parameter
 from ..core.entry_point import entry_point, entry_points
 from ..core.leaves import Tree, detached, leaf, leaves, map_leaves, own_leaves, with_values
 from ..core.validation import Value, shown
@@ -53,7 +55,6 @@ from ..scene.effects import (
     Obstacle,
     inputs_of,
 )
-from ..scene.effects.values import parameter
 
 # fmt: off
 __all__ = [

@@ -22,12 +22,11 @@ from torch import Tensor
 
 from ..core.leaves import leaf
 from ..math.quaternions import skew
-from ..scene.effects.contact import least_along
 from ..scene.effects.contact_law import damped, potential, pressure, rubbing
+from ..scene.effects.contact_path import leads_through
 from ..scene.effects.drag import norm
 from ..scene.effects.load_point import POSITION, ROTATION, SPIN, VELOCITY, jacobians
-from ..scene.effects.obstacles import box_direction
-from ..scene.effects.rounded_box import beyond
+from ..scene.effects.obstacles import beyond
 from .touching_pairs import Meeting, PairMotion, TouchingPairs
 
 BODY = 4  # of the six nodes of a pair the body's; the two beside it are it again, and have nothing
@@ -97,7 +96,7 @@ class SurfacePairs(TouchingPairs):
         direction = torch.where(
             sizes > 0,
             (out[0] + out[1]) / torch.where(sizes > 0, sizes, torch.ones_like(sizes)),
-            box_direction(middle.q, middle.side),
+            middle.direction,
         )
         R = sum(points.axes) / len(points.axes)
         u = (R @ (self.axes @ direction[..., None]))[..., 0]
@@ -186,23 +185,14 @@ class SurfacePairs(TouchingPairs):
         return (self.measure[..., None] * potential(d - gap, d, slope)).sum((-1, -2))
 
     def passed(self, motion: PairMotion) -> Tensor:
-        first, last = self._seen(self.points(motion))
-        at = [beyond(y, self.half, self._round) for y in (first, last)]
-        radius = self.radii[..., :1]
-
         def gap(y: Tensor) -> Tensor:
-            return beyond(y, self.half, self._round).gap - radius
+            return beyond(y, self.half, self._round).gap - self.radii[..., :1]
 
         def directions(y: Tensor) -> Tensor:
-            there = beyond(y, self.half, self._round)
-            return box_direction(there.q, there.side)
+            return beyond(y, self.half, self._round).direction
 
-        inside = least_along(gap, directions, first, last - first) < 0
-        out = torch.minimum(at[0].gap, at[1].gap) > radius
-        ways = (box_direction(one.q, one.side) for one in at)
-        turned = (next(ways) * next(ways)).sum(-1, keepdim=True) < 0
-        there = self.measure[..., None] > 0
-        return (there & inside & (out | turned))[..., 0].any(-1)
+        through = leads_through(gap, directions, *self._seen(self.points(motion)))
+        return (through & (self.measure > 0)).any(-1)
 
     @property
     def _round(self) -> Tensor:

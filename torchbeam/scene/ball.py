@@ -2,21 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from ..core.declared import own, parameter, plain, together
 from ..core.leaves import leaf
 from ..core.validation import Value, concrete, finite, positive
-from .effects.values import load_value, own, parameter, plain
-from .joint import Joint
-from .joints import check_together
+from .effects.values import OfTime, load_value
+from .joint import VECTOR, Joint
 
 SYMMETRIC = 1e-6  # of the largest number of a matrix: how far it may be from its transposed
+
+
+def _matrix(name: str, value: Any) -> Tensor | np.ndarray:
+    """(..., 3, 3) of a stiffness; ValueError where it is none."""
+    value = plain(value)
+    if tuple(value.shape[-2:]) != (3, 3):
+        value = parameter(name, value)
+        same = torch.eye(3, dtype=value.dtype) if isinstance(value, Tensor) else np.eye(3)
+        return value[..., None, None] * (same.to(value) if isinstance(value, Tensor) else same)
+    K = concrete(torch.as_tensor(value)).detach()
+    finite(name, K)
+    size = K.abs().amax((-1, -2), keepdim=True)
+    if ((K - K.mT).abs() > SYMMETRIC * size).any():
+        raise ValueError(
+            "a Ball with a stiffness that is not symmetric was given; K = K^T is wanted"
+        )
+    least = torch.linalg.eigvalsh(K)[..., :1, None]
+    positive(f"{name} along an eigenvector", (least + SYMMETRIC * size), zero=True)
+    return own(value)
 
 
 @dataclass(frozen=True)
@@ -53,50 +71,22 @@ class Ball(Joint):
     rotation = ""
     coordinates = (0, 1, 2)
 
-    stiffness: Value | None = leaf(2, default=None, kw_only=True)
-    damping: Value | None = leaf(0, default=None, kw_only=True)
-    friction: Value | None = leaf(0, default=None, kw_only=True)
-    slip_speed: Value | None = leaf(0, default=None, kw_only=True)
-    axis: Value = leaf(1, default=(1.0, 0.0, 0.0), kw_only=True)
-    limit: Value | None = leaf(0, default=None, kw_only=True)
-    limit_stiffness: Value | None = leaf(0, default=None, kw_only=True)
-    torque: Value | Callable[[Tensor], Tensor] | None = leaf(1, default=None, kw_only=True)
+    _: KW_ONLY
+    stiffness: Value | None = leaf(2, default=None, check=_matrix)
+    damping: Value | None = leaf(0, default=None, nonnegative=True, copied=True)
+    friction: Value | None = leaf(0, default=None, nonnegative=True, copied=True)
+    slip_speed: Value | None = leaf(0, default=None, positive=True, copied=True)
+    axis: Value = leaf(1, default=(1.0, 0.0, 0.0), size=3, copied=True, name=VECTOR)
+    limit: Value | None = leaf(0, default=None, positive=True, copied=True)
+    limit_stiffness: Value | None = leaf(0, default=None, nonnegative=True, copied=True)
+    torque: OfTime = leaf(1, default=None, check=load_value)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._vector("axis")
-        for name in ("damping", "friction", "slip_speed", "limit", "limit_stiffness"):
-            if (value := getattr(self, name)) is not None:
-                positive_alone = name in ("slip_speed", "limit")
-                value = parameter(f"a Ball's {name}", value, zero=not positive_alone)
-                object.__setattr__(self, name, own(value))
         if self.limit is not None and concrete(torch.as_tensor(self.limit) >= torch.pi).any():
             raise ValueError("a Ball with a limit of half a turn was given; less is wanted")
-        if self.stiffness is not None:
-            object.__setattr__(self, "stiffness", own(_matrix(self.stiffness)))
-        if self.torque is not None:
-            object.__setattr__(self, "torque", load_value("a Ball's torque", self.torque))
-        check_together(self, ("friction", "slip_speed"), ("limit", "limit_stiffness"))
+        together(self, ("friction", "slip_speed"), ("limit", "limit_stiffness"))
 
     def effort(self, coordinate: int) -> Any:
         """(..., 3) whichever it is."""
         return self.torque
-
-
-def _matrix(value: Any) -> Tensor | np.ndarray:
-    """(..., 3, 3) of a stiffness; ValueError where it is none."""
-    value = plain(value)
-    if tuple(value.shape[-2:]) != (3, 3):
-        value = parameter("a Ball's stiffness", value)
-        same = torch.eye(3, dtype=value.dtype) if isinstance(value, Tensor) else np.eye(3)
-        return value[..., None, None] * (same.to(value) if isinstance(value, Tensor) else same)
-    K = concrete(torch.as_tensor(value)).detach()
-    finite("a Ball's stiffness", K)
-    size = K.abs().amax((-1, -2), keepdim=True)
-    if ((K - K.mT).abs() > SYMMETRIC * size).any():
-        raise ValueError(
-            "a Ball with a stiffness that is not symmetric was given; K = K^T is wanted"
-        )
-    least = torch.linalg.eigvalsh(K)[..., :1, None]
-    positive("a Ball's stiffness along an eigenvector", (least + SYMMETRIC * size), zero=True)
-    return value

@@ -8,13 +8,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..core.leaves import Tree, leaf
-from ..core.validation import Value, axis_last, finite, rotations
+from ..core.declared import plain
+from ..core.leaves import Tree, leaf, option
+from ..core.validation import Value, rotations
 from ..math import quaternions as quat
 from .effects.obstacles import Obstacle
 from .effects.point_mass import PointMass
-from .effects.rounded_box import surface
-from .effects.values import own, parameter, plain
+from .effects.rounded_box import surface as check_surface
 
 
 @dataclass(frozen=True)
@@ -46,16 +46,17 @@ class Body(Tree):
         tensor([2.7859])
     """
 
-    mass: Value = leaf(0)
+    # its own: the inertia of a scene is of all of these
+    mass: Value = leaf(0, positive=True, copied=True)
     inertia: Value | None = leaf(2, default=None)
-    position: Value = leaf(1, default=(0.0, 0.0, 0.0))
-    rotation: Value | None = leaf(2, default=None)
-    surface: Obstacle | None = None
+    position: Value = leaf(1, default=(0.0, 0.0, 0.0), size=3, copied=True)
+    rotation: Value | None = leaf(2, default=None, size=(3, 3), copied=True)
+    surface: Obstacle | None = option(check_surface, default=None)
+
+    in_words = "a {}'s {}"
 
     def __post_init__(self) -> None:
-        set_ = object.__setattr__
-        # its own: the inertia of a scene is of all of these
-        set_(self, "mass", own(parameter("a Body's mass", self.mass, zero=False)))
+        super().__post_init__()
         if self.inertia is not None:
             inertia = plain(self.inertia)
             if inertia.ndim == 0:  # the same about every axis
@@ -70,21 +71,9 @@ class Body(Tree):
                 )
             elif isinstance(self.inertia, (list, tuple)):
                 inertia = self.inertia
-            set_(self, "inertia", PointMass(self.mass, inertia).inertia)
-        for name in ("position", "rotation"):
-            if getattr(self, name) is not None:
-                value = axis_last(f"a Body's {name}", plain(getattr(self, name)), 3)
-                finite(f"a Body's {name}", torch.as_tensor(value))
-                set_(self, name, own(value))
+            object.__setattr__(self, "inertia", PointMass(self.mass, inertia).inertia)
         if self.rotation is not None:
-            if self.rotation.ndim < 2 or self.rotation.shape[-2] != 3:
-                raise ValueError(
-                    f"a Body's rotation of shape {tuple(self.rotation.shape)} was given; (..., "
-                    "3, 3) is wanted"
-                )
             rotations("a Body's rotation", torch.as_tensor(self.rotation))
-        if self.surface is not None:
-            surface("a Body's surface", self.surface)
 
     @property
     def frame(self) -> Tensor:

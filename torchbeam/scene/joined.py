@@ -10,6 +10,7 @@ from ..core.arguments import instance
 from ..core.leaves import with_values
 from ..core.validation import concrete
 from .joint import MET, Joint, JointEnd
+from .parts import end_of_element, large_rotations
 from .structure import Structure
 
 
@@ -36,10 +37,8 @@ def joints_of(scene: Any) -> tuple[Joint, ...]:
                     "wanted"
                 )
         joints.append(joint)
-    if joints and scene.small:
-        raise ValueError(
-            "small=True with joints was given; large rotations (small=False) are wanted there"
-        )
+    if joints:
+        large_rotations(scene, "joints")
     for body in structure.masses:
         if body.inertia is None and not _cannot_turn(body.node, scene, joints):
             raise ValueError(
@@ -52,12 +51,7 @@ def joints_of(scene: Any) -> tuple[Joint, ...]:
 def _resolved(end: JointEnd, structure: Structure) -> JointEnd:
     if end.node is None:
         return end
-    row = structure.row(end.node, "a joint's part")
-    if (row - structure.part_at(row).first_node) % structure.order:
-        raise ValueError(
-            f"a joint of the node {row!r} was given, which lies within an element of order 2; the "
-            "end of one, whose number is even, is wanted"
-        )
+    row = end_of_element(structure, end.node, "a joint's part", "a joint of")
     return with_values(end, node=row)
 
 

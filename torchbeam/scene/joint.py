@@ -10,15 +10,16 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from ..core.leaves import Tree, leaf
-from ..core.validation import Value, axis_last, concrete, finite
-from .effects.values import own, plain
+from ..core.declared import own, real_numbers
+from ..core.leaves import Tree, leaf, option
+from ..core.validation import Value, concrete
 from .parts import check_node, node_and_point
 from .structure import Structure
 
 # of the size of a structure: how far apart points that coincide may be
 # numbers may have come in single precision
 MET = {torch.float64: 1e-6, torch.float32: 1e-5}
+VECTOR = "{}'s {}"  # what sentences call a vector of a joint
 ACTS = (
     "stiffness",
     "damping",
@@ -56,10 +57,9 @@ class JointEnd(Tree):
             return given
         node, point = node_and_point(given)
         if point is not None:
-            point = own(axis_last("a joint's point", plain(point), 3))
-            finite("a joint's point", torch.as_tensor(point))
+            point = own(real_numbers("a joint's point", point, 3))
         elif node is not None:
-            check_node(node, "a joint's part")
+            check_node("a joint's part", node)
         return cls(node, point)
 
     def __repr__(self) -> str:
@@ -73,6 +73,10 @@ class JointEnd(Tree):
         if self.point is None:
             return position
         return position + (structure.axes[..., self.node, :, :] @ self.point[..., None])[..., 0]
+
+
+def _end(name: str, value: Any) -> JointEnd:
+    return JointEnd.of(value)
 
 
 @dataclass(frozen=True)
@@ -93,14 +97,14 @@ class Joint(Tree):
     meets: ClassVar[bool] = True  # whether the points of both parts are one, as drawn
     distance: ClassVar[bool] = False  # whether a distance is held, from a point of a to one of b
 
-    a: Any
-    b: Any
-    at: Value | None = leaf(1, default=None, kw_only=True)
+    in_words = "a {}'s {}"
+
+    a: Any = option(_end)
+    b: Any = option(_end)
+    at: Value | None = leaf(1, default=None, kw_only=True, size=3, copied=True, name=VECTOR)
 
     def __post_init__(self) -> None:
-        for name in ("a", "b"):
-            object.__setattr__(self, name, JointEnd.of(getattr(self, name)))
-        self._vector("at")
+        super().__post_init__()
         if self.a.node is None and self.b.node is None:
             raise ValueError(
                 f"a {self.called} of the ground with itself was given; a part is wanted"
@@ -114,12 +118,6 @@ class Joint(Tree):
                 f"a {self.called} at a place and at a point of a body was given; one of them is "
                 "wanted"
             )
-
-    def _vector(self, name: str) -> None:
-        if (value := getattr(self, name)) is not None:
-            value = own(axis_last(f"{self.called}'s {name}", plain(value), 3))
-            finite(f"{self.called}'s {name}", torch.as_tensor(value))
-            object.__setattr__(self, name, value)
 
     def __str__(self) -> str:
         ends = ("the ground" if end.node is None else repr(end) for end in (self.a, self.b))

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
+from ..core.declared import together
 from ..core.leaves import leaf
-from ..core.validation import Value, axis_last, concrete, finite, shown
+from ..core.validation import Value, concrete, shown
 from .axes import axes_along
-from .effects.values import own, parameter, plain, scalar_value
-from .joint import MET, Joint
+from .effects.values import OfTime, scalar_value
+from .joint import MET, VECTOR, Joint
 from .structure import Structure
 
 SQUARE = {torch.float64: 1e-6, torch.float32: 1e-5}  # cosine between axes that are at right angles
@@ -46,60 +46,24 @@ class AxisJoint(Joint):
     axis  (..., 3), frame a, as drawn; of any length
     """
 
-    axis: Value = leaf(1, default=(1.0, 0.0, 0.0))
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._vector("axis")
+    axis: Value = leaf(1, default=(1.0, 0.0, 0.0), size=3, copied=True, name=VECTOR)
 
     def axes(self, structure: Structure) -> Tensor:
         return axes_along(self.axis, None)
 
 
-def check_laws(joint: AxisJoint, *pair: int) -> None:
-    """What a joint resists by, checked, of each of `pair` coordinates. Raises ValueError as
-    `DrivenJoint`.
+def check_laws(joint: AxisJoint, limits: Any) -> None:
+    """ValueError where a lowest is not below a highest of the limits, or one of two numbers is
+    alone; limits: as given.
     """
-    for name in ("stiffness", "damping", "friction", "slip_speed", "limit_stiffness"):
-        if (value := getattr(joint, name)) is not None:
-            what = f"a {joint.called}'s {name}"
-            value = parameter(what, value, zero=name != "slip_speed")
-            if pair:
-                value = axis_last(what, value, *pair)
-            object.__setattr__(joint, name, own(value))
-    if joint.limits is not None:
-        what = f"a {joint.called}'s limits"
-        limits = axis_last(what, plain(joint.limits), 2)
-        if pair and tuple(limits.shape[-2:]) != (*pair, 2):
+    if limits is not None:
+        low, high = joint.limits[..., 0], joint.limits[..., 1]
+        if concrete(torch.as_tensor(high <= low)).any():
             raise ValueError(
-                f"{what} of shape {tuple(limits.shape)} was given; (..., 2, 2) is wanted"
+                f"a {joint.called} with the limits {shown(limits)} was given; the lowest, then "
+                "the highest, is wanted"
             )
-        finite(what, torch.as_tensor(limits))
-        if concrete(torch.as_tensor(limits[..., 1] <= limits[..., 0])).any():
-            raise ValueError(
-                f"a {joint.called} with the limits {shown(joint.limits)} was given; the lowest, "
-                "then the highest, is wanted"
-            )
-        object.__setattr__(joint, "limits", own(limits))
-    check_together(joint, ("friction", "slip_speed"), ("limits", "limit_stiffness"))
-
-
-def check_together(joint: Joint, *pairs: tuple[str, str]) -> None:
-    """ValueError where one of a pair of numbers was given alone."""
-    for one, other in pairs:
-        there = [name for name in (one, other) if getattr(joint, name) is not None]
-        if len(there) == 1:
-            raise ValueError(
-                f"a {joint.called} with {there[0]} alone was given; {one} and {other} are "
-                "wanted together"
-            )
-
-
-def check_given(joint: AxisJoint, names: tuple[str, str]) -> None:
-    """An effort and a coordinate that are given, checked."""
-    for name in names:
-        value = scalar_value(f"a {joint.called}'s {name}", getattr(joint, name))
-        object.__setattr__(joint, name, value)
+    together(joint, ("friction", "slip_speed"), ("limits", "limit_stiffness"))
 
 
 @dataclass(frozen=True)
@@ -118,20 +82,21 @@ class DrivenJoint(AxisJoint):
     stiffness or in the wrong order, and for what acts along a coordinate that is prescribed.
     """
 
-    stiffness: Value | None = leaf(0, default=None, kw_only=True)
-    damping: Value | None = leaf(0, default=None, kw_only=True)
-    friction: Value | None = leaf(0, default=None, kw_only=True)
-    slip_speed: Value | None = leaf(0, default=None, kw_only=True)
-    limits: Value | None = leaf(1, default=None, kw_only=True)
-    limit_stiffness: Value | None = leaf(0, default=None, kw_only=True)
+    _: KW_ONLY
+    stiffness: Value | None = leaf(0, default=None, nonnegative=True, copied=True)
+    damping: Value | None = leaf(0, default=None, nonnegative=True, copied=True)
+    friction: Value | None = leaf(0, default=None, nonnegative=True, copied=True)
+    slip_speed: Value | None = leaf(0, default=None, positive=True, copied=True)
+    limits: Value | None = leaf(1, default=None, size=2, copied=True)
+    limit_stiffness: Value | None = leaf(0, default=None, nonnegative=True, copied=True)
 
     # names of the effort, and of the coordinate, that may be given
     GIVEN: ClassVar[tuple[str, str]]
 
     def __post_init__(self) -> None:
+        limits = self.limits
         super().__post_init__()
-        check_laws(self)
-        check_given(self, self.GIVEN)
+        check_laws(self, limits)
         prescribed = self.GIVEN[1]
         if getattr(self, prescribed) is not None and len(self.acts) > 1:
             others = ", ".join(name for name in self.acts if name != prescribed)
@@ -173,9 +138,10 @@ class Hinge(DrivenJoint):
     rotation = "yz"
     GIVEN = ("torque", "angle")
 
-    axis: Value = leaf(1, default=(0.0, 1.0, 0.0))
-    torque: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
-    angle: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
+    axis: Value = leaf(1, default=(0.0, 1.0, 0.0), size=3, copied=True, name=VECTOR)
+    _: KW_ONLY
+    torque: OfTime = leaf(0, default=None, check=scalar_value)
+    angle: OfTime = leaf(0, default=None, check=scalar_value)
 
 
 @dataclass(frozen=True)
@@ -197,29 +163,31 @@ class Slider(DrivenJoint):
     meets = False
     GIVEN = ("force", "travel")
 
-    force: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
-    travel: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
+    _: KW_ONLY
+    force: OfTime = leaf(0, default=None, check=scalar_value)
+    travel: OfTime = leaf(0, default=None, check=scalar_value)
 
 
 @dataclass(frozen=True)
 class PairJoint(AxisJoint):
     """Base of joints with two coordinates, whose laws are in pairs, 0 of what is not there."""
 
-    stiffness: Value | None = leaf(1, default=None, kw_only=True)
-    damping: Value | None = leaf(1, default=None, kw_only=True)
-    friction: Value | None = leaf(1, default=None, kw_only=True)
-    slip_speed: Value | None = leaf(1, default=None, kw_only=True)
-    limits: Value | None = leaf(2, default=None, kw_only=True)
-    limit_stiffness: Value | None = leaf(1, default=None, kw_only=True)
+    _: KW_ONLY
+    stiffness: Value | None = leaf(1, default=None, nonnegative=True, size=2, copied=True)
+    damping: Value | None = leaf(1, default=None, nonnegative=True, size=2, copied=True)
+    friction: Value | None = leaf(1, default=None, nonnegative=True, size=2, copied=True)
+    slip_speed: Value | None = leaf(1, default=None, positive=True, size=2, copied=True)
+    limits: Value | None = leaf(2, default=None, size=(2, 2), copied=True)
+    limit_stiffness: Value | None = leaf(1, default=None, nonnegative=True, size=2, copied=True)
 
     # names of the effort, and of the coordinate, that may be given, by coordinate
     GIVEN: ClassVar[tuple[tuple[str, str], tuple[str, str]]]
 
     def __post_init__(self) -> None:
+        limits = self.limits
         super().__post_init__()
-        check_laws(self, 2)
+        check_laws(self, limits)
         for effort, prescribed in self.GIVEN:
-            check_given(self, (effort, prescribed))
             if {effort, prescribed} <= self.acts.keys():
                 raise ValueError(
                     f"a {self.called} with {prescribed} and {effort} was given; one of them is "
@@ -268,10 +236,11 @@ class Cylindrical(PairJoint):
     meets = False
     GIVEN = ("torque", "angle"), ("force", "travel")
 
-    torque: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
-    angle: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
-    force: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
-    travel: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
+    _: KW_ONLY
+    torque: OfTime = leaf(0, default=None, check=scalar_value)
+    angle: OfTime = leaf(0, default=None, check=scalar_value)
+    force: OfTime = leaf(0, default=None, check=scalar_value)
+    travel: OfTime = leaf(0, default=None, check=scalar_value)
 
 
 @dataclass(frozen=True)
@@ -303,15 +272,12 @@ class Universal(PairJoint):
     coordinates = (0, 1)
     GIVEN = ("torque", "angle"), ("second_torque", "second_angle")
 
-    second: Value = leaf(1, default=(0.0, 1.0, 0.0))
-    torque: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
-    angle: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
-    second_torque: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
-    second_angle: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._vector("second")
+    second: Value = leaf(1, default=(0.0, 1.0, 0.0), size=3, copied=True, name=VECTOR)
+    _: KW_ONLY
+    torque: OfTime = leaf(0, default=None, check=scalar_value)
+    angle: OfTime = leaf(0, default=None, check=scalar_value)
+    second_torque: OfTime = leaf(0, default=None, check=scalar_value)
+    second_angle: OfTime = leaf(0, default=None, check=scalar_value)
 
     def axes(self, structure: Structure) -> Tensor:
         x, y = (

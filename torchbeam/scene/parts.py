@@ -81,20 +81,21 @@ class Row(int):
 torch.serialization.add_safe_globals([Part, Row])
 
 
-def check_node(node: Any, name: str = "node") -> None:
-    """ValueError for what is no node: a whole number, which counts from the root; in a structure
-    (name, number), or a body's name.
+def check_node(name: str, node: Any) -> Any:
+    """`node` if it is one: a whole number, which counts from the root; in a structure
+    (name, number), or a body's name. ValueError otherwise.
     """
     if isinstance(node, str) or (
         isinstance(node, tuple) and len(node) == 2 and isinstance(node[0], str) and _whole(node[1])
     ):
-        return
+        return node
     if isinstance(node, tuple):
         raise ValueError(
             f"{name} = {shown(node)} was given; a whole number is wanted, or (name, whole "
             "number) in a structure"
         )
     whole(name, node)
+    return node
 
 
 def node_and_point(given: Any) -> tuple[Any, Any]:
@@ -112,7 +113,7 @@ def row_of(parts: tuple[Part, ...], node: Any, name: str = "node") -> Row:
     such.
     """
     given = node.given if isinstance(node, Row) else node
-    check_node(given, name)
+    check_node(name, given)
     if isinstance(given, int) or not parts:
         what, there = (
             ("a structure", f": {nodes_of(parts)}")
@@ -155,6 +156,29 @@ def one_beam(parts: tuple[Part, ...], name: str) -> None:
         raise ValueError(
             f"the {name} of a structure was asked for; [name].{name} of one of its beams is "
             f"wanted: {beams}"
+        )
+
+
+def end_of_element(beam: Any, node: Any, name: str, what: str) -> Row:
+    """The row of a node between elements. Raises ValueError for one within an element; name and
+    what: of the node, in sentences.
+    """
+    row = beam.row(node, name)
+    first = beam.part_at(row).first_node if beam.parts else 0
+    row = row if beam.parts else row % beam.node_count
+    if (row - first) % beam.order:
+        raise ValueError(
+            f"{what} the node {row!r} was given, which lies within an element of order 2; the end "
+            "of one, whose number is even, is wanted"
+        )
+    return row
+
+
+def large_rotations(scene: Any, what: str) -> None:
+    """ValueError where `what` is in a scene of small motions."""
+    if scene.small:
+        raise ValueError(
+            f"small=True with {what} was given; large rotations (small=False) are wanted there"
         )
 
 

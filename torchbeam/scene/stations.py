@@ -12,7 +12,7 @@ from torch.nn.functional import pad
 
 from ..core.arguments import count, instance, listed
 from ..core.arguments import function as check_function
-from ..core.leaves import Tree, leaf
+from ..core.leaves import Tree, leaf, option
 from ..core.validation import as_tensor, broadcast, common_dtype, concrete, finite
 from ..core.warning import warn
 from ..math.shapes import broadcast_shapes
@@ -43,13 +43,12 @@ class Table(Tree):
 
     s: Tensor = leaf(1)
     values: Tensor = leaf(lambda table: 1 if table.width is None else 2)
-    width: int | None = None
+    width: int | None = option(count, default=None, name="width")
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         dtype, device = common_dtype(self.s, self.values)
         s, values = (as_tensor(v, dtype, device) for v in (self.s, self.values))
-        if self.width is not None:
-            count("width", self.width)
         object.__setattr__(self, "s", _places(s))
         object.__setattr__(self, "values", finite("a Table's values", values))
         shape = s.shape[-1:] if self.width is None else (*s.shape[-1:], self.width)

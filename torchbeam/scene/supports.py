@@ -6,17 +6,32 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import torch
 from torch import Tensor
 
 from ..core.arguments import function as check_function
-from ..core.leaves import Tree, leaf
-from ..core.validation import Value, axis_last, finite, shown
-from .effects.values import plain
+from ..core.declared import real_numbers
+from ..core.leaves import Tree, leaf, option
+from ..core.validation import Value, shown
 from .parts import Place, check_node
 
 AXES = "xyz"
 Motion = Callable[[Tensor], Tensor]
+
+
+def _motion(name: str, value: Any) -> Any:
+    """Three numbers, or a function of t that gives them."""
+    if callable(value):
+        return check_function(name, value, "t")
+    return real_numbers(name, value, 3)
+
+
+def _letters(name: str, value: Any) -> str:
+    """Which axes are held."""
+    if not isinstance(value, str) or set(value) - set(AXES) or len(set(value)) != len(value):
+        raise ValueError(
+            f"{name} = {shown(value)} was given; some of the letters x, y and z are wanted, or none"
+        )
+    return value
 
 
 @dataclass(frozen=True)
@@ -35,12 +50,10 @@ class Frame(Tree):
         tensor(-32.4002)
     """
 
-    velocity: Value | Motion | None = leaf(1, default=None)
-    angular_velocity: Value | Motion | None = leaf(1, default=None)
+    in_words = "{1}"
 
-    def __post_init__(self) -> None:
-        for name in ("velocity", "angular_velocity"):
-            _motion(self, name)
+    velocity: Value | Motion | None = leaf(1, default=None, check=_motion)
+    angular_velocity: Value | Motion | None = leaf(1, default=None, check=_motion)
 
 
 @dataclass(frozen=True)
@@ -67,12 +80,10 @@ class RootMotion(Tree):
         tensor([0.0000, 0.0000, 0.0099])
     """
 
-    displacement: Value | Motion | None = leaf(1, default=None)
-    rotation: Value | Motion | None = leaf(1, default=None)
+    in_words = "{1}"
 
-    def __post_init__(self) -> None:
-        for name in ("displacement", "rotation"):
-            _motion(self, name)
+    displacement: Value | Motion | None = leaf(1, default=None, check=_motion)
+    rotation: Value | Motion | None = leaf(1, default=None, check=_motion)
 
 
 @dataclass(frozen=True)
@@ -112,27 +123,16 @@ class Support(Tree):
         tensor(0.5000)
     """
 
-    node: Place
-    position: str = AXES
-    rotation: str = AXES
-    displacement: Value | Motion | None = leaf(1, default=None)
-    turn: Value | Motion | None = leaf(1, default=None)
+    in_words = "{1}"
+
+    node: Place = option(check_node)
+    position: str = option(_letters, default=AXES)
+    rotation: str = option(_letters, default=AXES)
+    displacement: Value | Motion | None = leaf(1, default=None, check=_motion)
+    turn: Value | Motion | None = leaf(1, default=None, check=_motion)
 
     def __post_init__(self) -> None:
-        check_node(self.node)
-        for name in ("position", "rotation"):
-            letters = getattr(self, name)
-            if (
-                not isinstance(letters, str)
-                or set(letters) - set(AXES)
-                or len(set(letters)) != len(letters)
-            ):
-                raise ValueError(
-                    f"{name} = {shown(letters)} was given; some of the letters x, y and z are "
-                    "wanted, or none"
-                )
-        for name in ("displacement", "turn"):
-            _motion(self, name)
+        super().__post_init__()
         if self.displacement is not None and not self.position:
             raise ValueError(
                 "a displacement of a node whose position is free was given; held components are "
@@ -161,13 +161,3 @@ class Support(Tree):
     def displaced(self) -> bool:
         """Whether it is elsewhere than the beam has its node."""
         return self.displacement is not None or self.turn is not None
-
-
-def _motion(owner: Any, name: str) -> None:
-    value = getattr(owner, name)
-    if callable(value):
-        check_function(name, value, "t")
-    elif value is not None:
-        value = axis_last(name, plain(value), 3)
-        finite(name, torch.as_tensor(value))
-        object.__setattr__(owner, name, value)

@@ -26,7 +26,7 @@ class _OfNode(OnPart):
 
     def __post_init__(self) -> None:
         node, on = self.node, self.on
-        check_node(node)
+        check_node("node", node)
         if isinstance(node, (str, tuple)):
             if on is not None:
                 raise ValueError(

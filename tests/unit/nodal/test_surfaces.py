@@ -14,7 +14,8 @@ import torchbeam as tb
 from torchbeam.equations.midpoint import MidpointProblem
 from torchbeam.math import quaternions as quat
 from torchbeam.nodal.discretise import discretise
-from torchbeam.scene.effects.rounded_box import RoundedBox, beyond
+from torchbeam.scene.effects.obstacles import beyond
+from torchbeam.scene.effects.rounded_box import RoundedBox
 
 R = 0.005
 SECTION = tb.Section.circle(R, E=1e8, nu=0.35, rho=1200.0)

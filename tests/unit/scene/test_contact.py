@@ -1,6 +1,6 @@
 """Contact: laws at a point, obstacles, and loads between nodes, each against its definition."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import pytest
 import torch
@@ -10,6 +10,7 @@ import torchbeam as tb
 from tests.cases.nodal_cases import state as random_state
 from torchbeam.equations.generalized_alpha import GeneralizedAlphaProblem
 from torchbeam.equations.midpoint import MidpointProblem
+from torchbeam.extend import Obstacle, Value, leaf
 from torchbeam.nodal.discretise import discretise
 from torchbeam.scene.effects import contact_law as law
 from torchbeam.scene.effects.load_point import LoadPoint, jacobians
@@ -162,6 +163,33 @@ def test_points_of_what_moves():
     assert drum.velocity(x) is None
     around = torch.linalg.cross(torch.tensor([0.0, 3.0, 0]), x[0])
     assert_close(drum.surface_velocity(x)[0], around)
+
+
+def test_an_obstacle_of_a_user_moves():
+    """A place that is a function of t carries its surface along, as of the library's own. (It stood
+    still: a beam that it hit was not struck.)
+    """
+
+    @dataclass(frozen=True)
+    class Ball(Obstacle):
+        centre: Value = leaf(1)
+        PLACE = "centre"
+
+        def distance(self, x):
+            return torch.linalg.vector_norm(x - self.centre, dim=-1, keepdim=True) - 0.1
+
+        def gradient(self, x):
+            return (x - self.centre) / torch.linalg.vector_norm(x - self.centre, dim=-1)[..., None]
+
+    def centre(t):
+        return torch.stack((0.5 + 0 * t, 0 * t, 2 * t))
+
+    x, t = torch.tensor([[0.4, 0.2, 0.1]]), torch.tensor(0.3)
+    for obstacle in (Ball(centre), tb.Sphere(centre, 0.1)):
+        contact = tb.Contact(obstacle, thickness=0.1, force=1.0)
+        scene = tb.Scene(tb.Beam.straight(1.0, 1, SECTION), [contact])
+        now = scene.effects[0].resolved(torch.zeros(2), t, {}, 1).obstacle
+        assert contact.moves and now.velocity(x).tolist() == [[0.0, 0.0, 2.0]]
 
 
 def touching(order=1, plane=None, points=2, **given):

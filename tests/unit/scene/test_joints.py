@@ -107,3 +107,12 @@ def test_places_keep_gradients():
 
     given = tuple(x.clone().requires_grad_() for x in (FAR, POINT, torch.tensor([0.3, 0.2, 0.9])))
     assert torch.autograd.gradcheck(f, given)
+
+
+@pytest.mark.parametrize("joint", [tb.Hinge, tb.Slider, tb.Cylindrical, tb.Universal, tb.Ball])
+def test_no_axis(joint):
+    """(A scene said that None is a TypeError.)"""
+    with pytest.raises(ValueError, match="None was given; numbers or a tensor are wanted"):
+        joint(("arm", -1), None, axis=None)
+    with pytest.raises(ValueError, match="None was given; numbers or a tensor are wanted"):
+        tb.Body(1.0, position=None)

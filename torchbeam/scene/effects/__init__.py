@@ -14,7 +14,6 @@ Load points may be nodes or elements, by the form of the beam.
 
 from .actuation import Actuation
 from .contact import Contact
-from .contact_terms import ContactTerms
 from .custom_load import Load
 from .damping import Damping, MassDamping, rayleigh
 from .drag import Drag
@@ -32,8 +31,6 @@ from .load_point import (
     LoadEffect,
     LoadPoint,
     Pose,
-    Wrench,
-    jacobians,
     together,
 )
 from .loads import LineLoad, PointLoad, TipLoad
@@ -46,7 +43,6 @@ from .values import (
     Along,
     Input,
     Inputs,
-    LoadValue,
     PerElement,
     PerInterval,
     changing,
@@ -54,8 +50,6 @@ from .values import (
     inputs_at,
     inputs_of,
     inputs_over,
-    plain,
-    value_along,
     value_at,
 )
 
@@ -73,7 +67,6 @@ __all__ = [
     "Box",
     "Capsule",
     "Contact",
-    "ContactTerms",
     "Cylinder",
     "Damping",
     "Drag",
@@ -87,7 +80,6 @@ __all__ = [
     "Load",
     "LoadEffect",
     "LoadPoint",
-    "LoadValue",
     "MassDamping",
     "Obstacle",
     "PerElement",
@@ -102,16 +94,12 @@ __all__ = [
     "Spring",
     "Tendon",
     "TipLoad",
-    "Wrench",
     "changing",
     "first_of",
     "inputs_at",
     "inputs_of",
     "inputs_over",
-    "jacobians",
-    "plain",
     "rayleigh",
     "together",
-    "value_along",
     "value_at",
 ]

@@ -4,16 +4,40 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from ...core.arguments import listed, whole
-from ...core.leaves import leaf
+from ...core.declared import one_of
+from ...core.leaves import leaf, option
 from ...core.validation import Value
 from ...math.shapes import broadcast_shapes
 from .effect import Effect
-from .values import Along, Inputs, LoadValue, PerElement, load_value, value_at
+from .values import Along, Inputs, LoadValue, PerElement, line_value, value_at
+
+
+def _of_elements(name: str, value: Any) -> Any:
+    value = line_value(name, value)
+    if isinstance(value, Along):
+        raise ValueError(
+            "Actuation with a function Along the beam was given; PerElement gives each element "
+            "its own"
+        )
+    return value
+
+
+def _chosen(name: str, elements: Any) -> Any:
+    """Numbers of elements, or a slice of them."""
+    if isinstance(elements, slice):
+        return elements
+    given = tuple(whole("an element", element) for element in listed(elements))
+    if not given:
+        raise ValueError(
+            "Actuation of no elements was given; the numbers of some, or None for all, are wanted"
+        )
+    return given
 
 
 @dataclass(frozen=True)
@@ -39,38 +63,16 @@ class Actuation(Effect):
         tensor([0.8437, 0.0000, 0.4609])
     """
 
-    curvature: Value | None = leaf(1, default=None)
-    strain: Value | None = leaf(1, default=None)
-    elements: range | slice | Sequence[int] | None = None
+    curvature: Value | None = leaf(1, default=None, check=_of_elements)
+    strain: Value | None = leaf(1, default=None, check=_of_elements)
+    elements: range | slice | Sequence[int] | None = option(_chosen, default=None)
     on: str | None = field(default=None, kw_only=True)
 
     kind = "eigenstrain"
 
     def __post_init__(self) -> None:
-        if self.curvature is None and self.strain is None:
-            raise ValueError(
-                "Actuation with neither curvature nor strain was given; one of them is wanted"
-            )
-        for name in ("curvature", "strain"):
-            if getattr(self, name) is not None:
-                object.__setattr__(
-                    self, name, load_value(f"Actuation's {name}", getattr(self, name), along=True)
-                )
-        if isinstance(self.strain, Along) or isinstance(self.curvature, Along):
-            raise ValueError(
-                "Actuation with a function Along the beam was given; PerElement gives each "
-                "element its own"
-            )
-        if self.elements is not None and not isinstance(self.elements, slice):
-            given = listed(self.elements)
-            object.__setattr__(
-                self, "elements", tuple(whole("an element", element) for element in given)
-            )
-            if not given:
-                raise ValueError(
-                    "Actuation of no elements was given; the numbers of some, or None for all, "
-                    "are wanted"
-                )
+        one_of(self, "curvature", "strain")
+        super().__post_init__()
 
     @property
     def by_place(self) -> bool:

@@ -8,17 +8,18 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from ...core.declared import parameter
 from ...core.leaves import leaf
 from ...core.validation import Value, concrete, shown
 from ..parts import part_of
 from ..stations import Table
 from .contact_law import damped, pressure, rubbing
-from .contact_path import least_along
+from .contact_path import leads_through
 from .contact_terms import AtPoints, ContactTerms, radius_value, widest
-from .load_point import POSITION, ROTATION, SPIN, VELOCITY, LoadPoint, Wrench, at_instant
-from .obstacles import Box, Capsule, Cylinder, Obstacle, Plane
+from .load_point import POSITION, ROTATION, SPIN, VELOCITY, LoadPoint, Wrench, at_instant, cross
+from .obstacles import Box, Capsule, Cylinder, Obstacle, Plane, each
 from .rounded_box import RoundedBox
-from .values import Inputs, parameter
+from .values import Inputs
 
 
 class Touch(NamedTuple):
@@ -32,6 +33,11 @@ class Touch(NamedTuple):
     pressure: Tensor
     slip: Tensor | None
     rub: Tensor | None
+
+
+def _other_radius(name: str, value: Any) -> Any:
+    """As a radius; the number 0 is not that of the other part."""
+    return radius_value(name, value) if isinstance(value, Table) else parameter(name, value)
 
 
 @dataclass(frozen=True)
@@ -92,7 +98,7 @@ class Contact(ContactTerms):
 
     obstacle: Obstacle | str | None = leaf(1)
     other: Obstacle | str | None = None
-    other_radius: Value | Table | None = leaf(0, default=None, kw_only=True)
+    other_radius: Value | Table | None = leaf(0, default=None, kw_only=True, check=_other_radius)
     on: str | None = field(default=None, kw_only=True)
 
     corners = None  # of a body, see `BodyContact`
@@ -117,11 +123,7 @@ class Contact(ContactTerms):
             raise ValueError(
                 f"Contact of {self.on!r} with itself was given; SelfContact({self.on!r}) is wanted"
             )
-        self._check_terms()
-        if self.other_radius is not None:
-            value = self.other_radius
-            check = radius_value if isinstance(value, Table) else parameter
-            set_(self, "other_radius", check("Contact's other_radius", value))
+        super().__post_init__()
         if self.partner is None and self.other_radius is not None:
             raise ValueError(
                 "Contact with an obstacle and an other_radius was given; the radius of a second "
@@ -228,55 +230,46 @@ class Contact(ContactTerms):
         if self.radius is None:
             return force + touch.rub, None
         arm = -self.radii * touch.normal
-        return force + touch.rub, _cross(arm, touch.rub)
+        return force + touch.rub, cross(arm, touch.rub)
 
     def touch(self, point: LoadPoint) -> Touch:
         """What it does at points; its numbers are those of an instant (`resolved`)."""
-        x, d = point.position, _each(self.thickness)
+        x, d = point.position, each(self.thickness)
         normal, v = self.obstacle.gradient(x), self.approach(point)
         y = d - self.gap(x)
         before, after = y, y
         if point.dt is not None:
-            half = _each(point.dt) / 2 * v
+            half = each(point.dt) / 2 * v
             before, after = d - self.gap(x - half), d - self.gap(x + half)
-        p = pressure(before, after, d, _each(self.slope))
+        p = pressure(before, after, d, each(self.slope))
         if self.damping is not None:
-            p = p * damped(-(v * normal).sum(-1, keepdim=True) * _each(self.damping) / d)
+            p = p * damped(-(v * normal).sum(-1, keepdim=True) * each(self.damping) / d)
         if self.friction is None:
             return Touch(d - y, normal, p, None, None)
         slip = self.slip(point, normal)
-        secant = None if point.secant is None else _each(point.secant)
-        rub = -_each(self.friction) * p * rubbing(slip, _each(self.slip_speed), secant)
+        secant = None if point.secant is None else each(point.secant)
+        rub = -each(self.friction) * p * rubbing(slip, each(self.slip_speed), secant)
         return Touch(d - y, normal, p, slip, rub)
 
     def idle(self, x: Tensor, reach: Tensor) -> Tensor:
         """(..., n) bool: whether nothing presses in balls about x (..., n, 3) m, of radii whose
         squares are reach (..., n) m^2.
         """
-        room = (self.gap(x) - _each(self.thickness))[..., 0]
+        room = (self.gap(x) - each(self.thickness))[..., 0]
         return (room > 0) & (room * room >= reach)
 
     def passed(self, x: Tensor, half: Tensor, dt: Tensor) -> Tensor:
         """(..., n) bool: whether the way of points, by `half` (..., n, 3) m on either side of x, in
-        dt (...) s, leads through the obstacle: inside in between, and outside at both ends, or out
-        on another side than in.
+        dt (...) s, leads through the obstacle.
         """
         carried = self.carried(x, dt)
         half = half if carried is None else half - carried
-        start, end = x - half, x + half
-        inside = self.least_gap(start, 2 * half) < 0
-        out = torch.minimum(self.gap(start), self.gap(end)) > 0
-        turned = (self.obstacle.gradient(start) * self.obstacle.gradient(end)).sum(-1, keepdim=True)
-        return (inside & (out | (turned < 0)))[..., 0]
-
-    def least_gap(self, start: Tensor, way: Tensor) -> Tensor:
-        """(..., n, 1) m: see `least_along`."""
-        return least_along(self.gap, self.directions, start, way)
+        return leads_through(self.gap, self.directions, x - half, x + half)
 
     def carried(self, x: Tensor, dt: Tensor) -> Tensor | None:
         """(..., n, 3) m by which the obstacle moves at x in half of a step; None = it stands."""
         moves = self.obstacle.velocity(x)
-        return None if moves is None else _each(dt) / 2 * moves
+        return None if moves is None else each(dt) / 2 * moves
 
     def directions(self, x: Tensor) -> Tensor:
         """(..., n, 3) in which it pushes at points."""
@@ -291,7 +284,7 @@ class Contact(ContactTerms):
     def radii(self) -> Tensor:
         """(..., points or 1, 1) m, where there is a radius, see `at_points`."""
         radius = self.radius
-        return radius.value[..., None] if isinstance(radius, AtPoints) else _each(radius)
+        return radius.value[..., None] if isinstance(radius, AtPoints) else each(radius)
 
     def approach(self, point: LoadPoint) -> Tensor:
         """(..., points, 3) m/s of the beam's axis as seen from the obstacle, in frame a."""
@@ -306,7 +299,7 @@ class Contact(ContactTerms):
         if self.radius is not None:
             spin, omega, arm = point.spin, point.frame[1], -self.radii * normal
             spin = spin if omega is None else spin - omega[..., None, :]
-            x, v = x + arm, v + _cross(spin, arm)
+            x, v = x + arm, v + cross(spin, arm)
         moves = self.obstacle.surface_velocity(x)
         v = v if moves is None else v - moves
         return v - (v * normal).sum(-1, keepdim=True) * normal
@@ -316,16 +309,7 @@ def _in_frame(point: LoadPoint) -> Tensor:
     """Velocity (..., points, 3) as seen in frame a."""
     (origin, omega), v = point.frame, point.velocity
     v = v if origin is None else v - origin[..., None, :]
-    return v if omega is None else v - _cross(omega[..., None, :], point.position)
-
-
-def _each(value: Tensor) -> Tensor:
-    """(...) as (..., 1, 1) of points."""
-    return value[..., None, None]
-
-
-def _cross(a: Tensor, b: Tensor) -> Tensor:
-    return torch.linalg.cross(*torch.broadcast_tensors(a, b))
+    return v if omega is None else v - cross(omega[..., None, :], point.position)
 
 
 @dataclass(frozen=True)
@@ -355,7 +339,7 @@ class BodyContact(Contact):
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
         force, moment = super().wrench(self.of_body(point), t, inputs)
         if self.corners is not None:
-            turned = _cross(self._arms(point), force)
+            turned = cross(self._arms(point), force)
             moment = turned if moment is None else moment + turned
         return force.sum(-2), None if moment is None else moment.sum(-2)
 
@@ -367,7 +351,7 @@ class BodyContact(Contact):
             arms = self._arms(point)
             at[POSITION] = at[POSITION] + arms
             if at[VELOCITY] is not None:
-                at[VELOCITY] = at[VELOCITY] + _cross(at[SPIN], arms)
+                at[VELOCITY] = at[VELOCITY] + cross(at[SPIN], arms)
         return replace(point, **at)
 
     def _arms(self, point: LoadPoint) -> Tensor:

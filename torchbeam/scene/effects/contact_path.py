@@ -10,6 +10,22 @@ from torch import Tensor
 MEETINGS = 4  # of tangents
 
 
+def leads_through(
+    gap: Callable[[Tensor], Tensor],
+    directions: Callable[[Tensor], Tensor],
+    start: Tensor,
+    end: Tensor,
+) -> Tensor:
+    """(..., n) bool: whether straight ways from points to points (..., n, 3) lead through what has
+    the gap (..., n, 1) m and its gradient `directions`: inside in between, and outside at both
+    ends, or out on another side than in.
+    """
+    inside = least_along(gap, directions, start, end - start) < 0
+    out = torch.minimum(gap(start), gap(end)) > 0
+    turned = (directions(start) * directions(end)).sum(-1, keepdim=True) < 0
+    return (inside & (out | turned))[..., 0]
+
+
 def least_along(
     gap: Callable[[Tensor], Tensor],
     directions: Callable[[Tensor], Tensor],

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Any, TypeVar
 
 from torch import Tensor
 
 from ...core.arguments import boolean, count
-from ...core.leaves import Tree, leaf, with_values
+from ...core.declared import optional
+from ...core.leaves import Tree, leaf, option, with_values
 from ...core.validation import Value, concrete, positive
+from ..parts import large_rotations
 from ..stations import Table
 from .load_point import LoadEffect
-from .values import optional, parameter
 
 Self = TypeVar("Self", bound="ContactTerms")
 
@@ -53,15 +54,16 @@ def thinnest(radius: Tensor | Table) -> Tensor:
 class ContactTerms(LoadEffect):
     """See `Contact`."""
 
-    thickness: Value = leaf(0, default=None, kw_only=True)
-    force: Value | None = leaf(0, default=None, kw_only=True)
-    stiffness: Value | None = leaf(0, default=None, kw_only=True)
-    radius: Value | Table | None = leaf(0, default=None, kw_only=True)
-    friction: Value | None = leaf(0, default=None, kw_only=True)
-    slip_speed: Value | None = leaf(0, default=None, kw_only=True)
-    damping: Value | None = leaf(0, default=None, kw_only=True)
-    points: int | None = field(default=None, kw_only=True)
-    push_out: bool = field(default=False, kw_only=True)
+    _: KW_ONLY
+    thickness: Value = leaf(0, default=None, positive=True)
+    force: Value | None = leaf(0, default=None, positive=True)
+    stiffness: Value | None = leaf(0, default=None, positive=True)
+    radius: Value | Table | None = leaf(0, default=None, check=radius_value)
+    friction: Value | None = leaf(0, default=None, check=optional)
+    slip_speed: Value | None = leaf(0, default=None, positive=True)
+    damping: Value | None = leaf(0, default=None, check=optional)
+    points: int | None = option(count, default=None)
+    push_out: bool = option(boolean, default=False)
     # those of the numbers that the scene says, see `with_defaults`
     follows: tuple[str, ...] = field(default=(), init=False)
 
@@ -70,30 +72,17 @@ class ContactTerms(LoadEffect):
     partner = None  # name of the other part, of a contact of two, or of a beam with itself
     other_radius = None
 
-    def _check_terms(self) -> None:
-        """Raises ValueError, see `Contact`."""
-        name, set_ = self.called, object.__setattr__
+    def __post_init__(self) -> None:
         if self.force is not None and self.stiffness is not None:
             raise ValueError(
-                f"{name} with a force and a stiffness was given; one of them is wanted"
+                f"{self.called} with a force and a stiffness was given; one of them is wanted"
             )
-        for term in ("thickness", "force", "stiffness"):
-            if (value := getattr(self, term)) is not None:
-                set_(self, term, parameter(f"{name}'s {term}", value, zero=False))
-        set_(self, "radius", radius_value(f"{name}'s radius", self.radius))
-        for term in ("friction", "damping"):
-            set_(self, term, optional(f"{name}'s {term}", getattr(self, term)))
+        super().__post_init__()
         if self.friction is not None and self.slip_speed is None:
             raise ValueError(
-                f"{name} with friction and no slip_speed was given; the speed is wanted below "
-                "which surfaces creep"
+                f"{self.called} with friction and no slip_speed was given; the speed is wanted "
+                "below which surfaces creep"
             )
-        if self.slip_speed is not None:
-            value = parameter(f"{name}'s slip_speed", self.slip_speed, zero=False)
-            set_(self, "slip_speed", value)
-        if self.points is not None:
-            count(f"{name}'s points", self.points)
-        boolean(f"{name}'s push_out", self.push_out)
 
     @property
     def kind(self) -> str:
@@ -115,11 +104,7 @@ class ContactTerms(LoadEffect):
                         f"{self.called} of two parts with a radius that changes by as much as the "
                         "length along the beam was given; one that changes by less is wanted there"
                     )
-        if scene.small:
-            raise ValueError(
-                f"small=True with {self.called} of two parts was given; large rotations "
-                "(small=False) are wanted there"
-            )
+        large_rotations(scene, f"{self.called} of two parts")
         if scene.beam.order == 2:
             raise ValueError(
                 f"{self.called} of beams of order 2 with each other was given; order=1 is wanted "

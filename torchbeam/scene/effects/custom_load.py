@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import torch
@@ -13,13 +14,14 @@ from torch import Tensor
 
 from ...core.arguments import choice, count, listed
 from ...core.arguments import function as check_function
+from ...core.declared import real_numbers
 from ...core.functions_of_time import at_time, taken
-from ...core.leaves import leaf, with_values
-from ...core.validation import Value, broadcast, finite, shown
+from ...core.leaves import leaf, option, with_values
+from ...core.validation import Value, broadcast, shown
 from ...core.warning import warn
 from ...math.shapes import broadcast_shapes
 from ..beam import Beam
-from ..parts import Place
+from ..parts import Place, check_node
 from .load_point import (
     INERTIAL,
     INTERNAL,
@@ -31,8 +33,7 @@ from .load_point import (
     derivatives,
     jacobians,
 )
-from .loads import whole_node
-from .values import Input, Inputs, plain, to_sites, value_at
+from .values import Input, Inputs, to_sites, value_at
 
 PLACE = "s"  # may be asked for in `of`, and is no motion
 UNSAID = (
@@ -40,6 +41,40 @@ UNSAID = (
     "version on it acts along the beam, per metre, as node=None does: the one that is meant is "
     "wanted"
 )
+
+
+def _inputs(name: str, value: Any) -> tuple[Input, ...]:
+    inputs = (
+        tuple(Input(n, size) for n, size in value.items())
+        if isinstance(value, dict)
+        else tuple(listed(value))
+    )
+    if not all(isinstance(i, Input) for i in inputs):
+        raise ValueError(
+            f"{shown(value)} was given as {name}; Inputs, or names with sizes, are wanted"
+        )
+    return inputs
+
+
+def _names(name: str, value: Any) -> tuple[str, ...]:
+    names = listed(value)
+    for one in names:
+        choice(name, one, (*MOTION, PLACE))
+    return names
+
+
+def _values(name: str, value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError(
+            f"{shown(value)} was given as {name}; numbers or tensors by name are wanted"
+        )
+    for key, one in value.items():
+        if isinstance(one, Input) or callable(one):
+            raise ValueError(
+                f"{type(one).__name__} was given as Load's value {key!r}; numbers or a tensor are "
+                "wanted"
+            )
+    return {key: real_numbers(f"Load's value {key!r}", one) for key, one in value.items()}
 
 
 @dataclass(frozen=True)
@@ -98,28 +133,26 @@ class Load(LoadEffect):
         tensor(0)
     """
 
-    function: Callable[..., tuple[Tensor | None, Tensor | None]] = leaf(None)
+    function: Callable[..., tuple[Tensor | None, Tensor | None]] = leaf(None, check=check_function)
     node: Place | None = ...
-    inputs: Iterable[Input] | dict[str, int] = ()
-    internal: int = 0
-    rate: Callable[..., Tensor] | None = leaf(None, default=None)
-    of: Sequence[str] = READS
-    values: dict[str, Value] | None = leaf(lambda load: int(load.node is None), default=None)
+    inputs: Iterable[Input] | dict[str, int] = option(_inputs, default=())
+    internal: int = option(partial(count, least=0), default=0, name="internal")
+    rate: Callable[..., Tensor] | None = leaf(None, default=None, check=check_function)
+    of: Sequence[str] = option(_names, default=READS, name="of")
+    values: dict[str, Value] | None = leaf(
+        lambda load: int(load.node is None), default=None, check=_values
+    )
     on: str | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        check_function("Load's function", self.function)
-        if self.rate is not None:
-            check_function("Load's rate", self.rate)
-        of = listed(self.of)
+        super().__post_init__()
         if self.node is ...:
-            along = self.on is not None or PLACE in of
+            along = self.on is not None or PLACE in self.of
             object.__setattr__(self, "node", None if along else -1)
             if not along:
                 warn(UNSAID, FutureWarning)
         if self.node is not None:
-            whole_node(self.node)
-        count("internal", self.internal, least=0)
+            check_node("node", self.node)
         if bool(self.internal) != (self.rate is not None):
             given = (
                 "internal states without a rate"
@@ -127,52 +160,32 @@ class Load(LoadEffect):
                 else "a rate without internal states"
             )
             raise ValueError(f"{given} was given to Load; both or neither are wanted")
-        given = self.inputs
-        inputs = (
-            [Input(n, size) for n, size in given.items()]
-            if isinstance(given, dict)
-            else listed(given)
-        )
-        if not all(isinstance(i, Input) for i in inputs):
-            raise ValueError(
-                f"{shown(given)} was given as Load's inputs; Inputs, or names with sizes, are "
-                "wanted"
-            )
-        for name in of:
-            choice("of", name, (*MOTION, PLACE))
-        if PLACE in of and self.node is not None:
+        if PLACE in self.of and self.node is not None:
             raise ValueError(
                 "the arclength 's' was asked for by a Load at a node; one along the beam, "
                 "node=None, has it"
-            )
-        if not (self.values is None or isinstance(self.values, dict)):
-            raise ValueError(
-                f"{shown(self.values)} was given as Load's values; numbers or tensors by name "
-                "are wanted"
-            )
-        for name, value in (self.values or {}).items():
-            if isinstance(value, Input) or callable(value):
-                raise ValueError(
-                    f"{type(value).__name__} was given as Load's value {name!r}; numbers or a "
-                    "tensor are wanted"
-                )
-        values = {name: plain(value) for name, value in (self.values or {}).items()}
-        for name, value in values.items():
-            finite(f"Load's value {name!r}", torch.as_tensor(value))
-        names = [
-            *(i.name for i in inputs),
-            *values,
-            *(["z"] if self.internal else []),
-            *(n for n in of if n not in READS),
-        ]
-        for name in {n for n in names if names.count(n) > 1}:
-            raise ValueError(
-                f"two arguments of the name {name!r} were given to Load; one is wanted"
             )
         if self.node is not None and self.on is not None:
             raise ValueError(
                 f"Load with on = {shown(self.on)} and the node {self.node!r} was given; "
                 "node=(name, number), or node=None for all along that beam, is wanted"
+            )
+        object.__setattr__(self, "values", self.values or {})
+        self._check_functions()
+
+    def _check_functions(self) -> None:
+        """ValueError where the functions do not take what is handed over, each by a name of its
+        own.
+        """
+        names = [
+            *(i.name for i in self.inputs),
+            *self.values,
+            *(["z"] if self.internal else []),
+            *(n for n in self.of if n not in READS),
+        ]
+        for name in {n for n in names if names.count(n) > 1}:
+            raise ValueError(
+                f"two arguments of the name {name!r} were given to Load; one is wanted"
             )
         motion = ("position", "rotation", "velocity", "spin", "t")
         for name in _wants(self.function, len(motion)) - {*names}:
@@ -181,15 +194,8 @@ class Load(LoadEffect):
             )
         check_function("Load's function", self.function, *motion, named=names)
         if self.rate is not None:
-            check_function(
-                "Load's rate",
-                self.rate,
-                "z",
-                *motion,
-                named=[name for name in names if name != "z"],
-            )
-        for name, value in dict(inputs=tuple(inputs), of=tuple(of), values=values).items():
-            object.__setattr__(self, name, value)
+            names = [name for name in names if name != "z"]
+            check_function("Load's rate", self.rate, "z", *motion, named=names)
 
     @property
     def by_place(self) -> bool:

@@ -11,12 +11,12 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import boolean
-from ...core.leaves import leaf
-from ...core.validation import Value, as_tensor, common_dtype, finite, positive
+from ...core.leaves import leaf, option
+from ...core.validation import Value, as_tensor, common_dtype, finite
 from ...math.quaternions import skew
 from .effect import Effect
 from .load_point import ROTATION, SPIN, VELOCITY, LoadEffect, LoadPoint, Wrench
-from .values import Inputs, parameter, plain
+from .values import Inputs
 
 
 @dataclass(frozen=True)
@@ -40,24 +40,22 @@ class Damping(Effect):
         tensor([0.0511])
     """
 
-    tau: Value = leaf(lambda damping: int(damping.six))
-    six: bool | None = None
+    tau: Value = leaf(lambda damping: int(damping.six), nonnegative=True, name="tau")
+    six: bool | None = option(boolean, default=None, name="six")
     on: str | None = field(default=None, kw_only=True)
 
     by_place = False
     kind = "strain"
 
     def __post_init__(self) -> None:
-        tau, sequence = plain(self.tau), isinstance(self.tau, (list, tuple))
-        positive("tau", torch.as_tensor(tau), zero=True)
-        six = sequence if self.six is None else boolean("six", self.six)
-        if six and (tau.ndim == 0 or tau.shape[-1] != 6):
+        if self.six is None:
+            object.__setattr__(self, "six", isinstance(self.tau, (list, tuple)))
+        super().__post_init__()
+        if self.six and self.tau.shape[-1:] != (6,):
             raise ValueError(
-                f"tau of shape {tuple(tau.shape)} was given; one value (a batch is a tensor), or "
-                "one for each of six strains, is wanted"
+                f"tau of shape {tuple(self.tau.shape)} was given; one value (a batch is a tensor), "
+                "or one for each of six strains, is wanted"
             )
-        object.__setattr__(self, "tau", tau)
-        object.__setattr__(self, "six", six)
 
 
 @dataclass(frozen=True)
@@ -79,16 +77,13 @@ class MassDamping(LoadEffect):
         tensor([0.1003])
     """
 
-    alpha: Value = leaf(0)
+    alpha: Value = leaf(0, nonnegative=True, name="alpha")
     on: str | None = field(default=None, kw_only=True)
 
     by_place = False
     by_mass = True
     conservative = True
     depends = frozenset({ROTATION, VELOCITY, SPIN})
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "alpha", parameter("alpha", self.alpha))
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
         # rows R^T v and R^T w

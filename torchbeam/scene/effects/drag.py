@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from ...core.arguments import function as check_function
+from ...core.declared import optional
 from ...core.functions_of_time import at_time, taken
 from ...core.leaves import leaf, with_values
 from ...core.validation import Value
@@ -25,7 +27,13 @@ from .load_point import (
     Wrench,
     jacobians,
 )
-from .values import Input, Inputs, load_value, optional, parameter, value_at
+from .values import Input, Inputs, load_value, value_at
+
+
+def _flow(name: str, value: Any) -> Any:
+    if callable(value):
+        return check_function(name, value, "position", "t")
+    return load_value(name, value)
 
 
 @dataclass(frozen=True)
@@ -65,26 +73,20 @@ class Drag(LoadEffect):
         tensor(True)
     """
 
-    density: Value = leaf(0)
-    diameter: Value = leaf(0)
-    normal: Value = leaf(0, default=1.2)
-    tangential: Value = leaf(0, default=0.0)
+    density: Value = leaf(0, nonnegative=True)
+    diameter: Value = leaf(0, nonnegative=True)
+    normal: Value = leaf(0, default=1.2, nonnegative=True)
+    tangential: Value = leaf(0, default=0.0, nonnegative=True)
     flow: Value | Input | Callable[[Tensor, Tensor], Tensor] | None = leaf(
-        lambda drag: None if callable(drag.flow) else 1, default=None
+        lambda drag: None if callable(drag.flow) else 1, default=None, check=_flow
     )
-    added_mass: Value | None = leaf(0, default=None)
+    added_mass: Value | None = leaf(0, default=None, check=optional)
     on: str | None = field(default=None, kw_only=True)
 
     by_place = False
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "added_mass", optional("Drag's added_mass", self.added_mass))
-        for name in ("density", "diameter", "normal", "tangential"):
-            object.__setattr__(self, name, parameter(f"Drag's {name}", getattr(self, name)))
-        if callable(self.flow):
-            check_function("Drag's flow", self.flow, "position", "t")
-        elif self.flow is not None:
-            object.__setattr__(self, "flow", load_value("Drag's flow", self.flow))
+        super().__post_init__()
         if self.carries and (callable(self.flow) or isinstance(self.flow, Input)):
             raise ValueError(
                 "Drag with an added mass in a flow that is a function or an Input was given; with "

@@ -27,7 +27,7 @@ class Gravity(LoadEffect):
         tensor(1.5892)
     """
 
-    g: Value = leaf(1)
+    g: Value = leaf(1, check=load_value)
     on: str | None = field(default=None, kw_only=True)
 
     conservative = True
@@ -35,9 +35,6 @@ class Gravity(LoadEffect):
     by_mass = True
     wants_axes = True
     depends = frozenset({ROTATION})
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "g", load_value("Gravity's g", self.g))
 
     def depends_on(self, offset: bool) -> frozenset[str]:
         """The moment of an offset centre of mass turns; the force does not."""

@@ -91,7 +91,7 @@ class LoadPoint:
         position = None if self.position is None else self.position + arm
         velocity = self.velocity
         if velocity is not None and self.spin is not None:
-            velocity = velocity + _cross(self.spin, arm)
+            velocity = velocity + cross(self.spin, arm)
         return replace(self, position=position, velocity=velocity)
 
     def carried(self, wrench: Wrench, offset: Tensor) -> Wrench:
@@ -99,7 +99,7 @@ class LoadPoint:
         force, moment = wrench
         if force is None:
             return wrench
-        lever = _cross(self.rotate(offset), force)
+        lever = cross(self.rotate(offset), force)
         return force, lever if moment is None else moment + lever
 
     def from_inertial(self, v: Tensor) -> Tensor:
@@ -202,7 +202,8 @@ class LoadEffect(Effect):
         return None
 
 
-def _cross(a: Tensor, b: Tensor) -> Tensor:
+def cross(a: Tensor, b: Tensor) -> Tensor:
+    """a x b of vectors whose axes broadcast."""
     return torch.linalg.cross(*torch.broadcast_tensors(a, b))
 
 

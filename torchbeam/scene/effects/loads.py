@@ -9,12 +9,22 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import boolean
-from ...core.leaves import leaf, with_values
-from ...core.validation import Value, axis_last, finite
+from ...core.declared import one_of
+from ...core.leaves import leaf, option, with_values
+from ...core.validation import Value
 from ...math.quaternions import skew
 from ..parts import Place, check_node, node_and_point
 from .load_point import ROTATION, LoadEffect, LoadPoint, Wrench, together
-from .values import AtSites, ByPlace, Inputs, LoadValue, load_value, plain, value_along, value_at
+from .values import (
+    AtSites,
+    ByPlace,
+    Inputs,
+    LoadValue,
+    line_value,
+    load_value,
+    value_along,
+    value_at,
+)
 
 
 @dataclass(frozen=True)
@@ -26,8 +36,8 @@ class GivenLoad(LoadEffect):
     with the section.
     """
 
-    moment: Value | None = leaf(1, default=None, kw_only=True)
-    follower: bool = field(default=False, kw_only=True)
+    moment: Value | None = leaf(1, default=None, kw_only=True, check=load_value)
+    follower: bool = option(boolean, default=False, kw_only=True)
 
     @property
     def force(self) -> Any:
@@ -35,18 +45,8 @@ class GivenLoad(LoadEffect):
         raise NotImplementedError
 
     def __post_init__(self) -> None:
-        if self.force is None and self.moment is None:
-            raise ValueError(
-                f"{type(self).__name__} with neither force nor moment was given; one of them is "
-                "wanted"
-            )
-        for name in ("force", "moment"):
-            if (value := getattr(self, name)) is not None:
-                value = load_value(
-                    f"{type(self).__name__}'s {name}", value, along=self.node is None
-                )
-                object.__setattr__(self, name, value)
-        boolean(f"{type(self).__name__}'s follower", self.follower)
+        one_of(self, "force", "moment")
+        super().__post_init__()
 
     @property
     def depends(self) -> frozenset[str]:
@@ -102,12 +102,12 @@ class PointLoad(GivenLoad):
     """
 
     node: Place = field()
-    force: Value | None = leaf(1, default=None)
-    offset: Value | None = leaf(1, default=None, kw_only=True)
+    force: Value | None = leaf(1, default=None, check=load_value)
+    offset: Value | None = leaf(1, default=None, kw_only=True, size=3)
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         at_offset(self)
+        super().__post_init__()
 
     @property
     def depends(self) -> frozenset[str]:
@@ -173,7 +173,8 @@ class LineLoad(GivenLoad):
         tensor(1.)
     """
 
-    force: Value | None = leaf(1, default=None)
+    force: Value | None = leaf(1, default=None, check=line_value)
+    moment: Value | None = leaf(1, default=None, kw_only=True, check=line_value)
     on: str | None = field(default=None, kw_only=True)
 
     @property
@@ -202,24 +203,14 @@ class LineLoad(GivenLoad):
 
 def at_offset(effect: Any) -> None:
     """Takes the `node` of an effect with an `offset` apart where it is (name of a body, point in
-    its axes). Raises ValueError for both, and for what is no node or no vector.
+    its axes), before its fields are checked. Raises ValueError for both, and for what is no node.
     """
     node, point = node_and_point(effect.node)
-    whole_node(node)
+    check_node("node", node)
     if point is not None and effect.offset is not None:
         raise ValueError(
             f"{effect.called} with an offset and a point of {node!r} was given; one of them is "
             "wanted"
         )
-    offset = effect.offset if point is None else point
-    if offset is not None:
-        offset = axis_last(f"{effect.called}'s offset", plain(offset), 3)
-        finite(f"{effect.called}'s offset", torch.as_tensor(offset))
     object.__setattr__(effect, "node", node)
-    object.__setattr__(effect, "offset", offset)
-
-
-def whole_node(node: Any) -> Any:
-    """`node` if it is one; ValueError otherwise."""
-    check_node(node)
-    return node
+    object.__setattr__(effect, "offset", effect.offset if point is None else point)

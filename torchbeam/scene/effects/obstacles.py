@@ -9,18 +9,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
 
 from ...core.arguments import boolean
+from ...core.declared import real_numbers
 from ...core.functions_of_time import taken, with_user_rate
-from ...core.leaves import FunctionOfTime, Tree, bound, leaf, own_leaves
-from ...core.validation import Value, axis_last, concrete, finite
+from ...core.leaves import FunctionOfTime, Tree, bound, leaf, option, own_leaves
+from ...core.validation import Value, concrete
 from ...math import quaternions as quat
 from .drag import norm
-from .values import Input, load_value, parameter, plain
+from .load_point import cross
+from .values import Input, load_value
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ class Turning(FunctionOfTime):
         if self.origin is not None:
             origin, moves = _with_rate(self.origin, t)
             d, rate = d - origin, rate - moves
-        return _cross(d, rate) / d.square().sum(-1, keepdim=True)
+        return cross(d, rate) / d.square().sum(-1, keepdim=True)
 
 
 def _with_rate(value: Any, t: Tensor) -> tuple[Tensor, Tensor]:
@@ -66,6 +68,23 @@ def _with_rate(value: Any, t: Tensor) -> tuple[Tensor, Tensor]:
         return value, torch.zeros_like(value)
     what = "an obstacle's place"
     return with_user_rate(what, lambda now: taken(what, value(now), now, 3), t)
+
+
+def place(name: str, value: Any) -> Any:
+    """A place (..., 3), or a function of t; ValueError otherwise."""
+    if isinstance(value, Input):
+        raise ValueError(f"{name} as an Input was given; a value, or a function of t, is wanted")
+    return load_value(name, value)
+
+
+def direction(name: str, value: Any) -> Any:
+    """A direction likewise, of any length but 0; kept of length 1."""
+    value = place(name, value)
+    if callable(value):
+        return value if isinstance(value, Unit) else Unit(value)
+    if not (torch.as_tensor(value) != 0).any(-1).all():
+        raise ValueError(f"{name} of length 0 was given; a direction is wanted")
+    return value / (value * value).sum(-1)[..., None] ** 0.5
 
 
 def _of_points(method: Callable[[Any, Tensor], Any]) -> Callable[[Any, Tensor], Any]:
@@ -118,6 +137,16 @@ class Obstacle(Tree):
             if name in vars(cls):
                 setattr(cls, name, _of_points(vars(cls)[name]))
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        at = getattr(self, getattr(self, "PLACE", ""), None)
+        object.__setattr__(self, "drift", Drift(at) if callable(at) else None)
+        object.__setattr__(self, "turning", self._turned())
+
+    def _turned(self) -> Turning | None:
+        """How it turns, where a direction of it is a function of t."""
+        return None
+
     def distance(self, x: Tensor) -> Tensor:
         """(..., points, 1) m of points (..., points, 3), frame a."""
         raise NotImplementedError
@@ -151,46 +180,12 @@ class Obstacle(Tree):
         moves = None if self.drift is None else self.drift[..., None, :]
         if spin is None:
             return moves
-        turns = _cross(spin[..., None, :], self._from(x))
+        turns = cross(spin[..., None, :], self._from(x))
         return turns if moves is None else turns + moves
 
     def _from(self, x: Tensor, field: str | None = None) -> Tensor:
         """Points from a place of it, its own unless another is named."""
         return x - getattr(self, field or self.PLACE)[..., None, :]
-
-    def _places(self, *names: str) -> None:
-        """Fields checked: places."""
-        for name in names:
-            value = getattr(self, name)
-            if isinstance(value, Input):
-                raise ValueError(
-                    f"{self.called}'s {name} as an Input was given; a value, or a function of t, "
-                    "is wanted"
-                )
-            object.__setattr__(self, name, load_value(f"{self.called}'s {name}", value))
-
-    def _direction(self, name: str) -> None:
-        """The same: a direction, of any length but 0; kept of length 1."""
-        self._places(name)
-        value = getattr(self, name)
-        if callable(value):
-            object.__setattr__(self, name, value if isinstance(value, Unit) else Unit(value))
-            return
-        if not (torch.as_tensor(value) != 0).any(-1).all():
-            raise ValueError(f"{self.called}'s {name} of length 0 was given; a direction is wanted")
-        size = (value * value).sum(-1)[..., None] ** 0.5
-        object.__setattr__(self, name, value / size)
-
-    def _size(self, name: str) -> None:
-        """The same: a length above 0."""
-        value = parameter(f"{self.called}'s {name}", getattr(self, name), zero=False)
-        object.__setattr__(self, name, value)
-
-    def _moves(self, turning: Turning | None = None) -> None:
-        """Its motion, where it is a function of t."""
-        place = getattr(self, self.PLACE)
-        object.__setattr__(self, "drift", Drift(place) if callable(place) else None)
-        object.__setattr__(self, "turning", turning)
 
 
 @dataclass(frozen=True)
@@ -211,16 +206,14 @@ class Plane(Obstacle):
         tensor([0.1000])
     """
 
-    point: Value | Callable[[Tensor], Tensor] = leaf(1)
-    normal: Value | Callable[[Tensor], Tensor] = leaf(1)
+    point: Value | Callable[[Tensor], Tensor] = leaf(1, check=place)
+    normal: Value | Callable[[Tensor], Tensor] = leaf(1, check=direction)
 
     PLACE = "point"
     passes = False
 
-    def __post_init__(self) -> None:
-        self._places("point")
-        self._direction("normal")
-        self._moves(Turning(self.normal) if callable(self.normal) else None)
+    def _turned(self) -> Turning | None:
+        return Turning(self.normal) if callable(self.normal) else None
 
     def distance(self, x: Tensor) -> Tensor:
         return (self._from(x) * self.normal[..., None, :]).sum(-1, keepdim=True)
@@ -247,23 +240,18 @@ class Sphere(Obstacle):
         tensor([0.1000])
     """
 
-    centre: Value | Callable[[Tensor], Tensor] = leaf(1)
-    radius: Value = leaf(0)
-    spin: Value | None = leaf(1, default=None)
+    centre: Value | Callable[[Tensor], Tensor] = leaf(1, check=place)
+    radius: Value = leaf(0, positive=True)
+    spin: Value | None = leaf(1, default=None, check=place)
 
     PLACE = "centre"
-
-    def __post_init__(self) -> None:
-        self._places("centre", *(() if self.spin is None else ("spin",)))
-        self._size("radius")
-        self._moves()
 
     @property
     def spinning(self) -> Tensor | None:
         return self.spin
 
     def distance(self, x: Tensor) -> Tensor:
-        return norm(self._from(x)) - _each(self.radius)
+        return norm(self._from(x)) - each(self.radius)
 
     def gradient(self, x: Tensor) -> Tensor:
         return _unit(self._from(x))
@@ -290,24 +278,16 @@ class Cylinder(Obstacle):
         tensor([0.0200])
     """
 
-    point: Value | Callable[[Tensor], Tensor] = leaf(1)
-    axis: Value | Callable[[Tensor], Tensor] = leaf(1)
-    radius: Value = leaf(0)
-    inside: bool = False
-    spin: Value | None = leaf(0, default=None)
+    point: Value | Callable[[Tensor], Tensor] = leaf(1, check=place)
+    axis: Value | Callable[[Tensor], Tensor] = leaf(1, check=direction)
+    radius: Value = leaf(0, positive=True)
+    inside: bool = option(boolean, default=False)
+    spin: Value | None = leaf(0, default=None, finite=True)
 
     PLACE = "point"
 
-    def __post_init__(self) -> None:
-        self._places("point")
-        self._direction("axis")
-        self._size("radius")
-        boolean("Cylinder's inside", self.inside)
-        if self.spin is not None:
-            spin = plain(self.spin)
-            finite("Cylinder's spin", torch.as_tensor(spin))
-            object.__setattr__(self, "spin", spin)
-        self._moves(Turning(self.axis) if callable(self.axis) else None)
+    def _turned(self) -> Turning | None:
+        return Turning(self.axis) if callable(self.axis) else None
 
     @property
     def passes(self) -> bool:
@@ -322,7 +302,7 @@ class Cylinder(Obstacle):
         return None if self.spin is None else self.spin[..., None] * self.axis
 
     def distance(self, x: Tensor) -> Tensor:
-        out = norm(self._across(x)) - _each(self.radius)
+        out = norm(self._across(x)) - each(self.radius)
         return -out if self.inside else out
 
     def gradient(self, x: Tensor) -> Tensor:
@@ -350,22 +330,23 @@ class Capsule(Obstacle):
         tensor([0.0500])
     """
 
-    a: Value | Callable[[Tensor], Tensor] = leaf(1)
-    b: Value | Callable[[Tensor], Tensor] = leaf(1)
-    radius: Value = leaf(0)
+    a: Value | Callable[[Tensor], Tensor] = leaf(1, check=place)
+    b: Value | Callable[[Tensor], Tensor] = leaf(1, check=place)
+    radius: Value = leaf(0, positive=True)
 
     PLACE = "a"
 
     def __post_init__(self) -> None:
-        self._places("a", "b")
-        self._size("radius")
-        moves = callable(self.a) or callable(self.b)
-        if not moves and not (torch.as_tensor(self.b) - torch.as_tensor(self.a)).any(-1).all():
+        super().__post_init__()
+        ends = () if self.turning else (torch.as_tensor(self.a), torch.as_tensor(self.b))
+        if ends and not (ends[1] - ends[0]).any(-1).all():
             raise ValueError("Capsule with a = b was given; two places are wanted, or a Sphere")
-        self._moves(Turning(self.b, self.a) if moves else None)
+
+    def _turned(self) -> Turning | None:
+        return Turning(self.b, self.a) if callable(self.a) or callable(self.b) else None
 
     def distance(self, x: Tensor) -> Tensor:
-        return norm(self._away(x)) - _each(self.radius)
+        return norm(self._away(x)) - each(self.radius)
 
     def gradient(self, x: Tensor) -> Tensor:
         return _unit(self._away(x))
@@ -375,6 +356,12 @@ class Capsule(Obstacle):
         along, d = (self.b - self.a)[..., None, :], self._from(x)
         share = (d * along).sum(-1, keepdim=True) / along.square().sum(-1, keepdim=True)
         return d - share.clamp(0, 1) * along
+
+
+def _rotation_vector(name: str, value: Any) -> Any:
+    if callable(place(name, value)):
+        raise ValueError(f"{name} as a function was given; a rotation vector is wanted")
+    return real_numbers(name, value, 3)
 
 
 @dataclass(frozen=True)
@@ -398,31 +385,26 @@ class Box(Obstacle):
         tensor([0.1500])
     """
 
-    centre: Value | Callable[[Tensor], Tensor] = leaf(1)
-    size: Value = leaf(1)
-    rounding: Value = leaf(0)
-    rotation: Value | None = leaf(1, default=None)
+    centre: Value | Callable[[Tensor], Tensor] = leaf(1, check=place)
+    size: Value = leaf(1, positive=True, size=3)
+    rounding: Value = leaf(0, positive=True)
+    rotation: Value | None = leaf(1, default=None, check=_rotation_vector)
 
     PLACE = "centre"
 
     def __post_init__(self) -> None:
-        self._places("centre", *(() if self.rotation is None else ("rotation",)))
-        if callable(self.rotation):
-            raise ValueError("Box's rotation as a function was given; a rotation vector is wanted")
-        object.__setattr__(self, "size", parameter("Box's size", self.size, zero=False))
-        self._size("rounding")
-        half = torch.as_tensor(axis_last("Box's size", self.size, 3)).detach().amin(-1) / 2
+        super().__post_init__()
+        half = torch.as_tensor(self.size).detach().amin(-1) / 2
         if concrete(torch.as_tensor(self.rounding).detach() >= half).any():
             raise ValueError(
                 "Box's rounding of half its smallest size or more was given; less is wanted"
             )
-        self._moves()
 
     def distance(self, x: Tensor) -> Tensor:
-        return box_distance(self._beyond(x)[0]) - _each(self.rounding)
+        return self._beyond(x).gap
 
     def gradient(self, x: Tensor) -> Tensor:
-        n = box_direction(*self._beyond(x))
+        n = self._beyond(x).direction
         return n if self.rotation is None else (self._axes @ n[..., None])[..., 0]
 
     @property
@@ -430,31 +412,46 @@ class Box(Obstacle):
         """(..., 1, 3, 3) its axes -> frame a."""
         return quat.matrix(quat.exponential(self.rotation))[..., None, :, :]
 
-    def _beyond(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """(..., points, 3) m by which points are beyond a box smaller by the rounding, along each
-        of its axes, and the side that they are on.
-        """
+    def _beyond(self, x: Tensor) -> Beyond:
         d = self._from(x)
         d = d if self.rotation is None else (self._axes.mT @ d[..., None])[..., 0]
-        side = torch.where(d < 0, -1.0, 1.0).to(d)
-        return side * d - (self.size[..., None, :] / 2 - _each(self.rounding)), side
+        rounding = each(self.rounding)
+        return beyond(d, self.size[..., None, :] / 2 - rounding, rounding)
 
 
-def box_distance(q: Tensor) -> Tensor:
-    """(..., 1) m from a box with sharp edges, of points that are beyond it by q (..., 3) m along
-    its axes, negative within.
+class Beyond(NamedTuple):
+    """Of places: q (..., 3) m by which they are beyond a box smaller by its rounding (..., 1) m,
+    along its axes, negative within, on the side (..., 3), 1 or -1.
     """
-    return norm(q.clamp(min=0)) + q.amax(-1, keepdim=True).clamp(max=0)
+
+    q: Tensor
+    side: Tensor
+    rounding: Tensor
+
+    @property
+    def gap(self) -> Tensor:
+        """(..., 1) m to the rounded surface."""
+        inside = self.q.amax(-1, keepdim=True).clamp(max=0)
+        return norm(self.q.clamp(min=0)) + inside - self.rounding
+
+    @property
+    def direction(self) -> Tensor:
+        """Its gradient (..., 3) by the places, in the box's axes."""
+        out = self.q.clamp(min=0)
+        nearest = (self.q >= self.q.amax(-1, keepdim=True)).to(self.q)
+        away = (out > 0).any(-1, keepdim=True)
+        return self.side * torch.where(away, _unit(out), _unit(nearest))
 
 
-def box_direction(q: Tensor, side: Tensor) -> Tensor:
-    """Its gradient (..., 3) by the points, in the box's axes, of the sides that they are on."""
-    out = q.clamp(min=0)
-    nearest = (q >= q.amax(-1, keepdim=True)).to(q)
-    return side * torch.where((out > 0).any(-1, keepdim=True), _unit(out), _unit(nearest))
+def beyond(y: Tensor, half: Tensor, rounding: Tensor) -> Beyond:
+    """Of places y (..., 3) m from the centre of a box, in its axes, that has half the size (..., 3)
+    m without its rounding (..., 1) m.
+    """
+    side = torch.where(y < 0, -1.0, 1.0).to(y)
+    return Beyond(side * y - half, side, rounding)
 
 
-def _each(value: Tensor) -> Tensor:
+def each(value: Tensor) -> Tensor:
     """(...) as (..., 1, 1) of points."""
     return value[..., None, None]
 
@@ -463,7 +460,3 @@ def _unit(v: Tensor) -> Tensor:
     """v/|v| (..., 3); at v = 0 none."""
     size = norm(v)
     return v / torch.where(size > 0, size, torch.ones_like(size))
-
-
-def _cross(a: Tensor, b: Tensor) -> Tensor:
-    return torch.linalg.cross(*torch.broadcast_tensors(a, b))

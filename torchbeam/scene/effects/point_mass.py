@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ...core.declared import own, plain
 from ...core.leaves import leaf
 from ...core.validation import ROUNDING, Value, axis_last, concrete, finite, numbers, positive
 from ...core.validation import inertia as check_inertia
@@ -15,7 +16,6 @@ from ...math.quaternions import skew
 from ..parts import Place
 from .effect import Effect
 from .loads import at_offset
-from .values import own, plain
 
 
 @dataclass(frozen=True)
@@ -49,17 +49,16 @@ class PointMass(Effect):
 
     mass: Value = leaf(0)
     inertia: Value | None = leaf(2, default=None)
-    offset: Value | None = leaf(1, default=None)
+    offset: Value | None = leaf(1, default=None, size=3)
     node: Place = -1
 
     kind = "inertia"
 
     def __post_init__(self) -> None:
         at_offset(self)
-        mass, inertia, offset = (
-            plain(self.mass),
-            *(None if v is None else plain(v) for v in (self.inertia, self.offset)),
-        )
+        super().__post_init__()
+        mass, offset = plain(self.mass), self.offset
+        inertia = None if self.inertia is None else plain(self.inertia)
         if mass.ndim >= 2 and mass.shape[-2:] == (6, 6):
             if inertia is not None or offset is not None:
                 raise ValueError(

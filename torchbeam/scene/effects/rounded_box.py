@@ -5,7 +5,6 @@ are boxes, too, whose halves are 0 across their axis.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -13,19 +12,9 @@ from torch import Tensor
 from ...core.leaves import Tree, leaf, own_leaves
 from ...core.validation import shown
 from ...math import quaternions as quat
-from .obstacles import Box, Capsule, Cylinder, Obstacle, Sphere, box_distance
+from .obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
 
 SIGNS = tuple((x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0))
-
-
-class Beyond(NamedTuple):
-    """Of places: q (..., 3) m by which they are beyond the box without its rounding, along its
-    axes, on the side (..., 3), 1 or -1; gap (..., 1) m to the rounded surface.
-    """
-
-    q: Tensor
-    side: Tensor
-    gap: Tensor
 
 
 @dataclass(frozen=True)
@@ -83,13 +72,6 @@ class RoundedBox(Tree):
         """(...) m from the body's centre: no place of the surface is further."""
         off = torch.linalg.vector_norm(self.centre, dim=-1)
         return off + torch.linalg.vector_norm(self.half, dim=-1) + self.rounding
-
-
-def beyond(y: Tensor, half: Tensor, rounding: Tensor) -> Beyond:
-    """Of places y (..., 3) m from a box's centre, in its axes."""
-    side = torch.where(y < 0, -1.0, 1.0).to(y)
-    q = side * y - half
-    return Beyond(q, side, box_distance(q) - rounding)
 
 
 def surface(name: str, shape: object) -> Obstacle:

@@ -35,7 +35,7 @@ class SelfContact(ContactTerms):
     apart: float = 6.0
 
     def __post_init__(self) -> None:
-        self._check_terms()
+        super().__post_init__()
         if self.radius is None:
             raise ValueError("SelfContact without a radius was given; a length above 0 is wanted")
         apart = self.apart

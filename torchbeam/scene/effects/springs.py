@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ...core.declared import optional, parameter, plain
 from ...core.functions_of_time import taken, with_user_rate
 from ...core.leaves import FunctionOfTime, leaf, with_values
 from ...core.validation import Value, as_tensor, axis_last, common_dtype
@@ -18,9 +19,19 @@ from ...math.quaternions import skew
 from ...math.shapes import broadcast_shapes
 from ..parts import Place
 from .drag import norm, outer
-from .load_point import POSITION, ROTATION, SPIN, VELOCITY, LoadEffect, LoadPoint, Pose, Wrench
+from .load_point import (
+    POSITION,
+    ROTATION,
+    SPIN,
+    VELOCITY,
+    LoadEffect,
+    LoadPoint,
+    Pose,
+    Wrench,
+    cross,
+)
 from .loads import at_offset
-from .values import Inputs, load_value, optional, parameter, plain, value_at
+from .values import Inputs, load_value, value_at
 
 
 @dataclass(frozen=True)
@@ -68,24 +79,19 @@ class Spring(LoadEffect):
     """
 
     node: Place = field()
-    stiffness: Value = leaf(0)
-    to: Value | Callable[[Tensor], Tensor] | None = leaf(1, default=None)
-    length: Value | None = leaf(0, default=None)
-    damping: Value | None = leaf(0, default=None)
-    offset: Value | None = leaf(1, default=None, kw_only=True)
+    stiffness: Value = leaf(0, nonnegative=True)
+    to: Value | Callable[[Tensor], Tensor] | None = leaf(1, default=None, check=load_value)
+    length: Value | None = leaf(0, default=None, check=optional)
+    damping: Value | None = leaf(0, default=None, check=optional)
+    offset: Value | None = leaf(1, default=None, kw_only=True, size=3)
     moving: Rate | None = leaf(1, default=None, init=False)
     as_drawn: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         at_offset(self)
-        object.__setattr__(self, "stiffness", parameter("Spring's stiffness", self.stiffness))
-        for name in ("length", "damping"):
-            object.__setattr__(self, name, optional(f"Spring's {name}", getattr(self, name)))
-        if self.to is not None:
-            object.__setattr__(self, "to", load_value("Spring's to", self.to))
-        object.__setattr__(
-            self, "moving", Rate(self.to) if self.damped and callable(self.to) else None
-        )
+        super().__post_init__()
+        moving = Rate(self.to) if self.damped and callable(self.to) else None
+        object.__setattr__(self, "moving", moving)
 
     def drawn_at(self, position: Tensor, rotation: Tensor) -> Spring:
         """Itself, in a scene whose node is drawn at position (..., 3) m with rotation (..., 4): one
@@ -153,7 +159,7 @@ class Spring(LoadEffect):
         if origin is not None:
             rate = rate - origin
         if omega is not None:
-            rate = rate - torch.linalg.cross(*torch.broadcast_tensors(omega, point.position))
+            rate = rate - cross(omega, point.position)
         return rate if self.moving is None else rate - value_at(self.moving, t, inputs, point.R)
 
     def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
@@ -192,6 +198,23 @@ def _direction(d: Tensor) -> tuple[Tensor, Tensor]:
     return d / r, r
 
 
+def _six(name: str, value: Value) -> Value:
+    """Six values (..., 6), not negative, from six, or from a pair of numbers, of (..., 1) or of
+    triples (..., 3).
+    """
+    if isinstance(value, (list, tuple)) and len(value) == 2:
+        parts = [as_tensor(p, *common_dtype(value)) for p in value]
+        for p in parts:
+            if p.ndim and p.shape[-1] not in (1, 3):
+                raise ValueError(
+                    f"{name} with a part of shape {tuple(p.shape)} was given; one number, (..., 1) "
+                    "of a batch, or (..., 3) is wanted"
+                )
+        lead = broadcast_shapes(*(p.shape[:-1] for p in parts))
+        value = torch.cat([p.expand(*lead, 3) for p in parts], -1)
+    return parameter(name, axis_last(name, plain(value), 6))
+
+
 @dataclass(frozen=True)
 class RootSpring(LoadEffect):
     """An elastic, damped clamp: node 0 hangs in its support by six springs, from the energy 1/2 d^T
@@ -221,19 +244,12 @@ class RootSpring(LoadEffect):
         tensor(0.0001)
     """
 
-    stiffness: Value = leaf(1)
-    damping: Value | None = leaf(1, default=None)
+    stiffness: Value = leaf(1, check=_six)
+    damping: Value | None = leaf(1, default=None, check=_six)
 
     node = 0
     frees_root = True
     wants_support = True
-
-    def __post_init__(self) -> None:
-        for name in ("stiffness", "damping"):
-            if name == "stiffness" or self.damping is not None:
-                object.__setattr__(
-                    self, name, parameter(f"RootSpring's {name}", _six(name, getattr(self, name)))
-                )
 
     conservative = True
 
@@ -261,7 +277,7 @@ class RootSpring(LoadEffect):
             v, spin = point.velocity, point.spin
             v = v if support.velocity is None else v - support.velocity
             if support.spin is not None:
-                v = v - torch.linalg.cross(*torch.broadcast_tensors(support.spin, arm))
+                v = v - cross(support.spin, arm)
                 spin = spin - support.spin
             c = self.damping
             force = force + c[..., :3, None] * (back @ v[..., None])
@@ -334,20 +350,3 @@ class _Turn(NamedTuple):
 def _turned(R: Tensor, matrix: Tensor) -> Tensor:
     """R matrix R^T."""
     return R @ matrix.expand_as(R) @ R.mT
-
-
-def _six(name: str, value: Value) -> Value:
-    """Six values (..., 6) from six, or from a pair of numbers, of (..., 1) or of triples
-    (..., 3).
-    """
-    if isinstance(value, (list, tuple)) and len(value) == 2:
-        parts = [as_tensor(p, *common_dtype(value)) for p in value]
-        for p in parts:
-            if p.ndim and p.shape[-1] not in (1, 3):
-                raise ValueError(
-                    f"RootSpring's {name} with a part of shape {tuple(p.shape)} was given; one "
-                    "number, (..., 1) of a batch, or (..., 3) is wanted"
-                )
-        lead = broadcast_shapes(*(p.shape[:-1] for p in parts))
-        return torch.cat([p.expand(*lead, 3) for p in parts], -1)
-    return axis_last(f"RootSpring's {name}", plain(value), 6)

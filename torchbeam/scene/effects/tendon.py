@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import torch
@@ -11,13 +11,16 @@ from torch import Tensor
 
 from ...core.arguments import function as check_function
 from ...core.arguments import instance, listed
-from ...core.leaves import Tree, leaf, with_values
-from ...core.validation import Value, axis_last, concrete, finite, shown
+from ...core.declared import own, parameter, plain, real_numbers, together
+from ...core.leaves import Tree, leaf, option, with_values
+from ...core.validation import Value, axis_last, concrete, shown
 from ...math import quaternions as quat
 from ..beam import Beam
+from ..parts import end_of_element, large_rotations
 from .effect import Effect
-from .values import Input, own, parameter, plain, scalar_value
+from .values import Input, OfTime, scalar_value
 
+WORDS = "an eyelet's node", "an eyelet at"
 APART = {
     torch.float64: 1e-9,
     torch.float32: 1e-5,
@@ -44,9 +47,7 @@ class Eyelet(Tree):
             raise ValueError(
                 f"{shown(given)} was given as an eyelet of a Tendon; (node, (x, y, z)) is wanted"
             )
-        point = own(axis_last("an eyelet's point", plain(given[1]), 3))
-        finite("an eyelet's point", torch.as_tensor(point))
-        return cls(given[0], point)
+        return cls(given[0], own(real_numbers("an eyelet's point", given[1], 3)))
 
     def at(self, position: Tensor, rotation: Tensor) -> Tensor:
         """(..., 3) m, frame a, where nodes (..., N+1, 3) have the axes (..., N+1, 4)."""
@@ -54,6 +55,22 @@ class Eyelet(Tree):
             return self.point
         R = quat.matrix(rotation[..., self.node, :])
         return position[..., self.node, :] + (R @ self.point[..., None])[..., 0]
+
+
+def _eyelets(name: str, value: Any) -> tuple[Eyelet, ...]:
+    eyelets = tuple(map(Eyelet.of, listed(value)))
+    if len(eyelets) < 2:
+        raise ValueError(
+            f"a Tendon with {len(eyelets)} eyelet{'s' * (not eyelets)} was given; two or more are "
+            "wanted"
+        )
+    return eyelets
+
+
+def _winch(name: str, value: Any) -> Any:
+    value = scalar_value(name, value)
+    given_later = callable(value) or isinstance(value, Input)
+    return value if given_later else parameter(name, value)
 
 
 @dataclass(frozen=True)
@@ -91,44 +108,25 @@ class Tendon(Effect):
     """
 
     kind = "tendon"
+    in_words = "a {}'s {}"
 
-    eyelets: Sequence[Any]
-    tension: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
-    length: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
-    stiffness: Value | None = leaf(0, default=None, kw_only=True)
-    friction: Value | None = leaf(0, default=None, kw_only=True)
-    slip_speed: Value | None = leaf(0, default=None, kw_only=True)
+    eyelets: Sequence[Any] = option(_eyelets)
+    _: KW_ONLY
+    tension: OfTime = leaf(0, default=None, check=_winch)
+    length: OfTime = leaf(0, default=None, check=_winch)
+    stiffness: Value | None = leaf(0, default=None, positive=True)
+    friction: Value | None = leaf(0, default=None, nonnegative=True)
+    slip_speed: Value | None = leaf(0, default=None, positive=True)
 
     def __post_init__(self) -> None:
-        set_ = object.__setattr__
-        eyelets = tuple(map(Eyelet.of, listed(self.eyelets)))
-        if len(eyelets) < 2:
-            raise ValueError(
-                f"a Tendon with {len(eyelets)} eyelet{'s' * (not eyelets)} was given; two or more "
-                "are wanted"
-            )
-        set_(self, "eyelets", eyelets)
-        for name in ("tension", "length"):
-            value = scalar_value(f"a Tendon's {name}", getattr(self, name))
-            if value is not None and not callable(value) and not isinstance(value, Input):
-                value = parameter(f"a Tendon's {name}", value)
-            set_(self, name, value)
-        for name in ("stiffness", "friction", "slip_speed"):
-            if (value := getattr(self, name)) is not None:
-                zero = name == "friction"
-                set_(self, name, parameter(f"a Tendon's {name}", value, zero=zero))
+        super().__post_init__()
         given = [x for x in ("tension", "length", "stiffness") if getattr(self, x) is not None]
         if given not in (["tension"], ["stiffness"], ["length", "stiffness"]):
             raise ValueError(
                 f"a Tendon with {' and '.join(given) or 'neither tension nor stiffness'} was "
                 "given; tension, or stiffness and perhaps length, are wanted"
             )
-        if (self.friction is None) != (self.slip_speed is None):
-            alone = "slip_speed" if self.friction is None else "friction"
-            raise ValueError(
-                f"a Tendon with {alone} alone was given; friction and slip_speed are wanted "
-                "together"
-            )
+        together(self, ("friction", "slip_speed"))
 
     @classmethod
     def along(cls, beam: Any, point: Any, name: str | None = None, **given: Any) -> Tendon:
@@ -171,7 +169,10 @@ class Tendon(Effect):
 
     def placed(self, beam: Any) -> Tendon:
         """With the rows of its nodes in a beam, or a structure."""
-        eyelets = tuple(with_values(x, node=_row(x.node, beam)) for x in self.eyelets)
+        eyelets = tuple(
+            x if x.node is None else with_values(x, node=end_of_element(beam, x.node, *WORDS))
+            for x in self.eyelets
+        )
         seen: set[int] = set()
         for node in (x.node for x in eyelets if x.node is not None):
             if node in seen and not (beam.parts and beam.part_at(node).body):
@@ -187,10 +188,7 @@ class Tendon(Effect):
         """ValueError in a scene of small motions, and where eyelets that follow each other are one,
         as drawn.
         """
-        if scene.small:
-            raise ValueError(
-                "small=True with a Tendon was given; large rotations (small=False) are wanted there"
-            )
+        large_rotations(scene, "a Tendon")
         beam = scene.beam
         points = self.at(beam.nodes, beam.frames).detach()
         off = torch.linalg.vector_norm(points.diff(dim=-2), dim=-1)
@@ -201,17 +199,3 @@ class Tendon(Effect):
                 f"a Tendon whose eyelets {k} and {k + 1} are at one point was given; points that "
                 "are apart are wanted"
             )
-
-
-def _row(node: Any, beam: Any) -> Any:
-    if node is None:
-        return None
-    row = beam.row(node, "an eyelet's node")
-    first = beam.part_at(row).first_node if beam.parts else 0
-    row = row if beam.parts else row % beam.node_count
-    if (row - first) % beam.order:
-        raise ValueError(
-            f"an eyelet at the node {row!r} was given, which lies within an element of order 2; "
-            "the end of one, whose number is even, is wanted"
-        )
-    return row

@@ -12,22 +12,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ...core.arguments import count
+from ...core.arguments import count, function_of
 from ...core.arguments import function as check_function
+from ...core.declared import plain, real_numbers
 from ...core.functions_of_time import at_time, taken
 from ...core.leaves import Placeholder, Tree, leaf, leaves
-from ...core.validation import (
-    Value,
-    as_tensor,
-    axis_last,
-    common_dtype,
-    finite,
-    has_dtype,
-    numbers,
-    positive,
-    real,
-    shown,
-)
+from ...core.validation import Value, as_tensor, axis_last, real, shown
 from .effect import Effect
 
 
@@ -89,10 +79,7 @@ class Along(ByPlace):
         tensor(-1.)
     """
 
-    function: Callable[[Tensor, Tensor], Tensor] = leaf(None)
-
-    def __post_init__(self) -> None:
-        check_function("Along's function", self.function, "s", "t")
+    function: Callable[[Tensor, Tensor], Tensor] = leaf(None, check=function_of("s", "t"))
 
     def __call__(
         self, s: Tensor, t: Tensor, inputs: Inputs | None = None, elements: int | None = None
@@ -100,6 +87,20 @@ class Along(ByPlace):
         return at_time(
             lambda now: taken("an Along function's value", self.function(s, now), s, 3), t, own=2
         )
+
+
+def _rows(name: str, value: Any) -> Any:
+    """A value for each element, checked."""
+    if callable(value):
+        return check_function(name, value, "t")
+    if isinstance(value, Input):
+        return value
+    rows = plain(value)
+    if rows.ndim < 2 or rows.shape[-1] != 3:
+        raise ValueError(
+            f"PerElement of shape {tuple(rows.shape)} was given; (..., N, 3) is wanted"
+        )
+    return real_numbers(name, rows)
 
 
 @dataclass(frozen=True)
@@ -118,21 +119,7 @@ class PerElement(ByPlace):
         tensor(-2.5000)
     """
 
-    value: Value | Callable[[Tensor], Tensor] = leaf(2)
-
-    def __post_init__(self) -> None:
-        if callable(self.value):
-            check_function("PerElement's value", self.value, "t")
-            return
-        if isinstance(self.value, Input):
-            return
-        value = plain(self.value)
-        if value.ndim < 2 or value.shape[-1] != 3:
-            raise ValueError(
-                f"PerElement of shape {tuple(value.shape)} was given; (..., N, 3) is wanted"
-            )
-        finite("PerElement's value", torch.as_tensor(value))
-        object.__setattr__(self, "value", value)
+    value: Value | Callable[[Tensor], Tensor] = leaf(2, check=_rows)
 
     def checked(self, value: Any, elements: int) -> Any:
         """`value` if it has a row for each of the elements, or is an Input of as many numbers;
@@ -225,6 +212,7 @@ def inputs_of(effect: Effect | Tree) -> list[Input]:
 
 
 Inputs = dict[str, Tensor]
+OfTime = Value | Callable[[Tensor], Tensor] | Input | None  # what may be given as a function of t
 # an array: plain numbers
 LoadValue = Tensor | np.ndarray | Callable[..., Tensor] | Input
 
@@ -359,59 +347,35 @@ def value_along(
     return value_at(value, t, inputs, like)[..., None, :]
 
 
-def plain(value: Value) -> Tensor | np.ndarray:
-    """A tensor, NumPy's floating numbers and a sequence that holds tensors as a tensor of float64,
-    and plain numbers as an array. Raises ValueError for what is no real number.
-    """
-    return as_tensor(value, *common_dtype(value)) if has_dtype(value) else numbers(value)
-
-
-def own(value: Tensor | np.ndarray) -> Tensor | np.ndarray:
-    """A copy, of which other numbers are made: nothing written to the value later changes some of
-    these alone.
-    """
-    return value.clone() if isinstance(value, Tensor) else value.copy()
-
-
-def load_value(name: str, value: Value, *, along: bool = False) -> LoadValue:
-    """`value` checked: (..., 3), a function of t, an Input of size 3; `along` the beam also Along
-    and PerElement.
-    """
+def load_value(name: str, value: Value) -> LoadValue:
+    """`value` checked: (..., 3), a function of t, an Input of size 3."""
     if isinstance(value, ByPlace):
-        if not along:
-            raise ValueError(
-                f"{name} as {type(value).__name__} was given; only what acts along the beam "
-                "takes it"
-            )
-        return value
-    if callable(value):
-        return check_function(name, value, "t")
-    if isinstance(value, Input):
-        if value.size != 3:
-            raise ValueError(
-                f"{name} with an Input of size {value.size} was given; size 3 is wanted"
-            )
-        return value
-    value = axis_last(name, plain(value), 3)
-    finite(name, torch.as_tensor(value))
-    return value
+        raise ValueError(
+            f"{name} as {type(value).__name__} was given; only what acts along the beam takes it"
+        )
+    return _of_time(name, value, 3)
+
+
+def line_value(name: str, value: Value) -> LoadValue | ByPlace:
+    """The same of what acts along the beam: also Along and PerElement."""
+    return value if isinstance(value, ByPlace) else load_value(name, value)
 
 
 def scalar_value(name: str, value: Any) -> Any:
-    """`value` checked: a number (...), a function of t, an Input of size 1, or None."""
-    if value is None:
-        return None
+    """`value` checked: a number (...), a function of t, an Input of size 1."""
+    return _of_time(name, value, 1)
+
+
+def _of_time(name: str, value: Any, size: int) -> Any:
     if callable(value):
         return check_function(name, value, "t")
     if isinstance(value, Input):
-        if value.size != 1:
+        if value.size != size:
             raise ValueError(
-                f"{name} with an Input of size {value.size} was given; size 1 is wanted"
+                f"{name} with an Input of size {value.size} was given; size {size} is wanted"
             )
         return value
-    value = plain(value)
-    finite(name, torch.as_tensor(value))
-    return value
+    return real_numbers(name, value, *((size,) if size > 1 else ()))
 
 
 def scalar_at(what: str, value: Any, t: Tensor, inputs: Inputs, like: Tensor) -> Tensor:
@@ -421,24 +385,3 @@ def scalar_at(what: str, value: Any, t: Tensor, inputs: Inputs, like: Tensor) ->
     if callable(value):
         return at_time(lambda now: taken(what, value(now), like), t, own=0)
     return value
-
-
-def parameter(name: str, value: Value, *, zero: bool = True) -> Tensor | np.ndarray:
-    """A number (...) that may not be negative (nor zero, without `zero`); ValueError otherwise.
-
-    Examples:
-        >>> extend.parameter("Spring's stiffness", torch.tensor(2.0))
-        tensor(2.)
-    """
-    value = plain(value)
-    positive(name, torch.as_tensor(value), zero=zero)
-    return value
-
-
-def optional(name: str, value: Value | None) -> Tensor | np.ndarray | None:
-    """The same, or None where it is absent: not given, or the plain number 0. A tensor is always
-    there. (None stays None where an effect that a scene has bound to tensors is made again by
-    `dataclasses.replace`; a 0 would have become a tensor.)
-    """
-    value = None if value is None else parameter(name, value)
-    return value if isinstance(value, Tensor) or (value is not None and value.any()) else None
