@@ -111,7 +111,7 @@ def test_places_keep_gradients():
 
 @pytest.mark.parametrize("joint", [tb.Hinge, tb.Slider, tb.Cylindrical, tb.Universal, tb.Ball])
 def test_no_axis(joint):
-    """(A scene said that None is a TypeError.)"""
+    """(It ended in a TypeError of the scene, or of its solve.)"""
     with pytest.raises(ValueError, match="None was given; numbers or a tensor are wanted"):
         joint(("arm", -1), None, axis=None)
     with pytest.raises(ValueError, match="None was given; numbers or a tensor are wanted"):
