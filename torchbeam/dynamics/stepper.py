@@ -264,7 +264,7 @@ class Stepper:
             t=torch.where(good, now + dt, now),
             status=torch.where(moving, status, state.status),
         )
-        if after.t.shape != after.status.shape:  # functions of time have brought axes along
+        if now.shape != after.status.shape:  # functions of time have brought axes along
             after = after.broadcast()
         self.latest = rounded(after.t, state.t.dtype)
         return self.model.space.to_public(replace(after, t=self.latest))
