@@ -196,7 +196,7 @@ class Stepper:
         known = checked is not None and getattr(state, "t", None) is checked.t
         if not known:
             state = of_mesh(state, self.scene.beam, "a state")
-        if mapped(state.t):
+        if mapped(state.t) or not state.t.numel():
             return self.advance(state, inputs, active=active, dt=dt)
         if known and dt is None and checked.own:
             step, longest = checked.step, checked.step
