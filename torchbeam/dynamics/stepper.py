@@ -196,13 +196,13 @@ class Stepper:
         known = checked is not None and getattr(state, "t", None) is checked.t
         if not known:
             state = of_mesh(state, self.scene.beam, "a state")
-        if mapped(state.t) or not state.t.numel():
+        own = known and dt is None and checked.own
+        lengths = None if own else concrete(self._length(dt)).detach()
+        if mapped(state.t) or not state.t.numel() or not (own or lengths.numel()):
             return self.advance(state, inputs, active=active, dt=dt)
-        if known and dt is None and checked.own:
-            step, longest = checked.step, checked.step
-        else:
-            lengths = concrete(self._length(dt)).detach()
-            step, longest = lengths.amin().item(), lengths.amax().item()
+        step, longest = (
+            (checked.step, checked.step) if own else (lengths.amin().item(), lengths.amax().item())
+        )
         latest = checked.latest if known else concrete(state.t).detach().abs().amax().item()
         check_digits(step, latest, state.t.dtype)
         after = self.advance(state, inputs, active=active, dt=dt)

@@ -4,6 +4,7 @@ left of the chains are runs of nodes that know nothing of these.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import groupby, pairwise, product
 from typing import NamedTuple
@@ -96,7 +97,8 @@ class Line(NamedTuple):
         )
 
 
-class Cut(NamedTuple):
+@dataclass(frozen=True)
+class Cut:
     """interface: its nodes; runs: those of the same length together; lines: the same by manner
     too; order: where each node is in the row of all lines' nodes, one after the other, those of the
     interface and one that stands for all that have no unknowns; direct: elements whose nodes
