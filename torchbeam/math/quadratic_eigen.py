@@ -303,6 +303,7 @@ def _dense(
     least = error(m, d, k, value, moves, torch.where(apart, SURE, 1.0))
     grown = (value.real > 0) & (value.real <= least)
     value = torch.complex(torch.where(grown, 0.0, value.real), value.imag)
+    value = torch.where(value.abs() <= least, 0.0, value)  # of a motion that nothing resists
     slow = slow_first(value, count, lags > 0)
     slow = slow.gather(-1, value.imag.gather(-1, slow).argsort(dim=-1, stable=True))
     rows, left = slow[..., None].expand(*slow.shape, vectors.shape[-1]), None
