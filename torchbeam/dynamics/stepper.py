@@ -42,7 +42,7 @@ HALVINGS = 6  # a failed step is made again in at most 2^6 parts
 
 
 class Checked(NamedTuple):
-    """An instant t (...) s that a step has led to, none of its samples later than `latest` s; the
+    """An instant t (...) s at an end of a step, none of its samples later than `latest` s; the
     shortest length of that step s, and whether it was the stepper's own.
     """
 
@@ -130,11 +130,11 @@ class Stepper:
         self.iterations: Tensor | None = None  # (...) of the last step
         self._last: StateCache | None = None
         self.latest: Tensor | None = None  # (...) s, of the state that was made last
-        self._checked: Checked | None = None
+        self._checked: tuple[Checked, ...] = ()  # before and after the last step
         self.failures: Failures | None = Failures()  # None = nobody asks why a step has failed
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "_last": None, "latest": None, "_checked": None}
+        return {**vars(self), "_last": None, "latest": None, "_checked": ()}
 
     def again(self, dt: float | Tensor) -> Stepper:
         """This stepper with steps of another length, as if it had made none yet."""
@@ -146,7 +146,7 @@ class Stepper:
             iterations=None,
             _last=None,
             latest=None,
-            _checked=None,
+            _checked=(),
         )
 
     @property
@@ -192,21 +192,24 @@ class Stepper:
         2, 4, ... smaller ones. If that fails too it keeps its state and gets a status (see
         `torchbeam.core.status.STATUS`); its derivatives are those of standing still.
         """
-        checked = self._checked  # taken once: other threads may step too
-        known = checked is not None and getattr(state, "t", None) is checked.t
-        if not known:
+        t = getattr(state, "t", None)
+        known = next((checked for checked in self._checked if checked.t is t), None)
+        if known is None:
             state = of_mesh(state, self.scene.beam, "a state")
-        own = known and dt is None and checked.own
+        own = known is not None and dt is None and known.own
         lengths = None if own else concrete(self._length(dt)).detach()
         if mapped(state.t) or not state.t.numel() or not (own or lengths.numel()):
             return self.advance(state, inputs, active=active, dt=dt)
         step, longest = (
-            (checked.step, checked.step) if own else (lengths.amin().item(), lengths.amax().item())
+            (known.step, known.step) if own else (lengths.amin().item(), lengths.amax().item())
         )
-        latest = checked.latest if known else concrete(state.t).detach().abs().amax().item()
+        latest = known.latest if known else concrete(state.t).detach().abs().amax().item()
         check_digits(step, latest, state.t.dtype)
         after = self.advance(state, inputs, active=active, dt=dt)
-        self._checked = Checked(after.t, latest + longest, step, dt is None)
+        self._checked = (
+            Checked(state.t, latest, step, dt is None),
+            Checked(after.t, latest + longest, step, dt is None),
+        )
         return after
 
     def advance(

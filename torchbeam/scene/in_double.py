@@ -55,4 +55,6 @@ def narrowed(result: Any) -> Any:
         return sent(result, torch.float32)
     if not is_dataclass(result):
         return result
-    return replace(result, **{f.name: narrowed(getattr(result, f.name)) for f in fields(result)})
+    new = {f.name: narrowed(getattr(result, f.name)) for f in fields(result)}
+    new = {name: value for name, value in new.items() if value is not getattr(result, name)}
+    return replace(result, **new) if new else result
