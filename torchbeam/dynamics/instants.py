@@ -48,12 +48,17 @@ def instants_of(given: Any, scene: Any) -> tuple[Tensor, torch.dtype]:
     return t, dtype_of(given)
 
 
+def largest(x: Tensor) -> float:
+    """The largest size in x, 0 of no numbers."""
+    return concrete(x).detach().abs().amax().item() if x.numel() else 0.0
+
+
 def check_digits(step: float, latest: float | Tensor, dtype: torch.dtype) -> None:
     """ValueError where numbers of the dtype lie too far apart for steps of so many seconds at the
     latest instant(s) s.
     """
     if isinstance(latest, Tensor):
-        latest = concrete(latest).detach().abs().amax().item() if latest.numel() else 0.0
+        latest = largest(latest)
     apart = torch.finfo(dtype).eps * abs(latest)
     if apart > SHARE * step:
         wider = "" if dtype == torch.float64 else ", or torch.float64,"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from copy import copy
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -29,7 +30,7 @@ from ..state.state import State, rest, with_optional_fields
 from ..state.state_check import check_state, of_mesh
 from .composition import in_parts, natively, step
 from .failure import Failures
-from .instants import begins_of, check_digits, exact, rounded
+from .instants import begins_of, check_digits, exact, largest, rounded
 from .make_steps import StepPlan, make_steps
 from .method import Method
 from .methods import METHODS
@@ -196,14 +197,15 @@ class Stepper:
         known = next((checked for checked in self._checked if checked.t is t), None)
         if known is None:
             state = of_mesh(state, self.scene.beam, "a state")
-        own = known is not None and dt is None and known.own
-        lengths = None if own else concrete(self._length(dt)).detach()
-        if mapped(state.t) or not state.t.numel() or not (own or lengths.numel()):
+        if mapped(state.t):
             return self.advance(state, inputs, active=active, dt=dt)
-        step, longest = (
-            (known.step, known.step) if own else (lengths.amin().item(), lengths.amax().item())
-        )
-        latest = known.latest if known else concrete(state.t).detach().abs().amax().item()
+        if known is not None and dt is None and known.own:
+            step = longest = known.step
+        else:
+            lengths = self._length(dt)
+            step = concrete(lengths).detach().amin().item() if lengths.numel() else math.inf
+            longest = largest(lengths)
+        latest = known.latest if known else largest(state.t)
         check_digits(step, latest, state.t.dtype)
         after = self.advance(state, inputs, active=active, dt=dt)
         self._checked = (

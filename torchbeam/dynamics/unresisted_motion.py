@@ -29,14 +29,12 @@ def unresisted_motion(problem: StepProblem, failed: Tensor) -> str | None:
     matrix = problem.tangent(x, *problem.residual(x)[1:]).matrix
     free = model.constraints.moving.flatten().nonzero()[:, 0]
     K = _first(matrix.dense(), failed)[free][:, free]
-    L, dims = float(concrete(model.scene.beam.extent).detach().amax()), model.space.dims
-    unit = K.new_tensor([1.0] * dims.position + [1 / L] * dims.spin)  # of moves: the same at an end
-    unit = unit.repeat(model.node_count)[free]
-    most, row = (K.abs() * unit * unit[:, None]).amax(-1).max(-1)
+    unit = _first(model.unit[..., None, :], failed).repeat(1, model.node_count)[0, free]
+    resistance = (K.abs() * unit * unit[:, None]).amax(-1)
+    most, row = resistance.max(-1)
     node = int(free[row]) // model.space.unknowns
     driven = {end for joint in model.scene.joints if joint.acts for end in joint.ends}
-    usual = (K.abs() * unit * unit[:, None]).amax(-1).median()
-    drowned = node in driven and bool(most > DROWNED * usual)
+    drowned = node in driven and bool(most > DROWNED * resistance.median())
     if model.joints.count:
         G = _first(matrix.constraints(), failed)[:, free]
         K = torch.cat((torch.cat((K, G.mT), -1), torch.cat((G, G.new_zeros(len(G), len(G))), -1)))

@@ -37,7 +37,6 @@ from ..scene.effects.contact_terms import ContactTerms
 from ..state.state import State
 from ..state.state_check import check_state
 from ..statics.balance_check import check_rest
-from ..statics.stability import unit
 from ..topology.protocols import Matrix, total
 
 
@@ -213,8 +212,7 @@ def dense(model: Model, matrix: Matrix, basis: Tensor | None = None) -> Tensor:
 def free_moves(model: Model, K: Matrix, near: Tensor | None = None) -> Tensor | None:
     """Basis (..., moves that supports leave free, n) of those that joints leave free as well; None
     where there are no joints. K: the tangent stiffness with these. near: the basis of a state
-    nearby, which it is to follow; None = one that is
-    orthonormal by `unit`.
+    nearby, which it is to follow; None = one that is orthonormal by `Model.unit`.
 
     With N a basis at the values, Z = N - G^T (G G^T)^-1 G N has these, and the derivatives of G
     Z = 0.
@@ -225,7 +223,7 @@ def free_moves(model: Model, K: Matrix, near: Tensor | None = None) -> Tensor | 
     G = K.constraints().index_select(-1, free)
     N = near
     if near is None:  # in moves and turns that move the far end alike, whatever the units
-        size = unit(model).detach()[..., None, :].expand(*model.extent.shape, model.node_count, -1)
+        size = model.unit[..., None, :].expand(*model.extent.shape, model.node_count, -1)
         size = size.flatten(-2)[..., None, free]
         N = size.mT * torch.linalg.svd(G.detach() * size).Vh[..., G.shape[-2] :, :].mT
     return (

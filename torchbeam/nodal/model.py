@@ -91,6 +91,15 @@ class Model(Rows):
             return self.length.detach().sum((-1, -2))
         return self.scene.beam.extent.detach()
 
+    @property
+    def unit(self) -> Tensor:
+        """(..., w) of a node's moves: 1 m, and the turn that moves the beam's far end by 1 m."""
+        L, dims = self.extent[..., None], self.space.dims
+        moves, sizes = (torch.ones_like(L), 1 / L), (dims.position, dims.spin)
+        return torch.cat(
+            [v.expand(*v.shape[:-1], n) for v, n in zip(moves, sizes, strict=True)], -1
+        )
+
     @cached
     def floats(self) -> bool:
         """Whether it is one piece, or parts joined to one, with the momentum that dead loads leave

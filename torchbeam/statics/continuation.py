@@ -27,7 +27,7 @@ from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..solvers.newton import newton
 from .arc_length import ArcLengthProblem, EagerPoint, LoadedProblem, PathPoint, where
-from .stability import NEUTRAL, conservative, eigenvalues, sign, unit
+from .stability import NEUTRAL, conservative, eigenvalues, sign
 
 REGULAR, LIMIT_POINT, BRANCH_POINT = range(3)
 TURN = 1.0  # rad that a node may turn in one step
@@ -207,7 +207,7 @@ class Continuation:
         x = PathPoint(*self.loaded(x.factor[..., 0, 0]).apply_supports(x.shape), x.factor, x.way)
         point = self.loaded.balance(x)
         # where one is not, the point is no place to stop at
-        blocks, sound = point.pivots(unit(self.model))
+        blocks, sound = point.pivots(self.model.unit)
         shape = point.residual.measure().shape
         values = eigenvalues(blocks).expand(*shape, *blocks.shape[-3:-1])
         least = values.amin((-1, -2)).clamp(min=0) if least is None else least

@@ -38,12 +38,10 @@ from .internal_states import resting
 from .mechanism import braced, stressed
 from .no_equilibrium import reason
 from .path import stable_branch
-from .stability import HAIR, NEUTRAL, asymmetry, eigenvalues, sign, unit
+from .stability import HAIR, NEUTRAL, asymmetry, eigenvalues, sign
 
-SINGULAR = {
-    torch.float64: 1e-6,
-    torch.float32: 1e-4,
-}  # of the softest motion's resistance at no load
+# of the resistance of the softest motion at no load
+SINGULAR = {torch.float64: 1e-6, torch.float32: 1e-4}
 SWEEPS = 2  # of inverse iteration, towards the softest motion
 SHARE = 1e-3  # of the loads in the softest motion: less does not bring it about
 
@@ -98,11 +96,11 @@ def equilibrium(
     Past a point of buckling the way up may keep to a branch that is no longer stable. Where all
     loads are conservative (dead forces, gravity) a RuntimeWarning names the samples whose tangent
     is not positive definite; so where others are next to nothing. Of other loads (followers,
-    moments in space, a frame that turns) it
-    names those whose tangent has a negative determinant: they diverge, whatever their mass and
-    damping; whether another one is stable is for `modes` to say (`unstable`). Where a derivative is
-    recorded at a limit point, a RuntimeError says that there is none (with throw=False the sample
-    is a constant); at a point of bifurcation a RuntimeWarning says that some do not exist.
+    moments in space, a frame that turns) it names those whose tangent has a negative determinant:
+    they diverge, whatever their mass and damping; whether another one is stable is for `modes` to
+    say (`unstable`). Where a derivative is recorded at a limit point, a RuntimeError says that
+    there is none (with throw=False the sample is a constant); at a point of bifurcation a
+    RuntimeWarning says that some do not exist.
 
     What swings, as a pendulum, is held by its loads once these have stressed it; where by their
     stiffness it is more than 0.5 rad away, relax=True is wanted. It is what follows by itself where
@@ -292,7 +290,7 @@ def _unstable(
         doubtful = ~tangent.system.positive_definite()
         if not concrete(doubtful).any():
             return doubtful
-        unloaded, size = _tangent(problem, start), unit(problem.model)
+        unloaded, size = _tangent(problem, start), problem.model.unit
         (here, sound), (usual, _) = (k.system.pivots(size) for k in (tangent, unloaded))
         soft, least = (torch.linalg.svdvals(p).amin((-1, -2)) for p in (here, usual))
         diverges = sound & (sign(here) < 0) & (soft > NEUTRAL * least)
@@ -318,12 +316,12 @@ def _singular(
 
 def _softness(problem: SteadyProblem, x: Configuration) -> tuple[Tensor, Tensor]:
     """(...) the resistance N/m of the softest motion, and the share that a change of the loads by
-    themselves has in it, by `unit`.
+    themselves has in it, by `Model.unit`.
     """
     residual, *about = problem.residual(x)
     tangent, none = problem.linearise(x, *about), torch.zeros_like(residual.strain)
     unloaded = replace(problem, load_factor=torch.zeros_like(problem.load_factor)).residual(x)[0]
-    size = unit(problem.model)[..., None, :]
+    size = problem.model.unit[..., None, :]
     load = (residual.nodes - unloaded.nodes) * problem.model.constraints.moving * size
     soft = torch.cos(1.0 + torch.arange(math.prod(load.shape[-2:])).to(load)).view(load.shape[-2:])
     for _ in range(SWEEPS):

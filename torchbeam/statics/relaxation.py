@@ -126,8 +126,8 @@ def relax(
                     still, still.apply_supports(x), calm, tolerance, LIMIT, foresee=~calm
                 )
                 at_rest = calm & (outcome.status == 0) & (_turned(model, x, outcome.x) < CALM)
-                held = replace(fluid, load_factor=whole.load_factor, drag=NEUTRAL * viscosity)
-                held = replace(held, model=model, before=outcome.x)
+                factor, drag = whole.load_factor, NEUTRAL * viscosity
+                held = replace(fluid, model=model, load_factor=factor, drag=drag, before=outcome.x)
                 # what hardly anything resists moves far by the last update, which leaves something
                 outcome = newton(held, outcome.x, at_rest, tolerance, LIMIT, foresee=~calm)
                 at_rest = at_rest & (outcome.status == 0)

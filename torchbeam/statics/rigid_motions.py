@@ -20,7 +20,6 @@ from ..nodal.coordinates.planar import PLANES
 from ..nodal.element_loads import element_matrix
 from ..nodal.model import Model
 from ..topology.protocols import Matrix
-from .stability import unit
 
 NONE = 1e-8  # of the largest: a singular value that is none
 
@@ -140,7 +139,7 @@ def _forbidden(
         rows += [row for k, row in enumerate(eye) if k % 6 in out]
     if model.joints.count:
         G = _joined(problem, x).constraints()
-        own = (size * unit(model)).repeat(*(1,) * (size.ndim - 1), model.node_count)[..., None, :]
+        own = (size * model.unit).repeat(*(1,) * (size.ndim - 1), model.node_count)[..., None, :]
         G = G / torch.linalg.vector_norm(G * own, dim=-1, keepdim=True)
         rows += (G @ as_unknowns(problem, moves).flatten(-2).mT).unbind(-2)
     return torch.stack(torch.broadcast_tensors(*rows), -2).double() if rows else None
@@ -166,7 +165,7 @@ def stiffness_of(problem: SteadyProblem, x: Configuration, moves: Tensor) -> tup
     model, space = problem.model, problem.model.space
     own, _ = model.joints.split(x.stress)
     stress = space.geometric_stiffness(model.kinematics(x.position, x.rotation), own, model.length)
-    by_node = unit(model)  # all moves in m, all stiffnesses in N/m
+    by_node = model.unit  # all moves in m, all stiffnesses in N/m
     position, spins = by_node.split((space.dims.position, space.dims.spin), -1)
     by_end = torch.cat((position, *[spins] * (space.order + 1)), -1)
     ends, size = model.assembly.to_elements(moves), _largest(in_unit(stress, by_end))

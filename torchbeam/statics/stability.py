@@ -12,19 +12,10 @@ from torch import Tensor
 from ..equations.steady import Configuration, SteadyProblem
 from ..math.quaternions import skew
 from ..nodal import loads as external
-from ..nodal.model import Model
 
 NEUTRAL = 1e-4  # of the softest pivot at no load: a pivot that is less negative does not count
 HAIR = 1e-3  # of the most negative pivot: an asymmetry that is less takes no instability away
 ROUNDING = 0.5  # power of the dtype's rounding
-
-
-def unit(model: Model) -> Tensor:
-    """(..., w) of a node's moves: 1 m, and the turn that moves the beam's far end by 1 m."""
-    L, dims = model.extent[..., None], model.space.dims
-    moves = torch.ones_like(L), 1 / L
-    sizes = dims.position, dims.spin
-    return torch.cat([v.expand(*v.shape[:-1], n) for v, n in zip(moves, sizes, strict=True)], -1)
 
 
 def eigenvalues(pivots: Tensor) -> Tensor:
@@ -43,7 +34,7 @@ def conservative(problem: SteadyProblem, x: Configuration) -> Tensor:
 
 
 def asymmetry(problem: SteadyProblem, x: Configuration) -> Tensor:
-    """() or (...) N/m: how far the loads' tangent at x, at rest, by `unit`, is from that of a
+    """() or (...) N/m: how far the loads' tangent at x, at rest, by `Model.unit`, is from that of a
     gradient, of a moment m by the spin ~m/2 beside what is symmetric; 0 where they are declared
     conservative, or no further from it than rounding; inf where this is not known.
     """
@@ -75,7 +66,7 @@ def asymmetry(problem: SteadyProblem, x: Configuration) -> Tensor:
         (by_spin, by_spin, terms),
     )
     alike = torch.stack([_alike(a, b.mT, *more) for a, b, more in pairs]).all(0)
-    size = unit(model)[..., None, None, :]
+    size = model.unit[..., None, None, :]
     slope = torch.cat((slope[..., :p], torch.cat((slope[..., :p, p:], by_spin), -2)), -1)
     off = (size.mT * (slope - slope.mT) / 2 * size).abs().amax((-1, -2)).sum(-1)
     return torch.where(alike, 0.0, off)

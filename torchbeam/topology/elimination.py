@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..math.block_tridiagonal import backward, forward
+from ..math.block_tridiagonal import backward, broadcast_matrices, forward
 from ..math.first_derivative import first_only
 from ..math.shapes import broadcast_shapes
 from .cut import Cut, Line
@@ -95,8 +95,7 @@ def solve(how: Cut, b: Tensor, *parts: Tensor) -> Tensor:
         x.append(inner[..., :interface, :])
     if max(how.order, default=0) == sum(part.shape[-2] for part in x):
         x.append(torch.zeros_like(x[0][..., :1, :]))
-    shape = broadcast_shapes(*(part.shape[:-2] for part in x))
-    found = take(torch.cat([part.expand(*shape, *part.shape[-2:]) for part in x], -2), how.order)
+    found = take(torch.cat(broadcast_matrices(*x), -2), how.order)
     return found if not how.joints else torch.cat((found, inner[..., interface:, :]), -2)
 
 
@@ -154,7 +153,7 @@ def eliminate(
     above, r = _joined(above, take(U, line.after, 2)), take(L, line.after, 2)
     if line.back:
         c = pad(take(L, line.before, 2)[..., None, :, :], (0, 0, 0, 0, 0, line.count - 1))
-        y = torch.cat(_same(y, c), -1)
+        y = torch.cat(broadcast_matrices(y, c), -1)
     ahead, right = forward(A, below, above, y)
     system.add(-(r @ ahead[-1]), line.towards, line.towards)
     _push(system, -(r @ right[-1]), line.towards, line.back)
@@ -178,12 +177,6 @@ def _joined(line: Tensor, last: Tensor) -> Tensor:
     """(..., runs, n - 1, w, w) and (..., runs, w, w) behind."""
     last = last[..., None, :, :]
     return last if not line.shape[-3] else torch.cat((line, last), -3)
-
-
-def _same(*x: Tensor) -> list[Tensor]:
-    """With the same leading axes."""
-    shape = broadcast_shapes(*(part.shape[:-2] for part in x))
-    return [part.expand(*shape, *part.shape[-2:]) for part in x]
 
 
 def restored(line: Line, rows: Rows, interface: Tensor | None) -> Tensor:
