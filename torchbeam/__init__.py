@@ -87,6 +87,8 @@ from .scene.section import Section
 from .scene.stations import Stations, Table
 from .scene.supports import Frame, RootMotion, Support
 from .sensors.observe import observe
+from .sensors.pose import Pose, pose_from_points
+from .sensors.sensor_frame import SensorFrame
 from .state.instant import Instant
 from .state.solution import Energy, Solution, Stats
 from .state.state import State, rest
@@ -114,8 +116,8 @@ __all__ = [
     "Gravity", "Hinge", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping",
     "Measurement", "MixedState",
     "Modes", "MomentDerivatives", "PairedModes", "Parameter", "Path", "PerElement", "PerInterval",
-    "Plane", "PointLoad", "PointMass",
-    "RareEvent", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "SelfContact", "Slider",
+    "Plane", "PointLoad", "PointMass", "Pose",
+    "RareEvent", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "SelfContact", "SensorFrame", "Slider",
     "SlowPathWarning", "Smoothness",
     "SobolIndices", "Solution", "Sphere", "Spring", "State", "Stations", "Stats", "Stepper",
     "Stream", "Support", "Table", "Tendon", "TipLoad",
@@ -124,7 +126,7 @@ __all__ = [
     "describe", "equilibrium", "export",
     "identify", "identify_fields", "laws", "linearize", "load", "modal_assurance", "modes",
     "moment_derivatives", "monte_carlo",
-    "monte_carlo_stream", "observe", "pair_modes", "path", "plot", "rare_event", "rayleigh",
+    "monte_carlo_stream", "observe", "pair_modes", "path", "plot", "pose_from_points", "rare_event", "rayleigh",
     "remesh",
     "rest",
     "rollout", "rollout_jacobian", "save", "sensors",

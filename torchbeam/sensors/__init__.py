@@ -27,6 +27,7 @@ from .contact import (
 )
 from .joint import JointCoordinate, JointLoad, JointRate
 from .node import Angles, NodePosition, NodeRotation, NodeVelocity, Spin, TipPosition, TipVelocity
+from .position import Position
 from .root import Reaction, RootForce, RootMoment, RootReaction, RootSpringLoad
 from .sensor import Component, Sensor, Stack
 from .tendon import TendonLength, TendonTension
@@ -36,7 +37,7 @@ __all__ = [
     "Angles", "Component", "ContactForce", "ContactForces", "ContactGap", "ContactPoints",
     "ContactPressure",
     "ContactSlip", "Curvature", "Gauge", "JointCoordinate", "JointLoad", "JointRate",
-    "NodeAcceleration", "NodePosition", "NodeRotation", "NodeVelocity",
+    "NodeAcceleration", "NodePosition", "NodeRotation", "NodeVelocity", "Position",
     "Reaction", "RootForce", "RootMoment", "RootReaction", "RootSpringLoad", "Sensor", "Spin",
     "Stack", "Strain", "Stress", "TendonLength", "TendonTension",
     "TipPosition", "TipVelocity",

@@ -71,6 +71,10 @@ class NodeAcceleration(_OfNode):
     unit = "m/s^2"
     labels = XYZ
 
+    @property
+    def transforms_as(self) -> str | None:
+        return None if self.body else "vector"
+
     def __post_init__(self) -> None:
         given = self.node
         super().__post_init__()

@@ -73,6 +73,10 @@ class NodePosition(_OfNode):
     def what(self) -> str:
         return "position" if self.reference is None else "displacement"
 
+    @property
+    def transforms_as(self) -> str:
+        return "point" if self.reference is None else "vector"
+
     def __post_init__(self) -> None:
         super().__post_init__()
         reference = self.reference
@@ -101,6 +105,7 @@ class NodeVelocity(_OfNode):
     what = "velocity"
     unit = "m/s"
     labels = XYZ
+    transforms_as = "vector"
 
     def read(self, state: Any) -> Tensor:
         return state.velocity[..., self.node, :]
@@ -121,6 +126,10 @@ class Spin(_OfNode):
     what = "spin"
     unit = "rad/s"
     labels = XYZ
+
+    @property
+    def transforms_as(self) -> str | None:
+        return None if self.body else "vector"
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -24,6 +24,8 @@ class Sensor:
 
     Attributes:
         on: name of the part of a structure that it is on; None = the whole state is read
+        transforms_as: "point" or "vector" where the reading is three numbers of one in the axes of
+            frame a, which a `SensorFrame` turns; None = other axes, or no vector
 
     Examples:
         >>> class Reach(tb.sensors.Sensor):
@@ -39,6 +41,7 @@ class Sensor:
     unit: str
     labels: tuple[str, ...]
     on: str | None = None
+    transforms_as: str | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:

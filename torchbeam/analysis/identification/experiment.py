@@ -13,6 +13,7 @@ from ...core.arguments import function as check_function
 from ...core.validation import concrete
 from ...solvers.least_squares import OtherShape
 from ...state.solution import Solution
+from ...state.state import State
 from .measurement import Measurement, each, several
 from .parameters import Parameters
 from .smoothness import SmoothnessRows
@@ -40,8 +41,8 @@ class Experiment:
         """Readings (N, numbers) of all its measurements, in a row; NaN of samples that failed."""
         given = parameters.given(theta, self.name)
         y, status = with_status(self.model(given), len(theta))
-        if isinstance(y, Solution):
-            status = y.status if status is None else torch.where(status == 0, y.status, status)
+        if isinstance(y, (Solution, State)):
+            status = status_of(y, status)
             parts = [
                 m.read(y, given if isinstance(given, dict) else None) for m in self.measurements
             ]
@@ -51,7 +52,7 @@ class Experiment:
                 raise OtherShape(
                     f"a model that gave a {type(y).__name__} was given with a Measurement that has "
                     f"a sensor{' (' + repr(unused[0].name) + ')' if unused[0].name else ''}, by "
-                    "which a Solution is read; a model that gives one is wanted, or a Measurement "
+                    "which a Solution or a State is read; a model that gives one is wanted, or a Measurement "
                     "without a sensor"
                 )
         wanted = [(len(theta), *m.values.shape) for m in self.measurements]
@@ -125,6 +126,12 @@ def _experiment(name: str | None, model: Any, data: Any, sigma: Any) -> Experime
     return Experiment(
         name, model, tuple(Measurement.of(d, sigma) for d in each(data)), not several(data)
     )
+
+
+def status_of(y: Solution | State, status: Tensor | None) -> Tensor:
+    """(N,) of a model's solution or state, and of what it said beside it."""
+    own = y.status.flatten(1).amax(-1) if y.status.ndim > 1 else y.status
+    return own if status is None else torch.where(status == 0, own, status)
 
 
 def with_status(given: Any, samples: int) -> tuple[Any, Tensor | None]:

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from ...core.arguments import boolean, count
-from ...core.validation import Value, as_tensor, common_dtype, finite, positive
+from ...core.arguments import boolean, choice, count
+from ...core.validation import Value, as_tensor, common_dtype, finite, positive, shown
 from ...sensors import Sensor
 from ...sensors.observe import observe
+from ...sensors.sensor_frame import SensorFrame
+from ...state.state import State
+
+NOISES = ("white", "blocks")
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +31,10 @@ class Measurement:
             misfit, one for all data or one for each channel (`noise` of `identify`)
         times: (times,) s by the instrument's clock, in any order
         sensor: of tb.sensors, or a function of states: then a model may return a `Solution`, which
-            is read by `tb.observe`
+            is read by `tb.observe`; or, without times, a `State` (N, ...), of rest
+        place: field of the sensor -> name of the parameter that is it: {"station": "s",
+            "point": "p"} of `tb.sensors.Position`
+        frame: the axes in which the sensor reads, some of their numbers maybe parameters
         rate: the sensor's rate is what was measured: of a velocity the acceleration
         delay: s by which the readings lag; or the name of a parameter that is it
         clock: relative error of the clock, or the name of a parameter that is it: where it shows s,
@@ -36,6 +43,9 @@ class Measurement:
         drift: each channel reads a straight line more, per s, or per the series' length where it
             has no times
         name: in sentences and pictures; None = the sensor's
+        noise: "white": independent from reading to reading. "blocks": alike over a while, or a model
+            that errs for a while: deviations and intervals count blocks of times, longer than
+            residuals remember, and not readings (see `covariance.py`)
         fitted: how many numbers the model itself takes from the values, as `pair_modes` the scale
             of each shape: so many degrees of freedom less has the noise
 
@@ -77,8 +87,12 @@ class Measurement:
     drift: bool = False
     name: str | None = None
     fitted: int = 0
+    place: Mapping[str, str] = field(default_factory=dict)
+    frame: SensorFrame | None = None
+    noise: str = "white"
 
     def __post_init__(self) -> None:
+        choice("noise", self.noise, NOISES)
         dtype, device = common_dtype(self.values)
         values = as_tensor(self.values, dtype, device).detach()
         if values.isnan().all():
@@ -113,10 +127,9 @@ class Measurement:
                     f"{tuple(values.shape)}; (times,) for values (times, ...) are wanted"
                 )
             object.__setattr__(self, "times", times)
-        if self.sensor is not None and self.times is None:
-            raise ValueError(
-                "a sensor was given to a Measurement without times; times=(times,) are wanted"
-            )
+        if self.noise == "blocks" and self.times is None:
+            raise ValueError("noise='blocks' was given without times; times=(times,) are wanted")
+        self._check_sensor()
         for name in ("delay", "clock"):
             if not isinstance(getattr(self, name), str):
                 object.__setattr__(
@@ -127,11 +140,27 @@ class Measurement:
             for n in ("delay", "clock")
             if isinstance(getattr(self, n), str) or (getattr(self, n) != 0).any()
         ]
-        if self.sensor is None and (late or self.rate):
+        if (self.sensor is None or self.times is None) and (late or self.rate):
             what = " and ".join([*late, *["rate"] * self.rate])
             raise ValueError(
-                f"{what} was given to a Measurement without a sensor, by which a Solution is read; "
-                "sensor=... is wanted"
+                f"{what} was given to a Measurement without "
+                f"{'a sensor' if self.sensor is None else 'times'}, by which a Solution is read; "
+                f"{'sensor' if self.sensor is None else 'times'}=... is wanted"
+            )
+
+    def _check_sensor(self) -> None:
+        """Place and frame fit the sensor."""
+        if not self.place and self.frame is None:
+            return
+        if not isinstance(self.sensor, Sensor):
+            raise ValueError(
+                f"place or frame were given with the sensor {shown(self.sensor)}; one of tb.sensors "
+                "is wanted"
+            )
+        own = [f.name for f in fields(self.sensor) if f.init] if is_dataclass(self.sensor) else []
+        if wrong := [f for f in self.place if f not in own]:
+            raise ValueError(
+                f"place of {wrong[0]!r} was given; {self.sensor.name} has {', '.join(own)}"
             )
 
     @classmethod
@@ -152,7 +181,11 @@ class Measurement:
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of parameters that it wants."""
-        return tuple(v for v in (self.delay, self.clock) if isinstance(v, str))
+        named = (self.delay, self.clock, *self.place.values())
+        return (
+            *(v for v in named if isinstance(v, str)),
+            *(() if self.frame is None else self.frame.parameters),
+        )
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -170,29 +203,53 @@ class Measurement:
         )
 
     def read(self, solution: Any, parameters: Mapping[str, Tensor] | None = None) -> Tensor:
-        """Readings (N, *values.shape) of a solution of N samples; `parameters` (N,) by name where
-        delay or clock are some.
+        """Readings (N, *values.shape) of a solution of N samples, or of a state of rest (N, ...);
+        `parameters` (N, ...) by name where delay, clock, place or frame are some.
         """
-        if self.sensor is None:
+        if self.sensor is None or (self.times is None) is not isinstance(solution, State):
             raise ValueError(
-                "a model that gave a Solution was given with data without a sensor; "
-                "tb.Measurement(values, times=..., sensor=...) is wanted"
+                f"a model that gave a {type(solution).__name__} was given with data "
+                f"{'without' if self.sensor is None else 'with'} a sensor and "
+                f"{'without' if self.times is None else 'with'} times; "
+                "tb.Measurement(values, times=..., sensor=...) is wanted for a Solution, "
+                "tb.Measurement(values, sensor=...) for a State"
             )
+        if isinstance(solution, State):
+            readings = self.sensor_of(parameters, solution.position.ndim - 3)(solution)
+            return self._shaped(readings, readings.ndim - 1)
         delay, clock = (
             parameters[v] if isinstance(v, str) else v for v in (self.delay, self.clock)
         )
         times = self.times * (1 + clock) if not clock.ndim else self.times[:, None] * (1 + clock)
-        readings = observe(solution, self.sensor, times, delay=delay, rate=self.rate)
+        sensor = self.sensor_of(parameters)
+        readings = observe(solution, sensor, times, delay=delay, rate=self.rate)
         if readings.ndim < 2:
             raise ValueError(
                 "a model that gave a Solution without batch axes was given; one sample for each "
                 "row of theta is wanted"
             )
-        return (
-            readings.movedim(0, 1).reshape(readings.shape[1], *self.values.shape)
-            if (readings[:, 0].numel() == self.values.numel())
-            else readings.movedim(0, 1)
-        )
+        return self._shaped(readings.movedim(0, 1), readings.ndim - 1)
+
+    def _shaped(self, readings: Tensor, axes: int) -> Tensor:
+        """Readings (N, ...) of the shape of the values, where they are as many."""
+        if axes and readings[0].numel() == self.values.numel():
+            return readings.reshape(len(readings), *self.values.shape)
+        return readings
+
+    def sensor_of(self, parameters: Mapping[str, Tensor] | None, axes: int = 0) -> Any:
+        """The sensor at its place and in its frame, by parameters (N, ...), for states with so many
+        axes behind that of the samples.
+        """
+        names = {*self.place.values(), *(() if self.frame is None else self.frame.parameters)}
+        given = {
+            n: v.reshape(len(v), *(1,) * axes, *v.shape[1:])
+            for n, v in (parameters or {}).items()
+            if n in names
+        }
+        sensor = self.sensor
+        if self.place:
+            sensor = replace(sensor, **{f: given[name] for f, name in self.place.items()})
+        return sensor if self.frame is None else self.frame.of(sensor, given)
 
     def nuisance(self) -> tuple[tuple[str, ...], Tensor]:
         """Names (q,) and basis (q, *values.shape) of its own linear parameters."""

@@ -1,0 +1,112 @@
+"""SensorFrame: the axes in which instruments read, against those of the model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..core.validation import Value, as_tensor, axis_last, common_dtype, finite, rotations, shown
+from ..math import quaternions as quat
+from .sensor import Component, Sensor, Stack
+
+FIELDS = ("origin", "tilt")  # that may be parameters
+
+
+@dataclass(frozen=True, eq=False)
+class SensorFrame:
+    """A rigid transform between frame a, in which a model says positions, and the axes of what
+    measures them: a point x is read as R^T (x - origin), a vector (displacement, velocity, spin,
+    acceleration) as R^T v, with R = rotation exp(tilt).
+
+    Args:
+        origin: (..., 3) m, frame a, of the sensors' frame; or the name of a parameter (3,) that is
+            it
+        rotation: (..., 3, 3), the sensors' axes as columns, frame a: as they were meant to stand;
+            None = as frame a
+        tilt: (..., 3) rad, a rotation vector in the sensors' axes, by which they stand otherwise; or
+            the name of a parameter (3,)
+
+    What gravity and the beam do tells a tilt, for these are not given with the sensors' axes. An
+    origin is told apart from the `point` of a marker only as far as its section turns.
+
+    Raises:
+        ValueError: for a rotation that is none, or names that are no text.
+
+    Examples:
+        >>> mocap = tb.SensorFrame(rotation=[[0, 0, 1.0], [1, 0, 0], [0, 1, 0]], tilt="tilt")
+        >>> seen = mocap.of(tb.sensors.TipPosition(), {"tilt": torch.zeros(3)})
+        >>> seen(solution.state)[-1]  # m, the beam's x is the third
+        tensor([0.0000, 0.2189, 0.9601])
+    """
+
+    origin: Value | str = (0.0, 0.0, 0.0)
+    rotation: Value | None = None
+    tilt: Value | str | None = None
+
+    def __post_init__(self) -> None:
+        for name in FIELDS:
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, str):
+                value = as_tensor(value, *common_dtype(value))
+                object.__setattr__(self, name, finite(name, axis_last(name, value, 3)))
+        if self.rotation is not None:
+            given = as_tensor(self.rotation, *common_dtype(self.rotation))
+            object.__setattr__(self, "rotation", rotations("rotation", given))
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of those that it wants."""
+        return tuple(v for v in (self.origin, self.tilt) if isinstance(v, str))
+
+    def of(self, sensor: Sensor, parameters: Mapping[str, Tensor] | None = None) -> Sensor:
+        """The sensor as it reads in these axes, with `parameters` (..., 3) by name."""
+        named = {n: getattr(self, n) for n in FIELDS if isinstance(getattr(self, n), str)}
+        if named:
+            given = parameters or {}
+            return replace(self, **{n: given[name] for n, name in named.items()}).of(sensor)
+        if isinstance(sensor, Component):
+            return Component(self.of(sensor.of), sensor.which)
+        if isinstance(sensor, Stack):
+            return Stack([self.of(one) for one in sensor.sensors])
+        kind = getattr(sensor, "transforms_as", None)
+        if kind is None:
+            raise ValueError(
+                f"a SensorFrame was given with {shown(sensor)}, whose reading is no point or vector "
+                "of frame a; one that is is wanted (tb.sensors.Position, NodeVelocity, ...)"
+            )
+        return _InFrame(sensor, self, kind)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class _InFrame(Sensor):
+    """A sensor's reading in the axes of a frame whose numbers are all known."""
+
+    sensor: Sensor
+    frame: SensorFrame
+    kind: str
+
+    @property
+    def name(self) -> str:
+        return self.sensor.name
+
+    @property
+    def unit(self) -> str:
+        return self.sensor.unit
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        return self.sensor.labels
+
+    def read(self, state: Any) -> Tensor:
+        reading, frame = self.sensor(state), self.frame
+        if self.kind == "point":
+            reading = reading - frame.origin.to(reading)
+        if frame.rotation is not None:
+            reading = (frame.rotation.to(reading).mT @ reading[..., None])[..., 0]
+        if frame.tilt is None:
+            return reading
+        return quat.rotate(quat.exponential(-frame.tilt.to(reading)), reading)
