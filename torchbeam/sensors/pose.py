@@ -39,7 +39,7 @@ def pose_from_points(points: Value, measured: Value) -> Pose:
 
     Examples:
         >>> triangle = torch.tensor([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]])
-        >>> pose = tb.pose_from_points(triangle, triangle @ torch.eye(3) + torch.tensor([0, 0, 1.0]))
+        >>> pose = tb.pose_from_points(triangle, triangle + torch.tensor([0, 0, 1.0]))
         >>> pose.position
         tensor([0., 0., 1.])
     """

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-import torch
 from torch import Tensor
 
 from ..core.validation import Value, as_tensor, axis_last, common_dtype, finite, rotations, shown
@@ -25,10 +24,10 @@ class SensorFrame:
     Args:
         origin: (..., 3) m, frame a, of the sensors' frame; or the name of a parameter (3,) that is
             it
-        rotation: (..., 3, 3), the sensors' axes as columns, frame a: as they were meant to stand;
-            None = as frame a
-        tilt: (..., 3) rad, a rotation vector in the sensors' axes, by which they stand otherwise; or
-            the name of a parameter (3,)
+        rotation: (..., 3, 3), the sensors' axes as columns, frame a, as they were meant to stand;
+            None = those of frame a
+        tilt: (..., 3) rad, a rotation vector in the sensors' axes, by which they stand otherwise;
+            or the name of a parameter (3,)
 
     What gravity and the beam do tells a tilt, for these are not given with the sensors' axes. An
     origin is told apart from the `point` of a marker only as far as its section turns.
@@ -75,8 +74,8 @@ class SensorFrame:
         kind = getattr(sensor, "transforms_as", None)
         if kind is None:
             raise ValueError(
-                f"a SensorFrame was given with {shown(sensor)}, whose reading is no point or vector "
-                "of frame a; one that is is wanted (tb.sensors.Position, NodeVelocity, ...)"
+                f"a SensorFrame was given with {shown(sensor)}, whose reading is no point or "
+                "vector of frame a; tb.sensors.Position, NodeVelocity, ... are wanted"
             )
         return _InFrame(sensor, self, kind)
 

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ...math.dense import positive_inverse
 from ...solvers.least_squares import Found
+from .blocks import Blocks
 from .problem import FitProblem
 
 
@@ -25,6 +26,8 @@ class Spread:
     freedom     (p,) degrees of freedom of each one's deviation;  redundancy (channels,) of the
                 noise that is found
     scale       deviation of the noise over the sigma that weighs the data
+    white       (p, p) covariance over the variance of weighted noise, were all of it independent;
+                zeros of what is held
     """
 
     held: Tensor
@@ -33,6 +36,7 @@ class Spread:
     freedom: Tensor
     redundancy: Tensor
     scale: float
+    white: Tensor
 
     @classmethod
     def of(cls, problem: FitProblem, search: Found, k: int) -> Spread:
@@ -49,7 +53,14 @@ class Spread:
             redundancy = redundancy.clamp(min=1)
             scale = (noise.sums(r.square(), problem.known) / redundancy).sqrt().item()
         slope = torch.where(held, J.mT @ r + pull, 0) / (scale**2 or 1)
-        return cls(held, slope, scale**2 * C, _freedom(problem, J, C, free), redundancy, scale)
+        covariance, freedom = scale**2 * C, _freedom(problem, J, C, free)
+        if blocks := Blocks.of(problem, r):
+            some = (~held & (A.diagonal() > 0)).nonzero()[:, 0]
+            square = some[:, None], some
+            covariance[square], freedom[some] = blocks.covariance(
+                r, J[:, some], A[square], C[square], scale
+            )
+        return cls(held, slope, covariance, freedom, redundancy, scale, free)
 
     @property
     def free(self) -> Tensor:

@@ -49,11 +49,11 @@ class Experiment:
         else:
             parts = [y] if self.single else y
             if unused := [m for m in self.measurements if m.sensor is not None]:
+                name = f" ({unused[0].name!r})" if unused[0].name else ""
                 raise OtherShape(
                     f"a model that gave a {type(y).__name__} was given with a Measurement that has "
-                    f"a sensor{' (' + repr(unused[0].name) + ')' if unused[0].name else ''}, by "
-                    "which a Solution or a State is read; a model that gives one is wanted, or a Measurement "
-                    "without a sensor"
+                    f"a sensor{name}, by which a Solution or a State is read; a model that gives "
+                    "one is wanted, or a Measurement without a sensor"
                 )
         wanted = [(len(theta), *m.values.shape) for m in self.measurements]
         if not isinstance(parts, (list, tuple)) or not all(

@@ -206,6 +206,7 @@ class Fit:
         level: float = 0.95,
         sigma: Value | None = None,
         experiment: str | None = None,
+        measurement: str | None = None,
     ) -> Prediction:
         """Readings at the fitted parameters, of what was measured or of anything else that the same
         parameters make, with bands from their covariance: the readings' derivatives G, as a search
@@ -218,7 +219,11 @@ class Fit:
             model: as `identify` takes one, of another load, place or time; None = the model that
                 was fitted
             sensor, times: by which a Solution is read, see `tb.observe`; times (s) None = those of
-                the solution. Offsets, drifts, delays and clocks of instruments are not in it
+                the solution. Offsets, drifts, delays, clocks, places and frames of instruments
+                are not in it
+            measurement: in place of a sensor the name of a `Measurement` of the fit: what that
+                would read at `times`, None = its own, with all that was found of the instrument,
+                and its share of the band
             sigma: of the noise of a new measurement: the bands are then of that, not of what is
                 there. A number, or a tensor that broadcasts with the readings; where the misfit
                 told the noise, `fit.scale` times the data's
@@ -229,7 +234,9 @@ class Fit:
         Raises ValueError for a fit from a file, a model that fails at the fit, or other shapes.
         """
         warn_of(self.doubts)
-        y, J = predicted(self._problem("prediction"), self.x, model, sensor, times, experiment)
+        y, J = predicted(
+            self._problem("prediction"), self.x, model, sensor, times, experiment, measurement
+        )
         open_ = self.open if len(self.open) else torch.zeros_like(self.held)
         determined = ~self.held & ~open_
         own = J[..., determined]
@@ -372,6 +379,11 @@ class Fit:
     def _noisy(self, what: str) -> FitProblem:
         """The problem, whose noise is known."""
         problem = self._problem(what)
+        if not problem.independent.all():
+            raise ValueError(
+                f"a {what} of a fit with noise='blocks' was asked for, which knows no noise to "
+                "draw or to weigh by; method='laplace' is wanted, which is by blocks"
+            )
         if not problem.sigma_given and problem.spare < 1:
             raise ValueError(
                 f"a {what} of as many parameters as data was asked for; there is no noise to be "

@@ -57,7 +57,8 @@ def misfit_hints(problem: FitProblem, r: Tensor, J: Tensor, C: Tensor) -> tuple[
     """Residuals that are no noise of the size that was stated: more squares than sigma says, of all
     data and of each channel; residuals that are alike from reading to reading; a line in their
     periodogram. All these tests together find something in one of a hundred fits of models that are
-    right, or in fewer (Bonferroni). Where sigma is not known squares say nothing.
+    right, or in fewer (Bonferroni). Where sigma is not known squares say nothing; noise that counts
+    by blocks may be of any size and alike.
 
     r, J, C  weighted residuals (T,), their derivatives (T, p), covariance (p, p) of the parameters
              over the weighted noise
@@ -65,12 +66,12 @@ def misfit_hints(problem: FitProblem, r: Tensor, J: Tensor, C: Tensor) -> tuple[
     if not all(torch.isfinite(part).all() for part in (r, J, C)):
         return ()
     channel = problem.noise.channel[problem.known]  # -1: sigma is known
-    every = problem.measured & (channel < 0)
+    every = problem.measured & (channel < 0) & problem.independent
     whole = Residuals("", None, r[every], J[every], C, True)
     series = [
         Residuals(name, times, r[rows], J[rows], C, channel[rows[0]].item() < 0)
         for name, rows, times in _series(problem)
-        if _is_noisy(r[rows], problem.target[0][rows])
+        if problem.independent[rows[0]] and _is_noisy(r[rows], problem.target[0][rows])
     ]
     parts = series if len(series) > 1 else []
     sizes, each = (
@@ -100,13 +101,11 @@ def misfit_hints(problem: FitProblem, r: Tensor, J: Tensor, C: Tensor) -> tuple[
 
 def _series(problem: FitProblem) -> Iterator[tuple[str, Tensor, Tensor | None]]:
     """Name, rows (n,) of the data in the order of their times, and these, of each channel."""
-    row = torch.full(problem.known.shape, -1, device=problem.known.device)
-    row[problem.known] = torch.arange(int(problem.known.sum()), device=row.device)
-    for (e, m), rows in zip(problem.measurements, problem.by_measurement(row), strict=True):
+    for e, m, rows in problem.rows():
         readings = Readings(e.name, m.labels, m.times, m.values, rows, None)
         for name, _, column in readings.channels() if e.measured else ():
             order = (
-                torch.arange(len(column), device=row.device)
+                torch.arange(len(column), device=column.device)
                 if m.times is None
                 else m.times.argsort()
             )

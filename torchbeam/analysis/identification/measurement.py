@@ -17,6 +17,7 @@ from ...sensors.sensor_frame import SensorFrame
 from ...state.state import State
 
 NOISES = ("white", "blocks")
+LEAST_BLOCKS = 6  # to know a deviation by
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,15 +44,10 @@ class Measurement:
         drift: each channel reads a straight line more, per s, or per the series' length where it
             has no times
         name: in sentences and pictures; None = the sensor's
-        noise: "white": independent from reading to reading. "blocks": alike over a while, or a model
-            that errs for a while: deviations and intervals count blocks of times, longer than
-            residuals remember, and not readings (see `covariance.py`)
-        fitted: how many numbers the model itself takes from the values, as `pair_modes` the scale
-            of each shape: so many degrees of freedom less has the noise
-
-    Raises:
-        ValueError: for values without a number, other shapes, a sigma that is not positive, a
-            sensor without times; a delay, a clock or a rate without a sensor.
+        noise: "white": independent from reading to reading. "blocks": alike over a while, or a
+            model that errs over a while: deviations count blocks of times, which are longer than
+            residuals remember, or where there are no times places along the first axis (poses),
+            and no readings (`interval` of method "laplace", `predict`)
 
     Examples:
         >>> times = torch.linspace(0, 0.1, 6)
@@ -127,8 +123,11 @@ class Measurement:
                     f"{tuple(values.shape)}; (times,) for values (times, ...) are wanted"
                 )
             object.__setattr__(self, "times", times)
-        if self.noise == "blocks" and self.times is None:
-            raise ValueError("noise='blocks' was given without times; times=(times,) are wanted")
+        if self.noise == "blocks" and (not values.ndim or len(values) < LEAST_BLOCKS):
+            raise ValueError(
+                f"noise='blocks' was given with {self._of} of shape {tuple(values.shape)}; "
+                f"{LEAST_BLOCKS} times, or poses, at least are wanted"
+            )
         self._check_sensor()
         for name in ("delay", "clock"):
             if not isinstance(getattr(self, name), str):
@@ -154,8 +153,8 @@ class Measurement:
             return
         if not isinstance(self.sensor, Sensor):
             raise ValueError(
-                f"place or frame were given with the sensor {shown(self.sensor)}; one of tb.sensors "
-                "is wanted"
+                f"place or frame were given with the sensor {shown(self.sensor)}; one of "
+                "tb.sensors is wanted"
             )
         own = [f.name for f in fields(self.sensor) if f.init] if is_dataclass(self.sensor) else []
         if wrong := [f for f in self.place if f not in own]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -14,7 +14,9 @@ from ...core.validation import Value, as_tensor, broadcast, finite, positive
 from ...sensors.observe import observe
 from ...solvers.jacobian import difference, forward
 from ...state.solution import Solution
-from .experiment import with_status
+from ...state.state import State
+from .experiment import status_of, with_status
+from .measurement import Measurement
 from .problem import FitProblem
 
 
@@ -58,12 +60,19 @@ class Prediction:
 
 
 def predicted(
-    problem: FitProblem, x: Tensor, model: Any, sensor: Any, times: Any, experiment: str | None
+    problem: FitProblem,
+    x: Tensor,
+    model: Any,
+    sensor: Any,
+    times: Any,
+    experiment: str | None,
+    measurement: str | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Readings (...) of a model at coordinates x (p,), and their derivatives (..., p), as the
     problem takes derivatives.
     """
-    read = _reader(problem, model, sensor, times, experiment)
+    instrument, linear = _instrument(problem, measurement, experiment, sensor, times)
+    read = _reader(problem, model, instrument or sensor, times, experiment)
     parameters, m = problem.parameters, problem.parameters.model
 
     def readings(x: Tensor) -> Tensor:
@@ -88,13 +97,46 @@ def predicted(
             J = difference(
                 flat, x[None, :m], problem.steps(x[None])[:, :m], *bounds, y.flatten()[None]
             )[1][0]
-    return y, torch.nn.functional.pad(J, (0, len(x) - m)).reshape(*y.shape, len(x))
+    J = torch.nn.functional.pad(J, (0, len(x) - m)).reshape(*y.shape, len(x))
+    for k, shape in linear.items():
+        y, J[..., k] = y + x[k] * shape, shape
+    return y, J
+
+
+def _instrument(
+    problem: FitProblem, name: str | None, experiment: str | None, sensor: Any, times: Any
+) -> tuple[Measurement | None, dict[int, Tensor]]:
+    """A measurement of the fit, by its name, at these times, and for each of its offsets and drifts
+    the number of the parameter and how it enters (...).
+    """
+    if name is None:
+        return None, {}
+    known = {
+        m.name: (e, m)
+        for e, m in problem.measurements
+        if m.name is not None and e.name in (None, experiment)
+    }
+    if name not in known or sensor is not None:
+        raise ValueError(
+            f"measurement = {name!r} was given{' with a sensor' if sensor is not None else ''}; "
+            f"one of {', '.join(map(repr, known)) or 'none by name'} is wanted, without a sensor"
+        )
+    e, m = known[name]
+    if times is not None:
+        at = as_tensor(times, m.values.dtype, m.values.device)
+        like = m.values.new_zeros(len(at), *m.values.shape[1:])
+        m = replace(m, values=like, times=at, sigma=None)
+    names, basis = m.nuisance()
+    full = names if e.name is None else [f"{e.name}.{n}" for n in names]
+    return m, dict(zip(map(problem.parameters.names.index, full), basis, strict=True))
 
 
 def _reader(
     problem: FitProblem, model: Any, sensor: Any, times: Any, experiment: str | None
 ) -> Callable[[Tensor], Tensor]:
-    """theta (N, p) -> readings (N, ...), NaN of samples that failed."""
+    """theta (N, p) -> readings (N, ...), NaN of samples that failed; `sensor` may be a
+    `Measurement`, with times of its own.
+    """
     names = [e.name for e in problem.experiments if e.measured]
     if experiment is not None and experiment not in names:
         raise ValueError(
@@ -114,26 +156,34 @@ def _reader(
     check_function("a model", model, "theta")
 
     def read(theta: Tensor) -> Tensor:
-        y, status = with_status(model(problem.parameters.given(theta, experiment)), len(theta))
-        if isinstance(y, Solution):
+        given = problem.parameters.given(theta, experiment)
+        y, status = with_status(model(given), len(theta))
+        if isinstance(y, (Solution, State)) and isinstance(sensor, Measurement):
+            status = status_of(y, status)
+            y = sensor.read(y, given if isinstance(given, dict) else None)
+        elif isinstance(y, (Solution, State)):
             if sensor is None:
                 raise ValueError(
-                    "a model that gave a Solution was given to predict without a sensor; sensor= "
-                    "of tb.sensors is wanted"
+                    f"a model that gave a {type(y).__name__} was given to predict without a "
+                    "sensor; sensor= of tb.sensors is wanted"
                 )
-            status = y.status if status is None else torch.where(status == 0, y.status, status)
-            y = observe(y, sensor, y.t if times is None else times).movedim(0, 1)
+            status = status_of(y, status)
+            y = (
+                sensor(y)
+                if isinstance(y, State)
+                else observe(y, sensor, y.t if times is None else times).movedim(0, 1)
+            )
         elif sensor is not None or times is not None:
             raise ValueError(
                 "a sensor or times were given to predict with a model that gave a "
                 f"{type(y).__name__}; one that gives a Solution is wanted"
             )
         if not isinstance(y, Tensor) or not y.ndim or len(y) != len(theta):
-            given = (
+            what = (
                 f"a tensor {tuple(y.shape)}" if isinstance(y, Tensor) else f"a {type(y).__name__}"
             )
             raise ValueError(
-                f"a model that gave {given} for {len(theta)} samples was given to predict; a "
+                f"a model that gave {what} for {len(theta)} samples was given to predict; a "
                 f"tensor ({len(theta)}, ...) or a Solution is wanted"
             )
         return (

@@ -4,7 +4,7 @@ derivatives.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -115,6 +115,25 @@ class FitProblem:
     def measurements(self) -> list[tuple[Experiment, Measurement]]:
         """All, each with its experiment, in the order of the numbers."""
         return [(e, m) for e in self.experiments for m in e.measurements]
+
+    def rows(self) -> Iterator[tuple[Experiment, Measurement, Tensor]]:
+        """Each measurement, with the rows of its readings among the data, of its shape, -1 where
+        nothing was measured.
+        """
+        row = torch.full(self.known.shape, -1, device=self.known.device)
+        row[self.known] = torch.arange(int(self.known.sum()), device=row.device)
+        for (e, m), own in zip(self.measurements, self.by_measurement(row), strict=True):
+            yield e, m, own
+
+    @property
+    def independent(self) -> Tensor:
+        """(T,) bool: data of which the noise is independent from reading to reading, and does not
+        count by blocks of times.
+        """
+        every = [
+            torch.full(m.values.shape, m.noise == "white").flatten() for _, m in self.measurements
+        ]
+        return torch.cat(every).to(self.known.device)[self.known]
 
     def by_measurement(self, values: Tensor) -> list[Tensor]:
         """Values (all numbers,) of each measurement, of its shape."""

@@ -88,9 +88,7 @@ def conclusions(
         else unit_hints(_readings(problem, _known(problem, search.first[best])))
     )
     doubts = (
-        misfit_hints(
-            problem, r[best], seen, spread.free[determined][:, determined] / spread.scale**2
-        )
+        misfit_hints(problem, r[best], seen, spread.white[determined][:, determined])
         if spread.scale
         else ()
     )

@@ -1,0 +1,114 @@
+"""Blocks of times: how far parameters move as readings of one while are left out, in place of what
+noise that is independent from reading to reading would move them by.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+FEWEST = 6  # blocks of an experiment
+LEVERAGE = 0.95  # share of what is known that one block alone may tell; more counts as so much
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """number (T,): block of each reading, -1 where noise is independent;  count of blocks."""
+
+    number: Tensor
+    count: int
+
+    @classmethod
+    def of(cls, problem: Any, r: Tensor) -> Blocks | None:
+        """Of a problem with residuals r (T,); None where no measurement asks for them. All readings
+        of an experiment in one while are one block: what a model misses is in all channels.
+        Without times the values of one place along the first axis are: those of a pose.
+
+        Blocks of times are as long as those that estimate the variance of a mean best where
+        residuals remember as an autoregression of the first order does: (6 (a/(1 - a^2))^2 n)^(1/3)
+        of n instants, a the correlation of neighbours (Carlstein 1986, Ann. Statist. 14, 1171), but
+        no longer than a sixth of the experiment.
+        """
+        number, first = torch.full_like(r, -1, dtype=torch.long), 0
+        for e in problem.experiments:
+            series = [
+                _series(m, rows)
+                for owner, m, rows in problem.rows()
+                if owner is e and m.noise == "blocks"
+            ]
+            if not series:
+                continue
+            instants = torch.cat([t for t, _, _ in series]).unique()
+            length = 1.0
+            if all(ordered for _, _, ordered in series):
+                a = min(max(_correlation(r, [rows for _, rows, _ in series]), 0.0), 0.99)
+                length = max(1.0, (6 * (a / (1 - a * a)) ** 2 * len(instants)) ** (1 / 3))
+            count = min(len(instants), max(FEWEST, math.floor(len(instants) / length)))
+            for t, rows, _ in series:
+                block = torch.searchsorted(instants, t) * count // len(instants)
+                there = rows >= 0
+                number[rows[there]] = first + block[:, None].expand_as(rows)[there]
+            first += count
+        return cls(number, first) if first else None
+
+    def covariance(
+        self, r: Tensor, J: Tensor, A: Tensor, C: Tensor, scale: float
+    ) -> tuple[Tensor, Tensor]:
+        """Covariance (p, p) of coordinates, and degrees of freedom (p,) of each one's deviation.
+
+        r (T,), J (T, p) weighted;  A (p, p) with priors, C its inverse;  scale of independent noise
+
+            V = (G - 1)/G sum_g d_g d_g^T + C (A - sum_g N_g) C
+
+        d_g = (A - N_g)^-1 J_g^T r_g is what parameters move by without the readings of block g, N_g
+        = J_g^T J_g (the jackknife by blocks; Kuensch 1989, Ann. Statist. 17, 1217; MacKinnon and
+        White 1985, J. Econometrics 29, 305), of the linearised model; priors and readings of
+        independent noise count as they are. The freedom is Satterthwaite's of what the blocks would
+        move it by if noise were independent (Bell and McCaffrey 2002, Survey Methodology 28, 169).
+        """
+        root, failed = torch.linalg.cholesky_ex((C + C.mT) / 2)  # C = root root^T
+        if failed:  # some are not told by the data
+            return scale**2 * C, torch.full_like(C[0], torch.inf)
+        V, shares, told = torch.zeros_like(C), [], torch.zeros_like(A)
+        for g in range(self.count):
+            here = self.number == g
+            N = J[here].mT @ J[here]
+            part, axes = torch.linalg.eigh(root.mT @ N @ root)
+            less = axes / (1 - part.clamp(0, LEVERAGE)) @ axes.mT
+            d = root @ less @ (root.mT @ (J[here].mT @ r[here]))
+            V, told = V + d[:, None] * d, told + N
+            shares.append((C @ N @ C).diagonal())
+        V = (self.count - 1) / self.count * V
+        other = (self.number < 0)[:, None] * J
+        rest = C @ (A - told + (scale**2 - 1) * other.mT @ other) @ C
+        share = torch.stack(shares)
+        freedom = share.sum(0).square() / share.square().sum(0).clamp(min=torch.finfo(C.dtype).tiny)
+        own = V.diagonal() / (V + rest).diagonal().clamp(min=torch.finfo(C.dtype).tiny)
+        freedom = freedom * (self.count - 1) / self.count / own.square()
+        return V + rest, torch.where(own > 0, freedom, torch.inf).clamp(min=1)
+
+
+def _series(m: Any, rows: Tensor) -> tuple[Tensor, Tensor, bool]:
+    """Times (n,) of a measurement in their order, its rows (n, channels), and whether they are
+    times; else places along the first axis.
+    """
+    rows = rows.reshape(len(rows), -1)
+    if m.times is None:
+        return torch.arange(len(rows), device=rows.device).to(m.values), rows, False
+    order = m.times.argsort()
+    return m.times[order], rows[order], True
+
+
+def _correlation(r: Tensor, series: list[Tensor]) -> float:
+    """Of residuals r (T,) with their neighbours, over all channels of rows (n, channels)."""
+    product, squares = 0.0, torch.finfo(r.dtype).tiny
+    for rows in series:
+        for column in rows.unbind(-1):
+            own = r[column[column >= 0]]
+            product += (own[1:] * own[:-1]).sum().item()
+            squares += own.square().sum().item()
+    return product / squares
