@@ -62,13 +62,15 @@ class Blocks:
 
         r (T,), J (T, p) weighted;  A (p, p) with priors, C its inverse;  scale of independent noise
 
-            V = (G - 1)/G sum_g d_g d_g^T + C (A - sum_g N_g) C
+            V = sum_g d_g d_g^T + C (A - sum_g N_g) C
+            d_g = C^(1/2) (1 - H_g)^(-1/2) C^(1/2) J_g^T r_g
 
-        d_g = (A - N_g)^-1 J_g^T r_g is what parameters move by without the readings of block g, N_g
-        = J_g^T J_g (the jackknife by blocks; Kuensch 1989, Ann. Statist. 17, 1217; MacKinnon and
-        White 1985, J. Econometrics 29, 305), of the linearised model; priors and readings of
-        independent noise count as they are. The freedom is Satterthwaite's of what the blocks would
-        move it by if noise were independent (Bell and McCaffrey 2002, Survey Methodology 28, 169).
+        d_g is what the readings of block g move the parameters by, N_g = J_g^T J_g, H_g = C^(1/2)
+        N_g C^(1/2) the share of what is known that they tell, by which their residuals are too
+        small (the sandwich of blocks, with the correction that leaves no bias where noise is
+        independent: Liang and Zeger 1986, Biometrika 73, 13; Bell and McCaffrey 2002, Survey
+        Methodology 28, 169). Priors and readings of independent noise count as they are. The
+        freedom is Satterthwaite's, of what the blocks would move it by if noise were independent.
         """
         root, failed = torch.linalg.cholesky_ex((C + C.mT) / 2)  # C = root root^T
         if failed:  # some are not told by the data
@@ -78,11 +80,10 @@ class Blocks:
             here = self.number == g
             N = J[here].mT @ J[here]
             part, axes = torch.linalg.eigh(root.mT @ N @ root)
-            less = axes / (1 - part.clamp(0, LEVERAGE)) @ axes.mT
+            less = axes * (1 - part.clamp(0, LEVERAGE)).rsqrt() @ axes.mT
             d = root @ less @ (root.mT @ (J[here].mT @ r[here]))
             V, told = V + d[:, None] * d, told + N
             shares.append((C @ N @ C).diagonal())
-        V = (self.count - 1) / self.count * V
         other = (self.number < 0)[:, None] * J
         rest = C @ (A - told + (scale**2 - 1) * other.mT @ other) @ C
         share = torch.stack(shares)

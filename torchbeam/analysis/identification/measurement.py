@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import boolean, choice, count
+from ...core.arguments import function as check_function
 from ...core.validation import Value, as_tensor, common_dtype, finite, positive, shown
 from ...sensors import Sensor
 from ...sensors.observe import observe
@@ -48,6 +49,8 @@ class Measurement:
             model that errs over a while: deviations count blocks of times, which are longer than
             residuals remember, or where there are no times places along the first axis (poses),
             and no readings (`interval` of method "laplace", `predict`)
+        baseline: times (times,) s -> (times,): each channel reads some of it more, a parameter
+            beside: what is slow and of a known shape, as the creep ln(1 + t/t_0)
 
     Examples:
         >>> times = torch.linspace(0, 0.1, 6)
@@ -86,6 +89,7 @@ class Measurement:
     place: Mapping[str, str] = field(default_factory=dict)
     frame: SensorFrame | None = None
     noise: str = "white"
+    baseline: Callable[[Tensor], Tensor] | None = None
 
     def __post_init__(self) -> None:
         choice("noise", self.noise, NOISES)
@@ -128,6 +132,8 @@ class Measurement:
                 f"noise='blocks' was given with {self._of} of shape {tuple(values.shape)}; "
                 f"{LEAST_BLOCKS} times, or poses, at least are wanted"
             )
+        if self.baseline is not None and self.times is None:
+            raise ValueError("a baseline was given without times; times=(times,) are wanted")
         self._check_sensor()
         for name in ("delay", "clock"):
             if not isinstance(getattr(self, name), str):
@@ -266,6 +272,14 @@ class Measurement:
             for name, shape in (("offset", torch.ones_like(along)), ("drift", along))
             if getattr(self, name)
         ]
+        if self.baseline is not None:
+            slow = as_tensor(check_function("baseline", self.baseline, "times")(along), along.dtype)
+            if slow.shape != along.shape:
+                raise ValueError(
+                    f"a baseline of shape {tuple(slow.shape)} was given for times of shape "
+                    f"{tuple(along.shape)}; the same is wanted"
+                )
+            shapes.append(("baseline", finite("baseline", slow)))
         names, basis = [], []
         for name, shape in shapes:
             for k, label in enumerate(self.labels):

@@ -99,6 +99,11 @@ def predicted(
             )[1][0]
     J = torch.nn.functional.pad(J, (0, len(x) - m)).reshape(*y.shape, len(x))
     for k, shape in linear.items():
+        if shape.shape != y.shape:
+            raise ValueError(
+                f"a model that gave readings of shape {tuple(y.shape)} was given to predict a "
+                f"measurement with offsets, of shape {tuple(shape.shape)}; the same is wanted"
+            )
         y, J[..., k] = y + x[k] * shape, shape
     return y, J
 
@@ -125,7 +130,7 @@ def _instrument(
     if times is not None:
         at = as_tensor(times, m.values.dtype, m.values.device)
         like = m.values.new_zeros(len(at), *m.values.shape[1:])
-        m = replace(m, values=like, times=at, sigma=None)
+        m = replace(m, values=like, times=at, sigma=None, noise="white")
     names, basis = m.nuisance()
     full = names if e.name is None else [f"{e.name}.{n}" for n in names]
     return m, dict(zip(map(problem.parameters.names.index, full), basis, strict=True))

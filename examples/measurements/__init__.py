@@ -1,0 +1,1 @@
+"""Examples that take measurements of others, by the user's own download."""
