@@ -122,7 +122,7 @@ def start() -> dict[str, tb.Parameter]:
     return {
         "E": tb.Parameter(4e5, "log", prior=LogNormal(math.log(4e5), 0.5)),
         "rho": tb.Parameter(1300.0, "log", prior=LogNormal(math.log(1300.0), 0.2)),
-        "friction": tb.Parameter(0.1, bounds=(0.0, 1.0), scale=0.1),
+        "friction": tb.Parameter(0.1, "log", prior=LogNormal(math.log(0.1), 1.0)),
         "angle": tb.Parameter(torch.zeros(2), prior=Normal(torch.zeros(2), 0.1)),
         "winding": tb.Parameter(0.0, prior=Normal(0.0, 0.2)),
         "further": tb.Parameter(0.0, prior=Normal(0.0, 1e-3)),
@@ -147,7 +147,7 @@ def main(arguments: Sequence[str] | None = None) -> str:
         measurements(markers[fitted]),
         start(),
         derivatives="difference",
-        iterations=12,
+        iterations=15,
         tolerance=1e-2,
     )
     print(fit.summary())

@@ -243,12 +243,14 @@ class Fit:
         variance = ((own @ self.x_covariance[determined][:, determined]) * own).sum(-1).clamp(min=0)
         variance = torch.where((J[..., open_ & ~self.held] != 0).any(-1), torch.inf, variance)
         quantile = self._quantile(level)
+        blocks = not self.problem.independent.all()
         return Prediction.of(
             y,
             variance,
             sigma,
             (quantile[determined] if determined.any() else quantile).amax().item(),
             level,
+            student_quantile((1 + level) / 2, torch.inf) if blocks else None,
         )
 
     def profile(self, *names: str, level: float = 0.95) -> tuple[Profile, ...]:

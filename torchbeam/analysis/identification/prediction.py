@@ -42,11 +42,19 @@ class Prediction:
 
     @classmethod
     def of(
-        cls, y: Tensor, variance: Tensor, sigma: Value | None, quantile: float, level: float
+        cls,
+        y: Tensor,
+        variance: Tensor,
+        sigma: Value | None,
+        quantile: float,
+        level: float,
+        noise_quantile: float | None = None,
     ) -> Prediction:
-        """Of y (...) with its variance (...), and the noise of a new measurement. Raises ValueError
+        """Of y (...) with its variance (...), and the noise of a new measurement, which has a
+        quantile of its own where its size is better known than the parameters. Raises ValueError
         for a sigma that is not positive, or does not broadcast.
         """
+        half = quantile * variance.sqrt()
         if sigma is not None:
             noise = positive("sigma", finite("sigma", as_tensor(sigma, y.dtype, y.device)))
             if broadcast("sigma and a prediction", noise.shape, y.shape) != y.shape:
@@ -55,8 +63,8 @@ class Prediction:
                     f"{tuple(y.shape)}; one that broadcasts is wanted"
                 )
             variance = variance + noise.square()
-        deviation = variance.sqrt()
-        return cls(y, deviation, y - quantile * deviation, y + quantile * deviation, level)
+            half = (half.square() + ((noise_quantile or quantile) * noise).square()).sqrt()
+        return cls(y, variance.sqrt(), y - half, y + half, level)
 
 
 def predicted(

@@ -104,7 +104,9 @@ def test_an_instrument_reads_in_a_prediction_what_it_read_in_the_fit():
     again, low, high = fit.predict(measurement="laser")
     torch.testing.assert_close(again, fit.y)
     later = torch.tensor([0.22, 0.25])
-    ahead = replace(laser, values=torch.zeros(2, 3), sigma=1e-3, times=later).read(swing(true), true)[0]
+    ahead = replace(laser, values=torch.zeros(2, 3), sigma=1e-3, times=later).read(
+        swing(true), true
+    )[0]
     line = torch.tensor([0.1, 0.2, 0.3]) + torch.tensor([1.0, 0.0, -1.0]) * later[:, None]
     prediction = fit.predict(measurement="laser", times=later)
     torch.testing.assert_close(prediction.y, ahead + line, rtol=0, atol=1e-4)

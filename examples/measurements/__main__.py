@@ -1,0 +1,68 @@
+"""All examples with measurements, on the user's own copies of the files, as a table and lines of
+JSON.
+
+    python -m examples.measurements --data FOLDER --out docs/results/measurements
+"""
+
+import argparse
+import json
+from pathlib import Path
+
+from . import silicone_beam, soft_tentacle
+
+BEAM = "silicone_beam_{}.csv"
+# name -> example, its files, the file that is held out
+RUNS = {
+    "soft tentacle, five poses held out": (soft_tentacle, ["soft_tentacle.csv"], None),
+    "silicone, weight alone": (silicone_beam, [BEAM.format("gravity_b")], None),
+    "silicone, 52 g, first": (silicone_beam, [BEAM.format("load52_a")], None),
+    "silicone, 52 g, repeated": (silicone_beam, [BEAM.format("load52_b")], None),
+    "silicone, 101 g": (silicone_beam, [BEAM.format("load101_a")], None),
+    "silicone, three loads together": (
+        silicone_beam,
+        [BEAM.format(name) for name in ("gravity_b", "load52_a", "load101_a")],
+        None,
+    ),
+    "silicone, 52 g, the repeat by the first": (
+        silicone_beam,
+        [BEAM.format("load52_a")],
+        BEAM.format("load52_b"),
+    ),
+}
+SHOWN = {"E": (1e-3, "E kPa"), "tau": (1e3, "tau ms"), "friction": (1.0, "friction")}
+
+
+def table(lines: dict[str, dict]) -> str:
+    """Markdown: parameters with their 95 % intervals, RMS by marker, and coverage of each run."""
+    rows = [
+        "| run | parameters, 95 % intervals | RMS by marker, mm, held out | in 95 % bands | s |",
+        "|---|---|---|---:|---:|",
+    ]
+    for name, line in lines.items():
+        parts = []
+        for key, (factor, label) in SHOWN.items():
+            if key in line["parameters"]:
+                value, low, high = (f"{factor * x:.3g}" for x in line["parameters"][key])
+                parts.append(f"{label} {value} ({low} to {high})")
+        errors = ", ".join(f"{x:.2f}" for x in line["rms_mm"])
+        share = f"{100 * line['coverage']:.0f} %"
+        rows.append(f"| {name} | {'; '.join(parts)} | {errors} | {share} | {line['seconds']:.0f} |")
+    return "\n".join(rows) + "\n"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", type=Path, required=True, help="the folder of the files")
+    parser.add_argument("--out", type=Path, required=True, help="a folder for the results")
+    given, lines = parser.parse_args(), {}
+    given.out.mkdir(parents=True, exist_ok=True)
+    for name, (example, files, held) in RUNS.items():
+        arguments = ["--data", *(str(given.data / file) for file in files)]
+        arguments += ["--held", str(given.data / held)] if held else []
+        lines[name] = json.loads(example.main(arguments))
+        (given.out / "measurements.json").write_text(json.dumps(lines, indent=1) + "\n")
+        (given.out / "measurements.md").write_text(table(lines))
+
+
+if __name__ == "__main__":
+    main()
