@@ -54,13 +54,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, required=True, help="the folder of the files")
     parser.add_argument("--out", type=Path, required=True, help="a folder for the results")
-    given, lines = parser.parse_args(), {}
+    parser.add_argument("--only", default="", help="runs with this in their name; others are kept")
+    given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
+    stored = given.out / "measurements.json"
+    before = json.loads(stored.read_text()) if stored.exists() else {}
+    lines = {name: before[name] for name in RUNS if name in before}
     for name, (example, files, held) in RUNS.items():
+        if given.only not in name:
+            continue
         arguments = ["--data", *(str(given.data / file) for file in files)]
         arguments += ["--held", str(given.data / held)] if held else []
         lines[name] = json.loads(example.main(arguments))
-        (given.out / "measurements.json").write_text(json.dumps(lines, indent=1) + "\n")
+        stored.write_text(json.dumps(lines, indent=1) + "\n")
         (given.out / "measurements.md").write_text(table(lines))
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 import torch
+
 from examples.measurements import silicone_beam, soft_tentacle
 
 DATA = Path(__file__).parents[3] / "shared" / "data"

@@ -30,7 +30,7 @@ def fits(noise, repeats=60):
 
 def test_intervals_hold_where_noise_remembers():
     """A line through noise of correlation 0.9 from reading to reading: 95 % intervals by blocks
-    hold the truth in 88 % or more of 60 sets (of 95 %, three deviations of such a count below it are
+    hold the truth in 88 % or more of 60 sets (three deviations of such a count below 95 % are
     86 %); as independent noise in less than 60 %.
     """
     shares = {}

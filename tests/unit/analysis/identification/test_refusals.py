@@ -70,7 +70,7 @@ CASES = {
     "a sensor without a solution": (lambda: dict(data=tb.Measurement(CLEAN, 0.1, T,
         tb.sensors.Spin(-1)["y"], name="gyro")),
                                     r"a Measurement that has a sensor \('gyro'\), by which a "
-                                    r"Solution is read"),
+                                    r"Solution or a State is read"),
     "an unknown delay": (lambda: dict(data=tb.Measurement(CLEAN, 0.1, T, tb.sensors.Spin(-1)["y"],
                                                           delay="late")), "'late'"),
 }
@@ -87,7 +87,7 @@ def test_refused(name):
 
 MEASUREMENTS = {
     "times": (dict(times=T[:3]), r"times of shape \(3,\) were given for data of shape \(40,\)"),
-    "sensor": (dict(sensor=tb.sensors.TipPosition()), "without times"),
+    "a rate without times": (dict(sensor=tb.sensors.TipPosition(), rate=True), "without times"),
     "sigma": (dict(sigma=torch.ones(3)), r"sigma of shape \(3,\)"),
     "offset": (dict(offset=1.0), "offset = 1.0"),
     "a delay of readings": (
