@@ -525,6 +525,11 @@ CALLS = {
     ),
     "response": (LINEAR.response, dict(omega=1.0)),
     "departure": (LINEAR.departure, dict(state=tb.rest(DRIVEN))),
+    "pose_from_points": (tb.pose_from_points, dict(points=torch.eye(3), measured=2 + torch.eye(3))),
+    "SensorFrame": (
+        tb.SensorFrame,
+        dict(origin=(0.0, 0.0, 0.1), rotation=torch.eye(3), tilt=(0.0, 0.0, 0.1)),
+    ),
     "observe": (
         tb.observe,
         dict(solution=SOLUTION, sensor=S.TipPosition(), times=[0.05], delay=0.0, rate=False),
@@ -587,6 +592,10 @@ CALLS = {
             drift=False,
             name="a",
             fitted=0,
+            place={},
+            frame=None,
+            noise="white",
+            baseline=None,
         ),
     ),
     "Smoothness": (tb.Smoothness, dict(order=1, at=[0.0, 1.0], sharp=False)),
@@ -691,6 +700,7 @@ CALLS = {
     "S.Curvature": (S.Curvature, dict(station=0.5, beam=BEAM)),
     "S.Gauge": (S.Gauge, dict(station=0.5, beam=BEAM, y=0.1, z=0.1)),
     "S.Strain": (S.Strain, dict(station=0.5, beam=BEAM)),
+    "S.Position": (S.Position, dict(station=0.5, beam=BEAM, point=(0.0, 0.0, 0.1))),
     "S.Stress": (S.Stress, dict(element=0, beam=BEAM)),
     "S.NodeAcceleration": (
         S.NodeAcceleration,

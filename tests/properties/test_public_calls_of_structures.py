@@ -381,6 +381,7 @@ SAME = {
     "S.ContactSlip": touching(lambda *x: lambda s: S.ContactSlip(*x)(s).amax()),
     "S.Curvature": read(lambda of: S.Curvature(element=0, beam=of.scene, **part_of(of))),
     "S.Gauge": read(lambda of: S.Gauge(element=0, beam=of.scene, y=0.1, **part_of(of))),
+    "S.Position": read(lambda of: S.Position(0.1, of.scene, point=(0, 0, 0.1), **part_of(of))),
     "S.Strain": read(lambda of: S.Strain(element=0, beam=of.scene, **part_of(of))),
     "S.Stress": read(lambda of: S.Stress(element=0, beam=of.scene, **part_of(of))),
     "S.NodePosition": read(lambda of: S.NodePosition(of.node(2))),
@@ -462,10 +463,10 @@ OTHERS = """Accelerogram Actuation Advice Along Ball Beam BlockRate Body Box Cap
 Convergence Critical Cylinder Cylindrical Damping Description Distance Drag Energy Estimate FieldFit
 Fit Frame Gravity Hinge History Input LineLoad Load MassDamping Measurement MixedState Modes
 MomentDerivatives PairedModes Parameter Path PerElement PerInterval Plane PointLoad PointMass
-RareEvent RootMotion RootSpring Samples Scene Section SelfContact Slider SlowPathWarning Smoothness
-SobolIndices Sphere Spring Stations Stats Stream Support Table Tendon TipLoad Tornado Universal View
+Pose RareEvent RootMotion RootSpring Samples Scene Section SelfContact SensorFrame Slider
+SlowPathWarning Smoothness SobolIndices Sphere Spring Stations Stats Stream Support Table Tendon TipLoad Tornado Universal View
 Weld
-laws modal_assurance plot rayleigh sensors"""
+laws modal_assurance plot pose_from_points rayleigh sensors"""
 # of functions of the user's own, as identify and monte_carlo; of other scenes, made by remesh
 FUNCTIONS = "identify_fields moment_derivatives monte_carlo_stream rare_event sobol_indices tornado"
 FUNCTIONS += " converge"

@@ -15,6 +15,12 @@ class Pose(NamedTuple):
     """rotation (..., 3, 3) and position (..., 3) m of a body: its point p is at rotation p +
     position; residual (..., points, 3) m, by which measured points lie beside it (NaN where none
     was).
+
+    Examples:
+        >>> corners = torch.tensor([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]])
+        >>> rotation, position, residual = tb.pose_from_points(corners, corners)
+        >>> residual.abs().max() < 1e-6
+        tensor(True)
     """
 
     rotation: Tensor

@@ -40,7 +40,7 @@ class Position(_Along):
     Examples:
         >>> marker = tb.sensors.Position(0.6, beam, point=(0, 0, 0.02))
         >>> marker(solution.state)[-1]  # m
-        tensor([0.5791, 0.0000, 0.1069])
+        tensor([0.5859, 0.0000, 0.1103])
     """
 
     beam: Beam | Scene | None = None

@@ -39,7 +39,7 @@ class SensorFrame:
         >>> mocap = tb.SensorFrame(rotation=[[0, 0, 1.0], [1, 0, 0], [0, 1, 0]], tilt="tilt")
         >>> seen = mocap.of(tb.sensors.TipPosition(), {"tilt": torch.zeros(3)})
         >>> seen(solution.state)[-1]  # m, the beam's x is the third
-        tensor([0.0000, 0.2189, 0.9601])
+        tensor([0.0000, 0.2189, 0.9703])
     """
 
     origin: Value | str = (0.0, 0.0, 0.0)

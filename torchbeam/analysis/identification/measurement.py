@@ -155,6 +155,17 @@ class Measurement:
 
     def _check_sensor(self) -> None:
         """Place and frame fit the sensor."""
+        if not isinstance(self.place, Mapping) or not all(
+            isinstance(name, str) for pair in self.place.items() for name in pair
+        ):
+            raise ValueError(
+                f"place = {shown(self.place)} was given; the name of a parameter by that of the "
+                "sensor's field is wanted"
+            )
+        if not isinstance(self.frame, (SensorFrame, type(None))):
+            raise ValueError(
+                f"frame = {shown(self.frame)} was given; a torchbeam.SensorFrame is wanted"
+            )
         if not self.place and self.frame is None:
             return
         if not isinstance(self.sensor, Sensor):
@@ -165,7 +176,7 @@ class Measurement:
         own = [f.name for f in fields(self.sensor) if f.init] if is_dataclass(self.sensor) else []
         if wrong := [f for f in self.place if f not in own]:
             raise ValueError(
-                f"place of {wrong[0]!r} was given; {self.sensor.name} has {', '.join(own)}"
+                f"place of {shown(wrong[0])} was given; {self.sensor.name} has {', '.join(own)}"
             )
 
     @classmethod
