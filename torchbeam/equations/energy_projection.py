@@ -19,25 +19,15 @@ EPS = 64  # roundings: beside the largest inertia, one that is none
 
 
 def conserved(
-    model: Rows,
-    start: State,
-    after: State,
-    dt: Tensor,
-    own: Tensor | float,
-    free: list[list[Base]],
-    touching: tuple[Tensor, list[list[Base]]] | None,
+    model: Rows, start: State, after: State, dt: Tensor, own: Tensor | float, free: list[list[Base]]
 ) -> State:
     """`after`, with the work of this step alone, and its velocities scaled so that kinetic + strain
     energy changes by that work less what damping takes, see `projected`. `own`: the strain that the
-    beam takes by itself over this step, which holds no energy. free: the pieces that nothing holds;
-    touching: where (...) bool there are others, as parts touch each other; None = nowhere.
+    beam takes by itself over this step, which holds no energy. free: the pieces that nothing holds.
     """
     kinetic, rise = kinetic_rise(model, start, after)
     rise = rise + strain_rise(model, start, after, dt, own) - after.work
     velocity, spin = rigid = rigid_motion(model, after, free)
-    if touching is not None:
-        near, one = touching[0][..., None, None], rigid_motion(model, after, touching[1])
-        velocity, spin = rigid = tuple(map(torch.where, (near, near), one, rigid))
     kinetic = kinetic - model.kinetic_energy(after.rotation, *rigid)
     scale, defect = projected(start.defect + rise, kinetic)
     scale = scale[..., None, None]

@@ -146,10 +146,6 @@ class MidpointProblem(StepProblem):
         )
         after = self.finished(after, x.stress, kinematics)
         if self.conserve:
-            free, joined = free_pieces(model), free_pieces(model, touching=True)
-            near = None
-            if joined != free:
-                near = model.touching.near_enough(lambda: self.touching_way(kinematics))
-            touching = None if near is None else (near, joined)
-            after = conserved(model, start, after, self.dt, self.eigenstrain, free, touching)
+            free = free_pieces(model)
+            after = conserved(model, start, after, self.dt, self.eigenstrain, free)
         return replace(after, work=start.work + after.work)

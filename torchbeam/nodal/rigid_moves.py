@@ -57,10 +57,10 @@ def length_of(nodes: Tensor) -> Tensor:
     return torch.where(length > 0, length, 1.0)  # of a body alone
 
 
-def free_pieces(model: Model, touching: bool = False) -> list[list[Base]]:
-    """What joints, tendons and, where they are `touching`, contacts make of the parts, but for
-    pieces whose momentum not dead loads alone change: by a support, joint or eyelet of the ground,
-    or a load by how it stands or moves. Rotations are about the first node of a piece.
+def free_pieces(model: Model) -> list[list[Base]]:
+    """What joints, tendons and contacts with each other make of the parts, but for pieces whose
+    momentum not dead loads alone change: by a support, joint or eyelet of the ground, or a load by
+    how it stands or moves. Rotations are about the first node of a piece.
     """
     scene, bases = model.scene, bases_of(model)
     links = [joint.ends for joint in scene.joints]
@@ -68,7 +68,7 @@ def free_pieces(model: Model, touching: bool = False) -> list[list[Base]]:
     links += [(None, node) for node in model.constraints.nodes]
     named = [{None if row is None else _at(bases, row, row + 1)[0] for row in x} for x in links]
     named += [{None, *_of_load(model, load, bases)} for load in model.loads[0]]
-    named += [{pair.on, pair.partner} for pair in scene.pairs if touching]
+    named += [{pair.on, pair.partner} for pair in scene.pairs]
     pieces: list[set[str | None]] = [{base.name} for base in bases]
     for link in named:
         piece = link.union(*(own for own in pieces if own & link))

@@ -95,20 +95,18 @@ def rods(*effects, **options):
     return scene, replace(start, velocity=velocity)
 
 
-@pytest.mark.parametrize(
-    "case", ["both free", "a far contact", "one is held", "one is braked", "they collide"]
-)
+@pytest.mark.parametrize("case", ["both free", "one is held", "one is braked", "they collide"])
 def test_each_free_piece_keeps_its_momenta(case):
     """Of two rods, the second with a ball on a tendon, to what Newton's method leaves, beside the
-    energy of all: by themselves; beside a contact that nothing comes near, where one is held, or
-    braked; and together, where they collide. They traded 1e-4 kg m/s.
+    energy of all: by themselves, and where one is held, or braked; and together, where they may
+    collide. They traded 1e-8 to 1e-6 kg m/s.
     """
     effects, options = [], dict(supports=())
     if case == "one is held":
         options = dict(supports=[tb.Support(("a", 0))])
     if case == "one is braked":
         effects = [tb.MassDamping(0.5, on="a")]
-    if "co" in case:
+    if case == "they collide":
         effects = [tb.Contact("a", "b", **LAW)]
     scene, start = rods(*effects, **options)
     away = 0 * start.velocity
