@@ -18,6 +18,7 @@ from ...topology.framework import Framework
 from ..compiler.derivative import dot, jvp
 from ..compiler.function import Function
 from .driver import SUMS, Driver
+from .interaction import JOINT, Interaction
 from .layout import ELEMENTS, ENDS, NODES, ONE, Layout
 from .load_driver import LoadSteps
 from .local_problem import Fields
@@ -209,11 +210,15 @@ class PathProgram(ChainProgram):
         }
         return _or_else(element, slope.inputs, {"gap": slopes[dot("gap")], **others})
 
-    def _of_joint(self, traced: Tracing, local: PathFunctions, kind: JointKind) -> Function:
+    def _of_interaction(
+        self, traced: Tracing, local: PathFunctions, one: Interaction, kind: Any
+    ) -> Function:
+        if one is not JOINT:
+            return super()._of_interaction(traced, local, one, kind)
         given = {name: () for name in self.varying}
         if local.led:
             given |= {f"{side}.{RATE}": self.shapes["position"] for side in kind.sides}
-        joint = traced(partial(local.joint, self.held, kind), traced.joint | given)
+        joint = traced(partial(local.joint, kind), traced.joint | given)
         asked = ["right", *(f"{side}.push" for side in kind.sides)]
         slope = self._slopes(joint, local, asked)
         others = {name: slope.outputs[dot(name)].nodes for name in asked}

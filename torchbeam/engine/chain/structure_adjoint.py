@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from ..compiler.derivative import bar
 from .adjoint_driver import AdjointDriver
-from .node_kinds import SIDES
-from .pair_adjoint import PairAdjoint
+from .interaction import JOINT, PAIR
+from .interaction_driver import Entry
 from .structure_code import COUNTS, TABLES
 from .structure_driver import StructurePasses
 from .tendon_adjoint import TendonAdjoint
 
 STATE = "joint_state_bar"
+# where cotangents of what a joint reads are added up
+OF_JOINT = {
+    "force": ("joint_asked", "force"),
+    "joints": ("joint_start_bar", "joints"),
+    "last_force": ("joint_start_bar", "joint_force"),
+}
 
 
-class StructureAdjoint(TendonAdjoint, PairAdjoint, StructurePasses, AdjointDriver):
+class StructureAdjoint(TendonAdjoint, StructurePasses, AdjointDriver):
     """Cotangents of structures, step by step backwards."""
 
     ARGS = (*AdjointDriver.ARGS, *TABLES, *COUNTS)
@@ -21,9 +27,8 @@ class StructureAdjoint(TendonAdjoint, PairAdjoint, StructurePasses, AdjointDrive
     def _transposed(self) -> None:
         code = self.code
         self._at_interface()
-        self._each_joint(self._joint_blocks)
-        self._tie_blocks()
-        self._pair_blocks()
+        for one in self.interactions:
+            self._each_of(one, self._blocks)
         self._eliminate()
         self._moves()
         with code.loop(0, self.args["nodes"]) as j:
@@ -44,157 +49,113 @@ class StructureAdjoint(TendonAdjoint, PairAdjoint, StructurePasses, AdjointDrive
     def _row_judged(self, name: str) -> None:
         """Nothing is."""
 
-    def _joint_blocks(self, k: str, kind: int) -> None:
+    def _blocks(self, entry: Entry) -> None:
         """Blocks of the transposed matrix, and what is asked of the moves of its ends."""
-
-        def where(f: str) -> str:
-            side, _, name = f.partition(".")
-            if f[0] == ">":
-                return self.at("joint_blocks", k, f[2:])
-            if name == "reaction":
-                return self.at("push", self._move_of(self._joint_node(k, side)))
-            return self.at("joint_asked", k) if f == "force_bar" else self._of_joint(f, k)
-
-        self._call(f"joint blocks {kind}", where)
-        if self.held:
-            for side in self.kinds.joints[kind].sides:
-                self._add(
-                    self.at("asked", self._move_of(self._joint_node(k, side))),
-                    self.at("joint_blocks", k, f"{side}.asked"),
-                    self.layout.records["move"].size,
-                )
+        nodes, record = {side: self._move_of(entry.nodes[side]) for side in entry.sides}, entry.name
+        places = {f"{side}.reaction": self.at("push", node) for side, node in nodes.items()}
+        if entry.of is JOINT:
+            places["force_bar"] = self.at("joint_asked", entry.number)
+        self._call_of(f"{record} blocks {entry.function}", entry, f"{record} blocks", places)
+        for side, node in nodes.items() if self.held else ():
+            asked = self.at(f"{record} blocks", entry.number, f"{side}.asked")
+            self._add(self.at("asked", node), asked, self.coupled(entry.of, entry.function))
 
     def _clear_joints(self) -> None:
         self._clear_tendons()
-        self._clear_pairs()
-        self._clear_records(STATE, "joint_bar")
+        for one in self.interactions:
+            self._clear(one, f"{one.constants}_bar")
+        self._clear(JOINT, STATE)
 
     def _add_joints(self) -> None:
         self._add_tendons()
         self._clear_records("joint_start_bar", "joint_asked")
 
-        def add(k: str, kind: int) -> None:
-            self._add(
-                self.at(STATE, k), self.at("joint_state_grad", k), self.layout.records[STATE].size
-            )
+        def add(k: str) -> None:
+            size = self.layout.records[STATE].size
+            self._add(self.at(STATE, k), self.at("joint_state_grad", k), size)
 
-        self._each_joint(add, alike=True)
+        self._each_row(JOINT, add)
 
     def _joint_solutions(self) -> None:
         self._tensions()
-        self._look_at_pairs()
+        self._each_of(PAIR, lambda entry: None, look=True)  # which are far
 
-        def solution(k: str, kind: int) -> None:
-            self._call(
-                f"joint solution {kind}",
-                lambda f: (
-                    self.at("joint_unknown", k)
-                    if f[0] == ">"
-                    else self.at("joint_after", k)
-                    if f == "after_force"
-                    else self._of_joint(f, k)
-                ),
-            )
+        def solution(entry: Entry) -> None:
+            after = {"after_force": self.at("joint_after", entry.number)}
+            self._call_of(f"joint solution {entry.function}", entry, "joint_unknown", after)
 
-        self._each_joint(solution)
+        self._each_of(JOINT, solution)
 
     def _joint_energies(self) -> None:
         self._tendon_energies()
-        self._pair_energies()
 
-        def add(k: str, kind: int) -> None:
-            self._call(
-                f"ended joint {kind}",
-                lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else self._of_joint(f, k),
-            )
-            self._add(self.at("energy", 0, "rise"), self.at("change", 0, "rise"), 1)
+        def add(entry: Entry) -> None:
+            change = f"{entry.name} change"
+            self._call_of(f"ended {entry.name} {entry.function}", entry, change)
+            self._add(self.at("energy", 0, "rise"), self.at(change, 0, "rise"), 1)
 
-        self._each_joint(add)
+        for one in (PAIR, JOINT):
+            self._each_of(one, add)
 
     def _joint_ends(self) -> None:
         self._tendon_ends()
-        self._pair_ends()
-        names = {bar("force"): "joint_force", bar("joints"): "joints"}
 
-        def ends(k: str, kind: int) -> None:
-            name = f"finish joint bar {kind}"
-            self._call(
-                name,
-                lambda f: (
-                    self.at("of_joint", 0, f[2:])
-                    if f[0] == ">"
-                    else self.at(STATE, k, names[f])
-                    if f in names
-                    else self.at("sample", 0, f)
-                    if f == bar("work")
-                    else self.at("energy", 0, f)
-                    if f == bar("rise")
-                    else self._of_joint(f, k)
-                ),
-            )
-            self._spread_joint(name, k)
+        def ends(entry: Entry) -> None:
+            places = {bar("work"): self.at("sample", 0, bar("work"))}
+            if "energy" in self.layout.records:
+                places[bar("rise")] = self.at("energy", 0, bar("rise"))
+            if entry.of is JOINT:
+                names = {"force": "joint_force", "joints": "joints"}
+                places |= {bar(f): self.at(STATE, entry.number, x) for f, x in names.items()}
+            self._bar_of(f"finish {entry.name} bar {entry.function}", entry, places)
 
-        self._each_joint(ends)
+        for one in (PAIR, JOINT):
+            self._each_of(one, ends)
 
     def _joint_bars(self) -> None:
         self._tie_bars()
-        self._pair_bars()
 
-        def bars(k: str, kind: int) -> None:
+        def bars(entry: Entry) -> None:
             places = {
-                bar(f"{side}.push"): self.at("found", self._move_of(self._joint_node(k, side)))
-                for side in SIDES[1]
-            } | {bar("right"): self.at("joint_move", k)}
-            self._call(
-                f"joint bar {kind}",
-                lambda f: (
-                    self.at("of_joint", 0, f[2:])
-                    if f[0] == ">"
-                    else places[f]
-                    if f in places
-                    else self._of_joint(f, k)
-                ),
-            )
-            self._spread_joint(f"joint bar {kind}", k)
+                bar(f"{side}.push"): self.at("found", self._move_of(entry.nodes[side]))
+                for side in entry.sides
+            }
+            if entry.of is JOINT:
+                places[bar("right")] = self._solution_of(JOINT, entry.number)
+            self._bar_of(f"{entry.name} bar {entry.function}", entry, places)
 
-        self._each_joint(bars)
+        for one in (PAIR, JOINT):
+            self._each_of(one, bars)
 
     def _take_joints(self, good: str) -> None:
         self._take_tendons(good)
 
-        def take(k: str, kind: int) -> None:
+        def take(k: str) -> None:
             size = self.layout.records[STATE].size
             self._take(self.at(STATE, k), self.at("joint_start_bar", k), good, size)
 
-        self._each_joint(take, alike=True)
+        self._each_row(JOINT, take)
 
-    def _spread_joint(self, name: str, k: str) -> None:
-        """Add the cotangents that a function of joint k gives to those of the start, of the
-        constants, of its ends' motion and of its forces.
+    def _bar_of(self, name: str, entry: Entry, places: dict[str, str]) -> None:
+        """A derivative, with cotangents at `places`, and what it gives added to those of where its
+        fields are.
         """
-        records = self.layout.records
+        record = f"of {entry.name}"
+        self._call_of(name, entry, record, places)
         for out in self.functions[name].outputs:
-            field, at = out.removesuffix("_bar"), k
-            side, _, own = field.partition(".")
-            if side in SIDES[1]:
-                at = self._joint_node(k, side)
-                record = f"{own.partition('.')[0]}_bar" if "." in own else "start_bar"
-                record, field = (
-                    ("unknown_bar", f"{own}_bar") if own in ("u", "m") else (record, own)
-                )
-                at = self._support_of(at) if record == "support_bar" else at
-            elif field == "force":
-                record = "joint_asked"
-            elif field in ("joints", "last_force"):
-                record = "joint_start_bar"
-                field = "joints" if field == "joints" else "joint_force"
-            else:
-                record = f"{side}_bar"
-                at = 0 if side == "common" else k
-            if field in records[record].fields:
-                self._sum(
-                    self.at(record, at, field),
-                    self.at("of_joint", 0, out),
-                    self.at("sample", 0, "good"),
-                    records[record].fields[field][1],
-                )
+            to, row, field = self._cotangent_of(out.removesuffix("_bar"), entry)
+            if field in self.layout.fields(to):
+                size, good = self.layout.fields(to)[field][1], self.at("sample", 0, "good")
+                self._sum(self.at(to, row, field), self.at(record, 0, out), good, size)
+
+    def _cotangent_of(self, field: str, entry: Entry) -> tuple[str, str | int, str]:
+        """Record, row and field of the cotangent of a field: of the start, of constants, of the
+        motion of an end, of forces.
+        """
+        side, _, own = field.partition(".")
+        if side in entry.of.sides:
+            return self._at_node_bar(own, entry.nodes[side])
+        if field in OF_JOINT:
+            record, field = OF_JOINT[field]
+            return record, entry.number, field
+        return f"{side}_bar", 0 if side == "common" else entry.number, field

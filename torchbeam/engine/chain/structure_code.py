@@ -8,10 +8,8 @@ from contextlib import contextmanager
 from ..compiler.block_elimination import BlockElimination
 from .cell_sums import CellSums
 from .chain_code import POINTERS, ChainCode
-from .joint_functions import BLOCKS
-from .node_kinds import PAIR_SIDES, SIDES
-from .pair_functions import PAIR_BLOCKS
-from .tendon_functions import CHAINED
+from .interaction import INTERACTIONS
+from .node_kinds import SIDES
 
 TABLES = (
     "joint_kinds",
@@ -70,9 +68,7 @@ WIDTH = {
     "backward": 7,
     "bordered": 16,
     "following": 20,
-    "joint": 2 + 2 * len(BLOCKS) + 3,
-    "stretch": 5 + 2 * len((*BLOCKS, *CHAINED)) + 3,
-    "pair": len(PAIR_SIDES) + 2 * len(PAIR_BLOCKS),
+    **{one.constants: one.width for one in INTERACTIONS},
 }
 
 
@@ -138,26 +134,6 @@ class StructureCode(ChainCode):
             f"free_{name}": self.at("free", at, "free")
             for name, at in (("before", before), ("here", node), ("after", after))
         }
-
-    def _of_joint(self, field: str, k: str) -> str:
-        """A field that is held by joint k, or at one of its ends, or by all."""
-        side, _, name = field.partition(".")
-        if side in SIDES[1]:
-            return self._at_joint_node(name, self._joint_node(k, side))
-        for record in ("joint", "joint_state", "joint_unknown"):
-            if field in self.layout.fields(record):
-                return self.at(record, k, field)
-        return self.at("common", 0, field)
-
-    def _at_joint_node(self, name: str, node: str) -> str:
-        return self.at("free", node, name) if name == "free" else self._of_node(name, node)
-
-    def _joint_node(self, k: str, side: str) -> str:
-        table = self._entry("joint", k)
-        return self.code.load(self.code.at(table, SIDES[1].index(side)))
-
-    def _joint_kind(self, k: str) -> Iterator[int]:
-        return self._each("joint_kinds", len(self.kinds.joints), k)
 
     # Tables
 

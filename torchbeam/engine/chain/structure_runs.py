@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from .joint_functions import BLOCKS
+from .interaction import JOINT, PAIR, TIE
 from .tendon_driver import TendonPasses
 
 
@@ -31,8 +31,8 @@ class StructureRuns(TendonPasses):
                 self._runs(manner)
         if "bordered" in self.kinds.runs:
             self._bordered_runs()
-        self._join_ties()
-        self._join_pairs()
+        for one in (TIE, PAIR):
+            self._each_of(one, self._join)
         self._each_following(self._begin_following)
         self._groups("eliminate", self.args["first_groups"])
         self._each_following(self._following_run)
@@ -78,9 +78,7 @@ class StructureRuns(TendonPasses):
         """Rows of the interface and of joints."""
         with self._entries("interface", shared=shared) as (p, entry):
             self._interface(p, entry)
-        if self.kinds.joints:
-            with self._entries("joint", shared=shared) as (k, entry):
-                self._join(k, entry)
+        self._each_of(JOINT, self._join, shared=shared)
 
     def _around(self, node: str) -> dict[str, str]:
         """What a row of a node takes beside what nodes and elements give."""
@@ -266,18 +264,6 @@ class StructureRuns(TendonPasses):
             side = self.at("row", last, "side")
             self._on_block("subtract_block", to_first, to_first_stride, coupling, side)
 
-    def _join(self, k: str, entry: list[str]) -> None:
-        """Blocks of a joint, and what its constraints are to change by."""
-        code = self.code
-        for i, name in enumerate(BLOCKS):
-            if name not in self.layout.records["joint_blocks"].fields:
-                continue
-            first, stride = entry[2 + 2 * i : 4 + 2 * i]
-            with code.when(code.compare("sge", first, 0)):
-                self._add_block(first, stride, self.at("joint_blocks", k, name))
-        *_, first, stride, _ = entry
-        self._add_column(first, stride, self.at("joint_blocks", k, "right"))
-
     def _moves(self) -> None:
         code, w = self.code, self.layout.records["move"].size
         if self.cells > 1:
@@ -286,9 +272,6 @@ class StructureRuns(TendonPasses):
         self._each_following(self._follow_back, backward=True)
         with self._entries("interface") as (_, (node, *_, solution)):
             self._copy_to(self.at("move", self._move_of(node)), self._matrix(solution), w)
-        if self.kinds.joints:
-            with self._entries("joint") as (k, (*_, solution)):
-                self._copy_to(self.at("joint_move", k), self._matrix(solution), w)
         for table in ("forward", "backward"):
             if table not in self.kinds.runs:
                 continue

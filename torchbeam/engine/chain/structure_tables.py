@@ -16,7 +16,7 @@ from ...topology.cut import Run
 from ...topology.framework import Framework
 from ..compiler.block_pattern import BlockPattern
 from .cells import Cells
-from .joint_functions import BLOCKS
+from .interaction import JOINT, OWN, TIE, Interaction
 from .layout import (
     ELEMENT_PLACES,
     ENTRIES,
@@ -84,34 +84,27 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
     def between(row: int, column: int) -> tuple[int, int]:
         return pattern.place(equation[row], column)
 
+    def row(one: Interaction, units: dict[str, int | None], more: list[int]) -> list[int]:
+        """Of an interaction, whose ends and unknowns are these; None = there are none."""
+        table = [0 if units[side] is None else nodes[units[side]] for side in one.sides] + more
+        own = units[OWN]
+        for block in one.blocks:
+            at = [units[name] for name in block]
+            there = None not in at and (block != "oo" or equation[own] == own)  # a weld has none
+            table += between(*at) if there else NONE
+        if own is None:
+            return [*table, *NONE, -1]
+        return [*table, *pattern.right(equation[own]), pattern.solution(own)]
+
     def joint(k: int) -> list[int]:
-        pair, row = how.joints[k], len(nodes) + k
-        place = dict(zip("ij", pair, strict=True))
-        table = [0 if place[side] is None else nodes[place[side]] for side in "ij"]
-        for name in BLOCKS:
-            rows, columns = (row if side == "" else place[side] for side in BLOCKS[name])
-            there = rows is not None and columns is not None
-            there = there and (name != "idle" or equation[row] == row)  # a weld has none
-            table += between(rows, columns) if there else NONE
-        return [*table, *pattern.right(equation[row]), pattern.solution(row)]
+        return row(JOINT, dict(zip("ijo", (*how.joints[k], len(nodes) + k), strict=True)), [])
 
     def stretch(s: int) -> list[int]:
         own, unit = stretches[s], own_units.get(s)
-        at = {
-            side: None if x is None else nodes.index(x)
-            for side, x in zip("ij", own.nodes, strict=True)
-        }
-        at[""] = unit
-        table = [node or 0 for node in own.nodes]
-        table += [int(own.first), int(own.last), own.tendon]
-        pairs = [tuple(at[side] for side in BLOCKS[name]) for name in BLOCKS]
+        at = [None if node is None else at_nodes[node] for node in own.nodes]
         before = None if unit is None or own.first else unit - 1
-        pairs += [(unit, before), (before, unit)]
-        for pair in pairs:
-            table += NONE if None in pair else between(*pair)
-        return table + (
-            [*NONE, -1] if unit is None else [*pattern.right(unit), pattern.solution(unit)]
-        )
+        units = dict(zip("ijop", (*at, unit, before), strict=True))
+        return row(TIE, units, [int(own.first), int(own.last), own.tendon])
 
     def follow(unit: int, run: Run, place: int) -> list[int]:
         """A run that goes on from a node which is eliminated, to the other one."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from ..compiler.derivative import bar
+from .interaction import TIE
+from .interaction_driver import Entry
 from .node_kinds import SIDES
 from .tendon_driver import FIRST, LAST, TENDON, TendonCode
 from .tendon_functions import SUMMED
@@ -16,11 +18,6 @@ class TendonAdjoint(TendonCode):
 
     def _clear_tendons(self) -> None:
         self._fill_tendons(STATE)
-        self._stretches(
-            lambda s, entry: self._fill(
-                self.at("stretch_bar", s), self.layout.records["stretch_bar"].size
-            )
-        )
 
     def _add_tendons(self) -> None:
         """To the cotangents of tendons' states those of what a step has made."""
@@ -79,48 +76,26 @@ class TendonAdjoint(TendonCode):
         """To what the energy rises by: less the work of tendons."""
         self._stretches(lambda s, entry: self._work("ended tendon", "change", s, entry))
 
-    def _tie_blocks(self) -> None:
-        """Blocks of the transposed matrix, and what is asked of the moves of nodes."""
-
-        def blocks(s: str, entry: list[str], kind: int) -> None:
-            def where(f: str) -> str:
-                side, _, name = f.partition(".")
-                if f[0] == ">":
-                    return self.at("ties", s, f[2:])
-                if name == "reaction":
-                    return self.at("push", self._move_of(self._stretch_node(s, side)))
-                return self._of_stretch(f, s)
-
-            self._call(f"tie blocks {kind}", where)
-            for side in self.kinds.stretches[kind].sides if self.held else ():
-                self._add(
-                    self.at("asked", self._move_of(self._stretch_node(s, side))),
-                    self.at("ties", s, f"{side}.asked"),
-                    self.layout.records["move"].size,
-                )
-
-        self._each_stretch("tie", blocks)
-
     def _tie_bars(self) -> None:
         """What the solution asks of the start and of the constants."""
-        if not self.kinds.stretches:
-            return
 
-        def bars(s: str, entry: list[str], kind: int) -> None:
-            self._clear_stretch(s)
+        def bars(entry: Entry) -> None:
+            self._clear_stretch(entry.number)
             places = {
-                bar(f"{side}.push"): self.at("found", self._move_of(self._stretch_node(s, side)))
-                for side in SIDES[1]
+                bar(f"{side}.push"): self.at("found", self._move_of(entry.nodes[side]))
+                for side in entry.sides
             }
-            self._bar(f"tie {kind} bar", s, places, False)
+            self._bar(f"tie bar {entry.function}", entry.number, places, False)
 
-        self._each_stretch("tie", bars)
+        self._each_of(TIE, bars)
         self._tension_bars(moves=False)
 
     def _tension_bars(self, moves: bool) -> None:
         """From the cotangents of tensions, and of sums; moves: whether those of the step's moves
         are asked for.
         """
+        if not self.kinds.stretches:
+            return
         code, size = self.code, len(SUMMED)
         tension = bar("tension")
 
@@ -156,15 +131,15 @@ class TendonAdjoint(TendonCode):
 
         def where(f: str) -> str:
             if f[0] == ">":
-                return self.at("of_stretch", 0, f[2:])
+                return self.at("of tie", 0, f[2:])
             return places[f] if f in places else self._of_stretch(f, s)
 
         self._call(name, where)
         for out in self.functions[name].outputs:
             to, size = self._cotangent(out.removesuffix("_bar"), s, moves)
-            source = self.at("of_stretch", 0, out)
+            source = self.at("of tie", 0, out)
             if size is None:
-                self._add(to, source, self.layout.fields("of_stretch")[out][1])
+                self._add(to, source, self.layout.fields("of tie")[out][1])
             elif size:
                 self._sum(to, source, self.at("sample", 0, "good"), size)
 
@@ -184,12 +159,15 @@ class TendonAdjoint(TendonCode):
             return self.at("tendon_start_bar", tendon), 1
         if side not in SIDES[1]:
             record, at = f"{side}_bar", 0 if side == "common" else s
-        elif own in ("u", "m"):
-            record, field, at = "unknown_bar", bar(own), self._stretch_node(s, side)
         else:
-            at, field = self._stretch_node(s, side), own
-            record = f"{own.partition('.')[0]}_bar" if "." in own else "start_bar"
-            at = self._support_of(at) if record == "support_bar" else at
+            record, at, field = self._at_node_bar(own, self._stretch_node(s, side))
         if field not in records[record].fields or (record == "unknown_bar" and not moves):
             return "", 0
         return self.at(record, at, field), records[record].fields[field][1]
+
+    def _at_node_bar(self, field: str, node: str) -> tuple[str, str, str]:
+        """The same of a field of a node."""
+        if field in ("u", "m"):
+            return "unknown_bar", node, bar(field)
+        record = f"{field.partition('.')[0]}_bar" if "." in field else "start_bar"
+        return record, self._support_of(node) if record == "support_bar" else node, field

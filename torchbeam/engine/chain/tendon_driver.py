@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from .joint_functions import BLOCKS
+from .interaction import TIE
+from .interaction_driver import Entry, InteractionCode, InteractionPasses
 from .node_kinds import SIDES, alike
-from .structure_code import StructureCode
-from .tendon_functions import CHAINED, SUMMED
+from .tendon_functions import SUMMED
 
-FIRST, LAST, TENDON, PLACES = 2, 3, 4, 5  # in an entry of the table
+FIRST, LAST, TENDON = 2, 3, 4  # in an entry of the table
 
 
-class TendonCode(StructureCode):
+class TendonCode(InteractionCode):
     """Where the fields of stretches lie, and loops over them."""
 
     def _each_stretch(self, word: str, then: Callable[[str, list[str], int], None]) -> None:
@@ -40,18 +40,23 @@ class TendonCode(StructureCode):
             for k in kinds:
                 then(alike(self.kinds.stretches, k, word))
 
+    def _of_interaction(self, field: str, entry: Entry) -> str:
+        if entry.of is TIE:
+            return self._of_stretch(field, entry.number)
+        return super()._of_interaction(field, entry)
+
     def _of_stretch(self, field: str, s: str) -> str:
         """A field that is held by stretch s, at one of its ends, by what lies beyond, by the
         stretch before, or by all.
         """
         side, _, name = field.partition(".")
         if side in SIDES[1]:
-            return self._at_joint_node(name, self._stretch_node(s, side))
+            return self._at_end(name, self._stretch_node(s, side))
         if side in ("own", "last"):
             return self._of_pull(name, s if side == "own" else self.code.sub(s, 1))
         if side == "beyond":
             return self.at("beyond", s, name)
-        for record in ("pull", "told", "at_stretch", "stretch"):
+        for record in (*TIE.state, TIE.constants, "tie blocks"):
             if field in self.layout.fields(record):
                 return self.at(record, s, field)
         return self.at("common", 0, field)
@@ -91,6 +96,8 @@ class TendonCode(StructureCode):
 
     def _tensions(self) -> None:
         """Of all stretches, by the unknowns."""
+        if not self.kinds.stretches:
+            return
         code, size = self.code, len(SUMMED)
 
         def sums(s: str, entry: list[str]) -> None:
@@ -117,73 +124,9 @@ class TendonCode(StructureCode):
     def _put(self, field: str, s: str) -> str:
         return self._of_pull(field[2:], s) if field[0] == ">" else self._of_stretch(field, s)
 
-    def _tie_to(self, name: str, s: str) -> None:
-        """A function that gives blocks."""
-        self._call(
-            name, lambda f: self.at("ties", s, f[2:]) if f[0] == ">" else self._of_stretch(f, s)
-        )
 
-    def _join_ties(self) -> None:
-        """Blocks of stretches."""
-        code, own = self.code, self.layout.fields("ties")
-
-        def join(s: str, entry: list[str]) -> None:
-            for i, name in enumerate((*BLOCKS, *CHAINED)):
-                if name not in own:
-                    continue
-                first, stride = entry[PLACES + 2 * i : PLACES + 2 * i + 2]
-                with code.when(code.compare("sge", first, 0)):
-                    self._add_block(first, stride, self.at("ties", s, name))
-            if "right" in own:
-                first, stride, _ = entry[-3:]
-                with code.when(code.compare("sge", first, 0)):
-                    self._add_column(first, stride, self.at("ties", s, "right"))
-
-        self._stretches(join)
-
-
-class TendonPasses(TendonCode):
-    """Balance of nodes that tendons pull, and the state of tendons after a step."""
-
-    def _tie(self) -> None:
-        """Pushes on the nodes, and blocks."""
-        if not self.kinds.stretches:
-            return
-        self._tensions()
-
-        def tie(s: str, entry: list[str], kind: int) -> None:
-            self._tie_to(f"tie {kind}", s)
-            for side in self.kinds.stretches[kind].sides:
-                push = self.at("push", self._stretch_node(s, side))
-                size = self.layout.records["push"].size
-                self._add(push, self.at("ties", s, f"{side}.push"), size)
-
-        self._each_stretch("tie", tie)
-
-    def _tie_reactions(self, support: str, node: str) -> None:
-        """What stretches add to the reaction of a support, at a node."""
-        code, w = self.code, self.layout.records["move"].size
-
-        def reaction(s: str, entry: list[str], kind: int) -> None:
-            own = self.kinds.stretches[kind]
-            moves = {
-                f"{side}.move": self.at("move", self._move_of(self._stretch_node(s, side)))
-                for side in SIDES[1]
-            } | {"joint.move": self._matrix(entry[-1])}
-
-            def where(f: str) -> str:
-                if f == "end_free":
-                    return self.at("free", node, "free")
-                if f[0] == ">":
-                    return self.at("tie_reaction", 0, f[2:])
-                return moves[f] if f in moves else self.at("ties", s, f)
-
-            for side in own.sides:
-                with code.when(code.compare("eq", self._stretch_node(s, side), node)):
-                    self._call(f"tie reaction {kind} {side}", where)
-                    self._add(self.at("support", support, "reaction"), self.at("tie_reaction"), w)
-
-        self._each_stretch("tie", reaction)
+class TendonPasses(TendonCode, InteractionPasses):
+    """The state of tendons after a step."""
 
     def _finish_tendons(self, good: str) -> None:
         """Work and readings."""
