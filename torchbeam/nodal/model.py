@@ -54,7 +54,9 @@ class Model(Rows):
         """All loads of the scene; of a structure in the pieces in which they act along its
         parts.
         """
-        acts = acting(self, self.scene.loads, self.scene.internal_states)
+        scene = self.scene
+        acts = acting(self, scene.loads, scene.internal_states)
+        acts += acting(self, scene.interactions, (0,) * len(scene.interactions))
         if not self.scene.beam.parts:
             return acts
         return tuple(part for act in acts for part in by_part(self.scene.beam, act))
@@ -69,7 +71,8 @@ class Model(Rows):
         """Whether at rest the work of all loads is independent of the path, as they declare, and
         frame a does not turn: tangents are symmetric.
         """
-        return self.conserves and all(map(self.declared, self.scene.loads))
+        acts = (*self.scene.loads, *self.scene.interactions)
+        return self.conserves and all(map(self.declared, acts))
 
     @property
     def conserves(self) -> bool:
@@ -106,7 +109,12 @@ class Model(Rows):
         it: no support, joint or eyelet of the ground, nor a load by how it stands or moves.
         """
         joints, parts = self.scene.joints, self.scene.beam.parts
-        if self.constraints.nodes or self.loads[0] or None in getattr(self.tendons, "nodes", ()):
+        if (
+            self.constraints.nodes
+            or self.loads[0]
+            or self.scene.interactions
+            or None in getattr(self.tendons, "nodes", ())
+        ):
             return False
         if not parts:
             return not joints
