@@ -77,9 +77,8 @@ class Conditions:
     @cached
     def reads(self) -> frozenset[str]:
         """What the loads read of the nodes' motion."""
-        return frozenset().union(
-            *(load.reads for load in (*self.loads, *self.between, *self.interactions))
-        )
+        acts = *self.loads, *self.between, *self.interactions
+        return frozenset().union(*(act.reads for act in acts))
 
 
 def conditions(

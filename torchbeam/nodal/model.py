@@ -109,12 +109,8 @@ class Model(Rows):
         it: no support, joint or eyelet of the ground, nor a load by how it stands or moves.
         """
         joints, parts = self.scene.joints, self.scene.beam.parts
-        if (
-            self.constraints.nodes
-            or self.loads[0]
-            or self.scene.interactions
-            or None in getattr(self.tendons, "nodes", ())
-        ):
+        held = self.constraints.nodes or self.loads[0] or self.scene.interactions
+        if held or None in getattr(self.tendons, "nodes", ()):
             return False
         if not parts:
             return not joints
