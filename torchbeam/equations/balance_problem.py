@@ -210,7 +210,6 @@ class BalanceProblem(Tree):
             load,
             *asked,
             *(between or ()),
-            pushed,
             restrained,
             *self.least,
         )

@@ -80,7 +80,9 @@ class Chain:
         if tables is not None:
             stretches = [program.kinds.stretches.index(kind) for kind in kinds.stretches]
             pairs = [program.kinds.pairs.index(kind) for kind in kinds.pairs]
+            couplings = [program.kinds.couplings.index(kind) for kind in kinds.couplings]
             own = {"joint_kinds": joints, "stretch_kinds": stretches, "pair_kinds": pairs}
+            own["coupling_kinds"] = couplings
             own |= tables.lists
             self.lists |= {name: _integers(x, [0]) for name, x in own.items()}
             self.numbers = {"nodes": len(nodes), **tables.numbers}

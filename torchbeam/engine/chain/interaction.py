@@ -1,5 +1,5 @@
 """Interactions: what acts between nodes, as native code knows it: a joint, a stretch of a tendon, a
-pair that may touch.
+pair that may touch, a coupling (an `Interaction` of a scene).
 
 Each pushes the nodes at its ends, and may have unknowns of its own, called o; those of the one
 before it are called p. A block of the matrix is called by its row and its column, each an end or
@@ -11,7 +11,7 @@ from __future__ import annotations
 from itertools import product
 from typing import NamedTuple
 
-from .layout import JOINTS, PAIRS, STRETCHES
+from .layout import COUPLINGS, JOINTS, PAIRS, STRETCHES
 from .node_kinds import PAIR_SIDES, SIDES
 
 OWN, LAST = "o", "p"
@@ -57,4 +57,5 @@ TIE = Interaction(
     "tie", "stretch", STRETCHES, ("pull", "told", "at_stretch"), SIDES[1], True, True, 3
 )
 PAIR = Interaction("pair", "pair", PAIRS, (), PAIR_SIDES)
-INTERACTIONS = JOINT, TIE, PAIR
+COUPLING = Interaction("coupling", "coupling", COUPLINGS, (), PAIR_SIDES)
+INTERACTIONS = JOINT, TIE, PAIR, COUPLING

@@ -23,7 +23,8 @@ Derivative = Callable[[Function, list[str]], Function]
 
 def all_kinds(kinds: Kinds, one: Interaction) -> tuple[Any, ...]:
     """Of an interaction."""
-    return {JOINT: kinds.joints or (), TIE: kinds.stretches, PAIR: kinds.pairs}[one]
+    each = kinds.joints or (), kinds.stretches, kinds.pairs, kinds.couplings
+    return dict(zip(INTERACTIONS, each, strict=True))[one]
 
 
 def present(kinds: Kinds) -> list[Interaction]:

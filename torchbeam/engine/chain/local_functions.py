@@ -29,6 +29,7 @@ from ...solvers.newton import Length, converged, next_secant, step_length
 from ...state.state import State
 from ...topology.chain_unknowns import masked
 from ...topology.midside import condensed, following
+from .coupling_functions import CouplingFunctions
 from .joint_functions import JointFunctions
 from .layout import FLAGS
 from .local_problem import INTERNAL, Fields, by_secants, far_fields, unbatched
@@ -51,7 +52,7 @@ class WholeRow(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
+class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFunctions):
     """Functions of nodes, of elements, of rows of the chain, of samples; and those of the
     adjoint.
     """

@@ -18,7 +18,7 @@ from ...topology.framework import Framework
 from ..compiler.derivative import dot, jvp
 from ..compiler.function import Function
 from .driver import SUMS, Driver
-from .interaction import JOINT, Interaction
+from .interaction import Interaction
 from .layout import ELEMENTS, ENDS, NODES, ONE, Layout
 from .load_driver import LoadSteps
 from .local_problem import Fields
@@ -213,16 +213,15 @@ class PathProgram(ChainProgram):
     def _of_interaction(
         self, traced: Tracing, local: PathFunctions, one: Interaction, kind: Any
     ) -> Function:
-        if one is not JOINT:
-            return super()._of_interaction(traced, local, one, kind)
         given = {name: () for name in self.varying}
         if local.led:
             given |= {f"{side}.{RATE}": self.shapes["position"] for side in kind.sides}
-        joint = traced(partial(local.joint, kind), traced.joint | given)
-        asked = ["right", *(f"{side}.push" for side in kind.sides)]
-        slope = self._slopes(joint, local, asked)
+        function = partial(getattr(local, one.name), kind)
+        whole = traced(function, getattr(traced, one.constants) | given)
+        asked = [*(f"{side}.push" for side in kind.sides), *["right"] * one.unknowns]
+        slope = self._slopes(whole, local, asked)
         others = {name: slope.outputs[dot(name)].nodes for name in asked}
-        return _or_else(joint, slope.inputs, others)
+        return _or_else(whole, slope.inputs, others)
 
     def _layout(self) -> Layout:
         layout = super()._layout()

@@ -25,7 +25,7 @@ from . import interactions, midsides, stretches, structures
 from .adjoint import AdjointProgram
 from .disk_key import key_on_disk
 from .driver import SQUARES, SUMS, Driver
-from .interaction import INTERACTIONS, JOINT, PAIR, TIE, Interaction
+from .interaction import COUPLING, INTERACTIONS, JOINT, PAIR, TIE, Interaction
 from .layout import (
     BETWEEN,
     ELEMENTS,
@@ -330,7 +330,7 @@ class StepProgram(ChainProgram):
 
     def _interactions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         functions = super()._interactions(traced, local)
-        for one in (JOINT, PAIR):
+        for one in (JOINT, PAIR, COUPLING):
             for k, kind in interactions.kinds_of(self.kinds, one):
                 finish = partial(getattr(local, f"finish_{one.name}"), kind)
                 functions[f"finish {one.name} {k}"] = traced(finish, getattr(traced, one.constants))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..compiler.derivative import bar
 from .adjoint_driver import AdjointDriver
-from .interaction import JOINT, PAIR
+from .interaction import COUPLING, JOINT, PAIR
 from .interaction_driver import Entry
 from .structure_code import COUNTS, TABLES
 from .structure_driver import StructurePasses
@@ -94,7 +94,7 @@ class StructureAdjoint(TendonAdjoint, StructurePasses, AdjointDriver):
             self._call_of(f"ended {entry.name} {entry.function}", entry, change)
             self._add(self.at("energy", 0, "rise"), self.at(change, 0, "rise"), 1)
 
-        for one in (PAIR, JOINT):
+        for one in (PAIR, COUPLING, JOINT):
             self._each_of(one, add)
 
     def _joint_ends(self) -> None:
@@ -109,7 +109,7 @@ class StructureAdjoint(TendonAdjoint, StructurePasses, AdjointDriver):
                 places |= {bar(f): self.at(STATE, entry.number, x) for f, x in names.items()}
             self._bar_of(f"finish {entry.name} bar {entry.function}", entry, places)
 
-        for one in (PAIR, JOINT):
+        for one in (PAIR, COUPLING, JOINT):
             self._each_of(one, ends)
 
     def _joint_bars(self) -> None:
@@ -124,7 +124,7 @@ class StructureAdjoint(TendonAdjoint, StructurePasses, AdjointDriver):
                 places[bar("right")] = self._solution_of(JOINT, entry.number)
             self._bar_of(f"{entry.name} bar {entry.function}", entry, places)
 
-        for one in (PAIR, JOINT):
+        for one in (PAIR, COUPLING, JOINT):
             self._each_of(one, bars)
 
     def _take_joints(self, good: str) -> None:

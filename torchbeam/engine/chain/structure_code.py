@@ -31,6 +31,8 @@ TABLES = (
     "stretch_table",
     "pair_kinds",
     "pair_table",
+    "coupling_kinds",
+    "coupling_table",
     "elimination",
     "substitution",
 )
@@ -47,6 +49,7 @@ COUNTS = (
     "joint_count",
     "stretch_count",
     "pair_count",
+    "coupling_count",
     "entry_count",
     "group_count",
     "first_groups",

@@ -7,7 +7,7 @@ Balance first, of joints, and of the nodes and elements at them; then the elimin
 from __future__ import annotations
 
 from .driver import Driver
-from .interaction import JOINT, PAIR
+from .interaction import COUPLING, JOINT, PAIR
 from .structure_code import COUNTS, TABLES
 from .structure_runs import StructureRuns
 
@@ -110,7 +110,7 @@ class StructurePasses(StructureRuns):
 
     def _finish_joints(self, good: str) -> None:
         self._finish_tendons(good)
-        for one in (PAIR, JOINT):
+        for one in (PAIR, COUPLING, JOINT):
             self._each_of(one, lambda entry: self._finish_interaction(entry, good), look=True)
 
 

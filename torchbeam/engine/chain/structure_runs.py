@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from .interaction import JOINT, PAIR, TIE
+from .interaction import COUPLING, JOINT, PAIR, TIE
 from .tendon_driver import TendonPasses
 
 
@@ -31,7 +31,7 @@ class StructureRuns(TendonPasses):
                 self._runs(manner)
         if "bordered" in self.kinds.runs:
             self._bordered_runs()
-        for one in (TIE, PAIR):
+        for one in (TIE, PAIR, COUPLING):
             self._each_of(one, self._join)
         self._each_following(self._begin_following)
         self._groups("eliminate", self.args["first_groups"])

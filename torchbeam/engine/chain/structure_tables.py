@@ -16,8 +16,9 @@ from ...topology.cut import Run
 from ...topology.framework import Framework
 from ..compiler.block_pattern import BlockPattern
 from .cells import Cells
-from .interaction import JOINT, OWN, TIE, Interaction
+from .interaction import COUPLING, JOINT, OWN, TIE, Interaction
 from .layout import (
+    COUPLINGS,
     ELEMENT_PLACES,
     ENTRIES,
     INTERFACE,
@@ -28,6 +29,7 @@ from .layout import (
     STRETCHES,
     TENDONS,
 )
+from .node_kinds import PAIR_SIDES
 from .structure_order import Connectivity, connectivity_of, order_of
 
 NONE = (-1, -1)  # the place of a block that is not there
@@ -54,7 +56,7 @@ class StructureTables:
 
 @lru_cache(maxsize=64)
 def _tables(w: int, connectivity: Connectivity) -> StructureTables:
-    framework, _, held, stretches, pairs, shared = connectivity
+    framework, _, held, stretches, pairs, shared, couplings_of = connectivity
     order = order_of(connectivity)
     how, ends, own_units = framework.cut, framework.ends, order.own_units
     nodes, J = [ends[end] for end in how.interface], len(how.joints)
@@ -93,7 +95,7 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
             there = None not in at and (block != "oo" or equation[own] == own)  # a weld has none
             table += between(*at) if there else NONE
         if own is None:
-            return [*table, *NONE, -1]
+            return [*table, *NONE, -1] if one.unknowns else table
         return [*table, *pattern.right(equation[own]), pattern.solution(own)]
 
     def joint(k: int) -> list[int]:
@@ -105,6 +107,10 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
         before = None if unit is None or own.first else unit - 1
         units = dict(zip("ijop", (*at, unit, before), strict=True))
         return row(TIE, units, [int(own.first), int(own.last), own.tendon])
+
+    def coupling(own: tuple[int, ...]) -> list[int]:
+        ends = [at_nodes[node] for node in own] + [None] * (len(PAIR_SIDES) - len(own))
+        return row(COUPLING, dict(zip(PAIR_SIDES, ends, strict=True)) | {OWN: None}, [])
 
     def follow(unit: int, run: Run, place: int) -> list[int]:
         """A run that goes on from a node which is eliminated, to the other one."""
@@ -188,6 +194,7 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
         "joint_table": [x for k in range(J) for x in joint(k)],
         "stretch_table": [x for s in range(len(stretches)) for x in stretch(s)],
         "pair_table": touching() if pairs else [],
+        "coupling_table": [x for own in couplings_of for x in coupling(own)],
         "elimination": np.concatenate((np.empty(0, int), *pattern.elimination)),
         "substitution": [x for group in pattern.substitution for x in group],
     }
@@ -202,6 +209,7 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
         "joint_count": J,
         "stretch_count": len(stretches),
         "pair_count": len(pairs),
+        "coupling_count": len(couplings_of),
         "entry_count": pattern.size,
         "group_count": len(pattern.groups),
         "following_count": len(order.following),
@@ -219,7 +227,11 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
     flags = pattern.size // BYTES + 1  # one a number, in bytes
     rows = {JOINTS: J, INTERFACE: len(nodes), ENTRIES: pattern.size + flags}
     rows |= {STRETCHES: len(stretches), TENDONS: len({x.tendon for x in stretches})}
-    rows |= {PAIRS: len(pairs), SIGNS: max((w * len(group) for group in groups), default=0) ** 2}
+    rows |= {
+        COUPLINGS: len(couplings_of),
+        PAIRS: len(pairs),
+        SIGNS: max((w * len(group) for group in groups), default=0) ** 2,
+    }
     rows |= {NODE_PLACES: framework.order + 1 + len(kept_nodes)}
     rows |= {ELEMENT_PLACES: ELEMENT_TURNS + len(kept_elements)}
     return StructureTables(rows, lists, numbers)

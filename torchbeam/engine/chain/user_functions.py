@@ -31,6 +31,7 @@ Made = TypeVar("Made")
 def by_function(model: Model) -> list[Any]:
     """Loads that depend on the motion and are functions that a user wrote, or hold such."""
     loads = (*model.loads[0], *(load for load in model.loads[1] if load.internal))
+    loads += model.scene.interactions
     return [load for load in loads if written(load)]
 
 
