@@ -11,29 +11,27 @@ from ..compiler.derivative import bar, vjp
 from ..compiler.function import Function
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
-from . import midsides, pairs, stretches, structures
+from . import joints, midsides, pairs, rows, stretches
 from .adjoint_driver import AdjointDriver
 from .conserving_functions import ENERGIES
 from .layout import (
     BETWEEN,
     ELEMENTS,
-    ENDS,
     INNER,
     JOINTS,
     MOVES,
+    NODE_PLACES,
     NODES,
     ONE,
     OWN,
     PAIRS,
     STRETCHES,
     SUPPORTS,
-    TURNS,
     Layout,
 )
 from .local_functions import LocalFunctions
 from .native import NativeProgram
 from .node_kinds import PAIR_SIDES, SIDES, Kinds, without_side
-from .structure_adjoint import StructureAdjoint
 from .tracing import Traced, Tracing
 
 SAMPLE = ("good", "work_bar", "work_grad")
@@ -43,7 +41,7 @@ ENDED = ("velocity", "spin")  # of a node at the end, that are scaled
 class AdjointProgram(NativeProgram):
     """wanted: names of the constants' fields whose cotangents are asked for."""
 
-    driver, of_structures = AdjointDriver, StructureAdjoint
+    driver = AdjointDriver
 
     def __init__(
         self,
@@ -168,8 +166,6 @@ class AdjointProgram(NativeProgram):
             "left.U": (w, w),
             "right.L": (w, w),
             "right": (w,),
-            "ahead": (w, w),
-            "y": (w,),
         }
         near = {
             f"{name}_{at}": (w,) for name in ("free", "push") for at in ("before", "here", "after")
@@ -179,30 +175,26 @@ class AdjointProgram(NativeProgram):
         def packed(function: Function) -> Function:
             return between.taken(own.taken(function, {"own.D": "D"}), sides)
 
-        functions["row"] = packed(traced(partial(local.transposed_row, False), row))
         if self.held:
-            functions["held row"] = packed(traced(partial(local.transposed_row, True), row | near))
             functions["push"] = traced(local.push, {"reaction_bar": (w,), "free": (w,)})
-        if self.kinds.joints is not None:
-            around = near if self.held else None
-            functions |= structures.of_rows(
-                local, traced, packed, row, around, self.kinds.runs, transposed=True
-            )
-            by = [name for name in ends if name.partition(".")[0] in (*SIDES[1], "common")]
-            by += ["joints", "last_force", *(name for name in wanted if name.startswith("joint"))]
-            functions |= structures.adjoint_of_joints(
-                local, traced, self.kinds.joints, self.held, by, _derivative
-            )
-            by += [name for name in wanted if name.startswith("stretch")]
-            functions |= stretches.adjoint_of_stretches(
-                local, traced, self.kinds.stretches, self.held, by, _derivative
-            )
-            by = [f"{side}.{name}" for side in PAIR_SIDES for name in start]
-            by += [name for name in wanted if name.startswith(("common", "pair"))]
-            functions |= pairs.adjoint_of_pairs(
-                local, traced, self.kinds.pairs, self.held, by, _derivative
-            )
-        functions["back"] = traced(local.back, {"ahead": (w, w), "y": (w,), "next": (w,)})
+        around = near if self.held else None
+        functions |= rows.of_rows(
+            local, traced, packed, row, around, self.kinds.runs, transposed=True
+        )
+        by = [name for name in ends if name.partition(".")[0] in (*SIDES[1], "common")]
+        by += ["joints", "last_force", *(name for name in wanted if name.startswith("joint"))]
+        functions |= joints.adjoint_of_joints(
+            local, traced, self.kinds.joints, self.held, by, _derivative
+        )
+        by += [name for name in wanted if name.startswith("stretch")]
+        functions |= stretches.adjoint_of_stretches(
+            local, traced, self.kinds.stretches, self.held, by, _derivative
+        )
+        by = [f"{side}.{name}" for side in PAIR_SIDES for name in start]
+        by += [name for name in wanted if name.startswith(("common", "pair"))]
+        functions |= pairs.adjoint_of_pairs(
+            local, traced, self.kinds.pairs, self.held, by, _derivative
+        )
         functions["balance_bar"] = traced(
             local.balance_bar, {"move": (w,), "push": (w,), "free": (w,)}
         )
@@ -211,7 +203,7 @@ class AdjointProgram(NativeProgram):
     def _layout(self) -> Layout:
         w, k, layout = self.w, self.k, Layout()
         state = [(name, prod(self.shapes[name])) for name in self.state]
-        for kind, rows in (
+        for kind, sort in (
             ("node", NODES),
             ("element", ELEMENTS),
             ("common", ONE),
@@ -227,8 +219,8 @@ class AdjointProgram(NativeProgram):
                 for out, size in outputs
                 if (name := without_side(out).removesuffix("_bar")).startswith(f"{kind}.")
             }
-            layout.record(kind, rows, self.constants(kind))
-            layout.record(f"{kind}_bar", rows, sorted(fields.items()))
+            layout.record(kind, sort, self.constants(kind))
+            layout.record(f"{kind}_bar", sort, sorted(fields.items()))
         for name in ("state", "state_bar", "state_grad", "start_bar"):
             layout.record(name, NODES, state)
         read = self.functions["solution"].inputs
@@ -254,12 +246,12 @@ class AdjointProgram(NativeProgram):
         for name in ("asked", "push", "move", "found"):
             layout.record(name, MOVES, [(name, w)])
         layout.record("law", ELEMENTS, [*self.outputs("blocks 0", "E", "hB"), ("gap_bar", k)])
-        layout.record("at_node", TURNS, self.outputs("block 0", OWN))
-        layout.record("at_end", TURNS, self.largest("block", len(self.kinds.nodes), END))
+        layout.record("at_node", NODE_PLACES, self.outputs("block 0", OWN))
+        layout.record("at_end", NODE_PLACES, self.largest("block", len(self.kinds.nodes), END))
         midsides.record(layout, self.functions, "blocks 0")
         for kind in self.touching:
             layout.record("at_load", ONE, [("far", 1), *self.outputs(f"load blocks {kind}")])
-        layout.record("row", ENDS, [("ahead", w * w), ("y", w)])
+        rows.record(layout, self.functions, w)
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w + k))])
         change = layout.record("change", ONE, [("gap_bar", k)])
         for name in self.functions:
@@ -286,11 +278,9 @@ class AdjointProgram(NativeProgram):
                 layout.record("support", SUPPORTS, [(name, w)] * read)
             for name in ("reaction_bar", "reaction_grad", "last_bar"):
                 layout.record(name, SUPPORTS, [("reaction", w)])
-        if self.kinds.joints is not None:
-            kinds = len(self.kinds.joints)
-            structures.record_adjoint(layout, self.functions, w, kinds, self.held)
-            stretches.record_adjoint(layout, self.functions, len(self.kinds.stretches))
-            pairs.record_adjoint(layout, self.functions, len(self.kinds.pairs))
+        joints.record_adjoint(layout, self.functions, w, len(self.kinds.joints))
+        stretches.record_adjoint(layout, self.functions, len(self.kinds.stretches))
+        pairs.record_adjoint(layout, self.functions, len(self.kinds.pairs))
         return layout
 
 

@@ -7,15 +7,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import isqrt
 
+from .driver_code import DriverCode
 from .layout import FLAGS
 from .node_kinds import PAIR_SIDES
 from .pair_functions import PAIR_BLOCKS
-from .structure_code import StructureCode
 
 NUMBER = "i32"  # as large as a number of the smallest dtype
 
 
-class PairCode(StructureCode):
+class PairCode(DriverCode):
     """Where the fields of pairs lie, and loops over them."""
 
     def _each_pair(self, then: Callable[[str, list[str], int], None], look: bool = False) -> None:

@@ -6,11 +6,10 @@ from collections.abc import Callable
 from functools import partial
 
 from ..compiler.function import Function
-from .layout import FLAGS, ONE, PAIRS, Layout
+from .layout import FLAGS, ONE, PAIRS, Layout, largest
 from .local_functions import LocalFunctions
 from .node_kinds import PAIR_SIDES, PairKind
 from .pair_functions import PAIR_BLOCKS
-from .structures import largest
 from .tracing import Tracing
 
 
@@ -21,7 +20,7 @@ def of_pairs(
     held: bool,
     varying: tuple[str, ...] = (),
 ) -> dict[str, Function]:
-    """Functions of an iteration, by kind; varying: see `ChainProgram`."""
+    """Functions of an iteration, by kind; varying: see `NewtonProgram`."""
     functions = {}
     for k, kind in enumerate(kinds):
         functions[f"far pair {k}"] = traced(partial(local.far_pair, kind), traced.pair)

@@ -1,6 +1,4 @@
-"""Program of a step: the functions of Newton's method on a chain; one for all scenes of a
-structure.
-"""
+"""Program of a step: the functions of Newton's method; one for all scenes of a structure."""
 
 from __future__ import annotations
 
@@ -21,30 +19,29 @@ from ..compiler.object_cache import key_of
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
 from ..compiler.split import HOISTED, split
-from . import midsides, pairs, stretches, structures
+from . import joints, midsides, pairs, rows, stretches
 from .adjoint import AdjointProgram
 from .disk_key import key_on_disk
 from .driver import SQUARES, SUMS, Driver
 from .layout import (
     BETWEEN,
     ELEMENTS,
-    ENDS,
     FLAGS,
     INNER,
+    INTERFACE,
     JOINTS,
     LAW,
     MOVES,
+    NODE_PLACES,
     NODES,
     ONE,
     OWN,
     SUPPORTS,
-    TURNS,
     Layout,
 )
 from .local_functions import LocalFunctions
 from .native import NativeProgram
 from .node_kinds import SIDES, ElementKind, JointKind, Kinds
-from .structure_driver import StructureDriver
 from .tracing import Traced, Tracing
 
 T = TypeVar("T")
@@ -66,8 +63,8 @@ LENGTH = "merit", "share", "last_near"
 LENGTHS = (*LENGTH, "back", "short", "forth", "still", "ratio")
 
 
-class ChainProgram(NativeProgram):
-    """Newton's method on a chain. Subclasses say what nodes do (`_of_nodes`), and add records of
+class NewtonProgram(NativeProgram):
+    """Newton's method. Subclasses say what nodes do (`_of_nodes`), and add records of
     their own (`_layout`).
 
     unknown  fields that an iteration changes, of a node; varying: others that are not the same
@@ -81,7 +78,7 @@ class ChainProgram(NativeProgram):
     judging = (*SUMS, *numbers, "before", "over", "done", "status", "iterations")
 
     def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
-        """Functions that are not of all chains, `node` and `update` of each kind among them."""
+        """Functions that differ by what is solved, `node` and `update` of each kind among them."""
         raise NotImplementedError
 
     def _of_element(self, traced: Tracing, local: LocalFunctions, kind: ElementKind) -> Function:
@@ -138,26 +135,19 @@ class ChainProgram(NativeProgram):
             if name.startswith(f"{end}.") or name == block
         }
         row |= {called: shapes[name] for called, name in sides.items()}
-        row |= {"ahead": (w, w), "y": (w,)}
 
         def packed(function: Function) -> Function:
             return between.taken(
                 own.taken(function, {f"own.{name}": name for name in own.fields}), sides
             )
 
-        functions["row"] = packed(traced(partial(local.row, False), row))
-        functions["back"] = traced(local.back, {"ahead": (w, w), "y": (w,), "next": (w,)})
         free = {f"free_{name}": (w,) for name in ("before", "here", "after")}
-        if self.kinds.joints is not None:
-            around = free if self.held else None
-            functions |= structures.of_rows(local, traced, packed, row, around, self.kinds.runs)
-            functions |= self._joints(traced, local)
-            functions |= stretches.of_stretches(
-                local, traced, self.kinds.stretches, self.held, self.varying
-            )
-            functions |= pairs.of_pairs(local, traced, self.kinds.pairs, self.held, self.varying)
+        around, given = free if self.held else None, (self.held, self.varying)
+        functions |= rows.of_rows(local, traced, packed, row, around, self.kinds.runs)
+        functions |= self._joints(traced, local)
+        functions |= stretches.of_stretches(local, traced, self.kinds.stretches, *given)
+        functions |= pairs.of_pairs(local, traced, self.kinds.pairs, *given)
         if self.held:
-            functions["held row"] = packed(traced(partial(local.row, True), row | free))
             functions["reaction"] = traced(
                 local.reaction,
                 {
@@ -165,7 +155,7 @@ class ChainProgram(NativeProgram):
                     **{name: (w,) for name in ("asked", "free", "before", "here", "after")},
                 },
             )
-        judging = (*self.judging, *(structures.JUDGED if self.kinds.joints else ()))
+        judging = (*self.judging, *(joints.JUDGED if self.kinds.joints else ()))
         functions["judge"] = traced(local.judge, dict.fromkeys(judging, ()))
         if local.searches:
             functions |= self._searching(local, traced, judging)
@@ -192,7 +182,7 @@ class ChainProgram(NativeProgram):
     def _joints(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         """Functions of joints."""
         of_joint = partial(self._of_joint, traced, local)
-        functions = structures.of_joints(local, traced, self.kinds.joints, self.held, of_joint)
+        functions = joints.of_joints(local, traced, self.kinds.joints, self.held, of_joint)
         changing = [f"{side}.{name}" for side in SIDES[1] for name in self.unknown]
         for k in range(len(self.kinds.joints)):
             joint = functions[f"joint {k}"]
@@ -240,7 +230,7 @@ class ChainProgram(NativeProgram):
 
     def _layout(self) -> Layout:
         inputs, outputs, w, k = self.constants, self.outputs, self.w, self.k
-        layout, row = Layout(), "held row" if self.held else "row"
+        layout, row = Layout(), rows.given_by_rows(self.functions)
         layout.record("node", NODES, inputs("node"))
         layout.record("element", ELEMENTS, inputs("element"))
         layout.record(
@@ -251,12 +241,12 @@ class ChainProgram(NativeProgram):
         layout.record("unknown", NODES, outputs("update 0"))
         for name in ("stress", "start_stress"):
             layout.record(name, ELEMENTS, [("stress", k)])
-        for name, rows, kinds in zip(
+        for name, sort, kinds in zip(
             ("before node", "before element"), (NODES, ELEMENTS), self.kinds[:2], strict=True
         ):
-            layout.record(name, rows, self.largest(name, len(kinds), HOISTED))
-        layout.record("at_node", TURNS, outputs("node 0", OWN))
-        layout.record("at_end", TURNS, self.largest("node", len(self.kinds.nodes), END))
+            layout.record(name, sort, self.largest(name, len(kinds), HOISTED))
+        layout.record("at_node", NODE_PLACES, outputs("node 0", OWN))
+        layout.record("at_end", NODE_PLACES, self.largest("node", len(self.kinds.nodes), END))
         layout.record(
             "at_element", ONE, outputs("element 0", "force", "moment", "strain", "left_strain")
         )
@@ -265,11 +255,8 @@ class ChainProgram(NativeProgram):
             for word in ("far", "element load"):
                 layout.record("at_load", ONE, outputs(f"{word} {kind}"))
                 layout.record("sums", ONE, outputs(f"{word} {kind}", *FLAGS))
-        layout.record("sums", ONE, outputs(row, *FLAGS))
-        layout.record("row", ENDS, outputs(row, "ahead", "y"))
-        layout.record(
-            "at_row", ONE, [output for output in outputs(row) if output[0] not in ("ahead", "y")]
-        )
+        layout.record("sums", ONE, [(flag, row[flag]) for flag in FLAGS if flag in row])
+        rows.record(layout, self.functions, w)
         layout.record("strain_law", ELEMENTS, outputs("element 0", LAW))
         layout.record("move", MOVES, [("move", w)])
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w))])
@@ -280,8 +267,8 @@ class ChainProgram(NativeProgram):
             layout.record("sums", ONE, [(name, 1) for name in SQUARES])
             layout.record("judged", ONE, outputs("search"))
             layout.record("sample", ONE, [(name, 1) for name in LENGTHS])
-            for name, rows in (("unknown", NODES), ("stress", ELEMENTS)):
-                _beside(layout, name, rows)
+            for name, sort in (("unknown", NODES), ("stress", ELEMENTS)):
+                _beside(layout, name, sort)
         if self.held:
             layout.record("free", NODES, [("free", w)])
             layout.record(
@@ -289,27 +276,24 @@ class ChainProgram(NativeProgram):
                 SUPPORTS,
                 [
                     *inputs("support"),
-                    *outputs(row, "rows", "asked"),
+                    *((name, row[name]) for name in ("rows", "asked")),
                     *((name, w) for name in ("reaction", "found", "last")),
                 ],
             )
-        if self.kinds.joints is not None:
-            own, kinds = inputs("joint"), len(self.kinds.joints)
-            structures.record(layout, self.functions, own, w, kinds, self.held)
-            stretch = len(self.kinds.stretches)
-            stretches.record(layout, self.functions, inputs("stretch"), w, stretch)
-            layout.record("common", ONE, [("joint_size", 1)] if kinds else [])
-            if "part joint_unknown" in self.functions:
-                _beside(layout, "joint_unknown", JOINTS)
-            own = inputs("pair")
-            pairs.record(layout, self.functions, own, w, len(self.kinds.pairs))
+        if INTERFACE in self.kinds.runs:
+            layout.record("push", NODES, [("push", w)])
+        joints.record(layout, self.functions, inputs("joint"), w, len(self.kinds.joints))
+        stretches.record(layout, self.functions, inputs("stretch"), w, len(self.kinds.stretches))
+        pairs.record(layout, self.functions, inputs("pair"), w, len(self.kinds.pairs))
+        if "part joint_unknown" in self.functions:
+            _beside(layout, "joint_unknown", JOINTS)
         return layout
 
 
-class StepProgram(ChainProgram):
+class StepProgram(NewtonProgram):
     """Steps forwards; `adjoints` by the constants that want a gradient."""
 
-    driver, of_structures = Driver, StructureDriver
+    driver = Driver
     unknown = "u", "m"
 
     def __init__(self, local: LocalFunctions, *args: Any, **named: Any) -> None:
@@ -401,7 +385,7 @@ def _split(
 
 
 # by structure, with the surroundings that its key is made of
-PROGRAMS: dict[tuple, tuple[ChainProgram, Surroundings]] = {}
+PROGRAMS: dict[tuple, tuple[NewtonProgram, Surroundings]] = {}
 TRACED: dict[tuple, tuple[Traced, Surroundings]] = {}  # likewise, what their programs share
 NOTHING = Surroundings()
 KEPT, KEPT_TRACED = 64, 8  # of them; the one that was not asked for for longest goes first
@@ -412,9 +396,9 @@ def program_of(
     kinds: Kinds,
     held: bool,
     around: Surroundings | None = NOTHING,
-    made: type[ChainProgram] = StepProgram,
+    made: type[NewtonProgram] = StepProgram,
     known: Traced | None = None,
-) -> ChainProgram:
+) -> NewtonProgram:
     """The program of a structure, that of an earlier scene if there was one. kinds: of all nodes
     and elements; around: what users' functions read, which is part of it; None = that is not known,
     and the program one of its own. known: functions of `local` that were traced; None = those of
@@ -425,7 +409,7 @@ def program_of(
         return made(local, kinds, held)
     key = made, around.key, *structure(local, kinds, held)
 
-    def new() -> ChainProgram:
+    def new() -> NewtonProgram:
         traced = traced_of(local, kinds, held, around) if known is None else known
         return made(local, kinds, held, key_on_disk(key), traced)
 

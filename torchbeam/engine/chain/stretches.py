@@ -6,10 +6,10 @@ from collections.abc import Callable
 from functools import partial
 
 from ..compiler.function import Function
-from .layout import ONE, STRETCHES, TENDONS, Layout
+from .joints import reactions
+from .layout import ONE, STRETCHES, TENDONS, Layout, largest
 from .local_functions import LocalFunctions
 from .node_kinds import SIDES, StretchKind, alike
-from .structures import largest, reactions
 from .tendon_functions import SUMMED
 from .tracing import Tracing
 

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from .driver_code import DriverCode
 from .joint_functions import BLOCKS
 from .node_kinds import SIDES, alike
-from .structure_code import StructureCode
 from .tendon_functions import CHAINED, SUMMED
 
 FIRST, LAST, TENDON, PLACES = 2, 3, 4, 5  # in an entry of the table
 
 
-class TendonCode(StructureCode):
+class TendonCode(DriverCode):
     """Where the fields of stretches lie, and loops over them."""
 
     def _each_stretch(self, word: str, then: Callable[[str, list[str], int], None]) -> None:

@@ -1,44 +1,18 @@
-"""Native driver of structures: what is other than on a chain.
-
-Balance first, of joints, and of the nodes and elements at them; then the elimination of
-`StructureRuns`, which finds that of the others as it comes to them.
-"""
+"""Native driver of joints: their balance and blocks, reactions, forces, and state after a step."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from ..compiler.split import HOISTED
-from .driver import Driver
+from .driver_code import DriverCode
+from .joint_functions import BLOCKS
+from .joints import GAPS
 from .node_kinds import SIDES
-from .pair_driver import PairPasses
-from .structure_code import COUNTS, TABLES
-from .structure_runs import StructureRuns
-from .structures import GAPS
 
 
-class StructurePasses(StructureRuns, PairPasses):
-    """Balance of nodes, elements and joints in an iteration of Newton's method."""
-
-    def _pass(self) -> None:
-        self._fill(self.at("sums"), self.layout.records["sums"].size)
-        with self._entries("interface") as (_, (node, *_)):
-            self._fill(self.at("push", node), self.layout.records["push"].size)
-        self._at_interface()
-        for shared in self.parts:
-            self._each_joint(self._joint, shared=shared)
-            if shared is False:
-                self._push_on_shared()
-        self._tie()
-        self._touch()
-        self._eliminate()
-
-    def _push_on_shared(self) -> None:
-        """What the joints of all cells push the nodes that these share by."""
-        first = self.args["own_nodes"]
-        count = self.code.sub(self.args["nodes"], first)
-        size = self.code.mul(count, self.layout.records["push"].size)
-        self._over_cells("sum", self.at("push", first), size)
+class JointCode(DriverCode):
+    """Where the fields of joints lie, loops over them, and their blocks in the matrix."""
 
     def _each_joint(
         self, then: Callable[[str, int], None], alike: bool = False, shared: bool | None = None
@@ -53,6 +27,46 @@ class StructurePasses(StructureRuns, PairPasses):
             with self._joint_kind(k) as kinds:
                 for kind in kinds:
                     then(k, kind)
+
+    def _clear_records(self, *names: str) -> None:
+        """Zeros in records of theirs."""
+        if self.kinds.joints:
+            with self.code.loop(0, self.args["joint_count"]) as k:
+                for name in names:
+                    self._fill(self.at(name, k), self.layout.records[name].size)
+
+    def _of_joint(self, field: str, k: str) -> str:
+        """A field that is held by joint k, or at one of its ends, or by all."""
+        side, _, name = field.partition(".")
+        if side in SIDES[1]:
+            return self._at_joint_node(name, self._joint_node(k, side))
+        for record in ("joint", "joint_state", "joint_unknown"):
+            if field in self.layout.fields(record):
+                return self.at(record, k, field)
+        return self.at("common", 0, field)
+
+    def _joint_node(self, k: str, side: str) -> str:
+        table = self._entry("joint", k)
+        return self.code.load(self.code.at(table, SIDES[1].index(side)))
+
+    def _joint_kind(self, k: str) -> Iterator[int]:
+        return self._each("joint_kinds", len(self.kinds.joints), k)
+
+    def _join(self, k: str, entry: list[str]) -> None:
+        """Blocks of a joint, and what its constraints are to change by."""
+        code = self.code
+        for i, name in enumerate(BLOCKS):
+            if name not in self.layout.records["joint_blocks"].fields:
+                continue
+            first, stride = entry[2 + 2 * i : 4 + 2 * i]
+            with code.when(code.compare("sge", first, 0)):
+                self._add_block(first, stride, self.at("joint_blocks", k, name))
+        *_, first, stride, _ = entry
+        self._add_column(first, stride, self.at("joint_blocks", k, "right"))
+
+
+class JointPasses(JointCode):
+    """Balance of joints, and their state."""
 
     def _joint(self, k: str, kind: int) -> None:
         """Its balance and blocks, and its push on the nodes."""
@@ -72,17 +86,8 @@ class StructurePasses(StructureRuns, PairPasses):
         for name in GAPS:
             self._largest(name, "at_joint")
 
-    # Joints
-
-    def _clear_records(self, *names: str) -> None:
-        """Zeros in records of joints."""
-        if self.kinds.joints:
-            with self.code.loop(0, self.args["joint_count"]) as k:
-                for name in names:
-                    self._fill(self.at(name, k), self.layout.records[name].size)
-
     def _start_joints(self) -> None:
-        self._start_tendons()
+        """Their forces to start from."""
         if self.kinds.joints:
             w = self.layout.records["move"].size
             with self.code.loop(0, self.args["joint_count"]) as k:
@@ -91,6 +96,7 @@ class StructurePasses(StructureRuns, PairPasses):
                 )
 
     def _joints_hoisted(self) -> None:
+        """What does not depend on the unknowns."""
         if self.kinds.joints:
             with self.code.loop(0, self.args["joint_count"]) as k, self._joint_kind(k) as kinds:
                 for kind in kinds:
@@ -102,9 +108,7 @@ class StructurePasses(StructureRuns, PairPasses):
                     )
 
     def _joint_reactions(self, support: str, node: str) -> None:
-        """Of each of its ends that is there, of stretches of tendons, and of pairs."""
-        self._tie_reactions(support, node)
-        self._pair_reactions(support, node)
+        """What joints add to the reaction of a support, at a node."""
         if not self.kinds.joints:
             return
         if self.cells == 1:
@@ -144,39 +148,8 @@ class StructurePasses(StructureRuns, PairPasses):
                             self._call(f"joint reaction {kind} {side}", where)
                             self._add(total, self.at("joint_reaction"), w)
 
-    def _search(self) -> None:
-        self._agree()
-        super()._search()
-
-    def _judge(self) -> None:
-        self._agree()
-        super()._judge()
-
-    def _agree(self) -> None:
-        """Of what the cells of a sample are judged by."""
-        self._over_cells("largest", self.at("sums"), self.layout.records["sums"].size)
-
-    def _begin_work(self) -> None:
-        """What there is of it, and what cells share, counts in the lane of the first."""
-        if self.cells > 1:
-            work, good = self.at("sample", 0, "work"), self.at("sample", 0, "good")
-            self.code.call("first cell", work, work)
-            self.code.call("first cell", self.at("sample", 0, "counted"), good)
-
-    def _counted(self, good: str, row: str, own: str) -> str:
-        """What has gone well, in whose lanes a row counts: what cells share counts in the first of
-        them alone. own: how many rows are a cell's.
-        """
-        if self.cells == 1:
-            return good
-        shared = self.code.compare("sge", row, self.args[own])
-        return self.code.choose(shared, self.at("sample", 0, "counted"), good, "ptr")
-
-    def _unknowns(self) -> list[tuple[str, str, str]]:
-        joints = [("joint_unknown", "last_joint_unknown", self.args["joint_count"])]
-        return [*super()._unknowns(), *joints * bool(self.kinds.joints)]
-
     def _update_joints(self, over: str) -> None:
+        """Their forces after the moves, but of samples that are over."""
         if not self.kinds.joints:
             return
         w = self.layout.records["move"].size
@@ -190,6 +163,7 @@ class StructurePasses(StructureRuns, PairPasses):
             self._blend(places["force"], places["> force"], over, w)
 
     def _keep_joints(self, good: str) -> None:
+        """Their forces, of what has gone well."""
         if self.kinds.joints:
             w = self.layout.records["move"].size
             with self.code.loop(0, self.args["joint_count"]) as k:
@@ -197,8 +171,7 @@ class StructurePasses(StructureRuns, PairPasses):
                 self._take(last, self.at("joint_unknown", k), good, w)
 
     def _finish_joints(self, good: str) -> None:
-        self._finish_tendons(good)
-        self._finish_pairs(good)
+        """Where they are at the end of the step, of what has gone well."""
         if not self.kinds.joints:
             return
         fields = self.layout.records["joint_state"].fields
@@ -224,9 +197,3 @@ class StructurePasses(StructureRuns, PairPasses):
             self._sum(self.at("sample", 0, "work"), self.at("joint_change", 0, "work"), counted, 1)
             if "energy" in self.layout.records:
                 self._add(self.at("energy", 0, "rise"), self.at("joint_change", 0, "rise"), 1)
-
-
-class StructureDriver(StructurePasses, Driver):
-    """Steps of a structure."""
-
-    ARGS = (*Driver.ARGS, *TABLES, *COUNTS)

@@ -1,48 +1,16 @@
-"""Native adjoint of steps of structures: what is other than on a chain; see `structure_driver`."""
+"""Native adjoint of joints; see `joint_driver`."""
 
 from __future__ import annotations
 
 from ..compiler.derivative import bar
-from .adjoint_driver import AdjointDriver
+from .joint_driver import JointCode
 from .node_kinds import SIDES
-from .pair_adjoint import PairAdjoint
-from .structure_code import COUNTS, TABLES
-from .structure_driver import StructurePasses
-from .tendon_adjoint import TendonAdjoint
 
 STATE = "joint_state_bar"
 
 
-class StructureAdjoint(TendonAdjoint, PairAdjoint, StructurePasses, AdjointDriver):
-    """Cotangents of structures, step by step backwards."""
-
-    ARGS = (*AdjointDriver.ARGS, *TABLES, *COUNTS)
-
-    def _transposed(self) -> None:
-        code = self.code
-        self._at_interface()
-        self._each_joint(self._joint_blocks)
-        self._tie_blocks()
-        self._pair_blocks()
-        self._eliminate()
-        self._moves()
-        with code.loop(0, self.args["nodes"]) as j:
-            self._balance_bar(j)
-
-    def _around(self, node: str) -> dict[str, str]:
-        around = {"right": self.at("asked", self._move_of(node))}
-        if self.held:
-            around |= self._near(node) | {
-                f"push_{name}": self.at("push", self._move_of(node, k))
-                for name, k in (("before", -self.order), ("here", 0), ("after", self.order))
-            }
-        return around
-
-    def _row_kept(self, node: str) -> None:
-        """Reactions are those of the steps."""
-
-    def _row_judged(self, name: str) -> None:
-        """Nothing is."""
+class JointAdjoint(JointCode):
+    """Cotangents of joints' states and constants, and of what they do to nodes."""
 
     def _joint_blocks(self, k: str, kind: int) -> None:
         """Blocks of the transposed matrix, and what is asked of the moves of its ends."""
@@ -65,12 +33,11 @@ class StructureAdjoint(TendonAdjoint, PairAdjoint, StructurePasses, AdjointDrive
                 )
 
     def _clear_joints(self) -> None:
-        self._clear_tendons()
-        self._clear_pairs()
+        """Cotangents of their states and constants."""
         self._clear_records(STATE, "joint_bar")
 
     def _add_joints(self) -> None:
-        self._add_tendons()
+        """To the cotangents of their states those of what a step has made."""
         self._clear_records("joint_start_bar", "joint_asked")
 
         def add(k: str, kind: int) -> None:
@@ -81,8 +48,7 @@ class StructureAdjoint(TendonAdjoint, PairAdjoint, StructurePasses, AdjointDrive
         self._each_joint(add, alike=True)
 
     def _joint_solutions(self) -> None:
-        self._tensions()
-        self._look_at_pairs()
+        """Their forces, between the states of a step."""
 
         def solution(k: str, kind: int) -> None:
             self._call(
@@ -99,8 +65,7 @@ class StructureAdjoint(TendonAdjoint, PairAdjoint, StructurePasses, AdjointDrive
         self._each_joint(solution)
 
     def _joint_energies(self) -> None:
-        self._tendon_energies()
-        self._pair_energies()
+        """To what the energy rises by: less the work of what acts in them."""
 
         def add(k: str, kind: int) -> None:
             self._call(
@@ -112,8 +77,7 @@ class StructureAdjoint(TendonAdjoint, PairAdjoint, StructurePasses, AdjointDrive
         self._each_joint(add)
 
     def _joint_ends(self) -> None:
-        self._tendon_ends()
-        self._pair_ends()
+        """What the cotangents of their states at the end ask of the start, of nodes, of forces."""
         names = {bar("force"): "joint_force", bar("joints"): "joints"}
 
         def ends(k: str, kind: int) -> None:
@@ -137,8 +101,7 @@ class StructureAdjoint(TendonAdjoint, PairAdjoint, StructurePasses, AdjointDrive
         self._each_joint(ends)
 
     def _joint_bars(self) -> None:
-        self._tie_bars()
-        self._pair_bars()
+        """What the solution asks of their start and constants."""
 
         def bars(k: str, kind: int) -> None:
             places = {
@@ -160,7 +123,7 @@ class StructureAdjoint(TendonAdjoint, PairAdjoint, StructurePasses, AdjointDrive
         self._each_joint(bars)
 
     def _take_joints(self, good: str) -> None:
-        self._take_tendons(good)
+        """Cotangents of their states at the start, of what has gone well."""
 
         def take(k: str, kind: int) -> None:
             size = self.layout.records[STATE].size

@@ -28,15 +28,81 @@ from .layout import (
     STRETCHES,
     TENDONS,
 )
-from .structure_order import Connectivity, connectivity_of, order_of
+from .node_kinds import PAIR_SIDES
+from .order import Connectivity, connectivity_of, order_of
+from .pair_functions import PAIR_BLOCKS
+from .tendon_functions import CHAINED
 
+# tables of integers that code reads, and numbers, by name
+LISTS = (
+    *("bases", "kinds", "element_kinds", "held", "support_of", "support_nodes"),
+    "joint_kinds",
+    "element_nodes",
+    "left_elements",
+    "right_elements",
+    "node_places",
+    "element_places",
+    "kept_nodes",
+    "kept_elements",
+    "interface",
+    "direct",
+    "forward",
+    "backward",
+    "bordered",
+    "following",
+    "joint_table",
+    "stretch_kinds",
+    "stretch_table",
+    "pair_kinds",
+    "pair_table",
+    "elimination",
+    "substitution",
+)
+COUNTS = (
+    "nodes",
+    "kept_node_count",
+    "kept_element_count",
+    "interface_count",
+    "direct_count",
+    "forward_count",
+    "backward_count",
+    "bordered_count",
+    "following_count",
+    "joint_count",
+    "stretch_count",
+    "pair_count",
+    "entry_count",
+    "group_count",
+    "first_groups",
+    "last_groups",
+    "last_table",
+    "shared_groups",
+    "shared_table",
+    "shared_first",
+    "shared_size",
+    "own_nodes",
+    "own_interface",
+    "own_joints",
+)
+# integers of an entry
+WIDTH = {
+    "interface": 6,
+    "direct": 6,
+    "forward": 7,
+    "backward": 7,
+    "bordered": 16,
+    "following": 20,
+    "joint": 2 + 2 * len(BLOCKS) + 3,
+    "stretch": 5 + 2 * len((*BLOCKS, *CHAINED)) + 3,
+    "pair": len(PAIR_SIDES) + 2 * len(PAIR_BLOCKS),
+}
 NONE = (-1, -1)  # the place of a block that is not there
 BYTES = 4  # of a number, at least
 ELEMENT_TURNS = 2  # places of elements along a run
 
 
 @dataclass(frozen=True)
-class StructureTables:
+class Tables:
     """rows: how many there are of a structure's records; lists: tables of integers; numbers: how
     many entries they have.
     """
@@ -46,14 +112,14 @@ class StructureTables:
     numbers: dict[str, int]
 
     @staticmethod
-    def of(model: Model, cells: Cells | None = None) -> StructureTables:
+    def of(model: Model, cells: Cells | None = None) -> Tables:
         """Of a model, or of one of its cells with what all share."""
         w = model.space.unknowns
         return _tables(w, connectivity_of(model) if cells is None else cells.connectivity)
 
 
 @lru_cache(maxsize=64)
-def _tables(w: int, connectivity: Connectivity) -> StructureTables:
+def _tables(w: int, connectivity: Connectivity) -> Tables:
     framework, _, held, stretches, pairs, shared = connectivity
     order = order_of(connectivity)
     how, ends, own_units = framework.cut, framework.ends, order.own_units
@@ -229,7 +295,7 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
     rows |= {PAIRS: len(pairs), SIGNS: max((w * len(group) for group in groups), default=0) ** 2}
     rows |= {NODE_PLACES: framework.order + 1 + len(kept_nodes)}
     rows |= {ELEMENT_PLACES: ELEMENT_TURNS + len(kept_elements)}
-    return StructureTables(rows, lists, numbers)
+    return Tables(rows, lists, numbers)
 
 
 def _places(framework: Framework) -> tuple[list[int], list[int], list[int], list[int]]:
