@@ -17,7 +17,6 @@ from ..math import quaternions as quat
 from ..scene.effects import INERTIAL, SPIN, VELOCITY, Contact, Inputs
 from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
 from ..scene.scene import Scene
-from ..topology.chain import Chain
 from ..topology.framework import Framework
 from ..topology.framework_unknowns import FrameworkUnknowns
 from .acting import ActingLoad, acting, by_part
@@ -30,7 +29,6 @@ from .rows import Rows
 torch.serialization.add_safe_globals(
     [
         Assembly,
-        Chain,
         Framework,
         FrameworkUnknowns,
         *(type(element.interpolation) for element in ELEMENTS.values()),

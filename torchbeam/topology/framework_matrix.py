@@ -43,7 +43,7 @@ class FrameworkMatrix:
     in common: upper and lower (..., links, w, w), from each node of an element to the next one and
     back; of order 2 also far upper and far lower (..., N, w, w), from an element's first node to
     its third and back; tied (..., n, w, w): of all pairs of the nodes of each tie, see
-    `Graph.tied`, None = there are none.
+    `Framework.tied`, None = there are none.
 
     With joints, vectors have a row (w) of each joint behind those of the nodes: its forces, or its
     constraints.

@@ -11,15 +11,14 @@ from ..compiler.derivative import bar, vjp
 from ..compiler.function import Function
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
-from . import interactions, midsides, stretches, structures
+from . import interactions, midsides, rows, stretches
 from .adjoint_driver import AdjointDriver
 from .conserving_functions import ENERGIES
 from .interaction import INTERACTIONS, TIE
-from .layout import BETWEEN, ELEMENTS, ENDS, INNER, MOVES, NODES, ONE, OWN, SUPPORTS, TURNS, Layout
+from .layout import BETWEEN, ELEMENTS, INNER, MOVES, NODE_PLACES, NODES, ONE, OWN, SUPPORTS, Layout
 from .local_functions import LocalFunctions
 from .native import NativeProgram
 from .node_kinds import Kinds, without_side
-from .structure_adjoint import StructureAdjoint
 from .tracing import Traced, Tracing
 
 SAMPLE = ("good", "work_bar", "work_grad")
@@ -29,7 +28,7 @@ ENDED = ("velocity", "spin")  # of a node at the end, that are scaled
 class AdjointProgram(NativeProgram):
     """wanted: names of the constants' fields whose cotangents are asked for."""
 
-    driver, of_structures = AdjointDriver, StructureAdjoint
+    driver = AdjointDriver
 
     def __init__(
         self,
@@ -154,8 +153,6 @@ class AdjointProgram(NativeProgram):
             "left.U": (w, w),
             "right.L": (w, w),
             "right": (w,),
-            "ahead": (w, w),
-            "y": (w,),
         }
         near = {
             f"{name}_{at}": (w,) for name in ("free", "push") for at in ("before", "here", "after")
@@ -165,25 +162,21 @@ class AdjointProgram(NativeProgram):
         def packed(function: Function) -> Function:
             return between.taken(own.taken(function, {"own.D": "D"}), sides)
 
-        functions["row"] = packed(traced(partial(local.transposed_row, False), row))
         if self.held:
-            functions["held row"] = packed(traced(partial(local.transposed_row, True), row | near))
             functions["push"] = traced(local.push, {"reaction_bar": (w,), "free": (w,)})
-        if self.kinds.joints is not None:
-            around = near if self.held else None
-            functions |= structures.of_rows(
-                local, traced, packed, row, around, self.kinds.runs, transposed=True
+        around = near if self.held else None
+        functions |= rows.of_rows(
+            local, traced, packed, row, around, self.kinds.runs, transposed=True
+        )
+        for one in INTERACTIONS:
+            by = [f"{side}.{name}" for side in one.sides for name in start]
+            by += [*wanted, "joints", "last_force", "tension"]
+            functions |= interactions.adjoint_of_interaction(
+                local, traced, one, self.kinds, self.held, by, _derivative
             )
-            for one in INTERACTIONS:
-                by = [f"{side}.{name}" for side in one.sides for name in start]
-                by += [*wanted, "joints", "last_force", "tension"]
-                functions |= interactions.adjoint_of_interaction(
-                    local, traced, one, self.kinds, self.held, by, _derivative
-                )
-                if one is TIE:
-                    own = self.kinds.stretches
-                    functions |= stretches.adjoint_of_stretches(local, traced, own, by, _derivative)
-        functions["back"] = traced(local.back, {"ahead": (w, w), "y": (w,), "next": (w,)})
+            if one is TIE:
+                own = self.kinds.stretches
+                functions |= stretches.adjoint_of_stretches(local, traced, own, by, _derivative)
         functions["balance_bar"] = traced(
             local.balance_bar, {"move": (w,), "push": (w,), "free": (w,)}
         )
@@ -192,7 +185,7 @@ class AdjointProgram(NativeProgram):
     def _layout(self) -> Layout:
         w, k, layout = self.w, self.k, Layout()
         state = [(name, prod(self.shapes[name])) for name in self.state]
-        for kind, rows in (
+        for kind, sort in (
             ("node", NODES),
             ("element", ELEMENTS),
             ("common", ONE),
@@ -206,8 +199,8 @@ class AdjointProgram(NativeProgram):
                 for out, size in outputs
                 if (name := without_side(out).removesuffix("_bar")).startswith(f"{kind}.")
             }
-            layout.record(kind, rows, self.constants(kind))
-            layout.record(f"{kind}_bar", rows, sorted(fields.items()))
+            layout.record(kind, sort, self.constants(kind))
+            layout.record(f"{kind}_bar", sort, sorted(fields.items()))
         for name in ("state", "state_bar", "state_grad", "start_bar"):
             layout.record(name, NODES, state)
         read = self.functions["solution"].inputs
@@ -220,8 +213,8 @@ class AdjointProgram(NativeProgram):
             own = [(name, prod(self.shapes[name])) for name in self.element_state]
             for name in ("", "_bar", "_grad", "_start_bar"):
                 layout.record(f"element_state{name}", ELEMENTS, own)
-        ends = self.touching or interactions.present(self.kinds)
-        if "finish element bar 0" in self.functions or ends:
+        ends = self.touching, interactions.present(self.kinds)
+        if "finish element bar 0" in self.functions or any(ends):
             layout.record("unknown_bar", NODES, [("u_bar", state[0][1]), ("m_bar", state[1][1])])
         if "project" in self.functions:
             layout.record("ended", NODES, [(name, prod(self.shapes[name])) for name in ENDED])
@@ -233,12 +226,12 @@ class AdjointProgram(NativeProgram):
         for name in ("asked", "push", "move", "found"):
             layout.record(name, MOVES, [(name, w)])
         layout.record("law", ELEMENTS, [*self.outputs("blocks 0", "E", "hB"), ("gap_bar", k)])
-        layout.record("at_node", TURNS, self.outputs("block 0", OWN))
-        layout.record("at_end", TURNS, self.largest("block", len(self.kinds.nodes), END))
+        layout.record("at_node", NODE_PLACES, self.outputs("block 0", OWN))
+        layout.record("at_end", NODE_PLACES, self.largest("block", len(self.kinds.nodes), END))
         midsides.record(layout, self.functions, "blocks 0")
         for kind in self.touching:
             layout.record("at_load", ONE, [("far", 1), *self.outputs(f"load blocks {kind}")])
-        layout.record("row", ENDS, [("ahead", w * w), ("y", w)])
+        rows.record(layout, self.functions, w)
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w + k))])
         change = layout.record("change", ONE, [("gap_bar", k)])
         for name in self.functions:
@@ -265,12 +258,10 @@ class AdjointProgram(NativeProgram):
                 layout.record("support", SUPPORTS, [(name, w)] * read)
             for name in ("reaction_bar", "reaction_grad", "last_bar"):
                 layout.record(name, SUPPORTS, [("reaction", w)])
-        if self.kinds.joints is not None:
-            structures.record_system(layout, self.functions, w, self.held)
-            for one in interactions.present(self.kinds):
-                interactions.record_adjoint(layout, self.functions, one, w)
-            if self.kinds.stretches:
-                stretches.record_adjoint(layout, self.functions)
+        for one in interactions.present(self.kinds):
+            interactions.record_adjoint(layout, self.functions, one, w)
+        if self.kinds.stretches:
+            stretches.record_adjoint(layout, self.functions)
         return layout
 
 

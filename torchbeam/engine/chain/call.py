@@ -17,11 +17,11 @@ from ...core.leaves import with_values
 from ...nodal.model import Model
 from ..compiler.team import in_threads
 from .cells import Cells
-from .chain_code import POINTERS
+from .interaction import INTERACTIONS
 from .layout import counts
 from .native import NativeProgram
 from .node_kinds import Kinds
-from .structure_tables import StructureTables
+from .tables import LISTS, Tables
 from .transfers import ENTRY
 
 CPU = torch.device("cpu")  # whatever the default device is
@@ -59,33 +59,29 @@ class Chain:
             (topology, self.supports, *_), kinds = cells.connectivity, cells.kinds
         self.N = topology.element_count
         records, order, nodes = program.layout.records, program.order, range(topology.node_count)
-        tables = None if kinds.joints is None else StructureTables.of(model, cells)
-        more = {} if tables is None else tables.rows
-        self.counts = counts(order, len(nodes), self.N, len(self.supports), **more)
+        tables = Tables.of(model, cells)
+        self.counts = counts(order, len(nodes), self.N, len(self.supports), **tables.rows)
         bases, self.size = program.layout.bases(self.counts)
         self.base = dict(zip(records, bases, strict=True))
         support_of = [self.supports.index(j) if j in self.supports else -1 for j in nodes]
-        ends = range(0, len(nodes), order) if tables is None else {*topology.ends}
+        ends = {*topology.ends}
         near = [
             int(any(i in self.supports for i in (j - order, j, j + order) if j in ends or i == j))
             for j in nodes
         ]
-        nodes, elements, joints = (
-            [there.index(kind) for kind in own or ()]
-            for there, own in zip(program.kinds[:3], kinds[:3], strict=True)
-        )
-        lists = bases, nodes, elements, near, support_of, [*self.supports, 0]
-        self.lists = dict(zip(POINTERS[1:], map(_integers, lists), strict=True))
-        self.numbers: dict[str, int] = {}
-        if tables is not None:
-            stretches = [program.kinds.stretches.index(kind) for kind in kinds.stretches]
-            pairs = [program.kinds.pairs.index(kind) for kind in kinds.pairs]
-            couplings = [program.kinds.couplings.index(kind) for kind in kinds.couplings]
-            own = {"joint_kinds": joints, "stretch_kinds": stretches, "pair_kinds": pairs}
-            own["coupling_kinds"] = couplings
-            own |= tables.lists
-            self.lists |= {name: _integers(x, [0]) for name, x in own.items()}
-            self.numbers = {"nodes": len(nodes), **tables.numbers}
+        numbered = {
+            name: [there.index(kind) for kind in own]
+            for name, there, own in zip(
+                ("kinds", "element_kinds", *(f"{one.constants}_kinds" for one in INTERACTIONS)),
+                (*program.kinds[:2], *program.kinds.between),
+                (*kinds[:2], *kinds.between),
+                strict=True,
+            )
+        }
+        own = {"bases": bases, "held": near, "support_of": support_of, **numbered, **tables.lists}
+        own["support_nodes"] = [*self.supports, 0]
+        self.lists = {name: _integers(own[name], [0]) for name in LISTS}
+        self.numbers = {"nodes": len(nodes), **tables.numbers}
         self._blocks: dict[int, list[Tensor]] = {}  # of memory that no call uses, by lanes
 
     def has(self, record: str, name: str) -> bool:

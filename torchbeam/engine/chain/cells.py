@@ -10,7 +10,7 @@ from typing import NamedTuple
 from ...topology.framework import Framework
 from .layout import ELEMENTS, JOINTS, NODES, SUPPORTS
 from .node_kinds import Kinds
-from .structure_order import Connectivity, manners_by, order_of
+from .order import Connectivity, manners_by, order_of
 
 LEAST, MOST = 3, 16  # cells: two of them win a tenth; more than 16 numbers need many registers
 

@@ -34,6 +34,7 @@ from .extrapolated_functions import OTHER, ExtrapolatedFunctions
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
 from .node_kinds import Kinds, kinds_of
+from .order import connectivity_of
 from .program import NOTHING, StepProgram, adjoint_of, program_of, traced_of
 from .step_structure import (
     FORMS,
@@ -44,7 +45,6 @@ from .step_structure import (
     key_of,
     known_structure,
 )
-from .structure_order import connectivity_of
 from .user_functions import by_function, by_sample, check_batch, known
 
 EXTRAPOLATION = "extrapolation"  # means of midpoint steps, see `ExtrapolatedFunctions`
@@ -216,7 +216,7 @@ class CompiledStep:
         """The model cell by cell, where it has any and nothing else couples them."""
         alone = self.batch.numel() < program.lanes()
         known = self.around is not None and "energy" not in program.layout.records
-        if kinds.joints is None or not alone or not known:
+        if not (kinds.joints and alone and known):
             return None
         connectivity = connectivity_of(self.model)
         cells = cells_of(connectivity, kinds)

@@ -11,10 +11,10 @@ from math import isqrt
 from typing import NamedTuple
 
 from ..compiler.split import HOISTED
+from .driver_code import DriverCode, Places
 from .interaction import JOINT, OWN, PAIR, TIE, Interaction
 from .interactions import SUMS, all_kinds, kinds_of, present
 from .node_kinds import alike
-from .structure_code import StructureCode
 
 NUMBER = "i32"  # as large as a number of the smallest dtype
 KEPT = {"joints": "joints", "force": "last_force"}  # of what has acted in a joint its state keeps
@@ -40,7 +40,7 @@ class Entry(NamedTuple):
 Then = Callable[[Entry], None]
 
 
-class InteractionCode(StructureCode):
+class InteractionCode(DriverCode):
     """Where the fields of interactions lie, loops over them, and their blocks."""
 
     @property
@@ -90,8 +90,7 @@ class InteractionCode(StructureCode):
     def _clear(self, one: Interaction, record: str) -> None:
         """Zeros in a record of theirs."""
         if one in self.interactions and record in self.layout.records:
-            size = self.layout.records[record].size
-            self._each_row(one, lambda number: self._fill(self.at(record, number), size))
+            self._each_row(one, lambda number: self._fill((record, number)))
 
     def _by_kind(self, one: Interaction, number: str, then: Then) -> None:
         code, row = self.code, self._entry(one.constants, number)
@@ -111,28 +110,13 @@ class InteractionCode(StructureCode):
         one, number = entry.of, entry.number
         side, _, name = field.partition(".")
         if side in one.sides:
-            return self._at_end(name, entry.nodes[side])
-        for record in (one.constants, *one.state, f"{one.name} blocks"):
-            if field in self.layout.fields(record):
-                return self.at(record, number, field)
-        return self.at("common", 0, field)
+            return self._at_joint_node(name, entry.nodes[side])
+        return self._first_of((one.constants, *one.state, f"{one.name} blocks"), field, number)
 
-    def _at_end(self, name: str, node: str) -> str:
-        """A field of a node."""
-        return self.at("free", node, name) if name == "free" else self._of_node(name, node)
-
-    def _call_of(
-        self, name: str, entry: Entry, to: str, places: dict[str, str] | None = None
-    ) -> None:
+    def _call_of(self, name: str, entry: Entry, to: str, places: Places | None = None) -> None:
         """A function of an interaction, which gives fields of a record; places: of other fields."""
         number = entry.number if self.layout.records[to].rows == entry.of.rows else 0
-
-        def where(f: str) -> str:
-            if f[0] == ">":
-                return self.at(to, number, f[2:])
-            return (places or {}).get(f) or self._of_interaction(f, entry)
-
-        self._call(name, where)
+        self._call(name, lambda f: self._of_interaction(f, entry), (to, number), places)
 
     def coupled(self, one: Interaction, function: int) -> int:
         """So many of a node's unknowns the blocks of such a function are of."""
@@ -202,11 +186,11 @@ class InteractionPasses(InteractionCode):
     def _push(self, entry: Entry) -> None:
         """Its balance and blocks, and its push on the nodes."""
         record, size = f"{entry.name} blocks", self.coupled(entry.of, entry.function)
-        hoisted = {HOISTED: self.at("before joint", entry.number)} if entry.of is JOINT else {}
+        hoisted: Places = {HOISTED: ("before joint", entry.number)} if entry.of is JOINT else {}
         self._call_of(f"{entry.name} {entry.function}", entry, record, hoisted)
         for side in entry.sides:
-            push = self.at(record, entry.number, f"{side}.push")
-            self._add(self.at("push", entry.nodes[side]), push, size)
+            push = record, entry.number, f"{side}.push"
+            self._add(("push", entry.nodes[side]), push, size)
         for name in SUMS:
             if name in self.layout.fields(record):
                 own = self.at(record, entry.number, name)
@@ -226,13 +210,12 @@ class InteractionPasses(InteractionCode):
             self._fill(total, self.width)
 
         def reaction(entry: Entry) -> None:
-            moves = {
-                f"{side}.move": self.at("move", self._move_of(entry.nodes[side]))
-                for side in entry.sides
+            moves: Places = {
+                f"{side}.move": ("move", self._move_of(entry.nodes[side])) for side in entry.sides
             }
             if entry.of.unknowns:
                 moves[f"{OWN}.move"] = self._solution_of(entry.of, entry.number)
-            moves["end_free"] = self.at("free", node, "free")
+            moves["end_free"] = ("free", node)
             for side in entry.sides:
                 with code.when(code.compare("eq", entry.nodes[side], node)):
                     name = f"{entry.name} reaction {entry.function} {side}"
@@ -254,10 +237,38 @@ class InteractionPasses(InteractionCode):
         self._call_of(f"finish {entry.name} {entry.function}", entry, change)
         for name, kept in KEPT.items():
             if name in self.layout.fields(change):
-                size = self.layout.fields(change)[name][1]
-                to = self.at(f"{entry.name}_state", entry.number, kept)
-                self._take(to, self.at(change, 0, name), good, size)
+                to = f"{entry.name}_state", entry.number, kept
+                self._take(to, (change, 0, name), good)
         own = self._counted(good, entry.number, "own_joints")
-        self._sum(self.at("sample", 0, "work"), self.at(change, 0, "work"), own, 1)
+        self._sum(("sample", 0, "work"), (change, 0, "work"), own)
         if "energy" in self.layout.records:
-            self._add(self.at("energy", 0, "rise"), self.at(change, 0, "rise"), 1)
+            self._add(("energy", 0, "rise"), (change, 0, "rise"))
+
+    # Joints, whose forces are unknowns
+
+    def _start_joints(self) -> None:
+        """Their forces to start from."""
+        self._each_row(
+            JOINT, lambda k: self._copy_to(("joint_unknown", k), ("joint_state", k, "last_force"))
+        )
+
+    def _update_joints(self, over: str) -> None:
+        """Their forces after the moves, but of samples that are over."""
+
+        def update(k: str) -> None:
+            places: Places = {"force": ("joint_unknown", k), "move": self._solution_of(JOINT, k)}
+            self._call("joint update", to=("joint change", 0), places=places)
+            self._blend(("joint_unknown", k), ("joint change", 0, "force"), over)
+
+        self._each_row(JOINT, update)
+
+    def _keep_joints(self, good: str) -> None:
+        """Their forces, of what has gone well."""
+        self._each_row(
+            JOINT,
+            lambda k: self._take(("joint_state", k, "last_force"), ("joint_unknown", k), good),
+        )
+
+    def _counted(self, good: str, row: str, own: str) -> str:
+        """What has gone well, in whose lanes a row counts."""
+        raise NotImplementedError

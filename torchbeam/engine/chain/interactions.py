@@ -8,10 +8,9 @@ from typing import Any
 
 from ...state.instant import READINGS as JOINT_READINGS
 from ..compiler.function import Function
-from ..compiler.split import HOISTED
 from .interaction import INTERACTIONS, JOINT, PAIR, TIE, Interaction
 from .interaction_functions import end_reaction, free_blocks, is_block
-from .layout import FLAGS, JOINTS, ONE, PAIRS, Layout
+from .layout import FLAGS, JOINTS, ONE, PAIRS, Layout, largest
 from .local_functions import LocalFunctions
 from .node_kinds import Kinds, alike
 from .tracing import Tracing
@@ -23,8 +22,7 @@ Derivative = Callable[[Function, list[str]], Function]
 
 def all_kinds(kinds: Kinds, one: Interaction) -> tuple[Any, ...]:
     """Of an interaction."""
-    each = kinds.joints or (), kinds.stretches, kinds.pairs, kinds.couplings
-    return dict(zip(INTERACTIONS, each, strict=True))[one]
+    return dict(zip(INTERACTIONS, kinds.between, strict=True))[one]
 
 
 def present(kinds: Kinds) -> list[Interaction]:
@@ -134,12 +132,12 @@ def record(
     layout.record("end_reaction", ONE, [("reaction", w), ("total", w)])
     layout.record(f"{one.name} change", ONE, largest(functions, f"finish {one.name}").items())
     if one is JOINT:
+        layout.record("sample", ONE, [("counted", 1)])
+        layout.record("common", ONE, [("joint_size", 1)])
         layout.record("joint_state", JOINTS, [("joints", JOINT_READINGS), ("last_force", w)])
         layout.record("joint_unknown", JOINTS, [("force", w)])
-        layout.record("joint_move", JOINTS, [("move", w)])
         layout.record("joint change", ONE, [("force", w)])
-        hoisted = largest(functions, "before joint")
-        layout.record("before joint", JOINTS, [(HOISTED, hoisted[HOISTED])])
+        layout.record("before joint", JOINTS, largest(functions, "before joint").items())
 
 
 def record_adjoint(
@@ -157,7 +155,6 @@ def record_adjoint(
         layout.record("joint_state", JOINTS, own)
         for name in ("joint_after", "joint_unknown", "joint_asked"):
             layout.record(name, JOINTS, [("force", w)])
-        layout.record("joint_move", JOINTS, [("move", w)])
         state = [("joint_force", w), ("joints", JOINT_READINGS)]
         for name in ("joint_state_bar", "joint_state_grad", "joint_start_bar"):
             layout.record(name, JOINTS, state)
@@ -171,15 +168,3 @@ def _record(layout: Layout, functions: dict[str, Function], one: Interaction, ca
     if one is PAIR:
         layout.record("near", PAIRS, [("pair", 1)])  # numbers of those that are not far
         layout.record("near_count", ONE, [("count", 1)])
-
-
-def largest(functions: dict[str, Function], name: str) -> dict[str, int]:
-    """Components of the outputs of the functions of this name of all kinds ("name 0", ...), the
-    most that one of them has.
-    """
-    sizes: dict[str, int] = {}
-    for called, function in functions.items():
-        if called.removeprefix(f"{name} ").isdigit():
-            for field, out in function.outputs.items():
-                sizes[field] = max(len(out.nodes), sizes.get(field, 0))
-    return sizes

@@ -33,10 +33,10 @@ from .coverage import MISSING, given_up, installed, meaning, unsteady, untraceab
 from .load_program import JudgedProgram, LoadProgram
 from .native import NativeProgram, NotCompiled
 from .node_kinds import kinds_of
-from .program import NOTHING, ChainProgram, program_of
+from .order import stretches_of
+from .program import NOTHING, NewtonProgram, program_of
 from .steady_functions import SteadyFunctions
 from .step_structure import by_numbers, keep_structure, key_of, known_structure
-from .structure_order import stretches_of
 from .user_functions import by_function, by_sample, check_batch, known, surroundings
 
 # samples times elements that "auto" compiles for: eager ones then take longer than tracing and
@@ -253,7 +253,7 @@ def chain_at_rest(
     local: SteadyFunctions,
     constants: Constants,
     around: Surroundings | None,
-    program_type: type[ChainProgram],
+    program_type: type[NewtonProgram],
 ) -> Chain:
     """A model at rest in a program of this class."""
     model = local.model

@@ -27,8 +27,9 @@ from ...nodal.balance import dstress, mixed, most_beyond, pushed_by, restrained_
 from ...nodal.joints import measured
 from ...solvers.newton import Length, converged, next_secant, step_length
 from ...state.state import State
-from ...topology.chain_unknowns import masked
-from ...topology.midside import condensed, following
+from ...topology.framework_unknowns import masked
+from ...topology.midside_nodes import condensed, following
+from ...topology.protocols import Topology
 from .coupling_functions import CouplingFunctions
 from .joint_functions import JointFunctions
 from .layout import FLAGS
@@ -284,18 +285,23 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFun
         outputs = {"rows": rows, "asked": asked[1]} if held else {}
         if held:
             free = _between_free(fields["free"])
-            D, U, L, *far = masked(self.order, free, D, U, L, *far)
+            D, U, L, *far = masked(self._element, free, D, U, L, *far)
             left, asked = left * free[1], asked * free
         inertia = _total(fields.get("own.inertia"), element.get("m.inertia"))
         sizes = self._sizes(fields, inertia, left)
         outputs |= self.pivot(D[1]) | sizes
-        D, L, U, middle = condensed(D, L, U, *far)
+        D, U, L, middle = condensed(self._element, D, U, L, *far)
         ends, own = middle.condense(-asked)
         for k, (side, by) in enumerate(zip("ij", (middle.by_i, middle.by_j), strict=True)):
             same = f"{side}.balance", f"{side}.inertia"
             outputs |= {name: element[name] for name in same if name in element}
             outputs |= {f"{side}.D": D[k], f"{side}.asked": -ends[k], f"by_{side}": by[0]}
         return outputs | {"U": U[0], "L": L[0], "own": own[0]}
+
+    @property
+    def _element(self) -> Topology:
+        """One."""
+        return self.element_assembly.topology
 
     def _blocks(self, fields: Fields) -> tuple[Tensor, ...]:
         """(D, U, L, far upper, far lower) of a chain of one element, with D of its midside node's
@@ -462,8 +468,8 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFun
             free, push = _between_free(fields["free"]), fields["push"][:, None]
             right = (right + (D[1].mT @ push)[:, 0]) * free[1]
             sides = torch.stack(((L[0].mT @ push)[:, 0], (U[1].mT @ push)[:, 0]))
-            D, U, L, *far = masked(self.order, free, D, U, L, *far)
-        D, U, L, middle = condensed(D.mT, U.mT, L.mT, *(x.mT for x in reversed(far)))
+            D, U, L, *far = masked(self._element, free, D, U, L, *far)
+        D, L, U, middle = condensed(self._element, D.mT, L.mT, U.mT, *(x.mT for x in reversed(far)))
         ends, own = middle.condense(
             torch.stack((torch.zeros_like(right), right, torch.zeros_like(right)))
         )

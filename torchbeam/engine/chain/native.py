@@ -19,8 +19,8 @@ from ..compiler.library import Library
 from ..compiler.llvm import Module
 from ..compiler.object_cache import ObjectCache
 from ..compiler.shared_ends import share_ends
-from .chain_code import ChainCode
 from .disk_key import store_layout, stored_layout
+from .driver_code import DriverCode
 from .layout import Layout
 from .local_functions import LocalFunctions
 from .node_kinds import Kinds, without_side
@@ -49,8 +49,7 @@ class NativeProgram:
     seconds    that tracing took
     """
 
-    driver: type[ChainCode]
-    of_structures: type[ChainCode]  # their driver
+    driver: type[DriverCode]
 
     def __init__(
         self,
@@ -63,8 +62,6 @@ class NativeProgram:
         known = {} if known is None else known
         self.traced = known if key is None else None
         self.kinds, self.held, self.dtype = kinds, held, local.model.length.dtype
-        if kinds.joints is not None:
-            self.driver = self.of_structures
         self.state, self.element_state, self.sample_state = (
             local.state,
             local.element_state,
@@ -112,7 +109,7 @@ class NativeProgram:
 
     def run(self, lanes: int, cells: int = 1) -> Callable[[Any], None]:
         """The native function for so many lanes, of which each sample has as many as it has cells:
-        it takes an array of its arguments, see `ChainCode.ARGS`. Raises NotCompiled where the
+        it takes an array of its arguments, see `DriverCode.ARGS`. Raises NotCompiled where the
         compiler fails.
         """
         form = lanes if cells == 1 else (lanes, cells)

@@ -19,7 +19,6 @@ from ...nodal.balance import same_law
 from ...nodal.joints import stacked
 from ...scene.effects import Inputs
 from ...state.state import rest
-from ...topology.framework import Framework
 from ...topology.places import take
 from ...topology.protocols import System
 from ..compiler.derivative import dot
@@ -179,14 +178,8 @@ class NativeBalance:
         return NativePoint(Size(measure[0]), self.exact, *answers, own)
 
     def _pivots(self, rows: Tensor, middle: Tensor | None = None) -> Tensor:
-        """Pivots (..., n, w, w): of a chain those of `FrameworkSystem.pivots`, of others also
-        those of nodes that supports hold, 1.
-        """
-        topology, rows = self.model.topology, rows[0]
-        if isinstance(topology, Framework):
-            rows = take(rows, topology.ends, 2)
-        elif middle is None:
-            rows = self.model.constraints.unknowns.of_nodes(rows, 2)
+        """Pivots (..., n, w, w), also those of nodes that supports hold, 1."""
+        rows = take(rows[0], self.model.topology.ends, 2)
         return rows if middle is None else torch.cat((middle[0], rows), -3)
 
     def _system(self, position: Tensor, rotation: Tensor, stress: Tensor, factor: Tensor) -> System:

@@ -1,6 +1,4 @@
-"""Program of a step: the functions of Newton's method on a chain; one for all scenes of a
-structure.
-"""
+"""Program of a step: the functions of Newton's method; one for all scenes of a structure."""
 
 from __future__ import annotations
 
@@ -21,7 +19,7 @@ from ..compiler.object_cache import key_of
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
 from ..compiler.split import HOISTED, split
-from . import interactions, midsides, stretches, structures
+from . import interactions, midsides, rows, stretches
 from .adjoint import AdjointProgram
 from .disk_key import key_on_disk
 from .driver import SQUARES, SUMS, Driver
@@ -29,23 +27,22 @@ from .interaction import COUPLING, INTERACTIONS, JOINT, PAIR, TIE, Interaction
 from .layout import (
     BETWEEN,
     ELEMENTS,
-    ENDS,
     FLAGS,
     INNER,
+    INTERFACE,
     JOINTS,
     LAW,
     MOVES,
+    NODE_PLACES,
     NODES,
     ONE,
     OWN,
     SUPPORTS,
-    TURNS,
     Layout,
 )
 from .local_functions import LocalFunctions
 from .native import NativeProgram
 from .node_kinds import ElementKind, Kinds
-from .structure_driver import StructureDriver
 from .tracing import Traced, Tracing
 
 T = TypeVar("T")
@@ -67,8 +64,8 @@ LENGTH = "merit", "share", "last_near"
 LENGTHS = (*LENGTH, "back", "short", "forth", "still", "ratio")
 
 
-class ChainProgram(NativeProgram):
-    """Newton's method on a chain. Subclasses say what nodes do (`_of_nodes`), and add records of
+class NewtonProgram(NativeProgram):
+    """Newton's method. Subclasses say what nodes do (`_of_nodes`), and add records of
     their own (`_layout`).
 
     unknown  fields that an iteration changes, of a node; varying: others that are not the same
@@ -82,7 +79,7 @@ class ChainProgram(NativeProgram):
     judging = (*SUMS, *numbers, "before", "over", "done", "status", "iterations")
 
     def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
-        """Functions that are not of all chains, `node` and `update` of each kind among them."""
+        """Functions that differ by what is solved, `node` and `update` of each kind among them."""
         raise NotImplementedError
 
     def _of_element(self, traced: Tracing, local: LocalFunctions, kind: ElementKind) -> Function:
@@ -142,22 +139,17 @@ class ChainProgram(NativeProgram):
             if name.startswith(f"{end}.") or name == block
         }
         row |= {called: shapes[name] for called, name in sides.items()}
-        row |= {"ahead": (w, w), "y": (w,)}
 
         def packed(function: Function) -> Function:
             return between.taken(
                 own.taken(function, {f"own.{name}": name for name in own.fields}), sides
             )
 
-        functions["row"] = packed(traced(partial(local.row, False), row))
-        functions["back"] = traced(local.back, {"ahead": (w, w), "y": (w,), "next": (w,)})
         free = {f"free_{name}": (w,) for name in ("before", "here", "after")}
-        if self.kinds.joints is not None:
-            around = free if self.held else None
-            functions |= structures.of_rows(local, traced, packed, row, around, self.kinds.runs)
-            functions |= self._interactions(traced, local)
+        around = free if self.held else None
+        functions |= rows.of_rows(local, traced, packed, row, around, self.kinds.runs)
+        functions |= self._interactions(traced, local)
         if self.held:
-            functions["held row"] = packed(traced(partial(local.row, True), row | free))
             functions["reaction"] = traced(
                 local.reaction,
                 {
@@ -248,7 +240,7 @@ class ChainProgram(NativeProgram):
 
     def _layout(self) -> Layout:
         inputs, outputs, w, k = self.constants, self.outputs, self.w, self.k
-        layout, row = Layout(), "held row" if self.held else "row"
+        layout, row = Layout(), rows.given_by_rows(self.functions)
         layout.record("node", NODES, inputs("node"))
         layout.record("element", ELEMENTS, inputs("element"))
         layout.record(
@@ -259,12 +251,12 @@ class ChainProgram(NativeProgram):
         layout.record("unknown", NODES, outputs("update 0"))
         for name in ("stress", "start_stress"):
             layout.record(name, ELEMENTS, [("stress", k)])
-        for name, rows, kinds in zip(
+        for name, sort, kinds in zip(
             ("before node", "before element"), (NODES, ELEMENTS), self.kinds[:2], strict=True
         ):
-            layout.record(name, rows, self.largest(name, len(kinds), HOISTED))
-        layout.record("at_node", TURNS, outputs("node 0", OWN))
-        layout.record("at_end", TURNS, self.largest("node", len(self.kinds.nodes), END))
+            layout.record(name, sort, self.largest(name, len(kinds), HOISTED))
+        layout.record("at_node", NODE_PLACES, outputs("node 0", OWN))
+        layout.record("at_end", NODE_PLACES, self.largest("node", len(self.kinds.nodes), END))
         layout.record(
             "at_element", ONE, outputs("element 0", "force", "moment", "strain", "left_strain")
         )
@@ -273,11 +265,8 @@ class ChainProgram(NativeProgram):
             for word in ("far", "element load"):
                 layout.record("at_load", ONE, outputs(f"{word} {kind}"))
                 layout.record("sums", ONE, outputs(f"{word} {kind}", *FLAGS))
-        layout.record("sums", ONE, outputs(row, *FLAGS))
-        layout.record("row", ENDS, outputs(row, "ahead", "y"))
-        layout.record(
-            "at_row", ONE, [output for output in outputs(row) if output[0] not in ("ahead", "y")]
-        )
+        layout.record("sums", ONE, [(flag, row[flag]) for flag in FLAGS if flag in row])
+        rows.record(layout, self.functions, w)
         layout.record("strain_law", ELEMENTS, outputs("element 0", LAW))
         layout.record("move", MOVES, [("move", w)])
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w))])
@@ -288,8 +277,8 @@ class ChainProgram(NativeProgram):
             layout.record("sums", ONE, [(name, 1) for name in SQUARES])
             layout.record("judged", ONE, outputs("search"))
             layout.record("sample", ONE, [(name, 1) for name in LENGTHS])
-            for name, rows in (("unknown", NODES), ("stress", ELEMENTS)):
-                _beside(layout, name, rows)
+            for name, sort in (("unknown", NODES), ("stress", ELEMENTS)):
+                _beside(layout, name, sort)
         if self.held:
             layout.record("free", NODES, [("free", w)])
             layout.record(
@@ -297,26 +286,25 @@ class ChainProgram(NativeProgram):
                 SUPPORTS,
                 [
                     *inputs("support"),
-                    *outputs(row, "rows", "asked"),
+                    *((name, row[name]) for name in ("rows", "asked")),
                     *((name, w) for name in ("reaction", "found", "last")),
                 ],
             )
-        if self.kinds.joints is not None:
-            structures.record(layout, self.functions, w, self.held)
-            for one in interactions.present(self.kinds):
-                interactions.record(layout, self.functions, one, inputs(one.constants), w)
-            if self.kinds.stretches:
-                stretches.record(layout, self.functions)
-            layout.record("common", ONE, [("joint_size", 1)] if self.kinds.joints else [])
-            if "part joint_unknown" in self.functions:
-                _beside(layout, "joint_unknown", JOINTS)
+        if INTERFACE in self.kinds.runs:
+            layout.record("push", NODES, [("push", w)])
+        for one in interactions.present(self.kinds):
+            interactions.record(layout, self.functions, one, inputs(one.constants), w)
+        if self.kinds.stretches:
+            stretches.record(layout, self.functions)
+        if "part joint_unknown" in self.functions:
+            _beside(layout, "joint_unknown", JOINTS)
         return layout
 
 
-class StepProgram(ChainProgram):
+class StepProgram(NewtonProgram):
     """Steps forwards; `adjoints` by the constants that want a gradient."""
 
-    driver, of_structures = Driver, StructureDriver
+    driver = Driver
     unknown = "u", "m"
 
     def __init__(self, local: LocalFunctions, *args: Any, **named: Any) -> None:
@@ -408,7 +396,7 @@ def _split(
 
 
 # by structure, with the surroundings that its key is made of
-PROGRAMS: dict[tuple, tuple[ChainProgram, Surroundings]] = {}
+PROGRAMS: dict[tuple, tuple[NewtonProgram, Surroundings]] = {}
 TRACED: dict[tuple, tuple[Traced, Surroundings]] = {}  # likewise, what their programs share
 NOTHING = Surroundings()
 KEPT, KEPT_TRACED = 64, 8  # of them; the one that was not asked for for longest goes first
@@ -419,9 +407,9 @@ def program_of(
     kinds: Kinds,
     held: bool,
     around: Surroundings | None = NOTHING,
-    made: type[ChainProgram] = StepProgram,
+    made: type[NewtonProgram] = StepProgram,
     known: Traced | None = None,
-) -> ChainProgram:
+) -> NewtonProgram:
     """The program of a structure, that of an earlier scene if there was one. kinds: of all nodes
     and elements; around: what users' functions read, which is part of it; None = that is not known,
     and the program one of its own. known: functions of `local` that were traced; None = those of
@@ -432,7 +420,7 @@ def program_of(
         return made(local, kinds, held)
     key = made, around.key, *structure(local, kinds, held)
 
-    def new() -> ChainProgram:
+    def new() -> NewtonProgram:
         traced = traced_of(local, kinds, held, around) if known is None else known
         return made(local, kinds, held, key_on_disk(key), traced)
 

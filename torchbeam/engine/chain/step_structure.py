@@ -14,8 +14,6 @@ from ...core.remembered import keep, structure_of
 from ...math.shapes import broadcast_shapes
 from ...nodal.coordinates.planar import Planar
 from ...nodal.model import Model
-from ...topology.chain import Chain as ChainTopology
-from ...topology.framework import Framework
 from . import program as programs
 from .adjoint import AdjointProgram
 from .call import Call, Chain, Field, like, structure_fields
@@ -201,7 +199,7 @@ _STRUCTURES: dict[Hashable, Any] = {}  # of steps, and of load stepping: whateve
 def by_numbers(model: Model) -> bool:
     """Whether the kinds of a model's rows follow from numbers: those of joints, tendons, pairs."""
     own = model.topology
-    return isinstance(own, Framework) and bool(own.joints or own.ties or model.scene.pairs)
+    return bool(own.joints or own.ties or model.scene.pairs)
 
 
 def key_of(model: Model, kinds: Kinds | None, *options: Any) -> Hashable | None:
@@ -210,8 +208,7 @@ def key_of(model: Model, kinds: Kinds | None, *options: Any) -> Hashable | None:
     is asked for what it gives. kinds: where they follow `by_numbers`; None = the rest tells them.
     """
     scene, space = model.scene, model.space
-    known = isinstance(model.topology, (ChainTopology, Framework))
-    if scene.numbers is None or scene.pairs or not known:
+    if scene.numbers is None or scene.pairs:
         return None
     plane = space.section_axes if isinstance(space, Planar) else None
     key = (

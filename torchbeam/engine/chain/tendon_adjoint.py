@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ..compiler.derivative import bar
 from .interaction import TIE
+from .interaction_adjoint import InteractionAdjoint
 from .interaction_driver import Entry
 from .node_kinds import SIDES
 from .tendon_driver import FIRST, LAST, TENDON, TendonCode
@@ -13,7 +14,7 @@ STATE = "tendon_state_bar"
 BARS = "pull_bar", "at_stretch_bar", "beyond_bar"
 
 
-class TendonAdjoint(TendonCode):
+class TendonAdjoint(TendonCode, InteractionAdjoint):
     """Cotangents of tendons' states and constants, and of what they do to nodes."""
 
     def _clear_tendons(self) -> None:
@@ -81,10 +82,7 @@ class TendonAdjoint(TendonCode):
 
         def bars(entry: Entry) -> None:
             self._clear_stretch(entry.number)
-            places = {
-                bar(f"{side}.push"): self.at("found", self._move_of(entry.nodes[side]))
-                for side in entry.sides
-            }
+            places = self._pushed_bars(entry)
             self._bar(f"tie bar {entry.function}", entry.number, places, False)
 
         self._each_of(TIE, bars)
@@ -160,14 +158,10 @@ class TendonAdjoint(TendonCode):
         if side not in SIDES[1]:
             record, at = f"{side}_bar", 0 if side == "common" else s
         else:
-            record, at, field = self._at_node_bar(own, self._stretch_node(s, side))
-        if field not in records[record].fields or (record == "unknown_bar" and not moves):
+            place = self._node_bar(own, self._stretch_node(s, side))
+            if place is None or (place[0] == "unknown_bar" and not moves):
+                return "", 0
+            return self.at(*place), self._size(place)
+        if field not in records[record].fields:
             return "", 0
         return self.at(record, at, field), records[record].fields[field][1]
-
-    def _at_node_bar(self, field: str, node: str) -> tuple[str, str, str]:
-        """The same of a field of a node."""
-        if field in ("u", "m"):
-            return "unknown_bar", node, bar(field)
-        record = f"{field.partition('.')[0]}_bar" if "." in field else "start_bar"
-        return record, self._support_of(node) if record == "support_bar" else node, field

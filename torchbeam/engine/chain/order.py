@@ -14,9 +14,13 @@ from ...nodal.model import Model
 from ...nodal.tendon_motion import NoTendons
 from ...topology.cut import Cut, Joints, Run
 from ...topology.framework import Framework
+from .layout import INTERFACE
 
-# how runs are eliminated, see `manners_of`
-MANNERS = ("backward", "bordered", "following backward", "following forward", "forward")
+# how nodes are eliminated, see `manners_of`
+MANNERS = (
+    *("backward", "bordered", "following backward", "following forward", "forward"),
+    INTERFACE,
+)
 Couplings = list[tuple[int, int]]
 
 
@@ -79,9 +83,9 @@ def connectivity_of(model: Model) -> Connectivity:
 
 
 def manners_of(model: Model) -> tuple[str, ...]:
-    """How runs of nodes are eliminated, as many as there are of: "forward" or "backward" from a
-    free end, "following forward" or "following backward" from an end that is eliminated before,
-    "bordered" otherwise.
+    """How nodes are eliminated, as many as there are of: runs "forward" or "backward" from a free
+    end, "following forward" or "following backward" from an end that is eliminated before,
+    "bordered" otherwise; what is at the "interface".
     """
     return manners_by(model.topology, order_of(connectivity_of(model)))
 
@@ -91,7 +95,8 @@ def manners_by(framework: Framework, order: Order) -> tuple[str, ...]:
     manners = {run.manner for runs in framework.cut.runs for run in runs} - {"between"}
     for run, place in order.following:
         manners.add(f"following {'forward' if place == run.before else 'backward'}")
-    return tuple(sorted(manners | ({"bordered"} if order.bordered else set())))
+    more = {"bordered": order.bordered, INTERFACE: framework.cut.interface}
+    return tuple(sorted(manners | {name for name, own in more.items() if own}))
 
 
 def stretches_of(tendons: NoTendons) -> tuple[Stretch, ...]:

@@ -16,7 +16,7 @@ from ...topology.cut import Run
 from ...topology.framework import Framework
 from ..compiler.block_pattern import BlockPattern
 from .cells import Cells
-from .interaction import COUPLING, JOINT, OWN, TIE, Interaction
+from .interaction import COUPLING, INTERACTIONS, JOINT, OWN, TIE, Interaction
 from .layout import (
     COUPLINGS,
     ELEMENT_PLACES,
@@ -30,15 +30,69 @@ from .layout import (
     TENDONS,
 )
 from .node_kinds import PAIR_SIDES
-from .structure_order import Connectivity, connectivity_of, order_of
+from .order import Connectivity, connectivity_of, order_of
 
+# tables of integers that code reads, and numbers, by name
+LISTS = (
+    *("bases", "kinds", "element_kinds", "held", "support_of", "support_nodes"),
+    "element_nodes",
+    "left_elements",
+    "right_elements",
+    "node_places",
+    "element_places",
+    "kept_nodes",
+    "kept_elements",
+    "interface",
+    "direct",
+    "forward",
+    "backward",
+    "bordered",
+    "following",
+    "elimination",
+    "substitution",
+    *(f"{one.constants}_{what}" for one in INTERACTIONS for what in ("kinds", "table")),
+)
+COUNTS = (
+    "nodes",
+    "kept_node_count",
+    "kept_element_count",
+    "interface_count",
+    "direct_count",
+    "forward_count",
+    "backward_count",
+    "bordered_count",
+    "following_count",
+    *(f"{one.constants}_count" for one in INTERACTIONS),
+    "entry_count",
+    "group_count",
+    "first_groups",
+    "last_groups",
+    "last_table",
+    "shared_groups",
+    "shared_table",
+    "shared_first",
+    "shared_size",
+    "own_nodes",
+    "own_interface",
+    "own_joints",
+)
+# integers of an entry
+WIDTH = {
+    "interface": 6,
+    "direct": 6,
+    "forward": 7,
+    "backward": 7,
+    "bordered": 16,
+    "following": 20,
+    **{one.constants: one.width for one in INTERACTIONS},
+}
 NONE = (-1, -1)  # the place of a block that is not there
 BYTES = 4  # of a number, at least
 ELEMENT_TURNS = 2  # places of elements along a run
 
 
 @dataclass(frozen=True)
-class StructureTables:
+class Tables:
     """rows: how many there are of a structure's records; lists: tables of integers; numbers: how
     many entries they have.
     """
@@ -48,14 +102,14 @@ class StructureTables:
     numbers: dict[str, int]
 
     @staticmethod
-    def of(model: Model, cells: Cells | None = None) -> StructureTables:
+    def of(model: Model, cells: Cells | None = None) -> Tables:
         """Of a model, or of one of its cells with what all share."""
         w = model.space.unknowns
         return _tables(w, connectivity_of(model) if cells is None else cells.connectivity)
 
 
 @lru_cache(maxsize=64)
-def _tables(w: int, connectivity: Connectivity) -> StructureTables:
+def _tables(w: int, connectivity: Connectivity) -> Tables:
     framework, _, held, stretches, pairs, shared, couplings_of = connectivity
     order = order_of(connectivity)
     how, ends, own_units = framework.cut, framework.ends, order.own_units
@@ -227,14 +281,11 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
     flags = pattern.size // BYTES + 1  # one a number, in bytes
     rows = {JOINTS: J, INTERFACE: len(nodes), ENTRIES: pattern.size + flags}
     rows |= {STRETCHES: len(stretches), TENDONS: len({x.tendon for x in stretches})}
-    rows |= {
-        COUPLINGS: len(couplings_of),
-        PAIRS: len(pairs),
-        SIGNS: max((w * len(group) for group in groups), default=0) ** 2,
-    }
+    rows |= {COUPLINGS: len(couplings_of)}
+    rows |= {PAIRS: len(pairs), SIGNS: max((w * len(group) for group in groups), default=0) ** 2}
     rows |= {NODE_PLACES: framework.order + 1 + len(kept_nodes)}
     rows |= {ELEMENT_PLACES: ELEMENT_TURNS + len(kept_elements)}
-    return StructureTables(rows, lists, numbers)
+    return Tables(rows, lists, numbers)
 
 
 def _places(framework: Framework) -> tuple[list[int], list[int], list[int], list[int]]:
