@@ -35,6 +35,8 @@ from .node_kinds import PAIR_SIDES, SIDES, Kinds, without_side
 from .tracing import Traced, Tracing
 
 SAMPLE = ("good", "work_bar", "work_grad")
+# functions of which what they give is kept together
+OF_NODES = "node bar", "finish bar", "stress bar", "ended", "scaled bar", "project bar"
 ENDED = ("velocity", "spin")  # of a node at the end, that are scaled
 
 
@@ -247,29 +249,18 @@ class AdjointProgram(NativeProgram):
             layout.record(name, MOVES, [(name, w)])
         layout.record("law", ELEMENTS, [*self.outputs("blocks 0", "E", "hB"), ("gap_bar", k)])
         layout.record("at_node", NODE_PLACES, self.outputs("block 0", OWN))
-        layout.record("at_end", NODE_PLACES, self.largest("block", len(self.kinds.nodes), END))
+        layout.record("at_end", NODE_PLACES, self.largest("block", END))
         midsides.record(layout, self.functions, "blocks 0")
         for kind in self.touching:
             layout.record("at_load", ONE, [("far", 1), *self.outputs(f"load blocks {kind}")])
         rows.record(layout, self.functions, w)
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w + k))])
-        change = layout.record("change", ONE, [("gap_bar", k)])
+        layout.record("change", ONE, [("gap_bar", k)])
         for name in self.functions:
-            if name.startswith(
-                ("node bar", "finish bar", "stress bar", "ended", "scaled bar", "project bar")
-            ):
-                for out in self.outputs(name):
-                    change.add(*out)
-        of_element = layout.record("of_element", ONE)
-        for kind in range(len(self.kinds.elements)):
-            for name in (
-                f"element bar {kind}",
-                f"finish element bar {kind}",
-                f"element load bar {kind}",
-                f"finish element load bar {kind}",
-            ):
-                for out in self.outputs(name) if name in self.functions else ():
-                    of_element.add(*out)
+            if name.startswith(OF_NODES):
+                layout.record("change", ONE, self.outputs(name))
+        for word in ("element", "finish element", "element load", "finish element load"):
+            layout.record("of_element", ONE, self.largest(f"{word} bar"))
         layout.record("sample", ONE, [(name, 1) for name in SAMPLE])
         layout.record("free", NODES, [("free", w)])
         if self.held:

@@ -4,7 +4,7 @@ tables, calls of functions, masks, transfers.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from typing import Any
@@ -150,9 +150,8 @@ class DriverCode:
         """The function of this word of the kind of node j, if that has one, see `_call`; then(its
         name).
         """
-        self._call_of_kind(
-            "kinds", self.kinds.nodes, word, j, (partial(self._of_node, j=j), to, places), then
-        )
+        call = partial(self._of_node, j=j), to, places
+        self._call_of_kind("kinds", len(self.kinds.nodes), word, j, call, then)
 
     def _at_element(
         self,
@@ -163,25 +162,19 @@ class DriverCode:
         then: Callable[[str], None] = lambda name: None,
     ) -> None:
         """The same of element e."""
-        self._call_of_kind(
-            "element_kinds",
-            self.kinds.elements,
-            word,
-            e,
-            (partial(self._of_element, e=e), to, places),
-            then,
-        )
+        call = partial(self._of_element, e=e), to, places
+        self._call_of_kind("element_kinds", len(self.kinds.elements), word, e, call, then)
 
     def _call_of_kind(
         self,
         kinds: str,
-        there: Sequence[Any],
+        count: int,
         word: str,
         row: str,
         call: tuple[Any, ...],
         then: Callable[[str], None],
     ) -> None:
-        with self._each(kinds, len(there), row) as numbers:
+        with self._each(kinds, count, row) as numbers:
             for k in numbers:
                 if (name := f"{word} {k}") in self.functions:
                     self._call(name, *call)
@@ -195,6 +188,13 @@ class DriverCode:
         if field not in self.layout.fields(record):
             return None
         return record, self._support_of(node) if record == "support_bar" else node, field
+
+    def _own_bar(self, field: str, row: str) -> Place | None:
+        """The same of a constant: of a row of its record, or of all."""
+        record = f"{field.partition('.')[0]}_bar"
+        if field not in self.layout.fields(record):
+            return None
+        return record, 0 if record == "common_bar" else row, field
 
     def _pointer(self, place: str | Place) -> str:
         return place if isinstance(place, str) else self.at(*place)

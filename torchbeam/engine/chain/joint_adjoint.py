@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..compiler.derivative import bar
+from .driver_code import Places
 from .joint_driver import JointCode
 from .node_kinds import SIDES
 
@@ -14,23 +15,15 @@ class JointAdjoint(JointCode):
 
     def _joint_blocks(self, k: str, kind: int) -> None:
         """Blocks of the transposed matrix, and what is asked of the moves of its ends."""
-
-        def where(f: str) -> str:
-            side, _, name = f.partition(".")
-            if f[0] == ">":
-                return self.at("joint_blocks", k, f[2:])
-            if name == "reaction":
-                return self.at("push", self._move_of(self._joint_node(k, side)))
-            return self.at("joint_asked", k) if f == "force_bar" else self._of_joint(f, k)
-
-        self._call(f"joint blocks {kind}", where)
-        if self.held:
-            for side in self.kinds.joints[kind].sides:
-                self._add(
-                    self.at("asked", self._move_of(self._joint_node(k, side))),
-                    self.at("joint_blocks", k, f"{side}.asked"),
-                    self.layout.records["move"].size,
-                )
+        sides = self.kinds.joints[kind].sides
+        places: Places = {
+            f"{side}.reaction": ("push", self._move_of(self._joint_node(k, side))) for side in sides
+        }
+        places[bar("force")] = ("joint_asked", k)
+        self._call_joint("joint blocks", k, kind, ("joint_blocks", k), places)
+        for side in sides if self.held else ():
+            asked = "asked", self._move_of(self._joint_node(k, side))
+            self._add(asked, ("joint_blocks", k, f"{side}.asked"))
 
     def _clear_joints(self) -> None:
         """Cotangents of their states and constants."""
@@ -39,28 +32,14 @@ class JointAdjoint(JointCode):
     def _add_joints(self) -> None:
         """To the cotangents of their states those of what a step has made."""
         self._clear_records("joint_start_bar", "joint_asked")
-
-        def add(k: str, kind: int) -> None:
-            self._add(
-                self.at(STATE, k), self.at("joint_state_grad", k), self.layout.records[STATE].size
-            )
-
-        self._each_joint(add, alike=True)
+        self._of_joints(lambda k: self._add((STATE, k), ("joint_state_grad", k)))
 
     def _joint_solutions(self) -> None:
         """Their forces, between the states of a step."""
 
         def solution(k: str, kind: int) -> None:
-            self._call(
-                f"joint solution {kind}",
-                lambda f: (
-                    self.at("joint_unknown", k)
-                    if f[0] == ">"
-                    else self.at("joint_after", k)
-                    if f == "after_force"
-                    else self._of_joint(f, k)
-                ),
-            )
+            places = {"after_force": ("joint_after", k), "> force": ("joint_unknown", k)}
+            self._call_joint("joint solution", k, kind, places=places)
 
         self._each_joint(solution)
 
@@ -68,35 +47,23 @@ class JointAdjoint(JointCode):
         """To what the energy rises by: less the work of what acts in them."""
 
         def add(k: str, kind: int) -> None:
-            self._call(
-                f"ended joint {kind}",
-                lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else self._of_joint(f, k),
-            )
-            self._add(self.at("energy", 0, "rise"), self.at("change", 0, "rise"), 1)
+            self._call_joint("ended joint", k, kind, ("change", 0))
+            self._add(("energy", 0, "rise"), ("change", 0, "rise"))
 
         self._each_joint(add)
 
     def _joint_ends(self) -> None:
         """What the cotangents of their states at the end ask of the start, of nodes, of forces."""
-        names = {bar("force"): "joint_force", bar("joints"): "joints"}
 
         def ends(k: str, kind: int) -> None:
-            name = f"finish joint bar {kind}"
-            self._call(
-                name,
-                lambda f: (
-                    self.at("of_joint", 0, f[2:])
-                    if f[0] == ">"
-                    else self.at(STATE, k, names[f])
-                    if f in names
-                    else self.at("sample", 0, f)
-                    if f == bar("work")
-                    else self.at("energy", 0, f)
-                    if f == bar("rise")
-                    else self._of_joint(f, k)
-                ),
-            )
-            self._spread_joint(name, k)
+            places = {
+                bar("force"): (STATE, k, "joint_force"),
+                bar("joints"): (STATE, k, "joints"),
+                bar("work"): ("sample", 0, bar("work")),
+                bar("rise"): ("energy", 0, bar("rise")),
+            }
+            to = "of_joint", 0
+            self._spread_joint(self._call_joint("finish joint bar", k, kind, to, places), k)
 
         self._each_joint(ends)
 
@@ -104,60 +71,34 @@ class JointAdjoint(JointCode):
         """What the solution asks of their start and constants."""
 
         def bars(k: str, kind: int) -> None:
-            places = {
-                bar(f"{side}.push"): self.at("found", self._move_of(self._joint_node(k, side)))
+            places: Places = {
+                bar(f"{side}.push"): ("found", self._move_of(self._joint_node(k, side)))
                 for side in SIDES[1]
-            } | {bar("right"): self.at("joint_move", k)}
-            self._call(
-                f"joint bar {kind}",
-                lambda f: (
-                    self.at("of_joint", 0, f[2:])
-                    if f[0] == ">"
-                    else places[f]
-                    if f in places
-                    else self._of_joint(f, k)
-                ),
-            )
-            self._spread_joint(f"joint bar {kind}", k)
+            }
+            places[bar("right")] = ("joint_move", k)
+            self._spread_joint(self._call_joint("joint bar", k, kind, ("of_joint", 0), places), k)
 
         self._each_joint(bars)
 
     def _take_joints(self, good: str) -> None:
         """Cotangents of their states at the start, of what has gone well."""
-
-        def take(k: str, kind: int) -> None:
-            size = self.layout.records[STATE].size
-            self._take(self.at(STATE, k), self.at("joint_start_bar", k), good, size)
-
-        self._each_joint(take, alike=True)
+        self._of_joints(lambda k: self._take((STATE, k), ("joint_start_bar", k), good))
 
     def _spread_joint(self, name: str, k: str) -> None:
         """Add the cotangents that a function of joint k gives to those of the start, of the
         constants, of its ends' motion and of its forces.
         """
-        records = self.layout.records
+        own = {
+            "force": ("joint_asked", k, "force"),
+            "joints": ("joint_start_bar", k, "joints"),
+            "last_force": ("joint_start_bar", k, "joint_force"),
+        }
         for out in self.functions[name].outputs:
-            field, at = out.removesuffix("_bar"), k
-            side, _, own = field.partition(".")
+            field = out.removesuffix("_bar")
+            side, _, at_end = field.partition(".")
             if side in SIDES[1]:
-                at = self._joint_node(k, side)
-                record = f"{own.partition('.')[0]}_bar" if "." in own else "start_bar"
-                record, field = (
-                    ("unknown_bar", f"{own}_bar") if own in ("u", "m") else (record, own)
-                )
-                at = self._support_of(at) if record == "support_bar" else at
-            elif field == "force":
-                record = "joint_asked"
-            elif field in ("joints", "last_force"):
-                record = "joint_start_bar"
-                field = "joints" if field == "joints" else "joint_force"
+                place = self._node_bar(at_end, self._joint_node(k, side))
             else:
-                record = f"{side}_bar"
-                at = 0 if side == "common" else k
-            if field in records[record].fields:
-                self._sum(
-                    self.at(record, at, field),
-                    self.at("of_joint", 0, out),
-                    self.at("sample", 0, "good"),
-                    records[record].fields[field][1],
-                )
+                place = own.get(field) or self._own_bar(field, k)
+            if place is not None:
+                self._sum(place, ("of_joint", 0, out), self.at("sample", 0, "good"))

@@ -23,21 +23,19 @@ from ...nodal.model import Model
 from ...scene.effects import Inputs
 from ...solvers.newton import TOLERANCE
 from ...state.supported_nodes import set_node
-from ..compiler.trace import NotTraceable
-from ..engine_use import slow_path
 from .call import Call, Chain, Field, structure_fields
 from .chain_constants import Trees
 from .constants import Constants, LoadRoles
 from .cotangents import FORCES, OF_JOINTS, constant_fields
-from .coverage import MISSING, given_up, installed, meaning, unsteady, untraceable
+from .coverage import MISSING, installed, meaning, natively
 from .load_program import JudgedProgram, LoadProgram
-from .native import NativeProgram, NotCompiled
+from .native import NativeProgram
 from .node_kinds import kinds_of
 from .order import stretches_of
-from .program import NOTHING, NewtonProgram, program_of
+from .program import NewtonProgram, program_of
 from .steady_functions import SteadyFunctions
 from .step_structure import by_numbers, keep_structure, key_of, known_structure
-from .user_functions import by_function, by_sample, check_batch, known, surroundings
+from .user_functions import check_batch
 
 # samples times elements that "auto" compiles for: eager ones then take longer than tracing and
 # loading. Where eager systems are dense, by tendons, each weighs as much as so many more elements.
@@ -75,20 +73,19 @@ def climb(
     tolerance: float | None,
     judged: bool,
     lanes: int | None = None,
+    required: bool = True,
 ) -> Climbed | None:
     """Raise the load from 0 to 1, see `load_steps.climb`; judged: whether to look at the tangent at
     the end. None where torch alone can do it: within torch.func. Raises ValueError for what native
-    code does not take.
+    code does not take, where it is `required`; else that is warned of, and None.
     """
-    reason = refusal(model)
-    try:
-        if reason is None:
-            return _climbed(model, t, inputs, x, tolerance, judged, lanes)
-    except NotTraceable as error:
-        reason = str(error)
-    raise ValueError(
-        f"engine = 'compiled' was given, which does not take this scene ({reason}); 'eager' does"
-    )
+    if functorch.peek_interpreter_stack() is not None:
+        return None
+
+    def make(around: Surroundings | None) -> Climbed:
+        return _called(model, t, inputs, x, tolerance, judged, lanes, around)
+
+    return natively("equilibria are found", model, refusal(model), make, required)
 
 
 def automatic_climb(
@@ -98,63 +95,22 @@ def automatic_climb(
     calls of a run, but for what may change unnoticed. What is not taken is warned of; None where it
     is to be done eagerly.
     """
-    if meaning() == "compiled":
-        return climb(model, t, inputs, x, tolerance, judged)
+    required = meaning() == "compiled"
     samples = broadcast(
         "a scene, a start and inputs",
         model.scene.batch_shape,
         *(v.shape[:-2] for v in x),
         *(v.shape[:-1] for v in inputs.values()),
     ).numel()
-    samples *= repetitions()
-    if (
-        meaning() == "eager"
-        or samples * _eager_weight(model) < WORTH
-        or model.scene.device.type != "cpu"
-    ):
+    few = samples * repetitions() * _eager_weight(model) < WORTH
+    if not required and (meaning() == "eager" or few or model.scene.device.type != "cpu"):
         return None
-    reason, own = refusal(model), by_function(model)
-    if reason is None and (reason := unsteady(model)) is None:
-        try:
-            return _climbed(
-                model, t, inputs, x, tolerance, judged, None, surroundings(own) if own else NOTHING
-            )
-        except NotCompiled as error:
-            given_up(error, "equilibria are found")
-            return None
-        except NotTraceable as error:
-            reason = untraceable(own[0], error) if own else str(error)
-        except Exception:
-            if own:  # of the user's function: raised eagerly, too
-                return None
-            raise
-    slow_path("equilibria are found", reason)
-    return None
+    return climb(model, t, inputs, x, tolerance, judged, required=required)
 
 
 def _eager_weight(model: Model) -> float:
     """Of a sample, in elements of a beam without tendons: of S stretches S^2/4 more (measured)."""
     return (model.station_count or model.node_count) + len(model.tendons.stretches) ** 2 / 4
-
-
-@torch.no_grad()
-def _climbed(
-    model: Model,
-    t: Tensor,
-    inputs: Inputs,
-    x: Configuration,
-    tolerance: float | None,
-    judged: bool,
-    lanes: int | None,
-    around: Surroundings | None = None,
-) -> Climbed | None:
-    if functorch.peek_interpreter_stack() is not None:
-        return None
-    if around is None:
-        around = known(by_function(model)) if by_function(model) else NOTHING
-    return by_sample(
-        lambda own: _called(model, t, inputs, x, tolerance, judged, lanes, own), model, around
-    )
 
 
 class LoadStructure(NamedTuple):
@@ -171,6 +127,7 @@ class LoadStructure(NamedTuple):
         return self.chain.program
 
 
+@torch.no_grad()
 def _called(
     model: Model,
     t: Tensor,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..compiler.derivative import bar
+from .driver_code import Places
 from .node_kinds import PAIR_SIDES
 from .pair_driver import PairCode
 
@@ -13,7 +14,7 @@ class PairAdjoint(PairCode):
     def _clear_pairs(self) -> None:
         if self.kinds.pairs and "pair_bar" in self.layout.records:
             with self.code.loop(0, self.args["pair_count"]) as p:
-                self._fill(self.at("pair_bar", p), self.layout.records["pair_bar"].size)
+                self._fill(("pair_bar", p))
 
     def _look_at_pairs(self) -> None:
         """Which are far, between the states of a step."""
@@ -23,8 +24,8 @@ class PairAdjoint(PairCode):
         """To what the energy rises by: less the work of pairs."""
 
         def add(p: str, nodes: list[str], k: int) -> None:
-            self._call_pair(f"ended pair {k}", p, nodes, "pair_change")
-            self._add(self.at("energy", 0, "rise"), self.at("pair_change", 0, "rise"), 1)
+            self._call_pair(f"ended pair {k}", p, nodes, ("pair_change", 0))
+            self._add(("energy", 0, "rise"), ("pair_change", 0, "rise"))
 
         self._each_pair(add)
 
@@ -32,9 +33,10 @@ class PairAdjoint(PairCode):
         """What the cotangent of the work asks of the start and of the moves."""
 
         def ends(p: str, nodes: list[str], k: int) -> None:
-            places = {bar("work"): self.at("sample", 0, bar("work"))}
-            if "energy" in self.layout.records:
-                places[bar("rise")] = self.at("energy", 0, bar("rise"))
+            places = {
+                bar("work"): ("sample", 0, bar("work")),
+                bar("rise"): ("energy", 0, bar("rise")),
+            }
             self._pair_bar(f"finish pair bar {k}", p, nodes, places)
 
         self._each_pair(ends)
@@ -43,20 +45,11 @@ class PairAdjoint(PairCode):
         """Blocks of the transposed matrix, and what is asked of the moves of nodes."""
 
         def blocks(p: str, nodes: list[str], k: int) -> None:
-            at = dict(zip(PAIR_SIDES, nodes, strict=True))
-
-            def where(f: str) -> str:
-                side, _, name = f.partition(".")
-                if f[0] == ">":
-                    return self.at("pairs", p, f[2:])
-                if name == "reaction":
-                    return self.at("push", self._move_of(at[side]))
-                return self._pair_field(f, p, nodes)
-
-            self._call(f"pair blocks {k}", where)
-            for side, node in at.items() if self.held else ():
-                asked = self.at("asked", self._move_of(node))
-                self._add(asked, self.at("pairs", p, f"{side}.asked"), self.coupled(k))
+            at = {side: self._move_of(node) for side, node in zip(PAIR_SIDES, nodes, strict=True)}
+            places: Places = {f"{side}.reaction": ("push", move) for side, move in at.items()}
+            self._call_pair(f"pair blocks {k}", p, nodes, ("pairs", p), places)
+            for side, move in at.items() if self.held else ():
+                self._add(("asked", move), ("pairs", p, f"{side}.asked"), self.coupled(k))
 
         self._each_pair(blocks)
 
@@ -65,36 +58,24 @@ class PairAdjoint(PairCode):
 
         def bars(p: str, nodes: list[str], k: int) -> None:
             places = {
-                bar(f"{side}.push"): self.at("found", self._move_of(node))
+                bar(f"{side}.push"): ("found", self._move_of(node))
                 for side, node in zip(PAIR_SIDES, nodes, strict=True)
             }
             self._pair_bar(f"pair bar {k}", p, nodes, places)
 
         self._each_pair(bars)
 
-    def _pair_bar(self, name: str, p: str, nodes: list[str], places: dict[str, str]) -> None:
+    def _pair_bar(self, name: str, p: str, nodes: list[str], places: Places) -> None:
         """A derivative of pair p, with cotangents at `places`, and what it gives added to those of
         where its fields are.
         """
-
-        def where(f: str) -> str:
-            if f[0] == ">":
-                return self.at("of_pair", 0, f[2:])
-            return places[f] if f in places else self._pair_field(f, p, nodes)
-
-        self._call(name, where)
-        records = self.layout.records
+        self._call_pair(name, p, nodes, ("of_pair", 0), places)
         for out in self.functions[name].outputs:
             field = out.removesuffix("_bar")
             side, _, own = field.partition(".")
-            record, at = f"{side}_bar", 0 if side == "common" else p
             if side in PAIR_SIDES:
-                at, field = nodes[PAIR_SIDES.index(side)], own
-                record = f"{own.partition('.')[0]}_bar" if "." in own else "start_bar"
-                at = self._support_of(at) if record == "support_bar" else at
-                if own in ("u", "m"):
-                    record, field = "unknown_bar", bar(own)
-            if field in self.layout.fields(record):
-                to, size = self.at(record, at, field), records[record].fields[field][1]
-                good = self.at("sample", 0, "good")
-                self._sum(to, self.at("of_pair", 0, out), good, size)
+                place = self._node_bar(own, nodes[PAIR_SIDES.index(side)])
+            else:
+                place = self._own_bar(field, p)
+            if place is not None:
+                self._sum(place, ("of_pair", 0, out), self.at("sample", 0, "good"))

@@ -5,9 +5,10 @@ is too far to touch, in all samples of a group, is told by one look, and left ou
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from math import isqrt
 
-from .driver_code import DriverCode
+from .driver_code import DriverCode, Place, Places
 from .layout import FLAGS
 from .node_kinds import PAIR_SIDES
 from .pair_functions import PAIR_BLOCKS
@@ -34,7 +35,7 @@ class PairCode(DriverCode):
         with code.loop(0, self.args["pair_count"]) as p:
 
             def near(p: str, nodes: list[str], k: int) -> None:
-                self._call_pair(f"far pair {k}", p, nodes)
+                self._call_pair(f"far pair {k}", p, nodes, ("pairs", p))
                 code.call("all", self.at("pairs", p, "far"), result := code.slot())
                 with code.when(code.compare("eq", code.load(result), 0)):
                     number = self._integer(count)
@@ -75,19 +76,13 @@ class PairCode(DriverCode):
             return self.at("pairs", p, field)
         if side in PAIR_SIDES:
             return self._at_joint_node(name, nodes[PAIR_SIDES.index(side)])
-        if field in self.layout.fields("pair"):
-            return self.at("pair", p, field)
-        return self.at("common", 0, field)
+        return self._first_of(("pair",), field, p)
 
-    def _call_pair(self, name: str, p: str, nodes: list[str], to: str = "pairs") -> None:
-        """A function of pair p, which gives fields of a record."""
-
-        def where(f: str) -> str:
-            if f[0] == ">":
-                return self.at(to, p if to == "pairs" else 0, f[2:])
-            return self._pair_field(f, p, nodes)
-
-        self._call(name, where)
+    def _call_pair(
+        self, name: str, p: str, nodes: list[str], to: Place, places: Places | None = None
+    ) -> None:
+        """A function of pair p, see `_call`."""
+        self._call(name, lambda f: self._pair_field(f, p, nodes), to, places)
 
     def _join_pairs(self) -> None:
         """Their blocks, of what supports leave."""
@@ -101,7 +96,7 @@ class PairCode(DriverCode):
                 none = code.new(f"and i64 {none}, {self._support_of(node)}")
             held = code.compare("ne", none, -1)
             with code.when(held):
-                self._call_pair(f"free pair {k}", p, nodes, "free_pair")
+                self._call_pair(f"free pair {k}", p, nodes, ("free_pair", 0))
                 self._join_pair(p, k, "free_pair")
             with code.when(code.new(f"xor i1 {held}, true")):
                 self._join_pair(p, k, "pairs")
@@ -127,36 +122,29 @@ class PairPasses(PairCode):
         """Pushes on the nodes, and blocks."""
 
         def touch(p: str, nodes: list[str], k: int) -> None:
-            self._call_pair(f"pair {k}", p, nodes)
+            self._call_pair(f"pair {k}", p, nodes, ("pairs", p))
             for name in FLAGS:
                 self.code.call("largest", self.at("sums", 0, name), self.at("pairs", p, name))
             for side, node in zip(PAIR_SIDES, nodes, strict=True):
-                push = self.at("pairs", p, f"{side}.push")
-                self._add(self.at("push", node), push, self.coupled(k))
+                self._add(("push", node), ("pairs", p, f"{side}.push"), self.coupled(k))
 
         self._each_pair(touch, look=True)
 
     def _pair_reactions(self, support: str, node: str) -> None:
         """What pairs add to the reaction of a support, at a node."""
-        w = self.layout.records["move"].size
+        push = "pair_reaction", 0, "reaction"
 
         def reaction(p: str, nodes: list[str], k: int) -> None:
-            moves = {
-                f"{side}.move": self.at("move", self._move_of(own))
+            places: Places = {
+                f"{side}.move": ("move", self._move_of(own))
                 for side, own in zip(PAIR_SIDES, nodes, strict=True)
             }
-
-            def where(f: str) -> str:
-                if f == "end_free":
-                    return self.at("free", node, "free")
-                if f[0] == ">":
-                    return self.at("pair_reaction", 0, f[2:])
-                return moves[f] if f in moves else self.at("pairs", p, f)
-
+            places["end_free"] = ("free", node)
             for side, own in zip(PAIR_SIDES, nodes, strict=True):
                 with self.code.when(self.code.compare("eq", own, node)):
-                    self._call(f"pair reaction {k} {side}", where)
-                    self._add(self.at("support", support, "reaction"), self.at("pair_reaction"), w)
+                    of = partial(self.at, "pairs", p)
+                    self._call(f"pair reaction {k} {side}", of, push[:2], places)
+                    self._add(("support", support, "reaction"), push)
 
         self._each_pair(reaction)
 
@@ -164,9 +152,9 @@ class PairPasses(PairCode):
         """Work."""
 
         def finish(p: str, nodes: list[str], k: int) -> None:
-            self._call_pair(f"finish pair {k}", p, nodes, "pair_change")
-            self._sum(self.at("sample", 0, "work"), self.at("pair_change", 0, "work"), good, 1)
+            self._call_pair(f"finish pair {k}", p, nodes, ("pair_change", 0))
+            self._sum(("sample", 0, "work"), ("pair_change", 0, "work"), good)
             if "energy" in self.layout.records:
-                self._add(self.at("energy", 0, "rise"), self.at("pair_change", 0, "rise"), 1)
+                self._add(("energy", 0, "rise"), ("pair_change", 0, "rise"))
 
         self._each_pair(finish, look=True)

@@ -22,18 +22,14 @@ from ...state.state import rest
 from ...topology.places import take
 from ...topology.protocols import System
 from ..compiler.derivative import dot
-from ..compiler.trace import NotTraceable
-from ..engine_use import slow_path
 from .call import Call, Field, structure_fields
 from .chain_constants import Trees
 from .constants import Constants
 from .cotangents import FORCES, OF_JOINTS, constant_fields
-from .coverage import given_up, meaning, unsteady, untraceable
+from .coverage import meaning, natively
 from .load_climb import chain_at_rest, fields_at_rest, refusal
-from .native import NotCompiled
 from .path_program import PIVOT, RATE, PathFunctions, PathProgram, by_rows
-from .program import NOTHING
-from .user_functions import by_function, by_sample, check_batch, known, surroundings, written
+from .user_functions import check_batch, written
 
 Answer = tuple[Tensor, Tensor, Tensor]
 
@@ -227,30 +223,13 @@ def native_balance(problem: SteadyProblem, load: str | None, engine: str) -> Nat
     engine = meaning() if engine == "auto" else engine
     if engine == "eager" or functorch.peek_interpreter_stack() is not None:
         return None
-    model = problem.model
-    reason, own = path_refusal(problem, load), by_function(model)
-    required = engine == "compiled"
-    try:
-        if reason is None and not required and (reason := unsteady(model)) is not None:
-            slow_path("a path is found", reason)
-            return None
-        if reason is None:
-            around = (known if required else surroundings)(own) if own else NOTHING
-            return by_sample(lambda one: NativeBalance(problem, load, one), model, around)
-    except NotTraceable as error:
-        reason = str(error)
-        if not required:
-            slow_path("a path is found", untraceable(own[0], error) if own else reason)
-    except NotCompiled as error:
-        if required:
-            raise
-        given_up(error, "a path is found")
-    except Exception:
-        if required or not own:  # else of the user's function: raised eagerly, too
-            raise
-    if required:
-        raise ValueError(
-            f"engine = 'compiled' was given, which does not take this scene ({reason}); 'eager' "
-            "does"
-        )
-    return None
+    required, reason = engine == "compiled", path_refusal(problem, load)
+    if reason is not None and not required:
+        return None
+    return natively(
+        "a path is found",
+        problem.model,
+        reason,
+        lambda around: NativeBalance(problem, load, around),
+        required,
+    )

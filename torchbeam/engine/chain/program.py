@@ -18,7 +18,7 @@ from ..compiler.function import Function
 from ..compiler.object_cache import key_of
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
-from ..compiler.split import HOISTED, split
+from ..compiler.split import split
 from . import joints, midsides, pairs, rows, stretches
 from .adjoint import AdjointProgram
 from .disk_key import key_on_disk
@@ -241,12 +241,10 @@ class NewtonProgram(NativeProgram):
         layout.record("unknown", NODES, outputs("update 0"))
         for name in ("stress", "start_stress"):
             layout.record(name, ELEMENTS, [("stress", k)])
-        for name, sort, kinds in zip(
-            ("before node", "before element"), (NODES, ELEMENTS), self.kinds[:2], strict=True
-        ):
-            layout.record(name, sort, self.largest(name, len(kinds), HOISTED))
+        for name, sort in (("before node", NODES), ("before element", ELEMENTS)):
+            layout.record(name, sort, self.largest(name))
         layout.record("at_node", NODE_PLACES, outputs("node 0", OWN))
-        layout.record("at_end", NODE_PLACES, self.largest("node", len(self.kinds.nodes), END))
+        layout.record("at_end", NODE_PLACES, self.largest("node", END))
         layout.record(
             "at_element", ONE, outputs("element 0", "force", "moment", "strain", "left_strain")
         )

@@ -7,8 +7,9 @@ to its end; after that stretches know nothing of each other but in the matrix, s
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
-from .driver_code import DriverCode
+from .driver_code import DriverCode, Places
 from .joint_functions import BLOCKS
 from .node_kinds import SIDES, alike
 from .tendon_functions import CHAINED, SUMMED
@@ -51,10 +52,7 @@ class TendonCode(DriverCode):
             return self._of_pull(name, s if side == "own" else self.code.sub(s, 1))
         if side == "beyond":
             return self.at("beyond", s, name)
-        for record in ("pull", "told", "at_stretch", "stretch"):
-            if field in self.layout.fields(record):
-                return self.at(record, s, field)
-        return self.at("common", 0, field)
+        return self._first_of(("pull", "told", "at_stretch", "stretch"), field, s)
 
     def _of_pull(self, name: str, s: str) -> str:
         named = (x for x in ("pull", "told") if name in self.layout.fields(x))
@@ -69,25 +67,15 @@ class TendonCode(DriverCode):
 
     def _work(self, name: str, record: str, s: str, entry: list[str]) -> None:
         """Of a stretch, and what that adds to the energies."""
-        start = self.at("tendon_state", entry[TENDON], "tendons")
-        self._call(
-            name,
-            lambda f: (
-                self.at(record, 0, f[2:])
-                if f[0] == ">"
-                else start
-                if f == "start"
-                else self._of_stretch(f, s)
-            ),
-        )
+        places = {"start": ("tendon_state", entry[TENDON], "tendons")}
+        self._call(name, lambda f: self._of_stretch(f, s), (record, 0), places)
         if "energy" in self.layout.records:
-            self._add(self.at("energy", 0, "rise"), self.at(record, 0, "rise"), 1)
+            self._add(("energy", 0, "rise"), (record, 0, "rise"))
 
     def _start_tendons(self) -> None:
         """Nothing is told to the first iteration."""
         if "told" in self.layout.records:
-            size = self.layout.records["told"].size
-            self._stretches(lambda s, _: self._fill(self.at("told", s), size))
+            self._stretches(lambda s, _: self._fill(("told", s)))
 
     def _tensions(self) -> None:
         """Of all stretches, by the unknowns."""
@@ -97,7 +85,7 @@ class TendonCode(DriverCode):
             self._of_kind(
                 s, "stretch", lambda k: self._call(f"stretch {k}", lambda f: self._put(f, s))
             )
-            self._fill(self.at("pull", s), self.layout.records["pull"].size)
+            self._fill(("pull", s))
             self._copy_to(self.at("beyond", s), self.at("at_stretch", s), size)
             with code.when(code.compare("eq", entry[LAST], 0)):
                 self._add(self.at("beyond", s), self.at("beyond", code.add(s, 1)), size)
@@ -116,12 +104,6 @@ class TendonCode(DriverCode):
 
     def _put(self, field: str, s: str) -> str:
         return self._of_pull(field[2:], s) if field[0] == ">" else self._of_stretch(field, s)
-
-    def _tie_to(self, name: str, s: str) -> None:
-        """A function that gives blocks."""
-        self._call(
-            name, lambda f: self.at("ties", s, f[2:]) if f[0] == ">" else self._of_stretch(f, s)
-        )
 
     def _join_ties(self) -> None:
         """Blocks of stretches."""
@@ -152,36 +134,28 @@ class TendonPasses(TendonCode):
         self._tensions()
 
         def tie(s: str, entry: list[str], kind: int) -> None:
-            self._tie_to(f"tie {kind}", s)
+            self._call(f"tie {kind}", lambda f: self._of_stretch(f, s), ("ties", s))
             for side in self.kinds.stretches[kind].sides:
-                push = self.at("push", self._stretch_node(s, side))
-                size = self.layout.records["push"].size
-                self._add(push, self.at("ties", s, f"{side}.push"), size)
+                self._add(("push", self._stretch_node(s, side)), ("ties", s, f"{side}.push"))
 
         self._each_stretch("tie", tie)
 
     def _tie_reactions(self, support: str, node: str) -> None:
         """What stretches add to the reaction of a support, at a node."""
-        code, w = self.code, self.layout.records["move"].size
+        code, push = self.code, ("tie_reaction", 0, "reaction")
 
         def reaction(s: str, entry: list[str], kind: int) -> None:
             own = self.kinds.stretches[kind]
-            moves = {
-                f"{side}.move": self.at("move", self._move_of(self._stretch_node(s, side)))
+            places: Places = {
+                f"{side}.move": ("move", self._move_of(self._stretch_node(s, side)))
                 for side in SIDES[1]
-            } | {"joint.move": self._matrix(entry[-1])}
-
-            def where(f: str) -> str:
-                if f == "end_free":
-                    return self.at("free", node, "free")
-                if f[0] == ">":
-                    return self.at("tie_reaction", 0, f[2:])
-                return moves[f] if f in moves else self.at("ties", s, f)
-
+            }
+            places |= {"joint.move": self._matrix(entry[-1]), "end_free": ("free", node)}
             for side in own.sides:
                 with code.when(code.compare("eq", self._stretch_node(s, side), node)):
-                    self._call(f"tie reaction {kind} {side}", where)
-                    self._add(self.at("support", support, "reaction"), self.at("tie_reaction"), w)
+                    of = partial(self.at, "ties", s)
+                    self._call(f"tie reaction {kind} {side}", of, push[:2], places)
+                    self._add(("support", support, "reaction"), push)
 
         self._each_stretch("tie", reaction)
 
@@ -194,7 +168,7 @@ class TendonPasses(TendonCode):
 
         def work(s: str, entry: list[str]) -> None:
             self._work("tendon work", "tendon_change", s, entry)
-            self._sum(self.at("sample", 0, "work"), self.at("tendon_change", 0, "work"), good, 1)
+            self._sum(("sample", 0, "work"), ("tendon_change", 0, "work"), good)
 
         def read(s: str, entry: list[str]) -> None:
             to = self.at("tendon_state", entry[TENDON], "tendons")
