@@ -145,44 +145,12 @@ class AdjointProgram(NativeProgram):
             traced(local.stress, {**traced.element, **law, **moves}), ["gap", *moves]
         )
         functions["pushed bar"] = vjp(traced(local.pushed, {**traced.element, **law}), ["gap"])
-        if self.order == 2:
-            inner = {
-                "own.D": (w, w),
-                "right": (w,),
-                **{f"element.{name}": whole.outputs[name].shape for name in blocks},
-            }
-            condense = {"condense": traced(partial(local.transposed_condense, False), inner)}
-            if self.held:
-                held = inner | {"free": (w,), "push": (w,)}
-                condense["held condense"] = traced(partial(local.transposed_condense, True), held)
-            restore = traced(
-                local.transposed_restore,
-                {"own": (w,), "by_i": (w, w), "by_j": (w, w), "before": (w,), "after": (w,)},
-            )
-            more, between, _ = midsides.eliminating(condense, restore, own, between)
-            functions |= more
-        row = {
-            "own.D": (w, w),
-            "left.D": (w, w),
-            "right.D": (w, w),
-            "left.U": (w, w),
-            "right.L": (w, w),
-            "right": (w,),
-        }
-        near = {
-            f"{name}_{at}": (w,) for name in ("free", "push") for at in ("before", "here", "after")
-        }
-        sides = {"left.D": "j.D", "left.U": "U", "right.D": "i.D", "right.L": "L"}
-
-        def packed(function: Function) -> Function:
-            return between.taken(own.taken(function, {"own.D": "D"}), sides)
-
+        shapes |= {"own.D": (w, w)}
+        functions |= rows.of_rows(
+            local, traced, own, between, shapes, self.held, self.kinds.runs, transposed=True
+        )
         if self.held:
             functions["push"] = traced(local.push, {"reaction_bar": (w,), "free": (w,)})
-        around = near if self.held else None
-        functions |= rows.of_rows(
-            local, traced, packed, row, around, self.kinds.runs, transposed=True
-        )
         by = [name for name in ends if name.partition(".")[0] in (*SIDES[1], "common")]
         by += ["joints", "last_force", *(name for name in wanted if name.startswith("joint"))]
         functions |= joints.adjoint_of_joints(

@@ -113,40 +113,12 @@ class NewtonProgram(NativeProgram):
             local.stress, {**traced.element, **{name: shapes[name] for name in law.fields}, **moves}
         )
         functions["stress"] = law.taken(stress, {name: name for name in law.fields})
-        given = {f"own.{name}": out.shape for name, out in nodes[0].outputs.items()}
-        if self.order == 2:
-            inner = given | {f"element.{name}": shapes[name] for name in between.fields}
-            condense = {"condense": traced(partial(local.condense, False), inner)}
-            if self.held:
-                condense["held condense"] = traced(
-                    partial(local.condense, True), inner | {"free": (w,)}
-                )
-            restore = traced(
-                local.restore,
-                {"own": (w,), "by_i": (w, w), "by_j": (w, w), "before": (w,), "after": (w,)},
-            )
-            more, between, shapes = midsides.eliminating(condense, restore, own, between)
-            functions |= more
-        row = dict(given)
-        sides = {
-            f"{side}.{name.removeprefix(f'{end}.')}": name
-            for side, end, block in (("left", "j", "L"), ("right", "i", "U"))
-            for name in between.fields
-            if name.startswith(f"{end}.") or name == block
-        }
-        row |= {called: shapes[name] for called, name in sides.items()}
-
-        def packed(function: Function) -> Function:
-            return between.taken(
-                own.taken(function, {f"own.{name}": name for name in own.fields}), sides
-            )
-
-        free = {f"free_{name}": (w,) for name in ("before", "here", "after")}
-        around, given = free if self.held else None, (self.held, self.varying)
-        functions |= rows.of_rows(local, traced, packed, row, around, self.kinds.runs)
+        shapes |= {f"own.{name}": out.shape for name, out in nodes[0].outputs.items()}
+        functions |= rows.of_rows(local, traced, own, between, shapes, self.held, self.kinds.runs)
         functions |= self._joints(traced, local)
-        functions |= stretches.of_stretches(local, traced, self.kinds.stretches, *given)
-        functions |= pairs.of_pairs(local, traced, self.kinds.pairs, *given)
+        more = self.held, self.varying
+        functions |= stretches.of_stretches(local, traced, self.kinds.stretches, *more)
+        functions |= pairs.of_pairs(local, traced, self.kinds.pairs, *more)
         if self.held:
             functions["reaction"] = traced(
                 local.reaction,
