@@ -59,7 +59,7 @@ class DriverCode:
         )
         self.lanes, self.order = module.lanes, len(kinds.elements[0].ends) - 1
         self.bytes = self.lanes.count * self.lanes.bytes  # of a component
-        self.code = Code("chain", ["ptr %args"])
+        self.code = Code("driver", ["ptr %args"])
         self.args: dict[str, str] = {}
         self.base: dict[str, str] = {}
 
@@ -77,14 +77,14 @@ class DriverCode:
             self.base[name] = code.at(pointer["memory"], begin, "i8")
         with code.loop(self.args["first_group"], self.args["end_group"]) as group:
             self._group(code.mul(group, self.lanes.count // self.cells))
-        chain = code.text().replace(") nounwind", ") noinline nounwind", 1)
+        driver = code.text().replace(") nounwind", ") noinline nounwind", 1)
         loops = lane_loops(self.lanes) + Transfers(self.lanes, self.cells).functions()
         if self.cells > 1:
             loops += CellSums(self.lanes, self.cells).functions()
         if self.has_interface:
             w = self.layout.records["move"].size
             loops += BlockElimination(self.lanes, w, self._part(), self.signed).functions()
-        return "\n\n".join((*loops, chain, flushing("run", "chain")))
+        return "\n\n".join((*loops, driver, flushing("run", "driver")))
 
     @property
     def has_interface(self) -> bool:
@@ -281,7 +281,7 @@ class DriverCode:
 
     def _move_of(self, node: str, ahead: int = 0) -> str:
         """Which of the nodes' moves is that of a node, or of one so far ahead; on either side of
-        the chain some do not move.
+        them some do not move.
         """
         return self.code.add(node, self.order + ahead)
 

@@ -23,7 +23,7 @@ from ...nodal.model import Model
 from ...scene.effects import Inputs
 from ...solvers.newton import TOLERANCE
 from ...state.supported_nodes import set_node
-from .call import Call, Chain, Field, structure_fields
+from .call import Call, Field, ProgramInstance, fixed_fields
 from .chain_constants import Trees
 from .constants import Constants, LoadRoles
 from .cotangents import FORCES, OF_JOINTS, constant_fields
@@ -118,13 +118,13 @@ class LoadStructure(NamedTuple):
     tensors are; calls: by the shapes and strides of these.
     """
 
-    chain: Chain
+    instance: ProgramInstance
     roles: LoadRoles
     calls: dict[Hashable, Call]
 
     @property
     def program(self) -> NativeProgram:
-        return self.chain.program
+        return self.instance.program
 
 
 @torch.no_grad()
@@ -143,14 +143,14 @@ def _called(
     structure, trees = _structure(
         model, t, inputs, around, JudgedProgram if judged else LoadProgram
     )
-    chain, joints = structure.chain, model.joints.count > 0
+    instance, joints = structure.instance, model.joints.count > 0
     exact = same_law(trees[1].C, model.law.C)
     tolerance = model.length.new_tensor(tolerance or TOLERANCE[model.length.dtype])
     stress, forces = model.joints.split(x.stress)
     start = x._asdict() | {"stress": stress} | ({FORCES: forces} if joints else {})
     place = {"stress": ("start_stress", "stress"), **OF_JOINTS, "reaction": ("support", "last")}
     given = [
-        *fields_at_rest(chain, model, trees, t, inputs),
+        *fields_at_rest(instance, model, trees, t, inputs),
         Field("common", "exact", exact, 0),
         Field("common", "tolerance", tolerance, 0),
         *(Field(*place.get(name, ("kept", name)), v, 2) for name, v in start.items()),
@@ -159,14 +159,14 @@ def _called(
     check_batch(model, batch)
     key = lanes, batch, *[(one.value.shape, one.value.stride(), one.value.dtype) for one in given]
     call = structure.calls.get(key)
-    made = call or Call(chain, batch, 1, lanes)
+    made = call or Call(instance, batch, 1, lanes)
     states = {name: made.empty(*v.shape[-2:], steps=False) for name, v in start.items()}
     states["reaction"] = made.empty(*model.constraints.fixed.shape, steps=False)
     outputs = {name: made.empty(steps=False) for name in ("last_status", "indefinite")}
     out = [Field(*place.get(name, ("kept", name)), v, 2, flat=True) for name, v in states.items()]
     out += [Field("sample", name, v, 0, flat=True) for name, v in outputs.items()]
     if call is None:
-        fixed = [Field("free", "free", chain.free, 2), *structure_fields(chain)]
+        fixed = fixed_fields(instance)
         varying = {"inputs": len(given), "outputs": len(out)}
         made.bound(varying, inputs=[*given, *fixed], outputs=out)
         call = keep(structure.calls, key, made, CALLS)
@@ -200,27 +200,27 @@ def _structure(
         constants = Constants(model, steps=False, around=around, roles=roles)
     trees = constants.at(t.new_ones(()), t, inputs, model.orientation(t))
     if structure is None:
-        chain = chain_at_rest(SteadyFunctions(model, *trees), constants, around, program_type)
-        structure = LoadStructure(chain, constants.roles, {})
+        instance = instance_at_rest(SteadyFunctions(model, *trees), constants, around, program_type)
+        structure = LoadStructure(instance, constants.roles, {})
         keep_structure(key, structure)
     return structure, trees
 
 
-def chain_at_rest(
+def instance_at_rest(
     local: SteadyFunctions,
     constants: Constants,
     around: Surroundings | None,
     program_type: type[NewtonProgram],
-) -> Chain:
+) -> ProgramInstance:
     """A model at rest in a program of this class."""
     model = local.model
     kinds = kinds_of(model, constants.acts, rest=True)
     program = program_of(local, kinds, bool(model.constraints.nodes), around, program_type)
-    return Chain(program, model, kinds)
+    return ProgramInstance(program, model, kinds)
 
 
 def fields_at_rest(
-    chain: Chain, model: Model, trees: Trees, t: Tensor, inputs: Inputs
+    instance: ProgramInstance, model: Model, trees: Trees, t: Tensor, inputs: Inputs
 ) -> list[Field]:
     """The fields that are the same throughout."""
     length, p = model.spans, model.space.dims.position
@@ -236,7 +236,7 @@ def fields_at_rest(
         *_poses(model, t),
         *(Field("common", name, v, 0) for name, v in numbers.items()),
     ]
-    return [one for one in fields if chain.has(one.record, one.name)]
+    return [one for one in fields if instance.has(one.record, one.name)]
 
 
 def _poses(model: Model, t: Tensor) -> list[Field]:
