@@ -13,17 +13,14 @@ from ..compiler.shared_ends import END
 from ..compiler.split import HOISTED
 from .driver_code import ALL, Places
 from .elimination_driver import Elimination
-from .joint_driver import JointPasses
 from .layout import BETWEEN, FLAGS, INNER, LAW, MIDDLE, OWN
 from .node_kinds import SIDES
-from .pair_driver import PairPasses
-from .tendon_driver import TendonPasses
 
 SUMS = ("force", "moment", "strain", "left_force", "left_moment", "left_strain")
 SQUARES = ("square_force", "square_moment")
 
 
-class Driver(JointPasses, TendonPasses, PairPasses, Elimination):
+class Driver(Elimination):
     """Steps of Newton's method."""
 
     ARGS = (*ALL, "limit")

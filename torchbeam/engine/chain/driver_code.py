@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from functools import partial
 from typing import Any
 
 from ..compiler.block_elimination import BlockElimination
@@ -140,44 +139,34 @@ class DriverCode:
         self.code.call(name, *map(where, given))
 
     def _at_node(
-        self,
-        word: str,
-        j: str,
-        to: Place | None = None,
-        places: Places | None = None,
-        then: Callable[[str], None] = lambda name: None,
+        self, word: str, j: str, *call: Any, then: Callable[[str], None] = lambda name: None
     ) -> None:
-        """The function of this word of the kind of node j, if that has one, see `_call`; then(its
-        name).
+        """The function of this word of the kind of node j, if that has one, with what `_call` takes
+        behind what says where fields of nodes lie; then(its name).
         """
-        call = partial(self._of_node, j=j), to, places
-        self._call_of_kind("kinds", len(self.kinds.nodes), word, j, call, then)
+        self._of_its_kind(word, "kinds", len(self.kinds.nodes), j, self._of_node, call, then)
 
     def _at_element(
-        self,
-        word: str,
-        e: str,
-        to: Place | None = None,
-        places: Places | None = None,
-        then: Callable[[str], None] = lambda name: None,
+        self, word: str, e: str, *call: Any, then: Callable[[str], None] = lambda name: None
     ) -> None:
         """The same of element e."""
-        call = partial(self._of_element, e=e), to, places
-        self._call_of_kind("element_kinds", len(self.kinds.elements), word, e, call, then)
+        count = len(self.kinds.elements)
+        self._of_its_kind(word, "element_kinds", count, e, self._of_element, call, then)
 
-    def _call_of_kind(
+    def _of_its_kind(
         self,
+        word: str,
         kinds: str,
         count: int,
-        word: str,
         row: str,
+        of: Callable[[str, str], str],
         call: tuple[Any, ...],
         then: Callable[[str], None],
     ) -> None:
         with self._each(kinds, count, row) as numbers:
             for k in numbers:
                 if (name := f"{word} {k}") in self.functions:
-                    self._call(name, *call)
+                    self._call(name, lambda field: of(field, row), *call)
                     then(name)
 
     def _node_bar(self, field: str, node: str) -> Place | None:

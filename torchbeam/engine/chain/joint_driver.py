@@ -14,7 +14,7 @@ from .node_kinds import SIDES
 
 
 class JointCode(DriverCode):
-    """Where the fields of joints lie, loops over them, and their blocks in the matrix."""
+    """Where the fields of joints lie, and loops over them; their balance and blocks, and state."""
 
     def _each_joint(
         self,
@@ -81,10 +81,6 @@ class JointCode(DriverCode):
                 self._add_block(first, stride, self.at("joint_blocks", k, name))
         *_, first, stride, _ = entry
         self._add_column(first, stride, self.at("joint_blocks", k, "right"))
-
-
-class JointPasses(JointCode):
-    """Balance of joints, and their state."""
 
     def _joint(self, k: str, kind: int) -> None:
         """Its balance and blocks, and its push on the nodes."""

@@ -17,7 +17,7 @@ NUMBER = "i32"  # as large as a number of the smallest dtype
 
 
 class PairCode(DriverCode):
-    """Where the fields of pairs lie, and loops over them."""
+    """Where the fields of pairs lie, and loops over them; pushes, blocks and work."""
 
     def _each_pair(self, then: Callable[[str, list[str], int], None], look: bool = False) -> None:
         """then(pair, its nodes, its kind) of each that is not far; look: which are is found out,
@@ -113,10 +113,6 @@ class PairCode(DriverCode):
             at = (code.load(code.at(entry, place + n)) for n in range(2))
             row = p if record == "pairs" else 0
             self._add_block(*at, self.at(record, row, block), name)
-
-
-class PairPasses(PairCode):
-    """Balance of nodes of pairs, and their work."""
 
     def _touch(self) -> None:
         """Pushes on the nodes, and blocks."""

@@ -18,7 +18,9 @@ FIRST, LAST, TENDON, PLACES = 2, 3, 4, 5  # in an entry of the table
 
 
 class TendonCode(DriverCode):
-    """Where the fields of stretches lie, and loops over them."""
+    """Where the fields of stretches lie, and loops over them; tensions, pushes, blocks, and what a
+    state has of tendons.
+    """
 
     def _each_stretch(self, word: str, then: Callable[[str, list[str], int], None]) -> None:
         """then(stretch, its entry of the table, the number of its functions of this word) of
@@ -122,10 +124,6 @@ class TendonCode(DriverCode):
                     self._add_column(first, stride, self.at("ties", s, "right"))
 
         self._stretches(join)
-
-
-class TendonPasses(TendonCode):
-    """Balance of nodes that tendons pull, and the state of tendons after a step."""
 
     def _tie(self) -> None:
         """Pushes on the nodes, and blocks."""
